@@ -1,0 +1,506 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""What a run leaves on disk: XDMF time series, the history of each step, the summary.
+
+Everything here can be read while the run goes on and after it was killed: a step that was
+written stays readable. SI units throughout; in 2D, forces and energies are per metre of depth.
+"""
+
+import csv
+import io
+import json
+import logging
+import math
+import os
+import tempfile
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Self
+from xml.etree import ElementTree
+
+import h5py
+import numpy as np
+import numpy.typing as npt
+
+__all__ = [
+    "HISTORY_COLUMNS",
+    "History",
+    "TimeSeries",
+    "prepare_folder",
+    "read_history",
+    "write_summary",
+]
+
+logger = logging.getLogger(__name__)
+
+HISTORY_COLUMNS: tuple[str, ...] = (
+    "step",
+    "time",
+    "strain",
+    "stress",
+    "sweeps",
+    "residual",
+    "external_work",
+    "kinetic",
+    "elastic",
+    "cohesive",
+    "dissipated_cohesion",
+    "dissipated_friction",
+    "dissipated_impact",
+    "dissipated_viscous",
+    "dissipated_numerical",
+    "closure",
+)
+"""Columns of ``history.csv``: time in s, strain dimensionless, stress in Pa, energies and their
+closure error in J (J/m in 2D); ``sweeps`` and ``residual`` are those of the interaction solver."""
+
+# meshio's name (and DOLFINx's, where it differs) -> XDMF topology, nodes per cell.
+_TOPOLOGY = {
+    "vertex": ("Polyvertex", 1),
+    "point": ("Polyvertex", 1),
+    "line": ("Polyline", 2),
+    "interval": ("Polyline", 2),
+    "triangle": ("Triangle", 3),
+    "triangle6": ("Triangle_6", 6),
+    "quad": ("Quadrilateral", 4),
+    "quadrilateral": ("Quadrilateral", 4),
+    "tetra": ("Tetrahedron", 4),
+    "tetrahedron": ("Tetrahedron", 4),
+    "tetra10": ("Tetrahedron_10", 10),
+    "hexahedron": ("Hexahedron", 8),
+}
+
+_XML_HEAD = b"""<?xml version="1.0" encoding="utf-8"?>
+<Xdmf Version="3.0"><Domain>
+<Grid Name="series" GridType="Collection" CollectionType="Temporal">
+"""
+_XML_TAIL = b"</Grid></Domain></Xdmf>"
+_ROOM_OPEN = b"<?room "
+_ROOM_CLOSE = b"?>\n"
+# An overwrite inside one page of the page cache is all or nothing when the process is killed.
+_PAGE = 4096
+# libxml2 (ParaView's parser) refuses a processing instruction longer than 10 MB.
+_ROOM_SIZES = (1 << 16, 1 << 22)
+
+
+def _replace(path: Path, content: bytes) -> None:
+    """Put a file in place at once: a reader finds the old content or the new, never a part."""
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    try:
+        temporary.write_bytes(content)
+        os.replace(temporary, path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+class TimeSeries:
+    """One XDMF file and one HDF5 file beside it, with all fields at each time.
+
+    The XDMF file holds one temporal collection, as ParaView and
+    ``meshio.xdmf.TimeSeriesReader`` expect it, and names the HDF5 file relative to itself: move
+    the two together. Both are closed and complete after every :meth:`write`, so that a run
+    which is killed leaves a readable series. (A kill in the middle of a write can in principle
+    damage the HDF5 file; the XDMF file never names data that were not yet written.)
+
+    A write costs the same however many came before. The XDMF file ends with a processing
+    instruction that only holds room: a new time is written into the room, where readers skip it,
+    and shown by blanking the old end of the document, which lies in one page. A used-up room is
+    replaced by one as large as the document.
+
+    Args:
+        path: The XDMF file, with suffix ``.xdmf``; the HDF5 file takes the suffix ``.h5``. A
+            series that is already there is replaced.
+        points: Reference coordinates, shape (num_points, dim), dim 2 or 3, float64, m.
+        cells: Cell type (meshio's or DOLFINx's name: ``triangle``, ``tetra``, ``line``,
+            ``vertex``, ...) and connectivity, shape (num_cells, nodes per cell), VTK's order.
+
+    Raises:
+        ValueError: If the path, the points or the cells are not as said.
+        OSError: If the files cannot be written.
+
+    Example:
+        >>> with TimeSeries("out/bulk.xdmf", points, ("triangle", triangles)) as series:
+        ...     series.write(0.0, {"displacement": u}, {"material": tags})
+    """
+
+    def __init__(
+        self,
+        path: str | os.PathLike[str],
+        points: npt.ArrayLike,
+        cells: tuple[str, npt.ArrayLike],
+    ) -> None:
+        # A later change of the current folder must not redirect the output.
+        self.path = Path(path).resolve()
+        if self.path.suffix != ".xdmf" or ":" in self.path.name:
+            raise ValueError(
+                f"A time series needs a file name that ends in '.xdmf' and has no ':', "
+                f"got '{path}'."
+            )
+        self.h5_path = self.path.with_suffix(".h5")
+        points = np.asarray(points, dtype=np.float64)
+        if points.ndim != 2 or points.shape[1] not in (2, 3):
+            raise ValueError(
+                f"Points should have shape (num_points, 2) or (num_points, 3), got {points.shape}."
+            )
+        if not np.isfinite(points).all():
+            raise ValueError(
+                f"Points should be finite, got {points[~np.isfinite(points).all(axis=1)][0]}."
+            )
+        cell_type, connectivity = cells[0], np.asarray(cells[1])
+        if cell_type not in _TOPOLOGY:
+            raise ValueError(
+                f"Unknown cell type '{cell_type}', expected one of {', '.join(_TOPOLOGY)}."
+            )
+        topology, nodes = _TOPOLOGY[cell_type]
+        if connectivity.ndim != 2 or connectivity.shape[1] != nodes:
+            raise ValueError(
+                f"Cells of type '{cell_type}' should have shape (num_cells, {nodes}), "
+                f"got {connectivity.shape}."
+            )
+        if not np.issubdtype(connectivity.dtype, np.integer):
+            raise ValueError(f"Cells should be integers, got {connectivity.dtype}.")
+        if connectivity.size and not (0 <= connectivity.min() and connectivity.max() < len(points)):
+            raise ValueError(
+                f"Cells should refer to points 0 to {len(points) - 1}, "
+                f"got {connectivity.min()} to {connectivity.max()}."
+            )
+        self._sizes = {"point": len(points), "cell": len(connectivity)}
+        self._shapes: dict[tuple[str, str], tuple[int, ...]] | None = None
+        self._num_times = 0
+        self._last_time = -math.inf
+        self._closed = False
+        self._tail = 0
+        self._xml_size = 0
+
+        # An XDMF file of an earlier run would describe data that the new HDF5 file lacks.
+        self.path.unlink(missing_ok=True)
+        with h5py.File(self.h5_path, "w", locking=False) as h5:
+            h5["mesh/geometry"] = np.pad(points, ((0, 0), (0, 3 - points.shape[1])))
+            h5["mesh/topology"] = connectivity.astype(np.int64)
+        self._grid = ElementTree.Element("Grid", Name="grid", GridType="Uniform")
+        self._item(
+            ElementTree.SubElement(
+                self._grid,
+                "Topology",
+                TopologyType=topology,
+                NumberOfElements=str(len(connectivity)),
+                NodesPerElement=str(nodes),
+            ),
+            "/mesh/topology",
+            connectivity.shape,
+            "Int",
+        )
+        self._item(
+            ElementTree.SubElement(self._grid, "Geometry", GeometryType="XYZ"),
+            "/mesh/geometry",
+            (len(points), 3),
+        )
+
+    def _item(
+        self,
+        parent: ElementTree.Element,
+        dataset: str,
+        shape: tuple[int, ...],
+        data_type: str = "Float",
+    ) -> None:
+        """Let an XDMF element refer to a dataset of the HDF5 file."""
+        item = ElementTree.SubElement(
+            parent,
+            "DataItem",
+            DataType=data_type,
+            Precision="8",
+            Dimensions=" ".join(map(str, shape)),
+            Format="HDF",
+        )
+        item.text = f"{self.h5_path.name}:{dataset}"
+
+    def write(
+        self,
+        time: float,
+        point_data: Mapping[str, npt.ArrayLike] | None = None,
+        cell_data: Mapping[str, npt.ArrayLike] | None = None,
+    ) -> None:
+        """Add a time with all its fields; the first call fixes their names and shapes.
+
+        Fields are stored as float64: scalars of shape (n,), vectors (n, 2) or (n, 3), tensors
+        (n, 2, 2) or (n, 3, 3), n being the number of points or of cells. Vectors are padded with
+        zeros to 3 components, tensors to 9, stored row by row.
+
+        Args:
+            time: Time, s; greater than that of the call before.
+            point_data: Fields on the points, by name.
+            cell_data: Fields on the cells, by name.
+
+        Raises:
+            ValueError: If the time does not grow, a field has a shape that cannot be stored, or
+                names or shapes differ from those of the first call; nothing is written then.
+            OSError: If the files cannot be written.
+        """
+        if self._closed:
+            raise ValueError(f"The time series '{self.path}' is closed, open a new one.")
+        time = float(time)
+        if not self._last_time < time < math.inf:
+            raise ValueError(
+                f"Times should be finite and grow, got {time!r} s after {self._last_time!r} s."
+            )
+        fields = {
+            (centre, name): np.asarray(values, dtype=np.float64)
+            for centre, data in (("point", point_data), ("cell", cell_data))
+            for name, values in (data or {}).items()
+        }
+        for (centre, name), values in fields.items():
+            if not name or "/" in name or ":" in name or name == ".":
+                raise ValueError(
+                    f"A field needs a name without '/' and ':', got '{name}' in {centre} data."
+                )
+            num = self._sizes[centre]
+            if values.shape not in ((num,), (num, 2), (num, 3), (num, 2, 2), (num, 3, 3)):
+                raise ValueError(
+                    f"The {centre} field '{name}' should have shape ({num},), ({num}, 2 or 3) or "
+                    f"({num}, 2, 2) or ({num}, 3, 3), got {values.shape}."
+                )
+        shapes = {key: values.shape for key, values in fields.items()}
+        first = shapes if self._shapes is None else self._shapes
+        for centre, name in first.keys() | shapes.keys():
+            before, now = first.get((centre, name)), shapes.get((centre, name))
+            if before != now:
+                raise ValueError(
+                    f"The {centre} field '{name}' has shape {now or '(absent)'}, but "
+                    f"{before or '(absent)'} in the first write, which fixes the names and "
+                    "shapes: give the same fields at every time."
+                )
+
+        # HDF5 rewrites a group's list of names when one is added: short lists keep this cheap.
+        group = f"/times/{self._num_times // 100:06d}/{self._num_times % 100:02d}"
+        grid = ElementTree.Element("Grid", self._grid.attrib)
+        ElementTree.SubElement(grid, "Time", Value=repr(time))
+        grid.extend(self._grid)
+        # No lock: a viewer that has the file open must not make the run fail.
+        with h5py.File(self.h5_path, "r+", locking=False) as h5:
+            for (centre, name), values in fields.items():
+                kind = ("Scalar", "Vector", "Tensor")[values.ndim - 1]
+                values = np.pad(values, [(0, 0)] + [(0, 3 - size) for size in values.shape[1:]])
+                if values.ndim == 3:
+                    values = values.reshape(len(values), 9)
+                dataset = f"{group}/{centre}/{name}"
+                h5[dataset] = values
+                attribute = ElementTree.SubElement(
+                    grid,
+                    "Attribute",
+                    Name=name,
+                    AttributeType=kind,
+                    Center="Node" if centre == "point" else "Cell",
+                )
+                self._item(attribute, dataset, values.shape)
+        self._append(ElementTree.tostring(grid, encoding="utf-8", xml_declaration=False) + b"\n")
+        self._shapes = shapes
+        self._last_time = time
+        self._num_times += 1
+
+    def _append(self, grid: bytes) -> None:
+        """Add one grid to the collection of the XDMF file, which stays well-formed throughout."""
+        end = _XML_TAIL + _ROOM_OPEN
+        start = self._tail + len(end) if self._num_times else len(_XML_HEAD)
+        tail = start + len(grid)
+        if tail // _PAGE != (tail + len(end) - 1) // _PAGE:
+            grid += b" " * (_PAGE - tail % _PAGE)
+            tail = start + len(grid)
+        if self._num_times and tail + len(end) + len(_ROOM_CLOSE) <= self._xml_size:
+            with open(self.path, "r+b", buffering=0) as xml:
+                xml.seek(start)
+                xml.write(grid + end)
+                xml.seek(self._tail)
+                xml.write(b" " * len(end))
+        else:
+            done = _XML_HEAD
+            if self._num_times:
+                with open(self.path, "rb") as xml:
+                    done = xml.read(self._tail) + b" " * len(end)
+            room = min(max(len(done), _ROOM_SIZES[0]), _ROOM_SIZES[1])
+            content = done + grid + end + b" " * room + _ROOM_CLOSE
+            _replace(self.path, content)
+            self._xml_size = len(content)
+        self._tail = tail
+
+    def close(self) -> None:
+        """Give the spare room of the XDMF file back; no more can be written."""
+        if self._num_times and not self._closed:
+            os.truncate(self.path, self._tail + len(_XML_TAIL))
+        self._closed = True
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+class History:
+    """A table with one line a step, on disk as soon as the step is done.
+
+    Args:
+        path: The file, usually ``history.csv``; one that is there is replaced.
+        columns: Names of the columns, in their order.
+
+    Raises:
+        ValueError: If a column occurs twice or is not a Python identifier.
+        OSError: If the file cannot be written.
+    """
+
+    def __init__(
+        self, path: str | os.PathLike[str], columns: Sequence[str] = HISTORY_COLUMNS
+    ) -> None:
+        self.path = Path(path).resolve()
+        self.columns = tuple(columns)
+        if len(set(self.columns)) != len(self.columns) or not all(
+            column.isidentifier() for column in self.columns
+        ):
+            raise ValueError(
+                f"Columns should be different Python identifiers, got {list(self.columns)}."
+            )
+        self._file = io.FileIO(self.path, "w")
+        self._file.write((",".join(self.columns) + "\n").encode())
+
+    def append(self, **values: float) -> None:
+        """Write the line of one step, in full double precision.
+
+        Args:
+            **values: One number for each column: integers as such, all else as float64.
+
+        Raises:
+            ValueError: If a column is missing, unknown, or NaN; nothing is written then.
+        """
+        missing = [column for column in self.columns if column not in values]
+        unknown = [column for column in values if column not in self.columns]
+        if missing or unknown:
+            raise ValueError(
+                f"A line of '{self.path.name}' needs each column once: "
+                f"missing {missing}, unknown {unknown}."
+            )
+        line = []
+        for column in self.columns:
+            value = values[column]
+            if isinstance(value, (int, np.integer)):
+                line.append(str(int(value)))
+                continue
+            if math.isnan(value):
+                raise ValueError(
+                    f"The column '{column}' of '{self.path.name}' is not a number: the step "
+                    "that gave it is wrong."
+                )
+            line.append(repr(float(value)))
+        # One unbuffered write: a run that is killed leaves whole lines.
+        self._file.write((",".join(line) + "\n").encode())
+
+    def close(self) -> None:
+        """Close the file; no more can be appended."""
+        self._file.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+def read_history(path: str | os.PathLike[str]) -> dict[str, npt.NDArray[np.float64]]:
+    """Read a table written by :class:`History`, bit for bit, also while the run goes on.
+
+    Args:
+        path: The file, usually ``history.csv``.
+
+    Returns:
+        For each column an array of shape (num_steps,), float64. A last line without its end, left
+        by a run that was killed, is not counted.
+
+    Raises:
+        ValueError: If a line has not one number for each column.
+        OSError: If the file cannot be read.
+    """
+    path = Path(path)
+    lines = path.read_text().splitlines(keepends=True)
+    if lines and not lines[-1].endswith("\n"):
+        logger.warning("%s: the last line is incomplete and left out", path)
+        lines.pop()
+    rows = list(csv.reader(lines))
+    if not rows:
+        raise ValueError(f"'{path}' is empty, expected a line of column names.")
+    for number, row in enumerate(rows, start=1):
+        if len(row) != len(rows[0]):
+            raise ValueError(
+                f"'{path}', line {number}: got {len(row)} values for {len(rows[0])} columns."
+            )
+    table = np.array(rows[1:], dtype=np.float64).reshape(-1, len(rows[0]))
+    return {name: table[:, column].copy() for column, name in enumerate(rows[0])}
+
+
+def _plain(value: Any, where: str) -> Any:
+    """Turn NumPy values and paths into what JSON has, and refuse what it has not."""
+    if isinstance(value, (np.ndarray, np.generic)):
+        value = value.tolist()
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item, f"{where}.{key}") for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(item, f"{where}[{number}]") for number, item in enumerate(value)]
+    if isinstance(value, os.PathLike):
+        return os.fspath(value)
+    if isinstance(value, float) and not math.isfinite(value):
+        raise ValueError(
+            f"The summary's '{where}' is {value}: give a finite number, or None if there is none."
+        )
+    if value is None or isinstance(value, (bool, int, float, str)):
+        return value
+    raise TypeError(
+        f"The summary's '{where}' is of {type(value)}: give a number, a string, an array, a list "
+        "or a mapping."
+    )
+
+
+def write_summary(path: str | os.PathLike[str], mapping: Mapping[str, Any]) -> None:
+    """Write a run's parameters and results as JSON, sorted by key, at once or not at all.
+
+    Args:
+        path: The file, usually ``summary.json``; one that is there is replaced.
+        mapping: Nested mappings and lists of numbers, strings, None, NumPy scalars and arrays.
+
+    Raises:
+        ValueError: If a number is not finite.
+        TypeError: If a value has no meaning in JSON.
+        OSError: If the file cannot be written.
+    """
+    plain = {str(key): _plain(value, str(key)) for key, value in mapping.items()}
+    text = json.dumps(plain, indent=2, sort_keys=True, allow_nan=False, ensure_ascii=False)
+    _replace(Path(path), (text + "\n").encode())
+
+
+def prepare_folder(path: str | os.PathLike[str]) -> Path:
+    """Create an output folder if it is missing, and write a probe file into it.
+
+    Call it before any work. What access rights say is not asked: root may do everything on a
+    read-only or a full disk, until it tries.
+
+    Args:
+        path: The folder; its parents are created too.
+
+    Returns:
+        The folder's absolute path.
+
+    Raises:
+        OSError: If the folder cannot be created or written; the subclass tells why
+            (PermissionError, NotADirectoryError, ...).
+    """
+    folder = Path(path).resolve()
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder) as probe:
+            probe.write(bytes(1 << 16))
+            probe.flush()
+            # A file system may take data that it has no space for until they must be stored.
+            os.fsync(probe.fileno())
+    except OSError as error:
+        raise type(error)(
+            error.errno,
+            f"The output folder '{folder}' cannot be written ({error.strerror}): expected a "
+            "folder, or a place for a new one, with write permission and free space; give "
+            "another one or mend this",
+        ) from error
+    return folder
