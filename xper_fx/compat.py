@@ -1,0 +1,122 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""The differences between DOLFINx 0.9, 0.10 and 0.11, and the few private calls, in one place."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import basix.ufl
+import numpy as np
+import numpy.typing as npt
+import ufl
+from dolfinx import cpp as _cpp
+from dolfinx.fem import CoordinateElement
+from dolfinx.mesh import Mesh, MeshTags
+from mpi4py import MPI
+
+__all__ = [
+    "coordinate_element",
+    "create_exploded_mesh",
+    "geometry_dofmap",
+    "gmsh_model_to_mesh",
+    "interpolation_points",
+]
+
+
+def geometry_dofmap(mesh: Mesh) -> npt.NDArray[np.int32]:
+    """Return the geometry nodes of each cell, shape (num_cells, num_nodes_per_cell), int32.
+
+    `Geometry.dofmap` up to 0.10, `Geometry.dofmaps[0]` from 0.11 on.
+    """
+    geometry = mesh.geometry
+    if hasattr(geometry, "dofmaps"):
+        return geometry.dofmaps[0]
+    return geometry.dofmap
+
+
+def coordinate_element(mesh: Mesh) -> CoordinateElement:
+    """Return the element of the geometry.
+
+    `Geometry.cmap` up to 0.10, `Geometry.cmaps[0]` from 0.11 on.
+    """
+    geometry = mesh.geometry
+    if hasattr(geometry, "cmaps"):
+        return geometry.cmaps[0]
+    return geometry.cmap
+
+
+def interpolation_points(element: Any) -> npt.NDArray[np.floating]:
+    """Return the interpolation points of `V.element`, shape (num_points, topological dimension).
+
+    A method up to 0.9, a property from 0.10 on.
+    """
+    points = element.interpolation_points
+    return points() if callable(points) else points
+
+
+def create_exploded_mesh(
+    parent: Mesh, cells: npt.NDArray[np.int64], x: npt.NDArray[np.floating]
+) -> Mesh:
+    """Build a first-order mesh on one process with its cells in the given order, in O(n).
+
+    `mesh.create_mesh` reorders the cells along their dual graph; where most cells share no facet
+    that graph is nearly empty and the reordering takes O(n^2). So the topology and the geometry
+    are built by the calls `create_mesh` itself makes, which the Python layer keeps private.
+
+    Args:
+        parent: the mesh that gives communicator, cell type and coordinate element.
+        cells: the nodes of each cell, shape (num_cells, num_vertices_per_cell); every node in
+            0, ..., num_nodes - 1 is used.
+        x: coordinates, shape (num_nodes, geometric dimension), m.
+
+    Returns:
+        The mesh; `geometry.input_global_indices` gives the row of `x` of each geometry node.
+    """
+    dtype = parent.geometry.x.dtype
+    cells = np.ascontiguousarray(cells, dtype=np.int64)
+    # nanobind turns lists of Python integers into vectors faster than it does arrays
+    arguments = (
+        parent.comm,
+        [parent.topology.cell_type],
+        [cells.ravel().tolist()],
+        [list(range(len(cells)))],
+        [[]],
+        [],
+    )
+    try:
+        topology = _cpp.mesh.create_topology(*arguments)
+    except TypeError:  # later versions also take the number of threads
+        topology = _cpp.mesh.create_topology(*arguments, 1)
+    geometry = _cpp.mesh.create_geometry(
+        topology,
+        [coordinate_element(parent)._cpp_object],
+        np.arange(len(x), dtype=np.int64),
+        cells.ravel(),
+        np.ascontiguousarray(x, dtype=dtype).ravel(),
+        x.shape[1],
+    )
+    mesh_type = _cpp.mesh.Mesh_float64 if dtype == np.float64 else _cpp.mesh.Mesh_float32
+    domain = ufl.Mesh(
+        basix.ufl.element(
+            "Lagrange", parent.topology.cell_name(), 1, shape=(x.shape[1],), dtype=dtype
+        )
+    )
+    return Mesh(mesh_type(parent.comm, topology, geometry), domain)
+
+
+def gmsh_model_to_mesh(
+    model: Any, comm: MPI.Comm, dim: int
+) -> tuple[Mesh, MeshTags | None, MeshTags | None]:
+    """Turn a Gmsh model into a mesh, its cell tags and its facet tags.
+
+    `io.gmshio.model_to_mesh` gives a tuple in 0.9, `io.gmsh.model_to_mesh` a named tuple with
+    more fields from 0.10 on.
+    """
+    try:
+        from dolfinx.io import gmsh as gmsh_io
+    except ImportError:
+        from dolfinx.io import gmshio as gmsh_io
+    data = gmsh_io.model_to_mesh(model, comm, 0, gdim=dim)
+    if isinstance(data, tuple) and not hasattr(data, "cell_tags"):
+        return data
+    return data.mesh, data.cell_tags, data.facet_tags
