@@ -187,9 +187,10 @@ class Bodies:
                 'dolfinx.fem.functionspace(bodies.mesh, ("Lagrange", 1, (dim,))).'
             )
         element = V.ufl_element()
-        base = getattr(element, "basix_element", None) if element.num_sub_elements <= 3 else None
-        if V.num_sub_spaces > 0 and V.dofmap.bs == 1:
-            base = None  # mixed, not blocked
+        try:
+            base = element.basix_element
+        except NotImplementedError:  # mixed: of no single element
+            base = None
         if (
             base is None
             or base.family != basix.ElementFamily.P
