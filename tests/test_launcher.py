@@ -1,0 +1,491 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""The launcher `fenicsx`, run in a world of stubs.
+
+PATH holds a handful of basic tools and, as a test asks for them, scripts that stand for python3,
+mmdebstrap and bwrap. So the tests are quick, need neither root nor a network, and give the same
+result on any machine, within the userland too.
+"""
+
+import os
+import pty
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+LAUNCHER = Path(__file__).resolve().parents[1] / "fenicsx"
+
+TOOLS = (
+    "bash sh env cat cksum cut df dirname flock grep ls mkdir mv readlink rm sleep tail tar touch "
+    "true"
+).split()
+
+pytestmark = [
+    pytest.mark.skipif(not LAUNCHER.exists(), reason="the package is not run from its checkout"),
+    pytest.mark.skipif(
+        not all(map(shutil.which, TOOLS)), reason="bash, util-linux or GNU tools are missing"
+    ),
+]
+
+# Python without its installed packages: knows the DOLFINx of PYTHONPATH only, and notes its calls.
+PYTHON = f"""#!/bin/sh
+echo called >>"$STUB_NOTES/python3"
+exec {sys.executable} -S "$@"
+"""
+
+# Like bwrap: stays the parent of the command and gives its status back.
+BWRAP = """#!/bin/bash
+printf '%s\\n' "$@" >>"$STUB_NOTES/bwrap"
+[[ $* == "--dev-bind / / true" ]] && exit
+cd /
+while [[ $1 != -- ]]; do
+    [[ $1 == --chdir ]] && cd -- "$2"
+    shift
+done
+shift
+"$@"
+exit $?
+"""
+
+# Like proot: gives 255 for a command that a signal ends.
+PROOT = """#!/bin/bash
+cd /
+while [[ $1 != /bin/sh ]]; do
+    [[ $1 == -w ]] && cd -- "$2"
+    shift
+done
+"$@"
+status=$?
+exit $((status > 128 ? 255 : status))
+"""
+
+# Makes the folders that the launcher looks at; the arguments end with: suite, target, mirror.
+MMDEBSTRAP = """#!/bin/bash
+echo called >>"$STUB_NOTES/mmdebstrap"
+echo "I: running apt-get update..." >&2
+sleep "${STUB_BUILD_TIME:-0}"
+if [[ -n $STUB_BUILD_ERROR ]]; then
+    echo "$STUB_BUILD_ERROR" >&2
+    exit 1
+fi
+target=${@: -2:1}
+[[ $target == - ]] && root=$(dirname -- "$STUB_NOTES")/for_tar || root=$target
+mkdir -p "$root"/{usr,etc,var}
+[[ $target == - ]] && tar --create --directory="$root" .
+exit 0
+"""
+
+
+class World:
+    """A folder with a PATH of stubs, a home and a place for the userland."""
+
+    def __init__(self, folder):
+        self.folder = folder
+        self.bin = folder / "bin"
+        self.notes = folder / "notes"
+        self.userland = folder / "cache" / "userland"
+        for made in (self.bin, self.notes, folder / "home"):
+            made.mkdir()
+        for tool in TOOLS:
+            (self.bin / tool).symlink_to(shutil.which(tool))
+        self.environment = {
+            "PATH": str(self.bin),
+            "HOME": str(folder / "home"),
+            "XDG_CACHE_HOME": str(folder / "cache"),
+            "STUB_NOTES": str(self.notes),
+        }
+
+    def stub(self, name, script):
+        path = self.bin / name
+        path.unlink(missing_ok=True)
+        path.write_text(script)
+        path.chmod(0o755)
+
+    def calls(self, name):
+        """How often a stub was called."""
+        note = self.notes / name
+        return note.read_text().count("called") if note.exists() else 0
+
+    def with_dolfinx(self, version):
+        """Let python3 find a DOLFINx of this version, in a folder of PYTHONPATH."""
+        self.stub("python3", PYTHON)
+        package = self.folder / "site" / "dolfinx"
+        package.mkdir(parents=True)
+        (package / "__init__.py").write_text(f"__version__ = {version!r}\n")
+        self.environment["PYTHONPATH"] = str(package.parent)
+
+    def with_userland(self):
+        """Let a userland be built and entered by stubs."""
+        self.stub("python3", PYTHON)
+        self.stub("bwrap", BWRAP)
+        self.stub("mmdebstrap", MMDEBSTRAP)
+        # Not the machine's disk: there is room.
+        self.stub("df", "#!/bin/sh\necho Avail\necho ${STUB_FREE:-100000000}\n")
+        self.environment["XPER_FX_USERLAND"] = str(self.userland)
+
+    def start(self, *command, **options):
+        return subprocess.Popen(
+            [LAUNCHER, *command],
+            env=self.environment | options.pop("environment", {}),
+            stdin=options.pop("stdin", subprocess.DEVNULL),
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            **options,
+        )
+
+    def run(self, *command, text=None, **options):
+        process = self.start(*command, stdin=subprocess.PIPE, **options)
+        output, errors = process.communicate(text, timeout=20)
+        return subprocess.CompletedProcess(command, process.returncode, output, errors)
+
+
+@pytest.fixture
+def world(tmp_path):
+    return World(tmp_path)
+
+
+@pytest.fixture(params=["native", "userland"])
+def either(world, request):
+    """A world where commands run natively, or in the userland."""
+    if request.param == "native":
+        world.with_dolfinx("0.9.0")
+    else:
+        world.with_userland()
+    world.kind = request.param
+    return world
+
+
+def wait_for(condition, seconds=10):
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end, "waited in vain"
+        time.sleep(0.01)
+
+
+# --- the command
+
+
+def test_without_a_command_prints_the_usage(world):
+    result = world.run()
+    assert result.returncode == 2
+    assert "usage: ./fenicsx COMMAND" in result.stderr
+
+
+@pytest.mark.parametrize("status", [0, 3, 255])
+def test_gives_the_exit_status(either, status):
+    assert either.run("sh", "-c", f"exit {status}").returncode == status
+
+
+def test_gives_127_for_an_unknown_command(either):
+    assert either.run("no-such-command").returncode == 127
+
+
+def test_gives_the_status_of_a_signal(either):
+    # A shell shows -15 as 143 too.
+    assert either.run("sh", "-c", "kill -TERM $$").returncode in (-15, 128 + 15)
+
+
+def test_hands_arguments_on_unchanged(either):
+    arguments = ["a b", "", "it's", '"q"', "$HOME", "*", "a\nb", "--", "\\"]
+    script = 'for a in "$@"; do printf "<%s>" "$a"; done'
+    result = either.run("sh", "-c", script, "sh", *arguments)
+    assert result.stdout == "".join(f"<{a}>" for a in arguments)
+
+
+def test_keeps_folder_input_output_and_errors(either, tmp_path):
+    folder = tmp_path / "a folder"
+    folder.mkdir()
+    either.run("true")  # builds the userland
+    result = either.run("sh", "-c", "pwd; cat; echo complaint >&2", text="fed\n", cwd=folder)
+    assert result.stdout == f"{folder}\nfed\n"
+    assert result.stderr == "complaint\n"
+
+
+def test_sets_the_environment(either):
+    script = 'echo "$PYTHONPATH|$OMPI_MCA_btl|$KEPT"'
+    result = either.run("sh", "-c", script, environment={"KEPT": "as it was"})
+    path, transport, kept = result.stdout.strip().split("|")
+    assert path.split(":")[0] == str(LAUNCHER.parent)
+    assert transport == "self,sm"
+    assert kept == "as it was"
+    result = either.run("sh", "-c", script, environment={"OMPI_MCA_btl": "tcp"})
+    assert "|tcp|" in result.stdout
+
+
+def test_keeps_the_hosts_python_out_of_the_userland(world):
+    world.with_userland()
+    outer = {"PYTHONHOME": "/nowhere", "LD_LIBRARY_PATH": "/nowhere", "LC_ALL": "xx_XX.UTF-8"}
+    script = 'echo "$PATH|$PYTHONHOME$LD_LIBRARY_PATH|$LC_ALL"'
+    result = world.run("sh", "-c", script, environment=outer)
+    path, dropped, locale = result.stdout.strip().split("|")
+    assert path.startswith("/usr/local/bin:/usr/bin:/bin:")
+    assert path.endswith(str(world.bin))
+    assert dropped == ""
+    assert locale == "C.UTF-8"
+
+
+def start_patient(world, signals, **options):
+    """Start a command that notes each signal and ends with status 5, one second later at most."""
+    world.run("true")
+    ready = world.folder / "ready"
+    script = "".join(f"trap 'echo {name}; last=1' {name}; " for name in signals)
+    script += f"touch '{ready}'; while [ -z \"$last\" ]; do sleep 0.05; done; sleep 0.2; exit 5"
+    process = world.start("bash", "-c", script, **options)
+    wait_for(ready.exists)
+    return process
+
+
+@pytest.mark.parametrize("name", ["TERM", "INT", "HUP", "USR1"])
+def test_signals_reach_the_command(either, name):
+    process = start_patient(either, [name])
+    process.send_signal(getattr(signal, f"SIG{name}"))
+    output, _ = process.communicate(timeout=10)
+    assert output == f"{name}\n"
+    assert process.returncode == 5
+
+
+def test_signal_to_the_whole_group_ends_nothing_early(either):
+    """As by `timeout`: the command still ends in its own way, and its status is given."""
+    process = start_patient(either, ["TERM"], start_new_session=True)
+    os.killpg(process.pid, signal.SIGTERM)
+    output, _ = process.communicate(timeout=10)
+    assert set(output.split()) == {"TERM"}
+    assert process.returncode == 5
+
+
+def test_ignored_signal_stays_ignored(either):
+    """As by `nohup`."""
+    either.run("true")
+    ready = either.folder / "ready"
+    process = either.start(
+        "sh", "-c", f"touch '{ready}'; sleep 0.3; exit 4",
+        preexec_fn=lambda: signal.signal(signal.SIGHUP, signal.SIG_IGN), start_new_session=True,
+    )  # fmt: skip
+    wait_for(ready.exists)
+    os.killpg(process.pid, signal.SIGHUP)
+    process.communicate(timeout=10)
+    assert process.returncode == 4
+
+
+def test_terminal_stays_a_terminal_and_interrupts_once(either):
+    either.run("true")
+    # SIGINT is counted by a shell that waits, as a user's Ctrl-C would be by Python.
+    script = "trap 'echo interrupted' INT; test -t 0 && echo terminal; sleep 1 & wait; sleep 0.3"
+    child, terminal = pty.fork()
+    if child == 0:
+        os.execve(LAUNCHER, [str(LAUNCHER), "bash", "-c", script], either.environment)
+    output = b""
+    while b"terminal" not in output:
+        output += os.read(terminal, 1000)
+    os.write(terminal, b"\x03")
+    try:
+        while chunk := os.read(terminal, 1000):
+            output += chunk
+    except OSError:  # how Linux tells the end
+        pass
+    os.waitpid(child, 0)
+    os.close(terminal)
+    assert output.count(b"interrupted") == 1
+
+
+# --- native or not
+
+
+@pytest.mark.parametrize("version", ["0.9.0", "0.10.0.post1", "0.11.0.dev0", "1.0"])
+def test_runs_natively_where_dolfinx_is(world, version):
+    world.with_dolfinx(version)
+    result = world.run("sh", "-c", "echo ran")
+    assert result.stdout == "ran\n"
+    assert result.stderr == ""
+
+
+@pytest.mark.parametrize("version", ["0.8.0", "0.7.3", "unknown"])
+def test_does_not_run_natively_with_an_old_dolfinx(world, version):
+    world.with_dolfinx(version)
+    assert world.run("true").returncode == 125
+
+
+def test_asks_python_once(world):
+    world.with_dolfinx("0.9.0")
+    for _ in range(3):
+        assert world.run("true").returncode == 0
+    assert world.calls("python3") == 1
+
+
+def test_asks_python_again_when_packages_change(world):
+    world.with_dolfinx("0.8.0")
+    site = world.folder / "site"
+    assert world.run("true").returncode == 125
+    (site / "dolfinx" / "__init__.py").write_text("__version__ = '0.10.0'\n")
+    (site / "fenics_dolfinx-0.10.0.dist-info").mkdir()
+    later = time.time() + 5
+    os.utime(site, (later, later))
+    assert world.run("true").returncode == 0
+
+
+def test_within_the_userland_it_does_not_look(world):
+    assert world.run("true", environment={"XPER_FX_INSIDE": "1"}).returncode == 0
+
+
+def test_says_what_to_do_where_nothing_is_available(world):
+    world.stub("python3", PYTHON)
+    result = world.run("true")
+    assert result.returncode == 125
+    for route in ("mmdebstrap bubblewrap", "conda-forge fenics-dolfinx", "dolfinx/dolfinx"):
+        assert route in result.stderr
+
+
+def test_says_so_where_there_is_no_python(world):
+    assert "conda-forge" in world.run("true").stderr
+
+
+# --- building the userland
+
+
+def test_builds_once_and_says_so(world):
+    world.with_userland()
+    result = world.run("sh", "-c", "echo ran")
+    assert result.stdout == "ran\n"
+    assert "building the Debian userland" in result.stderr
+    assert "reading the package lists" in result.stderr
+    assert not world.userland.with_name("userland.partial").exists()
+    result = world.run("sh", "-c", "echo ran")
+    assert (result.stdout, result.stderr) == ("ran\n", "")
+    assert world.calls("mmdebstrap") == 1
+
+
+def test_default_folder_follows_the_suite(world):
+    world.with_userland()
+    del world.environment["XPER_FX_USERLAND"]
+    world.run("true")
+    world.run("true", environment={"XPER_FX_SUITE": "sid"})
+    folders = (world.folder / "cache" / "xper_fx").glob("debian-*/xper_fx-stamp")
+    assert sorted(path.parent.name for path in folders) == ["debian-13", "debian-sid"]
+
+
+def test_two_calls_at_once_build_once(world):
+    world.with_userland()
+    world.environment["STUB_BUILD_TIME"] = "0.7"
+    first = world.start("sh", "-c", "echo first")
+    wait_for(lambda: world.calls("mmdebstrap") == 1)
+    second = world.run("sh", "-c", "echo second")
+    assert second.stdout == "second\n"
+    assert "waiting" in second.stderr
+    assert first.communicate(timeout=10)[0] == "first\n"
+    assert world.calls("mmdebstrap") == 1
+
+
+def test_interrupted_build_is_redone(world):
+    world.with_userland()
+    first = world.start(
+        "true", environment={"STUB_BUILD_TIME": "0.5"}, start_new_session=True
+    )
+    wait_for(lambda: world.calls("mmdebstrap") == 1)
+    os.killpg(first.pid, signal.SIGKILL)
+    first.communicate(timeout=10)
+    assert not world.userland.exists()
+    second = world.run("sh", "-c", "echo ran")
+    assert "interrupted build" in second.stderr
+    assert second.stdout == "ran\n"
+    assert world.calls("mmdebstrap") == 2
+
+
+@pytest.mark.parametrize("stamp", ["trixie 0\n", "bookworm 0\n", ""])
+def test_other_packages_or_suite_make_it_anew(world, stamp):
+    world.with_userland()
+    world.run("true")
+    (world.userland / "xper_fx-stamp").write_text(stamp)
+    (world.userland / "leftover").touch()
+    result = world.run("sh", "-c", "echo ran")
+    assert result.stdout == "ran\n"
+    assert world.calls("mmdebstrap") == 2
+    assert not (world.userland / "leftover").exists()
+    assert not world.userland.with_name("userland.old").exists()
+    assert world.run("true").stderr == ""
+
+
+def test_leaves_a_folder_that_is_no_userland_alone(world):
+    world.with_userland()
+    world.userland.mkdir(parents=True)
+    precious = world.userland / "thesis.tex"
+    precious.write_text("years of work")
+    result = world.run("true")
+    assert result.returncode == 125
+    assert "not a userland" in result.stderr
+    assert precious.read_text() == "years of work"
+    assert world.calls("mmdebstrap") == 0
+
+
+@pytest.mark.parametrize(
+    "error, advice",
+    [
+        ("E: Could not resolve 'deb.debian.org'", "network"),
+        ("tar: No space left on device", "the disk is full"),
+        ("The following signatures: NO_PUBKEY 123", "debian-archive-keyring"),
+    ],
+)
+def test_failed_build_names_the_log_and_the_remedy(world, error, advice):
+    world.with_userland()
+    result = world.run("true", environment={"STUB_BUILD_ERROR": error})
+    assert result.returncode == 125
+    assert str(world.userland.with_name("userland.log")) in result.stderr
+    assert error in result.stderr
+    assert advice in result.stderr
+    assert not world.userland.exists()
+    assert world.run("true").returncode == 0
+
+
+def test_short_disk_is_told_before_building(world):
+    world.with_userland()
+    result = world.run("true", environment={"STUB_FREE": "1000000"})
+    assert result.returncode == 125
+    assert "976 MB are free" in result.stderr
+    assert world.calls("mmdebstrap") == 0
+
+
+# --- entering it
+
+
+def test_shows_the_hosts_folders_at_the_same_path(world):
+    world.with_userland()
+    world.run("true", cwd=world.folder)
+    options = (world.notes / "bwrap").read_text().splitlines()
+    shown = [b for a, b in zip(options, options[1:], strict=False) if a == "--dev-bind-try"]
+    top = "/" + world.folder.parts[1]
+    assert {"/dev", "/proc", top} <= set(shown) | {"/var" if top == "/var" else top}
+    assert not {"/usr", "/etc", "/bin", "/lib"} & set(shown)
+
+
+@pytest.fixture
+def world_with_proot(world):
+    """A world where bwrap is there but may not do its work, and proot does."""
+    world.with_userland()
+    world.stub("bwrap", "#!/bin/sh\nexit 1\n")
+    world.stub("proot", PROOT)
+    return world
+
+
+def test_falls_back_to_proot_where_bwrap_does_not_work(world_with_proot):
+    result = world_with_proot.run("sh", "-c", "echo ran; pwd; kill -TERM $$")
+    assert result.stdout == f"ran\n{Path.cwd()}\n"
+    assert result.returncode == 128 + 15
+
+
+def test_signals_reach_the_command_within_proot(world_with_proot):
+    process = start_patient(world_with_proot, ["TERM"])
+    process.send_signal(signal.SIGTERM)
+    output, _ = process.communicate(timeout=10)
+    assert output == "TERM\n"
+    assert process.returncode == 5
+
+
+def test_unknown_way_to_enter_is_refused(world):
+    world.with_userland()
+    result = world.run("true", environment={"XPER_FX_ENTER": "teleport"})
+    assert result.returncode == 125
+    assert "bwrap, proot or chroot" in result.stderr
