@@ -52,15 +52,12 @@ exit $?
 """
 
 # Like proot: gives 255 for a command that a signal ends.
-PROOT = """#!/bin/bash
-cd /
-while [[ $1 != /bin/sh ]]; do
-    [[ $1 == -w ]] && cd -- "$2"
-    shift
-done
-"$@"
-status=$?
-exit $((status > 128 ? 255 : status))
+PROOT = f"""#!{sys.executable} -S
+import os, subprocess, sys
+options = sys.argv[1:]
+folder = options[options.index("-w") + 1] if "-w" in options else "/"
+status = subprocess.call(options[options.index("/bin/sh"):], cwd=folder)
+sys.exit(255 if status < 0 else status)
 """
 
 # Makes the folders that the launcher looks at; the arguments end with: suite, target, mirror.
