@@ -132,9 +132,7 @@ def test_parent_maps(cell, by_grain):
     pairs = np.unique(np.stack((vertex_of_cell, dofmap.ravel())), axis=1)
     assert pairs.shape[1] == len(x)  # topology and geometry are cut alike
     if by_grain:
-        assert np.array_equal(
-            bodies.labels[bodies.body_of_cell], grains(mesh)[bodies.parent_cell]
-        )
+        assert np.array_equal(bodies.labels[bodies.body_of_cell], grains(mesh)[bodies.parent_cell])
         assert len(x) < dofmap.size
 
 
@@ -163,9 +161,7 @@ def test_facing_nodes_coincide(cell, degree, by_grain):
         assert np.all((nodes[:, side, :, None] == rows[:, None, :]).any(axis=2))
     assert all(len(set(row)) == len(row) for row in nodes.reshape(len(nodes), -1).tolist())
     on_side = x[nodes[:, 0]][:, :, : mesh.geometry.dim]
-    off = np.einsum(
-        "fki,fi->fk", on_side - bodies.facets.midpoint[:, None], bodies.facets.normal
-    )
+    off = np.einsum("fki,fi->fk", on_side - bodies.facets.midpoint[:, None], bodies.facets.normal)
     assert np.abs(off).max() < 1e-14
     k = per_facet[cell][0]
     v = on_side[:, :k]
@@ -189,9 +185,7 @@ def test_facing_nodes_of_a_scalar_space():
     """A scalar space has the same nodes as the blocked one."""
     bodies = explode(box("triangle"))
     scalar = fem.functionspace(bodies.mesh, ("Lagrange", 2))
-    assert np.array_equal(
-        bodies.facing_nodes(scalar), bodies.facing_nodes(space(bodies.mesh, 2))
-    )
+    assert np.array_equal(bodies.facing_nodes(scalar), bodies.facing_nodes(space(bodies.mesh, 2)))
 
 
 def test_measures_and_normals_against_closed_form():
@@ -266,6 +260,19 @@ def test_orientation_and_order_do_not_depend_on_numbering(cell):
         assert np.allclose(other.measure, reference.measure, rtol=1e-13)
         assert np.allclose(centres, reference_centres, rtol=0, atol=1e-14)
         assert np.array_equal(other.materials, reference.materials)
+
+
+def test_rounding_does_not_decide_the_orientation():
+    """Crossed squares turned by 45 degrees: normals along y with an x of either sign, 1e-16."""
+    mesh = crossed_rectangle((0, 0), (1, 1), (9, 9))
+    x = mesh.geometry.x
+    x[:, :2] = x[:, :2] @ np.array([(1, 1), (-1, 1)]) * np.sqrt(0.5)
+    normal = explode(mesh).facets.normal
+    along_y = np.abs(normal[:, 0]) < 1e-9
+    assert np.any(normal[along_y, 0] < 0)  # otherwise this test sees nothing
+    assert np.any(normal[along_y, 0] > 0)
+    assert np.all(normal[along_y, 1] > 0)
+    assert np.all(normal[~along_y, 0] > 0)
 
 
 def test_tags_are_carried():
@@ -444,7 +451,9 @@ class TestRefusals:
         with pytest.raises(ValueError, match="geometry of order 2; expected order 1"):
             explode(curved)
         element = basix.ufl.element("Lagrange", "triangle", 1, shape=(3,))
-        shell = create_mesh(COMM, cells=np.arange(3).reshape(1, 3), x=np.eye(3), e=ufl.Mesh(element))
+        shell = create_mesh(
+            COMM, cells=np.arange(3).reshape(1, 3), x=np.eye(3), e=ufl.Mesh(element)
+        )
         with pytest.raises(ValueError, match="dimension 2 in space of dimension 3"):
             explode(shell)
         with pytest.raises(ValueError, match="cells of type interval; expected one of triangle"):
