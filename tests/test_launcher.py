@@ -379,9 +379,7 @@ def test_two_calls_at_once_build_once(world):
 
 def test_interrupted_build_is_redone(world):
     world.with_userland()
-    first = world.start(
-        "true", environment={"STUB_BUILD_TIME": "0.5"}, start_new_session=True
-    )
+    first = world.start("true", environment={"STUB_BUILD_TIME": "0.5"}, start_new_session=True)
     wait_for(lambda: world.calls("mmdebstrap") == 1)
     os.killpg(first.pid, signal.SIGKILL)
     first.communicate(timeout=10)
