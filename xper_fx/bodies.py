@@ -24,6 +24,7 @@ from xper_fx.meshes import (
     facet_cells,
     facet_geometry_nodes,
     local_facet_vertices,
+    midpoints_of,
     reference_cell,
 )
 
@@ -402,7 +403,8 @@ def _facing_facets(
     dofmap = geometry_dofmap(mesh)
     nodes = facet_geometry_nodes(mesh, cells[:, 0], local[:, 0])
     vertices = x[nodes]
-    midpoint = vertices.mean(axis=1)
+    midpoint = midpoints_of(x, nodes)
+    centre = midpoints_of(x, dofmap)
 
     area = _vector_area(vertices)
     measure = np.linalg.norm(area, axis=1)
@@ -412,10 +414,7 @@ def _facing_facets(
     normal[backward] *= -1
 
     # the candidate is the cell into which the normal points
-    inside = [
-        np.einsum("ij,ij->i", x[dofmap[cells[:, s]]].mean(axis=1) - midpoint, normal)
-        for s in (0, 1)
-    ]
+    inside = [np.einsum("ij,ij->i", centre[cells[:, side]] - midpoint, normal) for side in (0, 1)]
     same = np.flatnonzero(inside[0] * inside[1] >= 0)
     if same.size:
         a, b = cells[same[0]]

@@ -30,6 +30,7 @@ __all__ = [
     "facet_cells",
     "facet_geometry_nodes",
     "local_facet_vertices",
+    "midpoints_of",
     "read_gmsh",
     "reference_cell",
     "tag_cells",
@@ -237,7 +238,7 @@ def tag_cells(mesh: Mesh, predicates: Mapping[int, Predicate], default: int = 1)
     """
     _check_serial(mesh.comm)
     _check_tag(default)
-    midpoints = mesh.geometry.x[geometry_dofmap(mesh)].mean(axis=1).T
+    midpoints = midpoints_of(mesh.geometry.x, geometry_dofmap(mesh)).T
     num_cells = midpoints.shape[1]
     tag = np.full(num_cells, default, dtype=np.int32)
     _apply(predicates, lambda f, t: _evaluate(f, t, midpoints), tag, midpoints, "cell")
@@ -267,7 +268,7 @@ def tag_facets(mesh: Mesh, predicates: Mapping[int, Predicate]) -> MeshTags:
     cells, local = facet_cells(mesh)
     nodes = facet_geometry_nodes(mesh, cells[:, 0], local[:, 0])
     x = mesh.geometry.x
-    midpoints = x[nodes].mean(axis=1).T
+    midpoints = midpoints_of(x, nodes).T
 
     def fits(predicate: Predicate, tag: int) -> npt.NDArray[np.bool_]:
         at_vertices = _evaluate(predicate, tag, x.T)[nodes].all(axis=1)
@@ -391,8 +392,12 @@ def _check_cells(mesh: Mesh) -> None:
     """Raise a ValueError that names the first degenerate or folded cell."""
     dim = mesh.topology.dim
     cell = reference_cell(mesh)
-    x = mesh.geometry.x[geometry_dofmap(mesh)][:, :, :dim]
-    size = np.ptp(x, axis=1).max(axis=1)
+    x = mesh.geometry.x[:, :dim][geometry_dofmap(mesh)]
+    # columns one by one: reductions over short axes are several times slower in NumPy
+    size = np.zeros(len(x))
+    for v in range(1, x.shape[1]):
+        for i in range(dim):
+            np.maximum(size, np.abs(x[:, v, i] - x[:, 0, i]), out=size)
     simplex = x.shape[1] == dim + 1
     corners = [(0, list(range(1, dim + 1)), 1.0)]
     if not simplex:
@@ -401,12 +406,14 @@ def _check_cells(mesh: Mesh) -> None:
             (v, [v ^ (1 << i) for i in range(dim)], (-1.0) ** v.bit_count())
             for v in range(len(basix.topology(cell)[0]))
         ]
-    determinants = np.stack(
-        [sign * _determinant(x[:, others] - x[:, [v]]) for v, others, sign in corners], axis=1
-    )
-    sign = np.where(determinants[:, :1] < 0, -1.0, 1.0)
-    with np.errstate(invalid="ignore"):
-        bad = np.flatnonzero(~np.all(sign * determinants > _DEGENERATE * size[:, None] ** dim, 1))
+    good = np.ones(len(x), dtype=bool)
+    first_sign = None
+    for v, others, sign in corners:
+        determinant = sign * _determinant(x[:, others] - x[:, [v]])
+        if first_sign is None:  # cells may be left- or right-handed, but at all corners alike
+            first_sign = np.where(determinant < 0, -1.0, 1.0)
+        good &= first_sign * determinant > _DEGENERATE * size**dim  # false for NaN
+    bad = np.flatnonzero(~good)
     if bad.size:
         vertices = ", ".join(str(tuple(p)) for p in x[bad[0]].tolist())
         kind = "has zero volume" if simplex else "has zero volume or is folded"
@@ -421,6 +428,24 @@ def _determinant(columns: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
     if columns.shape[1] == 2:
         return columns[:, 0, 0] * columns[:, 1, 1] - columns[:, 0, 1] * columns[:, 1, 0]
     return np.einsum("ij,ij->i", columns[:, 0], np.cross(columns[:, 1], columns[:, 2]))
+
+
+def midpoints_of(
+    x: npt.NDArray[np.float64], nodes: npt.NDArray[np.integer]
+) -> npt.NDArray[np.float64]:
+    """Return the mean of the points of each row of nodes.
+
+    Args:
+        x: points, shape (num_points, dim).
+        nodes: points of each entity, shape (n, k).
+
+    Returns:
+        Shape (n, dim).
+    """
+    total = x[nodes[:, 0]]
+    for column in nodes.T[1:]:
+        total += x[column]
+    return total / nodes.shape[1]
 
 
 def local_facet_vertices(mesh: Mesh) -> npt.NDArray[np.int32]:
@@ -470,7 +495,7 @@ def facet_cells(mesh: Mesh) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32
     if len(count) and count.max() > 2:
         facet = int(np.argmax(count))
         shared = links[offsets[facet] : offsets[facet + 1]]
-        x = mesh.geometry.x[geometry_dofmap(mesh)[shared]].mean(axis=1)
+        x = midpoints_of(mesh.geometry.x, geometry_dofmap(mesh)[shared])
         raise ValueError(
             f"Facet {facet} is shared by {count[facet]} cells, {shared.tolist()}, with midpoints "
             f"{x.tolist()}; expected at most two: remove the cells that are there twice or "
