@@ -247,8 +247,8 @@ def test_series_goes_on_while_it_is_looked_at(tmp_path):
             [
                 sys.executable,
                 "-c",
-                f"import h5py; f = h5py.File({str(tmp_path / 'a.h5')!r}); print('open', flush=True);"
-                "input()",
+                f"import h5py; file = h5py.File({str(tmp_path / 'a.h5')!r});"
+                "print('open', flush=True); input()",
             ],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
