@@ -1,0 +1,163 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""The local Signorini problem with Coulomb friction at one point, solved exactly.
+
+With dU = b + W r (m/s; b is the relative velocity without this point's impulse r, N s), find
+
+    dU_N >= v_min,  r_N >= 0,  (dU_N - v_min) r_N = 0,
+    |r_T| <= mu r_N + bound,  r_T opposing the slip  s = dU_T + shift  on that limit, s = 0 inside.
+
+Coulomb friction is bound = 0 (N s), Tresca friction mu = 0. `v_min` carries the kind of contact
+(velocity or position level, restitution) and `shift` what slip means over the step; all are
+constants of the step, so one solver serves every law.
+
+Sticking violates the cone: then s = -lambda r_T with lambda > 0. Eliminating r_N by the active
+normal condition leaves (S + lambda I) r_T = -g with S = W_TT - W_TN W_NT / W_NN positive definite,
+and f(lambda) = |r_T(lambda)| - mu r_N(r_T(lambda)) - bound falls from f(0) > 0 to
+-mu (v_min - b_N) / W_NN - bound < 0: a root always exists, whatever mu. In 2D it is explicit.
+
+A direction in which W vanishes (both sides prescribed) can carry no impulse: it gets none.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+from numba import njit
+
+OPEN, STICK, SLIP = 0, 1, 2
+
+# Relative size below which a compliance counts as zero (the direction is fully prescribed).
+_SINGULAR = 1e-13
+
+
+@njit(inline="always")
+def _frictionless2(b, w, v_min):
+    if b[0] >= v_min or w[0] <= _SINGULAR * w[2]:
+        return (0.0, 0.0), OPEN
+    return ((v_min - b[0]) / w[0], 0.0), SLIP
+
+
+@njit(inline="always")
+def _frictionless3(b, w, v_min):
+    if b[0] >= v_min or w[0] <= _SINGULAR * (w[3] + w[5]):
+        return (0.0, 0.0, 0.0), OPEN
+    return ((v_min - b[0]) / w[0], 0.0, 0.0), SLIP
+
+
+@njit(inline="always")
+def _coulomb2(b, w, v_min, shift, mu, bound):
+    if b[0] >= v_min or w[0] <= _SINGULAR * w[2]:
+        return (0.0, 0.0), OPEN
+    push = (v_min - b[0]) / w[0]
+    schur = w[2] - w[1] * w[1] / w[0]
+    if schur <= _SINGULAR * w[2]:
+        return (push, 0.0), STICK
+    slip = b[1] + shift[0] + w[1] * push
+    stick_t = -slip / schur
+    stick_n = push - w[1] * stick_t / w[0]
+    if abs(stick_t) <= mu * stick_n + bound and stick_n >= 0.0:
+        return (stick_n, stick_t), STICK
+    # Sticking violates the cone, hence 1 + sign mu W_NT / W_NN > 0 (module docstring).
+    sign = -1.0 if slip > 0.0 else 1.0
+    coupling = sign * w[1] / w[0]
+    normal = (push - coupling * bound) / (1.0 + mu * coupling)
+    if normal < 0.0:  # only with a bound: the tangential impulse alone opens the point
+        return (0.0, sign * push / abs(coupling)), SLIP
+    return (normal, sign * (mu * normal + bound)), SLIP
+
+
+@njit
+def _coulomb3(b, w, v_min, shift, mu, bound):
+    if b[0] >= v_min or w[0] <= _SINGULAR * (w[3] + w[5]):
+        return (0.0, 0.0, 0.0), OPEN
+    push = (v_min - b[0]) / w[0]
+    inverse = 1.0 / w[0]
+    s11 = w[3] - w[1] * w[1] * inverse
+    s12 = w[4] - w[1] * w[2] * inverse
+    s22 = w[5] - w[2] * w[2] * inverse
+    g1 = b[1] + shift[0] + w[1] * push
+    g2 = b[2] + shift[1] + w[2] * push
+    # Eigenbasis of S: (S + lambda I)^-1 is then two divisions.
+    half = 0.5 * (s11 - s22)
+    radius = np.sqrt(half * half + s12 * s12)
+    mean = 0.5 * (s11 + s22)
+    large = mean + radius
+    if large <= _SINGULAR * (w[3] + w[5]):
+        return (push, 0.0, 0.0), STICK
+    if radius > 0.0:
+        c2 = half / radius
+        c = np.sqrt(0.5 * (1.0 + c2)) if c2 > -1.0 else 0.0
+        s = np.sqrt(0.5 * (1.0 - c2)) if c2 < 1.0 else 0.0
+        if s12 < 0.0:
+            s = -s
+    else:
+        c, s = 1.0, 0.0
+    # det / large, free of the cancellation in mean - radius
+    small = (s11 * s22 - s12 * s12) / large
+    ga, gb = c * g1 + s * g2, c * g2 - s * g1
+    wa, wb = (c * w[1] + s * w[2]) * inverse, (c * w[2] - s * w[1]) * inverse
+    if small <= _SINGULAR * large:
+        # one tangential direction carries nothing: a plane problem in the other
+        small, gb = large, 0.0
+    ra, rb = -ga / large, -gb / small
+    normal = push - wa * ra - wb * rb
+    limit = mu * normal + bound
+    if normal >= 0.0 and ra * ra + rb * rb <= limit * limit:
+        return (normal, c * ra - s * rb, s * ra + c * rb), STICK
+    if mu == 0.0 and bound == 0.0:
+        return (push, 0.0, 0.0), SLIP
+    # f(lambda) = |r_T| - mu r_N: bracket the root, then Newton kept inside the bracket.
+    low, high = 0.0, large
+    while True:
+        ra, rb = -ga / (large + high), -gb / (small + high)
+        if np.sqrt(ra * ra + rb * rb) <= mu * (push - wa * ra - wb * rb) + bound:
+            break
+        low, high = high, 4.0 * high
+    lam = low
+    for _ in range(100):
+        da, db = 1.0 / (large + lam), 1.0 / (small + lam)
+        ra, rb = -ga * da, -gb * db
+        size = np.sqrt(ra * ra + rb * rb)
+        f = size - mu * (push - wa * ra - wb * rb) - bound
+        if f > 0.0:
+            low = lam
+        else:
+            high = lam
+        slope = -(ra * ra * da + rb * rb * db) / size - mu * (wa * ra * da + wb * rb * db)
+        step = -f / slope if slope < 0.0 else 0.0
+        trial = lam + step
+        if not (low < trial < high):
+            trial = 0.5 * (low + high)
+        if abs(trial - lam) <= 1e-15 * (lam + small) or high - low <= 1e-15 * high:
+            lam = trial
+            break
+        lam = trial
+    ra, rb = -ga / (large + lam), -gb / (small + lam)
+    normal = max(push - wa * ra - wb * rb, 0.0)
+    size = np.sqrt(ra * ra + rb * rb)
+    if size > 0.0:  # exactly on the limit: the last rounding must not leave it
+        ratio = (mu * normal + bound) / size
+        ra, rb = ra * ratio, rb * ratio
+    return (normal, c * ra - s * rb, s * ra + c * rb), SLIP
+
+
+@cache
+def contact_solver(dim: int, friction: bool):
+    """Kernel `solve(b, w, v_min, shift, mu, bound) -> (r, status)` for the dimension.
+
+    Without friction the tangential part is not compiled at all.
+
+    Returns:
+        A jitted function; `b`, `r` are `(n, t...)` tuples (m/s, N s), `w` a symmetric tuple
+        (m/s per N s), `shift` a tuple of the tangential components (m/s).
+    """
+    if friction:
+        return _coulomb2 if dim == 2 else _coulomb3
+    frictionless = _frictionless2 if dim == 2 else _frictionless3
+
+    @njit(inline="always")
+    def solve(b, w, v_min, shift, mu, bound):
+        return frictionless(b, w, v_min)
+
+    return solve

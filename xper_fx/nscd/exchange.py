@@ -1,0 +1,216 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Nonlinear Gauss-Seidel sweeps through the body velocities, W never formed.
+
+Visiting point i reads its relative velocity u = H_i^T v from the bodies, lets the law give the
+new impulse, and adds w H_i dr to the velocities of its two bodies: for small bodies this moves
+less memory than the stored rows of W.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit, prange
+
+from xper_fx.nscd.inverse import BodyInverse
+from xper_fx.nscd.laws.law import LawKernels
+from xper_fx.nscd.points import InteractionPoints
+from xper_fx.nscd.small import for_dimension
+
+# Pieces a colour is cut in for threads; fixed, so that sums do not depend on their number.
+_CHUNKS = 16
+
+
+class Couplings(NamedTuple):
+    """Where a point reads and writes, as the sweep kernels want it.
+
+    Attributes:
+        start: shape (num_points, 2, k), first dof of each node.
+        weights: shape (num_points, 2, k).
+        body: shape (num_points, 2), first dof of each side's block.
+        size: shape (num_points, 2), dofs in each side's block.
+        rows: shape (num_points, 2, k), entry of `w` where the node's first row starts.
+        frame: shape (num_points, 1, 2), the normal, or (num_points, 3, 3).
+        w: flat blocks of the inverse.
+    """
+
+    start: np.ndarray
+    weights: np.ndarray
+    body: np.ndarray
+    size: np.ndarray
+    rows: np.ndarray
+    frame: np.ndarray
+    w: np.ndarray
+
+
+def couple(points: InteractionPoints, inverse: BodyInverse) -> Couplings:
+    """Resolve nodes to positions in the velocity array and in the blocks of w."""
+    dim = inverse.dim
+    # The ground's slots all belong to the last block.
+    block = inverse.block_of_node()[points.nodes]
+    body = inverse.node_offsets[block[:, :, 0]] * dim
+    size = np.diff(inverse.node_offsets)[block[:, :, 0]] * dim
+    start = points.nodes.astype(np.int64) * dim
+    rows = inverse.data_offsets[block] + (start - body[..., None]) * size[..., None]
+    small = np.int32 if max(len(inverse.data), inverse.num_slots * dim) < 2**31 else np.int64
+    # In 2D the normal alone tells the frame.
+    frame = points.frame[:, :1] if dim == 2 else points.frame
+    return Couplings(
+        start.astype(small), points.weights, body.astype(small), size.astype(small),
+        rows.astype(small), np.ascontiguousarray(frame), inverse.data,
+    )  # fmt: skip
+
+
+@cache
+def motion(dim: int, k: int, size: int):
+    """Kernels `read(v, c, i) -> u` (local) and `push(v, c, i, local impulse)`.
+
+    Args:
+        dim: dimension of space.
+        k: nodes on a side.
+        size: block size in dofs when all blocks are alike, else 0.
+    """
+    algebra = for_dimension(dim)
+    to_local, to_global = algebra.to_local, algebra.to_global
+    subtract = algebra.subtract
+
+    @njit(inline="always")
+    def side(v, c, i, s):
+        if dim == 2:
+            p = np.uintp(c.start[i, s, 0])
+            if k == 1:
+                return v[p], v[p + np.uintp(1)]
+            x, y = 0.0, 0.0
+            for j in range(k):
+                p, weight = c.start[i, s, j], c.weights[i, s, j]
+                x += weight * v[p]
+                y += weight * v[p + 1]
+            return x, y
+        p = c.start[i, s, 0]
+        if k == 1:
+            return v[p], v[p + 1], v[p + 2]
+        x, y, z = 0.0, 0.0, 0.0
+        for j in range(k):
+            p, weight = c.start[i, s, j], c.weights[i, s, j]
+            x += weight * v[p]
+            y += weight * v[p + 1]
+            z += weight * v[p + 2]
+        return x, y, z
+
+    @njit(inline="always")
+    def read(v, c, i):
+        return to_local(c.frame, i, subtract(side(v, c, i, 0), side(v, c, i, 1)))
+
+    @njit(inline="always")
+    def push(v, c, i, impulse):
+        f = to_global(c.frame, i, impulse)
+        sign = 1.0
+        for s in range(2):
+            if size > 0:
+                n = np.uintp(size)
+                base = np.uintp(c.start[i, s, 0]) // n * n
+            else:
+                n, base = np.uintp(c.size[i, s]), np.uintp(c.body[i, s])
+            for j in range(k):
+                scale = sign if k == 1 else sign * c.weights[i, s, j]
+                # blocks of one size: row d of w starts at d times the size
+                row = np.uintp(c.start[i, s, j]) * n if size > 0 else np.uintp(c.rows[i, s, j])
+                if dim == 2:
+                    f0, f1 = scale * f[0], scale * f[1]
+                    for m in range(n):
+                        v[base + m] += c.w[row + m] * f0 + c.w[row + n + m] * f1
+                else:
+                    f0, f1, f2 = scale * f[0], scale * f[1], scale * f[2]
+                    for m in range(n):
+                        v[base + m] += (
+                            c.w[row + m] * f0 + c.w[row + n + m] * f1 + c.w[row + n + n + m] * f2
+                        )
+            sign = -1.0
+
+    return read, push
+
+
+@cache
+def push_kernel(dim: int, k: int, size: int):
+    """Kernel `push_all(v, couplings, impulses)`: v += w H r over all points of a group."""
+    row = for_dimension(dim).row
+    _, push = motion(dim, k, size)
+
+    @njit
+    def push_all(v, c, r):
+        for i in range(len(r)):
+            push(v, c, i, row(r, i))
+
+    return push_all
+
+
+@cache
+def sweep_kernel(law: LawKernels, dim: int, k: int, size: int, parallel: bool):
+    """One sweep over the points of a law; returns [sum |dr|^2, sum |r|^2, max |dr|^2/area^2]."""
+    algebra = for_dimension(dim)
+    row, set_row, dot = algebra.row, algebra.set_row, algebra.dot
+    add, scale, subtract = algebra.add, algebra.scale, algebra.subtract
+    read, push = motion(dim, k, size)
+    solve = law.solve
+
+    # Without reference counting (nothing is allocated here): the counts of the law's arrays, atomic
+    # and not pruned across its branches, would cost more than the visit itself.
+    @njit(fastmath={"contract"}, _nrt=False)
+    def visit_range(
+        first, last, v, c, r, w_points, inverse_area, parameters, terms, details, relax
+    ):
+        changed, total, largest = 0.0, 0.0, 0.0
+        for i in range(first, last):
+            old = row(r, i)
+            new, smooth = solve(i, read(v, c, i), old, w_points, parameters, terms, details)
+            change = subtract(new, old)
+            size_of_change = dot(change, change)
+            if size_of_change == 0.0:
+                total += dot(new, new)
+                continue
+            if smooth:
+                change = scale(relax, change)
+                new = add(old, change)
+            set_row(r, i, new)
+            push(v, c, i, change)
+            changed += size_of_change
+            total += dot(new, new)
+            largest = max(largest, size_of_change * inverse_area[i] * inverse_area[i])
+        return changed, total, largest
+
+    if not parallel:
+
+        @njit(nogil=True)
+        def sweep(
+            tiles, colors, v, c, r, w_points, inverse_area, parameters, terms, details, relax
+        ):
+            return visit_range(
+                0, tiles[-1], v, c, r, w_points, inverse_area, parameters, terms, details, relax
+            )
+
+        return sweep
+
+    @njit(parallel=True, nogil=True)
+    def sweep(
+        tiles, colors, v, c, r, w_points, inverse_area, parameters, terms, details, relax
+    ):
+        changed, total, largest = 0.0, 0.0, 0.0
+        parts = np.zeros((_CHUNKS, 8))
+        for color in range(len(colors) - 1):
+            first, count = colors[color], colors[color + 1] - colors[color]
+            for chunk in prange(_CHUNKS):
+                lo = tiles[first + chunk * count // _CHUNKS]
+                hi = tiles[first + (chunk + 1) * count // _CHUNKS]
+                a, b, m = visit_range(
+                    lo, hi, v, c, r, w_points, inverse_area, parameters, terms, details, relax
+                )
+                parts[chunk, 0], parts[chunk, 1], parts[chunk, 2] = a, b, m
+            for chunk in range(_CHUNKS):
+                changed += parts[chunk, 0]
+                total += parts[chunk, 1]
+                largest = max(largest, parts[chunk, 2])
+        return changed, total, largest
+
+    return sweep

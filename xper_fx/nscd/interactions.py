@@ -1,0 +1,321 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""All interaction points of a scene, sorted by law, with their history.
+
+A time step is `begin_step`, one `solve` or more (Newton iterations of the bulk), and `commit`.
+Until `commit` nothing of the past is lost: a step may begin again with another size.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from xper_fx.nscd.exchange import Couplings, couple, push_kernel
+from xper_fx.nscd.inverse import BodyInverse
+from xper_fx.nscd.laws.law import ENERGIES, Law, LawKernels
+from xper_fx.nscd.ordering import Ordering, order_points
+from xper_fx.nscd.points import InteractionPoints
+from xper_fx.nscd.small import for_dimension, sym_indices
+
+
+class StepWork(NamedTuple):
+    """What the interactions stored and dissipated, summed over points (J; 2D: J/m).
+
+    `stored` is a state, the others are what the step added.
+    """
+
+    stored: float
+    cohesion: float
+    friction: float
+    impact: float
+    numerical: float
+
+
+@dataclass
+class PointGroup:
+    """The points that share a law's kernels, in their order of visit.
+
+    Attributes:
+        indices: shape (n,), the points' numbers in the scene's order.
+        impulse: shape (n, dim), total impulse of the step in the local frame (N s).
+        jump, velocity: shape (n, dim), at the last committed time (m, m/s).
+        status: shape (n,), int8: 0 open, 1 closed or bonded and sticking, 2 sliding.
+    """
+
+    kernels: LawKernels
+    indices: np.ndarray
+    points: InteractionPoints
+    ordering: Ordering
+    couplings: Couplings
+    parameters: np.ndarray
+    state: np.ndarray
+    terms: np.ndarray
+    details: np.ndarray
+    compliance: np.ndarray
+    inverse_area: np.ndarray
+    jump: np.ndarray
+    velocity: np.ndarray
+    impulse: np.ndarray
+    committed_impulse: np.ndarray
+    energy: np.ndarray
+    status: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.indices)
+
+    @property
+    def block_size(self) -> int:
+        """Common block size of the bodies (0: they differ), what the sweeps are compiled for."""
+        sizes = self.couplings.size
+        return int(sizes.flat[0]) if np.all(sizes == sizes.flat[0]) else 0
+
+    @property
+    def nbytes(self) -> int:
+        """Memory held, in bytes, blocks of w (shared with the other groups) not counted."""
+        own = (
+            self.indices, self.parameters, self.state, self.terms, self.details, self.compliance,
+            self.inverse_area, self.jump, self.velocity, self.impulse, self.committed_impulse,
+            self.energy, self.status, *self.ordering, *self.couplings[:5],
+        )  # fmt: skip
+        return sum(a.nbytes for a in own) + self.points.nbytes
+
+
+@cache
+def _step_kernels(law: LawKernels, dim: int):
+    """The loops over points of a law's `prepare` and `commit`."""
+    algebra = for_dimension(dim)
+    row, set_row, add, scale = algebra.row, algebra.set_row, algebra.add, algebra.scale
+    prepare, commit = law.prepare, law.commit
+
+    @njit
+    def prepare_all(jump, velocity, w, area, step, theta, parameters, state, terms, details):
+        for i in range(len(area)):
+            prepare(
+                i, row(jump, i), row(velocity, i), w, area[i], step, theta, parameters, state,
+                terms, details,
+            )  # fmt: skip
+
+    @njit
+    def commit_all(
+        jump, velocity, u, r, area, step, theta, parameters, state, terms, details, energy, status
+    ):
+        for i in range(len(area)):
+            jump0, ui = row(jump, i), row(u, i)
+            mean = add(scale(theta, ui), scale(1.0 - theta, row(velocity, i)))
+            jump1 = add(jump0, scale(step, mean))
+            status[i] = commit(
+                i, jump0, jump1, ui, row(r, i), area[i], step, theta, parameters, state, terms,
+                details, energy,
+            )  # fmt: skip
+            set_row(jump, i, jump1)
+            set_row(velocity, i, ui)
+
+    return prepare_all, commit_all
+
+
+@njit
+def _compliance(c, frame, rows, cols, out):
+    """W_aa = H_c^T w H_c + H_a^T w H_a at each point, packed symmetric."""
+    k, dim = c.start.shape[2], frame.shape[2]
+    for i in range(len(out)):
+        for entry in range(len(rows)):
+            total = 0.0
+            for s in range(2):
+                base, n = c.body[i, s], c.size[i, s]
+                for a in range(k):
+                    for b in range(k):
+                        weight = c.weights[i, s, a] * c.weights[i, s, b]
+                        column = c.start[i, s, b] - base
+                        for x in range(dim):
+                            fx = weight * frame[i, rows[entry], x]
+                            for y in range(dim):
+                                total += (
+                                    fx
+                                    * c.w[c.rows[i, s, a] + x * n + column + y]
+                                    * frame[i, cols[entry], y]
+                                )
+            out[i, entry] = total
+
+
+class Interactions:
+    """The interaction points of a scene and their laws.
+
+    Args:
+        points: all points.
+        laws: the laws in use.
+        law_of_point: shape (num_points,), index into `laws`.
+        inverse: blocks of w on the interacting nodes; `update_inverse` replaces their values.
+        initial_velocity: shape (num_nodes, dim), nodal velocities at the start (m/s).
+
+    Raises:
+        ValueError: a law index out of range, or arrays whose lengths disagree.
+    """
+
+    def __init__(
+        self,
+        points: InteractionPoints,
+        laws: list[Law],
+        law_of_point: np.ndarray,
+        inverse: BodyInverse,
+        initial_velocity: np.ndarray | None = None,
+    ):
+        law_of_point = np.asarray(law_of_point)
+        if len(law_of_point) != len(points):
+            raise ValueError(
+                f"law_of_point should hold one law a point ({len(points)}), "
+                f"got {len(law_of_point)}."
+            )
+        if len(points) and not (0 <= law_of_point.min() and law_of_point.max() < len(laws)):
+            raise ValueError(
+                f"law_of_point should index the {len(laws)} laws given, got values from "
+                f"{law_of_point.min()} to {law_of_point.max()}."
+            )
+        self.dim = inverse.dim
+        self.points = points
+        self.laws = laws
+        self.inverse = inverse
+        self.committed_step = 0.0
+        self.step_size, self.theta = 0.0, 0.5
+        nodal = np.zeros((inverse.num_slots, self.dim))
+        if initial_velocity is not None:
+            nodal[: inverse.num_nodes] = initial_velocity
+        by_kernels: dict[LawKernels, list[int]] = {}
+        for number, law in enumerate(laws):
+            if np.any(law_of_point == number):
+                by_kernels.setdefault(law.kernels(self.dim), []).append(number)
+        self.groups = [
+            self._group(kernels, np.flatnonzero(np.isin(law_of_point, numbers)), law_of_point, nodal)
+            for kernels, numbers in by_kernels.items()
+        ]
+        self.update_inverse(inverse)
+
+    def _group(self, kernels, indices, law_of_point, nodal) -> PointGroup:
+        blocks = self.inverse.block_of_node()[self.points.nodes[indices][:, :, 0]]
+        ordering = order_points(blocks, len(self.inverse.node_offsets) - 1)
+        indices = indices[ordering.order]
+        points = self.points.take(indices)
+        n, dim = len(points), self.dim
+        table = {
+            number: (self.laws[number].parameters(), self.laws[number].initial_state())
+            for number in np.unique(law_of_point[indices])
+        }
+        parameters, state = (
+            np.array([table[number][part] for number in law_of_point[indices]]).reshape(n, -1)
+            for part in (0, 1)
+        )
+        jump = np.zeros((n, dim))
+        jump[:, 0] = points.gap
+        return PointGroup(
+            kernels=kernels,
+            indices=indices,
+            points=points,
+            ordering=ordering,
+            couplings=couple(points, self.inverse),
+            parameters=parameters.astype(float),
+            state=state.astype(float),
+            terms=np.zeros((n, kernels.num_terms)),
+            details=np.zeros((n, kernels.num_details)),
+            compliance=np.zeros((n, dim * (dim + 1) // 2)),
+            inverse_area=(1.0 / points.area).astype(np.float32),
+            jump=jump,
+            velocity=points.relative(nodal),
+            impulse=np.zeros((n, dim)),
+            committed_impulse=np.zeros((n, dim)),
+            energy=np.zeros((n, len(ENERGIES))),
+            status=np.zeros(n, np.int8),
+        )
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    def update_inverse(self, inverse: BodyInverse) -> None:
+        """Take new values of w (same blocks); the compliances W_aa follow."""
+        self.inverse = inverse
+        rows, cols = sym_indices(self.dim)
+        for group in self.groups:
+            group.couplings = group.couplings._replace(w=inverse.data)
+            _compliance(group.couplings, group.points.frame, rows, cols, group.compliance)
+
+    def begin_step(self, step: float, theta: float) -> None:
+        """Set the constants of the step in every law; impulses start from the last step's."""
+        ratio = step / self.committed_step if self.committed_step > 0.0 else 1.0
+        for g in self.groups:
+            np.multiply(g.committed_impulse, ratio, out=g.impulse)
+        self.step_size, self.theta = step, theta
+        self.prepare()
+
+    def prepare(self) -> None:
+        """Renew the laws' constants of the step, after `update_inverse`."""
+        for g in self.groups:
+            prepare_all, _ = _step_kernels(g.kernels, self.dim)
+            prepare_all(
+                g.jump, g.velocity, g.compliance, g.points.area, self.step_size, self.theta,
+                g.parameters, g.state, g.terms, g.details,
+            )  # fmt: skip
+
+    def add_velocity(self, velocity: np.ndarray) -> None:
+        """Add w H r to `velocity`, shape (num_slots * dim,)."""
+        for g in self.groups:
+            push_all = push_kernel(self.dim, g.points.nodes.shape[2], g.block_size)
+            push_all(velocity, g.couplings, g.impulse)
+
+    def impulses(self) -> np.ndarray:
+        """H r: impulses of the current step on the interacting nodes, shape (num_slots, dim)."""
+        total = np.zeros((self.inverse.num_slots, self.dim))
+        for g in self.groups:
+            total += g.points.nodal(g.impulse, self.inverse.num_slots - 1)
+        return total
+
+    def commit(self, velocity: np.ndarray) -> StepWork:
+        """End the step: jumps, damage and energies move on.
+
+        Args:
+            velocity: shape (num_slots * dim,), end-of-step velocities of the interacting nodes.
+
+        Returns:
+            The energies of the step.
+        """
+        nodal = velocity.reshape(-1, self.dim)
+        totals = np.zeros(len(ENERGIES))
+        for g in self.groups:
+            _, commit_all = _step_kernels(g.kernels, self.dim)
+            commit_all(
+                g.jump, g.velocity, g.points.relative(nodal), g.impulse, g.points.area,
+                self.step_size, self.theta, g.parameters, g.state, g.terms, g.details,
+                g.energy, g.status,
+            )  # fmt: skip
+            g.committed_impulse[:] = g.impulse
+            totals += g.energy.sum(axis=0)
+        self.committed_step = self.step_size
+        return StepWork(*totals)
+
+    def gather(self, name: str) -> np.ndarray:
+        """A per-point array in the scene's order.
+
+        Args:
+            name: "jump" (m), "velocity" (m/s), "impulse" (N s), "traction" (Pa, opening negative
+                as it pulls the sides together), "status", "energy", or a history variable of the
+                laws such as "damage" (NaN-free: laws without it give 0).
+        """
+        if name == "traction":
+            scale = max(self.committed_step, np.finfo(float).tiny) * self.points.area
+            return self.gather("impulse") / scale[:, None]
+        columns = [
+            g.state[:, g.kernels.state_names.index(name)]
+            if name in g.kernels.state_names
+            else getattr(g, name, np.zeros(len(g)))
+            for g in self.groups
+        ]
+        out = np.zeros((len(self), *(columns[0].shape[1:] if columns else ())))
+        for g, column in zip(self.groups, columns, strict=True):
+            out[g.indices] = column
+        return out
+
+    @property
+    def nbytes(self) -> int:
+        """Memory held by points and blocks of w, in bytes."""
+        return sum(g.nbytes for g in self.groups) + self.inverse.data.nbytes

@@ -1,0 +1,70 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""The inverse w of the iteration matrix, body by body, on the nodes that interact.
+
+`w` is block diagonal over bodies: interactions are the only thing that couples them. Each block
+is dense and symmetric over the body's interacting nodes; prescribed degrees of freedom have zero
+rows and columns. A lumped mass has one block a node.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class BodyInverse:
+    """Blocks of w over the interacting nodes, in body order, and a zero block for the ground.
+
+    Attributes:
+        dim: dimension of space.
+        node_offsets: shape (num_blocks + 1,), first node of each block; the last block is the
+            ground's, whose first node is the ground.
+        data: all blocks by rows, flat (m/s per N s).
+        data_offsets: shape (num_blocks + 1,), first entry of each block in `data`.
+    """
+
+    dim: int
+    node_offsets: np.ndarray
+    data: np.ndarray
+    data_offsets: np.ndarray
+
+    @classmethod
+    def from_uniform(cls, blocks: np.ndarray, dim: int) -> BodyInverse:
+        """From blocks of one size, shape (num_bodies, n, n) with n = nodes a body times dim.
+
+        The ground gets a block of the same size, so that kernels can be compiled for that size.
+        """
+        count, n = blocks.shape[:2]
+        data = np.concatenate([blocks.ravel(), np.zeros(n * n)])
+        offsets = np.arange(count + 2, dtype=np.int64)
+        return cls(dim, offsets * (n // dim), data, offsets * (n * n))
+
+    @classmethod
+    def from_blocks(cls, blocks: list[np.ndarray], dim: int) -> BodyInverse:
+        """From dense blocks of any sizes (each a multiple of dim)."""
+        sizes = np.array([len(b) for b in blocks] + [dim], dtype=np.int64)
+        nodes = np.concatenate([[0], np.cumsum(sizes // dim)])
+        data = np.concatenate([b.ravel() for b in blocks] + [np.zeros(dim * dim)])
+        return cls(dim, nodes, data, np.concatenate([[0], np.cumsum(sizes**2)]))
+
+    @property
+    def num_nodes(self) -> int:
+        """Number of nodes, the ground not counted."""
+        return int(self.node_offsets[-2])
+
+    @property
+    def num_slots(self) -> int:
+        """Length, in nodes, of a velocity array with the ground's padding."""
+        return int(self.node_offsets[-1])
+
+    @property
+    def uniform_size(self) -> int:
+        """Common block size (degrees of freedom), or 0 when sizes differ."""
+        sizes = np.diff(self.node_offsets)
+        return int(sizes[0]) * self.dim if np.all(sizes == sizes[0]) else 0
+
+    def block_of_node(self) -> np.ndarray:
+        """Block of each node slot, the ground's included; shape (num_slots,)."""
+        return np.repeat(np.arange(len(self.node_offsets) - 1), np.diff(self.node_offsets))

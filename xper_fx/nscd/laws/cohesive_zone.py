@@ -1,0 +1,349 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+r"""Frictional cohesive zone (Perales et al. 2010, eqs 33-37; the curve of LMGC90's MP3_CZM).
+
+The stress R between the lips is Rhat - Rcoh with Rcoh = beta C U pulling them together,
+C = diag(C_N, C_T, C_T), and Rhat obeying Signorini-Coulomb at position level. Damage beta falls
+from beta0 to 0 with the largest opening reached, x = sqrt(<U_N>+^2 + |U_T|^2):
+
+    g(x) = beta0                                             x <= d0
+         = beta0 (d0 / x) (1 - ((x - d0) / (dc - d0))^2)     d0 < x < dc
+         = 0                                                 x >= dc
+    d0 = (Rmax / 2)(1 / C_N + 1 / C_T),   dc = (3/2)(w / Rmax + d0 / 6).
+
+**Over a step** the cohesive stress is a secant one, with a single mean damage,
+
+    Rcoh = beta_m C U_theta,   U_theta = theta U1 + (1 - theta) U0,
+    beta_m (x1^2 - x0^2) / 2 = integral of beta x dx from x0 to x1 along the loading path.
+
+With e = U.C.U / 2 its work over the step is beta_m (e1 - e0) + (theta - 1/2) beta_m dU.C.dU, so
+what it dissipates, (beta_m - beta1) e1 + (beta0 - beta_m) e0 + (theta - 1/2) beta_m dU.C.dU, is
+never negative, because beta1 <= beta_m <= beta0 for a mean of a falling function; and when
+C_N = C_T a bond that opens spends exactly the area under its curve, whatever the step (a damage
+frozen at its old value spends more, the trapezoidal rule on the end values less, even below zero).
+
+**The point's problem.** With k = h^2 theta^2 A C and P = h A C [(1 - theta) U0 + theta U_h] the
+total impulse is r = rhat - beta_m k (P / k + dU). For a given beta_m, W~ = (I + W beta_m k)^-1 W
+and b~ = u - W~ [r + beta_m k (P / k + u)] turn it into plain contact, dU = b~ + W~ rhat. beta_m itself is
+the fixed point of a monotone map, iterated from the value in force: of two admissible states (a
+bond that may or may not snap within the step) the one nearest to the present one is kept.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+from numba import njit
+
+from xper_fx.nscd.checks import require_non_negative, require_positive
+from xper_fx.nscd.coulomb import contact_solver
+from xper_fx.nscd.laws.law import COHESION, FRICTION, IMPACT, NUMERICAL, STORED, LawKernels
+from xper_fx.nscd.small import for_dimension
+
+_C_N, _C_T, _MU, _D0, _DC, _BETA0 = range(6)
+_OPENING_MAX, _DAMAGE = 0, 1
+
+# Relative change of the mean damage at which a visit is content; visits go on in later sweeps.
+_DAMAGE_TOLERANCE = 1e-10
+_DAMAGE_ITERATIONS = 40
+
+
+@dataclass(frozen=True)
+class CohesiveZone:
+    """Bond that weakens, breaks, and leaves unilateral contact with friction.
+
+    Args:
+        normal_stiffness: C_N (Pa/m).
+        fracture_energy: w (J/m^2), the area under the normal curve when C_N = C_T.
+        strength: Rmax (Pa), the largest normal stress.
+        tangential_stiffness: C_T (Pa/m); C_N if not given.
+        friction: Coulomb's mu of the lips; 0 compiles no friction.
+        initial_damage: beta0 in (0, 1], 1 for a sound bond.
+        damage: "mean" (module docstring) or "lagged", damage frozen during the step: cheaper,
+            and spends too much energy when the step is not small beside the softening time.
+
+    Raises:
+        ValueError: a number out of range, or w <= Rmax d0 / 2: the bond would have to break
+            before its peak.
+    """
+
+    normal_stiffness: float
+    fracture_energy: float
+    strength: float
+    tangential_stiffness: float | None = None
+    friction: float = 0.0
+    initial_damage: float = 1.0
+    damage: str = "mean"
+
+    def __post_init__(self):
+        require_positive("normal_stiffness", self.normal_stiffness)
+        require_positive("fracture_energy", self.fracture_energy)
+        require_positive("strength", self.strength)
+        if self.tangential_stiffness is not None:
+            require_positive("tangential_stiffness", self.tangential_stiffness)
+        require_non_negative("friction", self.friction)
+        if not 0.0 < self.initial_damage <= 1.0:
+            raise ValueError(f"initial_damage should lie in (0, 1], got {self.initial_damage}.")
+        if self.damage not in ("mean", "lagged"):
+            raise ValueError(f'damage should be "mean" or "lagged", got {self.damage!r}.')
+        least = 0.5 * self.strength * self.elastic_opening
+        if self.fracture_energy <= least:
+            raise ValueError(
+                f"fracture_energy {self.fracture_energy:g} J/m^2 should exceed Rmax d0 / 2 = "
+                f"{least:g} J/m^2, the energy at the peak; raise it or the stiffness."
+            )
+
+    @property
+    def elastic_opening(self) -> float:
+        """d0 (m), the opening at which damage starts."""
+        c_t = self.tangential_stiffness or self.normal_stiffness
+        return 0.5 * self.strength * (1.0 / self.normal_stiffness + 1.0 / c_t)
+
+    @property
+    def critical_opening(self) -> float:
+        """dc (m), the opening at which the bond is broken."""
+        return 1.5 * (self.fracture_energy / self.strength + self.elastic_opening / 6.0)
+
+    @property
+    def softening_slope(self) -> float:
+        """Steepest descent of the traction curve (Pa/m): 2 Rmax / (dc - d0)."""
+        return 2.0 * self.strength / (self.critical_opening - self.elastic_opening)
+
+    def kernels(self, dim: int) -> LawKernels:
+        """See `Law`."""
+        return _kernels(dim, self.friction > 0.0, self.damage == "lagged")
+
+    def parameters(self) -> tuple[float, ...]:
+        """C_N, C_T (Pa/m), mu, d0, dc (m), beta0."""
+        c_t = self.tangential_stiffness or self.normal_stiffness
+        return (
+            self.normal_stiffness, c_t, self.friction,
+            self.elastic_opening, self.critical_opening, self.initial_damage,
+        )  # fmt: skip
+
+    def initial_state(self) -> tuple[float, ...]:
+        """Largest opening so far (m) and damage."""
+        return 0.0, self.initial_damage
+
+
+@njit
+def damage(x, d0, dc, beta0):
+    """g(x): damage of a bond opened monotonically to x (m) (Perales et al. 2010, eq. 37)."""
+    if x <= d0:
+        return beta0
+    if x >= dc:
+        return 0.0
+    y = (x - d0) / (dc - d0)
+    return beta0 * d0 / x * (1.0 - y * y)
+
+
+@njit
+def mean_damage(x1, x0, x_max, beta, d0, dc, beta0):
+    """Mean of the damage over x^2 from x0 to x1 (m), for a bond that had reached x_max, beta.
+
+    Up to x_max the bond unloads along its secant (beta); beyond, it follows g. No difference of
+    nearly equal numbers is taken.
+    """
+    if x1 <= x_max or beta == 0.0:
+        return beta
+    start = max(x_max, d0)  # below d0 the curve is still its secant
+    if x1 <= start:
+        return beta
+    top = min(x1, dc)
+    length = dc - d0
+    spent = 0.0
+    if top > start:
+        y0, y1 = (start - d0) / length, (top - d0) / length
+        spent = 2.0 * beta0 * d0 * (top - start) * (1.0 - (y1 * y1 + y1 * y0 + y0 * y0) / 3.0)
+    secant = beta * (start - x0) * (start + x0)
+    return (secant + spent) / ((x1 - x0) * (x1 + x0))
+
+
+@cache
+def _kernels(dim: int, friction: bool, lagged: bool) -> LawKernels:
+    algebra = for_dimension(dim)
+    row, set_row, sym_row = algebra.row, algebra.set_row, algebra.sym_row
+    dot, add, subtract, scale = algebra.dot, algebra.add, algebra.subtract, algebra.scale
+    diagonal, sym_vector = algebra.multiply_diagonal, algebra.sym_vector
+    soften = algebra.compliance_with_springs
+    contact = contact_solver(dim, friction)
+    num_sym = dim * (dim + 1) // 2
+
+    # Columns of terms, with velocities relative to jump_h / (h theta): the squared speed beyond
+    # which damage grows, jump_h / (h theta), P / k, beta_m k, and the packed W~.
+    limit, middle = 0, 1
+    push = middle + dim
+    spring = push + dim
+    soft = spring + 2
+    num_terms = soft + num_sym
+    # Columns of details.
+    mean, start, jump_start, h_theta, k_n, k_t, shift = range(7)
+    num_details = shift + dim - 1
+
+    @njit(inline="always")
+    def opening(jump):
+        x = max(jump[0], 0.0) ** 2 + jump[1] * jump[1]
+        if dim == 3:
+            x += jump[2] * jump[2]
+        return x
+
+    @njit(inline="always")
+    def part(terms, i, first):
+        if dim == 2:
+            return terms[i, first], terms[i, first + 1]
+        return terms[i, first], terms[i, first + 1], terms[i, first + 2]
+
+    @njit(inline="always")
+    def shift_of(details, i):
+        if dim == 2:
+            return (details[i, shift],)
+        return details[i, shift], details[i, shift + 1]
+
+    @njit(inline="always")
+    def compliance_of(terms, i):
+        if dim == 2:
+            return terms[i, soft], terms[i, soft + 1], terms[i, soft + 2]
+        return (
+            terms[i, soft], terms[i, soft + 1], terms[i, soft + 2],
+            terms[i, soft + 3], terms[i, soft + 4], terms[i, soft + 5],
+        )  # fmt: skip
+
+    @njit(inline="always")
+    def set_damage(i, beta, s, terms, details):
+        details[i, mean] = beta
+        terms[i, spring] = beta * details[i, k_n]
+        terms[i, spring + 1] = beta * details[i, k_t]
+        for j in range(num_sym):
+            terms[i, soft + j] = s[j]
+
+    @njit
+    def prepare(i, jump, velocity, w, area, step, theta, parameters, state, terms, details):
+        scaled = step * theta
+        for j in range(dim):
+            jump_h = jump[j] + step * (1.0 - theta) * velocity[j]
+            terms[i, middle + j] = jump_h / scaled
+            terms[i, push + j] = ((1.0 - theta) * jump[j] + theta * jump_h) / (scaled * theta)
+        for j in range(1, dim):
+            details[i, shift + j - 1] = (1.0 - theta) / theta * velocity[j]
+        beta = state[i, _DAMAGE]
+        reach = max(state[i, _OPENING_MAX], parameters[i, _D0]) / scaled
+        terms[i, limit] = np.inf if (beta == 0.0 or lagged) else reach * reach
+        details[i, start] = beta
+        details[i, jump_start] = np.sqrt(opening(jump))
+        details[i, h_theta] = scaled
+        details[i, k_n] = scaled * scaled * area * parameters[i, _C_N]
+        details[i, k_t] = scaled * scaled * area * parameters[i, _C_T]
+        s = soften(sym_row(w, i), beta * details[i, k_n], beta * details[i, k_t])
+        set_damage(i, beta, s, terms, details)
+
+    @njit(inline="always")
+    def bonded(k, p, u):
+        """Impulse beta_m (P + k u) with which the bond pulls the lips together."""
+        return diagonal(k[0], k[1], add(p, u))
+
+    @njit(inline="always")
+    def with_contact(free, s, k, p, least, slipped, mu):
+        """Velocity and impulse when the bond alone would let the lips interpenetrate."""
+        hat, _ = contact(free, s, least, slipped, mu, 0.0)
+        new = add(free, sym_vector(s, hat))
+        return new, subtract(hat, bonded(k, p, new))
+
+    @njit
+    def evolve(u, r, w, beta, s, middle, p, slipped, mu, stiffness, reached, curve):
+        """Iterate the mean damage from the value in force; the compliance follows it.
+
+        Opening and damage are coupled through the point alone: for each trial damage the point is
+        solved exactly. No array is passed, so that a call counts no references.
+        """
+        h_theta, x0, x_max, beta_start = reached
+        new, impulse = u, r
+        for iteration in range(_DAMAGE_ITERATIONS):
+            k = (beta * stiffness[0], beta * stiffness[1])
+            if iteration > 0:
+                s = soften(w, k[0], k[1])
+            new = subtract(u, sym_vector(s, add(r, bonded(k, p, u))))
+            if new[0] < -middle[0]:
+                new, impulse = with_contact(new, s, k, p, -middle[0], slipped, mu)
+            else:
+                impulse = scale(-1.0, bonded(k, p, new))
+            x1 = h_theta * np.sqrt(opening(add(middle, new)))
+            trial = mean_damage(x1, x0, x_max, beta_start, curve[0], curve[1], curve[2])
+            if abs(trial - beta) <= _DAMAGE_TOLERANCE * beta_start:
+                break
+            beta = trial
+        return impulse, beta, s
+
+    @njit(inline="always")
+    def solve(i, u, r, w, parameters, terms, details):
+        jump_h, p = part(terms, i, middle), part(terms, i, push)
+        k = (terms[i, spring], terms[i, spring + 1])
+        s = compliance_of(terms, i)
+        reach = terms[i, limit]
+        new = subtract(u, sym_vector(s, add(r, bonded(k, p, u))))
+        smooth = new[0] >= -jump_h[0]
+        if smooth:
+            impulse = scale(-1.0, bonded(k, p, new))
+        else:
+            new, impulse = with_contact(
+                new, s, k, p, -jump_h[0], shift_of(details, i), parameters[i, _MU]
+            )
+        if not lagged:
+            if opening(add(jump_h, new)) > reach:
+                reached = (
+                    details[i, h_theta], details[i, jump_start],
+                    max(details[i, h_theta] * np.sqrt(abs(reach)), parameters[i, _D0]),
+                    details[i, start],
+                )  # fmt: skip
+                stiffness = (details[i, k_n], details[i, k_t])
+                curve = (parameters[i, _D0], parameters[i, _DC], parameters[i, _BETA0])
+                impulse, beta, s = evolve(
+                    u, r, sym_row(w, i), details[i, mean], s, jump_h, p, shift_of(details, i),
+                    parameters[i, _MU], stiffness, reached, curve,
+                )  # fmt: skip
+                set_damage(i, beta, s, terms, details)
+                # From now on every visit of the step comes here, until damage is back at start.
+                terms[i, limit] = reach if beta == details[i, start] else -abs(reach)
+                smooth = False
+        return impulse, smooth
+
+    @njit
+    def commit(
+        i, jump0, jump1, u, r, area, step, theta, parameters, state, terms, details, energy
+    ):
+        c_n, c_t = parameters[i, _C_N], parameters[i, _C_T]
+        d0, dc, beta0 = parameters[i, _D0], parameters[i, _DC], parameters[i, _BETA0]
+        old = details[i, start]
+        x1 = np.sqrt(opening(jump1))
+        reached = max(state[i, _OPENING_MAX], x1)
+        new = min(old, damage(reached, d0, dc, beta0))
+        beta = old
+        if not lagged:
+            x_max = max(state[i, _OPENING_MAX], d0)
+            beta = mean_damage(x1, details[i, jump_start], x_max, old, d0, dc, beta0)
+        k = (beta * details[i, k_n], beta * details[i, k_t])
+        hat = add(r, bonded(k, part(terms, i, push), u))
+        moved = subtract(jump1, jump0)
+        e0 = 0.5 * area * dot(jump0, diagonal(c_n, c_t, jump0))
+        e1 = 0.5 * area * dot(jump1, diagonal(c_n, c_t, jump1))
+        work_n = hat[0] * moved[0] / step
+        energy[i, STORED] = new * e1
+        energy[i, COHESION] = (beta - new) * e1 + (old - beta) * e0
+        energy[i, FRICTION] = -(dot(hat, moved) / step - work_n)
+        energy[i, IMPACT] = -work_n
+        energy[i, NUMERICAL] = (
+            (theta - 0.5) * beta * area * dot(moved, diagonal(c_n, c_t, moved))
+        )
+        state[i, _OPENING_MAX] = reached
+        state[i, _DAMAGE] = new
+        # Closed when the normal constraint of the step is met (to rounding of the jump).
+        gap = jump1[0]
+        if gap > 1e-12 * (details[i, h_theta] * abs(terms[i, middle]) + d0) or hat[0] <= 0.0:
+            return 0
+        size = dot(hat, hat) - hat[0] * hat[0]
+        bound = parameters[i, _MU] * hat[0]
+        return 2 if size >= (1.0 - 1e-6) * bound * bound else 1
+
+    return LawKernels(
+        prepare, solve, commit, num_terms, num_details, ("opening_max", "damage")
+    )

@@ -1,0 +1,42 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""What an interaction law is: parameters, history, and three kernels.
+
+A law is a frozen dataclass with the methods of `Law`. Its kernels work on one point `i`:
+
+    prepare(i, jump, velocity, w, area, step, theta, parameters, state, terms, details)
+        once a step: the constants of the step; what every visit reads goes into `terms[i]`, kept
+        short because it is what a sweep moves through memory, the rest into `details[i]`
+    solve(i, u, r, w, parameters, terms, details) -> r, smooth
+        at each visit: the total impulse that satisfies the law, others frozen; `u = b + W r`;
+        smooth says that the law is linear around it, so that over-relaxation is safe
+    commit(i, jump0, jump1, u, r, area, step, theta, parameters, state, terms, details, energy)
+        -> status; once a step: history moves on, energies go to `energy[i]`
+
+Vectors are local tuples `(n, t...)`; `w` is the array of W_aa as packed symmetric rows. Jumps are
+in m, velocities in m/s, impulses `r` in N s (positive: pushes candidate and antagonist apart),
+`area` in m^2 (2D: m, per metre of depth). Over a step, jump1 = jump_h + h theta u with
+jump_h = jump0 + h (1 - theta) velocity0. Adding a law is adding one file with such a class.
+"""
+
+from __future__ import annotations
+
+from collections import namedtuple
+from typing import Protocol
+
+STORED, COHESION, FRICTION, IMPACT, NUMERICAL = range(5)
+ENERGIES = ("stored", "cohesion", "friction", "impact", "numerical")
+
+LawKernels = namedtuple("LawKernels", "prepare solve commit num_terms num_details state_names")
+
+
+class Law(Protocol):
+    """An interaction law between the two sides of a point."""
+
+    def kernels(self, dim: int) -> LawKernels:
+        """The compiled law; equal results (by identity) mean points may share a sweep."""
+
+    def parameters(self) -> tuple[float, ...]:
+        """The numbers of this instance that its kernels read, in SI units."""
+
+    def initial_state(self) -> tuple[float, ...]:
+        """History of a point at the start of a run, in the order of `state_names`."""

@@ -1,0 +1,113 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Interaction points: where two bodies face each other, and the map H.
+
+At a point the candidate c and the antagonist a each interpolate their velocity from `k` nodes.
+With the unit normal n from a to c and the local frame (n, t) or (n, t1, t2),
+
+    U = frame (sum_j weights_cj v_cj - sum_j weights_aj v_aj) = H^T v,      p = H r,
+
+so U_N > 0 opens and r_N > 0 pushes the sides apart (Perales et al. 2010, eqs 18-19).
+
+Nodes are numbered in body order; the number after the last node is the *ground*, which does not
+move: a point against it is contact with a fixed obstacle.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class InteractionPoints:
+    """Interaction points as flat arrays.
+
+    Args:
+        nodes: shape (num_points, 2, k), int32; [:, 0] candidate, [:, 1] antagonist.
+        weights: shape (num_points, 2, k), interpolation weights (sum 1 on each side).
+        frame: shape (num_points, dim, dim); rows n, t1 (, t2), right-handed and orthonormal.
+        area: shape (num_points,), m^2 (2D: m, per metre of depth); traction = impulse / (h area).
+        gap: shape (num_points,), normal distance at the start (m).
+    """
+
+    nodes: np.ndarray
+    weights: np.ndarray
+    frame: np.ndarray
+    area: np.ndarray
+    gap: np.ndarray
+
+    @property
+    def dim(self) -> int:
+        """Dimension of space."""
+        return self.frame.shape[1]
+
+    def __len__(self) -> int:
+        return len(self.area)
+
+    def take(self, indices: np.ndarray) -> InteractionPoints:
+        """The points at `indices`, in that order."""
+        return InteractionPoints(
+            *(np.ascontiguousarray(a[indices]) for a in self._arrays()),
+        )
+
+    def _arrays(self):
+        return self.nodes, self.weights, self.frame, self.area, self.gap
+
+    @property
+    def nbytes(self) -> int:
+        """Memory held, in bytes."""
+        return sum(a.nbytes for a in self._arrays())
+
+    def relative(self, nodal: np.ndarray) -> np.ndarray:
+        """H^T v: relative vectors in the local frame.
+
+        Args:
+            nodal: shape (num_nodes + 1, dim), the ground's row last.
+
+        Returns:
+            Shape (num_points, dim), candidate minus antagonist.
+        """
+        sides = np.einsum("psk,pskd->psd", self.weights, nodal[self.nodes])
+        return np.einsum("pij,pj->pi", self.frame, sides[:, 0] - sides[:, 1])
+
+    def nodal(self, local: np.ndarray, num_nodes: int) -> np.ndarray:
+        """H r: impulses on the nodes.
+
+        Args:
+            local: shape (num_points, dim), impulses in the local frame (N s).
+            num_nodes: number of nodes, the ground not counted.
+
+        Returns:
+            Shape (num_nodes + 1, dim); the ground's row receives what it takes up.
+        """
+        world = np.einsum("pij,pi->pj", self.frame, local)
+        signed = self.weights[..., None] * np.stack([world, -world], axis=1)[:, :, None, :]
+        flat = self.nodes.ravel()
+        return np.stack(
+            [
+                np.bincount(flat, signed[..., d].ravel(), minlength=num_nodes + 1)
+                for d in range(self.dim)
+            ],
+            axis=1,
+        )
+
+
+def frame_from_normal(normal: np.ndarray) -> np.ndarray:
+    """Local frames (n, t) or (n, t1, t2), right-handed, from unit normals.
+
+    Args:
+        normal: shape (num_points, dim).
+
+    Returns:
+        Shape (num_points, dim, dim), rows n, t1 (, t2). In 2D t is n turned by +90 degrees; in 3D
+        t1 is the axis least aligned with n, made orthogonal to it.
+    """
+    dim = normal.shape[1]
+    if dim == 2:
+        tangent = np.stack([-normal[:, 1], normal[:, 0]], axis=1)
+        return np.ascontiguousarray(np.stack([normal, tangent], axis=1))
+    axis = np.eye(3)[np.argmin(np.abs(normal), axis=1)]
+    first = axis - np.sum(axis * normal, axis=1, keepdims=True) * normal
+    first /= np.linalg.norm(first, axis=1, keepdims=True)
+    return np.ascontiguousarray(np.stack([normal, first, np.cross(normal, first)], axis=1))
