@@ -15,7 +15,12 @@ normal condition leaves (S + lambda I) r_T = -g with S = W_TT - W_TN W_NT / W_NN
 and f(lambda) = |r_T(lambda)| - mu r_N(r_T(lambda)) - bound falls from f(0) > 0 to
 -mu (v_min - b_N) / W_NN - bound < 0: a root always exists, whatever mu. In 2D it is explicit.
 
-A direction in which W vanishes (both sides prescribed) can carry no impulse: it gets none.
+With a bound, sticking or sliding may ask for r_N < 0: the tangential impulse alone would open the
+point. The solution is then on the edge of contact, dU_N = v_min and r_N = 0, with |r_T| < bound.
+
+A direction in which W vanishes (both sides prescribed) can carry no impulse: it gets none. When W
+is singular along an oblique direction (a node guided along a line or in a plane), a slip that the
+normal condition does not stop is never stuck: it slides.
 """
 
 from __future__ import annotations
@@ -27,8 +32,13 @@ from numba import njit
 
 OPEN, STICK, SLIP = 0, 1, 2
 
+# Bound on the steps (by 4) that bracket a root: all of floating point, and an end for NaN.
+_DOUBLINGS = 1100
+
 # Relative size below which a compliance counts as zero (the direction is fully prescribed).
 _SINGULAR = 1e-13
+# Relative size below which a slip counts as zero where nothing could stop it.
+_NO_SLIP = 1e-12
 
 
 @njit(inline="always")
@@ -51,16 +61,19 @@ def _coulomb2(b, w, v_min, shift, mu, bound):
         return (0.0, 0.0), OPEN
     push = (v_min - b[0]) / w[0]
     schur = w[2] - w[1] * w[1] / w[0]
-    if schur <= _SINGULAR * w[2]:
-        return (push, 0.0), STICK
     slip = b[1] + shift[0] + w[1] * push
-    stick_t = -slip / schur
-    stick_n = push - w[1] * stick_t / w[0]
-    if abs(stick_t) <= mu * stick_n + bound and stick_n >= 0.0:
-        return (stick_n, stick_t), STICK
-    # Sticking violates the cone, hence 1 + sign mu W_NT / W_NN > 0 (module docstring).
     sign = -1.0 if slip > 0.0 else 1.0
     coupling = sign * w[1] / w[0]
+    if schur <= _SINGULAR * w[2]:
+        stopped = abs(slip) <= _NO_SLIP * (abs(b[1]) + abs(shift[0]) + abs(w[1] * push))
+        if stopped or w[2] <= _SINGULAR * w[0] or 1.0 + mu * coupling <= 0.0:
+            return (push, 0.0), STICK
+    else:
+        stick_t = -slip / schur
+        stick_n = push - w[1] * stick_t / w[0]
+        if abs(stick_t) <= mu * stick_n + bound and stick_n >= 0.0:
+            return (stick_n, stick_t), STICK
+    # Sticking violates the cone, hence 1 + mu coupling > 0 (module docstring).
     normal = (push - coupling * bound) / (1.0 + mu * coupling)
     if normal < 0.0:  # only with a bound: the tangential impulse alone opens the point
         return (0.0, sign * push / abs(coupling)), SLIP
@@ -83,8 +96,6 @@ def _coulomb3(b, w, v_min, shift, mu, bound):
     radius = np.sqrt(half * half + s12 * s12)
     mean = 0.5 * (s11 + s22)
     large = mean + radius
-    if large <= _SINGULAR * (w[3] + w[5]):
-        return (push, 0.0, 0.0), STICK
     if radius > 0.0:
         c2 = half / radius
         c = np.sqrt(0.5 * (1.0 + c2)) if c2 > -1.0 else 0.0
@@ -94,12 +105,26 @@ def _coulomb3(b, w, v_min, shift, mu, bound):
     else:
         c, s = 1.0, 0.0
     # det / large, free of the cancellation in mean - radius
-    small = (s11 * s22 - s12 * s12) / large
+    small = (s11 * s22 - s12 * s12) / large if large > 0.0 else 0.0
     ga, gb = c * g1 + s * g2, c * g2 - s * g1
     wa, wb = (c * w[1] + s * w[2]) * inverse, (c * w[2] - s * w[1]) * inverse
-    if small <= _SINGULAR * large:
-        # one tangential direction carries nothing: a plane problem in the other
-        small, gb = large, 0.0
+    tiny = _SINGULAR * (w[3] + w[5])
+    if small <= tiny:
+        # S is singular along b, perhaps along a: such a direction carries nothing if W vanishes
+        # along it or the slip is stopped anyway; else it slides, and `tiny` only bounds divisions.
+        still = _NO_SLIP * (
+            abs(b[1]) + abs(b[2]) + abs(shift[0]) + abs(shift[1])
+            + (abs(w[1]) + abs(w[2])) * push
+        )  # fmt: skip
+        if abs(gb) <= still or small + wb * wb * w[0] <= tiny or mu * abs(wb) >= 1.0:
+            gb = 0.0
+        small = max(small, tiny)
+        if large <= tiny:
+            if abs(ga) <= still or large + wa * wa * w[0] <= tiny or mu * abs(wa) >= 1.0:
+                ga = 0.0
+            large = tiny
+        if ga == 0.0 and gb == 0.0:
+            return (push, 0.0, 0.0), STICK
     ra, rb = -ga / large, -gb / small
     normal = push - wa * ra - wb * rb
     limit = mu * normal + bound
@@ -107,13 +132,16 @@ def _coulomb3(b, w, v_min, shift, mu, bound):
         return (normal, c * ra - s * rb, s * ra + c * rb), STICK
     if mu == 0.0 and bound == 0.0:
         return (push, 0.0, 0.0), SLIP
-    # f(lambda) = |r_T| - mu r_N: bracket the root, then Newton kept inside the bracket.
+    # f(lambda) = |r_T| - mu r_N - bound: bracket the root, then Newton kept inside the bracket.
     low, high = 0.0, large
-    while True:
-        ra, rb = -ga / (large + high), -gb / (small + high)
-        if np.sqrt(ra * ra + rb * rb) <= mu * (push - wa * ra - wb * rb) + bound:
-            break
-        low, high = high, 4.0 * high
+    if limit < 0.0 or ra * ra + rb * rb > limit * limit:
+        for _ in range(_DOUBLINGS):
+            ra, rb = -ga / (large + high), -gb / (small + high)
+            if np.sqrt(ra * ra + rb * rb) <= mu * (push - wa * ra - wb * rb) + bound:
+                break
+            low, high = high, 4.0 * high
+    else:  # |r_T| is within the bound, but r_N < 0
+        high = 0.0
     lam = low
     for _ in range(100):
         da, db = 1.0 / (large + lam), 1.0 / (small + lam)
@@ -134,7 +162,16 @@ def _coulomb3(b, w, v_min, shift, mu, bound):
             break
         lam = trial
     ra, rb = -ga / (large + lam), -gb / (small + lam)
-    normal = max(push - wa * ra - wb * rb, 0.0)
+    normal = push - wa * ra - wb * rb
+    if normal < 0.0 and bound > 0.0:
+        # The largest lambda with r_N = 0: push (large + l)(small + l) + ... is a quadratic.
+        half_b = 0.5 * (push * (large + small) + wa * ga + wb * gb)
+        c0 = push * large * small + wa * ga * small + wb * gb * large
+        root = np.sqrt(max(half_b * half_b - push * c0, 0.0))
+        lam = (root - half_b) / push if half_b <= 0.0 else -c0 / (root + half_b)
+        ra, rb = -ga / (large + lam), -gb / (small + lam)
+        return (0.0, c * ra - s * rb, s * ra + c * rb), SLIP
+    normal = max(normal, 0.0)
     size = np.sqrt(ra * ra + rb * rb)
     if size > 0.0:  # exactly on the limit: the last rounding must not leave it
         ratio = (mu * normal + bound) / size

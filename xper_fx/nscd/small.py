@@ -133,28 +133,24 @@ def _compliance_with_springs2(w, kn, kt):
 
 @njit
 def _compliance_with_springs3(w, kn, kt):
-    """(I + W K)^-1 W for K = diag(kn, kt, kt), by Cramer's rule on I + W K."""
-    a00, a01, a02 = 1.0 + w[0] * kn, w[1] * kt, w[2] * kt
-    a10, a11, a12 = w[1] * kn, 1.0 + w[3] * kt, w[4] * kt
-    a20, a21, a22 = w[2] * kn, w[4] * kt, 1.0 + w[5] * kt
-    c00 = a11 * a22 - a12 * a21
-    c01 = a02 * a21 - a01 * a22
-    c02 = a01 * a12 - a02 * a11
-    c10 = a12 * a20 - a10 * a22
-    c11 = a00 * a22 - a02 * a20
-    c12 = a02 * a10 - a00 * a12
-    c20 = a10 * a21 - a11 * a20
-    c21 = a01 * a20 - a00 * a21
-    c22 = a00 * a11 - a01 * a10
-    inverse = 1.0 / (a00 * c00 + a01 * c10 + a02 * c20)
-    return (
-        inverse * (c00 * w[0] + c01 * w[1] + c02 * w[2]),
-        inverse * (c00 * w[1] + c01 * w[3] + c02 * w[4]),
-        inverse * (c00 * w[2] + c01 * w[4] + c02 * w[5]),
-        inverse * (c10 * w[1] + c11 * w[3] + c12 * w[4]),
-        inverse * (c10 * w[2] + c11 * w[4] + c12 * w[5]),
-        inverse * (c20 * w[2] + c21 * w[4] + c22 * w[5]),
-    )
+    """(I + W K)^-1 W for K = diag(kn, kt, kt), one spring after the other.
+
+    A spring k on direction e turns W into W - k W e e^T W / (1 + k e^T W e): three rank-one
+    updates lose less than Cramer's rule when W is nearly singular and the springs are stiff.
+    """
+    w0, w1, w2, w3, w4, w5 = w
+    c = 1.0 / (1.0 + kn * w0)
+    x1, x2 = c * w1, c * w2
+    w0, w3, w4, w5 = c * w0, w3 - kn * x1 * w1, w4 - kn * x1 * w2, w5 - kn * x2 * w2
+    w1, w2 = x1, x2
+    c = 1.0 / (1.0 + kt * w3)
+    x1, x4 = c * w1, c * w4
+    w0, w2, w5 = w0 - kt * x1 * w1, w2 - kt * x1 * w4, w5 - kt * x4 * w4
+    w1, w3, w4 = x1, c * w3, x4
+    c = 1.0 / (1.0 + kt * w5)
+    x2, x4 = c * w2, c * w4
+    w0, w1, w3 = w0 - kt * x2 * w2, w1 - kt * x2 * w4, w3 - kt * x4 * w4
+    return w0, w1, x2, w3, x4, c * w5
 
 
 @njit(inline="always")
