@@ -147,6 +147,25 @@ def push_kernel(dim: int, k: int, size: int):
 
 
 @cache
+def spread_kernel(dim: int, k: int):
+    """Kernel `spread(p, couplings, impulses)`: p += H r over all points of a group."""
+    algebra = for_dimension(dim)
+    row, to_global = algebra.row, algebra.to_global
+
+    @njit
+    def spread(p, c, r):
+        for i in range(len(r)):
+            f = to_global(c.frame, i, row(r, i))
+            for j in range(k):
+                candidate, antagonist = c.start[i, 0, j], c.start[i, 1, j]
+                for d in range(dim):
+                    p[candidate + d] += c.weights[i, 0, j] * f[d]
+                    p[antagonist + d] -= c.weights[i, 1, j] * f[d]
+
+    return spread
+
+
+@cache
 def sweep_kernel(law: LawKernels, dim: int, k: int, size: int, parallel: bool):
     """One sweep over the points of a law; returns [sum |dr|^2, sum |r|^2, max |dr|^2/area^2]."""
     algebra = for_dimension(dim)

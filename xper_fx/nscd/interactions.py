@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from xper_fx.nscd.exchange import Couplings, couple, push_kernel
+from xper_fx.nscd.exchange import Couplings, couple, motion, push_kernel, spread_kernel
 from xper_fx.nscd.inverse import BodyInverse
 from xper_fx.nscd.laws.law import ENERGIES, Law, LawKernels
 from xper_fx.nscd.ordering import Ordering, order_points
@@ -44,6 +44,7 @@ class PointGroup:
         impulse: shape (n, dim), total impulse of the step in the local frame (N s).
         jump, velocity: shape (n, dim), at the last committed time (m, m/s).
         status: shape (n,), int8: 0 open, 1 closed or bonded and sticking, 2 sliding.
+        block_size: common size of all blocks of w, what the sweeps are compiled for, or 0.
     """
 
     kernels: LawKernels
@@ -63,15 +64,10 @@ class PointGroup:
     committed_impulse: np.ndarray
     energy: np.ndarray
     status: np.ndarray
+    block_size: int
 
     def __len__(self) -> int:
         return len(self.indices)
-
-    @property
-    def block_size(self) -> int:
-        """Common block size of the bodies (0: they differ), what the sweeps are compiled for."""
-        sizes = self.couplings.size
-        return int(sizes.flat[0]) if np.all(sizes == sizes.flat[0]) else 0
 
     @property
     def nbytes(self) -> int:
@@ -85,8 +81,9 @@ class PointGroup:
 
 
 @cache
-def _step_kernels(law: LawKernels, dim: int):
+def _step_kernels(law: LawKernels, dim: int, k: int):
     """The loops over points of a law's `prepare` and `commit`."""
+    read, _ = motion(dim, k, 0)
     algebra = for_dimension(dim)
     row, set_row, add, scale = algebra.row, algebra.set_row, algebra.add, algebra.scale
     prepare, commit = law.prepare, law.commit
@@ -101,18 +98,19 @@ def _step_kernels(law: LawKernels, dim: int):
 
     @njit
     def commit_all(
-        jump, velocity, u, r, area, step, theta, parameters, state, terms, details, energy, status
-    ):
+        v, c, jump, velocity, r, area, step, theta, parameters, state, terms, details, energy,
+        status,
+    ):  # fmt: skip
         for i in range(len(area)):
-            jump0, ui = row(jump, i), row(u, i)
-            mean = add(scale(theta, ui), scale(1.0 - theta, row(velocity, i)))
+            jump0, u = row(jump, i), read(v, c, i)
+            mean = add(scale(theta, u), scale(1.0 - theta, row(velocity, i)))
             jump1 = add(jump0, scale(step, mean))
             status[i] = commit(
-                i, jump0, jump1, ui, row(r, i), area[i], step, theta, parameters, state, terms,
+                i, jump0, jump1, u, row(r, i), area[i], step, theta, parameters, state, terms,
                 details, energy,
             )  # fmt: skip
             set_row(jump, i, jump1)
-            set_row(velocity, i, ui)
+            set_row(velocity, i, u)
 
     return prepare_all, commit_all
 
@@ -227,6 +225,7 @@ class Interactions:
             committed_impulse=np.zeros((n, dim)),
             energy=np.zeros((n, len(ENERGIES))),
             status=np.zeros(n, np.int8),
+            block_size=self.inverse.uniform_size,
         )
 
     def __len__(self) -> int:
@@ -251,7 +250,7 @@ class Interactions:
     def prepare(self) -> None:
         """Renew the laws' constants of the step, after `update_inverse`."""
         for g in self.groups:
-            prepare_all, _ = _step_kernels(g.kernels, self.dim)
+            prepare_all, _ = _step_kernels(g.kernels, self.dim, g.points.nodes.shape[2])
             prepare_all(
                 g.jump, g.velocity, g.compliance, g.points.area, self.step_size, self.theta,
                 g.parameters, g.state, g.terms, g.details,
@@ -267,7 +266,8 @@ class Interactions:
         """H r: impulses of the current step on the interacting nodes, shape (num_slots, dim)."""
         total = np.zeros((self.inverse.num_slots, self.dim))
         for g in self.groups:
-            total += g.points.nodal(g.impulse, self.inverse.num_slots - 1)
+            spread = spread_kernel(self.dim, g.points.nodes.shape[2])
+            spread(total.reshape(-1), g.couplings, g.impulse)
         return total
 
     def commit(self, velocity: np.ndarray) -> StepWork:
@@ -279,14 +279,13 @@ class Interactions:
         Returns:
             The energies of the step.
         """
-        nodal = velocity.reshape(-1, self.dim)
         totals = np.zeros(len(ENERGIES))
         for g in self.groups:
-            _, commit_all = _step_kernels(g.kernels, self.dim)
+            _, commit_all = _step_kernels(g.kernels, self.dim, g.points.nodes.shape[2])
             commit_all(
-                g.jump, g.velocity, g.points.relative(nodal), g.impulse, g.points.area,
-                self.step_size, self.theta, g.parameters, g.state, g.terms, g.details,
-                g.energy, g.status,
+                velocity, g.couplings, g.jump, g.velocity, g.impulse, g.points.area,
+                self.step_size, self.theta, g.parameters, g.state, g.terms, g.details, g.energy,
+                g.status,
             )  # fmt: skip
             g.committed_impulse[:] = g.impulse
             totals += g.energy.sum(axis=0)

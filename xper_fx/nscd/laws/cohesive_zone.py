@@ -147,7 +147,7 @@ def mean_damage(x1, x0, x_max, beta, d0, dc, beta0):
     """
     if x1 <= x_max or beta == 0.0:
         return beta
-    start = max(x_max, d0)  # below d0 the curve is still its secant
+    start = max(x_max, d0, x0)  # below d0 the curve is still its secant
     if x1 <= start:
         return beta
     top = min(x1, dc)
@@ -269,8 +269,9 @@ def _kernels(dim: int, friction: bool, lagged: bool) -> LawKernels:
                 impulse = scale(-1.0, bonded(k, p, new))
             x1 = h_theta * np.sqrt(opening(add(middle, new)))
             trial = mean_damage(x1, x0, x_max, beta_start, curve[0], curve[1], curve[2])
-            if abs(trial - beta) <= _DAMAGE_TOLERANCE * beta_start:
-                break
+            settled = abs(trial - beta) <= _DAMAGE_TOLERANCE * beta_start
+            if settled or iteration == _DAMAGE_ITERATIONS - 1:
+                break  # with impulse and compliance of this beta; later sweeps go on from it
             beta = trial
         return impulse, beta, s
 
@@ -326,23 +327,26 @@ def _kernels(dim: int, friction: bool, lagged: bool) -> LawKernels:
         moved = subtract(jump1, jump0)
         e0 = 0.5 * area * dot(jump0, diagonal(c_n, c_t, jump0))
         e1 = 0.5 * area * dot(jump1, diagonal(c_n, c_t, jump1))
-        work_n = hat[0] * moved[0] / step
+        # The lips are closed when they push harder than they would part (natural map). What an
+        # open or sticking point's rhat works is the solver's tolerance, not the law.
+        pressing = hat[0] * terms[i, soft] > u[0] + terms[i, middle]
+        lost_n = -hat[0] * moved[0] / step
+        lost_t = -(dot(hat, moved) - hat[0] * moved[0]) / step
+        size = dot(hat, hat) - hat[0] * hat[0]
+        bound = parameters[i, _MU] * hat[0]
+        sliding = pressing and size >= (1.0 - 1e-6) * bound * bound
         energy[i, STORED] = new * e1
         energy[i, COHESION] = (beta - new) * e1 + (old - beta) * e0
-        energy[i, FRICTION] = -(dot(hat, moved) / step - work_n)
-        energy[i, IMPACT] = -work_n
+        energy[i, FRICTION] = lost_t if sliding else 0.0
+        energy[i, IMPACT] = lost_n if pressing else 0.0
         energy[i, NUMERICAL] = (
             (theta - 0.5) * beta * area * dot(moved, diagonal(c_n, c_t, moved))
+            + (0.0 if sliding else lost_t)
+            + (0.0 if pressing else lost_n)
         )
         state[i, _OPENING_MAX] = reached
         state[i, _DAMAGE] = new
-        # Closed when the normal constraint of the step is met (to rounding of the jump).
-        gap = jump1[0]
-        if gap > 1e-12 * (details[i, h_theta] * abs(terms[i, middle]) + d0) or hat[0] <= 0.0:
-            return 0
-        size = dot(hat, hat) - hat[0] * hat[0]
-        bound = parameters[i, _MU] * hat[0]
-        return 2 if size >= (1.0 - 1e-6) * bound * bound else 1
+        return 2 if sliding else (1 if pressing else 0)
 
     return LawKernels(
         prepare, solve, commit, num_terms, num_details, ("opening_max", "damage")

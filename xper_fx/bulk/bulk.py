@@ -1,0 +1,215 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""The bulk as vectors: mass, internal, external and viscous forces, prescribed motions, energies.
+
+Everything is in the dof numbering of the function space. A linear bulk assembles its stiffness
+once and never calls the forms again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import basix
+import numpy as np
+import scipy.sparse as sp
+from dolfinx import fem
+
+from xper_fx.bulk.layout import BodyLayout
+from xper_fx.compat import geometry_dofmap
+from xper_fx.forms.dynamics import BulkForms
+from xper_fx.forms.loads import (
+    PrescribedDisplacement,
+    PrescribedVelocity,
+    RayleighDamping,
+    value_at,
+)
+
+
+class Bulk:
+    """Mass, forces and prescribed motions of all bodies.
+
+    Args:
+        forms: compiled forms.
+        motions: prescribed velocities and displacements.
+        damping: viscous damping, None for none.
+
+    Attributes:
+        mass: lumped mass a dof, shape (num_dofs,), kg (2D: kg/m).
+        layout: nodes body by body, prescribed dofs.
+
+    Raises:
+        ValueError: prescribed motions that contradict each other, or a tag that occurs nowhere.
+    """
+
+    def __init__(
+        self,
+        forms: BulkForms,
+        motions: Sequence[PrescribedVelocity | PrescribedDisplacement] = (),
+        damping: RayleighDamping | None = None,
+    ):
+        self.forms = forms
+        self.linear = forms.linear
+        self.dim = forms.V.dofmap.index_map_bs
+        self.num_dofs = forms.V.dofmap.index_map.size_local * self.dim
+        self._motions = [(self._motion_dofs(m), m) for m in motions]
+        self._check_motions()
+        prescribed = np.zeros(self.num_dofs, bool)
+        for dofs, _ in self._motions:
+            prescribed[dofs] = True
+        nodes, offsets = forms.bodies.node_permutation(forms.V)
+        self.layout = BodyLayout(nodes, offsets, self.dim, prescribed)
+        self.mass = np.repeat(self._lumped_mass(), self.dim)
+        self._matrix = fem.create_matrix(forms.tangent)
+        self.damping = damping
+        self.stiffness = self.tangent(np.zeros(self.num_dofs)).copy() if self._keeps_k else None
+        self._external = None
+        if forms.external is not None and forms.steady:
+            self._external = forms.assemble_external(0.0)
+
+    @property
+    def _keeps_k(self) -> bool:
+        return self.linear or (self.damping is not None and self.damping.stiffness > 0.0)
+
+    def _motion_dofs(self, motion) -> np.ndarray:
+        tags = self.forms.bodies.facet_tags
+        facets = tags.find(motion.facets)
+        if len(facets) == 0:
+            raise ValueError(
+                f"{type(motion).__name__} names facet tag {motion.facets}, which occurs nowhere; "
+                f"tags that do: {sorted(set(tags.values.tolist()))}."
+            )
+        if not 0 <= motion.component < self.dim:
+            raise ValueError(
+                f"{type(motion).__name__} on tag {motion.facets} has component "
+                f"{motion.component}; it should be 0 to {self.dim - 1}."
+            )
+        fdim = self.forms.bodies.mesh.topology.dim - 1
+        nodes = fem.locate_dofs_topological(self.forms.V, fdim, facets)
+        return nodes * self.dim + motion.component
+
+    def _check_motions(self) -> None:
+        """Two motions may share a dof only if they are the same motion."""
+        for a, (dofs_a, motion_a) in enumerate(self._motions):
+            for dofs_b, motion_b in self._motions[a + 1 :]:
+                same = type(motion_a) is type(motion_b) and motion_a.value == motion_b.value
+                if not same and len(np.intersect1d(dofs_a, dofs_b)):
+                    raise ValueError(
+                        f"{motion_a} and {motion_b} prescribe the same component of the same "
+                        "nodes; let their facets be apart or give both the same value."
+                    )
+
+    def _lumped_mass(self) -> np.ndarray:
+        """Mass of each node: a cell's mass shared as the diagonal of its consistent mass matrix.
+
+        That is a third of a triangle at each vertex for order 1, and stays positive for order 2
+        (Hinton, Rock, Zienkiewicz 1976), where row sums would give the vertices nothing.
+        """
+        V = self.forms.V
+        mesh = V.mesh
+        element = V.sub(0).element.basix_element
+        points, weights = basix.make_quadrature(element.cell_type, 2 * element.degree)
+        shape = element.tabulate(0, points)[0, :, :, 0]
+        diagonal = weights @ shape**2
+        measure = cell_measure(
+            mesh.topology.cell_name(), mesh.geometry.x[geometry_dofmap(mesh)]
+        )
+        share = diagonal / diagonal.sum()
+        cell_mass = measure * self.forms.cell_density()
+        return np.bincount(
+            V.dofmap.list.ravel(),
+            np.outer(cell_mass, share).ravel(),
+            minlength=self.num_dofs // self.dim,
+        )
+
+    def tangent(self, displacement: np.ndarray) -> sp.bsr_array:
+        """K at a displacement, as blocks of dim x dim; the array is reused by the next call."""
+        self.forms.u.x.array[:] = displacement
+        self._matrix.set_value(0.0)
+        fem.assemble_matrix(self._matrix, self.forms.tangent)
+        return self._matrix.to_scipy()
+
+    def internal(self, displacement: np.ndarray) -> np.ndarray:
+        """Internal forces, shape (num_dofs,), N (2D: N/m)."""
+        if self.linear:
+            return self.stiffness @ displacement
+        return self.forms.assemble_internal(displacement)
+
+    def external(self, time: float) -> np.ndarray | float:
+        """External forces at a time (N; 2D: N/m); 0 when the scene has none."""
+        if self.forms.external is None:
+            return 0.0
+        if self._external is not None:
+            return self._external
+        return self.forms.assemble_external(time)
+
+    def viscous(self, velocity: np.ndarray) -> np.ndarray | float:
+        """C v (N; 2D: N/m); 0 when the scene has no damping."""
+        if self.damping is None:
+            return 0.0
+        force = self.damping.mass * self.mass * velocity
+        if self.damping.stiffness > 0.0:
+            force = force + self.damping.stiffness * (self.stiffness @ velocity)
+        return force
+
+    def elastic_energy(self, displacement: np.ndarray, internal: np.ndarray) -> float:
+        """Stored energy (J; 2D: J/m) at a displacement whose internal forces are known."""
+        if self.linear:
+            return 0.5 * float(displacement @ internal)
+        return self.forms.assemble_energy(displacement)
+
+    def prescribe(
+        self,
+        velocity: np.ndarray,
+        time: float,
+        step: float,
+        theta: float,
+        displacement0: np.ndarray,
+        velocity0: np.ndarray,
+    ) -> None:
+        """Set the prescribed dofs of an end-of-step velocity.
+
+        A displacement given at the end of the step asks for
+        v1 = [(u(t1) - q0) / h - (1 - theta) v0] / theta.
+        """
+        for dofs, motion in self._motions:
+            value = value_at(motion.value, time)
+            if isinstance(motion, PrescribedDisplacement):
+                rate = (value - displacement0[dofs]) / step
+                velocity[dofs] = (rate - (1.0 - theta) * velocity0[dofs]) / theta
+            else:
+                velocity[dofs] = value
+
+    def critical_step(self) -> float:
+        """Largest stable step (s) of the explicit bulk alone: 2 / omega_max at rest."""
+        stiffness = self.stiffness
+        if stiffness is None:
+            stiffness = self.tangent(np.zeros(self.num_dofs))
+        scale = sp.diags_array(1.0 / np.sqrt(self.mass))
+        scaled = (scale @ sp.csr_array(stiffness) @ scale).tocsr()
+        top = sp.linalg.eigsh(
+            scaled, k=1, which="LA", return_eigenvectors=False, tol=1e-3, v0=self._start_vector()
+        )
+        return 2.0 / float(np.sqrt(top[0]))
+
+    def _start_vector(self) -> np.ndarray:
+        """A start for eigenvalue iterations: fixed, so that runs repeat."""
+        return np.random.default_rng(0).standard_normal(self.num_dofs)
+
+
+def cell_measure(cell: str, x: np.ndarray) -> np.ndarray:
+    """Length, area or volume of first-order cells.
+
+    Args:
+        cell: DOLFINx's name of the cell.
+        x: shape (num_cells, num_vertices, 3), m.
+
+    Returns:
+        Shape (num_cells,).
+    """
+    kind = getattr(basix.CellType, cell)
+    element = basix.create_element(basix.ElementFamily.P, kind, 1)
+    points, weights = basix.make_quadrature(kind, 3)
+    gradients = element.tabulate(1, points)[1:, :, :, 0]
+    jacobian = np.einsum("tqv,cvx->cqxt", gradients, x)
+    gram = np.einsum("cqxt,cqxs->cqts", jacobian, jacobian)
+    return np.sqrt(np.linalg.det(gram)) @ weights

@@ -1,0 +1,179 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+r"""Theta scheme with Newton (Perales et al. 2010, eqs 8-11).
+
+With theta in [1/2, 1] and F = f_ext - f_int(q) - C v,
+
+    M (v1 - v0) = h [theta F1 + (1 - theta) F0] + H r,   q1 = q0 + h [theta v1 + (1 - theta) v0],
+    Mt = M + h theta C + h^2 theta^2 K,                  w = Mt^-1 on the dofs not prescribed,
+    res^k = -M (v^k - v0) + h [(1 - theta) F0 + theta F^k],
+    v_free = v^k + w res^k,                              v^{k+1} = v_free + w H r.
+
+A linear bulk is done after one iteration, and Mt is formed and inverted once for each step size.
+Otherwise w is kept as long as Newton contracts well with it, and renewed when it does not.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.sparse as sp
+
+from xper_fx.bulk.bulk import Bulk
+from xper_fx.bulk.inverse import CellwiseInverse, ClusterInverse
+from xper_fx.bulk.scheme import Solver, State, StepOutcome, Stopwatch, interact
+from xper_fx.nscd.interactions import Interactions
+
+# Contraction of Newton's corrections above which w is renewed.
+_SLOW = 0.2
+# Inverses kept for a linear bulk: the step and its halves.
+_KEPT = 4
+
+
+class ImplicitScheme:
+    """Theta scheme of the bulk.
+
+    Args:
+        bulk: the bulk.
+        interacting: nodes at which interactions act.
+        theta: weight of the end of the step, in [1/2, 1].
+        newton_tolerance: bound on the last Newton correction of the velocities, relative to the
+            velocities, in the norm of the mass.
+        max_newton: iterations after which a step is given up.
+        stopwatch: where phases are timed.
+    """
+
+    def __init__(
+        self,
+        bulk: Bulk,
+        interacting: np.ndarray,
+        theta: float,
+        newton_tolerance: float,
+        max_newton: int,
+        stopwatch: Stopwatch,
+    ):
+        self.bulk, self.theta = bulk, theta
+        self._interacting = interacting
+        self._tolerance, self._max_newton = newton_tolerance, max_newton
+        self._stopwatch = stopwatch
+        self._inverses: dict[float, CellwiseInverse | ClusterInverse] = {}
+
+    def inverse(self, step: float, displacement: np.ndarray, renew: bool = False):
+        """The inverse for a step size; for a bulk that is not linear, near `displacement`."""
+        if step in self._inverses and not renew:
+            return self._inverses[step]
+        with self._stopwatch.phase("inverse"):
+            layout = self.bulk.layout
+            inverse = (
+                CellwiseInverse(layout)
+                if layout.uniform
+                else ClusterInverse(layout, self._interacting)
+            )
+            inverse.factor(self._iteration_matrix(step, displacement))
+            if step not in self._inverses and len(self._inverses) >= _KEPT:
+                self._inverses.pop(next(iter(self._inverses)))
+            self._inverses[step] = inverse
+        return inverse
+
+    def _iteration_matrix(self, step: float, displacement: np.ndarray) -> sp.bsr_array:
+        bulk, scaled = self.bulk, step * self.theta
+        stiffness = bulk.stiffness if bulk.linear else bulk.tangent(displacement)
+        matrix = stiffness.copy()
+        matrix.data *= scaled**2
+        mass = bulk.mass
+        if bulk.damping is not None:
+            mass = mass * (1.0 + scaled * bulk.damping.mass)
+            if bulk.damping.stiffness > 0.0:
+                matrix.data += scaled * bulk.damping.stiffness * bulk.stiffness.data
+        # block rows are sorted: the diagonal block of row r is where its column is r
+        rows = np.repeat(np.arange(len(matrix.indptr) - 1), np.diff(matrix.indptr))
+        diagonal = np.flatnonzero(matrix.indices == rows)
+        axes = np.arange(bulk.dim)
+        matrix.data[diagonal[:, None], axes, axes] += mass.reshape(-1, bulk.dim)
+        return matrix
+
+    def attempt(
+        self, state: State, step: float, interactions: Interactions | None, solver: Solver
+    ) -> StepOutcome:
+        """One step from `state`, which is not changed.
+
+        Args:
+            state: state at the start of the step.
+            step: h (s).
+            interactions: the points, None if the scene has none.
+            solver: solver of the interactions.
+
+        Returns:
+            The outcome, converged or not.
+        """
+        bulk, theta, watch = self.bulk, self.theta, self._stopwatch
+        time = state.time + step
+        q0, v0 = state.displacement, state.velocity
+        with watch.phase("free velocity"):
+            external = bulk.external(time)
+            force_impulse = step * (theta * external + (1.0 - theta) * state.external)
+            start = force_impulse - step * (1.0 - theta) * (state.internal + bulk.viscous(v0))
+            predictor = q0 + step * (1.0 - theta) * v0
+            velocity = v0.copy()
+            bulk.prescribe(velocity, time, step, theta, q0, v0)
+        inverse = self.inverse(step, q0)
+        if interactions is not None:
+            with watch.phase("interaction terms"):
+                if interactions.inverse is not inverse.blocks:
+                    interactions.update_inverse(inverse.blocks)
+                interactions.begin_step(step, theta)
+
+        def residual_at(velocity):
+            internal = bulk.internal(predictor + step * theta * velocity)
+            force = internal + bulk.viscous(velocity)
+            return start - bulk.mass * (velocity - v0) - step * theta * force, internal
+
+        with watch.phase("free velocity"):
+            residual, internal = residual_at(velocity)
+        sweeps, error, traction, converged = 0, 0.0, 0.0, True
+        impulses, slots = np.zeros_like(v0), np.zeros(0)
+        newton_before, newton = np.inf, 0.0
+        for iteration in range(1, self._max_newton + 1):
+            with watch.phase("free velocity"):
+                free = velocity + inverse.apply(residual)
+            if interactions is None:
+                new = free
+            else:
+                with watch.phase("interaction solve"):
+                    new, impulses, slots, report = interact(inverse, interactions, solver, free)
+                sweeps += report.sweeps
+                error, traction = report.residual, report.traction_change
+                converged = report.converged
+            velocity = new
+            with watch.phase("free velocity"):
+                residual, internal = residual_at(velocity)
+            if bulk.linear or not converged:
+                break
+            # For the impulses found, what is left is the bulk's nonlinearity alone.
+            with watch.phase("free velocity"):
+                correction = inverse.apply(residual + impulses)
+            newton = self._norm(correction) / max(self._norm(velocity), np.finfo(float).tiny)
+            if newton <= self._tolerance or not np.isfinite(newton):
+                break
+            if newton > _SLOW * newton_before:
+                displacement = predictor + step * theta * velocity
+                inverse = self.inverse(step, displacement, renew=True)
+                if interactions is not None:
+                    with watch.phase("interaction terms"):
+                        interactions.update_inverse(inverse.blocks)
+                        interactions.prepare()
+            newton_before = newton
+        converged = converged and newton <= self._tolerance and bool(np.all(np.isfinite(velocity)))
+        reactions = np.where(bulk.layout.prescribed, -(residual + impulses), 0.0)
+        end = State(time, predictor + step * theta * velocity, velocity, internal, external)
+        mean_velocity = theta * velocity + (1.0 - theta) * v0
+        return StepOutcome(
+            end, slots, impulses, reactions, force_impulse, bulk.viscous(mean_velocity), sweeps,
+            error, traction, iteration, newton, converged,
+        )  # fmt: skip
+
+    def _norm(self, velocity: np.ndarray) -> float:
+        return float(np.sqrt(velocity @ (self.bulk.mass * velocity)))
+
+    @property
+    def nbytes(self) -> int:
+        """Memory held by inverses, in bytes."""
+        return sum(i.nbytes for i in self._inverses.values())

@@ -1,0 +1,149 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""The inverse w of an iteration matrix that couples nothing across bodies.
+
+Three kinds, one interface: `factor` takes the matrix, `apply` gives w r on all dofs, `blocks` is
+w on the interacting nodes for the interaction layer, `nodes` says which nodes these are. Dofs
+whose motion is prescribed have zero rows and columns in w.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.sparse.linalg import splu
+
+from xper_fx.bulk.layout import BodyLayout
+from xper_fx.nscd.inverse import BodyInverse
+
+
+class CellwiseInverse:
+    """All bodies alike and small (each cell a body): dense blocks, inverted together.
+
+    Args:
+        layout: bodies of one size.
+    """
+
+    def __init__(self, layout: BodyLayout):
+        self._layout = layout
+        self.nodes = layout.nodes
+        self._dofs = layout.dofs(layout.nodes).reshape(layout.num_bodies, -1)
+        self._order = layout.nodes.reshape(layout.num_bodies, -1)
+        # columns of a row of the matrix are sorted: the place of each node among its body's
+        self._rank = np.argsort(np.argsort(self._order, axis=1), axis=1)
+        fixed = layout.prescribed[self._dofs]
+        self._fixed_pairs = fixed[:, :, None] | fixed[:, None, :]
+        self._fixed = fixed.astype(float)
+
+    def factor(self, matrix: sp.bsr_array) -> None:
+        """Invert the blocks of `matrix`, in blocks of dim x dim with all of a body's columns."""
+        dim, n = self._layout.dim, self._order.shape[1]
+        data = matrix.data.reshape(-1, n, dim, dim)
+        blocks = data[self._order[:, :, None], self._rank[:, None, :]]
+        blocks = blocks.transpose(0, 1, 3, 2, 4).reshape(-1, n * dim, n * dim)
+        diagonal = np.arange(n * dim)
+        blocks[self._fixed_pairs] = 0.0
+        blocks[:, diagonal, diagonal] += self._fixed
+        w = np.linalg.inv(blocks)
+        w[:, diagonal, diagonal] -= self._fixed
+        self._w = 0.5 * (w + w.transpose(0, 2, 1))
+        self.blocks = BodyInverse.from_uniform(self._w, dim)
+
+    def apply(self, residual: np.ndarray) -> np.ndarray:
+        """W r, shape (num_dofs,)."""
+        out = np.empty_like(residual)
+        out[self._dofs] = np.matmul(self._w, residual[self._dofs][:, :, None])[:, :, 0]
+        return out
+
+    @property
+    def nbytes(self) -> int:
+        """Memory held, in bytes."""
+        return self._w.nbytes + self._dofs.nbytes + self.blocks.data.nbytes
+
+
+class ClusterInverse:
+    """Bodies of any size: a sparse factorisation each, dense w on their interacting nodes.
+
+    Args:
+        layout: the bodies.
+        interacting: nodes (DOLFINx numbering) at which interactions act.
+    """
+
+    def __init__(self, layout: BodyLayout, interacting: np.ndarray):
+        self._layout = layout
+        acts = np.zeros(len(layout.nodes), bool)
+        acts[interacting] = True
+        self._bodies = []
+        nodes = []
+        for first, last in zip(layout.offsets[:-1], layout.offsets[1:], strict=True):
+            own = layout.nodes[first:last]
+            dofs = layout.dofs(own)
+            free = np.sort(dofs[~layout.prescribed[dofs]])
+            contact = layout.dofs(own[acts[own]])
+            known = np.flatnonzero(~layout.prescribed[contact])
+            # free dofs, rows of w that are not zero, their places among the free dofs, size of w
+            self._bodies.append((free, known, np.searchsorted(free, contact[known]), len(contact)))
+            nodes.append(own[acts[own]])
+        self.nodes = np.concatenate(nodes) if nodes else np.zeros(0, np.int64)
+
+    def factor(self, matrix: sp.sparray) -> None:
+        """Factorise each body's free block and form w on its interacting dofs."""
+        matrix = sp.csr_array(matrix)
+        self._factors, blocks = [], []
+        for free, known, where, size in self._bodies:
+            w = np.zeros((size, size))
+            lu = None
+            if len(free):
+                lu = splu(
+                    sp.csc_matrix(matrix[free][:, free]),
+                    permc_spec="MMD_AT_PLUS_A",
+                    options={"SymmetricMode": True, "DiagPivotThresh": 0.0},
+                )
+                units = np.zeros((len(free), len(known)))
+                units[where, np.arange(len(known))] = 1.0
+                columns = lu.solve(units)[where]
+                w[np.ix_(known, known)] = 0.5 * (columns + columns.T)
+            self._factors.append(lu)
+            blocks.append(w)
+        self.blocks = BodyInverse.from_blocks(blocks, self._layout.dim)
+
+    def apply(self, residual: np.ndarray) -> np.ndarray:
+        """W r, shape (num_dofs,)."""
+        out = np.zeros_like(residual)
+        for (free, *_), lu in zip(self._bodies, self._factors, strict=True):
+            if lu is not None:
+                out[free] = lu.solve(residual[free])
+        return out
+
+    @property
+    def nbytes(self) -> int:
+        """Memory held, in bytes."""
+        factors = sum(12 * (lu.L.nnz + lu.U.nnz) for lu in self._factors if lu is not None)
+        return factors + self.blocks.data.nbytes
+
+
+class LumpedInverse:
+    """The inverse of a lumped mass: every node for itself.
+
+    Args:
+        layout: the bodies.
+        mass: shape (num_dofs,), lumped mass (kg; 2D: kg/m).
+        interacting: nodes at which interactions act, in the order the layer shall use.
+    """
+
+    def __init__(self, layout: BodyLayout, mass: np.ndarray, interacting: np.ndarray):
+        dim = layout.dim
+        self._w = np.where(layout.prescribed, 0.0, 1.0 / mass)
+        self.nodes = interacting
+        diagonal = self._w[layout.dofs(interacting)].reshape(-1, dim)
+        blocks = np.zeros((len(interacting), dim, dim))
+        blocks[:, np.arange(dim), np.arange(dim)] = diagonal
+        self.blocks = BodyInverse.from_uniform(blocks, dim)
+
+    def apply(self, residual: np.ndarray) -> np.ndarray:
+        """W r, shape (num_dofs,)."""
+        return self._w * residual
+
+    @property
+    def nbytes(self) -> int:
+        """Memory held, in bytes."""
+        return self._w.nbytes + self.blocks.data.nbytes

@@ -1,0 +1,101 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""What a time scheme of the bulk gives the simulation, and the state it moves."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from time import perf_counter
+from typing import NamedTuple
+
+import numpy as np
+
+from xper_fx.nscd.interactions import Interactions
+from xper_fx.nscd.nlgs import SolveReport
+
+Solver = Callable[[Interactions, np.ndarray], SolveReport]
+
+
+@dataclass
+class State:
+    """Displacement (m), velocity (m/s) of all dofs at a time (s), and the forces there (N)."""
+
+    time: float
+    displacement: np.ndarray
+    velocity: np.ndarray
+    internal: np.ndarray
+    external: np.ndarray | float = 0.0
+
+
+class StepOutcome(NamedTuple):
+    """One attempted step.
+
+    Attributes:
+        state: state at the end of the step.
+        slots: shape (num_slots * dim,), end velocities of the interacting nodes (m/s).
+        impulses: H r on all dofs, shape (num_dofs,), N s.
+        reactions: impulses on prescribed dofs, shape (num_dofs,), zero elsewhere, N s.
+        force_impulse: h times the time-weighted external forces on all dofs, N s.
+        viscous: viscous force acting over the step (N).
+        sweeps, residual, traction_change: of the interaction solver, over all iterations.
+        newton_iterations, newton_residual: of the bulk; 1 and 0 when it is linear.
+        converged: whether both are within their tolerances.
+    """
+
+    state: State
+    slots: np.ndarray
+    impulses: np.ndarray
+    reactions: np.ndarray
+    force_impulse: np.ndarray | float
+    viscous: np.ndarray | float
+    sweeps: int
+    residual: float
+    traction_change: float
+    newton_iterations: int
+    newton_residual: float
+    converged: bool
+
+
+@dataclass
+class Stopwatch:
+    """Seconds spent in each phase of a run."""
+
+    seconds: dict[str, float] = field(default_factory=dict)
+
+    @contextmanager
+    def phase(self, name: str):
+        """Time what is done within."""
+        start = perf_counter()
+        try:
+            yield
+        finally:
+            self.seconds[name] = self.seconds.get(name, 0.0) + perf_counter() - start
+
+
+def interact(inverse, interactions: Interactions, solver: Solver, free: np.ndarray):
+    """Let the interactions act on free velocities.
+
+    Args:
+        inverse: one of `xper_fx.bulk.inverse`.
+        interactions: points after `begin_step`.
+        solver: called with the interactions and the velocities of the interacting nodes.
+        free: free velocities, shape (num_dofs,), m/s.
+
+    Returns:
+        End velocities and H r on all dofs, velocities of the interacting nodes, solver's report.
+    """
+    dim = interactions.dim
+    slots = np.zeros((interactions.inverse.num_slots, dim))
+    count = len(inverse.nodes)
+    slots[:count] = free.reshape(-1, dim)[inverse.nodes]
+    slots = slots.reshape(-1)
+    report = solver(interactions, slots)
+    impulses = np.zeros_like(free)
+    impulses.reshape(-1, dim)[inverse.nodes] = interactions.impulses()[:count]
+    if count * dim == len(free):
+        velocity = np.empty_like(free)
+        velocity.reshape(-1, dim)[inverse.nodes] = slots.reshape(-1, dim)[:count]
+    else:
+        velocity = free + inverse.apply(impulses)
+    return velocity, impulses, slots, report

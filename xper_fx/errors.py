@@ -1,0 +1,38 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Errors of a run."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+
+class ConvergenceError(RuntimeError):
+    """A step did not converge, and cutting it did not help.
+
+    Attributes:
+        step: number of the step.
+        time: time at its start (s).
+        size: last step size tried (s).
+        residual: residual reached by the interaction solver.
+        newton_residual: residual reached by Newton.
+        saved: file with the state at the start of the step, None if the run has no folder.
+    """
+
+    def __init__(
+        self,
+        step: int,
+        time: float,
+        size: float,
+        residual: float,
+        newton_residual: float,
+        saved: Path | None,
+    ):
+        self.step, self.time, self.size = step, time, size
+        self.residual, self.newton_residual = residual, newton_residual
+        self.saved = saved
+        where = f" The state before it is in {saved}." if saved else ""
+        super().__init__(
+            f"Step {step} at t = {time:.6g} s did not converge down to h = {size:.3g} s: residual "
+            f"{residual:.3g} of the interactions, {newton_residual:.3g} of Newton.{where} Try a "
+            "smaller step, more sweeps or a looser tolerance; look at the last output first."
+        )

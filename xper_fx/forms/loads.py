@@ -1,0 +1,113 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Loads and prescribed motions that a scene may call for.
+
+Values are numbers, or functions of time (s). Forces are per reference volume or area.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+Value = float | Callable[[float], float]
+
+
+def value_at(value: Value, time: float) -> float:
+    """The number a load has at a time.
+
+    Raises:
+        ValueError: the load's function gives something that is not a finite number.
+    """
+    number = float(value(time)) if callable(value) else float(value)
+    if not np.isfinite(number):
+        raise ValueError(f"A load is {number} at t = {time} s; it should be a finite number.")
+    return number
+
+
+@dataclass(frozen=True)
+class PrescribedVelocity:
+    """Velocity component given on tagged facets.
+
+    Args:
+        facets: facet tag.
+        component: 0, 1 (or 2).
+        value: velocity (m/s).
+    """
+
+    facets: int
+    component: int
+    value: Value
+
+
+@dataclass(frozen=True)
+class PrescribedDisplacement:
+    """Displacement component given on tagged facets at the end of each step.
+
+    Args:
+        facets: facet tag.
+        component: 0, 1 (or 2).
+        value: displacement (m), zero at the start.
+    """
+
+    facets: int
+    component: int
+    value: Value
+
+
+@dataclass(frozen=True)
+class BodyForce:
+    """Force per unit reference volume (N/m^3) in every cell.
+
+    Args:
+        value: one number or function of time a component.
+    """
+
+    value: Sequence[Value]
+
+
+@dataclass(frozen=True)
+class Gravity:
+    """Acceleration (m/s^2) acting on the mass of every cell.
+
+    Args:
+        value: one number or function of time a component.
+    """
+
+    value: Sequence[Value]
+
+
+@dataclass(frozen=True)
+class SurfaceTraction:
+    """Nominal traction (Pa, per reference area) on tagged facets.
+
+    Args:
+        facets: facet tag.
+        value: one number or function of time a component.
+    """
+
+    facets: int
+    value: Sequence[Value]
+
+
+@dataclass(frozen=True)
+class RayleighDamping:
+    """Linear viscous damping C = mass M + stiffness K0, K0 the stiffness at rest.
+
+    Args:
+        mass: coefficient of the mass (1/s).
+        stiffness: coefficient of the stiffness (s).
+
+    Raises:
+        ValueError: a coefficient negative or not finite.
+    """
+
+    mass: float = 0.0
+    stiffness: float = 0.0
+
+    def __post_init__(self):
+        for name in ("mass", "stiffness"):
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value >= 0.0):
+                raise ValueError(f"{name} should be finite, zero or above, got {value}.")

@@ -1,0 +1,332 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Simulation: the time loop. It knows no law and no material by name."""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from dolfinx import fem
+
+from xper_fx.bulk.bulk import Bulk, cell_measure
+from xper_fx.bulk.explicit import ExplicitScheme
+from xper_fx.bulk.implicit import ImplicitScheme
+from xper_fx.bulk.scheme import State, StepOutcome, Stopwatch
+from xper_fx.energy import EnergyLedger
+from xper_fx.errors import ConvergenceError
+from xper_fx.forms.dynamics import BulkForms
+from xper_fx.forms.loads import PrescribedDisplacement, PrescribedVelocity
+from xper_fx.nscd import nlgs
+from xper_fx.nscd.checks import require_positive
+from xper_fx.nscd.facets import facet_points, join_points, nodal_shares, wall_points
+from xper_fx.nscd.interactions import Interactions
+from xper_fx.nscd.points import InteractionPoints
+from xper_fx.scene import Scene
+
+logger = logging.getLogger(__name__)
+
+
+class StepRecord(NamedTuple):
+    """What a committed step was.
+
+    Attributes:
+        step: number, from 1.
+        time: time at its end (s).
+        size: h (s).
+        sweeps, residual, traction_change: of the interaction solver.
+        newton_iterations, newton_residual: of the bulk.
+        energies: columns of the energy ledger (J; 2D: J/m).
+    """
+
+    step: int
+    time: float
+    size: float
+    sweeps: int
+    residual: float
+    traction_change: float
+    newton_iterations: int
+    newton_residual: float
+    energies: dict[str, float]
+
+
+class Simulation:
+    """Steps a scene through time.
+
+    Args:
+        scene: what to simulate.
+        step: h (s); 0.7 of the critical step of the explicit bulk if not given.
+        scheme: "implicit" or "explicit" bulk; interactions are implicit with both.
+        theta: weight of the end of the step, in [1/2, 1]; the explicit bulk has 1/2.
+        tolerance: bound on the estimated relative error of the impulses (`nscd/nlgs.py`).
+        max_sweeps: sweeps after which the interaction solver gives up.
+        relaxation: over-relaxation of impulses where a law is linear, in (0, 2).
+        newton_tolerance: bound on the last relative Newton correction.
+        max_newton: Newton iterations after which a step is given up.
+        max_halvings: how often a step that does not converge is cut in two.
+        num_threads: threads of the interaction solver; all that Numba has if not given.
+
+    Attributes:
+        state: displacement, velocity, time.
+        interactions: the points, None if the scene has none.
+        ledger: energies.
+        stopwatch: seconds in each phase.
+
+    Raises:
+        ValueError: a number out of range.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        step: float | None = None,
+        *,
+        scheme: str = "implicit",
+        theta: float = 0.5,
+        tolerance: float = 1e-4,
+        max_sweeps: int = 20_000,
+        relaxation: float = 1.3,
+        newton_tolerance: float = 1e-8,
+        max_newton: int = 25,
+        max_halvings: int = 6,
+        num_threads: int | None = None,
+    ):
+        self._check(scheme, step, theta, tolerance, relaxation, newton_tolerance)
+        self.scene, self.scheme_name = scene, scheme
+        self.tolerance, self.relaxation, self.max_sweeps = tolerance, relaxation, max_sweeps
+        self.stopwatch = Stopwatch()
+        self.max_halvings = max_halvings
+        self.folder: Path | None = None
+        with self.stopwatch.phase("set-up"):
+            motions = [
+                load
+                for load in scene.loads
+                if isinstance(load, PrescribedVelocity | PrescribedDisplacement)
+            ]
+            forces = [load for load in scene.loads if load not in motions]
+            self.forms = BulkForms(scene.bodies, scene.order, scene.materials, forces)
+            self.bulk = Bulk(self.forms, motions, scene.damping)
+            self.step_size = 0.7 * self.bulk.critical_step() if step is None else float(step)
+            self.state = self._initial_state()
+            points, laws, law_of_point = self._points()
+            interacting = self._interacting(points, scheme)
+            if scheme == "explicit":
+                self.scheme = ExplicitScheme(self.bulk, interacting, self.stopwatch)
+            else:
+                self.scheme = ImplicitScheme(
+                    self.bulk, interacting, theta, newton_tolerance, max_newton, self.stopwatch
+                )
+            self.theta = self.scheme.theta
+            self.interactions = self._interactions(points, laws, law_of_point)
+            self.ledger = EnergyLedger(self.bulk, self.state, self.theta)
+        self._solve = partial(
+            nlgs.solve,
+            tolerance=tolerance,
+            max_sweeps=max_sweeps,
+            relaxation=relaxation,
+            num_threads=num_threads,
+        )
+        self.step_number = 0
+        self.last: StepOutcome | None = None
+        self._last_size = self.step_size
+
+    @staticmethod
+    def _check(scheme, step, theta, tolerance, relaxation, newton_tolerance) -> None:
+        if scheme not in ("implicit", "explicit"):
+            raise ValueError(f'scheme should be "implicit" or "explicit", got {scheme!r}.')
+        if step is not None:
+            require_positive("step", step)
+        if not 0.5 <= theta <= 1.0:
+            raise ValueError(f"theta should lie in [1/2, 1], got {theta}.")
+        if scheme == "explicit" and theta != 0.5:
+            raise ValueError(f"The explicit bulk has theta = 1/2, got {theta}.")
+        require_positive("tolerance", tolerance)
+        require_positive("newton_tolerance", newton_tolerance)
+        if not 0.0 < relaxation < 2.0:
+            raise ValueError(f"relaxation should lie in (0, 2), got {relaxation}.")
+
+    # Set-up
+
+    def _initial_state(self) -> State:
+        velocity = fem.Function(self.forms.V)
+        if self.scene.initial_velocity is not None:
+            velocity.interpolate(self.scene.initial_velocity)
+        rest = np.zeros(self.bulk.num_dofs)
+        return State(
+            0.0, rest, velocity.x.array.copy(), self.bulk.internal(rest), self.bulk.external(0.0)
+        )
+
+    def _points(self) -> tuple[InteractionPoints | None, list, np.ndarray]:
+        """Points of facing facets, then of walls, on nodes in DOLFINx numbering."""
+        scene, bodies = self.scene, self.scene.bodies
+        laws, law_of_facet = scene.law_of_facet()
+        has_law = law_of_facet >= 0
+        ground = self.bulk.num_dofs // self.bulk.dim
+        parts, law_of_point = [], []
+        if np.any(has_law):
+            part = facet_points(
+                bodies.facing_nodes(self.forms.V)[has_law],
+                bodies.facets.normal[has_law],
+                bodies.facets.measure[has_law],
+                scene.points,
+            )
+            parts.append(part)
+            law_of_point.append(
+                np.repeat(law_of_facet[has_law], len(part) // np.count_nonzero(has_law))
+            )
+        k = parts[0].nodes.shape[2] if parts else 1
+        for wall in scene.walls:
+            part = self._wall_part(wall, ground, k)
+            if wall.law not in laws:
+                laws.append(wall.law)
+            parts.append(part)
+            law_of_point.append(np.full(len(part), laws.index(wall.law)))
+        if not parts:
+            return None, [], np.zeros(0, int)
+        return join_points(parts), laws, np.concatenate(law_of_point)
+
+    def _wall_part(self, wall, ground: int, k: int) -> InteractionPoints:
+        """Nodes of tagged facets against a plane, each with its share of the facets."""
+        V, mesh = self.forms.V, self.scene.bodies.mesh
+        fdim = mesh.topology.dim - 1
+        facets = self.scene.bodies.facet_tags.find(wall.facets)
+        mesh.topology.create_connectivity(fdim, fdim + 1)
+        mesh.topology.create_connectivity(fdim + 1, fdim)
+        cells = mesh.topology.connectivity(fdim, fdim + 1)
+        facets_of = mesh.topology.connectivity(fdim + 1, fdim)
+        x = V.tabulate_dof_coordinates()[:, : self.scene.dim]
+        area = np.zeros(ground)
+        kind = {1: "interval", 2: "triangle"}[fdim]
+        for facet in facets:
+            cell = cells.links(facet)[0]
+            local = int(np.flatnonzero(facets_of.links(cell) == facet)[0])
+            nodes = V.dofmap.list[cell][V.dofmap.dof_layout.entity_closure_dofs(fdim, local)]
+            corners = np.zeros((1, fdim + 1, 3))
+            corners[0, :, : self.scene.dim] = x[nodes[: fdim + 1]]
+            area[nodes] += cell_measure(kind, corners) * nodal_shares(fdim + 1, len(nodes))
+        nodes = np.flatnonzero(area > 0.0)
+        normal = np.asarray(wall.normal, float) / np.linalg.norm(wall.normal)
+        gap = (x[nodes] - np.asarray(wall.point, float)) @ normal
+        return wall_points(nodes, area[nodes], normal, gap, ground, k)
+
+    def _interacting(self, points: InteractionPoints | None, scheme: str) -> np.ndarray:
+        """Nodes at which interactions act, body by body."""
+        nodes = self.bulk.layout.nodes
+        if points is None:
+            return nodes[:0]
+        acts = np.zeros(len(nodes) + 1, bool)
+        acts[points.nodes] = True
+        return nodes[acts[nodes]]
+
+    def _interactions(self, points, laws, law_of_point) -> Interactions | None:
+        if points is None:
+            return None
+        inverse = self.scheme.inverse(self.step_size, self.state.displacement)
+        slot = np.full(self.bulk.num_dofs // self.bulk.dim + 1, inverse.blocks.num_nodes)
+        slot[inverse.nodes] = np.arange(len(inverse.nodes))
+        points = InteractionPoints(
+            slot[points.nodes].astype(np.int32), points.weights, points.frame, points.area,
+            points.gap,
+        )  # fmt: skip
+        velocity = self.state.velocity.reshape(-1, self.bulk.dim)[inverse.nodes]
+        return Interactions(points, laws, law_of_point, inverse.blocks, velocity)
+
+    # Running
+
+    def steps(self, end_time: float) -> Iterator[StepRecord]:
+        """Advance to `end_time` (s), a record after each committed step.
+
+        Raises:
+            ConvergenceError: a step did not converge however often it was cut.
+        """
+        count = math.ceil((end_time - self.state.time) / self.step_size - 1e-9)
+        for _ in range(count):
+            yield from self._advance()
+
+    def _advance(self) -> Iterator[StepRecord]:
+        """One step, or the pieces it had to be cut into."""
+        pieces = [(self.step_size, 0)]
+        while pieces:
+            size, halvings = pieces.pop()
+            outcome = self.scheme.attempt(self.state, size, self.interactions, self._solve)
+            if outcome.converged:
+                yield self._commit(outcome, size)
+            elif halvings < self.max_halvings:
+                logger.info("step %d at h = %.3g s did not converge: halved", self.step_number, size)
+                pieces += [(0.5 * size, halvings + 1)] * 2
+            else:
+                raise ConvergenceError(
+                    self.step_number + 1, self.state.time, size, outcome.residual,
+                    outcome.newton_residual, self._save_state(),
+                )  # fmt: skip
+
+    def _commit(self, outcome: StepOutcome, size: float) -> StepRecord:
+        with self.stopwatch.phase("energy"):
+            work = self.interactions.commit(outcome.slots) if self.interactions else None
+            self.ledger.record(self.state, outcome, size, work)
+        self.state, self.last, self._last_size = outcome.state, outcome, size
+        self.step_number += 1
+        return StepRecord(
+            self.step_number, self.state.time, size, outcome.sweeps, outcome.residual,
+            outcome.traction_change, outcome.newton_iterations, outcome.newton_residual,
+            self.ledger.as_columns(),
+        )  # fmt: skip
+
+    def _save_state(self) -> Path | None:
+        """Write the last committed state for a post-mortem."""
+        if self.folder is None:
+            return None
+        path = self.folder / "unconverged_state.npz"
+        history = {}
+        if self.interactions is not None:
+            history = {n: self.interactions.gather(n) for n in ("jump", "impulse", "damage")}
+        np.savez(
+            path,
+            time=self.state.time,
+            displacement=self.state.displacement,
+            velocity=self.state.velocity,
+            **history,
+        )
+        return path
+
+    # Reading
+
+    @property
+    def time(self) -> float:
+        """Time reached (s)."""
+        return self.state.time
+
+    @property
+    def displacement(self) -> fem.Function:
+        """Displacement on the exploded mesh (m)."""
+        function = self.forms.u
+        function.x.array[:] = self.state.displacement
+        return function
+
+    @property
+    def velocity(self) -> fem.Function:
+        """Velocity on the exploded mesh (m/s)."""
+        function = fem.Function(self.forms.V, name="velocity")
+        function.x.array[:] = self.state.velocity
+        return function
+
+    def reaction(self, facets: int) -> np.ndarray:
+        """Mean force over the last step on the prescribed dofs of tagged facets.
+
+        Args:
+            facets: facet tag.
+
+        Returns:
+            Shape (dim,), N (2D: N/m), the force that the support exerts on the bodies.
+        """
+        if self.last is None:
+            return np.zeros(self.bulk.dim)
+        fdim = self.scene.bodies.mesh.topology.dim - 1
+        nodes = fem.locate_dofs_topological(
+            self.forms.V, fdim, self.scene.bodies.facet_tags.find(facets)
+        )
+        return self.last.reactions.reshape(-1, self.bulk.dim)[nodes].sum(axis=0) / self._last_size
