@@ -3,7 +3,8 @@
 
 With this law NonSmooth Contact Dynamics is a dual Schur domain decomposition (Perales et al.
 2010, section 3.3). The bond holds the velocity; what the solver's tolerance has let the lips
-drift apart is taken back, dU = -jump0 / h, so that the jump never accumulates.
+drift apart is taken back, dU = -jump0 / h, so that the jump never accumulates. A direction in
+which W vanishes (both sides prescribed) carries no impulse.
 """
 
 from __future__ import annotations
@@ -16,8 +17,8 @@ from numba import njit
 from xper_fx.nscd.laws.law import NUMERICAL, LawKernels
 from xper_fx.nscd.small import for_dimension
 
-# Compliance added, relative to the point's own, so that prescribed directions can be inverted.
-_REGULARISATION = 1e-14
+# Ratio of eigenvalues below which a compliance counts as singular.
+_SINGULAR = 1e-12
 
 
 @dataclass(frozen=True)
@@ -37,49 +38,74 @@ class PerfectBond:
         return ()
 
 
+@njit
+def _pseudo_inverse2(s):
+    """Moore-Penrose inverse of a symmetric positive semi-definite matrix."""
+    trace, det = s[0] + s[2], s[0] * s[2] - s[1] * s[1]
+    if trace <= 0.0:
+        return 0.0, 0.0, 0.0
+    if det > _SINGULAR * trace * trace:
+        return s[2] / det, -s[1] / det, s[0] / det
+    c = 1.0 / (trace * trace)  # rank one: W = a a^T, whose inverse is W / |a|^4
+    return c * s[0], c * s[1], c * s[2]
+
+
+@njit
+def _pseudo_inverse3(s):
+    """Moore-Penrose inverse of a symmetric positive semi-definite matrix."""
+    trace = s[0] + s[3] + s[5]
+    if trace <= 0.0:
+        return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    c00, c11, c22 = s[3] * s[5] - s[4] ** 2, s[0] * s[5] - s[2] ** 2, s[0] * s[3] - s[1] ** 2
+    c01, c02 = s[2] * s[4] - s[1] * s[5], s[1] * s[4] - s[2] * s[3]
+    c12 = s[1] * s[2] - s[0] * s[4]
+    det = s[0] * c00 + s[1] * c01 + s[2] * c02
+    minors = c00 + c11 + c22
+    if det > _SINGULAR * minors * trace:
+        d = 1.0 / det
+        return d * c00, d * c01, d * c02, d * c11, d * c12, d * c22
+    if minors <= _SINGULAR * trace * trace:
+        d = 1.0 / (trace * trace)
+        return d * s[0], d * s[1], d * s[2], d * s[3], d * s[4], d * s[5]
+    # Rank two: the polynomial in W that is 1 / x at its eigenvalues and 0 at 0.
+    d = 1.0 / (minors * minors)
+    a, b = d * (trace * trace - minors), -d * trace
+    return (
+        a * s[0] + b * (s[0] * s[0] + s[1] * s[1] + s[2] * s[2]),
+        a * s[1] + b * (s[0] * s[1] + s[1] * s[3] + s[2] * s[4]),
+        a * s[2] + b * (s[0] * s[2] + s[1] * s[4] + s[2] * s[5]),
+        a * s[3] + b * (s[1] * s[1] + s[3] * s[3] + s[4] * s[4]),
+        a * s[4] + b * (s[1] * s[2] + s[3] * s[4] + s[4] * s[5]),
+        a * s[5] + b * (s[2] * s[2] + s[4] * s[4] + s[5] * s[5]),
+    )
+
+
 @cache
 def _kernels(dim: int) -> LawKernels:
     algebra = for_dimension(dim)
     sym_row, add, subtract = algebra.sym_row, algebra.add, algebra.subtract
     row, set_row = algebra.row, algebra.set_row
-    scale = algebra.scale
+    scale, sym_vector = algebra.scale, algebra.sym_vector
+    pseudo_inverse = _pseudo_inverse2 if dim == 2 else _pseudo_inverse3
+    num_sym = dim * (dim + 1) // 2
 
     @njit
     def prepare(i, jump, velocity, w, area, step, theta, parameters, state, terms, details):
         set_row(terms, i, scale(-1.0 / step, jump))
+        inverse = pseudo_inverse(sym_row(w, i))
+        for j in range(num_sym):
+            terms[i, dim + j] = inverse[j]
 
     @njit(inline="always")
     def solve(i, u, r, w, parameters, terms, details):
         missing = subtract(row(terms, i), u)
-        s = sym_row(w, i)
         if dim == 2:
-            tiny = _REGULARISATION * (s[0] + s[2])
-            a, c = s[0] + tiny, s[2] + tiny
-            det = a * c - s[1] * s[1]
-            if det <= 0.0:
-                return r, True
-            change = (
-                (c * missing[0] - s[1] * missing[1]) / det,
-                (a * missing[1] - s[1] * missing[0]) / det,
-            )
-            return add(r, change), True
-        tiny = _REGULARISATION * (s[0] + s[3] + s[5])
-        a, d, f = s[0] + tiny, s[3] + tiny, s[5] + tiny
-        c00 = d * f - s[4] * s[4]
-        c01 = s[2] * s[4] - s[1] * f
-        c02 = s[1] * s[4] - s[2] * d
-        c11 = a * f - s[2] * s[2]
-        c12 = s[1] * s[2] - a * s[4]
-        c22 = a * d - s[1] * s[1]
-        det = a * c00 + s[1] * c01 + s[2] * c02
-        if det <= 0.0:
-            return r, True
-        change = (
-            (c00 * missing[0] + c01 * missing[1] + c02 * missing[2]) / det,
-            (c01 * missing[0] + c11 * missing[1] + c12 * missing[2]) / det,
-            (c02 * missing[0] + c12 * missing[1] + c22 * missing[2]) / det,
-        )
-        return add(r, change), True
+            inverse = terms[i, 2], terms[i, 3], terms[i, 4]
+        else:
+            inverse = (
+                terms[i, 3], terms[i, 4], terms[i, 5], terms[i, 6], terms[i, 7], terms[i, 8],
+            )  # fmt: skip
+        return add(r, sym_vector(inverse, missing)), True
 
     @njit
     def commit(
@@ -91,4 +117,4 @@ def _kernels(dim: int) -> LawKernels:
         energy[i, NUMERICAL] = -work
         return 1
 
-    return LawKernels(prepare, solve, commit, dim, 0, ())
+    return LawKernels(prepare, solve, commit, dim + num_sym, 0, ())
