@@ -6,7 +6,9 @@ jump_h = jump0 + h (1 - theta) dU0 is closed obeys
 
     dU_N + e dU0_N >= 0,  r_N >= 0,  complementary;   friction acts on the end velocity dU_T.
 
-It rests without bouncing, at a constant penetration of at most |dU0| h / 2.
+It rests without bouncing, at a constant penetration of at most |dU0| h / 2. A point that pushed
+in the last step also counts as closed while its gap is below 1e-3 of what the speed it gave,
+W_NN r_N, covers in a step: else the rounding of a gap of zero would let it fall for a step.
 
 Position level, right for lips that were bonded: jump1_N >= 0 at the end of the step, that is
 dU_N >= -jump_h,N / (h theta), and friction acts on the mean slip (jump1_T - jump0_T) / h, that is
@@ -29,6 +31,9 @@ from xper_fx.nscd.small import for_dimension
 
 _V_MIN, _MU, _BOUND, _SHIFT = 0, 1, 2, 3
 _FRICTION, _TRESCA, _RESTITUTION = 0, 1, 2
+
+# Gap at which a pushing point stays closed, relative to h W_NN r_N of the last step.
+_STILL_CLOSED = 1e-3
 
 
 @dataclass(frozen=True)
@@ -61,8 +66,8 @@ class SignoriniCoulomb:
         return self.friction, 0.0, self.restitution
 
     def initial_state(self) -> tuple[float, ...]:
-        """Contact has no history."""
-        return ()
+        """Speed that the point's impulse gave in the last step (m/s)."""
+        return (0.0,)
 
 
 @dataclass(frozen=True)
@@ -95,8 +100,8 @@ class Tresca:
         return 0.0, self.bound, self.restitution
 
     def initial_state(self) -> tuple[float, ...]:
-        """Contact has no history."""
-        return ()
+        """Speed that the point's impulse gave in the last step (m/s)."""
+        return (0.0,)
 
 
 def _check_contact(contact: str, restitution: float) -> None:
@@ -124,10 +129,11 @@ def contact_kernels(dim: int, friction: bool, contact: str) -> LawKernels:
         middle = jump[0] + step * (1.0 - theta) * velocity[0]
         if position:
             terms[i, _V_MIN] = -middle / (step * theta)
-        elif middle <= 0.0:
+        elif middle <= _STILL_CLOSED * step * state[i, 0]:
             terms[i, _V_MIN] = -parameters[i, _RESTITUTION] * min(velocity[0], 0.0)
         else:
             terms[i, _V_MIN] = -np.inf
+        details[i, 0] = w[i, 0]
         terms[i, _MU] = parameters[i, _FRICTION]
         terms[i, _BOUND] = step * area * parameters[i, _TRESCA]
         lag = (1.0 - theta) / theta if position else 0.0
@@ -153,9 +159,10 @@ def contact_kernels(dim: int, friction: bool, contact: str) -> LawKernels:
             size += r[j] * r[j]
         energy[i, FRICTION] = -work_t
         energy[i, IMPACT] = -r[0] * (jump1[0] - jump0[0]) / step
+        state[i, 0] = details[i, 0] * r[0]
         if r[0] <= 0.0 and size == 0.0:
             return 0
         limit = terms[i, _MU] * r[0] + terms[i, _BOUND]
         return 2 if size >= (1.0 - 1e-12) * limit * limit else 1
 
-    return LawKernels(prepare, solve, commit, _SHIFT + dim - 1, 0, ())
+    return LawKernels(prepare, solve, commit, _SHIFT + dim - 1, 1, ("pushed_speed",))
