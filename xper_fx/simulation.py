@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
@@ -130,6 +130,7 @@ class Simulation:
             relaxation=relaxation,
             num_threads=num_threads,
         )
+        self._tagged_nodes: dict[int, np.ndarray] = {}
         self.step_number = 0
         self.last: StepOutcome | None = None
         self._last_size = self.step_size
@@ -152,13 +153,16 @@ class Simulation:
     # Set-up
 
     def _initial_state(self) -> State:
-        velocity = fem.Function(self.forms.V)
-        if self.scene.initial_velocity is not None:
-            velocity.interpolate(self.scene.initial_velocity)
-        rest = np.zeros(self.bulk.num_dofs)
-        return State(
-            0.0, rest, velocity.x.array.copy(), self.bulk.internal(rest), self.bulk.external(0.0)
-        )
+        function = fem.Function(self.forms.V)
+        given = self.scene.initial_velocity
+        if isinstance(given, Mapping):
+            for tag, field in given.items():
+                function.interpolate(field, self.scene.bodies.cell_tags.find(tag))
+        elif given is not None:
+            function.interpolate(given)
+        velocity, rest = function.x.array.copy(), np.zeros(self.bulk.num_dofs)
+        self.bulk.start(velocity, self.step_size)
+        return State(0.0, rest, velocity, self.bulk.internal(rest), self.bulk.external(0.0))
 
     def _points(self) -> tuple[InteractionPoints | None, list, np.ndarray]:
         """Points of facing facets, then of walls, on nodes in DOLFINx numbering."""
@@ -167,6 +171,7 @@ class Simulation:
         has_law = law_of_facet >= 0
         ground = self.bulk.num_dofs // self.bulk.dim
         parts, law_of_point = [], []
+        self.facets_with_law = np.flatnonzero(has_law)
         if np.any(has_law):
             part = facet_points(
                 bodies.facing_nodes(self.forms.V)[has_law],
@@ -314,6 +319,18 @@ class Simulation:
         function.x.array[:] = self.state.velocity
         return function
 
+    def mean_displacement(self, facets: int) -> np.ndarray:
+        """Mean displacement of the nodes of tagged facets, shape (dim,), m."""
+        return self.state.displacement.reshape(-1, self.bulk.dim)[self._nodes_of(facets)].mean(0)
+
+    def _nodes_of(self, facets: int) -> np.ndarray:
+        if facets not in self._tagged_nodes:
+            fdim = self.scene.bodies.mesh.topology.dim - 1
+            self._tagged_nodes[facets] = fem.locate_dofs_topological(
+                self.forms.V, fdim, self.scene.bodies.facet_tags.find(facets)
+            )
+        return self._tagged_nodes[facets]
+
     def reaction(self, facets: int) -> np.ndarray:
         """Mean force over the last step on the prescribed dofs of tagged facets.
 
@@ -325,8 +342,5 @@ class Simulation:
         """
         if self.last is None:
             return np.zeros(self.bulk.dim)
-        fdim = self.scene.bodies.mesh.topology.dim - 1
-        nodes = fem.locate_dofs_topological(
-            self.forms.V, fdim, self.scene.bodies.facet_tags.find(facets)
-        )
+        nodes = self._nodes_of(facets)
         return self.last.reactions.reshape(-1, self.bulk.dim)[nodes].sum(axis=0) / self._last_size

@@ -17,7 +17,7 @@ from xper_fx.nscd.inverse import BodyInverse
 
 
 class CellwiseInverse:
-    """All bodies alike and small (each cell a body): dense blocks, inverted together.
+    """Bodies of one small size (each cell a body): dense blocks, inverted together.
 
     Args:
         layout: bodies of one size.
@@ -27,19 +27,24 @@ class CellwiseInverse:
         self._layout = layout
         self.nodes = layout.nodes
         self._dofs = layout.dofs(layout.nodes).reshape(layout.num_bodies, -1)
-        self._order = layout.nodes.reshape(layout.num_bodies, -1)
-        # columns of a row of the matrix are sorted: the place of each node among its body's
-        self._rank = np.argsort(np.argsort(self._order, axis=1), axis=1)
+        # body of each node, and its place among the body's
+        size = self._dofs.shape[1] // layout.dim
+        self._place = np.empty((2, len(layout.nodes)), np.int64)
+        self._place[:, layout.nodes] = np.divmod(np.arange(len(layout.nodes)), size)
         fixed = layout.prescribed[self._dofs]
         self._fixed_pairs = fixed[:, :, None] | fixed[:, None, :]
         self._fixed = fixed.astype(float)
 
     def factor(self, matrix: sp.bsr_array) -> None:
-        """Invert the blocks of `matrix`, in blocks of dim x dim with all of a body's columns."""
-        dim, n = self._layout.dim, self._order.shape[1]
-        data = matrix.data.reshape(-1, n, dim, dim)
-        blocks = data[self._order[:, :, None], self._rank[:, None, :]]
-        blocks = blocks.transpose(0, 1, 3, 2, 4).reshape(-1, n * dim, n * dim)
+        """Invert the bodies' blocks of `matrix`, which is in blocks of dim x dim."""
+        count, size = self._dofs.shape
+        dim = self._layout.dim
+        n = size // dim
+        rows = np.repeat(np.arange(len(matrix.indptr) - 1), np.diff(matrix.indptr))
+        (body, row), column = self._place[:, rows], self._place[1, matrix.indices]
+        blocks = np.zeros((count, n, dim, n, dim))
+        blocks[body, row, :, column, :] = matrix.data
+        blocks = blocks.reshape(count, size, size)
         diagonal = np.arange(n * dim)
         blocks[self._fixed_pairs] = 0.0
         blocks[:, diagonal, diagonal] += self._fixed
