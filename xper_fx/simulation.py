@@ -21,7 +21,7 @@ from xper_fx.energy import EnergyLedger
 from xper_fx.errors import ConvergenceError
 from xper_fx.forms.dynamics import BulkForms
 from xper_fx.forms.loads import PrescribedDisplacement, PrescribedVelocity
-from xper_fx.nscd import nlgs
+from xper_fx.nscd import nlgs, vertex_blocks
 from xper_fx.nscd.checks import require_positive
 from xper_fx.nscd.facets import facet_points, join_points, nodal_shares, wall_points
 from xper_fx.nscd.interactions import Interactions
@@ -29,6 +29,9 @@ from xper_fx.nscd.points import InteractionPoints
 from xper_fx.scene import Scene
 
 logger = logging.getLogger(__name__)
+
+# Gaps this small beside the coordinates are closed.
+_ROUNDING = 1e-12
 
 
 class StepRecord(NamedTuple):
@@ -96,6 +99,12 @@ class Simulation:
         num_threads: int | None = None,
     ):
         self._check(scheme, step, theta, tolerance, relaxation, newton_tolerance)
+        for name, count, least in (
+            ("max_sweeps", max_sweeps, 1), ("max_newton", max_newton, 1),
+            ("max_halvings", max_halvings, 0),
+        ):  # fmt: skip
+            if not count >= least:
+                raise ValueError(f"{name} should be at least {least}, got {count}.")
         self.scene, self.scheme_name = scene, scheme
         self.tolerance, self.relaxation, self.max_sweeps = tolerance, relaxation, max_sweeps
         self.stopwatch = Stopwatch()
@@ -124,7 +133,7 @@ class Simulation:
             self.interactions = self._interactions(points, laws, law_of_point)
             self.ledger = EnergyLedger(self.bulk, self.state, self.theta)
         self._solve = partial(
-            nlgs.solve,
+            vertex_blocks.solve if self._by_vertex else nlgs.solve,
             tolerance=tolerance,
             max_sweeps=max_sweeps,
             relaxation=relaxation,
@@ -215,7 +224,10 @@ class Simulation:
             area[nodes] += cell_measure(kind, corners) * nodal_shares(fdim + 1, len(nodes))
         nodes = np.flatnonzero(area > 0.0)
         normal = np.asarray(wall.normal, float) / np.linalg.norm(wall.normal)
-        gap = (x[nodes] - np.asarray(wall.point, float)) @ normal
+        away = x[nodes] - np.asarray(wall.point, float)
+        gap = away @ normal
+        # a gap of rounding would leave a body that rests on the wall without it for a step
+        gap[np.abs(gap) <= _ROUNDING * np.abs(np.concatenate([x[nodes], away])).max()] = 0.0
         return wall_points(nodes, area[nodes], normal, gap, ground, k)
 
     def _interacting(self, points: InteractionPoints | None, scheme: str) -> np.ndarray:
@@ -238,7 +250,15 @@ class Simulation:
             points.gap,
         )  # fmt: skip
         velocity = self.state.velocity.reshape(-1, self.bulk.dim)[inverse.nodes]
-        return Interactions(points, laws, law_of_point, inverse.blocks, velocity)
+        return Interactions(
+            points, laws, law_of_point, inverse.blocks, velocity,
+            ordering="vertices" if self._by_vertex else "tiles",
+        )  # fmt: skip
+
+    @property
+    def _by_vertex(self) -> bool:
+        """Whether W couples only what meets at a vertex, each of which is then solved alone."""
+        return self.scheme_name == "explicit" and self.scene.points == "nodal"
 
     # Running
 
@@ -246,8 +266,11 @@ class Simulation:
         """Advance to `end_time` (s), a record after each committed step.
 
         Raises:
+            ValueError: an end that is not finite.
             ConvergenceError: a step did not converge however often it was cut.
         """
+        if not math.isfinite(end_time):
+            raise ValueError(f"end_time should be a finite number, got {end_time}.")
         count = math.ceil((end_time - self.state.time) / self.step_size - 1e-9)
         for _ in range(count):
             yield from self._advance()

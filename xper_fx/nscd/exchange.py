@@ -19,9 +19,6 @@ from xper_fx.nscd.laws.law import LawKernels
 from xper_fx.nscd.points import InteractionPoints
 from xper_fx.nscd.small import for_dimension
 
-# Pieces a colour is cut in for threads; fixed, so that sums do not depend on their number.
-_CHUNKS = 16
-
 
 class Couplings(NamedTuple):
     """Where a point reads and writes, as the sweep kernels want it.
@@ -167,7 +164,11 @@ def spread_kernel(dim: int, k: int):
 
 @cache
 def sweep_kernel(law: LawKernels, dim: int, k: int, size: int, parallel: bool):
-    """One sweep over the points of a law; returns [sum |dr|^2, sum |r|^2, max |dr|^2/area^2]."""
+    """One sweep over the tiles of a law's points that are marked.
+
+    Kernel `sweep(tiles, colors, marked, stats, v, couplings, r, ...)`; it writes, for each tile
+    visited, [sum |dr|^2, sum |r|^2, max |dr|^2 / area^2] into its row of `stats`.
+    """
     algebra = for_dimension(dim)
     row, set_row, dot = algebra.row, algebra.set_row, algebra.dot
     add, scale, subtract = algebra.add, algebra.scale, algebra.subtract
@@ -177,11 +178,11 @@ def sweep_kernel(law: LawKernels, dim: int, k: int, size: int, parallel: bool):
     # Without reference counting (nothing is allocated here): the counts of the law's arrays, atomic
     # and not pruned across its branches, would cost more than the visit itself.
     @njit(fastmath={"contract"}, _nrt=False)
-    def visit_range(
-        first, last, v, c, r, w_points, inverse_area, parameters, terms, details, relax
+    def visit_tile(
+        tile, tiles, stats, v, c, r, w_points, inverse_area, parameters, terms, details, relax
     ):
         changed, total, largest = 0.0, 0.0, 0.0
-        for i in range(first, last):
+        for i in range(tiles[tile], tiles[tile + 1]):
             old = row(r, i)
             new, smooth = solve(i, read(v, c, i), old, w_points, parameters, terms, details)
             change = subtract(new, old)
@@ -197,39 +198,35 @@ def sweep_kernel(law: LawKernels, dim: int, k: int, size: int, parallel: bool):
             changed += size_of_change
             total += dot(new, new)
             largest = max(largest, size_of_change * inverse_area[i] * inverse_area[i])
-        return changed, total, largest
+        stats[tile, 0], stats[tile, 1], stats[tile, 2] = changed, total, largest
 
     if not parallel:
 
         @njit(nogil=True)
         def sweep(
-            tiles, colors, v, c, r, w_points, inverse_area, parameters, terms, details, relax
-        ):
-            return visit_range(
-                0, tiles[-1], v, c, r, w_points, inverse_area, parameters, terms, details, relax
-            )
+            tiles, colors, marked, stats, v, c, r, w_points, inverse_area, parameters, terms,
+            details, relax,
+        ):  # fmt: skip
+            for tile in range(len(tiles) - 1):
+                if marked[tile]:
+                    visit_tile(
+                        tile, tiles, stats, v, c, r, w_points, inverse_area, parameters, terms,
+                        details, relax,
+                    )  # fmt: skip
 
         return sweep
 
     @njit(parallel=True, nogil=True)
     def sweep(
-        tiles, colors, v, c, r, w_points, inverse_area, parameters, terms, details, relax
-    ):
-        changed, total, largest = 0.0, 0.0, 0.0
-        parts = np.zeros((_CHUNKS, 8))
+        tiles, colors, marked, stats, v, c, r, w_points, inverse_area, parameters, terms, details,
+        relax,
+    ):  # fmt: skip
         for color in range(len(colors) - 1):
-            first, count = colors[color], colors[color + 1] - colors[color]
-            for chunk in prange(_CHUNKS):
-                lo = tiles[first + chunk * count // _CHUNKS]
-                hi = tiles[first + (chunk + 1) * count // _CHUNKS]
-                a, b, m = visit_range(
-                    lo, hi, v, c, r, w_points, inverse_area, parameters, terms, details, relax
-                )
-                parts[chunk, 0], parts[chunk, 1], parts[chunk, 2] = a, b, m
-            for chunk in range(_CHUNKS):
-                changed += parts[chunk, 0]
-                total += parts[chunk, 1]
-                largest = max(largest, parts[chunk, 2])
-        return changed, total, largest
+            for tile in prange(colors[color], colors[color + 1]):
+                if marked[tile]:
+                    visit_tile(
+                        tile, tiles, stats, v, c, r, w_points, inverse_area, parameters, terms,
+                        details, relax,
+                    )  # fmt: skip
 
     return sweep

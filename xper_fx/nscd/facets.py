@@ -80,6 +80,17 @@ def nodal_shares(dim: int, k: int) -> np.ndarray:
     return np.array(_NODAL_SHARES[dim, k])
 
 
+def facet_shapes(dim: int, k: int, rule: str) -> np.ndarray:
+    """Shape functions of a facet's nodes at its points, shape (num_points, k).
+
+    Args:
+        dim: dimension of space.
+        k: nodes of a facet.
+        rule: "nodal" or "gauss".
+    """
+    return np.eye(k) if rule == "nodal" else _GAUSS_RULES[dim, k]()[0]
+
+
 def facet_points(
     nodes: np.ndarray, normal: np.ndarray, measure: np.ndarray, rule: str = "nodal"
 ) -> InteractionPoints:

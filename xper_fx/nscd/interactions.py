@@ -17,7 +17,14 @@ from numba import njit
 from xper_fx.nscd.exchange import Couplings, couple, motion, push_kernel, spread_kernel
 from xper_fx.nscd.inverse import BodyInverse
 from xper_fx.nscd.laws.law import ENERGIES, Law, LawKernels
-from xper_fx.nscd.ordering import Ordering, order_points
+from xper_fx.nscd.ordering import (
+    Ordering,
+    TileBodies,
+    bodies_of_tiles,
+    order_by_vertex,
+    order_points,
+    vertex_of_points,
+)
 from xper_fx.nscd.points import InteractionPoints
 from xper_fx.nscd.small import for_dimension, sym_indices
 
@@ -51,6 +58,7 @@ class PointGroup:
     indices: np.ndarray
     points: InteractionPoints
     ordering: Ordering
+    tile_bodies: TileBodies
     couplings: Couplings
     parameters: np.ndarray
     state: np.ndarray
@@ -115,6 +123,22 @@ def _step_kernels(law: LawKernels, dim: int, k: int):
     return prepare_all, commit_all
 
 
+@cache
+def _evolve_kernel(law: LawKernels, dim: int, k: int):
+    """The loop over points of a law's `evolve`."""
+    read, _ = motion(dim, k, 0)
+    evolve = law.evolve
+
+    @njit(_nrt=False)
+    def evolve_all(v, c, w, parameters, terms, details):
+        largest = 0.0
+        for i in range(len(w)):
+            largest = max(largest, evolve(i, read(v, c, i), w, parameters, terms, details))
+        return largest
+
+    return evolve_all
+
+
 @njit
 def _compliance(c, frame, rows, cols, out):
     """W_aa = H_c^T w H_c + H_a^T w H_a at each point, packed symmetric."""
@@ -148,9 +172,12 @@ class Interactions:
         law_of_point: shape (num_points,), index into `laws`.
         inverse: blocks of w on the interacting nodes; `update_inverse` replaces their values.
         initial_velocity: shape (num_nodes, dim), nodal velocities at the start (m/s).
+        ordering: order of visit, "tiles" of neighbouring bodies, or "vertices" for
+            `vertex_blocks.solve` (one block of w a node, one node a side).
 
     Raises:
-        ValueError: a law index out of range, or arrays whose lengths disagree.
+        ValueError: a law index out of range, arrays whose lengths disagree, an unknown ordering,
+            or "vertices" where w couples more than a node.
     """
 
     def __init__(
@@ -160,6 +187,7 @@ class Interactions:
         law_of_point: np.ndarray,
         inverse: BodyInverse,
         initial_velocity: np.ndarray | None = None,
+        ordering: str = "tiles",
     ):
         law_of_point = np.asarray(law_of_point)
         if len(law_of_point) != len(points):
@@ -172,15 +200,29 @@ class Interactions:
                 f"law_of_point should index the {len(laws)} laws given, got values from "
                 f"{law_of_point.min()} to {law_of_point.max()}."
             )
+        if ordering not in ("tiles", "vertices"):
+            raise ValueError(f'ordering should be "tiles" or "vertices", got {ordering!r}.')
+        if ordering == "vertices" and (
+            inverse.uniform_size != inverse.dim or points.nodes.shape[2] != 1
+        ):
+            raise ValueError(
+                'ordering="vertices" needs nodal points (one node a side, got '
+                f"{points.nodes.shape[2]}) and a lumped mass without bulk stiffness in w (blocks "
+                f"of {inverse.dim} degrees of freedom, got {inverse.uniform_size or 'several'})."
+            )
         self.dim = inverse.dim
+        self.ordering = ordering
         self.points = points
-        self.laws = laws
+        self.laws, self.law_of_point = laws, law_of_point
         self.inverse = inverse
         self.committed_step = 0.0
         self.step_size, self.theta = 0.0, 0.5
         nodal = np.zeros((inverse.num_slots, self.dim))
         if initial_velocity is not None:
             nodal[: inverse.num_nodes] = initial_velocity
+        self._vertex = None
+        if ordering == "vertices":
+            self._vertex = vertex_of_points(points.nodes[:, :, 0], inverse.num_nodes + 1)
         by_kernels: dict[LawKernels, list[int]] = {}
         for number, law in enumerate(laws):
             if np.any(law_of_point == number):
@@ -193,7 +235,13 @@ class Interactions:
 
     def _group(self, kernels, indices, law_of_point, nodal) -> PointGroup:
         blocks = self.inverse.block_of_node()[self.points.nodes[indices][:, :, 0]]
-        ordering = order_points(blocks, len(self.inverse.node_offsets) - 1)
+        num_blocks = len(self.inverse.node_offsets) - 1
+        if self._vertex is None:
+            ordering = order_points(blocks, num_blocks)
+        else:
+            ordering = order_by_vertex(
+                blocks, num_blocks, self._vertex[indices], int(self._vertex.max()) + 1
+            )
         indices = indices[ordering.order]
         points = self.points.take(indices)
         n, dim = len(points), self.dim
@@ -212,6 +260,7 @@ class Interactions:
             indices=indices,
             points=points,
             ordering=ordering,
+            tile_bodies=bodies_of_tiles(ordering, blocks, num_blocks),
             couplings=couple(points, self.inverse),
             parameters=parameters.astype(float),
             state=state.astype(float),
@@ -255,6 +304,25 @@ class Interactions:
                 g.jump, g.velocity, g.compliance, g.points.area, self.step_size, self.theta,
                 g.parameters, g.state, g.terms, g.details,
             )  # fmt: skip
+
+    def evolve(self, velocity: np.ndarray) -> float:
+        """Let the laws' internal variables follow the end velocities found.
+
+        Args:
+            velocity: shape (num_slots * dim,), m/s.
+
+        Returns:
+            The largest relative change, zero when all have arrived.
+        """
+        largest = 0.0
+        for g in self.groups:
+            if g.kernels.evolve is not None:
+                evolve_all = _evolve_kernel(g.kernels, self.dim, g.points.nodes.shape[2])
+                change = evolve_all(
+                    velocity, g.couplings, g.compliance, g.parameters, g.terms, g.details
+                )
+                largest = max(largest, change)
+        return largest
 
     def add_velocity(self, velocity: np.ndarray) -> None:
         """Add w H r to `velocity`, shape (num_slots * dim,)."""

@@ -5,6 +5,13 @@
 with sweeps that contract by rho the error left is about |dr| rho / (1 - rho). rho is measured on
 the last sweeps, and it is this estimate that `tolerance` bounds. Beside it stands the largest
 change of traction in the last sweep, in Pa.
+
+**Where it sweeps.** Tiles of points whose impulses no longer change, and whose bodies no neighbour
+moves, are passed over; a sweep over all of them comes now and then and before the end, so that the
+error is always that of the whole.
+
+**Internal variables** (damage) stand still while impulses are sought, and follow when these are
+found to ten times the tolerance; the last solve, to the tolerance, is with variables at rest.
 """
 
 from __future__ import annotations
@@ -16,9 +23,15 @@ from numba import get_num_threads
 
 from xper_fx.nscd.exchange import sweep_kernel
 from xper_fx.nscd.interactions import Interactions
+from xper_fx.nscd.ordering import mark_moved, mark_tiles
 
 # Sweeps over which the contraction is measured.
 _WINDOW = 4
+# A tile is left alone while its share of the change is below this fraction of what is wanted, and
+# is visited all the same every so many sweeps, and before the end.
+_NEGLIGIBLE, _REVISIT = 0.1, 16
+# Factor on the tolerance while internal variables still move.
+_LOOSE = 10.0
 
 
 class SolveReport(NamedTuple):
@@ -37,16 +50,15 @@ class SolveReport(NamedTuple):
     traction_change: float
 
 
-def estimated_error(changes: list[float]) -> float:
-    """Relative error left, from the relative changes of the sweeps so far."""
-    last = changes[-1]
-    if last == 0.0:
-        return 0.0
+def amplification(changes: list[float]) -> float:
+    """Error left, relative to the last change, from the relative changes of the sweeps so far."""
     window = min(_WINDOW, len(changes) - 1)
+    if changes[-1] == 0.0:
+        return 1.0
     if window == 0:
         return np.inf
-    rho = (last / changes[-1 - window]) ** (1.0 / window)
-    return last * max(1.0, rho / (1.0 - rho)) if rho < 1.0 else np.inf
+    rho = (changes[-1] / changes[-1 - window]) ** (1.0 / window)
+    return max(1.0, rho / (1.0 - rho)) if rho < 1.0 else np.inf
 
 
 def solve(
@@ -74,26 +86,54 @@ def solve(
     """
     dim, groups = interactions.dim, interactions.groups
     parallel = (num_threads or get_num_threads()) > 1
-    sweeps = []
+    passes = []
     for g in groups:
         kernel = sweep_kernel(g.kernels, dim, g.points.nodes.shape[2], g.block_size, parallel)
+        tiles = len(g.ordering.tile_offsets) - 1
+        marked, stats = np.ones(tiles, np.bool_), np.zeros((tiles, 3))
         arguments = (
-            g.ordering.tile_offsets, g.ordering.color_offsets, velocity, g.couplings, g.impulse,
-            g.compliance, g.inverse_area, g.parameters, g.terms, g.details, relaxation,
+            g.ordering.tile_offsets, g.ordering.color_offsets, marked, stats, velocity,
+            g.couplings, g.impulse, g.compliance, g.inverse_area, g.parameters, g.terms, g.details,
+            relaxation,
         )  # fmt: skip
-        sweeps.append((kernel, arguments))
+        passes.append((kernel, arguments, g.tile_bodies, marked, stats))
+    num_tiles = sum(len(marked) for *_, marked, _ in passes)
+    moved = np.zeros(len(interactions.inverse.node_offsets) - 1, np.bool_)
     interactions.add_velocity(velocity)
     changes: list[float] = []
+    error, wanted, factor = np.inf, _LOOSE * tolerance, np.inf
+    verifying = False
     for count in range(1, max_sweeps + 1):
-        changed, total, largest = 0.0, 0.0, 0.0
-        for kernel, arguments in sweeps:
-            a, b, m = kernel(*arguments)
-            changed, total, largest = changed + a, total + b, max(largest, m)
-        changes.append(np.sqrt(changed / total) if total > 0.0 else np.sqrt(changed))
-        error = estimated_error(changes)
-        traction = np.sqrt(largest) / interactions.step_size
-        if error <= tolerance:
-            return SolveReport(True, count, error, traction)
+        for kernel, arguments, *_ in passes:
+            kernel(*arguments)
+        changed = sum(stats[:, 0].sum() for *_, stats in passes)
+        total = sum(stats[:, 1].sum() for *_, stats in passes)
+        change = np.sqrt(changed / total) if total > 0.0 else np.sqrt(changed)
         if not np.isfinite(changed):
             break
-    return SolveReport(False, len(changes), changes[-1] if changes else 0.0, 0.0)
+        everywhere = all(marked.all() for *_, marked, _ in passes)
+        if not verifying:
+            changes.append(change)
+            factor = amplification(changes)
+        error = change * factor if change > 0.0 else 0.0
+        if error <= wanted and everywhere:
+            verifying = False
+            if interactions.evolve(velocity) > tolerance:
+                changes.clear()
+                wanted = _LOOSE * tolerance
+            elif error <= tolerance:
+                largest = max((stats[:, 2].max() for *_, stats in passes), default=0.0)
+                return SolveReport(True, count, error, np.sqrt(largest) / interactions.step_size)
+            else:
+                wanted = tolerance
+            continue
+        # What moves still gets the next sweep; when that has come to rest, all do.
+        verifying = error <= wanted
+        moved[:] = verifying or count % _REVISIT == 0
+        threshold = (_NEGLIGIBLE * wanted) ** 2 * total / num_tiles
+        for _, _, tile_bodies, marked, stats in passes:
+            mark_moved(moved, tile_bodies, stats, threshold)
+        for _, _, tile_bodies, marked, stats in passes:
+            mark_tiles(marked, tile_bodies, moved)
+            stats[~marked, 0] = 0.0
+    return SolveReport(False, count, error, np.inf)

@@ -5,6 +5,9 @@ Consecutive bodies form a *tile* whose points are visited together, so that its 
 blocks of w stay in cache. Tiles of one colour share no body: threads take them at the same time,
 and the numbers do not depend on how many threads there are. Within a tile, points are sorted by a
 colour of their own: successive visits then touch different bodies and their arithmetic overlaps.
+
+With one block of w a node, points couple only through nodes they share: the connected components
+of the graph node - point - node, one a mesh vertex, are then tiles of one colour.
 """
 
 from __future__ import annotations
@@ -57,6 +60,79 @@ def _greedy_colors(offsets, members, num_members, ignored):
     return color
 
 
+@njit
+def _components(pairs, num_members, ignored):
+    """Connected component of each pair; an ignored member connects nothing.
+
+    Components are numbered in the order of their first member.
+    """
+    parent = np.arange(num_members)
+    for i in range(len(pairs)):
+        a, b = pairs[i]
+        if a != ignored and b != ignored:
+            while parent[a] != a:
+                parent[a] = parent[parent[a]]
+                a = parent[a]
+            while parent[b] != b:
+                parent[b] = parent[parent[b]]
+                b = parent[b]
+            parent[max(a, b)] = min(a, b)
+    number = np.full(num_members, -1)
+    count = 0
+    for m in range(num_members):  # a root comes before the members below it
+        a = m
+        while parent[a] != a:
+            a = parent[a]
+        if number[a] < 0 and m != ignored:
+            number[a] = count
+            count += 1
+        number[m] = number[a]
+    component = np.empty(len(pairs), np.int64)
+    for i in range(len(pairs)):
+        a, b = pairs[i]
+        component[i] = number[b if a == ignored else a]
+    return component
+
+
+def vertex_of_points(blocks: np.ndarray, num_blocks: int) -> np.ndarray:
+    """The component of the graph node - point - node that each point belongs to.
+
+    Args:
+        blocks: shape (num_points, 2), as in `order_points`, one block a node.
+        num_blocks: number of blocks, the ground's (the last) included.
+
+    Returns:
+        Shape (num_points,), from 0, without a gap.
+    """
+    pairs = np.ascontiguousarray(blocks, dtype=np.int64)
+    component = _components(pairs, num_blocks, num_blocks - 1)
+    return np.unique(component, return_inverse=True)[1]
+
+
+def order_by_vertex(
+    blocks: np.ndarray, num_blocks: int, vertex: np.ndarray, num_vertices: int
+) -> Ordering:
+    """Order points vertex by vertex: the tiles are the vertices, and all have one colour.
+
+    Args:
+        blocks, num_blocks: as in `order_points`.
+        vertex: shape (num_points,), from `vertex_of_points`.
+        num_vertices: number of vertices; one without any of these points is an empty tile.
+
+    Returns:
+        The order; within a vertex, points of one colour share no node.
+    """
+    count = len(blocks)
+    pairs = np.ascontiguousarray(blocks, dtype=np.int64)
+    color = _greedy_colors(np.arange(count + 1) * 2, pairs.ravel(), num_blocks, num_blocks - 1)
+    sizes = np.bincount(vertex, minlength=num_vertices)
+    return Ordering(
+        np.lexsort((np.arange(count), color, vertex)),
+        np.concatenate([[0], np.cumsum(sizes)]),
+        np.array([0, num_vertices]),
+    )
+
+
 def order_points(blocks: np.ndarray, num_blocks: int) -> Ordering:
     """Order the points between pairs of bodies.
 
@@ -92,3 +168,54 @@ def order_points(blocks: np.ndarray, num_blocks: int) -> Ordering:
         np.concatenate([[0], np.cumsum(sizes)]),
         np.concatenate([[0], np.cumsum(np.bincount(tile_color))]),
     )
+
+
+class TileBodies(NamedTuple):
+    """The bodies that each tile touches.
+
+    Attributes:
+        offsets: shape (num_tiles + 1,), first entry of each tile in `blocks`.
+        blocks: blocks touched, the ground's left out.
+    """
+
+    offsets: np.ndarray
+    blocks: np.ndarray
+
+
+def bodies_of_tiles(ordering: Ordering, blocks: np.ndarray, num_blocks: int) -> TileBodies:
+    """The bodies that each tile touches.
+
+    Args:
+        ordering: the tiles.
+        blocks: shape (num_points, 2), blocks of the points before they were put in order.
+        num_blocks: number of blocks, the ground's (the last) included.
+    """
+    tiles = len(ordering.tile_offsets) - 1
+    tile = np.repeat(np.arange(tiles), np.diff(ordering.tile_offsets))
+    keys = np.unique(np.repeat(tile, 2) * num_blocks + blocks[ordering.order].ravel())
+    keys = keys[keys % num_blocks != num_blocks - 1]
+    counts = np.bincount(keys // num_blocks, minlength=tiles)
+    return TileBodies(np.concatenate([[0], np.cumsum(counts)]), keys % num_blocks)
+
+
+@njit
+def mark_moved(moved, tile_bodies, stats, threshold):
+    """Mark the bodies of tiles whose impulses changed by more than the threshold (squared)."""
+    for tile in range(len(stats)):
+        if stats[tile, 0] > threshold:
+            for b in tile_bodies.blocks[tile_bodies.offsets[tile] : tile_bodies.offsets[tile + 1]]:
+                moved[b] = True
+
+
+@njit
+def mark_tiles(marked, tile_bodies, moved):
+    """Mark the tiles that touch a body that moved; returns how many."""
+    count = 0
+    for tile in range(len(marked)):
+        marked[tile] = False
+        for b in tile_bodies.blocks[tile_bodies.offsets[tile] : tile_bodies.offsets[tile + 1]]:
+            if moved[b]:
+                marked[tile] = True
+                count += 1
+                break
+    return count

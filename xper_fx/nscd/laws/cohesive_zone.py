@@ -23,9 +23,13 @@ frozen at its old value spends more, the trapezoidal rule on the end values less
 
 **The point's problem.** With k = h^2 theta^2 A C and P = h A C [(1 - theta) U0 + theta U_h] the
 total impulse is r = rhat - beta_m k (P / k + dU). For a given beta_m, W~ = (I + W beta_m k)^-1 W
-and b~ = u - W~ [r + beta_m k (P / k + u)] turn it into plain contact, dU = b~ + W~ rhat. beta_m itself is
-the fixed point of a monotone map, iterated from the value in force: of two admissible states (a
-bond that may or may not snap within the step) the one nearest to the present one is kept.
+and b~ = u - W~ [r + beta_m k (P / k + u)] turn it into plain contact, dU = b~ + W~ rhat.
+
+beta_m is the fixed point of a map that only falls: it starts from the damage at the start of the
+step; each time the interactions are solved with it, `evolve` lowers it to the mean that the new
+opening asks for. So of the states that a step may admit (beyond the softening number of
+`xper_fx/scales.py` a bond may or may not snap within the step) the least damaged one is found, and
+the iteration cannot cycle.
 """
 
 from __future__ import annotations
@@ -43,10 +47,6 @@ from xper_fx.nscd.small import for_dimension
 
 _C_N, _C_T, _MU, _D0, _DC, _BETA0 = range(6)
 _OPENING_MAX, _DAMAGE = 0, 1
-
-# Relative change of the mean damage at which a visit is content; visits go on in later sweeps.
-_DAMAGE_TOLERANCE = 1e-10
-_DAMAGE_ITERATIONS = 40
 
 
 @dataclass(frozen=True)
@@ -249,64 +249,35 @@ def _kernels(dim: int, friction: bool, lagged: bool) -> LawKernels:
         new = add(free, sym_vector(s, hat))
         return new, subtract(hat, bonded(k, p, new))
 
-    @njit
-    def evolve(u, r, w, beta, s, middle, p, slipped, mu, stiffness, reached, curve):
-        """Iterate the mean damage from the value in force; the compliance follows it.
-
-        Opening and damage are coupled through the point alone: for each trial damage the point is
-        solved exactly. No array is passed, so that a call counts no references.
-        """
-        h_theta, x0, x_max, beta_start = reached
-        new, impulse = u, r
-        for iteration in range(_DAMAGE_ITERATIONS):
-            k = (beta * stiffness[0], beta * stiffness[1])
-            if iteration > 0:
-                s = soften(w, k[0], k[1])
-            new = subtract(u, sym_vector(s, add(r, bonded(k, p, u))))
-            if new[0] < -middle[0]:
-                new, impulse = with_contact(new, s, k, p, -middle[0], slipped, mu)
-            else:
-                impulse = scale(-1.0, bonded(k, p, new))
-            x1 = h_theta * np.sqrt(opening(add(middle, new)))
-            trial = mean_damage(x1, x0, x_max, beta_start, curve[0], curve[1], curve[2])
-            settled = abs(trial - beta) <= _DAMAGE_TOLERANCE * beta_start
-            if settled or iteration == _DAMAGE_ITERATIONS - 1:
-                break  # with impulse and compliance of this beta; later sweeps go on from it
-            beta = trial
-        return impulse, beta, s
-
     @njit(inline="always")
     def solve(i, u, r, w, parameters, terms, details):
         jump_h, p = part(terms, i, middle), part(terms, i, push)
         k = (terms[i, spring], terms[i, spring + 1])
         s = compliance_of(terms, i)
-        reach = terms[i, limit]
         new = subtract(u, sym_vector(s, add(r, bonded(k, p, u))))
-        smooth = new[0] >= -jump_h[0]
-        if smooth:
-            impulse = scale(-1.0, bonded(k, p, new))
-        else:
-            new, impulse = with_contact(
-                new, s, k, p, -jump_h[0], shift_of(details, i), parameters[i, _MU]
-            )
-        if not lagged:
-            if opening(add(jump_h, new)) > reach:
-                reached = (
-                    details[i, h_theta], details[i, jump_start],
-                    max(details[i, h_theta] * np.sqrt(abs(reach)), parameters[i, _D0]),
-                    details[i, start],
-                )  # fmt: skip
-                stiffness = (details[i, k_n], details[i, k_t])
-                curve = (parameters[i, _D0], parameters[i, _DC], parameters[i, _BETA0])
-                impulse, beta, s = evolve(
-                    u, r, sym_row(w, i), details[i, mean], s, jump_h, p, shift_of(details, i),
-                    parameters[i, _MU], stiffness, reached, curve,
-                )  # fmt: skip
-                set_damage(i, beta, s, terms, details)
-                # From now on every visit of the step comes here, until damage is back at start.
-                terms[i, limit] = reach if beta == details[i, start] else -abs(reach)
-                smooth = False
-        return impulse, smooth
+        if new[0] >= -jump_h[0]:
+            return scale(-1.0, bonded(k, p, new)), True
+        new, impulse = with_contact(
+            new, s, k, p, -jump_h[0], shift_of(details, i), parameters[i, _MU]
+        )
+        return impulse, r[0] > 0.0 and impulse[0] > 0.0
+
+    @njit(inline="always")
+    def evolve(i, u, w, parameters, terms, details):
+        speed = opening(add(part(terms, i, middle), u))
+        if speed <= terms[i, limit]:
+            return 0.0
+        x_max = max(details[i, h_theta] * np.sqrt(terms[i, limit]), parameters[i, _D0])
+        beta = mean_damage(
+            details[i, h_theta] * np.sqrt(speed), details[i, jump_start], x_max,
+            details[i, start], parameters[i, _D0], parameters[i, _DC], parameters[i, _BETA0],
+        )  # fmt: skip
+        fall = details[i, mean] - beta
+        if fall <= 0.0:
+            return 0.0
+        s = soften(sym_row(w, i), beta * details[i, k_n], beta * details[i, k_t])
+        set_damage(i, beta, s, terms, details)
+        return fall / details[i, start]
 
     @njit
     def commit(
@@ -322,6 +293,8 @@ def _kernels(dim: int, friction: bool, lagged: bool) -> LawKernels:
         if not lagged:
             x_max = max(state[i, _OPENING_MAX], d0)
             beta = mean_damage(x1, details[i, jump_start], x_max, old, d0, dc, beta0)
+            beta = min(beta, details[i, mean])
+            new = min(new, beta)
         k = (beta * details[i, k_n], beta * details[i, k_t])
         hat = add(r, bonded(k, part(terms, i, push), u))
         moved = subtract(jump1, jump0)
@@ -349,5 +322,13 @@ def _kernels(dim: int, friction: bool, lagged: bool) -> LawKernels:
         return 2 if sliding else (1 if pressing else 0)
 
     return LawKernels(
-        prepare, solve, commit, num_terms, num_details, ("opening_max", "damage")
+        "cohesive zone with friction" if friction else "cohesive zone",
+        ("cohesion", "unilateral contact", *(("friction",) if friction else ())),
+        prepare,
+        solve,
+        None if lagged else evolve,
+        commit,
+        num_terms,
+        num_details,
+        ("opening_max", "damage"),
     )

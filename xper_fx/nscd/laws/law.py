@@ -8,14 +8,19 @@ A law is a frozen dataclass with the methods of `Law`. Its kernels work on one p
         short because it is what a sweep moves through memory, the rest into `details[i]`
     solve(i, u, r, w, parameters, terms, details) -> r, smooth
         at each visit: the total impulse that satisfies the law, others frozen; `u = b + W r`;
-        smooth says that the law is linear around it, so that over-relaxation is safe
+        smooth says that the law is linear around it, so that over-relaxation is safe. Changes
+        nothing
+    evolve(i, u, w, parameters, terms, details) -> change
+        after a solve: internal variables follow the velocity u found, one way only; returns their
+        relative change, zero when they have arrived. None for a law without internal variables
     commit(i, jump0, jump1, u, r, area, step, theta, parameters, state, terms, details, energy)
         -> status; once a step: history moves on, energies go to `energy[i]`
 
 Vectors are local tuples `(n, t...)`; `w` is the array of W_aa as packed symmetric rows. Jumps are
 in m, velocities in m/s, impulses `r` in N s (positive: pushes candidate and antagonist apart),
 `area` in m^2 (2D: m, per metre of depth). Over a step, jump1 = jump_h + h theta u with
-jump_h = jump0 + h (1 - theta) velocity0. Adding a law is adding one file with such a class.
+jump_h = jump0 + h (1 - theta) velocity0. `name` and `effects` (of EFFECTS, or new ones) are for the table of effects. Adding a law is adding
+one file with such a class.
 """
 
 from __future__ import annotations
@@ -26,7 +31,9 @@ from typing import Protocol
 STORED, COHESION, FRICTION, IMPACT, NUMERICAL = range(5)
 ENERGIES = ("stored", "cohesion", "friction", "impact", "numerical")
 
-LawKernels = namedtuple("LawKernels", "prepare solve commit num_terms num_details state_names")
+EFFECTS = ("cohesion", "unilateral contact", "friction", "perfect bond")
+
+LawKernels = namedtuple("LawKernels", "name effects prepare solve evolve commit num_terms num_details state_names")
 
 
 class Law(Protocol):

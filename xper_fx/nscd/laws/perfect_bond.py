@@ -117,4 +117,4 @@ def _kernels(dim: int) -> LawKernels:
         energy[i, NUMERICAL] = -work
         return 1
 
-    return LawKernels(prepare, solve, commit, dim + num_sym, 0, ())
+    return LawKernels("perfect bond", ("perfect bond",), prepare, solve, None, commit, dim + num_sym, 0, ())

@@ -165,4 +165,6 @@ def contact_kernels(dim: int, friction: bool, contact: str) -> LawKernels:
         limit = terms[i, _MU] * r[0] + terms[i, _BOUND]
         return 2 if size >= (1.0 - 1e-12) * limit * limit else 1
 
-    return LawKernels(prepare, solve, commit, _SHIFT + dim - 1, 1, ("pushed_speed",))
+    name = "contact with friction" if friction else "frictionless contact"
+    effects = ("unilateral contact", *(("friction",) if friction else ()))
+    return LawKernels(name, effects, prepare, solve, None, commit, _SHIFT + dim - 1, 1, ("pushed_speed",))

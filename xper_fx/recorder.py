@@ -1,0 +1,222 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Writes a run into a folder: bulk and interface series, history of each step, summary.
+
+The folder holds `bulk.xdmf` (displacement, velocity, stress, body, material), `interfaces.xdmf`
+(jump, traction, damage, status, on the points of facing facets), `history.csv`, `summary.json`.
+"""
+
+from __future__ import annotations
+
+import os
+import platform
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import dolfinx
+import numba
+import numpy as np
+
+import xper_fx
+from xper_fx.compat import geometry_dofmap
+from xper_fx.effects import effects_of
+from xper_fx.nscd.facets import facet_shapes
+from xper_fx.output import History, TimeSeries, prepare_folder, write_summary
+from xper_fx.scales import cohesive_scales
+from xper_fx.simulation import Simulation, StepRecord
+
+
+@dataclass(frozen=True)
+class TensileGauge:
+    """Mean strain and stress between two opposite faces that are pulled apart.
+
+    Args:
+        low, high: facet tags of the faces.
+        component: direction of the pull.
+        length: distance of the faces (m).
+        section: area of a face (m^2; 2D: m).
+    """
+
+    low: int
+    high: int
+    component: int
+    length: float
+    section: float
+
+    def read(self, simulation: Simulation) -> tuple[float, float]:
+        """Strain, and stress (Pa): half the difference of the two faces' reactions."""
+        u = [simulation.mean_displacement(tag)[self.component] for tag in (self.low, self.high)]
+        f = [simulation.reaction(tag)[self.component] for tag in (self.low, self.high)]
+        return (u[1] - u[0]) / self.length, 0.5 * (f[1] - f[0]) / self.section
+
+
+def point_coordinates(simulation: Simulation) -> np.ndarray:
+    """Reference positions of the points on facing facets, in the scene's order.
+
+    Returns:
+        Shape (num_points, dim), m; points of walls, which come last in the scene, are left out.
+    """
+    dim = simulation.bulk.dim
+    facing = simulation.scene.bodies.facing_nodes(simulation.forms.V)[simulation.facets_with_law]
+    x = simulation.forms.V.tabulate_dof_coordinates()[facing[:, 0], :dim]
+    shapes = facet_shapes(dim, facing.shape[2], simulation.scene.points)
+    return np.einsum("pk,fkd->fpd", shapes, x).reshape(-1, dim)
+
+
+class Recorder:
+    """Records a simulation; a context manager.
+
+    Args:
+        simulation: the run, before its first step.
+        folder: where to write; made if need be, tried before any work.
+        gauge: what `strain` and `stress` of the history are; 0 without.
+        fields: number of times at which fields are written, spread evenly; 0 for none.
+        end_time: time of the end of the run (s).
+        parameters: what to keep in the summary of how the run was set up.
+
+    Raises:
+        OSError: the folder cannot be written.
+    """
+
+    def __init__(
+        self,
+        simulation: Simulation,
+        folder: str | os.PathLike[str],
+        *,
+        end_time: float,
+        gauge: TensileGauge | None = None,
+        fields: int = 20,
+        parameters: Mapping[str, Any] | None = None,
+    ):
+        self.folder = prepare_folder(folder)
+        self.simulation, self._gauge = simulation, gauge
+        simulation.folder = self.folder
+        self._parameters = dict(parameters or {})
+        self._history = History(self.folder / "history.csv")
+        self._every = end_time / fields if fields > 0 else np.inf
+        self._next = 0.0
+        mesh = simulation.scene.bodies.mesh
+        self.cells = geometry_dofmap(mesh)
+        # a cell's first dofs are its vertices'
+        self._node = np.empty(len(mesh.geometry.x), np.int64)
+        self._node[self.cells] = simulation.forms.V.dofmap.list[:, : self.cells.shape[1]]
+        self._totals = {"steps": 0, "sweeps": 0, "largest_residual": 0.0}
+        self._bulk = self._interfaces = None
+        if fields > 0:
+            self._open_fields()
+            self._write_fields()
+
+    def vertex_displacement(self) -> np.ndarray:
+        """Displacement of the exploded mesh's geometry nodes, shape (num_nodes, dim), m."""
+        dim = self.simulation.bulk.dim
+        return self.simulation.state.displacement.reshape(-1, dim)[self._node]
+
+    def _open_fields(self) -> None:
+        simulation = self.simulation
+        mesh = simulation.scene.bodies.mesh
+        self._bulk = TimeSeries(
+            self.folder / "bulk.xdmf",
+            mesh.geometry.x[:, : mesh.geometry.dim],
+            (mesh.topology.cell_name(), self.cells),
+        )
+        self._stress = simulation.forms.stress_evaluator()
+        if len(simulation.facets_with_law):
+            x = point_coordinates(simulation)
+            a_facet = len(x) // len(simulation.facets_with_law)
+            kind = {2: "line", 3: "triangle"}.get(a_facet, "vertex")
+            cells = np.arange(len(x)).reshape(-1, 1 if kind == "vertex" else a_facet)
+            self._interfaces = TimeSeries(self.folder / "interfaces.xdmf", x, (kind, cells))
+            self._num_interface_points = len(x)
+
+    def _write_fields(self) -> None:
+        simulation = self.simulation
+        bodies, dim = simulation.scene.bodies, simulation.bulk.dim
+        with simulation.stopwatch.phase("output"):
+            nodal = {
+                "displacement": self.vertex_displacement(),
+                "velocity": simulation.state.velocity.reshape(-1, dim)[self._node],
+            }
+            simulation.forms.u.x.array[:] = simulation.state.displacement
+            cellwise = {
+                "stress": self._stress(),
+                "body": bodies.body_of_cell,
+                "material": bodies.material_of_cell,
+            }
+            self._bulk.write(simulation.time, nodal, cellwise)
+            if self._interfaces is not None:
+                count = self._num_interface_points
+                interactions = simulation.interactions
+                names = ("jump", "traction", "damage", "status")
+                self._interfaces.write(
+                    simulation.time, {n: interactions.gather(n)[:count] for n in names}, {}
+                )
+        self._next += self._every
+
+    def record(self, step: StepRecord) -> tuple[float, float]:
+        """Write the line of a step, and the fields when they are due.
+
+        Returns:
+            Strain and stress of the gauge.
+        """
+        strain, stress = self._gauge.read(self.simulation) if self._gauge else (0.0, 0.0)
+        self._history.append(
+            step=step.step, time=step.time, strain=strain, stress=stress, sweeps=step.sweeps,
+            residual=step.residual, **step.energies,
+        )  # fmt: skip
+        self._totals["steps"] += 1
+        self._totals["sweeps"] += step.sweeps
+        self._totals["largest_residual"] = max(self._totals["largest_residual"], step.residual)
+        if self._bulk is not None and step.time >= self._next * (1.0 - 1e-9):
+            self._write_fields()
+        return strain, stress
+
+    def close(self) -> None:
+        """Write the summary and close the files."""
+        simulation = self.simulation
+        interactions = simulation.interactions
+        points = 0 if interactions is None else len(interactions)
+        summary = {
+            "parameters": self._parameters
+            | {
+                "step_size": simulation.step_size,
+                "theta": simulation.theta,
+                "scheme": simulation.scheme_name,
+                "tolerance": simulation.tolerance,
+                "relaxation": simulation.relaxation,
+            },
+            "versions": {
+                "xper_fx": xper_fx.__version__,
+                "dolfinx": dolfinx.__version__,
+                "numba": numba.__version__,
+                "numpy": np.__version__,
+                "python": platform.python_version(),
+            },
+            "counts": {
+                "bodies": simulation.scene.bodies.num_bodies,
+                "points": points,
+                "dofs": simulation.bulk.num_dofs,
+            },
+            "effects": [effect._asdict() for effect in effects_of(simulation)],
+            "seconds": simulation.stopwatch.seconds,
+            "bytes_per_point": interactions.nbytes / points if points else 0.0,
+            "errors": {
+                "closure": simulation.ledger.closure,
+                "external_work": simulation.ledger.energies.external_work,
+                "largest_residual": self._totals["largest_residual"],
+            },
+            "steps": self._totals["steps"],
+            "sweeps": self._totals["sweeps"],
+            "time": simulation.time,
+        }
+        summary["scales"] = cohesive_scales(simulation)
+        write_summary(self.folder / "summary.json", summary)
+        self._history.close()
+        for series in (self._bulk, self._interfaces):
+            if series is not None:
+                series.close()
+
+    def __enter__(self) -> Recorder:
+        return self
+
+    def __exit__(self, *exception) -> None:
+        self.close()

@@ -1,0 +1,57 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""The scales of a cohesive run, beside those of its mesh and its step.
+
+The *cohesive length* E' w / Rmax^2 is the size of the zone in which a crack's bonds weaken: a mesh
+that does not resolve it by several facets gives a strength that depends on the mesh. The
+*softening number* h^2 theta^2 A lmax(W) 2 Rmax / (dc - d0) is below one where a weakening bond has
+one state at the end of the step; above it may snap within a step.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from xper_fx.nscd.laws import CohesiveZone
+from xper_fx.nscd.small import sym_indices
+from xper_fx.simulation import Simulation
+
+
+def cohesive_scales(simulation: Simulation) -> list[dict[str, Any]]:
+    """Scales of each cohesive law of a simulation, in the order of the laws.
+
+    Returns:
+        For each law its strength (Pa), fracture energy (J/m^2), cohesive length (m) with the
+        softest material of the scene, facets it spans (mean facet), and softening number.
+    """
+    interactions = simulation.interactions
+    if interactions is None:
+        return []
+    facet = float(simulation.scene.bodies.facets.measure.mean())
+    if simulation.bulk.dim == 3:
+        facet = facet**0.5
+    modulus = min(m.young / (1.0 - m.poisson**2) for m in simulation.scene.materials.values())
+    compliance = np.zeros((len(interactions), simulation.bulk.dim, simulation.bulk.dim))
+    rows, cols = sym_indices(simulation.bulk.dim)
+    packed = interactions.gather("compliance")
+    compliance[:, rows, cols] = packed
+    compliance[:, cols, rows] = packed
+    largest = np.linalg.eigvalsh(compliance)[:, -1] * interactions.points.area
+    scaled = (simulation.step_size * simulation.theta) ** 2
+    scales = []
+    for number, law in enumerate(interactions.laws):
+        if not isinstance(law, CohesiveZone):
+            continue
+        own = interactions.law_of_point == number
+        length = modulus * law.fracture_energy / law.strength**2
+        scales.append(
+            {
+                "strength": law.strength,
+                "fracture_energy": law.fracture_energy,
+                "cohesive_length": length,
+                "facets_in_cohesive_length": length / facet,
+                "softening_number": scaled * float(largest[own].max()) * law.softening_slope,
+            }
+        )
+    return scales
