@@ -146,8 +146,10 @@ def test_position_level_never_penetrates_and_never_gives_work(theta, friction):
                 force = 500.0 * rng.normal(size=(1, dim))
                 force[0, 0] -= 400.0
             work = block.step(step, force)
-            closed += block.impulse[0] > 0.0
             assert block.jump[0] >= -1e-14
+            if block.impulse[0] > 0.0:
+                closed += 1
+                assert block.jump[0] <= 1e-14  # neither held off before it closes
             scale = block.kinetic + np.abs(block.impulse).max()
             assert work.impact >= -1e-13 * scale
             assert work.friction >= -1e-13 * scale
@@ -202,21 +204,23 @@ def test_perfect_bond_takes_back_a_drift(theta):
 @pytest.mark.parametrize("law", [PerfectBond(), SignoriniCoulomb(0.3, contact="position")])
 def test_a_node_guided_obliquely_to_the_normal_converges(law, rank, dim):
     """Prescribed directions leave W singular: no rounding may be blown up into impulses."""
-    normal = np.array([1.0, -1.0, 0.5][:dim])
-    normal /= np.linalg.norm(normal)
+    rng = np.random.default_rng(5)
     free = np.zeros(dim)
     free[1 : 1 + rank] = 1.0  # x is prescribed, and z too when rank is 1
     mass = 4e-9
-    block = PointMass(law, mass, free, normal=normal, area=1e-6)
-    block.inverse = BodyInverse.from_uniform(np.diag(free)[None] / mass, dim)
-    block.interactions.update_inverse(block.inverse)
-    for _ in range(20):
-        block.step(1e-10, tolerance=1e-9, max_sweeps=50)
-        assert block.report.converged or block.report.residual < 1e-14
-        assert np.all(block.velocity[0][free == 0.0] == 0.0)
-        assert np.abs(block.impulse).max() <= 100.0 * mass
-    if isinstance(law, PerfectBond):
-        assert np.abs(block.velocity).max() <= 1e-2
+    for _ in range(5):
+        normal = rng.normal(size=dim)
+        normal /= np.linalg.norm(normal)
+        block = PointMass(law, mass, free, normal=normal, area=1e-6)
+        block.inverse = BodyInverse.from_uniform(np.diag(free)[None] / mass, dim)
+        block.interactions.update_inverse(block.inverse)
+        for _ in range(20):
+            block.step(1e-10, tolerance=1e-9, max_sweeps=50)
+            assert block.report.converged or block.report.residual < 1e-14
+            assert np.all(block.velocity[0][free == 0.0] == 0.0)
+            assert np.abs(block.impulse).max() <= 100.0 * mass
+        if isinstance(law, PerfectBond):
+            assert np.abs(block.velocity).max() <= 1e-2
 
 
 def test_ground_takes_the_impulse_and_does_not_move():

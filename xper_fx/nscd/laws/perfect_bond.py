@@ -59,14 +59,15 @@ def _pseudo_inverse3(s):
     c00, c11, c22 = s[3] * s[5] - s[4] ** 2, s[0] * s[5] - s[2] ** 2, s[0] * s[3] - s[1] ** 2
     c01, c02 = s[2] * s[4] - s[1] * s[5], s[1] * s[4] - s[2] * s[3]
     c12 = s[1] * s[2] - s[0] * s[4]
-    det = s[0] * c00 + s[1] * c01 + s[2] * c02
     minors = c00 + c11 + c22
+    if minors <= _SINGULAR * trace * trace:
+        # Rank one: W = a a^T, whose inverse is W / |a|^4.
+        d = 1.0 / (trace * trace)
+        return d * s[0], d * s[1], d * s[2], d * s[3], d * s[4], d * s[5]
+    det = s[0] * c00 + s[1] * c01 + s[2] * c02
     if det > _SINGULAR * minors * trace:
         d = 1.0 / det
         return d * c00, d * c01, d * c02, d * c11, d * c12, d * c22
-    if minors <= _SINGULAR * trace * trace:
-        d = 1.0 / (trace * trace)
-        return d * s[0], d * s[1], d * s[2], d * s[3], d * s[4], d * s[5]
     # Rank two: the polynomial in W that is 1 / x at its eigenvalues and 0 at 0.
     d = 1.0 / (minors * minors)
     a, b = d * (trace * trace - minors), -d * trace
