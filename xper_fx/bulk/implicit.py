@@ -24,6 +24,8 @@ from xper_fx.nscd.interactions import Interactions
 
 # Contraction of Newton's corrections above which w is renewed.
 _SLOW = 0.2
+# Newton's correction of the positions, relative to the size of the scene, that is rounding.
+_ROUNDING = 1e-14
 # Inverses kept for a linear bulk: the step and its halves.
 _KEPT = 4
 
@@ -54,6 +56,8 @@ class ImplicitScheme:
         self._interacting = interacting
         self._tolerance, self._max_newton = newton_tolerance, max_newton
         self._stopwatch = stopwatch
+        x = bulk.forms.bodies.mesh.geometry.x
+        self._rounding = _ROUNDING * self._norm(np.full(bulk.num_dofs, np.ptp(x, axis=0).max()))
         self._inverses: dict[float, CellwiseInverse | ClusterInverse] = {}
 
     def inverse(self, step: float, displacement: np.ndarray, renew: bool = False):
@@ -150,7 +154,10 @@ class ImplicitScheme:
             # For the impulses found, what is left is the bulk's nonlinearity alone.
             with watch.phase("free velocity"):
                 correction = inverse.apply(residual + impulses)
-            newton = self._norm(correction) / max(self._norm(velocity), np.finfo(float).tiny)
+            newton = self._norm(correction)
+            # towards rest velocities vanish, and the rounding of positions is what is left
+            rounding = self._rounding / (step * theta)
+            newton = 0.0 if newton <= rounding else newton / self._norm(velocity)
             if newton <= self._tolerance or not np.isfinite(newton):
                 break
             if newton > _SLOW * newton_before:

@@ -1,0 +1,255 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Materials against exact answers, and Newton on the one that is not linear."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scenes import BACK, BOTTOM, LEFT, RIGHT, box_bodies, field, nodes, run
+from scipy.optimize import brentq
+
+from xper_fx.bulk.bulk import Bulk
+from xper_fx.errors import ConvergenceError
+from xper_fx.forms.dynamics import BulkForms
+from xper_fx.forms.loads import PrescribedDisplacement, PrescribedVelocity, RayleighDamping
+from xper_fx.materials import LinearElastic, NeoHookean
+from xper_fx.nscd.laws import CohesiveZone
+from xper_fx.scene import Scene
+from xper_fx.simulation import Simulation
+
+RUBBER = NeoHookean(100.0, 0.3, 1.0)
+LAM, MU = 100.0 * 0.3 / 1.3 / 0.4, 50.0 / 1.3
+
+
+def bulk_of(material, order=1, dim=2, kind=None):
+    kind = kind or ("crossed" if dim == 2 else "tetrahedron")
+    bodies = box_bodies((1, 1, 1)[:dim], (1, 1, 1)[:dim], kind, 0)
+    return Bulk(BulkForms(bodies, order, {1: material}))
+
+
+def some_displacement(bulk, size=0.1):
+    return size * np.random.default_rng(1).standard_normal(bulk.num_dofs)
+
+
+CASES = [(1, 2), (2, 2), (1, 3), (2, 3)]
+
+
+@pytest.mark.parametrize("material", [LinearElastic(100.0, 0.3, 1.0), RUBBER], ids=type)
+@pytest.mark.parametrize("order, dim", CASES)
+def test_forces_and_tangent_are_derivatives(order, dim, material):
+    """Forces against differences of the energy, the tangent against differences of the forces."""
+    bulk = bulk_of(material, order, dim)
+    u, w = some_displacement(bulk, 0.02), some_displacement(bulk, 1.0)[::-1]
+    h = 1e-5
+    energy = lambda q: bulk.elastic_energy(q, bulk.internal(q))  # noqa: E731
+    slope = (energy(u + h * w) - energy(u - h * w)) / (2 * h)
+    assert bulk.internal(u) @ w == pytest.approx(slope, rel=1e-6)
+    K = bulk.tangent(u).toarray()
+    change = (bulk.internal(u + h * w) - bulk.internal(u - h * w)) / (2 * h)
+    assert K @ w == pytest.approx(change, rel=1e-5, abs=1e-6 * np.abs(change).max())
+    assert K == pytest.approx(K.T, abs=1e-10 * np.abs(K).max())
+
+
+def affine(bulk, F):
+    x = bulk.forms.V.tabulate_dof_coordinates()[:, : bulk.dim]
+    return (x @ (np.asarray(F) - np.eye(bulk.dim)).T).ravel()
+
+
+@pytest.mark.parametrize("order, dim", CASES)
+def test_rotation_leaves_the_neo_hookean_solid_at_rest(order, dim):
+    bulk = bulk_of(RUBBER, order, dim)
+    a = 1.1
+    R = np.eye(dim)
+    R[:2, :2] = [[np.cos(a), -np.sin(a)], [np.sin(a), np.cos(a)]]
+    u = affine(bulk, R)
+    assert np.abs(bulk.internal(u)).max() < 1e-12 * RUBBER.young
+    assert bulk.elastic_energy(u, None) == pytest.approx(0.0, abs=1e-12)
+    bulk.forms.u.x.array[:] = u
+    assert np.abs(bulk.forms.stress_evaluator()()).max() < 1e-12 * RUBBER.young
+
+
+@pytest.mark.parametrize("order, dim", [(1, 2), (2, 3)])
+def test_neo_hookean_stress_of_a_homogeneous_deformation(order, dim):
+    """Cauchy stress and energy density by hand, F general with plane strain in 2D."""
+    bulk = bulk_of(RUBBER, order, dim)
+    F = np.eye(3)
+    F[:dim, :dim] = np.array([[1.3, 0.2, 0.1], [-0.1, 0.8, 0.05], [0.0, 0.3, 1.1]])[:dim, :dim]
+    J = np.linalg.det(F)
+    sigma = (MU * (F @ F.T - np.eye(3)) + LAM * np.log(J) * np.eye(3)) / J
+    density = 0.5 * MU * (np.sum(F * F) - 3 - 2 * np.log(J)) + 0.5 * LAM * np.log(J) ** 2
+    u = affine(bulk, F[:dim, :dim])
+    bulk.forms.u.x.array[:] = u
+    stress = bulk.forms.stress_evaluator()()
+    assert stress == pytest.approx(np.broadcast_to(sigma, stress.shape), abs=1e-10)
+    assert bulk.elastic_energy(u, None) == pytest.approx(density, rel=1e-12)
+    # nodal forces of the side x = 1 are its nominal traction, P N = J sigma F^-T N
+    side = bulk.forms.V.tabulate_dof_coordinates()[:, 0] > 1 - 1e-9
+    force = bulk.internal(u).reshape(-1, dim)[side].sum(axis=0)
+    if dim == 2:
+        assert force == pytest.approx((J * sigma @ np.linalg.inv(F).T)[:2, 0], rel=1e-10)
+
+
+def stretched(material, dim, stretch, step=1.0, **options):
+    """A block drawn out along x to rest, its other sides free; reaction and displacement."""
+    hold = [(LEFT, 0), (BOTTOM, 1), (BACK, 2)][:dim]
+    scene = Scene(
+        box_bodies((1, 1, 1)[:dim], (1, 1, 1)[:dim], "crossed" if dim == 2 else "tetrahedron", 0),
+        {1: material},
+        loads=[PrescribedDisplacement(tag, axis, 0.0) for tag, axis in hold]
+        + [PrescribedDisplacement(RIGHT, 0, lambda t: stretch * min(0.2 * t, 1.0))],
+    )
+    simulation = Simulation(scene, step, theta=1.0, **options)
+    records = run(simulation, 16)
+    return simulation, records
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_neo_hookean_uniaxial_tension(dim):
+    """Stretch 1.5 with free sides: the lateral stretch solves sigma_22 = 0."""
+    a = 1.5
+    across = dim - 1
+    lateral = brentq(lambda b: MU * (b**2 - 1) + LAM * np.log(a * b**across), 0.1, 1.5)
+    nominal = (MU * (a**2 - 1) + LAM * np.log(a * lateral**across)) / a
+    simulation, _ = stretched(RUBBER, dim, a - 1.0, newton_tolerance=1e-12)
+    x, u = nodes(simulation), field(simulation)
+    assert u[:, 1] == pytest.approx((lateral - 1.0) * x[:, 1], abs=1e-6)
+    assert simulation.reaction(RIGHT)[0] == pytest.approx(nominal, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    "plane, young, contraction",
+    [("strain", 100.0 / (1 - 0.09), 0.3 / 0.7), ("stress", 100.0, 0.3)],
+)
+def test_plane_strain_and_plane_stress(plane, young, contraction):
+    material = LinearElastic(100.0, 0.3, 1.0, plane=plane)
+    simulation, _ = stretched(material, 2, 1e-3)
+    x, u = nodes(simulation), field(simulation)
+    assert simulation.reaction(RIGHT)[0] == pytest.approx(1e-3 * young, rel=1e-9)
+    assert u[:, 1] == pytest.approx(-contraction * 1e-3 * x[:, 1], abs=1e-12)
+    simulation.displacement  # noqa: B018  brings the state into the forms
+    stress = simulation.forms.stress_evaluator()()
+    out = 0.3 * 1e-3 * young if plane == "strain" else 0.0
+    exact = np.diag([1e-3 * young, 0.0, out])
+    assert stress == pytest.approx(np.broadcast_to(exact, stress.shape), abs=1e-9)
+
+
+def test_small_strains_of_both_materials_agree():
+    linear, _ = stretched(LinearElastic(100.0, 0.3, 1.0), 2, 1e-6)
+    finite, _ = stretched(RUBBER, 2, 1e-6)
+    assert field(finite) == pytest.approx(field(linear), abs=1e-11)
+
+
+# -- Newton
+
+
+def shaken(step=0.05, velocity=3.0, **options):
+    """A rubber block held below and thrown sideways."""
+    scene = Scene(
+        box_bodies((1, 1), (2, 2), label=0),
+        {1: RUBBER},
+        loads=[PrescribedVelocity(BOTTOM, axis, 0.0) for axis in (0, 1)],
+        initial_velocity=lambda x: np.stack([velocity * x[1], -0.3 * velocity * x[1]]),
+    )
+    return Simulation(scene, step, **options)
+
+
+def corrections(simulation, count):
+    """Relative corrections of Newton's first iterations from the present state."""
+    scheme, out = simulation.scheme, []
+    for scheme._max_newton in range(1, count + 1):
+        scheme._inverses.clear()
+        outcome = scheme.attempt(simulation.state, simulation.step_size, None, None)
+        out.append(outcome.newton_residual)
+        if outcome.converged:
+            break
+    return np.array(out)
+
+
+def test_newton_contracts_and_does_not_change_the_answer():
+    """With the matrix kept while it serves, each correction is a fraction of the last."""
+    simulation = shaken(newton_tolerance=1e-13)
+    relative = corrections(simulation, 20)
+    assert relative[-1] <= 1e-13 and len(relative) <= 14
+    assert np.all(relative[1:] < 0.6 * relative[:-1])
+    run(simulation, 1)
+    loose = shaken(newton_tolerance=1e-6)
+    run(loose, 1)
+    scale = np.abs(loose.state.velocity).max()
+    assert loose.state.velocity == pytest.approx(simulation.state.velocity, abs=1e-6 * scale)
+
+
+def test_newton_is_quadratic_where_the_matrix_is_renewed(monkeypatch):
+    monkeypatch.setattr("xper_fx.bulk.implicit._SLOW", 0.0)
+    relative = corrections(shaken(newton_tolerance=1e-14), 10)
+    assert len(relative) <= 7
+    # the first two use one matrix; below 1e-12 rounding takes over
+    good = np.flatnonzero(relative > 1e-12)
+    orders = np.log(relative[good[2:]]) / np.log(relative[good[1:-1]])
+    assert len(orders) >= 1 and orders.min() > 1.6
+
+
+def test_halving_rescues_a_step_too_big():
+    """Ten times the step that Newton takes: cut, and the run reaches its end in smaller pieces."""
+    options = {"velocity": 10.0, "step": 0.3, "max_newton": 8}
+    with pytest.raises(ConvergenceError):
+        run(shaken(**options, max_halvings=0), 1)
+    simulation = shaken(**options)
+    records = run(simulation, 1)
+    assert len(records) > 1 and sum(r.size for r in records) == pytest.approx(0.3, rel=1e-14)
+    assert simulation.time == pytest.approx(0.3, rel=1e-14)
+    assert [r.step for r in records] == list(range(1, len(records) + 1))
+    # the pieces are what steps of that size give
+    size = min(r.size for r in records)
+    assert size < 0.3 and all(np.log2(0.3 / r.size) % 1 == 0 for r in records)
+
+
+def bonded(max_sweeps, **options):
+    scene = Scene(
+        box_bodies((1, 1), (2, 2)),
+        {1: LinearElastic(100.0, 0.3, 1.0)},
+        default_interaction=CohesiveZone(1000.0, 0.05, 8.0),
+        loads=[PrescribedVelocity(LEFT, 0, 0.0), PrescribedVelocity(RIGHT, 0, 1.0)],
+        damping=RayleighDamping(stiffness=1e-3),
+    )
+    return Simulation(scene, 0.02, max_sweeps=max_sweeps, num_threads=1, **options)
+
+
+def test_a_failed_step_leaves_the_state_as_it_was(tmp_path):
+    """The error says where, the state before it is saved, and the run can go on from it."""
+    simulation = bonded(20_000)
+    whole = bonded(20_000)
+    run(simulation, 5)
+    run(whole, 5)
+    before = simulation.state
+    history = {n: simulation.interactions.gather(n) for n in ("jump", "velocity", "damage")}
+    simulation.folder = tmp_path
+    simulation._solve.keywords["max_sweeps"] = 1
+    simulation.max_halvings = 2
+    with pytest.raises(ConvergenceError, match="Step 6 at t = 0.1 s.*unconverged") as caught:
+        run(simulation, 1)
+    error = caught.value
+    assert (error.step, error.size) == (6, pytest.approx(0.005))
+    assert error.time == pytest.approx(0.1) and error.residual > 1e-4
+    with np.load(error.saved) as saved:
+        assert np.array_equal(saved["displacement"], before.displacement)
+        assert np.array_equal(saved["velocity"], before.velocity)
+        assert float(saved["time"]) == simulation.time == before.time
+        assert np.array_equal(saved["damage"], history["damage"])
+    assert simulation.state is before and simulation.step_number == 5
+    for name, values in history.items():
+        assert np.array_equal(simulation.interactions.gather(name), values)
+    simulation._solve.keywords["max_sweeps"] = 20_000
+    run(simulation, 5)
+    run(whole, 5)
+    scale = np.abs(whole.state.velocity).max()
+    assert simulation.state.velocity == pytest.approx(whole.state.velocity, abs=1e-12 * scale)
+    columns = simulation.ledger.as_columns()
+    for name, value in whole.ledger.as_columns().items():
+        assert columns[name] == pytest.approx(value, rel=1e-12, abs=1e-14)
+
+
+def test_an_error_without_a_folder_saves_nothing():
+    simulation = bonded(1, max_halvings=1)
+    with pytest.raises(ConvergenceError) as caught:
+        run(simulation, 1)
+    assert caught.value.saved is None and caught.value.size == 0.01
