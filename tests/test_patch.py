@@ -252,3 +252,31 @@ def test_nodal_bonds_on_quadratic_tetrahedra_fail_the_patch_test():
     """
     stress = stress_of(pulled("tetrahedron", (2, 1, 1), (4, 1, 1), 2, slabs, "nodal"))[:, 0, 0]
     assert 0.005 < np.ptp(stress) / stress.mean() < 0.1
+
+
+def test_grains_break_alike_as_bodies_and_as_bonded_cells():
+    """Cohesive bonds between grains that are bodies, or whose cells are perfectly bonded."""
+    grain_tags = {tag: lambda x, tag=tag: grains_uneven(x) == tag - 1 for tag in (2, 3)}
+    weak = CohesiveZone(2000.0, 0.02, 5.0, friction=0.2)
+    results = []
+    for label in (grains_uneven, None):
+        scene = Scene(
+            box_bodies((2, 1), (4, 2), label=label, material=grain_tags),
+            {1: SOFT, 2: SOFT, 3: SOFT},
+            {} if label else {(t, t): PerfectBond() for t in (1, 2, 3)},
+            default_interaction=weak,
+            loads=[PrescribedVelocity(LEFT, 0, -1.0), PrescribedVelocity(RIGHT, 0, 1.0)],
+        )
+        simulation = Simulation(scene, 5e-3, tolerance=1e-11, num_threads=1)
+        run(simulation, 30)
+        results.append((nodes(simulation), field(simulation), simulation.ledger.energies))
+    (x, u, whole), (x_cells, u_cells, cells) = results
+    assert whole.dissipated_cohesion > 0.01  # bonds broke
+    for a, b in ((x, u), (x_cells, u_cells)):
+        assert len(a) == len(b)
+    # where grains face each other two nodes are at one place: compare the nearest value
+    apart = [np.abs(u[np.abs(x - p).max(axis=1) < 1e-9] - v).max(axis=1).min()
+             for p, v in zip(x_cells, u_cells, strict=True)]  # fmt: skip
+    assert max(apart) < 1e-7 * np.abs(u).max()
+    assert cells.dissipated_cohesion == pytest.approx(whole.dissipated_cohesion, rel=1e-7)
+    assert cells.external_work == pytest.approx(whole.external_work, rel=1e-7)
