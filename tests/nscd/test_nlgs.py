@@ -10,7 +10,7 @@ from plates import crossed_plate
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.inverse import BodyInverse
 from xper_fx.nscd.laws import CohesiveZone, PerfectBond, SignoriniCoulomb
-from xper_fx.nscd.nlgs import estimated_error, solve
+from xper_fx.nscd.nlgs import amplification, solve
 from xper_fx.nscd.points import InteractionPoints, frame_from_normal
 from xper_fx.nscd.small import sym_indices
 
@@ -365,13 +365,13 @@ def test_the_tolerance_means_the_error(step):
         assert error <= 5.0 * tolerance, (error, report)
 
 
-def test_estimated_error():
-    assert estimated_error([0.5]) == np.inf
-    assert estimated_error([0.5, 0.0]) == 0.0
+def test_amplification_of_a_geometric_series_is_what_is_left():
+    assert amplification([0.5]) == np.inf
+    assert amplification([0.5, 0.0]) == 1.0
     rho = 0.99
     changes = [rho**i for i in range(20)]
-    assert estimated_error(changes) == pytest.approx(changes[-1] * rho / (1 - rho), rel=1e-6)
-    assert estimated_error([1e-3] * 6) == np.inf
+    assert amplification(changes) == pytest.approx(rho / (1 - rho), rel=1e-6)
+    assert amplification([1e-3] * 6) == np.inf
 
 
 def test_warm_start_from_the_answer_is_immediate():

@@ -27,9 +27,11 @@ from xper_fx.nscd.ordering import mark_moved, mark_tiles
 
 # Sweeps over which the contraction is measured.
 _WINDOW = 4
-# A tile is left alone while its share of the change is below this fraction of what is wanted, and
-# is visited all the same every so many sweeps, and before the end.
+# A tile is left alone while its share of the error is below this fraction of what is wanted, and is
+# visited all the same every so many sweeps, and before the end.
 _NEGLIGIBLE, _REVISIT = 0.1, 16
+# Relative change of the impulses that is rounding.
+_ROUNDING = 16.0 * np.finfo(float).eps
 # Factor on the tolerance while internal variables still move.
 _LOOSE = 10.0
 
@@ -115,7 +117,7 @@ def solve(
         if not verifying:
             changes.append(change)
             factor = amplification(changes)
-        error = change * factor if change > 0.0 else 0.0
+        error = change * factor if change > _ROUNDING else change
         if error <= wanted and everywhere:
             verifying = False
             if interactions.evolve(velocity) > tolerance:
@@ -130,7 +132,8 @@ def solve(
         # What moves still gets the next sweep; when that has come to rest, all do.
         verifying = error <= wanted
         moved[:] = verifying or count % _REVISIT == 0
-        threshold = (_NEGLIGIBLE * wanted) ** 2 * total / num_tiles
+        negligible = _NEGLIGIBLE * wanted / factor if np.isfinite(factor) else 0.0
+        threshold = negligible**2 * total / num_tiles
         for _, _, tile_bodies, marked, stats in passes:
             mark_moved(moved, tile_bodies, stats, threshold)
         for _, _, tile_bodies, marked, stats in passes:
