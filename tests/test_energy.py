@@ -140,7 +140,7 @@ def test_rayleigh_damping_decays_as_exp():
 
 
 def test_neo_hookean_closure_is_of_second_order():
-    """(f0 + f1)/2 . dq is the increment of energy to second order a step: closure falls with h^2."""
+    """(f0 + f1)/2 . dq is the increment of energy to second order: closure falls with h^2."""
     errors = []
     for steps in (10, 20, 40):
         scene = Scene(

@@ -13,7 +13,12 @@ import pytest
 from scenes import EXACT, LEFT, RIGHT, box_bodies, field, nodes, run
 from scipy.linalg import eigh, expm
 
-from xper_fx.forms.loads import Gravity, PrescribedDisplacement, PrescribedVelocity
+from xper_fx.forms.loads import (
+    Gravity,
+    PrescribedDisplacement,
+    PrescribedVelocity,
+    RayleighDamping,
+)
 from xper_fx.materials import LinearElastic
 from xper_fx.nscd.laws import CohesiveZone, PerfectBond, SignoriniCoulomb
 from xper_fx.scene import Scene, Wall
@@ -189,6 +194,39 @@ def test_a_gap_of_rounding_is_closed():
     assert weight == pytest.approx(4.0 * 9.81, rel=5e-3)
 
 
+@pytest.mark.parametrize(
+    "kind, lengths, cells, label, order, points",
+    [
+        ("crossed", (2, 1), (3, 2), None, 1, "nodal"),
+        ("crossed", (2, 1), (3, 2), None, 1, "gauss"),
+        ("crossed", (2, 1), (4, 2), lambda x: x[0] > 1.2, 1, "gauss"),
+        ("hexahedron", (2, 1, 1), (3, 1, 1), lambda x: x[0] > 1.2, 1, "nodal"),
+        ("tetrahedron", (2, 1, 1), (3, 1, 1), lambda x: x[0] > 1.2, 2, "nodal"),
+    ],
+)
+def test_walls_carry_the_weight(kind, lengths, cells, label, order, points):
+    """At rest on a wall, beside bonds of any rule: areas add up, and impulses to the weight."""
+    down, up = np.zeros(len(lengths)), np.zeros(len(lengths))
+    down[1], up[1] = -10.0, 1.0
+    scene = Scene(
+        box_bodies(lengths, cells, kind, label),
+        {1: LinearElastic(1e4, 0.3, 1.0)},
+        default_interaction=CohesiveZone(1e5, 1e3, 1e3),
+        walls=[Wall(BOTTOM, 0.0 * up, up, SignoriniCoulomb(0.3))],
+        loads=[Gravity(down)],
+        damping=RayleighDamping(mass=20.0),
+        order=order,
+        points=points,
+    )
+    simulation = Simulation(scene, 0.01, theta=1.0, tolerance=1e-6, num_threads=1)
+    run(simulation, 80)
+    points = simulation.interactions
+    walled = points.points.nodes[:, 1, 0] == points.inverse.num_nodes
+    assert points.points.area[walled].sum() == pytest.approx(2.0, rel=1e-12)
+    weight = points.gather("impulse")[walled, 0].sum() / simulation.step_size
+    assert weight == pytest.approx(20.0, rel=1e-5)
+
+
 @pytest.mark.parametrize("kind", ["quadrilateral", "crossed"])
 @pytest.mark.parametrize("restitution", [0.0, 0.5, 1.0])
 def test_bouncing_block(restitution, kind):
@@ -270,7 +308,8 @@ def vibration(scheme, theta, bonded):
         x, u = nodes(simulation), field(simulation)
         bottom = np.flatnonzero(x[:, 1] < 1e-9)
         # nodes at one place: the antagonist's, left of the bond, first
-        cell = {int(node): c for c, row in enumerate(simulation.forms.V.dofmap.list) for node in row}
+        dofmap = simulation.forms.V.dofmap.list
+        cell = {int(node): c for c, row in enumerate(dofmap) for node in row}
         order = bottom[np.lexsort(([cell[int(b)] for b in bottom], x[bottom, 0].round(9)))]
         return np.abs(u[order[1:], 0] - exact).max() / np.abs(exact).max()
 

@@ -233,7 +233,8 @@ def test_simulation_refuses(bodies, arguments, message):
 
 
 def test_a_load_that_becomes_nan_names_its_time(bodies):
-    scene = scene_with(bodies, loads=[PrescribedVelocity(TOP, 1, lambda t: 1.0 if t < 2e-3 else NAN)])
+    loads = [PrescribedVelocity(TOP, 1, lambda t: 1.0 if t < 2e-3 else NAN)]
+    scene = scene_with(bodies, loads=loads)
     simulation = Simulation(scene, 1e-3, num_threads=1)
     with pytest.raises(ValueError, match="nan at t = 0.002"):
         list(simulation.steps(1.0))

@@ -21,6 +21,7 @@ from xper_fx.energy import EnergyLedger
 from xper_fx.errors import ConvergenceError
 from xper_fx.forms.dynamics import BulkForms
 from xper_fx.forms.loads import PrescribedDisplacement, PrescribedVelocity
+from xper_fx.meshes import local_facet_vertices
 from xper_fx.nscd import nlgs, vertex_blocks
 from xper_fx.nscd.checks import require_positive
 from xper_fx.nscd.facets import facet_points, join_points, nodal_shares, wall_points
@@ -214,13 +215,14 @@ class Simulation:
         facets_of = mesh.topology.connectivity(fdim + 1, fdim)
         x = V.tabulate_dof_coordinates()[:, : self.scene.dim]
         area = np.zeros(ground)
-        kind = {1: "interval", 2: "triangle"}[fdim]
+        corners_of = local_facet_vertices(mesh).shape[1]
+        kind = {2: "interval", 3: "triangle", 4: "quadrilateral"}[corners_of]
         for facet in facets:
             cell = cells.links(facet)[0]
             local = int(np.flatnonzero(facets_of.links(cell) == facet)[0])
             nodes = V.dofmap.list[cell][V.dofmap.dof_layout.entity_closure_dofs(fdim, local)]
-            corners = np.zeros((1, fdim + 1, 3))
-            corners[0, :, : self.scene.dim] = x[nodes[: fdim + 1]]
+            corners = np.zeros((1, corners_of, 3))
+            corners[0, :, : self.scene.dim] = x[nodes[:corners_of]]
             area[nodes] += cell_measure(kind, corners) * nodal_shares(fdim + 1, len(nodes))
         nodes = np.flatnonzero(area > 0.0)
         normal = np.asarray(wall.normal, float) / np.linalg.norm(wall.normal)

@@ -151,7 +151,7 @@ def wall_points(
     """
     count = len(nodes)
     both = np.full((count, 2, k), ground, dtype=np.int32)
-    both[:, 0, 0] = nodes
+    both[:, 0] = nodes[:, None]  # all of one body, as the layer expects of a side
     weights = np.zeros((count, 2, k))
     weights[:, :, 0] = 1.0
     frame = frame_from_normal(np.broadcast_to(normal, (count, len(normal))))
