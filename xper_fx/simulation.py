@@ -120,7 +120,7 @@ class Simulation:
             forces = [load for load in scene.loads if load not in motions]
             self.forms = BulkForms(scene.bodies, scene.order, scene.materials, forces)
             self.bulk = Bulk(self.forms, motions, scene.damping)
-            self.step_size = 0.7 * self.bulk.critical_step() if step is None else float(step)
+            self.step_size = self._step_size(step, scheme)
             self.state = self._initial_state()
             points, laws, law_of_point = self._points()
             interacting = self._interacting(points, scheme)
@@ -161,6 +161,24 @@ class Simulation:
             raise ValueError(f"relaxation should lie in (0, 2), got {relaxation}.")
 
     # Set-up
+
+    def _step_size(self, step: float | None, scheme: str) -> float:
+        """The step asked for, or 0.7 of the critical one.
+
+        Raises:
+            ValueError: the explicit bulk would be unstable.
+        """
+        if step is not None and scheme == "implicit":
+            return float(step)
+        critical = self.bulk.critical_step()
+        if step is None:
+            return 0.7 * critical
+        if step > critical:
+            raise ValueError(
+                f"The explicit bulk is unstable at the step {step:g} s; it should be below the "
+                f'critical one, {critical:.3g} s. Take a smaller step or scheme="implicit".'
+            )
+        return float(step)
 
     def _initial_state(self) -> State:
         function = fem.Function(self.forms.V)

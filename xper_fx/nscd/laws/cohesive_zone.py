@@ -300,8 +300,8 @@ def _kernels(dim: int, friction: bool, lagged: bool) -> LawKernels:
         moved = subtract(jump1, jump0)
         e0 = 0.5 * area * dot(jump0, diagonal(c_n, c_t, jump0))
         e1 = 0.5 * area * dot(jump1, diagonal(c_n, c_t, jump1))
-        # The lips are closed when they push harder than they would part (natural map). What an
-        # open or sticking point's rhat works is the solver's tolerance, not the law.
+        # The lips are closed when they push harder than they would part (natural map). What rhat
+        # works at an open or sticking point, or with the wrong sign, is the solver's tolerance.
         pressing = hat[0] * terms[i, soft] > u[0] + terms[i, middle]
         lost_n = -hat[0] * moved[0] / step
         lost_t = -(dot(hat, moved) - hat[0] * moved[0]) / step
@@ -310,13 +310,13 @@ def _kernels(dim: int, friction: bool, lagged: bool) -> LawKernels:
         sliding = pressing and size >= (1.0 - 1e-6) * bound * bound
         energy[i, STORED] = new * e1
         energy[i, COHESION] = (beta - new) * e1 + (old - beta) * e0
-        energy[i, FRICTION] = lost_t if sliding else 0.0
-        energy[i, IMPACT] = lost_n if pressing else 0.0
+        energy[i, FRICTION] = max(lost_t, 0.0) if sliding else 0.0
+        energy[i, IMPACT] = max(lost_n, 0.0) if pressing else 0.0
         energy[i, NUMERICAL] = (
             (theta - 0.5) * beta * area * dot(moved, diagonal(c_n, c_t, moved))
-            + (0.0 if sliding else lost_t)
-            + (0.0 if pressing else lost_n)
-        )
+            + lost_t - energy[i, FRICTION]
+            + lost_n - energy[i, IMPACT]
+        )  # fmt: skip
         state[i, _OPENING_MAX] = reached
         state[i, _DAMAGE] = new
         return 2 if sliding else (1 if pressing else 0)
