@@ -13,7 +13,6 @@ Run: ./fenicsx python3 benchmarks/homogeneous_plate.py [--cells 20 40] [--steps 
 
 import argparse
 import sys
-from functools import partial
 from pathlib import Path
 from time import perf_counter
 

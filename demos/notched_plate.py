@@ -26,10 +26,10 @@
 # (linear across the plate, so that no shock starts from the faces), top and bottom free, step and
 # tolerances. All can be changed from the command line or below.
 #
-# **What to expect of the printed parameters**: the cohesive length E' w / Rmax^2 is 55 nm, far below
-# any facet here, so that peak and crack pattern depend on the mesh. `--resolved` scales the fracture
-# energies up until the cohesive length spans several facets; there, results converge. Each run
-# prints its cohesive lengths beside its facets.
+# **What to expect of the printed parameters**: the cohesive length E' w / Rmax^2 is 55 nm, far
+# below any facet here, so that peak and crack pattern depend on the mesh. `--resolved` scales the
+# fracture energies up until the cohesive length spans several facets; there, results converge.
+# Each run prints its cohesive lengths beside its facets.
 
 import argparse
 import json
@@ -81,7 +81,8 @@ PRECRACK = 5
 LAYOUTS = {
     "bands": [(0, y, 20, y + 2) for y in (6, 11, 16)],
     "bricks": [
-        (x, y, x + 6, y + 2) for y, first in ((1, -3), (5, 2), (9, -3), (13, 2), (17, -3))
+        (x, y, x + 6, y + 2)
+        for y, first in ((1, -3), (5, 2), (9, -3), (13, 2), (17, -3))
         for x in (first, first + 10, first + 20)
     ],
 }
@@ -116,7 +117,7 @@ def composite(cells: int, inclusions: list[tuple]) -> Bodies:
 #
 # At small strain the hydride is linear with the same constants; `--finite-strain` makes both phases
 # neo-Hookean. The resolved variant multiplies every fracture energy by one factor, which scales
-# the cohesive lengths by the same and leaves ratios, and so He and Hutchinson's criterion, as they are.
+# the cohesive lengths by the same and leaves ratios, and so He and Hutchinson's criterion, alone.
 
 
 def materials(finite_strain: bool, homogeneous: bool) -> dict:
@@ -165,9 +166,9 @@ def notched_plate(
 
 # ## Cracks
 #
-# A point is cracked when less than a thousandth of its bond is left. Its kind is how many of its two
-# sides are inclusion: matrix, interface, inclusion. Crack patterns are drawn twice: after the first
-# crack (`--early-strain`), when deflection or penetration is decided, and at the end.
+# A point is cracked when less than a thousandth of its bond is left. Its kind is how many of its
+# two sides are inclusion: matrix, interface, inclusion. Crack patterns are drawn twice: after the
+# first crack (`--early-strain`), when deflection or penetration is decided, and at the end.
 
 
 def cracks(simulation: Simulation) -> tuple[np.ndarray, np.ndarray]:
@@ -332,9 +333,9 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     return options
 
 
-# The resolved variant scales the matrix's cohesive length to seven facets of a 20 x 20 plate, and so
-# the inclusions' and the weak interface's, half as long, to four at least; finer plates resolve them
-# by more, with the same parameters, so that they can be compared.
+# The resolved variant scales the matrix's cohesive length to seven facets of a 20 x 20 plate, and
+# so the inclusions' and the weak interface's, half as long, to four at least; finer plates resolve
+# them by more, with the same parameters, so that they can be compared.
 
 RESOLVED_LENGTH = 7 * UNIT
 

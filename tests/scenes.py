@@ -31,9 +31,8 @@ def side_tags(mesh, lengths, interior=None):
     predicates = dict(interior or {})
     for axis, length in enumerate(lengths):
         for end, value in enumerate((0.0, length)):
-            predicates[1 + 2 * axis + end] = (
-                lambda x, axis=axis, value=value, size=max(lengths): np.abs(x[axis] - value)
-                < 1e-9 * size
+            predicates[1 + 2 * axis + end] = lambda x, axis=axis, value=value, size=max(lengths): (
+                np.abs(x[axis] - value) < 1e-9 * size
             )
     return tag_facets(mesh, predicates)
 

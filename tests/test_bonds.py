@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scenes import BOTTOM, TOP, box_bodies, run
+from scenes import BOTTOM, TOP, box_bodies
 
 from xper_fx.forms.loads import PrescribedDisplacement
 from xper_fx.materials import LinearElastic
@@ -42,9 +42,7 @@ def drive(
         loads=[PrescribedDisplacement(BOTTOM, axis, 0.0) for axis in (0, 1)]
         + [PrescribedDisplacement(TOP, 0, tangential), PrescribedDisplacement(TOP, 1, normal)],
     )
-    simulation = Simulation(
-        scene, step, scheme=scheme, theta=theta, tolerance=1e-11, num_threads=1
-    )
+    simulation = Simulation(scene, step, scheme=scheme, theta=theta, tolerance=1e-11, num_threads=1)
     points = simulation.interactions
     rows, jump0, damage0 = [], points.gather("jump"), points.gather("damage")
     for record in simulation.steps(steps * step):
@@ -137,7 +135,7 @@ def test_shear_breaks_and_leaves_friction():
         steps=240,
         alike=0.1,
     )
-    time, slip, normal, shear = rows[:, 0], rows[:, 2], rows[:, 3], np.abs(rows[:, 4])
+    slip, normal, shear = rows[:, 2], rows[:, 3], np.abs(rows[:, 4])
     broken = np.flatnonzero(rows[:, 5] == 0.0)
     settled = broken[20:]
     assert len(settled) > 50

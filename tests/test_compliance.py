@@ -39,9 +39,7 @@ def flexibility(size, columns, law):
         ],
     )
     # theta = 1 and steps of a wave's transit bring it to rest
-    simulation = Simulation(
-        scene, step, theta=1.0, tolerance=1e-7, relaxation=1.7, num_threads=1
-    )
+    simulation = Simulation(scene, step, theta=1.0, tolerance=1e-7, relaxation=1.7, num_threads=1)
     run(simulation, 16)
     energies = simulation.ledger.energies
     assert energies.kinetic < 1e-7 * energies.elastic

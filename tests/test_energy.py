@@ -26,9 +26,7 @@ LOSSES = ("cohesion", "friction", "impact", "viscous", "numerical")
 def plate(theta, scheme="implicit", damping=RayleighDamping(0.5, 1e-3), tolerance=1e-8):
     """Five by five crossed squares with an inclusion, pulled apart until many bonds break."""
     scene = Scene(
-        box_bodies(
-            (2, 2), (5, 5), material={2: lambda x: (np.abs(x[:2] - 1) < 0.5).all(axis=0)}
-        ),
+        box_bodies((2, 2), (5, 5), material={2: lambda x: (np.abs(x[:2] - 1) < 0.5).all(axis=0)}),
         {1: MATRIX, 2: INCLUSION},
         {(2, 2): CohesiveZone(2000.0, 0.2, 20.0, friction=0.3)},
         default_interaction=CohesiveZone(1000.0, 0.05, 8.0, friction=0.3),
@@ -44,9 +42,7 @@ def plate(theta, scheme="implicit", damping=RayleighDamping(0.5, 1e-3), toleranc
         damping=damping,
     )
     step = 4e-3 if scheme == "implicit" else None
-    return Simulation(
-        scene, step, scheme=scheme, theta=theta, tolerance=tolerance, num_threads=1
-    )
+    return Simulation(scene, step, scheme=scheme, theta=theta, tolerance=tolerance, num_threads=1)
 
 
 @pytest.mark.parametrize("theta", [0.5, 0.7, 1.0])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""The notched plate of the demo, small: cracks, energies, files, convergence where it is resolved."""
+"""The notched plate of the demo, small: cracks, energies, files, convergence if resolved."""
 
 from __future__ import annotations
 
@@ -113,9 +113,9 @@ def test_the_peak_does_not_depend_on_the_tolerance():
     """Within 0.5 % from 1e-4 to 1e-6; 1 % explicit, where a bond may snap within a step."""
     for scheme, bound in (("explicit", 1e-2), ("implicit", 5e-3)):
         peaks = [
-            curve(
-                demo.notched_plate(20, "strong"), 0.0042, scheme=scheme, tolerance=tolerance
-            )[1].max()
+            curve(demo.notched_plate(20, "strong"), 0.0042, scheme=scheme, tolerance=tolerance)[
+                1
+            ].max()
             for tolerance in (1e-4, 1e-6)
         ]
         assert peaks[0] == pytest.approx(peaks[1], rel=bound), scheme

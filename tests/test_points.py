@@ -37,9 +37,7 @@ def on_the_line(n, points, stiffness, loads, crack):
         points=points,
         loads=loads,
     )
-    simulation = Simulation(
-        scene, 1.0, theta=1.0, tolerance=1e-8, relaxation=1.7, num_threads=1
-    )
+    simulation = Simulation(scene, 1.0, theta=1.0, tolerance=1e-8, relaxation=1.7, num_threads=1)
     run(simulation, 12)
     bonded = np.flatnonzero(bodies.facets.tag == LINE)
     traction = -simulation.interactions.gather("traction")[:, 0]

@@ -304,7 +304,9 @@ class Simulation:
             if outcome.converged:
                 yield self._commit(outcome, size)
             elif halvings < self.max_halvings:
-                logger.info("step %d at h = %.3g s did not converge: halved", self.step_number, size)
+                logger.info(
+                    "step %d at h = %.3g s did not converge: halved", self.step_number, size
+                )
                 pieces += [(0.5 * size, halvings + 1)] * 2
             else:
                 raise ConvergenceError(

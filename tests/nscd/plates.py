@@ -79,7 +79,7 @@ def crossed_plate(n, size, young=99e9, nu=0.325, density=7800.0) -> Plate:
             p, q = k, (k + 1) % 3
             edges.setdefault(tuple(sorted((cell[p], cell[q]))), []).append((c, p, q))
     pairs = []
-    for key, sides in edges.items():
+    for sides in edges.values():
         if len(sides) == 2:
             (c0, p0, q0), (c1, p1, q1) = sides
             if cells[c0, p0] != cells[c1, p1]:

@@ -45,7 +45,9 @@ class PointMass:
     def step(self, h, force=0.0, **options):
         """One step under a constant force, shape (num_masses, dim) (N); returns the energies."""
         options = {"tolerance": 1e-13, "num_threads": 1} | options
-        free = self.velocity + h * np.broadcast_to(force, self.velocity.shape) / self.masses[:, None]
+        free = (
+            self.velocity + h * np.broadcast_to(force, self.velocity.shape) / self.masses[:, None]
+        )
         v = np.concatenate([free, np.zeros((1, self.dim))]).ravel()
         self.interactions.begin_step(h, self.theta)
         self.report = solve(self.interactions, v, **options)

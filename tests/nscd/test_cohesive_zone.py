@@ -143,7 +143,9 @@ def test_a_bond_torn_by_inertia_spends_its_fracture_energy(step, theta, masses):
     if masses == 1:
         bond = PointMass(law, mass, [1.0, 0.0], area=AREA, theta=theta)
     else:
-        bond = PointMass(law, [2 * mass, 2 * mass], [[0.5, 0.0], [-0.5, 0.0]], area=AREA, theta=theta)
+        bond = PointMass(
+            law, [2 * mass, 2 * mass], [[0.5, 0.0], [-0.5, 0.0]], area=AREA, theta=theta
+        )
     before = bond.kinetic
     count, total, least = run_to_break(bond, step)
     assert count <= 2 + 1e-9 / step
@@ -161,7 +163,7 @@ def test_a_bond_torn_by_inertia_spends_its_fracture_energy(step, theta, masses):
 
 
 def test_lagged_damage_overspends_in_proportion_to_the_step():
-    """1.2e-3 w too much at 1e-12 s (930 steps through the curve), 1.2e-2 at 1e-11, 0.13 at 1e-10."""
+    """1.2e-3 w too much at 1e-12 s (930 steps in the curve), 1.2e-2 at 1e-11, 0.13 at 1e-10."""
     excess = []
     for step in (1e-12, 1e-11, 1e-10):
         bond = PointMass(zircaloy(damage="lagged"), 8.0 * SPENT, [1.0, 0.0], area=AREA)

@@ -242,7 +242,9 @@ def test_uniform_and_ragged_storage_give_the_same_answer():
         scene, free = plate_scene(3, [BOND, SignoriniCoulomb(0.3)], inverse=stored)
         solve(scene, free, tolerance=1e-12, num_threads=1)
         answers.append(flat_impulses(scene))
-    np.testing.assert_allclose(answers[0], answers[1], rtol=0, atol=1e-11 * np.abs(answers[0]).max())
+    np.testing.assert_allclose(
+        answers[0], answers[1], rtol=0, atol=1e-11 * np.abs(answers[0]).max()
+    )
 
 
 @pytest.mark.parametrize("fixed", [False, True])

@@ -84,9 +84,7 @@ class Bulk:
         points, weights = basix.make_quadrature(element.cell_type, 2 * element.degree)
         shape = element.tabulate(0, points)[0, :, :, 0]
         diagonal = weights @ shape**2
-        measure = cell_measure(
-            mesh.topology.cell_name(), mesh.geometry.x[geometry_dofmap(mesh)]
-        )
+        measure = cell_measure(mesh.topology.cell_name(), mesh.geometry.x[geometry_dofmap(mesh)])
         share = diagonal / diagonal.sum()
         cell_mass = measure * self.forms.cell_density()
         return np.bincount(

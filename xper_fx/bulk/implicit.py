@@ -135,7 +135,7 @@ class ImplicitScheme:
         sweeps, error, traction, converged = 0, 0.0, 0.0, True
         impulses, slots = np.zeros_like(v0), np.zeros(0)
         newton_before, newton = np.inf, 0.0
-        for iteration in range(1, self._max_newton + 1):
+        for iteration in range(1, self._max_newton + 1):  # noqa: B007 - reported
             with watch.phase("free velocity"):
                 free = velocity + inverse.apply(residual)
             if interactions is None:

@@ -228,7 +228,9 @@ class Interactions:
             if np.any(law_of_point == number):
                 by_kernels.setdefault(law.kernels(self.dim), []).append(number)
         self.groups = [
-            self._group(kernels, np.flatnonzero(np.isin(law_of_point, numbers)), law_of_point, nodal)
+            self._group(
+                kernels, np.flatnonzero(np.isin(law_of_point, numbers)), law_of_point, nodal
+            )
             for kernels, numbers in by_kernels.items()
         ]
         self.update_inverse(inverse)

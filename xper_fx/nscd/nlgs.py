@@ -134,7 +134,7 @@ def solve(
         moved[:] = verifying or count % _REVISIT == 0
         negligible = _NEGLIGIBLE * wanted / factor if np.isfinite(factor) else 0.0
         threshold = negligible**2 * total / num_tiles
-        for _, _, tile_bodies, marked, stats in passes:
+        for _, _, tile_bodies, _, stats in passes:
             mark_moved(moved, tile_bodies, stats, threshold)
         for _, _, tile_bodies, marked, stats in passes:
             mark_tiles(marked, tile_bodies, moved)

@@ -163,7 +163,7 @@ def mean_damage(x1, x0, x_max, beta, d0, dc, beta0):
 @cache
 def _kernels(dim: int, friction: bool, lagged: bool) -> LawKernels:
     algebra = for_dimension(dim)
-    row, set_row, sym_row = algebra.row, algebra.set_row, algebra.sym_row
+    sym_row = algebra.sym_row
     dot, add, subtract, scale = algebra.dot, algebra.add, algebra.subtract, algebra.scale
     diagonal, sym_vector = algebra.multiply_diagonal, algebra.sym_vector
     soften = algebra.compliance_with_springs
@@ -280,9 +280,7 @@ def _kernels(dim: int, friction: bool, lagged: bool) -> LawKernels:
         return fall / details[i, start]
 
     @njit
-    def commit(
-        i, jump0, jump1, u, r, area, step, theta, parameters, state, terms, details, energy
-    ):
+    def commit(i, jump0, jump1, u, r, area, step, theta, parameters, state, terms, details, energy):
         c_n, c_t = parameters[i, _C_N], parameters[i, _C_T]
         d0, dc, beta0 = parameters[i, _D0], parameters[i, _DC], parameters[i, _BETA0]
         old = details[i, start]

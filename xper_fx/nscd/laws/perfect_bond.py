@@ -109,13 +109,13 @@ def _kernels(dim: int) -> LawKernels:
         return add(r, sym_vector(inverse, missing)), True
 
     @njit
-    def commit(
-        i, jump0, jump1, u, r, area, step, theta, parameters, state, terms, details, energy
-    ):
+    def commit(i, jump0, jump1, u, r, area, step, theta, parameters, state, terms, details, energy):
         work = 0.0
         for j in range(dim):
             work += r[j] * (jump1[j] - jump0[j]) / step
         energy[i, NUMERICAL] = -work
         return 1
 
-    return LawKernels("perfect bond", ("perfect bond",), prepare, solve, None, commit, dim + num_sym, 0, ())
+    return LawKernels(
+        "perfect bond", ("perfect bond",), prepare, solve, None, commit, dim + num_sym, 0, ()
+    )

@@ -149,9 +149,7 @@ def contact_kernels(dim: int, friction: bool, contact: str) -> LawKernels:
         return r_new, False
 
     @njit
-    def commit(
-        i, jump0, jump1, u, r, area, step, theta, parameters, state, terms, details, energy
-    ):
+    def commit(i, jump0, jump1, u, r, area, step, theta, parameters, state, terms, details, energy):
         work_t = 0.0
         size = 0.0
         for j in range(1, dim):
@@ -167,4 +165,6 @@ def contact_kernels(dim: int, friction: bool, contact: str) -> LawKernels:
 
     name = "contact with friction" if friction else "frictionless contact"
     effects = ("unilateral contact", *(("friction",) if friction else ()))
-    return LawKernels(name, effects, prepare, solve, None, commit, _SHIFT + dim - 1, 1, ("pushed_speed",))
+    return LawKernels(
+        name, effects, prepare, solve, None, commit, _SHIFT + dim - 1, 1, ("pushed_speed",)
+    )

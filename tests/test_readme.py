@@ -1,0 +1,29 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""The README's example runs as pasted, and its pictures exist."""
+
+import re
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+README = (ROOT / "README.md").read_text()
+
+
+def test_the_example_runs(capsys):
+    (code,) = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
+    names = {}
+    exec(code, names)
+    printed = capsys.readouterr().out
+    time, stress, closure = (float(x) for x in printed.splitlines()[0].split())
+    # E' eps with the artificial compliance of the bonds, -2 % at 5 um: 108 GPa * 0.2 %
+    assert time >= 5e-8
+    assert abs(stress - 2.1e8) < 0.1e8
+    assert abs(closure) < 1e-10 * names["step"].energies["external_work"]
+    assert "cohesive zone with friction" in printed
+
+
+def test_pictures_and_files_named_exist():
+    for path in re.findall(r"\]\((docs/[^)]+)\)", README):
+        assert (ROOT / path).stat().st_size > 10_000, path
+    for path in re.findall(r"`((?:demos|benchmarks|tests|nscd)/[\w/]+\.py)`", README):
+        root = ROOT / "xper_fx" if path.startswith("nscd") else ROOT
+        assert (root / path).is_file(), path
