@@ -23,7 +23,7 @@ def lumped(mass, fixed=None):
     """One block of w a node."""
     dim = mass.shape[1]
     w = np.zeros((len(mass), dim, dim))
-    w[:, range(dim), range(dim)] = np.where(np.zeros_like(mass) if fixed is None else fixed, 0, 1) / mass
+    w[:, range(dim), range(dim)] = 1.0 / mass if fixed is None else np.where(fixed, 0.0, 1.0 / mass)
     return BodyInverse.from_uniform(w, dim)
 
 

@@ -52,6 +52,11 @@ _SINGULAR = 1e-12
 _REGULAR = 1.0 - 1e-7
 
 
+# Hot loops allocate nothing; counting references of the arrays passed would cost more than they do.
+_KERNEL = njit(fastmath={"contract"}, error_model="numpy", _nrt=False)
+_KERNEL_INLINED = njit(inline="always")
+
+
 class _Blocks(NamedTuple):
     """The vertices' own arrays; points are counted vertex by vertex, group by group within.
 
@@ -134,9 +139,9 @@ def _group_kernels(law: LawKernels, dim: int, alone: bool):
     to_local, to_global = algebra.to_local, algebra.to_global
     read, push = motion(dim, 1, dim)
     solve = law.solve
-    kernel = njit(inline="always") if alone else njit(fastmath={"contract"}, error_model="numpy", _nrt=False)
+    kernel = _KERNEL_INLINED if alone else _KERNEL
 
-    @njit(fastmath={"contract"}, error_model="numpy", _nrt=False)
+    @_KERNEL
     def answer(i, u, r, w_points, parameters, terms, details):
         new, _ = solve(i, u, r, w_points, parameters, terms, details)
         return new
@@ -250,7 +255,7 @@ def _group_kernels(law: LawKernels, dim: int, alone: bool):
         return slopes[z][x] - slope[point, z, x]
 
     # A call costs as much as it passes: only the arrays needed, not all of the group's.
-    @njit(fastmath={"contract"}, error_model="numpy", _nrt=False)
+    @_KERNEL
     def update(y, start, lines, first, slope, point, n, own, slopes):
         """Y for a new slope of one point, given the rows g Y of W - diag W in `lines`.
 
@@ -282,7 +287,7 @@ def _group_kernels(law: LawKernels, dim: int, alone: bool):
             for x in range(dim):
                 slope[point, z, x] = slopes[z][x]
 
-    @njit(fastmath={"contract"}, error_model="numpy", _nrt=False)
+    @_KERNEL
     def renew(b, v, blocks, position, group, reach, threshold):
         """Take new slopes where the residual is above the threshold; the inverse follows."""
         tiles, c, r, inverse_area, w_points, parameters, terms, details = group
@@ -362,7 +367,7 @@ def _nest(count: int):
 @cache
 def _chain(laws: tuple[LawKernels, ...], dim: int, alone: bool):
     """The kernels over all the laws of a vertex, one after the other."""
-    kernel = njit(inline="always") if alone else njit(fastmath={"contract"}, error_model="numpy", _nrt=False)
+    kernel = _KERNEL_INLINED if alone else _KERNEL
     kernels = _group_kernels(laws[0], dim, alone)
     warm, evaluate, sweep, correct, renew, evolve = kernels
     last = len(laws) == 1
@@ -399,7 +404,7 @@ def _chain(laws: tuple[LawKernels, ...], dim: int, alone: bool):
             position = correct_2(b, v, blocks, position, groups[1:])
         return position
 
-    @njit(fastmath={"contract"}, error_model="numpy", _nrt=False)
+    @_KERNEL
     def renew_all(b, v, blocks, position, groups, reach, threshold):
         position = renew(b, v, blocks, position, groups[0], reach, threshold)
         if not last:
@@ -422,7 +427,9 @@ def _solve_kernel(laws: tuple[LawKernels, ...], dim: int):
     nest = _nest(len(laws))
     algebra = for_dimension(dim)
     row, set_row, dot, scale = algebra.row, algebra.set_row, algebra.dot, algebra.scale
-    warm_all, evaluate_all, sweep_all, correct_all, renew_all, evolve_all = _chain(laws, dim, len(laws) == 1)
+    warm_all, evaluate_all, sweep_all, correct_all, renew_all, evolve_all = _chain(
+        laws, dim, len(laws) == 1
+    )
 
     @njit(inline="always")
     def multiply(blocks, b):
@@ -442,11 +449,11 @@ def _solve_kernel(laws: tuple[LawKernels, ...], dim: int):
                         total[1] + a[at + n] * x[0] + a[at + n + 1] * x[1],
                     )
                 else:
+                    p, q = at + n, at + 2 * n
                     total = (
                         total[0] + a[at] * x[0] + a[at + 1] * x[1] + a[at + 2] * x[2],
-                        total[1] + a[at + n] * x[0] + a[at + n + 1] * x[1] + a[at + n + 2] * x[2],
-                        total[2]
-                        + a[at + 2 * n] * x[0] + a[at + 2 * n + 1] * x[1] + a[at + 2 * n + 2] * x[2],
+                        total[1] + a[p] * x[0] + a[p + 1] * x[1] + a[p + 2] * x[2],
+                        total[2] + a[q] * x[0] + a[q + 1] * x[1] + a[q + 2] * x[2],
                     )
             set_row(blocks.correction, i, total)
             size += dot(total, total)
@@ -513,7 +520,7 @@ def _solve_kernel(laws: tuple[LawKernels, ...], dim: int):
             previous, fresh = np.inf, 0
         return max_sweeps, changed / max(total, floor, _TINY), largest, False
 
-    @njit(fastmath={"contract"}, error_model="numpy", _nrt=False)
+    @_KERNEL
     def solve_range(lo, hi, v, blocks, arrays, tolerance, max_sweeps, relax, speed, parts, chunk):
         groups = nest(arrays)
         for b in range(lo, hi):
