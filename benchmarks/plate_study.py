@@ -3,11 +3,11 @@
 
 Runs `demos/notched_plate.py` with weak and strong interfaces at several mesh sizes, with 0.7 and
 0.35 of the bulk's critical step, and tabulates peak stress, dissipated energy and crack lengths.
-As printed the cohesive length is a fiftieth of a facet: nothing after the first crack can
+As printed the cohesive length is a few hundredths of a facet: nothing after the first crack can
 converge. Resolved it spans at least four facets of the coarsest mesh: there peak, dissipated
-energy and crack path converge, and the table ends with the differences between successive meshes.
+energy and crack path converge; differences between successive meshes are printed below each.
 
-Run: ./fenicsx python3 benchmarks/plate_study.py [--cells 20 40 80] [--variant printed|resolved|both]
+Run: ./fenicsx python3 benchmarks/plate_study.py [--cells 20 40 80] [--variant both]
 """
 
 import argparse

@@ -59,9 +59,7 @@ def interactions(points, inverse, laws, law_of_point, ordering):
 
 def run(points, inverse, laws, law_of_point, velocities, *, by_vertex, step=STEP, **options):
     """Steps from rest with the given free velocities; impulses, end velocities, damage."""
-    scene = interactions(
-        points, inverse, laws, law_of_point, "vertices" if by_vertex else "tiles"
-    )
+    scene = interactions(points, inverse, laws, law_of_point, "vertices" if by_vertex else "tiles")
     solver = vertex_blocks.solve if by_vertex else nlgs.solve
     history, reports = [], []
     for free in velocities:

@@ -477,7 +477,6 @@ def _solve_kernel(laws: tuple[LawKernels, ...], dim: int):
     def solve_vertex(b, v, blocks, groups, tolerance, max_sweeps, relax, speed):
         """Returns sweeps, squared relative error, squared traction change, converged."""
         first = blocks.offsets[b]
-        dofs = (blocks.offsets[b + 1] - first) * dim
         warm_all(b, v, blocks, first, groups)
         # impulses whose effect is within the rounding of the velocities
         floor = (16.0 * np.finfo(np.float64).eps * speed) ** 2 * blocks.rounding[b]
@@ -544,9 +543,7 @@ def _solve_kernel(laws: tuple[LawKernels, ...], dim: int):
     @njit(nogil=True)
     def solve_serial(v, blocks, arrays, tolerance, max_sweeps, relax, speed, parts):
         num = len(blocks.rounding)
-        solve_range(
-            0, num, v, blocks, arrays, tolerance, max_sweeps, relax, speed, parts, 0
-        )
+        solve_range(0, num, v, blocks, arrays, tolerance, max_sweeps, relax, speed, parts, 0)
 
     return solve_serial, solve_all
 
@@ -580,7 +577,7 @@ def solve(
     """
     if interactions.ordering != "vertices":
         raise ValueError(
-            'Vertex by vertex, points should be ordered so: build Interactions with '
+            "Vertex by vertex, points should be ordered so: build Interactions with "
             f'ordering="vertices", got {interactions.ordering!r}.'
         )
     if not len(interactions):
