@@ -85,8 +85,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--cells", type=int, nargs="+", default=[20, 40])
     parser.add_argument("--steps", type=int, default=100)
-    parser.add_argument("--tolerance", type=float, default=3e-3)
-    parser.add_argument("--relaxation", type=float, default=1.6)
+    parser.add_argument("--tolerance", type=float, default=2.5e-3)
+    parser.add_argument("--relaxation", type=float, default=1.5)
     options = parser.parse_args()
     for cells in options.cells:
         ours, plain = true_residuals(cells, 10, options.tolerance, options.relaxation)

@@ -136,10 +136,11 @@ def test_resolved_results_converge():
         lengths = np.bincount(kind, np.linalg.norm(np.diff(segments, axis=1)[:, 0], axis=1), 3)
         found[cells, factor] = stress.max(), energies["dissipated_cohesion"][-1], lengths
     peak, spent, _ = found[20, 1.0]
-    assert found[20, 0.5][0] == pytest.approx(peak, rel=0.01)
-    assert found[20, 0.5][1] == pytest.approx(spent, rel=0.05)
-    assert found[40, 1.0][0] == pytest.approx(peak, rel=0.03)
-    assert found[40, 1.0][1] == pytest.approx(spent, rel=0.1)
+    assert found[20, 0.5][0] == pytest.approx(peak, rel=2e-3)
+    assert found[20, 0.5][1] == pytest.approx(spent, rel=5e-3)
+    assert found[40, 1.0][0] == pytest.approx(peak, rel=0.02)
+    # +14 %, and +7 % from 40 to 80 (README): first order
+    assert found[40, 1.0][1] == pytest.approx(spent, rel=0.16)
     for _, _, lengths in found.values():
         np.testing.assert_allclose(lengths, [22.5e-6, 0.0, 15e-6], atol=6e-6)
 
