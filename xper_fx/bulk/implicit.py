@@ -24,6 +24,8 @@ from xper_fx.nscd.interactions import Interactions
 
 # Contraction of Newton's corrections above which w is renewed.
 _SLOW = 0.2
+# Times that a Newton step is halved before the time step is given up.
+_CUTS = 5
 # Newton's correction of the positions, relative to the size of the scene, that is rounding.
 _ROUNDING = 1e-14
 # Inverses kept for a linear bulk: the step and its halves.
@@ -146,18 +148,23 @@ class ImplicitScheme:
                 sweeps += report.sweeps
                 error, traction = report.residual, report.traction_change
                 converged = report.converged
-            velocity = new
+            previous, velocity = velocity, new
             with watch.phase("free velocity"):
                 residual, internal = residual_at(velocity)
             if bulk.linear or not converged:
                 break
-            # For the impulses found, what is left is the bulk's nonlinearity alone.
+            # For the impulses found, what is left is the bulk's nonlinearity alone. A step that
+            # inverts a cell (no finite energy) or leaves more than it found is cut.
             with watch.phase("free velocity"):
-                correction = inverse.apply(residual + impulses)
-            newton = self._norm(correction)
-            # towards rest velocities vanish, and the rounding of positions is what is left
-            rounding = self._rounding / (step * theta)
-            newton = 0.0 if newton <= rounding else newton / self._norm(velocity)
+                newton = self._correction(inverse, residual + impulses, velocity, step)
+                for _ in range(_CUTS):
+                    if np.isfinite(newton) and newton <= 2.0 * newton_before:
+                        break
+                    velocity = 0.5 * (velocity + previous)
+                    residual, internal = residual_at(velocity)
+                    # the impulses belong to the whole step: this is not yet the end
+                    left = self._correction(inverse, residual + impulses, velocity, step)
+                    newton = max(left, 2.0 * self._tolerance)
             if newton <= self._tolerance or not np.isfinite(newton):
                 break
             if newton > _SLOW * newton_before:
@@ -176,6 +183,15 @@ class ImplicitScheme:
             end, slots, impulses, reactions, force_impulse, bulk.viscous(mean_velocity), sweeps,
             error, traction, iteration, newton, converged,
         )  # fmt: skip
+
+    def _correction(self, inverse, residual, velocity, step) -> float:
+        """Newton's next correction relative to the velocities; infinite if it is not finite."""
+        correction = self._norm(inverse.apply(residual))
+        # towards rest velocities vanish, and the rounding of positions is what is left
+        if correction <= self._rounding / (step * self.theta):
+            return 0.0
+        relative = correction / self._norm(velocity)
+        return relative if np.isfinite(relative) else np.inf
 
     def _norm(self, velocity: np.ndarray) -> float:
         return float(np.sqrt(velocity @ (self.bulk.mass * velocity)))
