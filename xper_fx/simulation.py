@@ -93,7 +93,7 @@ class Simulation:
         theta: float = 0.5,
         tolerance: float = 1e-4,
         max_sweeps: int = 20_000,
-        relaxation: float = 1.5,
+        relaxation: float = 1.3,
         newton_tolerance: float = 1e-8,
         max_newton: int = 25,
         max_halvings: int = 6,

@@ -30,8 +30,6 @@ _WINDOW = 4
 # A tile is left alone while its share of the error is below this fraction of what is wanted, and is
 # visited all the same every so many sweeps, and before the end.
 _NEGLIGIBLE, _REVISIT = 0.1, 16
-# Sweeps between two looks at what they change, once there have been a few.
-_BATCH = 4
 # Relative change of the impulses that is rounding.
 _ROUNDING = 16.0 * np.finfo(float).eps
 # Factor on the tolerance while internal variables still move.
@@ -54,20 +52,14 @@ class SolveReport(NamedTuple):
     traction_change: float
 
 
-def amplification(changes: list[tuple[int, float]]) -> float:
-    """Error left, relative to the last change.
-
-    Args:
-        changes: (number of the sweep, relative change of the impulses in it), in order.
-    """
-    last, change = changes[-1]
-    if change == 0.0:
+def amplification(changes: list[float]) -> float:
+    """Error left, relative to the last change, from the relative changes of the sweeps so far."""
+    window = min(_WINDOW, len(changes) - 1)
+    if changes[-1] == 0.0:
         return 1.0
-    before = [entry for entry in changes[:-1] if last - entry[0] <= _WINDOW] or changes[-2:-1]
-    if not before:
+    if window == 0:
         return np.inf
-    first, earlier = before[0]
-    rho = (change / earlier) ** (1.0 / (last - first))
+    rho = (changes[-1] / changes[-1 - window]) ** (1.0 / window)
     return max(1.0, rho / (1.0 - rho)) if rho < 1.0 else np.inf
 
 
@@ -110,15 +102,12 @@ def solve(
     num_tiles = sum(len(marked) for *_, marked, _ in passes)
     moved = np.zeros(len(interactions.inverse.node_offsets) - 1, np.bool_)
     interactions.add_velocity(velocity)
-    changes: list[tuple[int, float]] = []
+    changes: list[float] = []
     error, wanted, factor = np.inf, _LOOSE * tolerance, np.inf
     verifying = False
-    count = 0
-    while count < max_sweeps:
-        for _ in range(1 if count < _WINDOW else min(_BATCH, max_sweeps - count)):
-            count += 1
-            for kernel, arguments, *_ in passes:
-                kernel(*arguments)
+    for count in range(1, max_sweeps + 1):
+        for kernel, arguments, *_ in passes:
+            kernel(*arguments)
         changed = sum(stats[:, 0].sum() for *_, stats in passes)
         total = sum(stats[:, 1].sum() for *_, stats in passes)
         change = np.sqrt(changed / total) if total > 0.0 else np.sqrt(changed)
@@ -126,7 +115,7 @@ def solve(
             break
         everywhere = all(marked.all() for *_, marked, _ in passes)
         if not verifying:
-            changes.append((count, change))
+            changes.append(change)
             factor = amplification(changes)
         error = change * factor if change > _ROUNDING else change
         if error <= wanted and everywhere:
@@ -142,7 +131,7 @@ def solve(
             continue
         # What moves still gets the next sweep; when that has come to rest, all do.
         verifying = error <= wanted
-        moved[:] = verifying or count % _REVISIT < _BATCH
+        moved[:] = verifying or count % _REVISIT == 0
         negligible = _NEGLIGIBLE * wanted / factor if np.isfinite(factor) else 0.0
         threshold = negligible**2 * total / num_tiles
         for _, _, tile_bodies, _, stats in passes:
