@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""The interaction layer runs where only NumPy and Numba are."""
+"""The interaction layer runs where only NumPy, SciPy and Numba are."""
 
 from __future__ import annotations
 
@@ -30,12 +30,13 @@ def test_imports_nothing_of_the_bulk():
     assert not loaded & {"dolfinx", "ufl", "basix", "ffcx", "petsc4py", "mpi4py", "h5py", "meshio"}
 
 
-def test_names_numpy_and_numba_only():
-    """In the text: Numba loads SciPy on its own account, which hides it among loaded modules."""
-    allowed = set(sys.stdlib_module_names) | {"numpy", "numba"}
+def test_names_numpy_scipy_and_numba_only():
+    """In the text, where imports inside functions show too; files of problems may be HDF5."""
+    common = set(sys.stdlib_module_names) | {"numpy", "scipy", "numba"}
     files = sorted(FOLDER.rglob("*.py"))
     assert len(files) > 10
     for file in files:
+        allowed = common | ({"h5py"} if file.name == "files.py" else set())
         for node in ast.walk(ast.parse(file.read_text())):
             if isinstance(node, ast.Import):
                 modules = [alias.name for alias in node.names]

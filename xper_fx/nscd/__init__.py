@@ -1,2 +1,6 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""NonSmooth Contact Dynamics: interaction points, laws and solvers, on NumPy and Numba alone."""
+"""NonSmooth Contact Dynamics: points, laws and solvers, on NumPy, SciPy and Numba alone."""
+
+from xper_fx.nscd.friction import FrictionProblem, FrictionResult
+
+__all__ = ["FrictionProblem", "FrictionResult"]

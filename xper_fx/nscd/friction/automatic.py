@@ -1,0 +1,167 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Which solver for which part of a problem, and what follows when one does not get there.
+
+1. Gauss-Seidel sweeps over each component. Most components need few; one that, as its error falls,
+   would need more sweeps still than an interior-point solve costs is left as it is.
+2. The components left, together: Anderson's mixing if they are large (no factorisation), then the
+   interior point; where rounding ends it above the tolerance, proximal points from there.
+3. If that fails (a problem without solution, close to one, or far from monotone), component by
+   component: the same, then sweeps and proximal points in turn, the sweeps going on from what there
+   is, then again from rest with over- and with under-relaxation.
+
+The best impulses of all are kept at every turn: nothing is left with less than the sweeps gave.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from xper_fx.nscd.friction import anderson, gauss_seidel, interior_point, newton
+from xper_fx.nscd.friction.blocks import BlockProblem, part
+from xper_fx.nscd.friction.error import natural_error
+from xper_fx.nscd.friction.sparse_system import elimination_order
+from xper_fx.nscd.local_solvers import LocalSolver
+
+# An interior-point solve costs as much as 200 to 900 sweeps (measured, 50 to 400 contacts).
+_PATIENCE = 300
+# First proximal coefficient after the interior point, whose end is near the solution.
+_NEAR = 1e-7
+# The same after sweeps that got stuck.
+_FAR = 1e-2
+# Contacts from which on mixing is tried before factorising.
+_LARGE = 200
+# Relaxation of the sweeps that start again from rest.
+_RELAXATIONS = (1.3, 0.8)
+
+
+@dataclass
+class Course:
+    """What was done, in order.
+
+    Attributes:
+        solvers: names of the solvers used.
+        sweeps: largest number of Gauss-Seidel sweeps over a component.
+        history: (solver, iterations so far, error) - of the whole for sweeps, else of the part that
+            was left to the solver.
+        reasons: why, in words.
+    """
+
+    solvers: list[str] = field(default_factory=list)
+    sweeps: int = 0
+    history: list[tuple[str, int, float]] = field(default_factory=list)
+    reasons: list[str] = field(default_factory=list)
+
+    def note(self, solver: str, errors, iterations=None) -> None:
+        if solver not in self.solvers:
+            self.solvers.append(solver)
+        numbers = range(1, len(errors) + 1) if iterations is None else iterations
+        self.history += [(solver, int(k), float(e)) for k, e in zip(numbers, errors, strict=True)]
+
+
+def sweep(problem, local, r, course: Course, **options) -> np.ndarray:
+    """Gauss-Seidel, noted in the course; returns which components converged."""
+    done = gauss_seidel.sweep(problem, local, r, **options)
+    course.sweeps = max(course.sweeps, int(done.sweeps.max(initial=0)))
+    course.note("gauss_seidel", done.history[:, 1], done.history[:, 0])
+    return done.converged
+
+
+def on_part(solve, problem, contacts, r, *, tolerance, course, name, **options) -> bool:
+    """Solve some whole components by a global solver; keep what it finds if better.
+
+    Args:
+        solve: `interior_point.solve`, `newton.solve` or `newton.proximal_point`.
+        problem: the stored problem.
+        contacts: their contacts, in an order of elimination.
+        r: shape (n, dim), impulses of the whole problem.
+        tolerance: on the whole; the part gets its share.
+
+    Returns:
+        Whether the share was met.
+    """
+    own = part(problem, contacts)
+    size_q = np.linalg.norm(own.q)
+    if size_q == 0.0:
+        r[contacts] = 0.0
+        return True
+    share = np.sqrt(len(contacts) / len(r)) * np.linalg.norm(problem.q) / size_q
+    found, errors = r[contacts], []
+    before = natural_error(own, found)
+    reached = solve(own, found, tolerance=tolerance * share, history=errors, **options)
+    course.note(name, errors)
+    if natural_error(own, found) < before:
+        r[contacts] = found
+    return reached
+
+
+def solve(
+    problem: BlockProblem,
+    local: LocalSolver,
+    r: np.ndarray,
+    *,
+    tolerance: float,
+    max_sweeps: int,
+) -> Course:
+    """Solve; impulses in r, shape (n, dim), on return."""
+    course = Course()
+    converged = sweep(
+        problem, local, r, course,
+        tolerance=tolerance, max_sweeps=max_sweeps, patience=_PATIENCE,
+    )  # fmt: skip
+    if converged.all():
+        return course
+    fixed = ~problem.diagonal.any(axis=1)[problem.components[:-1]]  # nothing can move there
+    left = np.flatnonzero(~converged & ~fixed)
+    if len(left) == 0:
+        return course
+    contacts = [np.arange(*problem.components[c : c + 2]) for c in left]
+    course.reasons.append(
+        f"{len(left)} of {len(converged)} components ({sum(map(len, contacts))} contacts) would "
+        f"have needed more than {_PATIENCE} sweeps still"
+    )
+
+    def attempt(solver, name, contacts, **options):
+        return on_part(
+            solver, problem, contacts, r, tolerance=tolerance, course=course, name=name, **options
+        )
+
+    def descend(contacts):
+        order = elimination_order(problem, contacts)
+        if len(contacts) >= _LARGE and attempt(
+            anderson.solve, "anderson", order, local=local, max_sweeps=max_sweeps
+        ):
+            return True
+        return attempt(interior_point.solve, "interior_point", order) or attempt(
+            newton.proximal_point, "proximal_point", order, alpha=_NEAR
+        )
+
+    def resweep(own, start, relaxation=1.0):
+        alone, found = part(problem, own), start.copy()
+        share = np.linalg.norm(problem.q) / (np.linalg.norm(alone.q) or 1.0)
+        share *= np.sqrt(len(own) / len(r))
+        reached = sweep(
+            alone, local, found, course,
+            tolerance=tolerance * share, max_sweeps=max_sweeps, relaxation=relaxation,
+        )  # fmt: skip
+        if natural_error(alone, found) < natural_error(alone, r[own]):
+            r[own] = found
+        return reached.all()
+
+    def persist(own):
+        order = elimination_order(problem, own)
+        starts = [(r[own], 1.0)] + [(np.zeros_like(r[own]), w) for w in _RELAXATIONS]
+        for start, relaxation in starts:
+            if resweep(own, start, relaxation) or attempt(
+                newton.proximal_point, "proximal_point", order, alpha=_FAR
+            ):
+                return
+
+    if descend(np.concatenate(contacts)):
+        return course
+    course.reasons.append("these did not come to the end together")
+    for own in contacts:
+        if len(contacts) == 1 or not descend(own):
+            persist(own)
+    return course

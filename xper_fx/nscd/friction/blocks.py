@@ -1,0 +1,157 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""W stored by rows of dim x dim blocks, scaled, its contacts sorted by connected component.
+
+Contacts that share a body, directly or through others, form a *component*; components are problems
+of their own. The stored problem is scaled by m = mean(diag W): W / m and m r replace W and r, q
+stays. Impulses then have the size of q, and no solver meets a unit.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+import scipy.sparse as sp
+from numba import njit
+from scipy.sparse.csgraph import connected_components
+
+from xper_fx.nscd.small import sym_indices
+
+
+class BlockProblem(NamedTuple):
+    """A frictional contact problem by blocks: u_a = sum_b W_ab r_b + q_a.
+
+    Attributes:
+        offsets: shape (n + 1,), first block of each contact's row.
+        columns: shape (num_blocks,), contact of each block; sorted in a row, pattern symmetric.
+        blocks: shape (num_blocks, dim, dim).
+        diagonal: shape (n, dim (dim + 1) / 2), symmetric part of the diagonal blocks, packed.
+        q: shape (n, dim).
+        mu: shape (n,).
+        components: shape (num_components + 1,), first contact of each component.
+    """
+
+    offsets: np.ndarray
+    columns: np.ndarray
+    blocks: np.ndarray
+    diagonal: np.ndarray
+    q: np.ndarray
+    mu: np.ndarray
+    components: np.ndarray
+
+    @property
+    def dim(self) -> int:
+        return self.q.shape[1]
+
+    @property
+    def nbytes(self) -> int:
+        return sum(a.nbytes for a in self)
+
+
+def store(W: sp.csr_matrix, q: np.ndarray, mu: np.ndarray, dim: int, shuffle_seed: int | None):
+    """Scale, sort by component and store by blocks.
+
+    Args:
+        W: shape (n dim, n dim), checked.
+        q: shape (n dim,).
+        mu: shape (n,).
+        dim: 2 or 3.
+        shuffle_seed: seed of the order within a component; the given order without.
+
+    Returns:
+        The stored problem, the scale m = mean(diag W) (1 if W is zero), and the order: contact a
+        of the stored problem is contact `order[a]` of the given one.
+    """
+    n = len(mu)
+    scale = float(W.diagonal().mean()) if n else 1.0
+    scale = scale if scale > 0.0 else 1.0
+    by_block = sp.bsr_matrix(W, blocksize=(dim, dim))
+    pattern = sp.csr_matrix(
+        (np.ones(len(by_block.indices), np.int8), by_block.indices, by_block.indptr), shape=(n, n)
+    )
+    count, label = connected_components(pattern, directed=False)
+    rank = np.arange(n)
+    if shuffle_seed is not None:
+        rank = np.random.default_rng(shuffle_seed).permutation(n)
+    order = np.lexsort((rank, label))
+    # Zero blocks make the pattern symmetric and the diagonal present.
+    place = np.empty(n, np.int64)
+    place[order] = np.arange(n)
+    rows = np.repeat(place, np.diff(by_block.indptr))
+    columns = place[by_block.indices]
+    keys = np.concatenate([rows * n + columns, columns * n + rows, np.arange(n) * (n + 1)])
+    keys, first = np.unique(keys, return_index=True)
+    blocks = np.zeros((len(keys), dim, dim))
+    given = first < len(rows)
+    blocks[given] = by_block.data[first[given]] / scale
+    rows, columns = keys // n, keys % n
+    diagonal_blocks = blocks[rows == columns]
+    i, j = sym_indices(dim)
+    stored = BlockProblem(
+        offsets=np.concatenate([[0], np.cumsum(np.bincount(rows, minlength=n))]),
+        columns=columns,
+        blocks=blocks,
+        diagonal=0.5 * (diagonal_blocks[:, i, j] + diagonal_blocks[:, j, i]),
+        q=np.ascontiguousarray(q.reshape(n, dim)[order]),
+        mu=np.ascontiguousarray(mu[order]),
+        components=np.concatenate([[0], np.cumsum(np.bincount(label, minlength=count))]),
+    )
+    return stored, scale, order
+
+
+def part(problem: BlockProblem, contacts: np.ndarray) -> BlockProblem:
+    """The problem of some whole components, in an order of elimination with little fill.
+
+    Args:
+        problem: the stored problem.
+        contacts: numbers of the contacts, in the order wanted; rows must not reach beyond them.
+
+    Returns:
+        Their problem, as one component.
+    """
+    place = np.full(len(problem.mu), -1)
+    place[contacts] = np.arange(len(contacts))
+    sizes = problem.offsets[contacts + 1] - problem.offsets[contacts]
+    offsets = np.concatenate([[0], np.cumsum(sizes)])
+    entries = np.repeat(problem.offsets[contacts] - offsets[:-1], sizes) + np.arange(offsets[-1])
+    columns = place[problem.columns[entries]]
+    rows = np.repeat(np.arange(len(contacts)), sizes)
+    by_column = np.lexsort((columns, rows))
+    return BlockProblem(
+        offsets=offsets,
+        columns=columns[by_column],
+        blocks=problem.blocks[entries[by_column]],
+        diagonal=problem.diagonal[contacts],
+        q=problem.q[contacts],
+        mu=problem.mu[contacts],
+        components=np.array([0, len(contacts)]),
+    )
+
+
+@cache
+def row_product(dim: int):
+    """Kernel `multiply(a, offsets, columns, blocks, r, u) -> u + sum_b W_ab r_b`, all tuples."""
+
+    @njit(inline="always")
+    def multiply2(a, offsets, columns, blocks, r, u):
+        x, y = u
+        for k in range(np.uintp(offsets[a]), np.uintp(offsets[a + 1])):
+            b = np.uintp(columns[k])
+            r0, r1 = r[b, 0], r[b, 1]
+            x += blocks[k, 0, 0] * r0 + blocks[k, 0, 1] * r1
+            y += blocks[k, 1, 0] * r0 + blocks[k, 1, 1] * r1
+        return x, y
+
+    @njit(inline="always")
+    def multiply3(a, offsets, columns, blocks, r, u):
+        x, y, z = u
+        for k in range(np.uintp(offsets[a]), np.uintp(offsets[a + 1])):
+            b = np.uintp(columns[k])
+            r0, r1, r2 = r[b, 0], r[b, 1], r[b, 2]
+            x += blocks[k, 0, 0] * r0 + blocks[k, 0, 1] * r1 + blocks[k, 0, 2] * r2
+            y += blocks[k, 1, 0] * r0 + blocks[k, 1, 1] * r1 + blocks[k, 1, 2] * r2
+            z += blocks[k, 2, 0] * r0 + blocks[k, 2, 1] * r1 + blocks[k, 2, 2] * r2
+        return x, y, z
+
+    return multiply2 if dim == 2 else multiply3

@@ -1,0 +1,142 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""How far impulses are from a solution: the natural map, and its parts in physical units.
+
+With the velocity of de Saxce, u~ = u + mu |u_T| n, Signorini-Coulomb is K 3 r _|_ u~ in K*, K the
+Coulomb cone |r_T| <= mu r_N; for any rho > 0 this is (Acary and Brogliato 2008, section 13.6)
+
+    F(r) = r - P_K(r - rho u~) = 0.
+
+Two measures of F:
+
+- `error`: rho = 1 / m, m = mean(diag W), and |F| / (rho |q|). It does not depend on units, and is
+  what tolerances bound. With q = 0, which r = 0 solves, it is |F| / rho.
+- `siconos_error`: rho = 1 and |F| / max(|q|, |r|, |u|), as Siconos reports it, to compare figures.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from xper_fx.nscd.friction.blocks import BlockProblem, row_product
+from xper_fx.nscd.small import for_dimension
+
+
+@cache
+def natural_map(dim: int):
+    """Kernel `residual(r, u, mu, rho) -> F` at one contact, all tuples but mu and rho."""
+
+    @njit(inline="always")
+    def residual2(r, u, mu, rho):
+        n = r[0] - rho * (u[0] + mu * abs(u[1]))
+        t = r[1] - rho * u[1]
+        size = abs(t)
+        if size <= mu * n:
+            return r[0] - n, r[1] - t
+        if mu * size <= -n:
+            return r
+        normal = (n + mu * size) / (1.0 + mu * mu)
+        return r[0] - normal, r[1] - np.copysign(mu * normal, t)
+
+    @njit(inline="always")
+    def residual3(r, u, mu, rho):
+        n = r[0] - rho * (u[0] + mu * np.sqrt(u[1] * u[1] + u[2] * u[2]))
+        t1, t2 = r[1] - rho * u[1], r[2] - rho * u[2]
+        size = np.sqrt(t1 * t1 + t2 * t2)
+        if size <= mu * n:
+            return r[0] - n, r[1] - t1, r[2] - t2
+        if mu * size <= -n:
+            return r
+        normal = (n + mu * size) / (1.0 + mu * mu)
+        ratio = mu * normal / size
+        return r[0] - normal, r[1] - ratio * t1, r[2] - ratio * t2
+
+    return residual2 if dim == 2 else residual3
+
+
+@cache
+def residual_kernel(dim: int):
+    """Kernel `squared(first, last, offsets, columns, blocks, q, mu, r, rho) -> sum |F|^2`."""
+    algebra = for_dimension(dim)
+    row, dot = algebra.row, algebra.dot
+    multiply, residual = row_product(dim), natural_map(dim)
+
+    @njit(fastmath={"contract"}, error_model="numpy", _nrt=False)
+    def squared(first, last, offsets, columns, blocks, q, mu, r, rho):
+        total = 0.0
+        for a in range(first, last):
+            u = multiply(a, offsets, columns, blocks, r, row(q, a))
+            f = residual(row(r, a), u, mu[a], rho)
+            total += dot(f, f)
+        return total
+
+    return squared
+
+
+def natural_error(problem: BlockProblem, r: np.ndarray) -> float:
+    """`error` of the module docstring, of a stored (scaled) problem; r shape (n, dim)."""
+    squared = residual_kernel(problem.dim)
+    total = squared(0, len(r), *problem[:3], problem.q, problem.mu, r, 1.0)
+    return np.sqrt(total) / (np.linalg.norm(problem.q) or 1.0)
+
+
+class Errors(NamedTuple):
+    """The error of given impulses, and its parts.
+
+    Attributes:
+        error: unit-free natural-map error (module docstring).
+        siconos_error: Siconos's natural-map error.
+        penetration: largest -u_N, or 0 (m/s).
+        complementarity: largest |u_N r_N| (J).
+        cone_violation: largest distance |r_T| - mu r_N, or 0 (N s).
+    """
+
+    error: float
+    siconos_error: float
+    penetration: float
+    complementarity: float
+    cone_violation: float
+
+
+@cache
+def _measure_kernel(dim: int):
+    row = for_dimension(dim).row
+    dot, residual = for_dimension(dim).dot, natural_map(dim)
+
+    @njit
+    def measure(u, r, mu, rho, out):
+        for a in range(len(mu)):
+            ra, ua = row(r, a), row(u, a)
+            f, g = residual(ra, ua, mu[a], rho), residual(ra, ua, mu[a], 1.0)
+            out[0] += dot(f, f)
+            out[1] += dot(g, g)
+            tangential = np.sqrt(max(dot(ra, ra) - ra[0] * ra[0], 0.0))
+            out[2] = max(out[2], -ua[0])
+            out[3] = max(out[3], abs(ua[0] * ra[0]))
+            out[4] = max(out[4], tangential - mu[a] * ra[0])
+
+    return measure
+
+
+def measure(u, r, q, mu, mean_diagonal: float, dim: int) -> Errors:
+    """The errors of impulses r with velocities u = W r + q.
+
+    Args:
+        u, r, q: shape (n dim,) (m/s, N s, m/s).
+        mu: shape (n,).
+        mean_diagonal: mean(diag W) (m/s per N s).
+        dim: 2 or 3.
+    """
+    out = np.zeros(5)
+    kernel = _measure_kernel(dim)
+    kernel(u.reshape(-1, dim), r.reshape(-1, dim), mu, 1.0 / mean_diagonal, out)
+    size_q = np.linalg.norm(q)
+    largest = max(size_q, np.linalg.norm(r), np.linalg.norm(u))
+    return Errors(
+        np.sqrt(out[0]) * mean_diagonal / (size_q or 1.0),
+        np.sqrt(out[1]) / (largest or 1.0),
+        *(float(x) for x in out[2:]),
+    )

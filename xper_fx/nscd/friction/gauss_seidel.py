@@ -1,0 +1,198 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Nonlinear Gauss-Seidel on stored blocks: one contact after the other is solved exactly.
+
+Visit of contact a (Jean 1999): b = q_a + sum_b W_ab r_b - W_aa r_a with the impulses of the moment,
+then r_a is the solution of the local problem u = b + W_aa r, Signorini-Coulomb(u, r, mu).
+
+Components are solved one by one, each until its natural-map error is its share of what is wanted.
+The error is computed only when the change of a sweep, which costs nothing to know, suggests that it
+will do. A contact whose neighbours have not moved since its last visit is passed over; when all are
+at rest and the error is still too large, what counts as rest is tightened and all are visited.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from xper_fx.nscd.friction.blocks import BlockProblem, row_product
+from xper_fx.nscd.friction.error import residual_kernel
+from xper_fx.nscd.local_solvers.solver import LocalSolver
+from xper_fx.nscd.small import for_dimension
+
+# A change below this fraction of a contact's share of the error wanted moves no neighbour.
+_REST = 0.1
+# The error is also computed at sweeps 16, 32, 64, ...: history, and the outlook.
+_FIRST_LOOK = 16
+_LOOKS = 40
+# What a global solve costs whatever its size, in contacts.
+_ONCE = 60
+
+
+class Sweeps(NamedTuple):
+    """What the sweeps did.
+
+    Attributes:
+        sweeps: shape (num_components,), sweeps made.
+        converged: shape (num_components,), bool.
+        history: shape (num_looks, 2), sweeps made (16, 32, 64, ...) and error of the whole then.
+        visits: contacts visited.
+    """
+
+    sweeps: np.ndarray
+    converged: np.ndarray
+    history: np.ndarray
+    visits: int
+
+
+@cache
+def _prepare_kernel(dim: int, local: LocalSolver):
+    sym_row, prepare = for_dimension(dim).sym_row, local.prepare
+
+    @njit
+    def prepare_all(diagonal, mu, factors):
+        for a in range(len(mu)):
+            prepare(sym_row(diagonal, a), mu[a], factors, a)
+
+    return prepare_all
+
+
+@cache
+def _kernel(dim: int, local: LocalSolver, relaxed: bool, symmetric: bool):
+    algebra = for_dimension(dim)
+    row, set_row, sym_row = algebra.row, algebra.set_row, algebra.sym_row
+    sym_vector, subtract, dot = algebra.sym_vector, algebra.subtract, algebra.dot
+    add, scale = algebra.add, algebra.scale
+    multiply, squared, solve = row_product(dim), residual_kernel(dim), local.solve
+
+    @njit(inline="always")
+    def into_cone(r, mu):
+        if r[0] <= 0.0:
+            return scale(0.0, r)
+        size = np.sqrt(max(dot(r, r) - r[0] * r[0], 0.0))
+        if size <= mu * r[0]:
+            return r
+        return add(scale(mu * r[0] / size, r), (r[0] * (1.0 - mu * r[0] / size),) + zeros)
+
+    zeros = (0.0,) * (dim - 1)
+
+    @njit(fastmath={"contract"}, error_model="numpy", _nrt=False)
+    def visit(a, offsets, columns, blocks, diagonal, factors, q, mu, r, omega):
+        w, old = sym_row(diagonal, a), row(r, a)
+        u = multiply(a, offsets, columns, blocks, r, row(q, a))
+        new = solve(subtract(u, sym_vector(w, old)), w, factors, a, mu[a], old)
+        if relaxed:
+            new = into_cone(add(old, scale(omega, subtract(new, old))), mu[a])
+        change = subtract(new, old)
+        set_row(r, a, new)
+        return dot(change, change)
+
+    @njit(fastmath={"contract"}, error_model="numpy", _nrt=False)
+    def sweep(first, last, backward, offsets, columns, blocks, diagonal, factors, q, mu, r, omega,
+              dirty, rest):  # fmt: skip
+        changed, visits = 0.0, 0
+        for place in range(first, last):
+            a = np.uintp(first + last - 1 - place if backward else place)
+            if not dirty[a]:
+                continue
+            change = visit(a, offsets, columns, blocks, diagonal, factors, q, mu, r, omega)
+            visits += 1
+            changed += change
+            moved = change > rest
+            if moved:
+                for k in range(np.uintp(offsets[a]), np.uintp(offsets[a + 1])):
+                    dirty[columns[k]] = True
+            dirty[a] = moved and relaxed  # else solved exactly
+        return changed, visits
+
+    @njit(nogil=True, error_model="numpy")
+    def run(components, offsets, columns, blocks, diagonal, factors, q, mu, r, omega, dirty, limit,
+            max_sweeps, patience, sweeps, converged, history):  # fmt: skip
+        total_visits = 0
+        for c in range(len(components) - 1):
+            first, last = components[c], components[c + 1]
+            share = limit * (last - first) / len(mu)
+            rest = _REST * _REST * share / (last - first)
+            worth = 4.0 * share  # change of a sweep at which the error is computed
+            look, number, previous = _FIRST_LOOK, 0, np.inf
+            error = np.inf
+            for count in range(1, max_sweeps + 1):
+                changed, visits = sweep(
+                    first, last, symmetric and count % 2 == 0, offsets, columns, blocks, diagonal,
+                    factors, q, mu, r, omega, dirty, rest,
+                )  # fmt: skip
+                total_visits += visits
+                sweeps[c] = count
+                if not np.isfinite(changed):
+                    break
+                if changed <= worth or count == look or count == max_sweeps or last == first + 1:
+                    error = squared(first, last, offsets, columns, blocks, q, mu, r, 1.0)
+                    if error <= share:
+                        converged[c] = True
+                        break
+                    worth = changed * share / error
+                    if visits == 0 or changed == 0.0:
+                        rest *= 0.01
+                        worth = 4.0 * share
+                        dirty[first:last] = True
+                        if rest < 1e-40 * share:
+                            break
+                if count == look:
+                    history[0, number] += error
+                    # Sweeps still to come if the error goes on falling as since the last look.
+                    fall = np.log(previous / error)
+                    if patience < np.inf and number > 1:
+                        # a global solve costs so much a contact, and so much once
+                        allowed = patience * (1.0 + _ONCE / (last - first))
+                        if not (0.5 * count * np.log(error / share) < allowed * fall):
+                            break
+                    look, number, previous = 2 * look, number + 1, error
+            history[1, number] += error
+        return total_visits
+
+    return run
+
+
+def sweep(
+    problem: BlockProblem,
+    local: LocalSolver,
+    r: np.ndarray,
+    *,
+    tolerance: float,
+    max_sweeps: int,
+    patience: float = np.inf,
+    relaxation: float = 1.0,
+    symmetric: bool = False,
+) -> Sweeps:
+    """Sweep until the error is within the tolerance.
+
+    Args:
+        problem: the stored problem.
+        local: local solver.
+        r: shape (n, dim), first guess; the impulses found on return.
+        tolerance: bound on `error.natural_error`.
+        max_sweeps: sweeps after which a component is left.
+        patience: cost of a global solve in sweeps over a large component; a component that would
+            need more sweeps still, as its error falls, is left.
+        relaxation: factor on the change of an impulse, followed by a return to the cone, in (0, 2).
+        symmetric: sweep forth and back in turn.
+    """
+    count = len(problem.components) - 1
+    factors = np.empty((len(r), local.num_factors))
+    _prepare_kernel(problem.dim, local)(problem.diagonal, problem.mu, factors)
+    sweeps, converged = np.zeros(count, np.int64), np.zeros(count, np.bool_)
+    history = np.zeros((2, _LOOKS))  # of components under way, and of those left since
+    size_q = np.linalg.norm(problem.q) or 1.0
+    run = _kernel(problem.dim, local, relaxation != 1.0, symmetric)
+    visits = run(
+        problem.components, problem.offsets, problem.columns, problem.blocks, problem.diagonal,
+        factors, problem.q, problem.mu, r, relaxation, np.ones(len(r), np.bool_),
+        (tolerance * size_q) ** 2,
+        max_sweeps, patience, sweeps, converged, history,
+    )  # fmt: skip
+    looks = _FIRST_LOOK * 2 ** np.arange(np.count_nonzero(history[0]))
+    errors = np.sqrt((history[0] + np.cumsum(history[1]))[: len(looks)]) / size_q
+    return Sweeps(sweeps, converged, np.column_stack([looks, errors]), visits)

@@ -1,0 +1,230 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""A frictional contact problem on its own, without any mesh: u = W r + q, Signorini-Coulomb."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from xper_fx.nscd.friction import anderson, automatic, files, interior_point, newton
+from xper_fx.nscd.friction.automatic import Course
+from xper_fx.nscd.friction.blocks import store
+from xper_fx.nscd.friction.checks import checked
+from xper_fx.nscd.friction.error import Errors, measure
+from xper_fx.nscd.friction.sparse_system import elimination_order
+from xper_fx.nscd.local_solvers import explicit_applies, local_solver
+
+_GLOBAL = {
+    "anderson": anderson.solve,
+    "newton": newton.solve,
+    "proximal_point": newton.proximal_point,
+    "interior_point": interior_point.solve,
+}
+SOLVERS = ("auto", "gauss_seidel", *_GLOBAL)
+ORDERS = ("given", "shuffled")
+_DEFAULT_LOCAL = {2: "graph", 3: "exact"}
+# One shuffle, always the same.
+_SEED = 0
+
+
+@dataclass(frozen=True)
+class FrictionResult:
+    """Impulses and velocities found, and how.
+
+    Attributes:
+        reaction: shape (n dim,), impulses r (N s), compression positive.
+        velocity: shape (n dim,), u = W r + q (m/s).
+        converged: whether `error` is within the tolerance.
+        errors: natural-map errors and their parts in physical units.
+        sweeps: largest number of Gauss-Seidel sweeps over a component.
+        solver: names of the solvers that worked, joined by " + ".
+        local_solver: name of the local solver.
+        history: (solver, iterations, error) as the solve went on.
+        reason: why these solvers, or why it did not converge.
+    """
+
+    reaction: np.ndarray
+    velocity: np.ndarray
+    converged: bool
+    errors: Errors
+    sweeps: int
+    solver: str
+    local_solver: str
+    history: list[tuple[str, int, float]]
+    reason: str
+
+    @property
+    def error(self) -> float:
+        """Unit-free natural-map error, what the tolerance bounds."""
+        return self.errors.error
+
+
+class FrictionProblem:
+    """Find r and u = W r + q with 0 <= u_N _|_ r_N >= 0, Coulomb friction of coefficient mu.
+
+    At each contact the normal component comes first, then the tangential one or two; friction
+    opposes slip: |r_T| <= mu r_N, and r_T = -mu r_N u_T / |u_T| where it slips.
+
+    Args:
+        W: shape (n dim, n dim), sparse (or an array), symmetric, diagonal blocks positive definite
+            or, where a contact cannot move, zero with their rows and columns (m/s per N s).
+        q: shape (n dim,), velocities without impulses (m/s).
+        mu: shape (n,) or a number.
+        dim: 2 or 3.
+        source: file it came from, for messages.
+
+    Raises:
+        ValueError: bad input, with the entry and the file named.
+    """
+
+    def __init__(self, W, q, mu, dim: int, source: str | None = None):
+        self.W, self.q, self.mu = checked(W, q, mu, dim, source)
+        self.dim, self.source = dim, source
+        self._stored = {}
+
+    @classmethod
+    def read(cls, path: str | Path) -> FrictionProblem:
+        """A problem from an `.npz` or FCLIB `.hdf5` file (`files.read`)."""
+        return cls(*files.read(path), source=str(path))
+
+    def write(self, path: str | Path) -> None:
+        """Write an `.npz` or FCLIB `.hdf5` file."""
+        files.write(path, self.W, self.q, self.mu, self.dim, self.source or "")
+
+    def __len__(self) -> int:
+        return len(self.mu)
+
+    def __repr__(self) -> str:
+        return f"FrictionProblem({len(self)} contacts, dim {self.dim}, {self.W.nnz} entries in W)"
+
+    def _store(self, order: str):
+        if order not in self._stored:
+            seed = _SEED if order == "shuffled" else None
+            self._stored[order] = store(self.W, self.q, self.mu, self.dim, seed)
+        return self._stored[order]
+
+    @cached_property
+    def _mean_diagonal(self) -> float:
+        mean = float(self.W.diagonal().mean()) if len(self) else 1.0
+        return mean if mean > 0.0 else 1.0
+
+    def errors(self, reaction: np.ndarray) -> Errors:
+        """The errors of given impulses, shape (n dim,), whoever found them."""
+        velocity = self.W @ reaction + self.q
+        return measure(velocity, reaction, self.q, self.mu, self._mean_diagonal, self.dim)
+
+    def solve(
+        self,
+        solver: str = "auto",
+        local_solver: str = "auto",
+        tolerance: float = 1e-8,
+        *,
+        guess: np.ndarray | None = None,
+        max_sweeps: int = 20_000,
+        relaxation: float = 1.0,
+        symmetric: bool = False,
+        order: str = "given",
+        facets: int | None = None,
+    ) -> FrictionResult:
+        """Solve the problem.
+
+        Args:
+            solver: one of `SOLVERS`; "auto" starts with sweeps and goes over to others where these
+                would take too long (`automatic`).
+            local_solver: one of `LOCAL_SOLVERS[dim]`, for the sweeps; "auto" is the fastest exact.
+            tolerance: bound on the unit-free natural-map error (`error`).
+            guess: shape (n dim,), impulses to start from; zero without.
+            max_sweeps: Gauss-Seidel sweeps after which to give up.
+            relaxation: factor on the changes of a sweep, in (0, 2); "gauss_seidel" only.
+            symmetric: sweep forth and back in turn; "gauss_seidel" only.
+            order: "given", or "shuffled", once and always alike.
+            facets: facets of the cone, for the local solver "lcp" in 3D.
+
+        Returns:
+            The result; a problem that did not converge is reported with its reason, not raised.
+
+        Raises:
+            ValueError: an unknown name, or an argument out of its range.
+        """
+        local = self._local(local_solver, facets)
+        self._check(solver, tolerance, guess, max_sweeps, relaxation, symmetric, order)
+        stored, scale, places = self._store(order)
+        n, dim = len(self), self.dim
+        if guess is None:
+            r = np.zeros((n, dim))
+        else:
+            r = np.asarray(guess, dtype=float).reshape(n, dim)[places] * scale
+        if solver == "auto":
+            course = automatic.solve(stored, local, r, tolerance=tolerance, max_sweeps=max_sweeps)
+        elif solver == "gauss_seidel":
+            course = Course()
+            automatic.sweep(
+                stored, local, r, course, tolerance=tolerance, max_sweeps=max_sweeps,
+                relaxation=relaxation, symmetric=symmetric,
+            )  # fmt: skip
+        else:
+            course = Course()
+            sweeping = {"local": local, "max_sweeps": max_sweeps} if solver == "anderson" else {}
+            automatic.on_part(
+                _GLOBAL[solver], stored, elimination_order(stored, np.arange(n)), r,
+                tolerance=tolerance, course=course, name=solver, **sweeping,
+            )  # fmt: skip
+        reaction = np.empty((n, dim))
+        reaction[places] = r / scale
+        reaction = reaction.ravel()
+        velocity = self.W @ reaction + self.q
+        errors = measure(velocity, reaction, self.q, self.mu, self._mean_diagonal, dim)
+        converged = bool(errors.error <= tolerance)
+        if not converged:
+            course.reasons.append(self._why_not(errors.error, tolerance))
+        return FrictionResult(
+            reaction, velocity, converged, errors, course.sweeps, " + ".join(course.solvers),
+            local.name, course.history, "; ".join(course.reasons),
+        )  # fmt: skip
+
+    def _local(self, name: str, facets: int | None):
+        if name == "auto":
+            name = _DEFAULT_LOCAL[self.dim]
+        local = local_solver(self.dim, name, **({} if facets is None else {"facets": facets}))
+        if name == "explicit":
+            explicit_applies(self.W, self.dim)
+        return local
+
+    def _check(self, solver, tolerance, guess, max_sweeps, relaxation, symmetric, order) -> None:
+        if solver not in SOLVERS:
+            raise ValueError(f"solver should be one of {', '.join(SOLVERS)}, got {solver!r}.")
+        if order not in ORDERS:
+            raise ValueError(f"order should be one of {', '.join(ORDERS)}, got {order!r}.")
+        if not 0.0 < tolerance < 1.0:
+            raise ValueError(f"tolerance should lie between 0 and 1, got {tolerance}.")
+        if not max_sweeps >= 1:
+            raise ValueError(f"max_sweeps should be 1 or more, got {max_sweeps}.")
+        if not 0.0 < relaxation < 2.0:
+            raise ValueError(f"relaxation should lie between 0 and 2, got {relaxation}.")
+        if solver != "gauss_seidel" and (relaxation != 1.0 or symmetric):
+            raise ValueError(
+                f'relaxation and symmetric belong to solver="gauss_seidel", got {solver!r}.'
+            )
+        if guess is not None:
+            guess = np.asarray(guess, dtype=float)
+            if guess.shape != self.q.shape or not np.isfinite(guess).all():
+                raise ValueError(
+                    f"guess should be finite and have shape {self.q.shape}, got {guess.shape}."
+                )
+
+    def _why_not(self, error: float, tolerance: float) -> str:
+        blocks = abs(self.W).sum(axis=1).A1.reshape(-1, self.dim)
+        stuck = np.flatnonzero(~blocks.any(axis=1) & (self.q[:: self.dim] < 0.0))
+        if len(stuck):
+            return (
+                f"contact {stuck[0]} cannot move (its rows of W are zero) but closes with "
+                f"q_N = {self.q[stuck[0] * self.dim]:.6g}: there is no solution"
+                + (f" ({len(stuck)} such contacts)" if len(stuck) > 1 else "")
+            )
+        return (
+            f"the error came down to {error:.3g} only, of {tolerance:.3g} wanted: the problem may "
+            "have no solution"
+        )
