@@ -21,19 +21,19 @@ import numpy as np
 from xper_fx.nscd.friction import anderson, gauss_seidel, interior_point, newton
 from xper_fx.nscd.friction.blocks import BlockProblem, part
 from xper_fx.nscd.friction.error import natural_error
-from xper_fx.nscd.friction.sparse_system import elimination_order
+from xper_fx.nscd.friction.sparse_system import Elimination
 from xper_fx.nscd.local_solvers import LocalSolver
 
-# An interior-point solve costs as much as 200 to 900 sweeps (measured, 50 to 400 contacts).
-_PATIENCE = 300
+# Sweeps still to come, in a large component, at which another solver is worth a try.
+_PATIENCE = 100
 # First proximal coefficient after the interior point, whose end is near the solution.
 _NEAR = 1e-7
 # The same after sweeps that got stuck.
 _FAR = 1e-2
 # Contacts from which on mixing is tried before factorising.
-_LARGE = 200
-# Relaxation of the sweeps that start again from rest.
-_RELAXATIONS = (1.3, 0.8)
+_LARGE = 40
+# Relaxation of the first sweeps, and of those that start again from rest.
+_RELAXATION, _RELAXATIONS = 1.3, (1.0, 0.8)
 
 
 @dataclass
@@ -53,18 +53,17 @@ class Course:
     history: list[tuple[str, int, float]] = field(default_factory=list)
     reasons: list[str] = field(default_factory=list)
 
-    def note(self, solver: str, errors, iterations=None) -> None:
+    def note(self, solver: str, history) -> None:
         if solver not in self.solvers:
             self.solvers.append(solver)
-        numbers = range(1, len(errors) + 1) if iterations is None else iterations
-        self.history += [(solver, int(k), float(e)) for k, e in zip(numbers, errors, strict=True)]
+        self.history += [(solver, number, float(error)) for number, error in history]
 
 
 def sweep(problem, local, r, course: Course, **options) -> np.ndarray:
     """Gauss-Seidel, noted in the course; returns which components converged."""
     done = gauss_seidel.sweep(problem, local, r, **options)
     course.sweeps = max(course.sweeps, int(done.sweeps.max(initial=0)))
-    course.note("gauss_seidel", done.history[:, 1], done.history[:, 0])
+    course.note("gauss_seidel", done.history)
     return done.converged
 
 
@@ -90,7 +89,7 @@ def on_part(solve, problem, contacts, r, *, tolerance, course, name, **options) 
     found, errors = r[contacts], []
     before = natural_error(own, found)
     reached = solve(own, found, tolerance=tolerance * share, history=errors, **options)
-    course.note(name, errors)
+    course.note(name, enumerate(errors, start=1))
     if natural_error(own, found) < before:
         r[contacts] = found
     return reached
@@ -98,6 +97,7 @@ def on_part(solve, problem, contacts, r, *, tolerance, course, name, **options) 
 
 def solve(
     problem: BlockProblem,
+    elimination: Elimination,
     local: LocalSolver,
     r: np.ndarray,
     *,
@@ -108,7 +108,7 @@ def solve(
     course = Course()
     converged = sweep(
         problem, local, r, course,
-        tolerance=tolerance, max_sweeps=max_sweeps, patience=_PATIENCE,
+        tolerance=tolerance, max_sweeps=max_sweeps, patience=_PATIENCE, relaxation=_RELAXATION,
     )  # fmt: skip
     if converged.all():
         return course
@@ -128,11 +128,11 @@ def solve(
         )
 
     def descend(contacts):
-        order = elimination_order(problem, contacts)
         if len(contacts) >= _LARGE and attempt(
-            anderson.solve, "anderson", order, local=local, max_sweeps=max_sweeps
+            anderson.solve, "anderson", contacts, local=local, max_sweeps=max_sweeps
         ):
             return True
+        order = elimination.order(contacts)
         return attempt(interior_point.solve, "interior_point", order) or attempt(
             newton.proximal_point, "proximal_point", order, alpha=_NEAR
         )
@@ -150,7 +150,7 @@ def solve(
         return reached.all()
 
     def persist(own):
-        order = elimination_order(problem, own)
+        order = elimination.order(own)
         starts = [(r[own], 1.0)] + [(np.zeros_like(r[own]), w) for w in _RELAXATIONS]
         for start, relaxation in starts:
             if resweep(own, start, relaxation) or attempt(

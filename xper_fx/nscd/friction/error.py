@@ -106,37 +106,55 @@ def _measure_kernel(dim: int):
     row = for_dimension(dim).row
     dot, residual = for_dimension(dim).dot, natural_map(dim)
 
-    @njit
-    def measure(u, r, mu, rho, out):
+    @njit(error_model="numpy")
+    def measure(indptr, indices, data, q, mu, flat, mean_diagonal, u):
+        r = flat.reshape(-1, dim)
+        size_q, size_r, size_u, error, siconos = 0.0, 0.0, 0.0, 0.0, 0.0
+        penetration, complementarity, cone_violation = 0.0, 0.0, 0.0
         for a in range(len(mu)):
-            ra, ua = row(r, a), row(u, a)
-            f, g = residual(ra, ua, mu[a], rho), residual(ra, ua, mu[a], 1.0)
-            out[0] += dot(f, f)
-            out[1] += dot(g, g)
+            for i in range(dim):
+                total = q[a, i]
+                line = a * dim + i
+                for k in range(indptr[line], indptr[line + 1]):
+                    total += data[k] * flat[indices[k]]
+                u[a, i] = total
+            ra, ua, qa = row(r, a), row(u, a), row(q, a)
+            f = residual(ra, ua, mu[a], 1.0 / mean_diagonal)
+            error += dot(f, f)
+            f = residual(ra, ua, mu[a], 1.0)
+            siconos += dot(f, f)
+            size_q += dot(qa, qa)
+            size_r += dot(ra, ra)
+            size_u += dot(ua, ua)
             tangential = np.sqrt(max(dot(ra, ra) - ra[0] * ra[0], 0.0))
-            out[2] = max(out[2], -ua[0])
-            out[3] = max(out[3], abs(ua[0] * ra[0]))
-            out[4] = max(out[4], tangential - mu[a] * ra[0])
+            penetration = max(penetration, -ua[0])
+            complementarity = max(complementarity, abs(ua[0] * ra[0]))
+            cone_violation = max(cone_violation, tangential - mu[a] * ra[0])
+        error = np.sqrt(error) * mean_diagonal / (np.sqrt(size_q) if size_q > 0.0 else 1.0)
+        largest = np.sqrt(max(size_q, size_r, size_u))
+        siconos = np.sqrt(siconos) / (largest if largest > 0.0 else 1.0)
+        return error, siconos, penetration, complementarity, cone_violation
 
     return measure
 
 
-def measure(u, r, q, mu, mean_diagonal: float, dim: int) -> Errors:
-    """The errors of impulses r with velocities u = W r + q.
+def measure(W, q, mu, dim: int, r, mean_diagonal: float) -> tuple[np.ndarray, Errors]:
+    """Velocities and errors of given impulses, from W as it was given.
 
     Args:
-        u, r, q: shape (n dim,) (m/s, N s, m/s).
+        W: shape (n dim, n dim), CSR (m/s per N s).
+        q, r: shape (n dim,) (m/s, N s).
         mu: shape (n,).
-        mean_diagonal: mean(diag W) (m/s per N s).
         dim: 2 or 3.
+        mean_diagonal: mean(diag W).
+
+    Returns:
+        u = W r + q, shape (n dim,), and the errors.
     """
-    out = np.zeros(5)
-    kernel = _measure_kernel(dim)
-    kernel(u.reshape(-1, dim), r.reshape(-1, dim), mu, 1.0 / mean_diagonal, out)
-    size_q = np.linalg.norm(q)
-    largest = max(size_q, np.linalg.norm(r), np.linalg.norm(u))
-    return Errors(
-        np.sqrt(out[0]) * mean_diagonal / (size_q or 1.0),
-        np.sqrt(out[1]) / (largest or 1.0),
-        *(float(x) for x in out[2:]),
-    )
+    u = np.empty(len(q))
+    shape = (-1, dim)
+    errors = _measure_kernel(dim)(
+        W.indptr, W.indices, W.data, q.reshape(shape), mu, r, mean_diagonal, u.reshape(shape)
+
+    )  # fmt: skip
+    return u, Errors(*errors)

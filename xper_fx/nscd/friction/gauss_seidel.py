@@ -12,6 +12,7 @@ at rest and the error is still too large, what counts as rest is tightened and a
 
 from __future__ import annotations
 
+import math
 from functools import cache
 from typing import NamedTuple
 
@@ -25,6 +26,8 @@ from xper_fx.nscd.small import for_dimension
 
 # A change below this fraction of a contact's share of the error wanted moves no neighbour.
 _REST = 0.1
+# First sweeps, which settle what is simple, are not relaxed.
+_UNRELAXED = 8
 # The error is also computed at sweeps 16, 32, 64, ...: history, and the outlook.
 _FIRST_LOOK = 16
 _LOOKS = 40
@@ -38,13 +41,13 @@ class Sweeps(NamedTuple):
     Attributes:
         sweeps: shape (num_components,), sweeps made.
         converged: shape (num_components,), bool.
-        history: shape (num_looks, 2), sweeps made (16, 32, 64, ...) and error of the whole then.
+        history: (sweeps made, error of the whole) at 16, 32, 64, ... sweeps.
         visits: contacts visited.
     """
 
     sweeps: np.ndarray
     converged: np.ndarray
-    history: np.ndarray
+    history: list[tuple[int, float]]
     visits: int
 
 
@@ -61,7 +64,8 @@ def _prepare_kernel(dim: int, local: LocalSolver):
 
 
 @cache
-def _kernel(dim: int, local: LocalSolver, relaxed: bool, symmetric: bool):
+def sweeps_kernel(dim: int, local: LocalSolver, relaxed: bool, symmetric: bool):
+    """Kernel `run`: all sweeps over all components; see its call in `sweep`."""
     algebra = for_dimension(dim)
     row, set_row, sym_row = algebra.row, algebra.set_row, algebra.sym_row
     sym_vector, subtract, dot = algebra.sym_vector, algebra.subtract, algebra.dot
@@ -79,18 +83,18 @@ def _kernel(dim: int, local: LocalSolver, relaxed: bool, symmetric: bool):
 
     zeros = (0.0,) * (dim - 1)
 
-    @njit(fastmath={"contract"}, error_model="numpy", _nrt=False)
+    @njit(inline="always")
     def visit(a, offsets, columns, blocks, diagonal, factors, q, mu, r, omega):
         w, old = sym_row(diagonal, a), row(r, a)
         u = multiply(a, offsets, columns, blocks, r, row(q, a))
         new = solve(subtract(u, sym_vector(w, old)), w, factors, a, mu[a], old)
-        if relaxed:
+        if relaxed and omega != 1.0:
             new = into_cone(add(old, scale(omega, subtract(new, old))), mu[a])
         change = subtract(new, old)
         set_row(r, a, new)
         return dot(change, change)
 
-    @njit(fastmath={"contract"}, error_model="numpy", _nrt=False)
+    @njit(inline="always")
     def sweep(first, last, backward, offsets, columns, blocks, diagonal, factors, q, mu, r, omega,
               dirty, rest):  # fmt: skip
         changed, visits = 0.0, 0
@@ -105,10 +109,10 @@ def _kernel(dim: int, local: LocalSolver, relaxed: bool, symmetric: bool):
             if moved:
                 for k in range(np.uintp(offsets[a]), np.uintp(offsets[a + 1])):
                     dirty[columns[k]] = True
-            dirty[a] = moved and relaxed  # else solved exactly
+            dirty[a] = moved and relaxed and omega != 1.0  # else solved exactly
         return changed, visits
 
-    @njit(nogil=True, error_model="numpy")
+    @njit(nogil=True, fastmath={"contract"}, error_model="numpy", _nrt=False)
     def run(components, offsets, columns, blocks, diagonal, factors, q, mu, r, omega, dirty, limit,
             max_sweeps, patience, sweeps, converged, history):  # fmt: skip
         total_visits = 0
@@ -122,7 +126,7 @@ def _kernel(dim: int, local: LocalSolver, relaxed: bool, symmetric: bool):
             for count in range(1, max_sweeps + 1):
                 changed, visits = sweep(
                     first, last, symmetric and count % 2 == 0, offsets, columns, blocks, diagonal,
-                    factors, q, mu, r, omega, dirty, rest,
+                    factors, q, mu, r, omega if count > _UNRELAXED else 1.0, dirty, rest,
                 )  # fmt: skip
                 total_visits += visits
                 sweeps[c] = count
@@ -156,6 +160,13 @@ def _kernel(dim: int, local: LocalSolver, relaxed: bool, symmetric: bool):
     return run
 
 
+def factors_of(problem: BlockProblem, local: LocalSolver) -> np.ndarray:
+    """What the local solver keeps of each contact, shape (n, num_factors), renewed."""
+    factors = np.empty((len(problem.mu), local.num_factors))
+    _prepare_kernel(problem.dim, local)(problem.diagonal, problem.mu, factors)
+    return factors
+
+
 def sweep(
     problem: BlockProblem,
     local: LocalSolver,
@@ -177,22 +188,27 @@ def sweep(
         max_sweeps: sweeps after which a component is left.
         patience: cost of a global solve in sweeps over a large component; a component that would
             need more sweeps still, as its error falls, is left.
-        relaxation: factor on the change of an impulse, followed by a return to the cone, in (0, 2).
+        relaxation: factor on the change of an impulse from the ninth sweep on, followed by a return
+            to the cone, in (0, 2).
         symmetric: sweep forth and back in turn.
     """
     count = len(problem.components) - 1
-    factors = np.empty((len(r), local.num_factors))
-    _prepare_kernel(problem.dim, local)(problem.diagonal, problem.mu, factors)
     sweeps, converged = np.zeros(count, np.int64), np.zeros(count, np.bool_)
     history = np.zeros((2, _LOOKS))  # of components under way, and of those left since
-    size_q = np.linalg.norm(problem.q) or 1.0
-    run = _kernel(problem.dim, local, relaxation != 1.0, symmetric)
+    q = problem.q.ravel()
+    size_q = math.sqrt(q @ q) or 1.0
+    run = sweeps_kernel(problem.dim, local, relaxation != 1.0, symmetric)
     visits = run(
         problem.components, problem.offsets, problem.columns, problem.blocks, problem.diagonal,
-        factors, problem.q, problem.mu, r, relaxation, np.ones(len(r), np.bool_),
+        factors_of(problem, local), problem.q, problem.mu, r, relaxation, np.ones(len(r), np.bool_),
         (tolerance * size_q) ** 2,
         max_sweeps, patience, sweeps, converged, history,
     )  # fmt: skip
-    looks = _FIRST_LOOK * 2 ** np.arange(np.count_nonzero(history[0]))
-    errors = np.sqrt((history[0] + np.cumsum(history[1]))[: len(looks)]) / size_q
-    return Sweeps(sweeps, converged, np.column_stack([looks, errors]), visits)
+    number = np.count_nonzero(history[0])
+    if number == 0:
+        return Sweeps(sweeps, converged, [], visits)
+    squared = (history[0] + np.cumsum(history[1]))[:number]
+    looks = [_FIRST_LOOK << k for k in range(number)]
+    return Sweeps(
+        sweeps, converged, list(zip(looks, np.sqrt(squared) / size_q, strict=True)), visits
+    )

@@ -8,8 +8,9 @@ the second-order cone L = {x_0 >= |x_T|}, and Signorini-Coulomb in de Saxce's fo
 
 Newton's method follows x o z = s e (o the Jordan product of L, s -> 0) after the scaling of
 Nesterov and Todd, which maps x and z on the same vector lambda; |z_T| is linearised along with the
-rest, as in Acary, Armand, Nguyen and Shpakovych (2023, arXiv:2212.01127). With Theta the inverse
-square of the scaling, d = z_T / |z_T| and C = I - e_0 d^T, each iteration solves
+rest, as Acary, Armand, Nguyen and Shpakovych do (Second-order cone programming for frictional
+contact mechanics using interior point algorithm, 2023). With Theta the inverse square of the
+scaling, d = z_T / |z_T| and C = I - e_0 d^T, each iteration solves
 
     (W' + C Theta) dx = C g - residual,     dz = g - Theta dx,
 

@@ -14,7 +14,7 @@ from xper_fx.nscd.friction.automatic import Course
 from xper_fx.nscd.friction.blocks import store
 from xper_fx.nscd.friction.checks import checked
 from xper_fx.nscd.friction.error import Errors, measure
-from xper_fx.nscd.friction.sparse_system import elimination_order
+from xper_fx.nscd.friction.sparse_system import Elimination
 from xper_fx.nscd.local_solvers import explicit_applies, local_solver
 
 _GLOBAL = {
@@ -103,7 +103,8 @@ class FrictionProblem:
     def _store(self, order: str):
         if order not in self._stored:
             seed = _SEED if order == "shuffled" else None
-            self._stored[order] = store(self.W, self.q, self.mu, self.dim, seed)
+            stored, scale, places = store(self.W, self.q, self.mu, self.dim, seed)
+            self._stored[order] = stored, scale, places, Elimination(stored)
         return self._stored[order]
 
     @cached_property
@@ -113,8 +114,11 @@ class FrictionProblem:
 
     def errors(self, reaction: np.ndarray) -> Errors:
         """The errors of given impulses, shape (n dim,), whoever found them."""
-        velocity = self.W @ reaction + self.q
-        return measure(velocity, reaction, self.q, self.mu, self._mean_diagonal, self.dim)
+        reaction = np.asarray(reaction, dtype=float)
+        return self._measure(reaction)[1]
+
+    def _measure(self, reaction: np.ndarray) -> tuple[np.ndarray, Errors]:
+        return measure(self.W, self.q, self.mu, self.dim, reaction, self._mean_diagonal)
 
     def solve(
         self,
@@ -151,14 +155,16 @@ class FrictionProblem:
         """
         local = self._local(local_solver, facets)
         self._check(solver, tolerance, guess, max_sweeps, relaxation, symmetric, order)
-        stored, scale, places = self._store(order)
+        stored, scale, places, elimination = self._store(order)
         n, dim = len(self), self.dim
         if guess is None:
             r = np.zeros((n, dim))
         else:
             r = np.asarray(guess, dtype=float).reshape(n, dim)[places] * scale
         if solver == "auto":
-            course = automatic.solve(stored, local, r, tolerance=tolerance, max_sweeps=max_sweeps)
+            course = automatic.solve(
+                stored, elimination, local, r, tolerance=tolerance, max_sweeps=max_sweeps
+            )
         elif solver == "gauss_seidel":
             course = Course()
             automatic.sweep(
@@ -167,16 +173,19 @@ class FrictionProblem:
             )  # fmt: skip
         else:
             course = Course()
-            sweeping = {"local": local, "max_sweeps": max_sweeps} if solver == "anderson" else {}
+            contacts, options = np.arange(n), {}
+            if solver == "anderson":
+                options = {"local": local, "max_sweeps": max_sweeps}
+            else:
+                contacts = elimination.order(contacts)
             automatic.on_part(
-                _GLOBAL[solver], stored, elimination_order(stored, np.arange(n)), r,
-                tolerance=tolerance, course=course, name=solver, **sweeping,
+                _GLOBAL[solver], stored, contacts, r,
+                tolerance=tolerance, course=course, name=solver, **options,
             )  # fmt: skip
         reaction = np.empty((n, dim))
         reaction[places] = r / scale
         reaction = reaction.ravel()
-        velocity = self.W @ reaction + self.q
-        errors = measure(velocity, reaction, self.q, self.mu, self._mean_diagonal, dim)
+        velocity, errors = self._measure(reaction)
         converged = bool(errors.error <= tolerance)
         if not converged:
             course.reasons.append(self._why_not(errors.error, tolerance))

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
@@ -18,18 +20,23 @@ _OPTIONS = {
 }
 
 
-def elimination_order(problem: BlockProblem, contacts: np.ndarray) -> np.ndarray:
-    """The contacts, whole components of the problem, in a minimum-degree order."""
-    sizes = problem.offsets[contacts + 1] - problem.offsets[contacts]
-    rows = np.repeat(np.arange(len(contacts)), sizes)
-    place = np.full(len(problem.mu), -1)
-    place[contacts] = np.arange(len(contacts))
-    starts = problem.offsets[contacts] - np.concatenate([[0], np.cumsum(sizes)[:-1]])
-    columns = place[problem.columns[np.repeat(starts, sizes) + np.arange(len(rows))]]
-    values = np.where(rows == columns, len(contacts) + 1.0, 1.0)
-    graph = sp.csc_matrix((values, (rows, columns)))
-    factors = splu(graph, permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True})
-    return contacts[np.argsort(factors.perm_c)]
+class Elimination:
+    """A minimum-degree order of a problem's contacts, found when first asked for."""
+
+    def __init__(self, problem: BlockProblem):
+        self._problem = problem
+
+    @cached_property
+    def _rank(self) -> np.ndarray:
+        problem, n = self._problem, len(self._problem.mu)
+        rows = np.repeat(np.arange(n), np.diff(problem.offsets))
+        values = np.where(rows == problem.columns, n + 1.0, 1.0)
+        graph = sp.csc_matrix((values, problem.columns, problem.offsets), (n, n))
+        return splu(graph, permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True}).perm_c
+
+    def order(self, contacts: np.ndarray) -> np.ndarray:
+        """The contacts, whole components of the problem, in the order."""
+        return contacts[np.argsort(self._rank[contacts])]
 
 
 class SparseSystem:

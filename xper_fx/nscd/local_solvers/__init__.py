@@ -62,10 +62,7 @@ def local_solver(dim: int, name: str, **options) -> LocalSolver:
             f"No local solver {name!r} in dimension {dim}: choose among "
             f"{', '.join(LOCAL_SOLVERS[dim])}."
         )
-    if name == "lcp":
-        unknown = set(options) - {"facets"}
-    else:
-        unknown = set(options)
+    unknown = set(options) - ({"facets"} if name == "lcp" else set())
     if unknown:
         raise ValueError(f"The local solver {name!r} has no option {', '.join(sorted(unknown))}.")
     return lcp_solver(dim, **options) if name == "lcp" else _SOLVERS[dim][name]

@@ -117,8 +117,10 @@ def _slide(push, ga, gb, ca, cb, k, mu, x):
         trial = x + step
         if slope > 0.0 and low <= trial <= high:
             x = trial
-            # turn of (A, B) times the square of the relative step: what is left after this one
-            if abs(spread * step) * (step * step) <= 1e-16 * square * (along * along):
+            # turn of (A, B) times the square of the relative step: what is left after this one,
+            # unless it came from so far right that the turn was no measure
+            left = abs(spread * step) * (step * step)
+            if left <= 1e-16 * square * (along * along) and -2.0 * step <= along:
                 break
         elif slope > 0.0 and trial < low and not from_zero:
             x, from_zero = 0.0, True  # the warm start was beyond the root
