@@ -21,6 +21,7 @@ import numpy as np
 from xper_fx.nscd.friction import anderson, gauss_seidel, interior_point, newton
 from xper_fx.nscd.friction.blocks import BlockProblem, part
 from xper_fx.nscd.friction.error import natural_error
+from xper_fx.nscd.friction.gauss_seidel import Sweeps
 from xper_fx.nscd.friction.sparse_system import Elimination
 from xper_fx.nscd.local_solvers import LocalSolver
 
@@ -58,13 +59,9 @@ class Course:
             self.solvers.append(solver)
         self.history += [(solver, number, float(error)) for number, error in history]
 
-
-def sweep(problem, local, r, course: Course, **options) -> np.ndarray:
-    """Gauss-Seidel, noted in the course; returns which components converged."""
-    done = gauss_seidel.sweep(problem, local, r, **options)
-    course.sweeps = max(course.sweeps, int(done.sweeps.max(initial=0)))
-    course.note("gauss_seidel", done.history)
-    return done.converged
+    def note_sweeps(self, done: Sweeps) -> None:
+        self.sweeps = max(self.sweeps, int(done.sweeps.max(initial=0)))
+        self.note("gauss_seidel", done.history)
 
 
 def on_part(solve, problem, contacts, r, *, tolerance, course, name, **options) -> bool:
@@ -73,7 +70,7 @@ def on_part(solve, problem, contacts, r, *, tolerance, course, name, **options) 
     Args:
         solve: `interior_point.solve`, `newton.solve` or `newton.proximal_point`.
         problem: the stored problem.
-        contacts: their contacts, in an order of elimination.
+        contacts: their contacts, for a solver that factorises in an order of elimination.
         r: shape (n, dim), impulses of the whole problem.
         tolerance: on the whole; the part gets its share.
 
@@ -100,22 +97,24 @@ def solve(
     elimination: Elimination,
     local: LocalSolver,
     r: np.ndarray,
+    course: Course,
     *,
     tolerance: float,
     max_sweeps: int,
-) -> Course:
+) -> None:
     """Solve; impulses in r, shape (n, dim), on return."""
-    course = Course()
-    converged = sweep(
-        problem, local, r, course,
+    done = gauss_seidel.sweep(
+        problem, local, r,
         tolerance=tolerance, max_sweeps=max_sweeps, patience=_PATIENCE, relaxation=_RELAXATION,
     )  # fmt: skip
+    course.note_sweeps(done)
+    converged = done.converged
     if converged.all():
-        return course
+        return
     fixed = ~problem.diagonal.any(axis=1)[problem.components[:-1]]  # nothing can move there
     left = np.flatnonzero(~converged & ~fixed)
     if len(left) == 0:
-        return course
+        return
     contacts = [np.arange(*problem.components[c : c + 2]) for c in left]
     course.reasons.append(
         f"{len(left)} of {len(converged)} components ({sum(map(len, contacts))} contacts) would "
@@ -141,13 +140,14 @@ def solve(
         alone, found = part(problem, own), start.copy()
         share = np.linalg.norm(problem.q) / (np.linalg.norm(alone.q) or 1.0)
         share *= np.sqrt(len(own) / len(r))
-        reached = sweep(
-            alone, local, found, course,
+        done = gauss_seidel.sweep(
+            alone, local, found,
             tolerance=tolerance * share, max_sweeps=max_sweeps, relaxation=relaxation,
         )  # fmt: skip
+        course.note_sweeps(done)
         if natural_error(alone, found) < natural_error(alone, r[own]):
             r[own] = found
-        return reached.all()
+        return done.converged.all()
 
     def persist(own):
         order = elimination.order(own)
@@ -159,9 +159,8 @@ def solve(
                 return
 
     if descend(np.concatenate(contacts)):
-        return course
+        return
     course.reasons.append("these did not come to the end together")
     for own in contacts:
         if len(contacts) == 1 or not descend(own):
             persist(own)
-    return course

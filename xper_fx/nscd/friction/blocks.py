@@ -18,6 +18,9 @@ from scipy.sparse.csgraph import connected_components
 
 from xper_fx.nscd.small import sym_indices
 
+ORDERS = ("given", "shuffled", "colored")
+_SEED = 0
+
 
 class BlockProblem(NamedTuple):
     """A frictional contact problem by blocks: u_a = sum_b W_ab r_b + q_a.
@@ -49,19 +52,49 @@ class BlockProblem(NamedTuple):
         return sum(a.nbytes for a in self)
 
 
-def store(W: sp.csr_matrix, q: np.ndarray, mu: np.ndarray, dim: int, shuffle_seed: int | None):
-    """Scale, sort by component and store by blocks.
+class Stored(NamedTuple):
+    """A problem ready to be solved, and its way back.
+
+    Attributes:
+        problem: scaled and sorted.
+        scale: m = mean(diag W), or 1 if W is zero (m/s per N s).
+        places: shape (n,), contact a of `problem` is contact `places[a]` of the given one.
+        colors: shape (num_colors + 1,), first contact of each colour; None unless sorted by it.
+    """
+
+    problem: BlockProblem
+    scale: float
+    places: np.ndarray
+    colors: np.ndarray | None
+
+
+@njit
+def _greedy_colors(indptr, indices):
+    """Smallest colour that no neighbour has yet, contact by contact."""
+    n = len(indptr) - 1
+    color = np.full(n, -1)
+    taken = np.full(n + 1, -1)  # last contact that met each colour among its neighbours
+    for a in range(n):
+        for b in indices[indptr[a] : indptr[a + 1]]:
+            if b != a and color[b] >= 0:
+                taken[color[b]] = a
+        c = 0
+        while taken[c] == a:
+            c += 1
+        color[a] = c
+    return color
+
+
+def store(W: sp.csr_matrix, q: np.ndarray, mu: np.ndarray, dim: int, order: str) -> Stored:
+    """Scale, sort and store by blocks.
 
     Args:
         W: shape (n dim, n dim), checked.
         q: shape (n dim,).
         mu: shape (n,).
         dim: 2 or 3.
-        shuffle_seed: seed of the order within a component; the given order without.
-
-    Returns:
-        The stored problem, the scale m = mean(diag W) (1 if W is zero), and the order: contact a
-        of the stored problem is contact `order[a]` of the given one.
+        order: one of `ORDERS`; by component, and within it as "given" or "shuffled" once and
+            always alike; or "colored": by colours whose contacts share no body.
     """
     n = len(mu)
     scale = float(W.diagonal().mean()) if n else 1.0
@@ -70,14 +103,21 @@ def store(W: sp.csr_matrix, q: np.ndarray, mu: np.ndarray, dim: int, shuffle_see
     pattern = sp.csr_matrix(
         (np.ones(len(by_block.indices), np.int8), by_block.indices, by_block.indptr), shape=(n, n)
     )
-    count, label = connected_components(pattern, directed=False)
-    rank = np.arange(n)
-    if shuffle_seed is not None:
-        rank = np.random.default_rng(shuffle_seed).permutation(n)
-    order = np.lexsort((rank, label))
+    pattern = pattern + pattern.T
+    colors, rank = None, np.arange(n)
+    if order == "colored":
+        label = _greedy_colors(pattern.indptr, pattern.indices)
+        colors = np.concatenate([[0], np.cumsum(np.bincount(label))])
+        components = np.array([0, n])
+    else:
+        count, label = connected_components(pattern, directed=False)
+        components = np.concatenate([[0], np.cumsum(np.bincount(label, minlength=count))])
+        if order == "shuffled":
+            rank = np.random.default_rng(_SEED).permutation(n)
+    places = np.lexsort((rank, label))
     # Zero blocks make the pattern symmetric and the diagonal present.
     place = np.empty(n, np.int64)
-    place[order] = np.arange(n)
+    place[places] = np.arange(n)
     rows = np.repeat(place, np.diff(by_block.indptr))
     columns = place[by_block.indices]
     keys = np.concatenate([rows * n + columns, columns * n + rows, np.arange(n) * (n + 1)])
@@ -93,15 +133,15 @@ def store(W: sp.csr_matrix, q: np.ndarray, mu: np.ndarray, dim: int, shuffle_see
         columns=columns,
         blocks=blocks,
         diagonal=0.5 * (diagonal_blocks[:, i, j] + diagonal_blocks[:, j, i]),
-        q=np.ascontiguousarray(q.reshape(n, dim)[order]),
-        mu=np.ascontiguousarray(mu[order]),
-        components=np.concatenate([[0], np.cumsum(np.bincount(label, minlength=count))]),
+        q=np.ascontiguousarray(q.reshape(n, dim)[places]),
+        mu=np.ascontiguousarray(mu[places]),
+        components=components,
     )
-    return stored, scale, order
+    return Stored(stored, scale, places, colors)
 
 
 def part(problem: BlockProblem, contacts: np.ndarray) -> BlockProblem:
-    """The problem of some whole components, in an order of elimination with little fill.
+    """The problem of some whole components.
 
     Args:
         problem: the stored problem.

@@ -64,13 +64,14 @@ def _prepare_kernel(dim: int, local: LocalSolver):
 
 
 @cache
-def sweeps_kernel(dim: int, local: LocalSolver, relaxed: bool, symmetric: bool):
-    """Kernel `run`: all sweeps over all components; see its call in `sweep`."""
+def visit_kernel(dim: int, local: LocalSolver, relaxed: bool):
+    """Kernel `visit(a, problem..., r, omega) -> |dr|^2`: solve contact a, r_a changes."""
     algebra = for_dimension(dim)
     row, set_row, sym_row = algebra.row, algebra.set_row, algebra.sym_row
     sym_vector, subtract, dot = algebra.sym_vector, algebra.subtract, algebra.dot
     add, scale = algebra.add, algebra.scale
-    multiply, squared, solve = row_product(dim), residual_kernel(dim), local.solve
+    multiply, solve = row_product(dim), local.solve
+    zeros = (0.0,) * (dim - 1)
 
     @njit(inline="always")
     def into_cone(r, mu):
@@ -80,8 +81,6 @@ def sweeps_kernel(dim: int, local: LocalSolver, relaxed: bool, symmetric: bool):
         if size <= mu * r[0]:
             return r
         return add(scale(mu * r[0] / size, r), (r[0] * (1.0 - mu * r[0] / size),) + zeros)
-
-    zeros = (0.0,) * (dim - 1)
 
     @njit(inline="always")
     def visit(a, offsets, columns, blocks, diagonal, factors, q, mu, r, omega):
@@ -93,6 +92,14 @@ def sweeps_kernel(dim: int, local: LocalSolver, relaxed: bool, symmetric: bool):
         change = subtract(new, old)
         set_row(r, a, new)
         return dot(change, change)
+
+    return visit
+
+
+@cache
+def sweeps_kernel(dim: int, local: LocalSolver, relaxed: bool, symmetric: bool):
+    """Kernel `run`: all sweeps over all components; see its call in `sweep`."""
+    visit, squared = visit_kernel(dim, local, relaxed), residual_kernel(dim)
 
     @njit(inline="always")
     def sweep(first, last, backward, offsets, columns, blocks, diagonal, factors, q, mu, r, omega,

@@ -9,25 +9,29 @@ from pathlib import Path
 
 import numpy as np
 
-from xper_fx.nscd.friction import anderson, automatic, files, interior_point, newton
+from xper_fx.nscd.friction import (
+    anderson,
+    automatic,
+    colored,
+    files,
+    gauss_seidel,
+    interior_point,
+    newton,
+)
 from xper_fx.nscd.friction.automatic import Course
-from xper_fx.nscd.friction.blocks import store
+from xper_fx.nscd.friction.blocks import ORDERS, store
 from xper_fx.nscd.friction.checks import checked
 from xper_fx.nscd.friction.error import Errors, measure
 from xper_fx.nscd.friction.sparse_system import Elimination
 from xper_fx.nscd.local_solvers import explicit_applies, local_solver
 
 _GLOBAL = {
-    "anderson": anderson.solve,
     "newton": newton.solve,
     "proximal_point": newton.proximal_point,
     "interior_point": interior_point.solve,
 }
-SOLVERS = ("auto", "gauss_seidel", *_GLOBAL)
-ORDERS = ("given", "shuffled")
+SOLVERS = ("auto", "gauss_seidel", "anderson", *_GLOBAL)
 _DEFAULT_LOCAL = {2: "graph", 3: "exact"}
-# One shuffle, always the same.
-_SEED = 0
 
 
 @dataclass(frozen=True)
@@ -102,9 +106,8 @@ class FrictionProblem:
 
     def _store(self, order: str):
         if order not in self._stored:
-            seed = _SEED if order == "shuffled" else None
-            stored, scale, places = store(self.W, self.q, self.mu, self.dim, seed)
-            self._stored[order] = stored, scale, places, Elimination(stored)
+            stored = store(self.W, self.q, self.mu, self.dim, order)
+            self._stored[order] = stored, Elimination(stored.problem)
         return self._stored[order]
 
     @cached_property
@@ -144,7 +147,8 @@ class FrictionProblem:
             max_sweeps: Gauss-Seidel sweeps after which to give up.
             relaxation: factor on the changes of a sweep, in (0, 2); "gauss_seidel" only.
             symmetric: sweep forth and back in turn; "gauss_seidel" only.
-            order: "given", or "shuffled", once and always alike.
+            order: of the visits, one of `ORDERS`: "given", "shuffled" (once and always alike), or
+                "colored", which "gauss_seidel" sweeps with Numba's threads.
             facets: facets of the cone, for the local solver "lcp" in 3D.
 
         Returns:
@@ -155,32 +159,35 @@ class FrictionProblem:
         """
         local = self._local(local_solver, facets)
         self._check(solver, tolerance, guess, max_sweeps, relaxation, symmetric, order)
-        stored, scale, places, elimination = self._store(order)
+        (stored, scale, places, colors), elimination = self._store(order)
         n, dim = len(self), self.dim
         if guess is None:
             r = np.zeros((n, dim))
         else:
             r = np.asarray(guess, dtype=float).reshape(n, dim)[places] * scale
+        course = Course()
+        sweeping = {"tolerance": tolerance, "max_sweeps": max_sweeps}
         if solver == "auto":
-            course = automatic.solve(
-                stored, elimination, local, r, tolerance=tolerance, max_sweeps=max_sweeps
+            automatic.solve(stored, elimination, local, r, course, **sweeping)
+        elif solver == "gauss_seidel" and colors is not None:
+            course.note_sweeps(
+                colored.sweep(stored, colors, local, r, relaxation=relaxation, **sweeping)
             )
         elif solver == "gauss_seidel":
-            course = Course()
-            automatic.sweep(
-                stored, local, r, course, tolerance=tolerance, max_sweeps=max_sweeps,
-                relaxation=relaxation, symmetric=symmetric,
+            course.note_sweeps(
+                gauss_seidel.sweep(
+                    stored, local, r, relaxation=relaxation, symmetric=symmetric, **sweeping
+                )
+            )
+        elif solver == "anderson":
+            automatic.on_part(
+                anderson.solve, stored, np.arange(n), r, course=course, name=solver, local=local,
+                **sweeping,
             )  # fmt: skip
         else:
-            course = Course()
-            contacts, options = np.arange(n), {}
-            if solver == "anderson":
-                options = {"local": local, "max_sweeps": max_sweeps}
-            else:
-                contacts = elimination.order(contacts)
             automatic.on_part(
-                _GLOBAL[solver], stored, contacts, r,
-                tolerance=tolerance, course=course, name=solver, **options,
+                _GLOBAL[solver], stored, elimination.order(np.arange(n)), r,
+                course=course, name=solver, tolerance=tolerance,
             )  # fmt: skip
         reaction = np.empty((n, dim))
         reaction[places] = r / scale
@@ -213,10 +220,14 @@ class FrictionProblem:
             raise ValueError(f"max_sweeps should be 1 or more, got {max_sweeps}.")
         if not 0.0 < relaxation < 2.0:
             raise ValueError(f"relaxation should lie between 0 and 2, got {relaxation}.")
-        if solver != "gauss_seidel" and (relaxation != 1.0 or symmetric):
+        special = relaxation != 1.0 or symmetric or order == "colored"
+        if solver != "gauss_seidel" and special:
             raise ValueError(
-                f'relaxation and symmetric belong to solver="gauss_seidel", got {solver!r}.'
+                'relaxation, symmetric and order="colored" belong to solver="gauss_seidel", got '
+                f"{solver!r}."
             )
+        if symmetric and order == "colored":
+            raise ValueError("symmetric sweeps are not made by colours: choose another order.")
         if guess is not None:
             guess = np.asarray(guess, dtype=float)
             if guess.shape != self.q.shape or not np.isfinite(guess).all():
