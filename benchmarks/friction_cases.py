@@ -7,8 +7,8 @@ FOLDER holds problems as `.npz` or FCLIB `.hdf5`. Each is solved to 1e-8 by "aut
 solvers named; the least time of R solves counts (building the problem from W, and compiling, do
 not: Siconos's figures leave out the like). Beside stand the best times of some twenty Siconos 4.4
 configurations, compiled C on one thread of another two-core machine of the kind, to 1e-8 by its own
-error ("best") and on the scaled problem by the unit-free error ("scaled"). `ns` is the time of one
-visit of one contact in plain sweeps.
+error ("best"; ours in "its own") and on the scaled problem by the unit-free error ("scaled").
+`ns` is the time of one visit of one contact in plain sweeps.
 
 Without a folder, the families of problems that the tests make from geometry: piles, arches, walls,
 heaps.
@@ -120,7 +120,7 @@ def main() -> None:
         cases = {p.stem: FrictionProblem.read(p) for p in files}
     others = [name for name in options.solvers if name != "auto"]
     print(
-        "| problem | dim | contacts | ns | auto (ms) | error | Siconos's | solvers | best | scaled |"
+        "| problem | dim | contacts | ns | auto (ms) | error | its own | solvers | best | scaled |"
         + "".join(f" {name} (ms) |" for name in others)
     )
     print("|---" * (10 + len(others)) + "|")

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Which solver for which part of a problem, and what follows when one does not get there.
 
-1. Gauss-Seidel sweeps over each component. Most components need few; one that, as its error falls,
-   would need more sweeps still than an interior-point solve costs is left as it is.
+1. Gauss-Seidel sweeps over each component. Most need few; one that, as its error falls, would need
+   many more is left as it is.
 2. The components left, together: Anderson's mixing if they are large (no factorisation), then the
    interior point; where rounding ends it above the tolerance, proximal points from there.
 3. If that fails (a problem without solution, close to one, or far from monotone), component by
@@ -17,6 +17,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
+import scipy.sparse as sp
 
 from xper_fx.nscd.friction import anderson, gauss_seidel, interior_point, newton
 from xper_fx.nscd.friction.blocks import BlockProblem, part
@@ -31,6 +32,8 @@ _PATIENCE = 100
 _NEAR = 1e-7
 # The same after sweeps that got stuck.
 _FAR = 1e-2
+# What moves nothing, relative to mean(diag W) and |q|.
+_ZERO = 1e-6
 # Contacts from which on mixing is tried before factorising.
 _LARGE = 40
 # Relaxation of the first sweeps, and of those that start again from rest.
@@ -92,6 +95,26 @@ def on_part(solve, problem, contacts, r, *, tolerance, course, name, **options) 
     return reached
 
 
+def _jammed(problem: BlockProblem, r: np.ndarray) -> bool:
+    """Whether the impulses prove that there is no solution.
+
+    For d with d_N >= 0, d_T = 0 and W d = 0, a solution would have d . q = d . u = sum d_N u_N >= 0.
+    Where bodies are squeezed between others that do not give way, impulses grow along a d with
+    d . q < 0.
+    """
+    d = np.zeros_like(r)
+    d[:, 0] = np.maximum(r[:, 0], 0.0)
+    size = np.linalg.norm(d)
+    if size == 0.0:
+        return False
+    d /= size
+    n, dim = d.shape
+    W = sp.bsr_matrix((problem.blocks, problem.columns, problem.offsets), shape=(n * dim, n * dim))
+    work = d.ravel() @ problem.q.ravel()
+    moved = np.linalg.norm(W @ d.ravel())
+    return moved <= _ZERO and work < -_ZERO * np.linalg.norm(problem.q)
+
+
 def solve(
     problem: BlockProblem,
     elimination: Elimination,
@@ -117,8 +140,8 @@ def solve(
         return
     contacts = [np.arange(*problem.components[c : c + 2]) for c in left]
     course.reasons.append(
-        f"{len(left)} of {len(converged)} components ({sum(map(len, contacts))} contacts) would "
-        f"have needed more than {_PATIENCE} sweeps still"
+        f"in {len(left)} of {len(converged)} components ({sum(map(len, contacts))} contacts) "
+        "sweeps brought the error down too slowly"
     )
 
     def attempt(solver, name, contacts, **options):
@@ -160,7 +183,14 @@ def solve(
 
     if descend(np.concatenate(contacts)):
         return
-    course.reasons.append("these did not come to the end together")
+    course.reasons.append("no solver brought them to the end together")
     for own in contacts:
-        if len(contacts) == 1 or not descend(own):
+        if len(contacts) > 1 and descend(own):
+            continue
+        if _jammed(part(problem, own), r[own]):
+            course.reasons.append(
+                f"a component of {len(own)} contacts has no solution: they close, and impulses "
+                "along their normals move nothing"
+            )
+        else:
             persist(own)

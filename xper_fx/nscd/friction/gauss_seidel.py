@@ -55,7 +55,7 @@ class Sweeps(NamedTuple):
 def _prepare_kernel(dim: int, local: LocalSolver):
     sym_row, prepare = for_dimension(dim).sym_row, local.prepare
 
-    @njit
+    @njit(error_model="numpy", _nrt=False)
     def prepare_all(diagonal, mu, factors):
         for a in range(len(mu)):
             prepare(sym_row(diagonal, a), mu[a], factors, a)
@@ -167,6 +167,24 @@ def sweeps_kernel(dim: int, local: LocalSolver, relaxed: bool, symmetric: bool):
     return run
 
 
+@cache
+def _first_kernel(dim: int, local: LocalSolver, relaxed: bool, symmetric: bool):
+    """`run` of `sweeps_kernel`, the factors prepared before it: one call from Python."""
+    prepare_all = _prepare_kernel(dim, local)
+    run = sweeps_kernel(dim, local, relaxed, symmetric)
+
+    @njit(nogil=True, error_model="numpy", _nrt=False)
+    def first(components, offsets, columns, blocks, diagonal, factors, q, mu, r, omega, dirty,
+              limit, max_sweeps, patience, sweeps, converged, history):  # fmt: skip
+        prepare_all(diagonal, mu, factors)
+        return run(
+            components, offsets, columns, blocks, diagonal, factors, q, mu, r, omega, dirty,
+            limit, max_sweeps, patience, sweeps, converged, history,
+        )  # fmt: skip
+
+    return first
+
+
 def factors_of(problem: BlockProblem, local: LocalSolver) -> np.ndarray:
     """What the local solver keeps of each contact, shape (n, num_factors), renewed."""
     factors = np.empty((len(problem.mu), local.num_factors))
@@ -204,12 +222,12 @@ def sweep(
     history = np.zeros((2, _LOOKS))  # of components under way, and of those left since
     q = problem.q.ravel()
     size_q = math.sqrt(q @ q) or 1.0
-    run = sweeps_kernel(problem.dim, local, relaxation != 1.0, symmetric)
+    run = _first_kernel(problem.dim, local, relaxation != 1.0, symmetric)
     visits = run(
         problem.components, problem.offsets, problem.columns, problem.blocks, problem.diagonal,
-        factors_of(problem, local), problem.q, problem.mu, r, relaxation, np.ones(len(r), np.bool_),
-        (tolerance * size_q) ** 2,
-        max_sweeps, patience, sweeps, converged, history,
+        np.empty((len(r), local.num_factors)), problem.q, problem.mu, r, relaxation,
+        np.ones(len(r), np.bool_), (tolerance * size_q) ** 2, max_sweeps, patience, sweeps,
+        converged, history,
     )  # fmt: skip
     number = np.count_nonzero(history[0])
     if number == 0:

@@ -37,7 +37,7 @@ _DESCENT, _SHORTEST = 1e-4, 1e-3
 _REGULAR = 1e-12
 _FIRST_ALPHA, _LEAST_ALPHA, _LARGEST_ALPHA = 1e-3, 1e-12, 1e3
 _INNER_STEPS, _INNER_ERROR = 20, 0.05
-_MAX_CENTRES = 150
+_MAX_CENTRES, _NO_BETTER = 150, 60
 # alpha falls by the first factor while all goes well, by the second after the first failure.
 _BOLD, _CAUTIOUS, _BACK = 0.1, 0.7, 3.0
 
@@ -212,14 +212,17 @@ def proximal_point(
     """
     newton = _Newton(problem)
     size_q = np.linalg.norm(problem.q) or 1.0
-    centre, best, fall = r.copy(), np.inf, _BOLD
+    centre, best, fall, since = r.copy(), np.inf, _BOLD, 0
     for _ in range(_MAX_CENTRES):
         error = natural_error(problem, centre)
         history.append(error)
+        since += 1
         if error < best:
+            if error < 0.9 * best:
+                since = 0
             best = error
             r[:] = centre
-        if not error > tolerance:
+        if not error > tolerance or since > _NO_BETTER:
             break
         wanted = _INNER_ERROR * min(error, 1.0) * size_q
         found, reached, steps = newton.run(centre, alpha, centre, wanted, _INNER_STEPS)

@@ -3,9 +3,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,11 +19,11 @@ from xper_fx.nscd.friction import (
     newton,
 )
 from xper_fx.nscd.friction.automatic import Course
-from xper_fx.nscd.friction.blocks import ORDERS, store
+from xper_fx.nscd.friction.blocks import ORDERS, BlockProblem, store
 from xper_fx.nscd.friction.checks import checked
 from xper_fx.nscd.friction.error import Errors, measure
 from xper_fx.nscd.friction.sparse_system import Elimination
-from xper_fx.nscd.local_solvers import explicit_applies, local_solver
+from xper_fx.nscd.local_solvers import explicit_applies, local_solver, requires_diagonal
 
 _GLOBAL = {
     "newton": newton.solve,
@@ -34,8 +34,7 @@ SOLVERS = ("auto", "gauss_seidel", "anderson", *_GLOBAL)
 _DEFAULT_LOCAL = {2: "graph", 3: "exact"}
 
 
-@dataclass(frozen=True)
-class FrictionResult:
+class FrictionResult(NamedTuple):
     """Impulses and velocities found, and how.
 
     Attributes:
@@ -157,9 +156,9 @@ class FrictionProblem:
         Raises:
             ValueError: an unknown name, or an argument out of its range.
         """
-        local = self._local(local_solver, facets)
         self._check(solver, tolerance, guess, max_sweeps, relaxation, symmetric, order)
         (stored, scale, places, colors), elimination = self._store(order)
+        local = self._local(local_solver, facets, stored, places)
         n, dim = len(self), self.dim
         if guess is None:
             r = np.zeros((n, dim))
@@ -201,12 +200,18 @@ class FrictionProblem:
             local.name, course.history, "; ".join(course.reasons),
         )  # fmt: skip
 
-    def _local(self, name: str, facets: int | None):
+    def _local(self, name: str, facets: int | None, stored: BlockProblem, places: np.ndarray):
         if name == "auto":
             name = _DEFAULT_LOCAL[self.dim]
         local = local_solver(self.dim, name, **({} if facets is None else {"facets": facets}))
-        if name == "explicit":
-            explicit_applies(self.W, self.dim)
+        if requires_diagonal(name):
+            coupled = places[~explicit_applies(stored.diagonal)]
+            if len(coupled):
+                raise ValueError(
+                    f'local_solver="{name}" wants diagonal blocks of W that are diagonal, with the '
+                    f"same compliance along every tangent; that of contact {coupled.min()} is not "
+                    f'({len(coupled)} such in all): choose "{_DEFAULT_LOCAL[self.dim]}".'
+                )
         return local
 
     def _check(self, solver, tolerance, guess, max_sweeps, relaxation, symmetric, order) -> None:
