@@ -6,8 +6,9 @@
 2. The components left, together: Anderson's mixing if they are large (no factorisation), then the
    interior point; where rounding ends it above the tolerance, proximal points from there.
 3. If that fails (a problem without solution, close to one, or far from monotone), component by
-   component: the same, then sweeps and proximal points in turn, the sweeps going on from what there
-   is, then again from rest with over- and with under-relaxation.
+   component: the same, then sweeps to their end, from what there is and again from rest with over-
+   and with under-relaxation, the interior point from another start, and proximal points from the
+   best of all these.
 
 The best impulses of all are kept at every turn: nothing is left with less than the sweeps gave.
 """
@@ -28,16 +29,18 @@ from xper_fx.nscd.local_solvers import LocalSolver
 
 # Sweeps still to come, in a large component, at which another solver is worth a try.
 _PATIENCE = 100
-# First proximal coefficient after the interior point, whose end is near the solution.
-_NEAR = 1e-7
-# The same after sweeps that got stuck.
-_FAR = 1e-2
+# First proximal coefficient after an interior point that ended at an error below this.
+_NEAR, _NEARBY = 1e-7, 1e-4
+# The same elsewhere, and the centres spent at a first and at the last attempt.
+_FAR, _FEW, _MANY = 1e-2, 30, 150
+# Another start of the interior point, when the first led nowhere.
+_FROM_AFAR = 10.0
 # What moves nothing, relative to mean(diag W) and |q|.
 _ZERO = 1e-6
 # Contacts from which on mixing is tried before factorising.
 _LARGE = 40
 # Relaxation of the first sweeps, and of those that start again from rest.
-_RELAXATION, _RELAXATIONS = 1.3, (1.0, 0.8)
+_RELAXATION, _RELAXATIONS = 1.3, (1.3, 0.8)
 
 
 @dataclass
@@ -98,9 +101,8 @@ def on_part(solve, problem, contacts, r, *, tolerance, course, name, **options) 
 def _jammed(problem: BlockProblem, r: np.ndarray) -> bool:
     """Whether the impulses prove that there is no solution.
 
-    For d with d_N >= 0, d_T = 0 and W d = 0, a solution would have d . q = d . u = sum d_N u_N >= 0.
-    Where bodies are squeezed between others that do not give way, impulses grow along a d with
-    d . q < 0.
+    For d with d_N >= 0, d_T = 0 and W d = 0, a solution has d . q = d . u = sum d_N u_N >= 0. Where
+    bodies are squeezed between others that do not give way, impulses grow along a d with d . q < 0.
     """
     d = np.zeros_like(r)
     d[:, 0] = np.maximum(r[:, 0], 0.0)
@@ -149,17 +151,23 @@ def solve(
             solver, problem, contacts, r, tolerance=tolerance, course=course, name=name, **options
         )
 
+    def interior(order, start, max_centres):
+        if attempt(interior_point.solve, "interior_point", order, start=start):
+            return True
+        near = natural_error(part(problem, order), r[order]) < _NEARBY
+        return attempt(
+            newton.proximal_point, "proximal_point", order,
+            alpha=_NEAR if near else _FAR, max_centres=max_centres,
+        )  # fmt: skip
+
     def descend(contacts):
         if len(contacts) >= _LARGE and attempt(
             anderson.solve, "anderson", contacts, local=local, max_sweeps=max_sweeps
         ):
             return True
-        order = elimination.order(contacts)
-        return attempt(interior_point.solve, "interior_point", order) or attempt(
-            newton.proximal_point, "proximal_point", order, alpha=_NEAR
-        )
+        return interior(elimination.order(contacts), 1.0, _FEW)
 
-    def resweep(own, start, relaxation=1.0):
+    def resweep(own, start, relaxation):
         alone, found = part(problem, own), start.copy()
         share = np.linalg.norm(problem.q) / (np.linalg.norm(alone.q) or 1.0)
         share *= np.sqrt(len(own) / len(r))
@@ -173,13 +181,12 @@ def solve(
         return done.converged.all()
 
     def persist(own):
-        order = elimination.order(own)
-        starts = [(r[own], 1.0)] + [(np.zeros_like(r[own]), w) for w in _RELAXATIONS]
-        for start, relaxation in starts:
-            if resweep(own, start, relaxation) or attempt(
-                newton.proximal_point, "proximal_point", order, alpha=_FAR
-            ):
-                return
+        rest = np.zeros_like(r[own])
+        return (
+            resweep(own, r[own], 1.0)
+            or any(resweep(own, rest, relaxation) for relaxation in _RELAXATIONS)
+            or interior(elimination.order(own), _FROM_AFAR, _MANY)
+        )
 
     if descend(np.concatenate(contacts)):
         return
@@ -192,5 +199,5 @@ def solve(
                 f"a component of {len(own)} contacts has no solution: they close, and impulses "
                 "along their normals move nothing"
             )
-        else:
-            persist(own)
+        elif not persist(own):
+            course.reasons.append(f"a component of {len(own)} contacts may have no solution")

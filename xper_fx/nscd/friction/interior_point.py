@@ -239,7 +239,9 @@ def _kernels(dim: int):
     return begin, linearise, to_dz, correct, advance
 
 
-def solve(problem: BlockProblem, r: np.ndarray, *, tolerance: float, history: list) -> bool:
+def solve(
+    problem: BlockProblem, r: np.ndarray, *, tolerance: float, history: list, start: float = 1.0
+) -> bool:
     """Descend until the error is within the tolerance or no longer falls.
 
     Args:
@@ -247,6 +249,7 @@ def solve(problem: BlockProblem, r: np.ndarray, *, tolerance: float, history: li
         r: shape (n, dim); the best impulses met on return.
         tolerance: bound on `error.natural_error`.
         history: the error of each iteration is appended.
+        start: size of the first x and z, in units of |q| / sqrt(n).
 
     Returns:
         Whether the tolerance was reached.
@@ -262,11 +265,11 @@ def solve(problem: BlockProblem, r: np.ndarray, *, tolerance: float, history: li
     scaled, qs = np.empty_like(problem.blocks), np.empty((n, dim))
     begin(problem.offsets, problem.columns, problem.blocks, problem.q / unit, mu, scaled, qs)
     x, z = np.zeros((2, n, dim))
-    x[:, 0] = z[:, 0] = 1.0
+    x[:, 0] = z[:, 0] = start
     dx, dz, residual, g, rhs = np.empty((5, n, dim))
     scaling = np.empty((n, dim + 1))
     system = SparseSystem(problem)
-    best, step, first_gap = np.inf, 1.0, n
+    best, step, first_gap = np.inf, 1.0, n * start**2
     to_impulse = np.full((n, dim), unit)
     to_impulse[:, 0] /= mu
     for _ in range(_MAX_ITERATIONS):

@@ -200,12 +200,14 @@ def proximal_point(
     tolerance: float,
     history: list,
     alpha: float = _FIRST_ALPHA,
+    max_centres: int = _MAX_CENTRES,
 ) -> bool:
     """Proximal points, each found by Newton's method, from r.
 
     Args:
         problem, r, tolerance, history: as in `solve`; history gets the error of each centre.
         alpha: first proximal coefficient, relative to mean(diag W).
+        max_centres: centres after which to give up.
 
     Returns:
         Whether the tolerance was reached.
@@ -213,7 +215,7 @@ def proximal_point(
     newton = _Newton(problem)
     size_q = np.linalg.norm(problem.q) or 1.0
     centre, best, fall, since = r.copy(), np.inf, _BOLD, 0
-    for _ in range(_MAX_CENTRES):
+    for _ in range(max_centres):
         error = natural_error(problem, centre)
         history.append(error)
         since += 1

@@ -249,7 +249,4 @@ class FrictionProblem:
                 f"q_N = {self.q[stuck[0] * self.dim]:.6g}: there is no solution"
                 + (f" ({len(stuck)} such contacts)" if len(stuck) > 1 else "")
             )
-        return (
-            f"the error came down to {error:.3g} only, of {tolerance:.3g} wanted: the problem may "
-            "have no solution"
-        )
+        return f"the error came down to {error:.3g} only, of {tolerance:.3g} wanted"
