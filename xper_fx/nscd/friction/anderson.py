@@ -23,7 +23,7 @@ from xper_fx.nscd.friction.error import residual_kernel
 from xper_fx.nscd.friction.gauss_seidel import factors_of, sweeps_kernel
 from xper_fx.nscd.local_solvers import LocalSolver
 
-_SWEEPS, _MEMORY = 16, 10
+SWEEPS, _MEMORY = 16, 10
 _ASTRAY = 4.0
 # Ridge of the least-squares problem, relative to its diagonal.
 _RIDGE = 1e-12
@@ -53,7 +53,7 @@ def _kernel(dim: int, local: LocalSolver):
             dirty[:] = True
             sweeps_of(
                 whole, offsets, columns, blocks, diagonal, factors, q, mu, image, 1.0, dirty, 0.0,
-                _SWEEPS, np.inf, sweeps, converged, no_history,
+                SWEEPS, np.inf, sweeps, converged, no_history,
             )  # fmt: skip
             error = np.sqrt(squared(0, n, offsets, columns, blocks, q, mu, image, 1.0)) / size_q
             errors[number] = error
@@ -121,7 +121,7 @@ def solve(
     Returns:
         Whether the tolerance was reached.
     """
-    errors = np.empty(max(max_sweeps // _SWEEPS, 1))
+    errors = np.empty(max(max_sweeps // SWEEPS, 1))
     size_q = np.linalg.norm(problem.q) or 1.0
     count = _kernel(problem.dim, local)(
         problem.offsets, problem.columns, problem.blocks, problem.diagonal,

@@ -7,8 +7,8 @@
    interior point; where rounding ends it above the tolerance, proximal points from there.
 3. If that fails (a problem without solution, close to one, or far from monotone), component by
    component: the same, then sweeps to their end, from what there is and again from rest with over-
-   and with under-relaxation, the interior point from another start, and proximal points from the
-   best of all these.
+   and with under-relaxation, the interior point from another start, proximal points from the best
+   of all these, and at last friction that grows from little to the whole.
 
 The best impulses of all are kept at every turn: nothing is left with less than the sweeps gave.
 """
@@ -67,7 +67,7 @@ class Course:
 
     def note_sweeps(self, done: Sweeps) -> None:
         self.sweeps = max(self.sweeps, int(done.sweeps.max(initial=0)))
-        self.note("gauss_seidel", done.history)
+        self.note("nlgs", done.history)
 
 
 def on_part(solve, problem, contacts, r, *, tolerance, course, name, **options) -> bool:
@@ -93,6 +93,8 @@ def on_part(solve, problem, contacts, r, *, tolerance, course, name, **options) 
     before = natural_error(own, found)
     reached = solve(own, found, tolerance=tolerance * share, history=errors, **options)
     course.note(name, enumerate(errors, start=1))
+    if solve is anderson.solve:
+        course.sweeps = max(course.sweeps, anderson.SWEEPS * len(errors))
     if natural_error(own, found) < before:
         r[contacts] = found
     return reached
@@ -161,7 +163,8 @@ def solve(
         )  # fmt: skip
 
     def descend(contacts):
-        if len(contacts) >= _LARGE and attempt(
+        mixable = len(contacts) >= _LARGE and max_sweeps >= anderson.SWEEPS
+        if mixable and attempt(
             anderson.solve, "anderson", contacts, local=local, max_sweeps=max_sweeps
         ):
             return True
@@ -186,6 +189,7 @@ def solve(
             resweep(own, r[own], 1.0)
             or any(resweep(own, rest, relaxation) for relaxation in _RELAXATIONS)
             or interior(elimination.order(own), _FROM_AFAR, _MANY)
+            or attempt(newton.continuation, "continuation", elimination.order(own))
         )
 
     if descend(np.concatenate(contacts)):

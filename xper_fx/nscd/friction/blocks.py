@@ -2,8 +2,8 @@
 """W stored by rows of dim x dim blocks, scaled, its contacts sorted by connected component.
 
 Contacts that share a body, directly or through others, form a *component*; components are problems
-of their own. The stored problem is scaled by m = mean(diag W): W / m and m r replace W and r, q
-stays. Impulses then have the size of q, and no solver meets a unit.
+of their own. The stored problem is scaled by m = mean(diag W) and s = max |q|: W / m, q / s and
+m r / s replace W, q and r, all of the order of one, and no solver meets a unit.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ class Stored(NamedTuple):
 
     Attributes:
         problem: scaled and sorted.
-        scale: m = mean(diag W), or 1 if W is zero (m/s per N s).
+        scale: s / m, the unit of the impulses (N s); m = 1 where W is zero, s = 1 where q is.
         places: shape (n,), contact a of `problem` is contact `places[a]` of the given one.
         colors: shape (num_colors + 1,), first contact of each colour; None unless sorted by it.
     """
@@ -97,8 +97,8 @@ def store(W: sp.csr_matrix, q: np.ndarray, mu: np.ndarray, dim: int, order: str)
             always alike; or "colored": by colours whose contacts share no body.
     """
     n = len(mu)
-    scale = float(W.diagonal().mean()) if n else 1.0
-    scale = scale if scale > 0.0 else 1.0
+    mean = (float(W.diagonal().mean()) if n else 0.0) or 1.0
+    size = float(np.abs(q).max(initial=0.0)) or 1.0
     by_block = sp.bsr_matrix(W, blocksize=(dim, dim))
     pattern = sp.csr_matrix(
         (np.ones(len(by_block.indices), np.int8), by_block.indices, by_block.indptr), shape=(n, n)
@@ -124,7 +124,7 @@ def store(W: sp.csr_matrix, q: np.ndarray, mu: np.ndarray, dim: int, order: str)
     keys, first = np.unique(keys, return_index=True)
     blocks = np.zeros((len(keys), dim, dim))
     given = first < len(rows)
-    blocks[given] = by_block.data[first[given]] / scale
+    blocks[given] = by_block.data[first[given]] / mean
     rows, columns = keys // n, keys % n
     diagonal_blocks = blocks[rows == columns]
     i, j = sym_indices(dim)
@@ -133,11 +133,11 @@ def store(W: sp.csr_matrix, q: np.ndarray, mu: np.ndarray, dim: int, order: str)
         columns=columns,
         blocks=blocks,
         diagonal=0.5 * (diagonal_blocks[:, i, j] + diagonal_blocks[:, j, i]),
-        q=np.ascontiguousarray(q.reshape(n, dim)[places]),
+        q=q.reshape(n, dim)[places] / size,
         mu=np.ascontiguousarray(mu[places]),
         components=components,
     )
-    return Stored(stored, scale, places, colors)
+    return Stored(stored, size / mean, places, colors)
 
 
 def part(problem: BlockProblem, contacts: np.ndarray) -> BlockProblem:

@@ -103,14 +103,13 @@ class Errors(NamedTuple):
 
 @cache
 def _measure_kernel(dim: int):
-    row = for_dimension(dim).row
-    dot, residual = for_dimension(dim).dot, natural_map(dim)
+    algebra, residual = for_dimension(dim), natural_map(dim)
+    row, dot, scale = algebra.row, algebra.dot, algebra.scale
 
     @njit(error_model="numpy")
     def measure(indptr, indices, data, q, mu, flat, mean_diagonal, u):
         r = flat.reshape(-1, dim)
-        size_q, size_r, size_u, error, siconos = 0.0, 0.0, 0.0, 0.0, 0.0
-        penetration, complementarity, cone_violation = 0.0, 0.0, 0.0
+        largest_q, largest = 0.0, 0.0
         for a in range(len(mu)):
             for i in range(dim):
                 total = q[a, i]
@@ -118,21 +117,35 @@ def _measure_kernel(dim: int):
                 for k in range(indptr[line], indptr[line + 1]):
                     total += data[k] * flat[indices[k]]
                 u[a, i] = total
+                largest_q = max(largest_q, abs(q[a, i]))
+                largest = max(largest, abs(r[a, i]), abs(total))
+        # Both maps are homogeneous: by these units no square under- or overflows.
+        unit = 1.0 / largest_q if largest_q > 0.0 else 1.0
+        largest = max(largest, largest_q)
+        unit_of_all = 1.0 / largest if largest > 0.0 else 1.0
+        size_q, size_r, size_u, error, siconos = 0.0, 0.0, 0.0, 0.0, 0.0
+        penetration, complementarity, cone_violation = 0.0, 0.0, 0.0
+        for a in range(len(mu)):
             ra, ua, qa = row(r, a), row(u, a), row(q, a)
-            f = residual(ra, ua, mu[a], 1.0 / mean_diagonal)
+            f = residual(scale(mean_diagonal * unit, ra), scale(unit, ua), mu[a], 1.0)
             error += dot(f, f)
-            f = residual(ra, ua, mu[a], 1.0)
-            siconos += dot(f, f)
+            qa = scale(unit, qa)
             size_q += dot(qa, qa)
-            size_r += dot(ra, ra)
-            size_u += dot(ua, ua)
-            tangential = np.sqrt(max(dot(ra, ra) - ra[0] * ra[0], 0.0))
+            sr, su = scale(unit_of_all, ra), scale(unit_of_all, ua)
+            f = residual(sr, su, mu[a], 1.0)
+            siconos += dot(f, f)
+            size_r += dot(sr, sr)
+            size_u += dot(su, su)
+            tangential = 0.0
+            for i in range(1, dim):
+                tangential = np.hypot(tangential, r[a, i])
             penetration = max(penetration, -ua[0])
             complementarity = max(complementarity, abs(ua[0] * ra[0]))
             cone_violation = max(cone_violation, tangential - mu[a] * ra[0])
-        error = np.sqrt(error) * mean_diagonal / (np.sqrt(size_q) if size_q > 0.0 else 1.0)
-        largest = np.sqrt(max(size_q, size_r, size_u))
-        siconos = np.sqrt(siconos) / (largest if largest > 0.0 else 1.0)
+        error = np.sqrt(error / size_q) if size_q > 0.0 else np.sqrt(error)
+        size_q *= (unit_of_all / unit) ** 2
+        size = np.sqrt(max(size_q, size_r, size_u))
+        siconos = np.sqrt(siconos) / (size if size > 0.0 else 1.0)
         return error, siconos, penetration, complementarity, cone_violation
 
     return measure
@@ -155,6 +168,5 @@ def measure(W, q, mu, dim: int, r, mean_diagonal: float) -> tuple[np.ndarray, Er
     shape = (-1, dim)
     errors = _measure_kernel(dim)(
         W.indptr, W.indices, W.data, q.reshape(shape), mu, r, mean_diagonal, u.reshape(shape)
-
     )  # fmt: skip
     return u, Errors(*errors)

@@ -41,7 +41,7 @@ class Sweeps(NamedTuple):
     Attributes:
         sweeps: shape (num_components,), sweeps made.
         converged: shape (num_components,), bool.
-        history: (sweeps made, error of the whole) at 16, 32, 64, ... sweeps.
+        history: (sweeps made, error of the whole) at 16, 32, 64, ... sweeps, and at the end.
         visits: contacts visited.
     """
 
@@ -77,10 +77,12 @@ def visit_kernel(dim: int, local: LocalSolver, relaxed: bool):
     def into_cone(r, mu):
         if r[0] <= 0.0:
             return scale(0.0, r)
-        size = np.sqrt(max(dot(r, r) - r[0] * r[0], 0.0))
+        normal = (r[0],) + zeros
+        tangential = subtract(r, normal)
+        size = np.sqrt(dot(tangential, tangential))
         if size <= mu * r[0]:
             return r
-        return add(scale(mu * r[0] / size, r), (r[0] * (1.0 - mu * r[0] / size),) + zeros)
+        return add(normal, scale(mu * r[0] / size, tangential))
 
     @njit(inline="always")
     def visit(a, offsets, columns, blocks, diagonal, factors, q, mu, r, omega):
@@ -229,11 +231,9 @@ def sweep(
         np.ones(len(r), np.bool_), (tolerance * size_q) ** 2, max_sweeps, patience, sweeps,
         converged, history,
     )  # fmt: skip
-    number = np.count_nonzero(history[0])
-    if number == 0:
-        return Sweeps(sweeps, converged, [], visits)
-    squared = (history[0] + np.cumsum(history[1]))[:number]
-    looks = [_FIRST_LOOK << k for k in range(number)]
-    return Sweeps(
-        sweeps, converged, list(zip(looks, np.sqrt(squared) / size_q, strict=True)), visits
-    )
+    errors = np.sqrt(history[0] + np.cumsum(history[1])) / size_q
+    looks = [(_FIRST_LOOK << k, errors[k]) for k in range(np.count_nonzero(history[0]))]
+    most = int(sweeps.max(initial=0))
+    if not looks or looks[-1][0] < most:
+        looks.append((most, errors[-1]))
+    return Sweeps(sweeps, converged, looks, visits)

@@ -40,7 +40,7 @@ _MAX_ITERATIONS = 60
 # Fraction of the way to the boundary of the cones.
 _TO_BOUNDARY = 0.99
 # Steps shorter than this, or complementarity below this of its first value, end the descent.
-_SHORTEST, _ROUNDING = 1e-3, 1e-15
+_SHORTEST, _ROUNDING = 1e-3, 1e-18
 _TINY = np.finfo(float).tiny
 
 

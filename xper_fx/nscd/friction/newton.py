@@ -41,6 +41,9 @@ _MAX_CENTRES, _NO_BETTER = 150, 60
 # alpha falls by the first factor while all goes well, by the second after the first failure.
 _BOLD, _CAUTIOUS, _BACK = 0.1, 0.7, 3.0
 
+# Fractions of the friction, the error wanted on the way, and the proximal coefficient there.
+_FRACTIONS, _ON_THE_WAY, _LOOSE_ALPHA = (0.2, 0.4, 0.6, 0.8, 0.9), 1e-3, 1e-2
+
 
 @cache
 def _kernels(dim: int):
@@ -240,3 +243,25 @@ def proximal_point(
             if alpha > _LARGEST_ALPHA:
                 break
     return best <= tolerance
+
+
+def continuation(problem: BlockProblem, r: np.ndarray, *, tolerance: float, history: list) -> bool:
+    """Proximal points for friction that grows from a fraction to the whole, from rest.
+
+    With little friction the problem is close to a convex one, which has one way down.
+
+    Args:
+        problem, r, tolerance, history: as in `solve`; history gets the errors of the last fraction.
+
+    Returns:
+        Whether the tolerance was reached.
+    """
+    found = np.zeros_like(r)
+    for fraction in _FRACTIONS:
+        part_of_it = problem._replace(mu=fraction * problem.mu)
+        proximal_point(part_of_it, found, tolerance=_ON_THE_WAY, history=[], alpha=_LOOSE_ALPHA)
+    reached = proximal_point(
+        problem, found, tolerance=tolerance, history=history, alpha=_LOOSE_ALPHA
+    )
+    r[:] = found
+    return reached

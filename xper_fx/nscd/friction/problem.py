@@ -30,7 +30,7 @@ _GLOBAL = {
     "proximal_point": newton.proximal_point,
     "interior_point": interior_point.solve,
 }
-SOLVERS = ("auto", "gauss_seidel", "anderson", *_GLOBAL)
+SOLVERS = ("auto", "nlgs", "anderson", *_GLOBAL)
 _DEFAULT_LOCAL = {2: "graph", 3: "exact"}
 
 
@@ -42,7 +42,7 @@ class FrictionResult(NamedTuple):
         velocity: shape (n dim,), u = W r + q (m/s).
         converged: whether `error` is within the tolerance.
         errors: natural-map errors and their parts in physical units.
-        sweeps: largest number of Gauss-Seidel sweeps over a component.
+        sweeps: largest number of Gauss-Seidel sweeps over a component, those mixed included.
         solver: names of the solvers that worked, joined by " + ".
         local_solver: name of the local solver.
         history: (solver, iterations, error) as the solve went on.
@@ -143,11 +143,12 @@ class FrictionProblem:
             local_solver: one of `LOCAL_SOLVERS[dim]`, for the sweeps; "auto" is the fastest exact.
             tolerance: bound on the unit-free natural-map error (`error`).
             guess: shape (n dim,), impulses to start from; zero without.
-            max_sweeps: Gauss-Seidel sweeps after which to give up.
-            relaxation: factor on the changes of a sweep, in (0, 2); "gauss_seidel" only.
-            symmetric: sweep forth and back in turn; "gauss_seidel" only.
+            max_sweeps: Gauss-Seidel sweeps after which an attempt with them ends; other solvers
+                have ends of their own.
+            relaxation: factor on the changes of a sweep, in (0, 2); "nlgs" only.
+            symmetric: sweep forth and back in turn; "nlgs" only.
             order: of the visits, one of `ORDERS`: "given", "shuffled" (once and always alike), or
-                "colored", which "gauss_seidel" sweeps with Numba's threads.
+                "colored", which "nlgs" sweeps with Numba's threads.
             facets: facets of the cone, for the local solver "lcp" in 3D.
 
         Returns:
@@ -163,16 +164,16 @@ class FrictionProblem:
         if guess is None:
             r = np.zeros((n, dim))
         else:
-            r = np.asarray(guess, dtype=float).reshape(n, dim)[places] * scale
+            r = np.asarray(guess, dtype=float).reshape(n, dim)[places] / scale
         course = Course()
         sweeping = {"tolerance": tolerance, "max_sweeps": max_sweeps}
         if solver == "auto":
             automatic.solve(stored, elimination, local, r, course, **sweeping)
-        elif solver == "gauss_seidel" and colors is not None:
+        elif solver == "nlgs" and colors is not None:
             course.note_sweeps(
                 colored.sweep(stored, colors, local, r, relaxation=relaxation, **sweeping)
             )
-        elif solver == "gauss_seidel":
+        elif solver == "nlgs":
             course.note_sweeps(
                 gauss_seidel.sweep(
                     stored, local, r, relaxation=relaxation, symmetric=symmetric, **sweeping
@@ -189,7 +190,7 @@ class FrictionProblem:
                 course=course, name=solver, tolerance=tolerance,
             )  # fmt: skip
         reaction = np.empty((n, dim))
-        reaction[places] = r / scale
+        reaction[places] = r * scale
         reaction = reaction.ravel()
         velocity, errors = self._measure(reaction)
         converged = bool(errors.error <= tolerance)
@@ -226,9 +227,9 @@ class FrictionProblem:
         if not 0.0 < relaxation < 2.0:
             raise ValueError(f"relaxation should lie between 0 and 2, got {relaxation}.")
         special = relaxation != 1.0 or symmetric or order == "colored"
-        if solver != "gauss_seidel" and special:
+        if solver != "nlgs" and special:
             raise ValueError(
-                'relaxation, symmetric and order="colored" belong to solver="gauss_seidel", got '
+                'relaxation, symmetric and order="colored" belong to solver="nlgs", got '
                 f"{solver!r}."
             )
         if symmetric and order == "colored":
