@@ -65,7 +65,7 @@ from xper_fx.plots import (
 from xper_fx.recorder import Recorder, TensileGauge, point_coordinates
 from xper_fx.scales import cohesive_scales
 from xper_fx.scene import Scene
-from xper_fx.simulation import Simulation
+from xper_fx.simulation import SOLVERS, Simulation
 
 # ## Geometry
 #
@@ -194,6 +194,7 @@ def run(scene: Scene, folder: Path, options: argparse.Namespace, title: str) -> 
         scheme=options.scheme,
         theta=options.theta,
         tolerance=options.tolerance,
+        solver=options.solver,
         num_threads=options.threads,
     )
     end = options.final_strain * SIZE / (2.0 * SPEED)
@@ -318,6 +319,7 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     add("--step-size", type=float, help="h in s (default 0.7 of the bulk's critical step)")
     add("--theta", type=float, default=0.5, help="weight of the end of the step, implicit bulk")
     add("--tolerance", type=float, default=1e-4, help="relative error of the impulses")
+    add("--solver", choices=SOLVERS, default="auto", help="of the interactions")
     add("--final-strain", type=float, default=0.012)
     add("--early-strain", type=float, default=0.005, help="when the first cracks are drawn")
     add("--threads", type=int, help="of the interaction solver (default: all)")

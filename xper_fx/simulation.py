@@ -22,7 +22,7 @@ from xper_fx.errors import ConvergenceError
 from xper_fx.forms.dynamics import BulkForms
 from xper_fx.forms.loads import PrescribedDisplacement, PrescribedVelocity
 from xper_fx.meshes import local_facet_vertices
-from xper_fx.nscd import nlgs, vertex_blocks
+from xper_fx.nscd import accelerated, auto, newton, nlgs, vertex_blocks
 from xper_fx.nscd.checks import require_positive
 from xper_fx.nscd.facets import facet_points, join_points, nodal_shares, wall_points
 from xper_fx.nscd.interactions import Interactions
@@ -31,6 +31,13 @@ from xper_fx.scene import Scene
 
 logger = logging.getLogger(__name__)
 
+# Solvers of the interactions by name.
+SOLVERS = {
+    "auto": auto.solve,
+    "nlgs": nlgs.solve,
+    "newton": newton.solve,
+    "accelerated": accelerated.solve,
+}
 # Gaps this small beside the coordinates are closed.
 _ROUNDING = 1e-12
 
@@ -68,6 +75,9 @@ class Simulation:
         theta: weight of the end of the step, in [1/2, 1]; the explicit bulk has 1/2.
         tolerance: bound on the estimated relative error of the impulses (`nscd/nlgs.py`).
         max_sweeps: sweeps after which the interaction solver gives up.
+        solver: of the interactions: "nlgs" (sweeps), "newton" (all points at once, for steps far
+            beyond the explicit limit), "accelerated" (mixed sweeps), or "auto", which picks. An
+            explicit bulk with nodal points solves each vertex alone, and takes "auto" only.
         relaxation: over-relaxation of impulses where a law is linear, in (0, 2).
         newton_tolerance: bound on the last relative Newton correction.
         max_newton: Newton iterations after which a step is given up.
@@ -94,12 +104,20 @@ class Simulation:
         tolerance: float = 1e-4,
         max_sweeps: int = 20_000,
         relaxation: float = 1.3,
+        solver: str = "auto",
         newton_tolerance: float = 1e-8,
         max_newton: int = 25,
         max_halvings: int = 6,
         num_threads: int | None = None,
     ):
         self._check(scheme, step, theta, tolerance, relaxation, newton_tolerance)
+        if solver not in SOLVERS:
+            raise ValueError(f"solver should be one of {', '.join(SOLVERS)}, got {solver!r}.")
+        if solver != "auto" and scheme == "explicit" and scene.points == "nodal":
+            raise ValueError(
+                "An explicit bulk with nodal points solves each vertex alone: leave solver at "
+                f'"auto", got {solver!r}.'
+            )
         for name, count, least in (
             ("max_sweeps", max_sweeps, 1), ("max_newton", max_newton, 1),
             ("max_halvings", max_halvings, 0),
@@ -134,7 +152,7 @@ class Simulation:
             self.interactions = self._interactions(points, laws, law_of_point)
             self.ledger = EnergyLedger(self.bulk, self.state, self.theta)
         self._solve = partial(
-            vertex_blocks.solve if self._by_vertex else nlgs.solve,
+            vertex_blocks.solve if self._by_vertex else SOLVERS[solver],
             tolerance=tolerance,
             max_sweeps=max_sweeps,
             relaxation=relaxation,

@@ -16,6 +16,7 @@ found to ten times the tolerance; the last solve, to the tolerance, is with vari
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -23,7 +24,7 @@ from numba import get_num_threads
 
 from xper_fx.nscd.exchange import sweep_kernel
 from xper_fx.nscd.interactions import Interactions
-from xper_fx.nscd.ordering import mark_moved, mark_tiles
+from xper_fx.nscd.ordering import TileBodies, mark_moved, mark_tiles
 
 # Sweeps over which the contraction is measured.
 _WINDOW = 4
@@ -31,9 +32,9 @@ _WINDOW = 4
 # visited all the same every so many sweeps, and before the end.
 _NEGLIGIBLE, _REVISIT = 0.1, 16
 # Relative change of the impulses that is rounding.
-_ROUNDING = 16.0 * np.finfo(float).eps
+ROUNDING = 16.0 * np.finfo(float).eps
 # Factor on the tolerance while internal variables still move.
-_LOOSE = 10.0
+LOOSE = 10.0
 
 
 class SolveReport(NamedTuple):
@@ -44,22 +45,61 @@ class SolveReport(NamedTuple):
         sweeps: sweeps made.
         residual: estimated relative error of the impulses (module docstring).
         traction_change: largest change of a traction in the last sweep (Pa).
+        solver: name of the solver that found the impulses.
+        reason: why this solver, and what else it did; empty if there was no choice.
+        contraction: of the last sweeps, a sweep; 1 if unknown.
     """
 
     converged: bool
     sweeps: int
     residual: float
     traction_change: float
+    solver: str = "nlgs"
+    reason: str = ""
+    contraction: float = 1.0
+
+
+class SweepPass(NamedTuple):
+    """A sweep over the points of a group: `kernel(*arguments)` visits the marked tiles."""
+
+    kernel: Callable
+    arguments: tuple
+    tile_bodies: TileBodies
+    marked: np.ndarray
+    stats: np.ndarray
+
+
+def sweep_passes(
+    interactions: Interactions, velocity: np.ndarray, relaxation: float, num_threads: int | None
+) -> list[SweepPass]:
+    """What a sweep consists of, all tiles marked; arguments as those of `solve`."""
+    dim = interactions.dim
+    parallel = (num_threads or get_num_threads()) > 1
+    passes = []
+    for g in interactions.groups:
+        kernel = sweep_kernel(g.kernels, dim, g.points.nodes.shape[2], g.block_size, parallel)
+        tiles = len(g.ordering.tile_offsets) - 1
+        marked, stats = np.ones(tiles, np.bool_), np.zeros((tiles, 3))
+        arguments = (
+            g.ordering.tile_offsets, g.ordering.color_offsets, marked, stats, velocity,
+            g.couplings, g.impulse, g.compliance, g.inverse_area, g.parameters, g.terms, g.details,
+            relaxation,
+        )  # fmt: skip
+        passes.append(SweepPass(kernel, arguments, g.tile_bodies, marked, stats))
+    return passes
+
+
+def contraction(changes: list[float]) -> float:
+    """Factor of the relative changes from a sweep to the next, over the last sweeps."""
+    window = min(_WINDOW, len(changes) - 1)
+    return (changes[-1] / changes[-1 - window]) ** (1.0 / window) if window > 0 else 1.0
 
 
 def amplification(changes: list[float]) -> float:
     """Error left, relative to the last change, from the relative changes of the sweeps so far."""
-    window = min(_WINDOW, len(changes) - 1)
     if changes[-1] == 0.0:
         return 1.0
-    if window == 0:
-        return np.inf
-    rho = (changes[-1] / changes[-1 - window]) ** (1.0 / window)
+    rho = contraction(changes)
     return max(1.0, rho / (1.0 - rho)) if rho < 1.0 else np.inf
 
 
@@ -86,24 +126,12 @@ def solve(
     Returns:
         The report; not converged is reported, not raised.
     """
-    dim, groups = interactions.dim, interactions.groups
-    parallel = (num_threads or get_num_threads()) > 1
-    passes = []
-    for g in groups:
-        kernel = sweep_kernel(g.kernels, dim, g.points.nodes.shape[2], g.block_size, parallel)
-        tiles = len(g.ordering.tile_offsets) - 1
-        marked, stats = np.ones(tiles, np.bool_), np.zeros((tiles, 3))
-        arguments = (
-            g.ordering.tile_offsets, g.ordering.color_offsets, marked, stats, velocity,
-            g.couplings, g.impulse, g.compliance, g.inverse_area, g.parameters, g.terms, g.details,
-            relaxation,
-        )  # fmt: skip
-        passes.append((kernel, arguments, g.tile_bodies, marked, stats))
+    passes = sweep_passes(interactions, velocity, relaxation, num_threads)
     num_tiles = sum(len(marked) for *_, marked, _ in passes)
     moved = np.zeros(len(interactions.inverse.node_offsets) - 1, np.bool_)
     interactions.add_velocity(velocity)
     changes: list[float] = []
-    error, wanted, factor = np.inf, _LOOSE * tolerance, np.inf
+    error, wanted, factor = np.inf, LOOSE * tolerance, np.inf
     verifying = False
     for count in range(1, max_sweeps + 1):
         for kernel, arguments, *_ in passes:
@@ -117,12 +145,12 @@ def solve(
         if not verifying:
             changes.append(change)
             factor = amplification(changes)
-        error = change * factor if change > _ROUNDING else change
+        error = change * factor if change > ROUNDING else change
         if error <= wanted and everywhere:
             verifying = False
             if interactions.evolve(velocity) > tolerance:
                 changes.clear()
-                wanted = _LOOSE * tolerance
+                wanted = LOOSE * tolerance
             elif error <= tolerance:
                 largest = max((stats[:, 2].max() for *_, stats in passes), default=0.0)
                 return SolveReport(True, count, error, np.sqrt(largest) / interactions.step_size)
@@ -139,4 +167,4 @@ def solve(
         for _, _, tile_bodies, marked, stats in passes:
             mark_tiles(marked, tile_bodies, moved)
             stats[~marked, 0] = 0.0
-    return SolveReport(False, count, error, np.inf)
+    return SolveReport(False, count, error, np.inf, contraction=contraction(changes))

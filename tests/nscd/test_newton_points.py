@@ -1,0 +1,242 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Newton, mixed sweeps and the choice between them against converged sweeps."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from plates import crossed_plate
+from test_nlgs import check_velocity, dense_h, dense_w, gauss_scene, tetrahedra_scene
+
+from xper_fx.nscd import accelerated, auto, newton, nlgs, tangent
+from xper_fx.nscd.clusters import facing_clusters
+from xper_fx.nscd.interactions import Interactions
+from xper_fx.nscd.inverse import BodyInverse
+from xper_fx.nscd.krylov import gmres
+from xper_fx.nscd.laws import CohesiveZone, PerfectBond, SignoriniCoulomb, Tresca
+
+SIZE, THETA = 50e-6, 0.5
+BOND = CohesiveZone(2e18, 0.5, 1e9, friction=0.05)
+SOLVERS = {"newton": newton.solve, "accelerated": accelerated.solve, "auto": auto.solve}
+
+
+def plate_step(cells, factor, broken, laws=(BOND,), held=False):
+    """A plate stretched along x (and pressed along y if half of its bonds are broken)."""
+    plate = crossed_plate(cells, SIZE)
+    step = factor * 3.1e-11 * np.sqrt(20 / cells)
+    fixed = (plate.x[..., 0].ravel() < 1e-12).repeat(2) if held else None
+    inverse = plate.inverse(step, THETA, fixed)
+    rng = np.random.default_rng(0)
+    which = rng.integers(0, len(laws), len(plate.points))
+    scene = Interactions(plate.points, list(laws), which, inverse)
+    x = np.repeat(plate.x.mean(axis=1), 3, axis=0) - SIZE / 2
+    free = np.zeros((inverse.num_slots, 2))
+    free[: len(x)] = 4e4 * x * [1, -1 if broken else 0] + 0.002 * rng.normal(size=x.shape)
+    if held:
+        free.reshape(-1)[: len(fixed)][fixed] = 0.0
+    if broken:
+        lost = rng.random(len(plate.points)) < 0.5
+        for g in scene.groups:
+            if "damage" in g.kernels.state_names:
+                g.state[lost[g.indices], g.kernels.state_names.index("damage")] = 0.0
+    scene.begin_step(step, THETA)
+    return scene, free.ravel()
+
+
+def solved(make, solver, **options):
+    scene, free = make()
+    velocity = free.copy()
+    report = solver(scene, velocity, num_threads=1, **options)
+    return scene, free, velocity, report
+
+
+@pytest.mark.parametrize("broken", [False, True])
+@pytest.mark.parametrize("name", SOLVERS)
+def test_the_answer_is_that_of_sweeps(name, broken):
+    """A step of 100 times the explicit limit: the impulses of sweeps converged to 1e-10."""
+    make = lambda: plate_step(8, 100, broken)  # noqa: E731
+    exact = solved(make, nlgs.solve, tolerance=1e-10, max_sweeps=100_000, relaxation=1.3)
+    assert exact[3].converged
+    scene, free, velocity, report = solved(make, SOLVERS[name], tolerance=1e-6)
+    assert report.converged and report.residual <= 1e-6
+    r, expected = scene.gather("impulse"), exact[0].gather("impulse")
+    assert np.linalg.norm(r - expected) <= 5e-6 * np.linalg.norm(expected)
+    check_velocity(scene, free, velocity)
+    size, total, _ = tangent.residual(scene, velocity)
+    assert size <= 1e-6 * total
+    assert report.sweeps < exact[3].sweeps / 5
+    if broken:  # opens, sticks and slides
+        scene.commit(velocity)
+        assert np.bincount(scene.gather("status").astype(int), minlength=3).min() > 30
+
+
+@pytest.mark.parametrize("name", SOLVERS)
+def test_mixed_laws_damage_and_prescribed_faces(name):
+    """Two groups, three laws; bonds that break within the step follow as they do under sweeps."""
+    weak = CohesiveZone(2e18, 0.5, 2e6, friction=0.3)
+    laws = (weak, SignoriniCoulomb(0.2, restitution=0.5), Tresca(1e5))
+    make = lambda: plate_step(6, 5, False, laws, held=True)  # noqa: E731
+    exact = solved(make, nlgs.solve, tolerance=1e-9, max_sweeps=10_000)
+    assert exact[3].converged
+    scene, free, velocity, report = solved(make, SOLVERS[name], tolerance=1e-8)
+    assert report.converged
+    np.testing.assert_allclose(velocity, exact[2], rtol=0, atol=1e-6 * np.abs(velocity).max())
+    check_velocity(scene, free, velocity)
+    works = [s.commit(v) for s, _, v, _ in ((scene, free, velocity, report), exact)]
+    assert works[1].cohesion > 0.0
+    np.testing.assert_allclose(works[0], works[1], rtol=1e-5, atol=1e-8 * works[1].stored)
+
+
+def test_perfect_bonds_and_their_redundant_rings():
+    """No compliance at all, W singular around every vertex: the velocity of converged sweeps."""
+    make = lambda: plate_step(4, 10, False, (PerfectBond(),))  # noqa: E731
+    exact = solved(make, nlgs.solve, tolerance=1e-11, max_sweeps=20_000)
+    scene, free, velocity, report = solved(make, newton.solve, tolerance=1e-8)
+    assert exact[3].converged and report.converged and report.sweeps == 10
+    np.testing.assert_allclose(velocity, exact[2], rtol=0, atol=1e-7 * np.abs(velocity).max())
+    check_velocity(scene, free, velocity)
+
+
+@pytest.mark.parametrize("k", [1, 2])
+@pytest.mark.parametrize("mu", [0.0, 0.3])
+@pytest.mark.parametrize("name", ["newton", "auto"])
+def test_contact_in_3d(name, mu, k):
+    """Random tetrahedra with chains of points between bodies and the ground."""
+    make = lambda: tetrahedra_scene(SignoriniCoulomb(mu), k)  # noqa: E731
+    exact = solved(make, nlgs.solve, tolerance=1e-12)
+    scene, free, velocity, report = solved(make, SOLVERS[name], tolerance=1e-10)
+    assert report.converged
+    np.testing.assert_allclose(velocity, exact[2], rtol=0, atol=1e-8)
+    check_velocity(scene, free, velocity)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_the_step_is_that_of_the_dense_linearised_problem(dim):
+    """(I - D (W - diag W)) dr = S(b) - r, with D by differences of the laws, solved densely."""
+    if dim == 2:
+        scene, velocity = plate_step(3, 100, True)
+    else:
+        scene, velocity = tetrahedra_scene(CohesiveZone(2e18, 0.5, 1e9, friction=0.3))
+    nlgs.solve(scene, velocity, tolerance=1e-12, max_sweeps=4, num_threads=1)
+    (group,) = scene.groups
+    h = dense_h(group.points, scene.inverse.num_slots)
+    w = h.T @ dense_w(scene.inverse) @ h
+    u, old = (h.T @ velocity).reshape(-1, dim), group.impulse
+    slopes, missing, own = np.zeros_like(w), np.zeros_like(old), np.zeros_like(w)
+    arguments = group.compliance, group.parameters, group.terms, group.details
+    for i in range(len(group)):
+        rows = slice(i * dim, (i + 1) * dim)
+        answer = lambda x: np.array(  # noqa: E731
+            group.kernels.solve(i, tuple(x), tuple(old[i]), *arguments)[0]  # noqa: B023
+        )
+        missing[i] = answer(u[i]) - old[i]
+        own[rows, rows] = w[rows, rows]
+        reach = 1e-6 * np.linalg.norm(u[i] - w[rows, rows] @ old[i])
+        for j in range(dim):
+            moved = u[i] + reach * np.eye(dim)[j]
+            slopes[rows, i * dim + j] = (answer(moved) - answer(u[i])) / reach
+    expected = np.linalg.solve(np.eye(len(w)) - slopes @ (w - own), missing.ravel())
+    problem = tangent.linearised_problem(scene)
+    problem.linearise(velocity)
+    size = np.linalg.norm(missing)
+    (step,), _ = problem.solve(np.zeros_like(velocity), 1e-11 * size, 400)
+    np.testing.assert_allclose(step.ravel(), expected, atol=1e-3 * np.abs(expected).max())
+
+
+def test_iterations_do_not_grow_with_the_mesh():
+    """An intact plate far beyond the explicit limit: as many iterations with 16 times the cells."""
+    counts = []
+    for cells in (10, 40):
+        scene, velocity = plate_step(cells, 100, False)
+        nlgs.solve(scene, velocity, tolerance=1e-9, max_sweeps=10, num_threads=1)
+        problem = tangent.linearised_problem(scene)
+        problem.linearise(velocity)
+        size, _, _ = tangent.residual(scene, velocity)
+        _, iterations = problem.solve(np.zeros_like(velocity), 1e-3 * size, 200)
+        counts.append(iterations)
+    assert counts[1] <= 1.6 * counts[0] and counts[1] <= 30, counts
+
+
+def test_the_safeguard_saves_newton_from_cycling(monkeypatch):
+    """Half of the bonds broken: whole steps alone do not come to rest in thrice the steps."""
+    make = lambda: plate_step(20, 100, True)  # noqa: E731
+    *_, report = solved(make, newton.solve, tolerance=1e-6)
+    steps = int(report.reason.split()[0])
+    assert report.converged and steps <= 30
+    scene, velocity = make()
+    nlgs.solve(scene, velocity, tolerance=1e-9, max_sweeps=10, num_threads=1)
+    monkeypatch.setattr(newton, "_LEAP", np.inf)
+    monkeypatch.setattr(newton, "_DECREASE", -np.inf)  # any whole step is accepted
+    monkeypatch.setattr(newton, "_PATIENCE", 2 * steps)
+    attempt = newton._Attempt(scene, velocity, tangent.linearised_problem(scene))
+    assert not attempt.run(1e-6) or attempt.steps > 1.5 * steps
+
+
+def test_auto_sweeps_where_few_are_needed_and_says_why():
+    *_, small = solved(lambda: plate_step(8, 1, True), auto.solve, tolerance=1e-6)
+    assert small.converged and small.solver == "nlgs" and "enough" in small.reason
+    *_, large = solved(lambda: plate_step(8, 100, True), auto.solve, tolerance=1e-6)
+    assert large.converged and large.solver == "newton" and "sweeps left" in large.reason
+
+
+def test_where_w_is_singular_newton_leaves_it_to_sweeps():
+    """A body that is guided along an oblique line has a w without an inverse."""
+    scene, velocity = plate_step(3, 30, True)
+    blocks = scene.inverse.data.reshape(-1, 6, 6)[:-1].copy()
+    blocks[0] = 1e7 * np.outer([1, 1, 1, 1, 1, 1], [1, 1, 1, 1, 1, 1])
+    inverse = BodyInverse.from_uniform(blocks, 2)
+    for solve in (newton.solve, auto.solve):
+        scene, velocity = plate_step(3, 30, True)
+        scene.update_inverse(inverse)
+        scene.prepare()
+        free = velocity.copy()
+        assert solve(scene, velocity, tolerance=1e-8, num_threads=1).converged
+        assert not tangent.linearised_problem(scene).regular
+        check_velocity(scene, free, velocity)
+
+
+def test_new_values_of_w_are_taken():
+    scene, free = plate_step(5, 100, False)
+    velocity = free.copy()
+    assert newton.solve(scene, velocity, tolerance=1e-9, num_threads=1).converged
+    inverse = crossed_plate(5, SIZE).inverse(50 * 6.2e-11, THETA)
+    scene.update_inverse(inverse)
+    scene.begin_step(50 * 6.2e-11, THETA)
+    velocity = free.copy()
+    assert newton.solve(scene, velocity, tolerance=1e-9, num_threads=1).converged
+    check_velocity(scene, free, velocity)
+    size, total, _ = tangent.residual(scene, velocity)
+    assert size <= 1e-8 * total
+
+
+def test_clusters_are_the_vertices_of_the_mesh():
+    scene, _ = plate_step(3, 1, False)
+    clusters, opened = facing_clusters(scene)
+    sizes = np.diff(clusters.offsets)
+    assert len(sizes) == 16 + 9 + 3  # vertices, centres, slots of the ground
+    assert sorted(sizes)[-4:] == [8, 8, 8, 8] and not opened.any()
+    for g in scene.groups:
+        ends = clusters.cluster[g.points.nodes[:, :, 0]]
+        assert np.all(ends[:, 0] == ends[:, 1])
+    grounded = gauss_scene(1, BOND, True)[0]
+    clusters, opened = facing_clusters(grounded)
+    touching = grounded.points.nodes[(grounded.points.nodes == 15).any(axis=1)[:, 0]]
+    assert np.all(opened[clusters.cluster[touching]])
+
+
+def test_gmres_solves_with_restarts():
+    rng = np.random.default_rng(2)
+    a = np.diag(np.linspace(1.0, 50.0, 60)) + 0.3 * rng.normal(size=(60, 60))
+    b = rng.normal(size=60)
+    x, left = np.zeros(60), b.copy()
+
+    def apply(x, y):
+        y[:] = a @ x
+
+    def precondition(r, z):
+        z[:] = r / np.diag(a)
+
+    iterations, size = gmres(apply, precondition, left, x, 1e-10, 500, np.empty((13, 60)))
+    assert 10 < iterations < 500 and size <= 1e-10
+    np.testing.assert_allclose(x, np.linalg.solve(a, b), rtol=0, atol=1e-9)
+    np.testing.assert_allclose(left, b - a @ x, rtol=0, atol=1e-12)

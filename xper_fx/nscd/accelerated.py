@@ -1,0 +1,159 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Nonlinear Gauss-Seidel sped up by Anderson's mixing (Anderson 1965; Walker and Ni 2011).
+
+A sweep is a map r -> G(r) that is linear as long as no point changes its branch. From the last m
+sweeps, with f = G(r) - r, dF their differences of f and dG those of G(r),
+
+    r_next = G(r) - dG gamma,   gamma = argmin |f - dF gamma|,
+
+which is GMRES where G is linear. It needs nothing of a law or of w but the sweep. Mixed impulses
+need not obey their laws; the next sweep makes them.
+
+**Safeguard.** Where a sweep from mixed impulses leaves more than `_GROWTH` times the least f so
+far, points have changed branch: what was remembered is forgotten, and plain sweeps go on from the
+best impulses known.
+
+**When it stops.** By the same bound as `nlgs.py`; the error is estimated from f times the ratio
+|dr| / |df| of the step that mixing made, and at least f.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from xper_fx.nscd.interactions import Interactions
+from xper_fx.nscd.krylov import add_combination, norm, products
+from xper_fx.nscd.nlgs import LOOSE, ROUNDING, SolveReport, sweep_passes
+
+# Sweeps remembered, and plain sweeps before any is mixed.
+_MEMORY, _PLAIN = 8, 3
+# Growth of what a sweep changes, over the least so far, at which mixing starts again.
+_GROWTH = 3.0
+# Relative size of a singular value of dF that is left out.
+_RANK = 1e-12
+
+
+class _Memory:
+    """Differences of the last sweeps; vectors of its own, nothing allocated as it goes on."""
+
+    def __init__(self, size: int):
+        self._df, self._dg = np.zeros((_MEMORY, size)), np.zeros((_MEMORY, size))
+        self._f, self._g = np.zeros((2, size))
+        self._gram = np.zeros((_MEMORY, _MEMORY))
+        self.forget()
+
+    def forget(self) -> None:
+        """Start again."""
+        self._count, self._started = 0, False
+
+    def mix(self, f: np.ndarray, g: np.ndarray, r: np.ndarray) -> bool:
+        """Set the next impulses r from f and G(r) of a sweep; False if they are G(r) itself."""
+        if self._started:
+            slot = self._count % _MEMORY
+            np.subtract(f, self._f, out=self._df[slot])
+            np.subtract(g, self._g, out=self._dg[slot])
+            self._count += 1
+            known = min(self._count, _MEMORY)
+            products(self._df, known, self._df[slot], self._gram[slot])
+            self._gram[:known, slot] = self._gram[slot, :known]
+        self._started = True
+        self._f[:], self._g[:] = f, g
+        known = min(self._count, _MEMORY)
+        r[:] = g
+        if known < _PLAIN:
+            return False
+        scale = 1.0 / np.sqrt(np.maximum(np.diag(self._gram)[:known], np.finfo(float).tiny))
+        normal = self._gram[:known, :known] * scale[:, None] * scale
+        right = np.empty(known)
+        products(self._df, known, f, right)
+        gamma = scale * np.linalg.lstsq(normal, scale * right, rcond=_RANK)[0]
+        add_combination(self._dg, known, -gamma, r)
+        return True
+
+
+def solve(
+    interactions: Interactions,
+    velocity: np.ndarray,
+    *,
+    tolerance: float = 1e-4,
+    max_sweeps: int = 10_000,
+    relaxation: float = 1.0,
+    num_threads: int | None = None,
+) -> SolveReport:
+    """Find the impulses of the step; `velocity` becomes the end velocity.
+
+    Args:
+        interactions: points after `begin_step`, whose impulses are the first guess.
+        velocity: shape (num_slots * dim,), the free velocity on entry, v_free + w H r on return.
+        tolerance: bound on the estimated relative error of the impulses.
+        max_sweeps: sweeps after which to give up.
+        relaxation: factor on the change of an impulse where its law is locally linear, in (0, 2).
+        num_threads: threads to use; all that Numba has if not given.
+
+    Returns:
+        The report; not converged is reported, not raised.
+    """
+    free, groups = velocity.copy(), interactions.groups
+    passes = sweep_passes(interactions, velocity, relaxation, num_threads)
+    ends = np.cumsum([0] + [g.impulse.size for g in groups])
+
+    def gather(r: np.ndarray) -> None:
+        for g, first, last in zip(groups, ends[:-1], ends[1:], strict=True):
+            r[first:last] = g.impulse.reshape(-1)
+
+    def put(r: np.ndarray) -> None:
+        for g, first, last in zip(groups, ends[:-1], ends[1:], strict=True):
+            g.impulse.reshape(-1)[:] = r[first:last]
+        velocity[:] = free
+        interactions.add_velocity(velocity)
+
+    memory = _Memory(ends[-1])
+    # r of the sweep, G(r), f; r and f of the sweep before; G(r) of the best sweep
+    r, swept, f, old_r, old_f, best = np.zeros((6, ends[-1]))
+    gather(r)
+    put(r)
+    least, error, wanted, restarts = np.inf, np.inf, LOOSE * tolerance, 0
+    amplification, follows = np.inf, False
+    for count in range(1, max_sweeps + 1):
+        for sweep in passes:
+            sweep.kernel(*sweep.arguments)
+        gather(swept)
+        np.subtract(swept, r, out=f)
+        size, total = norm(f), norm(swept)
+        change = size / total if total > 0.0 else size
+        if not np.isfinite(change):
+            break
+        if follows:
+            old_r -= r
+            old_f -= f
+            slope = norm(old_f)
+            amplification = max(1.0, norm(old_r) / slope) if slope > 0.0 else 1.0
+        follows = False
+        error = change * amplification if change > ROUNDING else change
+        if error <= wanted:
+            if interactions.evolve(velocity) > tolerance:
+                memory.forget()
+                wanted, least, amplification = LOOSE * tolerance, np.inf, np.inf
+                r[:] = swept
+                continue
+            if error <= tolerance:
+                largest = max((p.stats[:, 2].max() for p in passes), default=0.0)
+                traction = np.sqrt(largest) / interactions.step_size
+                reason = f"{restarts} restarts"
+                return SolveReport(True, count, error, traction, "accelerated", reason)
+            wanted = tolerance
+        if change > _GROWTH * least:
+            memory.forget()
+            restarts, least = restarts + 1, np.inf
+            r[:] = best
+            put(r)
+            continue
+        if change < least:
+            least = change
+            best[:] = swept
+        old_r[:], old_f[:], follows = r, f, True
+        if memory.mix(f, swept, r):
+            put(r)
+    return SolveReport(
+        False, count, error, np.inf, "accelerated", f"{restarts} restarts"
+    )  # fmt: skip

@@ -1,0 +1,86 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""The solver that the problem at hand calls for.
+
+Sweeps (`nlgs.py`) are cheapest where few are needed: steps of a few times the explicit limit, or a
+good first guess. They start. After each spell their contraction says how many are left; where that
+is more than what a Newton solve costs, `newton.py` goes on from there, and falls back to sweeps by
+itself where a step does not help. Where Newton has nothing to work with (w singular along a
+direction that is not prescribed) or gives up, `accelerated.py` finishes.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from xper_fx.nscd import accelerated, newton, nlgs
+from xper_fx.nscd.interactions import Interactions
+from xper_fx.nscd.nlgs import SolveReport
+
+# Sweeps of the first spell, each next one twice as long.
+_FIRST = 12
+# Sweeps left from which Newton is cheaper: factoring and a few linear problems cost as much.
+_MANY = 75
+# Share of the sweeps allowed that Newton may spend when its steps do not help.
+_SHARE = 0.1
+
+
+def sweeps_left(report: SolveReport, tolerance: float) -> float:
+    """Sweeps still needed from the error left and its contraction; infinite if there is none."""
+    if not 0.0 < report.contraction < 1.0 or not math.isfinite(report.residual):
+        return math.inf
+    return math.log(report.residual / tolerance) / -math.log(report.contraction)
+
+
+def solve(
+    interactions: Interactions,
+    velocity: np.ndarray,
+    *,
+    tolerance: float = 1e-4,
+    max_sweeps: int = 10_000,
+    relaxation: float = 1.0,
+    num_threads: int | None = None,
+) -> SolveReport:
+    """Find the impulses of the step; `velocity` becomes the end velocity.
+
+    Args:
+        interactions: points after `begin_step`, whose impulses are the first guess.
+        velocity: shape (num_slots * dim,), the free velocity on entry, v_free + w H r on return.
+        tolerance: bound on the estimated relative error of the impulses.
+        max_sweeps: sweeps, of all solvers together, after which to give up.
+        relaxation: factor on the change of an impulse in sweeps where its law is locally linear.
+        num_threads: threads to use; all that Numba has if not given.
+
+    Returns:
+        The report; `solver` is the one that finished, `reason` says why it was picked.
+    """
+    free = velocity.copy()
+    options = {"tolerance": tolerance, "relaxation": relaxation, "num_threads": num_threads}
+    sweeps, spell = 0, _FIRST
+    while True:
+        velocity[:] = free
+        report = nlgs.solve(
+            interactions, velocity, max_sweeps=min(spell, max_sweeps - sweeps), **options
+        )
+        sweeps += report.sweeps
+        if report.converged or sweeps >= max_sweeps or not np.all(np.isfinite(velocity)):
+            return report._replace(sweeps=sweeps, reason=f"{sweeps} sweeps were enough")
+        left = sweeps_left(report, tolerance)
+        if left > _MANY:
+            break
+        spell *= 2
+    reason = f"{left:.0f} sweeps left after {sweeps}"
+    allowed = min(max_sweeps - sweeps, max(1, int(_SHARE * max_sweeps)))
+    for solver, most in ((newton, allowed), (accelerated, max_sweeps)):
+        if sweeps >= max_sweeps:
+            break
+        velocity[:] = free
+        report = solver.solve(
+            interactions, velocity, max_sweeps=min(most, max_sweeps - sweeps), **options
+        )
+        sweeps += report.sweeps
+        reason += f"; {report.solver}: {report.reason}"
+        if report.converged:
+            break
+    return report._replace(sweeps=sweeps, reason=reason)

@@ -1,0 +1,102 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Nodes that face each other at interaction points: the vertices of the mesh before it was cut.
+
+A point between node j of its candidate and node j of its antagonist with the same weight puts both
+into one cluster; the ground joins nothing. Translating a cluster then opens no point.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from xper_fx.nscd.interactions import Interactions
+
+# Nodes a cluster may hold: what a mesh vertex has, and an end for chains of points between bodies.
+_LARGEST = 48
+
+
+class Clusters(NamedTuple):
+    """A partition of the node slots.
+
+    Attributes:
+        nodes: shape (num_slots,), the nodes of each cluster one after the other.
+        offsets: shape (num_clusters + 1,), first entry of each in `nodes`.
+        cluster: shape (num_slots,), cluster of each node.
+        position: shape (num_slots,), place of each node within its cluster.
+    """
+
+    nodes: np.ndarray
+    offsets: np.ndarray
+    cluster: np.ndarray
+    position: np.ndarray
+
+
+@njit
+def _join(nodes, weights, ground, parent, size, largest):
+    """Union-find over facing nodes; a union that would grow beyond `largest` is not made."""
+    for i in range(len(nodes)):
+        for j in range(nodes.shape[2]):
+            a, b = nodes[i, 0, j], nodes[i, 1, j]
+            if a >= ground or b >= ground or weights[i, 0, j] != weights[i, 1, j]:
+                continue
+            while parent[a] != a:
+                parent[a] = parent[parent[a]]
+                a = parent[a]
+            while parent[b] != b:
+                parent[b] = parent[parent[b]]
+                b = parent[b]
+            if a != b and size[a] + size[b] <= largest:
+                low, high = min(a, b), max(a, b)
+                parent[high] = low
+                size[low] += size[high]
+
+
+@njit
+def _mark_opened(nodes, weights, cluster, opened):
+    """Mark clusters whose translation moves the sides of a point apart."""
+    k = nodes.shape[2]
+    for i in range(len(nodes)):
+        for entry in range(2 * k):
+            here = cluster[nodes[i, entry // k, entry % k]]
+            jump = 0.0
+            for other in range(2 * k):
+                s, j = other // k, other % k
+                if cluster[nodes[i, s, j]] == here:
+                    jump += weights[i, s, j] if s == 0 else -weights[i, s, j]
+            if abs(jump) > 1e-12:
+                opened[here] = True
+
+
+def facing_clusters(interactions: Interactions) -> tuple[Clusters, np.ndarray]:
+    """The clusters of a scene's nodes.
+
+    Args:
+        interactions: the points.
+
+    Returns:
+        The clusters, and for each whether a translation of its nodes opens a point (shape
+        (num_clusters,)): it touches the ground, or was too large and has been cut.
+    """
+    slots = interactions.inverse.num_slots
+    parent = np.arange(slots)
+    size = np.ones(slots, np.int64)
+    ground = interactions.inverse.num_nodes
+    for g in interactions.groups:
+        _join(g.points.nodes, g.points.weights, ground, parent, size, _LARGEST)
+    while True:
+        root = parent[parent]
+        if np.array_equal(root, parent):
+            break
+        parent = root
+    _, cluster = np.unique(parent, return_inverse=True)
+    nodes = np.argsort(cluster, kind="stable")
+    offsets = np.concatenate([[0], np.cumsum(np.bincount(cluster))])
+    position = np.empty(slots, np.int64)
+    position[nodes] = np.arange(slots) - np.repeat(offsets[:-1], np.diff(offsets))
+    opened = np.zeros(len(offsets) - 1, np.bool_)
+    for g in interactions.groups:
+        _mark_opened(g.points.nodes, g.points.weights, cluster, opened)
+    return Clusters(nodes, offsets, cluster, position), opened

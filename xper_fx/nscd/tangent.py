@@ -1,0 +1,684 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+r"""The linearised interaction problem, solved in the velocities of the bodies.
+
+At a point, with the others frozen, the law answers r = S(b), b = u - W_aa r. Around the present
+state its answer is S(b) + D db, D taken by differences, so that the point moves with its neighbours
+as a spring,
+
+    dr = g - K H^T dv,   K = -(I + D W_aa)^-1 D,   g = (I + K W_aa)(S(b) - r),
+
+K = C^-1 for a law of compliance C, zero for an open point, infinite where the law holds the
+velocity itself (sticking, perfect bond). There D is shortened by a millionth, a proximal term that
+also makes redundant constraints (a ring of sticking facets) harmless. With dv = w H dr all make
+
+    (w^-1 + H K H^T) dv = H g,
+
+sparse, over the bodies' degrees of freedom, symmetric but for sliding with friction. GMRES solves
+it with two corrections added up:
+
+- a cluster of facing nodes (`clusters.py`: a vertex of the mesh before it was cut) alone, K
+  included, by a dense inverse: however stiff the springs, they are inside;
+- all clusters moving as one, in which no point opens: P^T w^-1 P, the matrix of the mesh before it
+  was cut, by a sparse factorisation made once for each w. It carries over any distance, and on a
+  sound mesh makes the number of iterations nearly independent of its size.
+
+The second is left out where many points are open or slide: facing nodes do not move as one.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from weakref import WeakKeyDictionary, ref
+
+import numpy as np
+from numba import njit
+from scipy.sparse import coo_array
+from scipy.sparse.linalg import splu
+
+from xper_fx.nscd.clusters import facing_clusters
+from xper_fx.nscd.exchange import motion, spread_kernel
+from xper_fx.nscd.interactions import Interactions
+from xper_fx.nscd.krylov import gmres
+from xper_fx.nscd.laws.law import LawKernels
+from xper_fx.nscd.small import for_dimension
+
+# Reach of the differences, relative to the local velocity; and to the largest one, where that is 0.
+_REACH, _LEAST = 1e-6, 1e-9
+# Shortening of D (module docstring), and change of D that counts as rounding.
+_PROXIMAL, _SAME = 1e-6, 1e-6
+# Vectors that GMRES keeps before a restart.
+_BASIS = 40
+# Share of the motion at points that springs hold, below which facing nodes do not move as one.
+_HELD = 0.75
+# Pivot, relative to the largest entry, at which a block counts as singular.
+_SINGULAR = 1e-13
+
+_KERNEL = njit(fastmath={"contract"}, error_model="numpy", _nrt=False, nogil=True)
+
+
+@cache
+def residual_kernel(law: LawKernels, dim: int, k: int):
+    """Kernel: sum over points of |S(b) - r|^2 and |r|^2, and the largest |S(b) - r|^2 / area^2."""
+    algebra = for_dimension(dim)
+    row, subtract, dot = algebra.row, algebra.subtract, algebra.dot
+    read, _ = motion(dim, k, 0)
+    solve = law.solve
+
+    @_KERNEL
+    def residual(v, c, r, w_points, inverse_area, parameters, terms, details):
+        changed, total, largest = 0.0, 0.0, 0.0
+        for number in range(len(r)):
+            i = np.uintp(number)
+            old = row(r, i)
+            new, _ = solve(i, read(v, c, i), old, w_points, parameters, terms, details)
+            change = subtract(new, old)
+            size = dot(change, change)
+            changed += size
+            total += dot(old, old)
+            largest = max(largest, size * inverse_area[i] * inverse_area[i])
+        return changed, total, largest
+
+    return residual
+
+
+def residual(interactions: Interactions, velocity: np.ndarray) -> tuple[float, float, float]:
+    """What is left of the interaction problem: every point asked once, nothing changed.
+
+    Args:
+        interactions: points and their impulses r.
+        velocity: shape (num_slots * dim,), v_free + w H r.
+
+    Returns:
+        |S(b) - r| and |r| over all points (N s), and the largest |S(b) - r| / (h area) (Pa).
+    """
+    changed, total, largest = 0.0, 0.0, 0.0
+    for g in interactions.groups:
+        kernel = residual_kernel(g.kernels, interactions.dim, g.points.nodes.shape[2])
+        x, y, z = kernel(
+            velocity, g.couplings, g.impulse, g.compliance, g.inverse_area, g.parameters, g.terms,
+            g.details,
+        )  # fmt: skip
+        changed, total, largest = changed + x, total + y, max(largest, z)
+    return np.sqrt(changed), np.sqrt(total), np.sqrt(largest) / interactions.step_size
+
+
+@njit(error_model="numpy", _nrt=False)
+def _stiffness(slope, w, work):
+    """work = K = -(I + D W)^-1 D, by Gauss-Jordan; False where I + D W is singular."""
+    dim = len(slope)
+    for i in range(dim):
+        for j in range(dim):
+            total = 1.0 if i == j else 0.0
+            for x in range(dim):
+                total += slope[i, x] * w[x, j]
+            work[i, j] = total
+            work[i, dim + j] = -slope[i, j]
+    for p in range(dim):
+        best = p
+        for i in range(p + 1, dim):
+            if abs(work[i, p]) > abs(work[best, p]):
+                best = i
+        if abs(work[best, p]) <= 1e-3 * _PROXIMAL:
+            return False
+        for j in range(2 * dim):
+            work[p, j], work[best, j] = work[best, j], work[p, j]
+        inverse = 1.0 / work[p, p]
+        for j in range(2 * dim):
+            work[p, j] *= inverse
+        for i in range(dim):
+            factor = work[i, p]
+            if i != p and factor != 0.0:
+                for j in range(2 * dim):
+                    work[i, j] -= factor * work[p, j]
+    return True
+
+
+@cache
+def _tangent_kernel(law: LawKernels, dim: int, k: int):
+    """Kernel that takes D, K and g of every point, and marks the points whose D is another."""
+    algebra = for_dimension(dim)
+    row, add, subtract = algebra.row, algebra.add, algebra.subtract
+    dot, sym_row, sym_vector = algebra.dot, algebra.sym_row, algebra.sym_vector
+    read, _ = motion(dim, k, 0)
+    solve = law.solve
+
+    @njit(inline="always")
+    def unit(j, size):
+        if dim == 2:
+            return (size, 0.0) if j == 0 else (0.0, size)
+        return size if j == 0 else 0.0, size if j == 1 else 0.0, size if j == 2 else 0.0
+
+    @_KERNEL
+    def tangents(
+        v, c, r, w_points, parameters, terms, details, least, slopes, stiffness, source, changed,
+        w, new, work,
+    ):  # fmt: skip
+        for number in range(len(r)):
+            i = np.uintp(number)
+            old, u = row(r, i), read(v, c, i)
+            wi = sym_row(w_points, i)
+            b = subtract(u, sym_vector(wi, old))
+            reach = max(_REACH * np.sqrt(dot(b, b)), least)
+            base, _ = solve(i, u, old, w_points, parameters, terms, details)
+            factor = (1.0 - _PROXIMAL) / reach
+            largest, apart = 0.0, 0.0
+            for j in range(dim):
+                moved, _ = solve(
+                    i, add(u, unit(j, reach)), old, w_points, parameters, terms, details
+                )
+                column = subtract(moved, base)
+                for x in range(dim):
+                    new[x, j] = factor * column[x]
+                    largest = max(largest, abs(new[x, j]))
+                    apart = max(apart, abs(new[x, j] - slopes[i, x, j]))
+            for j in range(dim):
+                x = sym_vector(wi, unit(j, 1.0))
+                for y in range(dim):
+                    w[y, j] = x[y]
+            changed[i] = apart > _SAME * largest
+            if changed[i]:
+                if not _stiffness(new, w, work):
+                    for x in range(dim):
+                        for y in range(dim):
+                            work[x, dim + y] = 0.0
+                for x in range(dim):
+                    for y in range(dim):
+                        slopes[i, x, y] = new[x, y]
+                        stiffness[i, x, y] = work[x, dim + y]
+            missing = subtract(base, old)
+            velocity = sym_vector(wi, missing)
+            for x in range(dim):
+                total = missing[x]
+                for y in range(dim):
+                    total += stiffness[i, x, y] * velocity[y]
+                source[i, x] = total
+
+    return tangents
+
+
+@cache
+def _spring_kernels(dim: int, k: int):
+    """Kernels over the points of a group: y += H K H^T x; dr = g - K H^T x; K into the blocks."""
+    algebra = for_dimension(dim)
+    to_global = algebra.to_global
+    read, _ = motion(dim, k, 0)
+
+    @njit(inline="always")
+    def spring(stiffness, i, u):
+        if dim == 2:
+            return (
+                stiffness[i, 0, 0] * u[0] + stiffness[i, 0, 1] * u[1],
+                stiffness[i, 1, 0] * u[0] + stiffness[i, 1, 1] * u[1],
+            )
+        return (
+            stiffness[i, 0, 0] * u[0] + stiffness[i, 0, 1] * u[1] + stiffness[i, 0, 2] * u[2],
+            stiffness[i, 1, 0] * u[0] + stiffness[i, 1, 1] * u[1] + stiffness[i, 1, 2] * u[2],
+            stiffness[i, 2, 0] * u[0] + stiffness[i, 2, 1] * u[1] + stiffness[i, 2, 2] * u[2],
+        )
+
+    @_KERNEL
+    def pull(x, c, stiffness, y):
+        for number in range(len(stiffness)):
+            i = np.uintp(number)
+            f = to_global(c.frame, i, spring(stiffness, i, read(x, c, i)))
+            for j in range(k):
+                p, q = np.uintp(c.start[i, 0, j]), np.uintp(c.start[i, 1, j])
+                for d in range(dim):
+                    if k == 1:
+                        y[p + np.uintp(d)] += f[d]
+                        y[q + np.uintp(d)] -= f[d]
+                    else:
+                        y[p + np.uintp(d)] += c.weights[i, 0, j] * f[d]
+                        y[q + np.uintp(d)] -= c.weights[i, 1, j] * f[d]
+
+    @_KERNEL
+    def answer(x, c, stiffness, source, change):
+        for i in range(len(stiffness)):
+            f = spring(stiffness, i, read(x, c, i))
+            for d in range(dim):
+                change[i, d] = source[i, d] - f[d]
+
+    @_KERNEL
+    def mark(c, changed, cluster, marked):
+        for i in range(len(changed)):
+            if changed[i]:
+                for s in range(2):
+                    for j in range(k):
+                        marked[cluster[c.start[i, s, j] // dim]] = True
+
+    @_KERNEL
+    def add_springs(c, stiffness, clusters, block_offsets, marked, blocks, world):
+        for i in range(len(stiffness)):
+            hit = False
+            for s in range(2):
+                for j in range(k):
+                    hit = hit or marked[clusters.cluster[c.start[i, s, j] // dim]]
+            if not hit:
+                continue
+            for x in range(dim):  # columns of frame^T K frame
+                e = np.int64(x)
+                if dim == 2:
+                    u = c.frame[i, 0, e], -c.frame[i, 0, 1] if x == 0 else c.frame[i, 0, 0]
+                else:
+                    u = c.frame[i, 0, e], c.frame[i, 1, e], c.frame[i, 2, e]
+                f = to_global(c.frame, i, spring(stiffness, i, u))
+                for y in range(dim):
+                    world[y, x] = f[y]
+            for a in range(2 * k):
+                node = c.start[i, a // k, a % k] // dim
+                own = clusters.cluster[node]
+                if not marked[own]:
+                    continue
+                n = (clusters.offsets[own + 1] - clusters.offsets[own]) * dim
+                for b in range(2 * k):
+                    other = c.start[i, b // k, b % k] // dim
+                    if clusters.cluster[other] != own:
+                        continue
+                    scale = c.weights[i, a // k, a % k] * c.weights[i, b // k, b % k]
+                    if a // k != b // k:
+                        scale = -scale
+                    first = (
+                        block_offsets[own]
+                        + clusters.position[node] * dim * n + clusters.position[other] * dim
+                    )  # fmt: skip
+                    for x in range(dim):
+                        for y in range(dim):
+                            blocks[first + x * n + y] += scale * world[x, y]
+
+    return pull, answer, mark, add_springs
+
+
+@_KERNEL
+def _invert(a, first, n, swaps):
+    """In-place inverse of the n x n block of `a` at `first`, pivots by rows; False if singular."""
+    scale = 0.0
+    for i in range(n * n):
+        scale = max(scale, abs(a[first + i]))
+    for p in range(n):
+        best = p
+        for i in range(p + 1, n):
+            if abs(a[first + i * n + p]) > abs(a[first + best * n + p]):
+                best = i
+        swaps[p] = best
+        pivot = a[first + best * n + p]
+        if not abs(pivot) > _SINGULAR * scale:
+            return False
+        if best != p:
+            for j in range(n):
+                x = a[first + p * n + j]
+                a[first + p * n + j] = a[first + best * n + j]
+                a[first + best * n + j] = x
+        inverse = 1.0 / pivot
+        a[first + p * n + p] = 1.0
+        for j in range(n):
+            a[first + p * n + j] *= inverse
+        for i in range(n):
+            factor = a[first + i * n + p]
+            if i != p and factor != 0.0:
+                a[first + i * n + p] = 0.0
+                for j in range(n):
+                    a[first + i * n + j] -= factor * a[first + p * n + j]
+    for p in range(n - 1, -1, -1):
+        if swaps[p] != p:
+            q = swaps[p]
+            for i in range(n):
+                x = a[first + i * n + p]
+                a[first + i * n + p] = a[first + i * n + q]
+                a[first + i * n + q] = x
+    return True
+
+
+@_KERNEL
+def _invert_bodies(data, data_offsets, sizes, fixed, starts, swaps):
+    """w^-1 in place of w; rows and columns of prescribed degrees of freedom stay zero."""
+    for b in range(len(sizes)):
+        n, first, start = sizes[b], data_offsets[b], starts[b]
+        for i in range(n):
+            if fixed[start + i]:
+                data[first + i * n + i] = 1.0
+        if not _invert(data, first, n, swaps):
+            return False
+        for i in range(n):
+            if fixed[start + i]:
+                data[first + i * n + i] = 0.0
+    return True
+
+
+@cache
+def _body_product(size: int):
+    """Kernel y = w^-1 x; compiled for blocks of one size, or for any where it is 0."""
+
+    @_KERNEL
+    def multiply(data, data_offsets, sizes, starts, x, y):
+        for b in range(len(sizes)):
+            n = size if size > 0 else sizes[b]
+            first, start = np.uintp(data_offsets[b]), np.uintp(starts[b])
+            for i in range(n):
+                y[start + np.uintp(i)] = 0.0
+            # symmetric: columns are rows, whose entries are next to each other
+            for i in range(n):
+                factor = x[start + np.uintp(i)]
+                line = first + np.uintp(i * n)
+                for j in range(n):
+                    y[start + np.uintp(j)] += factor * data[line + np.uintp(j)]
+
+    return multiply
+
+
+@_KERNEL
+def _add_bodies(data, data_offsets, sizes, starts, clusters, block_offsets, marked, blocks, dim):
+    """The entries of w^-1 between nodes of one marked cluster."""
+    for b in range(len(sizes)):
+        n, node0 = sizes[b], starts[b] // dim
+        for i in range(n):
+            own = clusters.cluster[node0 + i // dim]
+            if not marked[own]:
+                continue
+            m = (clusters.offsets[own + 1] - clusters.offsets[own]) * dim
+            line = block_offsets[own] + (clusters.position[node0 + i // dim] * dim + i % dim) * m
+            for j in range(n):
+                if clusters.cluster[node0 + j // dim] == own:
+                    column = clusters.position[node0 + j // dim] * dim + j % dim
+                    blocks[line + column] += data[data_offsets[b] + i * n + j]
+
+
+@_KERNEL
+def _invert_clusters(clusters, block_offsets, marked, blocks, fixed, dim, swaps):
+    for a in range(len(marked)):
+        if not marked[a]:
+            continue
+        first = clusters.offsets[a]
+        n = (clusters.offsets[a + 1] - first) * dim
+        for i in range(n):
+            if fixed[clusters.nodes[first + i // dim] * dim + i % dim]:
+                for j in range(n):
+                    blocks[block_offsets[a] + i * n + j] = 0.0
+                    blocks[block_offsets[a] + j * n + i] = 0.0
+                blocks[block_offsets[a] + i * n + i] = 1.0
+        if not _invert(blocks, block_offsets[a], n, swaps):
+            return False
+    return True
+
+
+@cache
+def _cluster_product(dim: int):
+    """Kernel z = B r over clusters."""
+
+    @_KERNEL
+    def multiply(clusters, block_offsets, blocks, r, z):
+        for a in range(len(block_offsets) - 1):
+            first, last = clusters.offsets[a], clusters.offsets[a + 1]
+            line = np.uintp(block_offsets[a])
+            for i in range(first, last):
+                for d in range(dim):
+                    total = 0.0
+                    for j in range(first, last):
+                        at = np.uintp(clusters.nodes[j] * dim)
+                        for e in range(dim):
+                            total += blocks[line] * r[at + np.uintp(e)]
+                            line += np.uintp(1)
+                    z[clusters.nodes[i] * dim + d] = total
+
+    return multiply
+
+
+@_KERNEL
+def _clear(marked, block_offsets, blocks):
+    for a in range(len(marked)):
+        if marked[a]:
+            for i in range(block_offsets[a], block_offsets[a + 1]):
+                blocks[i] = 0.0
+
+
+@_KERNEL
+def _restrict(number, r, q):
+    for i in range(len(number)):
+        if number[i] >= 0:
+            q[number[i]] += r[i]
+
+
+@_KERNEL
+def _prolong(number, q, z):
+    for i in range(len(number)):
+        if number[i] >= 0:
+            z[i] += q[number[i]]
+
+
+class LinearisedProblem:
+    """The linearised problem of a scene; what does not depend on the state is kept.
+
+    Args:
+        interactions: the points.
+
+    Attributes:
+        regular: whether w could be inverted on the degrees of freedom that are not prescribed; if
+            not, there is nothing to solve with.
+    """
+
+    def __init__(self, interactions: Interactions):
+        # weakly: the scene is the key under which this object is kept
+        self._reference = ref(interactions)
+        inverse, dim = interactions.inverse, interactions.dim
+        self._sizes = np.diff(inverse.node_offsets) * dim
+        self._starts = inverse.node_offsets[:-1] * dim
+        self._clusters, self._opened = facing_clusters(interactions)
+        self._block_offsets = np.concatenate(
+            [[0], np.cumsum((np.diff(self._clusters.offsets) * dim) ** 2)]
+        )
+        self._blocks = np.empty(self._block_offsets[-1])
+        self._swaps = np.empty(
+            max(self._sizes.max(), np.diff(self._clusters.offsets).max() * dim), np.int64
+        )
+        self._groups = [
+            (
+                np.full((len(g), dim, dim), np.inf),  # D
+                np.zeros((len(g), dim, dim)),  # K
+                np.zeros((len(g), dim)),  # g
+                np.zeros((len(g), dim)),  # dr
+                np.zeros(len(g), np.bool_),
+            )
+            for g in interactions.groups
+        ]
+        self._work = np.empty((dim, dim)), np.empty((dim, dim)), np.empty((dim, 2 * dim))
+        self._room = np.empty((_BASIS + 3, inverse.num_slots * dim))
+        self._left, self._part = np.empty((2, inverse.num_slots * dim))
+        self._data, self._fresh = None, True
+        self.renew()
+
+    @property
+    def _interactions(self) -> Interactions:
+        return self._reference()
+
+    def renew(self) -> None:
+        """Take the present values of w."""
+        inverse = self._interactions.inverse
+        if self._data is inverse.data:
+            return
+        self._data = inverse.data
+        diagonal = np.repeat(inverse.data_offsets[:-1], self._sizes) + (
+            np.arange(inverse.num_slots * inverse.dim) - np.repeat(self._starts, self._sizes)
+        ) * (np.repeat(self._sizes, self._sizes) + 1)
+        self._fixed = inverse.data[diagonal] == 0.0
+        self._held_dofs = np.flatnonzero(self._fixed)
+        self._matrix = inverse.data.copy()
+        self.regular = _invert_bodies(
+            self._matrix, inverse.data_offsets, self._sizes, self._fixed, self._starts, self._swaps
+        )
+        if self.regular:
+            self._factor_coarse()
+        for slopes, *_ in self._groups:
+            slopes[:] = np.inf
+        self._fresh = True
+
+    def _factor_coarse(self) -> None:
+        """Factor P^T w^-1 P; what is prescribed, and clusters whose translation opens, are not."""
+        clusters, dim = self._clusters, self._interactions.dim
+        cluster = np.repeat(clusters.cluster, dim) * dim + np.tile(
+            np.arange(dim), len(clusters.cluster)
+        )
+        held = np.repeat(self._opened, dim)
+        held[cluster[self._fixed]] = True
+        number = np.where(held, -1, np.cumsum(~held) - 1)
+        self._number = number[cluster]
+        count = int(np.count_nonzero(~held))
+        self._coarse = None
+        if count == 0:
+            return
+        rows, columns = _block_pairs(self._sizes, self._starts, len(self._matrix))
+        rows, columns = self._number[rows], self._number[columns]
+        kept = (rows >= 0) & (columns >= 0)
+        matrix = coo_array(
+            (self._matrix[kept], (rows[kept], columns[kept])), shape=(count, count)
+        ).tocsc()
+        self._coarse = splu(
+            matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0,
+            options={"SymmetricMode": True},
+        )  # fmt: skip
+        self._coarse_force = np.empty(count)
+
+    def linearise(self, velocity: np.ndarray) -> None:
+        """Take D, K and g at a state; clusters whose springs are others are inverted again.
+
+        Args:
+            velocity: shape (num_slots * dim,), v_free + w H r.
+        """
+        dim, clusters = self._interactions.dim, self._clusters
+        least = _LEAST * max(np.abs(velocity).max(), np.finfo(float).tiny)
+        marked = np.zeros(len(clusters.offsets) - 1, np.bool_)
+        groups = list(zip(self._interactions.groups, self._groups, strict=True))
+        for g, (slopes, stiffness, source, _, changed) in groups:
+            k = g.points.nodes.shape[2]
+            _tangent_kernel(g.kernels, dim, k)(
+                velocity, g.couplings, g.impulse, g.compliance, g.parameters, g.terms, g.details,
+                least, slopes, stiffness, source, changed, *self._work,
+            )  # fmt: skip
+            _spring_kernels(dim, k)[2](g.couplings, changed, clusters.cluster, marked)
+        if self._fresh:
+            marked[:] = True
+        blocks, offsets = self._blocks, self._block_offsets
+        _clear(marked, offsets, blocks)
+        _add_bodies(
+            self._matrix, self._interactions.inverse.data_offsets, self._sizes, self._starts,
+            clusters, offsets, marked, blocks, dim,
+        )  # fmt: skip
+        for g, (_, stiffness, *_) in groups:
+            _spring_kernels(dim, g.points.nodes.shape[2])[3](
+                g.couplings, stiffness, clusters, offsets, marked, blocks, self._work[0]
+            )
+        self.solvable = _invert_clusters(
+            clusters, offsets, marked, blocks, self._fixed, dim, self._swaps
+        )
+        self._fresh = not self.solvable
+        held = sum(_held(slopes, g.compliance) for g, (slopes, *_) in groups)
+        self._bonded = held > _HELD * dim * len(self._interactions)
+
+    def solve(self, step: np.ndarray, bound: float, max_iterations: int):
+        """The step of the impulses that the linearised laws ask for.
+
+        Args:
+            step: shape (num_slots * dim,), dv (m/s): a first guess, improved in place.
+            bound: norm of the momentum that may be left over (N s).
+            max_iterations: of GMRES.
+
+        Returns:
+            dr of each group (arrays of this object, overwritten next time), and iterations.
+        """
+        left, part = self._left, self._part
+        self._source(left)
+        self._apply(step, part)
+        left -= part
+        correction = self._room[0]
+        self._cluster_solve(left, correction)
+        step += correction
+        self._apply(correction, part)
+        left -= part
+        iterations, _ = gmres(
+            self._apply, self._precondition, left, step, bound, max_iterations, self._room
+        )
+        changes = []
+        for g, (_, stiffness, source, change, _) in zip(
+            self._interactions.groups, self._groups, strict=True
+        ):
+            answer = _spring_kernels(self._interactions.dim, g.points.nodes.shape[2])[1]
+            answer(step, g.couplings, stiffness, source, change)
+            changes.append(change)
+        return changes, iterations
+
+    def _source(self, total: np.ndarray) -> None:
+        """total = H g."""
+        dim = self._interactions.dim
+        total[:] = 0.0
+        for g, (_, _, source, *_) in zip(self._interactions.groups, self._groups, strict=True):
+            spread_kernel(dim, g.points.nodes.shape[2])(total, g.couplings, source)
+        _hold(self._held_dofs, total)
+
+    def _apply(self, x: np.ndarray, y: np.ndarray) -> None:
+        """y = (w^-1 + H K H^T) x."""
+        interactions = self._interactions
+        _body_product(interactions.inverse.uniform_size)(
+            self._matrix, interactions.inverse.data_offsets, self._sizes, self._starts, x, y
+        )
+        for g, (_, stiffness, *_) in zip(interactions.groups, self._groups, strict=True):
+            _spring_kernels(interactions.dim, g.points.nodes.shape[2])[0](
+                x, g.couplings, stiffness, y
+            )
+        _hold(self._held_dofs, y)
+
+    def _cluster_solve(self, r: np.ndarray, z: np.ndarray) -> None:
+        _cluster_product(self._interactions.dim)(
+            self._clusters, self._block_offsets, self._blocks, r, z
+        )
+
+    def _precondition(self, r: np.ndarray, z: np.ndarray) -> None:
+        self._cluster_solve(r, z)
+        if self._coarse is not None and self._bonded:
+            q = self._coarse_force
+            q[:] = 0.0
+            _restrict(self._number, r, q)
+            _prolong(self._number, self._coarse.solve(q), z)
+
+
+@_KERNEL
+def _hold(held, x):
+    for i in held:
+        x[i] = 0.0
+
+
+@_KERNEL
+def _held(slopes, compliance):
+    """Sum of the traces of -D W_aa: of a point dim if it sticks, 0 if it is open."""
+    total, dim = 0.0, slopes.shape[1]
+    for i in range(len(slopes)):
+        entry = 0
+        for x in range(dim):
+            for y in range(x, dim):
+                twice = slopes[i, x, y] + (slopes[i, y, x] if x != y else 0.0)
+                total -= twice * compliance[i, entry]
+                entry += 1
+    return total
+
+
+@njit
+def _block_pairs(sizes, starts, count):
+    """Row and column of each entry of the blocks."""
+    rows, columns = np.empty(count, np.int64), np.empty(count, np.int64)
+    at = 0
+    for b in range(len(sizes)):
+        for i in range(sizes[b]):
+            for j in range(sizes[b]):
+                rows[at], columns[at] = starts[b] + i, starts[b] + j
+                at += 1
+    return rows, columns
+
+
+_problems: WeakKeyDictionary[Interactions, LinearisedProblem] = WeakKeyDictionary()
+
+
+def linearised_problem(interactions: Interactions) -> LinearisedProblem:
+    """The linearised problem of a scene, from the last call where w is the same."""
+    problem = _problems.get(interactions)
+    if problem is None:
+        problem = _problems[interactions] = LinearisedProblem(interactions)
+    else:
+        problem.renew()
+    return problem
