@@ -13,7 +13,8 @@ constants of the step, so one solver serves every law.
 Sticking violates the cone: then s = -lambda r_T with lambda > 0. Eliminating r_N by the active
 normal condition leaves (S + lambda I) r_T = -g with S = W_TT - W_TN W_NT / W_NN positive definite,
 and f(lambda) = |r_T(lambda)| - mu r_N(r_T(lambda)) - bound falls from f(0) > 0 to
--mu (v_min - b_N) / W_NN - bound < 0: a root always exists, whatever mu. In 2D it is explicit.
+-mu (v_min - b_N) / W_NN - bound < 0: a root always exists, whatever mu. In 2D it is explicit; in
+3D without a bound it is that of `local_solvers/exact.py`.
 
 With a bound, sticking or sliding may ask for r_N < 0: the tangential impulse alone would open the
 point. The solution is then on the edge of contact, dU_N = v_min and r_N = 0, with |r_T| < bound.
@@ -30,43 +31,41 @@ from functools import cache
 import numpy as np
 from numba import njit
 
+from xper_fx.nscd.local_solvers.exact import slide
+from xper_fx.nscd.local_solvers.solver import NO_SLIP, SINGULAR
+
 OPEN, STICK, SLIP = 0, 1, 2
 
 # Bound on the steps (by 4) that bracket a root: all of floating point, and an end for NaN.
 _DOUBLINGS = 1100
 
-# Relative size below which a compliance counts as zero (the direction is fully prescribed).
-_SINGULAR = 1e-13
-# Relative size below which a slip counts as zero where nothing could stop it.
-_NO_SLIP = 1e-12
-
 
 @njit(inline="always")
 def _frictionless2(b, w, v_min):
-    if b[0] >= v_min or w[0] <= _SINGULAR * w[2]:
+    if b[0] >= v_min or w[0] <= SINGULAR * w[2]:
         return (0.0, 0.0), OPEN
     return ((v_min - b[0]) / w[0], 0.0), SLIP
 
 
 @njit(inline="always")
 def _frictionless3(b, w, v_min):
-    if b[0] >= v_min or w[0] <= _SINGULAR * (w[3] + w[5]):
+    if b[0] >= v_min or w[0] <= SINGULAR * (w[3] + w[5]):
         return (0.0, 0.0, 0.0), OPEN
     return ((v_min - b[0]) / w[0], 0.0, 0.0), SLIP
 
 
 @njit(inline="always")
 def _coulomb2(b, w, v_min, shift, mu, bound):
-    if b[0] >= v_min or w[0] <= _SINGULAR * w[2]:
+    if b[0] >= v_min or w[0] <= SINGULAR * w[2]:
         return (0.0, 0.0), OPEN
     push = (v_min - b[0]) / w[0]
     schur = w[2] - w[1] * w[1] / w[0]
     slip = b[1] + shift[0] + w[1] * push
     sign = -1.0 if slip > 0.0 else 1.0
     coupling = sign * w[1] / w[0]
-    if schur <= _SINGULAR * w[2]:
-        stopped = abs(slip) <= _NO_SLIP * (abs(b[1]) + abs(shift[0]) + abs(w[1] * push))
-        if stopped or w[2] <= _SINGULAR * w[0] or 1.0 + mu * coupling <= 0.0:
+    if schur <= SINGULAR * w[2]:
+        stopped = abs(slip) <= NO_SLIP * (abs(b[1]) + abs(shift[0]) + abs(w[1] * push))
+        if stopped or w[2] <= SINGULAR * w[0] or 1.0 + mu * coupling <= 0.0:
             return (push, 0.0), STICK
     else:
         stick_t = -slip / schur
@@ -82,7 +81,7 @@ def _coulomb2(b, w, v_min, shift, mu, bound):
 
 @njit
 def _coulomb3(b, w, v_min, shift, mu, bound):
-    if b[0] >= v_min or w[0] <= _SINGULAR * (w[3] + w[5]):
+    if b[0] >= v_min or w[0] <= SINGULAR * (w[3] + w[5]):
         return (0.0, 0.0, 0.0), OPEN
     push = (v_min - b[0]) / w[0]
     inverse = 1.0 / w[0]
@@ -108,11 +107,12 @@ def _coulomb3(b, w, v_min, shift, mu, bound):
     small = (s11 * s22 - s12 * s12) / large if large > 0.0 else 0.0
     ga, gb = c * g1 + s * g2, c * g2 - s * g1
     wa, wb = (c * w[1] + s * w[2]) * inverse, (c * w[2] - s * w[1]) * inverse
-    tiny = _SINGULAR * (w[3] + w[5])
-    if small <= tiny:
+    tiny = SINGULAR * (w[3] + w[5])
+    singular = small <= tiny
+    if singular:
         # S is singular along b, perhaps along a: such a direction carries nothing if W vanishes
         # along it or the slip is stopped anyway; else it slides, and `tiny` only bounds divisions.
-        still = _NO_SLIP * (
+        still = NO_SLIP * (
             abs(b[1]) + abs(b[2]) + abs(shift[0]) + abs(shift[1])
             + (abs(w[1]) + abs(w[2])) * push
         )  # fmt: skip
@@ -132,6 +132,9 @@ def _coulomb3(b, w, v_min, shift, mu, bound):
         return (normal, c * ra - s * rb, s * ra + c * rb), STICK
     if mu == 0.0 and bound == 0.0:
         return (push, 0.0, 0.0), SLIP
+    if bound == 0.0 and not singular:
+        normal, ra, rb, _, _ = slide(push, ga / large, gb / large, wa, wb, small / large, mu, 0.0)
+        return (normal, c * ra - s * rb, s * ra + c * rb), SLIP
     # f(lambda) = |r_T| - mu r_N - bound: bracket the root, then Newton kept inside the bracket.
     low, high = 0.0, large
     if limit < 0.0 or ra * ra + rb * rb > limit * limit:

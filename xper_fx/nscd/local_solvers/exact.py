@@ -34,8 +34,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from xper_fx.nscd.coulomb import _NO_SLIP, _SINGULAR
-from xper_fx.nscd.local_solvers.solver import INLINE_KERNEL, KERNEL, LocalSolver
+from xper_fx.nscd.local_solvers.solver import INLINE_KERNEL, KERNEL, NO_SLIP, SINGULAR, LocalSolver
 
 # Factors: 1 / W_NN (0: carries nothing), cos and sin of the eigenbasis, 1 / larger eigenvalue of S,
 # ratio k (0: singular), c_a, c_b, x of the visit before (0: none).
@@ -52,7 +51,7 @@ def prepare(w, mu, factors, i):
     for j in range(NUM_FACTORS):
         factors[i, j] = 0.0
     tangential = w[3] + w[5]
-    if w[0] <= _SINGULAR * tangential:
+    if w[0] <= SINGULAR * tangential:
         return
     inverse = 1.0 / w[0]
     s11 = w[3] - w[1] * w[1] * inverse
@@ -73,10 +72,10 @@ def prepare(w, mu, factors, i):
     factors[i, 0], factors[i, 1], factors[i, 2] = inverse, c, s
     factors[i, 5] = (c * w[1] + s * w[2]) * inverse
     factors[i, 6] = (c * w[2] - s * w[1]) * inverse
-    if large > _SINGULAR * tangential:
+    if large > SINGULAR * tangential:
         small = (s11 * s22 - s12 * s12) / large  # free of the cancellation in mean - radius
         factors[i, 3] = 1.0 / large
-        if small > _SINGULAR * tangential:
+        if small > SINGULAR * tangential:
             factors[i, 4] = small / large
 
 
@@ -89,12 +88,12 @@ def _between(low, high):
 
 
 @KERNEL
-def _slide(push, ga, gb, ca, cb, k, mu, x):
+def slide(push, ga, gb, ca, cb, k, mu, x):
     """Slipping impulse (r_N, r_a, r_b) in the eigenbasis, the root x, and the steps taken."""
     spread = ga * gb * (1.0 - k)
     linear = ca * ga + cb * gb
     low, high, bounded, steps = 0.0, _LARGEST, False, 0
-    from_zero = x == 0.0 or k <= _SINGULAR * 2.0  # near-singular: not towards huge impulses
+    from_zero = x == 0.0 or k <= SINGULAR * 2.0  # near-singular: not towards huge impulses
     while steps < _STEPS:
         steps += 1
         along, across = k + x, 1.0 + x
@@ -152,13 +151,13 @@ def _guided(b, w, factors, i, mu, push):
     )  # fmt: skip
     ga = c * b[1] + s * b[2] - ca * b[0]
     gb = c * b[2] - s * b[1] - cb * b[0]
-    still = _NO_SLIP * (abs(b[1]) + abs(b[2]) + (abs(w[1]) + abs(w[2])) * push)
-    tiny = _SINGULAR * (w[3] + w[5])
+    still = NO_SLIP * (abs(b[1]) + abs(b[2]) + (abs(w[1]) + abs(w[2])) * push)
+    tiny = SINGULAR * (w[3] + w[5])
     # such a direction carries nothing if W vanishes along it or the slip is stopped anyway
     if soft == 0.0:
         size = np.hypot(ga, gb)
         rest = size - mu * (ca * ga + cb * gb)
-        if size <= still or (ca * ca + cb * cb) * w[0] <= tiny or rest <= _NO_SLIP * size:
+        if size <= still or (ca * ca + cb * cb) * w[0] <= tiny or rest <= NO_SLIP * size:
             return push, 0.0, 0.0
         ra, rb = -mu * push / rest * ga, -mu * push / rest * gb
         return push * size / rest, c * ra - s * rb, s * ra + c * rb
@@ -172,7 +171,7 @@ def _guided(b, w, factors, i, mu, push):
     ra, rb = -ga, -gb / k
     n = push - ca * ra - cb * rb
     if not (n >= 0.0 and np.hypot(ra, rb) <= mu * n):
-        n, ra, rb, _, _ = _slide(push, ga, gb, ca, cb, k, mu, 1.0)
+        n, ra, rb, _, _ = slide(push, ga, gb, ca, cb, k, mu, 1.0)
     return n, c * ra - s * rb, s * ra + c * rb
 
 
@@ -201,7 +200,7 @@ def solve_and_count(b, w, factors, i, mu, r):
     elif mu == 0.0:
         return (push, 0.0, 0.0), 0
     else:
-        n, ra, rb, x, steps = _slide(push, ga, gb, ca, cb, k, mu, factors[i, 7])
+        n, ra, rb, x, steps = slide(push, ga, gb, ca, cb, k, mu, factors[i, 7])
         factors[i, 7] = x
     return (n, c * ra - s * rb, s * ra + c * rb), steps
 

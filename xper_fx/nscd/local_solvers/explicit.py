@@ -15,8 +15,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from xper_fx.nscd.coulomb import _SINGULAR
-from xper_fx.nscd.local_solvers.solver import KERNEL, LocalSolver
+from xper_fx.nscd.local_solvers.solver import KERNEL, SINGULAR, LocalSolver
 
 
 def explicit_applies(w: np.ndarray, tolerance: float = 1e-12) -> np.ndarray:
@@ -38,8 +37,8 @@ def explicit_applies(w: np.ndarray, tolerance: float = 1e-12) -> np.ndarray:
 @KERNEL
 def _prepare2(w, mu, factors, i):
     # a direction in which W vanishes carries no impulse
-    factors[i, 0] = 1.0 / w[0] if w[0] > _SINGULAR * w[2] else 0.0
-    factors[i, 1] = 1.0 / w[2] if w[2] > _SINGULAR * w[0] else 0.0
+    factors[i, 0] = 1.0 / w[0] if w[0] > SINGULAR * w[2] else 0.0
+    factors[i, 1] = 1.0 / w[2] if w[2] > SINGULAR * w[0] else 0.0
 
 
 @KERNEL
@@ -54,8 +53,8 @@ def _solve2(b, w, factors, i, mu, r):
 @KERNEL
 def _prepare3(w, mu, factors, i):
     twice = w[3] + w[5]
-    factors[i, 0] = 1.0 / w[0] if w[0] > _SINGULAR * twice else 0.0
-    factors[i, 1] = 2.0 / twice if twice > _SINGULAR * w[0] else 0.0
+    factors[i, 0] = 1.0 / w[0] if w[0] > SINGULAR * twice else 0.0
+    factors[i, 1] = 2.0 / twice if twice > SINGULAR * w[0] else 0.0
 
 
 @KERNEL

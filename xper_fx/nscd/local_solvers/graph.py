@@ -21,8 +21,7 @@ Where S = 0 (a node guided obliquely) a slip that closing does not stop slides, 
 
 from __future__ import annotations
 
-from xper_fx.nscd.coulomb import _NO_SLIP, _SINGULAR
-from xper_fx.nscd.local_solvers.solver import KERNEL, LocalSolver
+from xper_fx.nscd.local_solvers.solver import KERNEL, NO_SLIP, SINGULAR, LocalSolver
 
 # Factors: 1 / W_NN (0: carries nothing), c, 1 / S (0: singular), 1 / (1 + mu c), 1 / (1 - mu c)
 # (0 where that way is no candidate).
@@ -34,13 +33,13 @@ def prepare(w, mu, factors, i):
     """Constants of w and mu."""
     for k in range(NUM_FACTORS):
         factors[i, k] = 0.0
-    if w[0] <= _SINGULAR * w[2]:
+    if w[0] <= SINGULAR * w[2]:
         return
     inverse = 1.0 / w[0]
     coupling = w[1] * inverse
     schur = w[2] - w[1] * coupling
     factors[i, 0], factors[i, 1] = inverse, coupling
-    if schur > _SINGULAR * w[2]:
+    if schur > SINGULAR * w[2]:
         factors[i, 2] = 1.0 / schur
     forth, back = 1.0 + mu * coupling, 1.0 - mu * coupling
     if forth > 0.0:
@@ -62,8 +61,8 @@ def solve(b, w, factors, i, mu, r):
     normal = push - coupling * tangent
     gain = factors[i, 4] if slip > 0.0 else factors[i, 3]
     if soft == 0.0:
-        stopped = abs(slip) <= _NO_SLIP * (abs(b[1]) + abs(coupling * b[0]))
-        if stopped or gain == 0.0 or w[2] <= _SINGULAR * w[0]:
+        stopped = abs(slip) <= NO_SLIP * (abs(b[1]) + abs(coupling * b[0]))
+        if stopped or gain == 0.0 or w[2] <= SINGULAR * w[0]:
             return push, 0.0
     elif abs(tangent) <= mu * normal or gain == 0.0:  # no gain: by rounding only, see above
         return normal, tangent
