@@ -4,14 +4,31 @@
 import re
 from pathlib import Path
 
+import numpy as np
+
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text()
 
 
-def test_the_example_runs(capsys):
-    (code,) = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
+EXAMPLES = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
+
+
+def test_the_contact_problem_runs():
     names = {}
-    exec(code, names)
+    exec(EXAMPLES[1], names)
+    reaction, velocity = names["result"].reaction, names["result"].velocity
+    # both corners slide to the right, the front one carries more; momentum before and after
+    normal, tangential = reaction[::2], reaction[1::2]
+    assert names["result"].converged and len(EXAMPLES) == 2
+    np.testing.assert_allclose(tangential, 0.3 * normal, rtol=1e-8)
+    np.testing.assert_allclose(normal.sum(), 0.1, rtol=1e-8)
+    np.testing.assert_allclose(velocity, [0.0, -0.17, 0.0, -0.17], atol=1e-9)
+    assert normal[1] > normal[0] > 0.0
+
+
+def test_the_example_runs(capsys):
+    names = {}
+    exec(EXAMPLES[0], names)
     printed = capsys.readouterr().out
     time, stress, closure = (float(x) for x in printed.splitlines()[0].split())
     # E' eps with the artificial compliance of the bonds, -2 % at 5 um: 108 GPa * 0.2 %
