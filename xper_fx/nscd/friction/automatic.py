@@ -35,6 +35,9 @@ _NEAR, _NEARBY = 1e-7, 1e-4
 _FAR, _FEW, _MANY = 1e-2, 30, 150
 # Another start of the interior point, when the first led nowhere.
 _FROM_AFAR = 10.0
+# Floating-point operations that an attempt may spend on factorisations, some minutes' worth, and
+# how many of these it has to afford to be made.
+_OPERATIONS, _LEAST_FACTORISATIONS = 5e11, 30
 # What moves nothing, relative to mean(diag W) and |q|.
 _ZERO = 1e-6
 # Contacts from which on mixing is tried before factorising.
@@ -153,13 +156,18 @@ def solve(
             solver, problem, contacts, r, tolerance=tolerance, course=course, name=name, **options
         )
 
-    def interior(order, start, max_centres):
+    def interior(contacts, start, max_centres):
+        affordable = int(_OPERATIONS / elimination.operations(contacts))
+        if affordable < _LEAST_FACTORISATIONS:
+            course.reasons.append(f"{len(contacts)} contacts are too many to factorise")
+            return False
+        order = elimination.order(contacts)
         if attempt(interior_point.solve, "interior_point", order, start=start):
             return True
         near = natural_error(part(problem, order), r[order]) < _NEARBY
         return attempt(
             newton.proximal_point, "proximal_point", order,
-            alpha=_NEAR if near else _FAR, max_centres=max_centres,
+            alpha=_NEAR if near else _FAR, max_centres=max_centres, max_factorisations=affordable,
         )  # fmt: skip
 
     def descend(contacts):
@@ -168,7 +176,7 @@ def solve(
             anderson.solve, "anderson", contacts, local=local, max_sweeps=max_sweeps
         ):
             return True
-        return interior(elimination.order(contacts), 1.0, _FEW)
+        return interior(contacts, 1.0, _FEW)
 
     def resweep(own, start, relaxation):
         alone, found = part(problem, own), start.copy()
@@ -183,13 +191,20 @@ def solve(
             r[own] = found
         return done.converged.all()
 
+    def grow(own):
+        affordable = int(_OPERATIONS / elimination.operations(own) / 6)
+        return affordable >= _LEAST_FACTORISATIONS and attempt(
+            newton.continuation, "continuation", elimination.order(own),
+            max_factorisations=affordable,
+        )  # fmt: skip
+
     def persist(own):
         rest = np.zeros_like(r[own])
         return (
             resweep(own, r[own], 1.0)
             or any(resweep(own, rest, relaxation) for relaxation in _RELAXATIONS)
-            or interior(elimination.order(own), _FROM_AFAR, _MANY)
-            or attempt(newton.continuation, "continuation", elimination.order(own))
+            or interior(own, _FROM_AFAR, _MANY)
+            or grow(own)
         )
 
     if descend(np.concatenate(contacts)):

@@ -37,7 +37,7 @@ _DESCENT, _SHORTEST = 1e-4, 1e-3
 _REGULAR = 1e-12
 _FIRST_ALPHA, _LEAST_ALPHA, _LARGEST_ALPHA = 1e-3, 1e-12, 1e3
 _INNER_STEPS, _INNER_ERROR = 20, 0.05
-_MAX_CENTRES, _NO_BETTER = 150, 60
+_MAX_CENTRES, _NO_BETTER, _MAX_FACTORISATIONS = 150, 60, 3000
 # alpha falls by the first factor while all goes well, by the second after the first failure.
 _BOLD, _CAUTIOUS, _BACK = 0.1, 0.7, 3.0
 
@@ -204,13 +204,14 @@ def proximal_point(
     history: list,
     alpha: float = _FIRST_ALPHA,
     max_centres: int = _MAX_CENTRES,
+    max_factorisations: int = _MAX_FACTORISATIONS,
 ) -> bool:
     """Proximal points, each found by Newton's method, from r.
 
     Args:
         problem, r, tolerance, history: as in `solve`; history gets the error of each centre.
         alpha: first proximal coefficient, relative to mean(diag W).
-        max_centres: centres after which to give up.
+        max_centres, max_factorisations: after which to give up.
 
     Returns:
         Whether the tolerance was reached.
@@ -229,6 +230,8 @@ def proximal_point(
             r[:] = centre
         if not error > tolerance or since > _NO_BETTER:
             break
+        if newton.system.factorisations >= max_factorisations:
+            break
         wanted = _INNER_ERROR * min(error, 1.0) * size_q
         found, reached, steps = newton.run(centre, alpha, centre, wanted, _INNER_STEPS)
         if reached:
@@ -245,23 +248,30 @@ def proximal_point(
     return best <= tolerance
 
 
-def continuation(problem: BlockProblem, r: np.ndarray, *, tolerance: float, history: list) -> bool:
+def continuation(
+    problem: BlockProblem,
+    r: np.ndarray,
+    *,
+    tolerance: float,
+    history: list,
+    max_factorisations: int = _MAX_FACTORISATIONS,
+) -> bool:
     """Proximal points for friction that grows from a fraction to the whole, from rest.
 
     With little friction the problem is close to a convex one, which has one way down.
 
     Args:
         problem, r, tolerance, history: as in `solve`; history gets the errors of the last fraction.
+        max_factorisations: at each fraction, after which to go on to the next.
 
     Returns:
         Whether the tolerance was reached.
     """
     found = np.zeros_like(r)
+    common = {"alpha": _LOOSE_ALPHA, "max_factorisations": max_factorisations}
     for fraction in _FRACTIONS:
         part_of_it = problem._replace(mu=fraction * problem.mu)
-        proximal_point(part_of_it, found, tolerance=_ON_THE_WAY, history=[], alpha=_LOOSE_ALPHA)
-    reached = proximal_point(
-        problem, found, tolerance=tolerance, history=history, alpha=_LOOSE_ALPHA
-    )
+        proximal_point(part_of_it, found, tolerance=_ON_THE_WAY, history=[], **common)
+    reached = proximal_point(problem, found, tolerance=tolerance, history=history, **common)
     r[:] = found
     return reached

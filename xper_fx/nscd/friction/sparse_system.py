@@ -27,16 +27,24 @@ class Elimination:
         self._problem = problem
 
     @cached_property
-    def _rank(self) -> np.ndarray:
+    def _factors(self) -> tuple[np.ndarray, np.ndarray]:
+        """Rank of each contact, and blocks in the column of L of the contact of each rank."""
         problem, n = self._problem, len(self._problem.mu)
         rows = np.repeat(np.arange(n), np.diff(problem.offsets))
         values = np.where(rows == problem.columns, n + 1.0, 1.0)
         graph = sp.csc_matrix((values, problem.columns, problem.offsets), (n, n))
-        return splu(graph, permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True}).perm_c
+        factors = splu(graph, permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True})
+        return factors.perm_c, np.diff(factors.L.indptr)
 
     def order(self, contacts: np.ndarray) -> np.ndarray:
         """The contacts, whole components of the problem, in the order."""
-        return contacts[np.argsort(self._rank[contacts])]
+        rank, _ = self._factors
+        return contacts[np.argsort(rank[contacts])]
+
+    def operations(self, contacts: np.ndarray) -> float:
+        """Floating-point operations of a factorisation of their part of W, about."""
+        rank, filled = self._factors
+        return 2.0 * self._problem.dim**3 * float(np.sum(filled[rank[contacts]].astype(float) ** 2))
 
 
 class SparseSystem:
