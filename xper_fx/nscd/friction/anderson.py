@@ -121,11 +121,15 @@ def solve(
     Returns:
         Whether the tolerance was reached.
     """
-    errors = np.empty(max(max_sweeps // SWEEPS, 1))
+    errors = np.full(max(max_sweeps // SWEEPS, 1), np.inf)
     size_q = np.linalg.norm(problem.q) or 1.0
-    count = _kernel(problem.dim, local)(
-        problem.offsets, problem.columns, problem.blocks, problem.diagonal,
-        factors_of(problem, local), problem.q, problem.mu, r, size_q, tolerance, errors,
-    )  # fmt: skip
-    history += errors[:count].tolist()
-    return bool(errors[:count].min() <= tolerance)
+    try:
+        _kernel(problem.dim, local)(
+            problem.offsets, problem.columns, problem.blocks, problem.diagonal,
+            factors_of(problem, local), problem.q, problem.mu, r, size_q, tolerance, errors,
+        )  # fmt: skip
+    except np.linalg.LinAlgError:  # impulses beyond all bounds: what was found before stands
+        pass
+    errors = errors[np.isfinite(errors)]
+    history += errors.tolist()
+    return bool(errors.min(initial=np.inf) <= tolerance)

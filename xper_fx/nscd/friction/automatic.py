@@ -77,9 +77,10 @@ def on_part(solve, problem, contacts, r, *, tolerance, course, name, **options) 
     """Solve some whole components by a global solver; keep what it finds if better.
 
     Args:
-        solve: `interior_point.solve`, `newton.solve` or `newton.proximal_point`.
+        solve: `solve` of `anderson`, `interior_point` or `newton`, or `newton.proximal_point` or
+            `newton.continuation`.
         problem: the stored problem.
-        contacts: their contacts, for a solver that factorises in an order of elimination.
+        contacts: their contacts; for a solver that factorises, in an order of elimination.
         r: shape (n, dim), impulses of the whole problem.
         tolerance: on the whole; the part gets its share.
 
@@ -210,13 +211,20 @@ def solve(
     if descend(np.concatenate(contacts)):
         return
     course.reasons.append("no solver brought them to the end together")
+    jammed, unsolved = [], []
     for own in contacts:
         if len(contacts) > 1 and descend(own):
             continue
         if _jammed(part(problem, own), r[own]):
-            course.reasons.append(
-                f"a component of {len(own)} contacts has no solution: they close, and impulses "
-                "along their normals move nothing"
-            )
+            jammed += [len(own)]
         elif not persist(own):
-            course.reasons.append(f"a component of {len(own)} contacts may have no solution")
+            unsolved += [len(own)]
+    if jammed:
+        course.reasons.append(
+            f"{len(jammed)} components ({sum(jammed)} contacts) have no solution: they close, and "
+            "impulses along their normals move nothing"
+        )
+    if unsolved:
+        course.reasons.append(
+            f"{len(unsolved)} components ({sum(unsolved)} contacts) may have no solution"
+        )

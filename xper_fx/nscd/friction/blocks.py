@@ -32,7 +32,8 @@ class BlockProblem(NamedTuple):
         diagonal: shape (n, dim (dim + 1) / 2), symmetric part of the diagonal blocks, packed.
         q: shape (n, dim).
         mu: shape (n,).
-        components: shape (num_components + 1,), first contact of each component.
+        components: shape (num_components + 1,), first contact of each component; all contacts
+            are one where they are sorted by colour.
     """
 
     offsets: np.ndarray
@@ -46,10 +47,6 @@ class BlockProblem(NamedTuple):
     @property
     def dim(self) -> int:
         return self.q.shape[1]
-
-    @property
-    def nbytes(self) -> int:
-        return sum(a.nbytes for a in self)
 
 
 class Stored(NamedTuple):

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from numbers import Integral
+
 import numpy as np
 import scipy.sparse as sp
 
@@ -33,7 +35,7 @@ def checked(W, q, mu, dim, source=None) -> tuple[sp.csr_matrix, np.ndarray, np.n
         ValueError: anything else, naming the contact, or the row and column.
     """
     file = "" if source is None else f"{source}: "
-    if dim not in (2, 3):
+    if not isinstance(dim, Integral) or dim not in (2, 3):
         raise ValueError(f"{file}dim should be 2 or 3, got {dim!r}.")
     W = _matrix(W, file)
     size = W.shape[0]

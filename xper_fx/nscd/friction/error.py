@@ -91,7 +91,7 @@ class Errors(NamedTuple):
         siconos_error: Siconos's natural-map error.
         penetration: largest -u_N, or 0 (m/s).
         complementarity: largest |u_N r_N| (J).
-        cone_violation: largest distance |r_T| - mu r_N, or 0 (N s).
+        cone_violation: largest |r_T| - mu r_N, or 0 (N s).
     """
 
     error: float

@@ -20,7 +20,7 @@ so that W may have any rank, and iterations hardly depend on the size. At contac
 nor parting (x = z = 0) the natural map is only of the size of sqrt(s): rounding ends the descent at
 some 1e-6 or 1e-7, from where Newton steps finish.
 
-Without friction L has no inside; such contacts get mu = 1e-6 here, which the finish puts right.
+Without friction L has no inside; such contacts get mu = 1e-8 here.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from xper_fx.nscd.friction.error import natural_map
 from xper_fx.nscd.friction.sparse_system import SparseSystem
 from xper_fx.nscd.small import for_dimension
 
-_LEAST_FRICTION = 1e-6
+_LEAST_FRICTION = 1e-8
 _MAX_ITERATIONS = 60
 # Fraction of the way to the boundary of the cones.
 _TO_BOUNDARY = 0.99

@@ -4,10 +4,12 @@
 from __future__ import annotations
 
 from functools import cached_property
+from numbers import Integral, Real
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+import scipy.sparse as sp
 
 from xper_fx.nscd.friction import (
     anderson,
@@ -44,8 +46,9 @@ class FrictionResult(NamedTuple):
         errors: natural-map errors and their parts in physical units.
         sweeps: largest number of Gauss-Seidel sweeps over a component, those mixed included.
         solver: names of the solvers that worked, joined by " + ".
-        local_solver: name of the local solver.
-        history: (solver, iterations, error) as the solve went on.
+        local_solver: name of the local solver of the sweeps, if any were made.
+        history: (solver, iterations, error) as the solve went on: errors of the whole for "nlgs",
+            of the part left to it for another solver; "anderson" counts mixings of 16 sweeps.
         reason: why these solvers, or why it did not converge.
     """
 
@@ -79,14 +82,39 @@ class FrictionProblem:
         dim: 2 or 3.
         source: file it came from, for messages.
 
+    Arrays are copied and then fixed: another q is another problem.
+
     Raises:
         ValueError: bad input, with the entry and the file named.
     """
 
     def __init__(self, W, q, mu, dim: int, source: str | None = None):
-        self.W, self.q, self.mu = checked(W, q, mu, dim, source)
-        self.dim, self.source = dim, source
+        W, q, mu = checked(W, q, mu, dim, source)
+        self._W, self._q, self._mu = W.copy(), q.copy(), mu.copy()
+        for array in (self._W.data, self._W.indices, self._W.indptr, self._q, self._mu):
+            array.flags.writeable = False
+        self._dim, self.source = int(dim), source
         self._stored = {}
+
+    @property
+    def W(self) -> sp.csr_matrix:
+        """Shape (n dim, n dim) (m/s per N s)."""
+        return self._W
+
+    @property
+    def q(self) -> np.ndarray:
+        """Shape (n dim,) (m/s)."""
+        return self._q
+
+    @property
+    def mu(self) -> np.ndarray:
+        """Shape (n,)."""
+        return self._mu
+
+    @property
+    def dim(self) -> int:
+        """2 or 3."""
+        return self._dim
 
     @classmethod
     def read(cls, path: str | Path) -> FrictionProblem:
@@ -115,9 +143,20 @@ class FrictionProblem:
         return mean if mean > 0.0 else 1.0
 
     def errors(self, reaction: np.ndarray) -> Errors:
-        """The errors of given impulses, shape (n dim,), whoever found them."""
-        reaction = np.asarray(reaction, dtype=float)
-        return self._measure(reaction)[1]
+        """The errors of given impulses, shape (n dim,), whoever found them.
+
+        Raises:
+            ValueError: another shape, or impulses that are not finite.
+        """
+        return self._measure(self._impulses("reaction", reaction))[1]
+
+    def _impulses(self, name: str, value) -> np.ndarray:
+        value = np.ascontiguousarray(value, dtype=float)
+        if value.shape != self.q.shape or not np.isfinite(value).all():
+            raise ValueError(
+                f"{name} should be finite and have shape {self.q.shape}, got {value.shape}."
+            )
+        return value
 
     def _measure(self, reaction: np.ndarray) -> tuple[np.ndarray, Errors]:
         return measure(self.W, self.q, self.mu, self.dim, reaction, self._mean_diagonal)
@@ -142,10 +181,11 @@ class FrictionProblem:
                 would take too long (`automatic`).
             local_solver: one of `LOCAL_SOLVERS[dim]`, for the sweeps; "auto" is the fastest exact.
             tolerance: bound on the unit-free natural-map error (`error`).
-            guess: shape (n dim,), impulses to start from; zero without.
-            max_sweeps: Gauss-Seidel sweeps after which an attempt with them ends; other solvers
-                have ends of their own.
-            relaxation: factor on the changes of a sweep, in (0, 2); "nlgs" only.
+            guess: shape (n dim,), impulses to start from; zero without. The interior point starts
+                on its own.
+            max_sweeps: Gauss-Seidel sweeps after which an attempt with them ends (rounded up to 16
+                by "anderson"; "auto" may make several); other solvers have ends of their own.
+            relaxation: factor on the changes of a sweep from the ninth on, in (0, 2); "nlgs" only.
             symmetric: sweep forth and back in turn; "nlgs" only.
             order: of the visits, one of `ORDERS`: "given", "shuffled" (once and always alike), or
                 "colored", which "nlgs" sweeps with Numba's threads.
@@ -157,14 +197,14 @@ class FrictionProblem:
         Raises:
             ValueError: an unknown name, or an argument out of its range.
         """
-        self._check(solver, tolerance, guess, max_sweeps, relaxation, symmetric, order)
+        self._check(solver, tolerance, max_sweeps, relaxation, symmetric, order, facets)
         (stored, scale, places, colors), elimination = self._store(order)
         local = self._local(local_solver, facets, stored, places)
         n, dim = len(self), self.dim
         if guess is None:
             r = np.zeros((n, dim))
         else:
-            r = np.asarray(guess, dtype=float).reshape(n, dim)[places] / scale
+            r = self._impulses("guess", guess).reshape(n, dim)[places] / scale
         course = Course()
         sweeping = {"tolerance": tolerance, "max_sweeps": max_sweeps}
         if solver == "auto":
@@ -215,11 +255,19 @@ class FrictionProblem:
                 )
         return local
 
-    def _check(self, solver, tolerance, guess, max_sweeps, relaxation, symmetric, order) -> None:
+    def _check(self, solver, tolerance, max_sweeps, relaxation, symmetric, order, facets) -> None:
         if solver not in SOLVERS:
             raise ValueError(f"solver should be one of {', '.join(SOLVERS)}, got {solver!r}.")
         if order not in ORDERS:
             raise ValueError(f"order should be one of {', '.join(ORDERS)}, got {order!r}.")
+        for name, value, kind, wanted in (
+            ("tolerance", tolerance, Real, "a number"),
+            ("relaxation", relaxation, Real, "a number"),
+            ("max_sweeps", max_sweeps, Integral, "an integer"),
+            ("facets", 8 if facets is None else facets, Integral, "an integer"),
+        ):
+            if not isinstance(value, kind):
+                raise ValueError(f"{name} should be {wanted}, got {value!r}.")
         if not 0.0 < tolerance < 1.0:
             raise ValueError(f"tolerance should lie between 0 and 1, got {tolerance}.")
         if not max_sweeps >= 1:
@@ -234,16 +282,11 @@ class FrictionProblem:
             )
         if symmetric and order == "colored":
             raise ValueError("symmetric sweeps are not made by colours: choose another order.")
-        if guess is not None:
-            guess = np.asarray(guess, dtype=float)
-            if guess.shape != self.q.shape or not np.isfinite(guess).all():
-                raise ValueError(
-                    f"guess should be finite and have shape {self.q.shape}, got {guess.shape}."
-                )
 
     def _why_not(self, error: float, tolerance: float) -> str:
         blocks = abs(self.W).sum(axis=1).A1.reshape(-1, self.dim)
-        stuck = np.flatnonzero(~blocks.any(axis=1) & (self.q[:: self.dim] < 0.0))
+        closing = -self.q[:: self.dim] > tolerance * np.linalg.norm(self.q)
+        stuck = np.flatnonzero(~blocks.any(axis=1) & closing)
         if len(stuck):
             return (
                 f"contact {stuck[0]} cannot move (its rows of W are zero) but closes with "
