@@ -82,16 +82,7 @@ def solve(
 ) -> SolveReport:
     """Find the impulses of the step; `velocity` becomes the end velocity.
 
-    Args:
-        interactions: points after `begin_step`, whose impulses are the first guess.
-        velocity: shape (num_slots * dim,), the free velocity on entry, v_free + w H r on return.
-        tolerance: bound on the estimated relative error of the impulses.
-        max_sweeps: sweeps after which to give up.
-        relaxation: factor on the change of an impulse where its law is locally linear, in (0, 2).
-        num_threads: threads to use; all that Numba has if not given.
-
-    Returns:
-        The report; not converged is reported, not raised.
+    Arguments and report are those of `nlgs.solve`; `reason` says how often mixing started again.
     """
     free, groups = velocity.copy(), interactions.groups
     passes = sweep_passes(interactions, velocity, relaxation, num_threads)

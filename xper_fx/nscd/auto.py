@@ -44,13 +44,7 @@ def solve(
 ) -> SolveReport:
     """Find the impulses of the step; `velocity` becomes the end velocity.
 
-    Args:
-        interactions: points after `begin_step`, whose impulses are the first guess.
-        velocity: shape (num_slots * dim,), the free velocity on entry, v_free + w H r on return.
-        tolerance: bound on the estimated relative error of the impulses.
-        max_sweeps: sweeps, of all solvers together, after which to give up.
-        relaxation: factor on the change of an impulse in sweeps where its law is locally linear.
-        num_threads: threads to use; all that Numba has if not given.
+    Arguments are those of `nlgs.solve`; `max_sweeps` bounds the sweeps of all solvers together.
 
     Returns:
         The report; `solver` is the one that finished, `reason` says why it was picked.

@@ -1,5 +1,11 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""GMRES with a right preconditioner (Saad and Schultz 1986; Saad 2003, section 9.3.2)."""
+"""GMRES with a right preconditioner (Saad and Schultz 1986; Saad 2003, section 9.3.2).
+
+`scipy.sparse.linalg.gmres` makes the same iterations. It is not called because its scalar products
+go through a threaded BLAS, whose threads wait for each other at each: a whole Newton solve takes
+1.1 to 1.4 times as long on a machine at rest (plates of 20 x 20 to 80 x 80 quads), 3 times where
+another process keeps one of two cores busy.
+"""
 
 from __future__ import annotations
 

@@ -152,13 +152,8 @@ def solve(
 ) -> SolveReport:
     """Find the impulses of the step; `velocity` becomes the end velocity.
 
-    Args:
-        interactions: points after `begin_step`, whose impulses are the first guess.
-        velocity: shape (num_slots * dim,), the free velocity on entry, v_free + w H r on return.
-        tolerance: bound on the estimated relative error of the impulses.
-        max_sweeps: sweeps between Newton's attempts, all together, after which to give up.
-        relaxation: factor on the change of an impulse in sweeps where its law is locally linear.
-        num_threads: threads of the sweeps; all that Numba has if not given.
+    Arguments are those of `nlgs.solve`; `max_sweeps` bounds the sweeps between Newton's attempts,
+    all together, and the threads are those of the sweeps.
 
     Returns:
         The report; `sweeps` are Gauss-Seidel's, `reason` says how many Newton steps and iterations.
