@@ -10,16 +10,21 @@ opening.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import basix
 import numpy as np
 import numpy.typing as npt
 from dolfinx.fem import FunctionSpace
 from dolfinx.mesh import Mesh, MeshTags, meshtags
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from xper_fx.compat import create_exploded_mesh, geometry_dofmap
 from xper_fx.meshes import (
+    cell_measure,
     check_mesh,
     facet_cells,
     facet_geometry_nodes,
@@ -27,6 +32,7 @@ from xper_fx.meshes import (
     midpoints_of,
     reference_cell,
 )
+from xper_fx.periodic.lattice import check_volume, checked_lattice, match_facets
 
 __all__ = ["EACH_CELL", "Bodies", "FacingFacets", "explode"]
 
@@ -87,6 +93,9 @@ class Bodies:
     (each cell a body: in the order of the parent's cells), so that neighbours in number are
     neighbours in space as far as the parent's numbering makes them so.
 
+    A periodic cell is cut as a piece of the periodic medium: cells that meet across its boundary
+    face each other there if they belong to two bodies, and are tied if they belong to one.
+
     Attributes:
         mesh: the exploded mesh, of the same dimension as the parent.
         num_bodies: number of bodies.
@@ -100,6 +109,9 @@ class Bodies:
         facet_tags: tags on the exploded facets. An exterior parent facet, or one inside a body,
             hands its tag to its copy; one between two bodies to both its copies.
         facets: the facing facets.
+        lattice: period vectors as rows, shape (dim, dim), m; None if the mesh is no periodic cell.
+        ties: facets across which one body goes on over the cell's boundary; empty without a
+            lattice.
     """
 
     mesh: Mesh
@@ -112,6 +124,8 @@ class Bodies:
     material_of_cell: npt.NDArray[np.int32]
     facet_tags: MeshTags
     facets: FacingFacets
+    lattice: npt.NDArray[np.float64] | None
+    ties: FacingFacets
 
     def facing_nodes(self, V: FunctionSpace) -> npt.NDArray[np.int32]:
         """Return the nodes of V on both sides of each facing facet, matched in space.
@@ -130,13 +144,39 @@ class Bodies:
             ValueError: V is on another mesh, is no continuous Lagrange space of order 1 or 2, or
                 is mixed.
         """
+        return self._matched_nodes(V, self.facets)
+
+    def node_classes(self, V: FunctionSpace) -> tuple[npt.NDArray[np.int32], int]:
+        """Return which nodes of V are one node of the periodic medium.
+
+        Args:
+            V: continuous Lagrange space of order 1 or 2 on `mesh`, scalar or blocked.
+
+        Returns:
+            The class of each node, shape (num_nodes,), int32, numbered in the order of their first
+            nodes, and their number; without ties every node is a class of its own.
+
+        Raises:
+            ValueError: as `facing_nodes`.
+        """
+        count = V.dofmap.index_map.size_local
+        pairs = self._matched_nodes(V, self.ties).transpose(1, 0, 2).reshape(2, -1)
+        graph = coo_array((np.ones(pairs.shape[1]), tuple(pairs)), shape=(count, count))
+        number, label = connected_components(graph, directed=False)
+        _, first, inverse = np.unique(label, return_index=True, return_inverse=True)
+        rank = np.empty(number, np.int32)
+        rank[np.argsort(first)] = np.arange(number, dtype=np.int32)
+        return rank[inverse], number
+
+    def _matched_nodes(self, V: FunctionSpace, facets: FacingFacets) -> npt.NDArray[np.int32]:
+        """Return the nodes of V on both sides of facets, as `facing_nodes`."""
         degree = self._checked_degree(V)
         layout = V.dofmap.dof_layout
         cell = reference_cell(self.mesh)
         topology = basix.topology(cell)
         num_vertices = len(topology[0])
         vertex_dof = np.array([layout.entity_dofs(0, v)[0] for v in range(num_vertices)])
-        vertices = self.facets.local_vertices
+        vertices = facets.local_vertices
         local = [vertex_dof[vertices]]
         if degree == 2:
             edge_dof = np.full((num_vertices, num_vertices), -1)
@@ -146,9 +186,9 @@ class Bodies:
                 local.append(edge_dof[vertices[:, :, a], vertices[:, :, b]][:, :, np.newaxis])
             if len(topology) == 4 and len(topology[2][0]) == 4:
                 face_dof = np.array([layout.entity_dofs(2, i)[0] for i in range(len(topology[2]))])
-                local.append(face_dof[self.facets.local_facets][:, :, np.newaxis])
+                local.append(face_dof[facets.local_facets][:, :, np.newaxis])
         dofs = np.concatenate(local, axis=2)
-        return V.dofmap.list[self.facets.cells[:, :, np.newaxis], dofs].astype(np.int32)
+        return V.dofmap.list[facets.cells[:, :, np.newaxis], dofs].astype(np.int32)
 
     def node_permutation(
         self, V: FunctionSpace
@@ -210,6 +250,8 @@ def explode(
     bodies: str | npt.ArrayLike = EACH_CELL,
     cell_tags: MeshTags | None = None,
     facet_tags: MeshTags | None = None,
+    lattice: npt.ArrayLike | None = None,
+    voids: Sequence[int] = (),
 ) -> Bodies:
     """Cut a mesh into bodies that share no vertex.
 
@@ -220,6 +262,10 @@ def explode(
             negative: the cells of one label are one body and stay connected as they were.
         cell_tags: a tag for every cell of `mesh` (materials).
         facet_tags: tags of some facets of `mesh` (boundaries, precracks).
+        lattice: makes the mesh a periodic cell: edges of its box, shape (dim,), or period vectors
+            as rows, shape (dim, dim), m. A body may cross the cell's boundary: its parts bear one
+            label.
+        voids: facet tags of the free surfaces inside a periodic cell.
 
     Returns:
         The bodies, on a new mesh; `mesh` is left as it was.
@@ -228,7 +274,8 @@ def explode(
         SerialOnlyError: the mesh is spread over several processes.
         TypeError: `bodies`, `cell_tags` or `facet_tags` is of the wrong type.
         ValueError: labels or tags do not fit the mesh; a cell is degenerate; a facet is shared
-            by three cells; two cells overlap at a facet; the geometry is not first order.
+            by three cells; two cells overlap at a facet; the geometry is not first order; facets
+            of a periodic cell's boundary have no translate.
     """
     check_mesh(mesh)
     tdim = mesh.topology.dim
@@ -237,6 +284,13 @@ def explode(
     parent_material = _materials(cell_tags, mesh, num_cells)
     parent_facet_tag = _facet_tag_array(facet_tags, mesh)
     cells_of_facet = facet_cells(mesh)
+    meeting = _meeting_cells(mesh, cells_of_facet, parent_facet_tag[1])
+    if lattice is not None:
+        lattice = checked_lattice(lattice, tdim)
+        across = _cells_across(mesh, cells_of_facet, parent_facet_tag[1], lattice, voids)
+        meeting = _Meeting(*(np.concatenate(both) for both in zip(meeting, across, strict=True)))
+    one_body = body_of_parent[meeting.cells[:, 0]] == body_of_parent[meeting.cells[:, 1]]
+    apart = np.any(meeting.translation != 0.0, axis=1)
 
     # cells, body by body
     by_body = np.argsort(body_of_parent, kind="stable").astype(np.int32)
@@ -280,7 +334,11 @@ def explode(
         material_of_cell=material_of_cell,
         facet_tags=exploded_facet_tags,
         facets=_facing_facets(
-            mesh, cells_of_facet, new_cell, body_of_parent, parent_material, parent_facet_tag[1]
+            mesh, meeting.take(~one_body), new_cell, body_of_parent, parent_material
+        ),
+        lattice=lattice,
+        ties=_facing_facets(
+            mesh, meeting.take(one_body & apart), new_cell, body_of_parent, parent_material
         ),
     )
 
@@ -384,21 +442,58 @@ def _exploded_facet_tags(
     return meshtags(exploded, tdim - 1, copies.astype(np.int32), values[first].astype(np.int32))
 
 
+class _Meeting(NamedTuple):
+    """Facets at which two cells of the parent mesh meet, as they lie or across the boundary.
+
+    Attributes:
+        cells, local_facets: shape (n, 2), int32.
+        translation: shape (n, dim), from the facet of the first cell to that of the second, m.
+        tag: shape (n,), int32.
+    """
+
+    cells: npt.NDArray[np.int32]
+    local_facets: npt.NDArray[np.int32]
+    translation: npt.NDArray[np.float64]
+    tag: npt.NDArray[np.int32]
+
+    def take(self, which: npt.NDArray[np.bool_]) -> _Meeting:
+        return _Meeting(*(a[which] for a in self))
+
+
+def _meeting_cells(mesh, cells_of_facet, facet_tag) -> _Meeting:
+    """Facets inside the mesh."""
+    cells, local = cells_of_facet
+    inner = cells[:, 1] >= 0
+    still = np.zeros((np.count_nonzero(inner), mesh.geometry.dim))
+    return _Meeting(cells[inner], local[inner], still, facet_tag[inner])
+
+
+def _cells_across(mesh, cells_of_facet, facet_tag, lattice, voids) -> _Meeting:
+    """Facets of a periodic cell's boundary; the pair has a tag if both facets bear it."""
+    cells, local = cells_of_facet
+    x = mesh.geometry.x[:, : mesh.geometry.dim]
+    measure = cell_measure(mesh.topology.cell_name(), mesh.geometry.x[geometry_dofmap(mesh)])
+    check_volume(float(measure.sum()), lattice, len(voids) > 0)
+    outer = np.flatnonzero((cells[:, 1] < 0) & ~np.isin(facet_tag, list(voids)))
+    nodes = facet_geometry_nodes(mesh, cells[outer, 0], local[outer, 0])
+    pairs, translation = match_facets(x[nodes], lattice)
+    sides = outer[pairs]
+    tags = facet_tag[sides]
+    both = np.where(tags[:, 0] == tags[:, 1], tags[:, 0], 0).astype(np.int32)
+    return _Meeting(cells[sides, 0], local[sides, 0], translation, both)
+
+
 def _facing_facets(
     mesh: Mesh,
-    cells_of_facet: tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]],
+    meeting: _Meeting,
     new_cell: npt.NDArray[np.int32],
     body_of_parent: npt.NDArray[np.int32],
     material: npt.NDArray[np.int32],
-    facet_tag: npt.NDArray[np.int32],
 ) -> FacingFacets:
-    """Find the parent facets between two bodies and give them sides, normals and an order."""
-    cells, local = cells_of_facet
+    """Give facets sides, normals and an order; those across a boundary lie at the antagonist's."""
+    cells, local, translation, tag = meeting
+    cells, local = cells.copy(), local.copy()
     dim = mesh.topology.dim
-    between = cells[:, 1] >= 0
-    between[between] = body_of_parent[cells[between, 0]] != body_of_parent[cells[between, 1]]
-    facets = np.flatnonzero(between)
-    cells, local = cells[facets], local[facets]
     x = mesh.geometry.x[:, :dim].astype(np.float64)
     dofmap = geometry_dofmap(mesh)
     nodes = facet_geometry_nodes(mesh, cells[:, 0], local[:, 0])
@@ -414,7 +509,8 @@ def _facing_facets(
     normal[backward] *= -1
 
     # the candidate is the cell into which the normal points
-    inside = [np.einsum("ij,ij->i", centre[cells[:, side]] - midpoint, normal) for side in (0, 1)]
+    centres = (centre[cells[:, 0]], centre[cells[:, 1]] - translation)
+    inside = [np.einsum("ij,ij->i", c - midpoint, normal) for c in centres]
     same = np.flatnonzero(inside[0] * inside[1] >= 0)
     if same.size:
         a, b = cells[same[0]]
@@ -425,6 +521,9 @@ def _facing_facets(
     swap = inside[0] < 0
     cells[swap] = cells[swap, ::-1]
     local[swap] = local[swap, ::-1]
+    midpoint[~swap] += translation[~swap]
+    # from the candidate's facet to the antagonist's
+    translation = np.where(swap[:, np.newaxis], -translation, translation)
 
     # vertices of the candidate's facet, turning round the normal, and their partners
     table = local_facet_vertices(mesh)
@@ -432,18 +531,20 @@ def _facing_facets(
     order = _order_round_normal(x[dofmap[cells[:, :1], candidate]], normal)
     candidate = np.take_along_axis(candidate, order, axis=1)
     antagonist = table[local[:, 1]]
-    same_node = (
-        dofmap[cells[:, :1], candidate][:, :, np.newaxis]
-        == dofmap[cells[:, 1:], antagonist][:, np.newaxis, :]
+    gap = (
+        x[dofmap[cells[:, :1], candidate]][:, :, np.newaxis]
+        + translation[:, np.newaxis, np.newaxis]
+        - x[dofmap[cells[:, 1:], antagonist]][:, np.newaxis]
     )
-    antagonist = np.take_along_axis(antagonist, np.argmax(same_node, axis=2), axis=1)
+    nearest = np.argmin(np.einsum("fijd,fijd->fij", gap, gap), axis=2)
+    antagonist = np.take_along_axis(antagonist, nearest, axis=1)
 
     order = _lexicographic(midpoint)
     cells, local = cells[order], local[order]
     return FacingFacets(
         cells=new_cell[cells],
         local_facets=local,
-        tag=facet_tag[facets][order],
+        tag=tag[order],
         normal=normal[order],
         measure=measure[order],
         midpoint=midpoint[order],

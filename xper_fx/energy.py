@@ -7,6 +7,9 @@ exactly
     d(kinetic) = (dq / h) . I - (theta - 1/2) dv . M . dv,
 
 I being the sum of all impulses of the step: external, internal, viscous, reactions, interactions.
+The macroscopic gradient of a periodic cell has no mass; its work is the mean of |Omega| Pibar at
+both ends of the step times its increment.
+
 So the ledger closes to rounding for a linear bulk, whatever breaks; `dissipated_numerical` holds
 what theta > 1/2 damps. For other materials (f0 + f1)/2 . dq is the stored energy's increment to
 second order only, and that is what `closure` then shows.
@@ -88,11 +91,11 @@ class EnergyLedger:
         """
         after, e, excess = outcome.state, self.energies, self._theta - 0.5
         moved = after.displacement - before.displacement
-        e.external_work += float(
-            moved @ (outcome.force_impulse + outcome.reactions) / step
-            if np.ndim(outcome.force_impulse)
-            else moved @ outcome.reactions / step
-        )
+        nodal = self._bulk.unknowns.num_nodes * self._bulk.dim
+        impulse = (outcome.force_impulse + outcome.reactions)[:nodal]
+        e.external_work += float(moved[:nodal] @ impulse) / step
+        stresses = 0.5 * (before.internal + after.internal)[nodal:]
+        e.external_work += float(moved[nodal:] @ stresses)
         e.kinetic = self._kinetic(after.velocity)
         e.elastic = self._bulk.elastic_energy(after.displacement, after.internal)
         if np.ndim(outcome.viscous):
@@ -100,7 +103,8 @@ class EnergyLedger:
         if excess > 0.0:
             change = after.velocity - before.velocity
             e.dissipated_numerical += excess * float(
-                change @ (self._bulk.mass * change) + moved @ (after.internal - before.internal)
+                change @ (self._bulk.mass * change)
+                + moved[:nodal] @ (after.internal - before.internal)[:nodal]
             )
         if work is not None:
             e.cohesive = work.stored

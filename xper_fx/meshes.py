@@ -25,6 +25,7 @@ from xper_fx.compat import coordinate_element, geometry_dofmap, gmsh_model_to_me
 
 __all__ = [
     "SerialOnlyError",
+    "cell_measure",
     "check_mesh",
     "crossed_rectangle",
     "facet_cells",
@@ -512,3 +513,22 @@ def facet_cells(mesh: Mesh) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32
     local[:, 0] = np.argmax(facets_of_cell[cells[:, 0]] == facets, axis=1)
     local[inner, 1] = np.argmax(facets_of_cell[cells[inner, 1]] == facets[inner], axis=1)
     return cells, local
+
+
+def cell_measure(cell: str, x: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """Length, area or volume of first-order cells.
+
+    Args:
+        cell: DOLFINx's name of the cell.
+        x: shape (num_cells, num_vertices, 3), m.
+
+    Returns:
+        Shape (num_cells,).
+    """
+    kind = getattr(basix.CellType, cell)
+    element = basix.create_element(basix.ElementFamily.P, kind, 1)
+    points, weights = basix.make_quadrature(kind, 3)
+    gradients = element.tabulate(1, points)[1:, :, :, 0]
+    jacobian = np.einsum("tqv,cvx->cqxt", gradients, x)
+    gram = np.einsum("cqxt,cqxs->cqts", jacobian, jacobian)
+    return np.sqrt(np.linalg.det(gram)) @ weights

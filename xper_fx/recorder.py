@@ -108,8 +108,9 @@ class Recorder:
 
     def vertex_displacement(self) -> np.ndarray:
         """Displacement of the exploded mesh's geometry nodes, shape (num_nodes, dim), m."""
-        dim = self.simulation.bulk.dim
-        return self.simulation.state.displacement.reshape(-1, dim)[self._node]
+        bulk = self.simulation.bulk
+        displacement = bulk.unknowns.expand(self.simulation.state.displacement)
+        return displacement.reshape(-1, bulk.dim)[self._node]
 
     def _open_fields(self) -> None:
         simulation = self.simulation
@@ -134,9 +135,9 @@ class Recorder:
         with simulation.stopwatch.phase("output"):
             nodal = {
                 "displacement": self.vertex_displacement(),
-                "velocity": simulation.state.velocity.reshape(-1, dim)[self._node],
+                "velocity": simulation.velocity.x.array.reshape(-1, dim)[self._node],
             }
-            simulation.forms.u.x.array[:] = simulation.state.displacement
+            simulation.displacement  # noqa: B018  brings the state into the forms
             cellwise = {
                 "stress": self._stress(),
                 "body": bodies.body_of_cell,

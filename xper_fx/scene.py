@@ -23,6 +23,7 @@ from xper_fx.forms.loads import (
 )
 from xper_fx.materials.material import Material
 from xper_fx.nscd.laws import Law
+from xper_fx.periodic.drive import MacroscopicDrive
 
 Field = Callable[[np.ndarray], np.ndarray]
 Load = BodyForce | Gravity | SurfaceTraction | PrescribedVelocity | PrescribedDisplacement
@@ -67,6 +68,8 @@ class Scene:
         points: "nodal" or "gauss", where interactions act on a facet (see `nscd/facets.py`).
             Nodal points are right but for cohesive bonds on tetrahedra of order 2, where a
             uniform traction needs Gauss points (nodal ones were off by 2.6 % in a patch test).
+        macroscopic: what drives a periodic cell (bodies made with a `lattice`); such a scene has
+            no loads, walls or damping, and `initial_velocity` is that of the fluctuation.
 
     Raises:
         ValueError: a tag without material or law, a tag that occurs nowhere, an order or a rule
@@ -85,6 +88,7 @@ class Scene:
     initial_velocity: Field | Mapping[int, Field] | None = None
     order: int = 1
     points: str = "nodal"
+    macroscopic: MacroscopicDrive | None = None
 
     def __post_init__(self):
         if self.order not in (1, 2):
@@ -93,6 +97,7 @@ class Scene:
             raise ValueError(f'points should be "nodal" or "gauss", got {self.points!r}.')
         if not isinstance(self.bodies, Bodies):
             raise TypeError(f"bodies is {self.bodies!r}; `xper_fx.bodies.explode` makes them.")
+        self._check_periodicity()
         self._check_materials()
         self._check_initial_velocity()
         self._check_loads()
@@ -105,6 +110,28 @@ class Scene:
     def dim(self) -> int:
         """Dimension of space."""
         return self.bodies.mesh.geometry.dim
+
+    def _check_periodicity(self) -> None:
+        if self.macroscopic is None:
+            if self.bodies.lattice is not None:
+                raise ValueError(
+                    "The bodies are a periodic cell and nothing drives it; give `macroscopic`, a "
+                    "MacroscopicDrive."
+                )
+            return
+        if not isinstance(self.macroscopic, MacroscopicDrive):
+            raise TypeError(f"macroscopic is {self.macroscopic!r}; expected a MacroscopicDrive.")
+        if self.bodies.lattice is None:
+            raise ValueError(
+                "A macroscopic drive needs a periodic cell: give the `lattice` to `explode`."
+            )
+        self.macroscopic.check(self.dim)
+        for name in ("loads", "walls", "damping"):
+            if getattr(self, name):
+                raise ValueError(
+                    f"A periodic cell is driven by `macroscopic` alone; {name} should be left out, "
+                    f"got {getattr(self, name)!r}."
+                )
 
     def _check_materials(self) -> None:
         present = set(np.unique(self.bodies.material_of_cell).tolist())

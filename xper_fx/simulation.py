@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from dolfinx import fem
 
-from xper_fx.bulk.bulk import Bulk, cell_measure
+from xper_fx.bulk.bulk import Bulk
 from xper_fx.bulk.explicit import ExplicitScheme
 from xper_fx.bulk.implicit import ImplicitScheme
 from xper_fx.bulk.scheme import State, StepOutcome, Stopwatch
@@ -21,12 +21,13 @@ from xper_fx.energy import EnergyLedger
 from xper_fx.errors import ConvergenceError
 from xper_fx.forms.dynamics import BulkForms
 from xper_fx.forms.loads import PrescribedDisplacement, PrescribedVelocity
-from xper_fx.meshes import local_facet_vertices
+from xper_fx.meshes import cell_measure, local_facet_vertices
 from xper_fx.nscd import accelerated, auto, newton, nlgs, vertex_blocks
 from xper_fx.nscd.checks import require_positive
 from xper_fx.nscd.facets import facet_points, join_points, nodal_shares, wall_points
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.points import InteractionPoints
+from xper_fx.periodic.two_field import CellBulk
 from xper_fx.scene import Scene
 
 logger = logging.getLogger(__name__)
@@ -82,6 +83,8 @@ class Simulation:
         newton_tolerance: bound on the last relative Newton correction.
         max_newton: Newton iterations after which a step is given up.
         max_halvings: how often a step that does not converge is cut in two.
+        inertia: False for a static run (theta = 1): bodies without mass, which motions or a
+            periodic cell's ties must hold.
         num_threads: threads of the interaction solver; all that Numba has if not given.
 
     Attributes:
@@ -108,9 +111,11 @@ class Simulation:
         newton_tolerance: float = 1e-8,
         max_newton: int = 25,
         max_halvings: int = 6,
+        inertia: bool = True,
         num_threads: int | None = None,
     ):
         self._check(scheme, step, theta, tolerance, relaxation, newton_tolerance)
+        self._check_effects(scene, scheme, step, theta, inertia)
         if solver not in SOLVERS:
             raise ValueError(f"solver should be one of {', '.join(SOLVERS)}, got {solver!r}.")
         if solver != "auto" and scheme == "explicit" and scene.points == "nodal":
@@ -137,7 +142,10 @@ class Simulation:
             ]
             forces = [load for load in scene.loads if load not in motions]
             self.forms = BulkForms(scene.bodies, scene.order, scene.materials, forces)
-            self.bulk = Bulk(self.forms, motions, scene.damping)
+            if scene.macroscopic is None:
+                self.bulk = Bulk(self.forms, motions, scene.damping, inertia)
+            else:
+                self.bulk = CellBulk(self.forms, scene.macroscopic, inertia)
             self.step_size = self._step_size(step, scheme)
             self.state = self._initial_state()
             points, laws, law_of_point = self._points()
@@ -146,8 +154,9 @@ class Simulation:
                 self.scheme = ExplicitScheme(self.bulk, interacting, self.stopwatch)
             else:
                 self.scheme = ImplicitScheme(
-                    self.bulk, interacting, theta, newton_tolerance, max_newton, self.stopwatch
-                )
+                    self.bulk, interacting, theta, newton_tolerance, max_newton, self.stopwatch,
+                    tolerance,
+                )  # fmt: skip
             self.theta = self.scheme.theta
             self.interactions = self._interactions(points, laws, law_of_point)
             self.ledger = EnergyLedger(self.bulk, self.state, self.theta)
@@ -178,6 +187,19 @@ class Simulation:
         if not 0.0 < relaxation < 2.0:
             raise ValueError(f"relaxation should lie in (0, 2), got {relaxation}.")
 
+    @staticmethod
+    def _check_effects(scene, scheme, step, theta, inertia) -> None:
+        if scheme == "explicit" and scene.macroscopic is not None:
+            raise ValueError(
+                "A periodic cell's macroscopic equations hold at the end of the step: take "
+                'scheme="implicit".'
+            )
+        if not inertia and (theta != 1.0 or scheme == "explicit" or step is None):
+            raise ValueError(
+                'A static run (inertia=False) takes a step and theta = 1 of the "implicit" scheme, '
+                f"got step = {step}, theta = {theta}, {scheme!r}."
+            )
+
     # Set-up
 
     def _step_size(self, step: float | None, scheme: str) -> float:
@@ -206,7 +228,11 @@ class Simulation:
                 function.interpolate(field, self.scene.bodies.cell_tags.find(tag))
         elif given is not None:
             function.interpolate(given)
-        velocity, rest = function.x.array.copy(), np.zeros(self.bulk.num_dofs)
+        unknowns, rest = self.bulk.unknowns, np.zeros(self.bulk.num_dofs)
+        velocity = rest.copy()
+        velocity.reshape(-1, unknowns.dim)[unknowns.node_of] = function.x.array.reshape(
+            -1, unknowns.dim
+        )
         self.bulk.start(velocity, self.step_size)
         return State(0.0, rest, velocity, self.bulk.internal(rest), self.bulk.external(0.0))
 
@@ -215,12 +241,13 @@ class Simulation:
         scene, bodies = self.scene, self.scene.bodies
         laws, law_of_facet = scene.law_of_facet()
         has_law = law_of_facet >= 0
+        node_of = self.bulk.unknowns.node_of
         ground = self.bulk.num_dofs // self.bulk.dim
         parts, law_of_point = [], []
         self.facets_with_law = np.flatnonzero(has_law)
         if np.any(has_law):
             part = facet_points(
-                bodies.facing_nodes(self.forms.V)[has_law],
+                node_of[bodies.facing_nodes(self.forms.V)[has_law]],
                 bodies.facets.normal[has_law],
                 bodies.facets.measure[has_law],
                 scene.points,
@@ -273,7 +300,7 @@ class Simulation:
         nodes = self.bulk.layout.nodes
         if points is None:
             return nodes[:0]
-        acts = np.zeros(len(nodes) + 1, bool)
+        acts = np.zeros(self.bulk.num_dofs // self.bulk.dim + 1, bool)
         acts[points.nodes] = True
         return nodes[acts[nodes]]
 
@@ -372,19 +399,20 @@ class Simulation:
     def displacement(self) -> fem.Function:
         """Displacement on the exploded mesh (m)."""
         function = self.forms.u
-        function.x.array[:] = self.state.displacement
+        function.x.array[:] = self.bulk.unknowns.expand(self.state.displacement)
         return function
 
     @property
     def velocity(self) -> fem.Function:
         """Velocity on the exploded mesh (m/s)."""
         function = fem.Function(self.forms.V, name="velocity")
-        function.x.array[:] = self.state.velocity
+        function.x.array[:] = self.bulk.unknowns.expand(self.state.velocity)
         return function
 
     def mean_displacement(self, facets: int) -> np.ndarray:
         """Mean displacement of the nodes of tagged facets, shape (dim,), m."""
-        return self.state.displacement.reshape(-1, self.bulk.dim)[self._nodes_of(facets)].mean(0)
+        displacement = self.bulk.unknowns.expand(self.state.displacement)
+        return displacement.reshape(-1, self.bulk.dim)[self._nodes_of(facets)].mean(0)
 
     def _nodes_of(self, facets: int) -> np.ndarray:
         if facets not in self._tagged_nodes:

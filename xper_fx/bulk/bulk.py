@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """The bulk as vectors: mass, internal, external and viscous forces, prescribed motions, energies.
 
-Everything is in the dof numbering of the function space. A linear bulk assembles its stiffness
-once and never calls the forms again.
+Everything is in the numbering of `bulk/unknowns.py`. A linear bulk assembles its stiffness once and
+never calls the forms again.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ import scipy.sparse as sp
 from dolfinx import fem
 
 from xper_fx.bulk.layout import BodyLayout
+from xper_fx.bulk.unknowns import NodalUnknowns
 from xper_fx.compat import geometry_dofmap
 from xper_fx.forms.dynamics import BulkForms
 from xper_fx.forms.loads import (
@@ -23,6 +24,7 @@ from xper_fx.forms.loads import (
     RayleighDamping,
     value_at,
 )
+from xper_fx.meshes import cell_measure
 
 
 class Bulk:
@@ -32,10 +34,16 @@ class Bulk:
         forms: compiled forms.
         motions: prescribed velocities and displacements, which do not contradict each other.
         damping: viscous damping, None for none.
+        inertia: False for a static bulk, without mass, whose bodies are all held.
 
     Attributes:
-        mass: lumped mass a dof, shape (num_dofs,), kg (2D: kg/m).
+        unknowns: what the unknowns are.
+        mass: lumped mass a dof, shape (num_dofs,), kg (2D: kg/m); zero without inertia.
+        weights: the same with inertia or without: the norm of velocities.
         layout: nodes body by body, prescribed dofs.
+
+    Raises:
+        ValueError: no inertia, and a body that nothing holds.
     """
 
     def __init__(
@@ -43,24 +51,49 @@ class Bulk:
         forms: BulkForms,
         motions: Sequence[PrescribedVelocity | PrescribedDisplacement] = (),
         damping: RayleighDamping | None = None,
+        inertia: bool = True,
     ):
-        self.forms = forms
+        self.forms, self.inertia = forms, inertia
         self.linear = forms.linear
         self.dim = forms.V.dofmap.index_map_bs
-        self.num_dofs = forms.V.dofmap.index_map.size_local * self.dim
+        self.unknowns = self._make_unknowns()
+        self.num_dofs = self.unknowns.num_dofs
         self._motions = [(self._motion_dofs(m), m) for m in motions]
-        prescribed = np.zeros(self.num_dofs, bool)
-        for dofs, _ in self._motions:
-            prescribed[dofs] = True
-        nodes, offsets = forms.bodies.node_permutation(forms.V)
-        self.layout = BodyLayout(nodes, offsets, self.dim, prescribed)
-        self.mass = np.repeat(self._lumped_mass(), self.dim)
+        self.layout = BodyLayout(
+            self.unknowns.nodes, self.unknowns.offsets, self.dim, self._prescribed()
+        )
+        self.weights = np.repeat(self._nodal_mass(), self.dim)
+        self.mass = self.weights if inertia else np.zeros(self.num_dofs)
+        if not inertia:
+            self._require_held_bodies()
         self._matrix = fem.create_matrix(forms.tangent)
         self.damping = damping
         self.stiffness = self.tangent(np.zeros(self.num_dofs)).copy() if self._keeps_k else None
         self._external = None
         if forms.external is not None and forms.steady:
             self._external = forms.assemble_external(0.0)
+
+    def _make_unknowns(self) -> NodalUnknowns:
+        return NodalUnknowns(self.forms.V, self.forms.bodies)
+
+    def _prescribed(self) -> np.ndarray:
+        prescribed = np.zeros(self.num_dofs, bool)
+        for dofs, _ in self._motions:
+            prescribed[dofs] = True
+        return prescribed
+
+    def _require_held_bodies(self) -> None:
+        """Raise a ValueError if a body without inertia is free to move as a whole."""
+        layout = self.layout
+        held = layout.prescribed[layout.dofs(layout.nodes)].reshape(-1, self.dim).sum(axis=1)
+        per_body = np.add.reduceat(held, layout.offsets[:-1])
+        if np.any(per_body < self.dim):
+            body = int(np.argmax(per_body < self.dim))
+            raise ValueError(
+                f"Without inertia every body should be held, and body {body} is not "
+                f"({per_body[body]} prescribed dofs): bodies that interactions alone hold need "
+                "inertia=True."
+            )
 
     @property
     def _keeps_k(self) -> bool:
@@ -72,8 +105,8 @@ class Bulk:
         nodes = fem.locate_dofs_topological(self.forms.V, fdim, facets)
         return nodes * self.dim + motion.component
 
-    def _lumped_mass(self) -> np.ndarray:
-        """Mass of each node: a cell's mass shared as the diagonal of its consistent mass matrix.
+    def _nodal_mass(self) -> np.ndarray:
+        """Mass of each node of V: a cell's mass shared as the diagonal of its consistent matrix.
 
         That is a third of a triangle at each vertex for order 1, and stays positive for order 2
         (Hinton, Rock, Zienkiewicz 1976), where row sums would give the vertices nothing.
@@ -90,21 +123,21 @@ class Bulk:
         return np.bincount(
             V.dofmap.list.ravel(),
             np.outer(cell_mass, share).ravel(),
-            minlength=self.num_dofs // self.dim,
+            minlength=len(self.unknowns.node_of),
         )
 
     def tangent(self, displacement: np.ndarray) -> sp.bsr_array:
-        """K at a displacement, as blocks of dim x dim; the array is reused by the next call."""
-        self.forms.u.x.array[:] = displacement
+        """K on the nodes of V at a displacement, in blocks; the next call reuses the array."""
+        self.forms.u.x.array[:] = self.unknowns.expand(displacement)
         self._matrix.set_value(0.0)
         fem.assemble_matrix(self._matrix, self.forms.tangent)
         return self._matrix.to_scipy()
 
     def internal(self, displacement: np.ndarray) -> np.ndarray:
         """Internal forces, shape (num_dofs,), N (2D: N/m)."""
-        if self.linear:
-            return self.stiffness @ displacement
-        return self.forms.assemble_internal(displacement)
+        u = self.unknowns.expand(displacement)
+        force = self.stiffness @ u if self.linear else self.forms.assemble_internal(u)
+        return self.unknowns.collect(force)
 
     def external(self, time: float) -> np.ndarray | float:
         """External forces at a time (N; 2D: N/m); 0 when the scene has none."""
@@ -127,7 +160,25 @@ class Bulk:
         """Stored energy (J; 2D: J/m) at a displacement whose internal forces are known."""
         if self.linear:
             return 0.5 * float(displacement @ internal)
-        return self.forms.assemble_energy(displacement)
+        return self.forms.assemble_energy(self.unknowns.expand(displacement))
+
+    def with_border(self, inverse, stiffness, step: float, theta: float, interacting: bool):
+        """The inverse on the bodies, completed for unknowns that belong to none."""
+        return inverse
+
+    def end_weight(self, theta: float) -> float | np.ndarray:
+        """theta of each unknown's equation, one number if it is the same for all."""
+        return theta
+
+    def imbalance(self, residual: np.ndarray, internal: np.ndarray, step: float) -> float:
+        """Relative error of equations that interactions do not enter; here there are none.
+
+        Args:
+            residual: of the step, shape (num_dofs,), N s.
+            internal: internal forces, shape (num_dofs,), N.
+            step: h (s).
+        """
+        return 0.0
 
     def prescribe(
         self,
@@ -167,32 +218,16 @@ class Bulk:
         stiffness = self.stiffness
         if stiffness is None:
             stiffness = self.tangent(np.zeros(self.num_dofs))
-        scale = sp.diags_array(1.0 / np.sqrt(self.mass))
-        scaled = (scale @ sp.csr_array(stiffness) @ scale).tocsr()
+        stiffness = sp.csr_array(self.unknowns.condense(stiffness))
+        scale = sp.diags_array(1.0 / np.sqrt(self.weights[: stiffness.shape[0]]))
+        scaled = (scale @ stiffness @ scale).tocsr()
         top = sp.linalg.eigsh(
-            scaled, k=1, which="LA", return_eigenvectors=False, tol=1e-3, v0=self._start_vector()
-        )
+            scaled, k=1, which="LA", return_eigenvectors=False, tol=1e-3,
+            v0=self._start_vector(stiffness.shape[0]),
+        )  # fmt: skip
         return 2.0 / float(np.sqrt(top[0]))
 
-    def _start_vector(self) -> np.ndarray:
+    @staticmethod
+    def _start_vector(size: int) -> np.ndarray:
         """A start for eigenvalue iterations: fixed, so that runs repeat."""
-        return np.random.default_rng(0).standard_normal(self.num_dofs)
-
-
-def cell_measure(cell: str, x: np.ndarray) -> np.ndarray:
-    """Length, area or volume of first-order cells.
-
-    Args:
-        cell: DOLFINx's name of the cell.
-        x: shape (num_cells, num_vertices, 3), m.
-
-    Returns:
-        Shape (num_cells,).
-    """
-    kind = getattr(basix.CellType, cell)
-    element = basix.create_element(basix.ElementFamily.P, kind, 1)
-    points, weights = basix.make_quadrature(kind, 3)
-    gradients = element.tabulate(1, points)[1:, :, :, 0]
-    jacobian = np.einsum("tqv,cvx->cqxt", gradients, x)
-    gram = np.einsum("cqxt,cqxs->cqts", jacobian, jacobian)
-    return np.sqrt(np.linalg.det(gram)) @ weights
+        return np.random.default_rng(0).standard_normal(size)

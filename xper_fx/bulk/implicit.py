@@ -10,6 +10,9 @@ With theta in [1/2, 1] and F = f_ext - f_int(q) - C v,
 
 A linear bulk is done after one iteration, and Mt is formed and inverted once for each step size.
 Otherwise w is kept as long as Newton contracts well with it, and renewed when it does not.
+
+Some unknowns may have another theta (`Bulk.end_weight`): those of a periodic cell that no mass
+belongs to hold their equations at the end of the step.
 """
 
 from __future__ import annotations
@@ -43,6 +46,8 @@ class ImplicitScheme:
             velocities, in the norm of the mass.
         max_newton: iterations after which a step is given up.
         stopwatch: where phases are timed.
+        interaction_tolerance: relative error that impulses are solved to, and so what equations
+            that hang on them (`Bulk.imbalance`) can hold to.
     """
 
     def __init__(
@@ -53,8 +58,11 @@ class ImplicitScheme:
         newton_tolerance: float,
         max_newton: int,
         stopwatch: Stopwatch,
+        interaction_tolerance: float,
     ):
         self.bulk, self.theta = bulk, theta
+        self._end_weight = bulk.end_weight(theta)
+        self._interaction_tolerance = interaction_tolerance
         self._interacting = interacting
         self._tolerance, self._max_newton = newton_tolerance, max_newton
         self._stopwatch = stopwatch
@@ -67,24 +75,27 @@ class ImplicitScheme:
         if step in self._inverses and not renew:
             return self._inverses[step]
         with self._stopwatch.phase("inverse"):
-            layout = self.bulk.layout
+            bulk, layout = self.bulk, self.bulk.layout
             inverse = (
                 CellwiseInverse(layout)
                 if layout.uniform
                 else ClusterInverse(layout, self._interacting)
             )
-            inverse.factor(self._iteration_matrix(step, displacement))
+            stiffness = bulk.stiffness if bulk.linear else bulk.tangent(displacement)
+            inverse.factor(self._iteration_matrix(step, stiffness))
+            inverse = bulk.with_border(
+                inverse, stiffness, step, self.theta, len(self._interacting) > 0
+            )
             if step not in self._inverses and len(self._inverses) >= _KEPT:
                 self._inverses.pop(next(iter(self._inverses)))
             self._inverses[step] = inverse
         return inverse
 
-    def _iteration_matrix(self, step: float, displacement: np.ndarray) -> sp.bsr_array:
+    def _iteration_matrix(self, step: float, stiffness: sp.bsr_array) -> sp.bsr_array:
         bulk, scaled = self.bulk, step * self.theta
-        stiffness = bulk.stiffness if bulk.linear else bulk.tangent(displacement)
-        matrix = stiffness.copy()
+        matrix = bulk.unknowns.condense(stiffness).copy()
         matrix.data *= scaled**2
-        mass = bulk.mass
+        mass = bulk.mass[: matrix.shape[0]]
         if bulk.damping is not None:
             mass = mass * (1.0 + scaled * bulk.damping.mass)
             if bulk.damping.stiffness > 0.0:
@@ -110,7 +121,7 @@ class ImplicitScheme:
         Returns:
             The outcome, converged or not.
         """
-        bulk, theta, watch = self.bulk, self.theta, self._stopwatch
+        bulk, theta, watch = self.bulk, self._end_weight, self._stopwatch
         time = state.time + step
         q0, v0 = state.displacement, state.velocity
         with watch.phase("free velocity"):
@@ -119,13 +130,13 @@ class ImplicitScheme:
             start = force_impulse - step * (1.0 - theta) * (state.internal + bulk.viscous(v0))
             predictor = q0 + step * (1.0 - theta) * v0
             velocity = v0.copy()
-            bulk.prescribe(velocity, time, step, theta, q0, v0)
+            bulk.prescribe(velocity, time, step, self.theta, q0, v0)
         inverse = self.inverse(step, q0)
         if interactions is not None:
             with watch.phase("interaction terms"):
                 if interactions.inverse is not inverse.blocks:
                     interactions.update_inverse(inverse.blocks)
-                interactions.begin_step(step, theta)
+                interactions.begin_step(step, self.theta)
 
         def residual_at(velocity):
             internal = bulk.internal(predictor + step * theta * velocity)
@@ -134,12 +145,13 @@ class ImplicitScheme:
 
         with watch.phase("free velocity"):
             residual, internal = residual_at(velocity)
-        sweeps, error, traction, converged = 0, 0.0, 0.0, True
+        sweeps, error, traction, converged, imbalance = 0, 0.0, 0.0, True, 0.0
         impulses, slots = np.zeros_like(v0), np.zeros(0)
         newton_before, newton = np.inf, 0.0
+        balanced = self._tolerance if interactions is None else self._interaction_tolerance
         for iteration in range(1, self._max_newton + 1):  # noqa: B007 - reported
             with watch.phase("free velocity"):
-                free = velocity + inverse.apply(residual)
+                free = velocity + inverse.advance(residual)
             if interactions is None:
                 new = free
             else:
@@ -151,8 +163,12 @@ class ImplicitScheme:
             previous, velocity = velocity, new
             with watch.phase("free velocity"):
                 residual, internal = residual_at(velocity)
-            if bulk.linear or not converged:
+                inverse.learn(velocity, residual, first=iteration == 1)
+                imbalance = bulk.imbalance(residual, internal, step)
+            if not converged or (bulk.linear and imbalance <= balanced):
                 break
+            if bulk.linear:
+                continue
             # For the impulses found, what is left is the bulk's nonlinearity alone. A step that
             # inverts a cell (no finite energy) or leaves more than it found is cut.
             with watch.phase("free velocity"):
@@ -165,8 +181,12 @@ class ImplicitScheme:
                     # the impulses belong to the whole step: this is not yet the end
                     left = self._correction(inverse, residual + impulses, velocity, step)
                     newton = max(left, 2.0 * self._tolerance)
-            if newton <= self._tolerance or not np.isfinite(newton):
+            if not np.isfinite(newton):
                 break
+            if newton <= self._tolerance:
+                if imbalance <= balanced:
+                    break
+                continue
             if newton > _SLOW * newton_before:
                 displacement = predictor + step * theta * velocity
                 inverse = self.inverse(step, displacement, renew=True)
@@ -175,13 +195,18 @@ class ImplicitScheme:
                         interactions.update_inverse(inverse.blocks)
                         interactions.prepare()
             newton_before = newton
-        converged = converged and newton <= self._tolerance and bool(np.all(np.isfinite(velocity)))
+        converged = (
+            converged
+            and newton <= self._tolerance
+            and imbalance <= balanced
+            and bool(np.all(np.isfinite(velocity)))
+        )
         reactions = np.where(bulk.layout.prescribed, -(residual + impulses), 0.0)
         end = State(time, predictor + step * theta * velocity, velocity, internal, external)
         mean_velocity = theta * velocity + (1.0 - theta) * v0
         return StepOutcome(
             end, slots, impulses, reactions, force_impulse, bulk.viscous(mean_velocity), sweeps,
-            error, traction, iteration, newton, converged,
+            error, traction, iteration, max(newton, imbalance), converged,
         )  # fmt: skip
 
     def _correction(self, inverse, residual, velocity, step) -> float:
@@ -194,7 +219,7 @@ class ImplicitScheme:
         return relative if np.isfinite(relative) else np.inf
 
     def _norm(self, velocity: np.ndarray) -> float:
-        return float(np.sqrt(velocity @ (self.bulk.mass * velocity)))
+        return float(np.sqrt(velocity @ (self.bulk.weights * velocity)))
 
     @property
     def nbytes(self) -> int:

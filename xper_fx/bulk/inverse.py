@@ -2,8 +2,9 @@
 """The inverse w of an iteration matrix that couples nothing across bodies.
 
 Three kinds, one interface: `factor` takes the matrix, `apply` gives w r on all dofs, `blocks` is
-w on the interacting nodes for the interaction layer, `nodes` says which nodes these are. Dofs
-whose motion is prescribed have zero rows and columns in w.
+w on the interacting nodes for the interaction layer, `nodes` says which nodes these are among
+`num_nodes`. `advance` is a whole Newton increment: `apply`, unless a border is added to w. Dofs
+whose motion is prescribed, and unknowns that belong to no body, have zero rows and columns in w.
 """
 
 from __future__ import annotations
@@ -16,7 +17,18 @@ from xper_fx.bulk.layout import BodyLayout
 from xper_fx.nscd.inverse import BodyInverse
 
 
-class CellwiseInverse:
+class _OnBodies:
+    """An inverse to which no border is added."""
+
+    def advance(self, residual: np.ndarray) -> np.ndarray:
+        """Newton's increment of all velocities, shape (num_dofs,)."""
+        return self.apply(residual)
+
+    def learn(self, velocity: np.ndarray, residual: np.ndarray, first: bool) -> None:
+        """Take notice of how interactions answered; nothing here depends on it."""
+
+
+class CellwiseInverse(_OnBodies):
     """Bodies of one small size (each cell a body): dense blocks, inverted together.
 
     Args:
@@ -26,6 +38,7 @@ class CellwiseInverse:
     def __init__(self, layout: BodyLayout):
         self._layout = layout
         self.nodes = layout.nodes
+        self.num_nodes = len(layout.nodes)
         self._dofs = layout.dofs(layout.nodes).reshape(layout.num_bodies, -1)
         # body of each node, and its place among the body's
         size = self._dofs.shape[1] // layout.dim
@@ -55,7 +68,7 @@ class CellwiseInverse:
 
     def apply(self, residual: np.ndarray) -> np.ndarray:
         """W r, shape (num_dofs,)."""
-        out = np.empty_like(residual)
+        out = np.zeros_like(residual)
         out[self._dofs] = np.matmul(self._w, residual[self._dofs][:, :, None])[:, :, 0]
         return out
 
@@ -65,7 +78,7 @@ class CellwiseInverse:
         return self._w.nbytes + self._dofs.nbytes + self.blocks.data.nbytes
 
 
-class ClusterInverse:
+class ClusterInverse(_OnBodies):
     """Bodies of any size: a sparse factorisation each, dense w on their interacting nodes.
 
     Args:
@@ -75,7 +88,8 @@ class ClusterInverse:
 
     def __init__(self, layout: BodyLayout, interacting: np.ndarray):
         self._layout = layout
-        acts = np.zeros(len(layout.nodes), bool)
+        self.num_nodes = len(layout.nodes)
+        acts = np.zeros(self.num_nodes, bool)
         acts[interacting] = True
         self._bodies = []
         nodes = []
@@ -126,7 +140,7 @@ class ClusterInverse:
         return factors + self.blocks.data.nbytes
 
 
-class LumpedInverse:
+class LumpedInverse(_OnBodies):
     """The inverse of a lumped mass: every node for itself.
 
     Args:
@@ -139,6 +153,7 @@ class LumpedInverse:
         dim = layout.dim
         self._w = np.where(layout.prescribed, 0.0, 1.0 / mass)
         self.nodes = interacting
+        self.num_nodes = len(layout.nodes)
         diagonal = self._w[layout.dofs(interacting)].reshape(-1, dim)
         blocks = np.zeros((len(interacting), dim, dim))
         blocks[:, np.arange(dim), np.arange(dim)] = diagonal

@@ -93,8 +93,8 @@ def interact(inverse, interactions: Interactions, solver: Solver, free: np.ndarr
     report = solver(interactions, slots)
     impulses = np.zeros_like(free)
     impulses.reshape(-1, dim)[inverse.nodes] = interactions.impulses()[:count]
-    if count * dim == len(free):
-        velocity = np.empty_like(free)
+    if count == inverse.num_nodes:
+        velocity = free.copy()
         velocity.reshape(-1, dim)[inverse.nodes] = slots.reshape(-1, dim)[:count]
     else:
         velocity = free + inverse.apply(impulses)

@@ -1,0 +1,49 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""What the unknowns of the bulk are, and how the displacement of its nodes follows from them.
+
+Displacements are u = N q, so forces on the unknowns are N^T f and stiffnesses N^T K N. Here N is
+the identity; `periodic/unknowns.py` ties nodes and adds the macroscopic gradient.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.sparse as sp
+from dolfinx.fem import FunctionSpace
+
+from xper_fx.bodies import Bodies
+
+
+class NodalUnknowns:
+    """The displacements of the nodes, in the numbering of the function space.
+
+    Args:
+        V: vector Lagrange space on `bodies.mesh`.
+        bodies: the bodies.
+
+    Attributes:
+        dim: dofs a node.
+        num_nodes: number of nodes among the unknowns, which come first.
+        num_dofs: number of unknowns.
+        node_of: shape (num_nodes of V,), the node among the unknowns that each node of V is.
+        nodes, offsets: nodes body by body, as `Bodies.node_permutation` gives them.
+    """
+
+    def __init__(self, V: FunctionSpace, bodies: Bodies):
+        self.dim = V.dofmap.index_map_bs
+        self.nodes, self.offsets = bodies.node_permutation(V)
+        self.node_of = np.arange(len(self.nodes), dtype=np.int32)
+        self.num_nodes = len(self.nodes)
+        self.num_dofs = self.num_nodes * self.dim
+
+    def expand(self, unknowns: np.ndarray) -> np.ndarray:
+        """N q: displacements (or velocities) of all nodes of V, shape (num_dofs of V,)."""
+        return unknowns
+
+    def collect(self, forces: np.ndarray) -> np.ndarray:
+        """N^T f: forces on the unknowns, shape (num_dofs,)."""
+        return forces
+
+    def condense(self, stiffness: sp.bsr_array) -> sp.bsr_array:
+        """The part of N^T K N on the nodes, in blocks of dim x dim."""
+        return stiffness

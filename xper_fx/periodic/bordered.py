@@ -1,0 +1,115 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+r"""The iteration matrix of a cell: that of its bodies, bordered by the macroscopic gradient.
+
+For increments of the velocity of the fluctuation v and of the rate g of the m components of G that
+stresses determine, with B = N^T K X, A = X^T K X and w the inverse on the bodies,
+
+    [ M + h^2 theta^2 K   h^2 theta B ] [dv]   [ r_v + p ]
+    [ h^2 theta B^T       h^2 A       ] [dg] = [ r_g     ].
+
+Without interactions (p = 0) this is solved as it stands, by w and the m x m Schur complement
+h^2 A - (h^2 theta)^2 B^T w B.
+
+With interactions dg must know how they answer: with impulses held, bodies that nothing ties would
+resist a macroscopic strain by their inertia alone. That answer is the compliance of the cell,
+
+    h^2 dg = (A^-1 + D) r_g,
+
+in which A^-1 is that of the bulk without fluctuation and D what the bonds, the cracks and the
+fluctuation add to it. D is learnt from the iterations of the run (Broyden's good update): each
+sets impulses free again under a new g, so that nothing of the interaction layer changes.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from xper_fx.bulk.inverse import CellwiseInverse, ClusterInverse
+from xper_fx.periodic.unknowns import CellUnknowns
+
+# A pair of iterations whose work has less than this share of what was expected teaches nothing:
+# rounding, or a cell that softens.
+_LITTLE_WORK = 1e-6
+
+
+class BorderedInverse:
+    """Inverse of a cell's iteration matrix: bodies and macroscopic gradient.
+
+    Args:
+        bodies: inverse on the bodies, factorised.
+        unknowns: of the cell.
+        free: components of G that stresses determine, among the dim^2, shape (m,).
+        stiffness: K on the nodes of V.
+        step, theta: of the iteration matrix.
+        compliance: D, shape (m, m), 1/(N m) (2D: 1/N); changed in place as it is learnt. None if
+            there are no interactions.
+
+    Attributes:
+        blocks, nodes, num_nodes: see `xper_fx.bulk.inverse`.
+    """
+
+    def __init__(
+        self,
+        bodies: CellwiseInverse | ClusterInverse,
+        unknowns: CellUnknowns,
+        free: np.ndarray,
+        stiffness,
+        step: float,
+        theta: float,
+        compliance: np.ndarray | None,
+    ):
+        self._bodies, self._step = bodies, step
+        self.blocks, self.nodes, self.num_nodes = bodies.blocks, bodies.nodes, bodies.num_nodes
+        columns, rows, corner = unknowns.border(stiffness, free)
+        scale = step**2 * theta
+        self._places = unknowns.macroscopic.start + free
+        pad = np.zeros((unknowns.dim**2, len(free)))
+        self._columns = scale * np.concatenate([columns, pad])
+        self._rows = scale * np.concatenate([rows, pad])
+        self._answer = np.stack([bodies.apply(c) for c in self._columns.T], axis=1)
+        self._compliance = compliance
+        self._corner = np.linalg.inv(corner) if compliance is not None else None
+        self._schur = step**2 * corner - self._rows.T @ self._answer if compliance is None else None
+        self._before: tuple[np.ndarray, np.ndarray] | None = None
+
+    def apply(self, residual: np.ndarray) -> np.ndarray:
+        """W r on the bodies with the macroscopic gradient held, shape (num_dofs,)."""
+        return self._bodies.apply(residual)
+
+    def advance(self, residual: np.ndarray) -> np.ndarray:
+        """Newton's increment of all velocities, shape (num_dofs,)."""
+        out = self._bodies.apply(residual)
+        if self._compliance is None:
+            rate = np.linalg.solve(self._schur, residual[self._places] - self._rows.T @ out)
+        else:
+            rate = (self._corner + self._compliance) @ residual[self._places] / self._step**2
+        out -= self._answer @ rate
+        out[self._places] = rate
+        return out
+
+    def learn(self, velocity: np.ndarray, residual: np.ndarray, first: bool) -> None:
+        """Learn D from the macroscopic residual left with a velocity.
+
+        Args:
+            velocity: after interactions have answered, shape (num_dofs,), m/s.
+            residual: of the step with that velocity, shape (num_dofs,), N s.
+            first: whether it is the first of a step, which has nothing to compare with.
+        """
+        if self._compliance is None:
+            return
+        strain = self._step * velocity[self._places]
+        missing = residual[self._places] / self._step
+        if not first and self._before is not None:
+            moved, gained = strain - self._before[0], self._before[1] - missing
+            compliance = self._corner + self._compliance
+            expected = compliance @ gained
+            work = moved @ expected
+            if work > _LITTLE_WORK * (moved @ moved):
+                self._compliance += np.outer(moved - expected, moved @ compliance) / work
+        self._before = strain, missing
+
+    @property
+    def nbytes(self) -> int:
+        """Memory held, in bytes."""
+        border = self._columns.nbytes + self._rows.nbytes + self._answer.nbytes
+        return self._bodies.nbytes + border

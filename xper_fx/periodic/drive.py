@@ -1,0 +1,113 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""What drives a periodic cell: each component of Fbar or of Pibar as a function of time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from xper_fx.forms.loads import Value, value_at
+
+
+@dataclass(frozen=True)
+class MacroscopicDrive:
+    r"""Components of the macroscopic gradient or of the macroscopic stress, freely mixed.
+
+    Components are named "11", "12", ... with the row first: Fbar_ij = d x_i / d X_j, averaged over
+    the cell, jumps included. Each of the dim^2 components is given exactly once.
+
+    Args:
+        gradient: Fbar_ij as a number or function of time; it starts from the identity.
+        rate: d Fbar_ij / dt (1/s).
+        stress: Pibar_ij (Pa), the mean first Piola-Kirchhoff stress, held at the end of each step.
+
+    Raises:
+        ValueError: a component given twice or of no such name.
+    """
+
+    gradient: Mapping[str, Value] = field(default_factory=dict)
+    rate: Mapping[str, Value] = field(default_factory=dict)
+    stress: Mapping[str, Value] = field(default_factory=dict)
+
+    def __post_init__(self):
+        given = [name for part in (self.gradient, self.rate, self.stress) for name in part]
+        for name in given:
+            if len(name) != 2 or not set(name) <= set("123"):
+                raise ValueError(f'There is no component {name!r}; components are "11", "12", ...')
+            if given.count(name) > 1:
+                raise ValueError(
+                    f"Component {name} is given more than once; drive it by `gradient`, by `rate` "
+                    "or by `stress`."
+                )
+
+    def check(self, dim: int) -> None:
+        """Raise a ValueError unless the drive fits a cell of a dimension.
+
+        Every component is given once, and of F_ij and F_ji at least one, for with the fluctuation
+        free in every body stresses do not determine the spin.
+        """
+        axes = "123"[:dim]
+        names = {i + j for i in axes for j in axes}
+        given = {*self.gradient, *self.rate, *self.stress}
+        if given != names:
+            raise ValueError(
+                f"Components {sorted(names - given)} are not given and {sorted(given - names)} do "
+                f"not exist in {dim}D; give each of {sorted(names)} by `gradient`, `rate` or "
+                "`stress`."
+            )
+        for name in sorted(self.stress):
+            i, j = name
+            if i < j and j + i in self.stress:
+                raise ValueError(
+                    f"P{i}{j} and P{j}{i} are both given, so that the spin F{i}{j} - F{j}{i} is "
+                    f'free; prescribe one, say gradient={{"{j}{i}": 0.0}}.'
+                )
+        for name, value in self.gradient.items():
+            start, rest = value_at(value, 0.0), float(name[0] == name[1])
+            if callable(value) and abs(start - rest) > 1e-12:
+                raise ValueError(
+                    f"F{name} is {start} at the start, where the cell is at rest with {rest}; give "
+                    "a function of time that starts there."
+                )
+
+    def place(self, name: str, dim: int) -> int:
+        """Where a component stands among the dim^2 macroscopic unknowns, column by column."""
+        i, j = int(name[0]) - 1, int(name[1]) - 1
+        return j * dim + i
+
+    def kinematic(self, dim: int) -> np.ndarray:
+        """Which macroscopic unknowns are driven by Fbar, shape (dim^2,), bool."""
+        out = np.ones(dim * dim, bool)
+        out[[self.place(name, dim) for name in self.stress]] = False
+        return out
+
+    def rates(self, dim: int, gradient: np.ndarray, time: float, step: float) -> np.ndarray:
+        """Mean rates of the driven components over a step that ends at `time`.
+
+        Args:
+            dim: dimension of space.
+            gradient: Fbar - I at the start of the step, column by column, shape (dim^2,).
+            time: end of the step (s).
+            step: h (s).
+
+        Returns:
+            Shape (dim^2,), 1/s; zero for components driven by stress. `rate` is taken in the
+            middle of the step, which is of second order.
+        """
+        out = np.zeros(dim * dim)
+        for name, value in self.gradient.items():
+            place = self.place(name, dim)
+            end = value_at(value, time) - float(name[0] == name[1])
+            out[place] = (end - gradient[place]) / step
+        for name, value in self.rate.items():
+            out[self.place(name, dim)] = value_at(value, time - 0.5 * step)
+        return out
+
+    def stresses(self, dim: int, time: float) -> np.ndarray:
+        """Pibar of the components driven by it, column by column, shape (dim^2,), Pa."""
+        out = np.zeros(dim * dim)
+        for name, value in self.stress.items():
+            out[self.place(name, dim)] = value_at(value, time)
+        return out

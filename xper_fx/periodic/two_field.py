@@ -1,0 +1,129 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+r"""The two-field periodic problem (Perales et al. 2008; 2010, section 3.2.1).
+
+    u = (Fbar - I) X + u#,
+    M d2u#/dt2 + f_int(u) = H r                     for every virtual fluctuation,
+    (1/|Omega|) int Pi dx = Pibar                   for the components driven by stress,
+
+with inertia acting on the fluctuation only, jumps that are those of u# (across the cell's boundary
+too), and the macroscopic equations held at the end of each step. For the unknowns of
+`periodic/unknowns.py` these are the equations of any bulk,
+
+    residual = -M (v - v0) + h [...],  with no mass and theta = 1 on the macroscopic unknowns,
+
+so a driven component is a prescribed motion and its reaction is h |Omega| Pibar_ij.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from xper_fx.bulk.bulk import Bulk
+from xper_fx.forms.dynamics import BulkForms
+from xper_fx.periodic.bordered import BorderedInverse
+from xper_fx.periodic.drive import MacroscopicDrive
+from xper_fx.periodic.unknowns import CellUnknowns
+
+# Nearly incompressible: Poisson's ratio above which a volume change is refused.
+_INCOMPRESSIBLE = 0.4999
+
+
+class CellBulk(Bulk):
+    """Mass, forces and macroscopic drive of a periodic cell.
+
+    Args:
+        forms: compiled forms.
+        drive: what drives the cell.
+        inertia: whether the fluctuation has inertia; see `Bulk`.
+
+    Attributes:
+        volume: |Omega| of the lattice, voids included, m^3 (2D: m^2).
+        free: macroscopic unknowns that stresses determine, among the dim^2, shape (m,).
+    """
+
+    unknowns: CellUnknowns
+
+    def __init__(self, forms: BulkForms, drive: MacroscopicDrive, inertia: bool = True):
+        self.drive = drive
+        self.volume = abs(float(np.linalg.det(forms.bodies.lattice)))
+        dim = forms.V.dofmap.index_map_bs
+        self.free = np.flatnonzero(~drive.kinematic(dim))
+        self._compliance = np.zeros((len(self.free), len(self.free)))
+        super().__init__(forms, inertia=inertia)
+        self.mass = self.mass.copy()
+        self.mass[self.unknowns.macroscopic] = 0.0
+        self._refuse_pressing_the_incompressible()
+
+    def _make_unknowns(self):
+        return CellUnknowns(self.forms.V, self.forms.bodies)
+
+    def _prescribed(self) -> np.ndarray:
+        out = np.zeros(self.num_dofs, bool)
+        out[self.unknowns.macroscopic] = self.drive.kinematic(self.dim)
+        if not self.inertia and len(self.unknowns.offsets) == 2:
+            out[: self.dim] = True  # the translation of u#, which nothing else holds
+        return out
+
+    def _nodal_mass(self) -> np.ndarray:
+        """Mass of each unknown; for the norm, a macroscopic one moves all nodes by X."""
+        of_nodes = super()._nodal_mass()
+        on_nodes = np.bincount(self.unknowns.node_of, of_nodes)
+        macroscopic = of_nodes @ self.unknowns.position**2
+        return np.concatenate([on_nodes, macroscopic])
+
+    def _refuse_pressing_the_incompressible(self) -> None:
+        held = self.drive.kinematic(self.dim).reshape(self.dim, self.dim).diagonal()
+        stiff = [
+            m for m in self.forms.materials.values() if getattr(m, "poisson", 0.0) > _INCOMPRESSIBLE
+        ]
+        if stiff and np.all(held):
+            raise ValueError(
+                f"All of F11, F22{', F33' if self.dim == 3 else ''} are driven by Fbar and a "
+                f"material is nearly incompressible (Poisson's ratio {stiff[0].poisson}): its "
+                "pressure is not determined. Drive one of them by `stress`."
+            )
+
+    def macroscopic_gradient(self, displacement: np.ndarray) -> np.ndarray:
+        """Fbar, shape (dim, dim)."""
+        columns = displacement[self.unknowns.macroscopic].reshape(self.dim, self.dim)
+        return np.eye(self.dim) + columns.T
+
+    def macroscopic_stress(self, internal: np.ndarray) -> np.ndarray:
+        """Pibar = int Pi dx / |Omega|, shape (dim, dim), Pa."""
+        return internal[self.unknowns.macroscopic].reshape(self.dim, self.dim).T / self.volume
+
+    def external(self, time: float) -> np.ndarray:
+        """See `Bulk`: |Omega| Pibar on the components driven by stress."""
+        out = np.zeros(self.num_dofs)
+        out[self.unknowns.macroscopic] = self.volume * self.drive.stresses(self.dim, time)
+        return out
+
+    def prescribe(self, velocity, time, step, theta, displacement0, velocity0) -> None:
+        """See `Bulk`: rates of the components driven by Fbar."""
+        part = self.unknowns.macroscopic
+        rates = self.drive.rates(self.dim, displacement0[part], time, step)
+        velocity[part] = np.where(self.drive.kinematic(self.dim), rates, velocity[part])
+
+    def with_border(self, inverse, stiffness, step, theta, interacting):
+        """See `Bulk`: bordered by the components of G that stresses determine."""
+        if not len(self.free):
+            return inverse
+        compliance = self._compliance if interacting else None
+        return BorderedInverse(
+            inverse, self.unknowns, self.free, stiffness, step, theta, compliance
+        )
+
+    def end_weight(self, theta: float) -> np.ndarray:
+        """See `Bulk`: macroscopic equations hold at the end of the step."""
+        out = np.full(self.num_dofs, theta)
+        out[self.unknowns.macroscopic] = 1.0
+        return out
+
+    def imbalance(self, residual: np.ndarray, internal: np.ndarray, step: float) -> float:
+        """See `Bulk`: error of the stresses given, relative to the largest component of Pibar."""
+        part = self.unknowns.macroscopic
+        missing = np.abs(residual[part][self.free]).max(initial=0.0) / step
+        largest = np.abs(internal[part]).max()
+        if missing <= np.finfo(float).eps * largest or missing == 0.0:
+            return 0.0
+        return missing / largest if largest > 0.0 else np.inf

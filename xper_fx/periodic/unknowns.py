@@ -1,0 +1,121 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+r"""The unknowns of a periodic cell: the fluctuation, and the macroscopic gradient.
+
+With G = Fbar - I and X measured from the middle of the cell,
+
+    u = G X + u#,
+
+u# being one unknown for all nodes of a body that are one node of the periodic medium. After the
+nodes of u# come `dim` pseudo-nodes: the j-th is column j of G, so that u = u# + sum_j X_j g_j. The
+forces that belong to it are column j of |Omega| Pibar, as X^T f_int = int Pi dx.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.sparse as sp
+from dolfinx.fem import FunctionSpace
+
+from xper_fx.bodies import Bodies
+from xper_fx.bulk.unknowns import NodalUnknowns
+
+
+class CellUnknowns(NodalUnknowns):
+    """Fluctuation of the nodes and macroscopic gradient; see `NodalUnknowns`.
+
+    Args:
+        V: vector Lagrange space on `bodies.mesh`.
+        bodies: bodies of a periodic cell.
+
+    Attributes:
+        position: shape (num_nodes of V, dim), X (m).
+        tied: whether nodes of V share their fluctuation.
+    """
+
+    def __init__(self, V: FunctionSpace, bodies: Bodies):
+        super().__init__(V, bodies)
+        self.node_of, self.num_nodes = bodies.node_classes(V)
+        self.tied = self.num_nodes < len(self.node_of)
+        if self.tied:
+            self._keep_first_of_class()
+            ones = np.ones(len(self.node_of))
+            places = (self.node_of, np.arange(len(self.node_of)))
+            self._sum = sp.csr_array((ones, places), shape=(self.num_nodes, len(ones)))
+        x = V.tabulate_dof_coordinates()[:, : self.dim]
+        self.position = x - 0.5 * (x.min(axis=0) + x.max(axis=0))
+        self.num_dofs = (self.num_nodes + self.dim) * self.dim
+        self._blocks_of = None
+
+    @property
+    def macroscopic(self) -> slice:
+        """Where the macroscopic gradient stands among the unknowns, column by column."""
+        return slice(self.num_nodes * self.dim, None)
+
+    def _keep_first_of_class(self) -> None:
+        nodes = self.node_of[self.nodes]
+        _, first = np.unique(nodes, return_index=True)
+        kept = np.zeros(len(nodes), bool)
+        kept[first] = True
+        self.offsets = np.concatenate([[0], np.cumsum(kept)])[self.offsets].astype(np.int32)
+        self.nodes = nodes[kept]
+
+    def expand(self, unknowns: np.ndarray) -> np.ndarray:
+        """See `NodalUnknowns`."""
+        rows = unknowns.reshape(-1, self.dim)
+        fluctuation = rows[self.node_of] if self.tied else rows[: self.num_nodes]
+        return (fluctuation + self.position @ rows[self.num_nodes :]).ravel()
+
+    def collect(self, forces: np.ndarray) -> np.ndarray:
+        """See `NodalUnknowns`; the last dim^2 entries are int Pi dx, column by column."""
+        rows = forces.reshape(-1, self.dim)
+        on_nodes = self._sum @ rows if self.tied else rows
+        return np.concatenate([on_nodes, self.position.T @ rows]).ravel()
+
+    def condense(self, stiffness: sp.bsr_array) -> sp.bsr_array:
+        """See `NodalUnknowns`."""
+        if not self.tied:
+            return stiffness
+        if self._blocks_of is None:
+            self._plan(stiffness)
+        count, indices, indptr = self._structure
+        data = (self._blocks_of @ stiffness.data.reshape(len(stiffness.data), -1)).reshape(
+            count, self.dim, self.dim
+        )
+        shape = (self.num_nodes * self.dim,) * 2
+        return sp.bsr_array((data, indices, indptr), shape=shape)
+
+    def _plan(self, stiffness: sp.bsr_array) -> None:
+        """Find which blocks of K add up to which block among the unknowns."""
+        rows = np.repeat(self.node_of, np.diff(stiffness.indptr)).astype(np.int64)
+        keys = rows * self.num_nodes + self.node_of[stiffness.indices]
+        unique, place = np.unique(keys, return_inverse=True)
+        shape = (len(unique), len(keys))
+        self._blocks_of = sp.csr_array(
+            (np.ones(len(keys)), (place, np.arange(len(keys)))), shape=shape
+        )
+        counts = np.bincount(unique // self.num_nodes, minlength=self.num_nodes)
+        indptr = np.concatenate([[0], np.cumsum(counts)]).astype(np.int32)
+        self._structure = len(unique), (unique % self.num_nodes).astype(np.int32), indptr
+
+    def border(
+        self, stiffness: sp.bsr_array, components: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The rest of N^T K N, next to the nodes' part, for some components of G.
+
+        Args:
+            stiffness: K on the nodes of V.
+            components: which of the dim^2 entries of G, column by column, shape (m,).
+
+        Returns:
+            Columns d f / d G, shape (num_nodes * dim, m); rows d(int Pi dx) / d u#, transposed to
+            the same shape; d(int Pi dx) / d G, shape (m, m).
+        """
+        fields = np.kron(self.position, np.eye(self.dim))[:, components]
+        columns, rows = stiffness @ fields, stiffness.T @ fields
+        corner = fields.T @ columns
+        if self.tied:
+            shape = (len(self.node_of), -1)
+            columns, rows = (
+                (self._sum @ c.reshape(shape)).reshape(-1, len(components)) for c in (columns, rows)
+            )
+        return columns, rows, corner
