@@ -51,7 +51,8 @@ HISTORY_COLUMNS: tuple[str, ...] = (
     "closure",
 )
 """Columns of ``history.csv``: time in s, strain dimensionless, stress in Pa, energies and their
-closure error in J (J/m in 2D); ``sweeps`` and ``residual`` are those of the interaction solver."""
+closure error in J (J/m in 2D); ``sweeps`` and ``residual`` are those of the interaction solver.
+Effects that a scene calls for add columns: dissipated_plastic; F11... and P11... of a cell."""
 
 # meshio's name (and DOLFINx's, where it differs) -> XDMF topology, nodes per cell.
 _TOPOLOGY = {

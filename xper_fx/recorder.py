@@ -21,7 +21,7 @@ import xper_fx
 from xper_fx.compat import geometry_dofmap
 from xper_fx.effects import effects_of
 from xper_fx.nscd.facets import facet_shapes
-from xper_fx.output import History, TimeSeries, prepare_folder, write_summary
+from xper_fx.output import HISTORY_COLUMNS, History, TimeSeries, prepare_folder, write_summary
 from xper_fx.scales import cohesive_scales
 from xper_fx.simulation import Simulation, StepRecord
 
@@ -50,6 +50,34 @@ class TensileGauge:
         return (u[1] - u[0]) / self.length, 0.5 * (f[1] - f[0]) / self.section
 
 
+@dataclass(frozen=True)
+class CellGauge:
+    """Macroscopic strain and stress of a periodic cell.
+
+    Args:
+        component: "11", "22", ...: strain is Fbar_ij less the identity, stress is Pibar_ij.
+    """
+
+    component: str = "11"
+
+    def read(self, simulation: Simulation) -> tuple[float, float]:
+        """Strain, and stress (Pa)."""
+        i, j = int(self.component[0]) - 1, int(self.component[1]) - 1
+        cell = simulation.macroscopic
+        return float(cell.gradient[i, j]) - float(i == j), float(cell.stress[i, j])
+
+
+def macroscopic_columns(simulation: Simulation) -> dict[str, float]:
+    """Fbar, Pibar (Pa) and Hill-Mandel's error of a periodic cell by column name, else nothing."""
+    cell = simulation.macroscopic
+    if cell is None:
+        return {}
+    axes = range(simulation.bulk.dim)
+    columns = {f"F{i + 1}{j + 1}": float(cell.gradient[i, j]) for i in axes for j in axes}
+    columns |= {f"P{i + 1}{j + 1}": float(cell.stress[i, j]) for i in axes for j in axes}
+    return columns | {"hill_mandel": cell.hill_mandel}
+
+
 def point_coordinates(simulation: Simulation) -> np.ndarray:
     """Reference positions of the points on facing facets, in the scene's order.
 
@@ -70,6 +98,7 @@ class Recorder:
         simulation: the run, before its first step.
         folder: where to write; made if need be, tried before any work.
         gauge: what `strain` and `stress` of the history are; 0 without.
+            A periodic cell's history has its macroscopic columns besides.
         fields: number of times at which fields are written, spread evenly; 0 for none.
         end_time: time of the end of the run (s).
         parameters: what to keep in the summary of how the run was set up.
@@ -84,7 +113,7 @@ class Recorder:
         folder: str | os.PathLike[str],
         *,
         end_time: float,
-        gauge: TensileGauge | None = None,
+        gauge: TensileGauge | CellGauge | None = None,
         fields: int = 20,
         parameters: Mapping[str, Any] | None = None,
     ):
@@ -92,7 +121,9 @@ class Recorder:
         self.simulation, self._gauge = simulation, gauge
         simulation.folder = self.folder
         self._parameters = dict(parameters or {})
-        self._history = History(self.folder / "history.csv")
+        columns = dict.fromkeys(HISTORY_COLUMNS)
+        columns |= simulation.ledger.as_columns() | macroscopic_columns(simulation)
+        self._history = History(self.folder / "history.csv", tuple(columns))
         self._every = end_time / fields if fields > 0 else np.inf
         self._next = 0.0
         mesh = simulation.scene.bodies.mesh
@@ -162,7 +193,7 @@ class Recorder:
         strain, stress = self._gauge.read(self.simulation) if self._gauge else (0.0, 0.0)
         self._history.append(
             step=step.step, time=step.time, strain=strain, stress=stress, sweeps=step.sweeps,
-            residual=step.residual, **step.energies,
+            residual=step.residual, **step.energies, **macroscopic_columns(self.simulation),
         )  # fmt: skip
         self._totals["steps"] += 1
         self._totals["sweeps"] += step.sweeps

@@ -27,6 +27,7 @@ from xper_fx.nscd.checks import require_positive
 from xper_fx.nscd.facets import facet_points, join_points, nodal_shares, wall_points
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.points import InteractionPoints
+from xper_fx.periodic.averages import Macroscopic, macroscopic_state
 from xper_fx.periodic.two_field import CellBulk
 from xper_fx.scene import Scene
 
@@ -91,6 +92,7 @@ class Simulation:
         state: displacement, velocity, time.
         interactions: the points, None if the scene has none.
         ledger: energies.
+        macroscopic: Fbar, Pibar and Hill-Mandel's error of a periodic cell; None otherwise.
         stopwatch: seconds in each phase.
 
     Raises:
@@ -167,6 +169,7 @@ class Simulation:
             relaxation=relaxation,
             num_threads=num_threads,
         )
+        self.macroscopic = self._macroscopic(None, None, self.step_size)
         self._tagged_nodes: dict[int, np.ndarray] = {}
         self.step_number = 0
         self.last: StepOutcome | None = None
@@ -363,13 +366,23 @@ class Simulation:
         with self.stopwatch.phase("energy"):
             work = self.interactions.commit(outcome.slots) if self.interactions else None
             self.ledger.record(self.state, outcome, size, work)
-        self.state, self.last, self._last_size = outcome.state, outcome, size
+        before, self.state, self.last, self._last_size = (
+            self.state, outcome.state, outcome, size,
+        )  # fmt: skip
+        self.macroscopic = self._macroscopic(before, outcome, size)
         self.step_number += 1
         return StepRecord(
             self.step_number, self.state.time, size, outcome.sweeps, outcome.residual,
             outcome.traction_change, outcome.newton_iterations, outcome.newton_residual,
             self.ledger.as_columns(),
         )  # fmt: skip
+
+    def _macroscopic(
+        self, before: State | None, outcome: StepOutcome | None, size: float
+    ) -> Macroscopic | None:
+        if self.scene.macroscopic is None:
+            return None
+        return macroscopic_state(self.bulk, before, outcome, self.state, size, self.theta)
 
     def _save_state(self) -> Path | None:
         """Write the last committed state for a post-mortem."""

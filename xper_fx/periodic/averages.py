@@ -1,0 +1,110 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+r"""Averages over a periodic cell, and the lemma of Hill and Mandel.
+
+    Fbar = <F>_bulk + (1/|Omega|) int [[u#]] (x) N dS,      Pibar = <Pi>_bulk,
+
+N pointing from the antagonist to the candidate and [[u#]] = u#_c - u#_a. Over a step, with du the
+increments, r the impulses of the interactions and f the bulk's internal forces,
+
+    int <Pi> : dF dx = |Omega| Pibar : dFbar + (r / h) . du# - (M dv# / h) . du#:
+
+what the stresses do inside is what the macroscopic stress does, but for the work of cracks and of
+the fluctuation's inertia. Stresses are those of the time scheme, theta Pi1 + (1 - theta) Pi0.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import ufl
+from dolfinx import default_scalar_type, fem
+
+from xper_fx.bulk.scheme import State, StepOutcome
+from xper_fx.nscd.facets import facet_points
+from xper_fx.periodic.two_field import CellBulk
+
+
+class Macroscopic(NamedTuple):
+    """The macroscopic side of a periodic cell at a committed time.
+
+    Attributes:
+        gradient: Fbar, shape (dim, dim).
+        stress: Pibar, first Piola-Kirchhoff, shape (dim, dim), Pa.
+        hill_mandel: error of the lemma over the last step (module docstring), relative to the
+            work of the stresses inside; for components driven by Pibar it holds the stress that
+            was asked for, so that it shows what any of the solvers left undone.
+    """
+
+    gradient: np.ndarray
+    stress: np.ndarray
+    hill_mandel: float
+
+
+def macroscopic_state(
+    bulk: CellBulk, before: State | None, outcome: StepOutcome | None, state: State, step: float,
+    theta: float,
+) -> Macroscopic:  # fmt: skip
+    """The macroscopic state, and how well the step that led to it satisfies the lemma.
+
+    Args:
+        bulk: the cell.
+        before, outcome: start of the step and the step; None at the start of the run.
+        state: the state to describe.
+        step: h (s).
+        theta: weight of the end of the step on the fluctuation.
+    """
+    error = 0.0
+    if outcome is not None:
+        error = _hill_mandel_error(bulk, before, outcome, step, theta)
+    return Macroscopic(
+        bulk.macroscopic_gradient(state.displacement),
+        bulk.macroscopic_stress(state.internal),
+        error,
+    )
+
+
+def _hill_mandel_error(bulk, before, outcome, step, theta) -> float:
+    after = outcome.state
+    cell, nodal = bulk.unknowns.macroscopic, slice(0, bulk.unknowns.macroscopic.start)
+    moved = after.displacement - before.displacement
+    internal = theta * after.internal + (1.0 - theta) * before.internal
+    inside = float(moved @ internal)
+    inertia = bulk.mass * (after.velocity - before.velocity)
+    fluctuation = float(moved[nodal] @ (outcome.impulses - inertia)[nodal]) / step
+    # what was asked for where stresses are given, what was found where strains are
+    asked = theta * after.internal[cell] + (1.0 - theta) * before.internal[cell]
+    missing = after.external[cell] - after.internal[cell]
+    asked[bulk.free] += missing[bulk.free]
+    work = abs(inside) + abs(fluctuation)
+    error = abs(inside - float(moved[cell] @ asked) - fluctuation)
+    return error / work if work > 0.0 else 0.0
+
+
+def averaged_gradient(bulk: CellBulk, displacement: np.ndarray) -> np.ndarray:
+    """Fbar from its definition: the bulk's mean and the jumps on all facing facets.
+
+    Args:
+        bulk: the cell.
+        displacement: unknowns, shape (num_dofs,), m.
+
+    Returns:
+        Shape (dim, dim); equal to `CellBulk.macroscopic_gradient` to rounding.
+    """
+    dim, V, bodies = bulk.dim, bulk.forms.V, bulk.forms.bodies
+    direction = fem.Constant(bodies.mesh, default_scalar_type(np.zeros((dim, dim))))
+    mean = fem.form(ufl.inner(direction, ufl.grad(ufl.TestFunction(V))) * ufl.dx(bodies.mesh))
+    u = bulk.unknowns.expand(displacement)
+    total = np.zeros((dim, dim))
+    for i in range(dim):
+        for j in range(dim):
+            direction.value[:] = 0.0
+            direction.value[i, j] = 1.0
+            total[i, j] = fem.assemble_vector(mean).array @ u
+    nodes = bulk.unknowns.node_of[bodies.facing_nodes(V)]
+    rule = "nodal" if nodes.shape[2] == 4 else "gauss"
+    points = facet_points(nodes, bodies.facets.normal, bodies.facets.measure, rule)
+    fluctuation = displacement[: bulk.unknowns.num_nodes * dim].reshape(-1, dim)
+    jumps = np.einsum("pij,pi->pj", points.frame, points.relative(fluctuation))
+    total += np.einsum("p,pi,pj->ij", points.area, jumps, points.frame[:, 0])
+    return np.eye(dim) + total / bulk.volume
