@@ -24,7 +24,6 @@ import math
 from collections.abc import Mapping
 from typing import Any, NamedTuple, Protocol
 
-
 ZERO_TENSOR = ((0.0, 0.0, 0.0),) * 3
 UNIT_TENSOR = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
