@@ -1,26 +1,32 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""The weak form of the bulk: internal forces from energies, external forces, stress.
+"""The weak form of the bulk: internal forces, external forces, stress, internal variables.
 
 For all test functions v on each body,
 
-    f_int(u; v) = d/du [ sum_tags int W_tag(u) dx ] . v,     K = d f_int / du,
+    f_int(u; v) = d/du [ sum int W_tag(u) dx ] . v + sum int P_tag(u; a, h) : grad v dx,
+    K = d f_int / du,
     f_ext(v) = int (b + rho g) . v dx + sum_tags int t . v ds.
 
-Both derivatives are UFL's. What a scene does not call for has no form.
+The first sum is over hyperelastic materials, the second over those with a response, whose nominal
+stress P depends on the internal variables a committed at the start of the step and on its size h.
+All derivatives are UFL's. What a scene does not call for has no form.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+import basix
 import numpy as np
 import ufl
 from dolfinx import default_scalar_type, fem
 
 from xper_fx.bodies import Bodies
 from xper_fx.compat import interpolation_points
+from xper_fx.forms.history import History
+from xper_fx.forms.kinematics import displacement_gradient
 from xper_fx.forms.loads import BodyForce, Gravity, SurfaceTraction, value_at
-from xper_fx.materials.material import Material
+from xper_fx.materials.material import InelasticMaterial, Material
 
 _JIT = {"timeout": 120}
 
@@ -38,13 +44,17 @@ class BulkForms:
         V: vector Lagrange space on `bodies.mesh`.
         u: displacement the forms are evaluated at (m).
         linear: whether every material's energy is quadratic.
+        step: h (s) as the forms have it, None where no material asks for it.
+
+    Raises:
+        ValueError: a material's internal variables and its response do not fit.
     """
 
     def __init__(
         self,
         bodies: Bodies,
         order: int,
-        materials: Mapping[int, Material],
+        materials: Mapping[int, Material | InelasticMaterial],
         forces: Sequence[BodyForce | Gravity | SurfaceTraction] = (),
     ):
         mesh = bodies.mesh
@@ -54,16 +64,31 @@ class BulkForms:
         self.u = fem.Function(self.V, name="displacement")
         self.linear = all(m.linear for m in self.materials.values())
         simplex = mesh.topology.cell_name() in ("triangle", "tetrahedron")
-        degree = 2 * (order - 1) if simplex else 2 * order
+        self._degree = 2 * (order - 1) if simplex else 2 * order
         self._dx = ufl.Measure(
-            "dx", mesh, subdomain_data=bodies.cell_tags, metadata={"quadrature_degree": degree}
+            "dx",
+            mesh,
+            subdomain_data=bodies.cell_tags,
+            metadata={"quadrature_degree": self._degree},
         )
+        self._respond()
         test, trial = ufl.TestFunction(self.V), ufl.TrialFunction(self.V)
-        energy = sum(m.energy(self.u, self._constant) * self._dx(t) for t, m in self._items())
-        force = ufl.derivative(energy, self.u, test)
-        self.energy = fem.form(energy, jit_options=_JIT)
+        energies = [
+            m.energy(self.u, self._constant) * self._dx(t)
+            for t, m in self._items()
+            if t not in self._responses
+        ]
+        force = sum(
+            ufl.inner(r.nominal_stress, displacement_gradient(test)) * self._dx(t)
+            for t, r in self._responses.items()
+        )
+        if energies:
+            force += ufl.derivative(sum(energies), self.u, test)
+        energies += [r.energy * self._dx(t) for t, r in self._responses.items()]
+        self.energy = fem.form(sum(energies), jit_options=_JIT)
         self.internal = fem.form(force, jit_options=_JIT)
         self.tangent = fem.form(ufl.derivative(force, self.u, trial), jit_options=_JIT)
+        self._dissipations = self._dissipation_forms()
         self._loads: list[tuple[fem.Constant, Sequence]] = []
         self.external = self._external_form(forces, test)
 
@@ -72,6 +97,29 @@ class BulkForms:
 
     def _constant(self, value):
         return fem.Constant(self.bodies.mesh, default_scalar_type(value))
+
+    def _respond(self):
+        """Responses of the inelastic materials, and the history they need."""
+        inelastic = {t: m for t, m in self._items() if hasattr(m, "response")}
+        variables = {t: m.variables for t, m in inelastic.items() if m.variables}
+        self.step = self._constant(0.0) if inelastic else None
+        self._history = History(self.bodies, self._degree, variables) if variables else None
+        self._responses = {}
+        for tag, material in inelastic.items():
+            old = self._history.variables(tag) if tag in variables else {}
+            response = material.response(self.u, old, self.step, self._constant)
+            self._responses[tag] = response
+            if tag in variables:
+                self._history.update(tag, response.new, _JIT)
+
+    def _dissipation_forms(self):
+        forms = {}
+        for name in ("plastic", "viscous"):
+            densities = {t: getattr(r, name) for t, r in self._responses.items()}
+            terms = [d * self._dx(t) for t, d in densities.items() if d is not None]
+            if terms:
+                forms[name] = fem.form(sum(terms), jit_options=_JIT)
+        return forms
 
     def _external_form(self, forces, test):
         mesh = self.bodies.mesh
@@ -105,15 +153,67 @@ class BulkForms:
             constant.value[:] = [value_at(v, time) for v in values]
         return fem.assemble_vector(self.external).array
 
+    def set_step(self, step: float) -> None:
+        """Give the forms the size h (s) of the step that they are assembled for."""
+        if self.step is not None:
+            self.step.value = step
+
     def assemble_internal(self, displacement: np.ndarray) -> np.ndarray:
         """Internal forces at a displacement, shape (num_dofs,), N (2D: N/m)."""
         self.u.x.array[:] = displacement
         return fem.assemble_vector(self.internal).array
 
     def assemble_energy(self, displacement: np.ndarray) -> float:
-        """Stored energy at a displacement, J (2D: J/m)."""
+        """Stored energy at a displacement, J (2D: J/m).
+
+        With internal variables: at the end of a step that leads to the displacement.
+        """
         self.u.x.array[:] = displacement
         return fem.assemble_scalar(self.energy)
+
+    def assemble_dissipation(self, displacement: np.ndarray) -> dict[str, float]:
+        """Energy dissipated in the bulk from the committed state to a displacement.
+
+        Returns:
+            J (2D: J/m), by "plastic" and "viscous" where a material has such a term; each zero or
+            above.
+        """
+        self.u.x.array[:] = displacement
+        return {name: fem.assemble_scalar(form) for name, form in self._dissipations.items()}
+
+    @property
+    def has_history(self) -> bool:
+        """Whether a material has internal variables."""
+        return self._history is not None
+
+    @property
+    def history_nbytes(self) -> int:
+        """Memory of the internal variables."""
+        return self._history.nbytes if self.has_history else 0
+
+    def commit(self, displacement: np.ndarray) -> None:
+        """End the step at a displacement: its internal variables become the committed ones."""
+        if self.has_history:
+            self.u.x.array[:] = displacement
+            self._history.commit()
+
+    def history(self) -> dict[str, np.ndarray]:
+        """Copies of the committed internal variables, empty where no material has any.
+
+        Returns:
+            By "name tag", the tag being that of the cells: shape (cells of the tag, quadrature
+            points, components), with 1 component, or 11, 22, 33, 12 (and 13, 23 in 3D).
+        """
+        return self._history.copy() if self.has_history else {}
+
+    def restore(self, history: Mapping[str, np.ndarray]) -> None:
+        """Take the committed internal variables back from what `history` gave.
+
+        Raises:
+            ValueError: names or shapes of other materials or of another mesh.
+        """
+        if self.has_history:
+            self._history.restore(history)
 
     def cell_density(self) -> np.ndarray:
         """Density of each cell, shape (num_cells,), kg/m^3."""
@@ -126,27 +226,37 @@ class BulkForms:
     def stress_evaluator(self):
         """A function that evaluates the Cauchy stress at `u` in each cell.
 
+        An inelastic material is asked for a step of size zero from its committed state: after
+        `commit`, with `u` where it was committed, that is the stress at the end of the step.
+
         Returns:
             A function without arguments giving shape (num_cells, 3, 3), Pa: values at the cells'
-            midpoints.
+            midpoints; of inelastic materials, means over the quadrature points.
         """
-        space = fem.functionspace(self.bodies.mesh, ("DG", 0, (3, 3)))
-        stress = fem.Function(space, name="stress")
-        points = interpolation_points(space.element)
+        mesh = self.bodies.mesh
+        cell = getattr(basix.CellType, mesh.topology.cell_name())
+        points, weights = basix.make_quadrature(cell, self._degree)
+        middle = interpolation_points(fem.functionspace(mesh, ("DG", 0)).element)
         tags = self.bodies.material_of_cell
-        pieces = [
-            (
-                fem.Expression(m.stress(self.u, self._constant), points, jit_options=_JIT),
-                np.flatnonzero(tags == tag).astype(np.int32),
-            )
-            for tag, m in self._items()
-        ]
+        pieces = []
+        for tag, material in self._items():
+            cells = np.flatnonzero(tags == tag).astype(np.int32)
+            if tag in self._responses:
+                stress, where, share = self._responses[tag].stress, points, weights
+            else:
+                stress, where, share = material.stress(self.u, self._constant), middle, np.ones(1)
+            expression = fem.Expression(stress, where, jit_options=_JIT)
+            pieces.append((expression, cells, share / share.sum()))
 
         def evaluate() -> np.ndarray:
-            for expression, cells in pieces:
-                stress.interpolate(expression, cells)
-            return stress.x.array[space.dofmap.list.ravel()[:, None] * 9 + np.arange(9)].reshape(
-                -1, 3, 3
-            )
+            step = None if self.step is None else float(self.step.value)
+            self.set_step(0.0)
+            out = np.empty((len(tags), 3, 3))
+            for expression, cells, share in pieces:
+                values = expression.eval(mesh, cells).reshape(len(cells), len(share), 9)
+                out[cells] = np.einsum("cqi,q->ci", values, share).reshape(-1, 3, 3)
+            if step is not None:
+                self.set_step(step)
+            return out
 
         return evaluate

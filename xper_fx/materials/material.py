@@ -1,14 +1,31 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""What a hyperelastic material is: a density and an energy in UFL.
+"""What a material is, in UFL: an energy, or a response with internal variables.
 
-Forces and tangents follow from the energy by differentiation, so a material of a user's own is a
-class with the three members of `Material`, in any file.
+Forces and tangents follow by differentiation, so a material of a user's own is a class with the
+members of `Material` or of `InelasticMaterial`, in any file. A Maxwell-like solid, say, whose
+stress relaxes with time t, is
+
+    class Relaxing:
+        density, linear, variables = 1000.0, False, {"flow": ((0.0,) * 3,) * 3}
+
+        def response(self, u, old, step, constant):
+            E, t = constant(1e6), constant(2.0)
+            strain = small_strain(u)
+            flow = (old["flow"] + step / t * strain) / (1.0 + step / t)
+            stress = E * (strain - flow)
+            stored = 0.5 * ufl.inner(stress, strain - flow)
+            lost = ufl.inner(stress, flow - old["flow"])
+            return Response(stress, stress, stored, {"flow": flow}, viscous=lost)
 """
 
 from __future__ import annotations
 
 import math
-from typing import Protocol
+from collections.abc import Mapping
+from typing import Any, NamedTuple, Protocol
+
+ZERO_TENSOR = ((0.0, 0.0, 0.0),) * 3
+UNIT_TENSOR = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
 class Material(Protocol):
@@ -36,6 +53,54 @@ class Material(Protocol):
         """Cauchy stress (Pa), 3 x 3, in UFL."""
 
 
+class Response(NamedTuple):
+    """What an inelastic material answers to a displacement at the end of a step, in UFL.
+
+    Attributes:
+        nominal_stress: first Piola-Kirchhoff stress P (Pa), 3 x 3, work-conjugate to grad u.
+        stress: Cauchy stress (Pa), 3 x 3.
+        energy: energy density stored at the end of the step (J/m^3).
+        new: value of each internal variable at the end of the step, by name.
+        plastic: density of the energy dissipated by plasticity in the step (J/m^3), or None.
+        viscous: density of the energy dissipated by viscosity in the step (J/m^3), or None.
+    """
+
+    nominal_stress: Any
+    stress: Any
+    energy: Any
+    new: Mapping[str, Any]
+    plastic: Any = None
+    viscous: Any = None
+
+
+class InelasticMaterial(Protocol):
+    """A material with internal variables, whose response depends on where the step began.
+
+    Attributes:
+        density: rho (kg/m^3) in the reference configuration.
+        linear: False.
+        variables: initial value of each internal variable by name: a float, or 3 x 3 nested
+            tuples for a symmetric tensor. In 2D only the components 11, 22, 33 and 12 of a tensor
+            are kept.
+    """
+
+    density: float
+    linear: bool
+    variables: Mapping[str, Any]
+
+    def response(self, u, old, step, constant) -> Response:
+        """Stresses, energies and new internal variables at the end of a step.
+
+        With a step of zero and the displacement of the start the response is that of the start.
+
+        Args:
+            u: displacement at the end of the step, a UFL coefficient (m).
+            old: internal variables at the start of the step, by name, scalars or 3 x 3 in UFL.
+            step: h (s), a UFL constant, zero or above.
+            constant: as in `Material.energy`.
+        """
+
+
 def lame(young: float, poisson: float) -> tuple[float, float]:
     """Lame's lambda and mu (Pa) from Young's modulus (Pa) and Poisson's ratio."""
     mu = young / (2.0 * (1.0 + poisson))
@@ -51,4 +116,13 @@ def check_elastic_constants(young: float, poisson: float, density: float) -> Non
         raise ValueError(
             f"poisson should lie strictly between -1 and 0.5, got {poisson}; for a nearly "
             "incompressible solid take 0.49 and crossed triangles or order 2."
+        )
+
+
+def check_yield(yield_stress: float) -> None:
+    """Raise ValueError unless a yield stress (Pa) is a finite number above zero."""
+    if not (math.isfinite(yield_stress) and yield_stress > 0.0):
+        raise ValueError(
+            f"yield_stress should be a finite number above zero, got {yield_stress}; a solid that "
+            "never yields is LinearElastic or NeoHookean."
         )

@@ -1,0 +1,129 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Von Mises plasticity with isotropic hardening at finite strain, F = F_e F_p, det F_p = 1.
+
+With J = det F, F_bar = J^(-1/3) F and b = F_bar C_p^-1 F_bar^T the isochoric elastic left
+Cauchy-Green tensor, the Kirchhoff stress is
+
+    tau = kappa / 2 (J^2 - 1) I + mu dev b,
+    W = kappa / 2 ((J^2 - 1) / 2 - ln J) + mu / 2 (tr b - 3).
+
+A step takes the trial b* = F_bar C_p,old^-1 F_bar^T and returns s* = mu dev b* radially to
+q = sqrt(3/2 s : s) <= K(alpha), with m = mu tr b* and alpha_new = alpha + p (`radial_return`).
+
+The deviator s / mu that the return leaves is that of one b with det b = 1 alone:
+
+    b = s / mu + x I,    x the largest root of det(s / mu + x I) = 1,
+    C_p^-1 = F_bar^-1 b F_bar^-T.
+
+So plastic flow keeps the volume exactly, and the committed state answers with the stress it was
+committed with. (Keeping x = tr b* / 3 and scaling C_p^-1 to the determinant one would change s.)
+
+The dissipation is -mu / 2 C_bar : d(C_p^-1). With n the direction of s and d = s : n / mu it is
+
+    3/2 sqrt(6) m c dp / 3,    c = -n : b^-1 / tr b^-1 = d (x - d tr n^3) / (3 x^2 - d^2 / 2) >= 0,
+
+close to K(alpha) dp, from which it differs by the elastic strain. A step takes c between its value
+at K(alpha) and at K(alpha + p), which closes the energy balance to second order in the step.
+
+Simo J.C., Hughes T.J.R., Computational Inelasticity, Springer 1998, box 9.1.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from math import sqrt
+from types import MappingProxyType
+
+import ufl
+
+from xper_fx.forms.kinematics import deformation_gradient
+from xper_fx.materials.hardening import Hardening
+from xper_fx.materials.material import (
+    UNIT_TENSOR,
+    Response,
+    check_elastic_constants,
+    check_yield,
+    lame,
+)
+from xper_fx.materials.radial_return import radial_return
+
+# Newton from the trial's x: enough for steps that double the length.
+_ITERATIONS = 6
+
+
+@dataclass(frozen=True)
+class J2FiniteStrain:
+    """Von Mises plasticity at finite strain (plane strain in 2D).
+
+    Args:
+        young: Young's modulus at small strain (Pa).
+        poisson: Poisson's ratio at small strain, in (-1, 0.5).
+        yield_stress: sigma_0 (Pa), of the Kirchhoff stress in uniaxial tension.
+        hardening: how the yield stress grows with the accumulated plastic strain.
+        density: rho (kg/m^3) in the reference configuration.
+
+    Attributes:
+        variables: "inverse_plastic_metric" C_p^-1, the identity at first, and "accumulated"
+            alpha, zero at first.
+
+    Raises:
+        ValueError: a constant out of range.
+    """
+
+    young: float
+    poisson: float
+    yield_stress: float
+    hardening: Hardening
+    density: float
+    linear: bool = field(default=False, init=False)
+    variables = MappingProxyType({"inverse_plastic_metric": UNIT_TENSOR, "accumulated": 0.0})
+
+    def __post_init__(self):
+        check_elastic_constants(self.young, self.poisson, self.density)
+        check_yield(self.yield_stress)
+        self.hardening.check(self.yield_stress, lame(self.young, self.poisson)[1])
+
+    def response(self, u, old, step, constant) -> Response:
+        """See `InelasticMaterial`."""
+        lam, mu = lame(self.young, self.poisson)
+        curve = self.hardening.curve(self.yield_stress, mu, constant)
+        bulk, mu = constant(lam + 2.0 / 3.0 * mu), constant(mu)
+        alpha = old["accumulated"]
+        F = deformation_gradient(u)
+        J, inverse = ufl.det(F), ufl.inv(F)
+        b = J ** (-2.0 / 3.0) * F * old["inverse_plastic_metric"] * F.T
+        mean = ufl.tr(b) / 3.0
+        s, p = radial_return(mu * ufl.dev(b), 3.0 * mu * mean, alpha, curve)
+        tau = 0.5 * bulk * (J**2 - 1.0) * ufl.Identity(3) + s
+        x = _unit_determinant(s / mu, mean)
+        metric = J ** (2.0 / 3.0) * inverse * (s / mu + x * ufl.Identity(3)) * inverse.T
+        volumetric = 0.5 * bulk * (0.5 * (J**2 - 1.0) - ufl.ln(J))
+
+        def flow_share(stress):
+            """c where the equivalent stress is `stress` and the direction that of s."""
+            n = s / ufl.sqrt(ufl.inner(s, s))
+            d = sqrt(2.0 / 3.0) * stress / mu
+            x = _unit_determinant(d * n, mean)
+            return d * (x - 3.0 * d * ufl.det(n)) / (3.0 * x**2 - 0.5 * d**2)
+
+        share = 0.5 * (flow_share(curve.stress(alpha)) + flow_share(curve.stress(alpha + p)))
+        return Response(
+            nominal_stress=tau * inverse.T,
+            stress=tau / J,
+            energy=volumetric + 1.5 * mu * (x - 1.0),
+            new={"inverse_plastic_metric": metric, "accumulated": alpha + p},
+            plastic=ufl.conditional(ufl.gt(p, 0.0), sqrt(13.5) * mu * mean * share * p, 0.0),
+        )
+
+
+def _unit_determinant(deviator, start):
+    """The largest x with det(deviator + x I) = 1, by Newton from a start above it.
+
+    det(d + x I) - 1 = x^3 - d : d / 2 x + det d - 1 is convex above its largest root, so that
+    Newton comes down to it. The x of a larger deviator in the same direction is above.
+    """
+    half, det = 0.5 * ufl.inner(deviator, deviator), ufl.det(deviator)
+    x = start
+    for _ in range(_ITERATIONS):
+        x = x - (x**3 - half * x + det - 1.0) / (3.0 * x**2 - half)
+    return x
