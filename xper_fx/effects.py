@@ -41,10 +41,15 @@ def effects_of(simulation: Simulation) -> list[Effect]:
     interacting = spent.get("interaction solve", 0.0) + spent.get("interaction terms", 0.0)
     forces = simulation.forms.external is not None
     rows = [
-        Effect("inertia and elasticity", True, simulation.scheme.nbytes,
+        Effect("bulk", True, simulation.scheme.nbytes,
                spent.get("free velocity", 0.0)),
         Effect("matrix renewed in Newton", not bulk.linear, 0,
                0.0 if bulk.linear else spent.get("inverse", 0.0)),
+        Effect("internal variables", simulation.forms.has_history, simulation.forms.history_nbytes,
+               spent.get("internal variables", 0.0)),
+        Effect("periodic cell", scene.macroscopic is not None,
+               0 if scene.macroscopic is None else bulk.unknowns.nbytes, 0.0),
+        Effect("inertia", bulk.inertia, bulk.mass.nbytes if bulk.inertia else 0, 0.0),
         Effect("external forces", forces, 8 * bulk.num_dofs if forces else 0, 0.0),
         Effect("viscous damping", scene.damping is not None, 0, 0.0),
     ]  # fmt: skip

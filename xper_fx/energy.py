@@ -33,8 +33,8 @@ class Energies:
     Attributes:
         external_work: work of loads and of prescribed motions.
         kinetic, elastic, cohesive: energies held.
-        dissipated_cohesion, dissipated_friction, dissipated_impact, dissipated_viscous,
-        dissipated_numerical: totals lost.
+        dissipated_cohesion, dissipated_friction, dissipated_impact, dissipated_plastic,
+        dissipated_viscous, dissipated_numerical: totals lost.
     """
 
     external_work: float = 0.0
@@ -44,6 +44,7 @@ class Energies:
     dissipated_cohesion: float = 0.0
     dissipated_friction: float = 0.0
     dissipated_impact: float = 0.0
+    dissipated_plastic: float = 0.0
     dissipated_viscous: float = 0.0
     dissipated_numerical: float = 0.0
 
@@ -81,7 +82,7 @@ class EnergyLedger:
     def record(
         self, before: State, outcome: StepOutcome, step: float, work: StepWork | None
     ) -> None:
-        """Enter a committed step.
+        """Enter a step that has converged, before its internal variables are committed.
 
         Args:
             before: state at the start of the step.
@@ -96,6 +97,9 @@ class EnergyLedger:
         e.external_work += float(moved[:nodal] @ impulse) / step
         stresses = 0.5 * (before.internal + after.internal)[nodal:]
         e.external_work += float(moved[nodal:] @ stresses)
+        lost = self._bulk.forms.assemble_dissipation(self._bulk.unknowns.expand(after.displacement))
+        e.dissipated_plastic += lost.get("plastic", 0.0)
+        e.dissipated_viscous += lost.get("viscous", 0.0)
         e.kinetic = self._kinetic(after.velocity)
         e.elastic = self._bulk.elastic_energy(after.displacement, after.internal)
         if np.ndim(outcome.viscous):
@@ -114,5 +118,8 @@ class EnergyLedger:
             e.dissipated_numerical += work.numerical
 
     def as_columns(self) -> dict[str, float]:
-        """Energies and the closure error by column name."""
-        return asdict(self.energies) | {"closure": self.closure}
+        """Energies and the closure error by column name; plasticity only where there is any."""
+        columns = asdict(self.energies) | {"closure": self.closure}
+        if not self._bulk.forms.plastic:
+            del columns["dissipated_plastic"]
+        return columns

@@ -147,10 +147,11 @@ class Scene:
                 f"tags that do: {sorted(present)}."
             )
         for tag, material in self.materials.items():
-            if not all(hasattr(material, name) for name in ("density", "linear", "energy")):
+            answers = hasattr(material, "energy") or hasattr(material, "response")
+            if not (hasattr(material, "density") and hasattr(material, "linear") and answers):
                 raise TypeError(
                     f"The material of cell tag {tag} is {material!r}; it needs `density`, `linear` "
-                    "and `energy` (see materials/material.py)."
+                    "and an `energy` or a `response` (see materials/material.py)."
                 )
 
     def _check_initial_velocity(self) -> None:

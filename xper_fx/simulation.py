@@ -366,6 +366,8 @@ class Simulation:
         with self.stopwatch.phase("energy"):
             work = self.interactions.commit(outcome.slots) if self.interactions else None
             self.ledger.record(self.state, outcome, size, work)
+        with self.stopwatch.phase("internal variables"):
+            self.bulk.commit(outcome.state.displacement)
         before, self.state, self.last, self._last_size = (
             self.state, outcome.state, outcome, size,
         )  # fmt: skip
@@ -398,6 +400,7 @@ class Simulation:
             displacement=self.state.displacement,
             velocity=self.state.velocity,
             **history,
+            **self.forms.history(),
         )
         return path
 

@@ -162,6 +162,11 @@ class Bulk:
             return 0.5 * float(displacement @ internal)
         return self.forms.assemble_energy(self.unknowns.expand(displacement))
 
+    def commit(self, displacement: np.ndarray) -> None:
+        """End the step at a displacement: the materials' internal variables move on."""
+        if self.forms.has_history:
+            self.forms.commit(self.unknowns.expand(displacement))
+
     def with_border(self, inverse, stiffness, step: float, theta: float, interacting: bool):
         """The inverse on the bodies, completed for unknowns that belong to none."""
         return inverse

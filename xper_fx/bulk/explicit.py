@@ -50,6 +50,7 @@ class ExplicitScheme:
         bulk, watch, inverse = self.bulk, self._stopwatch, self._inverse
         time = state.time + step
         q0, v0 = state.displacement, state.velocity
+        bulk.forms.set_step(step)
         with watch.phase("free velocity"):
             middle = q0 + 0.5 * step * v0
             viscous = bulk.viscous(v0)

@@ -124,6 +124,7 @@ class ImplicitScheme:
         bulk, theta, watch = self.bulk, self._end_weight, self._stopwatch
         time = state.time + step
         q0, v0 = state.displacement, state.velocity
+        bulk.forms.set_step(step)
         with watch.phase("free velocity"):
             external = bulk.external(time)
             force_impulse = step * (theta * external + (1.0 - theta) * state.external)

@@ -178,8 +178,15 @@ class BulkForms:
             J (2D: J/m), by "plastic" and "viscous" where a material has such a term; each zero or
             above.
         """
+        if not self._dissipations:
+            return {}
         self.u.x.array[:] = displacement
         return {name: fem.assemble_scalar(form) for name, form in self._dissipations.items()}
+
+    @property
+    def plastic(self) -> bool:
+        """Whether a material dissipates by plasticity."""
+        return "plastic" in self._dissipations
 
     @property
     def has_history(self) -> bool:

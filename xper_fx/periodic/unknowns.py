@@ -47,6 +47,12 @@ class CellUnknowns(NodalUnknowns):
         self._blocks_of = None
 
     @property
+    def nbytes(self) -> int:
+        """Memory of what a cell needs beside the bulk, in bytes."""
+        ties = self.node_of.nbytes + self._sum.data.nbytes if self.tied else 0
+        return self.position.nbytes + ties
+
+    @property
     def macroscopic(self) -> slice:
         """Where the macroscopic gradient stands among the unknowns, column by column."""
         return slice(self.num_nodes * self.dim, None)
