@@ -81,7 +81,8 @@ class Simulation:
             beyond the explicit limit), "accelerated" (mixed sweeps), or "auto", which picks. An
             explicit bulk with nodal points solves each vertex alone, and takes "auto" only.
         relaxation: over-relaxation of impulses where a law is linear, in (0, 2).
-        newton_tolerance: bound on the last relative Newton correction.
+        newton_tolerance: bound on the last relative Newton correction; with interactions at least
+            a hundredth of `tolerance`.
         max_newton: Newton iterations after which a step is given up.
         max_halvings: how often a step that does not converge is cut in two.
         inertia: False for a static run (theta = 1): bodies without mass, which motions or a

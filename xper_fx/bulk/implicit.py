@@ -25,6 +25,9 @@ from xper_fx.bulk.inverse import CellwiseInverse, ClusterInverse
 from xper_fx.bulk.scheme import Solver, State, StepOutcome, Stopwatch, interact
 from xper_fx.nscd.interactions import Interactions
 
+# What an answer of the interactions to a macroscopic strain may be blurred by: Newton's correction
+# on the bodies beside that strain, the error of the impulses beside the stress that was missing.
+_LITTLE = 0.1
 # Contraction of Newton's corrections above which w is renewed.
 _SLOW = 0.2
 # Times that a Newton step is halved before the time step is given up.
@@ -43,7 +46,8 @@ class ImplicitScheme:
         interacting: nodes at which interactions act.
         theta: weight of the end of the step, in [1/2, 1].
         newton_tolerance: bound on the last Newton correction of the velocities, relative to the
-            velocities, in the norm of the mass.
+            velocities, in the norm of the mass; with interactions it is at least a hundredth of
+            their tolerance, which blurs it.
         max_newton: iterations after which a step is given up.
         stopwatch: where phases are timed.
         interaction_tolerance: relative error that impulses are solved to, and so what equations
@@ -65,6 +69,8 @@ class ImplicitScheme:
         self._interaction_tolerance = interaction_tolerance
         self._interacting = interacting
         self._tolerance, self._max_newton = newton_tolerance, max_newton
+        if len(interacting):
+            self._tolerance = max(newton_tolerance, 1e-2 * interaction_tolerance)
         self._stopwatch = stopwatch
         x = bulk.forms.bodies.mesh.geometry.x
         self._rounding = _ROUNDING * self._norm(np.full(bulk.num_dofs, np.ptp(x, axis=0).max()))
@@ -164,7 +170,10 @@ class ImplicitScheme:
             previous, velocity = velocity, new
             with watch.phase("free velocity"):
                 residual, internal = residual_at(velocity)
-                inverse.learn(velocity, residual, first=iteration == 1)
+                trusted = imbalance > balanced / _LITTLE and newton <= (
+                    _LITTLE * self._macroscopic_part(velocity - previous, velocity)
+                )
+                inverse.learn(velocity, residual, trusted)
                 imbalance = bulk.imbalance(residual, internal, step)
             if not converged or (bulk.linear and imbalance <= balanced):
                 break
@@ -202,6 +211,8 @@ class ImplicitScheme:
             and imbalance <= balanced
             and bool(np.all(np.isfinite(velocity)))
         )
+        if not (converged or bulk.linear):
+            self._inverses.pop(step, None)  # its matrix may be that of a state gone astray
         reactions = np.where(bulk.layout.prescribed, -(residual + impulses), 0.0)
         end = State(time, predictor + step * theta * velocity, velocity, internal, external)
         mean_velocity = theta * velocity + (1.0 - theta) * v0
@@ -218,6 +229,12 @@ class ImplicitScheme:
             return 0.0
         relative = correction / self._norm(velocity)
         return relative if np.isfinite(relative) else np.inf
+
+    def _macroscopic_part(self, change: np.ndarray, velocity: np.ndarray) -> float:
+        """Norm of the change of the unknowns that belong to no body, relative to velocities."""
+        nodal = self.bulk.unknowns.num_nodes * self.bulk.dim
+        weights = self.bulk.weights[nodal:]
+        return float(np.sqrt(change[nodal:] @ (weights * change[nodal:]))) / self._norm(velocity)
 
     def _norm(self, velocity: np.ndarray) -> float:
         return float(np.sqrt(velocity @ (self.bulk.weights * velocity)))

@@ -24,7 +24,7 @@ class _OnBodies:
         """Newton's increment of all velocities, shape (num_dofs,)."""
         return self.apply(residual)
 
-    def learn(self, velocity: np.ndarray, residual: np.ndarray, first: bool) -> None:
+    def learn(self, velocity: np.ndarray, residual: np.ndarray, trusted: bool) -> None:
         """Take notice of how interactions answered; nothing here depends on it."""
 
 

@@ -17,7 +17,8 @@ resist a macroscopic strain by their inertia alone. That answer is the complianc
 
 in which A^-1 is that of the bulk without fluctuation and D what the bonds, the cracks and the
 fluctuation add to it. D is learnt from the iterations of the run (Broyden's good update): each
-sets impulses free again under a new g, so that nothing of the interaction layer changes.
+sets impulses free again under a new g, so that nothing of the interaction layer changes. Only
+iterations in which the bulk itself had little left to correct teach something.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ from xper_fx.periodic.unknowns import CellUnknowns
 
 # A pair of iterations whose work has less than this share of what was expected teaches nothing:
 # rounding, or a cell that softens.
-_LITTLE_WORK = 1e-6
+_LITTLE_WORK = 1e-3
 
 
 class BorderedInverse:
@@ -87,25 +88,28 @@ class BorderedInverse:
         out[self._places] = rate
         return out
 
-    def learn(self, velocity: np.ndarray, residual: np.ndarray, first: bool) -> None:
+    def learn(self, velocity: np.ndarray, residual: np.ndarray, trusted: bool) -> None:
         """Learn D from the macroscopic residual left with a velocity.
 
         Args:
             velocity: after interactions have answered, shape (num_dofs,), m/s.
             residual: of the step with that velocity, shape (num_dofs,), N s.
-            first: whether it is the first of a step, which has nothing to compare with.
+            trusted: whether what changed since the last call is due to the macroscopic strain.
         """
         if self._compliance is None:
             return
         strain = self._step * velocity[self._places]
         missing = residual[self._places] / self._step
-        if not first and self._before is not None:
+        if trusted and self._before is not None:
             moved, gained = strain - self._before[0], self._before[1] - missing
             compliance = self._corner + self._compliance
             expected = compliance @ gained
             work = moved @ expected
             if work > _LITTLE_WORK * (moved @ moved):
-                self._compliance += np.outer(moved - expected, moved @ compliance) / work
+                change = np.outer(moved - expected, moved @ compliance) / work
+                total = compliance + change
+                if np.linalg.eigvalsh(total + total.T)[0] > 0.0:
+                    self._compliance += change
         self._before = strain, missing
 
     @property
