@@ -117,9 +117,7 @@ def _images(
     for shift in product(*ranges):
         if any(shift):
             moved = seeds + np.multiply(shift, periods)
-            near = np.flatnonzero(
-                np.all((moved >= -margin) & (moved <= periods + margin), axis=1)
-            )
+            near = np.flatnonzero(np.all((moved >= -margin) & (moved <= periods + margin), axis=1))
             owners.append(near)
             shifts.append(np.tile(np.array(shift, dtype=np.int64), (len(near), 1)))
     return np.concatenate(owners), np.concatenate(shifts)

@@ -35,7 +35,11 @@ def random_seeds(
         TypeError: `count`, `seed` or `relaxation` is no integer.
         ValueError: one of them is too small; a period is not positive.
     """
-    for name, value, least in (("count", count, 1), ("seed", seed, 0), ("relaxation", relaxation, 0)):
+    for name, value, least in (
+        ("count", count, 1),
+        ("seed", seed, 0),
+        ("relaxation", relaxation, 0),
+    ):
         if isinstance(value, bool) or not isinstance(value, int | np.integer):
             raise TypeError(f"{name} is {value!r}; expected an integer.")
         if value < least:

@@ -14,7 +14,7 @@ import numpy.typing as npt
 from xper_fx.periodic.box import checked_periods, near_pairs, wrapped
 from xper_fx.periodic.power_diagram import DiagramVertices, diagram_vertices
 
-__all__ = ["Face", "GrainFace", "Tessellation", "nearest_grains", "tessellate"]
+__all__ = ["Face", "GrainFace", "Tessellation", "fills_the_box", "nearest_grains", "tessellate"]
 
 # Images of the seeds are looked at up to this many mean seed distances outside the box at first.
 _FIRST_MARGIN = 3.0
@@ -197,8 +197,8 @@ def tessellate(
         if margin == diagonal:
             raise RuntimeError(
                 f"The cells of these {len(points)} seeds do not fill the box: rounding decides "
-                "where their vertices are. Move the seeds a little, or make the weights less "
-                "different."
+                "where their vertices are. Move the seeds a little (random ones: take another seed "
+                "or another number of relaxation steps)."
             )
         margin *= 2
     return Tessellation(
@@ -277,12 +277,15 @@ def _assemble(
     found = Tessellation(
         seeds, weights, periods, vertices.x, tuple(faces), tuple(map(tuple, boundaries))
     )
-    if not all(_is_closed(found, sides) for sides in found.boundaries):
-        return None
-    box = periods.prod()
-    if found.volumes.min() <= 0 or abs(found.volumes.sum() - box) > _VOLUME_TOLERANCE * box:
-        return None
-    return found
+    return found if fills_the_box(found) else None
+
+
+def fills_the_box(tessellation: Tessellation) -> bool:
+    """Return whether the grains have closed boundaries, and volumes that sum to the box's."""
+    if not all(_is_closed(tessellation, sides) for sides in tessellation.boundaries):
+        return False
+    volumes, box = tessellation.volumes, tessellation.periods.prod()
+    return bool(volumes.min() > 0 and abs(volumes.sum() - box) <= _VOLUME_TOLERANCE * box)
 
 
 def _counterclockwise(
