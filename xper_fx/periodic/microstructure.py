@@ -13,7 +13,7 @@ from mpi4py import MPI
 
 from xper_fx.meshes import SerialOnlyError, read_gmsh
 from xper_fx.periodic.gmsh_session import gmsh_model
-from xper_fx.periodic.tessellation import GrainFace, Tessellation
+from xper_fx.periodic.tessellation import PieceFace, Tessellation
 
 __all__ = ["Microstructure", "mesh_tessellation"]
 
@@ -23,7 +23,7 @@ _Corner = tuple[int, tuple[int, ...]]
 
 @dataclass(frozen=True, eq=False)
 class Microstructure:
-    """A mesh of whole grains that repeats along a lattice; made by `mesh_tessellation`.
+    """A mesh of grains that repeats along a lattice; made by `mesh_tessellation`.
 
     Attributes:
         mesh: triangles or tetrahedra of first order.
@@ -52,8 +52,8 @@ def mesh_tessellation(
     one translate is meshed and copied to the other. Lengths are given to Gmsh in a unit near the
     mean size of the grains, for its tolerances are absolute.
 
-    Edges much shorter than `size` give cells of bad quality: see
-    `xper_fx.periodic.short_edges.merge_short_edges` (2D) and `Tessellation.shortest_edge`.
+    Edges much shorter than `size` give cells of bad quality: see `Tessellation.shortest_edge` and
+    `xper_fx.periodic.short_edges.lengthen_short_edges`.
 
     Args:
         tessellation: the grains.
@@ -91,7 +91,7 @@ def mesh_tessellation(
             raise RuntimeError(
                 f"Gmsh cannot mesh these {tessellation.num_grains} grains: {error}. Their shortest "
                 f"edge is {tessellation.shortest_edge:g} m, the size asked for {size:g} m: take "
-                "other seeds, or relax them more."
+                "other seeds, or rid them of short edges (lengthen_short_edges)."
             ) from error
         model.match()
         mesh, grain_tags, _ = read_gmsh(gmsh.model, dim, comm)
@@ -137,7 +137,9 @@ class _PeriodicModel:
     def build(self) -> None:
         """Make the geometry: one physical group a grain, of tag grain + 1, cuts and copies."""
         dim = self.tessellation.dim
-        for grain, sides in enumerate(self.tessellation.boundaries):
+        regions: list[list[int]] = [[] for _ in range(self.tessellation.num_grains)]
+        pieces = zip(self.tessellation.grain_of_piece, self.tessellation.boundaries, strict=True)
+        for grain, sides in pieces:
             if dim == 2:
                 lines = [self._line(*self._corners(side)) for side in sides]
                 loop = self.geo.addCurveLoop(lines, reorient=True)
@@ -145,7 +147,9 @@ class _PeriodicModel:
             else:
                 shell = self.geo.addSurfaceLoop([self._surface(side) for side in sides])
                 region = self.geo.addVolume([shell])
-            self.geo.addPhysicalGroup(dim, [region], grain + 1)
+            regions[grain].append(region)
+        for grain, parts in enumerate(regions):
+            self.geo.addPhysicalGroup(dim, parts, grain + 1)
         self.geo.synchronize()
         for (start, end), line in self.lines.items():
             length = np.linalg.norm(self._position(end) - self._position(start))
@@ -188,8 +192,8 @@ class _PeriodicModel:
         x[: self.tessellation.dim] = self.vertices[vertex] + np.multiply(shift, self.periods)
         return x
 
-    def _corners(self, side: GrainFace) -> list[_Corner]:
-        """Return the corners of a grain's face."""
+    def _corners(self, side: PieceFace) -> list[_Corner]:
+        """Return the corners of a piece's face."""
         face = self.tessellation.faces[side.face]
         shifts = (face.corner_shifts + side.shift).tolist()
         return [(c, tuple(k)) for c, k in zip(face.corners.tolist(), shifts, strict=True)]
@@ -212,8 +216,8 @@ class _PeriodicModel:
             self.lines[start, end] = line
         return self.lines[start, end]
 
-    def _surface(self, side: GrainFace) -> int:
-        """Return the surface of a grain's face in 3D."""
+    def _surface(self, side: PieceFace) -> int:
+        """Return the surface of a piece's face in 3D."""
         places = self.surfaces.setdefault(side.face, [])
         shift = tuple(side.shift.tolist())
         for place, surface in places:

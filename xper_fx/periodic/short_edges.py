@@ -38,7 +38,7 @@ def lengthen_short_edges(
     """Move seeds a little such that all edges of the grains have a length.
 
     Args:
-        tessellation: what to improve; it is left as it was. Weights stay.
+        tessellation: what to improve, of whole grains; it is left as it was. Weights stay.
         length: m. In the mean distance of seeds, (volume / number)^(1 / dim), about 0.3 can be
             reached in 2D, 0.15 in 3D.
         max_steps: after this many moves it is given up.
@@ -47,8 +47,10 @@ def lengthen_short_edges(
         A tessellation whose shortest edge is at least `length`; the same one if it has that.
 
     Raises:
-        ValueError: the length is negative or not finite, or was not reached.
+        ValueError: the length is negative or not finite, or was not reached; grains are cut.
     """
+    if len(tessellation.grain_of_piece) > tessellation.num_grains:
+        raise ValueError("The grains are cut by the box; lengthen their edges before that.")
     if not np.isfinite(length) or length < 0:
         raise ValueError(f"length is {length!r}; expected a length in m, 0 or more.")
     spacing = (tessellation.periods.prod() / tessellation.num_grains) ** (1 / tessellation.dim)

@@ -6,6 +6,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations
+from math import factorial
 from typing import NamedTuple
 
 import numpy as np
@@ -14,7 +15,15 @@ import numpy.typing as npt
 from xper_fx.periodic.box import checked_periods, near_pairs, wrapped
 from xper_fx.periodic.power_diagram import DiagramVertices, diagram_vertices
 
-__all__ = ["Face", "GrainFace", "Tessellation", "fills_the_box", "nearest_grains", "tessellate"]
+__all__ = [
+    "Face",
+    "PieceFace",
+    "Tessellation",
+    "counterclockwise",
+    "fills_the_box",
+    "nearest_grains",
+    "tessellate",
+]
 
 # Images of the seeds are looked at up to this many mean seed distances outside the box at first.
 _FIRST_MARGIN = 3.0
@@ -25,30 +34,30 @@ _DUPLICATE = 1e-6
 
 
 class Face(NamedTuple):
-    """What two grains share: an edge in 2D, a polygon in 3D; one of each class modulo the lattice.
+    """What two pieces share: an edge in 2D, a polygon in 3D; one of each class modulo the lattice.
 
     Attributes:
-        grains: the two grains; the first one in its own place.
-        shift: by how many periods the second grain is moved to face the first, shape (dim,), int.
-            A grain may face its own image.
+        pieces: the two pieces; the first one in its own place.
+        shift: by how many periods the second piece is moved to face the first, shape (dim,), int.
+            A piece may face its own image.
         corners: vertices of the tessellation, shape (k,), int; k = 2 in 2D. Seen from outside of
-            the first grain counterclockwise (2D: that grain lies to the left).
+            the first piece counterclockwise (2D: that piece lies to the left).
         corner_shifts: by how many periods each of them is moved, shape (k, dim), int.
     """
 
-    grains: tuple[int, int]
+    pieces: tuple[int, int]
     shift: npt.NDArray[np.int64]
     corners: npt.NDArray[np.int64]
     corner_shifts: npt.NDArray[np.int64]
 
 
-class GrainFace(NamedTuple):
-    """A face as a part of a grain's boundary.
+class PieceFace(NamedTuple):
+    """A face as a part of a piece's boundary.
 
     Attributes:
         face: index of the face in the tessellation.
         shift: by how many periods the face is moved to be there, shape (dim,), int.
-        outward: whether its corners are counterclockwise as seen from outside of this grain.
+        outward: whether its corners are counterclockwise as seen from outside of this piece.
     """
 
     face: int
@@ -58,20 +67,22 @@ class GrainFace(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Tessellation:
-    """A periodic tessellation into whole grains; made by `tessellate`.
+    """A periodic tessellation into grains; made by `tessellate` and `box_cut.cut_by_box`.
 
-    Each grain is the whole convex cell around its seed: the grains' union is a periodic cell with
-    a jagged boundary of grain boundaries, and its translates by the lattice fill the space. With
-    few seeds it may be of several pieces.
+    Each grain is the whole convex cell around its seed, in one piece: the grains' union is a
+    periodic cell with a jagged boundary of grain boundaries. Or the box cuts them: then its union
+    is the box, and a grain at the boundary consists of several convex pieces on opposite sides.
+    The translates of either by the lattice fill the space. With few whole grains the union may
+    fall apart.
 
     Attributes:
         seeds: shape (num_grains, dim), m, wrapped into the box from 0 to `periods`.
         weights: shape (num_grains,), m^2; zeros give the Voronoi tessellation.
         periods: edges of the box, shape (dim,), m.
-        vertices: one of each class modulo the lattice, shape (num_vertices, dim), m, in the box
-            (up to rounding).
-        faces: one of each class modulo the lattice, sorted by their grains.
-        boundaries: for each grain, in its own place, the faces around it.
+        vertices: one of each class modulo the lattice, shape (num_vertices, dim), m.
+        faces: one of each class modulo the lattice.
+        boundaries: for each piece, in its own place, the faces around it.
+        grain_of_piece: shape (num_pieces,), int; of whole grains 0, 1, 2, ...
     """
 
     seeds: npt.NDArray[np.float64]
@@ -79,7 +90,8 @@ class Tessellation:
     periods: npt.NDArray[np.float64]
     vertices: npt.NDArray[np.float64]
     faces: tuple[Face, ...]
-    boundaries: tuple[tuple[GrainFace, ...], ...]
+    boundaries: tuple[tuple[PieceFace, ...], ...]
+    grain_of_piece: npt.NDArray[np.int64]
 
     @property
     def num_grains(self) -> int:
@@ -96,10 +108,10 @@ class Tessellation:
         """Return the period vectors as rows, shape (dim, dim), m."""
         return np.diag(self.periods)
 
-    def face_corners(self, side: GrainFace) -> npt.NDArray[np.float64]:
-        """Return the corners of a grain's face, shape (k, dim), m, as seen from outside the grain.
+    def face_corners(self, side: PieceFace) -> npt.NDArray[np.float64]:
+        """Return the corners of a piece's face, shape (k, dim), m, as seen from outside the piece.
 
-        In 3D they are counterclockwise; in 2D the grain is to the left on the way from the first
+        In 3D they are counterclockwise; in 2D the piece is to the left on the way from the first
         to the second.
         """
         face = self.faces[side.face]
@@ -108,15 +120,15 @@ class Tessellation:
 
     @cached_property
     def _moments(self) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-        """Volumes and centroids of the grains, as sums over simplices with a tip in the grain.
+        """Volumes and centroids of the pieces, as sums over simplices with a tip in the piece.
 
         A simplex of tip o and other corners a_i has the volume det(a_i - o) / dim! and the
         centroid o + sum(a_i - o) / (dim + 1). In 3D a face is cut into triangles around its mean
-        corner, the same from both sides: that the volumes fill the box holds for warped ones too.
+        corner.
         """
-        volumes = np.zeros(self.num_grains)
-        centroids = np.zeros_like(self.seeds)
-        for grain, sides in enumerate(self.boundaries):
+        volumes = np.zeros(len(self.boundaries))
+        centroids = np.zeros((len(volumes), self.dim))
+        for piece, sides in enumerate(self.boundaries):
             corners = [self.face_corners(side) for side in sides]
             tip = np.mean([x.mean(axis=0) for x in corners], axis=0)
             for x in corners:
@@ -124,31 +136,32 @@ class Tessellation:
                 if self.dim == 3:
                     fan = np.broadcast_to(arms.mean(axis=0), arms.shape)
                     simplices = np.stack([fan, arms, np.roll(arms, -1, axis=0)], axis=1)
-                    pieces = np.linalg.det(simplices) / 6
                 else:
                     simplices = arms[np.newaxis]
-                    pieces = np.linalg.det(simplices) / 2
-                volumes[grain] += pieces.sum()
-                centroids[grain] += pieces @ simplices.sum(axis=1) / (self.dim + 1)
-            centroids[grain] = tip + centroids[grain] / volumes[grain]
+                parts = np.linalg.det(simplices) / factorial(self.dim)
+                volumes[piece] += parts.sum()
+                centroids[piece] += parts @ simplices.sum(axis=1) / (self.dim + 1)
+            centroids[piece] = tip + centroids[piece] / volumes[piece]
         return volumes, centroids
 
     @property
     def volumes(self) -> npt.NDArray[np.float64]:
         """Return the grains' areas (m^2) or volumes (m^3), shape (num_grains,)."""
+        return np.bincount(self.grain_of_piece, self.piece_volumes, self.num_grains)
+
+    @property
+    def piece_volumes(self) -> npt.NDArray[np.float64]:
+        """Return the pieces' areas (m^2) or volumes (m^3), shape (num_pieces,)."""
         return self._moments[0]
 
     @property
     def centroids(self) -> npt.NDArray[np.float64]:
-        """Return the grains' centroids, shape (num_grains, dim), m; each grain in its own place."""
+        """Return the pieces' centroids, shape (num_pieces, dim), m; each piece in its own place."""
         return self._moments[1]
 
     @cached_property
     def shortest_edge(self) -> float:
-        """Return the length of the shortest edge of a grain, m.
-
-        A mesh has cells no larger than this around that edge: with random seeds, relax them.
-        """
+        """Return the length of the shortest edge, m; around it a mesh has cells no larger."""
         shortest = np.inf
         for face in self.faces:
             x = self.vertices[face.corners] + face.corner_shifts * self.periods
@@ -208,6 +221,7 @@ def tessellate(
         vertices=found.vertices * unit,
         faces=found.faces,
         boundaries=found.boundaries,
+        grain_of_piece=found.grain_of_piece,
     )
 
 
@@ -262,33 +276,39 @@ def _assemble(
             apart = (b - a for a, b in zip(at_i, at_j, strict=True))
             shared.setdefault((i, j, *apart), []).append((vertex, *(-a for a in at_i)))
     faces = []
-    boundaries: list[list[GrainFace]] = [[] for _ in seeds]
+    boundaries: list[list[PieceFace]] = [[] for _ in seeds]
     for (i, j, *apart), corners in sorted(shared.items()):
         if len(corners) < dim:
             continue  # these grains share a corner, or in 3D an edge
         shift = np.array(apart)
         corner, corner_shift = np.array(corners)[:, 0], np.array(corners)[:, 1:]
-        order = _counterclockwise(
+        order = counterclockwise(
             vertices.x[corner] + corner_shift * periods, seeds[j] + shift * periods - seeds[i]
         )
-        boundaries[i].append(GrainFace(len(faces), np.zeros_like(shift), True))
-        boundaries[j].append(GrainFace(len(faces), -shift, False))
+        boundaries[i].append(PieceFace(len(faces), np.zeros_like(shift), True))
+        boundaries[j].append(PieceFace(len(faces), -shift, False))
         faces.append(Face((i, j), shift, corner[order], corner_shift[order]))
     found = Tessellation(
-        seeds, weights, periods, vertices.x, tuple(faces), tuple(map(tuple, boundaries))
+        seeds,
+        weights,
+        periods,
+        vertices.x,
+        tuple(faces),
+        tuple(map(tuple, boundaries)),
+        np.arange(len(seeds)),
     )
     return found if fills_the_box(found) else None
 
 
 def fills_the_box(tessellation: Tessellation) -> bool:
-    """Return whether the grains have closed boundaries, and volumes that sum to the box's."""
+    """Return whether the pieces have closed boundaries, and volumes that sum to the box's."""
     if not all(_is_closed(tessellation, sides) for sides in tessellation.boundaries):
         return False
-    volumes, box = tessellation.volumes, tessellation.periods.prod()
+    volumes, box = tessellation.piece_volumes, tessellation.periods.prod()
     return bool(volumes.min() > 0 and abs(volumes.sum() - box) <= _VOLUME_TOLERANCE * box)
 
 
-def _counterclockwise(
+def counterclockwise(
     corners: npt.NDArray[np.float64], normal: npt.NDArray[np.float64]
 ) -> npt.NDArray[np.intp]:
     """Return the order of the corners of a convex face as seen against its normal."""
@@ -300,8 +320,8 @@ def _counterclockwise(
     return np.argsort(np.arctan2(arms @ second, arms @ first))
 
 
-def _is_closed(tessellation: Tessellation, sides: tuple[GrainFace, ...]) -> bool:
-    """Return whether the boundary of a grain is closed.
+def _is_closed(tessellation: Tessellation, sides: tuple[PieceFace, ...]) -> bool:
+    """Return whether the boundary of a piece is closed.
 
     The signed sum of its faces' corners (2D) or of their edges (3D) must vanish, and each be
     there exactly twice.
