@@ -12,6 +12,7 @@ from scipy.spatial import cKDTree
 from xper_fx.bodies import explode
 from xper_fx.compat import geometry_dofmap
 from xper_fx.meshes import SerialOnlyError, facet_cells, facet_geometry_nodes
+from xper_fx.periodic.box_cut import cut_by_box
 from xper_fx.periodic.microstructure import mesh_tessellation
 from xper_fx.periodic.seeds import random_seeds
 from xper_fx.periodic.short_edges import lengthen_short_edges
@@ -39,12 +40,18 @@ def lattice_points(cells, motif):
 
 def owners(points, tessellation):
     """Return the seed of the smallest power of each point, and its shift, by trying all."""
-    shifts = np.array(list(product((-2, -1, 0, 1, 2), repeat=tessellation.dim)))
-    images = tessellation.seeds[:, np.newaxis] + shifts * tessellation.periods
-    power = ((points[:, np.newaxis, np.newaxis] - images) ** 2).sum(axis=-1)
-    power -= tessellation.weights[:, np.newaxis]
-    best = power.reshape(len(points), -1).argmin(axis=1)
-    return best // len(shifts), shifts[best % len(shifts)]
+    least = np.full(len(points), np.inf)
+    owner = np.full(len(points), -1)
+    place = np.zeros(points.shape, dtype=int)
+    for shift in product((-2, -1, 0, 1, 2), repeat=tessellation.dim):
+        apart = points[:, np.newaxis] - (tessellation.seeds + shift * tessellation.periods)
+        power = (apart**2).sum(axis=-1) - tessellation.weights
+        nearest = power.argmin(axis=1)
+        better = power.min(axis=1) < least
+        least[better] = power.min(axis=1)[better]
+        owner[better] = nearest[better]
+        place[better] = shift
+    return owner, place
 
 
 def edge_lengths(tessellation, side):
@@ -103,7 +110,7 @@ def test_faces_are_where_powers_are_equal(dim, count, weighted, seed):
     w = tessellation.weights
     shifts = np.array(list(product((-2, -1, 0, 1, 2), repeat=dim))) * periods
     for face in tessellation.faces:
-        i, j = face.grains
+        i, j = face.pieces
         x = tessellation.vertices[face.corners] + face.corner_shifts * periods
         first = ((x - tessellation.seeds[i]) ** 2).sum(axis=1) - w[i]
         second = ((x - tessellation.seeds[j] - face.shift * periods) ** 2).sum(axis=1) - w[j]
@@ -356,7 +363,7 @@ def check_translates(microstructure):
 
 
 def check_grains(microstructure, tessellation, phase):
-    """Each cell lies in its grain in the grain's own place, with its phase; volumes agree."""
+    """Each cell lies in its grain, a whole one in its own place, with its phase; volumes agree."""
     mesh = microstructure.mesh
     grain = microstructure.grain
     volumes = cell_volumes(mesh)
@@ -364,7 +371,7 @@ def check_grains(microstructure, tessellation, phase):
     assert grain.shape == volumes.shape
     owner, shift = owners(cell_corners(mesh).mean(axis=1), tessellation)
     assert np.array_equal(grain, owner)
-    assert not shift.any()
+    assert tessellation.is_cut or not shift.any()
     by_grain = np.bincount(grain, volumes, minlength=tessellation.num_grains)
     assert np.allclose(by_grain, tessellation.volumes, rtol=1e-11, atol=0)
     assert np.isclose(volumes.sum(), tessellation.periods.prod(), rtol=1e-12, atol=0)
@@ -378,7 +385,8 @@ def check_conforming(microstructure, tessellation):
     assert bodies.num_bodies == tessellation.num_grains
     inside = 0.0
     for face in tessellation.faces:
-        if not face.shift.any():
+        first, second = tessellation.grain_of_piece[list(face.pieces)]
+        if first != second and not face.shift.any():
             x = tessellation.vertices[face.corners] + face.corner_shifts * tessellation.periods
             if tessellation.dim == 2:
                 inside += np.linalg.norm(x[1] - x[0])
@@ -447,6 +455,54 @@ def test_meshes_of_rough_tessellations(dim, count, weighted):
     check_translates(microstructure)
     check_grains(microstructure, tessellation, np.ones(count, dtype=int))
     check_conforming(microstructure, tessellation)
+
+
+@pytest.mark.parametrize(
+    ("dim", "count", "keep_origin"),
+    ((2, 1, False), (2, 3, True), (2, 60, False), (2, 60, True), (3, 1, False), (3, 12, False)),
+)
+def test_grains_cut_by_the_box(dim, count, keep_origin):
+    """The periodic cell is the box; grains keep their volumes; pieces face each other."""
+    pytest.importorskip("gmsh")
+    periods = np.array([1e-4, 1.3e-4, 0.9e-4][:dim])
+    whole = tessellate(random_seeds(count, periods, 1), periods)
+    if count > 3:
+        whole = lengthen_short_edges(whole, SHORTEST[dim] * spacing(whole))
+    cut = cut_by_box(whole, keep_origin)
+    assert cut.is_cut
+    assert not whole.is_cut
+    assert np.allclose(cut.volumes, whole.volumes, rtol=1e-11, atol=0)
+    assert np.allclose(tessellate(cut.seeds, periods).volumes, whole.volumes, rtol=1e-11, atol=0)
+    assert np.array_equal(cut.seeds, whole.seeds) == keep_origin
+    phase = np.arange(count)
+    size = 0.3 * spacing(whole)
+    microstructure = mesh_tessellation(cut, size, phase)
+    check_translates(microstructure)
+    check_grains(microstructure, cut, phase)
+    check_conforming(microstructure, cut)
+    mesh = microstructure.mesh
+    cells, local = facet_cells(mesh)
+    exterior = cells[:, 1] < 0
+    nodes = facet_geometry_nodes(mesh, cells[exterior, 0], local[exterior, 0])
+    x = mesh.geometry.x[:, :dim][nodes]
+    on_side = np.isclose(x / periods, 0, atol=1e-12) | np.isclose(x / periods, 1, atol=1e-12)
+    assert np.all(on_side.all(axis=1).any(axis=1))
+    if not keep_origin:
+        assert cut.shortest_edge > {2: 0.1, 3: 0.02}[dim] * spacing(whole)
+        assert radius_ratios(mesh).min() > {2: 0.3, 3: 0.06}[dim]
+    with pytest.raises(ValueError, match="cut by the box already"):
+        cut_by_box(cut)
+    with pytest.raises(ValueError, match="cut by the box; lengthen"):
+        lengthen_short_edges(cut, 0)
+
+
+def test_cut_refuses_vertices_on_the_boundary():
+    """Squares whose corners are at the box's corners; with a free origin, halves and quarters."""
+    tessellation = tessellate([(0.5, 0.5), (1.5, 0.5)], (2, 1))
+    with pytest.raises(ValueError, match="A vertex at .* lies on the box's boundary"):
+        cut_by_box(tessellation, keep_origin=True)
+    cut = cut_by_box(tessellation)
+    assert np.allclose(np.sort(cut.piece_volumes), [0.25] * 4 + [0.5] * 2)
 
 
 @pytest.mark.parametrize("motif", ([(0.3, 0.2)], [(0, 0, 0.1)], [(0, 0, 0), (0.5, 0.5, 0.5)]))

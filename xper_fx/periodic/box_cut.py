@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
+from xper_fx.periodic.box import wrapped
 from xper_fx.periodic.tessellation import (
     Face,
     PieceFace,
@@ -23,37 +24,61 @@ __all__ = ["cut_by_box"]
 _TOO_NEAR = 1e-6
 
 
-def cut_by_box(tessellation: Tessellation) -> Tessellation:
+def cut_by_box(tessellation: Tessellation, keep_origin: bool = False) -> Tessellation:
     """Cut grains where they cross the box's boundary, and move the pieces into the box.
 
     The pieces of a grain on opposite sides of the box face each other, periodically, as if they
-    were not cut. Cuts may pass near vertices: then there are short edges. Another origin, the
-    same vector added to all seeds, makes other cuts.
+    were not cut. A cut near a vertex makes a short edge; as a periodic medium has no origin, it
+    is moved, one axis after the other, such that each plane lies in the middle of the widest gap
+    between vertices.
 
     Args:
         tessellation: of whole grains; it is left as it was.
+        keep_origin: cut where the box's boundary is instead.
 
     Returns:
-        The tessellation of the box; `grain_of_piece` says whose each piece is.
+        The tessellation of the box, from 0 to `periods`; `grain_of_piece` says whose each piece
+        is. The seeds are moved with the grains.
 
     Raises:
-        ValueError: a vertex lies on the box's boundary.
+        ValueError: a vertex lies on the box's boundary; the grains are cut already.
     """
+    if tessellation.is_cut:
+        raise ValueError("The grains are cut by the box already.")
     spacing = (tessellation.periods.prod() / tessellation.num_grains) ** (1 / tessellation.dim)
     cut = tessellation
     for axis in range(tessellation.dim):
+        if not keep_origin:
+            cut = _moved(cut, axis, _middle_of_widest_gap(cut, axis))
         along = cut.vertices[:, axis] / cut.periods[axis]
         apart = np.abs(along - np.rint(along)) * cut.periods[axis]
         if apart.min() < _TOO_NEAR * spacing:
             raise ValueError(
                 f"A vertex at {cut.vertices[apart.argmin()].tolist()} lies on the box's boundary, "
-                "where cutting would make edges without length: add the same small vector to all "
-                "seeds."
+                "where cutting would make edges without length: add the same vector to all "
+                "seeds, or do not keep the origin."
             )
         cut = _Cut(cut, axis).result()
     if not fills_the_box(cut):
         raise RuntimeError("The pieces of the cut grains do not fill the box.")
-    return cut
+    return replace(cut, seeds=wrapped(cut.seeds, cut.periods))
+
+
+def _middle_of_widest_gap(tessellation: Tessellation, axis: int) -> float:
+    """Return the coordinate, modulo the period, that is furthest from all vertices."""
+    period = tessellation.periods[axis]
+    taken = np.sort(np.mod(tessellation.vertices[:, axis], period))
+    gaps = np.diff(taken, append=taken[0] + period)
+    widest = np.argmax(gaps)
+    return float(taken[widest] + gaps[widest] / 2)
+
+
+def _moved(tessellation: Tessellation, axis: int, way: float) -> Tessellation:
+    """Return the tessellation moved against an axis."""
+    seeds, vertices = tessellation.seeds.copy(), tessellation.vertices.copy()
+    seeds[:, axis] -= way
+    vertices[:, axis] -= way
+    return replace(tessellation, seeds=seeds, vertices=vertices)
 
 
 class _Cut:

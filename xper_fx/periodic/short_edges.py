@@ -49,7 +49,7 @@ def lengthen_short_edges(
     Raises:
         ValueError: the length is negative or not finite, or was not reached; grains are cut.
     """
-    if len(tessellation.grain_of_piece) > tessellation.num_grains:
+    if tessellation.is_cut:
         raise ValueError("The grains are cut by the box; lengthen their edges before that.")
     if not np.isfinite(length) or length < 0:
         raise ValueError(f"length is {length!r}; expected a length in m, 0 or more.")

@@ -104,6 +104,11 @@ class Tessellation:
         return len(self.periods)
 
     @property
+    def is_cut(self) -> bool:
+        """Return whether the box cuts the grains."""
+        return len(self.grain_of_piece) > self.num_grains
+
+    @property
     def lattice(self) -> npt.NDArray[np.float64]:
         """Return the period vectors as rows, shape (dim, dim), m."""
         return np.diag(self.periods)
