@@ -12,7 +12,13 @@ from xper_fx.bulk.bulk import Bulk
 from xper_fx.errors import ConvergenceError
 from xper_fx.forms.dynamics import BulkForms
 from xper_fx.forms.loads import PrescribedDisplacement, PrescribedVelocity, RayleighDamping
-from xper_fx.materials import LinearElastic, NeoHookean
+from xper_fx.materials import (
+    Cubic,
+    LinearElastic,
+    NeoHookean,
+    Orthotropic,
+    SaintVenantKirchhoff,
+)
 from xper_fx.nscd.laws import CohesiveZone
 from xper_fx.scene import Scene
 from xper_fx.simulation import Simulation
@@ -34,7 +40,17 @@ def some_displacement(bulk, size=0.1):
 CASES = [(1, 2), (2, 2), (1, 3), (2, 3)]
 
 
-@pytest.mark.parametrize("material", [LinearElastic(100.0, 0.3, 1.0), RUBBER], ids=type)
+WOOD = Orthotropic((100.0, 60.0, 20.0), (0.3, 0.1, 0.2), (30.0, 15.0, 10.0), 1.0, rotation=0.4)
+ELASTIC = [
+    LinearElastic(100.0, 0.3, 1.0),
+    RUBBER,
+    SaintVenantKirchhoff(100.0, 0.3, 1.0),
+    WOOD,
+    Cubic(150.0, 90.0, 80.0, 1.0, rotation=-0.3),
+]
+
+
+@pytest.mark.parametrize("material", ELASTIC, ids=type)
 @pytest.mark.parametrize("order, dim", CASES)
 def test_forces_and_tangent_are_derivatives(order, dim, material):
     """Forces against differences of the energy, the tangent against differences of the forces."""
@@ -137,6 +153,124 @@ def test_small_strains_of_both_materials_agree():
     linear, _ = stretched(LinearElastic(100.0, 0.3, 1.0), 2, 1e-6)
     finite, _ = stretched(RUBBER, 2, 1e-6)
     assert field(finite) == pytest.approx(field(linear), abs=1e-11)
+
+
+# -- Saint-Venant-Kirchhoff
+
+
+@pytest.mark.parametrize("order, dim", [(1, 2), (2, 3)])
+def test_saint_venant_kirchhoff_stress_of_a_homogeneous_deformation(order, dim):
+    bulk = bulk_of(SaintVenantKirchhoff(100.0, 0.3, 1.0), order, dim)
+    F = np.eye(3)
+    F[:dim, :dim] = np.array([[1.3, 0.2, 0.1], [-0.1, 0.8, 0.05], [0.0, 0.3, 1.1]])[:dim, :dim]
+    E = 0.5 * (F.T @ F - np.eye(3))
+    S = LAM * np.trace(E) * np.eye(3) + 2.0 * MU * E
+    u = affine(bulk, F[:dim, :dim])
+    bulk.forms.u.x.array[:] = u
+    stress = bulk.forms.stress_evaluator()()
+    exact = F @ S @ F.T / np.linalg.det(F)
+    assert stress == pytest.approx(np.broadcast_to(exact, stress.shape), abs=1e-10)
+    assert bulk.elastic_energy(u, None) == pytest.approx(0.5 * np.sum(S * E), rel=1e-12)
+    x = bulk.forms.V.tabulate_dof_coordinates()[:, :dim]
+    nominal = bulk.internal(u).reshape(-1, dim).T @ x
+    assert nominal == pytest.approx((F @ S)[:dim, :dim], abs=1e-10)
+
+
+# -- anisotropy
+
+
+def voigt_rotation(R):
+    """6 x 6 matrix that turns stresses in Voigt's order 11, 22, 33, 23, 13, 12 by R (Bond)."""
+    a, b = [1, 2, 0], [2, 0, 1]
+    out = np.zeros((6, 6))
+    out[:3, :3] = R**2
+    for i in range(3):
+        for j in range(3):
+            out[j, 3 + i] = 2.0 * R[j, a[i]] * R[j, b[i]]
+            out[3 + j, i] = R[a[j], i] * R[b[j], i]
+            out[3 + j, 3 + i] = R[a[j], a[i]] * R[b[j], b[i]] + R[a[j], b[i]] * R[b[j], a[i]]
+    return out
+
+
+SPACE = np.linalg.qr(np.random.default_rng(3).standard_normal((3, 3)))[0]
+SPACE = SPACE * np.linalg.det(SPACE)
+SPIN = np.array([[np.cos(0.4), -np.sin(0.4), 0], [np.sin(0.4), np.cos(0.4), 0], [0, 0, 1]])
+
+
+def uniform_stress(material, strain, dim):
+    bulk = bulk_of(material, 1, dim)
+    bulk.forms.u.x.array[:] = affine(bulk, np.eye(dim) + strain[:dim, :dim])
+    return bulk.forms.stress_evaluator()()[0]
+
+
+def in_voigt(a, shear):
+    return np.array([a[0, 0], a[1, 1], a[2, 2], shear * a[1, 2], shear * a[0, 2], shear * a[0, 1]])
+
+
+@pytest.mark.parametrize("crystal", ["wood", "cubic"])
+@pytest.mark.parametrize("dim, rotation, R", [(2, 0.4, SPIN), (3, 0.4, SPIN), (3, SPACE, SPACE)])
+def test_rotated_stiffness(dim, rotation, R, crystal):
+    """Stress of a general strain against Bond's rotation of the stiffness."""
+    if crystal == "wood":
+        material = Orthotropic(
+            (100.0, 60.0, 20.0), (0.3, 0.1, 0.2), (30.0, 15.0, 10.0), 1.0, rotation
+        )
+        S = np.zeros((6, 6))
+        S[:3, :3] = [
+            [1 / 100, -0.3 / 100, -0.1 / 100],
+            [-0.3 / 100, 1 / 60, -0.2 / 60],
+            [-0.1 / 100, -0.2 / 60, 1 / 20],
+        ]
+        S[3, 3], S[4, 4], S[5, 5] = 1 / 10.0, 1 / 15.0, 1 / 30.0
+        C = np.linalg.inv(S)
+    else:
+        material = Cubic(150.0, 90.0, 80.0, 1.0, rotation)
+        C = np.diag([150.0] * 3 + [80.0] * 3)
+        C[:3, :3] += 90.0 * (1.0 - np.eye(3))
+    M = voigt_rotation(R)
+    strain = np.random.default_rng(5).standard_normal((3, 3))
+    strain = strain + strain.T
+    strain[dim:], strain[:, dim:] = 0.0, 0.0
+    stress = uniform_stress(material, strain, dim)
+    assert in_voigt(stress, 1.0) == pytest.approx(M @ C @ M.T @ in_voigt(strain, 2.0), rel=1e-11)
+    assert stress == pytest.approx(stress.T)
+
+
+def test_equal_axes_are_isotropic():
+    """Cubic with 2 c44 = c11 - c12, orthotropic with equal constants, in any axes."""
+    strain = np.array([[0.3, 0.1, -0.2], [0.1, -0.4, 0.25], [-0.2, 0.25, 0.15]])
+    exact = uniform_stress(LinearElastic(100.0, 0.3, 1.0), strain, 3)
+    cubic = Cubic(LAM + 2 * MU, LAM, MU, 1.0, SPACE)
+    wood = Orthotropic((100.0,) * 3, (0.3,) * 3, (MU,) * 3, 1.0, SPACE)
+    for material in (cubic, wood):
+        assert uniform_stress(material, strain, 3) == pytest.approx(exact, rel=1e-11)
+    other = uniform_stress(Cubic(LAM + 2 * MU, LAM, 2 * MU, 1.0, SPACE), strain, 3)
+    assert np.abs(other - exact).max() > 0.1 * np.abs(exact).max()
+
+
+@pytest.mark.parametrize(
+    "make, message",
+    [
+        (lambda: Cubic(1.0, 2.0, 1.0, 1.0), "positive definite"),
+        (lambda: Cubic(1.0, -0.6, 1.0, 1.0), "positive definite"),
+        (lambda: Cubic(2.0, 1.0, 1.0, 0.0), "density should be"),
+        (lambda: Cubic(2.0, 1.0, 1.0, 1.0, np.ones((3, 3))), "orthonormal"),
+        (lambda: Cubic(2.0, 1.0, 1.0, 1.0, np.diag([1.0, 1.0, -1.0])), "orthonormal"),
+        (lambda: Cubic(2.0, 1.0, 1.0, 1.0, np.nan), "finite angle"),
+        (lambda: Orthotropic((1, 1, 0), (0, 0, 0), (1, 1, 1), 1.0), "young should be above"),
+        (lambda: Orthotropic((1, 1, 1), (0.9, 0.9, 0.9), (1, 1, 1), 1.0), "positive definite"),
+        (lambda: Orthotropic((1, 1), (0, 0, 0), (1, 1, 1), 1.0), "three finite numbers"),
+        (lambda: SaintVenantKirchhoff(1.0, 0.5, 1.0), "poisson"),
+    ],
+)
+def test_bad_elastic_constants_are_refused(make, message):
+    with pytest.raises(ValueError, match=message):
+        make()
+
+
+def test_axes_out_of_the_plane_are_refused():
+    with pytest.raises(ValueError, match="normal to the plane"):
+        bulk_of(Cubic(150.0, 90.0, 80.0, 1.0, SPACE))
 
 
 # -- Newton

@@ -81,7 +81,7 @@ class Voce:
     to it and never passes it; if -1 < A < 0 (softening) it passes once and comes down. How many
     iterations reach rounding for every b depends on A alone, which hardening, the rise of mu under
     finite strain and alpha > 0 all bring nearer to zero: 3 iterations for A = 0.02 (mild steel), 5
-    for 1, 9 for 100 or -0.99.
+    for 1, 9 for 100, 8 for -0.99.
 
     Args:
         saturation: sigma_inf (Pa); below sigma_0 the material softens.
@@ -150,8 +150,9 @@ def _iterations(A: float) -> int:
     """Newton iterations from zero that solve x + A (1 - exp(-x)) = b to rounding for all b > 0."""
     x = np.concatenate([np.geomspace(1e-6, 1e3, 500), abs(A) * np.linspace(0.0, 3.0, 301)[1:]])
     b = x - A * np.expm1(-x)
-    guess, count = np.zeros_like(x), 0
-    while np.any(np.abs(guess - x) > 2e-15 * np.maximum(x, 1.0)):
-        guess -= (guess - A * np.expm1(-guess) - b) / (1.0 + A * np.exp(-guess))
+    guess, count, residual = np.zeros_like(x), 0, -b
+    while np.any(np.abs(residual) > 4e-15 * np.maximum(b, 1.0)):
+        guess -= residual / (1.0 + A * np.exp(-guess))
+        residual = guess - A * np.expm1(-guess) - b
         count += 1
     return max(count, 1)

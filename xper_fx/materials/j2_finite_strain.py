@@ -20,7 +20,7 @@ committed with. (Keeping x = tr b* / 3 and scaling C_p^-1 to the determinant one
 
 The dissipation is -mu / 2 C_bar : d(C_p^-1). With n the direction of s and d = s : n / mu it is
 
-    3/2 sqrt(6) m c dp / 3,    c = -n : b^-1 / tr b^-1 = d (x - d tr n^3) / (3 x^2 - d^2 / 2) >= 0,
+    sqrt(3/2) m c dp,    c = -n : b^-1 / tr b^-1 = d (x - d tr n^3) / (3 x^2 - d^2 / 2) >= 0,
 
 close to K(alpha) dp, from which it differs by the elastic strain. A step takes c between its value
 at K(alpha) and at K(alpha + p), which closes the energy balance to second order in the step.
@@ -42,7 +42,7 @@ from xper_fx.materials.material import (
     UNIT_TENSOR,
     Response,
     check_elastic_constants,
-    check_yield,
+    check_plasticity,
     lame,
 )
 from xper_fx.materials.radial_return import radial_return
@@ -80,8 +80,8 @@ class J2FiniteStrain:
 
     def __post_init__(self):
         check_elastic_constants(self.young, self.poisson, self.density)
-        check_yield(self.yield_stress)
-        self.hardening.check(self.yield_stress, lame(self.young, self.poisson)[1])
+        _, mu = lame(self.young, self.poisson)
+        check_plasticity(self.yield_stress, self.hardening, mu)
 
     def response(self, u, old, step, constant) -> Response:
         """See `InelasticMaterial`."""
@@ -93,7 +93,8 @@ class J2FiniteStrain:
         J, inverse = ufl.det(F), ufl.inv(F)
         b = J ** (-2.0 / 3.0) * F * old["inverse_plastic_metric"] * F.T
         mean = ufl.tr(b) / 3.0
-        s, p = radial_return(mu * ufl.dev(b), 3.0 * mu * mean, alpha, curve)
+        m = 3.0 * mu * mean
+        s, p = radial_return(mu * ufl.dev(b), m, alpha, curve)
         tau = 0.5 * bulk * (J**2 - 1.0) * ufl.Identity(3) + s
         x = _unit_determinant(s / mu, mean)
         metric = J ** (2.0 / 3.0) * inverse * (s / mu + x * ufl.Identity(3)) * inverse.T
@@ -112,7 +113,7 @@ class J2FiniteStrain:
             stress=tau / J,
             energy=volumetric + 1.5 * mu * (x - 1.0),
             new={"inverse_plastic_metric": metric, "accumulated": alpha + p},
-            plastic=ufl.conditional(ufl.gt(p, 0.0), sqrt(13.5) * mu * mean * share * p, 0.0),
+            plastic=ufl.conditional(ufl.gt(p, 0.0), sqrt(1.5) * m * share * p, 0.0),
         )
 
 

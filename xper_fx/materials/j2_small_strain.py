@@ -27,7 +27,7 @@ from xper_fx.materials.material import (
     ZERO_TENSOR,
     Response,
     check_elastic_constants,
-    check_yield,
+    check_plasticity,
     lame,
 )
 from xper_fx.materials.radial_return import radial_return
@@ -61,8 +61,8 @@ class J2SmallStrain:
 
     def __post_init__(self):
         check_elastic_constants(self.young, self.poisson, self.density)
-        check_yield(self.yield_stress)
-        self.hardening.check(self.yield_stress, lame(self.young, self.poisson)[1])
+        _, mu = lame(self.young, self.poisson)
+        check_plasticity(self.yield_stress, self.hardening, mu)
 
     def response(self, u, old, step, constant) -> Response:
         """See `InelasticMaterial`."""

@@ -10,6 +10,9 @@ from __future__ import annotations
 
 from types import MappingProxyType
 
+from xper_fx.materials.hardening import Linear
+from xper_fx.materials.j2_finite_strain import J2FiniteStrain
+from xper_fx.materials.j2_small_strain import J2SmallStrain
 from xper_fx.materials.linear_elastic import LinearElastic
 from xper_fx.materials.neo_hookean import NeoHookean
 from xper_fx.nscd.laws import CohesiveZone
@@ -19,6 +22,15 @@ FRICTION = 0.05
 
 ZIRCALOY_4 = LinearElastic(young=99e9, poisson=0.325, density=DENSITY)
 """Elastic part of Zircaloy-4."""
+
+_DUCTILE = dict(
+    young=99e9, poisson=0.325, yield_stress=450e6, hardening=Linear(850e6), density=DENSITY
+)
+ZIRCALOY_4_DUCTILE = J2SmallStrain(**_DUCTILE)
+"""Zircaloy-4 with its plasticity, at small strain."""
+
+ZIRCALOY_4_DUCTILE_FINITE = J2FiniteStrain(**_DUCTILE)
+"""Zircaloy-4 with its plasticity, at finite strain."""
 
 HYDRIDE = NeoHookean(young=135e9, poisson=0.32, density=DENSITY)
 """Zirconium delta-hydride."""

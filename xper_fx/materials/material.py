@@ -107,11 +107,15 @@ def lame(young: float, poisson: float) -> tuple[float, float]:
     return young * poisson / ((1.0 + poisson) * (1.0 - 2.0 * poisson)), mu
 
 
+def check_density(density: float) -> None:
+    """Raise ValueError unless a density (kg/m^3) is a finite number above zero."""
+    _check_above_zero("density", density)
+
+
 def check_elastic_constants(young: float, poisson: float, density: float) -> None:
     """Raise ValueError unless the constants describe a stable isotropic solid."""
-    for name, value in (("young", young), ("density", density)):
-        if not (math.isfinite(value) and value > 0.0):
-            raise ValueError(f"{name} should be a finite number above zero, got {value}.")
+    _check_above_zero("young", young)
+    check_density(density)
     if not -1.0 < poisson < 0.5:
         raise ValueError(
             f"poisson should lie strictly between -1 and 0.5, got {poisson}; for a nearly "
@@ -119,10 +123,17 @@ def check_elastic_constants(young: float, poisson: float, density: float) -> Non
         )
 
 
-def check_yield(yield_stress: float) -> None:
-    """Raise ValueError unless a yield stress (Pa) is a finite number above zero."""
-    if not (math.isfinite(yield_stress) and yield_stress > 0.0):
+def check_plasticity(yield_stress: float, hardening, shear: float) -> None:
+    """Raise ValueError unless a yield stress and its hardening suit a shear modulus (Pa)."""
+    _check_above_zero("yield_stress", yield_stress)
+    if not hasattr(hardening, "curve"):
         raise ValueError(
-            f"yield_stress should be a finite number above zero, got {yield_stress}; a solid that "
-            "never yields is LinearElastic or NeoHookean."
+            "hardening should be a law such as Linear(modulus) or Voce(saturation, rate), got "
+            f"{hardening!r}."
         )
+    hardening.check(yield_stress, shear)
+
+
+def _check_above_zero(name: str, value: float) -> None:
+    if not (math.isfinite(value) and value > 0.0):
+        raise ValueError(f"{name} should be a finite number above zero, got {value}.")
