@@ -9,6 +9,7 @@ import pytest
 from mpi4py import MPI
 from scipy.spatial import cKDTree
 
+import xper_fx.periodic.tessellation as tessellation_module
 from xper_fx.bodies import explode
 from xper_fx.compat import geometry_dofmap
 from xper_fx.meshes import SerialOnlyError, facet_cells, facet_geometry_nodes
@@ -118,6 +119,24 @@ def test_faces_are_where_powers_are_equal(dim, count, weighted, seed):
         images = tessellation.seeds[:, np.newaxis] + shifts
         every = ((x[:, np.newaxis, np.newaxis] - images) ** 2).sum(axis=-1) - w[:, np.newaxis]
         assert np.all(every.reshape(len(x), -1).min(axis=1) > first - 1e-12)
+
+
+@pytest.mark.parametrize("dim", (2, 3))
+@pytest.mark.parametrize("margin", (0.1, 0.6, 1.0, 1.4))
+def test_too_few_images_are_noticed(monkeypatch, dim, margin):
+    """Begun with the images near the box only, the search for the cells goes on until right."""
+    monkeypatch.setattr(tessellation_module, "_FIRST_MARGIN", margin)
+    periods = np.array([1.0, 0.3, 2.0][:dim])
+    for count in (1, 2, 3, 5, 12):
+        for seed in range(5):
+            seeds = random_seeds(count, periods, seed, relaxation=0)
+            weights = np.random.default_rng(seed).random(count) * 0.3 * periods.min() ** 2 / count
+            found = tessellate(seeds, periods, weights)
+            with monkeypatch.context() as all_images:
+                all_images.setattr(tessellation_module, "_FIRST_MARGIN", np.inf)
+                expected = tessellate(seeds, periods, weights)
+            assert len(found.faces) == len(expected.faces)
+            assert np.allclose(found.volumes, expected.volumes, rtol=1e-10)
 
 
 def test_honeycomb():
@@ -528,6 +547,18 @@ def test_meshes_are_reproducible(dim):
     )
     assert np.array_equal(first.mesh.geometry.x, second.mesh.geometry.x)
     assert np.array_equal(geometry_dofmap(first.mesh), geometry_dofmap(second.mesh))
+    assert np.array_equal(first.grain, second.grain)
+
+
+@pytest.mark.parametrize("dim", (2, 3))
+def test_meshes_do_not_depend_on_the_unit(dim):
+    """Grains of a nanometre are meshed like those of a metre."""
+    pytest.importorskip("gmsh")
+    tessellation = tessellate(random_seeds(6, np.ones(dim), 3), np.ones(dim))
+    scale = 2.0**-30
+    small = tessellate(tessellation.seeds * scale, np.full(dim, scale))
+    first, second = mesh_tessellation(tessellation, 0.2), mesh_tessellation(small, 0.2 * scale)
+    assert np.array_equal(first.mesh.geometry.x * scale, second.mesh.geometry.x)
     assert np.array_equal(first.grain, second.grain)
 
 

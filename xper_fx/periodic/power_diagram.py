@@ -78,6 +78,7 @@ def diagram_vertices(
     diagonal = np.linalg.norm(periods)
     certain = margin >= diagonal
     num_seeds, dim = seeds.shape
+    weights = weights - weights.mean()  # only differences count
     owner, shift = _images(seeds, periods, margin)
     x = seeds[owner] + shift * periods
     middle = periods / 2
@@ -104,7 +105,7 @@ def diagram_vertices(
     centre = middle - normal[:, :dim] / (2 * normal[:, dim:])
     if np.abs(centre - middle).max() > 2 * diagonal:
         return None
-    return _classes(centre, owner[simplices], shift[simplices], seeds, weights, periods)
+    return _classes(centre, owner[simplices], shift[simplices], periods)
 
 
 def _images(
@@ -127,8 +128,6 @@ def _classes(
     centre: npt.NDArray[np.float64],
     simplex_seeds: npt.NDArray[np.int64],
     simplex_shifts: npt.NDArray[np.int64],
-    seeds: npt.NDArray[np.float64],
-    weights: npt.NDArray[np.float64],
     periods: npt.NDArray[np.float64],
 ) -> DiagramVertices:
     """Gather power centres that coincide modulo the lattice, with all the seeds around them."""
@@ -136,7 +135,7 @@ def _classes(
     inside = wrapped(centre, periods)
     pairs = near_pairs(inside, periods, min(_COINCIDENT, periods.min() / 4))
     graph = coo_array((np.ones(len(pairs)), pairs.T), shape=(len(centre), len(centre)))
-    num_vertices, vertex = connected_components(graph, directed=False)
+    vertex = connected_components(graph, directed=False)[1]
     first = np.unique(vertex, return_index=True)[1]
     x = inside[first]
     moved = np.rint((centre - x[vertex]) / periods).astype(np.int64)
@@ -150,22 +149,4 @@ def _classes(
     )
     around = np.unique(around, axis=0)
     parts = np.split(around[:, 1:], np.flatnonzero(np.diff(around[:, 0])) + 1)
-    vertex_seeds = [part[:, 0] for part in parts]
-    vertex_shifts = [part[:, 1:] for part in parts]
-    for v in range(num_vertices):
-        place = seeds[vertex_seeds[v]] + vertex_shifts[v] * periods
-        x[v] += _correction(x[v], place, weights[vertex_seeds[v]])
-    return DiagramVertices(x, vertex_seeds, vertex_shifts)
-
-
-def _correction(
-    x: npt.NDArray[np.float64], seeds: npt.NDArray[np.float64], weights: npt.NDArray[np.float64]
-) -> npt.NDArray[np.float64]:
-    """Return the step d from x to the point of equal powers r, free of the lifting's rounding.
-
-    |x + d - p|^2 - w = r for all seeds p gives, with s = r - |d|^2, the linear equations
-    2 (x - p) . d - s = w - |x - p|^2 (least squares, where more than dim + 1 seeds meet).
-    """
-    to_x = x - seeds
-    matrix = np.column_stack([2 * to_x, -np.ones(len(seeds))])
-    return np.linalg.lstsq(matrix, weights - np.einsum("ij,ij->i", to_x, to_x))[0][:-1]
+    return DiagramVertices(x, [part[:, 0] for part in parts], [part[:, 1:] for part in parts])

@@ -285,6 +285,8 @@ def _assemble(
     for (i, j, *apart), corners in sorted(shared.items()):
         if len(corners) < dim:
             continue  # these grains share a corner, or in 3D an edge
+        if dim == 2 and len(corners) > 2:
+            return None  # of unfinished cells
         shift = np.array(apart)
         corner, corner_shift = np.array(corners)[:, 0], np.array(corners)[:, 1:]
         order = counterclockwise(
