@@ -41,6 +41,7 @@ import numpy as np
 from tqdm.auto import tqdm
 
 from xper_fx.bodies import Bodies, explode
+from xper_fx.cracks import crack_panel, find_cracks
 from xper_fx.effects import effects_table
 from xper_fx.forms.loads import PrescribedVelocity
 from xper_fx.materials import LinearElastic, NeoHookean
@@ -62,8 +63,9 @@ from xper_fx.plots import (
     plot_energies,
     plot_microstructure,
 )
-from xper_fx.recorder import Recorder, TensileGauge, point_coordinates
-from xper_fx.scales import cohesive_scales
+from xper_fx.recorder import Recorder, TensileGauge
+from xper_fx.runner import recorded_steps
+from xper_fx.scales import cohesive_table
 from xper_fx.scene import Scene
 from xper_fx.simulation import SOLVERS, Simulation
 
@@ -164,26 +166,10 @@ def notched_plate(
     )
 
 
-# ## Cracks
-#
-# A point is cracked when less than a thousandth of its bond is left. Its kind is how many of its
-# two sides are inclusion: matrix, interface, inclusion. Crack patterns are drawn twice: after the
-# first crack (`--early-strain`), when deflection or penetration is decided, and at the end.
-
-
-def cracks(simulation: Simulation) -> tuple[np.ndarray, np.ndarray]:
-    """Cracked half facets: end points (m, 2, 2) in m, and kind (m,): 0, 1 or 2."""
-    facets = simulation.scene.bodies.facets
-    x = point_coordinates(simulation).reshape(len(facets), -1, 2)
-    damage = simulation.interactions.gather("damage")[: x.shape[0] * x.shape[1]]
-    broken = damage.reshape(x.shape[:2]) < 1e-3
-    broken[facets.tag == NOTCH] = False
-    facet, point = np.nonzero(broken)
-    segments = np.stack([x[facet, point], x[facet].mean(axis=1)], axis=1)
-    return segments, (facets.materials[facet] == INCLUSION).sum(axis=1)
-
-
 # ## One run
+#
+# Crack patterns are drawn twice: after the first crack (`--early-strain`), when deflection or
+# penetration is decided, and at the end.
 
 
 def run(scene: Scene, folder: Path, options: argparse.Namespace, title: str) -> dict:
@@ -209,15 +195,10 @@ def run(scene: Scene, folder: Path, options: argparse.Namespace, title: str) -> 
         parameters=parameters | {"title": title},
     )
     early = None
-    with recorder, tqdm(total=100.0, desc=title, unit="%", disable=options.quiet) as bar:
-        for step in simulation.steps(end):
-            strain, _ = recorder.record(step)
-            if early is None and strain >= options.early_strain:
-                early = crack_panel(simulation, recorder, f"{title}, {100 * strain:.2f} %")
-            bar.update(min(100.0 * step.time / end, 100.0) - bar.n)
-            error = abs(step.energies["closure"]) / max(step.energies["external_work"], 1e-300)
-            bar.set_postfix(sweeps=step.sweeps, energy_error=f"{error:.0e}", refresh=False)
-    final = crack_panel(simulation, recorder, f"{title}, {100 * strain:.2f} %")
+    for _, strain in recorded_steps(recorder, end, title, options.quiet):
+        if early is None and strain >= options.early_strain:
+            early = panel(recorder, f"{title}, {100 * strain:.2f} %")
+    final = panel(recorder, f"{title}, {100 * strain:.2f} %")
     early = early or final
     report(simulation, early, final, folder, title)
     return {
@@ -229,19 +210,9 @@ def run(scene: Scene, folder: Path, options: argparse.Namespace, title: str) -> 
     }
 
 
-def crack_panel(simulation: Simulation, recorder: Recorder, title: str) -> CrackPanel:
+def panel(recorder: Recorder, title: str) -> CrackPanel:
     """The cracked plate as it is now."""
-    segments, kind = cracks(simulation)
-    bodies = simulation.scene.bodies
-    return CrackPanel(
-        points=bodies.mesh.geometry.x[:, :2],
-        triangles=recorder.cells,
-        material=bodies.material_of_cell,
-        displacement=recorder.vertex_displacement(),
-        crack_segments=segments,
-        crack_kind=kind,
-        title=title,
-    )
+    return crack_panel(recorder, find_cracks(recorder.simulation, INCLUSION, (NOTCH,)), title)
 
 
 def report(
@@ -266,13 +237,7 @@ def report(
         f"{1e3 * last['dissipated_impact']:.3f}; closure error "
         f"{last['closure'] / last['external_work']:.1e} of the work"
     )
-    for scale in cohesive_scales(simulation):
-        tqdm.write(
-            f"bond of {scale['strength'] / 1e6:.0f} MPa, {scale['fracture_energy']:g} J/m^2: "
-            f"cohesive length {1e9 * scale['cohesive_length']:.3g} nm = "
-            f"{scale['facets_in_cohesive_length']:.2g} facets, softening number "
-            f"{scale['softening_number']:.2g}"
-        )
+    tqdm.write(cohesive_table(simulation))
     tqdm.write(effects_table(simulation))
     summary = json.loads((folder / "summary.json").read_text())
     summary["crack_length"] = final.crack_lengths()
@@ -286,10 +251,10 @@ def report(
 
 def draw(results: list[dict], folder: Path) -> None:
     """Figures 8 to 10 of the paper, and the energies."""
-    panel = results[0]["early"]
+    whole = results[0]["early"]
     notch = np.array([[[SIZE / 2, 0.0], [SIZE / 2, PRECRACK * UNIT]]])
     plot_microstructure(
-        panel.points, panel.triangles, panel.material, notch, folder / "microstructure.png"
+        whole.points, whole.triangles, whole.material, notch, folder / "microstructure.png"
     )
     plot_cracks([r["early"] for r in results], path=folder / "cracks.png")
     plot_cracks([r["final"] for r in results], path=folder / "cracks_final.png")

@@ -23,6 +23,7 @@ __all__ = [
     "plot_cracks",
     "plot_curves",
     "plot_energies",
+    "plot_grains",
     "plot_law",
     "plot_microstructure",
 ]
@@ -201,6 +202,70 @@ def plot_microstructure(
     return _new_figure(path, draw, (4.4, 4.0), layout="compressed")
 
 
+def plot_grains(
+    points: npt.ArrayLike,
+    triangles: npt.ArrayLike,
+    grain: npt.ArrayLike,
+    hard: npt.ArrayLike,
+    path: str | os.PathLike[str] | None = None,
+    length_unit: tuple[str, float] = ("\u00b5m", 1e-6),
+) -> "Figure":
+    """Draw grains in shades of gray, inclusions bordered in white (Perales et al. 2010, Fig. 13).
+
+    Args:
+        points: Shape (num_points, 2), m.
+        triangles: Connectivity, shape (num_cells, 3).
+        grain: Grain of each triangle, shape (num_cells,), int.
+        hard: Whether a triangle belongs to an inclusion, shape (num_cells,), bool.
+        path: Where to save the figure, if at all.
+        length_unit: Name of the unit of the axes and its value in m.
+
+    Returns:
+        The figure.
+
+    Raises:
+        ValueError: If the shapes do not fit.
+        ImportError: If matplotlib is missing.
+    """
+    points, triangles, grain = _check_mesh(points, triangles, grain)
+    hard = np.asarray(hard, dtype=bool)
+    unit, scale = length_unit
+    corners = points[triangles] / scale
+    # a shade for each grain that neighbours in number do not share
+    shade = 0.3 + 0.5 * ((0.6180339887 * grain) % 1.0)
+
+    def draw(figure: "Figure", axes: "Axes") -> None:
+        from matplotlib.collections import LineCollection, PolyCollection
+
+        colours = np.repeat(shade[:, None], 3, axis=1)
+        axes.add_collection(
+            PolyCollection(
+                corners, facecolors=colours, edgecolors=colours, linewidths=0.3, rasterized=True
+            )
+        )
+        border = _border(corners[hard])
+        axes.add_collection(LineCollection(border, colors="white", linewidths=2.0, zorder=3))
+        axes.set_aspect("equal")
+        axes.autoscale_view()
+        axes.margins(0.01)
+        axes.set_xlabel(f"x ({unit})")
+        axes.set_ylabel(f"y ({unit})")
+        axes.set_title(f"{len(np.unique(grain))} grains, inclusions within white borders")
+
+    return _new_figure(path, draw, (4.4, 4.0), layout="compressed")
+
+
+def _border(corners: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """Return the edges that only one of some triangles has, shape (m, 2, 2)."""
+    edges = corners[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2, 2)
+    if not len(edges):
+        return edges
+    size = np.ptp(edges.reshape(-1, 2), axis=0).max()
+    keys = np.round(edges.mean(axis=1) * (1e9 / size)).astype(np.int64)
+    _, inverse, count = np.unique(keys, axis=0, return_inverse=True, return_counts=True)
+    return edges[count[inverse.reshape(-1)] == 1]
+
+
 @dataclass(frozen=True)
 class CrackPanel:
     """A cracked plate, one panel of :func:`plot_cracks`.
@@ -231,6 +296,35 @@ class CrackPanel:
         lengths = np.linalg.norm(segments[:, 1] - segments[:, 0], axis=1)
         totals = np.bincount(kind, weights=lengths, minlength=len(CRACK_KINDS))
         return dict(zip(CRACK_KINDS, totals.tolist(), strict=True))
+
+    def tiled(
+        self, lattice: npt.ArrayLike, gradient: npt.ArrayLike, copies: int = 2
+    ) -> "CrackPanel":
+        """Repeat a periodic cell along its lattice.
+
+        Args:
+            lattice: Period vectors as rows, shape (2, 2), m.
+            gradient: Macroscopic gradient Fbar, shape (2, 2).
+            copies: Number of cells along each period vector.
+
+        Returns:
+            The panel of `copies` x `copies` cells.
+        """
+        points, triangles, material = _check_mesh(self.points, self.triangles, self.material)
+        displacement = np.asarray(self.displacement, dtype=np.float64)[:, :2]
+        segments = np.asarray(self.crack_segments, dtype=np.float64).reshape(-1, 2, 2)
+        steps = np.stack(np.meshgrid(*2 * [np.arange(copies)], indexing="ij"), axis=-1)
+        shifts = steps.reshape(-1, 2) @ np.asarray(lattice, dtype=np.float64)
+        stretch = shifts @ (np.asarray(gradient) - np.eye(2)).T
+        return CrackPanel(
+            points=np.concatenate([points + shift for shift in shifts]),
+            triangles=np.concatenate([triangles + k * len(points) for k in range(len(shifts))]),
+            material=np.tile(material, len(shifts)),
+            displacement=np.concatenate([displacement + move for move in stretch]),
+            crack_segments=np.concatenate([segments + shift for shift in shifts]),
+            crack_kind=np.tile(np.asarray(self.crack_kind, dtype=np.int64), len(shifts)),
+            title=f"{self.title}, {copies} x {copies} cells",
+        )
 
     def deformed_lips(self, magnification: float = 1.0) -> npt.NDArray[np.float64]:
         """Move the crack segments with the body on each side.
@@ -292,6 +386,7 @@ def plot_cracks(
     path: str | os.PathLike[str] | None = None,
     length_unit: tuple[str, float] = ("\u00b5m", 1e-6),
     names: Mapping[int, str] | None = None,
+    kinds: Sequence[str] = CRACK_KINDS,
 ) -> "Figure":
     """Draw deformed, cracked plates side by side (Perales et al. 2010, Fig. 9).
 
@@ -304,6 +399,7 @@ def plot_cracks(
         path: Where to save the figure, if at all.
         length_unit: Name of the unit of axes and crack lengths and its value in m.
         names: Name of each material tag; 1 is "matrix" and 2 "inclusion" by default.
+        kinds: Name of what a crack of each of the three kinds runs through.
 
     Returns:
         The figure.
@@ -345,19 +441,19 @@ def plot_cracks(
                 names or {1: "matrix", 2: "inclusion"},
             )
             lips = panel.deformed_lips(magnification) / scale
-            kinds = np.asarray(panel.crack_kind).reshape(-1)
-            lengths = panel.crack_lengths()
+            kind_of = np.asarray(panel.crack_kind).reshape(-1)
+            lengths = list(panel.crack_lengths().values())
             handles = []
             for kind, colour in enumerate(_CRACK_COLOURS):
                 axes.add_collection(
                     LineCollection(
-                        lips[:, kinds == kind].reshape(-1, 2, 2),
+                        lips[:, kind_of == kind].reshape(-1, 2, 2),
                         colors=colour,
                         linewidths=0.9,
                         zorder=3,
                     )
                 )
-                text = f"{CRACK_KINDS[kind]} {lengths[CRACK_KINDS[kind]] / scale:.1f} {unit}"
+                text = f"{kinds[kind]} {lengths[kind] / scale:.1f} {unit}"
                 handles.append(Line2D([], [], color=colour, lw=2.0, label=text))
             axes.autoscale_view()
             axes.margins(0.03)

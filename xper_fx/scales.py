@@ -23,7 +23,8 @@ def cohesive_scales(simulation: Simulation) -> list[dict[str, Any]]:
 
     Returns:
         For each law its strength (Pa), fracture energy (J/m^2), cohesive length (m) with the
-        softest material of the scene, facets it spans (mean facet), and softening number.
+        softest material of the scene, facets it spans (mean facet), and softening number. Nothing
+        if no material has a Young's modulus.
     """
     interactions = simulation.interactions
     if interactions is None:
@@ -31,7 +32,10 @@ def cohesive_scales(simulation: Simulation) -> list[dict[str, Any]]:
     facet = float(simulation.scene.bodies.facets.measure.mean())
     if simulation.bulk.dim == 3:
         facet = facet**0.5
-    modulus = min(m.young / (1.0 - m.poisson**2) for m in simulation.scene.materials.values())
+    isotropic = [m for m in simulation.scene.materials.values() if hasattr(m, "young")]
+    if not isotropic:
+        return []
+    modulus = min(m.young / (1.0 - m.poisson**2) for m in isotropic)
     compliance = np.zeros((len(interactions), simulation.bulk.dim, simulation.bulk.dim))
     rows, cols = sym_indices(simulation.bulk.dim)
     packed = interactions.gather("compliance")
@@ -55,3 +59,14 @@ def cohesive_scales(simulation: Simulation) -> list[dict[str, Any]]:
             }
         )
     return scales
+
+
+def cohesive_table(simulation: Simulation) -> str:
+    """The scales as text, a line for each cohesive law."""
+    return "\n".join(
+        f"bond of {scale['strength'] / 1e6:.0f} MPa, {scale['fracture_energy']:g} J/m^2: "
+        f"cohesive length {1e9 * scale['cohesive_length']:.3g} nm = "
+        f"{scale['facets_in_cohesive_length']:.2g} facets, softening number "
+        f"{scale['softening_number']:.2g}"
+        for scale in cohesive_scales(simulation)
+    )

@@ -1,0 +1,63 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Where a simulation has cracked, and through what."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from xper_fx.plots import CrackPanel
+from xper_fx.recorder import Recorder, point_coordinates
+from xper_fx.simulation import Simulation
+
+# What is left of a bond that counts as broken.
+_BROKEN = 1e-3
+
+
+class Cracks(NamedTuple):
+    """Cracked halves (2D) of facets: those around a point whose bond has less than 1/1000 left.
+
+    Attributes:
+        segments: end points in the reference configuration, shape (m, 2, dim), m.
+        kind: how many of the two sides are inclusion, 0, 1 or 2, shape (m,): cracks through the
+            matrix, along an interface, through an inclusion.
+    """
+
+    segments: np.ndarray
+    kind: np.ndarray
+
+
+def find_cracks(
+    simulation: Simulation, inclusion: int, ignored_facets: tuple[int, ...] = ()
+) -> Cracks:
+    """Find the cracks of a simulation.
+
+    Args:
+        simulation: a run with nodal points.
+        inclusion: cell tag that counts as inclusion.
+        ignored_facets: tags of facets that do not count (precracks).
+    """
+    facets = simulation.scene.bodies.facets
+    number = simulation.facets_with_law
+    x = point_coordinates(simulation).reshape(len(number), -1, simulation.bulk.dim)
+    damage = simulation.interactions.gather("damage")[: x.shape[0] * x.shape[1]]
+    broken = damage.reshape(x.shape[:2]) < _BROKEN
+    broken[np.isin(facets.tag[number], ignored_facets)] = False
+    facet, point = np.nonzero(broken)
+    segments = np.stack([x[facet, point], x[facet].mean(axis=1)], axis=1)
+    return Cracks(segments, (facets.materials[number[facet]] == inclusion).sum(axis=1))
+
+
+def crack_panel(recorder: Recorder, cracks: Cracks, title: str) -> CrackPanel:
+    """The cracked plate or cell as it is now, for `plots.plot_cracks`."""
+    bodies = recorder.simulation.scene.bodies
+    return CrackPanel(
+        points=bodies.mesh.geometry.x[:, :2],
+        triangles=recorder.cells,
+        material=bodies.material_of_cell,
+        displacement=recorder.vertex_displacement(),
+        crack_segments=cracks.segments,
+        crack_kind=cracks.kind,
+        title=title,
+    )
