@@ -121,8 +121,7 @@ def intergranular(
 
 # ## One run
 #
-# The cell is drawn when the first bonds have broken, when the stress has fallen to half of its
-# peak, and at the end.
+# The cell is drawn when the first bonds have broken, and at the end.
 
 
 def run(scene: Scene, options: argparse.Namespace) -> dict:
@@ -145,24 +144,15 @@ def run(scene: Scene, options: argparse.Namespace) -> dict:
         fields=options.fields,
         parameters=parameters,
     )
-    panels, peak, halved = [], 0.0, False
-    first, first_strain = Cracks(np.zeros((0, 2, 2)), np.zeros(0, int)), np.inf
-
-    def panel(cracks: Cracks, name: str, strain: float):
-        panels.append(crack_panel(recorder, cracks, f"{name}, {100 * strain:.2f} %"))
-
+    panels, first, first_strain = [], Cracks(np.zeros((0, 2, 2)), np.zeros(0, int)), np.inf
     for _, strain in recorded_steps(recorder, end, "polycrystal", options.quiet):
-        stress = float(simulation.macroscopic.stress[0, 0])
-        peak = max(peak, stress)
         if not len(first.kind):
             first = find_cracks(simulation, HARD)
             if len(first.kind):
                 first_strain = strain
-                panel(first, "first cracks", strain)
-        elif not halved and stress < 0.5 * peak:
-            halved = True
-            panel(find_cracks(simulation, HARD), "half of the peak", strain)
-    panel(find_cracks(simulation, HARD), "end", strain)
+                panels.append(crack_panel(recorder, first, f"first cracks, {100 * strain:.2f} %"))
+    final = find_cracks(simulation, HARD)
+    panels.append(crack_panel(recorder, final, f"{100 * strain:.2f} %"))
     return {
         "simulation": simulation,
         "history": read_history(options.out / "history.csv"),

@@ -27,8 +27,8 @@
 # open.
 #
 # **What the paper does not say and this demo chooses**: the layout (`LAYOUTS`), Pibar_22 = 0, the
-# rate (that of the notched plate), step and tolerances. When cracks begin depends on the mesh, as the
-# cohesive lengths printed at the end say: they span a few hundredths of a facet.
+# rate (that of the notched plate), step and tolerances. When cracks begin depends on the mesh, as
+# the cohesive lengths printed at the end say: they span a few hundredths of a facet.
 
 import argparse
 import json
