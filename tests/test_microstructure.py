@@ -257,8 +257,11 @@ def test_short_edges_are_lengthened(dim, count, weighted):
     moved -= periods * np.rint(moved / periods)
     assert np.linalg.norm(moved, axis=1).max() < 0.5 * spacing(before)
     assert lengthen_short_edges(after, length) is after
-    with pytest.raises(ValueError, match=r"After 3 moves .* ask for a smaller length"):
+    with pytest.raises(ValueError, match=r"3 at most.* ask for a smaller length"):
         lengthen_short_edges(after, 0.9 * spacing(after), max_steps=3)
+    squares = tessellate(lattice_points((3, 3), [(0.2, 0.3)]), (3, 3))
+    with pytest.raises(ValueError, match="ask for a smaller length"):
+        lengthen_short_edges(squares, 1.1)
     with pytest.raises(ValueError, match="length is nan"):
         lengthen_short_edges(after, np.nan)
 
