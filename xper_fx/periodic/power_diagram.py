@@ -76,7 +76,6 @@ def diagram_vertices(
         ValueError: a seed has no cell.
     """
     diagonal = np.linalg.norm(periods)
-    certain = margin >= diagonal
     num_seeds, dim = seeds.shape
     weights = weights - weights.mean()  # only differences count
     owner, shift = _images(seeds, periods, margin)
@@ -88,15 +87,11 @@ def diagram_vertices(
     try:
         hull = ConvexHull(lifted)
     except QhullError:  # too few or all in one hyperplane
-        if certain:
-            raise
         return None
     lower = (hull.equations[:, dim] < 0) & np.any(hull.simplices < num_seeds, axis=1)
     simplices, normal = hull.simplices[lower], hull.equations[lower, : dim + 1]
     without = np.setdiff1d(np.arange(num_seeds), simplices)
-    if without.size:
-        if not certain:
-            return None
+    if without.size:  # more images would only make the cells smaller
         raise ValueError(
             f"Seed {without[0]} has no cell ({without.size} such seeds in all): the weights of its "
             "neighbours are too large against its own. Let the weights differ by less than the "

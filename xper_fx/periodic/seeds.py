@@ -34,6 +34,8 @@ def random_seeds(
     Raises:
         TypeError: `count`, `seed` or `relaxation` is no integer.
         ValueError: one of them is too small; a period is not positive.
+        RuntimeError: as `tessellate`; relaxation may lead very few seeds in 3D to a cubic lattice,
+            at which rounding decides the topology.
     """
     for name, value, least in (
         ("count", count, 1),

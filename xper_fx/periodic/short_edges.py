@@ -47,7 +47,9 @@ def lengthen_short_edges(
         A tessellation whose shortest edge is at least `length`; the same one if it has that.
 
     Raises:
-        ValueError: the length is negative or not finite, or was not reached; grains are cut.
+        ValueError: the length is negative or not finite, or was not reached; grains are cut; with
+            weights, a grain vanished.
+        RuntimeError: as `tessellate`.
     """
     if tessellation.is_cut:
         raise ValueError("The grains are cut by the box; lengthen their edges before that.")
@@ -60,12 +62,14 @@ def lengthen_short_edges(
         if improved.shortest_edge >= length:
             return improved
         penalty, gradient = _penalty(improved, _OVERSHOOT * length)
+        if not gradient.any():
+            break  # a lattice whose edges are all alike
         step = -_DAMPING * penalty * gradient / np.sum(gradient**2)
         step *= min(1.0, _LONGEST_MOVE * spacing / np.linalg.norm(step, axis=1).max())
         improved = tessellate(improved.seeds + step, improved.periods, improved.weights)
         longest = max(longest, improved.shortest_edge)
     raise ValueError(
-        f"After {max_steps} moves of the seeds an edge is still shorter than {length:g} m; the "
+        f"Moves of the seeds ({max_steps} at most) do not bring all edges to {length:g} m; the "
         f"shortest edge was {longest:g} m at best, the mean distance of the seeds is "
         f"{spacing:g} m: ask for a smaller length."
     )
