@@ -158,7 +158,11 @@ class ImplicitScheme:
         balanced = self._tolerance if interactions is None else self._interaction_tolerance
         for iteration in range(1, self._max_newton + 1):  # noqa: B007 - reported
             with watch.phase("free velocity"):
-                free = velocity + inverse.advance(residual)
+                # With interactions the macroscopic strain waits for their answer, and moves no
+                # more when what is missing is the error of the impulses.
+                moved = imbalance > balanced
+                whole = moved or interactions is None
+                free = velocity + (inverse.advance if whole else inverse.apply)(residual)
             if interactions is None:
                 new = free
             else:
@@ -197,7 +201,8 @@ class ImplicitScheme:
                 if imbalance <= balanced:
                     break
                 continue
-            if newton > _SLOW * newton_before:
+            # what a macroscopic strain stirs up does not speak against the matrix
+            if newton > _SLOW * newton_before and not moved:
                 displacement = predictor + step * theta * velocity
                 inverse = self.inverse(step, displacement, renew=True)
                 if interactions is not None:
