@@ -152,7 +152,7 @@ def test_cohesive_plane_in_series(lateral, shift, mesh, order):
         STAIRS * (HOLDS + 1),
         check=check,
         order=order,
-        density=20.0,
+        density=2.0,
     )
     found = np.array(found)
     assert len(found) == STAIRS
@@ -162,7 +162,7 @@ def test_cohesive_plane_in_series(lateral, shift, mesh, order):
     d0, dc = LAW.elastic_opening, LAW.critical_opening
     falling = np.count_nonzero((openings > 1.02 * d0) & (openings < 0.98 * dc))
     assert falling >= 3 and openings[0] < d0 and openings[-1] > dc
-    assert found[:, 1] == pytest.approx(openings, abs=1e-7)
+    assert found[:, 1] == pytest.approx(openings, abs=1e-6)
     assert found[:, 2] == pytest.approx(stresses, abs=2e-6)
     assert found[:, 3:5] == pytest.approx(0.0, abs=1e-6)
     lam, mu = lame(*SOLID)
@@ -297,15 +297,16 @@ def test_grains_cut_elsewhere(shift):
             rate={"11": 0.04, "21": 0.01}, stress={"22": lambda t: -0.5 * t, "12": 0.0}
         )
         simulation = cell_run(
-            bodies, phases(LinearElastic), drive, law, step=0.2, steps=10, theta=1.0,
-            tolerance=1e-10,
+            bodies, phases(LinearElastic), drive, law, step=0.1, steps=14, theta=1.0,
+            tolerance=1e-8,
             check=lambda s, r, rows=rows: rows.append(
                 [*s.macroscopic.stress.flat, *s.macroscopic.gradient.flat,
-                 r.energies["dissipated_cohesion"]]
+                 r.energies["dissipated_cohesion"], r.size]
             ),
         )  # fmt: skip
         assert bodies.num_bodies == 9
         curves.append(np.array(rows))
+    assert np.all(curves[0][:, -1] == 0.1)
     assert simulation.ledger.energies.dissipated_cohesion > 1e-3
     assert np.abs(curves[1] - curves[0]).max() < 1e-6
 
