@@ -277,14 +277,13 @@ def test_tangent_is_the_derivative(kind, order, dim, hardening):
 
 @STRAINS
 def test_newton_is_quadratic(kind):
-    """A tension with free sides and a waist: each residual is near the square of the last."""
+    """From rest far into flow, with a waist: each residual is near the square of the last."""
     bodies = box_bodies((2, 1), (8, 4), "crossed", 0)
     bodies.mesh.geometry.x[:, 1] *= 1.0 - 0.2 * np.exp(-(bodies.mesh.geometry.x[:, 0] ** 2))
     held = [(LEFT, 0, 0.0), (BOTTOM, 1, 0.0), (RIGHT, 0, lambda t: t)]
     static = Static(bodies, 2, {1: material_of(kind, "saturating")}, held)
-    static.advance(0.012)
-    r = np.array(static.advance(0.03, tolerance=1e-13, commit=False))
-    good = r[r > 1e-13 * np.linalg.norm(static.bulk.internal(static.u))]
+    r = np.array(static.advance(0.02, tolerance=1e-13, commit=False))
+    good = r[r > 1e-12 * np.linalg.norm(static.bulk.internal(static.u))]
     orders = np.log(good[1:] / good[:-1])
     orders = orders[1:] / orders[:-1]
     print(f"{kind}: residuals", [f"{v:.1e}" for v in r], "orders", orders.round(2))
