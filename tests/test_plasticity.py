@@ -31,6 +31,7 @@ HARDENINGS = {
     "perfect": (Linear(0.0), lambda a: 1.0),
     "linear": (Linear(5.0), lambda a: 1.0 + 5.0 * a),
     "saturating": (Voce(1.6, 40.0, 2.0), lambda a: 1.0 + 2.0 * a + 0.6 * -np.expm1(-40.0 * a)),
+    "steep": (Voce(5.0, 400.0, 2.0), lambda a: 1.0 + 2.0 * a + 4.0 * -np.expm1(-400.0 * a)),
     "softening": (Voce(0.6, 40.0), lambda a: 1.0 - 0.4 * -np.expm1(-40.0 * a)),
 }
 KINDS = {"small": J2SmallStrain, "finite": J2FiniteStrain}
@@ -165,7 +166,7 @@ def test_one_cell_follows_the_integration(kind, dim, hardening, path):
         assert stress == pytest.approx(np.broadcast_to(cauchy, stress.shape), abs=1e-10 * scale)
         alpha = forms.history()["accumulated 1"]
         assert alpha == pytest.approx(np.full(alpha.shape, reference.alpha), rel=1e-10)
-    assert 8 < flowed < len(CYCLE)
+    assert 7 < flowed < len(CYCLE)
 
 
 @pytest.mark.parametrize("ratio", [0.0187, 0.3, 3.0, 100.0, 1e3, -0.1, -0.99])
@@ -387,6 +388,29 @@ def test_stored_and_dissipated_are_the_work(kind, hardening):
     print(f"{kind}, {hardening}: gaps", [f"{g:.1e}" for g in gaps])
     assert gaps[2] < 2e-3
     assert gaps[0] / gaps[2] > 10.0
+
+
+def test_dissipation_at_large_elastic_strain():
+    """Yield at a tenth of Young's modulus, stretched: there K dp is not what is dissipated."""
+    gaps, plain = [], 0.0
+    for steps in (30, 60, 120):
+        bulk = bulk_of(J2FiniteStrain(YOUNG, POISSON, 20.0, Linear(5.0), 1.0))
+        forms = bulk.forms
+        u, f = np.zeros(bulk.num_dofs), np.zeros(bulk.num_dofs)
+        work = lost = 0.0
+        for level in np.linspace(0.0, 1.0, steps + 1)[1:]:
+            new = affine(bulk, level * np.diag([1.0, -0.3, 0.0]))
+            force = bulk.internal(new)
+            lost += forms.assemble_dissipation(new)["plastic"]
+            work += 0.5 * (force + f) @ (new - u)
+            forms.commit(new)
+            u, f = new, force
+        gaps.append(abs(work - forms.assemble_energy(u) - lost) / lost)
+        alpha = forms.history()["accumulated 1"].max()
+        plain = alpha * (20.0 + 0.5 * 5.0 * alpha)
+    print("gaps", gaps, "int K dp over what is dissipated", plain / lost)
+    assert gaps[2] < 5e-4 and gaps[0] / gaps[2] > 9.0
+    assert abs(plain / lost - 1.0) > 0.01
 
 
 # -- history
