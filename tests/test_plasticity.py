@@ -276,6 +276,31 @@ def test_tangent_is_the_derivative(kind, order, dim, hardening):
     check(0.995 * far, False)
 
 
+@pytest.mark.parametrize(
+    "order, cell", [(1, "quadrilateral"), (2, "quadrilateral"), (1, "hexahedron")]
+)
+@STRAINS
+def test_quadrilaterals_and_hexahedra(kind, order, cell):
+    """Tangent, and a homogeneous plastic state at every point of skewed cells."""
+    dim = 2 if cell == "quadrilateral" else 3
+    bodies = box_bodies((1,) * dim, (2,) * dim, cell, 0)
+    x = bodies.mesh.geometry.x
+    x[:, 0] += 0.2 * x[:, 0] * (1.0 - x[:, 0]) * x[:, 1]
+    bulk = Bulk(BulkForms(bodies, order, {1: material_of(kind, "saturating")}))
+    u, w, h = random_displacement(bulk, 0.01), random_displacement(bulk, 1.0, 1), 1e-7
+    change = (bulk.internal(u + h * w) - bulk.internal(u - h * w)) / (2 * h)
+    assert bulk.tangent(u) @ w == pytest.approx(change, abs=2e-6 * np.abs(change).max())
+    reference = REFERENCES[kind](HARDENINGS["saturating"][1])
+    for level in (0.5, 1.0, 0.2):
+        gradient = level * PATHS["biaxial"]
+        u = affine(bulk, gradient)
+        nominal, cauchy, _ = reference.advance(gradient)
+        assert nominal_stress(bulk, u) == pytest.approx(nominal[:dim, :dim], rel=1e-9)
+        bulk.forms.commit(u)
+        stress = bulk.forms.stress_evaluator()()
+        assert stress == pytest.approx(np.broadcast_to(cauchy, stress.shape), abs=1e-10)
+
+
 @STRAINS
 def test_newton_is_quadratic(kind):
     """From rest far into flow, with a waist: each residual is near the square of the last."""

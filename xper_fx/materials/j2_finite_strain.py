@@ -111,6 +111,9 @@ class J2FiniteStrain:
         n = s / ufl.sqrt(ufl.inner(s, s))
         cubic = 3.0 * ufl.det(n)
 
+        n = s / ufl.sqrt(ufl.inner(s, s))
+        cubic = 3.0 * ufl.det(n)
+
         def flow_share(stress):
             """c where the equivalent stress is `stress` and the direction that of s."""
             d = sqrt(2.0 / 3.0) * stress / mu
