@@ -11,7 +11,7 @@ with m = 3 mu at small strain. The new accumulated plastic strain is alpha + p.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import ufl
 
@@ -26,8 +26,8 @@ class Return(NamedTuple):
         increment: p.
     """
 
-    stress: object
-    increment: object
+    stress: Any
+    increment: Any
 
 
 def radial_return(trial, m, alpha, curve: Curve) -> Return:
