@@ -31,20 +31,15 @@ class Static:
         self.fixed = np.concatenate([dofs for dofs, _ in self.bulk._motions])
         self.free = np.setdiff1d(np.arange(self.bulk.num_dofs), self.fixed)
         self.dissipated = 0.0
-        self._load, self._rate = 0.0, np.zeros_like(self.u)
 
     def advance(self, load, tolerance=1e-10, most=25, commit=True) -> list[float]:
         """Equilibrium at a load parameter from the committed state.
-
-        The first iterate goes on as the last step did: at the committed state itself every point
-        that flowed stands on the yield surface, where rounding would choose between the elastic
-        and the plastic tangent.
 
         Returns:
             Norm of the residual at each iterate.
         """
         bulk, free = self.bulk, self.free
-        u = self.u + (load - self._load) * self._rate
+        u = self.u.copy()
         change = np.zeros_like(u)
         for dofs, motion in bulk._motions:
             value = motion.value(load) if callable(motion.value) else motion.value
@@ -76,11 +71,8 @@ class Static:
                 break
         else:
             raise AssertionError(f"no equilibrium at load {load}: {history}")
-        if commit and load != self._load:
-            self._rate = (u - self.u) / (load - self._load)
         self.u = u
         if commit:
-            self._load = load
             self.dissipated += sum(self.forms.assemble_dissipation(u).values())
             self.forms.commit(u)
         return history

@@ -316,6 +316,22 @@ def test_newton_is_quadratic(kind):
     assert len(r) <= 7 and orders[-1] > 1.7
 
 
+@pytest.mark.parametrize("dim", [2, 3])
+@STRAINS
+def test_the_tangent_after_a_commit_goes_on(kind, dim):
+    """On the yield surface rounding does not choose: every point that flowed answers as flowing."""
+    bulk = bulk_of(material_of(kind, "saturating"), 2, dim)
+    u = random_displacement(bulk, 0.02)
+    rest = bulk.tangent(np.zeros_like(u)).toarray()
+    bulk.forms.commit(0.5 * u)
+    bulk.forms.commit(u)
+    after = bulk.tangent(u).toarray()
+    further = bulk.tangent((1.0 + 1e-6) * u).toarray()
+    scale = np.abs(rest).max()
+    assert np.abs(after - further).max() < 1e-3 * scale < 0.05 * np.abs(after - rest).max()
+    assert 0.0 <= bulk.forms.assemble_dissipation(u)["plastic"] < 1e-12
+
+
 # -- invariance
 
 
