@@ -39,14 +39,15 @@ class Static:
             Norm of the residual at each iterate.
         """
         bulk, free = self.bulk, self.free
-        change = np.zeros_like(self.u)
+        u = self.u.copy()
+        change = np.zeros_like(u)
         for dofs, motion in bulk._motions:
             value = motion.value(load) if callable(motion.value) else motion.value
-            change[dofs] = value - self.u[dofs]
+            change[dofs] = value - u[dofs]
         external = bulk.external(load)
         residual = lambda u: external - bulk.internal(u)  # noqa: E731
         norm = lambda r: float(np.linalg.norm(r[free]))  # noqa: E731
-        u, r, history = self.u.copy(), residual(self.u), []
+        r, history = residual(u), []
         for iteration in range(most):
             K = sp.csc_array(bulk.tangent(u))[free]
             rhs = r[free] - K @ change if iteration == 0 else r[free]
@@ -72,12 +73,9 @@ class Static:
             raise AssertionError(f"no equilibrium at load {load}: {history}")
         self.u = u
         if commit:
-            self.commit()
+            self.dissipated += sum(self.forms.assemble_dissipation(u).values())
+            self.forms.commit(u)
         return history
-
-    def commit(self):
-        self.dissipated += sum(self.forms.assemble_dissipation(self.u).values())
-        self.forms.commit(self.u)
 
     def reaction(self, tag: int, component: int) -> float:
         """Force that the facets of a tag are pulled with (N; 2D: N/m)."""

@@ -31,6 +31,7 @@ HARDENINGS = {
     "perfect": (Linear(0.0), lambda a: 1.0),
     "linear": (Linear(5.0), lambda a: 1.0 + 5.0 * a),
     "saturating": (Voce(1.6, 40.0, 2.0), lambda a: 1.0 + 2.0 * a + 0.6 * -np.expm1(-40.0 * a)),
+    "steep": (Voce(5.0, 400.0, 2.0), lambda a: 1.0 + 2.0 * a + 4.0 * -np.expm1(-400.0 * a)),
     "softening": (Voce(0.6, 40.0), lambda a: 1.0 - 0.4 * -np.expm1(-40.0 * a)),
 }
 KINDS = {"small": J2SmallStrain, "finite": J2FiniteStrain}
@@ -165,7 +166,7 @@ def test_one_cell_follows_the_integration(kind, dim, hardening, path):
         assert stress == pytest.approx(np.broadcast_to(cauchy, stress.shape), abs=1e-10 * scale)
         alpha = forms.history()["accumulated 1"]
         assert alpha == pytest.approx(np.full(alpha.shape, reference.alpha), rel=1e-10)
-    assert 8 < flowed < len(CYCLE)
+    assert 7 < flowed < len(CYCLE)
 
 
 @pytest.mark.parametrize("ratio", [0.0187, 0.3, 3.0, 100.0, 1e3, -0.1, -0.99])
@@ -275,20 +276,60 @@ def test_tangent_is_the_derivative(kind, order, dim, hardening):
     check(0.995 * far, False)
 
 
+@pytest.mark.parametrize(
+    "order, cell", [(1, "quadrilateral"), (2, "quadrilateral"), (1, "hexahedron")]
+)
+@STRAINS
+def test_quadrilaterals_and_hexahedra(kind, order, cell):
+    """Tangent, and a homogeneous plastic state at every point of skewed cells."""
+    dim = 2 if cell == "quadrilateral" else 3
+    bodies = box_bodies((1,) * dim, (2,) * dim, cell, 0)
+    x = bodies.mesh.geometry.x
+    x[:, 0] += 0.2 * x[:, 0] * (1.0 - x[:, 0]) * x[:, 1]
+    bulk = Bulk(BulkForms(bodies, order, {1: material_of(kind, "saturating")}))
+    u, w, h = random_displacement(bulk, 0.01), random_displacement(bulk, 1.0, 1), 1e-7
+    change = (bulk.internal(u + h * w) - bulk.internal(u - h * w)) / (2 * h)
+    assert bulk.tangent(u) @ w == pytest.approx(change, abs=2e-6 * np.abs(change).max())
+    reference = REFERENCES[kind](HARDENINGS["saturating"][1])
+    for level in (0.5, 1.0, 0.2):
+        gradient = level * PATHS["biaxial"]
+        u = affine(bulk, gradient)
+        nominal, cauchy, _ = reference.advance(gradient)
+        assert nominal_stress(bulk, u) == pytest.approx(nominal[:dim, :dim], rel=1e-9)
+        bulk.forms.commit(u)
+        stress = bulk.forms.stress_evaluator()()
+        assert stress == pytest.approx(np.broadcast_to(cauchy, stress.shape), abs=1e-10)
+
+
 @STRAINS
 def test_newton_is_quadratic(kind):
-    """A tension with free sides and a waist: each residual is near the square of the last."""
+    """From rest far into flow, with a waist: each residual is near the square of the last."""
     bodies = box_bodies((2, 1), (8, 4), "crossed", 0)
     bodies.mesh.geometry.x[:, 1] *= 1.0 - 0.2 * np.exp(-(bodies.mesh.geometry.x[:, 0] ** 2))
     held = [(LEFT, 0, 0.0), (BOTTOM, 1, 0.0), (RIGHT, 0, lambda t: t)]
     static = Static(bodies, 2, {1: material_of(kind, "saturating")}, held)
-    static.advance(0.012)
-    r = np.array(static.advance(0.03, tolerance=1e-13, commit=False))
-    good = r[r > 1e-13 * np.linalg.norm(static.bulk.internal(static.u))]
+    r = np.array(static.advance(0.02, tolerance=1e-13, commit=False))
+    good = r[r > 1e-12 * np.linalg.norm(static.bulk.internal(static.u))]
     orders = np.log(good[1:] / good[:-1])
     orders = orders[1:] / orders[:-1]
     print(f"{kind}: residuals", [f"{v:.1e}" for v in r], "orders", orders.round(2))
     assert len(r) <= 7 and orders[-1] > 1.7
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+@STRAINS
+def test_the_tangent_after_a_commit_goes_on(kind, dim):
+    """On the yield surface rounding does not choose: every point that flowed answers as flowing."""
+    bulk = bulk_of(material_of(kind, "saturating"), 2, dim)
+    u = random_displacement(bulk, 0.02)
+    rest = bulk.tangent(np.zeros_like(u)).toarray()
+    bulk.forms.commit(0.5 * u)
+    bulk.forms.commit(u)
+    after = bulk.tangent(u).toarray()
+    further = bulk.tangent((1.0 + 1e-6) * u).toarray()
+    scale = np.abs(rest).max()
+    assert np.abs(after - further).max() < 1e-3 * scale < 0.05 * np.abs(after - rest).max()
+    assert 0.0 <= bulk.forms.assemble_dissipation(u)["plastic"] < 1e-12
 
 
 # -- invariance
@@ -388,6 +429,29 @@ def test_stored_and_dissipated_are_the_work(kind, hardening):
     print(f"{kind}, {hardening}: gaps", [f"{g:.1e}" for g in gaps])
     assert gaps[2] < 2e-3
     assert gaps[0] / gaps[2] > 10.0
+
+
+def test_dissipation_at_large_elastic_strain():
+    """Yield at a tenth of Young's modulus, stretched: there K dp is not what is dissipated."""
+    gaps, plain = [], 0.0
+    for steps in (30, 60, 120):
+        bulk = bulk_of(J2FiniteStrain(YOUNG, POISSON, 20.0, Linear(5.0), 1.0))
+        forms = bulk.forms
+        u, f = np.zeros(bulk.num_dofs), np.zeros(bulk.num_dofs)
+        work = lost = 0.0
+        for level in np.linspace(0.0, 1.0, steps + 1)[1:]:
+            new = affine(bulk, level * np.diag([1.0, -0.3, 0.0]))
+            force = bulk.internal(new)
+            lost += forms.assemble_dissipation(new)["plastic"]
+            work += 0.5 * (force + f) @ (new - u)
+            forms.commit(new)
+            u, f = new, force
+        gaps.append(abs(work - forms.assemble_energy(u) - lost) / lost)
+        alpha = forms.history()["accumulated 1"].max()
+        plain = alpha * (20.0 + 0.5 * 5.0 * alpha)
+    print("gaps", gaps, "int K dp over what is dissipated", plain / lost)
+    assert gaps[2] < 5e-4 and gaps[0] / gaps[2] > 9.0
+    assert abs(plain / lost - 1.0) > 0.01
 
 
 # -- history

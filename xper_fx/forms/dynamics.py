@@ -208,8 +208,9 @@ class BulkForms:
         """Copies of the committed internal variables, empty where no material has any.
 
         Returns:
-            By "name tag", the tag being that of the cells: shape (cells of the tag, quadrature
-            points, components), with 1 component, or 11, 22, 33, 12 (and 13, 23 in 3D).
+            By "name tag", the tag being that of the cells: shape (cells of the tag in ascending
+            order, quadrature points, components), with 1 component, or 11, 22, 33, 12 (and 13, 23
+            in 3D).
         """
         return self._history.copy() if self.has_history else {}
 

@@ -10,6 +10,7 @@ equivalent stress q > K(alpha) finds the increment p > 0 of alpha in
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
@@ -25,8 +26,8 @@ class Curve(NamedTuple):
         increment: function of q, m and alpha that gives p; called where q > K(alpha) only.
     """
 
-    stress: object
-    increment: object
+    stress: Callable
+    increment: Callable
 
 
 class Hardening(Protocol):

@@ -22,8 +22,10 @@ The dissipation is -mu / 2 C_bar : d(C_p^-1). With n the direction of s and d = 
 
     sqrt(3/2) m c dp,    c = -n : b^-1 / tr b^-1 = d (x - d tr n^3) / (3 x^2 - d^2 / 2) >= 0,
 
-close to K(alpha) dp, from which it differs by the elastic strain. A step takes c between its value
-at K(alpha) and at K(alpha + p), which closes the energy balance to second order in the step.
+close to K(alpha) dp, from which it differs by the elastic strain. A step takes the mean c of its
+values at K(alpha) and at K(alpha + p), and divides by exp(e tr n^3), e = 3/2 (d* - d_old) / tr b*
+being the strain of the step along n: the return is taken where that strain has carried b. So the
+energy balance closes to second order in the step, and the dissipation is never below zero.
 
 Simo J.C., Hughes T.J.R., Computational Inelasticity, Springer 1998, box 9.1.
 """
@@ -100,14 +102,27 @@ class J2FiniteStrain:
         metric = J ** (2.0 / 3.0) * inverse * (s / mu + x * ufl.Identity(3)) * inverse.T
         volumetric = 0.5 * bulk * (0.5 * (J**2 - 1.0) - ufl.ln(J))
 
+        n = s / ufl.sqrt(ufl.inner(s, s))
+        cubic = 3.0 * ufl.det(n)
+
+        n = s / ufl.sqrt(ufl.inner(s, s))
+        cubic = 3.0 * ufl.det(n)
+
+        n = s / ufl.sqrt(ufl.inner(s, s))
+        cubic = 3.0 * ufl.det(n)
+
+        n = s / ufl.sqrt(ufl.inner(s, s))
+        cubic = 3.0 * ufl.det(n)
+
         def flow_share(stress):
             """c where the equivalent stress is `stress` and the direction that of s."""
-            n = s / ufl.sqrt(ufl.inner(s, s))
             d = sqrt(2.0 / 3.0) * stress / mu
             x = _unit_determinant(d * n, mean)
-            return d * (x - 3.0 * d * ufl.det(n)) / (3.0 * x**2 - 0.5 * d**2)
+            return d * (x - d * cubic) / (3.0 * x**2 - 0.5 * d**2)
 
         share = 0.5 * (flow_share(curve.stress(alpha)) + flow_share(curve.stress(alpha + p)))
+        excess = ufl.inner(ufl.dev(b), n) - sqrt(2.0 / 3.0) * curve.stress(alpha) / mu
+        share *= ufl.exp(-0.5 * cubic * excess / mean)
         return Response(
             nominal_stress=tau * inverse.T,
             stress=tau / J,
