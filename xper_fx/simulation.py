@@ -368,7 +368,7 @@ class Simulation:
             work = self.interactions.commit(outcome.slots) if self.interactions else None
             self.ledger.record(self.state, outcome, size, work)
         with self.stopwatch.phase("internal variables"):
-            self.bulk.commit(outcome.state.displacement)
+            self.bulk.commit(outcome.state.displacement, outcome.state.internal)
         before, self.state, self.last, self._last_size = (
             self.state, outcome.state, outcome, size,
         )  # fmt: skip

@@ -162,8 +162,8 @@ class Bulk:
             return 0.5 * float(displacement @ internal)
         return self.forms.assemble_energy(self.unknowns.expand(displacement))
 
-    def commit(self, displacement: np.ndarray) -> None:
-        """End the step at a displacement: the materials' internal variables move on."""
+    def commit(self, displacement: np.ndarray, internal: np.ndarray) -> None:
+        """End the step at a displacement with its forces: internal variables move on."""
         if self.forms.has_history:
             self.forms.commit(self.unknowns.expand(displacement))
 

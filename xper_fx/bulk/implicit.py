@@ -166,6 +166,9 @@ class ImplicitScheme:
             if interactions is None:
                 new = free
             else:
+                if moved:  # damage done under another strain is undone
+                    with watch.phase("interaction terms"):
+                        interactions.prepare()
                 with watch.phase("interaction solve"):
                     new, impulses, slots, report = interact(inverse, interactions, solver, free)
                 sweeps += report.sweeps

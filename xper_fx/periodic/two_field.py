@@ -48,6 +48,7 @@ class CellBulk(Bulk):
         self.volume = abs(float(np.linalg.det(forms.bodies.lattice)))
         dim = forms.V.dofmap.index_map_bs
         self.free = np.flatnonzero(~drive.kinematic(dim))
+        self._largest = 0.0
         self._guess = np.zeros(dim * dim)
         self._guess_from = (-np.inf, np.zeros(dim * dim))
         self._compliance = np.zeros((len(self.free), len(self.free)))
@@ -114,6 +115,11 @@ class CellBulk(Bulk):
         rates = self.drive.rates(self.dim, displacement0[part], time, step)
         velocity[part] = np.where(self.drive.kinematic(self.dim), rates, self._guess)
 
+    def commit(self, displacement, internal) -> None:
+        """See `Bulk`; the stresses reached are remembered."""
+        super().commit(displacement, internal)
+        self._largest = max(self._largest, np.abs(internal[self.unknowns.macroscopic]).max())
+
     def with_border(self, inverse, stiffness, step, theta, interacting):
         """See `Bulk`: bordered by the components of G that stresses determine."""
         if not len(self.free):
@@ -130,10 +136,13 @@ class CellBulk(Bulk):
         return out
 
     def imbalance(self, residual: np.ndarray, internal: np.ndarray, step: float) -> float:
-        """See `Bulk`: error of the stresses given, relative to the largest component of Pibar."""
+        """See `Bulk`: error of the stresses given, relative to the largest Pibar of the run.
+
+        A cell that has broken bears nothing, so that what it bore is what errors compare with.
+        """
         part = self.unknowns.macroscopic
         missing = np.abs(residual[part][self.free]).max(initial=0.0) / step
-        largest = np.abs(internal[part]).max()
+        largest = max(np.abs(internal[part]).max(), self._largest)
         if missing <= np.finfo(float).eps * largest or missing == 0.0:
             return 0.0
         return missing / largest if largest > 0.0 else np.inf
