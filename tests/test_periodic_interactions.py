@@ -105,7 +105,7 @@ def in_series(strain, lateral):
     )
 
 
-STAIRS, HOLDS = 14, 8
+STAIRS, HOLDS = 10, 8
 
 
 @pytest.mark.parametrize(
@@ -114,7 +114,7 @@ STAIRS, HOLDS = 14, 8
         ("F22", 0.0, ("crossed", (4, 2)), 1),
         ("F22", 1.0, ("quadrilateral", (2, 2)), 1),
         ("P22", 0.0, ("quadrilateral", (4, 1)), 2),
-        ("P22", 1.0, ("triangle", (2, 2)), 2),
+        ("P22", 1.0, ("triangle", (2, 2)), 1),
         ("P22", 0.5, ("crossed", (4, 2)), 1),
     ],
 )
@@ -269,6 +269,17 @@ def test_perfectly_bonded_cells_are_the_connected_cell(kind, order):
         )
     assert np.abs(states[0] - states[2]).max() < 1e-7
     assert np.abs(states[1] - states[2]).max() < 1e-7
+
+
+def test_a_step_given_up_leaves_nothing_behind():
+    """What a step that did not converge learnt of the cell's compliance is not used again."""
+    bodies = cell_of((1, 1), (2, 2), label=None, material=TWO)
+    simulation = cell_run(
+        bodies, phases(NeoHookean), MIXED, PerfectBond(), order=2, step=0.25, steps=4, theta=1.0,
+        tolerance=1e-11,
+    )  # fmt: skip
+    assert simulation.step_number > 4  # some were given up: so tight a tolerance is rounding here
+    assert simulation.macroscopic.stress[1, 1] == pytest.approx(2.0, abs=1e-9)
 
 
 def grains(shift):
