@@ -519,6 +519,6 @@ def test_without_convergence_the_state_is_saved(tmp_path):
     simulation.folder = tmp_path
     with pytest.raises(ConvergenceError, match="of Newton.*unconverged_state") as caught:
         list(simulation.steps(1.0))
-    saved = np.load(caught.value.saved)
-    assert saved["time"] == simulation.time
-    assert all(np.all(np.isfinite(saved[name])) for name in saved.files)
+    with np.load(caught.value.saved) as saved:
+        assert saved["time"] == simulation.time
+        assert all(np.all(np.isfinite(saved[name])) for name in saved.files)
