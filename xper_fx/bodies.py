@@ -32,7 +32,7 @@ from xper_fx.meshes import (
     midpoints_of,
     reference_cell,
 )
-from xper_fx.periodic.lattice import check_volume, checked_lattice, match_facets
+from xper_fx.periodic.lattice import check_volume, checked_lattice, match_facets, translates
 
 __all__ = ["EACH_CELL", "Bodies", "FacingFacets", "explode"]
 
@@ -161,12 +161,29 @@ class Bodies:
         """
         count = V.dofmap.index_map.size_local
         pairs = self._matched_nodes(V, self.ties).transpose(1, 0, 2).reshape(2, -1)
+        if self.lattice is not None:
+            pairs = np.concatenate([pairs, self._translates_within_bodies(V)], axis=1)
         graph = coo_array((np.ones(pairs.shape[1]), tuple(pairs)), shape=(count, count))
         number, label = connected_components(graph, directed=False)
         _, first, inverse = np.unique(label, return_index=True, return_inverse=True)
         rank = np.empty(number, np.int32)
         rank[np.argsort(first)] = np.arange(number, dtype=np.int32)
         return rank[inverse], number
+
+    def _translates_within_bodies(self, V: FunctionSpace) -> npt.NDArray[np.int32]:
+        """Return pairs of nodes of one body that differ by a period, shape (2, n).
+
+        Parts of a body that touch at a vertex or an edge only share it inside the cell; they do so
+        across its boundary too.
+        """
+        nodes, offsets = self.node_permutation(V)
+        body = np.empty(len(nodes), np.int32)
+        body[nodes] = np.repeat(np.arange(self.num_bodies, dtype=np.int32), np.diff(offsets))
+        pairs = translates(V.tabulate_dof_coordinates()[:, : self.mesh.geometry.dim], self.lattice)
+        # a cell on its own that touches its own image at a vertex is not tied to it
+        several = np.bincount(self.body_of_cell, minlength=self.num_bodies) > 1
+        first, second = body[pairs].T
+        return pairs[(first == second) & several[first]].T
 
     def _matched_nodes(self, V: FunctionSpace, facets: FacingFacets) -> npt.NDArray[np.int32]:
         """Return the nodes of V on both sides of facets, as `facing_nodes`."""
@@ -285,6 +302,16 @@ def explode(
     parent_facet_tag = _facet_tag_array(facet_tags, mesh)
     cells_of_facet = facet_cells(mesh)
     meeting = _meeting_cells(mesh, cells_of_facet, parent_facet_tag[1])
+    if len(voids) and lattice is None:
+        raise ValueError(
+            f"voids is {list(voids)} without a lattice; they are those of a periodic cell."
+        )
+    unknown = set(voids) - set(parent_facet_tag[1].tolist())
+    if unknown:
+        raise ValueError(
+            f"voids names facet tags {sorted(unknown)}, which no facet bears; tags that do: "
+            f"{sorted(set(parent_facet_tag[1].tolist()) - {0})}."
+        )
     if lattice is not None:
         lattice = checked_lattice(lattice, tdim)
         across = _cells_across(mesh, cells_of_facet, parent_facet_tag[1], lattice, voids)

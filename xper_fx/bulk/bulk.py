@@ -167,6 +167,9 @@ class Bulk:
         if self.forms.has_history:
             self.forms.commit(self.unknowns.expand(displacement))
 
+    def forget(self) -> None:
+        """Take back what an attempt at a step has taught, as it failed."""
+
     def with_border(self, inverse, stiffness, step: float, theta: float, interacting: bool):
         """The inverse on the bodies, completed for unknowns that belong to none."""
         return inverse

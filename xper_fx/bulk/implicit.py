@@ -28,6 +28,8 @@ from xper_fx.nscd.interactions import Interactions
 # What an answer of the interactions to a macroscopic strain may be blurred by: Newton's correction
 # on the bodies beside that strain, the error of the impulses beside the stress that was missing.
 _LITTLE = 0.1
+# Relative stress that may be rounding, and tells nothing of the answer.
+_NOISE = 1e-7
 # Contraction of Newton's corrections above which w is renewed.
 _SLOW = 0.2
 # Times that a Newton step is halved before the time step is given up.
@@ -166,7 +168,7 @@ class ImplicitScheme:
             if interactions is None:
                 new = free
             else:
-                if moved:  # damage done under another strain is undone
+                if iteration > 1:  # what an earlier iterate damaged is whole again
                     with watch.phase("interaction terms"):
                         interactions.prepare()
                 with watch.phase("interaction solve"):
@@ -177,7 +179,7 @@ class ImplicitScheme:
             previous, velocity = velocity, new
             with watch.phase("free velocity"):
                 residual, internal = residual_at(velocity)
-                trusted = imbalance > balanced / _LITTLE and newton <= (
+                trusted = imbalance > max(balanced / _LITTLE, _NOISE) and newton <= (
                     _LITTLE * self._macroscopic_part(velocity - previous, velocity)
                 )
                 inverse.learn(velocity, residual, trusted)
@@ -211,7 +213,6 @@ class ImplicitScheme:
                 if interactions is not None:
                     with watch.phase("interaction terms"):
                         interactions.update_inverse(inverse.blocks)
-                        interactions.prepare()
             newton_before = newton
         converged = (
             converged
@@ -219,8 +220,10 @@ class ImplicitScheme:
             and imbalance <= balanced
             and bool(np.all(np.isfinite(velocity)))
         )
-        if not (converged or bulk.linear):
-            self._inverses.pop(step, None)  # its matrix may be that of a state gone astray
+        if not converged:  # matrix and what was learnt may be those of a state gone astray
+            bulk.forget()
+            if not bulk.linear:
+                self._inverses.pop(step, None)
         reactions = np.where(bulk.layout.prescribed, -(residual + impulses), 0.0)
         end = State(time, predictor + step * theta * velocity, velocity, internal, external)
         mean_velocity = theta * velocity + (1.0 - theta) * v0

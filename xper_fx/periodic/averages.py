@@ -32,7 +32,8 @@ class Macroscopic(NamedTuple):
         gradient: Fbar, shape (dim, dim).
         stress: Pibar, first Piola-Kirchhoff, shape (dim, dim), Pa.
         hill_mandel: error of the lemma over the last step (module docstring), relative to the
-            work of the stresses inside; for components driven by Pibar it holds the stress that
+            work of the stresses inside, or to what the largest stress of the run would have done
+            if that is more; for components driven by Pibar it holds the stress that
             was asked for, so that it shows what any of the solvers left undone.
     """
 
@@ -76,7 +77,8 @@ def _hill_mandel_error(bulk, before, outcome, step, theta) -> float:
     asked = theta * after.internal[cell] + (1.0 - theta) * before.internal[cell]
     missing = after.external[cell] - after.internal[cell]
     asked[bulk.free] += missing[bulk.free]
-    work = abs(inside) + abs(fluctuation)
+    largest = bulk.largest_stress * bulk.volume
+    work = max(abs(inside) + abs(fluctuation), largest * np.abs(moved[cell]).max())
     error = abs(inside - float(moved[cell] @ asked) - fluctuation)
     return error / work if work > 0.0 else 0.0
 
@@ -90,8 +92,19 @@ def averaged_gradient(bulk: CellBulk, displacement: np.ndarray) -> np.ndarray:
 
     Returns:
         Shape (dim, dim); equal to `CellBulk.macroscopic_gradient` to rounding.
+
+    Raises:
+        ValueError: the cell has voids, over which the gradient is not defined.
     """
     dim, V, bodies = bulk.dim, bulk.forms.V, bulk.forms.bodies
+    filled = fem.assemble_scalar(
+        fem.form(fem.Constant(bodies.mesh, default_scalar_type(1.0)) * ufl.dx(bodies.mesh))
+    )
+    if filled < (1.0 - 1e-6) * bulk.volume:
+        raise ValueError(
+            f"The cell fills {filled:g} of {bulk.volume:g}: the mean gradient of a cell with voids "
+            "is not that of its bulk; read `macroscopic.gradient`."
+        )
     direction = fem.Constant(bodies.mesh, default_scalar_type(np.zeros((dim, dim))))
     mean = fem.form(ufl.inner(direction, ufl.grad(ufl.TestFunction(V))) * ufl.dx(bodies.mesh))
     u = bulk.unknowns.expand(displacement)
@@ -101,10 +114,11 @@ def averaged_gradient(bulk: CellBulk, displacement: np.ndarray) -> np.ndarray:
             direction.value[:] = 0.0
             direction.value[i, j] = 1.0
             total[i, j] = fem.assemble_vector(mean).array @ u
-    nodes = bulk.unknowns.node_of[bodies.facing_nodes(V)]
-    rule = "nodal" if nodes.shape[2] == 4 else "gauss"
-    points = facet_points(nodes, bodies.facets.normal, bodies.facets.measure, rule)
-    fluctuation = displacement[: bulk.unknowns.num_nodes * dim].reshape(-1, dim)
-    jumps = np.einsum("pij,pi->pj", points.frame, points.relative(fluctuation))
-    total += np.einsum("p,pi,pj->ij", points.area, jumps, points.frame[:, 0])
+    if len(bodies.facets):
+        nodes = bulk.unknowns.node_of[bodies.facing_nodes(V)]
+        rule = "nodal" if nodes.shape[2] == 4 else "gauss"
+        points = facet_points(nodes, bodies.facets.normal, bodies.facets.measure, rule)
+        fluctuation = displacement[: bulk.unknowns.num_nodes * dim].reshape(-1, dim)
+        jumps = np.einsum("pij,pi->pj", points.frame, points.relative(fluctuation))
+        total += np.einsum("p,pi,pj->ij", points.area, jumps, points.frame[:, 0])
     return np.eye(dim) + total / bulk.volume

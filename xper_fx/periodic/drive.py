@@ -34,7 +34,7 @@ class MacroscopicDrive:
     def __post_init__(self):
         given = [name for part in (self.gradient, self.rate, self.stress) for name in part]
         for name in given:
-            if len(name) != 2 or not set(name) <= set("123"):
+            if not isinstance(name, str) or len(name) != 2 or not set(name) <= set("123"):
                 raise ValueError(f'There is no component {name!r}; components are "11", "12", ...')
             if given.count(name) > 1:
                 raise ValueError(
@@ -64,6 +64,14 @@ class MacroscopicDrive:
                     f"P{i}{j} and P{j}{i} are both given, so that the spin F{i}{j} - F{j}{i} is "
                     f'free; prescribe one, say gradient={{"{j}{i}": 0.0}}.'
                 )
+        for part, letter in ((self.gradient, "F"), (self.rate, "dF/dt "), (self.stress, "P")):
+            for name, value in part.items():
+                start = value(0.0) if callable(value) else value
+                if not np.all(np.isfinite(start)):
+                    raise ValueError(
+                        f"{letter}{name} is {start} at the start; give finite numbers or functions "
+                        "of time that are finite."
+                    )
         for name, value in self.gradient.items():
             start, rest = value_at(value, 0.0), float(name[0] == name[1])
             if callable(value) and abs(start - rest) > 1e-12:

@@ -85,6 +85,11 @@ def match_facets(vertices: npt.NDArray[np.float64], lattice: npt.NDArray[np.floa
     return FacetPairs(pairs, midpoints[pairs[:, 1]] - midpoints[pairs[:, 0]])
 
 
+def translates(points: npt.NDArray[np.float64], lattice) -> npt.NDArray[np.intp]:
+    """Pairs of points that differ by a vector of the lattice other than zero, shape (n, 2)."""
+    return _translates(points, lattice, 1e-9 * float(np.ptp(points, axis=0).max()))
+
+
 def _translates(points, lattice, tolerance) -> npt.NDArray[np.intp]:
     """Pairs of points that differ by a vector of the lattice other than zero, shape (n, 2)."""
     inverse = np.linalg.inv(lattice)

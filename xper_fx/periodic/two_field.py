@@ -39,6 +39,7 @@ class CellBulk(Bulk):
     Attributes:
         volume: |Omega| of the lattice, voids included, m^3 (2D: m^2).
         free: macroscopic unknowns that stresses determine, among the dim^2, shape (m,).
+        largest_stress: largest component of Pibar at any committed time (Pa).
     """
 
     unknowns: CellUnknowns
@@ -48,10 +49,11 @@ class CellBulk(Bulk):
         self.volume = abs(float(np.linalg.det(forms.bodies.lattice)))
         dim = forms.V.dofmap.index_map_bs
         self.free = np.flatnonzero(~drive.kinematic(dim))
-        self._largest = 0.0
+        self.largest_stress = 0.0
         self._guess = np.zeros(dim * dim)
         self._guess_from = (-np.inf, np.zeros(dim * dim))
         self._compliance = np.zeros((len(self.free), len(self.free)))
+        self._committed_compliance = self._compliance.copy()
         super().__init__(forms, inertia=inertia)
         self.mass = self.mass.copy()
         self.mass[self.unknowns.macroscopic] = 0.0
@@ -116,9 +118,15 @@ class CellBulk(Bulk):
         velocity[part] = np.where(self.drive.kinematic(self.dim), rates, self._guess)
 
     def commit(self, displacement, internal) -> None:
-        """See `Bulk`; the stresses reached are remembered."""
+        """See `Bulk`; the stresses reached and the compliance learnt are remembered."""
         super().commit(displacement, internal)
-        self._largest = max(self._largest, np.abs(internal[self.unknowns.macroscopic]).max())
+        self._committed_compliance = self._compliance.copy()
+        stress = np.abs(self.macroscopic_stress(internal)).max()
+        self.largest_stress = max(self.largest_stress, float(stress))
+
+    def forget(self) -> None:
+        """See `Bulk`."""
+        self._compliance[:] = self._committed_compliance
 
     def with_border(self, inverse, stiffness, step, theta, interacting):
         """See `Bulk`: bordered by the components of G that stresses determine."""
@@ -142,7 +150,7 @@ class CellBulk(Bulk):
         """
         part = self.unknowns.macroscopic
         missing = np.abs(residual[part][self.free]).max(initial=0.0) / step
-        largest = max(np.abs(internal[part]).max(), self._largest)
+        largest = max(np.abs(internal[part]).max(), self.volume * self.largest_stress)
         if missing <= np.finfo(float).eps * largest or missing == 0.0:
             return 0.0
         return missing / largest if largest > 0.0 else np.inf
