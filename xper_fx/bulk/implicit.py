@@ -183,8 +183,12 @@ class ImplicitScheme:
                     _LITTLE * self._macroscopic_part(velocity - previous, velocity)
                 )
                 inverse.learn(velocity, residual, trusted)
+                imbalance_before = imbalance
                 imbalance = bulk.imbalance(residual, internal, step)
-            if not converged or (bulk.linear and imbalance <= balanced):
+                # what no longer falls near the tolerance is the error of the impulses
+                stalled = moved and imbalance > 0.5 * imbalance_before
+                settled = imbalance <= (balanced / _LITTLE if stalled else balanced)
+            if not converged or (bulk.linear and settled):
                 break
             if bulk.linear:
                 continue
@@ -203,7 +207,7 @@ class ImplicitScheme:
             if not np.isfinite(newton):
                 break
             if newton <= self._tolerance:
-                if imbalance <= balanced:
+                if settled:
                     break
                 continue
             # what a macroscopic strain stirs up does not speak against the matrix
@@ -217,7 +221,7 @@ class ImplicitScheme:
         converged = (
             converged
             and newton <= self._tolerance
-            and imbalance <= balanced
+            and settled
             and bool(np.all(np.isfinite(velocity)))
         )
         if not converged:  # matrix and what was learnt may be those of a state gone astray
