@@ -48,12 +48,16 @@ from xper_fx.materials.library import (
     ZIRCALOY_BOND,
 )
 from xper_fx.output import prepare_folder, read_history
-from xper_fx.periodic.box_cut import cut_by_box
 from xper_fx.periodic.drive import MacroscopicDrive
-from xper_fx.periodic.microstructure import Microstructure, mesh_tessellation
-from xper_fx.periodic.seeds import random_seeds
-from xper_fx.periodic.short_edges import lengthen_short_edges
-from xper_fx.periodic.tessellation import nearest_grains, tessellate
+from xper_fx.periodic.microstructure import (
+    Microstructure,
+    cut_by_box,
+    lengthen_short_edges,
+    mesh_tessellation,
+    nearest_grains,
+    random_seeds,
+    tessellate,
+)
 from xper_fx.plots import plot_cracks, plot_curves, plot_energies, plot_grains
 from xper_fx.recorder import CellGauge, Recorder
 from xper_fx.runner import recorded_steps

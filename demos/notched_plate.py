@@ -53,7 +53,7 @@ from xper_fx.materials.library import (
     ZIRCALOY_4,
     ZIRCALOY_BOND,
 )
-from xper_fx.meshes import crossed_rectangle, tag_cells, tag_facets
+from xper_fx.meshes import crossed_rectangle, in_rectangles, tag_cells, tag_facets
 from xper_fx.nscd.laws import SignoriniCoulomb
 from xper_fx.output import prepare_folder, read_history
 from xper_fx.plots import (
@@ -95,15 +95,8 @@ def composite(cells: int, inclusions: list[tuple]) -> Bodies:
     mesh = crossed_rectangle((0.0, 0.0), (SIZE, SIZE), (cells, cells))
     small = 1e-6 * SIZE
 
-    def in_an_inclusion(x):
-        inside = np.zeros(x.shape[1], bool)
-        for x0, y0, x1, y1 in inclusions:
-            inside |= (
-                (x[0] > x0 * UNIT) & (x[0] < x1 * UNIT) & (x[1] > y0 * UNIT) & (x[1] < y1 * UNIT)
-            )
-        return inside
-
-    cell_tags = tag_cells(mesh, {INCLUSION: in_an_inclusion} if inclusions else {}, MATRIX)
+    inside = {INCLUSION: in_rectangles(UNIT * np.array(inclusions))} if inclusions else {}
+    cell_tags = tag_cells(mesh, inside, MATRIX)
     facet_tags = tag_facets(
         mesh,
         {

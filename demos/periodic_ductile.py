@@ -51,7 +51,7 @@ from xper_fx.materials.library import (
     ZIRCALOY_4_DUCTILE_FINITE,
     ZIRCALOY_BOND,
 )
-from xper_fx.meshes import crossed_rectangle, tag_cells
+from xper_fx.meshes import crossed_rectangle, in_rectangles, tag_cells
 from xper_fx.output import prepare_folder, read_history
 from xper_fx.periodic.drive import MacroscopicDrive
 from xper_fx.plots import plot_cracks, plot_curves, plot_energies, plot_microstructure
@@ -87,17 +87,8 @@ LAYOUTS = {
 def cell(quads: int, inclusions: list[tuple]) -> Bodies:
     """The periodic cell, each triangle a body."""
     mesh = crossed_rectangle((0.0, 0.0), (SIZE, SIZE), (quads, quads))
-
-    def in_an_inclusion(x):
-        inside = np.zeros(x.shape[1], bool)
-        for x0, y0, x1, y1 in inclusions:
-            inside |= (
-                (x[0] > x0 * UNIT) & (x[0] < x1 * UNIT) & (x[1] > y0 * UNIT) & (x[1] < y1 * UNIT)
-            )
-        return inside
-
-    tags = tag_cells(mesh, {INCLUSION: in_an_inclusion} if inclusions else {}, MATRIX)
-    return explode(mesh, cell_tags=tags, lattice=(SIZE, SIZE))
+    inside = {INCLUSION: in_rectangles(UNIT * np.array(inclusions))} if inclusions else {}
+    return explode(mesh, cell_tags=tag_cells(mesh, inside, MATRIX), lattice=(SIZE, SIZE))
 
 
 # ## Materials, bonds and drive

@@ -30,6 +30,7 @@ __all__ = [
     "crossed_rectangle",
     "facet_cells",
     "facet_geometry_nodes",
+    "in_rectangles",
     "local_facet_vertices",
     "midpoints_of",
     "read_gmsh",
@@ -246,6 +247,26 @@ def tag_cells(mesh: Mesh, predicates: Mapping[int, Predicate], default: int = 1)
     tags = meshtags(mesh, mesh.topology.dim, np.arange(num_cells, dtype=np.int32), tag)
     tags.name = "cell_tags"
     return tags
+
+
+def in_rectangles(rectangles: npt.ArrayLike) -> Predicate:
+    """Return a predicate for `tag_cells`: whether a point lies inside one of some rectangles.
+
+    Args:
+        rectangles: x0, y0, x1, y1 of each, shape (n, 4), m; n may be zero.
+
+    Raises:
+        ValueError: another shape, or a rectangle without area.
+    """
+    corners = np.asarray(rectangles, dtype=np.float64).reshape(-1, 4)
+    x0, y0, x1, y1 = corners.T[:, :, np.newaxis]
+    if not (np.all(x0 < x1) and np.all(y0 < y1)):
+        raise ValueError("Rectangles should have x0 < x1 and y0 < y1.")
+
+    def inside(x: npt.NDArray[np.float64]) -> npt.NDArray[np.bool_]:
+        return np.any((x[0] > x0) & (x[0] < x1) & (x[1] > y0) & (x[1] < y1), axis=0)
+
+    return inside
 
 
 def tag_facets(mesh: Mesh, predicates: Mapping[int, Predicate]) -> MeshTags:

@@ -14,6 +14,7 @@ import numpy as np
 import scipy.sparse as sp
 from dolfinx import fem
 
+from xper_fx.bulk.balance import InBalance
 from xper_fx.bulk.layout import BodyLayout
 from xper_fx.bulk.unknowns import NodalUnknowns
 from xper_fx.compat import geometry_dofmap
@@ -174,19 +175,21 @@ class Bulk:
         """The inverse on the bodies, completed for unknowns that belong to none."""
         return inverse
 
+    def norm(self, velocity: np.ndarray) -> float:
+        """Norm of velocities that the mass gives, with inertia or without."""
+        return float(np.sqrt(velocity @ (self.weights * velocity)))
+
     def end_weight(self, theta: float) -> float | np.ndarray:
         """theta of each unknown's equation, one number if it is the same for all."""
         return theta
 
-    def imbalance(self, residual: np.ndarray, internal: np.ndarray, step: float) -> float:
-        """Relative error of equations that interactions do not enter; here there are none.
+    def balance(self, tolerance: float) -> InBalance:
+        """The equations of unknowns that belong to no body, at the start of a step.
 
         Args:
-            residual: of the step, shape (num_dofs,), N s.
-            internal: internal forces, shape (num_dofs,), N.
-            step: h (s).
+            tolerance: relative error that they are held to.
         """
-        return 0.0
+        return InBalance()
 
     def prescribe(
         self,

@@ -25,11 +25,6 @@ from xper_fx.bulk.inverse import CellwiseInverse, ClusterInverse
 from xper_fx.bulk.scheme import Solver, State, StepOutcome, Stopwatch, interact
 from xper_fx.nscd.interactions import Interactions
 
-# What an answer of the interactions to a macroscopic strain may be blurred by: Newton's correction
-# on the bodies beside that strain, the error of the impulses beside the stress that was missing.
-_LITTLE = 0.1
-# Relative stress that may be rounding, and tells nothing of the answer.
-_NOISE = 1e-7
 # Contraction of Newton's corrections above which w is renewed.
 _SLOW = 0.2
 # Times that a Newton step is halved before the time step is given up.
@@ -53,7 +48,7 @@ class ImplicitScheme:
         max_newton: iterations after which a step is given up.
         stopwatch: where phases are timed.
         interaction_tolerance: relative error that impulses are solved to, and so what equations
-            that hang on them (`Bulk.imbalance`) can hold to.
+            that hang on them (`Bulk.balance`) can hold to.
     """
 
     def __init__(
@@ -75,7 +70,7 @@ class ImplicitScheme:
             self._tolerance = max(newton_tolerance, 1e-2 * interaction_tolerance)
         self._stopwatch = stopwatch
         x = bulk.forms.bodies.mesh.geometry.x
-        self._rounding = _ROUNDING * self._norm(np.full(bulk.num_dofs, np.ptp(x, axis=0).max()))
+        self._rounding = _ROUNDING * bulk.norm(np.full(bulk.num_dofs, np.ptp(x, axis=0).max()))
         self._inverses: dict[float, CellwiseInverse | ClusterInverse] = {}
 
     def inverse(self, step: float, displacement: np.ndarray, renew: bool = False):
@@ -154,18 +149,17 @@ class ImplicitScheme:
 
         with watch.phase("free velocity"):
             residual, internal = residual_at(velocity)
-        sweeps, error, traction, converged, imbalance = 0, 0.0, 0.0, True, 0.0
+        sweeps, error, traction, converged = 0, 0.0, 0.0, True
         impulses, slots = np.zeros_like(v0), np.zeros(0)
         newton_before, newton = np.inf, 0.0
-        balanced = self._tolerance if interactions is None else self._interaction_tolerance
+        bare = interactions is None
+        balance = bulk.balance(self._tolerance if bare else self._interaction_tolerance)
         for iteration in range(1, self._max_newton + 1):  # noqa: B007 - reported
             with watch.phase("free velocity"):
-                # With interactions the macroscopic strain waits for their answer, and moves no
-                # more when what is missing is the error of the impulses.
-                moved = imbalance > balanced
-                whole = moved or interactions is None
-                free = velocity + (inverse.advance if whole else inverse.apply)(residual)
-            if interactions is None:
+                corrected = balance.missing
+                advance = inverse.advance if bare or corrected else inverse.apply
+                free = velocity + advance(residual)
+            if bare:
                 new = free
             else:
                 if iteration > 1:  # what an earlier iterate damaged is whole again
@@ -179,16 +173,8 @@ class ImplicitScheme:
             previous, velocity = velocity, new
             with watch.phase("free velocity"):
                 residual, internal = residual_at(velocity)
-                trusted = imbalance > max(balanced / _LITTLE, _NOISE) and newton <= (
-                    _LITTLE * self._macroscopic_part(velocity - previous, velocity)
-                )
-                inverse.learn(velocity, residual, trusted)
-                imbalance_before = imbalance
-                imbalance = bulk.imbalance(residual, internal, step)
-                # what no longer falls near the tolerance is the error of the impulses
-                stalled = moved and imbalance > 0.5 * imbalance_before
-                settled = imbalance <= (balanced / _LITTLE if stalled else balanced)
-            if not converged or (bulk.linear and settled):
+                balance.look(inverse, velocity, previous, residual, internal, step, newton)
+            if not converged or (bulk.linear and balance.settled):
                 break
             if bulk.linear:
                 continue
@@ -207,11 +193,11 @@ class ImplicitScheme:
             if not np.isfinite(newton):
                 break
             if newton <= self._tolerance:
-                if settled:
+                if balance.settled:
                     break
                 continue
-            # what a macroscopic strain stirs up does not speak against the matrix
-            if newton > _SLOW * newton_before and not moved:
+            # what the correction of the other unknowns stirs up does not speak against the matrix
+            if newton > _SLOW * newton_before and not corrected:
                 displacement = predictor + step * theta * velocity
                 inverse = self.inverse(step, displacement, renew=True)
                 if interactions is not None:
@@ -221,7 +207,7 @@ class ImplicitScheme:
         converged = (
             converged
             and newton <= self._tolerance
-            and settled
+            and balance.settled
             and bool(np.all(np.isfinite(velocity)))
         )
         if not converged:  # matrix and what was learnt may be those of a state gone astray
@@ -233,26 +219,17 @@ class ImplicitScheme:
         mean_velocity = theta * velocity + (1.0 - theta) * v0
         return StepOutcome(
             end, slots, impulses, reactions, force_impulse, bulk.viscous(mean_velocity), sweeps,
-            error, traction, iteration, max(newton, imbalance), converged,
+            error, traction, iteration, max(newton, balance.error), converged,
         )  # fmt: skip
 
     def _correction(self, inverse, residual, velocity, step) -> float:
         """Newton's next correction relative to the velocities; infinite if it is not finite."""
-        correction = self._norm(inverse.apply(residual))
+        correction = self.bulk.norm(inverse.apply(residual))
         # towards rest velocities vanish, and the rounding of positions is what is left
         if correction <= self._rounding / (step * self.theta):
             return 0.0
-        relative = correction / self._norm(velocity)
+        relative = correction / self.bulk.norm(velocity)
         return relative if np.isfinite(relative) else np.inf
-
-    def _macroscopic_part(self, change: np.ndarray, velocity: np.ndarray) -> float:
-        """Norm of the change of the unknowns that belong to no body, relative to velocities."""
-        nodal = self.bulk.unknowns.num_nodes * self.bulk.dim
-        weights = self.bulk.weights[nodal:]
-        return float(np.sqrt(change[nodal:] @ (weights * change[nodal:]))) / self._norm(velocity)
-
-    def _norm(self, velocity: np.ndarray) -> float:
-        return float(np.sqrt(velocity @ (self.bulk.weights * velocity)))
 
     @property
     def nbytes(self) -> int:

@@ -24,9 +24,6 @@ class _OnBodies:
         """Newton's increment of all velocities, shape (num_dofs,)."""
         return self.apply(residual)
 
-    def learn(self, velocity: np.ndarray, residual: np.ndarray, trusted: bool) -> None:
-        """Take notice of how interactions answered; nothing here depends on it."""
-
 
 class CellwiseInverse(_OnBodies):
     """Bodies of one small size (each cell a body): dense blocks, inverted together.

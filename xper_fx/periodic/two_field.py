@@ -18,8 +18,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from xper_fx.bulk.balance import InBalance
 from xper_fx.bulk.bulk import Bulk
 from xper_fx.forms.dynamics import BulkForms
+from xper_fx.periodic.balance import StressBalance
 from xper_fx.periodic.bordered import BorderedInverse
 from xper_fx.periodic.drive import MacroscopicDrive
 from xper_fx.periodic.unknowns import CellUnknowns
@@ -143,13 +145,17 @@ class CellBulk(Bulk):
         out[self.unknowns.macroscopic] = 1.0
         return out
 
+    def balance(self, tolerance: float) -> InBalance:
+        """See `Bulk`: of the stresses given."""
+        return StressBalance(self, tolerance) if len(self.free) else InBalance()
+
     def imbalance(self, residual: np.ndarray, internal: np.ndarray, step: float) -> float:
-        """See `Bulk`: error of the stresses given, relative to the largest Pibar of the run.
+        """Error of the stresses given by a step's residual, relative to the run's largest Pibar.
 
         A cell that has broken bears nothing, so that what it bore is what errors compare with.
         """
         part = self.unknowns.macroscopic
-        missing = np.abs(residual[part][self.free]).max(initial=0.0) / step
+        missing = np.abs(residual[part][self.free]).max() / step
         largest = max(np.abs(internal[part]).max(), self.volume * self.largest_stress)
         if missing <= np.finfo(float).eps * largest or missing == 0.0:
             return 0.0

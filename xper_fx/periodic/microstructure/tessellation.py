@@ -12,8 +12,8 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from xper_fx.periodic.box import checked_periods, near_pairs, wrapped
-from xper_fx.periodic.power_diagram import DiagramVertices, diagram_vertices
+from xper_fx.periodic.microstructure.box import checked_periods, near_pairs, wrapped
+from xper_fx.periodic.microstructure.power_diagram import DiagramVertices, diagram_vertices
 
 __all__ = [
     "Face",

@@ -25,7 +25,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import ConvexHull, QhullError
 
-from xper_fx.periodic.box import near_pairs, wrapped
+from xper_fx.periodic.microstructure.box import near_pairs, wrapped
 
 __all__ = ["DiagramVertices", "diagram_vertices"]
 

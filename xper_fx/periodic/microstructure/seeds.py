@@ -6,8 +6,8 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from xper_fx.periodic.box import checked_periods
-from xper_fx.periodic.tessellation import tessellate
+from xper_fx.periodic.microstructure.box import checked_periods
+from xper_fx.periodic.microstructure.tessellation import tessellate
 
 __all__ = ["random_seeds"]
 

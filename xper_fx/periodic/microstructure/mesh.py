@@ -12,8 +12,8 @@ from dolfinx.mesh import Mesh, MeshTags, meshtags
 from mpi4py import MPI
 
 from xper_fx.meshes import SerialOnlyError, read_gmsh
-from xper_fx.periodic.gmsh_session import gmsh_model
-from xper_fx.periodic.tessellation import PieceFace, Tessellation
+from xper_fx.periodic.microstructure.gmsh_session import gmsh_model
+from xper_fx.periodic.microstructure.tessellation import PieceFace, Tessellation
 
 __all__ = ["Microstructure", "mesh_tessellation"]
 
@@ -53,7 +53,7 @@ def mesh_tessellation(
     mean size of the grains, for its tolerances are absolute.
 
     Edges much shorter than `size` give cells of bad quality: see `Tessellation.shortest_edge` and
-    `xper_fx.periodic.short_edges.lengthen_short_edges`.
+    `xper_fx.periodic.microstructure.short_edges.lengthen_short_edges`.
 
     Args:
         tessellation: the grains.

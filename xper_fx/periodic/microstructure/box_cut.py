@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from xper_fx.periodic.box import wrapped
-from xper_fx.periodic.tessellation import (
+from xper_fx.periodic.microstructure.box import wrapped
+from xper_fx.periodic.microstructure.tessellation import (
     Face,
     PieceFace,
     Tessellation,

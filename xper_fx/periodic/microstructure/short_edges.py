@@ -21,7 +21,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from xper_fx.periodic.tessellation import Tessellation, tessellate
+from xper_fx.periodic.microstructure.tessellation import Tessellation, tessellate
 
 __all__ = ["lengthen_short_edges"]
 
