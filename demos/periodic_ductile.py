@@ -198,19 +198,23 @@ PLATEAU = 0.005
 
 
 def plateau(curve: dict, until: float) -> float:
-    """Mean stress (Pa) of the plateau; NaN if there is none."""
-    on = (curve["strain"] >= PLATEAU) & (curve["strain"] < until)
-    return float(curve["stress"][on].mean()) if np.any(on) else float("nan")
+    """Mean stress (Pa) from PLATEAU to a strain beyond it."""
+    return float(curve["stress"][(curve["strain"] >= PLATEAU) & (curve["strain"] < until)].mean())
 
 
 def report(result: dict, reference: dict, options: argparse.Namespace) -> None:
     """Say where cracks began, how high the plateau is, what was dissipated and what it cost."""
     history, simulation = result["history"], result["simulation"]
     until = min(result["first_strain"], history["strain"][-1])
-    levels = {
-        "plateau": plateau(history, until),
-        "plateau_homogeneous": plateau(reference, until),
-    }
+    levels = {}
+    if until > 1.1 * PLATEAU:
+        levels["plateau"] = plateau(history, until)
+        levels["plateau_homogeneous"] = plateau(reference, until)
+        tqdm.write(
+            f"\nmean stress from {100 * PLATEAU:.1f} % to {100 * until:.2f} %: "
+            f"{levels['plateau'] / 1e6:.1f} MPa, homogeneous matrix "
+            f"{levels['plateau_homogeneous'] / 1e6:.1f} MPa"
+        )
     peak = int(np.argmax(history["stress"]))
     last = {name: column[-1] for name, column in history.items()}
     counts = {}
@@ -222,10 +226,7 @@ def report(result: dict, reference: dict, options: argparse.Namespace) -> None:
             + ", ".join(f"{n} in {kind}" for kind, n in counts.items())
         )
     tqdm.write(
-        f"peak {history['stress'][peak] / 1e6:.1f} MPa at {100 * history['strain'][peak]:.3f} %; "
-        f"mean from {100 * PLATEAU:.1f} % to {100 * until:.2f} %: "
-        f"{levels['plateau'] / 1e6:.1f} MPa, homogeneous matrix "
-        f"{levels['plateau_homogeneous'] / 1e6:.1f} MPa"
+        f"peak {history['stress'][peak] / 1e6:.1f} MPa at {100 * history['strain'][peak]:.3f} %"
         f"\nenergy (mJ/m): external work {1e3 * last['external_work']:.3f}, plastic "
         f"{1e3 * last['dissipated_plastic']:.3f}, cracks {1e3 * last['dissipated_cohesion']:.4f}; "
         f"closure error {last['closure'] / last['external_work']:.1e} of the work, largest error "

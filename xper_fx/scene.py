@@ -153,6 +153,23 @@ class Scene:
                     f"The material of cell tag {tag} is {material!r}; it needs `density`, `linear` "
                     "and an `energy` or a `response` (see materials/material.py)."
                 )
+            inelastic = hasattr(material, "response")
+            variables = getattr(material, "variables", None)
+            if inelastic and (material.linear or not isinstance(variables, Mapping)):
+                raise TypeError(
+                    f"The material of cell tag {tag} is {material!r}; with a `response` it needs "
+                    "`linear = False` and a mapping `variables`, empty if it has none."
+                )
+            if not inelastic and variables:
+                raise TypeError(
+                    f"The material of cell tag {tag} is {material!r}; with `variables` it needs a "
+                    "`response`, not an `energy`."
+                )
+            if not (np.isfinite(material.density) and material.density > 0.0):
+                raise ValueError(
+                    f"The material of cell tag {tag} has the density {material.density}; it "
+                    "should be above zero."
+                )
 
     def _check_initial_velocity(self) -> None:
         given = self.initial_velocity

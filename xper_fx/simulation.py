@@ -40,6 +40,8 @@ SOLVERS = {
     "newton": newton.solve,
     "accelerated": accelerated.solve,
 }
+# Inelastic strain of a step above which the step is cut.
+_LARGEST_FLOW = 0.05
 # Gaps this small beside the coordinates are closed.
 _ROUNDING = 1e-12
 
@@ -84,7 +86,8 @@ class Simulation:
         newton_tolerance: bound on the last relative Newton correction; with interactions at least
             a hundredth of `tolerance`.
         max_newton: Newton iterations after which a step is given up.
-        max_halvings: how often a step that does not converge is cut in two.
+        max_halvings: how often a step that does not converge, or in which a material flows by
+            more than 5 % strain, is cut in two.
         inertia: False for a static run (theta = 1): bodies without mass, which motions or a
             periodic cell's ties must hold.
         num_threads: threads of the interaction solver; all that Numba has if not given.
@@ -238,7 +241,13 @@ class Simulation:
             -1, unknowns.dim
         )
         self.bulk.start(velocity, self.step_size)
-        return State(0.0, rest, velocity, self.bulk.internal(rest), self.bulk.external(0.0))
+        internal = self.bulk.internal(rest)
+        if not np.all(np.isfinite(internal)):
+            raise ValueError(
+                "Internal forces at rest are not finite: a material's response should give the "
+                "stress of the start for a step of size zero."
+            )
+        return State(0.0, rest, velocity, internal, self.bulk.external(0.0))
 
     def _points(self) -> tuple[InteractionPoints | None, list, np.ndarray]:
         """Points of facing facets, then of walls, on nodes in DOLFINx numbering."""
@@ -350,11 +359,15 @@ class Simulation:
         while pieces:
             size, halvings = pieces.pop()
             outcome = self.scheme.attempt(self.state, size, self.interactions, self._solve)
-            if outcome.converged:
+            if outcome.converged and (
+                halvings >= self.max_halvings or not self._flows_too_far(outcome)
+            ):
                 yield self._commit(outcome, size)
             elif halvings < self.max_halvings:
                 logger.info(
-                    "step %d at h = %.3g s did not converge: halved", self.step_number, size
+                    "step %d at h = %.3g s did not converge, or flowed too far: halved",
+                    self.step_number,
+                    size,
                 )
                 pieces += [(0.5 * size, halvings + 1)] * 2
             else:
@@ -362,6 +375,11 @@ class Simulation:
                     self.step_number + 1, self.state.time, size, outcome.residual,
                     outcome.newton_residual, self._save_state(),
                 )  # fmt: skip
+
+    def _flows_too_far(self, outcome: StepOutcome) -> bool:
+        """Whether a material flows by more in the step than its time integration bears."""
+        displacement = self.bulk.unknowns.expand(outcome.state.displacement)
+        return self.forms.largest_increment(displacement) > _LARGEST_FLOW
 
     def _commit(self, outcome: StepOutcome, size: float) -> StepRecord:
         with self.stopwatch.phase("energy"):
@@ -448,6 +466,8 @@ class Simulation:
         Returns:
             Shape (dim,), N (2D: N/m), the force that the support exerts on the bodies.
         """
+        if self.scene.macroscopic is not None:
+            raise ValueError("A periodic cell has no supports; read `macroscopic.stress`.")
         if self.last is None:
             return np.zeros(self.bulk.dim)
         nodes = self._nodes_of(facets)

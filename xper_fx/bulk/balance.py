@@ -11,11 +11,13 @@ class InBalance:
         error: relative error of the last iterate, zero before the first.
         missing: whether it leaves something to correct.
         settled: whether it is as small as it can be asked to be.
+        worse: whether the last iteration has corrected it the wrong way.
     """
 
     error = 0.0
     missing = False
     settled = True
+    worse = False
 
     def look(self, inverse, velocity, previous, residual, internal, step, newton) -> None:
         """Take notice of an iterate.

@@ -50,7 +50,7 @@ class ExplicitScheme:
         bulk, watch, inverse = self.bulk, self._stopwatch, self._inverse
         time = state.time + step
         q0, v0 = state.displacement, state.velocity
-        bulk.forms.set_step(step)
+        bulk.forms.set_step(0.5 * step)
         with watch.phase("free velocity"):
             middle = q0 + 0.5 * step * v0
             viscous = bulk.viscous(v0)
@@ -71,6 +71,7 @@ class ExplicitScheme:
             bulk.layout.prescribed, bulk.mass * (velocity - v0) - impulse - impulses, 0.0
         )
         displacement = middle + 0.5 * step * velocity
+        bulk.forms.set_step(step)
         with watch.phase("energy"):
             internal = bulk.internal(displacement)
         end = State(time, displacement, velocity, internal)

@@ -181,26 +181,27 @@ class ImplicitScheme:
             # For the impulses found, what is left is the bulk's nonlinearity alone. A step that
             # inverts a cell (no finite energy) or leaves more than it found is cut.
             with watch.phase("free velocity"):
-                newton = self._correction(inverse, residual + impulses, velocity, step)
+                # without interactions all unknowns are corrected at once
+                solve = inverse.advance if bare else inverse.apply
+                newton = self._correction(solve, residual + impulses, velocity, step)
                 for _ in range(_CUTS):
                     if np.isfinite(newton) and newton <= 2.0 * newton_before:
                         break
                     velocity = 0.5 * (velocity + previous)
                     residual, internal = residual_at(velocity)
                     # the impulses belong to the whole step: this is not yet the end
-                    left = self._correction(inverse, residual + impulses, velocity, step)
+                    left = self._correction(solve, residual + impulses, velocity, step)
                     newton = max(left, 2.0 * self._tolerance)
             if not np.isfinite(newton):
                 break
-            if newton <= self._tolerance:
-                if balance.settled:
-                    break
-                continue
+            if newton <= self._tolerance and balance.settled:
+                break
             # what the correction of the other unknowns stirs up does not speak against the matrix
-            if newton > _SLOW * newton_before and not corrected:
+            slow = newton > max(_SLOW * newton_before, self._tolerance)
+            if balance.worse or (slow and (bare or not corrected)):
                 displacement = predictor + step * theta * velocity
                 inverse = self.inverse(step, displacement, renew=True)
-                if interactions is not None:
+                if not bare:
                     with watch.phase("interaction terms"):
                         interactions.update_inverse(inverse.blocks)
             newton_before = newton
@@ -222,9 +223,9 @@ class ImplicitScheme:
             error, traction, iteration, max(newton, balance.error), converged,
         )  # fmt: skip
 
-    def _correction(self, inverse, residual, velocity, step) -> float:
+    def _correction(self, solve, residual, velocity, step) -> float:
         """Newton's next correction relative to the velocities; infinite if it is not finite."""
-        correction = self.bulk.norm(inverse.apply(residual))
+        correction = self.bulk.norm(solve(residual))
         # towards rest velocities vanish, and the rounding of positions is what is left
         if correction <= self._rounding / (step * self.theta):
             return 0.0

@@ -26,7 +26,7 @@ from xper_fx.compat import interpolation_points
 from xper_fx.forms.history import History
 from xper_fx.forms.kinematics import displacement_gradient
 from xper_fx.forms.loads import BodyForce, Gravity, SurfaceTraction, value_at
-from xper_fx.materials.material import InelasticMaterial, Material
+from xper_fx.materials.material import InelasticMaterial, Material, Response
 
 _JIT = {"timeout": 120}
 
@@ -89,6 +89,7 @@ class BulkForms:
         self.internal = fem.form(force, jit_options=_JIT)
         self.tangent = fem.form(ufl.derivative(force, self.u, trial), jit_options=_JIT)
         self._dissipations = self._dissipation_forms()
+        self._increments = self._increment_expressions()
         self._loads: list[tuple[fem.Constant, Sequence]] = []
         self.external = self._external_form(forces, test)
 
@@ -108,9 +109,32 @@ class BulkForms:
         for tag, material in inelastic.items():
             old = self._history.variables(tag) if tag in variables else {}
             response = material.response(self.u, old, self.step, self._constant)
+            _check_response(tag, response)
             self._responses[tag] = response
             if tag in variables:
                 self._history.update(tag, response.new, _JIT)
+
+    def _increment_expressions(self):
+        """Inelastic strains of a step at quadrature points, and the cells they belong to."""
+        cell = getattr(basix.CellType, self.bodies.mesh.topology.cell_name())
+        points, _ = basix.make_quadrature(cell, self._degree)
+        tags = self.bodies.material_of_cell
+        return [
+            (
+                fem.Expression(ufl.as_ufl(r.increment), points, jit_options=_JIT),
+                np.flatnonzero(tags == tag).astype(np.int32),
+            )
+            for tag, r in self._responses.items()
+            if r.increment is not None
+        ]
+
+    def largest_increment(self, displacement: np.ndarray) -> float:
+        """Largest inelastic strain that a step to a displacement adds anywhere."""
+        if not self._increments:
+            return 0.0
+        self.u.x.array[:] = displacement
+        mesh = self.bodies.mesh
+        return max(float(np.abs(e.eval(mesh, cells)).max()) for e, cells in self._increments)
 
     def _dissipation_forms(self):
         forms = {}
@@ -268,3 +292,19 @@ class BulkForms:
             return out
 
         return evaluate
+
+
+def _check_response(tag: int, response: Response) -> None:
+    """Raise unless a material's response is one."""
+    if not isinstance(response, Response):
+        raise TypeError(
+            f"The material of cell tag {tag} responds with a {type(response).__name__}; expected "
+            "a Response (see materials/material.py)."
+        )
+    for name in ("nominal_stress", "stress"):
+        shape = getattr(ufl.as_ufl(getattr(response, name)), "ufl_shape", None)
+        if shape != (3, 3):
+            raise ValueError(
+                f"The {name} of the material of cell tag {tag} has the shape {shape}; expected "
+                "(3, 3), in plane strain too."
+            )

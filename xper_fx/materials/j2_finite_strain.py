@@ -105,15 +105,6 @@ class J2FiniteStrain:
         n = s / ufl.sqrt(ufl.inner(s, s))
         cubic = 3.0 * ufl.det(n)
 
-        n = s / ufl.sqrt(ufl.inner(s, s))
-        cubic = 3.0 * ufl.det(n)
-
-        n = s / ufl.sqrt(ufl.inner(s, s))
-        cubic = 3.0 * ufl.det(n)
-
-        n = s / ufl.sqrt(ufl.inner(s, s))
-        cubic = 3.0 * ufl.det(n)
-
         def flow_share(stress):
             """c where the equivalent stress is `stress` and the direction that of s."""
             d = sqrt(2.0 / 3.0) * stress / mu
@@ -129,6 +120,7 @@ class J2FiniteStrain:
             energy=volumetric + 1.5 * mu * (x - 1.0),
             new={"inverse_plastic_metric": metric, "accumulated": alpha + p},
             plastic=ufl.conditional(ufl.gt(p, 0.0), sqrt(1.5) * m * share * p, 0.0),
+            increment=p,
         )
 
 

@@ -79,4 +79,5 @@ class J2SmallStrain:
             energy=0.5 * bulk * volume**2 + ufl.inner(s, s) / (4.0 * mu),
             new={"plastic_strain": deviator - s / (2.0 * mu), "accumulated": alpha + p},
             plastic=0.5 * (curve.stress(alpha) + curve.stress(alpha + p)) * p,
+            increment=p,
         )

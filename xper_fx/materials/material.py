@@ -63,6 +63,7 @@ class Response(NamedTuple):
         new: value of each internal variable at the end of the step, by name.
         plastic: density of the energy dissipated by plasticity in the step (J/m^3), or None.
         viscous: density of the energy dissipated by viscosity in the step (J/m^3), or None.
+        increment: inelastic strain of the step, or None; a step in which it is large is cut.
     """
 
     nominal_stress: Any
@@ -71,6 +72,7 @@ class Response(NamedTuple):
     new: Mapping[str, Any]
     plastic: Any = None
     viscous: Any = None
+    increment: Any = None
 
 
 class InelasticMaterial(Protocol):

@@ -24,6 +24,9 @@ from xper_fx.bulk.scheme import State, StepOutcome
 from xper_fx.nscd.facets import facet_points
 from xper_fx.periodic.two_field import CellBulk
 
+# Increment of the macroscopic gradient beside the gradient that counts as rest.
+_REST = 1e-10
+
 
 class Macroscopic(NamedTuple):
     """The macroscopic side of a periodic cell at a committed time.
@@ -78,7 +81,11 @@ def _hill_mandel_error(bulk, before, outcome, step, theta) -> float:
     missing = after.external[cell] - after.internal[cell]
     asked[bulk.free] += missing[bulk.free]
     largest = bulk.largest_stress * bulk.volume
-    work = max(abs(inside) + abs(fluctuation), largest * np.abs(moved[cell]).max())
+    # at rest there is nothing but rounding to compare
+    strain = max(
+        np.abs(moved[cell]).max(), _REST * np.abs(after.displacement[cell]).max(initial=0.0)
+    )
+    work = max(abs(inside) + abs(fluctuation), largest * strain)
     error = abs(inside - float(moved[cell] @ asked) - fluctuation)
     return error / work if work > 0.0 else 0.0
 

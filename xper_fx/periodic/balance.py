@@ -47,4 +47,7 @@ class StressBalance(InBalance):
         inverse.learn(velocity, residual, trusted=telling and clear)
         self.error = bulk.imbalance(residual, internal, step)
         stalled = before > self._tolerance and self.error > _STALLED * before
+        self.worse = before > self._tolerance and self.error > before
+        if self.worse:
+            inverse.unlearn()
         self.settled = self.error <= (self._tolerance / _LITTLE if stalled else self._tolerance)

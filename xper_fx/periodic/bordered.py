@@ -81,7 +81,10 @@ class BorderedInverse:
         """Newton's increment of all velocities, shape (num_dofs,)."""
         out = self._bodies.apply(residual)
         if self._compliance is None:
-            rate = np.linalg.solve(self._schur, residual[self._places] - self._rows.T @ out)
+            try:
+                rate = np.linalg.solve(self._schur, residual[self._places] - self._rows.T @ out)
+            except np.linalg.LinAlgError:  # nothing resists a macroscopic strain: a limit load
+                return np.full_like(residual, np.nan)
         else:
             rate = (self._corner + self._compliance) @ residual[self._places] / self._step**2
         out -= self._answer @ rate
@@ -111,6 +114,11 @@ class BorderedInverse:
                 if np.linalg.eigvalsh(total + total.T)[0] > 0.0:
                     self._compliance += change
         self._before = strain, missing
+
+    def unlearn(self) -> None:
+        """Forget D: the cell is taken to be as stiff as its bulk without fluctuation."""
+        if self._compliance is not None:
+            self._compliance[:] = 0.0
 
     @property
     def nbytes(self) -> int:

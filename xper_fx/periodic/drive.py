@@ -74,6 +74,10 @@ class MacroscopicDrive:
                     )
         for name, value in self.gradient.items():
             start, rest = value_at(value, 0.0), float(name[0] == name[1])
+            if rest and not start > 0.0:
+                raise ValueError(
+                    f"F{name} is {start}; `gradient` holds Fbar, which is 1 at rest, not a strain."
+                )
             if callable(value) and abs(start - rest) > 1e-12:
                 raise ValueError(
                     f"F{name} is {start} at the start, where the cell is at rest with {rest}; give "

@@ -131,6 +131,7 @@ def check_volume(volume: float, lattice: npt.NDArray[np.float64], voids: bool) -
     excess = volume / whole - 1.0
     if excess > _VOLUME or (excess < -_VOLUME and not voids):
         raise ValueError(
-            f"The cells fill {volume:g} of the {whole:g} m^dim of the lattice {lattice.tolist()}; "
-            "give the periods of this mesh, and name the surfaces of voids in `voids`."
+            f"The cells fill {volume:g} of the {whole:g} m^{len(lattice)} of the lattice "
+            f"{lattice.tolist()}; give the periods of this mesh, and name the surfaces of voids in "
+            "`voids`."
         )

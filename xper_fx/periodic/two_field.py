@@ -60,6 +60,12 @@ class CellBulk(Bulk):
         self.mass = self.mass.copy()
         self.mass[self.unknowns.macroscopic] = 0.0
         self._refuse_pressing_the_incompressible()
+        self._rounding = self._forces_of_rounding() if len(self.free) else 0.0
+
+    def _forces_of_rounding(self) -> float:
+        """Forces of a macroscopic strain of 1e-14 at rest, N m (2D: N)."""
+        at_rest = self.tangent(np.zeros(self.num_dofs))
+        return 1e-14 * float(np.abs(self.unknowns.border(at_rest, self.free)[2]).max())
 
     def _make_unknowns(self):
         return CellUnknowns(self.forms.V, self.forms.bodies)
@@ -71,6 +77,24 @@ class CellBulk(Bulk):
             out[: self.dim] = True  # the translation of u#, which nothing else holds
         return out
 
+    def _require_held_bodies(self) -> None:
+        """See `Bulk`: one body, its translation held here, its rotations by ties.
+
+        A rotation of u# about an axis is the same at two tied nodes only if the vector between
+        them is along the axis.
+        """
+        super()._require_held_bodies()
+        unknowns = self.unknowns
+        first = np.empty((unknowns.num_nodes, self.dim))
+        first[unknowns.node_of] = unknowns.position
+        apart = unknowns.position - first[unknowns.node_of]
+        size = np.ptp(unknowns.position, axis=0).max()
+        if np.linalg.matrix_rank(apart / size, tol=1e-6) < self.dim - 1:
+            raise ValueError(
+                "Without inertia the cell's body should be tied to itself across the boundary in "
+                f"{self.dim - 1} direction(s) at least, or it is free to turn: take inertia=True."
+            )
+
     def _nodal_mass(self) -> np.ndarray:
         """Mass of each unknown; for the norm, a macroscopic one moves all nodes by X."""
         of_nodes = super()._nodal_mass()
@@ -80,14 +104,16 @@ class CellBulk(Bulk):
 
     def _refuse_pressing_the_incompressible(self) -> None:
         held = self.drive.kinematic(self.dim).reshape(self.dim, self.dim).diagonal()
+        still = all(self.drive.gradient.get(2 * str(i + 1)) == 1.0 for i in range(self.dim))
         stiff = [
-            m for m in self.forms.materials.values() if getattr(m, "poisson", 0.0) > _INCOMPRESSIBLE
+            np.max(getattr(m, "poisson", 0.0)) > _INCOMPRESSIBLE
+            for m in self.forms.materials.values()
         ]
-        if stiff and np.all(held):
+        if all(stiff) and np.all(held) and not still:
             raise ValueError(
-                f"All of F11, F22{', F33' if self.dim == 3 else ''} are driven by Fbar and a "
-                f"material is nearly incompressible (Poisson's ratio {stiff[0].poisson}): its "
-                "pressure is not determined. Drive one of them by `stress`."
+                f"All of F11, F22{', F33' if self.dim == 3 else ''} are driven by Fbar and all "
+                f"materials are nearly incompressible (Poisson's ratio above {_INCOMPRESSIBLE}): "
+                "their pressure is not determined. Drive one of them by `stress`."
             )
 
     def macroscopic_gradient(self, displacement: np.ndarray) -> np.ndarray:
@@ -157,6 +183,6 @@ class CellBulk(Bulk):
         part = self.unknowns.macroscopic
         missing = np.abs(residual[part][self.free]).max() / step
         largest = max(np.abs(internal[part]).max(), self.volume * self.largest_stress)
-        if missing <= np.finfo(float).eps * largest or missing == 0.0:
+        if missing <= max(self._rounding, np.finfo(float).eps * largest):
             return 0.0
         return missing / largest if largest > 0.0 else np.inf
