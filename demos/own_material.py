@@ -233,7 +233,7 @@ def run(material: Norton, options: argparse.Namespace) -> dict:
         parameters=parameters,
     )  # fmt: skip
     curve = [(0.0, 0.0)]
-    for step, strain in recorded_steps(recorder, end, "cell with a void", options.quiet):
+    for _, strain in recorded_steps(recorder, end, "cell with a void", options.quiet):
         curve.append((strain, simulation.macroscopic.stress[0, 0]))
     return {
         "simulation": simulation,
@@ -241,7 +241,7 @@ def run(material: Norton, options: argparse.Namespace) -> dict:
         "stress": np.array(curve)[:, 1],
         "triangles": recorder.cells,
         "displacement": recorder.vertex_displacement(),
-        "energies": step.energies,
+        "energies": simulation.ledger.as_columns(),
     }
 
 
