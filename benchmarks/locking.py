@@ -65,8 +65,8 @@ FAMILIES = {
 WEAK_BONDS = {"the same, the plate's bonds": Family("crossed", 1, "plate")}
 ADVICE = (
     "Advice: where bodies flow plastically take bodies of many cells and order 2; if each cell "
-    "must be a body, cross the triangles and refine, for they are as stiff as connected ones, "
-    "however stiff or compliant their bonds."
+    "must be a body, cross the triangles and refine, for as long as bonds hold they bear what "
+    "connected ones do."
 )
 
 
