@@ -15,6 +15,7 @@ from xper_fx.plots import (
     plot_cracks,
     plot_curves,
     plot_energies,
+    plot_grains,
     plot_law,
     plot_microstructure,
 )
@@ -196,6 +197,113 @@ def test_crack_lengths():
     lengths = split_panel().crack_lengths()
     assert list(lengths) == ["matrix", "interface", "inclusion"]
     np.testing.assert_allclose(list(lengths.values()), [SIZE * 2 / 3, 0.0, SIZE / 3])
+
+
+OBLIQUE = np.array([[SIZE, 0.0], [0.25 * SIZE, SIZE]])
+SHEARED = np.array([[1.02, 0.03], [-0.01, 0.96]])
+
+
+@pytest.mark.parametrize("copies", [1, 2, 3])
+def test_tiles_are_where_the_lattice_says(copies):
+    """Points move by whole periods l, displacements by (F - I) l; the rest is repeated."""
+    panel = split_panel(3, title="cell")
+    tiled = panel.tiled(OBLIQUE, SHEARED, copies)
+    count, cells, cracks = len(panel.points), len(panel.triangles), len(panel.crack_kind)
+    assert len(tiled.points) == copies**2 * count
+    for tile, (i, j) in enumerate(np.ndindex(copies, copies)):
+        period = i * OBLIQUE[0] + j * OBLIQUE[1]
+        own = slice(tile * count, (tile + 1) * count)
+        np.testing.assert_allclose(tiled.points[own], panel.points + period, atol=1e-18)
+        growth = np.array(
+            [0.02 * period[0] + 0.03 * period[1], -0.01 * period[0] - 0.04 * period[1]]
+        )
+        np.testing.assert_allclose(tiled.displacement[own], panel.displacement + growth, atol=1e-18)
+        own = slice(tile * cells, (tile + 1) * cells)
+        assert np.array_equal(tiled.triangles[own], panel.triangles + tile * count)
+        assert np.array_equal(tiled.material[own], panel.material)
+        own = slice(tile * cracks, (tile + 1) * cracks)
+        np.testing.assert_allclose(
+            tiled.crack_segments[own], panel.crack_segments + period, atol=1e-18
+        )
+        assert np.array_equal(tiled.crack_kind[own], panel.crack_kind)
+    assert tiled.title == f"cell, {copies} x {copies} cells"
+    for kind, length in panel.crack_lengths().items():
+        assert tiled.crack_lengths()[kind] == pytest.approx(copies**2 * length)
+
+
+def test_tiles_of_a_uniform_strain_are_uniformly_strained():
+    """u = (F - I) x in the cell is u = (F - I) x in all of them, from wherever x is measured."""
+    points, triangles, material = crossed_square(3)
+    panel = CrackPanel(
+        points, triangles, material, points @ (SHEARED - np.eye(2)).T, np.empty((0, 2, 2)), []
+    )
+    tiled = panel.tiled(OBLIQUE, SHEARED)
+    np.testing.assert_allclose(
+        tiled.displacement, tiled.points @ (SHEARED - np.eye(2)).T, atol=1e-18
+    )
+    assert len(tiled.crack_kind) == 0
+
+
+def test_tiled_cracks_can_be_drawn(tmp_path):
+    """A crack on the cell's side has one lip in this tile and the other in the next."""
+    points, triangles, material = crossed_square(3)
+    heights = np.linspace(0.0, SIZE, 4)
+    ends = np.stack([np.zeros(4), heights], axis=1)
+    panel = CrackPanel(
+        points[triangles].reshape(-1, 2),
+        np.arange(3 * len(triangles)).reshape(-1, 3),
+        material,
+        np.zeros((3 * len(triangles), 2)),
+        np.stack([ends[:-1], ends[1:]], axis=1),
+        np.zeros(3, int),
+    )
+    gradient = np.diag([1.1, 1.0])
+    tiled = panel.tiled(np.diag([SIZE, SIZE]), gradient)
+    lips = tiled.deformed_lips(1.0)
+    # each lip with its own tile: the first has not moved, the next has by a tenth of a period
+    inner = np.isclose(tiled.crack_segments[:, 0, 0], SIZE)
+    assert inner.sum() == 6
+    np.testing.assert_allclose(
+        np.sort(lips[:, inner][..., 0], axis=0)[:, :, 0],
+        np.repeat([[SIZE], [1.1 * SIZE]], 6, axis=1),
+    )
+    plot_cracks(tiled, path=tmp_path / "t.png")
+    image(tmp_path / "t.png")
+
+
+def test_grains(tmp_path):
+    """A shade a grain; the border of the inclusions, not the edges inside them, is white."""
+    points, triangles, material = crossed_square(6)
+    centre = points[triangles].mean(axis=1) / SIZE
+    grain = 2 * (centre[:, 0] > 0.5) + (centre[:, 1] > 0.5)
+    figure = plot_grains(points, triangles, grain, material == 2, tmp_path / "g.png")
+    (axes,) = figure.axes
+    (patches,) = (c for c in axes.collections if isinstance(c, PolyCollection))
+    assert len(patches.get_paths()) == len(triangles)
+    np.testing.assert_allclose(patches.get_paths()[5].vertices[:3], points[triangles[5]] * 1e6)
+    colours = patches.get_facecolor()
+    shades = [np.unique(colours[grain == g], axis=0) for g in range(4)]
+    assert all(len(shade) == 1 for shade in shades)
+    assert len({tuple(shade[0]) for shade in shades}) == 4
+    (border,) = (c for c in axes.collections if isinstance(c, LineCollection))
+    segments = np.array(border.get_segments())
+    assert border.get_colors()[0].tolist() == [1, 1, 1, 1]
+    # the middle third of the side: eight facets of a sixth of it each, on the square's outline
+    assert len(segments) == 8
+    lengths = np.linalg.norm(np.diff(segments, axis=1)[:, 0], axis=1)
+    np.testing.assert_allclose(lengths, 50 / 6)
+    away = np.abs(segments - 25.0).max(axis=2)
+    np.testing.assert_allclose(away, 25 / 3)
+    assert axes.get_title() == "4 grains, inclusions within white borders"
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("x (\u00b5m)", "y (\u00b5m)")
+    image(tmp_path / "g.png")
+
+
+def test_grains_without_inclusions():
+    points, triangles, material = crossed_square(3)
+    figure = plot_grains(points, triangles, material, np.zeros(len(triangles), bool))
+    (border,) = (c for c in figure.axes[0].collections if isinstance(c, LineCollection))
+    assert len(border.get_segments()) == 0
 
 
 def test_no_cracks_yet():

@@ -7,17 +7,21 @@ import numpy as np
 import pytest
 from scenes import BOTTOM, LEFT, RIGHT, TOP, box_bodies
 from scipy.integrate import solve_ivp
-from statics import Static
 
 from xper_fx.bulk.bulk import Bulk
 from xper_fx.forms.dynamics import BulkForms
+from xper_fx.forms.loads import PrescribedDisplacement, SurfaceTraction
 from xper_fx.materials import LinearElastic, LinearViscoelastic
+from xper_fx.scene import Scene
+from xper_fx.simulation import Simulation
 
 YOUNG, POISSON = 120.0, 0.25
 MU, KAPPA = 48.0, 80.0
 PRONY = ((0.3, 0.5), (0.4, 8.0))
 SOLID = LinearViscoelastic(YOUNG, POISSON, PRONY, 1.0)
 CASES = [(1, 2), (2, 2), (1, 3), (2, 3)]
+SUDDEN = 1e-13
+"""A time (s) in which nothing relaxes."""
 
 
 def bulk_of(material, order=1, dim=2):
@@ -104,10 +108,19 @@ def test_a_ramp_is_exact_for_any_step(steps):
 def test_creep_under_a_traction():
     """Plane strain, held across, pulled by a dead traction: the exact solution by an ODE."""
     held = [(LEFT, 0, 0.0), (BOTTOM, 1, 0.0), (TOP, 1, 0.0)]
-    bodies = box_bodies((1, 1), (1, 1), "crossed", 0)
-    static = Static(bodies, 1, {1: SOLID}, held, [(RIGHT, (1.0, 0.0))])
-    static.forms.set_step(0.0)
-    static.advance(0.0)
+    scene = Scene(
+        box_bodies((1, 1), (1, 1), "crossed", 0),
+        {1: SOLID},
+        loads=[*(PrescribedDisplacement(*motion) for motion in held),
+               SurfaceTraction(RIGHT, (1.0, 0.0))],
+    )  # fmt: skip
+
+    def loaded():
+        """A run that has borne the traction for no time to speak of."""
+        simulation = Simulation(scene, SUDDEN, theta=1.0, inertia=False)
+        list(simulation.steps(SUDDEN))
+        return simulation
+
     # sigma = (kappa + 4/3 mu_inf) eps + sum s_i = 1, s_i' + s_i / tau_i = 4/3 mu_i eps'
     modulus = KAPPA + 4.0 / 3.0 * 0.3 * MU
     parts = 4.0 / 3.0 * MU * np.array([0.3, 0.4])
@@ -122,17 +135,16 @@ def test_creep_under_a_traction():
     exact = solve_ivp(
         rate, (0.0, 6.0), [first, *(parts * first)], rtol=1e-11, atol=1e-14, dense_output=True
     ).sol
-    assert static.at([1.0, 0.5])[0] == pytest.approx(first, rel=1e-12)
+    assert loaded().mean_displacement(RIGHT)[0] == pytest.approx(first, rel=1e-12)
     errors = []
     for steps in (12, 24, 48):
-        static = Static(bodies, 1, {1: SOLID}, held, [(RIGHT, (1.0, 0.0))])
-        static.forms.set_step(0.0)
-        static.advance(0.0)
-        static.forms.set_step(6.0 / steps)
-        worst = 0.0
-        for n in range(1, steps + 1):
-            static.advance(0.0)
-            worst = max(worst, abs(static.at([1.0, 0.5])[0] / exact(6.0 * n / steps)[0] - 1.0))
+        simulation = loaded()
+        simulation.step_size = 6.0 / steps
+        worst, count = 0.0, 0
+        for step in simulation.steps(6.0):
+            length = simulation.mean_displacement(RIGHT)[0]
+            worst, count = max(worst, abs(length / exact(step.time)[0] - 1.0)), count + 1
+        assert count == steps
         errors.append(worst)
     print("creep, worst relative error:", errors)
     assert errors[2] < 1e-4
