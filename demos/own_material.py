@@ -51,7 +51,7 @@ from xper_fx.materials.material import ZERO_TENSOR, Response
 from xper_fx.meshes import read_gmsh
 from xper_fx.output import prepare_folder
 from xper_fx.periodic.drive import MacroscopicDrive
-from xper_fx.periodic.gmsh_session import gmsh_model
+from xper_fx.periodic.microstructure.gmsh_session import gmsh_model
 from xper_fx.plots import plot_curves
 from xper_fx.recorder import CellGauge, Recorder
 from xper_fx.runner import recorded_steps

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from xper_fx.nscd.facets import nodal_shares
 from xper_fx.plots import CrackPanel
 from xper_fx.recorder import Recorder, point_coordinates
 from xper_fx.simulation import Simulation
@@ -16,10 +17,10 @@ _BROKEN = 1e-3
 
 
 class Cracks(NamedTuple):
-    """Cracked halves (2D) of facets: those around a point whose bond has less than 1/1000 left.
+    """Cracked parts of edges: those of points whose bond has less than 1/1000 left.
 
     Attributes:
-        segments: end points in the reference configuration, shape (m, 2, dim), m.
+        segments: end points in the reference configuration, shape (m, 2, 2), m.
         kind: how many of the two sides are inclusion, 0, 1 or 2, shape (m,): cracks through the
             matrix, along an interface, through an inclusion.
     """
@@ -31,22 +32,34 @@ class Cracks(NamedTuple):
 def find_cracks(
     simulation: Simulation, inclusion: int, ignored_facets: tuple[int, ...] = ()
 ) -> Cracks:
-    """Find the cracks of a simulation.
+    """Find the cracks of a simulation in the plane; contacts and perfect bonds are none.
 
     Args:
         simulation: a run with nodal points.
         inclusion: cell tag that counts as inclusion.
         ignored_facets: tags of facets that do not count (precracks).
     """
-    facets = simulation.scene.bodies.facets
+    facets, interactions = simulation.scene.bodies.facets, simulation.interactions
     number = simulation.facets_with_law
     x = point_coordinates(simulation).reshape(len(number), -1, simulation.bulk.dim)
-    damage = simulation.interactions.gather("damage")[: x.shape[0] * x.shape[1]]
-    broken = damage.reshape(x.shape[:2]) < _BROKEN
+    breaks = np.zeros(len(interactions), bool)
+    for group in interactions.groups:
+        breaks[group.indices] = "damage" in group.kernels.state_names
+    broken = (breaks & (interactions.gather("damage") < _BROKEN))[: x.shape[0] * x.shape[1]]
+    broken = broken.reshape(x.shape[:2])
     broken[np.isin(facets.tag[number], ignored_facets)] = False
     facet, point = np.nonzero(broken)
-    segments = np.stack([x[facet, point], x[facet].mean(axis=1)], axis=1)
+    segments = _parts(x)[facet, point]
     return Cracks(segments, (facets.materials[number[facet]] == inclusion).sum(axis=1))
+
+
+def _parts(x: np.ndarray) -> np.ndarray:
+    """The part of an edge that each of its points stands for, shape (num_facets, k, 2, dim)."""
+    start, end = x[:, 0], x[:, 1]
+    along = (end - start)[:, None]
+    share = nodal_shares(2, x.shape[1])[0]
+    cuts = np.array([[0.0, share], [1.0 - share, 1.0], [share, 1.0 - share]])[: x.shape[1]]
+    return start[:, None, None] + cuts[None, :, :, None] * along[:, :, None]
 
 
 def crack_panel(recorder: Recorder, cracks: Cracks, title: str) -> CrackPanel:

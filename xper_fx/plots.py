@@ -56,6 +56,7 @@ _ENERGY_TERMS = {
     "dissipated_cohesion": ("dissipated by cracking", "#D55E00"),
     "dissipated_friction": ("dissipated by friction", "#E69F00"),
     "dissipated_impact": ("dissipated by impacts", "#CC79A7"),
+    "dissipated_plastic": ("dissipated by plasticity", "#8A2BE2"),
     "dissipated_viscous": ("dissipated by viscosity", "#7F4F24"),
     "dissipated_numerical": ("dissipated by the scheme", "#777777"),
 }
@@ -564,7 +565,8 @@ def plot_energies(
         ValueError: If a column is missing.
         ImportError: If matplotlib is missing.
     """
-    needed = ("strain", "external_work", *_ENERGY_TERMS, "closure")
+    terms = [t for t in _ENERGY_TERMS if t in history or t != "dissipated_plastic"]
+    needed = ("strain", "external_work", *terms, "closure")
     missing = [column for column in needed if column not in history]
     if missing:
         raise ValueError(f"The history lacks {missing}, needed for the energies.")
@@ -580,7 +582,8 @@ def plot_energies(
             lw=2.0,
             label="external work",
         )
-        for column, (label, colour) in _ENERGY_TERMS.items():
+        for column in terms:
+            label, colour = _ENERGY_TERMS[column]
             if data[column].any():
                 upper.plot(
                     strain,
