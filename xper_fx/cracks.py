@@ -58,7 +58,7 @@ def _parts(x: np.ndarray) -> np.ndarray:
     start, end = x[:, 0], x[:, 1]
     along = (end - start)[:, None]
     share = nodal_shares(2, x.shape[1])[0]
-    cuts = np.array([[0.0, share], [1.0 - share, 1.0], [share, 1.0 - share]])[: x.shape[1]]
+    cuts = np.array([[0.0, share], [1.0, 1.0 - share], [share, 1.0 - share]])[: x.shape[1]]
     return start[:, None, None] + cuts[None, :, :, None] * along[:, :, None]
 
 

@@ -25,8 +25,9 @@ from xper_fx.bulk.inverse import CellwiseInverse, ClusterInverse
 from xper_fx.bulk.scheme import Solver, State, StepOutcome, Stopwatch, interact
 from xper_fx.nscd.interactions import Interactions
 
-# Contraction of Newton's corrections above which w is renewed.
-_SLOW = 0.2
+# Contraction of Newton's corrections above which w is renewed, unless no more than a few iterations
+# are left to make, which cost less.
+_SLOW, _FEW = 0.2, 3
 # Times that a Newton step is halved before the time step is given up.
 _CUTS = 5
 # Newton's correction of the positions, relative to the size of the scene, that is rounding.
@@ -197,7 +198,7 @@ class ImplicitScheme:
             if newton <= self._tolerance and balance.settled:
                 break
             # what the correction of the other unknowns stirs up does not speak against the matrix
-            slow = newton > max(_SLOW * newton_before, self._tolerance)
+            slow = newton > _SLOW * newton_before and self._left(newton, newton_before) > _FEW
             if balance.worse or (slow and (bare or not corrected)):
                 displacement = predictor + step * theta * velocity
                 inverse = self.inverse(step, displacement, renew=True)
@@ -222,6 +223,14 @@ class ImplicitScheme:
             end, slots, impulses, reactions, force_impulse, bulk.viscous(mean_velocity), sweeps,
             error, traction, iteration, max(newton, balance.error), converged,
         )  # fmt: skip
+
+    def _left(self, newton: float, before: float) -> float:
+        """Iterations left if corrections go on to contract as they did."""
+        if newton <= self._tolerance:
+            return 0.0
+        if newton >= before:
+            return np.inf
+        return np.log(self._tolerance / newton) / np.log(newton / before)
 
     def _correction(self, solve, residual, velocity, step) -> float:
         """Newton's next correction relative to the velocities; infinite if it is not finite."""

@@ -61,16 +61,22 @@ class BorderedInverse:
     ):
         self._bodies, self._step = bodies, step
         self.blocks, self.nodes, self.num_nodes = bodies.blocks, bodies.nodes, bodies.num_nodes
-        columns, rows, corner = unknowns.border(stiffness, free)
-        scale = step**2 * theta
         self._places = unknowns.macroscopic.start + free
-        pad = np.zeros((unknowns.dim**2, len(free)))
-        self._columns = scale * np.concatenate([columns, pad])
-        self._rows = scale * np.concatenate([rows, pad])
-        self._answer = np.stack([bodies.apply(c) for c in self._columns.T], axis=1)
+        fields = unknowns.fields(free)
+        forces = stiffness @ fields
+        corner = fields.T @ forces
+
+        def border(columns: np.ndarray) -> np.ndarray:
+            pad = np.zeros((unknowns.dim**2, len(free)))
+            return step**2 * theta * np.concatenate([unknowns.sum_on_nodes(columns), pad])
+
+        self._answer = np.stack([bodies.apply(c) for c in border(forces).T], axis=1)
         self._compliance = compliance
-        self._corner = np.linalg.inv(corner) if compliance is not None else None
-        self._schur = step**2 * corner - self._rows.T @ self._answer if compliance is None else None
+        if compliance is None:
+            self._rows = border(stiffness.T @ fields)
+            self._schur = step**2 * corner - self._rows.T @ self._answer
+        else:
+            self._corner = np.linalg.inv(corner)
         self._before: tuple[np.ndarray, np.ndarray] | None = None
 
     def apply(self, residual: np.ndarray) -> np.ndarray:
@@ -123,5 +129,5 @@ class BorderedInverse:
     @property
     def nbytes(self) -> int:
         """Memory held, in bytes."""
-        border = self._columns.nbytes + self._rows.nbytes + self._answer.nbytes
-        return self._bodies.nbytes + border
+        rows = self._rows.nbytes if self._compliance is None else 0
+        return self._bodies.nbytes + self._answer.nbytes + rows

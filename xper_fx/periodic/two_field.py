@@ -64,8 +64,9 @@ class CellBulk(Bulk):
 
     def _forces_of_rounding(self) -> float:
         """Forces of a macroscopic strain of 1e-14 at rest, N m (2D: N)."""
+        fields = self.unknowns.fields(self.free)
         at_rest = self.tangent(np.zeros(self.num_dofs))
-        return 1e-14 * float(np.abs(self.unknowns.border(at_rest, self.free)[2]).max())
+        return 1e-14 * float(np.abs(fields.T @ (at_rest @ fields)).max())
 
     def _make_unknowns(self):
         return CellUnknowns(self.forms.V, self.forms.bodies)

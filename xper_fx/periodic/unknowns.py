@@ -103,25 +103,23 @@ class CellUnknowns(NodalUnknowns):
         indptr = np.concatenate([[0], np.cumsum(counts)]).astype(np.int32)
         self._structure = len(unique), (unique % self.num_nodes).astype(np.int32), indptr
 
-    def border(
-        self, stiffness: sp.bsr_array, components: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The rest of N^T K N, next to the nodes' part, for some components of G.
+    def fields(self, components: np.ndarray) -> np.ndarray:
+        """Displacements of the nodes of V under unit components of G.
 
         Args:
-            stiffness: K on the nodes of V.
             components: which of the dim^2 entries of G, column by column, shape (m,).
 
         Returns:
-            Columns d f / d G, shape (num_nodes * dim, m); rows d(int Pi dx) / d u#, transposed to
-            the same shape; d(int Pi dx) / d G, shape (m, m).
+            Shape (num_dofs of V, m), m.
         """
-        fields = np.kron(self.position, np.eye(self.dim))[:, components]
-        columns, rows = stiffness @ fields, stiffness.T @ fields
-        corner = fields.T @ columns
-        if self.tied:
-            shape = (len(self.node_of), -1)
-            columns, rows = (
-                (self._sum @ c.reshape(shape)).reshape(-1, len(components)) for c in (columns, rows)
-            )
-        return columns, rows, corner
+        out = np.zeros((*self.position.shape, len(components)))
+        for column, component in enumerate(components):
+            out[:, component % self.dim, column] = self.position[:, component // self.dim]
+        return out.reshape(-1, len(components))
+
+    def sum_on_nodes(self, columns: np.ndarray) -> np.ndarray:
+        """The nodes' part of N^T c for columns c, shape (num_nodes * dim, m)."""
+        if not self.tied:
+            return columns
+        rows = columns.reshape(len(self.node_of), -1)
+        return (self._sum @ rows).reshape(-1, columns.shape[1])
