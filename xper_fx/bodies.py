@@ -179,7 +179,8 @@ class Bodies:
         nodes, offsets = self.node_permutation(V)
         body = np.empty(len(nodes), np.int32)
         body[nodes] = np.repeat(np.arange(self.num_bodies, dtype=np.int32), np.diff(offsets))
-        pairs = translates(V.tabulate_dof_coordinates()[:, : self.mesh.geometry.dim], self.lattice)
+        x = V.tabulate_dof_coordinates()[:, : self.mesh.geometry.dim]
+        pairs = translates(x, self.lattice, _EQUAL_COORDINATE * np.ptp(x, axis=0).max())
         # a cell on its own that touches its own image at a vertex is not tied to it
         several = np.bincount(self.body_of_cell, minlength=self.num_bodies) > 1
         first, second = body[pairs].T

@@ -72,7 +72,7 @@ def match_facets(vertices: npt.NDArray[np.float64], lattice: npt.NDArray[np.floa
     tolerance = _MATCH * float(edges.min())
     _require_translates(np.unique(vertices.reshape(-1, dim), axis=0), lattice, tolerance)
     midpoints = vertices.mean(axis=1)
-    pairs = _translates(midpoints, lattice, tolerance)
+    pairs = translates(midpoints, lattice, tolerance)
     partners = np.bincount(pairs.ravel(), minlength=count)
     bad = np.flatnonzero(partners != 1)
     if bad.size:
@@ -85,13 +85,19 @@ def match_facets(vertices: npt.NDArray[np.float64], lattice: npt.NDArray[np.floa
     return FacetPairs(pairs, midpoints[pairs[:, 1]] - midpoints[pairs[:, 0]])
 
 
-def translates(points: npt.NDArray[np.float64], lattice) -> npt.NDArray[np.intp]:
-    """Pairs of points that differ by a vector of the lattice other than zero, shape (n, 2)."""
-    return _translates(points, lattice, 1e-9 * float(np.ptp(points, axis=0).max()))
+def translates(
+    points: npt.NDArray[np.float64], lattice: npt.NDArray[np.float64], tolerance: float
+) -> npt.NDArray[np.intp]:
+    """Pairs of points that differ by a vector of the lattice other than zero.
 
+    Args:
+        points: shape (num_points, dim), m.
+        lattice: shape (dim, dim), rows are period vectors, m.
+        tolerance: distance within which points are one, m.
 
-def _translates(points, lattice, tolerance) -> npt.NDArray[np.intp]:
-    """Pairs of points that differ by a vector of the lattice other than zero, shape (n, 2)."""
+    Returns:
+        Shape (n, 2), sorted.
+    """
     inverse = np.linalg.inv(lattice)
     wrapped = (points @ inverse) % 1.0
     wrapped[wrapped >= 1.0] = 0.0  # -1e-17 % 1 is 1
@@ -108,7 +114,7 @@ def _translates(points, lattice, tolerance) -> npt.NDArray[np.intp]:
 def _require_translates(points, lattice, tolerance) -> None:
     """Raise a ValueError that names the vertices of the boundary without a translate."""
     alone = np.ones(len(points), bool)
-    alone[_translates(points, lattice, tolerance).ravel()] = False
+    alone[translates(points, lattice, tolerance).ravel()] = False
     if np.any(alone):
         shown = "; ".join(str(tuple(p)) for p in points[alone][:5].tolist())
         raise ValueError(
