@@ -14,6 +14,7 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parents[1] / "demos"))
 import notched_plate as demo
 
+from xper_fx.cracks import find_cracks
 from xper_fx.output import HISTORY_COLUMNS, read_history
 from xper_fx.recorder import TensileGauge
 from xper_fx.simulation import Simulation
@@ -132,7 +133,7 @@ def test_resolved_results_converge():
         scene = demo.notched_plate(cells, "strong", toughening=demo.toughening())
         step = factor * Simulation(scene, scheme="explicit").step_size
         _, stress, energies, simulation = curve(scene, 0.0095, scheme="explicit", step=step)
-        segments, kind = demo.cracks(simulation)
+        segments, kind = find_cracks(simulation, demo.INCLUSION, (demo.NOTCH,))
         lengths = np.bincount(kind, np.linalg.norm(np.diff(segments, axis=1)[:, 0], axis=1), 3)
         found[cells, factor] = stress.max(), energies["dissipated_cohesion"][-1], lengths
     peak, spent, _ = found[20, 1.0]

@@ -181,6 +181,8 @@ class ImplicitScheme:
                 continue
             # For the impulses found, what is left is the bulk's nonlinearity alone. A step that
             # inverts a cell (no finite energy) or leaves more than it found is cut.
+            if corrected and not bare:
+                newton_before = np.inf  # what other unknowns stir up is no step that went wrong
             with watch.phase("free velocity"):
                 # without interactions all unknowns are corrected at once
                 solve = inverse.advance if bare else inverse.apply
@@ -197,9 +199,8 @@ class ImplicitScheme:
                 break
             if newton <= self._tolerance and balance.settled:
                 break
-            # what the correction of the other unknowns stirs up does not speak against the matrix
             slow = newton > _SLOW * newton_before and self._left(newton, newton_before) > _FEW
-            if balance.worse or (slow and (bare or not corrected)):
+            if balance.worse or slow:
                 displacement = predictor + step * theta * velocity
                 inverse = self.inverse(step, displacement, renew=True)
                 if not bare:
