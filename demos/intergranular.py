@@ -60,10 +60,10 @@ from xper_fx.periodic.microstructure import (
 )
 from xper_fx.plots import plot_cracks, plot_curves, plot_energies, plot_grains
 from xper_fx.recorder import CellGauge, Recorder
-from xper_fx.runner import recorded_steps
+from xper_fx.runner import add_run_options, recorded_steps
 from xper_fx.scales import cohesive_table
 from xper_fx.scene import Scene
-from xper_fx.simulation import SOLVERS, Simulation
+from xper_fx.simulation import Simulation
 
 # ## Grains
 
@@ -138,7 +138,6 @@ def run(scene: Scene, options: argparse.Namespace) -> dict:
         solver=options.solver,
         num_threads=options.threads,
     )
-    parameters = {key: str(v) if isinstance(v, Path) else v for key, v in vars(options).items()}
     end = options.final_strain / options.rate
     recorder = Recorder(
         simulation,
@@ -146,7 +145,7 @@ def run(scene: Scene, options: argparse.Namespace) -> dict:
         end_time=end,
         gauge=CellGauge("11"),
         fields=options.fields,
-        parameters=parameters,
+        parameters=vars(options),
     )
     panels, first, first_strain = [], Cracks(np.zeros((0, 2, 2)), np.zeros(0, int)), np.inf
     for _, strain in recorded_steps(recorder, end, "polycrystal", options.quiet):
@@ -233,14 +232,7 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     add("--rate", type=float, default=2e4, help="of Fbar_11, 1/s")
     add("--final-strain", type=float, default=0.01)
     add("--step-size", type=float, default=1e-9, help="h in s (default 1e-9)")
-    add("--theta", type=float, default=0.5, help="weight of the end of the step")
-    add("--tolerance", type=float, default=1e-4, help="relative error of the impulses")
-    add("--solver", choices=SOLVERS, default="auto", help="of the interactions")
-    add("--threads", type=int, help="of the interaction solver (default: all)")
-    add("--fields", type=int, default=20, help="number of times at which fields are written")
-    add("--out", type=Path, default=Path("results/intergranular"))
-    add("--no-plot", action="store_true")
-    add("--quiet", action="store_true", help="no progress bar")
+    add_run_options(parser, Path("results/intergranular"))
     options = parser.parse_args(arguments)
     if options.grains < 2 * GRAINS_OF_AN_INCLUSION + 2:
         parser.error(f"--grains should be at least {2 * GRAINS_OF_AN_INCLUSION + 2}")

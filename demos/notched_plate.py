@@ -64,10 +64,10 @@ from xper_fx.plots import (
     plot_microstructure,
 )
 from xper_fx.recorder import Recorder, TensileGauge
-from xper_fx.runner import recorded_steps
+from xper_fx.runner import add_run_options, recorded_steps
 from xper_fx.scales import cohesive_table
 from xper_fx.scene import Scene
-from xper_fx.simulation import SOLVERS, Simulation
+from xper_fx.simulation import Simulation
 
 # ## Geometry
 #
@@ -178,14 +178,13 @@ def run(scene: Scene, folder: Path, options: argparse.Namespace, title: str) -> 
     )
     end = options.final_strain * SIZE / (2.0 * SPEED)
     gauge = TensileGauge(LEFT, RIGHT, 0, SIZE, SIZE)
-    parameters = {key: str(v) if isinstance(v, Path) else v for key, v in vars(options).items()}
     recorder = Recorder(
         simulation,
         folder,
         end_time=end,
         gauge=gauge,
         fields=options.fields,
-        parameters=parameters | {"title": title},
+        parameters=vars(options) | {"title": title},
     )
     early = None
     for _, strain in recorded_steps(recorder, end, title, options.quiet):
@@ -275,16 +274,9 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     add("--finite-strain", action="store_true", help="neo-Hookean phases")
     add("--scheme", choices=("implicit", "explicit"), default="implicit", help="of the bulk")
     add("--step-size", type=float, help="h in s (default 0.7 of the bulk's critical step)")
-    add("--theta", type=float, default=0.5, help="weight of the end of the step, implicit bulk")
-    add("--tolerance", type=float, default=1e-4, help="relative error of the impulses")
-    add("--solver", choices=SOLVERS, default="auto", help="of the interactions")
     add("--final-strain", type=float, default=0.012)
     add("--early-strain", type=float, default=0.005, help="when the first cracks are drawn")
-    add("--threads", type=int, help="of the interaction solver (default: all)")
-    add("--fields", type=int, default=20, help="number of times at which fields are written")
-    add("--out", type=Path, default=Path("results/notched_plate"))
-    add("--no-plot", action="store_true")
-    add("--quiet", action="store_true", help="no progress bar")
+    add_run_options(parser, Path("results/notched_plate"))
     options = parser.parse_args(arguments)
     if options.cells < 20 or options.cells % 20:
         parser.error(f"--cells should be a multiple of 20, to fit inclusions, got {options.cells}")

@@ -56,10 +56,10 @@ from xper_fx.output import prepare_folder, read_history
 from xper_fx.periodic.drive import MacroscopicDrive
 from xper_fx.plots import plot_cracks, plot_curves, plot_energies, plot_microstructure
 from xper_fx.recorder import CellGauge, Recorder
-from xper_fx.runner import recorded_steps
+from xper_fx.runner import add_run_options, recorded_steps
 from xper_fx.scales import cohesive_table
 from xper_fx.scene import Scene
-from xper_fx.simulation import SOLVERS, Simulation
+from xper_fx.simulation import Simulation
 
 # ## Geometry
 #
@@ -163,7 +163,6 @@ def run(scene: Scene, options: argparse.Namespace) -> dict:
         solver=options.solver,
         num_threads=options.threads,
     )
-    parameters = {key: str(v) if isinstance(v, Path) else v for key, v in vars(options).items()}
     end = options.final_strain / options.rate
     recorder = Recorder(
         simulation,
@@ -171,7 +170,7 @@ def run(scene: Scene, options: argparse.Namespace) -> dict:
         end_time=end,
         gauge=CellGauge("11"),
         fields=options.fields,
-        parameters=parameters | {"title": title},
+        parameters=vars(options) | {"title": title},
     )
     first, first_strain = None, np.inf
     for _, strain in recorded_steps(recorder, end, title, options.quiet):
@@ -279,14 +278,7 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     add("--rate", type=float, default=4e4, help="of Fbar_11, 1/s")
     add("--final-strain", type=float, default=0.02)
     add("--step-size", type=float, default=5e-10, help="h in s (default 5e-10)")
-    add("--theta", type=float, default=0.5, help="weight of the end of the step")
-    add("--tolerance", type=float, default=1e-4, help="relative error of the impulses")
-    add("--solver", choices=SOLVERS, default="auto", help="of the interactions")
-    add("--threads", type=int, help="of the interaction solver (default: all)")
-    add("--fields", type=int, default=20, help="number of times at which fields are written")
-    add("--out", type=Path, default=Path("results/periodic_ductile"))
-    add("--no-plot", action="store_true")
-    add("--quiet", action="store_true", help="no progress bar")
+    add_run_options(parser, Path("results/periodic_ductile"))
     options = parser.parse_args(arguments)
     if options.cells < 20 or options.cells % 20:
         parser.error(f"--cells should be a multiple of 20, to fit inclusions, got {options.cells}")

@@ -1,14 +1,34 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Runs a simulation into a folder, with a progress bar."""
+"""Runs a simulation into a folder, with a progress bar; the options that all runs share."""
 
 from __future__ import annotations
 
+from argparse import ArgumentParser
 from collections.abc import Iterator
+from pathlib import Path
 
 from tqdm.auto import tqdm
 
 from xper_fx.recorder import Recorder
-from xper_fx.simulation import StepRecord
+from xper_fx.simulation import SOLVERS, StepRecord
+
+
+def add_run_options(parser: ArgumentParser, out: Path) -> None:
+    """Give a command line the options of a run that no scene changes.
+
+    Args:
+        parser: of the command line.
+        out: default of the folder for results.
+    """
+    add = parser.add_argument
+    add("--theta", type=float, default=0.5, help="weight of the end of the step, implicit bulk")
+    add("--tolerance", type=float, default=1e-4, help="relative error of the impulses")
+    add("--solver", choices=SOLVERS, default="auto", help="of the interactions")
+    add("--threads", type=int, help="of the interaction solver (default: all)")
+    add("--fields", type=int, default=20, help="number of times at which fields are written")
+    add("--out", type=Path, default=out)
+    add("--no-plot", action="store_true")
+    add("--quiet", action="store_true", help="no progress bar")
 
 
 def recorded_steps(
