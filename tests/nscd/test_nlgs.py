@@ -36,21 +36,22 @@ def dense_w(inverse):
 
 
 def dense_h(points, num_slots):
-    """H, shape (num_slots * dim, num_points * dim)."""
+    """H, shape (num_slots * dim, num_points * dim); zero along tangents that frames lack."""
     dim = points.dim
     h = np.zeros((num_slots * dim, len(points) * dim))
     for p in range(len(points)):
         for side, sign in ((0, 1.0), (1, -1.0)):
             for node, weight in zip(points.nodes[p, side], points.weights[p, side], strict=True):
-                h[node * dim : node * dim + dim, p * dim : p * dim + dim] += (
-                    sign * weight * points.frame[p].T
+                axes = points.frame[p].T
+                h[node * dim : node * dim + dim, p * dim : p * dim + axes.shape[1]] += (
+                    sign * weight * axes
                 )
     return h
 
 
 def project(r, mu):
     size = np.linalg.norm(r[1:])
-    if size <= mu * r[0]:
+    if r[0] >= 0.0 and size <= mu * r[0]:
         return r
     if mu * size <= -r[0]:
         return np.zeros_like(r)

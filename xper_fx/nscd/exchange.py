@@ -31,7 +31,7 @@ class Couplings(NamedTuple):
         body: shape (num_points, 2), first dof of each side's block.
         size: shape (num_points, 2), dofs in each side's block.
         rows: shape (num_points, 2, k), entry of `w` where the node's first row starts.
-        frame: shape (num_points, 1, 2), the normal, or (num_points, 3, 3).
+        frame: shape (num_points, 1, dim), the normal, or (num_points, 3, 3).
         w: flat blocks of the inverse.
     """
 
@@ -109,17 +109,18 @@ def _add_rows(dim: int, size: int):
 
 
 @cache
-def motion(dim: int, k: int, size: int):
+def motion(dim: int, components: int, k: int, size: int):
     """Kernels `read(v, c, i) -> u` (local) and `push(v, c, i, local impulse)`.
 
     Args:
         dim: dimension of space.
+        components: of local vectors.
         k: nodes on a side.
         size: block size in dofs when all blocks are alike, else 0.
     """
-    algebra = for_dimension(dim)
-    to_local, to_global = algebra.to_local, algebra.to_global
-    subtract, times = algebra.subtract, algebra.scale
+    local, world = for_dimension(dim, components), for_dimension(dim)
+    to_local, to_global = local.to_local, local.to_global
+    subtract, times = world.subtract, world.scale
     vector = 0 < size <= _VECTOR_DOFS
     add_rows = _add_rows(dim, size) if vector else None
 
@@ -182,10 +183,10 @@ def motion(dim: int, k: int, size: int):
 
 
 @cache
-def push_kernel(dim: int, k: int, size: int):
+def push_kernel(dim: int, components: int, k: int, size: int):
     """Kernel `push_all(v, couplings, impulses)`: v += w H r over all points of a group."""
-    row = for_dimension(dim).row
-    _, push = motion(dim, k, size)
+    row = for_dimension(dim, components).row
+    _, push = motion(dim, components, k, size)
 
     @njit
     def push_all(v, c, r):
@@ -196,9 +197,9 @@ def push_kernel(dim: int, k: int, size: int):
 
 
 @cache
-def spread_kernel(dim: int, k: int):
+def spread_kernel(dim: int, components: int, k: int):
     """Kernel `spread(p, couplings, impulses)`: p += H r over all points of a group."""
-    algebra = for_dimension(dim)
+    algebra = for_dimension(dim, components)
     row, to_global = algebra.row, algebra.to_global
 
     @njit
@@ -221,10 +222,10 @@ def sweep_kernel(law: LawKernels, dim: int, k: int, size: int, parallel: bool):
     Kernel `sweep(tiles, colors, marked, stats, v, couplings, r, ...)`; it writes, for each tile
     visited, [sum |dr|^2, sum |r|^2, max |dr|^2 / area^2] into its row of `stats`.
     """
-    algebra = for_dimension(dim)
+    algebra = for_dimension(dim, law.components)
     row, set_row, dot = algebra.row, algebra.set_row, algebra.dot
     add, scale, subtract = algebra.add, algebra.scale, algebra.subtract
-    read, push = motion(dim, k, size)
+    read, push = motion(dim, law.components, k, size)
     solve = law.solve
 
     # Without reference counting (nothing is allocated here): the counts of the law's arrays, atomic

@@ -17,6 +17,7 @@ from numba import njit
 from xper_fx.nscd.exchange import Couplings, couple, motion, push_kernel, spread_kernel
 from xper_fx.nscd.inverse import BodyInverse
 from xper_fx.nscd.laws.law import ENERGIES, Law, LawKernels
+from xper_fx.nscd.local_solvers.solver import SINGULAR
 from xper_fx.nscd.ordering import (
     Ordering,
     TileBodies,
@@ -46,10 +47,15 @@ class StepWork(NamedTuple):
 class PointGroup:
     """The points that share a law's kernels, in their order of visit.
 
+    Local vectors have the law's `components`: dim, or the normal's alone.
+
     Attributes:
         indices: shape (n,), the points' numbers in the scene's order.
-        impulse: shape (n, dim), total impulse of the step in the local frame (N s).
-        jump, velocity: shape (n, dim), at the last committed time (m, m/s).
+        points: with frames of as many rows as there are components.
+        compliance: W_aa, packed symmetric (m/s per N s).
+        impulse: shape (n, components), total impulse of the step in the local frame (N s).
+        jump, velocity: shape (n, components), at the last committed time (m, m/s).
+        energy: shape (n, len(kernels.energies)), of the last committed step (J; 2D: J/m).
         status: shape (n,), int8: 0 open, 1 closed or bonded and sticking, 2 sliding.
         block_size: common size of all blocks of w, what the sweeps are compiled for, or 0.
     """
@@ -83,16 +89,17 @@ class PointGroup:
         own = (
             self.indices, self.parameters, self.state, self.terms, self.details, self.compliance,
             self.inverse_area, self.jump, self.velocity, self.impulse, self.committed_impulse,
-            self.energy, self.status, *self.ordering, *self.couplings[:5],
+            self.energy, self.status, *self.ordering, *self.couplings[:-1],
+            *vars(self.points).values(),
         )  # fmt: skip
-        return sum(a.nbytes for a in own) + self.points.nbytes
+        return sum(a.nbytes for a in {id(a): a for a in own}.values())
 
 
 @cache
 def _step_kernels(law: LawKernels, dim: int, k: int):
     """The loops over points of a law's `prepare` and `commit`."""
-    read, _ = motion(dim, k, 0)
-    algebra = for_dimension(dim)
+    read, _ = motion(dim, law.components, k, 0)
+    algebra = for_dimension(dim, law.components)
     row, set_row, add, scale = algebra.row, algebra.set_row, algebra.add, algebra.scale
     prepare, commit = law.prepare, law.commit
 
@@ -126,7 +133,7 @@ def _step_kernels(law: LawKernels, dim: int, k: int):
 @cache
 def _evolve_kernel(law: LawKernels, dim: int, k: int):
     """The loop over points of a law's `evolve`."""
-    read, _ = motion(dim, k, 0)
+    read, _ = motion(dim, law.components, k, 0)
     evolve = law.evolve
 
     @njit(_nrt=False)
@@ -141,9 +148,13 @@ def _evolve_kernel(law: LawKernels, dim: int, k: int):
 
 @njit
 def _compliance(c, frame, rows, cols, out):
-    """W_aa = H_c^T w H_c + H_a^T w H_a at each point, packed symmetric."""
+    """W_aa = H_c^T w H_c + H_a^T w H_a at each point, packed symmetric.
+
+    Where the normal stands alone, zero if it is rounding beside the trace over all directions.
+    """
     k, dim = c.start.shape[2], frame.shape[2]
     for i in range(len(out)):
+        trace = 0.0
         for entry in range(len(rows)):
             total = 0.0
             for s in range(2):
@@ -153,6 +164,8 @@ def _compliance(c, frame, rows, cols, out):
                         weight = c.weights[i, s, a] * c.weights[i, s, b]
                         column = c.start[i, s, b] - base
                         for x in range(dim):
+                            trace += weight * c.w[c.rows[i, s, a] + x * n + column + x]
+                        for x in range(dim):
                             fx = weight * frame[i, rows[entry], x]
                             for y in range(dim):
                                 total += (
@@ -161,6 +174,8 @@ def _compliance(c, frame, rows, cols, out):
                                     * frame[i, cols[entry], y]
                                 )
             out[i, entry] = total
+        if len(rows) == 1 and out[i, 0] <= SINGULAR * trace:
+            out[i, 0] = 0.0
 
 
 class Interactions:
@@ -212,7 +227,6 @@ class Interactions:
             )
         self.dim = inverse.dim
         self.ordering = ordering
-        self.points = points
         self.laws, self.law_of_point = laws, law_of_point
         self.inverse = inverse
         self.committed_step = 0.0
@@ -228,15 +242,15 @@ class Interactions:
             if np.any(law_of_point == number):
                 by_kernels.setdefault(law.kernels(self.dim), []).append(number)
         self.groups = [
-            self._group(
-                kernels, np.flatnonzero(np.isin(law_of_point, numbers)), law_of_point, nodal
-            )
+            self._group(kernels, points, np.flatnonzero(np.isin(law_of_point, numbers)), nodal)
             for kernels, numbers in by_kernels.items()
         ]
+        widest = max((g.kernels.components for g in self.groups), default=1)
+        self.points = points.with_components(widest)
         self.update_inverse(inverse)
 
-    def _group(self, kernels, indices, law_of_point, nodal) -> PointGroup:
-        blocks = self.inverse.block_of_node()[self.points.nodes[indices][:, :, 0]]
+    def _group(self, kernels, points, indices, nodal) -> PointGroup:
+        blocks = self.inverse.block_of_node()[points.nodes[indices][:, :, 0]]
         num_blocks = len(self.inverse.node_offsets) - 1
         if self._vertex is None:
             ordering = order_points(blocks, num_blocks)
@@ -245,17 +259,18 @@ class Interactions:
                 blocks, num_blocks, self._vertex[indices], int(self._vertex.max()) + 1
             )
         indices = indices[ordering.order]
-        points = self.points.take(indices)
-        n, dim = len(points), self.dim
+        components = kernels.components
+        points = points.with_components(components).take(indices)
+        n, law_of_point = len(points), self.law_of_point[indices]
         table = {
             number: (self.laws[number].parameters(), self.laws[number].initial_state())
-            for number in np.unique(law_of_point[indices])
+            for number in np.unique(law_of_point)
         }
         parameters, state = (
-            np.array([table[number][part] for number in law_of_point[indices]]).reshape(n, -1)
+            np.array([table[number][part] for number in law_of_point]).reshape(n, -1)
             for part in (0, 1)
         )
-        jump = np.zeros((n, dim))
+        jump = np.zeros((n, components))
         jump[:, 0] = points.gap
         return PointGroup(
             kernels=kernels,
@@ -268,13 +283,13 @@ class Interactions:
             state=state.astype(float),
             terms=np.zeros((n, kernels.num_terms)),
             details=np.zeros((n, kernels.num_details)),
-            compliance=np.zeros((n, dim * (dim + 1) // 2)),
+            compliance=np.zeros((n, components * (components + 1) // 2)),
             inverse_area=(1.0 / points.area).astype(np.float32),
             jump=jump,
             velocity=points.relative(nodal),
-            impulse=np.zeros((n, dim)),
-            committed_impulse=np.zeros((n, dim)),
-            energy=np.zeros((n, len(ENERGIES))),
+            impulse=np.zeros((n, components)),
+            committed_impulse=np.zeros((n, components)),
+            energy=np.zeros((n, len(kernels.energies))),
             status=np.zeros(n, np.int8),
             block_size=self.inverse.uniform_size,
         )
@@ -285,8 +300,8 @@ class Interactions:
     def update_inverse(self, inverse: BodyInverse) -> None:
         """Take new values of w (same blocks); the compliances W_aa follow."""
         self.inverse = inverse
-        rows, cols = sym_indices(self.dim)
         for group in self.groups:
+            rows, cols = sym_indices(group.kernels.components)
             group.couplings = group.couplings._replace(w=inverse.data)
             _compliance(group.couplings, group.points.frame, rows, cols, group.compliance)
 
@@ -329,14 +344,16 @@ class Interactions:
     def add_velocity(self, velocity: np.ndarray) -> None:
         """Add w H r to `velocity`, shape (num_slots * dim,)."""
         for g in self.groups:
-            push_all = push_kernel(self.dim, g.points.nodes.shape[2], g.block_size)
+            push_all = push_kernel(
+                self.dim, g.kernels.components, g.points.nodes.shape[2], g.block_size
+            )
             push_all(velocity, g.couplings, g.impulse)
 
     def impulses(self) -> np.ndarray:
         """H r: impulses of the current step on the interacting nodes, shape (num_slots, dim)."""
         total = np.zeros((self.inverse.num_slots, self.dim))
         for g in self.groups:
-            spread = spread_kernel(self.dim, g.points.nodes.shape[2])
+            spread = spread_kernel(self.dim, g.kernels.components, g.points.nodes.shape[2])
             spread(total.reshape(-1), g.couplings, g.impulse)
         return total
 
@@ -349,7 +366,7 @@ class Interactions:
         Returns:
             The energies of the step.
         """
-        totals = np.zeros(len(ENERGIES))
+        totals = dict.fromkeys(ENERGIES, 0.0)
         for g in self.groups:
             _, commit_all = _step_kernels(g.kernels, self.dim, g.points.nodes.shape[2])
             commit_all(
@@ -358,12 +375,16 @@ class Interactions:
                 g.status,
             )  # fmt: skip
             g.committed_impulse[:] = g.impulse
-            totals += g.energy.sum(axis=0)
+            for name, total in zip(g.kernels.energies, g.energy.sum(axis=0), strict=True):
+                totals[name] += total
         self.committed_step = self.step_size
-        return StepWork(*totals)
+        return StepWork(**totals)
 
     def gather(self, name: str) -> np.ndarray:
         """A per-point array in the scene's order.
+
+        Local vectors have `dim` columns, energies those of ENERGIES: what a law has no use for, as
+        frictionless contact for anything tangential, reads zero.
 
         Args:
             name: "jump" (m), "velocity" (m/s), "impulse" (N s), "traction" (Pa, opening negative
@@ -373,15 +394,23 @@ class Interactions:
         if name == "traction":
             scale = max(self.committed_step, np.finfo(float).tiny) * self.points.area
             return self.gather("impulse") / scale[:, None]
-        columns = [
-            g.state[:, g.kernels.state_names.index(name)]
-            if name in g.kernels.state_names
-            else getattr(g, name, np.zeros(len(g)))
-            for g in self.groups
-        ]
-        out = np.zeros((len(self), *(columns[0].shape[1:] if columns else ())))
-        for g, column in zip(self.groups, columns, strict=True):
-            out[g.indices] = column
+        widths = {"compliance": self.dim * (self.dim + 1) // 2, "energy": len(ENERGIES)}
+        widths |= dict.fromkeys(("jump", "velocity", "impulse"), self.dim)
+        if name in widths:
+            out = np.zeros((len(self), widths[name]))
+            for g in self.groups:
+                own = getattr(g, name)
+                columns = range(own.shape[1])
+                if name == "energy":
+                    columns = [ENERGIES.index(energy) for energy in g.kernels.energies]
+                out[np.ix_(g.indices, columns)] = own
+            return out
+        out = np.zeros(len(self))
+        for g in self.groups:
+            if name in g.kernels.state_names:
+                out[g.indices] = g.state[:, g.kernels.state_names.index(name)]
+            elif hasattr(g, name):
+                out[g.indices] = getattr(g, name)
         return out
 
     @property

@@ -14,7 +14,7 @@ move: a point against it is contact with a fixed obstacle.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -26,7 +26,8 @@ class InteractionPoints:
     Args:
         nodes: shape (num_points, 2, k), int32; [:, 0] candidate, [:, 1] antagonist.
         weights: shape (num_points, 2, k), interpolation weights (sum 1 on each side).
-        frame: shape (num_points, dim, dim); rows n, t1 (, t2), right-handed and orthonormal.
+        frame: shape (num_points, dim, dim); rows n, t1 (, t2), right-handed and orthonormal. Where
+            nothing acts along the tangent, (num_points, 1, dim), n alone.
         area: shape (num_points,), m^2 (2D: m, per metre of depth); traction = impulse / (h area).
         gap: shape (num_points,), normal distance at the start (m).
     """
@@ -40,7 +41,7 @@ class InteractionPoints:
     @property
     def dim(self) -> int:
         """Dimension of space."""
-        return self.frame.shape[1]
+        return self.frame.shape[2]
 
     def __len__(self) -> int:
         return len(self.area)
@@ -50,6 +51,10 @@ class InteractionPoints:
         return InteractionPoints(
             *(np.ascontiguousarray(a[indices]) for a in self._arrays()),
         )
+
+    def with_components(self, components: int) -> InteractionPoints:
+        """The points with the first rows of their frames."""
+        return replace(self, frame=np.ascontiguousarray(self.frame[:, :components]))
 
     def _arrays(self):
         return self.nodes, self.weights, self.frame, self.area, self.gap
@@ -66,7 +71,7 @@ class InteractionPoints:
             nodal: shape (num_nodes + 1, dim), the ground's row last.
 
         Returns:
-            Shape (num_points, dim), candidate minus antagonist.
+            Shape (num_points, rows of the frame), candidate minus antagonist.
         """
         sides = np.einsum("psk,pskd->psd", self.weights, nodal[self.nodes])
         return np.einsum("pij,pj->pi", self.frame, sides[:, 0] - sides[:, 1])
@@ -75,7 +80,7 @@ class InteractionPoints:
         """H r: impulses on the nodes.
 
         Args:
-            local: shape (num_points, dim), impulses in the local frame (N s).
+            local: shape (num_points, rows of the frame), impulses in the local frame (N s).
             num_nodes: number of nodes, the ground not counted.
 
         Returns:

@@ -2,9 +2,10 @@
 """Vectors and symmetric matrices of dimension 2 and 3 as tuples, for use inside kernels.
 
 A vector is `(n, t)` or `(n, t1, t2)`. A symmetric matrix holds its upper triangle by rows:
-`(nn, nt, tt)` or `(nn, n1, n2, 11, 12, 22)`. Tuples live in registers: nothing is allocated.
-`for_dimension` gives the set of functions for a dimension, so that a kernel compiled for one
-dimension carries no trace of the other.
+`(nn, nt, tt)` or `(nn, n1, n2, 11, 12, 22)`. Where nothing acts along the tangent, a local vector
+is `(n,)` alone in either dimension, and a matrix `(nn,)`. Tuples live in registers: nothing is
+allocated. `for_dimension` gives the set of functions for a dimension, so that a kernel compiled for
+one dimension carries no trace of the other.
 """
 
 from __future__ import annotations
@@ -17,9 +18,14 @@ from numba import njit
 
 SmallAlgebra = namedtuple(
     "SmallAlgebra",
-    "row set_row dot add subtract scale multiply_diagonal sym_row sym_vector "
-    "compliance_with_springs to_local to_global",
+    "row set_row dot add subtract scale unit matrix_vector sym_row sym_vector to_local to_global "
+    "multiply_diagonal compliance_with_springs",
 )
+
+
+@njit(inline="always")
+def _row1(a, i):
+    return (a[i, 0],)
 
 
 @njit(inline="always")
@@ -30,6 +36,11 @@ def _row2(a, i):
 @njit(inline="always")
 def _row3(a, i):
     return a[i, 0], a[i, 1], a[i, 2]
+
+
+@njit(inline="always")
+def _set_row1(a, i, x):
+    a[i, 0] = x[0]
 
 
 @njit(inline="always")
@@ -46,6 +57,11 @@ def _set_row3(a, i, x):
 
 
 @njit(inline="always")
+def _dot1(x, y):
+    return x[0] * y[0]
+
+
+@njit(inline="always")
 def _dot2(x, y):
     return x[0] * y[0] + x[1] * y[1]
 
@@ -53,6 +69,11 @@ def _dot2(x, y):
 @njit(inline="always")
 def _dot3(x, y):
     return x[0] * y[0] + x[1] * y[1] + x[2] * y[2]
+
+
+@njit(inline="always")
+def _add1(x, y):
+    return (x[0] + y[0],)
 
 
 @njit(inline="always")
@@ -66,6 +87,11 @@ def _add3(x, y):
 
 
 @njit(inline="always")
+def _subtract1(x, y):
+    return (x[0] - y[0],)
+
+
+@njit(inline="always")
 def _subtract2(x, y):
     return x[0] - y[0], x[1] - y[1]
 
@@ -73,6 +99,11 @@ def _subtract2(x, y):
 @njit(inline="always")
 def _subtract3(x, y):
     return x[0] - y[0], x[1] - y[1], x[2] - y[2]
+
+
+@njit(inline="always")
+def _scale1(c, x):
+    return (c * x[0],)
 
 
 @njit(inline="always")
@@ -86,6 +117,40 @@ def _scale3(c, x):
 
 
 @njit(inline="always")
+def _unit1(j, size):
+    return (size,)
+
+
+@njit(inline="always")
+def _unit2(j, size):
+    return (size, 0.0) if j == 0 else (0.0, size)
+
+
+@njit(inline="always")
+def _unit3(j, size):
+    return size if j == 0 else 0.0, size if j == 1 else 0.0, size if j == 2 else 0.0
+
+
+@njit(inline="always")
+def _matrix_vector1(a, i, x):
+    return (a[i, 0, 0] * x[0],)
+
+
+@njit(inline="always")
+def _matrix_vector2(a, i, x):
+    return a[i, 0, 0] * x[0] + a[i, 0, 1] * x[1], a[i, 1, 0] * x[0] + a[i, 1, 1] * x[1]
+
+
+@njit(inline="always")
+def _matrix_vector3(a, i, x):
+    return (
+        a[i, 0, 0] * x[0] + a[i, 0, 1] * x[1] + a[i, 0, 2] * x[2],
+        a[i, 1, 0] * x[0] + a[i, 1, 1] * x[1] + a[i, 1, 2] * x[2],
+        a[i, 2, 0] * x[0] + a[i, 2, 1] * x[1] + a[i, 2, 2] * x[2],
+    )
+
+
+@njit(inline="always")
 def _multiply_diagonal2(normal, tangential, x):
     return normal * x[0], tangential * x[1]
 
@@ -96,6 +161,11 @@ def _multiply_diagonal3(normal, tangential, x):
 
 
 @njit(inline="always")
+def _sym_row1(a, i):
+    return (a[i, 0],)
+
+
+@njit(inline="always")
 def _sym_row2(a, i):
     return a[i, 0], a[i, 1], a[i, 2]
 
@@ -103,6 +173,11 @@ def _sym_row2(a, i):
 @njit(inline="always")
 def _sym_row3(a, i):
     return a[i, 0], a[i, 1], a[i, 2], a[i, 3], a[i, 4], a[i, 5]
+
+
+@njit(inline="always")
+def _sym_vector1(s, x):
+    return (s[0] * x[0],)
 
 
 @njit(inline="always")
@@ -184,26 +259,64 @@ def _to_global3(frame, i, x):
     )
 
 
+@njit(inline="always")
+def _normal_part2(frame, i, x):
+    return (frame[i, 0, 0] * x[0] + frame[i, 0, 1] * x[1],)
+
+
+@njit(inline="always")
+def _normal_part3(frame, i, x):
+    return (frame[i, 0, 0] * x[0] + frame[i, 0, 1] * x[1] + frame[i, 0, 2] * x[2],)
+
+
+@njit(inline="always")
+def _along_normal2(frame, i, x):
+    return frame[i, 0, 0] * x[0], frame[i, 0, 1] * x[0]
+
+
+@njit(inline="always")
+def _along_normal3(frame, i, x):
+    return frame[i, 0, 0] * x[0], frame[i, 0, 1] * x[0], frame[i, 0, 2] * x[0]
+
+
 @cache
-def for_dimension(dim: int) -> SmallAlgebra:
+def for_dimension(dim: int, components: int | None = None) -> SmallAlgebra:
     """The small-vector functions for dimension 2 or 3.
 
+    Args:
+        dim: dimension of space.
+        components: of a local vector: `dim`, which is meant if not given, or 1, the normal's.
+
+    Returns:
+        The functions; `to_local` and `to_global` lead from vectors of space to local ones and back.
+        With one component there are no springs of two stiffnesses, and the last two are None.
+
     Raises:
-        ValueError: any other dimension.
+        ValueError: any other dimension, or number of components.
     """
+    if dim not in (2, 3):
+        raise ValueError(f"Interactions live in dimension 2 or 3, got {dim}.")
+    if components not in (None, 1, dim):
+        raise ValueError(f"Local vectors have 1 or {dim} components, got {components}.")
+    if components == 1:
+        return SmallAlgebra(
+            _row1, _set_row1, _dot1, _add1, _subtract1, _scale1, _unit1, _matrix_vector1,
+            _sym_row1, _sym_vector1, _normal_part2 if dim == 2 else _normal_part3,
+            _along_normal2 if dim == 2 else _along_normal3, None, None,
+        )  # fmt: skip
     if dim == 2:
         return SmallAlgebra(
-            _row2, _set_row2, _dot2, _add2, _subtract2, _scale2, _multiply_diagonal2,
-            _sym_row2, _sym_vector2, _compliance_with_springs2, _to_local2, _to_global2,
+            _row2, _set_row2, _dot2, _add2, _subtract2, _scale2, _unit2, _matrix_vector2,
+            _sym_row2, _sym_vector2, _to_local2, _to_global2, _multiply_diagonal2,
+            _compliance_with_springs2,
         )  # fmt: skip
-    if dim == 3:
-        return SmallAlgebra(
-            _row3, _set_row3, _dot3, _add3, _subtract3, _scale3, _multiply_diagonal3,
-            _sym_row3, _sym_vector3, _compliance_with_springs3, _to_local3, _to_global3,
-        )  # fmt: skip
-    raise ValueError(f"Interactions live in dimension 2 or 3, got {dim}.")
+    return SmallAlgebra(
+        _row3, _set_row3, _dot3, _add3, _subtract3, _scale3, _unit3, _matrix_vector3,
+        _sym_row3, _sym_vector3, _to_local3, _to_global3, _multiply_diagonal3,
+        _compliance_with_springs3,
+    )  # fmt: skip
 
 
-def sym_indices(dim: int) -> tuple[np.ndarray, np.ndarray]:
+def sym_indices(components: int) -> tuple[np.ndarray, np.ndarray]:
     """Row and column of each stored entry of a symmetric matrix, in storage order."""
-    return np.triu_indices(dim)
+    return np.triu_indices(components)

@@ -37,7 +37,7 @@ from scipy.sparse.linalg import splu
 
 from xper_fx.nscd.clusters import facing_clusters
 from xper_fx.nscd.exchange import motion, spread_kernel
-from xper_fx.nscd.interactions import Interactions
+from xper_fx.nscd.interactions import Interactions, PointGroup
 from xper_fx.nscd.krylov import gmres
 from xper_fx.nscd.laws.law import LawKernels
 from xper_fx.nscd.small import for_dimension
@@ -59,9 +59,9 @@ _KERNEL = njit(fastmath={"contract"}, error_model="numpy", _nrt=False, nogil=Tru
 @cache
 def residual_kernel(law: LawKernels, dim: int, k: int):
     """Kernel: sum over points of |S(b) - r|^2 and |r|^2, and the largest |S(b) - r|^2 / area^2."""
-    algebra = for_dimension(dim)
+    algebra = for_dimension(dim, law.components)
     row, subtract, dot = algebra.row, algebra.subtract, algebra.dot
-    read, _ = motion(dim, k, 0)
+    read, _ = motion(dim, law.components, k, 0)
     solve = law.solve
 
     @_KERNEL
@@ -105,30 +105,30 @@ def residual(interactions: Interactions, velocity: np.ndarray) -> tuple[float, f
 @njit(error_model="numpy", _nrt=False)
 def _stiffness(slope, w, work):
     """work = K = -(I + D W)^-1 D, by Gauss-Jordan; False where I + D W is singular."""
-    dim = len(slope)
-    for i in range(dim):
-        for j in range(dim):
+    size = len(slope)
+    for i in range(size):
+        for j in range(size):
             total = 1.0 if i == j else 0.0
-            for x in range(dim):
+            for x in range(size):
                 total += slope[i, x] * w[x, j]
             work[i, j] = total
-            work[i, dim + j] = -slope[i, j]
-    for p in range(dim):
+            work[i, size + j] = -slope[i, j]
+    for p in range(size):
         best = p
-        for i in range(p + 1, dim):
+        for i in range(p + 1, size):
             if abs(work[i, p]) > abs(work[best, p]):
                 best = i
         if abs(work[best, p]) <= 1e-3 * _PROXIMAL:
             return False
-        for j in range(2 * dim):
+        for j in range(2 * size):
             work[p, j], work[best, j] = work[best, j], work[p, j]
         inverse = 1.0 / work[p, p]
-        for j in range(2 * dim):
+        for j in range(2 * size):
             work[p, j] *= inverse
-        for i in range(dim):
+        for i in range(size):
             factor = work[i, p]
             if i != p and factor != 0.0:
-                for j in range(2 * dim):
+                for j in range(2 * size):
                     work[i, j] -= factor * work[p, j]
     return True
 
@@ -136,17 +136,12 @@ def _stiffness(slope, w, work):
 @cache
 def _tangent_kernel(law: LawKernels, dim: int, k: int):
     """Kernel that takes D, K and g of every point, and marks the points whose D is another."""
-    algebra = for_dimension(dim)
-    row, add, subtract = algebra.row, algebra.add, algebra.subtract
+    components = law.components
+    algebra = for_dimension(dim, components)
+    row, add, subtract, unit = algebra.row, algebra.add, algebra.subtract, algebra.unit
     dot, sym_row, sym_vector = algebra.dot, algebra.sym_row, algebra.sym_vector
-    read, _ = motion(dim, k, 0)
+    read, _ = motion(dim, components, k, 0)
     solve = law.solve
-
-    @njit(inline="always")
-    def unit(j, size):
-        if dim == 2:
-            return (size, 0.0) if j == 0 else (0.0, size)
-        return size if j == 0 else 0.0, size if j == 1 else 0.0, size if j == 2 else 0.0
 
     @_KERNEL
     def tangents(
@@ -162,34 +157,34 @@ def _tangent_kernel(law: LawKernels, dim: int, k: int):
             base, _ = solve(i, u, old, w_points, parameters, terms, details)
             factor = (1.0 - _PROXIMAL) / reach
             largest, apart = 0.0, 0.0
-            for j in range(dim):
+            for j in range(components):
                 moved, _ = solve(
                     i, add(u, unit(j, reach)), old, w_points, parameters, terms, details
                 )
                 column = subtract(moved, base)
-                for x in range(dim):
+                for x in range(components):
                     new[x, j] = factor * column[x]
                     largest = max(largest, abs(new[x, j]))
                     apart = max(apart, abs(new[x, j] - slopes[i, x, j]))
-            for j in range(dim):
+            for j in range(components):
                 x = sym_vector(wi, unit(j, 1.0))
-                for y in range(dim):
+                for y in range(components):
                     w[y, j] = x[y]
             changed[i] = apart > _SAME * largest
             if changed[i]:
                 if not _stiffness(new, w, work):
-                    for x in range(dim):
-                        for y in range(dim):
-                            work[x, dim + y] = 0.0
-                for x in range(dim):
-                    for y in range(dim):
+                    for x in range(components):
+                        for y in range(components):
+                            work[x, components + y] = 0.0
+                for x in range(components):
+                    for y in range(components):
                         slopes[i, x, y] = new[x, y]
-                        stiffness[i, x, y] = work[x, dim + y]
+                        stiffness[i, x, y] = work[x, components + y]
             missing = subtract(base, old)
             velocity = sym_vector(wi, missing)
-            for x in range(dim):
+            for x in range(components):
                 total = missing[x]
-                for y in range(dim):
+                for y in range(components):
                     total += stiffness[i, x, y] * velocity[y]
                 source[i, x] = total
 
@@ -197,24 +192,11 @@ def _tangent_kernel(law: LawKernels, dim: int, k: int):
 
 
 @cache
-def _spring_kernels(dim: int, k: int):
+def _spring_kernels(dim: int, components: int, k: int):
     """Kernels over the points of a group: y += H K H^T x; dr = g - K H^T x; K into the blocks."""
-    algebra = for_dimension(dim)
-    to_global = algebra.to_global
-    read, _ = motion(dim, k, 0)
-
-    @njit(inline="always")
-    def spring(stiffness, i, u):
-        if dim == 2:
-            return (
-                stiffness[i, 0, 0] * u[0] + stiffness[i, 0, 1] * u[1],
-                stiffness[i, 1, 0] * u[0] + stiffness[i, 1, 1] * u[1],
-            )
-        return (
-            stiffness[i, 0, 0] * u[0] + stiffness[i, 0, 1] * u[1] + stiffness[i, 0, 2] * u[2],
-            stiffness[i, 1, 0] * u[0] + stiffness[i, 1, 1] * u[1] + stiffness[i, 1, 2] * u[2],
-            stiffness[i, 2, 0] * u[0] + stiffness[i, 2, 1] * u[1] + stiffness[i, 2, 2] * u[2],
-        )
+    local, world_unit = for_dimension(dim, components), for_dimension(dim).unit
+    to_local, to_global, spring = local.to_local, local.to_global, local.matrix_vector
+    read, _ = motion(dim, components, k, 0)
 
     @_KERNEL
     def pull(x, c, stiffness, y):
@@ -235,7 +217,7 @@ def _spring_kernels(dim: int, k: int):
     def answer(x, c, stiffness, source, change):
         for i in range(len(stiffness)):
             f = spring(stiffness, i, read(x, c, i))
-            for d in range(dim):
+            for d in range(components):
                 change[i, d] = source[i, d] - f[d]
 
     @_KERNEL
@@ -256,11 +238,7 @@ def _spring_kernels(dim: int, k: int):
             if not hit:
                 continue
             for x in range(dim):  # columns of frame^T K frame
-                e = np.int64(x)
-                if dim == 2:
-                    u = c.frame[i, 0, e], -c.frame[i, 0, 1] if x == 0 else c.frame[i, 0, 0]
-                else:
-                    u = c.frame[i, 0, e], c.frame[i, 1, e], c.frame[i, 2, e]
+                u = to_local(c.frame, i, world_unit(x, 1.0))
                 f = to_global(c.frame, i, spring(stiffness, i, u))
                 for y in range(dim):
                     world[y, x] = f[y]
@@ -471,15 +449,14 @@ class LinearisedProblem:
         )
         self._groups = [
             (
-                np.full((len(g), dim, dim), np.inf),  # D
-                np.zeros((len(g), dim, dim)),  # K
-                np.zeros((len(g), dim)),  # g
-                np.zeros((len(g), dim)),  # dr
+                np.full((len(g), m, m), np.inf),  # D
+                np.zeros((len(g), m, m)),  # K
+                np.zeros((len(g), m)),  # g
+                np.zeros((len(g), m)),  # dr
                 np.zeros(len(g), np.bool_),
             )
-            for g in interactions.groups
+            for g, m in ((g, g.kernels.components) for g in interactions.groups)
         ]
-        self._work = np.empty((dim, dim)), np.empty((dim, dim)), np.empty((dim, 2 * dim))
         self._room = np.empty((_BASIS + 3, inverse.num_slots * dim))
         self._left, self._part = np.empty((2, inverse.num_slots * dim))
         self._data, self._fresh = None, True
@@ -488,6 +465,11 @@ class LinearisedProblem:
     @property
     def _interactions(self) -> Interactions:
         return self._reference()
+
+    def _springs(self, group: PointGroup):
+        return _spring_kernels(
+            self._interactions.dim, group.kernels.components, group.points.nodes.shape[2]
+        )
 
     def renew(self) -> None:
         """Take the present values of w."""
@@ -548,11 +530,13 @@ class LinearisedProblem:
         groups = list(zip(self._interactions.groups, self._groups, strict=True))
         for g, (slopes, stiffness, source, _, changed) in groups:
             k = g.points.nodes.shape[2]
+            m = g.kernels.components
             _tangent_kernel(g.kernels, dim, k)(
                 velocity, g.couplings, g.impulse, g.compliance, g.parameters, g.terms, g.details,
-                least, slopes, stiffness, source, changed, *self._work,
+                least, slopes, stiffness, source, changed, *np.empty((2, m, m)),
+                np.empty((m, 2 * m)),
             )  # fmt: skip
-            _spring_kernels(dim, k)[2](g.couplings, changed, clusters.cluster, marked)
+            self._springs(g)[2](g.couplings, changed, clusters.cluster, marked)
         if self._fresh:
             marked[:] = True
         blocks, offsets = self._blocks, self._block_offsets
@@ -562,8 +546,8 @@ class LinearisedProblem:
             clusters, offsets, marked, blocks, dim,
         )  # fmt: skip
         for g, (_, stiffness, *_) in groups:
-            _spring_kernels(dim, g.points.nodes.shape[2])[3](
-                g.couplings, stiffness, clusters, offsets, marked, blocks, self._work[0]
+            self._springs(g)[3](
+                g.couplings, stiffness, clusters, offsets, marked, blocks, np.empty((dim, dim))
             )
         self.solvable = _invert_clusters(
             clusters, offsets, marked, blocks, self._fixed, dim, self._swaps
@@ -599,7 +583,7 @@ class LinearisedProblem:
         for g, (_, stiffness, source, change, _) in zip(
             self._interactions.groups, self._groups, strict=True
         ):
-            answer = _spring_kernels(self._interactions.dim, g.points.nodes.shape[2])[1]
+            answer = self._springs(g)[1]
             answer(step, g.couplings, stiffness, source, change)
             changes.append(change)
         return changes, iterations
@@ -609,7 +593,9 @@ class LinearisedProblem:
         dim = self._interactions.dim
         total[:] = 0.0
         for g, (_, _, source, *_) in zip(self._interactions.groups, self._groups, strict=True):
-            spread_kernel(dim, g.points.nodes.shape[2])(total, g.couplings, source)
+            spread_kernel(dim, g.kernels.components, g.points.nodes.shape[2])(
+                total, g.couplings, source
+            )
         _hold(self._held_dofs, total)
 
     def _apply(self, x: np.ndarray, y: np.ndarray) -> None:
@@ -619,9 +605,7 @@ class LinearisedProblem:
             self._matrix, interactions.inverse.data_offsets, self._sizes, self._starts, x, y
         )
         for g, (_, stiffness, *_) in zip(interactions.groups, self._groups, strict=True):
-            _spring_kernels(interactions.dim, g.points.nodes.shape[2])[0](
-                x, g.couplings, stiffness, y
-            )
+            self._springs(g)[0](x, g.couplings, stiffness, y)
         _hold(self._held_dofs, y)
 
     def _cluster_solve(self, r: np.ndarray, z: np.ndarray) -> None:
@@ -646,12 +630,12 @@ def _hold(held, x):
 
 @_KERNEL
 def _held(slopes, compliance):
-    """Sum of the traces of -D W_aa: of a point dim if it sticks, 0 if it is open."""
-    total, dim = 0.0, slopes.shape[1]
+    """Sum of the traces of -D W_aa: of a point all components if it sticks, 0 if it is open."""
+    total, components = 0.0, slopes.shape[1]
     for i in range(len(slopes)):
         entry = 0
-        for x in range(dim):
-            for y in range(x, dim):
+        for x in range(components):
+            for y in range(x, components):
                 twice = slopes[i, x, y] + (slopes[i, y, x] if x != y else 0.0)
                 total -= twice * compliance[i, entry]
                 entry += 1

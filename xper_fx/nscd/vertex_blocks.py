@@ -30,9 +30,10 @@ import numpy as np
 from numba import get_num_threads, njit, prange
 
 from xper_fx.nscd.exchange import Couplings, motion
-from xper_fx.nscd.interactions import Interactions
+from xper_fx.nscd.interactions import Interactions, PointGroup
 from xper_fx.nscd.laws.law import LawKernels
 from xper_fx.nscd.nlgs import SolveReport
+from xper_fx.nscd.points import frame_from_normal
 from xper_fx.nscd.small import for_dimension
 
 # Largest number of unknowns of a vertex whose inverse is kept (18 kB).
@@ -60,15 +61,19 @@ _KERNEL_INLINED = njit(inline="always")
 class _Blocks(NamedTuple):
     """The vertices' own arrays; points are counted vertex by vertex, group by group within.
 
+    A point has as many `unknowns` here as the law of the scene with most components; those that its
+    own law lacks stay zero.
+
     Attributes:
         offsets: shape (num_vertices + 1,), first point of each.
         start: shape (num_points, 2), first dof of each side's node.
-        frame: shape (num_points, 1, 2), the normal, or (num_points, 3, 3).
-        residual, correction: shape (num_points, dim), work space.
+        frame: shape (num_points, 1, dim), the normal, or (num_points, 3, 3).
+        residual, correction: shape (num_points, unknowns), work space.
         inverse: the vertices' inverse matrices, flat.
         inverse_offsets: shape (num_vertices + 1,); equal ones where none is kept.
-        lines: shape (num_points * dim * dim,), work space.
-        slope: shape (num_points, dim, dim), columns of the slopes T that the inverse is made for.
+        lines: shape (num_points * unknowns**2,), work space.
+        slope: shape (num_points, unknowns, unknowns), columns of the slopes T that the inverse is
+            made for.
         rounding: shape (num_vertices,), sum of 1 / (trace W_ii)^2: r^2 for a unit velocity.
     """
 
@@ -87,24 +92,35 @@ class _Blocks(NamedTuple):
 _structures: WeakKeyDictionary[Interactions, _Blocks] = WeakKeyDictionary()
 
 
+def _unknowns(interactions: Interactions) -> int:
+    """Unknowns of a point: most components that a law of the scene has."""
+    return max(g.kernels.components for g in interactions.groups)
+
+
+def _frame(group: PointGroup, unknowns: int) -> np.ndarray:
+    """Frames of a group's points as the others of the scene have them."""
+    frame = group.couplings.frame
+    return frame_from_normal(frame[:, 0]) if frame.shape[1] < unknowns == 3 else frame
+
+
 def _build(interactions: Interactions) -> _Blocks:
-    dim, groups = interactions.dim, interactions.groups
+    unknowns, groups = _unknowns(interactions), interactions.groups
     vertex = np.concatenate(
         [np.repeat(np.arange(len(g.ordering.tile_offsets) - 1), np.diff(g.ordering.tile_offsets))
          for g in groups]
     )  # fmt: skip
     order = np.argsort(vertex, kind="stable")
 
-    def gathered(name):
-        arrays = [getattr(g.couplings, name) for g in groups]
+    def gathered(arrays):
         return np.concatenate(arrays)[order] if len(groups) > 1 else arrays[0]
 
     counts = np.bincount(vertex)
-    dofs = counts * dim
+    dofs = counts * unknowns
     kept = np.where(dofs <= _NEWTON_DOFS, dofs**2, 0)
     total = len(vertex)
+    diagonal = {1: [0], 2: [0, 2], 3: [0, 3, 5]}
     trace = np.concatenate(
-        [g.compliance[:, [0, 2] if dim == 2 else [0, 3, 5]].sum(axis=1) for g in groups]
+        [g.compliance[:, diagonal[g.kernels.components]].sum(axis=1) for g in groups]
     )[order]
     squared = np.divide(1.0, trace**2, out=np.zeros(total), where=trace > 0.0)
     offsets = np.concatenate([[0], np.cumsum(counts)])
@@ -114,30 +130,33 @@ def _build(interactions: Interactions) -> _Blocks:
         inverse[first : first + n * n : n + 1] = 1.0
     return _Blocks(
         offsets=offsets,
-        start=np.ascontiguousarray(gathered("start")[:, :, 0]),
-        frame=np.ascontiguousarray(gathered("frame")),
-        residual=np.zeros((total, dim)),
-        correction=np.zeros((total, dim)),
+        start=np.ascontiguousarray(gathered([g.couplings.start for g in groups])[:, :, 0]),
+        frame=np.ascontiguousarray(gathered([_frame(g, unknowns) for g in groups])),
+        residual=np.zeros((total, unknowns)),
+        correction=np.zeros((total, unknowns)),
         inverse=inverse,
         inverse_offsets=inverse_offsets,
-        lines=np.zeros(total * dim * dim),
-        slope=np.zeros((total, dim, dim)),
+        lines=np.zeros(total * unknowns**2),
+        slope=np.zeros((total, unknowns, unknowns)),
         rounding=np.bincount(vertex[order], squared),
     )
 
 
 @cache
-def _group_kernels(law: LawKernels, dim: int, alone: bool):
+def _group_kernels(law: LawKernels, dim: int, unknowns: int, alone: bool):
     """What a vertex does with its points of one law, inlined when it is the only law.
 
     Each kernel takes the vertex, the velocities, the vertices' arrays, the count of points before
     these, and the group's arrays.
     """
-    algebra = for_dimension(dim)
-    row, set_row, dot = algebra.row, algebra.set_row, algebra.dot
+    components = law.components
+    algebra, world = for_dimension(dim, components), for_dimension(dim)
+    row, set_row, dot, unit = algebra.row, algebra.set_row, algebra.dot, algebra.unit
     add, scale, subtract = algebra.add, algebra.scale, algebra.subtract
-    to_local, to_global = algebra.to_local, algebra.to_global
-    read, push = motion(dim, 1, dim)
+    of_vertex = for_dimension(dim, unknowns)
+    vertex_unit, to_local, to_global = of_vertex.unit, of_vertex.to_local, of_vertex.to_global
+    add_world, scale_world = world.add, world.scale
+    read, push = motion(dim, components, 1, dim)
     solve = law.solve
     kernel = _KERNEL_INLINED if alone else _KERNEL
 
@@ -200,14 +219,6 @@ def _group_kernels(law: LawKernels, dim: int, alone: bool):
         return position
 
     @njit(inline="always")
-    def unit(component):
-        if dim == 2:
-            return (1.0, 0.0) if component == 0 else (0.0, 1.0)
-        if component == 0:
-            return 1.0, 0.0, 0.0
-        return (0.0, 1.0, 0.0) if component == 1 else (0.0, 0.0, 1.0)
-
-    @njit(inline="always")
     def weighted(w, start, f):
         first = np.uintp(start) * dim
         if dim == 2:
@@ -221,13 +232,14 @@ def _group_kernels(law: LawKernels, dim: int, alone: bool):
     @njit(inline="always")
     def coupling(blocks, w, p, q, component):
         """Column of W_pq."""
-        f = to_global(blocks.frame, q, unit(component))
-        out = scale(0.0, f)
+        f = to_global(blocks.frame, q, vertex_unit(component, 1.0))
+        out = scale_world(0.0, f)
         for s in range(2):
             for t in range(2):
                 node = blocks.start[p, s]
                 if node == blocks.start[q, t]:
-                    out = add(out, scale(1.0 if s == t else -1.0, weighted(w, node, f)))
+                    sign = 1.0 if s == t else -1.0
+                    out = add_world(out, scale_world(sign, weighted(w, node, f)))
         return to_local(blocks.frame, p, out)
 
     @njit(inline="always")
@@ -242,12 +254,15 @@ def _group_kernels(law: LawKernels, dim: int, alone: bool):
         """Columns of T by differences."""
         factor = _REGULAR / reach
         base = answer(i, u, r, w_points, parameters, terms, details)
-        x = answer(i, add(u, scale(reach, unit(0))), r, w_points, parameters, terms, details)
-        y = answer(i, add(u, scale(reach, unit(1))), r, w_points, parameters, terms, details)
-        x, y = scale(factor, subtract(x, base)), scale(factor, subtract(y, base))
-        if dim == 2:
+        x = answer(i, add(u, unit(0, reach)), r, w_points, parameters, terms, details)
+        x = scale(factor, subtract(x, base))
+        if components == 1:
+            return (x,)
+        y = answer(i, add(u, unit(1, reach)), r, w_points, parameters, terms, details)
+        y = scale(factor, subtract(y, base))
+        if components == 2:
             return x, y
-        z = answer(i, add(u, scale(reach, unit(2))), r, w_points, parameters, terms, details)
+        z = answer(i, add(u, unit(2, reach)), r, w_points, parameters, terms, details)
         return x, y, scale(factor, subtract(z, base))
 
     @njit(inline="always")
@@ -261,30 +276,30 @@ def _group_kernels(law: LawKernels, dim: int, alone: bool):
 
         I - T (W - diag W) changes by -d g, and Y by (Y d) (g Y) / (1 - g Y d), column by column.
         """
-        for z in range(dim):
+        for z in range(components):
             line = first + z * n
             for earlier in range(z):
                 factor = 0.0
-                for x in range(dim):
+                for x in range(components):
                     factor += lines[line + own + x] * changed(slope, point, slopes, earlier, x)
                 for j in range(n):
                     lines[line + j] += factor * lines[first + earlier * n + j]
             pivot = 1.0
-            for x in range(dim):
+            for x in range(components):
                 pivot -= lines[line + own + x] * changed(slope, point, slopes, z, x)
             inverse = 1.0 / pivot if abs(pivot) > _SINGULAR else 0.0
             for j in range(n):
                 lines[line + j] *= inverse
         for i in range(n):
             row_i = start + i * n
-            for z in range(dim):
+            for z in range(components):
                 factor = 0.0
-                for x in range(dim):
+                for x in range(components):
                     factor += y[row_i + own + x] * changed(slope, point, slopes, z, x)
                 for j in range(n):
                     y[row_i + j] += factor * lines[first + z * n + j]
-        for z in range(dim):
-            for x in range(dim):
+        for z in range(components):
+            for x in range(components):
                 slope[point, z, x] = slopes[z][x]
 
     @_KERNEL
@@ -293,22 +308,24 @@ def _group_kernels(law: LawKernels, dim: int, alone: bool):
         tiles, c, r, inverse_area, w_points, parameters, terms, details = group
         y, start, lines = blocks.inverse, blocks.inverse_offsets[b], blocks.lines
         low, high = blocks.offsets[b], blocks.offsets[b + 1]
-        n, first = (high - low) * dim, low * dim * dim
+        n, first = (high - low) * unknowns, low * unknowns**2
         for i in range(tiles[b], tiles[b + 1]):
             residual = row(blocks.residual, position)
             if dot(residual, residual) > threshold:
                 u, old = read(v, c, i), row(r, i)
-                for j in range(first, first + dim * n):
+                for j in range(first, first + components * n):
                     lines[j] = 0.0
                 for other in range(low, high):
                     if other == position or not touching(blocks.start, position, other):
                         continue
-                    for z in range(dim):
+                    for z in range(components):
                         # W is symmetric: row z of W_pq is column z of W_qp
                         g = coupling(blocks, c.w, other, position, z)
-                        line, source = first + z * n, start + (other - low) * dim * n
+                        line, source = first + z * n, start + (other - low) * unknowns * n
                         for j in range(n):
-                            if dim == 2:
+                            if unknowns == 1:
+                                lines[line + j] += g[0] * y[source + j]
+                            elif unknowns == 2:
                                 lines[line + j] += g[0] * y[source + j] + g[1] * y[source + n + j]
                             else:
                                 lines[line + j] += (
@@ -316,7 +333,7 @@ def _group_kernels(law: LawKernels, dim: int, alone: bool):
                                     + g[2] * y[source + 2 * n + j]
                                 )  # fmt: skip
                 slopes = slopes_of(i, u, old, w_points, parameters, terms, details, reach)
-                own = (position - low) * dim
+                own = (position - low) * unknowns
                 update(y, start, lines, first, blocks.slope, position, n, own, slopes)
             position += 1
         return position
@@ -365,13 +382,13 @@ def _nest(count: int):
 
 
 @cache
-def _chain(laws: tuple[LawKernels, ...], dim: int, alone: bool):
+def _chain(laws: tuple[LawKernels, ...], dim: int, unknowns: int, alone: bool):
     """The kernels over all the laws of a vertex, one after the other."""
     kernel = _KERNEL_INLINED if alone else _KERNEL
-    kernels = _group_kernels(laws[0], dim, alone)
+    kernels = _group_kernels(laws[0], dim, unknowns, alone)
     warm, evaluate, sweep, correct, renew, evolve = kernels
     last = len(laws) == 1
-    rest = kernels if last else _chain(laws[1:], dim, alone)
+    rest = kernels if last else _chain(laws[1:], dim, unknowns, alone)
     warm_2, evaluate_2, sweep_2, correct_2, renew_2, evolve_2 = rest
 
     @kernel
@@ -422,28 +439,30 @@ def _chain(laws: tuple[LawKernels, ...], dim: int, alone: bool):
 
 
 @cache
-def _solve_kernel(laws: tuple[LawKernels, ...], dim: int):
+def _solve_kernel(laws: tuple[LawKernels, ...], dim: int, unknowns: int):
     """All vertices: `solve(v, blocks, groups, tolerance, max_sweeps, relax, speed, parts)`."""
     nest = _nest(len(laws))
-    algebra = for_dimension(dim)
+    algebra = for_dimension(dim, unknowns)
     row, set_row, dot, scale = algebra.row, algebra.set_row, algebra.dot, algebra.scale
     warm_all, evaluate_all, sweep_all, correct_all, renew_all, evolve_all = _chain(
-        laws, dim, len(laws) == 1
+        laws, dim, unknowns, len(laws) == 1
     )
 
     @njit(inline="always")
     def multiply(blocks, b):
         """correction = inverse residual; returns its square."""
         first, last = blocks.offsets[b], blocks.offsets[b + 1]
-        n = (last - first) * dim
+        n = (last - first) * unknowns
         a, line = blocks.inverse, blocks.inverse_offsets[b]
         size = 0.0
         for i in range(first, last):
             total = scale(0.0, row(blocks.residual, first))
             for j in range(first, last):
                 x = row(blocks.residual, j)
-                at = line + (j - first) * dim
-                if dim == 2:
+                at = line + (j - first) * unknowns
+                if unknowns == 1:
+                    total = (total[0] + a[at] * x[0],)
+                elif unknowns == 2:
                     total = (
                         total[0] + a[at] * x[0] + a[at + 1] * x[1],
                         total[1] + a[at + n] * x[0] + a[at + n + 1] * x[1],
@@ -457,21 +476,21 @@ def _solve_kernel(laws: tuple[LawKernels, ...], dim: int):
                     )
             set_row(blocks.correction, i, total)
             size += dot(total, total)
-            line += dim * n
+            line += unknowns * n
         return size
 
     @njit(_nrt=False)
     def reset(blocks, b):
         """The inverse for zero slopes."""
         start = blocks.inverse_offsets[b]
-        first = blocks.offsets[b] * dim
-        n = blocks.offsets[b + 1] * dim - first
+        first = blocks.offsets[b] * unknowns
+        n = blocks.offsets[b + 1] * unknowns - first
         for j in range(n * n):
             blocks.inverse[start + j] = 0.0
         for j in range(n):
             blocks.inverse[start + j * (n + 1)] = 1.0
-            for x in range(dim):
-                blocks.slope[blocks.offsets[b] + j // dim, j % dim, x] = 0.0
+            for x in range(unknowns):
+                blocks.slope[blocks.offsets[b] + j // unknowns, j % unknowns, x] = 0.0
 
     @njit(inline="always")
     def solve_vertex(b, v, blocks, groups, tolerance, max_sweeps, relax, speed):
@@ -592,7 +611,7 @@ def solve(
                       g.compliance, g.parameters, g.terms, g.details)
     )  # fmt: skip
     serial, parallel = _solve_kernel(
-        tuple(g.kernels for g in interactions.groups), interactions.dim
+        tuple(g.kernels for g in interactions.groups), interactions.dim, _unknowns(interactions)
     )
     kernel = parallel if (num_threads or get_num_threads()) > 1 else serial
     parts = np.zeros((_CHUNKS, 8))

@@ -42,7 +42,15 @@ from numba import njit
 
 from xper_fx.nscd.checks import require_non_negative, require_positive
 from xper_fx.nscd.coulomb import contact_solver
-from xper_fx.nscd.laws.law import COHESION, FRICTION, IMPACT, NUMERICAL, STORED, LawKernels
+from xper_fx.nscd.laws.law import (
+    COHESION,
+    ENERGIES,
+    FRICTION,
+    IMPACT,
+    NUMERICAL,
+    STORED,
+    LawKernels,
+)
 from xper_fx.nscd.small import for_dimension
 
 _C_N, _C_T, _MU, _D0, _DC, _BETA0 = range(6)
@@ -320,13 +328,15 @@ def _kernels(dim: int, friction: bool, lagged: bool) -> LawKernels:
         return 2 if sliding else (1 if pressing else 0)
 
     return LawKernels(
-        "cohesive zone with friction" if friction else "cohesive zone",
-        ("cohesion", "unilateral contact", *(("friction",) if friction else ())),
-        prepare,
-        solve,
-        None if lagged else evolve,
-        commit,
-        num_terms,
-        num_details,
-        ("opening_max", "damage"),
+        name="cohesive zone with friction" if friction else "cohesive zone",
+        effects=("cohesion", "unilateral contact", *(("friction",) if friction else ())),
+        components=dim,
+        prepare=prepare,
+        solve=solve,
+        evolve=None if lagged else evolve,
+        commit=commit,
+        num_terms=num_terms,
+        num_details=num_details,
+        state_names=("opening_max", "damage"),
+        energies=ENERGIES,
     )

@@ -16,7 +16,9 @@ A law is a frozen dataclass with the methods of `Law`. Its kernels work on one p
     commit(i, jump0, jump1, u, r, area, step, theta, parameters, state, terms, details, energy)
         -> status; once a step: history moves on, energies go to `energy[i]`
 
-Vectors are local tuples `(n, t...)`; `w` is the array of W_aa as packed symmetric rows. Jumps are
+Vectors are local tuples of `components` numbers: `(n, t...)`, dim of them, or `(n,)` where nothing
+acts along the tangent, and then no array of the points has a tangential column; `w` is the array of
+W_aa as packed symmetric rows. `energies` names the columns of `energy`, of ENERGIES. Jumps are
 in m, velocities in m/s, impulses `r` in N s (positive: pushes candidate and antagonist apart),
 `area` in m^2 (2D: m, per metre of depth). Over a step, jump1 = jump_h + h theta u with
 jump_h = jump0 + h (1 - theta) velocity0. `name` and `effects` (of EFFECTS, or new ones) are for
@@ -28,13 +30,15 @@ from __future__ import annotations
 from collections import namedtuple
 from typing import Protocol
 
-STORED, COHESION, FRICTION, IMPACT, NUMERICAL = range(5)
 ENERGIES = ("stored", "cohesion", "friction", "impact", "numerical")
+STORED, COHESION, FRICTION, IMPACT, NUMERICAL = range(len(ENERGIES))  # of a law that has them all
 
 EFFECTS = ("cohesion", "unilateral contact", "friction", "perfect bond")
 
 LawKernels = namedtuple(
-    "LawKernels", "name effects prepare solve evolve commit num_terms num_details state_names"
+    "LawKernels",
+    "name effects components prepare solve evolve commit num_terms num_details state_names "
+    "energies",
 )
 
 

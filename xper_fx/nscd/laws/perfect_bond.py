@@ -14,7 +14,7 @@ from functools import cache
 
 from numba import njit
 
-from xper_fx.nscd.laws.law import NUMERICAL, LawKernels
+from xper_fx.nscd.laws.law import LawKernels
 from xper_fx.nscd.small import for_dimension
 
 # Ratio of eigenvalues below which a compliance counts as singular.
@@ -113,9 +113,19 @@ def _kernels(dim: int) -> LawKernels:
         work = 0.0
         for j in range(dim):
             work += r[j] * (jump1[j] - jump0[j]) / step
-        energy[i, NUMERICAL] = -work
+        energy[i, 0] = -work
         return 1
 
     return LawKernels(
-        "perfect bond", ("perfect bond",), prepare, solve, None, commit, dim + num_sym, 0, ()
+        name="perfect bond",
+        effects=("perfect bond",),
+        components=dim,
+        prepare=prepare,
+        solve=solve,
+        evolve=None,
+        commit=commit,
+        num_terms=dim + num_sym,
+        num_details=0,
+        state_names=(),
+        energies=("numerical",),
     )

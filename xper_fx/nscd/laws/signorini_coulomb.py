@@ -14,6 +14,9 @@ Position level, right for lips that were bonded: jump1_N >= 0 at the end of the 
 dU_N >= -jump_h,N / (h theta), and friction acts on the mean slip (jump1_T - jump0_T) / h, that is
 on dU_T + (1 - theta) / theta dU0_T, so that it never does positive work whatever theta. Nothing
 interpenetrates; an impact, however, is conserved by theta = 1/2 and rebounds at each element.
+
+Without friction a point has its normal alone: impulses, jumps, compliances of one number, a frame
+of one row, no tangential solve. What slides past is not followed.
 """
 
 from __future__ import annotations
@@ -26,11 +29,12 @@ from numba import njit
 
 from xper_fx.nscd.checks import require_non_negative
 from xper_fx.nscd.coulomb import contact_solver
-from xper_fx.nscd.laws.law import FRICTION, IMPACT, LawKernels
+from xper_fx.nscd.laws.law import LawKernels
 from xper_fx.nscd.small import for_dimension
 
 _V_MIN, _MU, _BOUND, _SHIFT = 0, 1, 2, 3
-_FRICTION, _TRESCA, _RESTITUTION = 0, 1, 2
+_RESTITUTION, _FRICTION, _TRESCA = 0, 1, 2  # parameters; without friction the first alone
+_IMPACT_WORK, _FRICTION_WORK = 0, 1
 
 # Gap at which a pushing point stays closed, relative to h W_NN r_N of the last step.
 _STILL_CLOSED = 1e-3
@@ -41,7 +45,7 @@ class SignoriniCoulomb:
     """Contact without penetration, with Coulomb friction.
 
     Args:
-        friction: Coulomb's mu >= 0; 0 compiles no tangential solve.
+        friction: Coulomb's mu >= 0; with 0 a point has no tangential component at all.
         restitution: Newton's e in [0, 1], dU_N+ = -e dU_N- (velocity level only).
         contact: "velocity" (impacts) or "position" (bonded lips); see the module docstring.
 
@@ -62,12 +66,12 @@ class SignoriniCoulomb:
         return contact_kernels(dim, self.friction > 0.0, self.contact)
 
     def parameters(self) -> tuple[float, ...]:
-        """Coulomb's mu, Tresca's bound (Pa), Newton's e."""
-        return self.friction, 0.0, self.restitution
+        """Newton's e, and with friction Coulomb's mu, Tresca's bound (Pa)."""
+        return (self.restitution, self.friction, 0.0)[: 3 if self.friction > 0.0 else 1]
 
     def initial_state(self) -> tuple[float, ...]:
-        """Speed that the point's impulse gave in the last step (m/s)."""
-        return (0.0,)
+        """Normal impulse of the last step (N s), which the velocity level alone asks for."""
+        return _initial_state(self.contact)
 
 
 @dataclass(frozen=True)
@@ -96,12 +100,16 @@ class Tresca:
         return contact_kernels(dim, self.bound > 0.0, self.contact)
 
     def parameters(self) -> tuple[float, ...]:
-        """Coulomb's mu, Tresca's bound (Pa), Newton's e."""
-        return 0.0, self.bound, self.restitution
+        """Newton's e, and with friction Coulomb's mu, Tresca's bound (Pa)."""
+        return (self.restitution, 0.0, self.bound)[: 3 if self.bound > 0.0 else 1]
 
     def initial_state(self) -> tuple[float, ...]:
-        """Speed that the point's impulse gave in the last step (m/s)."""
-        return (0.0,)
+        """Normal impulse of the last step (N s), which the velocity level alone asks for."""
+        return _initial_state(self.contact)
+
+
+def _initial_state(contact: str) -> tuple[float, ...]:
+    return () if contact == "position" else (0.0,)
 
 
 def _check_contact(contact: str, restitution: float) -> None:
@@ -118,22 +126,49 @@ def _check_contact(contact: str, restitution: float) -> None:
 @cache
 def contact_kernels(dim: int, friction: bool, contact: str) -> LawKernels:
     """The kernels of unilateral contact, compiled for what the arguments call for."""
+    position = contact == "position"
+    state_names = () if position else ("pushed",)
+
+    @njit(inline="always")
+    def least(i, jump, velocity, w, step, theta, parameters, state):
+        """Normal velocity that the point has to have at least (m/s)."""
+        middle = jump[0] + step * (1.0 - theta) * velocity[0]
+        if position:
+            return -middle / (step * theta)
+        if middle <= _STILL_CLOSED * step * (w[i, 0] * state[i, 0]):
+            return -parameters[i, _RESTITUTION] * min(velocity[0], 0.0)
+        return -np.inf
+
+    @njit(inline="always")
+    def commit_normal(i, jump0, jump1, r, step, state, energy):
+        energy[i, _IMPACT_WORK] = -r[0] * (jump1[0] - jump0[0]) / step
+        if not position:
+            state[i, 0] = r[0]
+
+    if not friction:
+        prepare, solve, commit = _normal_kernels(least, commit_normal)
+        return LawKernels(
+            name="frictionless contact",
+            effects=("unilateral contact",),
+            components=1,
+            prepare=prepare,
+            solve=solve,
+            evolve=None,
+            commit=commit,
+            num_terms=1,
+            num_details=0,
+            state_names=state_names,
+            energies=("impact",),
+        )
+
     algebra = for_dimension(dim)
     sym_row, sym_vector = algebra.sym_row, algebra.sym_vector
     subtract = algebra.subtract
     local = contact_solver(dim, friction)
-    position = contact == "position"
 
     @njit
     def prepare(i, jump, velocity, w, area, step, theta, parameters, state, terms, details):
-        middle = jump[0] + step * (1.0 - theta) * velocity[0]
-        if position:
-            terms[i, _V_MIN] = -middle / (step * theta)
-        elif middle <= _STILL_CLOSED * step * state[i, 0]:
-            terms[i, _V_MIN] = -parameters[i, _RESTITUTION] * min(velocity[0], 0.0)
-        else:
-            terms[i, _V_MIN] = -np.inf
-        details[i, 0] = w[i, 0]
+        terms[i, _V_MIN] = least(i, jump, velocity, w, step, theta, parameters, state)
         terms[i, _MU] = parameters[i, _FRICTION]
         terms[i, _BOUND] = step * area * parameters[i, _TRESCA]
         lag = (1.0 - theta) / theta if position else 0.0
@@ -150,21 +185,52 @@ def contact_kernels(dim: int, friction: bool, contact: str) -> LawKernels:
 
     @njit
     def commit(i, jump0, jump1, u, r, area, step, theta, parameters, state, terms, details, energy):
+        commit_normal(i, jump0, jump1, r, step, state, energy)
         work_t = 0.0
         size = 0.0
         for j in range(1, dim):
             work_t += r[j] * (jump1[j] - jump0[j]) / step
             size += r[j] * r[j]
-        energy[i, FRICTION] = -work_t
-        energy[i, IMPACT] = -r[0] * (jump1[0] - jump0[0]) / step
-        state[i, 0] = details[i, 0] * r[0]
+        energy[i, _FRICTION_WORK] = -work_t
         if r[0] <= 0.0 and size == 0.0:
             return 0
         limit = terms[i, _MU] * r[0] + terms[i, _BOUND]
         return 2 if size >= (1.0 - 1e-12) * limit * limit else 1
 
-    name = "contact with friction" if friction else "frictionless contact"
-    effects = ("unilateral contact", *(("friction",) if friction else ()))
     return LawKernels(
-        name, effects, prepare, solve, None, commit, _SHIFT + dim - 1, 1, ("pushed_speed",)
+        name="contact with friction",
+        effects=("unilateral contact", "friction"),
+        components=dim,
+        prepare=prepare,
+        solve=solve,
+        evolve=None,
+        commit=commit,
+        num_terms=_SHIFT + dim - 1,
+        num_details=0,
+        state_names=state_names,
+        energies=("impact", "friction"),
     )
+
+
+def _normal_kernels(least, commit_normal):
+    """`prepare`, `solve` and `commit` of contact without friction, in the normal component."""
+
+    @njit
+    def prepare(i, jump, velocity, w, area, step, theta, parameters, state, terms, details):
+        terms[i, _V_MIN] = least(i, jump, velocity, w, step, theta, parameters, state)
+
+    @njit(inline="always")
+    def solve(i, u, r, w, parameters, terms, details):
+        compliance, v_min = w[i, 0], terms[i, _V_MIN]
+        b = u[0] - compliance * r[0]
+        # a compliance of zero: both sides are prescribed
+        if b >= v_min or compliance == 0.0:
+            return (0.0,), False
+        return ((v_min - b) / compliance,), False
+
+    @njit
+    def commit(i, jump0, jump1, u, r, area, step, theta, parameters, state, terms, details, energy):
+        commit_normal(i, jump0, jump1, r, step, state, energy)
+        return 2 if r[0] > 0.0 else 0
+
+    return prepare, solve, commit
