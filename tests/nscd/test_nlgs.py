@@ -369,12 +369,12 @@ def test_the_tolerance_means_the_error(step):
 
 
 def test_amplification_of_a_geometric_series_is_what_is_left():
-    assert amplification([0.5]) == np.inf
-    assert amplification([0.5, 0.0]) == 1.0
+    assert amplification(np.array([0.5])) == np.inf
+    assert amplification(np.array([0.5, 0.0])) == 1.0
     rho = 0.99
     changes = [rho**i for i in range(20)]
-    assert amplification(changes) == pytest.approx(rho / (1 - rho), rel=1e-6)
-    assert amplification([1e-3] * 6) == np.inf
+    assert amplification(np.array(changes)) == pytest.approx(rho / (1 - rho), rel=1e-6)
+    assert amplification(np.full(6, 1e-3)) == np.inf
 
 
 def test_warm_start_from_the_answer_is_immediate():

@@ -260,6 +260,11 @@ def _to_global3(frame, i, x):
 
 
 @njit(inline="always")
+def _same(frame, i, x):
+    return x
+
+
+@njit(inline="always")
 def _normal_part2(frame, i, x):
     return (frame[i, 0, 0] * x[0] + frame[i, 0, 1] * x[1],)
 
@@ -284,7 +289,7 @@ def for_dimension(dim: int, components: int | None = None) -> SmallAlgebra:
     """The small-vector functions for dimension 2 or 3.
 
     Args:
-        dim: dimension of space.
+        dim: dimension of space; 1 where all is along normals already and nothing has to turn.
         components: of a local vector: `dim`, which is meant if not given, or 1, the normal's.
 
     Returns:
@@ -294,15 +299,15 @@ def for_dimension(dim: int, components: int | None = None) -> SmallAlgebra:
     Raises:
         ValueError: any other dimension, or number of components.
     """
-    if dim not in (2, 3):
+    if dim not in (1, 2, 3):
         raise ValueError(f"Interactions live in dimension 2 or 3, got {dim}.")
     if components not in (None, 1, dim):
         raise ValueError(f"Local vectors have 1 or {dim} components, got {components}.")
-    if components == 1:
+    if 1 in (dim, components):
         return SmallAlgebra(
             _row1, _set_row1, _dot1, _add1, _subtract1, _scale1, _unit1, _matrix_vector1,
-            _sym_row1, _sym_vector1, _normal_part2 if dim == 2 else _normal_part3,
-            _along_normal2 if dim == 2 else _along_normal3, None, None,
+            _sym_row1, _sym_vector1, (_same, _normal_part2, _normal_part3)[dim - 1],
+            (_same, _along_normal2, _along_normal3)[dim - 1], None, None,
         )  # fmt: skip
     if dim == 2:
         return SmallAlgebra(
