@@ -250,7 +250,6 @@ class ByHand:
     def __init__(self, kind: str, quads: int, tolerance: float, ledger: bool):
         self.step, self.tolerance, self.ledger = step_of(quads), tolerance, ledger
         self.cells = kind == "cells"
-        near = 1e-9 * WIDTH
         heights = 1 if self.cells else NUM_LAYERS
         stiffness, mass, xs = [], [], []
         for layer in range(heights):
@@ -288,12 +287,12 @@ class ByHand:
             number = np.repeat(np.arange(heights), [len(x) for x in xs])
             self.owner = number[:, None] * [0.0, 1.0]
         # motions: of s, twice the velocity but in the first step, which starts from rest
-        bottom, top = self.x[:, 1] < near, self.x[:, 1] > WIDTH - near
+        bottom, top = self._on_side(V, 1)
         fixed, self.motion = np.zeros((count // 2, 2), bool), np.zeros((count // 2, 2))
         fixed[bottom | top, 1] = True
         self.motion[top, 1] = PRESS
         if self.cells:
-            fixed[(self.x[:, 0] < near) | (self.x[:, 0] > WIDTH - near), 0] = True
+            fixed[np.any(self._on_side(V, 0), axis=0), 0] = True
         else:
             fixed[bottom | top, 0] = True
             self.motion[top, 0] = DRAG
@@ -307,6 +306,16 @@ class ByHand:
         self.changes = np.empty(200_000)
         self.sweeps = 0
         self.work = self.impact = 0.0
+
+    def _on_side(self, V, axis):
+        """Nodes on the lower and on the upper end of an axis; of cells, of those with an edge."""
+        near = 1e-9 * WIDTH
+        sides = np.stack([self.x[:, axis] < near, self.x[:, axis] > WIDTH - near])
+        if self.cells:
+            cells = V.dofmap.list
+            edge = sides[:, cells].sum(axis=2) > 1
+            sides[:, cells] &= edge[:, :, None]
+        return sides
 
     def _pairs_of_layers(self, xs):
         """Two points on each facet of an interface: a node of each side, from left to right."""

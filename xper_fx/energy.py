@@ -17,7 +17,7 @@ second order only, and that is what `closure` then shows.
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -51,7 +51,7 @@ class Energies:
     @property
     def held_and_lost(self) -> float:
         """Sum of what is held and what was lost."""
-        return sum(getattr(self, f.name) for f in fields(self)) - self.external_work
+        return sum(vars(self).values()) - self.external_work
 
 
 class EnergyLedger:
@@ -119,7 +119,7 @@ class EnergyLedger:
 
     def as_columns(self) -> dict[str, float]:
         """Energies and the closure error by column name; plasticity only where there is any."""
-        columns = asdict(self.energies) | {"closure": self.closure}
+        columns = vars(self.energies) | {"closure": self.closure}
         if not self._bulk.forms.plastic:
             del columns["dissipated_plastic"]
         return columns

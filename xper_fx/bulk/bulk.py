@@ -42,6 +42,8 @@ class Bulk:
         mass: lumped mass a dof, shape (num_dofs,), kg (2D: kg/m); zero without inertia.
         weights: the same with inertia or without: the norm of velocities.
         layout: nodes body by body, prescribed dofs.
+        held_stiffness: columns of K of the prescribed dofs, shape (num_dofs, count); None if the
+            bulk is not linear.
 
     Raises:
         ValueError: no inertia, and a body that nothing holds.
@@ -70,6 +72,7 @@ class Bulk:
         self._matrix = fem.create_matrix(forms.tangent)
         self.damping = damping
         self.stiffness = self.tangent(np.zeros(self.num_dofs)).copy() if self._keeps_k else None
+        self.held_stiffness = self._columns_of_held()
         self._external = None
         if forms.external is not None and forms.steady:
             self._external = forms.assemble_external(0.0)
@@ -99,6 +102,11 @@ class Bulk:
     @property
     def _keeps_k(self) -> bool:
         return self.linear or (self.damping is not None and self.damping.stiffness > 0.0)
+
+    def _columns_of_held(self) -> sp.csr_array | None:
+        if not self.linear:
+            return None
+        return sp.csr_array(self.stiffness.tocsc()[:, np.flatnonzero(self.layout.prescribed)])
 
     def _motion_dofs(self, motion) -> np.ndarray:
         facets = self.forms.bodies.facet_tags.find(motion.facets)

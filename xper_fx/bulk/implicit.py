@@ -8,7 +8,8 @@ With theta in [1/2, 1] and F = f_ext - f_int(q) - C v,
     res^k = -M (v^k - v0) + h [(1 - theta) F0 + theta F^k],
     v_free = v^k + w res^k,                              v^{k+1} = v_free + w H r.
 
-A linear bulk is done after one iteration, and Mt is formed and inverted once for each step size.
+A linear bulk is done after one iteration, and Mt is formed and inverted once for each step size. It
+starts at the v^0 that leads back to q0, where the forces are known, but for what is prescribed.
 Otherwise w is kept as long as Newton contracts well with it, and renewed when it does not.
 
 Some unknowns may have another theta (`Bulk.end_weight`): those of a periodic cell that no mass
@@ -64,6 +65,7 @@ class ImplicitScheme:
     ):
         self.bulk, self.theta = bulk, theta
         self._end_weight = bulk.end_weight(theta)
+        self._held = np.flatnonzero(bulk.layout.prescribed)
         self._interaction_tolerance = interaction_tolerance
         self._interacting = interacting
         self._tolerance, self._max_newton = newton_tolerance, max_newton
@@ -134,7 +136,8 @@ class ImplicitScheme:
             force_impulse = step * (theta * external + (1.0 - theta) * state.external)
             start = force_impulse - step * (1.0 - theta) * (state.internal + bulk.viscous(v0))
             predictor = q0 + step * (1.0 - theta) * v0
-            velocity = v0.copy()
+            back = None if bulk.held_stiffness is None else v0 * ((theta - 1.0) / theta)
+            velocity = v0.copy() if back is None else back.copy()
             bulk.prescribe(velocity, time, step, self.theta, q0, v0)
         inverse = self.inverse(step, q0)
         if interactions is not None:
@@ -143,13 +146,21 @@ class ImplicitScheme:
                     interactions.update_inverse(inverse.blocks)
                 interactions.begin_step(step, self.theta)
 
+        def residual_with(velocity, internal):
+            force = internal + bulk.viscous(velocity)
+            return start - bulk.mass * (velocity - v0) - step * theta * force
+
         def residual_at(velocity):
             internal = bulk.internal(predictor + step * theta * velocity)
-            force = internal + bulk.viscous(velocity)
-            return start - bulk.mass * (velocity - v0) - step * theta * force, internal
+            return residual_with(velocity, internal), internal
 
         with watch.phase("free velocity"):
-            residual, internal = residual_at(velocity)
+            if back is None:
+                residual, internal = residual_at(velocity)
+            else:
+                moved = (velocity - back)[self._held]
+                internal = state.internal + step * theta * (bulk.held_stiffness @ moved)
+                residual = residual_with(velocity, internal)
         sweeps, error, traction, converged = 0, 0.0, 0.0, True
         impulses, slots = np.zeros_like(v0), np.zeros(0)
         newton_before, newton = np.inf, 0.0
@@ -217,7 +228,8 @@ class ImplicitScheme:
             bulk.forget()
             if not bulk.linear:
                 self._inverses.pop(step, None)
-        reactions = np.where(bulk.layout.prescribed, -(residual + impulses), 0.0)
+        reactions = np.zeros_like(v0)
+        reactions[self._held] = -(residual[self._held] + impulses[self._held])
         end = State(time, predictor + step * theta * velocity, velocity, internal, external)
         mean_velocity = theta * velocity + (1.0 - theta) * v0
         return StepOutcome(

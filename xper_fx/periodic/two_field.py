@@ -71,6 +71,9 @@ class CellBulk(Bulk):
     def _make_unknowns(self):
         return CellUnknowns(self.forms.V, self.forms.bodies)
 
+    def _columns_of_held(self) -> None:
+        """None: macroscopic motions move all nodes."""
+
     def _prescribed(self) -> np.ndarray:
         out = np.zeros(self.num_dofs, bool)
         out[self.unknowns.macroscopic] = self.drive.kinematic(self.dim)
