@@ -42,8 +42,8 @@ class Bulk:
         mass: lumped mass a dof, shape (num_dofs,), kg (2D: kg/m); zero without inertia.
         weights: the same with inertia or without: the norm of velocities.
         layout: nodes body by body, prescribed dofs.
-        held_stiffness: columns of K of the prescribed dofs, shape (num_dofs, count); None if the
-            bulk is not linear.
+        held_stiffness: columns of K of the prescribed dofs, shape (num_dofs, count); None unless
+            the bulk is linear and without damping.
 
     Raises:
         ValueError: no inertia, and a body that nothing holds.
@@ -104,7 +104,7 @@ class Bulk:
         return self.linear or (self.damping is not None and self.damping.stiffness > 0.0)
 
     def _columns_of_held(self) -> sp.csr_array | None:
-        if not self.linear:
+        if not self.linear or self.damping is not None:
             return None
         return sp.csr_array(self.stiffness.tocsc()[:, np.flatnonzero(self.layout.prescribed)])
 

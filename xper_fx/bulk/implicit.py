@@ -8,8 +8,7 @@ With theta in [1/2, 1] and F = f_ext - f_int(q) - C v,
     res^k = -M (v^k - v0) + h [(1 - theta) F0 + theta F^k],
     v_free = v^k + w res^k,                              v^{k+1} = v_free + w H r.
 
-A linear bulk is done after one iteration, and Mt is formed and inverted once for each step size. It
-starts at the v^0 that leads back to q0, where the forces are known, but for what is prescribed.
+A linear bulk is done after one iteration, and Mt is formed and inverted once for each step size.
 Otherwise w is kept as long as Newton contracts well with it, and renewed when it does not.
 
 Some unknowns may have another theta (`Bulk.end_weight`): those of a periodic cell that no mass
@@ -127,6 +126,8 @@ class ImplicitScheme:
         Returns:
             The outcome, converged or not.
         """
+        if self.bulk.held_stiffness is not None:
+            return self._attempt_linear(state, step, interactions, solver)
         bulk, theta, watch = self.bulk, self._end_weight, self._stopwatch
         time = state.time + step
         q0, v0 = state.displacement, state.velocity
@@ -136,8 +137,7 @@ class ImplicitScheme:
             force_impulse = step * (theta * external + (1.0 - theta) * state.external)
             start = force_impulse - step * (1.0 - theta) * (state.internal + bulk.viscous(v0))
             predictor = q0 + step * (1.0 - theta) * v0
-            back = None if bulk.held_stiffness is None else v0 * ((theta - 1.0) / theta)
-            velocity = v0.copy() if back is None else back.copy()
+            velocity = v0.copy()
             bulk.prescribe(velocity, time, step, self.theta, q0, v0)
         inverse = self.inverse(step, q0)
         if interactions is not None:
@@ -146,21 +146,13 @@ class ImplicitScheme:
                     interactions.update_inverse(inverse.blocks)
                 interactions.begin_step(step, self.theta)
 
-        def residual_with(velocity, internal):
-            force = internal + bulk.viscous(velocity)
-            return start - bulk.mass * (velocity - v0) - step * theta * force
-
         def residual_at(velocity):
             internal = bulk.internal(predictor + step * theta * velocity)
-            return residual_with(velocity, internal), internal
+            force = internal + bulk.viscous(velocity)
+            return start - bulk.mass * (velocity - v0) - step * theta * force, internal
 
         with watch.phase("free velocity"):
-            if back is None:
-                residual, internal = residual_at(velocity)
-            else:
-                moved = (velocity - back)[self._held]
-                internal = state.internal + step * theta * (bulk.held_stiffness @ moved)
-                residual = residual_with(velocity, internal)
+            residual, internal = residual_at(velocity)
         sweeps, error, traction, converged = 0, 0.0, 0.0, True
         impulses, slots = np.zeros_like(v0), np.zeros(0)
         newton_before, newton = np.inf, 0.0
@@ -228,13 +220,66 @@ class ImplicitScheme:
             bulk.forget()
             if not bulk.linear:
                 self._inverses.pop(step, None)
-        reactions = np.zeros_like(v0)
-        reactions[self._held] = -(residual[self._held] + impulses[self._held])
+        reactions = np.where(bulk.layout.prescribed, -(residual + impulses), 0.0)
         end = State(time, predictor + step * theta * velocity, velocity, internal, external)
         mean_velocity = theta * velocity + (1.0 - theta) * v0
         return StepOutcome(
             end, slots, impulses, reactions, force_impulse, bulk.viscous(mean_velocity), sweeps,
             error, traction, iteration, max(newton, balance.error), converged,
+        )  # fmt: skip
+
+    def _attempt_linear(
+        self, state: State, step: float, interactions: Interactions | None, solver: Solver
+    ) -> StepOutcome:
+        """The step of a linear bulk without damping: one product with K, at its end.
+
+        It starts at the velocities that lead back to q0, whose forces are known, but for what is
+        prescribed; residuals of prescribed dofs, which w does not see, are left out.
+        """
+        bulk, theta, watch, held = self.bulk, self.theta, self._stopwatch, self._held
+        time = state.time + step
+        q0, v0 = state.displacement, state.velocity
+        inverse = self.inverse(step, q0)
+        with watch.phase("free velocity"):
+            external = bulk.external(time)
+            force_impulse = step * (theta * external + (1.0 - theta) * state.external)
+            free = v0 * ((theta - 1.0) / theta)
+            back = free[held]
+            bulk.prescribe(free, time, step, theta, q0, v0)
+            residual = bulk.held_stiffness @ (free[held] - back)
+            residual *= step * theta**2
+            residual += state.internal
+            residual *= -step
+            residual += bulk.mass * v0 * (1.0 / theta)
+            residual += force_impulse
+            free += inverse.advance(residual)
+        velocity, impulses, slots = free, np.zeros_like(v0), np.zeros(0)
+        sweeps, error, traction, converged = 0, 0.0, 0.0, True
+        if interactions is not None:
+            with watch.phase("interaction terms"):
+                if interactions.inverse is not inverse.blocks:
+                    interactions.update_inverse(inverse.blocks)
+                interactions.begin_step(step, theta)
+            with watch.phase("interaction solve"):
+                velocity, impulses, slots, report = interact(inverse, interactions, solver, free)
+            sweeps, error, traction, converged = report[1], report[2], report[3], report[0]
+        with watch.phase("free velocity"):
+            displacement = theta * velocity
+            displacement += (1.0 - theta) * v0
+            displacement *= step
+            displacement += q0
+            internal = bulk.internal(displacement)
+            reactions = np.zeros_like(v0)
+            forces = theta * internal[held] + (1.0 - theta) * state.internal[held]
+            reactions[held] = bulk.mass[held] * (velocity[held] - v0[held]) + step * forces
+            reactions[held] -= impulses[held]
+            if np.ndim(force_impulse):
+                reactions[held] -= force_impulse[held]
+        converged = converged and bool(np.all(np.isfinite(velocity)))
+        end = State(time, displacement, velocity, internal, external)
+        return StepOutcome(
+            end, slots, impulses, reactions, force_impulse, 0.0, sweeps, error, traction, 1, 0.0,
+            converged,
         )  # fmt: skip
 
     def _left(self, newton: float, before: float) -> float:

@@ -97,5 +97,6 @@ def interact(inverse, interactions: Interactions, solver: Solver, free: np.ndarr
         velocity = free.copy()
         velocity.reshape(-1, dim)[inverse.nodes] = slots.reshape(-1, dim)[:count]
     else:
-        velocity = free + inverse.apply(impulses)
+        velocity = inverse.apply(impulses)
+        velocity += free
     return velocity, impulses, slots, report

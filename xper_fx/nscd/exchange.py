@@ -55,7 +55,7 @@ def couple(points: InteractionPoints, inverse: BodyInverse) -> Couplings:
     rows = inverse.data_offsets[block] + (start - body[..., None]) * size[..., None]
     small = np.int32 if max(len(inverse.data), inverse.num_slots * dim) < 2**31 else np.int64
     # In 2D the normal alone tells the frame.
-    frame = points.frame[:, :1] if dim == 2 else points.frame
+    frame = points.frame[:, :1] if points.frame.shape[1] == 2 else points.frame
     return Couplings(
         start.astype(small), points.weights, body.astype(small), size.astype(small),
         rows.astype(small), np.ascontiguousarray(frame), inverse.data,
