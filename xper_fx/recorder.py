@@ -44,9 +44,13 @@ class TensileGauge:
     section: float
 
     def read(self, simulation: Simulation) -> tuple[float, float]:
-        """Strain, and stress (Pa): half the difference of the two faces' reactions."""
-        u = [simulation.mean_displacement(tag)[self.component] for tag in (self.low, self.high)]
-        f = [simulation.reaction(tag)[self.component] for tag in (self.low, self.high)]
+        """Strain, and stress (Pa): half the difference of the two faces' reactions.
+
+        Both at t0 + theta h of the last step, so that their curve is of second order in h.
+        """
+        faces = (self.low, self.high)
+        u = [simulation.mean_displacement_of_reaction(tag)[self.component] for tag in faces]
+        f = [simulation.reaction(tag)[self.component] for tag in faces]
         return (u[1] - u[0]) / self.length, 0.5 * (f[1] - f[0]) / self.section
 
 

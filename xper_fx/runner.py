@@ -22,7 +22,7 @@ def add_run_options(parser: ArgumentParser, out: Path) -> None:
     """
     add = parser.add_argument
     add("--theta", type=float, default=0.5, help="weight of the end of the step, implicit bulk")
-    add("--tolerance", type=float, default=1e-4, help="relative error of the impulses")
+    add("--tolerance", type=float, default=1e-3, help="relative error of the impulses")
     add("--solver", choices=SOLVERS, default="auto", help="of the interactions")
     add("--threads", type=int, help="of the interaction solver (default: all)")
     add("--fields", type=int, default=20, help="number of times at which fields are written")

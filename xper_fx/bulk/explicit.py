@@ -44,7 +44,12 @@ class ExplicitScheme:
         return self._inverse
 
     def attempt(
-        self, state: State, step: float, interactions: Interactions | None, solver: Solver
+        self,
+        state: State,
+        step: float,
+        interactions: Interactions | None,
+        solver: Solver,
+        tolerance: float,
     ) -> StepOutcome:
         """One step from `state`, which is not changed; see `ImplicitScheme.attempt`."""
         bulk, watch, inverse = self.bulk, self._stopwatch, self._inverse
@@ -64,7 +69,9 @@ class ExplicitScheme:
             with watch.phase("interaction terms"):
                 interactions.begin_step(step, self.theta)
             with watch.phase("interaction solve"):
-                velocity, impulses, slots, report = interact(inverse, interactions, solver, free)
+                velocity, impulses, slots, report = interact(
+                    inverse, interactions, solver, free, tolerance
+                )
             sweeps, error, traction, converged = report[1], report[2], report[3], report[0]
         converged = converged and bool(np.all(np.isfinite(velocity)))
         reactions = np.where(

@@ -32,6 +32,8 @@ _SLOW, _FEW = 0.2, 3
 _CUTS = 5
 # Newton's correction of the positions, relative to the size of the scene, that is rounding.
 _ROUNDING = 1e-14
+# Newton's tolerance is at least this part of that of the impulses, which blurs it.
+_BLUR = 1e-2
 # Inverses kept for a linear bulk: the step and its halves.
 _KEPT = 4
 
@@ -48,8 +50,6 @@ class ImplicitScheme:
             their tolerance, which blurs it.
         max_newton: iterations after which a step is given up.
         stopwatch: where phases are timed.
-        interaction_tolerance: relative error that impulses are solved to, and so what equations
-            that hang on them (`Bulk.balance`) can hold to.
     """
 
     def __init__(
@@ -60,15 +60,12 @@ class ImplicitScheme:
         newton_tolerance: float,
         max_newton: int,
         stopwatch: Stopwatch,
-        interaction_tolerance: float,
     ):
         self.bulk, self.theta = bulk, theta
         self._end_weight = bulk.end_weight(theta)
-        self._interaction_tolerance = interaction_tolerance
         self._interacting = interacting
-        self._tolerance, self._max_newton = newton_tolerance, max_newton
-        if len(interacting):
-            self._tolerance = max(newton_tolerance, 1e-2 * interaction_tolerance)
+        self._newton_tolerance, self._max_newton = newton_tolerance, max_newton
+        self._tolerance = newton_tolerance
         self._stopwatch = stopwatch
         x = bulk.forms.bodies.mesh.geometry.x
         self._rounding = _ROUNDING * bulk.norm(np.full(bulk.num_dofs, np.ptp(x, axis=0).max()))
@@ -112,7 +109,12 @@ class ImplicitScheme:
         return matrix
 
     def attempt(
-        self, state: State, step: float, interactions: Interactions | None, solver: Solver
+        self,
+        state: State,
+        step: float,
+        interactions: Interactions | None,
+        solver: Solver,
+        tolerance: float,
     ) -> StepOutcome:
         """One step from `state`, which is not changed.
 
@@ -121,6 +123,8 @@ class ImplicitScheme:
             step: h (s).
             interactions: the points, None if the scene has none.
             solver: solver of the interactions.
+            tolerance: relative error that impulses are solved to, and so what equations that hang
+                on them (`Bulk.balance`) can hold to.
 
         Returns:
             The outcome, converged or not.
@@ -154,7 +158,10 @@ class ImplicitScheme:
         impulses, slots = np.zeros_like(v0), np.zeros(0)
         newton_before, newton = np.inf, 0.0
         bare = interactions is None
-        balance = bulk.balance(self._tolerance if bare else self._interaction_tolerance)
+        self._tolerance = self._newton_tolerance
+        if not bare:
+            self._tolerance = max(self._newton_tolerance, _BLUR * tolerance)
+        balance = bulk.balance(self._tolerance if bare else tolerance)
         for iteration in range(1, self._max_newton + 1):  # noqa: B007 - reported
             with watch.phase("free velocity"):
                 corrected = balance.missing
@@ -167,7 +174,9 @@ class ImplicitScheme:
                     with watch.phase("interaction terms"):
                         interactions.prepare()
                 with watch.phase("interaction solve"):
-                    new, impulses, slots, report = interact(inverse, interactions, solver, free)
+                    new, impulses, slots, report = interact(
+                        inverse, interactions, solver, free, tolerance
+                    )
                 sweeps += report.sweeps
                 error, traction = report.residual, report.traction_change
                 converged = report.converged

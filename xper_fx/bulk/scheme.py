@@ -14,7 +14,7 @@ import numpy as np
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.nlgs import SolveReport
 
-Solver = Callable[[Interactions, np.ndarray], SolveReport]
+Solver = Callable[..., SolveReport]
 
 
 @dataclass
@@ -73,14 +73,17 @@ class Stopwatch:
             self.seconds[name] = self.seconds.get(name, 0.0) + perf_counter() - start
 
 
-def interact(inverse, interactions: Interactions, solver: Solver, free: np.ndarray):
+def interact(
+    inverse, interactions: Interactions, solver: Solver, free: np.ndarray, tolerance: float
+):
     """Let the interactions act on free velocities.
 
     Args:
         inverse: one of `xper_fx.bulk.inverse`.
         interactions: points after `begin_step`.
-        solver: called with the interactions and the velocities of the interacting nodes.
+        solver: called with the interactions, the velocities of the interacting nodes, `tolerance`.
         free: free velocities, shape (num_dofs,), m/s.
+        tolerance: bound on the estimated relative error of the impulses.
 
     Returns:
         End velocities and H r on all dofs, velocities of the interacting nodes, solver's report.
@@ -90,7 +93,7 @@ def interact(inverse, interactions: Interactions, solver: Solver, free: np.ndarr
     count = len(inverse.nodes)
     slots[:count] = free.reshape(-1, dim)[inverse.nodes]
     slots = slots.reshape(-1)
-    report = solver(interactions, slots)
+    report = solver(interactions, slots, tolerance=tolerance)
     impulses = np.zeros_like(free)
     impulses.reshape(-1, dim)[inverse.nodes] = interactions.impulses()[:count]
     if count == inverse.num_nodes:

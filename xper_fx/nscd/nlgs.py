@@ -11,7 +11,9 @@ moves, are passed over; a sweep over all of them comes now and then and before t
 error is always that of the whole.
 
 **Internal variables** (damage) stand still while impulses are sought, and follow when these are
-found to ten times the tolerance; the last solve, to the tolerance, is with variables at rest.
+found to the tolerance, never before: damage only falls, so what an impulse too large breaks stays
+broken. (Following at ten times the tolerance took 20 % less time, and moved the dissipation of a
+plate, at three times its critical step and a tolerance of 1e-3, by 17 % instead of 0.3 %.)
 """
 
 from __future__ import annotations
@@ -33,8 +35,6 @@ _WINDOW = 4
 _NEGLIGIBLE, _REVISIT = 0.1, 16
 # Relative change of the impulses that is rounding.
 ROUNDING = 16.0 * np.finfo(float).eps
-# Factor on the tolerance while internal variables still move.
-LOOSE = 10.0
 
 
 class SolveReport(NamedTuple):
@@ -131,7 +131,7 @@ def solve(
     moved = np.zeros(len(interactions.inverse.node_offsets) - 1, np.bool_)
     interactions.add_velocity(velocity)
     changes: list[float] = []
-    error, wanted, factor = np.inf, LOOSE * tolerance, np.inf
+    error, factor = np.inf, np.inf
     verifying = False
     for count in range(1, max_sweeps + 1):
         for kernel, arguments, *_ in passes:
@@ -146,21 +146,17 @@ def solve(
             changes.append(change)
             factor = amplification(changes)
         error = change * factor if change > ROUNDING else change
-        if error <= wanted and everywhere:
+        if error <= tolerance and everywhere:
             verifying = False
-            if interactions.evolve(velocity) > tolerance:
-                changes.clear()
-                wanted = LOOSE * tolerance
-            elif error <= tolerance:
+            if interactions.evolve(velocity) <= tolerance:
                 largest = max((stats[:, 2].max() for *_, stats in passes), default=0.0)
                 return SolveReport(True, count, error, np.sqrt(largest) / interactions.step_size)
-            else:
-                wanted = tolerance
+            changes.clear()
             continue
         # What moves still gets the next sweep; when that has come to rest, all do.
-        verifying = error <= wanted
+        verifying = error <= tolerance
         moved[:] = verifying or count % _REVISIT == 0
-        negligible = _NEGLIGIBLE * wanted / factor if np.isfinite(factor) else 0.0
+        negligible = _NEGLIGIBLE * tolerance / factor if np.isfinite(factor) else 0.0
         threshold = negligible**2 * total / num_tiles
         for _, _, tile_bodies, _, stats in passes:
             mark_moved(moved, tile_bodies, stats, threshold)

@@ -1,0 +1,240 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+r"""Step and tolerance for a relative error asked for, from what a run shows of itself.
+
+The error asked for is that of global quantities: energies, work, largest force. Four things make
+it, each has a cheap estimate, and none is made better than the others:
+
+- **time integration**: with P = dE/dt of the external work, the kinetic and the elastic energy, a
+  scheme of second order leaves about h^3 |P''| / 12 a step. P'' comes from the last three steps. It
+  is held to the share `accuracy` of what the energies change by in the step. A vibration of one
+  frequency omega is so stepped with (omega h)^2 / 3 = accuracy. A step that leaves much more is
+  taken again, shorter;
+- **events**: what breaks, closes or slides does so somewhere within a step, so that a largest force
+  is missed by the force's growth in a step: h <= accuracy * end time where there are interactions,
+  and the square root of it where everything is smooth;
+- **weakening bonds**: where the softening number (`xper_fx/scales.py`) exceeds one a bond may snap
+  within a step; while bonds weaken the step stays below that, but never falls below 0.7 of the
+  critical step of the bulk for it: there the mesh itself does not resolve what follows;
+- **impulses**: their tolerance is a tenth of `accuracy`. What they leave of wrong sign
+  (`StepWork.numerical`), summed over the run, is held to a tenth of `accuracy` of the largest
+  energy: above, the tolerance is halved.
+
+Steps are those of a ladder, `base` times powers of two, as a linear bulk keeps its factors for each
+size.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from typing import NamedTuple
+
+import numpy as np
+
+from xper_fx.energy import BulkEnergies
+from xper_fx.nscd.checks import require_positive
+from xper_fx.nscd.interactions import StepWork
+
+# Share of the error that impulses may make, as tolerance and as energy.
+_IMPULSES = 0.1
+# Estimate over what is allowed, above which a step is taken again.
+_REJECT = 8.0
+# Steps of a size before a larger one is tried, and before a tolerance is halved again.
+_PATIENCE = 3
+# Steps without damage after which bonds count as at rest.
+_REST = 20
+# Tightest tolerance, relative to the accuracy.
+_TIGHTEST = 1e-3
+# Highest frequency times step at `base`, which is 0.7 of the critical step 2 / omega.
+_BASE_PHASE = 1.4
+
+
+# Without an accuracy: the tolerance of the impulses and of Newton's corrections, and the accuracy
+# where only a knob is left to be picked.
+_TOLERANCE, _NEWTON_TOLERANCE, _ACCURACY = 1e-3, 1e-8, 1e-2
+# Newton's tolerance, relative to the accuracy.
+_NEWTON = 1e-3
+
+
+class Knobs(NamedTuple):
+    """What a user fixes and what is to be picked.
+
+    Attributes:
+        accuracy: relative error asked for, None if nothing is to be picked.
+        step: h (s), None if not given.
+        tolerance: of the impulses.
+        newton_tolerance: of the bulk.
+        adapts_step, adapts_tolerance: whether they are picked and adapted.
+    """
+
+    accuracy: float | None
+    step: float | None
+    tolerance: float
+    newton_tolerance: float
+    adapts_step: bool
+    adapts_tolerance: bool
+
+    @classmethod
+    def chosen(
+        cls,
+        accuracy: float | None,
+        step: float | str | None,
+        tolerance: float | str | None,
+        newton_tolerance: float | None,
+    ) -> Knobs:
+        """Knobs from what was given: a number stays, None with an accuracy or "auto" is picked.
+
+        Raises:
+            ValueError: a number out of range, a word other than "auto".
+        """
+        for name, value in (("step", step), ("tolerance", tolerance)):
+            if isinstance(value, str) and value != "auto":
+                raise ValueError(f'{name} should be a number or "auto", got {value!r}.')
+            if value is not None and value != "auto":
+                require_positive(name, value)
+        if newton_tolerance is not None:
+            require_positive("newton_tolerance", newton_tolerance)
+        if accuracy is not None and not 0.0 < accuracy < 1.0:
+            raise ValueError(f"accuracy should lie in (0, 1), a relative error; got {accuracy}.")
+        picked = ("auto",) if accuracy is None else ("auto", None)
+        adapts_step, adapts_tolerance = step in picked, tolerance in picked
+        if accuracy is None and (adapts_step or adapts_tolerance):
+            accuracy = _ACCURACY
+        if tolerance is None or adapts_tolerance:
+            tolerance = _IMPULSES * accuracy if adapts_tolerance else _TOLERANCE
+        if newton_tolerance is None:
+            newton_tolerance = _NEWTON_TOLERANCE if accuracy is None else _NEWTON * accuracy
+        return cls(
+            accuracy, None if adapts_step else step, tolerance, newton_tolerance, adapts_step,
+            adapts_tolerance,
+        )  # fmt: skip
+
+
+class _Rate(NamedTuple):
+    """Rates of external work, kinetic and elastic energy (W; 2D: W/m) at the middle of a step."""
+
+    time: float
+    rate: np.ndarray
+
+
+class AccuracyControl:
+    """Picks step sizes and the tolerance of the impulses.
+
+    Args:
+        knobs: what is to be picked, and for which accuracy.
+        base: a step of the ladder (s), 0.7 of the critical step of the bulk, or the step given.
+        largest: no step is longer (s).
+        softening_step: step (s) above which weakening bonds may snap; infinite without such.
+        interacting: whether the scene has interactions.
+        energy: energy held at the start (J; 2D: J/m).
+
+    Attributes:
+        adapts_step: whether it picks the step.
+        tolerance: of the impulses.
+        error: relative error estimated so far: the largest of the four.
+    """
+
+    def __init__(
+        self,
+        knobs: Knobs,
+        base: float,
+        *,
+        largest: float,
+        softening_step: float,
+        interacting: bool,
+        energy: float,
+    ):
+        accuracy = knobs.accuracy
+        self._accuracy, self._base = accuracy, base
+        self.adapts_step, self._adapts_tolerance = knobs.adapts_step, knobs.adapts_tolerance
+        self._largest = largest
+        self._softening_step = max(softening_step, base)
+        self._event_share = accuracy if interacting else math.sqrt(accuracy)
+        # where the highest frequency, were it all there is, is stepped as finely as asked for
+        self._floor = base * 2.0 ** math.floor(math.log2(math.sqrt(3.0 * accuracy) / _BASE_PHASE))
+        self._size = min(base, largest)
+        self.tolerance = knobs.tolerance
+        self._rates: deque[_Rate] = deque(maxlen=2)
+        self._scale, self._quiet, self._same, self._tight_since = energy, _REST, 0, 0
+        self._now, self._ratio = _Rate(0.0, np.zeros(3)), 0.0
+        self._left = self._pending = self._numerical = 0.0
+        self._work = self._power = self._missed = 0.0
+
+    @property
+    def error(self) -> float:
+        """Relative error estimated so far."""
+        if self._scale == 0.0:
+            return 0.0
+        return max(self._left / self._scale, abs(self._numerical) / self._scale, self._missed)
+
+    def size(self, time: float, end_time: float) -> float:
+        """The next step (s), at most what is left to `end_time`."""
+        most = min(self._size, self._largest, self._event_share * end_time)
+        if self._quiet < _REST:
+            most = min(most, self._softening_step)
+        size = self._base * 2.0 ** math.floor(math.log2(most / self._base) + 1e-9)
+        left = end_time - time
+        count = math.ceil(left / size - 1e-9)
+        return left / count if count <= 2 else size
+
+    def accepts(self, time: float, size: float, energies: BulkEnergies, end_time: float) -> bool:
+        """Whether a step from `time` is as accurate as asked for; if not the next is shorter.
+
+        Args:
+            time: at the start of the step (s).
+            size: h (s).
+            energies: of the bulk at the end of the step.
+            end_time: of the run (s), over which the error is spread.
+        """
+        change = np.array([energies.work, energies.kinetic_change, energies.elastic_change])
+        now = self._now = _Rate(time + 0.5 * size, change / size)
+        self._pending, self._ratio = 0.0, 0.0
+        if len(self._rates) == 2:
+            first, second = self._rates
+            bends = (now.rate - second.rate) / (now.time - second.time)
+            bends -= (second.rate - first.rate) / (second.time - first.time)
+            self._pending = size**3 / 6.0 * float(np.abs(bends).sum() / (now.time - first.time))
+            scale = max(self._scale, energies.kinetic + energies.elastic)
+            allowed = self._accuracy * max(float(np.abs(change).sum()), scale * size / end_time)
+            self._ratio = self._pending / allowed if allowed > 0.0 else 0.0
+        if self.adapts_step and self._ratio > _REJECT and size > self._floor:
+            self._shorten(size)
+            return False
+        return True
+
+    def _shorten(self, size: float) -> None:
+        """Halve as often as the estimate asks for, but not below the floor."""
+        wanted = size / math.sqrt(self._ratio)
+        halvings = max(1, math.ceil(math.log2(size / wanted)))
+        self._size = max(size * 0.5 ** min(halvings, 3), self._floor)
+        self._same = 0
+
+    def learn(self, size: float, energies: BulkEnergies, work: StepWork | None) -> None:
+        """Take in a step that was committed."""
+        self._rates.append(self._now)
+        self._left += self._pending
+        held = energies.kinetic + energies.elastic
+        self._work += energies.work
+        if work is not None:
+            held += work.stored
+            self._quiet = 0 if work.cohesion > 0.0 else self._quiet + 1
+            self._numerical += work.numerical
+        self._scale = max(self._scale, held, abs(self._work))
+        if abs(energies.work) / size > self._power and self._work != 0.0:
+            self._power = abs(energies.work) / size
+            self._missed = 0.5 * abs(energies.work / self._work)
+        self._adapt_tolerance()
+        self._same += 1
+        if self._ratio > 2.0:
+            self._shorten(size)
+        elif self._ratio < 0.2 and self._same >= _PATIENCE:
+            self._size, self._same = min(2.0 * self._size, self._largest), 0
+
+    def _adapt_tolerance(self) -> None:
+        if not self._adapts_tolerance:
+            return
+        self._tight_since += 1
+        share = _IMPULSES * self._accuracy
+        if abs(self._numerical) > share * self._scale and self._tight_since >= _PATIENCE:
+            self.tolerance = max(0.5 * self.tolerance, _TIGHTEST * self._accuracy)
+            self._tight_since = 0
