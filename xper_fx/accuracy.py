@@ -8,13 +8,14 @@ it, each has a cheap estimate, and none is made better than the others:
   scheme of second order leaves about h^3 |P''| / 12 a step. P'' comes from the last three steps. It
   is held to the share `accuracy` of what the energies change by in the step. A vibration of one
   frequency omega is so stepped with (omega h)^2 / 3 = accuracy. A step that leaves much more is
-  taken again, shorter;
+  taken again, shorter. Below 0.7 of the critical step of the bulk it never goes for that: there
+  the mesh's own dispersion is what is left, and `error` says so if it is more than asked for;
 - **events**: what breaks, closes or slides does so somewhere within a step, so that a largest force
   is missed by the force's growth in a step: h <= accuracy * end time where there are interactions,
   and the square root of it where everything is smooth;
 - **weakening bonds**: where the softening number (`xper_fx/scales.py`) exceeds one a bond may snap
-  within a step; while bonds weaken the step stays below that, but never falls below 0.7 of the
-  critical step of the bulk for it: there the mesh itself does not resolve what follows;
+  within a step; while bonds weaken the step stays below that, but not below 0.7 of the critical
+  step either: what follows is then faster than the mesh can carry;
 - **impulses**: their tolerance is a tenth of `accuracy`. What they leave of wrong sign
   (`StepWork.numerical`), summed over the run, is held to a tenth of `accuracy` of the largest
   energy: above, the tolerance is halved.
@@ -39,14 +40,16 @@ from xper_fx.nscd.interactions import StepWork
 _IMPULSES = 0.1
 # Estimate over what is allowed, above which a step is taken again.
 _REJECT = 8.0
+# Estimate over what is allowed below which the step is doubled: it then grows fourfold.
+_SPARE = 0.15
+# Weight of the last step in the mean of the estimates.
+_FRESH = 0.5
 # Steps of a size before a larger one is tried, and before a tolerance is halved again.
 _PATIENCE = 3
 # Steps without damage after which bonds count as at rest.
 _REST = 20
 # Tightest tolerance, relative to the accuracy.
 _TIGHTEST = 1e-3
-# Highest frequency times step at `base`, which is 0.7 of the critical step 2 / omega.
-_BASE_PHASE = 1.4
 
 
 # Without an accuracy: the tolerance of the impulses and of Newton's corrections, and the accuracy
@@ -150,13 +153,11 @@ class AccuracyControl:
         self._largest = largest
         self._softening_step = max(softening_step, base)
         self._event_share = accuracy if interacting else math.sqrt(accuracy)
-        # where the highest frequency, were it all there is, is stepped as finely as asked for
-        self._floor = base * 2.0 ** math.floor(math.log2(math.sqrt(3.0 * accuracy) / _BASE_PHASE))
         self._size = min(base, largest)
         self.tolerance = knobs.tolerance
         self._rates: deque[_Rate] = deque(maxlen=2)
         self._scale, self._quiet, self._same, self._tight_since = energy, _REST, 0, 0
-        self._now, self._ratio = _Rate(0.0, np.zeros(3)), 0.0
+        self._now, self._ratio, self._smooth = _Rate(0.0, np.zeros(3)), 0.0, 0.0
         self._left = self._pending = self._numerical = 0.0
         self._work = self._power = self._missed = 0.0
 
@@ -193,21 +194,22 @@ class AccuracyControl:
             first, second = self._rates
             bends = (now.rate - second.rate) / (now.time - second.time)
             bends -= (second.rate - first.rate) / (second.time - first.time)
-            self._pending = size**3 / 6.0 * float(np.abs(bends).sum() / (now.time - first.time))
+            left = size**3 / 6.0 * np.abs(bends) / (now.time - first.time)
+            # kinetic and elastic energy mirror each other; amplitudes err by half as much
+            self._pending = 0.5 * float(left.max())
             scale = max(self._scale, energies.kinetic + energies.elastic)
             allowed = self._accuracy * max(float(np.abs(change).sum()), scale * size / end_time)
-            self._ratio = self._pending / allowed if allowed > 0.0 else 0.0
-        if self.adapts_step and self._ratio > _REJECT and size > self._floor:
+            self._ratio = float(left.sum()) / allowed if allowed > 0.0 else 0.0
+        if self.adapts_step and self._ratio > _REJECT and size > self._base:
             self._shorten(size)
             return False
         return True
 
     def _shorten(self, size: float) -> None:
-        """Halve as often as the estimate asks for, but not below the floor."""
-        wanted = size / math.sqrt(self._ratio)
-        halvings = max(1, math.ceil(math.log2(size / wanted)))
-        self._size = max(size * 0.5 ** min(halvings, 3), self._floor)
-        self._same = 0
+        """Halve as often as the estimate asks for, but not below the base."""
+        halvings = min(max(1, round(0.5 * math.log2(self._ratio))), 3) if self._ratio > 0.0 else 1
+        self._size = max(size * 0.5**halvings, self._base)
+        self._same, self._smooth = 0, 0.5
 
     def learn(self, size: float, energies: BulkEnergies, work: StepWork | None) -> None:
         """Take in a step that was committed."""
@@ -220,14 +222,15 @@ class AccuracyControl:
             self._quiet = 0 if work.cohesion > 0.0 else self._quiet + 1
             self._numerical += work.numerical
         self._scale = max(self._scale, held, abs(self._work))
-        if abs(energies.work) / size > self._power and self._work != 0.0:
+        if abs(energies.work) / size > self._power:
             self._power = abs(energies.work) / size
-            self._missed = 0.5 * abs(energies.work / self._work)
+            self._missed = 0.5 * abs(energies.work) / self._scale
         self._adapt_tolerance()
         self._same += 1
-        if self._ratio > 2.0:
+        self._smooth += _FRESH * (self._ratio - self._smooth)
+        if self._smooth > 1.0:
             self._shorten(size)
-        elif self._ratio < 0.2 and self._same >= _PATIENCE:
+        elif self._smooth < _SPARE and self._same >= _PATIENCE:
             self._size, self._same = min(2.0 * self._size, self._largest), 0
 
     def _adapt_tolerance(self) -> None:
