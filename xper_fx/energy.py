@@ -66,13 +66,10 @@ class EnergyLedger:
     def __init__(self, bulk: Bulk, state: State, theta: float):
         self._bulk, self._theta = bulk, theta
         self.energies = Energies(
-            kinetic=self._kinetic(state.velocity),
+            kinetic=bulk.kinetic_energy(state.velocity),
             elastic=bulk.elastic_energy(state.displacement, state.internal),
         )
         self._at_start = self.energies.held_and_lost
-
-    def _kinetic(self, velocity: np.ndarray) -> float:
-        return 0.5 * float(velocity @ (self._bulk.mass * velocity))
 
     @property
     def closure(self) -> float:
@@ -100,14 +97,14 @@ class EnergyLedger:
         lost = self._bulk.forms.assemble_dissipation(self._bulk.unknowns.expand(after.displacement))
         e.dissipated_plastic += lost.get("plastic", 0.0)
         e.dissipated_viscous += lost.get("viscous", 0.0)
-        e.kinetic = self._kinetic(after.velocity)
+        e.kinetic = self._bulk.kinetic_energy(after.velocity)
         e.elastic = self._bulk.elastic_energy(after.displacement, after.internal)
         if np.ndim(outcome.viscous):
             e.dissipated_viscous += float(moved @ outcome.viscous)
         if excess > 0.0:
             change = after.velocity - before.velocity
             e.dissipated_numerical += excess * float(
-                change @ (self._bulk.mass * change)
+                2.0 * self._bulk.kinetic_energy(change)
                 + moved[:nodal] @ (after.internal - before.internal)[:nodal]
             )
         if work is not None:

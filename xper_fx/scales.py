@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 
-from xper_fx.nscd.laws import CohesiveZone
 from xper_fx.nscd.small import sym_indices
 from xper_fx.simulation import Simulation
 
@@ -45,7 +44,7 @@ def cohesive_scales(simulation: Simulation) -> list[dict[str, Any]]:
     scaled = (simulation.step_size * simulation.theta) ** 2
     scales = []
     for number, law in enumerate(interactions.laws):
-        if not isinstance(law, CohesiveZone):
+        if not hasattr(law, "softening_slope"):
             continue
         own = interactions.law_of_point == number
         length = modulus * law.fracture_energy / law.strength**2

@@ -7,8 +7,9 @@ import logging
 import math
 from collections.abc import Iterator, Mapping
 from functools import partial
+from importlib import import_module
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from dolfinx import fem
@@ -16,30 +17,26 @@ from dolfinx import fem
 from xper_fx.bulk.bulk import Bulk
 from xper_fx.bulk.explicit import ExplicitScheme
 from xper_fx.bulk.implicit import ImplicitScheme
-from xper_fx.bulk.scheme import State, StepOutcome, Stopwatch
+from xper_fx.bulk.scheme import State, StepOutcome
 from xper_fx.energy import EnergyLedger
 from xper_fx.errors import ConvergenceError
 from xper_fx.forms.dynamics import BulkForms
 from xper_fx.forms.loads import PrescribedDisplacement, PrescribedVelocity
 from xper_fx.meshes import cell_measure, local_facet_vertices
-from xper_fx.nscd import accelerated, auto, newton, nlgs, vertex_blocks
 from xper_fx.nscd.checks import require_positive
 from xper_fx.nscd.facets import facet_points, join_points, nodal_shares, wall_points
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.points import InteractionPoints
-from xper_fx.periodic.averages import Macroscopic, macroscopic_state
-from xper_fx.periodic.two_field import CellBulk
+from xper_fx.profile import Stopwatch
 from xper_fx.scene import Scene
+
+if TYPE_CHECKING:
+    from xper_fx.periodic.averages import Macroscopic
 
 logger = logging.getLogger(__name__)
 
-# Solvers of the interactions by name.
-SOLVERS = {
-    "auto": auto.solve,
-    "nlgs": nlgs.solve,
-    "newton": newton.solve,
-    "accelerated": accelerated.solve,
-}
+# Solvers of the interactions: modules of `nscd`, imported when asked for.
+SOLVERS = ("auto", "nlgs", "newton", "accelerated")
 # Inelastic strain of a step above which the step is cut.
 _LARGEST_FLOW = 0.05
 # Gaps this small beside the coordinates are closed.
@@ -97,7 +94,8 @@ class Simulation:
         interactions: the points, None if the scene has none.
         ledger: energies.
         macroscopic: Fbar, Pibar and Hill-Mandel's error of a periodic cell; None otherwise.
-        stopwatch: seconds in each phase.
+        solver: module of `nscd` that solves the interactions.
+        stopwatch: profile of the run.
 
     Raises:
         ValueError: a number out of range.
@@ -147,10 +145,13 @@ class Simulation:
                 if isinstance(load, PrescribedVelocity | PrescribedDisplacement)
             ]
             forces = [load for load in scene.loads if load not in motions]
-            self.forms = BulkForms(scene.bodies, scene.order, scene.materials, forces)
+            with self.stopwatch.phase("forms"):
+                self.forms = BulkForms(scene.bodies, scene.order, scene.materials, forces)
             if scene.macroscopic is None:
                 self.bulk = Bulk(self.forms, motions, scene.damping, inertia)
             else:
+                from xper_fx.periodic.two_field import CellBulk
+
                 self.bulk = CellBulk(self.forms, scene.macroscopic, inertia)
             self.step_size = self._step_size(step, scheme)
             self.state = self._initial_state()
@@ -164,10 +165,13 @@ class Simulation:
                     tolerance,
                 )  # fmt: skip
             self.theta = self.scheme.theta
-            self.interactions = self._interactions(points, laws, law_of_point)
+            with self.stopwatch.phase("interaction points"):
+                self.interactions = self._interactions(points, laws, law_of_point)
+            self._account()
             self.ledger = EnergyLedger(self.bulk, self.state, self.theta)
+        self.solver = "vertex_blocks" if self._by_vertex else solver
         self._solve = partial(
-            vertex_blocks.solve if self._by_vertex else SOLVERS[solver],
+            import_module(f"xper_fx.nscd.{self.solver}").solve,
             tolerance=tolerance,
             max_sweeps=max_sweeps,
             relaxation=relaxation,
@@ -333,6 +337,15 @@ class Simulation:
             ordering="vertices" if self._by_vertex else "tiles",
         )  # fmt: skip
 
+    def _account(self) -> None:
+        """Say which phase holds which arrays."""
+        owns, forms, interactions = self.stopwatch.owns, self.forms, self.interactions
+        owns("forms", lambda: self.bulk.nbytes)
+        if forms.has_history:
+            owns("commit", lambda: forms.history_nbytes)
+        if interactions is not None:
+            owns("interaction points", lambda: sum(g.nbytes for g in interactions.groups))
+
     @property
     def _by_vertex(self) -> bool:
         """Whether W couples only what meets at a vertex, each of which is then solved alone."""
@@ -358,11 +371,14 @@ class Simulation:
         pieces = [(self.step_size, 0)]
         while pieces:
             size, halvings = pieces.pop()
-            outcome = self.scheme.attempt(self.state, size, self.interactions, self._solve)
-            if outcome.converged and (
-                halvings >= self.max_halvings or not self._flows_too_far(outcome)
-            ):
-                yield self._commit(outcome, size)
+            with self.stopwatch.phase("step"):
+                outcome = self.scheme.attempt(self.state, size, self.interactions, self._solve)
+                good = outcome.converged and (
+                    halvings >= self.max_halvings or not self._flows_too_far(outcome)
+                )
+                record = self._commit(outcome, size) if good else None
+            if record is not None:
+                yield record
             elif halvings < self.max_halvings:
                 logger.info(
                     "step %d at h = %.3g s did not converge, or flowed too far: halved",
@@ -378,14 +394,17 @@ class Simulation:
 
     def _flows_too_far(self, outcome: StepOutcome) -> bool:
         """Whether a material flows by more in the step than its time integration bears."""
-        displacement = self.bulk.unknowns.expand(outcome.state.displacement)
-        return self.forms.largest_increment(displacement) > _LARGEST_FLOW
+        if not self.forms.flows:
+            return False
+        with self.stopwatch.phase("flow check"):
+            displacement = self.bulk.unknowns.expand(outcome.state.displacement)
+            return self.forms.largest_increment(displacement) > _LARGEST_FLOW
 
     def _commit(self, outcome: StepOutcome, size: float) -> StepRecord:
         with self.stopwatch.phase("energy"):
             work = self.interactions.commit(outcome.slots) if self.interactions else None
             self.ledger.record(self.state, outcome, size, work)
-        with self.stopwatch.phase("internal variables"):
+        with self.stopwatch.phase("commit"):
             self.bulk.commit(outcome.state.displacement, outcome.state.internal)
         before, self.state, self.last, self._last_size = (
             self.state, outcome.state, outcome, size,
@@ -403,7 +422,10 @@ class Simulation:
     ) -> Macroscopic | None:
         if self.scene.macroscopic is None:
             return None
-        return macroscopic_state(self.bulk, before, outcome, self.state, size, self.theta)
+        from xper_fx.periodic.averages import macroscopic_state
+
+        with self.stopwatch.phase("macroscopic averages"):
+            return macroscopic_state(self.bulk, before, outcome, self.state, size, self.theta)
 
     def _save_state(self) -> Path | None:
         """Write the last committed state for a post-mortem."""
