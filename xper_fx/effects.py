@@ -239,8 +239,10 @@ EFFECTS = (
     Effect(
         "explicit bulk",
         'Simulation(scheme="explicit")',
-        ("xper_fx.bulk.explicit",),
+        ("xper_fx.bulk.explicit", "xper_fx.bulk.inverse:LumpedInverse"),
         lambda s: s.scheme_name == "explicit",
+        "the inverse of the mass",
+        lambda s: s.scheme.nbytes,
     ),
     Effect(
         "vertex problems",

@@ -8,7 +8,7 @@ the wall time of the run. Entering and leaving a phase costs less than a microse
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from time import perf_counter
 from typing import NamedTuple, TypeVar
 
@@ -148,18 +148,18 @@ class Stopwatch:
         return [*rows, PhaseRow((OTHER,), other, other, other / wall, 0, 0)]
 
 
-def profile_table(stopwatch: Stopwatch) -> str:
-    """The profile as text; indents show what is within what."""
+def profile_table(rows: Sequence[PhaseRow]) -> str:
+    """The rows of a stopwatch as text; indents show what is within what."""
     lines = [
-        f"{'phase':<30}{'time':>11}{'own time':>11}{'share':>8}{'calls':>9}{'a call':>11}"
-        f"{'bytes':>11}"
+        f"{'phase':<30}{'time':>11}{'own time':>11}{'share':>9}{'calls':>9}{'a call':>14}"
+        f"{'bytes':>12}"
     ]
-    for row in stopwatch.rows():
+    for row in rows:
         name = "  " * (len(row.path) - 1) + row.path[-1]
         mean = f"{1e3 * row.seconds / row.calls:.3f} ms" if row.calls else "-"
         held = f"{row.bytes / 1e6:.2f} MB" if row.bytes else "-"
         lines.append(
-            f"{name:<30}{row.seconds:>9.3f} s{row.own:>9.3f} s{100.0 * row.share:>6.1f} %"
-            f"{row.calls or '-':>9}{mean:>11}{held:>11}"
+            f"{name:<30}{row.seconds:>9.3f} s{row.own:>9.3f} s{100.0 * row.share:>7.1f} %"
+            f"{row.calls or '-':>9}{mean:>14}{held:>12}"
         )
     return "\n".join(lines)

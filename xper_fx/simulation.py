@@ -15,8 +15,6 @@ import numpy as np
 from dolfinx import fem
 
 from xper_fx.bulk.bulk import Bulk
-from xper_fx.bulk.explicit import ExplicitScheme
-from xper_fx.bulk.implicit import ImplicitScheme
 from xper_fx.bulk.scheme import State, StepOutcome
 from xper_fx.energy import EnergyLedger
 from xper_fx.errors import ConvergenceError
@@ -158,8 +156,12 @@ class Simulation:
             points, laws, law_of_point = self._points()
             interacting = self._interacting(points, scheme)
             if scheme == "explicit":
+                from xper_fx.bulk.explicit import ExplicitScheme
+
                 self.scheme = ExplicitScheme(self.bulk, interacting, self.stopwatch)
             else:
+                from xper_fx.bulk.implicit import ImplicitScheme
+
                 self.scheme = ImplicitScheme(
                     self.bulk, interacting, theta, newton_tolerance, max_newton, self.stopwatch,
                     tolerance,
