@@ -67,6 +67,9 @@ _ENERGY_TERMS = {
     "dissipated_numerical": ("dissipated by the scheme", "#777777"),
 }
 
+# Width of a letter in the figure of a profile, beside the width of the figure.
+_LETTER = 0.01
+
 
 def _new_figure(
     path: str | os.PathLike[str] | None,
@@ -708,17 +711,18 @@ def plot_profile(
             axes.barh(
                 len(row.path) - 1, row.seconds, 0.94, left, edgecolor="white", linewidth=0.8,
                 color="0.8" if other else colours[row.path[0]],
-                alpha=1.0 - 0.22 * (len(row.path) - 1) / max(depth - 1, 1),
+                alpha=0.8 - 0.4 * (len(row.path) - 1) / max(depth - 1, 1),
                 hatch="//" if other else None,
             )  # fmt: skip
-            label = f"{row.path[-1]}\n{100.0 * row.seconds / total:.1f} %"
-            wide = row.seconds / total
-            if wide > 0.012 * max(map(len, label.split("\n"))):
-                axes.text(left + 0.5 * row.seconds, len(row.path) - 1, label, ha="center",
-                          va="center", fontsize=7.5)  # fmt: skip
-            elif wide > 0.03:
-                axes.text(left + 0.5 * row.seconds, len(row.path) - 1, label.replace("\n", ", "),
-                          ha="center", va="center", fontsize=6.5, rotation=90)  # fmt: skip
+            share, name = row.share, row.path[-1]
+            label, angle = f"{name}\n{100.0 * share:.1f} %", 0
+            if share < _LETTER * max(map(len, label.split("\n"))):
+                label, angle = name.replace(" ", "\n"), 90
+            if angle == 0 or share > 2.0 * _LETTER * len(label.split("\n")):
+                axes.text(
+                    left + 0.5 * row.seconds, len(row.path) - 1, label, rotation=angle,
+                    ha="center", va="center", fontsize=7.0,
+                )  # fmt: skip
         axes.set_xlim(0.0, total)
         axes.set_ylim(depth - 0.5, -0.5)
         axes.set_yticks([])
