@@ -10,12 +10,18 @@ import json
 import os
 import subprocess
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 
 import effect_scenes
 import pytest
+from scenes import box_bodies
 
-from xper_fx.effects import EFFECTS
+from xper_fx.effects import EFFECTS, effects_of, effects_table
+from xper_fx.materials import NeoHookean
+from xper_fx.nscd.laws import CohesiveZone, PerfectBond, SignoriniCoulomb, Tresca
+from xper_fx.scene import Scene
+from xper_fx.simulation import Simulation
 
 SCRIPT = Path(effect_scenes.__file__)
 # Optimising kernels is not what is tested, and takes most of the time.
@@ -80,3 +86,75 @@ def test_a_scene_pays_for_what_it_calls_for(scene):
                 for row in rows.values():
                     del row["seconds"]
         assert stripped[what] == run[what], what
+
+
+LAWS = (
+    CohesiveZone(10.0, 1e-4, 1e-3),
+    CohesiveZone(10.0, 1e-4, 1e-3, friction=0.1),
+    CohesiveZone(10.0, 1e-4, 1e-3, damage="lagged"),
+    SignoriniCoulomb(),
+    SignoriniCoulomb(0.3),
+    SignoriniCoulomb(contact="position"),
+    SignoriniCoulomb(0.3, contact="position"),
+    Tresca(1e3),
+    Tresca(1e3, contact="position"),
+    PerfectBond(),
+)
+
+
+@pytest.mark.parametrize("dim", (2, 3))
+@pytest.mark.parametrize("law", LAWS, ids=repr)
+def test_what_a_law_holds_belongs_to_its_effects(law, dim):
+    """All columns, each once: the bytes of the table are those of the arrays."""
+    kernels = law.kernels(dim)
+    held = len(law.parameters()) + len(law.initial_state()) + kernels.num_terms
+    assert sum(columns for _, columns in kernels.effects) == held + kernels.num_details
+    assert len(law.initial_state()) == len(kernels.state_names)
+
+
+@dataclass(frozen=True)
+class Glue(PerfectBond):
+    """A user's law with an effect of its own."""
+
+    def kernels(self, dim):
+        return super().kernels(dim)._replace(name="my glue", effects=(("adhesion", 5),))
+
+
+@dataclass(frozen=True)
+class Rubber(NeoHookean):
+    """A user's material with an effect of its own beside one of the table."""
+
+    effects = ("finite strain", "heat")
+
+
+def two_halves(material, law):
+    bodies = box_bodies((2.0, 1.0), (2, 1), label=lambda x: x[0] > 1.0)
+    return Simulation(Scene(bodies, {1: material}, default_interaction=law), 0.1)
+
+
+def test_laws_and_materials_of_a_user_join_the_table():
+    simulation = two_halves(Rubber(young=1.0, poisson=0.3, density=1.0), Glue())
+    rows = {row.name: row for row in effects_of(simulation)}
+    assert list(rows)[-2:] == ["heat", "adhesion"]
+    # two nodes of one facet, five columns
+    assert rows["adhesion"][:3] == ("adhesion", True, 2 * 5 * 8)
+    assert rows["heat"].on and rows["finite strain"].on and not rows["perfect bond"].on
+    table = effects_table(simulation).splitlines()
+    assert "law: my glue, 2 points" in table
+    assert table[-1].startswith("off: ") and "perfect bond" in table[-1]
+    assert not any(line.startswith("perfect bond") for line in table)
+
+
+def test_phases_of_an_effect_are_read_from_the_profile():
+    simulation = effect_scenes.static()
+    rows = {row.name: row for row in effects_of(simulation)}
+    assert not rows["macroscopic control"].on
+    with simulation.stopwatch.phase("macroscopic averages"):
+        pass
+    # off: zero, whatever the clock says
+    assert effects_of(simulation) == list(rows.values())
+    cell = effect_scenes.stretched_cell()
+    list(cell.steps(2 * cell.step_size))
+    rows = {row.name: row for row in effects_of(cell)}
+    # at the start and after each step
+    assert rows["macroscopic control"].calls == 3 and rows["macroscopic control"].seconds > 0.0

@@ -8,6 +8,7 @@ import json
 
 import numpy as np
 import pytest
+from numba import njit
 from scenes import BOTTOM, LEFT, RIGHT, box_bodies
 
 from xper_fx import profile
@@ -124,6 +125,31 @@ def test_a_restart_forgets_times_but_not_what_is_held(clock):
         clock.wait(1.0)
     (step, other) = stopwatch.rows()
     assert step == (("step",), 1.0, 1.0, 1.0, 1, 24) and other.seconds == 0.0
+
+
+def test_compiling_is_a_phase_of_its_own(clock):
+    """Within the phase that called for it, with a kernel's kernels; nothing without a phase."""
+
+    @njit
+    def inner(x):
+        return x + 1
+
+    @njit
+    def outer(x):
+        return 2 * inner(x)
+
+    stopwatch, idle = Stopwatch(), Stopwatch()
+    for _ in range(2):
+        with stopwatch.phase("step"), stopwatch.phase("solve"):
+            assert outer(1.0) == 4.0
+            clock.wait(1.0)
+    assert stopwatch.calls == {"step": 2, "solve": 2, "compiling": 1}
+    assert list(by_path(stopwatch.rows())) == [
+        "step", "step > solve", "step > solve > compiling", OTHER,
+    ]  # fmt: skip
+    assert idle.calls == {}
+    outer(1)  # of another type
+    assert stopwatch.calls["compiling"] == 1
 
 
 @pytest.fixture(scope="module")

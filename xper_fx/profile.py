@@ -2,8 +2,9 @@
 """Profile of a run: where its time goes, phase by phase, and what each phase holds in memory.
 
 Phases nest as the code enters them, so that the profile is a tree, step > newton > interaction
-solve. What no phase covers is the row "other", which is shown like any: the rows' own times sum to
-the wall time of the run. Entering and leaving a phase costs less than a microsecond.
+solve; kernels that Numba compiles meanwhile are the phase "compiling" within. What no phase covers
+is the row "other", which is shown like any: the rows' own times sum to the wall time of the run.
+Entering and leaving a phase costs less than a microsecond.
 """
 
 from __future__ import annotations
@@ -11,6 +12,9 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from time import perf_counter
 from typing import NamedTuple, TypeVar
+from weakref import finalize, ref
+
+from numba.core import event
 
 Item = TypeVar("Item")
 
@@ -65,6 +69,26 @@ class PhaseRow(NamedTuple):
     bytes: int
 
 
+class _Compilations(event.Listener):
+    """Enters the phase "compiling" of a stopwatch while Numba compiles, if a phase is open."""
+
+    def __init__(self, watch: Stopwatch):
+        self._watch, self._depth, self._phase = ref(watch), 0, None
+
+    def on_start(self, event) -> None:
+        watch = self._watch()
+        if self._depth == 0 and watch.running:
+            self._phase = watch.phase("compiling")
+            self._phase.__enter__()
+        self._depth += 1  # a kernel's kernels are compiled within it
+
+    def on_end(self, event) -> None:
+        self._depth -= 1
+        if self._depth == 0 and self._phase is not None:
+            self._phase.__exit__()
+            self._phase = None
+
+
 class Stopwatch:
     """Times the phases of a run, counts them, and knows what they hold.
 
@@ -75,6 +99,9 @@ class Stopwatch:
     def __init__(self):
         self._owned: dict[str, Callable[[], int]] = {}
         self.restart()
+        compilations = _Compilations(self)
+        event.register("numba:compile", compilations)
+        finalize(self, event.unregister, "numba:compile", compilations)
 
     def restart(self) -> None:
         """Forget the times and calls so far; not while a phase is open."""
@@ -99,6 +126,11 @@ class Stopwatch:
     def owns(self, name: str, count: Callable[[], int]) -> None:
         """Say how many bytes the arrays (or files) of a phase take, wherever it is in the tree."""
         self._owned[name] = count
+
+    @property
+    def running(self) -> bool:
+        """Whether a phase is open."""
+        return self.current is not self._root
 
     @property
     def wall(self) -> float:
