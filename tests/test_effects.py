@@ -64,7 +64,11 @@ def test_names_are_those_of_the_table():
     assert set().union(*CALLED_FOR.values()) == set(names)
 
 
-@pytest.mark.parametrize("scene", CALLED_FOR)
+@pytest.mark.parametrize(
+    "scene",
+    # vertex problems take the longest to compile
+    [pytest.param(s, marks=pytest.mark.slow) if s == "sliding" else s for s in CALLED_FOR],
+)
 def test_a_scene_pays_for_what_it_calls_for(scene):
     run = observed(scene)
     assert {name for name, row in run["effects"].items() if row["on"]} == CALLED_FOR[scene]

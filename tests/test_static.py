@@ -125,3 +125,12 @@ def test_damping_of_a_mass_that_is_not_there_is_refused():
     )
     assert creeping.ledger.as_columns()["dissipated_viscous"] > 0.0
     assert abs(creeping.ledger.closure) < 1e-10 * creeping.ledger.energies.external_work
+
+
+def test_a_rotation_about_a_slanted_axis_is_found():
+    """About (1, 1, 1): u_x = z - y vanishes where y = z, and so on round."""
+    x = np.array([[0, 0, 0], [0, 1, 1], [1, 0, 1], [1, 1, 0.0]])
+    held = np.array([[1, 1, 1], [1, 0, 0], [0, 1, 0], [0, 0, 1]], bool)
+    assert free_rigid_motions(x, np.array([0, 4]), held) == [1]
+    held[1, 1] = True
+    assert free_rigid_motions(x, np.array([0, 4]), held) == [0]
