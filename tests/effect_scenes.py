@@ -120,12 +120,12 @@ def _halves(midpoints):
     return midpoints[0] > 1.0
 
 
-def _interacting(law, solver, **bar):
+def _interacting(law, solver, step=0.1, **bar):
     """The bar cut in two."""
     from xper_fx.simulation import Simulation
 
     scene = _pulled(_elastic(), label=_halves, default_interaction=law, **bar)
-    return Simulation(scene, 0.1, num_threads=1, solver=solver)
+    return Simulation(scene, step, tolerance=1e-10, num_threads=1, solver=solver)
 
 
 def _falling(law, step, **options):
@@ -172,7 +172,13 @@ def solid():
     from xper_fx.nscd.laws import PerfectBond
 
     mesh = {"lengths": (2.0, 1.0, 1.0), "cells": (2, 1, 1), "kind": "tetrahedron"}
-    return _interacting(PerfectBond(), "newton", **mesh)
+    return _interacting(PerfectBond(), "nlgs", **mesh)
+
+
+def stiff():
+    from xper_fx.nscd.laws import PerfectBond
+
+    return _interacting(PerfectBond(), "newton", step=100.0)
 
 
 # Which effects each calls for.
@@ -194,7 +200,8 @@ SCENES = {
     },
     bonded: {*_POINTS, "unilateral contact", "cohesion", "damage"},
     closed: {*_POINTS, "unilateral contact", "friction", "mixed sweeps"},
-    solid: {*_POINTS, "perfect bond", "three dimensions", "Newton on all points"},
+    solid: {*_POINTS, "perfect bond", "three dimensions"},
+    stiff: {*_POINTS, "perfect bond", "Newton on all points"},
 }  # fmt: skip
 
 

@@ -66,8 +66,10 @@ def test_names_are_those_of_the_table():
 
 @pytest.mark.parametrize(
     "scene",
-    # vertex problems take the longest to compile
-    [pytest.param(s, marks=pytest.mark.slow) if s == "sliding" else s for s in CALLED_FOR],
+    [
+        pytest.param(scene, marks=pytest.mark.slow) if scene in ("sliding", "stiff") else scene
+        for scene in CALLED_FOR
+    ],
 )
 def test_a_scene_pays_for_what_it_calls_for(scene):
     run = observed(scene)

@@ -12,9 +12,12 @@ calls for it. Laws and materials name their effects themselves (`LawKernels.effe
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
 
 if TYPE_CHECKING:
     from xper_fx.simulation import Simulation
@@ -30,6 +33,25 @@ def _of_materials(name: str) -> Callable[[Simulation], bool]:
 
 def _columns(name: str) -> Callable[[Simulation], int]:
     return lambda simulation: _law_effects(simulation).get(name, 0)
+
+
+def _kept(module: str) -> Callable[[Simulation], int]:
+    """Bytes of what a solver holds for the points of a scene; it may not be imported yet."""
+
+    def nbytes(simulation: Simulation) -> int:
+        solver = sys.modules.get(module)
+        return _bytes_within(solver.kept(simulation.interactions)) if solver else 0
+
+    return nbytes
+
+
+def _bytes_within(item) -> int:
+    """Bytes of the arrays in an object, its attributes, lists and tuples."""
+    if isinstance(item, np.ndarray):
+        return item.nbytes
+    if isinstance(item, list | tuple):
+        return sum(map(_bytes_within, item))
+    return sum(map(_bytes_within, vars(item).values())) if hasattr(item, "__dict__") else 0
 
 
 def _nothing(simulation: Simulation) -> int:
@@ -215,7 +237,7 @@ EFFECTS = (
         "Scene(macroscopic=MacroscopicDrive(...))",
         ("xper_fx.periodic.drive", "xper_fx.periodic.two_field", "xper_fx.periodic.averages"),
         lambda s: s.scene.macroscopic is not None,
-        "|Omega| Pibar among the forces",
+        "the volume times Pibar, among the forces",
         lambda s: s.state.external.nbytes,
         ("macroscopic averages",),
     ),
@@ -249,12 +271,16 @@ EFFECTS = (
         "the explicit bulk with nodal points",
         ("xper_fx.nscd.vertex_blocks",),
         lambda s: s.interactions is not None and s.solver == "vertex_blocks",
+        "slopes of the points, an inverse a vertex",
+        _kept("xper_fx.nscd.vertex_blocks"),
     ),
     Effect(
         "Newton on all points",
         'Simulation(solver="newton"), or "auto", which calls for it where sweeps are too many',
         ("xper_fx.nscd.newton", "xper_fx.nscd.tangent", "xper_fx.nscd.clusters"),
         lambda s: s.interactions is not None and s.solver in ("auto", "newton"),
+        "tangents of the points, blocks of bodies and clusters, Krylov's basis",
+        _kept("xper_fx.nscd.tangent"),
     ),
     Effect(
         "mixed sweeps",
