@@ -88,8 +88,6 @@ EFFECTS = (
         "Simulation(inertia=True), the default",
         ("xper_fx.bulk.inertia",),
         lambda s: s.bulk.inertia is not None,
-        "a mass a dof",
-        lambda s: s.bulk.mass.nbytes,
     ),
     Effect(
         "viscous damping",
