@@ -84,7 +84,7 @@ class Simulation:
         max_halvings: how often a step that does not converge, or in which a material flows by
             more than 5 % strain, is cut in two.
         inertia: False for a static run (theta = 1): bodies without mass, which motions or a
-            periodic cell's ties must hold.
+            periodic cell's ties must hold, as nothing regularises the stiffness.
         num_threads: threads of the interaction solver; all that Numba has if not given.
 
     Attributes:
