@@ -33,11 +33,9 @@ from typing import NamedTuple
 import numpy as np
 
 from xper_fx.energy import BulkEnergies
-from xper_fx.nscd.checks import require_positive
+from xper_fx.knobs import IMPULSES, Knobs
 from xper_fx.nscd.interactions import StepWork
 
-# Share of the error that impulses may make, as tolerance and as energy.
-_IMPULSES = 0.1
 # Estimate over what is allowed, above which a step is taken again.
 _REJECT = 8.0
 # Estimate over what is allowed below which the step is doubled: it then grows fourfold.
@@ -50,67 +48,6 @@ _PATIENCE = 3
 _REST = 20
 # Tightest tolerance, relative to the accuracy.
 _TIGHTEST = 1e-3
-
-
-# Without an accuracy: the tolerance of the impulses and of Newton's corrections, and the accuracy
-# where only a knob is left to be picked.
-_TOLERANCE, _NEWTON_TOLERANCE, _ACCURACY = 1e-3, 1e-8, 1e-2
-# Newton's tolerance, relative to the accuracy.
-_NEWTON = 1e-3
-
-
-class Knobs(NamedTuple):
-    """What a user fixes and what is to be picked.
-
-    Attributes:
-        accuracy: relative error asked for, None if nothing is to be picked.
-        step: h (s), None if not given.
-        tolerance: of the impulses.
-        newton_tolerance: of the bulk.
-        adapts_step, adapts_tolerance: whether they are picked and adapted.
-    """
-
-    accuracy: float | None
-    step: float | None
-    tolerance: float
-    newton_tolerance: float
-    adapts_step: bool
-    adapts_tolerance: bool
-
-    @classmethod
-    def chosen(
-        cls,
-        accuracy: float | None,
-        step: float | str | None,
-        tolerance: float | str | None,
-        newton_tolerance: float | None,
-    ) -> Knobs:
-        """Knobs from what was given: a number stays, None with an accuracy or "auto" is picked.
-
-        Raises:
-            ValueError: a number out of range, a word other than "auto".
-        """
-        for name, value in (("step", step), ("tolerance", tolerance)):
-            if isinstance(value, str) and value != "auto":
-                raise ValueError(f'{name} should be a number or "auto", got {value!r}.')
-            if value is not None and value != "auto":
-                require_positive(name, value)
-        if newton_tolerance is not None:
-            require_positive("newton_tolerance", newton_tolerance)
-        if accuracy is not None and not 0.0 < accuracy < 1.0:
-            raise ValueError(f"accuracy should lie in (0, 1), a relative error; got {accuracy}.")
-        picked = ("auto",) if accuracy is None else ("auto", None)
-        adapts_step, adapts_tolerance = step in picked, tolerance in picked
-        if accuracy is None and (adapts_step or adapts_tolerance):
-            accuracy = _ACCURACY
-        if tolerance is None or adapts_tolerance:
-            tolerance = _IMPULSES * accuracy if adapts_tolerance else _TOLERANCE
-        if newton_tolerance is None:
-            newton_tolerance = _NEWTON_TOLERANCE if accuracy is None else _NEWTON * accuracy
-        return cls(
-            accuracy, None if adapts_step else step, tolerance, newton_tolerance, adapts_step,
-            adapts_tolerance,
-        )  # fmt: skip
 
 
 class _Rate(NamedTuple):
@@ -237,7 +174,7 @@ class AccuracyControl:
         if not self._adapts_tolerance:
             return
         self._tight_since += 1
-        share = _IMPULSES * self._accuracy
+        share = IMPULSES * self._accuracy
         if abs(self._numerical) > share * self._scale and self._tight_since >= _PATIENCE:
             self.tolerance = max(0.5 * self.tolerance, _TIGHTEST * self._accuracy)
             self._tight_since = 0

@@ -83,13 +83,10 @@ class EnergyLedger:
     def __init__(self, bulk: Bulk, state: State, theta: float):
         self._bulk, self._theta = bulk, theta
         self.energies = Energies(
-            kinetic=self._kinetic(state.velocity),
+            kinetic=bulk.kinetic_energy(state.velocity),
             elastic=bulk.elastic_energy(state.displacement, state.internal),
         )
         self._at_start = self.energies.held_and_lost
-
-    def _kinetic(self, velocity: np.ndarray) -> float:
-        return 0.5 * float(velocity @ (self._bulk.mass * velocity))
 
     @property
     def closure(self) -> float:
@@ -110,7 +107,7 @@ class EnergyLedger:
         impulse = (outcome.force_impulse + outcome.reactions)[:nodal]
         stresses = 0.5 * (before.internal + after.internal)[nodal:]
         work = float(moved[:nodal] @ impulse) / step + float(moved[nodal:] @ stresses)
-        kinetic = self._kinetic(after.velocity)
+        kinetic = self._bulk.kinetic_energy(after.velocity)
         elastic = self._bulk.elastic_energy(after.displacement, after.internal)
         return BulkEnergies(
             work, kinetic, elastic, kinetic - self.energies.kinetic, elastic - self.energies.elastic
@@ -147,7 +144,7 @@ class EnergyLedger:
             change = after.velocity - before.velocity
             nodal = self._bulk.unknowns.num_nodes * self._bulk.dim
             e.dissipated_numerical += excess * float(
-                change @ (self._bulk.mass * change)
+                2.0 * self._bulk.kinetic_energy(change)
                 + moved[:nodal] @ (after.internal - before.internal)[:nodal]
             )
         if work is not None:

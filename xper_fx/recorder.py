@@ -135,6 +135,7 @@ class Recorder:
         # a cell's first dofs are its vertices'
         self._node = np.empty(len(mesh.geometry.x), np.int64)
         self._node[self.cells] = simulation.forms.V.dofmap.list[:, : self.cells.shape[1]]
+        simulation.stopwatch.owns("output", lambda: self.written)
         self._totals = {"steps": 0, "sweeps": 0, "largest_residual": 0.0}
         self._bulk = self._interfaces = None
         if fields > 0:
@@ -167,7 +168,7 @@ class Recorder:
     def _write_fields(self) -> None:
         simulation = self.simulation
         bodies, dim = simulation.scene.bodies, simulation.bulk.dim
-        with simulation.stopwatch.phase("output"):
+        with simulation.stopwatch.phase("output"), simulation.stopwatch.phase("fields"):
             nodal = {
                 "displacement": self.vertex_displacement(),
                 "velocity": simulation.velocity.x.array.reshape(-1, dim)[self._node],
@@ -195,16 +196,27 @@ class Recorder:
             Strain and stress of the gauge.
         """
         strain, stress = self._gauge.read(self.simulation) if self._gauge else (0.0, 0.0)
-        self._history.append(
-            step=step.step, time=step.time, strain=strain, stress=stress, sweeps=step.sweeps,
-            residual=step.residual, **step.energies, **macroscopic_columns(self.simulation),
-        )  # fmt: skip
+        with self.simulation.stopwatch.phase("output"):
+            self._history.append(
+                step=step.step, time=step.time, strain=strain, stress=stress, sweeps=step.sweeps,
+                residual=step.residual, **step.energies, **macroscopic_columns(self.simulation),
+            )  # fmt: skip
         self._totals["steps"] += 1
         self._totals["sweeps"] += step.sweeps
         self._totals["largest_residual"] = max(self._totals["largest_residual"], step.residual)
         if self._bulk is not None and step.time >= self._next * (1.0 - 1e-9):
             self._write_fields()
         return strain, stress
+
+    @property
+    def written(self) -> int:
+        """Bytes of the fields and of the history on disk."""
+        names = ["history.csv"]
+        if self._bulk is not None:
+            names += ["bulk.xdmf", "bulk.h5"]
+        if self._interfaces is not None:
+            names += ["interfaces.xdmf", "interfaces.h5"]
+        return sum((self.folder / name).stat().st_size for name in names)
 
     def close(self) -> None:
         """Write the summary and close the files."""
@@ -234,6 +246,10 @@ class Recorder:
             },
             "effects": [effect._asdict() for effect in effects_of(simulation)],
             "seconds": simulation.stopwatch.seconds,
+            "profile": [
+                row._asdict() | {"path": " > ".join(row.path)}
+                for row in simulation.stopwatch.rows()
+            ],
             "bytes_per_point": interactions.nbytes / points if points else 0.0,
             "errors": {
                 "closure": simulation.ledger.closure,

@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.small import sym_indices
 
 if TYPE_CHECKING:
+    from xper_fx.nscd.interactions import Interactions
     from xper_fx.simulation import Simulation
 
 

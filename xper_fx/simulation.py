@@ -7,40 +7,35 @@ import logging
 import math
 from collections.abc import Iterator, Mapping
 from functools import partial
+from importlib import import_module
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from dolfinx import fem
 
-from xper_fx.accuracy import AccuracyControl, Knobs
 from xper_fx.bulk.bulk import Bulk
-from xper_fx.bulk.explicit import ExplicitScheme
-from xper_fx.bulk.implicit import ImplicitScheme
-from xper_fx.bulk.scheme import State, StepOutcome, Stopwatch
+from xper_fx.bulk.scheme import State, StepOutcome
 from xper_fx.energy import BulkEnergies, EnergyLedger
 from xper_fx.errors import ConvergenceError
 from xper_fx.forms.dynamics import BulkForms
 from xper_fx.forms.loads import PrescribedDisplacement, PrescribedVelocity
+from xper_fx.knobs import Knobs
 from xper_fx.meshes import cell_measure, local_facet_vertices
-from xper_fx.nscd import accelerated, auto, newton, nlgs, vertex_blocks
 from xper_fx.nscd.facets import facet_points, join_points, nodal_shares, wall_points
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.points import InteractionPoints
-from xper_fx.periodic.averages import Macroscopic, macroscopic_state
-from xper_fx.periodic.two_field import CellBulk
-from xper_fx.scales import softening_numbers
+from xper_fx.profile import Stopwatch
 from xper_fx.scene import Scene
+
+if TYPE_CHECKING:
+    from xper_fx.accuracy import AccuracyControl
+    from xper_fx.periodic.averages import Macroscopic
 
 logger = logging.getLogger(__name__)
 
-# Solvers of the interactions by name.
-SOLVERS = {
-    "auto": auto.solve,
-    "nlgs": nlgs.solve,
-    "newton": newton.solve,
-    "accelerated": accelerated.solve,
-}
+# Solvers of the interactions: modules of `nscd`, imported when asked for.
+SOLVERS = ("auto", "nlgs", "newton", "accelerated")
 # Inelastic strain of a step above which the step is cut.
 _LARGEST_FLOW = 0.05
 # Gaps this small beside the coordinates are closed.
@@ -93,7 +88,7 @@ class Simulation:
         max_halvings: how often a step that does not converge, or in which a material flows by
             more than 5 % strain, is cut in two.
         inertia: False for a static run (theta = 1): bodies without mass, which motions or a
-            periodic cell's ties must hold.
+            periodic cell's ties must hold, as nothing regularises the stiffness.
         num_threads: threads of the interaction solver; all that Numba has if not given.
 
     Attributes:
@@ -101,7 +96,8 @@ class Simulation:
         interactions: the points, None if the scene has none.
         ledger: energies.
         macroscopic: Fbar, Pibar and Hill-Mandel's error of a periodic cell; None otherwise.
-        stopwatch: seconds in each phase.
+        solver: module of `nscd` that solves the interactions.
+        stopwatch: profile of the run.
 
     Raises:
         ValueError: a number out of range.
@@ -154,27 +150,37 @@ class Simulation:
                 if isinstance(load, PrescribedVelocity | PrescribedDisplacement)
             ]
             forces = [load for load in scene.loads if load not in motions]
-            self.forms = BulkForms(scene.bodies, scene.order, scene.materials, forces)
+            with self.stopwatch.phase("forms"):
+                self.forms = BulkForms(scene.bodies, scene.order, scene.materials, forces)
             if scene.macroscopic is None:
                 self.bulk = Bulk(self.forms, motions, scene.damping, inertia)
             else:
+                from xper_fx.periodic.two_field import CellBulk
+
                 self.bulk = CellBulk(self.forms, scene.macroscopic, inertia)
             self.step_size = self._step_size(step, scheme)
             self.state = self._initial_state()
             points, laws, law_of_point = self._points()
             interacting = self._interacting(points, scheme)
             if scheme == "explicit":
+                from xper_fx.bulk.explicit import ExplicitScheme
+
                 self.scheme = ExplicitScheme(self.bulk, interacting, self.stopwatch)
             else:
+                from xper_fx.bulk.implicit import ImplicitScheme
+
                 self.scheme = ImplicitScheme(
                     self.bulk, interacting, theta, newton_tolerance, max_newton, self.stopwatch
                 )
             self.theta = self.scheme.theta
-            self.interactions = self._interactions(points, laws, law_of_point)
+            with self.stopwatch.phase("interaction points"):
+                self.interactions = self._interactions(points, laws, law_of_point)
+            self._account()
             self.ledger = EnergyLedger(self.bulk, self.state, self.theta)
             self._control = None if knobs.accuracy is None else self._accuracy_control(knobs)
+        self.solver = "vertex_blocks" if self._by_vertex else solver
         self._solve = partial(
-            vertex_blocks.solve if self._by_vertex else SOLVERS[solver],
+            import_module(f"xper_fx.nscd.{self.solver}").solve,
             max_sweeps=max_sweeps,
             relaxation=relaxation,
             num_threads=num_threads,
@@ -338,6 +344,9 @@ class Simulation:
         )  # fmt: skip
 
     def _accuracy_control(self, knobs: Knobs) -> AccuracyControl:
+        from xper_fx.accuracy import AccuracyControl
+        from xper_fx.scales import softening_numbers
+
         softening, base = np.inf, self.step_size
         if self.interactions is not None:
             number = softening_numbers(self.interactions, base, self.theta).max(initial=0.0)
@@ -350,6 +359,15 @@ class Simulation:
             interacting=self.interactions is not None,
             energy=held.kinetic + held.elastic,
         )  # fmt: skip
+
+    def _account(self) -> None:
+        """Say which phase holds which arrays."""
+        owns, forms, interactions = self.stopwatch.owns, self.forms, self.interactions
+        owns("forms", lambda: self.bulk.nbytes)
+        if forms.has_history:
+            owns("commit", lambda: forms.history_nbytes)
+        if interactions is not None:
+            owns("interaction points", lambda: sum(g.nbytes for g in interactions.groups))
 
     @property
     def _by_vertex(self) -> bool:
@@ -381,19 +399,21 @@ class Simulation:
         pieces = [(size, 0)]
         while pieces:
             size, halvings = pieces.pop()
-            outcome = self.scheme.attempt(
-                self.state, size, self.interactions, self._solve, self.tolerance
-            )
-            if outcome.converged and (
-                halvings >= self.max_halvings or not self._flows_too_far(outcome)
-            ):
-                with self.stopwatch.phase("energy"):
-                    energies = self.ledger.bulk_energies(self.state, outcome, size)
-                time, control = self.state.time, self._control
-                if control and not control.accepts(time, size, energies, end_time) and not halvings:
-                    logger.info("step at %.3g s of h = %.3g s is too coarse", time, size)
-                    return
-                yield self._commit(outcome, size, energies)
+            with self.stopwatch.phase("step"):
+                outcome = self.scheme.attempt(
+                    self.state, size, self.interactions, self._solve, self.tolerance
+                )
+                good = outcome.converged and (
+                    halvings >= self.max_halvings or not self._flows_too_far(outcome)
+                )
+                if good:
+                    with self.stopwatch.phase("energy"):
+                        energies = self.ledger.bulk_energies(self.state, outcome, size)
+                    if not self._accurate(size, energies, end_time) and not halvings:
+                        return
+                    record = self._commit(outcome, size, energies)
+            if good:
+                yield record
             elif halvings < self.max_halvings:
                 logger.info(
                     "step %d at h = %.3g s did not converge, or flowed too far: halved",
@@ -407,10 +427,22 @@ class Simulation:
                     outcome.newton_residual, self._save_state(),
                 )  # fmt: skip
 
+    def _accurate(self, size: float, energies: BulkEnergies, end_time: float) -> bool:
+        """Whether the step from the present state is as accurate as asked for, if anything is."""
+        if self._control is None:
+            return True
+        good = self._control.accepts(self.state.time, size, energies, end_time)
+        if not good:
+            logger.info("step at %.3g s of h = %.3g s is too coarse", self.state.time, size)
+        return good
+
     def _flows_too_far(self, outcome: StepOutcome) -> bool:
         """Whether a material flows by more in the step than its time integration bears."""
-        displacement = self.bulk.unknowns.expand(outcome.state.displacement)
-        return self.forms.largest_increment(displacement) > _LARGEST_FLOW
+        if not self.forms.flows:
+            return False
+        with self.stopwatch.phase("flow check"):
+            displacement = self.bulk.unknowns.expand(outcome.state.displacement)
+            return self.forms.largest_increment(displacement) > _LARGEST_FLOW
 
     def _commit(self, outcome: StepOutcome, size: float, energies: BulkEnergies) -> StepRecord:
         with self.stopwatch.phase("energy"):
@@ -419,7 +451,7 @@ class Simulation:
         if self._control is not None:
             self._control.learn(size, energies, work)
             self.tolerance = self._control.tolerance
-        with self.stopwatch.phase("internal variables"):
+        with self.stopwatch.phase("commit"):
             self.bulk.commit(outcome.state.displacement, outcome.state.internal)
         self._before, self.state, self.last, self._last_size = (
             self.state, outcome.state, outcome, size,
@@ -437,7 +469,10 @@ class Simulation:
     ) -> Macroscopic | None:
         if self.scene.macroscopic is None:
             return None
-        return macroscopic_state(self.bulk, before, outcome, self.state, size, self.theta)
+        from xper_fx.periodic.averages import macroscopic_state
+
+        with self.stopwatch.phase("macroscopic averages"):
+            return macroscopic_state(self.bulk, before, outcome, self.state, size, self.theta)
 
     def _save_state(self) -> Path | None:
         """Write the last committed state for a post-mortem."""

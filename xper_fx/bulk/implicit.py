@@ -22,8 +22,9 @@ import scipy.sparse as sp
 
 from xper_fx.bulk.bulk import Bulk
 from xper_fx.bulk.inverse import CellwiseInverse, ClusterInverse
-from xper_fx.bulk.scheme import Solver, State, StepOutcome, Stopwatch, interact
+from xper_fx.bulk.scheme import Solver, State, StepOutcome, interact
 from xper_fx.nscd.interactions import Interactions
+from xper_fx.profile import Stopwatch
 
 # Contraction of Newton's corrections above which w is renewed, unless no more than a few iterations
 # are left to make, which cost less.
@@ -70,6 +71,7 @@ class ImplicitScheme:
         x = bulk.forms.bodies.mesh.geometry.x
         self._rounding = _ROUNDING * bulk.norm(np.full(bulk.num_dofs, np.ptp(x, axis=0).max()))
         self._inverses: dict[float, CellwiseInverse | ClusterInverse] = {}
+        stopwatch.owns("inverse", lambda: self.nbytes)
 
     def inverse(self, step: float, displacement: np.ndarray, renew: bool = False):
         """The inverse for a step size; for a bulk that is not linear, near `displacement`."""
@@ -96,11 +98,13 @@ class ImplicitScheme:
         bulk, scaled = self.bulk, step * self.theta
         matrix = bulk.unknowns.condense(stiffness).copy()
         matrix.data *= scaled**2
+        if bulk.damping is not None:
+            bulk.damping.add_to(matrix, scaled)
+        if bulk.inertia is None:
+            return matrix
         mass = bulk.mass[: matrix.shape[0]]
         if bulk.damping is not None:
-            mass = mass * (1.0 + scaled * bulk.damping.mass)
-            if bulk.damping.stiffness > 0.0:
-                matrix.data += scaled * bulk.damping.stiffness * bulk.stiffness.data
+            mass = mass * bulk.damping.mass_factor(scaled)
         # block rows are sorted: the diagonal block of row r is where its column is r
         rows = np.repeat(np.arange(len(matrix.indptr) - 1), np.diff(matrix.indptr))
         diagonal = np.flatnonzero(matrix.indices == rows)
@@ -150,7 +154,7 @@ class ImplicitScheme:
         def residual_at(velocity):
             internal = bulk.internal(predictor + step * theta * velocity)
             force = internal + bulk.viscous(velocity)
-            return start - bulk.mass * (velocity - v0) - step * theta * force, internal
+            return start - bulk.momentum(velocity - v0) - step * theta * force, internal
 
         with watch.phase("free velocity"):
             residual, internal = residual_at(velocity)
@@ -162,7 +166,7 @@ class ImplicitScheme:
         if not bare:
             self._tolerance = max(self._newton_tolerance, _BLUR * tolerance)
         balance = bulk.balance(self._tolerance if bare else tolerance)
-        for iteration in range(1, self._max_newton + 1):  # noqa: B007 - reported
+        for iteration in watch.each("newton", range(1, self._max_newton + 1)):  # noqa: B007 - reported
             with watch.phase("free velocity"):
                 corrected = balance.missing
                 advance = inverse.advance if bare or corrected else inverse.apply

@@ -4,9 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from contextlib import contextmanager
-from dataclasses import dataclass, field
-from time import perf_counter
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -55,22 +53,6 @@ class StepOutcome(NamedTuple):
     newton_iterations: int
     newton_residual: float
     converged: bool
-
-
-@dataclass
-class Stopwatch:
-    """Seconds spent in each phase of a run."""
-
-    seconds: dict[str, float] = field(default_factory=dict)
-
-    @contextmanager
-    def phase(self, name: str):
-        """Time what is done within."""
-        start = perf_counter()
-        try:
-            yield
-        finally:
-            self.seconds[name] = self.seconds.get(name, 0.0) + perf_counter() - start
 
 
 def interact(

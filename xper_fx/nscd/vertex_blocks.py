@@ -87,6 +87,11 @@ class _Blocks(NamedTuple):
 _structures: WeakKeyDictionary[Interactions, _Blocks] = WeakKeyDictionary()
 
 
+def kept(interactions: Interactions) -> _Blocks | None:
+    """The vertices' arrays that are held for a scene, if any."""
+    return _structures.get(interactions)
+
+
 def _build(interactions: Interactions) -> _Blocks:
     dim, groups = interactions.dim, interactions.groups
     vertex = np.concatenate(

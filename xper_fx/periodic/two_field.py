@@ -21,8 +21,6 @@ import numpy as np
 from xper_fx.bulk.balance import InBalance
 from xper_fx.bulk.bulk import Bulk
 from xper_fx.forms.dynamics import BulkForms
-from xper_fx.periodic.balance import StressBalance
-from xper_fx.periodic.bordered import BorderedInverse
 from xper_fx.periodic.drive import MacroscopicDrive
 from xper_fx.periodic.unknowns import CellUnknowns
 
@@ -56,9 +54,8 @@ class CellBulk(Bulk):
         self._guess_from = (-np.inf, np.zeros(dim * dim))
         self._compliance = np.zeros((len(self.free), len(self.free)))
         self._committed_compliance = self._compliance.copy()
+        self._static = not inertia
         super().__init__(forms, inertia=inertia)
-        self.mass = self.mass.copy()
-        self.mass[self.unknowns.macroscopic] = 0.0
         self._refuse_pressing_the_incompressible()
         self._rounding = self._forces_of_rounding() if len(self.free) else 0.0
 
@@ -74,7 +71,7 @@ class CellBulk(Bulk):
     def _prescribed(self) -> np.ndarray:
         out = np.zeros(self.num_dofs, bool)
         out[self.unknowns.macroscopic] = self.drive.kinematic(self.dim)
-        if not self.inertia and len(self.unknowns.offsets) == 2:
+        if self._static and len(self.unknowns.offsets) == 2:
             out[: self.dim] = True  # the translation of u#, which nothing else holds
         return out
 
@@ -84,8 +81,13 @@ class CellBulk(Bulk):
         A rotation of u# about an axis is the same at two tied nodes only if the vector between
         them is along the axis.
         """
-        super()._require_held_bodies()
         unknowns = self.unknowns
+        if len(unknowns.offsets) > 2:
+            raise ValueError(
+                f"Without inertia every body should be held, and the cell has "
+                f"{len(unknowns.offsets) - 1} bodies, which interactions alone hold: take one body "
+                "(a label for all cells) or inertia=True."
+            )
         first = np.empty((unknowns.num_nodes, self.dim))
         first[unknowns.node_of] = unknowns.position
         apart = unknowns.position - first[unknowns.node_of]
@@ -102,6 +104,12 @@ class CellBulk(Bulk):
         on_nodes = np.bincount(self.unknowns.node_of, of_nodes)
         macroscopic = of_nodes @ self.unknowns.position**2
         return np.concatenate([on_nodes, macroscopic])
+
+    def _mass(self) -> np.ndarray:
+        """See `Bulk`: none on the macroscopic unknowns."""
+        mass = self.weights.copy()
+        mass[self.unknowns.macroscopic] = 0.0
+        return mass
 
     def _refuse_pressing_the_incompressible(self) -> None:
         held = self.drive.kinematic(self.dim).reshape(self.dim, self.dim).diagonal()
@@ -161,6 +169,8 @@ class CellBulk(Bulk):
         """See `Bulk`: bordered by the components of G that stresses determine."""
         if not len(self.free):
             return inverse
+        from xper_fx.periodic.bordered import BorderedInverse
+
         compliance = self._compliance if interacting else None
         return BorderedInverse(
             inverse, self.unknowns, self.free, stiffness, step, theta, compliance
@@ -174,7 +184,11 @@ class CellBulk(Bulk):
 
     def balance(self, tolerance: float) -> InBalance:
         """See `Bulk`: of the stresses given."""
-        return StressBalance(self, tolerance) if len(self.free) else InBalance()
+        if not len(self.free):
+            return InBalance()
+        from xper_fx.periodic.balance import StressBalance
+
+        return StressBalance(self, tolerance)
 
     def imbalance(self, residual: np.ndarray, internal: np.ndarray, step: float) -> float:
         """Error of the stresses given by a step's residual, relative to the run's largest Pibar.

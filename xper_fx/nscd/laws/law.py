@@ -19,8 +19,10 @@ A law is a frozen dataclass with the methods of `Law`. Its kernels work on one p
 Vectors are local tuples `(n, t...)`; `w` is the array of W_aa as packed symmetric rows. Jumps are
 in m, velocities in m/s, impulses `r` in N s (positive: pushes candidate and antagonist apart),
 `area` in m^2 (2D: m, per metre of depth). Over a step, jump1 = jump_h + h theta u with
-jump_h = jump0 + h (1 - theta) velocity0. `name` and `effects` (of EFFECTS, or new ones) are for
-the table of effects. Adding a law is adding one file with such a class.
+jump_h = jump0 + h (1 - theta) velocity0. Adding a law is adding one file with such a class.
+
+`name` and `effects` are for the table of effects (`xper_fx/effects.py`): pairs of an effect's name,
+of the table or new, and how many of a point's parameters, state, terms and details it needs.
 """
 
 from __future__ import annotations
@@ -30,8 +32,6 @@ from typing import Protocol
 
 STORED, COHESION, FRICTION, IMPACT, NUMERICAL = range(5)
 ENERGIES = ("stored", "cohesion", "friction", "impact", "numerical")
-
-EFFECTS = ("cohesion", "unilateral contact", "friction", "perfect bond")
 
 LawKernels = namedtuple(
     "LawKernels", "name effects prepare solve evolve commit num_terms num_details state_names"

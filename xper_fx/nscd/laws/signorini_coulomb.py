@@ -21,19 +21,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cache
 
-import numpy as np
 from numba import njit
 
 from xper_fx.nscd.checks import require_non_negative
-from xper_fx.nscd.coulomb import contact_solver
 from xper_fx.nscd.laws.law import FRICTION, IMPACT, LawKernels
+from xper_fx.nscd.signorini import contact_solver
 from xper_fx.nscd.small import for_dimension
 
+# Columns of terms; all but the first are there with friction alone.
 _V_MIN, _MU, _BOUND, _SHIFT = 0, 1, 2, 3
-_FRICTION, _TRESCA, _RESTITUTION = 0, 1, 2
-
-# Gap at which a pushing point stays closed, relative to h W_NN r_N of the last step.
-_STILL_CLOSED = 1e-3
 
 
 @dataclass(frozen=True)
@@ -62,12 +58,12 @@ class SignoriniCoulomb:
         return contact_kernels(dim, self.friction > 0.0, self.contact)
 
     def parameters(self) -> tuple[float, ...]:
-        """Coulomb's mu, Tresca's bound (Pa), Newton's e."""
-        return self.friction, 0.0, self.restitution
+        """See `_parameters`."""
+        return _parameters(self.contact, self.restitution, self.friction, 0.0)
 
     def initial_state(self) -> tuple[float, ...]:
-        """Speed that the point's impulse gave in the last step (m/s)."""
-        return (0.0,)
+        """See `_initial_state`."""
+        return _initial_state(self.contact)
 
 
 @dataclass(frozen=True)
@@ -96,12 +92,23 @@ class Tresca:
         return contact_kernels(dim, self.bound > 0.0, self.contact)
 
     def parameters(self) -> tuple[float, ...]:
-        """Coulomb's mu, Tresca's bound (Pa), Newton's e."""
-        return 0.0, self.bound, self.restitution
+        """See `_parameters`."""
+        return _parameters(self.contact, self.restitution, 0.0, self.bound)
 
     def initial_state(self) -> tuple[float, ...]:
-        """Speed that the point's impulse gave in the last step (m/s)."""
-        return (0.0,)
+        """See `_initial_state`."""
+        return _initial_state(self.contact)
+
+
+def _parameters(contact: str, restitution: float, mu: float, bound: float) -> tuple[float, ...]:
+    """Newton's e at velocity level; with friction Coulomb's mu and Tresca's bound (Pa)."""
+    impact = (restitution,) if contact == "velocity" else ()
+    return (*impact, mu, bound) if mu > 0.0 or bound > 0.0 else impact
+
+
+def _initial_state(contact: str) -> tuple[float, ...]:
+    """At velocity level the speed that the point's impulse gave in the last step (m/s)."""
+    return (0.0,) if contact == "velocity" else ()
 
 
 def _check_contact(contact: str, restitution: float) -> None:
@@ -122,49 +129,73 @@ def contact_kernels(dim: int, friction: bool, contact: str) -> LawKernels:
     sym_row, sym_vector = algebra.sym_row, algebra.sym_vector
     subtract = algebra.subtract
     local = contact_solver(dim, friction)
-    position = contact == "position"
+    impact = contact == "velocity"
+    if impact:
+        from xper_fx.nscd.laws.impact import least_speed
+    # parameters: Newton's e with impact; mu and Tresca's bound with friction
+    e, mu = 0, int(impact)
+    tresca = mu + 1
 
     @njit
     def prepare(i, jump, velocity, w, area, step, theta, parameters, state, terms, details):
         middle = jump[0] + step * (1.0 - theta) * velocity[0]
-        if position:
-            terms[i, _V_MIN] = -middle / (step * theta)
-        elif middle <= _STILL_CLOSED * step * state[i, 0]:
-            terms[i, _V_MIN] = -parameters[i, _RESTITUTION] * min(velocity[0], 0.0)
+        if impact:
+            terms[i, _V_MIN] = least_speed(middle, velocity[0], step, state[i, 0], parameters[i, e])
+            details[i, 0] = w[i, 0]
         else:
-            terms[i, _V_MIN] = -np.inf
-        details[i, 0] = w[i, 0]
-        terms[i, _MU] = parameters[i, _FRICTION]
-        terms[i, _BOUND] = step * area * parameters[i, _TRESCA]
-        lag = (1.0 - theta) / theta if position else 0.0
-        for j in range(1, dim):
-            terms[i, _SHIFT + j - 1] = lag * velocity[j]
+            terms[i, _V_MIN] = -middle / (step * theta)
+        if friction:
+            terms[i, _MU] = parameters[i, mu]
+            terms[i, _BOUND] = step * area * parameters[i, tresca]
+            lag = 0.0 if impact else (1.0 - theta) / theta
+            for j in range(1, dim):
+                terms[i, _SHIFT + j - 1] = lag * velocity[j]
 
     @njit(inline="always")
     def solve(i, u, r, w, parameters, terms, details):
         wi = sym_row(w, i)
         b = subtract(u, sym_vector(wi, r))
-        shift = (terms[i, _SHIFT],) if dim == 2 else (terms[i, _SHIFT], terms[i, _SHIFT + dim - 2])
-        r_new, _ = local(b, wi, terms[i, _V_MIN], shift, terms[i, _MU], terms[i, _BOUND])
+        if friction:
+            if dim == 2:
+                shift = (terms[i, _SHIFT],)
+            else:
+                shift = (terms[i, _SHIFT], terms[i, _SHIFT + 1])
+            r_new, _ = local(b, wi, terms[i, _V_MIN], shift, terms[i, _MU], terms[i, _BOUND])
+        else:
+            r_new, _ = local(b, wi, terms[i, _V_MIN], (0.0,), 0.0, 0.0)
         return r_new, False
 
     @njit
     def commit(i, jump0, jump1, u, r, area, step, theta, parameters, state, terms, details, energy):
+        energy[i, IMPACT] = -r[0] * (jump1[0] - jump0[0]) / step
+        if impact:
+            state[i, 0] = details[i, 0] * r[0]
+        if not friction:
+            return 2 if r[0] > 0.0 else 0
         work_t = 0.0
         size = 0.0
         for j in range(1, dim):
             work_t += r[j] * (jump1[j] - jump0[j]) / step
             size += r[j] * r[j]
         energy[i, FRICTION] = -work_t
-        energy[i, IMPACT] = -r[0] * (jump1[0] - jump0[0]) / step
-        state[i, 0] = details[i, 0] * r[0]
         if r[0] <= 0.0 and size == 0.0:
             return 0
         limit = terms[i, _MU] * r[0] + terms[i, _BOUND]
         return 2 if size >= (1.0 - 1e-12) * limit * limit else 1
 
-    name = "contact with friction" if friction else "frictionless contact"
-    effects = ("unilateral contact", *(("friction",) if friction else ()))
+    effects = [("unilateral contact", 1)]
+    if impact:
+        effects += [("impact", 3)]
+    if friction:
+        effects += [("friction", dim + 3)]
     return LawKernels(
-        name, effects, prepare, solve, None, commit, _SHIFT + dim - 1, 1, ("pushed_speed",)
+        "contact with friction" if friction else "frictionless contact",
+        tuple(effects),
+        prepare,
+        solve,
+        None,
+        commit,
+        _SHIFT + dim - 1 if friction else 1,
+        int(impact),
+        ("pushed_speed",) if impact else (),
     )
