@@ -22,6 +22,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from energies import bulk_energy
 from point_mass import PointMass
 from scenes import BOTTOM, EXACT, box_bodies, run
 
@@ -125,15 +126,6 @@ def blocks(theta, e, friction, *, velocity=askew, gap=1e-3, young=100.0, gravity
     return Simulation(scene, 4e-3, theta=theta, **options, **EXACT)
 
 
-def energy(simulation):
-    """Kinetic + elastic - work of the loads; of the explicit bulk less h^2 v.K.v / 8."""
-    e, v = simulation.ledger.energies, simulation.state.velocity
-    total = e.kinetic + e.elastic - e.external_work
-    if simulation.scheme_name == "explicit":
-        total -= simulation.step_size**2 / 8.0 * (v @ simulation.bulk.internal(v))
-    return total
-
-
 def gains(simulation, steps):
     """By steps: energy gained, and the gain that leaving points and turned slips allow.
 
@@ -141,13 +133,13 @@ def gains(simulation, steps):
     """
     points, theta, rows = simulation.interactions, simulation.theta, []
     for _ in range(steps):
-        before, u0 = energy(simulation), points.gather("velocity")
+        before, u0 = bulk_energy(simulation), points.gather("velocity")
         run(simulation, 1)
         p = points.gather("impulse")
         allowed = p[:, 0] * np.maximum(u0[:, 0], 0.0)
         allowed += np.linalg.norm(p[:, 1:], axis=1) * np.linalg.norm(u0[:, 1:], axis=1)
         arriving = np.count_nonzero((p[:, 0] > 0.0) & (u0[:, 0] < 0.0))
-        rows.append((energy(simulation) - before, (1.0 - theta) * allowed.sum(), arriving))
+        rows.append((bulk_energy(simulation) - before, (1.0 - theta) * allowed.sum(), arriving))
     return np.array(rows).T
 
 
@@ -163,7 +155,7 @@ def test_blocks_thrown_at_the_ground(scheme, solver, friction, figure):
         for share in SHARES if (scheme, solver) == ("implicit", "auto") else [0.0]:
             theta = theta_of(share, e)
             simulation = blocks(theta, e, friction, scheme=scheme, solver=solver)
-            start = energy(simulation)
+            start = bulk_energy(simulation)
             gained, allowed, arriving = gains(simulation, 200)
             assert arriving.sum() > 8
             assert np.all(gained <= allowed + 1e-12 * start), (e, theta)
@@ -183,9 +175,9 @@ def test_pressed_blocks_gain_energy_beyond_the_bound(figure):
             theta, 1.0, 0.0, velocity=lambda x: np.stack([0.0 * x[0], 0.0 * x[0] - speed]),
             gap=0.0, young=1e9, gravity=gravity,
         )  # fmt: skip
-        start = energy(simulation)
+        start = bulk_energy(simulation)
         run(simulation, 1)
-        gained[theta] = energy(simulation) / start - 1.0
+        gained[theta] = bulk_energy(simulation) / start - 1.0
     assert abs(gained[0.5]) <= 1e-9
     figure("pressed blocks, e = 1, theta = 0.55", "energy grows: > 1", gained[0.55])
     pressed = gravity * simulation.step_size / speed
