@@ -167,7 +167,7 @@ class AccuracyControl:
         self._smooth += _FRESH * (self._ratio - self._smooth)
         if self._smooth > 1.0:
             self._shorten(size)
-        elif self._smooth < _SPARE and self._same >= _PATIENCE:
+        elif self._smooth < _SPARE and self._same >= _PATIENCE and size > 0.99 * self._size:
             self._size, self._same = min(2.0 * self._size, self._largest), 0
 
     def _adapt_tolerance(self) -> None:
