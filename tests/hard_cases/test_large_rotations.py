@@ -128,8 +128,8 @@ def test_free_spin(bond, scheme, figure):
     """One turn at a tenth of the speed of sound, so that it stretches and swings.
 
     Central differences keep the angular momentum exactly: forces are those of mid-step, where
-    sum x x f = 0, and an open bond of C_N = C_T pulls along its mid-step jump. Theta = 1/2 takes the mean
-    of the forces at both ends and keeps it to second order.
+    sum x x f = 0, and an open bond of C_N = C_T pulls along its mid-step jump. Theta = 1/2 takes
+    the mean of the forces at both ends and keeps it to second order.
     """
     simulation = spinning(bond, scheme)
     start, energy = angular_momentum(simulation), simulation.ledger.energies.kinetic
