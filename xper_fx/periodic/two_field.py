@@ -17,6 +17,7 @@ so a driven component is a prescribed motion and its reaction is h |Omega| Pibar
 from __future__ import annotations
 
 import numpy as np
+import scipy.linalg
 
 from xper_fx.bulk.balance import InBalance
 from xper_fx.bulk.bulk import Bulk
@@ -46,7 +47,7 @@ class CellBulk(Bulk):
 
     def __init__(self, forms: BulkForms, drive: MacroscopicDrive, inertia: bool = True):
         self.drive = drive
-        self.volume = abs(float(np.linalg.det(forms.bodies.lattice)))
+        self.volume = abs(float(scipy.linalg.det(forms.bodies.lattice)))
         dim = forms.V.dofmap.index_map_bs
         self.free = np.flatnonzero(~drive.kinematic(dim))
         self.largest_stress = 0.0

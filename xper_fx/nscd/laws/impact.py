@@ -2,7 +2,7 @@
 """What makes a contact an impact: the velocity level, with Newton's restitution.
 
 `signorini_coulomb.py` says when a point counts as closed; one that is must end at a speed of at
-least -e dU0_N.
+least -e dU0_N, whether it was closing or opening.
 """
 
 from __future__ import annotations
@@ -26,5 +26,5 @@ def least_speed(gap, speed, step, pushed, restitution):
         restitution: Newton's e.
     """
     if gap <= _STILL_CLOSED * step * pushed:
-        return -restitution * min(speed, 0.0)
+        return -restitution * speed
     return -np.inf

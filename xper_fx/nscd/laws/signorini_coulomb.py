@@ -6,6 +6,11 @@ jump_h = jump0 + h (1 - theta) dU0 is closed obeys
 
     dU_N + e dU0_N >= 0,  r_N >= 0,  complementary;   friction acts on the end velocity dU_T.
 
+That holds for a point that was opening too (dU0_N > 0) and that another impact pushes back: with
+one e for all points (v+ + e v-) / (1 + e) is then the projection of v- on the motions that open
+them, and an impact without friction loses (1 - e) / (1 + e) of the kinetic energy of v+ - v-.
+Asking such a point for dU_N >= 0 would give it energy, a third of a bouncing stack's in one step.
+
 It rests without bouncing, at a constant penetration of at most |dU0| h / 2. A point that pushed
 in the last step also counts as closed while its gap is below 1e-3 of what the speed it gave,
 W_NN r_N, covers in a step: else the rounding of a gap of zero would let it fall for a step.
