@@ -20,6 +20,9 @@ it, each has a cheap estimate, and none is made better than the others:
   (`StepWork.numerical`), summed over the run, is held to a tenth of `accuracy` of the largest
   energy: above, the tolerance is halved.
 
+The closure of the energy ledger stands beside these in `error`: it is what the integration of the
+materials and an explicit bulk leave.
+
 Steps are those of a ladder, `base` times powers of two, as a linear bulk keeps its factors for each
 size.
 """
@@ -44,6 +47,8 @@ _SPARE = 0.15
 _FRESH = 0.5
 # Steps of a size before a larger one is tried, and before a tolerance is halved again.
 _PATIENCE = 3
+# A static run starts with this part of its longest step, and its shortest is that part.
+_FIRST, _FINEST = 8, 64
 # Steps without damage after which bonds count as at rest.
 _REST = 20
 # Tightest tolerance, relative to the accuracy.
@@ -62,7 +67,8 @@ class AccuracyControl:
 
     Args:
         knobs: what is to be picked, and for which accuracy.
-        base: a step of the ladder (s), 0.7 of the critical step of the bulk, or the step given.
+        base: a step of the ladder (s) and the shortest: 0.7 of the critical step of the bulk, or
+            the step given. None for a static run, whose scale of time is the end time.
         largest: no step is longer (s).
         softening_step: step (s) above which weakening bonds may snap; infinite without such.
         interacting: whether the scene has interactions.
@@ -71,13 +77,13 @@ class AccuracyControl:
     Attributes:
         adapts_step: whether it picks the step.
         tolerance: of the impulses.
-        error: relative error estimated so far: the largest of the four.
+        error: relative error estimated so far: the largest of these.
     """
 
     def __init__(
         self,
         knobs: Knobs,
-        base: float,
+        base: float | None,
         *,
         largest: float,
         softening_step: float,
@@ -85,17 +91,21 @@ class AccuracyControl:
         energy: float,
     ):
         accuracy = knobs.accuracy
-        self._accuracy, self._base = accuracy, base
+        self._accuracy = accuracy
         self.adapts_step, self._adapts_tolerance = knobs.adapts_step, knobs.adapts_tolerance
         self._largest = largest
-        self._softening_step = max(softening_step, base)
+        self._softening_step = softening_step
         self._event_share = accuracy if interacting else math.sqrt(accuracy)
-        self._size = min(base, largest)
+        self._interacting = interacting
+        self._base = self._least = self._size = 0.0
+        if base is not None:
+            self._base = self._least = self._size = base
+            self._softening_step = max(softening_step, base)
         self.tolerance = knobs.tolerance
         self._rates: deque[_Rate] = deque(maxlen=2)
         self._scale, self._quiet, self._same, self._tight_since = energy, _REST, 0, 0
         self._now, self._ratio, self._smooth = _Rate(0.0, np.zeros(3)), 0.0, 0.0
-        self._left = self._pending = self._numerical = 0.0
+        self._left = self._pending = self._numerical = self._closure = 0.0
         self._work = self._power = self._missed = 0.0
 
     @property
@@ -103,10 +113,14 @@ class AccuracyControl:
         """Relative error estimated so far."""
         if self._scale == 0.0:
             return 0.0
-        return max(self._left / self._scale, abs(self._numerical) / self._scale, self._missed)
+        lost = max(self._left, abs(self._numerical), abs(self._closure)) / self._scale
+        return max(lost, self._missed)
 
     def size(self, time: float, end_time: float) -> float:
         """The next step (s), at most what is left to `end_time`."""
+        if self._base == 0.0:
+            self._base = self._event_share * end_time
+            self._least, self._size = self._base / _FINEST, self._base / _FIRST
         most = min(self._size, self._largest, self._event_share * end_time)
         if self._quiet < _REST:
             most = min(most, self._softening_step)
@@ -137,19 +151,22 @@ class AccuracyControl:
             scale = max(self._scale, energies.kinetic + energies.elastic)
             allowed = self._accuracy * max(float(np.abs(change).sum()), scale * size / end_time)
             self._ratio = float(left.sum()) / allowed if allowed > 0.0 else 0.0
-        if self.adapts_step and self._ratio > _REJECT and size > self._base:
+        if self.adapts_step and self._ratio > _REJECT and size > self._least:
             self._shorten(size)
             return False
         return True
 
     def _shorten(self, size: float) -> None:
-        """Halve as often as the estimate asks for, but not below the base."""
+        """Halve as often as the estimate asks for, but not below the shortest."""
         halvings = min(max(1, round(0.5 * math.log2(self._ratio))), 3) if self._ratio > 0.0 else 1
-        self._size = max(size * 0.5**halvings, self._base)
+        self._size = max(size * 0.5**halvings, self._least)
         self._same, self._smooth = 0, 0.5
 
-    def learn(self, size: float, energies: BulkEnergies, work: StepWork | None) -> None:
-        """Take in a step that was committed."""
+    def learn(
+        self, size: float, energies: BulkEnergies, work: StepWork | None, closure: float
+    ) -> None:
+        """Take in a step that was committed, and what the energy ledger now misses."""
+        self._closure = closure
         self._rates.append(self._now)
         self._left += self._pending
         held = energies.kinetic + energies.elastic
@@ -159,7 +176,7 @@ class AccuracyControl:
             self._quiet = 0 if work.cohesion > 0.0 else self._quiet + 1
             self._numerical += work.numerical
         self._scale = max(self._scale, held, abs(self._work))
-        if abs(energies.work) / size > self._power:
+        if self._interacting and abs(energies.work) / size > self._power:
             self._power = abs(energies.work) / size
             self._missed = 0.5 * abs(energies.work) / self._scale
         self._adapt_tolerance()

@@ -353,7 +353,7 @@ class Simulation:
             softening = base / math.sqrt(number) if number > 0.0 else np.inf
         held = self.ledger.energies
         return AccuracyControl(
-            knobs, base,
+            knobs, base if self.bulk.inertia is not None or not knobs.adapts_step else None,
             largest=base if self.scheme_name == "explicit" else np.inf,
             softening_step=softening,
             interacting=self.interactions is not None,
@@ -449,7 +449,7 @@ class Simulation:
             work = self.interactions.commit(outcome.slots) if self.interactions else None
             self.ledger.record(self.state, outcome, size, energies, work)
         if self._control is not None:
-            self._control.learn(size, energies, work)
+            self._control.learn(size, energies, work, self.ledger.closure)
             self.tolerance = self._control.tolerance
         with self.stopwatch.phase("commit"):
             self.bulk.commit(outcome.state.displacement, outcome.state.internal)
