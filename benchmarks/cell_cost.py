@@ -61,7 +61,7 @@ class Counter:
     def restart(self) -> None:
         self.seconds, self.newton, self.sweeps = [], 0, 0
         self.calls.update(internal=0, tangent=0)
-        self.simulation.stopwatch.seconds.clear()
+        self.simulation.stopwatch.restart()
 
     def step(self) -> None:
         """One step of the given size, all its pieces if it is cut."""

@@ -71,7 +71,7 @@ def timed(cells: int, steps: int, tolerance: float, relaxation: float, threads: 
     )  # fmt: skip
     for _ in simulation.steps(STEP):  # compile
         pass
-    simulation.stopwatch.seconds.clear()
+    simulation.stopwatch.restart()
     start, sweeps = perf_counter(), 0
     for record in simulation.steps((steps + 1) * STEP):
         sweeps += record.sweeps

@@ -148,7 +148,7 @@ def run(scene: Scene, options: argparse.Namespace) -> dict:
         parameters=vars(options),
     )
     panels, first, first_strain = [], Cracks(np.zeros((0, 2, 2)), np.zeros(0, int)), np.inf
-    for _, strain in recorded_steps(recorder, end, "polycrystal", options.quiet):
+    for _, strain in recorded_steps(recorder, end, "polycrystal", options.quiet, options.profile):
         if not len(first.kind):
             first = find_cracks(simulation, HARD)
             if len(first.kind):

@@ -187,7 +187,7 @@ def run(scene: Scene, folder: Path, options: argparse.Namespace, title: str) -> 
         parameters=vars(options) | {"title": title},
     )
     early = None
-    for _, strain in recorded_steps(recorder, end, title, options.quiet):
+    for _, strain in recorded_steps(recorder, end, title, options.quiet, options.profile):
         if early is None and strain >= options.early_strain:
             early = panel(recorder, f"{title}, {100 * strain:.2f} %")
     final = panel(recorder, f"{title}, {100 * strain:.2f} %")

@@ -173,7 +173,7 @@ def run(scene: Scene, options: argparse.Namespace) -> dict:
         parameters=vars(options) | {"title": title},
     )
     first, first_strain = None, np.inf
-    for _, strain in recorded_steps(recorder, end, title, options.quiet):
+    for _, strain in recorded_steps(recorder, end, title, options.quiet, options.profile):
         if first is None:
             cracks = find_cracks(simulation, INCLUSION)
             if len(cracks.kind):

@@ -293,7 +293,7 @@ def corrections(simulation, count):
     scheme, out = simulation.scheme, []
     for scheme._max_newton in range(1, count + 1):
         scheme._inverses.clear()
-        outcome = scheme.attempt(simulation.state, simulation.step_size, None, None)
+        outcome = scheme.attempt(simulation.state, simulation.step_size, None, None, 1.0)
         out.append(outcome.newton_residual)
         if outcome.converged:
             break

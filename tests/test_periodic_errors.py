@@ -174,7 +174,7 @@ def test_a_static_run_takes_a_step_and_theta_1(cell, options, given):
 
 def test_a_static_run_of_bodies_that_bonds_alone_hold(cells):
     """Each cell a body: nothing but impulses holds it."""
-    with pytest.raises(ValueError, match=r"body 0 is not \(0 prescribed dofs\).*inertia=True"):
+    with pytest.raises(ValueError, match=r"the cell has \d+ bodies.*inertia=True"):
         Simulation(scene_of(cells), 0.1, theta=1.0, inertia=False)
     grains = cell_of((2, 1), (2, 1), label=lambda x: x[0] < 1)
     with pytest.raises(ValueError, match="inertia=True"):

@@ -6,6 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
+from xper_fx.effects import EFFECTS
+
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text()
 
@@ -45,6 +47,14 @@ def test_the_example_runs(capsys):
     assert abs(stress - 2.1e8) < 0.1e8
     assert abs(closure) < 1e-10 * names["step"].energies["external_work"]
     assert "cohesive zone with friction" in printed
+
+
+def test_the_table_of_effects_is_that_of_the_package():
+    rows = re.findall(r"^\| ([^|]+) \| ([^|]+) \| ([^|]+) \| ([^|]+) \|$", README, re.MULTILINE)
+    first = next(number for number, row in enumerate(rows) if row[0] == EFFECTS[0].name)
+    for effect, (name, switch, code, holds) in zip(EFFECTS, rows[first:], strict=False):
+        assert (name, switch, holds) == (effect.name, effect.switch, effect.holds or "-")
+        assert code.count("`") == 2 * len(effect.code)
 
 
 def test_pictures_and_files_named_exist():

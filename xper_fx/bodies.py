@@ -32,7 +32,6 @@ from xper_fx.meshes import (
     midpoints_of,
     reference_cell,
 )
-from xper_fx.periodic.lattice import check_volume, checked_lattice, match_facets, translates
 
 __all__ = ["EACH_CELL", "Bodies", "FacingFacets", "explode"]
 
@@ -176,6 +175,8 @@ class Bodies:
         Parts of a body that touch at a vertex or an edge only share it inside the cell; they do so
         across its boundary too.
         """
+        from xper_fx.periodic.lattice import translates
+
         nodes, offsets = self.node_permutation(V)
         body = np.empty(len(nodes), np.int32)
         body[nodes] = np.repeat(np.arange(self.num_bodies, dtype=np.int32), np.diff(offsets))
@@ -314,6 +315,8 @@ def explode(
             f"{sorted(set(parent_facet_tag[1].tolist()) - {0})}."
         )
     if lattice is not None:
+        from xper_fx.periodic.lattice import checked_lattice
+
         lattice = checked_lattice(lattice, tdim)
         across = _cells_across(mesh, cells_of_facet, parent_facet_tag[1], lattice, voids)
         meeting = _Meeting(*(np.concatenate(both) for both in zip(meeting, across, strict=True)))
@@ -498,6 +501,8 @@ def _meeting_cells(mesh, cells_of_facet, facet_tag) -> _Meeting:
 
 def _cells_across(mesh, cells_of_facet, facet_tag, lattice, voids) -> _Meeting:
     """Facets of a periodic cell's boundary; the pair has a tag if both facets bear it."""
+    from xper_fx.periodic.lattice import check_volume, match_facets
+
     cells, local = cells_of_facet
     x = mesh.geometry.x[:, : mesh.geometry.dim]
     measure = cell_measure(mesh.topology.cell_name(), mesh.geometry.x[geometry_dofmap(mesh)])

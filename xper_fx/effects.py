@@ -1,71 +1,380 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Which effects a scene calls for, what each holds in memory, what each cost.
+"""Which effects a scene calls for, where their code is, what they hold and what they cost.
 
-An effect that is off has no kernel, no array and no form: its row reads zero because there is
-nothing to count.
+An effect that a scene does not call for is not imported, not compiled, not allocated and not
+called: `tests/test_effects.py` runs scenes with the code of all that is off taken away, and finds
+the same answer to the bit by the same calls. What is left of it in a step is a test of None.
+
+`EFFECTS` is the table. An effect added later is a row more, and the tests ask for a scene that
+calls for it. Laws and materials name their effects themselves (`LawKernels.effects`,
+`material.effects`), those of a user too; a name that the table does not have gets a row.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
 
-from xper_fx.nscd.laws.law import EFFECTS
-from xper_fx.simulation import Simulation
+import numpy as np
+
+if TYPE_CHECKING:
+    from xper_fx.simulation import Simulation
 
 
-class Effect(NamedTuple):
-    """One row of the table.
+def _of_laws(name: str) -> Callable[[Simulation], bool]:
+    return lambda simulation: name in _law_effects(simulation)
+
+
+def _of_materials(name: str) -> Callable[[Simulation], bool]:
+    return lambda simulation: name in _material_effects(simulation)
+
+
+def _columns(name: str) -> Callable[[Simulation], int]:
+    return lambda simulation: _law_effects(simulation).get(name, 0)
+
+
+def _kept(module: str) -> Callable[[Simulation], int]:
+    """Bytes of what a solver holds for the points of a scene; it may not be imported yet."""
+
+    def nbytes(simulation: Simulation) -> int:
+        solver = sys.modules.get(module)
+        return _bytes_within(solver.kept(simulation.interactions)) if solver else 0
+
+    return nbytes
+
+
+def _bytes_within(item) -> int:
+    """Bytes of the arrays in an object, its attributes, lists and tuples."""
+    if isinstance(item, np.ndarray):
+        return item.nbytes
+    if isinstance(item, list | tuple):
+        return sum(map(_bytes_within, item))
+    return sum(map(_bytes_within, vars(item).values())) if hasattr(item, "__dict__") else 0
+
+
+def _nothing(simulation: Simulation) -> int:
+    return 0
+
+
+@dataclass(frozen=True)
+class Effect:
+    """A row of the table.
+
+    Attributes:
+        name: the effect.
+        switch: what in the scene or the simulation calls for it.
+        code: the modules, and the "module:object" in modules that others share, that are its own;
+            a user's laws and materials have theirs elsewhere.
+        on: whether a simulation calls for it.
+        holds: what it allocates; empty if nothing.
+        nbytes: how many bytes that is.
+        phases: phases of the run (`xper_fx/profile.py`) that are its alone.
+    """
+
+    name: str
+    switch: str
+    code: tuple[str, ...]
+    on: Callable[[Simulation], bool]
+    holds: str = ""
+    nbytes: Callable[[Simulation], int] = _nothing
+    phases: tuple[str, ...] = ()
+
+
+EFFECTS = (
+    Effect(
+        "inertia",
+        "Simulation(inertia=True), the default",
+        ("xper_fx.bulk.inertia",),
+        lambda s: s.bulk.inertia is not None,
+    ),
+    Effect(
+        "viscous damping",
+        "Scene(damping=...)",
+        ("xper_fx.bulk.damping",),
+        lambda s: s.bulk.damping is not None,
+        "K0, if it damps and the bulk is not linear",
+        lambda s: 0 if s.bulk.linear or s.bulk.stiffness is None else s.bulk.stiffness.data.nbytes,
+    ),
+    Effect(
+        "external forces",
+        "BodyForce, Gravity, SurfaceTraction among Scene(loads=...)",
+        ("xper_fx.forms.dynamics:BulkForms.assemble_external",),
+        lambda s: s.forms.external is not None,
+        "a force a dof",
+        lambda s: s.state.external.nbytes,
+    ),
+    Effect(
+        "finite strain",
+        "a material whose `effects` have it: NeoHookean, SaintVenantKirchhoff, J2FiniteStrain",
+        (
+            "xper_fx.materials.neo_hookean",
+            "xper_fx.materials.saint_venant_kirchhoff",
+            "xper_fx.materials.j2_finite_strain",
+            "xper_fx.forms.kinematics:deformation_gradient",
+        ),
+        _of_materials("finite strain"),
+    ),
+    Effect(
+        "Newton of the bulk",
+        "a material that is not linear",
+        (
+            "xper_fx.forms.dynamics:BulkForms.assemble_internal",
+            "xper_fx.forms.dynamics:BulkForms.assemble_energy",
+            "xper_fx.bulk.implicit:ImplicitScheme._correction",
+        ),
+        lambda s: not s.bulk.linear,
+    ),
+    Effect(
+        "internal variables",
+        "a material with `variables`",
+        ("xper_fx.forms.history",),
+        lambda s: s.forms.has_history,
+        "the variables at each quadrature point",
+        lambda s: s.forms.history_nbytes,
+        ("commit",),
+    ),
+    Effect(
+        "plasticity",
+        "a material whose response has `plastic`: J2SmallStrain, J2FiniteStrain",
+        (
+            "xper_fx.materials.j2_small_strain",
+            "xper_fx.materials.j2_finite_strain",
+            "xper_fx.materials.radial_return",
+            "xper_fx.materials.hardening",
+            "xper_fx.forms.dynamics:BulkForms.largest_increment",
+        ),
+        lambda s: s.forms.plastic,
+        phases=("flow check",),
+    ),
+    Effect(
+        "viscosity",
+        "a material whose response has `viscous`: LinearViscoelastic",
+        ("xper_fx.materials.viscoelastic",),
+        lambda s: s.forms.viscous,
+    ),
+    Effect(
+        "interactions",
+        "laws of facing facets or walls",
+        (
+            "xper_fx.nscd.interactions:Interactions",
+            "xper_fx.nscd.exchange:couple",
+            "xper_fx.nscd.points:InteractionPoints",
+            "xper_fx.bulk.scheme:interact",
+        ),
+        lambda s: s.interactions is not None,
+        "geometry, impulses, jumps, w of each point, blocks of w",
+        lambda s: s.interactions.nbytes - sum(_law_effects(s).values()),
+        ("interaction points", "interaction terms", "interaction solve"),
+    ),
+    Effect(
+        "walls",
+        "Scene(walls=...)",
+        ("xper_fx.simulation:Simulation._wall_part", "xper_fx.nscd.facets:wall_points"),
+        lambda s: len(s.scene.walls) > 0,
+    ),
+    Effect(
+        "cohesion",
+        "a law that has it: CohesiveZone",
+        ("xper_fx.nscd.laws.cohesive_zone",),
+        _of_laws("cohesion"),
+        "stiffness, load and compliance of each bond",
+        _columns("cohesion"),
+    ),
+    Effect(
+        "damage",
+        "a law that has it: CohesiveZone",
+        ("xper_fx.nscd.laws.cohesive_zone", "xper_fx.nscd.interactions:_evolve_kernel"),
+        _of_laws("damage"),
+        "damage and opening of each bond, constants of its curve",
+        _columns("damage"),
+    ),
+    Effect(
+        "unilateral contact",
+        "a law that has it: CohesiveZone, SignoriniCoulomb, Tresca",
+        ("xper_fx.nscd.signorini",),
+        _of_laws("unilateral contact"),
+        "the gap or the least speed of each point",
+        _columns("unilateral contact"),
+    ),
+    Effect(
+        "impact",
+        'contact="velocity" of SignoriniCoulomb and Tresca, the default',
+        ("xper_fx.nscd.laws.impact",),
+        _of_laws("impact"),
+        "restitution and push of each point",
+        _columns("impact"),
+    ),
+    Effect(
+        "friction",
+        "friction > 0 or bound > 0 of a law",
+        ("xper_fx.nscd.coulomb", "xper_fx.nscd.coulomb_space"),
+        _of_laws("friction"),
+        "bound and slip of each point",
+        _columns("friction"),
+    ),
+    Effect(
+        "perfect bond",
+        "the law PerfectBond",
+        ("xper_fx.nscd.laws.perfect_bond",),
+        _of_laws("perfect bond"),
+        "the inverse of w of each point",
+        _columns("perfect bond"),
+    ),
+    Effect(
+        "periodicity",
+        "explode(lattice=...)",
+        ("xper_fx.periodic.lattice", "xper_fx.periodic.unknowns"),
+        lambda s: s.scene.bodies.lattice is not None,
+        "X of each node, ties",
+        lambda s: s.bulk.unknowns.nbytes,
+    ),
+    Effect(
+        "macroscopic control",
+        "Scene(macroscopic=MacroscopicDrive(...))",
+        ("xper_fx.periodic.drive", "xper_fx.periodic.two_field", "xper_fx.periodic.averages"),
+        lambda s: s.scene.macroscopic is not None,
+        "the volume times Pibar, among the forces",
+        lambda s: s.state.external.nbytes,
+        ("macroscopic averages",),
+    ),
+    Effect(
+        "mean stress given",
+        "MacroscopicDrive(stress=...)",
+        ("xper_fx.periodic.bordered", "xper_fx.periodic.balance"),
+        lambda s: s.scene.macroscopic is not None and len(s.scene.macroscopic.stress) > 0,
+    ),
+    Effect(
+        "three dimensions",
+        "a mesh of tetrahedra or hexahedra",
+        (
+            "xper_fx.nscd.space",
+            "xper_fx.nscd.coulomb_space",
+            "xper_fx.nscd.signorini:_frictionless_space",
+            "xper_fx.nscd.laws.perfect_bond:_pseudo_inverse_space",
+        ),
+        lambda s: s.bulk.dim == 3,
+    ),
+    Effect(
+        "explicit bulk",
+        'Simulation(scheme="explicit")',
+        ("xper_fx.bulk.explicit", "xper_fx.bulk.inverse:LumpedInverse"),
+        lambda s: s.scheme_name == "explicit",
+        "the inverse of the mass",
+        lambda s: s.scheme.nbytes,
+    ),
+    Effect(
+        "vertex problems",
+        "the explicit bulk with nodal points",
+        ("xper_fx.nscd.vertex_blocks",),
+        lambda s: s.interactions is not None and s.solver == "vertex_blocks",
+        "slopes of the points, an inverse a vertex",
+        _kept("xper_fx.nscd.vertex_blocks"),
+    ),
+    Effect(
+        "Newton on all points",
+        'Simulation(solver="newton"), or "auto", which calls for it where sweeps are too many',
+        ("xper_fx.nscd.newton", "xper_fx.nscd.tangent", "xper_fx.nscd.clusters"),
+        lambda s: s.interactions is not None and s.solver in ("auto", "newton"),
+        "tangents of the points, blocks of bodies and clusters, Krylov's basis",
+        _kept("xper_fx.nscd.tangent"),
+    ),
+    Effect(
+        "mixed sweeps",
+        'Simulation(solver="accelerated"), or "auto", which calls for them after Newton',
+        ("xper_fx.nscd.accelerated",),
+        lambda s: s.interactions is not None and s.solver in ("auto", "accelerated"),
+    ),
+    Effect(
+        "error control",
+        'Simulation(accuracy=...), or "auto" as a step or a tolerance',
+        ("xper_fx.accuracy",),
+        lambda s: s.estimated_error is not None,
+    ),
+    Effect(
+        "output",
+        "a Recorder",
+        (
+            "xper_fx.output",
+            "xper_fx.recorder",
+            "h5py",
+            "xper_fx.forms.dynamics:BulkForms.stress_evaluator",
+        ),
+        lambda s: s.folder is not None,
+        phases=("output",),
+    ),
+)
+"""The effects that the package has."""
+
+
+class EffectRow(NamedTuple):
+    """What an effect is to a simulation.
 
     Attributes:
         name: the effect.
         on: whether the scene calls for it.
         memory: bytes held for it.
-        seconds: time spent on it so far.
+        seconds: time spent in phases that are its alone.
+        calls: how often these were entered.
     """
 
     name: str
     on: bool
     memory: int
     seconds: float
+    calls: int
 
 
-def effects_of(simulation: Simulation) -> list[Effect]:
-    """The effects of a simulation, on or off.
+def _law_effects(simulation: Simulation) -> dict[str, int]:
+    """Bytes of the columns that the laws in use hold for their effects."""
+    total: dict[str, int] = {}
+    for group in simulation.interactions.groups if simulation.interactions else []:
+        for name, columns in group.kernels.effects:
+            total[name] = total.get(name, 0) + 8 * columns * len(group)
+    return total
 
-    Times come from the run's stopwatch; the interaction solver's is shared among laws by their
-    number of points, as a sweep visits each point once.
+
+def _material_effects(simulation: Simulation) -> set[str]:
+    return {
+        name
+        for material in simulation.scene.materials.values()
+        for name in getattr(material, "effects", ())
+    }
+
+
+def effects_of(simulation: Simulation) -> list[EffectRow]:
+    """The effects of a simulation, on or off; those that a user's law or material adds come last.
+
+    What is off reads zero because there is nothing to count.
     """
-    scene, bulk, spent = simulation.scene, simulation.bulk, simulation.stopwatch.seconds
-    groups = simulation.interactions.groups if simulation.interactions else []
-    total = max(sum(len(g) for g in groups), 1)
-    interacting = spent.get("interaction solve", 0.0) + spent.get("interaction terms", 0.0)
-    forces = simulation.forms.external is not None
-    rows = [
-        Effect("bulk", True, simulation.scheme.nbytes,
-               spent.get("free velocity", 0.0)),
-        Effect("matrix renewed in Newton", not bulk.linear, 0,
-               0.0 if bulk.linear else spent.get("inverse", 0.0)),
-        Effect("internal variables", simulation.forms.has_history, simulation.forms.history_nbytes,
-               spent.get("internal variables", 0.0)),
-        Effect("periodic cell", scene.macroscopic is not None,
-               0 if scene.macroscopic is None else bulk.unknowns.nbytes, 0.0),
-        Effect("inertia", bulk.inertia, bulk.mass.nbytes if bulk.inertia else 0, 0.0),
-        Effect("external forces", forces, 8 * bulk.num_dofs if forces else 0, 0.0),
-        Effect("viscous damping", scene.damping is not None, 0, 0.0),
-    ]  # fmt: skip
-    for group in groups:
-        seconds = interacting * len(group) / total
-        rows.append(Effect(group.kernels.name, True, group.nbytes, seconds))
-    present = {effect for group in groups for effect in group.kernels.effects}
-    rows += [Effect(effect, False, 0, 0.0) for effect in EFFECTS if effect not in present]
-    return rows
+    seconds, calls = simulation.stopwatch.seconds, simulation.stopwatch.calls
+    rows = []
+    for effect in EFFECTS:
+        if not effect.on(simulation):
+            rows.append(EffectRow(effect.name, False, 0, 0.0, 0))
+            continue
+        spent, entered = (
+            sum(of.get(phase, 0) for phase in effect.phases) for of in (seconds, calls)
+        )
+        rows.append(EffectRow(effect.name, True, effect.nbytes(simulation), spent, entered))
+    known = {effect.name for effect in EFFECTS}
+    added = dict.fromkeys(sorted(_material_effects(simulation)), 0) | _law_effects(simulation)
+    return rows + [
+        EffectRow(name, True, memory, 0.0, 0) for name, memory in added.items() if name not in known
+    ]
 
 
 def effects_table(simulation: Simulation) -> str:
-    """The table as text."""
-    lines = [f"{'effect':<32}{'':<5}{'memory':>12}{'time':>12}"]
-    for effect in effects_of(simulation):
-        memory = f"{effect.memory / 1e6:.2f} MB" if effect.memory else "-"
-        seconds = f"{effect.seconds:.2f} s" if effect.on else "-"
-        lines.append(f"{effect.name:<32}{'on' if effect.on else 'off':<5}{memory:>12}{seconds:>12}")
+    """The table as text, what is on first; then the laws in use, and what is off."""
+    lines = [f"{'effect':<26}{'memory':>12}{'time':>12}{'calls':>10}"]
+    rows = effects_of(simulation)
+    for row in rows:
+        if row.on:
+            memory = f"{row.memory / 1e6:.2f} MB" if row.memory else "-"
+            time = f"{row.seconds:.2f} s" if row.calls else "-"
+            lines.append(f"{row.name:<26}{memory:>12}{time:>12}{row.calls or '-':>10}")
+    groups = simulation.interactions.groups if simulation.interactions else []
+    lines += [f"law: {group.kernels.name}, {len(group)} points" for group in groups]
+    lines.append("off: " + ", ".join(row.name for row in rows if not row.on))
     return "\n".join(lines)

@@ -18,6 +18,7 @@ second order only, and that is what `closure` then shows.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -54,6 +55,22 @@ class Energies:
         return sum(vars(self).values()) - self.external_work
 
 
+class BulkEnergies(NamedTuple):
+    """What a step does in the bulk (J; 2D: J/m).
+
+    Attributes:
+        work: of the loads and prescribed motions in the step.
+        kinetic, elastic: held at its end.
+        kinetic_change, elastic_change: what they gained in the step.
+    """
+
+    work: float
+    kinetic: float
+    elastic: float
+    kinetic_change: float
+    elastic_change: float
+
+
 class EnergyLedger:
     """Keeps the energies of a run.
 
@@ -66,21 +83,43 @@ class EnergyLedger:
     def __init__(self, bulk: Bulk, state: State, theta: float):
         self._bulk, self._theta = bulk, theta
         self.energies = Energies(
-            kinetic=self._kinetic(state.velocity),
+            kinetic=bulk.kinetic_energy(state.velocity),
             elastic=bulk.elastic_energy(state.displacement, state.internal),
         )
         self._at_start = self.energies.held_and_lost
-
-    def _kinetic(self, velocity: np.ndarray) -> float:
-        return 0.5 * float(velocity @ (self._bulk.mass * velocity))
 
     @property
     def closure(self) -> float:
         """External work minus what it became (J; 2D: J/m); zero for an exact balance."""
         return self.energies.external_work - (self.energies.held_and_lost - self._at_start)
 
+    def bulk_energies(self, before: State, outcome: StepOutcome, step: float) -> BulkEnergies:
+        """Energies of the bulk in a step that has converged, which is not entered yet.
+
+        Args:
+            before: state at the start of the step.
+            outcome: the step.
+            step: h (s).
+        """
+        after = outcome.state
+        moved = after.displacement - before.displacement
+        nodal = self._bulk.unknowns.num_nodes * self._bulk.dim
+        impulse = (outcome.force_impulse + outcome.reactions)[:nodal]
+        stresses = 0.5 * (before.internal + after.internal)[nodal:]
+        work = float(moved[:nodal] @ impulse) / step + float(moved[nodal:] @ stresses)
+        kinetic = self._bulk.kinetic_energy(after.velocity)
+        elastic = self._bulk.elastic_energy(after.displacement, after.internal)
+        return BulkEnergies(
+            work, kinetic, elastic, kinetic - self.energies.kinetic, elastic - self.energies.elastic
+        )
+
     def record(
-        self, before: State, outcome: StepOutcome, step: float, work: StepWork | None
+        self,
+        before: State,
+        outcome: StepOutcome,
+        step: float,
+        bulk: BulkEnergies,
+        work: StepWork | None,
     ) -> None:
         """Enter a step that has converged, before its internal variables are committed.
 
@@ -88,26 +127,24 @@ class EnergyLedger:
             before: state at the start of the step.
             outcome: the step.
             step: h (s).
+            bulk: what `bulk_energies` gave for it.
             work: what the interactions did, None without interactions.
         """
         after, e, excess = outcome.state, self.energies, self._theta - 0.5
-        moved = after.displacement - before.displacement
-        nodal = self._bulk.unknowns.num_nodes * self._bulk.dim
-        impulse = (outcome.force_impulse + outcome.reactions)[:nodal]
-        e.external_work += float(moved[:nodal] @ impulse) / step
-        stresses = 0.5 * (before.internal + after.internal)[nodal:]
-        e.external_work += float(moved[nodal:] @ stresses)
+        e.external_work += bulk.work
+        e.kinetic, e.elastic = bulk.kinetic, bulk.elastic
         lost = self._bulk.forms.assemble_dissipation(self._bulk.unknowns.expand(after.displacement))
         e.dissipated_plastic += lost.get("plastic", 0.0)
         e.dissipated_viscous += lost.get("viscous", 0.0)
-        e.kinetic = self._kinetic(after.velocity)
-        e.elastic = self._bulk.elastic_energy(after.displacement, after.internal)
         if np.ndim(outcome.viscous):
+            moved = after.displacement - before.displacement
             e.dissipated_viscous += float(moved @ outcome.viscous)
         if excess > 0.0:
+            moved = after.displacement - before.displacement
             change = after.velocity - before.velocity
+            nodal = self._bulk.unknowns.num_nodes * self._bulk.dim
             e.dissipated_numerical += excess * float(
-                change @ (self._bulk.mass * change)
+                2.0 * self._bulk.kinetic_energy(change)
                 + moved[:nodal] @ (after.internal - before.internal)[:nodal]
             )
         if work is not None:

@@ -551,5 +551,12 @@ def cell_measure(cell: str, x: npt.NDArray[np.float64]) -> npt.NDArray[np.float6
     points, weights = basix.make_quadrature(kind, 3)
     gradients = element.tabulate(1, points)[1:, :, :, 0]
     jacobian = np.einsum("tqv,cvx->cqxt", gradients, x)
-    gram = np.einsum("cqxt,cqxs->cqts", jacobian, jacobian)
-    return np.sqrt(np.linalg.det(gram)) @ weights
+    first, *others = np.moveaxis(jacobian, -1, 0)
+    # not by `numpy.linalg.det`, an exp of a sum of logs: it rounds more the smaller the unit
+    if not others:
+        size = np.linalg.norm(first, axis=-1)
+    elif len(others) == 1:
+        size = np.linalg.norm(np.cross(first, others[0]), axis=-1)
+    else:
+        size = np.abs(np.sum(first * np.cross(*others), axis=-1))
+    return size @ weights

@@ -5,6 +5,7 @@ Every function takes plain arrays in SI units, returns a matplotlib Figure that 
 window, and saves it if a path is given. Colours are told apart by colour-blind readers.
 """
 
+import itertools
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -13,9 +14,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from xper_fx.profile import OTHER
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+    from xper_fx.profile import PhaseRow
 
 __all__ = [
     "CRACK_KINDS",
@@ -26,6 +31,7 @@ __all__ = [
     "plot_grains",
     "plot_law",
     "plot_microstructure",
+    "plot_profile",
 ]
 
 CRACK_KINDS: tuple[str, ...] = ("matrix", "interface", "inclusion")
@@ -60,6 +66,9 @@ _ENERGY_TERMS = {
     "dissipated_viscous": ("dissipated by viscosity", "#7F4F24"),
     "dissipated_numerical": ("dissipated by the scheme", "#777777"),
 }
+
+# Width of a letter in the figure of a profile, beside the width of the figure.
+_LETTER = 0.01
 
 
 def _new_figure(
@@ -667,3 +676,58 @@ def plot_law(
         figure.legend(*zip(*shown, strict=True), loc="outside upper center", ncols=3)
 
     return _new_figure(path, draw, (4.6, 3.4))
+
+
+def plot_profile(
+    rows: "Sequence[PhaseRow]", path: str | os.PathLike[str] | None = None, title: str = ""
+) -> "Figure":
+    """Draw where the time of a run went: a phase is as wide as its share, what is within it below.
+
+    What a bar does not have below it is its own time; what no phase covers is drawn hatched, so
+    that the first line is the whole run.
+
+    Args:
+        rows: The rows of a profile (``Stopwatch.rows``).
+        path: Where to save the figure, if at all.
+        title: Title of the figure.
+
+    Returns:
+        The figure.
+
+    Raises:
+        ImportError: If matplotlib is missing.
+    """
+    depth = max(len(row.path) for row in rows)
+    top = dict.fromkeys(row.path[0] for row in rows)
+    colours = dict(zip(top, itertools.cycle(_COLOURS[:-1]), strict=False))
+    total = sum(row.seconds for row in rows if len(row.path) == 1)
+
+    def draw(figure: "Figure", axes: "Axes") -> None:
+        right: dict[tuple[str, ...], float] = {(): 0.0}  # where the next part of a phase begins
+        for row in rows:
+            left = right[row.path[:-1]]
+            right[row.path], right[row.path[:-1]] = left, left + row.seconds
+            other = row.path == (OTHER,)
+            axes.barh(
+                len(row.path) - 1, row.seconds, 0.94, left, edgecolor="white", linewidth=0.8,
+                color="0.8" if other else colours[row.path[0]],
+                alpha=0.8 - 0.4 * (len(row.path) - 1) / max(depth - 1, 1),
+                hatch="//" if other else None,
+            )  # fmt: skip
+            share, name = row.share, row.path[-1]
+            label, angle = f"{name}\n{100.0 * share:.1f} %", 0
+            if share < _LETTER * max(map(len, label.split("\n"))):
+                label, angle = name.replace(" ", "\n"), 90
+            if angle == 0 or share > 2.0 * _LETTER * len(label.split("\n")):
+                axes.text(
+                    left + 0.5 * row.seconds, len(row.path) - 1, label, rotation=angle,
+                    ha="center", va="center", fontsize=7.0,
+                )  # fmt: skip
+        axes.set_xlim(0.0, total)
+        axes.set_ylim(depth - 0.5, -0.5)
+        axes.set_yticks([])
+        axes.spines[["left", "right", "top"]].set_visible(False)
+        axes.set_xlabel("wall time (s)")
+        axes.set_title(title)
+
+    return _new_figure(path, draw, (8.0, 0.9 + 0.75 * depth))

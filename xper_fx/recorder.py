@@ -44,9 +44,13 @@ class TensileGauge:
     section: float
 
     def read(self, simulation: Simulation) -> tuple[float, float]:
-        """Strain, and stress (Pa): half the difference of the two faces' reactions."""
-        u = [simulation.mean_displacement(tag)[self.component] for tag in (self.low, self.high)]
-        f = [simulation.reaction(tag)[self.component] for tag in (self.low, self.high)]
+        """Strain, and stress (Pa): half the difference of the two faces' reactions.
+
+        Both at t0 + theta h of the last step, so that their curve is of second order in h.
+        """
+        faces = (self.low, self.high)
+        u = [simulation.mean_displacement_of_reaction(tag)[self.component] for tag in faces]
+        f = [simulation.reaction(tag)[self.component] for tag in faces]
         return (u[1] - u[0]) / self.length, 0.5 * (f[1] - f[0]) / self.section
 
 
@@ -131,6 +135,7 @@ class Recorder:
         # a cell's first dofs are its vertices'
         self._node = np.empty(len(mesh.geometry.x), np.int64)
         self._node[self.cells] = simulation.forms.V.dofmap.list[:, : self.cells.shape[1]]
+        simulation.stopwatch.owns("output", lambda: self.written)
         self._totals = {"steps": 0, "sweeps": 0, "largest_residual": 0.0}
         self._bulk = self._interfaces = None
         if fields > 0:
@@ -163,7 +168,7 @@ class Recorder:
     def _write_fields(self) -> None:
         simulation = self.simulation
         bodies, dim = simulation.scene.bodies, simulation.bulk.dim
-        with simulation.stopwatch.phase("output"):
+        with simulation.stopwatch.phase("output"), simulation.stopwatch.phase("fields"):
             nodal = {
                 "displacement": self.vertex_displacement(),
                 "velocity": simulation.velocity.x.array.reshape(-1, dim)[self._node],
@@ -191,16 +196,27 @@ class Recorder:
             Strain and stress of the gauge.
         """
         strain, stress = self._gauge.read(self.simulation) if self._gauge else (0.0, 0.0)
-        self._history.append(
-            step=step.step, time=step.time, strain=strain, stress=stress, sweeps=step.sweeps,
-            residual=step.residual, **step.energies, **macroscopic_columns(self.simulation),
-        )  # fmt: skip
+        with self.simulation.stopwatch.phase("output"):
+            self._history.append(
+                step=step.step, time=step.time, strain=strain, stress=stress, sweeps=step.sweeps,
+                residual=step.residual, **step.energies, **macroscopic_columns(self.simulation),
+            )  # fmt: skip
         self._totals["steps"] += 1
         self._totals["sweeps"] += step.sweeps
         self._totals["largest_residual"] = max(self._totals["largest_residual"], step.residual)
         if self._bulk is not None and step.time >= self._next * (1.0 - 1e-9):
             self._write_fields()
         return strain, stress
+
+    @property
+    def written(self) -> int:
+        """Bytes of the fields and of the history on disk."""
+        names = ["history.csv"]
+        if self._bulk is not None:
+            names += ["bulk.xdmf", "bulk.h5"]
+        if self._interfaces is not None:
+            names += ["interfaces.xdmf", "interfaces.h5"]
+        return sum((self.folder / name).stat().st_size for name in names)
 
     def close(self) -> None:
         """Write the summary and close the files."""
@@ -230,6 +246,10 @@ class Recorder:
             },
             "effects": [effect._asdict() for effect in effects_of(simulation)],
             "seconds": simulation.stopwatch.seconds,
+            "profile": [
+                row._asdict() | {"path": " > ".join(row.path)}
+                for row in simulation.stopwatch.rows()
+            ],
             "bytes_per_point": interactions.nbytes / points if points else 0.0,
             "errors": {
                 "closure": simulation.ledger.closure,

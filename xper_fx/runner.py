@@ -9,6 +9,8 @@ from pathlib import Path
 
 from tqdm.auto import tqdm
 
+from xper_fx.plots import plot_profile
+from xper_fx.profile import profile_table
 from xper_fx.recorder import Recorder
 from xper_fx.simulation import SOLVERS, StepRecord
 
@@ -22,17 +24,18 @@ def add_run_options(parser: ArgumentParser, out: Path) -> None:
     """
     add = parser.add_argument
     add("--theta", type=float, default=0.5, help="weight of the end of the step, implicit bulk")
-    add("--tolerance", type=float, default=1e-4, help="relative error of the impulses")
+    add("--tolerance", type=float, default=1e-3, help="relative error of the impulses")
     add("--solver", choices=SOLVERS, default="auto", help="of the interactions")
     add("--threads", type=int, help="of the interaction solver (default: all)")
     add("--fields", type=int, default=20, help="number of times at which fields are written")
     add("--out", type=Path, default=out)
+    add("--profile", action="store_true", help="print and draw what took how long")
     add("--no-plot", action="store_true")
     add("--quiet", action="store_true", help="no progress bar")
 
 
 def recorded_steps(
-    recorder: Recorder, end_time: float, title: str, quiet: bool = False
+    recorder: Recorder, end_time: float, title: str, quiet: bool = False, profile: bool = False
 ) -> Iterator[tuple[StepRecord, float]]:
     """Advance a recorder's simulation, writing each step; close the recorder at the end.
 
@@ -41,6 +44,7 @@ def recorded_steps(
         end_time: when to stop (s).
         title: of the progress bar.
         quiet: no bar.
+        profile: print the profile at the end, and draw it into the folder as `profile.png`.
 
     Yields:
         Each step and the strain of the gauge after it.
@@ -55,3 +59,7 @@ def recorded_steps(
             error = abs(step.energies["closure"]) / max(step.energies["external_work"], 1e-300)
             bar.set_postfix(sweeps=step.sweeps, energy_error=f"{error:.0e}", refresh=False)
             yield step, strain
+    if profile:
+        rows = recorder.simulation.stopwatch.rows()
+        tqdm.write(f"\n{title}\n{profile_table(rows)}")
+        plot_profile(rows, recorder.folder / "profile.png", title)

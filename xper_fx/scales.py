@@ -9,13 +9,38 @@ one state at the end of the step; above it may snap within a step.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from xper_fx.nscd.laws import CohesiveZone
 from xper_fx.nscd.small import sym_indices
-from xper_fx.simulation import Simulation
+
+if TYPE_CHECKING:
+    from xper_fx.nscd.interactions import Interactions
+    from xper_fx.simulation import Simulation
+
+
+def softening_numbers(interactions: Interactions, step: float, theta: float) -> np.ndarray:
+    """The softening number of each law with W as it is, shape (num_laws,); 0 if it never weakens.
+
+    Args:
+        interactions: the points.
+        step: h (s).
+        theta: weight of the end of the step.
+    """
+    slopes = [getattr(law, "softening_slope", 0.0) for law in interactions.laws]
+    if not any(slopes):
+        return np.zeros(len(slopes))
+    dim = interactions.dim
+    compliance = np.zeros((len(interactions), dim, dim))
+    rows, cols = sym_indices(dim)
+    packed = interactions.gather("compliance")
+    compliance[:, rows, cols] = packed
+    compliance[:, cols, rows] = packed
+    largest = np.linalg.eigvalsh(compliance)[:, -1] * interactions.points.area
+    most = np.zeros(len(slopes))
+    np.maximum.at(most, interactions.law_of_point, largest)
+    return (step * theta) ** 2 * most * slopes
 
 
 def cohesive_scales(simulation: Simulation) -> list[dict[str, Any]]:
@@ -36,18 +61,11 @@ def cohesive_scales(simulation: Simulation) -> list[dict[str, Any]]:
     if not isotropic:
         return []
     modulus = min(m.young / (1.0 - m.poisson**2) for m in isotropic)
-    compliance = np.zeros((len(interactions), simulation.bulk.dim, simulation.bulk.dim))
-    rows, cols = sym_indices(simulation.bulk.dim)
-    packed = interactions.gather("compliance")
-    compliance[:, rows, cols] = packed
-    compliance[:, cols, rows] = packed
-    largest = np.linalg.eigvalsh(compliance)[:, -1] * interactions.points.area
-    scaled = (simulation.step_size * simulation.theta) ** 2
+    numbers = softening_numbers(interactions, simulation.step_size, simulation.theta)
     scales = []
-    for number, law in enumerate(interactions.laws):
-        if not isinstance(law, CohesiveZone):
+    for law, number in zip(interactions.laws, numbers, strict=True):
+        if not hasattr(law, "softening_slope"):
             continue
-        own = interactions.law_of_point == number
         length = modulus * law.fracture_energy / law.strength**2
         scales.append(
             {
@@ -55,7 +73,7 @@ def cohesive_scales(simulation: Simulation) -> list[dict[str, Any]]:
                 "fracture_energy": law.fracture_energy,
                 "cohesive_length": length,
                 "facets_in_cohesive_length": length / facet,
-                "softening_number": scaled * float(largest[own].max()) * law.softening_slope,
+                "softening_number": float(number),
             }
         )
     return scales

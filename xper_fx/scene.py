@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -22,8 +23,10 @@ from xper_fx.forms.loads import (
     value_at,
 )
 from xper_fx.materials.material import Material
-from xper_fx.nscd.laws import Law
-from xper_fx.periodic.drive import MacroscopicDrive
+from xper_fx.nscd.laws.law import Law
+
+if TYPE_CHECKING:
+    from xper_fx.periodic.drive import MacroscopicDrive
 
 Field = Callable[[np.ndarray], np.ndarray]
 Load = BodyForce | Gravity | SurfaceTraction | PrescribedVelocity | PrescribedDisplacement
@@ -119,6 +122,8 @@ class Scene:
                     "MacroscopicDrive."
                 )
             return
+        from xper_fx.periodic.drive import MacroscopicDrive
+
         if not isinstance(self.macroscopic, MacroscopicDrive):
             raise TypeError(f"macroscopic is {self.macroscopic!r}; expected a MacroscopicDrive.")
         if self.bodies.lattice is None:

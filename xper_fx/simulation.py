@@ -7,39 +7,35 @@ import logging
 import math
 from collections.abc import Iterator, Mapping
 from functools import partial
+from importlib import import_module
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from dolfinx import fem
 
 from xper_fx.bulk.bulk import Bulk
-from xper_fx.bulk.explicit import ExplicitScheme
-from xper_fx.bulk.implicit import ImplicitScheme
-from xper_fx.bulk.scheme import State, StepOutcome, Stopwatch
-from xper_fx.energy import EnergyLedger
+from xper_fx.bulk.scheme import State, StepOutcome
+from xper_fx.energy import BulkEnergies, EnergyLedger
 from xper_fx.errors import ConvergenceError
 from xper_fx.forms.dynamics import BulkForms
 from xper_fx.forms.loads import PrescribedDisplacement, PrescribedVelocity
+from xper_fx.knobs import Knobs
 from xper_fx.meshes import cell_measure, local_facet_vertices
-from xper_fx.nscd import accelerated, auto, newton, nlgs, vertex_blocks
-from xper_fx.nscd.checks import require_positive
 from xper_fx.nscd.facets import facet_points, join_points, nodal_shares, wall_points
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.points import InteractionPoints
-from xper_fx.periodic.averages import Macroscopic, macroscopic_state
-from xper_fx.periodic.two_field import CellBulk
+from xper_fx.profile import Stopwatch
 from xper_fx.scene import Scene
+
+if TYPE_CHECKING:
+    from xper_fx.accuracy import AccuracyControl
+    from xper_fx.periodic.averages import Macroscopic
 
 logger = logging.getLogger(__name__)
 
-# Solvers of the interactions by name.
-SOLVERS = {
-    "auto": auto.solve,
-    "nlgs": nlgs.solve,
-    "newton": newton.solve,
-    "accelerated": accelerated.solve,
-}
+# Solvers of the interactions: modules of `nscd`, imported when asked for.
+SOLVERS = ("auto", "nlgs", "newton", "accelerated")
 # Inelastic strain of a step above which the step is cut.
 _LARGEST_FLOW = 0.05
 # Gaps this small beside the coordinates are closed.
@@ -74,22 +70,25 @@ class Simulation:
 
     Args:
         scene: what to simulate.
-        step: h (s); 0.7 of the critical step of the explicit bulk if not given.
+        step: h (s); 0.7 of the critical step of the explicit bulk if not given; "auto" adapts it.
         scheme: "implicit" or "explicit" bulk; interactions are implicit with both.
         theta: weight of the end of the step, in [1/2, 1]; the explicit bulk has 1/2.
-        tolerance: bound on the estimated relative error of the impulses (`nscd/nlgs.py`).
+        accuracy: relative error asked for, in (0, 1): step and tolerances that are not given are
+            picked and adapted for it (`accuracy.py`). 1e-2 if only a knob is "auto".
+        tolerance: bound on the estimated relative error of the impulses (`nscd/nlgs.py`); 1e-3 if
+            not given; "auto" adapts it.
         max_sweeps: sweeps after which the interaction solver gives up.
         solver: of the interactions: "nlgs" (sweeps), "newton" (all points at once, for steps far
             beyond the explicit limit), "accelerated" (mixed sweeps), or "auto", which picks. An
             explicit bulk with nodal points solves each vertex alone, and takes "auto" only.
         relaxation: over-relaxation of impulses where a law is linear, in (0, 2).
         newton_tolerance: bound on the last relative Newton correction; with interactions at least
-            a hundredth of `tolerance`.
+            a hundredth of `tolerance`. 1e-8 if not given, or a thousandth of `accuracy`.
         max_newton: Newton iterations after which a step is given up.
         max_halvings: how often a step that does not converge, or in which a material flows by
             more than 5 % strain, is cut in two.
         inertia: False for a static run (theta = 1): bodies without mass, which motions or a
-            periodic cell's ties must hold.
+            periodic cell's ties must hold, as nothing regularises the stiffness.
         num_threads: threads of the interaction solver; all that Numba has if not given.
 
     Attributes:
@@ -97,7 +96,8 @@ class Simulation:
         interactions: the points, None if the scene has none.
         ledger: energies.
         macroscopic: Fbar, Pibar and Hill-Mandel's error of a periodic cell; None otherwise.
-        stopwatch: seconds in each phase.
+        solver: module of `nscd` that solves the interactions.
+        stopwatch: profile of the run.
 
     Raises:
         ValueError: a number out of range.
@@ -106,22 +106,25 @@ class Simulation:
     def __init__(
         self,
         scene: Scene,
-        step: float | None = None,
+        step: float | str | None = None,
         *,
+        accuracy: float | None = None,
         scheme: str = "implicit",
         theta: float = 0.5,
-        tolerance: float = 1e-4,
+        tolerance: float | str | None = None,
         max_sweeps: int = 20_000,
         relaxation: float = 1.3,
         solver: str = "auto",
-        newton_tolerance: float = 1e-8,
+        newton_tolerance: float | None = None,
         max_newton: int = 25,
         max_halvings: int = 6,
         inertia: bool = True,
         num_threads: int | None = None,
     ):
-        self._check(scheme, step, theta, tolerance, relaxation, newton_tolerance)
-        self._check_effects(scene, scheme, step, theta, inertia)
+        knobs = Knobs.chosen(accuracy, step, tolerance, newton_tolerance)
+        step, tolerance, newton_tolerance = knobs.step, knobs.tolerance, knobs.newton_tolerance
+        self._check(scheme, theta, relaxation)
+        self._check_effects(scene, scheme, knobs, theta, inertia)
         if solver not in SOLVERS:
             raise ValueError(f"solver should be one of {', '.join(SOLVERS)}, got {solver!r}.")
         if solver != "auto" and scheme == "explicit" and scene.points == "nodal":
@@ -147,28 +150,37 @@ class Simulation:
                 if isinstance(load, PrescribedVelocity | PrescribedDisplacement)
             ]
             forces = [load for load in scene.loads if load not in motions]
-            self.forms = BulkForms(scene.bodies, scene.order, scene.materials, forces)
+            with self.stopwatch.phase("forms"):
+                self.forms = BulkForms(scene.bodies, scene.order, scene.materials, forces)
             if scene.macroscopic is None:
                 self.bulk = Bulk(self.forms, motions, scene.damping, inertia)
             else:
+                from xper_fx.periodic.two_field import CellBulk
+
                 self.bulk = CellBulk(self.forms, scene.macroscopic, inertia)
             self.step_size = self._step_size(step, scheme)
             self.state = self._initial_state()
             points, laws, law_of_point = self._points()
             interacting = self._interacting(points, scheme)
             if scheme == "explicit":
+                from xper_fx.bulk.explicit import ExplicitScheme
+
                 self.scheme = ExplicitScheme(self.bulk, interacting, self.stopwatch)
             else:
+                from xper_fx.bulk.implicit import ImplicitScheme
+
                 self.scheme = ImplicitScheme(
-                    self.bulk, interacting, theta, newton_tolerance, max_newton, self.stopwatch,
-                    tolerance,
-                )  # fmt: skip
+                    self.bulk, interacting, theta, newton_tolerance, max_newton, self.stopwatch
+                )
             self.theta = self.scheme.theta
-            self.interactions = self._interactions(points, laws, law_of_point)
+            with self.stopwatch.phase("interaction points"):
+                self.interactions = self._interactions(points, laws, law_of_point)
+            self._account()
             self.ledger = EnergyLedger(self.bulk, self.state, self.theta)
+            self._control = None if knobs.accuracy is None else self._accuracy_control(knobs)
+        self.solver = "vertex_blocks" if self._by_vertex else solver
         self._solve = partial(
-            vertex_blocks.solve if self._by_vertex else SOLVERS[solver],
-            tolerance=tolerance,
+            import_module(f"xper_fx.nscd.{self.solver}").solve,
             max_sweeps=max_sweeps,
             relaxation=relaxation,
             num_threads=num_threads,
@@ -177,34 +189,32 @@ class Simulation:
         self._tagged_nodes: dict[int, np.ndarray] = {}
         self.step_number = 0
         self.last: StepOutcome | None = None
+        self._before: State | None = None
         self._last_size = self.step_size
 
     @staticmethod
-    def _check(scheme, step, theta, tolerance, relaxation, newton_tolerance) -> None:
+    def _check(scheme, theta, relaxation) -> None:
         if scheme not in ("implicit", "explicit"):
             raise ValueError(f'scheme should be "implicit" or "explicit", got {scheme!r}.')
-        if step is not None:
-            require_positive("step", step)
         if not 0.5 <= theta <= 1.0:
             raise ValueError(f"theta should lie in [1/2, 1], got {theta}.")
         if scheme == "explicit" and theta != 0.5:
             raise ValueError(f"The explicit bulk has theta = 1/2, got {theta}.")
-        require_positive("tolerance", tolerance)
-        require_positive("newton_tolerance", newton_tolerance)
         if not 0.0 < relaxation < 2.0:
             raise ValueError(f"relaxation should lie in (0, 2), got {relaxation}.")
 
     @staticmethod
-    def _check_effects(scene, scheme, step, theta, inertia) -> None:
+    def _check_effects(scene, scheme, knobs, theta, inertia) -> None:
         if scheme == "explicit" and scene.macroscopic is not None:
             raise ValueError(
                 "A periodic cell's macroscopic equations hold at the end of the step: take "
                 'scheme="implicit".'
             )
-        if not inertia and (theta != 1.0 or scheme == "explicit" or step is None):
+        no_step = knobs.step is None and not knobs.adapts_step
+        if not inertia and (theta != 1.0 or scheme == "explicit" or no_step):
             raise ValueError(
-                'A static run (inertia=False) takes a step and theta = 1 of the "implicit" scheme, '
-                f"got step = {step}, theta = {theta}, {scheme!r}."
+                "A static run (inertia=False) takes a step or an accuracy, and theta = 1 of the "
+                f'"implicit" scheme, got step = {knobs.step}, theta = {theta}, {scheme!r}.'
             )
 
     # Set-up
@@ -333,6 +343,32 @@ class Simulation:
             ordering="vertices" if self._by_vertex else "tiles",
         )  # fmt: skip
 
+    def _accuracy_control(self, knobs: Knobs) -> AccuracyControl:
+        from xper_fx.accuracy import AccuracyControl
+        from xper_fx.scales import softening_numbers
+
+        softening, base = np.inf, self.step_size
+        if self.interactions is not None:
+            number = softening_numbers(self.interactions, base, self.theta).max(initial=0.0)
+            softening = base / math.sqrt(number) if number > 0.0 else np.inf
+        held = self.ledger.energies
+        return AccuracyControl(
+            knobs, base if self.bulk.inertia is not None or not knobs.adapts_step else None,
+            largest=base if self.scheme_name == "explicit" else np.inf,
+            softening_step=softening,
+            interacting=self.interactions is not None,
+            energy=held.kinetic + held.elastic,
+        )  # fmt: skip
+
+    def _account(self) -> None:
+        """Say which phase holds which arrays."""
+        owns, forms, interactions = self.stopwatch.owns, self.forms, self.interactions
+        owns("forms", lambda: self.bulk.nbytes)
+        if forms.has_history:
+            owns("commit", lambda: forms.history_nbytes)
+        if interactions is not None:
+            owns("interaction points", lambda: sum(g.nbytes for g in interactions.groups))
+
     @property
     def _by_vertex(self) -> bool:
         """Whether W couples only what meets at a vertex, each of which is then solved alone."""
@@ -349,20 +385,35 @@ class Simulation:
         """
         if not math.isfinite(end_time):
             raise ValueError(f"end_time should be a finite number, got {end_time}.")
-        count = math.ceil((end_time - self.state.time) / self.step_size - 1e-9)
-        for _ in range(count):
-            yield from self._advance()
+        control = self._control
+        if control is None or not control.adapts_step:
+            count = math.ceil((end_time - self.state.time) / self.step_size - 1e-9)
+            for _ in range(count):
+                yield from self._advance(self.step_size, end_time)
+            return
+        while end_time - self.state.time > _ROUNDING * abs(end_time):
+            yield from self._advance(control.size(self.state.time, end_time), end_time)
 
-    def _advance(self) -> Iterator[StepRecord]:
-        """One step, or the pieces it had to be cut into."""
-        pieces = [(self.step_size, 0)]
+    def _advance(self, size: float, end_time: float) -> Iterator[StepRecord]:
+        """One step, or the pieces it had to be cut into; none if it should be shorter."""
+        pieces = [(size, 0)]
         while pieces:
             size, halvings = pieces.pop()
-            outcome = self.scheme.attempt(self.state, size, self.interactions, self._solve)
-            if outcome.converged and (
-                halvings >= self.max_halvings or not self._flows_too_far(outcome)
-            ):
-                yield self._commit(outcome, size)
+            with self.stopwatch.phase("step"):
+                outcome = self.scheme.attempt(
+                    self.state, size, self.interactions, self._solve, self.tolerance
+                )
+                good = outcome.converged and (
+                    halvings >= self.max_halvings or not self._flows_too_far(outcome)
+                )
+                if good:
+                    with self.stopwatch.phase("energy"):
+                        energies = self.ledger.bulk_energies(self.state, outcome, size)
+                    if not self._accurate(size, energies, end_time) and not halvings:
+                        return
+                    record = self._commit(outcome, size, energies)
+            if good:
+                yield record
             elif halvings < self.max_halvings:
                 logger.info(
                     "step %d at h = %.3g s did not converge, or flowed too far: halved",
@@ -376,21 +427,36 @@ class Simulation:
                     outcome.newton_residual, self._save_state(),
                 )  # fmt: skip
 
+    def _accurate(self, size: float, energies: BulkEnergies, end_time: float) -> bool:
+        """Whether the step from the present state is as accurate as asked for, if anything is."""
+        if self._control is None:
+            return True
+        good = self._control.accepts(self.state.time, size, energies, end_time)
+        if not good:
+            logger.info("step at %.3g s of h = %.3g s is too coarse", self.state.time, size)
+        return good
+
     def _flows_too_far(self, outcome: StepOutcome) -> bool:
         """Whether a material flows by more in the step than its time integration bears."""
-        displacement = self.bulk.unknowns.expand(outcome.state.displacement)
-        return self.forms.largest_increment(displacement) > _LARGEST_FLOW
+        if not self.forms.flows:
+            return False
+        with self.stopwatch.phase("flow check"):
+            displacement = self.bulk.unknowns.expand(outcome.state.displacement)
+            return self.forms.largest_increment(displacement) > _LARGEST_FLOW
 
-    def _commit(self, outcome: StepOutcome, size: float) -> StepRecord:
+    def _commit(self, outcome: StepOutcome, size: float, energies: BulkEnergies) -> StepRecord:
         with self.stopwatch.phase("energy"):
             work = self.interactions.commit(outcome.slots) if self.interactions else None
-            self.ledger.record(self.state, outcome, size, work)
-        with self.stopwatch.phase("internal variables"):
+            self.ledger.record(self.state, outcome, size, energies, work)
+        if self._control is not None:
+            self._control.learn(size, energies, work, self.ledger.closure)
+            self.tolerance = self._control.tolerance
+        with self.stopwatch.phase("commit"):
             self.bulk.commit(outcome.state.displacement, outcome.state.internal)
-        before, self.state, self.last, self._last_size = (
+        self._before, self.state, self.last, self._last_size = (
             self.state, outcome.state, outcome, size,
         )  # fmt: skip
-        self.macroscopic = self._macroscopic(before, outcome, size)
+        self.macroscopic = self._macroscopic(self._before, outcome, size)
         self.step_number += 1
         return StepRecord(
             self.step_number, self.state.time, size, outcome.sweeps, outcome.residual,
@@ -403,7 +469,10 @@ class Simulation:
     ) -> Macroscopic | None:
         if self.scene.macroscopic is None:
             return None
-        return macroscopic_state(self.bulk, before, outcome, self.state, size, self.theta)
+        from xper_fx.periodic.averages import macroscopic_state
+
+        with self.stopwatch.phase("macroscopic averages"):
+            return macroscopic_state(self.bulk, before, outcome, self.state, size, self.theta)
 
     def _save_state(self) -> Path | None:
         """Write the last committed state for a post-mortem."""
@@ -424,6 +493,11 @@ class Simulation:
         return path
 
     # Reading
+
+    @property
+    def estimated_error(self) -> float | None:
+        """Relative error estimated so far; None without an accuracy asked for."""
+        return None if self._control is None else self._control.error
 
     @property
     def time(self) -> float:
@@ -449,6 +523,16 @@ class Simulation:
         displacement = self.bulk.unknowns.expand(self.state.displacement)
         return displacement.reshape(-1, self.bulk.dim)[self._nodes_of(facets)].mean(0)
 
+    def mean_displacement_of_reaction(self, facets: int) -> np.ndarray:
+        """As `mean_displacement`, at t0 + theta h of the last step, for which `reaction` stands."""
+        end = self.mean_displacement(facets)
+        if self._before is None:
+            return end
+        nodes = self._nodes_of(facets)
+        start = self.bulk.unknowns.expand(self._before.displacement)
+        start = start.reshape(-1, self.bulk.dim)[nodes].mean(0)
+        return self.theta * end + (1.0 - self.theta) * start
+
     def _nodes_of(self, facets: int) -> np.ndarray:
         if facets not in self._tagged_nodes:
             fdim = self.scene.bodies.mesh.topology.dim - 1
@@ -459,6 +543,8 @@ class Simulation:
 
     def reaction(self, facets: int) -> np.ndarray:
         """Mean force over the last step on the prescribed dofs of tagged facets.
+
+        It stands for the time t0 + theta h, so compare it with `mean_displacement_of_reaction`.
 
         Args:
             facets: facet tag.

@@ -16,6 +16,7 @@ from dolfinx import fem
 
 from xper_fx.bulk.balance import InBalance
 from xper_fx.bulk.layout import BodyLayout
+from xper_fx.bulk.rigid_motions import free_rigid_motions
 from xper_fx.bulk.unknowns import NodalUnknowns
 from xper_fx.compat import geometry_dofmap
 from xper_fx.forms.dynamics import BulkForms
@@ -35,15 +36,15 @@ class Bulk:
         forms: compiled forms.
         motions: prescribed velocities and displacements, which do not contradict each other.
         damping: viscous damping, None for none.
-        inertia: False for a static bulk, without mass, whose bodies are all held.
+        inertia: False for a static bulk, without mass. Nothing takes its place: K is not
+            regularised, so that what is prescribed must hold every body.
 
     Attributes:
         unknowns: what the unknowns are.
-        mass: lumped mass a dof, shape (num_dofs,), kg (2D: kg/m); zero without inertia.
-        weights: the same with inertia or without: the norm of velocities.
+        inertia, damping: None where there is none.
+        weights: lumped mass a dof, which gives the norm of velocities with inertia or without,
+            shape (num_dofs,), kg (2D: kg/m).
         layout: nodes body by body, prescribed dofs.
-        held_stiffness: columns of K of the prescribed dofs, shape (num_dofs, count); None unless
-            the bulk is linear and without damping.
 
     Raises:
         ValueError: no inertia, and a body that nothing holds.
@@ -56,7 +57,7 @@ class Bulk:
         damping: RayleighDamping | None = None,
         inertia: bool = True,
     ):
-        self.forms, self.inertia = forms, inertia
+        self.forms = forms
         self.linear = forms.linear
         self.dim = forms.V.dofmap.index_map_bs
         self.unknowns = self._make_unknowns()
@@ -66,13 +67,25 @@ class Bulk:
             self.unknowns.nodes, self.unknowns.offsets, self.dim, self._prescribed()
         )
         self.weights = np.repeat(self._nodal_mass(), self.dim)
-        self.mass = self.weights if inertia else np.zeros(self.num_dofs)
-        if not inertia:
+        self.inertia = None
+        if inertia:
+            from xper_fx.bulk.inertia import Inertia
+
+            self.inertia = Inertia(self._mass())
+        else:
             self._require_held_bodies()
         self._matrix = fem.create_matrix(forms.tangent)
-        self.damping = damping
-        self.stiffness = self.tangent(np.zeros(self.num_dofs)).copy() if self._keeps_k else None
-        self.held_stiffness = self._columns_of_held()
+        damps_stiffness = damping is not None and damping.stiffness > 0.0
+        self.stiffness = None
+        if self.linear or damps_stiffness:
+            self.stiffness = self.tangent(np.zeros(self.num_dofs)).copy()
+        self.damping = None
+        if damping is not None:
+            from xper_fx.bulk.damping import ViscousDamping
+
+            self.damping = ViscousDamping(
+                damping, self.mass, self.stiffness if damps_stiffness else None
+            )
         self._external = None
         if forms.external is not None and forms.steady:
             self._external = forms.assemble_external(0.0)
@@ -89,24 +102,32 @@ class Bulk:
     def _require_held_bodies(self) -> None:
         """Raise a ValueError if a body without inertia is free to move as a whole."""
         layout = self.layout
-        held = layout.prescribed[layout.dofs(layout.nodes)].reshape(-1, self.dim).sum(axis=1)
-        per_body = np.add.reduceat(held, layout.offsets[:-1])
-        if np.any(per_body < self.dim):
-            body = int(np.argmax(per_body < self.dim))
+        x = self.forms.V.tabulate_dof_coordinates()[layout.nodes, : self.dim]
+        held = layout.prescribed[layout.dofs(layout.nodes)]
+        free = free_rigid_motions(x, layout.offsets, held.reshape(x.shape))
+        if np.any(free):
+            body = int(np.argmax(free > 0))
             raise ValueError(
-                f"Without inertia every body should be held, and body {body} is not "
-                f"({per_body[body]} prescribed dofs): bodies that interactions alone hold need "
+                f"Without inertia what is prescribed should hold every body, and body {body} is "
+                f"free to move as a whole in {free[body]} way(s) (translations and rotations): "
+                "prescribe more components on its facets; bodies that interactions alone hold need "
                 "inertia=True."
             )
 
-    @property
-    def _keeps_k(self) -> bool:
-        return self.linear or (self.damping is not None and self.damping.stiffness > 0.0)
+    def _mass(self) -> np.ndarray:
+        """Mass of each unknown that has inertia."""
+        return self.weights
 
-    def _columns_of_held(self) -> sp.csr_array | None:
-        if not self.linear or self.damping is not None:
-            return None
-        return sp.csr_array(self.stiffness.tocsc()[:, np.flatnonzero(self.layout.prescribed)])
+    @property
+    def mass(self) -> np.ndarray | None:
+        """Lumped mass a dof, shape (num_dofs,), kg (2D: kg/m); None without inertia."""
+        return None if self.inertia is None else self.inertia.mass
+
+    @property
+    def nbytes(self) -> int:
+        """Memory of masses and matrices, inverses apart, in bytes."""
+        kept = 0 if self.stiffness is None else self.stiffness.data.nbytes
+        return self.weights.nbytes + self._matrix.data.nbytes + kept
 
     def _motion_dofs(self, motion) -> np.ndarray:
         facets = self.forms.bodies.facet_tags.find(motion.facets)
@@ -156,14 +177,17 @@ class Bulk:
             return self._external
         return self.forms.assemble_external(time)
 
+    def momentum(self, velocity: np.ndarray) -> np.ndarray | float:
+        """M v (N s; 2D: N s/m); 0 without inertia."""
+        return 0.0 if self.inertia is None else self.inertia.momentum(velocity)
+
     def viscous(self, velocity: np.ndarray) -> np.ndarray | float:
         """C v (N; 2D: N/m); 0 when the scene has no damping."""
-        if self.damping is None:
-            return 0.0
-        force = self.damping.mass * self.mass * velocity
-        if self.damping.stiffness > 0.0:
-            force = force + self.damping.stiffness * (self.stiffness @ velocity)
-        return force
+        return 0.0 if self.damping is None else self.damping.force(velocity)
+
+    def kinetic_energy(self, velocity: np.ndarray) -> float:
+        """v . M . v / 2 (J; 2D: J/m); 0 without inertia."""
+        return 0.0 if self.inertia is None else self.inertia.energy(velocity)
 
     def elastic_energy(self, displacement: np.ndarray, internal: np.ndarray) -> float:
         """Stored energy (J; 2D: J/m) at a displacement whose internal forces are known."""

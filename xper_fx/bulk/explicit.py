@@ -19,8 +19,9 @@ import numpy as np
 
 from xper_fx.bulk.bulk import Bulk
 from xper_fx.bulk.inverse import LumpedInverse
-from xper_fx.bulk.scheme import Solver, State, StepOutcome, Stopwatch, interact
+from xper_fx.bulk.scheme import Solver, State, StepOutcome, interact
 from xper_fx.nscd.interactions import Interactions
+from xper_fx.profile import Stopwatch
 
 
 class ExplicitScheme:
@@ -36,7 +37,9 @@ class ExplicitScheme:
 
     def __init__(self, bulk: Bulk, interacting: np.ndarray, stopwatch: Stopwatch):
         self.bulk = bulk
-        self._inverse = LumpedInverse(bulk.layout, bulk.mass, interacting)
+        with stopwatch.phase("inverse"):
+            self._inverse = LumpedInverse(bulk.layout, bulk.mass, interacting)
+        stopwatch.owns("inverse", lambda: self.nbytes)
         self._stopwatch = stopwatch
 
     def inverse(self, step: float, displacement: np.ndarray) -> LumpedInverse:
@@ -44,7 +47,12 @@ class ExplicitScheme:
         return self._inverse
 
     def attempt(
-        self, state: State, step: float, interactions: Interactions | None, solver: Solver
+        self,
+        state: State,
+        step: float,
+        interactions: Interactions | None,
+        solver: Solver,
+        tolerance: float,
     ) -> StepOutcome:
         """One step from `state`, which is not changed; see `ImplicitScheme.attempt`."""
         bulk, watch, inverse = self.bulk, self._stopwatch, self._inverse
@@ -64,11 +72,13 @@ class ExplicitScheme:
             with watch.phase("interaction terms"):
                 interactions.begin_step(step, self.theta)
             with watch.phase("interaction solve"):
-                velocity, impulses, slots, report = interact(inverse, interactions, solver, free)
+                velocity, impulses, slots, report = interact(
+                    inverse, interactions, solver, free, tolerance
+                )
             sweeps, error, traction, converged = report[1], report[2], report[3], report[0]
         converged = converged and bool(np.all(np.isfinite(velocity)))
         reactions = np.where(
-            bulk.layout.prescribed, bulk.mass * (velocity - v0) - impulse - impulses, 0.0
+            bulk.layout.prescribed, bulk.momentum(velocity - v0) - impulse - impulses, 0.0
         )
         displacement = middle + 0.5 * step * velocity
         bulk.forms.set_step(step)

@@ -22,8 +22,9 @@ import scipy.sparse as sp
 
 from xper_fx.bulk.bulk import Bulk
 from xper_fx.bulk.inverse import CellwiseInverse, ClusterInverse
-from xper_fx.bulk.scheme import Solver, State, StepOutcome, Stopwatch, interact
+from xper_fx.bulk.scheme import Solver, State, StepOutcome, interact
 from xper_fx.nscd.interactions import Interactions
+from xper_fx.profile import Stopwatch
 
 # Contraction of Newton's corrections above which w is renewed, unless no more than a few iterations
 # are left to make, which cost less.
@@ -32,6 +33,8 @@ _SLOW, _FEW = 0.2, 3
 _CUTS = 5
 # Newton's correction of the positions, relative to the size of the scene, that is rounding.
 _ROUNDING = 1e-14
+# Newton's tolerance is at least this part of that of the impulses, which blurs it.
+_BLUR = 1e-2
 # Inverses kept for a linear bulk: the step and its halves.
 _KEPT = 4
 
@@ -48,8 +51,6 @@ class ImplicitScheme:
             their tolerance, which blurs it.
         max_newton: iterations after which a step is given up.
         stopwatch: where phases are timed.
-        interaction_tolerance: relative error that impulses are solved to, and so what equations
-            that hang on them (`Bulk.balance`) can hold to.
     """
 
     def __init__(
@@ -60,20 +61,17 @@ class ImplicitScheme:
         newton_tolerance: float,
         max_newton: int,
         stopwatch: Stopwatch,
-        interaction_tolerance: float,
     ):
         self.bulk, self.theta = bulk, theta
         self._end_weight = bulk.end_weight(theta)
-        self._held = np.flatnonzero(bulk.layout.prescribed)
-        self._interaction_tolerance = interaction_tolerance
         self._interacting = interacting
-        self._tolerance, self._max_newton = newton_tolerance, max_newton
-        if len(interacting):
-            self._tolerance = max(newton_tolerance, 1e-2 * interaction_tolerance)
+        self._newton_tolerance, self._max_newton = newton_tolerance, max_newton
+        self._tolerance = newton_tolerance
         self._stopwatch = stopwatch
         x = bulk.forms.bodies.mesh.geometry.x
         self._rounding = _ROUNDING * bulk.norm(np.full(bulk.num_dofs, np.ptp(x, axis=0).max()))
         self._inverses: dict[float, CellwiseInverse | ClusterInverse] = {}
+        stopwatch.owns("inverse", lambda: self.nbytes)
 
     def inverse(self, step: float, displacement: np.ndarray, renew: bool = False):
         """The inverse for a step size; for a bulk that is not linear, near `displacement`."""
@@ -100,11 +98,13 @@ class ImplicitScheme:
         bulk, scaled = self.bulk, step * self.theta
         matrix = bulk.unknowns.condense(stiffness).copy()
         matrix.data *= scaled**2
+        if bulk.damping is not None:
+            bulk.damping.add_to(matrix, scaled)
+        if bulk.inertia is None:
+            return matrix
         mass = bulk.mass[: matrix.shape[0]]
         if bulk.damping is not None:
-            mass = mass * (1.0 + scaled * bulk.damping.mass)
-            if bulk.damping.stiffness > 0.0:
-                matrix.data += scaled * bulk.damping.stiffness * bulk.stiffness.data
+            mass = mass * bulk.damping.mass_factor(scaled)
         # block rows are sorted: the diagonal block of row r is where its column is r
         rows = np.repeat(np.arange(len(matrix.indptr) - 1), np.diff(matrix.indptr))
         diagonal = np.flatnonzero(matrix.indices == rows)
@@ -113,7 +113,12 @@ class ImplicitScheme:
         return matrix
 
     def attempt(
-        self, state: State, step: float, interactions: Interactions | None, solver: Solver
+        self,
+        state: State,
+        step: float,
+        interactions: Interactions | None,
+        solver: Solver,
+        tolerance: float,
     ) -> StepOutcome:
         """One step from `state`, which is not changed.
 
@@ -122,12 +127,12 @@ class ImplicitScheme:
             step: h (s).
             interactions: the points, None if the scene has none.
             solver: solver of the interactions.
+            tolerance: relative error that impulses are solved to, and so what equations that hang
+                on them (`Bulk.balance`) can hold to.
 
         Returns:
             The outcome, converged or not.
         """
-        if self.bulk.held_stiffness is not None:
-            return self._attempt_linear(state, step, interactions, solver)
         bulk, theta, watch = self.bulk, self._end_weight, self._stopwatch
         time = state.time + step
         q0, v0 = state.displacement, state.velocity
@@ -149,7 +154,7 @@ class ImplicitScheme:
         def residual_at(velocity):
             internal = bulk.internal(predictor + step * theta * velocity)
             force = internal + bulk.viscous(velocity)
-            return start - bulk.mass * (velocity - v0) - step * theta * force, internal
+            return start - bulk.momentum(velocity - v0) - step * theta * force, internal
 
         with watch.phase("free velocity"):
             residual, internal = residual_at(velocity)
@@ -157,8 +162,11 @@ class ImplicitScheme:
         impulses, slots = np.zeros_like(v0), np.zeros(0)
         newton_before, newton = np.inf, 0.0
         bare = interactions is None
-        balance = bulk.balance(self._tolerance if bare else self._interaction_tolerance)
-        for iteration in range(1, self._max_newton + 1):  # noqa: B007 - reported
+        self._tolerance = self._newton_tolerance
+        if not bare:
+            self._tolerance = max(self._newton_tolerance, _BLUR * tolerance)
+        balance = bulk.balance(self._tolerance if bare else tolerance)
+        for iteration in watch.each("newton", range(1, self._max_newton + 1)):  # noqa: B007 - reported
             with watch.phase("free velocity"):
                 corrected = balance.missing
                 advance = inverse.advance if bare or corrected else inverse.apply
@@ -170,7 +178,9 @@ class ImplicitScheme:
                     with watch.phase("interaction terms"):
                         interactions.prepare()
                 with watch.phase("interaction solve"):
-                    new, impulses, slots, report = interact(inverse, interactions, solver, free)
+                    new, impulses, slots, report = interact(
+                        inverse, interactions, solver, free, tolerance
+                    )
                 sweeps += report.sweeps
                 error, traction = report.residual, report.traction_change
                 converged = report.converged
@@ -226,60 +236,6 @@ class ImplicitScheme:
         return StepOutcome(
             end, slots, impulses, reactions, force_impulse, bulk.viscous(mean_velocity), sweeps,
             error, traction, iteration, max(newton, balance.error), converged,
-        )  # fmt: skip
-
-    def _attempt_linear(
-        self, state: State, step: float, interactions: Interactions | None, solver: Solver
-    ) -> StepOutcome:
-        """The step of a linear bulk without damping: one product with K, at its end.
-
-        It starts at the velocities that lead back to q0, whose forces are known, but for what is
-        prescribed; residuals of prescribed dofs, which w does not see, are left out.
-        """
-        bulk, theta, watch, held = self.bulk, self.theta, self._stopwatch, self._held
-        time = state.time + step
-        q0, v0 = state.displacement, state.velocity
-        inverse = self.inverse(step, q0)
-        with watch.phase("free velocity"):
-            external = bulk.external(time)
-            force_impulse = step * (theta * external + (1.0 - theta) * state.external)
-            free = v0 * ((theta - 1.0) / theta)
-            back = free[held]
-            bulk.prescribe(free, time, step, theta, q0, v0)
-            residual = bulk.held_stiffness @ (free[held] - back)
-            residual *= step * theta**2
-            residual += state.internal
-            residual *= -step
-            residual += bulk.mass * v0 * (1.0 / theta)
-            residual += force_impulse
-            free += inverse.advance(residual)
-        velocity, impulses, slots = free, np.zeros_like(v0), np.zeros(0)
-        sweeps, error, traction, converged = 0, 0.0, 0.0, True
-        if interactions is not None:
-            with watch.phase("interaction terms"):
-                if interactions.inverse is not inverse.blocks:
-                    interactions.update_inverse(inverse.blocks)
-                interactions.begin_step(step, theta)
-            with watch.phase("interaction solve"):
-                velocity, impulses, slots, report = interact(inverse, interactions, solver, free)
-            sweeps, error, traction, converged = report[1], report[2], report[3], report[0]
-        with watch.phase("free velocity"):
-            displacement = theta * velocity
-            displacement += (1.0 - theta) * v0
-            displacement *= step
-            displacement += q0
-            internal = bulk.internal(displacement)
-            reactions = np.zeros_like(v0)
-            forces = theta * internal[held] + (1.0 - theta) * state.internal[held]
-            reactions[held] = bulk.mass[held] * (velocity[held] - v0[held]) + step * forces
-            reactions[held] -= impulses[held]
-            if np.ndim(force_impulse):
-                reactions[held] -= force_impulse[held]
-        converged = converged and bool(np.all(np.isfinite(velocity)))
-        end = State(time, displacement, velocity, internal, external)
-        return StepOutcome(
-            end, slots, impulses, reactions, force_impulse, 0.0, sweeps, error, traction, 1, 0.0,
-            converged,
         )  # fmt: skip
 
     def _left(self, newton: float, before: float) -> float:

@@ -4,9 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from contextlib import contextmanager
-from dataclasses import dataclass, field
-from time import perf_counter
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -14,7 +12,7 @@ import numpy as np
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.nlgs import SolveReport
 
-Solver = Callable[[Interactions, np.ndarray], SolveReport]
+Solver = Callable[..., SolveReport]
 
 
 @dataclass
@@ -57,30 +55,17 @@ class StepOutcome(NamedTuple):
     converged: bool
 
 
-@dataclass
-class Stopwatch:
-    """Seconds spent in each phase of a run."""
-
-    seconds: dict[str, float] = field(default_factory=dict)
-
-    @contextmanager
-    def phase(self, name: str):
-        """Time what is done within."""
-        start = perf_counter()
-        try:
-            yield
-        finally:
-            self.seconds[name] = self.seconds.get(name, 0.0) + perf_counter() - start
-
-
-def interact(inverse, interactions: Interactions, solver: Solver, free: np.ndarray):
+def interact(
+    inverse, interactions: Interactions, solver: Solver, free: np.ndarray, tolerance: float
+):
     """Let the interactions act on free velocities.
 
     Args:
         inverse: one of `xper_fx.bulk.inverse`.
         interactions: points after `begin_step`.
-        solver: called with the interactions and the velocities of the interacting nodes.
+        solver: called with the interactions, the velocities of the interacting nodes, `tolerance`.
         free: free velocities, shape (num_dofs,), m/s.
+        tolerance: bound on the estimated relative error of the impulses.
 
     Returns:
         End velocities and H r on all dofs, velocities of the interacting nodes, solver's report.
@@ -90,7 +75,7 @@ def interact(inverse, interactions: Interactions, solver: Solver, free: np.ndarr
     count = len(inverse.nodes)
     slots[:count] = free.reshape(-1, dim)[inverse.nodes]
     slots = slots.reshape(-1)
-    report = solver(interactions, slots)
+    report = solver(interactions, slots, tolerance=tolerance)
     impulses = np.zeros_like(free)
     impulses.reshape(-1, dim)[inverse.nodes] = interactions.impulses()[:count]
     if count == inverse.num_nodes:

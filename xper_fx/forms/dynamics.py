@@ -23,7 +23,6 @@ from dolfinx import default_scalar_type, fem
 
 from xper_fx.bodies import Bodies
 from xper_fx.compat import interpolation_points
-from xper_fx.forms.history import History
 from xper_fx.forms.kinematics import displacement_gradient
 from xper_fx.forms.loads import BodyForce, Gravity, SurfaceTraction, value_at
 from xper_fx.materials.material import InelasticMaterial, Material, Response
@@ -104,7 +103,11 @@ class BulkForms:
         inelastic = {t: m for t, m in self._items() if hasattr(m, "response")}
         variables = {t: m.variables for t, m in inelastic.items() if m.variables}
         self.step = self._constant(0.0) if inelastic else None
-        self._history = History(self.bodies, self._degree, variables) if variables else None
+        self._history = None
+        if variables:
+            from xper_fx.forms.history import History
+
+            self._history = History(self.bodies, self._degree, variables)
         self._responses = {}
         for tag, material in inelastic.items():
             old = self._history.variables(tag) if tag in variables else {}
@@ -128,10 +131,13 @@ class BulkForms:
             if r.increment is not None
         ]
 
+    @property
+    def flows(self) -> bool:
+        """Whether a material says by how much it flows in a step."""
+        return bool(self._increments)
+
     def largest_increment(self, displacement: np.ndarray) -> float:
         """Largest inelastic strain that a step to a displacement adds anywhere."""
-        if not self._increments:
-            return 0.0
         self.u.x.array[:] = displacement
         mesh = self.bodies.mesh
         return max(float(np.abs(e.eval(mesh, cells)).max()) for e, cells in self._increments)
@@ -211,6 +217,11 @@ class BulkForms:
     def plastic(self) -> bool:
         """Whether a material dissipates by plasticity."""
         return "plastic" in self._dissipations
+
+    @property
+    def viscous(self) -> bool:
+        """Whether a material dissipates by viscosity."""
+        return "viscous" in self._dissipations
 
     @property
     def has_history(self) -> bool:

@@ -78,6 +78,7 @@ class J2FiniteStrain:
     hardening: Hardening
     density: float
     linear: bool = field(default=False, init=False)
+    effects = ("finite strain",)
     variables = MappingProxyType({"inverse_plastic_metric": UNIT_TENSOR, "accumulated": 0.0})
 
     def __post_init__(self):

@@ -15,7 +15,7 @@ from xper_fx.materials.j2_finite_strain import J2FiniteStrain
 from xper_fx.materials.j2_small_strain import J2SmallStrain
 from xper_fx.materials.linear_elastic import LinearElastic
 from xper_fx.materials.neo_hookean import NeoHookean
-from xper_fx.nscd.laws import CohesiveZone
+from xper_fx.nscd.laws.cohesive_zone import CohesiveZone
 
 DENSITY = 7800.0
 FRICTION = 0.05

@@ -2,7 +2,9 @@
 """What a material is, in UFL: an energy, or a response with internal variables.
 
 Forces and tangents follow by differentiation, so a material of a user's own is a class with the
-members of `Material` or of `InelasticMaterial`, in any file. A Maxwell-like solid, say, whose
+members of `Material` or of `InelasticMaterial`, in any file. It may have `effects`, names for the
+table of effects (`xper_fx/effects.py`) such as "finite strain"; that it is plastic, viscous or has
+internal variables its response tells. A Maxwell-like solid, say, whose
 stress relaxes with time t, is
 
     class Relaxing:

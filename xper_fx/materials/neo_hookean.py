@@ -28,6 +28,7 @@ class NeoHookean:
     poisson: float
     density: float
     linear: bool = field(default=False, init=False)
+    effects = ("finite strain",)
 
     def __post_init__(self):
         check_elastic_constants(self.young, self.poisson, self.density)

@@ -31,6 +31,7 @@ class SaintVenantKirchhoff:
     poisson: float
     density: float
     linear: bool = field(default=False, init=False)
+    effects = ("finite strain",)
 
     def __post_init__(self):
         check_elastic_constants(self.young, self.poisson, self.density)

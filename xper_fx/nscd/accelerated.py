@@ -23,7 +23,7 @@ import numpy as np
 
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.krylov import add_combination, norm, products
-from xper_fx.nscd.nlgs import LOOSE, ROUNDING, SolveReport, sweep_passes
+from xper_fx.nscd.nlgs import ROUNDING, SolveReport, sweep_passes
 
 # Sweeps remembered, and plain sweeps before any is mixed.
 _MEMORY, _PLAIN = 8, 3
@@ -103,7 +103,7 @@ def solve(
     r, swept, f, old_r, old_f, best = np.zeros((6, ends[-1]))
     gather(r)
     put(r)
-    least, error, wanted, restarts = np.inf, np.inf, LOOSE * tolerance, 0
+    least, error, restarts = np.inf, np.inf, 0
     amplification, follows = np.inf, False
     for count in range(1, max_sweeps + 1):
         for sweep in passes:
@@ -121,18 +121,16 @@ def solve(
             amplification = max(1.0, norm(old_r) / slope) if slope > 0.0 else 1.0
         follows = False
         error = change * amplification if change > ROUNDING else change
-        if error <= wanted:
-            if interactions.evolve(velocity) > tolerance:
-                memory.forget()
-                wanted, least, amplification = LOOSE * tolerance, np.inf, np.inf
-                r[:] = swept
-                continue
-            if error <= tolerance:
+        if error <= tolerance:
+            if interactions.evolve(velocity) <= tolerance:
                 largest = max((p.stats[:, 2].max() for p in passes), default=0.0)
                 traction = np.sqrt(largest) / interactions.step_size
                 reason = f"{restarts} restarts"
                 return SolveReport(True, count, error, traction, "accelerated", reason)
-            wanted = tolerance
+            memory.forget()
+            least, amplification = np.inf, np.inf
+            r[:] = swept
+            continue
         if change > _GROWTH * least:
             memory.forget()
             restarts, least = restarts + 1, np.inf

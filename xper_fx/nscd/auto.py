@@ -11,10 +11,11 @@ direction that is not prescribed) or gives up, `accelerated.py` finishes.
 from __future__ import annotations
 
 import math
+from importlib import import_module
 
 import numpy as np
 
-from xper_fx.nscd import accelerated, newton, nlgs
+from xper_fx.nscd import nlgs
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.nlgs import SolveReport
 
@@ -66,11 +67,11 @@ def solve(
         spell *= 2
     reason = f"{left:.0f} sweeps left after {sweeps}"
     allowed = min(max_sweeps - sweeps, max(1, int(_SHARE * max_sweeps)))
-    for solver, most in ((newton, allowed), (accelerated, max_sweeps)):
+    for solver, most in (("newton", allowed), ("accelerated", max_sweeps)):
         if sweeps >= max_sweeps:
             break
         velocity[:] = free
-        report = solver.solve(
+        report = import_module(f"xper_fx.nscd.{solver}").solve(
             interactions, velocity, max_sweeps=min(most, max_sweeps - sweeps), **options
         )
         sweeps += report.sweeps

@@ -13,8 +13,8 @@ constants of the step, so one solver serves every law.
 Sticking violates the cone: then s = -lambda r_T with lambda > 0. Eliminating r_N by the active
 normal condition leaves (S + lambda I) r_T = -g with S = W_TT - W_TN W_NT / W_NN positive definite,
 and f(lambda) = |r_T(lambda)| - mu r_N(r_T(lambda)) - bound falls from f(0) > 0 to
--mu (v_min - b_N) / W_NN - bound < 0: a root always exists, whatever mu. In 2D it is explicit; in
-3D without a bound it is that of `local_solvers/exact.py`.
+-mu (v_min - b_N) / W_NN - bound < 0: a root always exists, whatever mu. In 2D it is explicit;
+`coulomb_space.py` has 3D.
 
 With a bound, sticking or sliding may ask for r_N < 0: the tangential impulse alone would open the
 point. The solution is then on the edge of contact, dU_N = v_min and r_N = 0, with |r_T| < bound.
@@ -26,36 +26,13 @@ normal condition does not stop is never stuck: it slides.
 
 from __future__ import annotations
 
-from functools import cache
-
-import numpy as np
 from numba import njit
 
-from xper_fx.nscd.local_solvers.exact import slide
-from xper_fx.nscd.local_solvers.solver import NO_SLIP, SINGULAR
-
-OPEN, STICK, SLIP = 0, 1, 2
-
-# Bound on the steps (by 4) that bracket a root: all of floating point, and an end for NaN.
-_DOUBLINGS = 1100
+from xper_fx.nscd.signorini import NO_SLIP, OPEN, SINGULAR, SLIP, STICK
 
 
 @njit(inline="always")
-def _frictionless2(b, w, v_min):
-    if b[0] >= v_min or w[0] <= SINGULAR * w[2]:
-        return (0.0, 0.0), OPEN
-    return ((v_min - b[0]) / w[0], 0.0), SLIP
-
-
-@njit(inline="always")
-def _frictionless3(b, w, v_min):
-    if b[0] >= v_min or w[0] <= SINGULAR * (w[3] + w[5]):
-        return (0.0, 0.0, 0.0), OPEN
-    return ((v_min - b[0]) / w[0], 0.0, 0.0), SLIP
-
-
-@njit(inline="always")
-def _coulomb2(b, w, v_min, shift, mu, bound):
+def coulomb_plane(b, w, v_min, shift, mu, bound):
     if b[0] >= v_min or w[0] <= SINGULAR * w[2]:
         return (0.0, 0.0), OPEN
     push = (v_min - b[0]) / w[0]
@@ -77,127 +54,3 @@ def _coulomb2(b, w, v_min, shift, mu, bound):
     if normal < 0.0:  # only with a bound: the tangential impulse alone opens the point
         return (0.0, sign * push / abs(coupling)), SLIP
     return (normal, sign * (mu * normal + bound)), SLIP
-
-
-@njit
-def _coulomb3(b, w, v_min, shift, mu, bound):
-    if b[0] >= v_min or w[0] <= SINGULAR * (w[3] + w[5]):
-        return (0.0, 0.0, 0.0), OPEN
-    push = (v_min - b[0]) / w[0]
-    inverse = 1.0 / w[0]
-    s11 = w[3] - w[1] * w[1] * inverse
-    s12 = w[4] - w[1] * w[2] * inverse
-    s22 = w[5] - w[2] * w[2] * inverse
-    g1 = b[1] + shift[0] + w[1] * push
-    g2 = b[2] + shift[1] + w[2] * push
-    # Eigenbasis of S: (S + lambda I)^-1 is then two divisions.
-    half = 0.5 * (s11 - s22)
-    radius = np.sqrt(half * half + s12 * s12)
-    mean = 0.5 * (s11 + s22)
-    large = mean + radius
-    if radius > 0.0:
-        c2 = half / radius
-        c = np.sqrt(0.5 * (1.0 + c2)) if c2 > -1.0 else 0.0
-        s = np.sqrt(0.5 * (1.0 - c2)) if c2 < 1.0 else 0.0
-        if s12 < 0.0:
-            s = -s
-    else:
-        c, s = 1.0, 0.0
-    # det / large, free of the cancellation in mean - radius
-    small = (s11 * s22 - s12 * s12) / large if large > 0.0 else 0.0
-    ga, gb = c * g1 + s * g2, c * g2 - s * g1
-    wa, wb = (c * w[1] + s * w[2]) * inverse, (c * w[2] - s * w[1]) * inverse
-    tiny = SINGULAR * (w[3] + w[5])
-    singular = small <= tiny
-    if singular:
-        # S is singular along b, perhaps along a: such a direction carries nothing if W vanishes
-        # along it or the slip is stopped anyway; else it slides, and `tiny` only bounds divisions.
-        still = NO_SLIP * (
-            abs(b[1]) + abs(b[2]) + abs(shift[0]) + abs(shift[1])
-            + (abs(w[1]) + abs(w[2])) * push
-        )  # fmt: skip
-        if abs(gb) <= still or small + wb * wb * w[0] <= tiny or mu * abs(wb) >= 1.0:
-            gb = 0.0
-        small = max(small, tiny)
-        if large <= tiny:
-            if abs(ga) <= still or large + wa * wa * w[0] <= tiny or mu * abs(wa) >= 1.0:
-                ga = 0.0
-            large = tiny
-        if ga == 0.0 and gb == 0.0:
-            return (push, 0.0, 0.0), STICK
-    ra, rb = -ga / large, -gb / small
-    normal = push - wa * ra - wb * rb
-    limit = mu * normal + bound
-    if normal >= 0.0 and ra * ra + rb * rb <= limit * limit:
-        return (normal, c * ra - s * rb, s * ra + c * rb), STICK
-    if mu == 0.0 and bound == 0.0:
-        return (push, 0.0, 0.0), SLIP
-    if bound == 0.0 and not singular:
-        normal, ra, rb, _, _ = slide(push, ga / large, gb / large, wa, wb, small / large, mu, 0.0)
-        return (normal, c * ra - s * rb, s * ra + c * rb), SLIP
-    # f(lambda) = |r_T| - mu r_N - bound: bracket the root, then Newton kept inside the bracket.
-    low, high = 0.0, large
-    if limit < 0.0 or ra * ra + rb * rb > limit * limit:
-        for _ in range(_DOUBLINGS):
-            ra, rb = -ga / (large + high), -gb / (small + high)
-            if np.sqrt(ra * ra + rb * rb) <= mu * (push - wa * ra - wb * rb) + bound:
-                break
-            low, high = high, 4.0 * high
-    else:  # |r_T| is within the bound, but r_N < 0
-        high = 0.0
-    lam = low
-    for _ in range(100):
-        da, db = 1.0 / (large + lam), 1.0 / (small + lam)
-        ra, rb = -ga * da, -gb * db
-        size = np.sqrt(ra * ra + rb * rb)
-        f = size - mu * (push - wa * ra - wb * rb) - bound
-        if f > 0.0:
-            low = lam
-        else:
-            high = lam
-        slope = -(ra * ra * da + rb * rb * db) / size - mu * (wa * ra * da + wb * rb * db)
-        step = -f / slope if slope < 0.0 else 0.0
-        trial = lam + step
-        if not (low < trial < high):
-            trial = 0.5 * (low + high)
-        if abs(trial - lam) <= 1e-15 * (lam + small) or high - low <= 1e-15 * high:
-            lam = trial
-            break
-        lam = trial
-    ra, rb = -ga / (large + lam), -gb / (small + lam)
-    normal = push - wa * ra - wb * rb
-    if normal < 0.0 and bound > 0.0:
-        # The largest lambda with r_N = 0: push (large + l)(small + l) + ... is a quadratic.
-        half_b = 0.5 * (push * (large + small) + wa * ga + wb * gb)
-        c0 = push * large * small + wa * ga * small + wb * gb * large
-        root = np.sqrt(max(half_b * half_b - push * c0, 0.0))
-        lam = (root - half_b) / push if half_b <= 0.0 else -c0 / (root + half_b)
-        ra, rb = -ga / (large + lam), -gb / (small + lam)
-        return (0.0, c * ra - s * rb, s * ra + c * rb), SLIP
-    normal = max(normal, 0.0)
-    size = np.sqrt(ra * ra + rb * rb)
-    if size > 0.0:  # exactly on the limit: the last rounding must not leave it
-        ratio = (mu * normal + bound) / size
-        ra, rb = ra * ratio, rb * ratio
-    return (normal, c * ra - s * rb, s * ra + c * rb), SLIP
-
-
-@cache
-def contact_solver(dim: int, friction: bool):
-    """Kernel `solve(b, w, v_min, shift, mu, bound) -> (r, status)` for the dimension.
-
-    Without friction the tangential part is not compiled at all.
-
-    Returns:
-        A jitted function; `b`, `r` are `(n, t...)` tuples (m/s, N s), `w` a symmetric tuple
-        (m/s per N s), `shift` a tuple of the tangential components (m/s).
-    """
-    if friction:
-        return _coulomb2 if dim == 2 else _coulomb3
-    frictionless = _frictionless2 if dim == 2 else _frictionless3
-
-    @njit(inline="always")
-    def solve(b, w, v_min, shift, mu, bound):
-        return frictionless(b, w, v_min)
-
-    return solve

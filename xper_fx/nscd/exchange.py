@@ -63,7 +63,7 @@ def couple(points: InteractionPoints, inverse: BodyInverse) -> Couplings:
 
 
 # Largest block whose rows are added as one vector each.
-VECTOR_DOFS = 16
+_VECTOR_DOFS = 16
 
 
 @cache
@@ -113,7 +113,7 @@ def motion(dim: int, components: int, k: int, size: int):
     """Kernels `read(v, c, i) -> u` (local) and `push(v, c, i, local impulse)`.
 
     Args:
-        dim: dimension of space; 1 where velocities are along normals already (`normal.py`).
+        dim: dimension of space.
         components: of local vectors.
         k: nodes on a side.
         size: block size in dofs when all blocks are alike, else 0.
@@ -121,13 +121,11 @@ def motion(dim: int, components: int, k: int, size: int):
     local, world = for_dimension(dim, components), for_dimension(dim)
     to_local, to_global = local.to_local, local.to_global
     subtract, times = world.subtract, world.scale
-    vector = 0 < size <= VECTOR_DOFS
+    vector = 0 < size <= _VECTOR_DOFS
     add_rows = _add_rows(dim, size) if vector else None
 
     @njit(inline="always")
     def side(v, c, i, s):
-        if dim == 1:
-            return (v[np.uintp(c.start[i, s, 0])],)
         if dim == 2:
             p = np.uintp(c.start[i, s, 0])
             if k == 1:
@@ -169,10 +167,6 @@ def motion(dim: int, components: int, k: int, size: int):
                 row = np.uintp(c.start[i, s, j]) * n if size > 0 else np.uintp(c.rows[i, s, j])
                 if vector:
                     add_rows(v, base, c.w, row, times(scale, f))
-                elif dim == 1:
-                    f0 = scale * f[0]
-                    for m in range(n):
-                        v[base + m] += c.w[row + m] * f0
                 elif dim == 2:
                     f0, f1 = scale * f[0], scale * f[1]
                     for m in range(n):

@@ -17,8 +17,6 @@ from numba import njit
 from xper_fx.nscd.exchange import Couplings, couple, motion, push_kernel, spread_kernel
 from xper_fx.nscd.inverse import BodyInverse
 from xper_fx.nscd.laws.law import ENERGIES, Law, LawKernels
-from xper_fx.nscd.local_solvers.solver import SINGULAR
-from xper_fx.nscd.normal import NormalVelocities, fewer_numbers
 from xper_fx.nscd.ordering import (
     Ordering,
     TileBodies,
@@ -28,6 +26,7 @@ from xper_fx.nscd.ordering import (
     vertex_of_points,
 )
 from xper_fx.nscd.points import InteractionPoints
+from xper_fx.nscd.signorini import SINGULAR
 from xper_fx.nscd.small import for_dimension, sym_indices
 
 
@@ -58,7 +57,6 @@ class PointGroup:
         jump, velocity: shape (n, components), at the last committed time (m, m/s).
         energy: shape (n, len(kernels.energies)), of the last committed step (J; 2D: J/m).
         status: shape (n,), int8: 0 open, 1 closed or bonded and sticking, 2 sliding.
-        normal: the points in the normal velocities of their sides, where sweeps are cheaper so.
         block_size: common size of all blocks of w, what the sweeps are compiled for, or 0.
     """
 
@@ -81,7 +79,6 @@ class PointGroup:
     energy: np.ndarray
     status: np.ndarray
     block_size: int
-    normal: NormalVelocities | None = None
 
     def __len__(self) -> int:
         return len(self.indices)
@@ -95,8 +92,7 @@ class PointGroup:
             self.energy, self.status, *self.ordering, *self.couplings[:-1],
             *vars(self.points).values(),
         )  # fmt: skip
-        sides = 0 if self.normal is None else self.normal.nbytes
-        return sum(a.nbytes for a in {id(a): a for a in own}.values()) + sides
+        return sum(a.nbytes for a in {id(a): a for a in own}.values())
 
 
 @cache
@@ -252,14 +248,6 @@ class Interactions:
         widest = max((g.kernels.components for g in self.groups), default=1)
         self.points = points.with_components(widest)
         self.update_inverse(inverse)
-        if ordering == "tiles" and len(self.groups) == 1:
-            self._take_normals(self.groups[0])
-
-    def _take_normals(self, group: PointGroup) -> None:
-        """Sweep by normal velocities where a law without internal variables stands alone."""
-        alone = group.kernels.components == 1 and group.kernels.evolve is None
-        if alone and fewer_numbers(group.points, self.inverse):
-            group.normal = NormalVelocities(group.points, group.couplings, self.inverse)
 
     def _group(self, kernels, points, indices, nodal) -> PointGroup:
         blocks = self.inverse.block_of_node()[points.nodes[indices][:, :, 0]]
@@ -316,8 +304,6 @@ class Interactions:
             rows, cols = sym_indices(group.kernels.components)
             group.couplings = group.couplings._replace(w=inverse.data)
             _compliance(group.couplings, group.points.frame, rows, cols, group.compliance)
-            if group.normal is not None:
-                group.normal.update(group.couplings)
 
     def begin_step(self, step: float, theta: float) -> None:
         """Set the constants of the step in every law; impulses start from the last step's."""

@@ -23,7 +23,7 @@ import numpy as np
 from xper_fx.nscd import nlgs
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.krylov import norm
-from xper_fx.nscd.nlgs import LOOSE, ROUNDING, SolveReport
+from xper_fx.nscd.nlgs import ROUNDING, SolveReport
 from xper_fx.nscd.tangent import LinearisedProblem, linearised_problem, residual
 
 # Sweeps before the first Newton step: they settle what is open and what is closed.
@@ -58,22 +58,17 @@ class _Attempt:
 
     def run(self, tolerance: float) -> bool:
         """Whether the estimated error came within the tolerance, internal variables at rest."""
-        wanted, amplification = LOOSE * tolerance, np.inf
+        amplification = np.inf
         forcing = _FORCING
         size, relative, self.traction = self._residual()
         history = [relative]
         while True:
             self.error = relative * amplification if relative > ROUNDING else relative
-            if self.error <= wanted:
-                if self.interactions.evolve(self.velocity) > tolerance:
-                    wanted = LOOSE * tolerance
-                    size, relative, self.traction = self._residual()
-                    history = [relative]
-                elif self.error <= tolerance:
+            if self.error <= tolerance:
+                if self.interactions.evolve(self.velocity) <= tolerance:
                     return True
-                else:
-                    wanted = tolerance
-                    continue
+                size, relative, self.traction = self._residual()
+                history = [relative]
             if len(history) > _PATIENCE and relative > 0.5 * history[-1 - _PATIENCE]:
                 return False
             self.problem.linearise(self.velocity)

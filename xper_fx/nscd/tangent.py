@@ -658,6 +658,11 @@ def _block_pairs(sizes, starts, count):
 _problems: WeakKeyDictionary[Interactions, LinearisedProblem] = WeakKeyDictionary()
 
 
+def kept(interactions: Interactions) -> LinearisedProblem | None:
+    """The linearised problem that is held for a scene, if any."""
+    return _problems.get(interactions)
+
+
 def linearised_problem(interactions: Interactions) -> LinearisedProblem:
     """The linearised problem of a scene, from the last call where w is the same."""
     problem = _problems.get(interactions)

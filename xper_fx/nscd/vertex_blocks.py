@@ -92,6 +92,11 @@ class _Blocks(NamedTuple):
 _structures: WeakKeyDictionary[Interactions, _Blocks] = WeakKeyDictionary()
 
 
+def kept(interactions: Interactions) -> _Blocks | None:
+    """The vertices' arrays that are held for a scene, if any."""
+    return _structures.get(interactions)
+
+
 def _unknowns(interactions: Interactions) -> int:
     """Unknowns of a point: most components that a law of the scene has."""
     return max(g.kernels.components for g in interactions.groups)

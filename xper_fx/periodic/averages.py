@@ -74,7 +74,7 @@ def _hill_mandel_error(bulk, before, outcome, step, theta) -> float:
     moved = after.displacement - before.displacement
     internal = theta * after.internal + (1.0 - theta) * before.internal
     inside = float(moved @ internal)
-    inertia = bulk.mass * (after.velocity - before.velocity)
+    inertia = bulk.momentum(after.velocity - before.velocity)
     fluctuation = float(moved[nodal] @ (outcome.impulses - inertia)[nodal]) / step
     # what was asked for where stresses are given, what was found where strains are
     asked = theta * after.internal[cell] + (1.0 - theta) * before.internal[cell]

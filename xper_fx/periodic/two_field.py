@@ -17,12 +17,11 @@ so a driven component is a prescribed motion and its reaction is h |Omega| Pibar
 from __future__ import annotations
 
 import numpy as np
+import scipy.linalg
 
 from xper_fx.bulk.balance import InBalance
 from xper_fx.bulk.bulk import Bulk
 from xper_fx.forms.dynamics import BulkForms
-from xper_fx.periodic.balance import StressBalance
-from xper_fx.periodic.bordered import BorderedInverse
 from xper_fx.periodic.drive import MacroscopicDrive
 from xper_fx.periodic.unknowns import CellUnknowns
 
@@ -48,7 +47,7 @@ class CellBulk(Bulk):
 
     def __init__(self, forms: BulkForms, drive: MacroscopicDrive, inertia: bool = True):
         self.drive = drive
-        self.volume = abs(float(np.linalg.det(forms.bodies.lattice)))
+        self.volume = abs(float(scipy.linalg.det(forms.bodies.lattice)))
         dim = forms.V.dofmap.index_map_bs
         self.free = np.flatnonzero(~drive.kinematic(dim))
         self.largest_stress = 0.0
@@ -56,9 +55,8 @@ class CellBulk(Bulk):
         self._guess_from = (-np.inf, np.zeros(dim * dim))
         self._compliance = np.zeros((len(self.free), len(self.free)))
         self._committed_compliance = self._compliance.copy()
+        self._static = not inertia
         super().__init__(forms, inertia=inertia)
-        self.mass = self.mass.copy()
-        self.mass[self.unknowns.macroscopic] = 0.0
         self._refuse_pressing_the_incompressible()
         self._rounding = self._forces_of_rounding() if len(self.free) else 0.0
 
@@ -71,13 +69,10 @@ class CellBulk(Bulk):
     def _make_unknowns(self):
         return CellUnknowns(self.forms.V, self.forms.bodies)
 
-    def _columns_of_held(self) -> None:
-        """None: macroscopic motions move all nodes."""
-
     def _prescribed(self) -> np.ndarray:
         out = np.zeros(self.num_dofs, bool)
         out[self.unknowns.macroscopic] = self.drive.kinematic(self.dim)
-        if not self.inertia and len(self.unknowns.offsets) == 2:
+        if self._static and len(self.unknowns.offsets) == 2:
             out[: self.dim] = True  # the translation of u#, which nothing else holds
         return out
 
@@ -87,8 +82,13 @@ class CellBulk(Bulk):
         A rotation of u# about an axis is the same at two tied nodes only if the vector between
         them is along the axis.
         """
-        super()._require_held_bodies()
         unknowns = self.unknowns
+        if len(unknowns.offsets) > 2:
+            raise ValueError(
+                f"Without inertia every body should be held, and the cell has "
+                f"{len(unknowns.offsets) - 1} bodies, which interactions alone hold: take one body "
+                "(a label for all cells) or inertia=True."
+            )
         first = np.empty((unknowns.num_nodes, self.dim))
         first[unknowns.node_of] = unknowns.position
         apart = unknowns.position - first[unknowns.node_of]
@@ -105,6 +105,12 @@ class CellBulk(Bulk):
         on_nodes = np.bincount(self.unknowns.node_of, of_nodes)
         macroscopic = of_nodes @ self.unknowns.position**2
         return np.concatenate([on_nodes, macroscopic])
+
+    def _mass(self) -> np.ndarray:
+        """See `Bulk`: none on the macroscopic unknowns."""
+        mass = self.weights.copy()
+        mass[self.unknowns.macroscopic] = 0.0
+        return mass
 
     def _refuse_pressing_the_incompressible(self) -> None:
         held = self.drive.kinematic(self.dim).reshape(self.dim, self.dim).diagonal()
@@ -164,6 +170,8 @@ class CellBulk(Bulk):
         """See `Bulk`: bordered by the components of G that stresses determine."""
         if not len(self.free):
             return inverse
+        from xper_fx.periodic.bordered import BorderedInverse
+
         compliance = self._compliance if interacting else None
         return BorderedInverse(
             inverse, self.unknowns, self.free, stiffness, step, theta, compliance
@@ -177,7 +185,11 @@ class CellBulk(Bulk):
 
     def balance(self, tolerance: float) -> InBalance:
         """See `Bulk`: of the stresses given."""
-        return StressBalance(self, tolerance) if len(self.free) else InBalance()
+        if not len(self.free):
+            return InBalance()
+        from xper_fx.periodic.balance import StressBalance
+
+        return StressBalance(self, tolerance)
 
     def imbalance(self, residual: np.ndarray, internal: np.ndarray, step: float) -> float:
         """Error of the stresses given by a step's residual, relative to the run's largest Pibar.

@@ -20,7 +20,7 @@ so that W may have any rank, and iterations hardly depend on the size. At contac
 nor parting (x = z = 0) the natural map is only of the size of sqrt(s): rounding ends the descent at
 some 1e-6 or 1e-7, from where Newton steps finish.
 
-Without friction L has no inside; such contacts get mu = 1e-8 here.
+Without friction L has no inside; such contacts get mu = 1e-10 here.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from xper_fx.nscd.friction.error import natural_map
 from xper_fx.nscd.friction.sparse_system import SparseSystem
 from xper_fx.nscd.small import for_dimension
 
-_LEAST_FRICTION = 1e-8
+_LEAST_FRICTION = 1e-10
 _MAX_ITERATIONS = 60
 # Fraction of the way to the boundary of the cones.
 _TO_BOUNDARY = 0.99
@@ -265,7 +265,7 @@ def solve(
     scaled, qs = np.empty_like(problem.blocks), np.empty((n, dim))
     begin(problem.offsets, problem.columns, problem.blocks, problem.q / unit, mu, scaled, qs)
     x, z = np.zeros((2, n, dim))
-    x[:, 0] = z[:, 0] = start
+    x[:, 0], z[:, 0] = start * mu, start / mu
     dx, dz, residual, g, rhs = np.empty((5, n, dim))
     scaling = np.empty((n, dim + 1))
     system = SparseSystem(problem)

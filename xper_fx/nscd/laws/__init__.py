@@ -1,9 +1,15 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Interaction laws, one file each; `law.py` says what a law is."""
 
-from xper_fx.nscd.laws.cohesive_zone import CohesiveZone
-from xper_fx.nscd.laws.law import Law
-from xper_fx.nscd.laws.perfect_bond import PerfectBond
-from xper_fx.nscd.laws.signorini_coulomb import SignoriniCoulomb, Tresca
+from xper_fx.lazy import importer
 
-__all__ = ["CohesiveZone", "Law", "PerfectBond", "SignoriniCoulomb", "Tresca"]
+_MODULE_OF = {
+    "CohesiveZone": "cohesive_zone",
+    "Law": "law",
+    "PerfectBond": "perfect_bond",
+    "SignoriniCoulomb": "signorini_coulomb",
+    "Tresca": "signorini_coulomb",
+}
+
+__all__ = list(_MODULE_OF)
+__getattr__ = importer(__name__, _MODULE_OF)

@@ -41,7 +41,6 @@ import numpy as np
 from numba import njit
 
 from xper_fx.nscd.checks import require_non_negative, require_positive
-from xper_fx.nscd.coulomb import contact_solver
 from xper_fx.nscd.laws.law import (
     COHESION,
     ENERGIES,
@@ -51,9 +50,10 @@ from xper_fx.nscd.laws.law import (
     STORED,
     LawKernels,
 )
+from xper_fx.nscd.signorini import contact_solver
 from xper_fx.nscd.small import for_dimension
 
-_C_N, _C_T, _MU, _D0, _DC, _BETA0 = range(6)
+_C_N, _C_T, _D0, _DC, _BETA0, _MU = range(6)
 _OPENING_MAX, _DAMAGE = 0, 1
 
 
@@ -123,12 +123,13 @@ class CohesiveZone:
         return _kernels(dim, self.friction > 0.0, self.damage == "lagged")
 
     def parameters(self) -> tuple[float, ...]:
-        """C_N, C_T (Pa/m), mu, d0, dc (m), beta0."""
+        """C_N, C_T (Pa/m), d0, dc (m), beta0; with friction mu."""
         c_t = self.tangential_stiffness or self.normal_stiffness
-        return (
-            self.normal_stiffness, c_t, self.friction,
-            self.elastic_opening, self.critical_opening, self.initial_damage,
+        bond = (
+            self.normal_stiffness, c_t, self.elastic_opening, self.critical_opening,
+            self.initial_damage,
         )  # fmt: skip
+        return (*bond, self.friction) if self.friction > 0.0 else bond
 
     def initial_state(self) -> tuple[float, ...]:
         """Largest opening so far (m) and damage."""
@@ -187,7 +188,7 @@ def _kernels(dim: int, friction: bool, lagged: bool) -> LawKernels:
     num_terms = soft + num_sym
     # Columns of details.
     mean, start, jump_start, h_theta, k_n, k_t, shift = range(7)
-    num_details = shift + dim - 1
+    num_details = shift + dim - 1 if friction else shift
 
     @njit(inline="always")
     def opening(jump):
@@ -232,8 +233,9 @@ def _kernels(dim: int, friction: bool, lagged: bool) -> LawKernels:
             jump_h = jump[j] + step * (1.0 - theta) * velocity[j]
             terms[i, middle + j] = jump_h / scaled
             terms[i, push + j] = ((1.0 - theta) * jump[j] + theta * jump_h) / (scaled * theta)
-        for j in range(1, dim):
-            details[i, shift + j - 1] = (1.0 - theta) / theta * velocity[j]
+        if friction:
+            for j in range(1, dim):
+                details[i, shift + j - 1] = (1.0 - theta) / theta * velocity[j]
         beta = state[i, _DAMAGE]
         reach = max(state[i, _OPENING_MAX], parameters[i, _D0]) / scaled
         terms[i, limit] = np.inf if (beta == 0.0 or lagged) else reach * reach
@@ -265,9 +267,12 @@ def _kernels(dim: int, friction: bool, lagged: bool) -> LawKernels:
         new = subtract(u, sym_vector(s, add(r, bonded(k, p, u))))
         if new[0] >= -jump_h[0]:
             return scale(-1.0, bonded(k, p, new)), True
-        new, impulse = with_contact(
-            new, s, k, p, -jump_h[0], shift_of(details, i), parameters[i, _MU]
-        )
+        if friction:
+            new, impulse = with_contact(
+                new, s, k, p, -jump_h[0], shift_of(details, i), parameters[i, _MU]
+            )
+        else:
+            new, impulse = with_contact(new, s, k, p, -jump_h[0], (0.0,), 0.0)
         return impulse, r[0] > 0.0 and impulse[0] > 0.0
 
     @njit(inline="always")
@@ -311,12 +316,14 @@ def _kernels(dim: int, friction: bool, lagged: bool) -> LawKernels:
         pressing = hat[0] * terms[i, soft] > u[0] + terms[i, middle]
         lost_n = -hat[0] * moved[0] / step
         lost_t = -(dot(hat, moved) - hat[0] * moved[0]) / step
-        size = dot(hat, hat) - hat[0] * hat[0]
-        bound = parameters[i, _MU] * hat[0]
-        sliding = pressing and size >= (1.0 - 1e-6) * bound * bound
+        sliding = pressing
+        if friction:
+            size = dot(hat, hat) - hat[0] * hat[0]
+            bound = parameters[i, _MU] * hat[0]
+            sliding = pressing and size >= (1.0 - 1e-6) * bound * bound
         energy[i, STORED] = new * e1
         energy[i, COHESION] = (beta - new) * e1 + (old - beta) * e0
-        energy[i, FRICTION] = max(lost_t, 0.0) if sliding else 0.0
+        energy[i, FRICTION] = max(lost_t, 0.0) if friction and sliding else 0.0
         energy[i, IMPACT] = max(lost_n, 0.0) if pressing else 0.0
         energy[i, NUMERICAL] = (
             (theta - 0.5) * beta * area * dot(moved, diagonal(c_n, c_t, moved))
@@ -327,9 +334,16 @@ def _kernels(dim: int, friction: bool, lagged: bool) -> LawKernels:
         state[i, _DAMAGE] = new
         return 2 if sliding else (1 if pressing else 0)
 
+    effects = [
+        ("cohesion", 6 + dim + num_sym),  # C, P / k, beta_m k, W~, k
+        ("damage", 10),  # d0, dc, beta0, state, limit, mean to h_theta
+        ("unilateral contact", dim),  # jump_h / (h theta)
+    ]
+    if friction:
+        effects += [("friction", dim)]  # mu, shift
     return LawKernels(
         name="cohesive zone with friction" if friction else "cohesive zone",
-        effects=("cohesion", "unilateral contact", *(("friction",) if friction else ())),
+        effects=tuple(effects),
         components=dim,
         prepare=prepare,
         solve=solve,

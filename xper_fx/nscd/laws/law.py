@@ -21,8 +21,10 @@ acts along the tangent, and then no array of the points has a tangential column;
 W_aa as packed symmetric rows. `energies` names the columns of `energy`, of ENERGIES. Jumps are
 in m, velocities in m/s, impulses `r` in N s (positive: pushes candidate and antagonist apart),
 `area` in m^2 (2D: m, per metre of depth). Over a step, jump1 = jump_h + h theta u with
-jump_h = jump0 + h (1 - theta) velocity0. `name` and `effects` (of EFFECTS, or new ones) are for
-the table of effects. Adding a law is adding one file with such a class.
+jump_h = jump0 + h (1 - theta) velocity0. Adding a law is adding one file with such a class.
+
+`name` and `effects` are for the table of effects (`xper_fx/effects.py`): pairs of an effect's name,
+of the table or new, and how many of a point's parameters, state, terms and details it needs.
 """
 
 from __future__ import annotations
@@ -32,8 +34,6 @@ from typing import Protocol
 
 ENERGIES = ("stored", "cohesion", "friction", "impact", "numerical")
 STORED, COHESION, FRICTION, IMPACT, NUMERICAL = range(len(ENERGIES))  # of a law that has them all
-
-EFFECTS = ("cohesion", "unilateral contact", "friction", "perfect bond")
 
 LawKernels = namedtuple(
     "LawKernels",

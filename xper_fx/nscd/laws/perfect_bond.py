@@ -39,7 +39,7 @@ class PerfectBond:
 
 
 @njit
-def _pseudo_inverse2(s):
+def _pseudo_inverse_plane(s):
     """Moore-Penrose inverse of a symmetric positive semi-definite matrix."""
     trace, det = s[0] + s[2], s[0] * s[2] - s[1] * s[1]
     if trace <= 0.0:
@@ -51,7 +51,7 @@ def _pseudo_inverse2(s):
 
 
 @njit
-def _pseudo_inverse3(s):
+def _pseudo_inverse_space(s):
     """Moore-Penrose inverse of a symmetric positive semi-definite matrix."""
     trace = s[0] + s[3] + s[5]
     if trace <= 0.0:
@@ -87,7 +87,7 @@ def _kernels(dim: int) -> LawKernels:
     sym_row, add, subtract = algebra.sym_row, algebra.add, algebra.subtract
     row, set_row = algebra.row, algebra.set_row
     scale, sym_vector = algebra.scale, algebra.sym_vector
-    pseudo_inverse = _pseudo_inverse2 if dim == 2 else _pseudo_inverse3
+    pseudo_inverse = _pseudo_inverse_plane if dim == 2 else _pseudo_inverse_space
     num_sym = dim * (dim + 1) // 2
 
     @njit
@@ -118,7 +118,7 @@ def _kernels(dim: int) -> LawKernels:
 
     return LawKernels(
         name="perfect bond",
-        effects=("perfect bond",),
+        effects=(("perfect bond", dim + num_sym),),
         components=dim,
         prepare=prepare,
         solve=solve,

@@ -6,9 +6,18 @@ jump_h = jump0 + h (1 - theta) dU0 is closed obeys
 
     dU_N + e dU0_N >= 0,  r_N >= 0,  complementary;   friction acts on the end velocity dU_T.
 
+That holds for a point that was opening too (dU0_N > 0) and that another impact pushes back: with
+one e for all points (v+ + e v-) / (1 + e) is then the projection of v- on the motions that open
+them, and an impact without friction loses (1 - e) / (1 + e) of the kinetic energy of v+ - v-.
+Asking such a point for dU_N >= 0 would give it energy, a third of a bouncing stack's in one step.
+
 It rests without bouncing, at a constant penetration of at most |dU0| h / 2. A point that pushed
 in the last step also counts as closed while its gap is below 1e-3 of what the speed it gave,
 W_NN r_N, covers in a step: else the rounding of a gap of zero would let it fall for a step.
+
+A point that arrives dissipates if theta <= 1 / (1 + e), beyond which a load makes it gain. Below,
+one that was leaving (dU0_N > 0) and is pressed back, or whose slip a force turns round in the step,
+gains at most (1 - theta) (r_N dU0_N + |r_T| |dU0_T|), of the order of the step.
 
 Position level, right for lips that were bonded: jump1_N >= 0 at the end of the step, that is
 dU_N >= -jump_h,N / (h theta), and friction acts on the mean slip (jump1_T - jump0_T) / h, that is
@@ -24,20 +33,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cache
 
-import numpy as np
 from numba import njit
 
 from xper_fx.nscd.checks import require_non_negative
-from xper_fx.nscd.coulomb import contact_solver
 from xper_fx.nscd.laws.law import LawKernels
+from xper_fx.nscd.signorini import contact_solver
 from xper_fx.nscd.small import for_dimension
 
+# Columns of terms; all but the first are there with friction alone.
 _V_MIN, _MU, _BOUND, _SHIFT = 0, 1, 2, 3
-_RESTITUTION, _FRICTION, _TRESCA = 0, 1, 2  # parameters; without friction the first alone
-_IMPACT_WORK, _FRICTION_WORK = 0, 1
-
-# Gap at which a pushing point stays closed, relative to h W_NN r_N of the last step.
-_STILL_CLOSED = 1e-3
+_IMPACT_WORK, _FRICTION_WORK = 0, 1  # columns of energy
 
 
 @dataclass(frozen=True)
@@ -66,11 +71,11 @@ class SignoriniCoulomb:
         return contact_kernels(dim, self.friction > 0.0, self.contact)
 
     def parameters(self) -> tuple[float, ...]:
-        """Newton's e, and with friction Coulomb's mu, Tresca's bound (Pa)."""
-        return (self.restitution, self.friction, 0.0)[: 3 if self.friction > 0.0 else 1]
+        """See `_parameters`."""
+        return _parameters(self.contact, self.restitution, self.friction, 0.0)
 
     def initial_state(self) -> tuple[float, ...]:
-        """Normal impulse of the last step (N s), which the velocity level alone asks for."""
+        """See `_initial_state`."""
         return _initial_state(self.contact)
 
 
@@ -100,16 +105,23 @@ class Tresca:
         return contact_kernels(dim, self.bound > 0.0, self.contact)
 
     def parameters(self) -> tuple[float, ...]:
-        """Newton's e, and with friction Coulomb's mu, Tresca's bound (Pa)."""
-        return (self.restitution, 0.0, self.bound)[: 3 if self.bound > 0.0 else 1]
+        """See `_parameters`."""
+        return _parameters(self.contact, self.restitution, 0.0, self.bound)
 
     def initial_state(self) -> tuple[float, ...]:
-        """Normal impulse of the last step (N s), which the velocity level alone asks for."""
+        """See `_initial_state`."""
         return _initial_state(self.contact)
 
 
+def _parameters(contact: str, restitution: float, mu: float, bound: float) -> tuple[float, ...]:
+    """Newton's e at velocity level; with friction Coulomb's mu and Tresca's bound (Pa)."""
+    impact = (restitution,) if contact == "velocity" else ()
+    return (*impact, mu, bound) if mu > 0.0 or bound > 0.0 else impact
+
+
 def _initial_state(contact: str) -> tuple[float, ...]:
-    return () if contact == "position" else (0.0,)
+    """At velocity level the normal impulse of the last step (N s)."""
+    return (0.0,) if contact == "velocity" else ()
 
 
 def _check_contact(contact: str, restitution: float) -> None:
@@ -126,66 +138,54 @@ def _check_contact(contact: str, restitution: float) -> None:
 @cache
 def contact_kernels(dim: int, friction: bool, contact: str) -> LawKernels:
     """The kernels of unilateral contact, compiled for what the arguments call for."""
-    position = contact == "position"
-    state_names = () if position else ("pushed",)
-
-    @njit(inline="always")
-    def least(i, jump, velocity, w, step, theta, parameters, state):
-        """Normal velocity that the point has to have at least (m/s)."""
-        middle = jump[0] + step * (1.0 - theta) * velocity[0]
-        if position:
-            return -middle / (step * theta)
-        if middle <= _STILL_CLOSED * step * (w[i, 0] * state[i, 0]):
-            return -parameters[i, _RESTITUTION] * min(velocity[0], 0.0)
-        return -np.inf
-
-    @njit(inline="always")
-    def commit_normal(i, jump0, jump1, r, step, state, energy):
-        energy[i, _IMPACT_WORK] = -r[0] * (jump1[0] - jump0[0]) / step
-        if not position:
-            state[i, 0] = r[0]
-
-    if not friction:
-        prepare, solve, commit = _normal_kernels(least, commit_normal)
-        return LawKernels(
-            name="frictionless contact",
-            effects=("unilateral contact",),
-            components=1,
-            prepare=prepare,
-            solve=solve,
-            evolve=None,
-            commit=commit,
-            num_terms=1,
-            num_details=0,
-            state_names=state_names,
-            energies=("impact",),
-        )
-
-    algebra = for_dimension(dim)
+    components = dim if friction else 1
+    algebra = for_dimension(dim, components)
     sym_row, sym_vector = algebra.sym_row, algebra.sym_vector
     subtract = algebra.subtract
-    local = contact_solver(dim, friction)
+    local = contact_solver(components, friction)
+    impact = contact == "velocity"
+    if impact:
+        from xper_fx.nscd.laws.impact import least_speed
+    # parameters: Newton's e with impact; mu and Tresca's bound with friction
+    e, mu = 0, int(impact)
+    tresca = mu + 1
 
     @njit
     def prepare(i, jump, velocity, w, area, step, theta, parameters, state, terms, details):
-        terms[i, _V_MIN] = least(i, jump, velocity, w, step, theta, parameters, state)
-        terms[i, _MU] = parameters[i, _FRICTION]
-        terms[i, _BOUND] = step * area * parameters[i, _TRESCA]
-        lag = (1.0 - theta) / theta if position else 0.0
-        for j in range(1, dim):
-            terms[i, _SHIFT + j - 1] = lag * velocity[j]
+        middle = jump[0] + step * (1.0 - theta) * velocity[0]
+        if impact:
+            pushed = w[i, 0] * state[i, 0]
+            terms[i, _V_MIN] = least_speed(middle, velocity[0], step, pushed, parameters[i, e])
+        else:
+            terms[i, _V_MIN] = -middle / (step * theta)
+        if friction:
+            terms[i, _MU] = parameters[i, mu]
+            terms[i, _BOUND] = step * area * parameters[i, tresca]
+            lag = 0.0 if impact else (1.0 - theta) / theta
+            for j in range(1, dim):
+                terms[i, _SHIFT + j - 1] = lag * velocity[j]
 
     @njit(inline="always")
     def solve(i, u, r, w, parameters, terms, details):
         wi = sym_row(w, i)
         b = subtract(u, sym_vector(wi, r))
-        shift = (terms[i, _SHIFT],) if dim == 2 else (terms[i, _SHIFT], terms[i, _SHIFT + dim - 2])
-        r_new, _ = local(b, wi, terms[i, _V_MIN], shift, terms[i, _MU], terms[i, _BOUND])
+        if friction:
+            if dim == 2:
+                shift = (terms[i, _SHIFT],)
+            else:
+                shift = (terms[i, _SHIFT], terms[i, _SHIFT + 1])
+            r_new, _ = local(b, wi, terms[i, _V_MIN], shift, terms[i, _MU], terms[i, _BOUND])
+        else:
+            r_new, _ = local(b, wi, terms[i, _V_MIN], (0.0,), 0.0, 0.0)
         return r_new, False
 
     @njit
     def commit(i, jump0, jump1, u, r, area, step, theta, parameters, state, terms, details, energy):
-        commit_normal(i, jump0, jump1, r, step, state, energy)
+        energy[i, _IMPACT_WORK] = -r[0] * (jump1[0] - jump0[0]) / step
+        if impact:
+            state[i, 0] = r[0]
+        if not friction:
+            return 2 if r[0] > 0.0 else 0
         work_t = 0.0
         size = 0.0
         for j in range(1, dim):
@@ -197,40 +197,21 @@ def contact_kernels(dim: int, friction: bool, contact: str) -> LawKernels:
         limit = terms[i, _MU] * r[0] + terms[i, _BOUND]
         return 2 if size >= (1.0 - 1e-12) * limit * limit else 1
 
+    effects = [("unilateral contact", 1)]
+    if impact:
+        effects += [("impact", 2)]
+    if friction:
+        effects += [("friction", dim + 3)]
     return LawKernels(
-        name="contact with friction",
-        effects=("unilateral contact", "friction"),
-        components=dim,
+        name="contact with friction" if friction else "frictionless contact",
+        effects=tuple(effects),
+        components=components,
         prepare=prepare,
         solve=solve,
         evolve=None,
         commit=commit,
-        num_terms=_SHIFT + dim - 1,
+        num_terms=_SHIFT + dim - 1 if friction else 1,
         num_details=0,
-        state_names=state_names,
-        energies=("impact", "friction"),
+        state_names=("pushed",) if impact else (),
+        energies=("impact", "friction") if friction else ("impact",),
     )
-
-
-def _normal_kernels(least, commit_normal):
-    """`prepare`, `solve` and `commit` of contact without friction, in the normal component."""
-
-    @njit
-    def prepare(i, jump, velocity, w, area, step, theta, parameters, state, terms, details):
-        terms[i, _V_MIN] = least(i, jump, velocity, w, step, theta, parameters, state)
-
-    @njit(inline="always")
-    def solve(i, u, r, w, parameters, terms, details):
-        compliance, v_min = w[i, 0], terms[i, _V_MIN]
-        b = u[0] - compliance * r[0]
-        # a compliance of zero: both sides are prescribed
-        if b >= v_min or compliance == 0.0:
-            return (0.0,), False
-        return ((v_min - b) / compliance,), False
-
-    @njit
-    def commit(i, jump0, jump1, u, r, area, step, theta, parameters, state, terms, details, energy):
-        commit_normal(i, jump0, jump1, r, step, state, energy)
-        return 2 if r[0] > 0.0 else 0
-
-    return prepare, solve, commit

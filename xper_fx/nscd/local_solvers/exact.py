@@ -34,7 +34,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from xper_fx.nscd.local_solvers.solver import INLINE_KERNEL, KERNEL, NO_SLIP, SINGULAR, LocalSolver
+from xper_fx.nscd.local_solvers.solver import INLINE_KERNEL, KERNEL, LocalSolver
+from xper_fx.nscd.signorini import NO_SLIP, SINGULAR
 
 # Factors: 1 / W_NN (0: carries nothing), cos and sin of the eigenbasis, 1 / larger eigenvalue of S,
 # ratio k (0: singular), c_a, c_b, x of the visit before (0: none).

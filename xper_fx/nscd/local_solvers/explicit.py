@@ -15,7 +15,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from xper_fx.nscd.local_solvers.solver import KERNEL, SINGULAR, LocalSolver
+from xper_fx.nscd.local_solvers.solver import KERNEL, LocalSolver
+from xper_fx.nscd.signorini import SINGULAR
 
 
 def explicit_applies(w: np.ndarray, tolerance: float = 1e-12) -> np.ndarray:

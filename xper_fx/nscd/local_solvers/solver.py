@@ -19,10 +19,6 @@ from typing import NamedTuple
 
 from numba import njit
 
-# Relative size below which a compliance counts as zero (the direction is fully prescribed), and
-# below which a slip does where nothing could stop it.
-SINGULAR, NO_SLIP = 1e-13, 1e-12
-
 # No reference counts (see exchange.py), no exceptions, products and sums fused.
 KERNEL = njit(fastmath={"contract"}, error_model="numpy", _nrt=False)
 # The same, merged into the caller by LLVM: a dozen numbers passed on the stack would cost more than

@@ -1,0 +1,369 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Scenes that call for some effects, run in a process of their own under observation.
+
+    python tests/effect_scenes.py SCENE [CODE ...]
+
+runs a scene and prints as JSON what was imported, called and compiled, what each step cost and
+what came out. CODE is taken away before: a "module" cannot be imported, what stands at
+"module:object" raises when it is touched.
+"""
+
+from __future__ import annotations
+
+import gc
+import hashlib
+import importlib.abc
+import importlib.machinery
+import inspect
+import json
+import sys
+import tempfile
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+from numba.core import event
+from numba.core.registry import CPUDispatcher
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+STEPS = 3
+
+
+# Scenes: their imports are within, as a user's script imports what it uses.
+
+
+def _pulled(
+    material, speed=1e-3, lengths=(2.0, 1.0), cells=(2, 1), label=0, kind="crossed", **options
+):
+    """A bar whose ends are pulled apart, held without inertia too; one body, or by `label`."""
+    from scenes import BOTTOM, LEFT, RIGHT, box_bodies
+
+    from xper_fx.forms.loads import PrescribedVelocity
+    from xper_fx.scene import Scene
+
+    bodies = box_bodies(lengths, cells, kind, label=label)
+    loads = [
+        PrescribedVelocity(LEFT, 0, 0.0),
+        PrescribedVelocity(RIGHT, 0, speed),
+        PrescribedVelocity(BOTTOM, 1, 0.0),
+    ]
+    return Scene(bodies, {1: material}, loads=loads + options.pop("loads", []), **options)
+
+
+def _elastic():
+    from xper_fx.materials import LinearElastic
+
+    return LinearElastic(young=1.0, poisson=0.3, density=1.0)
+
+
+def _static(scene):
+    from xper_fx.simulation import Simulation
+
+    return Simulation(scene, 1.0, theta=1.0, inertia=False)
+
+
+def static():
+    return _static(_pulled(_elastic()))
+
+
+def dynamic():
+    from xper_fx.forms.loads import Gravity, RayleighDamping
+    from xper_fx.materials import SaintVenantKirchhoff
+    from xper_fx.simulation import Simulation
+
+    material = SaintVenantKirchhoff(young=1.0, poisson=0.3, density=1.0)
+    damping = RayleighDamping(mass=0.1, stiffness=0.1)
+    scene = _pulled(material, loads=[Gravity((0.0, -0.01))], damping=damping)
+    return Simulation(scene, accuracy=1e-2)
+
+
+def plastic():
+    from xper_fx.materials import J2SmallStrain, Linear
+
+    material = J2SmallStrain(
+        young=1.0, poisson=0.3, yield_stress=1e-3, hardening=Linear(0.1), density=1.0
+    )
+    return _static(_pulled(material))
+
+
+def recorded():
+    from xper_fx.materials import LinearViscoelastic
+    from xper_fx.recorder import Recorder
+
+    material = LinearViscoelastic(young=1.0, poisson=0.3, prony=[(0.5, 1.0)], density=1.0)
+    simulation = _static(_pulled(material))
+    Recorder(simulation, tempfile.mkdtemp(), end_time=1.0, fields=1).close()
+    return simulation
+
+
+def cell(**drive):
+    from xper_fx.bodies import explode
+    from xper_fx.meshes import crossed_rectangle
+    from xper_fx.periodic.drive import MacroscopicDrive
+    from xper_fx.scene import Scene
+
+    mesh = crossed_rectangle((0, 0), (1, 1), (2, 2))
+    bodies = explode(mesh, np.zeros(16, int), lattice=(1.0, 1.0))
+    return _static(Scene(bodies, {1: _elastic()}, macroscopic=MacroscopicDrive(**drive)))
+
+
+def stretched_cell():
+    return cell(rate={"11": 1e-3}, gradient={"12": 0.0, "21": 0.0, "22": 1.0})
+
+
+def loaded_cell():
+    return cell(rate={"11": 1e-3}, gradient={"12": 0.0, "21": 0.0}, stress={"22": 0.0})
+
+
+def _halves(midpoints):
+    return midpoints[0] > 1.0
+
+
+def _interacting(law, solver, step=0.1, **bar):
+    """The bar cut in two."""
+    from xper_fx.simulation import Simulation
+
+    scene = _pulled(_elastic(), label=_halves, default_interaction=law, **bar)
+    return Simulation(scene, step, tolerance=1e-10, num_threads=1, solver=solver)
+
+
+def _falling(law, step, **options):
+    """A block that falls on a wall."""
+    from scenes import BOTTOM, box_bodies
+
+    from xper_fx.scene import Scene, Wall
+    from xper_fx.simulation import Simulation
+
+    scene = Scene(
+        box_bodies((1.0, 1.0), (1, 1), label=0),
+        {1: _elastic()},
+        walls=[Wall(BOTTOM, (0.0, 0.0), (0.0, 1.0), law)],
+        initial_velocity=lambda x: [1e-3 + 0.0 * x[0], -1e-2 + 0.0 * x[0]],
+    )
+    return Simulation(scene, step, num_threads=1, **options)
+
+
+def impact():
+    from xper_fx.nscd.laws import SignoriniCoulomb
+
+    return _falling(SignoriniCoulomb(), 0.1, solver="nlgs")
+
+
+def sliding():
+    from xper_fx.nscd.laws import SignoriniCoulomb
+
+    return _falling(SignoriniCoulomb(0.3), None, scheme="explicit")
+
+
+def bonded():
+    from xper_fx.nscd.laws import CohesiveZone
+
+    return _interacting(CohesiveZone(10.0, 1e-4, 1e-3), "nlgs")
+
+
+def closed():
+    from xper_fx.nscd.laws import SignoriniCoulomb
+
+    return _interacting(SignoriniCoulomb(0.3, contact="position"), "accelerated", speed=-1e-3)
+
+
+def solid():
+    from xper_fx.nscd.laws import PerfectBond
+
+    mesh = {"lengths": (2.0, 1.0, 1.0), "cells": (2, 1, 1), "kind": "tetrahedron"}
+    return _interacting(PerfectBond(), "nlgs", **mesh)
+
+
+def stiff():
+    from xper_fx.nscd.laws import PerfectBond
+
+    return _interacting(PerfectBond(), "newton", step=100.0)
+
+
+# Which effects each calls for.
+_PERIODIC = {"periodicity", "macroscopic control"}
+_POINTS = {"inertia", "interactions"}
+SCENES = {
+    static: set(),
+    dynamic: {
+        "inertia", "viscous damping", "external forces", "finite strain", "Newton of the bulk",
+        "error control",
+    },
+    plastic: {"Newton of the bulk", "internal variables", "plasticity"},
+    recorded: {"Newton of the bulk", "internal variables", "viscosity", "output"},
+    stretched_cell: _PERIODIC,
+    loaded_cell: {*_PERIODIC, "mean stress given"},
+    impact: {*_POINTS, "walls", "unilateral contact", "impact"},
+    sliding: {
+        *_POINTS, "walls", "unilateral contact", "impact", "friction", "explicit bulk",
+        "vertex problems",
+    },
+    bonded: {*_POINTS, "unilateral contact", "cohesion", "damage"},
+    closed: {*_POINTS, "unilateral contact", "friction", "mixed sweeps"},
+    solid: {*_POINTS, "perfect bond", "three dimensions"},
+    stiff: {*_POINTS, "perfect bond", "Newton on all points"},
+}  # fmt: skip
+
+
+# Taking code away
+
+
+class _Absent:
+    """Stands where an object was; does nothing but raise."""
+
+    def __init__(self, code: str):
+        object.__setattr__(self, "_code", code)
+
+    def __getattribute__(self, name):
+        raise AssertionError(f"{object.__getattribute__(self, '_code')} is asked for {name}")
+
+    def __call__(self, *arguments, **options):
+        raise AssertionError(f"{object.__getattribute__(self, '_code')} is called")
+
+
+class _Remover(importlib.abc.MetaPathFinder, importlib.abc.Loader):
+    """Imports modules without the objects that are taken away."""
+
+    def __init__(self, removed: list[str]):
+        self._names: dict[str, list[str]] = {}
+        for code in removed:
+            module, _, name = code.partition(":")
+            if name:
+                self._names.setdefault(module, []).append(name)
+            else:
+                sys.modules[module] = None  # import raises
+        self._loaders = {}
+
+    def find_spec(self, fullname, path=None, target=None):
+        if fullname not in self._names:
+            return None
+        spec = importlib.machinery.PathFinder.find_spec(fullname, path, target)
+        self._loaders[fullname], spec.loader = spec.loader, self
+        return spec
+
+    def create_module(self, spec):
+        return None
+
+    def exec_module(self, module):
+        self._loaders[module.__name__].exec_module(module)
+        for name in self._names[module.__name__]:
+            *outer, last = name.split(".")
+            holder = module
+            for part in outer:
+                holder = getattr(holder, part)
+            assert hasattr(holder, last), f"{module.__name__} has no {name}"
+            setattr(holder, last, _Absent(f"{module.__name__}:{name}"))
+
+
+# Looking on
+
+
+class _Calls:
+    """Counts calls of Python and of C functions, and remembers whose Python was called."""
+
+    def __init__(self):
+        self.codes, self.count = set(), Counter()
+
+    def __call__(self, frame, event, argument):
+        if event in ("call", "c_call"):
+            self.count[event] += 1
+        if event == "call" and frame.f_code.co_flags & inspect.CO_OPTIMIZED:  # no class's body
+            self.codes.add((frame.f_globals.get("__name__", ""), frame.f_code.co_qualname))
+
+
+class _Pause(event.Listener):
+    """Leaves the compiler's own calls out, and remembers what is compiled."""
+
+    def __init__(self, calls: _Calls):
+        self._calls, self._depth, self.names = calls, 0, set()
+
+    def on_start(self, compilation):
+        sys.setprofile(None)
+        self._depth += 1
+        function = compilation.data["dispatcher"].py_func
+        self.names.add((function.__module__, function.__qualname__))
+
+    def on_end(self, compilation):
+        self._depth -= 1
+        if self._depth == 0:
+            sys.setprofile(self._calls)
+
+
+def _watch_kernels(count: Counter) -> None:
+    """Count calls of compiled kernels and the bytes of the arrays they are given."""
+
+    def nbytes(argument):
+        if isinstance(argument, np.ndarray):
+            return argument.nbytes
+        return sum(map(nbytes, argument)) if isinstance(argument, tuple) else 0
+
+    called = CPUDispatcher.__call__
+
+    def counting(self, *arguments):
+        count[f"{self.py_func.__module__}:{self.py_func.__qualname__}"] += 1
+        count["bytes"] += nbytes(arguments)
+        return called(self, *arguments)
+
+    CPUDispatcher.__call__ = counting
+
+
+def _held(root) -> int:
+    """Bytes of the arrays that can be reached from an object."""
+    seen, todo, total = set(), [root], 0
+    while todo:
+        item = todo.pop()
+        if id(item) in seen or isinstance(item, type | str | bytes):
+            continue
+        seen.add(id(item))
+        if isinstance(item, np.ndarray):
+            if isinstance(item.base, np.ndarray):
+                todo.append(item.base)
+            else:
+                total += item.nbytes
+        elif isinstance(item, dict):
+            todo += item.values()
+        elif isinstance(item, list | tuple | set | frozenset):
+            todo += item
+        elif type(item).__module__.startswith(("xper_fx", "scipy.sparse")):
+            todo += vars(item).values() if hasattr(item, "__dict__") else []
+    return total
+
+
+def observe(name: str, removed: list[str]) -> dict:
+    """Run a scene; see the module docstring."""
+    sys.meta_path.insert(0, _Remover(removed))
+    scene = {function.__name__: function for function in SCENES}[name]
+    calls, kernels, costs = _Calls(), Counter(), []
+    _watch_kernels(kernels)
+    gc.disable()  # what it calls is no cost of the scene
+    pause = _Pause(calls)
+    with event.install_listener("numba:compile", pause):
+        sys.setprofile(calls)
+        simulation = scene()
+        steps = simulation.steps(STEPS * simulation.step_size)
+        for _ in range(STEPS):
+            kernels.clear()
+            calls.count.clear()
+            next(steps)
+            costs.append(dict(calls.count) | dict(kernels))
+        sys.setprofile(None)
+    from xper_fx.effects import effects_of
+
+    state, ledger = simulation.state, simulation.ledger.as_columns()
+    digest = hashlib.sha256(state.displacement.tobytes() + state.velocity.tobytes())
+    digest.update(json.dumps(ledger).encode())
+    return {
+        "effects": {row.name: row._asdict() for row in effects_of(simulation)},
+        "modules": sorted(m for m, module in sys.modules.items() if module is not None),
+        "called": sorted(f"{m}:{n}" for m, n in calls.codes),
+        "compiled": sorted(f"{m}:{n}" for m, n in pause.names),
+        "costs": costs[1:],
+        "held": _held(simulation),
+        "digest": digest.hexdigest(),
+        "displacement": float(abs(state.displacement).max()),
+    }
+
+
+if __name__ == "__main__":
+    print(json.dumps(observe(sys.argv[1], sys.argv[2:])))

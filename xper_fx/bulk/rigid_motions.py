@@ -1,0 +1,41 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Rigid motions of bodies that what is prescribed leaves free: in them a stiffness is singular."""
+
+from __future__ import annotations
+
+from itertools import combinations
+
+import numpy as np
+
+# Eigenvalue, beside the largest, below which a motion is not held: a body's lever arms against
+# its size, squared.
+_NOT_HELD = 1e-12
+
+
+def free_rigid_motions(x: np.ndarray, offsets: np.ndarray, held: np.ndarray) -> np.ndarray:
+    """How many translations and infinitesimal rotations of each body nothing holds.
+
+    A body is held if no rigid motion but zero vanishes on its held components, that is if
+    sum m m^T over these is regular, m being the components of the motions there.
+
+    Args:
+        x: positions of the nodes, body by body, shape (num_nodes, dim), m.
+        offsets: shape (num_bodies + 1,), first node of each body.
+        held: components whose motion is given, shape (num_nodes, dim), bool.
+
+    Returns:
+        Shape (num_bodies,): from 0 to 3 in 2D, to 6 in 3D.
+    """
+    dim, starts, sizes = x.shape[1], offsets[:-1], np.diff(offsets)
+    centre = np.add.reduceat(x, starts) / sizes[:, None]
+    arm = x - np.repeat(centre, sizes, axis=0)
+    arm /= np.repeat(np.maximum.reduceat(np.abs(arm).max(axis=1), starts), sizes)[:, None]
+    planes = list(combinations(range(dim), 2))
+    motions = np.zeros((*x.shape, dim + len(planes)))
+    motions[:, range(dim), range(dim)] = 1.0
+    for number, (i, j) in enumerate(planes, start=dim):
+        motions[:, i, number], motions[:, j, number] = -arm[:, j], arm[:, i]
+    motions *= held[:, :, None]
+    grams = np.add.reduceat(np.einsum("ncm,nck->nmk", motions, motions), starts)
+    values = np.linalg.eigvalsh(grams)
+    return (values <= _NOT_HELD * np.maximum(values[:, -1:], 1.0)).sum(axis=1)

@@ -1,0 +1,70 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""The knobs of a run that an accuracy can pick: what a user gave, and what is left to be picked."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from xper_fx.nscd.checks import require_positive
+
+# Share of an accuracy that impulses may make of the error, as tolerance and as energy.
+IMPULSES = 0.1
+# Without an accuracy: the tolerance of the impulses and of Newton's corrections, and the accuracy
+# where only a knob is left to be picked.
+_TOLERANCE, _NEWTON_TOLERANCE, _ACCURACY = 1e-3, 1e-8, 1e-2
+# Newton's tolerance, relative to the accuracy.
+_NEWTON = 1e-3
+
+
+class Knobs(NamedTuple):
+    """What a user fixes and what is to be picked.
+
+    Attributes:
+        accuracy: relative error asked for, None if nothing is to be picked.
+        step: h (s), None if not given.
+        tolerance: of the impulses.
+        newton_tolerance: of the bulk.
+        adapts_step, adapts_tolerance: whether they are picked and adapted.
+    """
+
+    accuracy: float | None
+    step: float | None
+    tolerance: float
+    newton_tolerance: float
+    adapts_step: bool
+    adapts_tolerance: bool
+
+    @classmethod
+    def chosen(
+        cls,
+        accuracy: float | None,
+        step: float | str | None,
+        tolerance: float | str | None,
+        newton_tolerance: float | None,
+    ) -> Knobs:
+        """Knobs from what was given: a number stays, None with an accuracy or "auto" is picked.
+
+        Raises:
+            ValueError: a number out of range, a word other than "auto".
+        """
+        for name, value in (("step", step), ("tolerance", tolerance)):
+            if isinstance(value, str) and value != "auto":
+                raise ValueError(f'{name} should be a number or "auto", got {value!r}.')
+            if value is not None and value != "auto":
+                require_positive(name, value)
+        if newton_tolerance is not None:
+            require_positive("newton_tolerance", newton_tolerance)
+        if accuracy is not None and not 0.0 < accuracy < 1.0:
+            raise ValueError(f"accuracy should lie in (0, 1), a relative error; got {accuracy}.")
+        picked = ("auto",) if accuracy is None else ("auto", None)
+        adapts_step, adapts_tolerance = step in picked, tolerance in picked
+        if accuracy is None and (adapts_step or adapts_tolerance):
+            accuracy = _ACCURACY
+        if tolerance is None or adapts_tolerance:
+            tolerance = IMPULSES * accuracy if adapts_tolerance else _TOLERANCE
+        if newton_tolerance is None:
+            newton_tolerance = _NEWTON_TOLERANCE if accuracy is None else _NEWTON * accuracy
+        return cls(
+            accuracy, None if adapts_step else step, tolerance, newton_tolerance, adapts_step,
+            adapts_tolerance,
+        )  # fmt: skip

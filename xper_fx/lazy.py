@@ -1,0 +1,24 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Packages whose names are imported when they are first asked for (PEP 562)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from importlib import import_module
+from typing import Any
+
+
+def importer(package: str, module_of: Mapping[str, str]) -> Callable[[str], Any]:
+    """A `__getattr__` for a package, so that a scene imports the laws and materials it has alone.
+
+    Args:
+        package: `__name__` of the package.
+        module_of: the module, within the package, of each name that it exports.
+    """
+
+    def __getattr__(name: str) -> Any:
+        if name not in module_of:
+            raise AttributeError(f"module {package!r} has no attribute {name!r}")
+        return getattr(import_module(f"{package}.{module_of[name]}"), name)
+
+    return __getattr__

@@ -1,0 +1,122 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Vectors (n, t1, t2) and symmetric matrices (nn, n1, n2, 11, 12, 22); see `small.py`."""
+
+from __future__ import annotations
+
+from numba import njit
+
+
+@njit(inline="always")
+def row(a, i):
+    return a[i, 0], a[i, 1], a[i, 2]
+
+
+@njit(inline="always")
+def set_row(a, i, x):
+    a[i, 0] = x[0]
+    a[i, 1] = x[1]
+    a[i, 2] = x[2]
+
+
+@njit(inline="always")
+def dot(x, y):
+    return x[0] * y[0] + x[1] * y[1] + x[2] * y[2]
+
+
+@njit(inline="always")
+def add(x, y):
+    return x[0] + y[0], x[1] + y[1], x[2] + y[2]
+
+
+@njit(inline="always")
+def subtract(x, y):
+    return x[0] - y[0], x[1] - y[1], x[2] - y[2]
+
+
+@njit(inline="always")
+def scale(c, x):
+    return c * x[0], c * x[1], c * x[2]
+
+
+@njit(inline="always")
+def unit(j, size):
+    return size if j == 0 else 0.0, size if j == 1 else 0.0, size if j == 2 else 0.0
+
+
+@njit(inline="always")
+def matrix_vector(a, i, x):
+    return (
+        a[i, 0, 0] * x[0] + a[i, 0, 1] * x[1] + a[i, 0, 2] * x[2],
+        a[i, 1, 0] * x[0] + a[i, 1, 1] * x[1] + a[i, 1, 2] * x[2],
+        a[i, 2, 0] * x[0] + a[i, 2, 1] * x[1] + a[i, 2, 2] * x[2],
+    )
+
+
+@njit(inline="always")
+def multiply_diagonal(normal, tangential, x):
+    return normal * x[0], tangential * x[1], tangential * x[2]
+
+
+@njit(inline="always")
+def sym_row(a, i):
+    return a[i, 0], a[i, 1], a[i, 2], a[i, 3], a[i, 4], a[i, 5]
+
+
+@njit(inline="always")
+def sym_vector(s, x):
+    return (
+        s[0] * x[0] + s[1] * x[1] + s[2] * x[2],
+        s[1] * x[0] + s[3] * x[1] + s[4] * x[2],
+        s[2] * x[0] + s[4] * x[1] + s[5] * x[2],
+    )
+
+
+@njit
+def compliance_with_springs(w, kn, kt):
+    """(I + W K)^-1 W for K = diag(kn, kt, kt), one spring after the other.
+
+    A spring k on direction e turns W into W - k W e e^T W / (1 + k e^T W e): three rank-one
+    updates lose less than Cramer's rule when W is nearly singular and the springs are stiff.
+    """
+    w0, w1, w2, w3, w4, w5 = w
+    c = 1.0 / (1.0 + kn * w0)
+    x1, x2 = c * w1, c * w2
+    w0, w3, w4, w5 = c * w0, w3 - kn * x1 * w1, w4 - kn * x1 * w2, w5 - kn * x2 * w2
+    w1, w2 = x1, x2
+    c = 1.0 / (1.0 + kt * w3)
+    x1, x4 = c * w1, c * w4
+    w0, w2, w5 = w0 - kt * x1 * w1, w2 - kt * x1 * w4, w5 - kt * x4 * w4
+    w1, w3, w4 = x1, c * w3, x4
+    c = 1.0 / (1.0 + kt * w5)
+    x2, x4 = c * w2, c * w4
+    w0, w1, w3 = w0 - kt * x2 * w2, w1 - kt * x2 * w4, w3 - kt * x4 * w4
+    return w0, w1, x2, w3, x4, c * w5
+
+
+@njit(inline="always")
+def to_local(frame, i, x):
+    return (
+        frame[i, 0, 0] * x[0] + frame[i, 0, 1] * x[1] + frame[i, 0, 2] * x[2],
+        frame[i, 1, 0] * x[0] + frame[i, 1, 1] * x[1] + frame[i, 1, 2] * x[2],
+        frame[i, 2, 0] * x[0] + frame[i, 2, 1] * x[1] + frame[i, 2, 2] * x[2],
+    )
+
+
+@njit(inline="always")
+def to_global(frame, i, x):
+    return (
+        frame[i, 0, 0] * x[0] + frame[i, 1, 0] * x[1] + frame[i, 2, 0] * x[2],
+        frame[i, 0, 1] * x[0] + frame[i, 1, 1] * x[1] + frame[i, 2, 1] * x[2],
+        frame[i, 0, 2] * x[0] + frame[i, 1, 2] * x[1] + frame[i, 2, 2] * x[2],
+    )
+
+
+@njit(inline="always")
+def to_normal(frame, i, x):
+    """Component along n, alone."""
+    return (frame[i, 0, 0] * x[0] + frame[i, 0, 1] * x[1] + frame[i, 0, 2] * x[2],)
+
+
+@njit(inline="always")
+def along_normal(frame, i, x):
+    return frame[i, 0, 0] * x[0], frame[i, 0, 1] * x[0], frame[i, 0, 2] * x[0]
