@@ -19,10 +19,11 @@ plate, at three times its critical step and a tolerance of 1e-3, by 17 % instead
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
-from numba import get_num_threads
+from numba import get_num_threads, njit
 
 from xper_fx.nscd.exchange import sweep_kernel
 from xper_fx.nscd.interactions import Interactions
@@ -89,18 +90,98 @@ def sweep_passes(
     return passes
 
 
-def contraction(changes: list[float]) -> float:
+@njit(error_model="numpy")
+def contraction(changes):
     """Factor of the relative changes from a sweep to the next, over the last sweeps."""
     window = min(_WINDOW, len(changes) - 1)
     return (changes[-1] / changes[-1 - window]) ** (1.0 / window) if window > 0 else 1.0
 
 
-def amplification(changes: list[float]) -> float:
+@njit(error_model="numpy")
+def amplification(changes):
     """Error left, relative to the last change, from the relative changes of the sweeps so far."""
     if changes[-1] == 0.0:
         return 1.0
     rho = contraction(changes)
     return max(1.0, rho / (1.0 - rho)) if rho < 1.0 else np.inf
+
+
+@cache
+def _over_groups(kernels: tuple[Callable, ...]):
+    """Kernels over passes `(arguments, tile bodies, marked, stats)`, one a group.
+
+    A sweep, which gives [sum |dr|^2, sum |r|^2, whether all was visited]; the marking of bodies
+    that moved; the marking of tiles that touch one.
+    """
+    kernel, last = kernels[0], len(kernels) == 1
+    sweep_rest, moved_rest, tiles_rest = (None,) * 3 if last else _over_groups(kernels[1:])
+
+    @njit
+    def sweep(passes):
+        arguments, _, marked, stats = passes[0]
+        kernel(*arguments)
+        changed, total, everywhere = stats[:, 0].sum(), stats[:, 1].sum(), marked.all()
+        if not last:
+            x, y, z = sweep_rest(passes[1:])
+            changed, total, everywhere = changed + x, total + y, everywhere and z
+        return changed, total, everywhere
+
+    @njit
+    def moved_bodies(passes, moved, threshold):
+        _, bodies, _, stats = passes[0]
+        mark_moved(moved, bodies, stats, threshold)
+        if not last:
+            moved_rest(passes[1:], moved, threshold)
+
+    @njit
+    def touched_tiles(passes, moved):
+        _, bodies, marked, stats = passes[0]
+        mark_tiles(marked, bodies, moved)
+        for tile in range(len(marked)):
+            if not marked[tile]:
+                stats[tile, 0] = 0.0
+        if not last:
+            tiles_rest(passes[1:], moved)
+
+    return sweep, moved_bodies, touched_tiles
+
+
+@cache
+def _spell_kernel(kernels: tuple[Callable, ...]):
+    """Kernel that sweeps until the error is within the tolerance, all points visited last."""
+    sweep, moved_bodies, touched_tiles = _over_groups(kernels)
+
+    @njit
+    def spell(passes, moved, num_tiles, changes, tolerance, sweeps, max_sweeps):
+        """Whether it arrived, sweeps made so far, error, and how many of `changes` are set.
+
+        `changes` has room for the relative changes of the sweeps that `contraction` looks at.
+        """
+        known, factor, error, verifying = 0, np.inf, np.inf, False
+        for count in range(sweeps + 1, max_sweeps + 1):
+            changed, total, everywhere = sweep(passes)
+            if not np.isfinite(changed):
+                return False, count, error, known
+            change = np.sqrt(changed / total) if total > 0.0 else np.sqrt(changed)
+            if not verifying:
+                if known == len(changes):
+                    changes[:-1] = changes[1:].copy()
+                    known -= 1
+                changes[known] = change
+                known += 1
+                factor = amplification(changes[:known])
+            error = change * factor if change > ROUNDING else change
+            if error <= tolerance and everywhere:
+                return True, count, error, known
+            # What moves still gets the next sweep; when that has come to rest, all do.
+            verifying = error <= tolerance
+            moved[:] = verifying or count % _REVISIT == 0
+            negligible = _NEGLIGIBLE * tolerance / factor if np.isfinite(factor) else 0.0
+            moved_bodies(passes, moved, negligible**2 * total / num_tiles)
+            touched_tiles(passes, moved)
+        return False, max_sweeps, error, known
+
+    return spell
 
 
 def solve(
@@ -127,40 +208,19 @@ def solve(
         The report; not converged is reported, not raised.
     """
     passes = sweep_passes(interactions, velocity, relaxation, num_threads)
-    num_tiles = sum(len(marked) for *_, marked, _ in passes)
-    moved = np.zeros(len(interactions.inverse.node_offsets) - 1, np.bool_)
     interactions.add_velocity(velocity)
-    changes: list[float] = []
-    error, factor = np.inf, np.inf
-    verifying = False
-    for count in range(1, max_sweeps + 1):
-        for kernel, arguments, *_ in passes:
-            kernel(*arguments)
-        changed = sum(stats[:, 0].sum() for *_, stats in passes)
-        total = sum(stats[:, 1].sum() for *_, stats in passes)
-        change = np.sqrt(changed / total) if total > 0.0 else np.sqrt(changed)
-        if not np.isfinite(changed):
-            break
-        everywhere = all(marked.all() for *_, marked, _ in passes)
-        if not verifying:
-            changes.append(change)
-            factor = amplification(changes)
-        error = change * factor if change > ROUNDING else change
-        if error <= tolerance and everywhere:
-            verifying = False
-            if interactions.evolve(velocity) <= tolerance:
-                largest = max((stats[:, 2].max() for *_, stats in passes), default=0.0)
-                return SolveReport(True, count, error, np.sqrt(largest) / interactions.step_size)
-            changes.clear()
-            continue
-        # What moves still gets the next sweep; when that has come to rest, all do.
-        verifying = error <= tolerance
-        moved[:] = verifying or count % _REVISIT == 0
-        negligible = _NEGLIGIBLE * tolerance / factor if np.isfinite(factor) else 0.0
-        threshold = negligible**2 * total / num_tiles
-        for _, _, tile_bodies, _, stats in passes:
-            mark_moved(moved, tile_bodies, stats, threshold)
-        for _, _, tile_bodies, marked, stats in passes:
-            mark_tiles(marked, tile_bodies, moved)
-            stats[~marked, 0] = 0.0
-    return SolveReport(False, count, error, np.inf, contraction=contraction(changes))
+    if not passes:
+        return SolveReport(True, 1, 0.0, 0.0)
+    spell = _spell_kernel(tuple(p.kernel for p in passes))
+    arguments = tuple(tuple(p[1:]) for p in passes)
+    num_tiles = sum(len(p.marked) for p in passes)
+    moved = np.zeros(len(interactions.inverse.node_offsets) - 1, np.bool_)
+    changes, sweeps, arrived = np.zeros(_WINDOW + 1), 0, True
+    while arrived:
+        arrived, sweeps, error, known = spell(
+            arguments, moved, num_tiles, changes, tolerance, sweeps, max_sweeps
+        )
+        if arrived and interactions.evolve(velocity) <= tolerance:
+            largest = max(p.stats[:, 2].max(initial=0.0) for p in passes)
+            return SolveReport(True, sweeps, error, np.sqrt(largest) / interactions.step_size)
+    return SolveReport(False, sweeps, error, np.inf, contraction=contraction(changes[:known]))
