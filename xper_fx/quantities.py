@@ -202,13 +202,23 @@ class DisplacementL2:
     def observe(self, simulation: Simulation, step: StepRecord, seen: None) -> None:
         """Nothing before the end."""
 
+    def points(self, low: npt.ArrayLike, high: npt.ArrayLike) -> npt.NDArray[np.float64]:
+        """Where a box is sampled, shape (samples, dim), m: for values of a known solution.
+
+        Args:
+            low, high: corners of the box, shape (dim,), m.
+        """
+        low, high = np.asarray(low, float), np.asarray(high, float)
+        # the sequence's first point is a corner
+        spread = qmc.Halton(len(low), scramble=False).random(self.samples + 1)[1:]
+        return low + spread * (high - low)
+
     def value(self, simulation: Simulation, seen: None) -> dict[str, npt.NDArray[np.float64]]:
         """`points`, shape (samples, dim), and `displacement` there, m; NaN outside of bodies."""
         mesh, dim = simulation.scene.bodies.mesh, simulation.bulk.dim
-        low, high = mesh.geometry.x[:, :dim].min(axis=0), mesh.geometry.x[:, :dim].max(axis=0)
+        x = mesh.geometry.x[:, :dim]
         points = np.zeros((self.samples, 3))
-        spread = qmc.Halton(dim, scramble=False).random(self.samples + 1)[1:]
-        points[:, :dim] = low + spread * (high - low)
+        points[:, :dim] = self.points(x.min(axis=0), x.max(axis=0))
         tree = bb_tree(mesh, dim)
         cells = compute_colliding_cells(mesh, compute_collisions_points(tree, points), points)
         inside = np.diff(cells.offsets) > 0

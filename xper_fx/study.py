@@ -43,7 +43,7 @@ from xper_fx.quantities import Quantity
 from xper_fx.scene import Scene
 from xper_fx.simulation import Simulation
 from xper_fx.study_process import Job, run_job
-from xper_fx.study_results import Run, StudyResults, as_text
+from xper_fx.study_results import Run, StudyResults, as_text, varied
 
 Knob = str | int | float | bool | None
 Setting = dict[str, Knob]
@@ -119,7 +119,9 @@ class Study:
                 f"{sorted(self.quantities)}."
             )
         lacking = [
-            name for name, q in self.quantities.items() if q.has_reference and name not in self.known
+            name
+            for name, q in self.quantities.items()
+            if q.has_reference and name not in self.known
         ]
         if lacking and self.reference is None:
             raise ValueError(
@@ -206,7 +208,12 @@ class Study:
 
 
 def run_study(
-    study: Study, folder: str | Path, *, patience: float | None = None, quiet: bool = False
+    study: Study,
+    folder: str | Path,
+    *,
+    time: str = "seconds",
+    patience: float | None = None,
+    quiet: bool = False,
 ) -> StudyResults:
     """Make the runs of a study that its folder does not hold yet.
 
@@ -216,6 +223,7 @@ def run_study(
     Args:
         study: what to run.
         folder: of the results, one JSON file (and one npz of arrays) a run.
+        time: see `StudyResults`.
         patience: seconds after which a run is given up.
         quiet: no progress bar.
 
@@ -228,10 +236,10 @@ def run_study(
     """
     folder = prepare_folder(folder)
     settings = study.settings()
-    runs = []
+    knobs, runs = varied(settings), []
     with tqdm(settings, desc=study.name, unit="run", disable=quiet) as bar:
         for setting in bar:
-            bar.set_postfix_str(as_text(setting), refresh=True)
+            bar.set_postfix_str(as_text(setting, knobs))
             path = folder / study.key(setting)
             failure = None
             if not path.with_suffix(".json").exists():
@@ -241,7 +249,7 @@ def run_study(
                 runs.append(Run.read(setting, families, path))
             else:
                 runs.append(Run(setting, families, {"status": "failed", "reason": failure}, {}))
-    return StudyResults(study, runs)
+    return StudyResults(study, runs, time)
 
 
 def _run_in_process(

@@ -21,8 +21,13 @@ from xper_fx.output import write_summary
 if TYPE_CHECKING:
     from xper_fx.study import Setting, Study
 
-COSTS = {"seconds": "time (s)", "peak_memory": "peak memory (MB)", "array_bytes": "arrays (MB)"}
-"""What a run costs: entry of its record, and how it is called in tables and figures."""
+COSTS = {
+    "seconds": ("wall time", "s", 1.0),
+    "cpu_seconds": ("processor time", "s", 1.0),
+    "peak_memory": ("peak memory", "MB", 1e6),
+    "array_bytes": ("memory of arrays", "MB", 1e6),
+}
+"""What a run costs: entry of its record, and its name, unit and the unit's value in figures."""
 
 # Errors that differ by less than this share count as the same when a knob is tightened.
 _GAIN = 0.15
@@ -32,6 +37,12 @@ def as_text(setting: Setting, knobs: Sequence[str] | None = None) -> str:
     """A setting as text, "scheme=explicit, courant=0.7"; only some knobs if they are named."""
     chosen = setting if knobs is None else [k for k in knobs if k in setting]
     return ", ".join(f"{knob}={_value_text(setting[knob])}" for knob in chosen)
+
+
+def varied(settings: Sequence[Setting]) -> list[str]:
+    """Knobs that are not the same in all settings, in order of appearance."""
+    knobs = dict.fromkeys(knob for setting in settings for knob in setting)
+    return [k for k in knobs if len({as_text(s, [k]) for s in settings}) > 1]
 
 
 def _value_text(value: Any) -> str:
@@ -95,10 +106,8 @@ class Run:
         return self.record["status"] == "done"
 
     def cost(self, name: str) -> float:
-        """Seconds, or memory in MB; NaN if it failed."""
-        if not self.done:
-            return np.nan
-        return self.record[name] / (1.0 if name == "seconds" else 1e6)
+        """One of `COSTS` (s or bytes); NaN if it failed."""
+        return self.record[name] if self.done else np.nan
 
 
 class Saturation(NamedTuple):
@@ -127,13 +136,18 @@ class StudyResults:
     Args:
         study: what was run.
         runs: one for each of `study.settings()`.
+        time: "seconds" of the wall, or "cpu_seconds" of the processor, which other work on the
+            machine disturbs less: what table, front and advice take as time.
 
     Raises:
         RuntimeError: the reference's run failed.
+        ValueError: a time that does not exist.
     """
 
-    def __init__(self, study: Study, runs: Sequence[Run]):
-        self.study, self.runs = study, list(runs)
+    def __init__(self, study: Study, runs: Sequence[Run], time: str = "seconds"):
+        if time not in ("seconds", "cpu_seconds"):
+            raise ValueError(f'time should be "seconds" or "cpu_seconds", got {time!r}.')
+        self.study, self.runs, self.time = study, list(runs), time
         self.reference = self._run_of(study.reference)
         if self.reference is not None and not self.reference.done:
             raise RuntimeError(
@@ -163,13 +177,12 @@ class StudyResults:
     @cached_property
     def varied(self) -> list[str]:
         """Knobs that are not the same in all families' settings, in order of appearance."""
-        settings = [run.setting for run in self.runs if run.families]
-        knobs = dict.fromkeys(knob for setting in settings for knob in setting)
-        return [k for k in knobs if len({as_text(s, [k]) for s in settings}) > 1]
+        return varied([run.setting for run in self.runs if run.families])
 
     def label(self, run: Run) -> str:
         """A run by the knobs that vary."""
-        return as_text(run.setting, self.varied) or as_text(run.setting)
+        knobs = self.varied if run.families else varied([other.setting for other in self.runs])
+        return as_text(run.setting, knobs) or as_text(run.setting)
 
     def members(self, family: str) -> list[Run]:
         """Runs of a family, in its order."""
@@ -189,9 +202,9 @@ class StudyResults:
         run = self._run_of(self.study.check)
         return run.errors.get(quantity, 0.0) if run is not None else 0.0
 
-    def front(self, quantity: str, cost: str = "seconds") -> list[Run]:
-        """The Pareto front, from cheap to dear."""
-        runs = self.candidates(quantity)
+    def front(self, quantity: str, cost: str | None = None) -> list[Run]:
+        """The Pareto front in one of `COSTS` (the time if None), from cheap to dear."""
+        runs, cost = self.candidates(quantity), cost or self.time
         chosen = pareto_front([r.cost(cost) for r in runs], [r.errors[quantity] for r in runs])
         return [runs[i] for i in chosen]
 
@@ -208,7 +221,7 @@ class StudyResults:
     def cheapest(self, quantity: str, error: float) -> Run | None:
         """The fastest run with an error of at most `error`."""
         runs = [r for r in self.candidates(quantity) if r.errors[quantity] <= error]
-        return min(runs, key=lambda r: r.record["seconds"], default=None)
+        return min(runs, key=lambda r: r.record[self.time], default=None)
 
     def saturation(self, quantity: str, knob: str) -> list[Saturation]:
         """From which value of a knob on tightening buys nothing, others equal.
@@ -231,10 +244,11 @@ class StudyResults:
         if finest is not None and not values[0] < finest < values[-1]:
             falling = finest <= values[0]
         else:
-            falling = spearmanr(values, [r.record["seconds"] for r in runs]).statistic < 0
+            falling = spearmanr(values, [r.record[self.time] for r in runs]).statistic < 0
         if falling:
             runs = runs[::-1]
-        errors = np.array([r.errors[quantity] for r in runs])
+        # differences below what the reference is good for are none
+        errors = np.maximum([r.errors[quantity] for r in runs], self.trust(quantity))
         last = runs[-1]
         others = {k: v for k, v in last.setting.items() if k != knob}
         for i in range(len(runs) - 1):
@@ -260,27 +274,27 @@ class StudyResults:
             run = self.cheapest(quantity, target)
             chosen.setdefault(None if run is None else id(run), (run, []))[1].append(target)
         for run, reached in chosen.values():
-            shares = " and ".join(percent(t) for t in reached)
             if run is None:
-                parts.append(f"no run reached {shares}")
+                parts.append(f"no run reached {percent(max(reached))}")
                 continue
+            # what does for the tightest does for the others too
             parts.append(
-                f"for {shares} take {self.label(run)} ({run.record['seconds']:.2g} s, error "
-                f"{percent(run.errors[quantity])})"
+                f"for {percent(min(reached))} take {self.label(run)} "
+                f"({run.record[self.time]:.2g} s, error {percent(run.errors[quantity])})"
             )
         if below:
             parts.append(
-                f"{' and '.join(percent(t) for t in below)} cannot be told: the reference itself "
-                f"is good to {percent(trust)}"
+                f"{percent(max(below))} cannot be told, as the reference itself is good to "
+                f"{percent(trust)} only"
             )
         if self.default is not None and self.default.done:
             parts.append(
                 f"the default has {percent(self.default.errors[quantity])} in "
-                f"{self.default.record['seconds']:.2g} s"
+                f"{self.default.record[self.time]:.2g} s"
             )
         for knob in self.varied:
             parts += [
-                f"{knob} beyond {_value_text(s.value)} buys nothing "
+                f"{knob} tighter than {_value_text(s.value)} buys nothing "
                 f"({percent(s.error)} there, {percent(s.error_at_tightest)} at "
                 f"{_value_text(s.tightest)}; {as_text(s.others, self.varied) or 'others alike'})"
                 for s in self.saturation(quantity, knob)
@@ -329,13 +343,13 @@ class StudyResults:
         fronts = {q: {id(run) for run in self.front(q)} for q in quantities}
         heads = ["run", "s", "MB", "steps", "sweeps", "Newton", "closure", *quantities, ""]
         lines = ["| " + " | ".join(heads) + " |", "|" + "---|" * len(heads)]
-        for run in sorted(self.runs, key=lambda r: r.record.get("seconds", np.inf)):
+        for run in sorted(self.runs, key=lambda r: r.record.get(self.time, np.inf)):
             notes = [n for n in ("default", "reference", "check") if self._is(run, n)]
-            cells = [self.label(run) if run.families else as_text(run.setting)]
+            cells = [self.label(run)]
             if run.done:
                 r = run.record
                 cells += [
-                    f"{r['seconds']:.3g}", f"{run.cost('peak_memory'):.0f}", str(r["steps"]),
+                    f"{r[self.time]:.3g}", f"{r['peak_memory'] / 1e6:.0f}", str(r["steps"]),
                     str(r["sweeps"]), str(r["newton_iterations"]), f"{r['closure']:.0e}",
                 ]  # fmt: skip
                 cells += [
