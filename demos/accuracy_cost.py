@@ -45,7 +45,7 @@ from xper_fx.forms.loads import PrescribedDisplacement, PrescribedVelocity, Rayl
 from xper_fx.materials import LinearElastic
 from xper_fx.materials.library import ZIRCALOY_4_DUCTILE, ZIRCALOY_4_DUCTILE_FINITE
 from xper_fx.meshes import crossed_rectangle, tag_facets
-from xper_fx.nscd.laws import SignoriniCoulomb
+from xper_fx.nscd.laws import CohesiveZone, SignoriniCoulomb
 from xper_fx.output import prepare_folder
 from xper_fx.quantities import (
     CrackPattern,
@@ -79,7 +79,7 @@ def accuracies(setting: Setting) -> dict[str, list[Setting]]:
 # Strong interfaces, fracture energies that a mesh of 20 x 20 resolves, until the plate has broken
 # (peak at 0.73 %, broken at 0.85 %). Mesh and physics are the same in all runs: what differs is how
 # the equations are solved. The reference has a seventh of the default step and a tolerance of 1e-8;
-# an implicit run as fine tells how far it is to be trusted.
+# a fine implicit run tells how far it is to be trusted.
 
 
 def resolved_plate(cells: int) -> Scene:
@@ -103,7 +103,7 @@ def notched_plate(quick: bool) -> list[Study]:
         "implicit, tolerance": vary(default, "tolerance", [1e-2, 1e-3, 1e-4, 1e-5, 1e-6]),
     }
     for solver in SOLVERS:
-        steps = vary(default | {"solver": solver}, "courant", [11.2, 2.8, 0.7])
+        steps = vary(default | {"solver": solver}, "courant", [11.2, 2.8])
         families[f"{solver}, step"] = steps
     if quick:
         families = {"explicit, step": families["explicit, step"][:2]}
@@ -126,7 +126,7 @@ def notched_plate(quick: bool) -> list[Study]:
             },
             families | ({} if quick else accuracies({"cells": 20} | ONE_THREAD)),
             reference=explicit | {"courant": 0.1, "tolerance": 1e-8},
-            check=None if quick else default | {"courant": 0.175, "tolerance": 1e-6},
+            check=None if quick else default | {"courant": 0.35, "tolerance": 1e-6},
             default=explicit if quick else default,
         )
     ]
@@ -305,7 +305,7 @@ def impact(quick: bool) -> list[Study]:
 # A block that is pressed on a wall and then sheared, without inertia: sliding begins at the edges
 # and spreads. Its load is smooth in time, and nothing breaks.
 
-PRESS, SHEAR, FRICTION_COEFFICIENT = 1e-3, 1e-3, 0.5
+PRESS, SHEAR, FRICTION_COEFFICIENT = 1e-3, 2e-3, 0.5
 BOTTOM, TOP = 1, 2
 
 
@@ -372,7 +372,7 @@ def friction(quick: bool) -> list[Study]:
             2.0,
             {
                 "shear force": ShearForce(),
-                "dissipated energy": DissipatedEnergy(),
+                "friction's dissipation": DissipatedEnergy(terms=("dissipated_friction",)),
                 "displacement": DisplacementL2(),
             },
             families,
@@ -448,12 +448,14 @@ def quasi_static(quick: bool) -> list[Study]:
 # elastic static body, effects are switched on one by one; then each is left out of the whole.
 
 SLOT, DAMPING = 2.5e-6, 2e-10
+# weak enough to break before all of the matrix flows; its cohesive length is 2.3 facets
+SLOT_BOND = CohesiveZone(2e18, fracture_energy=20.0, strength=6e8, friction=0.3)
 EFFECTS: dict[str, Setting] = {
     "inertia": {"inertia": True, "theta": 0.5},
-    "plasticity": {"plastic": True},
-    "finite strain": {"finite_strain": True},
     "cracks": {"cracks": True},
     "friction of lips": {"friction": True},
+    "plasticity": {"plastic": True},
+    "finite strain": {"finite_strain": True},
     "damping": {"damping": True},
     "fields written": {"fields": 20},
 }
@@ -485,13 +487,14 @@ def slotted_plate(
     count = mesh.topology.index_map(2).size_local
     (elastic,) = plate.materials(finite_strain, homogeneous=True).values()
     ductile_matrix = ZIRCALOY_4_DUCTILE_FINITE if finite_strain else ZIRCALOY_4_DUCTILE
-    (bond,) = plate.bonds("strong", plate.toughening(), homogeneous=True).values()
+    bond = replace(SLOT_BOND, friction=SLOT_BOND.friction if friction else 0.0)
     return Scene(
         explode(mesh, EACH_CELL if cracks else np.zeros(count, int), facet_tags=sides),
         {1: ductile_matrix if plastic else elastic},
-        default_interaction=replace(bond, friction=bond.friction if friction else 0.0),
+        default_interaction=bond,
         loads=[
             PrescribedVelocity(plate.LEFT, 0, -plate.SPEED),
+            PrescribedVelocity(plate.LEFT, 1, 0.0),  # holds a static body
             PrescribedVelocity(plate.RIGHT, 0, plate.SPEED),
         ],
         damping=RayleighDamping(stiffness=DAMPING) if damping else None,
