@@ -98,15 +98,15 @@ def notched_plate(quick: bool) -> list[Study]:
     } | ONE_THREAD
     explicit = default | {"scheme": "explicit"}
     families = {
-        "explicit, step": vary(explicit, "courant", [1.0, 0.7, 0.35, 0.175]),
-        "implicit, step": vary(default, "courant", [11.2, 5.6, 2.8, 1.4, 0.7, 0.35]),
-        "implicit, tolerance": vary(default, "tolerance", [1e-2, 1e-3, 1e-4, 1e-5, 1e-6]),
+        "explicit bulk: step": vary(explicit, "courant", [1.0, 0.7, 0.35, 0.175]),
+        "implicit bulk: step": vary(default, "courant", [11.2, 5.6, 2.8, 1.4, 0.7, 0.35]),
+        "implicit bulk: tolerance": vary(default, "tolerance", [1e-2, 1e-3, 1e-4, 1e-5, 1e-6]),
     }
     for solver in SOLVERS:
         steps = vary(default | {"solver": solver}, "courant", [11.2, 2.8])
-        families[f"{solver}, step"] = steps
+        families[f"implicit bulk, {solver}: step"] = steps
     if quick:
-        families = {"explicit, step": families["explicit, step"][:2]}
+        families = {"explicit bulk: step": families["explicit bulk: step"][:2]}
     gauge = TensileGauge(plate.LEFT, plate.RIGHT, 0, plate.SIZE, plate.SIZE)
     end_strain = 1e-5 if quick else 0.009
     return [
@@ -510,10 +510,14 @@ def in_slot(x: np.ndarray, small: float) -> np.ndarray:
     return (np.abs(x[0] - middle) < SLOT - small) & (x[1] < height - small)
 
 
+def chosen_effects(quick: bool) -> dict[str, Setting]:
+    """Those of `EFFECTS` that a study switches on."""
+    return {name: EFFECTS[name] for name in (("inertia", "fields written") if quick else EFFECTS)}
+
+
 def effects(quick: bool) -> list[Study]:
     """The price of each effect."""
     gauge = TensileGauge(plate.LEFT, plate.RIGHT, 0, plate.SIZE, plate.SIZE)
-    chosen = {k: EFFECTS[k] for k in (["inertia", "fields written"] if quick else EFFECTS)}
     return [
         effects_study(
             "effects",
@@ -523,7 +527,7 @@ def effects(quick: bool) -> list[Study]:
             if not quick
             else {"peak stress": PeakStress(gauge)},
             PLAINEST,
-            chosen,
+            chosen_effects(quick),
         )
     ]
 
@@ -541,7 +545,7 @@ STUDIES: dict[str, Callable[[bool], list[Study]]] = {
 FIRST_FIGURE = ("peak stress", "dissipated energy")
 
 
-def report(results: StudyResults, out: Path, figures: bool) -> None:
+def report(results: StudyResults, out: Path, figures: bool, quick: bool) -> None:
     """Say and write what a study found."""
     study = results.study
     lines = [results.table(), ""]
@@ -552,10 +556,11 @@ def report(results: StudyResults, out: Path, figures: bool) -> None:
         if others or knob is None or not numbers:
             continue
         rates = {q: results.rate(q, family, knob) for q in study.quantities}
-        found = ", ".join(f"{q} {rate:.2f}" for q, rate in rates.items() if np.isfinite(rate))
-        lines.append(f"{family}: errors go with the power of {knob}: {found}.")
+        text = ", ".join(f"{q} {rate:.2f}" for q, rate in rates.items() if np.isfinite(rate))
+        if text:
+            lines.append(f"{family}: errors go with the power of {knob}: {text}.")
     if study.name == "effects":
-        found = prices(results, list(EFFECTS))
+        found = prices(results, list(chosen_effects(quick)))
         lines += ["", price_table(found)]
         if figures:
             plot_price(found, out / "effects.png", "The price of each effect")
@@ -604,7 +609,7 @@ def main(arguments: list[str] | None = None) -> list[StudyResults]:
         results = run_study(
             study, out, time=options.time, patience=options.patience, quiet=options.quiet
         )
-        report(results, out, not options.no_plot)
+        report(results, out, not options.no_plot, options.quick)
         found.append(results)
     return found
 

@@ -110,33 +110,51 @@ def _draw_errors(
                 axes.plot([at(run)[0]] * 2, [at(run)[1], estimate], color=colour, lw=0.8, ls=":")
                 axes.plot(at(run)[0], estimate, color=colour, marker="_", ms=9)
         if annotate:
-            _name_runs(axes, members, [at(r) for r in members], colour)
+            _name_runs(axes, members, [at(r) for r in members], colour, above=number % 2 == 0)
     if results.default is not None and any(results.default is r for r in runs):
         axes.plot(
             *at(results.default), "o", ms=13, mfc="none", mec="black", mew=1.3, zorder=4,
             label="default",
         )  # fmt: skip
-    front = [at(r) for r in results.front(quantity, cost)]
+    trust = results.trust(quantity)
+    front = [(at(r)[0], max(at(r)[1], trust)) for r in results.front(quantity, cost)]
     if front:
         x, y = np.array(front).T
         right = max(at(r)[0] for r in runs)
         axes.step(
-            [*x, max(right, x[-1])], [*y, y[-1]], where="post", color="0.45", lw=3.0, alpha=0.45,
-            zorder=1, label="Pareto front",
-        )  # fmt: skip
+            [*x, right],
+            [*y, y[-1]],
+            where="post",
+            color="0.45",
+            lw=3.0,
+            alpha=0.45,
+            zorder=1,
+            label="Pareto front",
+        )
+    axes.margins(0.1)
     if len(positive) < len(runs):
         axes.axhline(zero, color="0.6", lw=0.6, ls=":")
-        axes.annotate("0", (1.0, zero), xycoords=("axes fraction", "data"), xytext=(3, -3),
-                      textcoords="offset points", color="0.4")  # fmt: skip
-    trust = results.trust(quantity)
-    low = min(at(r)[1] for r in runs)
+        axes.annotate(
+            "0" if positive else "no error in any run",
+            (0.02, zero),
+            xycoords=("axes fraction", "data"),
+            xytext=(0, -9),
+            textcoords="offset points",
+            color="0.4",
+        )
+    if not positive:
+        axes.set_ylim(zero / 10.0, zero * 10.0)
+        axes.set_yticks([])
+        axes.set_yticks([], minor=True)
+    low = min((at(r)[1] for r in runs), default=trust)
     if trust > low:
-        axes.axhspan(0.5 * low, trust, color="0.92", zorder=0, label="below the reference's own")
-    axes.margins(0.08)
+        axes.axhspan(0.5 * low, trust, color="0.92", zorder=0, label="finer than the reference")
 
 
-def _name_runs(axes: Axes, members: list[Run], places: list, colour: str) -> None:
-    """Write the value of the one knob that varies beside each run."""
+def _name_runs(
+    axes: Axes, members: list[Run], places: list[tuple[float, float]], colour: str, above: bool
+) -> None:
+    """Write the value of the one knob that varies above or below each run."""
     knobs = varied([r.setting for r in members])
     if len(knobs) != 1:
         return
@@ -144,8 +162,8 @@ def _name_runs(axes: Axes, members: list[Run], places: list, colour: str) -> Non
         value = run.setting[knobs[0]]
         text = f"{value:g}" if isinstance(value, int | float) else str(value)
         axes.annotate(
-            text, place, xytext=(4, 3), textcoords="offset points", fontsize=6.0, color=colour,
-            zorder=5,
+            text, place, xytext=(4, 3) if above else (4, -8), textcoords="offset points",
+            fontsize=6.5, color=colour, zorder=5,
         )  # fmt: skip
 
 

@@ -21,7 +21,7 @@ from time import perf_counter, process_time
 from typing import Any
 
 import numpy as np
-from numba.core.event import TimingListener, install_listener
+from numba.core.event import Event, Listener, install_listener
 
 from xper_fx.effects import effects_of
 from xper_fx.errors import ConvergenceError
@@ -56,6 +56,25 @@ class Job:
     quantities: Mapping[str, Quantity]
 
 
+class _Compiling(Listener):
+    """Seconds that Numba compiles, of the wall and of the processor; functions compile others."""
+
+    def __init__(self):
+        self.wall = self.cpu = 0.0
+        self._depth = 0
+
+    def on_start(self, event: Event) -> None:
+        if self._depth == 0:
+            self._begin = perf_counter(), process_time()
+        self._depth += 1
+
+    def on_end(self, event: Event) -> None:
+        self._depth -= 1
+        if self._depth == 0:
+            self.wall += perf_counter() - self._begin[0]
+            self.cpu += process_time() - self._begin[1]
+
+
 def run_job(job: Job, path: Path, header: Mapping[str, Any]) -> None:
     """Run a job and write `path`.json, and `path`.npz if there are arrays; at once or not at all.
 
@@ -88,7 +107,7 @@ def _measure(job: Job) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     seen: dict[str, Any] = dict.fromkeys(watched)
     totals = {"steps": 0, "sweeps": 0, "newton_iterations": 0}
     wall = cpu = 0.0
-    compiling = TimingListener()
+    compiling = _Compiling()
     with tempfile.TemporaryDirectory() as folder, install_listener("numba:compile", compiling):
         recorder = (
             Recorder(simulation, folder, end_time=job.end_time, fields=job.fields)
@@ -111,7 +130,6 @@ def _measure(job: Job) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
                 totals["newton_iterations"] += record.newton_iterations
                 for name, quantity in watched.items():
                     seen[name] = quantity.observe(simulation, record, seen[name])
-    compiled = compiling.duration if compiling.done else 0.0
     values = {name: q.value(simulation, seen[name]) for name, q in watched.items()}
     closure = values.pop("")
     arrays = {
@@ -122,8 +140,8 @@ def _measure(job: Job) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     }
     measured = {
         "status": "done",
-        "seconds": wall - compiled,
-        "cpu_seconds": cpu - compiled,
+        "seconds": wall - compiling.wall,
+        "cpu_seconds": cpu - compiling.cpu,
         "set_up_seconds": set_up,
         "peak_memory": peak_memory(),
         "array_bytes": sum(effect.memory for effect in effects_of(simulation)),

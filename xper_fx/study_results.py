@@ -166,6 +166,11 @@ class StudyResults:
             return self.study.known[quantity]
         return self.reference.values[quantity]
 
+    def _is_compared(self, quantity: str) -> bool:
+        """Whether the reference is a run, rather than known or not needed."""
+        needed = self.study.quantities[quantity].has_reference
+        return needed and quantity not in self.study.known
+
     def _run_of(self, setting: Setting | None) -> Run | None:
         return next((run for run in self.runs if run.setting == setting), None)
 
@@ -190,22 +195,24 @@ class StudyResults:
 
     def candidates(self, quantity: str) -> list[Run]:
         """Runs to choose from: done, in a family, and not the reference for this quantity."""
-        measured = self._exact(quantity) is not None and quantity not in self.study.known
-        return [
-            run
-            for run in self.runs
-            if run.done and run.families and not (measured and run is self.reference)
-        ]
+        left_out = self.reference if self._is_compared(quantity) else None
+        return [run for run in self.runs if run.done and run.families and run is not left_out]
 
     def trust(self, quantity: str) -> float:
         """How far the check is from the reference: below, errors say nothing; 0 without one."""
         run = self._run_of(self.study.check)
-        return run.errors.get(quantity, 0.0) if run is not None else 0.0
+        if run is None or not self._is_compared(quantity):
+            return 0.0
+        return run.errors.get(quantity, 0.0)
 
     def front(self, quantity: str, cost: str | None = None) -> list[Run]:
-        """The Pareto front in one of `COSTS` (the time if None), from cheap to dear."""
-        runs, cost = self.candidates(quantity), cost or self.time
-        chosen = pareto_front([r.cost(cost) for r in runs], [r.errors[quantity] for r in runs])
+        """The Pareto front in one of `COSTS` (the time if None), from cheap to dear.
+
+        Errors below what the reference is good for count as equal.
+        """
+        runs, cost, trust = self.candidates(quantity), cost or self.time, self.trust(quantity)
+        errors = [max(r.errors[quantity], trust) for r in runs]
+        chosen = pareto_front([r.cost(cost) for r in runs], errors)
         return [runs[i] for i in chosen]
 
     def rate(self, quantity: str, family: str, knob: str) -> float:
@@ -369,8 +376,10 @@ class StudyResults:
 
 def percent(error: float) -> str:
     """An error as text in percent, two figures."""
-    if error == 0.0:
+    share = 100.0 * error
+    if share == 0.0:
         return "0 %"
-    digits = max(1 - floor(log10(abs(100 * error))), 0)
-    text = f"{100 * error:.{digits}f}"
+    if share < 1e-3:
+        return f"{share:.0e} %"
+    text = f"{share:.{max(1 - floor(log10(share)), 0)}f}"
     return f"{text.rstrip('0').rstrip('.') if '.' in text else text} %"
