@@ -259,6 +259,8 @@ class Penetration:
 
     def observe(self, simulation: Simulation, step: StepRecord, seen: float | None) -> float:
         """The deepest so far (m)."""
+        if simulation.interactions is None:
+            return 0.0
         deepest = -simulation.interactions.gather("jump")[:, 0].min()
         return max(deepest, seen or 0.0)
 

@@ -148,7 +148,9 @@ def _draw_errors(
         axes.set_yticks([], minor=True)
     low = min((at(r)[1] for r in runs), default=trust)
     if trust > low:
-        axes.axhspan(0.5 * low, trust, color="0.92", zorder=0, label="finer than the reference")
+        axes.axhspan(
+            0.5 * low, trust, color="0.92", zorder=0, label="below what the reference is good for"
+        )
 
 
 def _name_runs(
