@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from math import isfinite
 
 from xper_fx.quantities import Quantity
 from xper_fx.scene import Scene
@@ -128,7 +129,7 @@ def price_table(found: Sequence[Price]) -> str:
         changes = [percent(p.change[q]) if q in p.change else p.refused for q in quantities]
         cells = [
             p.effect, f"{p.seconds:.3g}", f"{p.time_ratio:.2f}", f"{p.memory / 1e6:.0f}",
-            "" if p.effect == _PLAINEST else f"{p.full_ratio:.2f}", *changes,
+            f"{p.full_ratio:.2f}" if isfinite(p.full_ratio) else "-", *changes,
         ]  # fmt: skip
         lines.append("| " + " | ".join(cells) + " |")
     return "\n".join(lines)

@@ -202,6 +202,8 @@ def plot_price(
                     axes.annotate(f" {value:.3g}", (value, row), va="center", fontsize=7.5)
             axes.set_xlabel(f"{label}\nwith this and those above")
             axes.margins(x=0.25)
+        time.set_xscale("log")
+        time.set_xlim(0.5, 4.0 * np.nanmax([p.time_ratio for p in prices]))
         height = 0.7 / max(len(quantities), 1)
         for number, quantity in enumerate(quantities):
             values = [p.change.get(quantity, np.nan) for p in prices]
