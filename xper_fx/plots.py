@@ -702,7 +702,7 @@ def plot_profile(
     """
     depth = max(len(row.path) for row in rows)
     top = dict.fromkeys(row.path[0] for row in rows)
-    colours = dict(zip(top, itertools.cycle(_COLOURS[:-1]), strict=False))
+    colours = dict(zip(top, itertools.cycle(COLOURS[:-1]), strict=False))
     total = sum(row.seconds for row in rows if len(row.path) == 1)
 
     def draw(figure: "Figure", axes: "Axes") -> None:
