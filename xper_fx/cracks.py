@@ -6,6 +6,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from xper_fx.nscd.facets import nodal_shares
 from xper_fx.plots import CrackPanel
@@ -39,18 +40,37 @@ def find_cracks(
         inclusion: cell tag that counts as inclusion.
         ignored_facets: tags of facets that do not count (precracks).
     """
-    facets, interactions = simulation.scene.bodies.facets, simulation.interactions
+    facets = simulation.scene.bodies.facets
     number = simulation.facets_with_law
     x = point_coordinates(simulation).reshape(len(number), -1, simulation.bulk.dim)
-    breaks = np.zeros(len(interactions), bool)
-    for group in interactions.groups:
-        breaks[group.indices] = "damage" in group.kernels.state_names
-    broken = (breaks & (interactions.gather("damage") < _BROKEN))[: x.shape[0] * x.shape[1]]
-    broken = broken.reshape(x.shape[:2])
-    broken[np.isin(facets.tag[number], ignored_facets)] = False
+    broken = broken_points(simulation, ignored_facets).reshape(x.shape[:2])
     facet, point = np.nonzero(broken)
     segments = _parts(x)[facet, point]
     return Cracks(segments, (facets.materials[number[facet]] == inclusion).sum(axis=1))
+
+
+def broken_points(
+    simulation: Simulation, ignored_facets: tuple[int, ...] = ()
+) -> npt.NDArray[np.bool_]:
+    """Which points on facing facets have less than 1/1000 of their bond left.
+
+    Args:
+        simulation: a run with interactions.
+        ignored_facets: tags of facets that do not count (precracks).
+
+    Returns:
+        Shape (num_points,), in the order of `point_coordinates`; contacts and perfect bonds are
+        never broken.
+    """
+    interactions, number = simulation.interactions, simulation.facets_with_law
+    breaks = np.zeros(len(interactions), bool)
+    for group in interactions.groups:
+        breaks[group.indices] = "damage" in group.kernels.state_names
+    broken = breaks & (interactions.gather("damage") < _BROKEN)
+    # the points of walls come last
+    broken = broken[: len(point_coordinates(simulation))].reshape(len(number), -1)
+    broken[np.isin(simulation.scene.bodies.facets.tag[number], ignored_facets)] = False
+    return broken.ravel()
 
 
 def _parts(x: np.ndarray) -> np.ndarray:

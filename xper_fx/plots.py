@@ -23,8 +23,10 @@ if TYPE_CHECKING:
     from xper_fx.profile import PhaseRow
 
 __all__ = [
+    "COLOURS",
     "CRACK_KINDS",
     "CrackPanel",
+    "new_figure",
     "plot_cracks",
     "plot_curves",
     "plot_energies",
@@ -39,8 +41,9 @@ CRACK_KINDS: tuple[str, ...] = ("matrix", "interface", "inclusion")
 
 _CRACK_COLOURS = ("#E69F00", "#0072B2", "#C1121F")
 _MATERIAL_GRAYS = ("#dcdcdc", "#858585", "#b4b4b4", "#5f5f5f")
-# Okabe and Ito, without yellow, which a white page swallows.
-_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000")
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000")
+"""Of curves: Okabe and Ito's, without yellow, which a white page swallows."""
+
 _LINE_STYLES = ("-", "--", "-.", (0, (1, 1)), (0, (5, 1, 1, 1, 1, 1)))
 _STYLE = {
     "font.family": "sans-serif",
@@ -71,7 +74,7 @@ _ENERGY_TERMS = {
 _LETTER = 0.01
 
 
-def _new_figure(
+def new_figure(
     path: str | os.PathLike[str] | None,
     draw: Any,
     size: tuple[float, float],
@@ -209,7 +212,7 @@ def plot_microstructure(
             handles=handles, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=len(handles)
         )
 
-    return _new_figure(path, draw, (4.4, 4.0), layout="compressed")
+    return new_figure(path, draw, (4.4, 4.0), layout="compressed")
 
 
 def plot_grains(
@@ -262,7 +265,7 @@ def plot_grains(
         axes.set_ylabel(f"y ({unit})")
         axes.set_title(f"{len(np.unique(grain))} grains, inclusions within white borders")
 
-    return _new_figure(path, draw, (4.4, 4.0), layout="compressed")
+    return new_figure(path, draw, (4.4, 4.0), layout="compressed")
 
 
 def _border(corners: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
@@ -484,7 +487,7 @@ def plot_cracks(
         if magnification != 1.0:
             figure.supxlabel(f"displacement magnified {magnification:g} times", fontsize=8.0)
 
-    return _new_figure(
+    return new_figure(
         path,
         draw,
         (0.6 + 3.7 * len(panels), 5.0),
@@ -533,7 +536,7 @@ def plot_curves(
                 np.asarray(stress) / stress_unit[1],
                 **{
                     "label": label,
-                    "color": _COLOURS[number % len(_COLOURS)],
+                    "color": COLOURS[number % len(COLOURS)],
                     "linestyle": _LINE_STYLES[number % len(_LINE_STYLES)],
                     **(style[0] if style else {}),
                 },
@@ -546,7 +549,7 @@ def plot_curves(
         if len(curves) > 1:
             figure.legend(*axes.get_legend_handles_labels(), loc="outside upper center", ncols=3)
 
-    return _new_figure(path, draw, (4.6, 3.4))
+    return new_figure(path, draw, (4.6, 3.4))
 
 
 def plot_energies(
@@ -616,7 +619,7 @@ def plot_energies(
         lower.set_xlabel("strain (%)")
         lower.margins(x=0.0)
 
-    return _new_figure(path, draw, (6.4, 4.4), nrows=2, sharex=True, height_ratios=(3, 1))
+    return new_figure(path, draw, (6.4, 4.4), nrows=2, sharex=True, height_ratios=(3, 1))
 
 
 def plot_law(
@@ -658,7 +661,7 @@ def plot_law(
         x = opening / length_unit[1]
         for number, (label, values) in enumerate(curves.items()):
             y = np.asarray(values, dtype=np.float64) / stress_unit[1]
-            colour = _COLOURS[number % len(_COLOURS)]
+            colour = COLOURS[number % len(COLOURS)]
             style = _LINE_STYLES[number % len(_LINE_STYLES)]
             axes.plot(x, y, color=colour, linestyle=style, label=label)
             if len(curves) == 1:
@@ -675,7 +678,7 @@ def plot_law(
         shown = [(handle, label) for handle, label in zip(handles, labels, strict=True) if label]
         figure.legend(*zip(*shown, strict=True), loc="outside upper center", ncols=3)
 
-    return _new_figure(path, draw, (4.6, 3.4))
+    return new_figure(path, draw, (4.6, 3.4))
 
 
 def plot_profile(
@@ -699,7 +702,7 @@ def plot_profile(
     """
     depth = max(len(row.path) for row in rows)
     top = dict.fromkeys(row.path[0] for row in rows)
-    colours = dict(zip(top, itertools.cycle(_COLOURS[:-1]), strict=False))
+    colours = dict(zip(top, itertools.cycle(COLOURS[:-1]), strict=False))
     total = sum(row.seconds for row in rows if len(row.path) == 1)
 
     def draw(figure: "Figure", axes: "Axes") -> None:
@@ -730,4 +733,4 @@ def plot_profile(
         axes.set_xlabel("wall time (s)")
         axes.set_title(title)
 
-    return _new_figure(path, draw, (8.0, 0.9 + 0.75 * depth))
+    return new_figure(path, draw, (8.0, 0.9 + 0.75 * depth))

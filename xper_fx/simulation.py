@@ -38,6 +38,9 @@ logger = logging.getLogger(__name__)
 SOLVERS = ("auto", "nlgs", "newton", "accelerated")
 # Inelastic strain of a step above which the step is cut.
 _LARGEST_FLOW = 0.05
+# Damage beyond what the opening found asks for, above which the step is cut: it came from iterates
+# on the way, and would cost no energy.
+_LARGEST_EXCESS = 0.1
 # Gaps this small beside the coordinates are closed.
 _ROUNDING = 1e-12
 
@@ -85,8 +88,8 @@ class Simulation:
         newton_tolerance: bound on the last relative Newton correction; with interactions at least
             a hundredth of `tolerance`. 1e-8 if not given, or a thousandth of `accuracy`.
         max_newton: Newton iterations after which a step is given up.
-        max_halvings: how often a step that does not converge, or in which a material flows by
-            more than 5 % strain, is cut in two.
+        max_halvings: how often a step that does not converge, in which a material flows by more
+            than 5 % strain, or in which iterates broke bonds that stay closed, is cut in two.
         inertia: False for a static run (theta = 1): bodies without mass, which motions or a
             periodic cell's ties must hold, as nothing regularises the stiffness.
         num_threads: threads of the interaction solver; all that Numba has if not given.
@@ -404,7 +407,8 @@ class Simulation:
                     self.state, size, self.interactions, self._solve, self.tolerance
                 )
                 good = outcome.converged and (
-                    halvings >= self.max_halvings or not self._flows_too_far(outcome)
+                    halvings >= self.max_halvings
+                    or not (self._flows_too_far(outcome) or self._breaks_for_nothing())
                 )
                 if good:
                     with self.stopwatch.phase("energy"):
@@ -416,7 +420,7 @@ class Simulation:
                 yield record
             elif halvings < self.max_halvings:
                 logger.info(
-                    "step %d at h = %.3g s did not converge, or flowed too far: halved",
+                    "step %d at h = %.3g s did not converge, flowed or broke too far: halved",
                     self.step_number,
                     size,
                 )
@@ -443,6 +447,10 @@ class Simulation:
         with self.stopwatch.phase("flow check"):
             displacement = self.bulk.unknowns.expand(outcome.state.displacement)
             return self.forms.largest_increment(displacement) > _LARGEST_FLOW
+
+    def _breaks_for_nothing(self) -> bool:
+        """Whether bonds were broken by iterates whose openings the step does not have."""
+        return self.interactions is not None and self.interactions.too_far > _LARGEST_EXCESS
 
     def _commit(self, outcome: StepOutcome, size: float, energies: BulkEnergies) -> StepRecord:
         with self.stopwatch.phase("energy"):

@@ -138,10 +138,11 @@ def _evolve_kernel(law: LawKernels, dim: int, k: int):
 
     @njit(_nrt=False)
     def evolve_all(v, c, w, parameters, terms, details):
-        largest = 0.0
+        largest = least = 0.0
         for i in range(len(w)):
-            largest = max(largest, evolve(i, read(v, c, i), w, parameters, terms, details))
-        return largest
+            change = evolve(i, read(v, c, i), w, parameters, terms, details)
+            largest, least = max(largest, change), min(least, change)
+        return largest, -least
 
     return evolve_all
 
@@ -190,6 +191,10 @@ class Interactions:
         ordering: order of visit, "tiles" of neighbouring bodies, or "vertices" for
             `vertex_blocks.solve` (one block of w a node, one node a side).
 
+    Attributes:
+        too_far: by how much internal variables have gone further in the step than the velocities
+            last given to `evolve` ask for, relative: what iterates on the way broke for nothing.
+
     Raises:
         ValueError: a law index out of range, arrays whose lengths disagree, an unknown ordering,
             or "vertices" where w couples more than a node.
@@ -231,6 +236,7 @@ class Interactions:
         self.inverse = inverse
         self.committed_step = 0.0
         self.step_size, self.theta = 0.0, 0.5
+        self.too_far = 0.0
         nodal = np.zeros((inverse.num_slots, self.dim))
         if initial_velocity is not None:
             nodal[: inverse.num_nodes] = initial_velocity
@@ -331,14 +337,14 @@ class Interactions:
         Returns:
             The largest relative change, zero when all have arrived.
         """
-        largest = 0.0
+        largest, self.too_far = 0.0, 0.0
         for g in self.groups:
             if g.kernels.evolve is not None:
                 evolve_all = _evolve_kernel(g.kernels, self.dim, g.points.nodes.shape[2])
-                change = evolve_all(
+                change, too_far = evolve_all(
                     velocity, g.couplings, g.compliance, g.parameters, g.terms, g.details
                 )
-                largest = max(largest, change)
+                largest, self.too_far = max(largest, change), max(self.too_far, too_far)
         return largest
 
     def add_velocity(self, velocity: np.ndarray) -> None:

@@ -279,7 +279,8 @@ def _kernels(dim: int, friction: bool, lagged: bool) -> LawKernels:
     def evolve(i, u, w, parameters, terms, details):
         speed = opening(add(part(terms, i, middle), u))
         if speed <= terms[i, limit]:
-            return 0.0
+            lost = details[i, start] - details[i, mean]
+            return -lost / details[i, start] if lost > 0.0 else 0.0
         x_max = max(details[i, h_theta] * np.sqrt(terms[i, limit]), parameters[i, _D0])
         beta = mean_damage(
             details[i, h_theta] * np.sqrt(speed), details[i, jump_start], x_max,
@@ -287,7 +288,7 @@ def _kernels(dim: int, friction: bool, lagged: bool) -> LawKernels:
         )  # fmt: skip
         fall = details[i, mean] - beta
         if fall <= 0.0:
-            return 0.0
+            return fall / details[i, start]
         s = soften(sym_row(w, i), beta * details[i, k_n], beta * details[i, k_t])
         set_damage(i, beta, s, terms, details)
         return fall / details[i, start]

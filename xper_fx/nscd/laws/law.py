@@ -12,7 +12,8 @@ A law is a frozen dataclass with the methods of `Law`. Its kernels work on one p
         nothing
     evolve(i, u, w, parameters, terms, details) -> change
         after a solve: internal variables follow the velocity u found, one way only; returns their
-        relative change, zero when they have arrived. None for a law without internal variables
+        relative change, zero when they have arrived, or, with a minus sign, what they have gone
+        too far for u. None for a law without internal variables
     commit(i, jump0, jump1, u, r, area, step, theta, parameters, state, terms, details, energy)
         -> status; once a step: history moves on, energies go to `energy[i]`
 

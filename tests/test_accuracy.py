@@ -1,0 +1,252 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Accuracy asked for: what comes out is within a factor of three of it, and said so."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scenes import LEFT, RIGHT, box_bodies, field, nodes
+
+from xper_fx.accuracy import AccuracyControl
+from xper_fx.energy import BulkEnergies
+from xper_fx.forms.loads import PrescribedDisplacement, PrescribedVelocity
+from xper_fx.knobs import Knobs
+from xper_fx.materials import J2SmallStrain, Linear, LinearElastic
+from xper_fx.nscd.interactions import StepWork
+from xper_fx.nscd.laws import CohesiveZone, SignoriniCoulomb
+from xper_fx.recorder import TensileGauge
+from xper_fx.scene import Scene, Wall
+from xper_fx.simulation import Simulation
+
+ELASTIC = LinearElastic(1.0, 0.0, 1.0)
+NO_WORK = StepWork(0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+def vibrating_bar() -> Scene:
+    """A bar clamped at its left end that moves in its first mode, of period 4."""
+    return Scene(
+        box_bodies((1.0, 0.1), (20, 2), label=0),
+        {1: ELASTIC},
+        loads=[PrescribedVelocity(LEFT, 0, 0.0)],
+        initial_velocity=lambda x: np.array([1e-3 * np.sin(np.pi * x[0] / 2), 0.0 * x[0]]),
+    )
+
+
+def pulled_bar(speed: float = 1e-3) -> Scene:
+    """Two halves held together by a bond of strength 1e-2 and energy 5e-4, pulled apart."""
+    return Scene(
+        box_bodies((2.0, 0.5), (8, 2), label=lambda x: x[0] > 1.0),
+        {1: ELASTIC},
+        default_interaction=CohesiveZone(1e3, 5e-4, 1e-2),
+        loads=[PrescribedVelocity(LEFT, 0, -speed), PrescribedVelocity(RIGHT, 0, speed)],
+        initial_velocity=lambda x: np.array([speed * (x[0] - 1.0), 0.0 * x[0]]),
+    )
+
+
+def control(accuracy=1e-2, base=1.0, step="auto", **options) -> AccuracyControl:
+    settings = {
+        "largest": np.inf, "softening_step": np.inf, "interacting": False, "energy": 1.0
+    } | options  # fmt: skip
+    return AccuracyControl(Knobs.chosen(accuracy, step, None, None), base, **settings)
+
+
+def feed(control, energies, count: int, size=None, end_time=1e9, work=None) -> list[float]:
+    """Let a control see energies (work, kinetic, elastic) of time; the sizes it picks."""
+    time, sizes = 0.0, []
+    for _ in range(count):
+        if time >= end_time:
+            break
+        step = control.size(time, end_time) if size is None else size
+        before, after = np.array(energies(time)), np.array(energies(time + step))
+        change = after - before
+        bulk = BulkEnergies(change[0], after[1], after[2], change[1], change[2])
+        if control.accepts(time, step, bulk, end_time):
+            control.learn(step, bulk, work, 0.0)
+            time += step
+            sizes.append(step)
+    return sizes
+
+
+# What comes out
+
+
+@pytest.mark.parametrize("accuracy", [1e-1, 1e-2, 1e-3])
+def test_a_vibration_is_as_accurate_as_asked_for(accuracy):
+    """Two periods against 20 times finer steps: within three times what was asked for and said."""
+    times, displacements = 8.0, []
+    runs = [Simulation(vibrating_bar(), 1e-3), Simulation(vibrating_bar(), accuracy=accuracy)]
+    counts = []
+    for simulation in runs:
+        counts.append(len(list(simulation.steps(times))))
+        displacements.append(field(simulation)[:, 0])
+    assert runs[1].time == pytest.approx(times, rel=1e-12)
+    amplitude = 1e-3 * 2.0 / np.pi
+    error = np.abs(displacements[1] - displacements[0]).max() / amplitude
+    assert error < 3.0 * accuracy
+    assert error / 3.0 < runs[1].estimated_error < 3.0 * error
+    assert counts[1] < counts[0] / 10
+
+
+@pytest.mark.parametrize("accuracy, most", [(1e-2, 150), (1e-3, 1300)])
+def test_a_bond_breaks_at_its_strength(accuracy, most):
+    """Peak and energy spent are those of the bond, whatever the steps before and after."""
+    simulation = Simulation(pulled_bar(), accuracy=accuracy, num_threads=1)
+    gauge = TensileGauge(LEFT, RIGHT, 0, 2.0, 0.5)
+    sizes, stress = [], []
+    for step in simulation.steps(30.0):
+        sizes.append(step.size)
+        stress.append(gauge.read(simulation)[1])
+    assert max(stress) == pytest.approx(1e-2, rel=3.0 * accuracy)
+    spent = simulation.ledger.energies.dissipated_cohesion
+    damage = simulation.interactions.gather("damage")
+    assert np.all(damage == 0.0)
+    assert spent == pytest.approx(5e-4 * 0.5, rel=3.0 * accuracy)
+    assert simulation.estimated_error < 3.0 * accuracy
+    assert len(sizes) < most
+
+
+def test_plastic_flow_is_as_accurate_as_asked_for():
+    """Dissipation of a plate with a soft half, static, against 40 times more steps."""
+    spent = []
+    for options in ({"step": 1e-3}, {"accuracy": 1e-2}, {"accuracy": 1e-3}):
+        materials = {
+            tag: J2SmallStrain(1.0, 0.3, strength, Linear(0.05), 1.0)
+            for tag, strength in ((1, 2e-3), (2, 1e-3))
+        }
+        bodies = box_bodies((1.0, 1.0), (4, 4), label=0, material={2: lambda x: x[0] + x[1] < 1.0})
+        pull = PrescribedDisplacement(RIGHT, 0, lambda t: 1e-2 * t)
+        hold = [PrescribedDisplacement(LEFT, i, lambda t: 0.0 * t) for i in (0, 1)]
+        scene = Scene(bodies, materials, loads=[pull, *hold])
+        simulation = Simulation(scene, theta=1.0, inertia=False, **options)
+        count = len(list(simulation.steps(1.0)))
+        spent.append((simulation.ledger.energies.dissipated_plastic, count))
+    for (found, count), accuracy, most in zip(spent[1:], (1e-2, 1e-3), (30, 100), strict=True):
+        assert found == pytest.approx(spent[0][0], rel=3.0 * accuracy)
+        assert count < most
+
+
+def test_a_bounce_takes_short_steps_only_where_it_bounces():
+    """A bar falls far, hits a wall and flies on: its steps shrink at the wall, energy is kept."""
+    scene = Scene(
+        box_bodies((1.0, 0.1), (10, 1), label=0),
+        {1: ELASTIC},
+        walls=[Wall(LEFT, (-10.0, 0.0), (1.0, 0.0), SignoriniCoulomb())],
+        initial_velocity=lambda x: np.array([-1e-2 + 0.0 * x[0], 0.0 * x[0]]),
+    )
+    simulation = Simulation(scene, accuracy=1e-2, num_threads=1)
+    sizes, times = np.array([(s.size, s.time) for s in simulation.steps(2000.0)]).T
+    base = simulation.step_size
+    assert sizes[times < 900.0].max() > 50.0 * base
+    after = sizes[times > 1010.0]
+    assert after.min() < 4.0 * base
+    centre = field(simulation, "velocity")[:, 0].mean()
+    assert centre == pytest.approx(1e-2, rel=0.05)
+    assert simulation.ledger.energies.kinetic <= 1e-4 * 0.5 * 0.1 * (1.0 + 1e-9)
+    assert len(nodes(simulation)) == len(field(simulation))
+
+
+# What is picked
+
+
+def test_what_is_given_stays():
+    simulation = Simulation(pulled_bar(), 0.05, accuracy=1e-3, num_threads=1)
+    assert [s.size for s in simulation.steps(0.5)] == pytest.approx([0.05] * 10)
+    assert simulation.tolerance == pytest.approx(1e-4)
+    simulation = Simulation(pulled_bar(), tolerance=1e-7, accuracy=1e-2, num_threads=1)
+    sizes = [s.size for s in simulation.steps(20.0)]
+    assert simulation.tolerance == 1e-7 and len(set(np.round(sizes, 9))) > 1
+
+
+def test_a_knob_left_to_auto_is_picked_for_one_percent():
+    assert Knobs.chosen(None, "auto", None, None) == (1e-2, None, 1e-3, 1e-5, True, False)
+    assert Knobs.chosen(None, 0.1, "auto", None) == (1e-2, 0.1, 1e-3, 1e-5, False, True)
+    assert Knobs.chosen(None, None, None, None) == (None, None, 1e-3, 1e-8, False, False)
+    assert Knobs.chosen(1e-3, None, None, 1e-9) == (1e-3, None, 1e-4, 1e-9, True, True)
+    assert Simulation(vibrating_bar()).estimated_error is None
+
+
+def test_the_explicit_bulk_stays_below_its_critical_step():
+    simulation = Simulation(vibrating_bar(), accuracy=1e-1, scheme="explicit")
+    sizes = np.array([s.size for s in simulation.steps(2.0)])
+    assert sizes.max() <= simulation.step_size * (1.0 + 1e-12)
+
+
+# The control by itself
+
+
+def test_the_error_of_a_step_is_a_third_difference():
+    """E = a t^4: P'' = 24 a t, so that a step of 1 leaves 2 a t at its middle, half of it shown."""
+    a, last = 1e-6, 9
+    one = control()
+    feed(one, lambda t: (0.0, a * t**4, 0.0), last + 1, size=1.0)
+    middles = np.arange(2, last + 1) - 0.5  # of the step before, where the three are centred
+    scale = max(1.0, a * (last + 1.0) ** 4)
+    assert one.error == pytest.approx(0.5 * np.sum(2.0 * a * middles) / scale, rel=1e-9)
+
+
+def test_steps_double_where_energies_are_smooth_and_stay_on_the_ladder():
+    sizes = feed(control(), lambda t: (t * t, 0.0, t * t), 30)
+    exponents = np.log2(sizes)
+    np.testing.assert_allclose(exponents, np.round(exponents), atol=1e-12)
+    assert np.all(np.diff(exponents) >= 0.0) and sizes[-1] >= 2.0**8
+    assert np.diff(exponents).max() == 1.0
+
+
+@pytest.mark.parametrize("interacting, most", [(True, 10.0), (False, 100.0)])
+def test_no_step_is_longer_than_events_allow(interacting, most):
+    """The accuracy's share of the run with interactions, its square root's without."""
+    one = control(1e-2, interacting=interacting)
+    sizes = feed(one, lambda t: (t, 0.0, t), 80, end_time=1000.0)
+    assert most / 2.0 < max(sizes) <= most
+
+
+def test_a_jump_of_the_energies_is_taken_again_in_shorter_steps():
+    def energies(t):
+        return 0.0, 0.5 * np.tanh((t - 500.0) / 3.0), -0.5 * np.tanh((t - 500.0) / 3.0)
+
+    one = control()
+    sizes = np.array(feed(one, energies, 400))
+    times = np.cumsum(sizes)
+    assert sizes[times < 400.0].max() >= 64.0
+    assert sizes[np.abs(times - 500.0) < 3.0].max() <= 4.0
+    assert sizes[times > 700.0].max() >= 16.0
+    assert sizes.min() == 1.0
+
+
+def test_weakening_bonds_keep_steps_below_their_bound():
+    weakening = NO_WORK._replace(cohesion=1e-3)
+    sizes = feed(control(softening_step=4.5), lambda t: (t, 0.0, t), 40, work=weakening)
+    assert max(sizes[1:]) == 4.0
+    assert max(feed(control(softening_step=4.5), lambda t: (t, 0.0, t), 40, work=NO_WORK)) > 4.0
+    assert max(feed(control(softening_step=0.1), lambda t: (t, 0.0, t), 9, work=weakening)) == 1.0
+
+
+def test_the_tolerance_halves_while_impulses_leave_too_much():
+    wrong = NO_WORK._replace(numerical=-1e-3)
+    one = control(1e-2)
+    assert one.tolerance == pytest.approx(1e-3)
+    feed(one, lambda t: (0.0, 1.0, 0.0), 5, size=1.0, work=wrong)
+    assert one.tolerance == pytest.approx(5e-4)
+    feed(one, lambda t: (0.0, 1.0, 0.0), 100, size=1.0, work=wrong)
+    assert one.tolerance == pytest.approx(1e-5)
+    assert one.error == pytest.approx(0.105)
+    quiet = control(1e-2)
+    feed(quiet, lambda t: (0.0, 1.0, 0.0), 50, work=NO_WORK._replace(numerical=1e-5))
+    assert quiet.tolerance == pytest.approx(1e-3)
+
+
+@pytest.mark.parametrize(
+    "options, message",
+    [
+        ({"accuracy": 0.0}, r"accuracy should lie in \(0, 1\)"),
+        ({"accuracy": 2.0}, r"accuracy should lie in \(0, 1\)"),
+        ({"accuracy": float("nan")}, r"accuracy should lie in \(0, 1\)"),
+        ({"step": "large"}, 'step should be a number or "auto"'),
+        ({"tolerance": "tight"}, 'tolerance should be a number or "auto"'),
+        ({"step": -1.0}, "step"),
+        ({"tolerance": 0.0}, "tolerance"),
+    ],
+)
+def test_bad_knobs_are_refused(options, message):
+    with pytest.raises(ValueError, match=message):
+        Simulation(vibrating_bar(), **options)

@@ -1,0 +1,274 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Accuracy against time: one scene, run with its knobs turned one way and another.
+
+A `Study` names a function that builds the scene, the settings to try, what to compare, and a
+reference: the finest setting or known values. `run_study` makes the runs one after the other, each
+in a process of its own, and keeps each result in a file: a study that was interrupted goes on
+where it was. `StudyResults` (`study_results.py`) has errors, tables, the Pareto front and advice,
+`study_plots.py` draws.
+
+    study = Study(
+        "plate", plate, end_time=1e-7,
+        quantities={"peak stress": PeakStress(gauge)},
+        families={"step": vary(default, "courant", [0.35, 0.7, 1.4])},
+        default=default, reference=default | {"courant": 0.1, "tolerance": 1e-8},
+    )
+    print(run_study(study, "results/plate").table())
+
+Results are read by name from files, so processes start afresh ("spawn"): a script that runs
+studies guards its main part with `if __name__ == "__main__":`.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import inspect
+import itertools
+import json
+import multiprocessing
+import multiprocessing.process
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from difflib import get_close_matches
+from math import isfinite
+from pathlib import Path
+from typing import Any
+
+from tqdm.auto import tqdm
+
+import xper_fx
+from xper_fx.nscd.checks import require_positive
+from xper_fx.output import prepare_folder
+from xper_fx.quantities import Quantity
+from xper_fx.scene import Scene
+from xper_fx.simulation import Simulation
+from xper_fx.study_process import Job, run_job
+from xper_fx.study_results import Run, StudyResults, as_text, varied
+
+Knob = str | int | float | bool | None
+Setting = dict[str, Knob]
+
+# Knobs of the study itself.
+_OWN = ("courant", "fields")
+
+
+def vary(default: Setting, knob: str, values: Iterable[Knob]) -> list[Setting]:
+    """A family of settings: one knob varied, the others as they are."""
+    return [default | {knob: value} for value in values]
+
+
+def product(default: Setting, **values: Iterable[Knob]) -> list[Setting]:
+    """A family of settings: all combinations of some knobs' values, the others as they are."""
+    return [
+        default | dict(zip(values, chosen, strict=True))
+        for chosen in itertools.product(*values.values())
+    ]
+
+
+@dataclass(frozen=True)
+class Study:
+    """What to run and what to compare.
+
+    A setting is a mapping of knobs to values. Knobs are parameters of `build`, of `Simulation`
+    (one that both have goes to both), and two of the study's own: `courant`, the step over the
+    critical step of the scene's explicit bulk, and `fields`, the number of times at which fields
+    are written during the run.
+
+    Args:
+        name: of the study.
+        build: function at the top level of a module or script, which makes the scene.
+        end_time: of each run (s). Steps are shortened so that a whole number of them ends there.
+        quantities: what is compared, by name (`quantities.py`).
+        families: settings by the name of their family, each in the order in which it is drawn. A
+            setting may be in several; it is run once.
+        reference: the setting whose values count as exact; not needed if all values are known.
+        known: exact values by name of quantity; they go before the reference's.
+        check: another setting as fine as the reference; how far it is from it is how far the
+            reference is to be trusted.
+        default: the setting that is marked in figures.
+
+    Raises:
+        TypeError: a knob's value is no number, text, bool or None, or `build` cannot be imported.
+        ValueError: a knob that neither `build` nor `Simulation` has, one that `build` lacks, no
+            setting, no reference.
+    """
+
+    name: str
+    build: Callable[..., Scene]
+    end_time: float
+    quantities: Mapping[str, Quantity]
+    families: Mapping[str, Sequence[Setting]]
+    reference: Setting | None = None
+    known: Mapping[str, Any] = field(default_factory=dict)
+    check: Setting | None = None
+    default: Setting | None = None
+
+    def __post_init__(self):
+        require_positive("end_time", self.end_time)
+        if "<" in getattr(self.build, "__qualname__", "<"):
+            raise TypeError(
+                f"build is {self.build!r}; it should be a function at the top level of a module or "
+                "script, which another process can import."
+            )
+        if not self.quantities or not all(self.families.values()) or not self.families:
+            raise ValueError("A study needs at least one quantity and one setting in each family.")
+        unknown = sorted(set(self.known) - set(self.quantities))
+        if unknown:
+            raise ValueError(
+                f"known names {unknown}, which are no quantities; these are: "
+                f"{sorted(self.quantities)}."
+            )
+        lacking = [
+            name
+            for name, q in self.quantities.items()
+            if q.has_reference and name not in self.known
+        ]
+        if lacking and self.reference is None:
+            raise ValueError(
+                f"The quantities {lacking} have no reference: give the finest setting as "
+                "`reference`, or their exact values in `known`."
+            )
+        for setting in self.settings():
+            self._check(setting)
+        for name, quantity in self.quantities.items():
+            if " at 0x" in repr(quantity):
+                raise TypeError(
+                    f"The quantity {name!r} prints as {quantity!r}, which changes from run to run, "
+                    "so that results could not be found again; give it a dataclass's repr."
+                )
+
+    def settings(self) -> list[Setting]:
+        """All settings to run, each once: those of families, default, reference and check."""
+        named = (self.default, self.reference, self.check)
+        chained = [*itertools.chain(*self.families.values()), *(s for s in named if s is not None)]
+        return list({as_text(setting): setting for setting in chained}.values())
+
+    def _knobs_of(self, function: Callable) -> list[str]:
+        parameters = inspect.signature(function).parameters.values()
+        return [p.name for p in parameters if p.name not in ("self", "scene")]
+
+    def _check(self, setting: Setting) -> None:
+        """Raise unless `build` and `Simulation` can take a setting."""
+        of_build, of_run = self._knobs_of(self.build), self._knobs_of(Simulation.__init__)
+        for knob, value in setting.items():
+            if not isinstance(value, Knob):
+                raise TypeError(
+                    f"Knob {knob!r} has the value {value!r}; it should be a number, a text, a bool "
+                    "or None, which can be written into a file and compared."
+                )
+            if isinstance(value, float) and not isfinite(value):
+                raise ValueError(f"Knob {knob!r} is {value}; it should be finite.")
+            known = [*of_build, *of_run, *_OWN]
+            if knob not in known:
+                near = get_close_matches(knob, known, 1)
+                raise ValueError(
+                    f"Knob {knob!r} is neither one of {self.build.__name__} ({', '.join(of_build)})"
+                    f" nor of Simulation ({', '.join(of_run)}) nor of a study ({', '.join(_OWN)})"
+                    f"{f'; {near[0]!r}?' if near else '.'}"
+                )
+        if setting.get("courant") is not None and setting.get("step") is not None:
+            raise ValueError(f"A setting gives both courant and step, give one: {setting}.")
+        try:
+            inspect.signature(self.build).bind(**self.split(setting)[0])
+        except TypeError as error:
+            raise ValueError(
+                f"{self.build.__name__} cannot be called with {setting}: {error}."
+            ) from None
+
+    def split(self, setting: Setting) -> tuple[Setting, Setting]:
+        """Knobs of `build` and knobs of `Simulation`."""
+        of_build, of_run = self._knobs_of(self.build), self._knobs_of(Simulation.__init__)
+        return (
+            {k: v for k, v in setting.items() if k in of_build},
+            {k: v for k, v in setting.items() if k in of_run},
+        )
+
+    def job(self, setting: Setting) -> Job:
+        """What one process does."""
+        scene, simulation = self.split(setting)
+        return Job(
+            self.build, scene, simulation, setting.get("courant"), setting.get("fields") or 0,
+            self.end_time, dict(self.quantities),
+        )  # fmt: skip
+
+    def key(self, setting: Setting) -> str:
+        """Names a run by all that decides its result: settings, `build` and its source, quantities,
+        end time and the package's version. What `build` calls is not looked into: empty the folder
+        after changing that."""
+        parts = {
+            "setting": setting,
+            "build": f"{Path(inspect.getfile(self.build)).stem}.{self.build.__qualname__}",
+            "source": inspect.getsource(self.build),
+            "quantities": {name: repr(q) for name, q in self.quantities.items()},
+            "end_time": self.end_time,
+            "version": xper_fx.__version__,
+        }
+        text = json.dumps(parts, sort_keys=True)
+        return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def run_study(
+    study: Study,
+    folder: str | Path,
+    *,
+    time: str = "seconds",
+    patience: float | None = None,
+    quiet: bool = False,
+) -> StudyResults:
+    """Make the runs of a study that its folder does not hold yet.
+
+    A run that does not converge or is refused is kept with its reason; one whose process died or
+    ran out of patience is in the results, and is tried again by the next call.
+
+    Args:
+        study: what to run.
+        folder: of the results, one JSON file (and one npz of arrays) a run.
+        time: see `StudyResults`.
+        patience: seconds after which a run is given up.
+        quiet: no progress bar.
+
+    Returns:
+        All runs.
+
+    Raises:
+        OSError: the folder cannot be written.
+        RuntimeError: the reference's run failed.
+    """
+    folder = prepare_folder(folder)
+    settings = study.settings()
+    knobs, runs = varied(settings), []
+    with tqdm(settings, desc=study.name, unit="run", disable=quiet) as bar:
+        for setting in bar:
+            bar.set_postfix_str(as_text(setting, knobs))
+            path = folder / study.key(setting)
+            failure = None
+            if not path.with_suffix(".json").exists():
+                failure = _run_in_process(study, setting, path, patience)
+            families = tuple(name for name, members in study.families.items() if setting in members)
+            if failure is None:
+                runs.append(Run.read(setting, families, path))
+            else:
+                runs.append(Run(setting, families, {"status": "failed", "reason": failure}, {}))
+    return StudyResults(study, runs, time)
+
+
+def _run_in_process(
+    study: Study, setting: Setting, path: Path, patience: float | None
+) -> str | None:
+    """Run a setting; why there is no record of it, or None."""
+    header = {"study": study.name, "setting": setting}
+    process = multiprocessing.get_context("spawn").Process(
+        target=run_job, args=(study.job(setting), path, header)
+    )
+    process.start()
+    try:
+        process.join(patience)
+        if process.is_alive():
+            return f"took more than {patience:g} s"
+    finally:
+        if process.is_alive():
+            process.terminate()
+            process.join()
+    if not path.with_suffix(".json").exists():
+        return f"its process ended with exit status {process.exitcode}"
+    return None
