@@ -375,6 +375,7 @@ def test_amplification_of_a_geometric_series_is_what_is_left():
     changes = [rho**i for i in range(20)]
     assert amplification(np.array(changes)) == pytest.approx(rho / (1 - rho), rel=1e-6)
     assert amplification(np.full(6, 1e-3)) == np.inf
+    assert amplification(np.array([0.0, 1e-3])) == np.inf  # tiles at rest that others moved
 
 
 def test_warm_start_from_the_answer_is_immediate():

@@ -25,7 +25,8 @@ on dU_T + (1 - theta) / theta dU0_T, so that it never does positive work whateve
 interpenetrates; an impact, however, is conserved by theta = 1/2 and rebounds at each element.
 
 Without friction a point has its normal alone: impulses, jumps, compliances of one number, a frame
-of one row, no tangential solve. What slides past is not followed.
+of one row, no tangential solve. What slides past is not followed: jumps and velocities read zero
+along the tangent.
 """
 
 from __future__ import annotations
