@@ -75,7 +75,8 @@ def accuracies(setting: Setting, of: str = "") -> dict[str, list[Setting]]:
 #
 # Strong interfaces, fracture energies that a mesh of 20 x 20 resolves, until the plate has broken
 # (peak at 0.73 %, broken at 0.85 %). Mesh and physics are the same in all runs: what differs is how
-# the equations are solved. The reference is explicit at a tenth of the critical step and a tolerance of 1e-8;
+# the equations are solved. The reference is explicit, at a tenth of the critical step and a
+# tolerance of 1e-8;
 # a fine implicit run tells how far it is to be trusted.
 
 
