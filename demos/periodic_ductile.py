@@ -158,6 +158,7 @@ def run(scene: Scene, options: argparse.Namespace) -> dict:
     simulation = Simulation(
         scene,
         options.step_size,
+        accuracy=options.accuracy,
         theta=options.theta,
         tolerance=options.tolerance,
         solver=options.solver,

@@ -12,7 +12,8 @@ it, each has a cheap estimate, and none is made better than the others:
   the mesh's own dispersion is what is left, and `error` says so if it is more than asked for;
 - **events**: what breaks, closes or slides does so somewhere within a step, so that a largest force
   is missed by the force's growth in a step: h <= accuracy * end time where there are interactions,
-  and the square root of it where everything is smooth;
+  and the square root of it where everything is smooth. A step in which power turns so suddenly that
+  it moves more than 12 times `accuracy` of the energy held (an impact) is taken again, shorter;
 - **weakening bonds**: where the softening number (`xper_fx/scales.py`) exceeds one a bond may snap
   within a step; while bonds weaken the step stays below that, but not below 0.7 of the critical
   step either: what follows is then faster than the mesh can carry;
@@ -40,7 +41,10 @@ from xper_fx.knobs import IMPULSES, Knobs
 from xper_fx.nscd.interactions import StepWork
 
 # Estimate over what is allowed, above which a step is taken again.
-_REJECT = 8.0
+_REJECT = 4.0
+# Energy by which a step may differ from going on at the last power, relative to accuracy and energy
+# held: four times what a vibration stepped as asked for does.
+_LARGEST_TURN = 12.0
 # Estimate over what is allowed below which the step is doubled: it then grows fourfold.
 _SPARE = 0.15
 # Weight of the last step in the mean of the estimates.
@@ -151,9 +155,12 @@ class AccuracyControl:
             scale = max(self._scale, energies.kinetic + energies.elastic)
             allowed = self._accuracy * max(float(np.abs(change).sum()), scale * size / end_time)
             self._ratio = float(left.sum()) / allowed if allowed > 0.0 else 0.0
-        if self.adapts_step and self._ratio > _REJECT and size > self._least:
-            self._shorten(size)
-            return False
+            turn = float(np.abs(change - size * second.rate).sum())
+            bound = _LARGEST_TURN * self._accuracy * scale
+            if self.adapts_step and size > self._least and (self._ratio > _REJECT or turn > bound):
+                self._ratio = max(self._ratio, (turn / bound) ** 2 if bound > 0.0 else 0.0)
+                self._shorten(size)
+                return False
         return True
 
     def _shorten(self, size: float) -> None:

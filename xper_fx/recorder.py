@@ -255,6 +255,7 @@ class Recorder:
                 "closure": simulation.ledger.closure,
                 "external_work": simulation.ledger.energies.external_work,
                 "largest_residual": self._totals["largest_residual"],
+                "estimated": simulation.estimated_error,
             },
             "steps": self._totals["steps"],
             "sweeps": self._totals["sweeps"],

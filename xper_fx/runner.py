@@ -15,16 +15,21 @@ from xper_fx.recorder import Recorder
 from xper_fx.simulation import SOLVERS, StepRecord
 
 
-def add_run_options(parser: ArgumentParser, out: Path) -> None:
+def add_run_options(parser: ArgumentParser, out: Path, accuracy: float | None = None) -> None:
     """Give a command line the options of a run that no scene changes.
 
     Args:
         parser: of the command line.
         out: default of the folder for results.
+        accuracy: default of the accuracy asked for, None for none.
     """
     add = parser.add_argument
+    add(
+        "--accuracy", type=float, default=accuracy,
+        help="relative error asked for; picks and adapts step and tolerance unless they are given",
+    )  # fmt: skip
     add("--theta", type=float, default=0.5, help="weight of the end of the step, implicit bulk")
-    add("--tolerance", type=float, default=1e-3, help="relative error of the impulses")
+    add("--tolerance", type=float, help="relative error of the impulses")
     add("--solver", choices=SOLVERS, default="auto", help="of the interactions")
     add("--threads", type=int, help="of the interaction solver (default: all)")
     add("--fields", type=int, default=20, help="number of times at which fields are written")

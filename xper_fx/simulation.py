@@ -36,6 +36,11 @@ logger = logging.getLogger(__name__)
 
 # Solvers of the interactions: modules of `nscd`, imported when asked for.
 SOLVERS = ("auto", "nlgs", "newton", "accelerated")
+# Steps as shares of the critical one: without a wish, and where an explicit bulk, linear so that
+# its critical step stays what it is, should be as cheap as it can.
+_BELOW_LIMIT, _AT_LIMIT = 0.7, 0.95
+# Steps of a picked explicit bulk above which a user is told that an implicit one may be cheaper.
+_MANY_STEPS = 100_000
 # Inelastic strain of a step above which the step is cut.
 _LARGEST_FLOW = 0.05
 # Damage beyond what the opening found asks for, above which the step is cut: it came from iterates
@@ -74,7 +79,9 @@ class Simulation:
     Args:
         scene: what to simulate.
         step: h (s); 0.7 of the critical step of the explicit bulk if not given; "auto" adapts it.
-        scheme: "implicit" or "explicit" bulk; interactions are implicit with both.
+        scheme: "implicit" or "explicit" bulk; interactions are implicit with both. If not given,
+            implicit; with an adapted step explicit where each cell is a body that has mass, as
+            waves then go from body to body by sweeps, and longer steps need as many more.
         theta: weight of the end of the step, in [1/2, 1]; the explicit bulk has 1/2.
         accuracy: relative error asked for, in (0, 1): step and tolerances that are not given are
             picked and adapted for it (`accuracy.py`). 1e-2 if only a knob is "auto".
@@ -112,7 +119,7 @@ class Simulation:
         step: float | str | None = None,
         *,
         accuracy: float | None = None,
-        scheme: str = "implicit",
+        scheme: str | None = None,
         theta: float = 0.5,
         tolerance: float | str | None = None,
         max_sweeps: int = 20_000,
@@ -126,6 +133,10 @@ class Simulation:
     ):
         knobs = Knobs.chosen(accuracy, step, tolerance, newton_tolerance)
         step, tolerance, newton_tolerance = knobs.step, knobs.tolerance, knobs.newton_tolerance
+        self._scheme_picked = scheme is None
+        if scheme is None:
+            explicit = knobs.adapts_step and self._suits_explicit(scene, theta, solver, inertia)
+            scheme = "explicit" if explicit else "implicit"
         self._check(scheme, theta, relaxation)
         self._check_effects(scene, scheme, knobs, theta, inertia)
         if solver not in SOLVERS:
@@ -161,7 +172,7 @@ class Simulation:
                 from xper_fx.periodic.two_field import CellBulk
 
                 self.bulk = CellBulk(self.forms, scene.macroscopic, inertia)
-            self.step_size = self._step_size(step, scheme)
+            self.step_size = self._step_size(knobs, scheme)
             self.state = self._initial_state()
             points, laws, law_of_point = self._points()
             interacting = self._interacting(points, scheme)
@@ -196,6 +207,14 @@ class Simulation:
         self._last_size = self.step_size
 
     @staticmethod
+    def _suits_explicit(scene, theta, solver, inertia) -> bool:
+        """Whether the explicit bulk takes the scene, and longer steps would not be cheaper."""
+        each_cell_a_body = scene.bodies.num_bodies == len(scene.bodies.body_of_cell)
+        undamped = scene.macroscopic is None and scene.damping is None
+        nodal = scene.points == "nodal" and solver == "auto"
+        return each_cell_a_body and undamped and nodal and inertia and theta == 0.5
+
+    @staticmethod
     def _check(scheme, theta, relaxation) -> None:
         if scheme not in ("implicit", "explicit"):
             raise ValueError(f'scheme should be "implicit" or "explicit", got {scheme!r}.')
@@ -222,17 +241,19 @@ class Simulation:
 
     # Set-up
 
-    def _step_size(self, step: float | None, scheme: str) -> float:
-        """The step asked for, or 0.7 of the critical one.
+    def _step_size(self, knobs: Knobs, scheme: str) -> float:
+        """The step asked for, or a share of the critical one.
 
         Raises:
             ValueError: the explicit bulk would be unstable.
         """
+        step = knobs.step
         if step is not None and scheme == "implicit":
             return float(step)
         critical = self.bulk.critical_step()
         if step is None:
-            return 0.7 * critical
+            at_limit = scheme == "explicit" and knobs.adapts_step and self.bulk.linear
+            return (_AT_LIMIT if at_limit else _BELOW_LIMIT) * critical
         if step > critical:
             raise ValueError(
                 f"The explicit bulk is unstable at the step {step:g} s; it should be below the "
@@ -394,6 +415,13 @@ class Simulation:
             for _ in range(count):
                 yield from self._advance(self.step_size, end_time)
             return
+        if self._scheme_picked and self.scheme_name == "explicit":
+            count = (end_time - self.state.time) / self.step_size
+            if count > _MANY_STEPS:
+                logger.warning(
+                    "%.0f explicit steps to %g s: slow loads may be cheaper with "
+                    'scheme="implicit"', count, end_time,
+                )  # fmt: skip
         while end_time - self.state.time > _ROUNDING * abs(end_time):
             yield from self._advance(control.size(self.state.time, end_time), end_time)
 
