@@ -8,7 +8,10 @@ import pytest
 from test_nlgs import STEP, check_velocity, plate_scene, tetrahedra_scene
 
 from xper_fx.nscd import newton, nlgs, vertex_blocks
+from xper_fx.nscd.interactions import Interactions
+from xper_fx.nscd.inverse import BodyInverse
 from xper_fx.nscd.laws import SignoriniCoulomb, Tresca
+from xper_fx.nscd.points import InteractionPoints, frame_from_normal
 
 ALMOST_NONE = SignoriniCoulomb(1e-300)
 
@@ -74,6 +77,25 @@ def test_the_answer_is_that_of_friction_that_vanishes(dim, solve):
     np.testing.assert_allclose(back, back0, rtol=0, atol=1e-9 * size)
     assert np.count_nonzero(r) > 0 and np.abs(back + 0.5 * size).max() > 0.0
     np.testing.assert_allclose(work, work0, rtol=0, atol=1e-9 * size * np.abs(r0).sum())
+
+
+@pytest.mark.parametrize("solve", [nlgs.solve, newton.solve])
+@pytest.mark.parametrize("normal", [(0.6, 0.8), (0.0, 0.6, 0.8)])
+def test_a_node_guided_across_the_normal_carries_nothing(normal, solve):
+    """W_NN is rounding: an impulse that should stop the node would be as large as you like."""
+    normal, dim = np.array(normal), len(normal)
+    w = np.eye(dim) - (1.0 - 1e-15) * np.outer(normal, normal)
+    inverse = BodyInverse.from_blocks([w], dim)
+    points = InteractionPoints(
+        np.array([[[0], [1]]], np.int32), np.ones((1, 2, 1)), frame_from_normal(normal[None]),
+        np.ones(1), np.zeros(1),
+    )  # fmt: skip
+    scene = Interactions(points, [SignoriniCoulomb()], np.zeros(1, int), inverse)
+    scene.begin_step(STEP, 0.5)
+    free = np.concatenate([-normal, np.zeros(dim)])
+    velocity = free.copy()
+    solve(scene, velocity, tolerance=1e-9, num_threads=1)
+    assert not scene.gather("impulse").any() and np.array_equal(velocity, free)
 
 
 def test_vertices_mix_points_of_one_and_of_three_components():

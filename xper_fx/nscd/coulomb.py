@@ -28,7 +28,8 @@ from __future__ import annotations
 
 from numba import njit
 
-from xper_fx.nscd.signorini import NO_SLIP, OPEN, SINGULAR, SLIP, STICK
+from xper_fx.nscd.signorini import NO_SLIP, OPEN, SLIP, STICK
+from xper_fx.nscd.small import SINGULAR
 
 
 @njit(inline="always")

@@ -10,7 +10,8 @@ import numpy as np
 from numba import njit
 
 from xper_fx.nscd.local_solvers.exact import slide
-from xper_fx.nscd.signorini import NO_SLIP, OPEN, SINGULAR, SLIP, STICK
+from xper_fx.nscd.signorini import NO_SLIP, OPEN, SLIP, STICK
+from xper_fx.nscd.small import SINGULAR
 
 # Bound on the steps (by 4) that bracket a root: all of floating point, and an end for NaN.
 _DOUBLINGS = 1100

@@ -26,8 +26,7 @@ from xper_fx.nscd.ordering import (
     vertex_of_points,
 )
 from xper_fx.nscd.points import InteractionPoints
-from xper_fx.nscd.signorini import SINGULAR
-from xper_fx.nscd.small import for_dimension, sym_indices
+from xper_fx.nscd.small import SINGULAR, for_dimension, sym_indices
 
 
 class StepWork(NamedTuple):

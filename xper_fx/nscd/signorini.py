@@ -11,11 +11,12 @@ from functools import cache
 
 from numba import njit
 
+from xper_fx.nscd.small import SINGULAR
+
 OPEN, STICK, SLIP = 0, 1, 2
 
-# Relative size below which a compliance counts as zero (the direction is fully prescribed), and
-# below which a slip does where nothing could stop it.
-SINGULAR, NO_SLIP = 1e-13, 1e-12
+# Relative size below which a slip counts as zero where nothing could stop it.
+NO_SLIP = 1e-12
 
 
 @njit(inline="always")

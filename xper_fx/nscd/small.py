@@ -16,6 +16,9 @@ from importlib import import_module
 
 import numpy as np
 
+# Relative size below which a compliance counts as zero: the direction is fully prescribed.
+SINGULAR = 1e-13
+
 SmallAlgebra = namedtuple(
     "SmallAlgebra",
     "row set_row dot add subtract scale unit matrix_vector sym_row sym_vector to_local to_global "
