@@ -58,6 +58,8 @@ def consistent(stresses=0.0, bound=1e-10):
         if moves and np.abs(state.stress).max() > stresses:
             assert state.hill_mandel < bound
         unknowns, bulk = simulation.bulk.unknowns, simulation.bulk
+        if bulk.inertia is None:
+            return
         momentum = (bulk.mass * simulation.state.velocity)[: unknowns.macroscopic.start]
         impulse = record.size * np.abs(simulation.state.internal).sum()
         largest[0] = max(largest[0], np.abs(momentum).sum() + impulse)
