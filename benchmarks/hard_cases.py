@@ -6,6 +6,7 @@
 
 from __future__ import annotations
 
+import argparse
 import json
 import sys
 import tempfile
@@ -27,17 +28,28 @@ def figures(report: Path) -> list[tuple[str, str, float, bool]]:
     return rows
 
 
+def table(rows: list[tuple[str, str, float, bool]]) -> str:
+    """The figures as Markdown."""
+    lines = ["| case | demanded | found | |", "|---|---|---|---|"]
+    for case, demand, found, passed in rows:
+        lines.append(f"| {case} | {demand} | {found:.2g} | {'' if passed else 'FAILED'} |")
+    return "\n".join(lines)
+
+
 def main() -> int:
-    """Run, print, and return pytest's exit status."""
+    """Run, write, and return pytest's exit status."""
+    parser = argparse.ArgumentParser(description="Hard cases and their figures.")
+    parser.add_argument("--output", type=Path, help="file for the table (default: print it)")
+    output = parser.parse_args().output
     with tempfile.TemporaryDirectory() as folder:
         report = Path(folder) / "hard_cases.xml"
-        status = pytest.main(
-            [str(CASES), "-q", f"--junitxml={report}", "-o", "junit_family=xunit1"]
-        )
-        rows = figures(report)
-    print("\n| case | demanded | found | |\n|---|---|---|---|")
-    for case, demand, found, passed in rows:
-        print(f"| {case} | {demand} | {found:.2g} | {'' if passed else 'FAILED'} |")
+        junit = [f"--junitxml={report}", "-o", "junit_family=xunit1"]
+        status = pytest.main([str(CASES), "-q", *junit])
+        text = table(figures(report))
+    if output is None:
+        print(text)
+    else:
+        output.write_text(f"# Hard cases\n\n`benchmarks/hard_cases.py` wrote this.\n\n{text}\n")
     return int(status)
 
 

@@ -248,3 +248,16 @@ def test_end_time(bodies, end):
     simulation = Simulation(scene_with(bodies), 1e-3, num_threads=1)
     with pytest.raises(ValueError, match="end_time"):
         next(simulation.steps(end))
+
+
+def test_a_step_at_which_rounding_hides_the_mass_is_refused():
+    """h^2 K / M = 1e15 for free bodies; with both ends held there is nothing to hide."""
+
+    def scene(loads):
+        bodies = box_bodies((1.0, 1.0), (1, 1), label=0)
+        return Scene(bodies, {1: LinearElastic(1.0, 0.3, 1.0)}, loads=loads)
+
+    with pytest.raises(ValueError, match="hides the inertia"):
+        next(Simulation(scene([]), 1e8).steps(1e8))
+    held = [PrescribedVelocity(tag, i, 0.0) for tag in (LEFT, RIGHT) for i in (0, 1)]
+    next(Simulation(scene(held), 1e8).steps(1e8))

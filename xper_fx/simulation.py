@@ -39,6 +39,8 @@ SOLVERS = ("auto", "nlgs", "newton", "accelerated")
 # Steps as shares of the critical one: without a wish, and where an explicit bulk, linear so that
 # its critical step stays what it is, should be as cheap as it can.
 _BELOW_LIMIT, _AT_LIMIT = 0.7, 0.95
+# An adapted step with inertia stays below this multiple of the first: rounding leaves the mass.
+_LARGEST_GROWTH = 1e5
 # Steps of a picked explicit bulk above which a user is told that an implicit one may be cheaper.
 _MANY_STEPS = 100_000
 # Inelastic strain of a step above which the step is cut.
@@ -378,7 +380,7 @@ class Simulation:
         held = self.ledger.energies
         return AccuracyControl(
             knobs, base if self.bulk.inertia is not None or not knobs.adapts_step else None,
-            largest=base if self.scheme_name == "explicit" else np.inf,
+            largest=base if self.scheme_name == "explicit" else _LARGEST_GROWTH * base,
             softening_step=softening,
             interacting=self.interactions is not None,
             energy=held.kinetic + held.elastic,

@@ -99,12 +99,16 @@ class Bulk:
             prescribed[dofs] = True
         return prescribed
 
-    def _require_held_bodies(self) -> None:
-        """Raise a ValueError if a body without inertia is free to move as a whole."""
+    def free_motions(self) -> np.ndarray:
+        """In how many ways each body is free to move as a whole, shape (num_bodies,)."""
         layout = self.layout
         x = self.forms.V.tabulate_dof_coordinates()[layout.nodes, : self.dim]
         held = layout.prescribed[layout.dofs(layout.nodes)]
-        free = free_rigid_motions(x, layout.offsets, held.reshape(x.shape))
+        return free_rigid_motions(x, layout.offsets, held.reshape(x.shape))
+
+    def _require_held_bodies(self) -> None:
+        """Raise a ValueError if a body without inertia is free to move as a whole."""
+        free = self.free_motions()
         if np.any(free):
             body = int(np.argmax(free > 0))
             raise ValueError(

@@ -35,6 +35,8 @@ _CUTS = 5
 _ROUNDING = 1e-14
 # Newton's tolerance is at least this part of that of the impulses, which blurs it.
 _BLUR = 1e-2
+# h^2 theta^2 K over the mass above which less than three digits are left of the mass.
+_HIDDEN = 1e13
 # Inverses kept for a linear bulk: the step and its halves.
 _KEPT = 4
 
@@ -109,8 +111,21 @@ class ImplicitScheme:
         rows = np.repeat(np.arange(len(matrix.indptr) - 1), np.diff(matrix.indptr))
         diagonal = np.flatnonzero(matrix.indices == rows)
         axes = np.arange(bulk.dim)
+        stiff = matrix.data[diagonal[:, None], axes, axes].reshape(-1)
+        self._require_mass_that_counts(stiff, mass, step)
         matrix.data[diagonal[:, None], axes, axes] += mass.reshape(-1, bulk.dim)
         return matrix
+
+    def _require_mass_that_counts(self, stiff, mass, step) -> None:
+        """Raise a ValueError if rounding of h^2 theta^2 K hides the mass of a free body."""
+        carried = mass > 0.0
+        ratio = float((stiff[carried] / mass[carried]).max(initial=0.0))
+        if ratio > _HIDDEN and np.any(self.bulk.free_motions()):
+            raise ValueError(
+                f"At the step {step:g} s, h^2 K exceeds the mass {ratio:.0e} times, and rounding "
+                "hides the inertia of bodies that nothing holds: their velocities would mean "
+                "nothing. Take a smaller step, or hold the bodies and take inertia=False."
+            )
 
     def attempt(
         self,
