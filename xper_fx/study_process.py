@@ -148,7 +148,7 @@ def _measure(job: Job) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
         "step_size": simulation.step_size,
         **totals,
         "closure": closure,
-        "estimated_error": getattr(simulation, "estimated_error", None),
+        "estimated_error": simulation.estimated_error,
         "values": {k: float(v) for k, v in values.items() if not isinstance(v, Mapping)},
     }
     return measured, arrays

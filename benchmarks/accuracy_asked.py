@@ -1,0 +1,140 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Accuracy asked for against accuracy had, on three scenes, and what settings by hand would cost.
+
+    OPENBLAS_NUM_THREADS=1 ./fenicsx python3 benchmarks/accuracy_asked.py [--out FOLDER]
+
+For each scene and each accuracy: the true error of each quantity against a fine run, the error that
+the simulation estimated, its time over that of the cheapest setting by hand whose errors all stay
+within three times what was asked for.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parent.parent / "demos"))
+
+import accuracy_cost as demo
+import notched_plate as plate
+import periodic_ductile as ductile
+
+from xper_fx.bodies import explode
+from xper_fx.materials import LinearElastic
+from xper_fx.materials.library import HYDRIDE
+from xper_fx.meshes import crossed_rectangle, in_rectangles, tag_cells
+from xper_fx.quantities import DisplacementL2, DissipatedEnergy, PeakStress
+from xper_fx.recorder import CellGauge, TensileGauge
+from xper_fx.scene import Scene
+from xper_fx.study import Study, product, run_study, vary
+
+ASKED = (1e-2, 1e-3)
+# Within this many times what was asked for, a setting by hand counts as good enough.
+WITHIN = 3.0
+BY_HAND, BY_HAND_2 = "by hand", "by hand, other scheme"
+
+
+def ductile_cell() -> Scene:
+    """The periodic composite as one connected body, elastic inclusions in a ductile matrix."""
+    mesh = crossed_rectangle((0.0, 0.0), (ductile.SIZE, ductile.SIZE), (20, 20))
+    inside = {ductile.INCLUSION: in_rectangles(ductile.UNIT * np.array(ductile.LAYOUTS["bands"]))}
+    cells = tag_cells(mesh, inside, ductile.MATRIX)
+    bodies = explode(
+        mesh, np.zeros(1600, int), cell_tags=cells, lattice=(ductile.SIZE, ductile.SIZE)
+    )
+    hard = LinearElastic(HYDRIDE.young, HYDRIDE.poisson, ductile.DENSITY)
+    materials = {ductile.MATRIX: ductile.matrix(False), ductile.INCLUSION: hard}
+    return Scene(bodies, materials, macroscopic=ductile.drive(1.0, "free"))
+
+
+def studies() -> list[Study]:
+    """The resolved plate until its peak, a bar that swings, a cell that flows."""
+    gauge = TensileGauge(plate.LEFT, plate.RIGHT, 0, plate.SIZE, plate.SIZE)
+    explicit = {"cells": 20, "scheme": "explicit", "courant": 0.95} | demo.ONE_THREAD
+    implicit = {"cells": 20, "scheme": "implicit", "courant": 0.7} | demo.ONE_THREAD
+    tolerances = [1e-2, 1e-3]
+    end = 0.0075 * plate.SIZE / (2.0 * plate.SPEED)
+    pulled = Study(
+        "plate",
+        demo.resolved_plate,
+        end,
+        {"peak stress": PeakStress(gauge), "dissipated to 0.6 %": DissipatedEnergy(0.8 * end)},
+        {
+            "asked": vary({"cells": 20} | demo.ONE_THREAD, "accuracy", ASKED),
+            "asked, implicit": vary(
+                {"cells": 20, "scheme": "implicit"} | demo.ONE_THREAD, "accuracy", ASKED
+            ),
+            BY_HAND: vary(explicit, "tolerance", tolerances),
+            BY_HAND_2: product(implicit, courant=[0.7, 2.8], tolerance=tolerances),
+        },
+        reference=explicit | {"courant": 0.2, "tolerance": 1e-7},
+    )
+    bar = {"cells": 50, "contact": "none"} | demo.ONE_THREAD
+    courants = [16.0, 8.0, 4.0, 2.0, 1.0]
+    swinging = Study(
+        "bar",
+        demo.bar,
+        8.0 * demo.LENGTH / demo.WAVE_SPEED,
+        {"displacement": DisplacementL2()},
+        {
+            "asked": vary(bar, "accuracy", ASKED),
+            BY_HAND: vary(bar, "courant", courants),
+            BY_HAND_2: vary(bar | {"scheme": "explicit"}, "courant", [1.0, 0.5]),
+        },
+        reference=bar | {"courant": 0.02},
+    )
+    static = {"theta": 1.0, "inertia": False} | demo.ONE_THREAD
+    end = 0.02
+    flowing = Study(
+        "ductile cell",
+        ductile_cell,
+        end,
+        {"peak stress": PeakStress(CellGauge("11")), "dissipated": DissipatedEnergy()},
+        {
+            "asked": vary(static, "accuracy", ASKED),
+            BY_HAND: vary(static, "step", [end / n for n in (5, 10, 20, 50, 100, 200)]),
+        },
+        reference=static | {"step": end / 1000},
+    )
+    return [pulled, swinging, flowing]
+
+
+def rows(results) -> list[str]:
+    """A line for each accuracy asked for."""
+    families = results.study.families
+    by_hand = [run for f in (BY_HAND, BY_HAND_2) if f in families for run in results.members(f)]
+    lines = []
+    for family in (name for name in families if name.startswith("asked")):
+        for run in results.members(family):
+            asked = run.setting["accuracy"]
+            good = [
+                r for r in by_hand if r.done and max(r.errors.values()) <= WITHIN * asked
+            ]  # fmt: skip
+            best = min((r.cost(results.time) for r in good), default=np.nan)
+            had = ", ".join(f"{name} {error:.1e}" for name, error in run.errors.items())
+            lines.append(
+                f"| {results.study.name}{family.removeprefix('asked')} | {asked:g} | {had} | "
+                f"{run.record['estimated_error']:.1e} | {run.cost(results.time) / best:.2f} |"
+            )
+    return lines
+
+
+def main() -> None:
+    """Run the studies and print the table."""
+    parser = argparse.ArgumentParser(description="Accuracy asked for and had.")
+    parser.add_argument("--out", type=Path, default=Path("results/accuracy_asked"))
+    out = parser.parse_args().out
+    lines = [
+        "| scene | asked | true error | estimated | time over the best by hand |",
+        "|---" * 5 + "|",
+    ]
+    for study in studies():
+        lines += rows(run_study(study, out / study.name.replace(" ", "_"), time="cpu_seconds"))
+    print("\n".join(lines))
+
+
+if __name__ == "__main__":
+    main()
