@@ -77,7 +77,7 @@ def studies() -> list[Study]:
     swinging = Study(
         "bar",
         demo.bar,
-        8.0 * demo.LENGTH / demo.WAVE_SPEED,
+        7.5 * demo.LENGTH / demo.WAVE_SPEED,
         {"displacement": DisplacementL2()},
         {
             "asked": vary(bar, "accuracy", ASKED),

@@ -125,7 +125,8 @@ class AccuracyControl:
         if self._base == 0.0:
             self._base = self._event_share * end_time
             self._least, self._size = self._base / _FINEST, self._base / _FIRST
-        most = min(self._size, self._largest, self._event_share * end_time)
+        events = math.sqrt(2.0) * self._event_share * end_time  # the nearest of the ladder's steps
+        most = min(self._size, self._largest, events)
         if self._quiet < _REST:
             most = min(most, self._softening_step)
         size = self._base * 2.0 ** math.floor(math.log2(most / self._base) + 1e-9)

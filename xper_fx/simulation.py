@@ -377,10 +377,11 @@ class Simulation:
         if self.interactions is not None:
             number = softening_numbers(self.interactions, base, self.theta).max(initial=0.0)
             softening = base / math.sqrt(number) if number > 0.0 else np.inf
-        held = self.ledger.energies
+        held, inertia = self.ledger.energies, self.bulk.inertia is not None
+        largest = _LARGEST_GROWTH * base if inertia else np.inf
         return AccuracyControl(
-            knobs, base if self.bulk.inertia is not None or not knobs.adapts_step else None,
-            largest=base if self.scheme_name == "explicit" else _LARGEST_GROWTH * base,
+            knobs, base if inertia or not knobs.adapts_step else None,
+            largest=base if self.scheme_name == "explicit" else largest,
             softening_step=softening,
             interacting=self.interactions is not None,
             energy=held.kinetic + held.elastic,
