@@ -168,7 +168,9 @@ def test_an_explicit_bulk(cell, cells):
     ],
 )
 def test_a_static_run_takes_a_step_and_theta_1(cell, options, given):
-    with pytest.raises(ValueError, match=f"takes a step and theta = 1 .*got.*{given}"):
+    with pytest.raises(
+        ValueError, match=f"takes a step or an accuracy, and theta = 1 .*got.*{given}"
+    ):
         Simulation(scene_of(cell), inertia=False, **options)
 
 

@@ -103,6 +103,7 @@ def solve(
     r, swept, f, old_r, old_f, best = np.zeros((6, ends[-1]))
     gather(r)
     put(r)
+    floor = interactions.rounding(free) / tolerance
     least, error, restarts = np.inf, np.inf, 0
     amplification, follows = np.inf, False
     for count in range(1, max_sweeps + 1):
@@ -110,7 +111,7 @@ def solve(
             sweep.kernel(*sweep.arguments)
         gather(swept)
         np.subtract(swept, r, out=f)
-        size, total = norm(f), norm(swept)
+        size, total = norm(f), max(norm(swept), floor)
         change = size / total if total > 0.0 else size
         if not np.isfinite(change):
             break

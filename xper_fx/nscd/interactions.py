@@ -7,6 +7,7 @@ Until `commit` nothing of the past is lost: a step may begin again with another 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cache
 from typing import NamedTuple
@@ -27,6 +28,9 @@ from xper_fx.nscd.ordering import (
 )
 from xper_fx.nscd.points import InteractionPoints
 from xper_fx.nscd.small import SINGULAR, for_dimension, sym_indices
+
+# Relative rounding of velocities that several points add up to.
+_ROUNDING = 4.0 * np.finfo(float).eps
 
 
 class StepWork(NamedTuple):
@@ -309,6 +313,18 @@ class Interactions:
             rows, cols = sym_indices(group.kernels.components)
             group.couplings = group.couplings._replace(w=inverse.data)
             _compliance(group.couplings, group.points.frame, rows, cols, group.compliance)
+        traces = [g.compliance[:, np.equal(*sym_indices(g.kernels.components))].sum(1)
+                  for g in self.groups]  # fmt: skip
+        self._stiffness = math.sqrt(sum(float(np.sum(t[t > 0.0] ** -2.0)) for t in traces))
+
+    def rounding(self, velocity: np.ndarray) -> float:
+        """|r| of impulses that move the bodies by the rounding of their velocities (N s).
+
+        Args:
+            velocity: shape (num_slots * dim,), m/s.
+        """
+        speed = float(np.abs(velocity).max(initial=0.0))
+        return _ROUNDING * speed * self._stiffness
 
     def begin_step(self, step: float, theta: float) -> None:
         """Set the constants of the step in every law; impulses start from the last step's."""

@@ -53,12 +53,13 @@ class _Attempt:
         self.traction = self.error = np.inf
         self._before = [np.empty_like(g.impulse) for g in interactions.groups]
         self._best = [g.impulse.copy() for g in interactions.groups]
-        self._least, self._left_over = np.inf, _BLIND_STEPS
+        self._least, self._left_over, self._floor = np.inf, _BLIND_STEPS, 0.0
         self._start, self._push, self._guess = np.zeros((3, len(velocity)))
 
     def run(self, tolerance: float) -> bool:
         """Whether the estimated error came within the tolerance, internal variables at rest."""
         amplification = np.inf
+        self._floor = self.interactions.rounding(self.velocity) / tolerance
         forcing = _FORCING
         size, relative, self.traction = self._residual()
         history = [relative]
@@ -90,6 +91,7 @@ class _Attempt:
     def _residual(self) -> tuple[float, float, float]:
         """|S(b) - r|, the same relative to |r|, and as a traction."""
         size, total, traction = residual(self.interactions, self.velocity)
+        total = max(total, self._floor)
         return size, size / total if total > 0.0 else size, traction
 
     def _advance(self, changes: list[np.ndarray], relative: float):

@@ -6,6 +6,9 @@ with sweeps that contract by rho the error left is about |dr| rho / (1 - rho). r
 the last sweeps, and it is this estimate that `tolerance` bounds. Beside it stands the largest
 change of traction in the last sweep, in Pa.
 
+Impulses that move the bodies by less than the rounding of their velocities have arrived: bodies
+that fly side by side push each other by nothing else.
+
 **Where it sweeps.** Tiles of points whose impulses no longer change, and whose bodies no neighbour
 moves, are passed over; a sweep over all of them comes now and then and before the end, so that the
 error is always that of the whole.
@@ -152,16 +155,18 @@ def _spell_kernel(kernels: tuple[Callable, ...]):
     sweep, moved_bodies, touched_tiles = _over_groups(kernels)
 
     @njit
-    def spell(passes, moved, num_tiles, changes, tolerance, sweeps, max_sweeps):
+    def spell(passes, moved, num_tiles, changes, tolerance, least, sweeps, max_sweeps):
         """Whether it arrived, sweeps made so far, error, and how many of `changes` are set.
 
-        `changes` has room for the relative changes of the sweeps that `contraction` looks at.
+        Changes are relative to |r| or to `least`, whichever is larger. `changes` has room for
+        those of the sweeps that `contraction` looks at.
         """
         known, factor, error, verifying = 0, np.inf, np.inf, False
         for count in range(sweeps + 1, max_sweeps + 1):
             changed, total, everywhere = sweep(passes)
             if not np.isfinite(changed):
                 return False, count, error, known
+            total = max(total, least * least)
             change = np.sqrt(changed / total) if total > 0.0 else np.sqrt(changed)
             if not verifying:
                 if known == len(changes):
@@ -215,10 +220,11 @@ def solve(
     arguments = tuple(tuple(p[1:]) for p in passes)
     num_tiles = sum(len(p.marked) for p in passes)
     moved = np.zeros(len(interactions.inverse.node_offsets) - 1, np.bool_)
+    least = interactions.rounding(velocity) / tolerance
     changes, sweeps, arrived = np.zeros(_WINDOW + 1), 0, True
     while arrived:
         arrived, sweeps, error, known = spell(
-            arguments, moved, num_tiles, changes, tolerance, sweeps, max_sweeps
+            arguments, moved, num_tiles, changes, tolerance, least, sweeps, max_sweeps
         )
         if arrived and interactions.evolve(velocity) <= tolerance:
             largest = max(p.stats[:, 2].max(initial=0.0) for p in passes)
