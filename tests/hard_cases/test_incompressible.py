@@ -209,7 +209,7 @@ def test_flow_around_a_hard_inclusion(kind, figure):
 
 
 LOCKS = pytest.mark.xfail(
-    strict=True, reason="crossed triangles of order 1 lock once distorted: |p| / K = 89"
+    strict=True, reason="|p| / K = 89; suspected: crossed triangles of order 1 lock once distorted"
 )
 
 
