@@ -72,7 +72,8 @@ class AccuracyControl:
     Args:
         knobs: what is to be picked, and for which accuracy.
         base: a step of the ladder (s) and the shortest: 0.7 of the critical step of the bulk, 0.95
-            where it is explicit and linear, or the step given. None for a static run, whose scale of time is the end time.
+            where it is explicit and linear, or the step given. None for a
+            static run, whose scale of time is the end time.
         largest: no step is longer (s).
         softening_step: step (s) above which weakening bonds may snap; infinite without such.
         interacting: whether the scene has interactions.
