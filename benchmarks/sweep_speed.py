@@ -67,7 +67,7 @@ class Problem:
     def exchange(self, threads):
         """Function that makes SWEEPS sweeps."""
         g = self.group
-        kernel = sweep_kernel(g.kernels, 2, 1, g.block_size, threads > 1)
+        kernel = sweep_kernel(g.kernels, g.sides, g.blocks, threads > 1)
         tiles = len(g.ordering.tile_offsets) - 1
         arguments = (
             g.ordering.tile_offsets, g.ordering.color_offsets, np.ones(tiles, np.bool_),
@@ -103,7 +103,7 @@ class Problem:
     def numpy_sweeps(self):
         """The same, in NumPy, colour by colour, for open bonds and blocks of one size."""
         g = self.group
-        size, ground = g.block_size, len(self.scene.inverse.node_offsets) - 2
+        size, ground = g.blocks.size, len(self.scene.inverse.node_offsets) - 2
         pairs = (g.points.nodes[:, :, 0] * 2 // size).astype(np.int64)
         color = _greedy_colors(np.arange(len(g) + 1) * 2, pairs.ravel(), ground + 1, ground)
         parts = []

@@ -162,7 +162,7 @@ class ImplicitScheme:
         inverse = self.inverse(step, q0)
         if interactions is not None:
             with watch.phase("interaction terms"):
-                if interactions.inverse is not inverse.blocks:
+                if interactions.bulk_inverse is not inverse.blocks:
                     interactions.update_inverse(inverse.blocks)
                 interactions.begin_step(step, self.theta)
 

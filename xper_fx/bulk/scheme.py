@@ -70,11 +70,8 @@ def interact(
     Returns:
         End velocities and H r on all dofs, velocities of the interacting nodes, solver's report.
     """
-    dim = interactions.dim
-    slots = np.zeros((interactions.inverse.num_slots, dim))
-    count = len(inverse.nodes)
-    slots[:count] = free.reshape(-1, dim)[inverse.nodes]
-    slots = slots.reshape(-1)
+    dim, count = interactions.dim, len(inverse.nodes)
+    slots = interactions.free_velocities(free.reshape(-1, dim)[inverse.nodes])
     report = solver(interactions, slots, tolerance=tolerance)
     impulses = np.zeros_like(free)
     impulses.reshape(-1, dim)[inverse.nodes] = interactions.impulses()[:count]

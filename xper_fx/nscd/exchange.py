@@ -22,6 +22,37 @@ from xper_fx.nscd.points import InteractionPoints
 from xper_fx.nscd.small import for_dimension
 
 
+class Sides(NamedTuple):
+    """What kernels over the points of a group are compiled for.
+
+    Attributes:
+        dim: dimension of space.
+        components: of local vectors.
+        k: nodes on a side.
+        arms: whether there are sides on rigid bodies.
+    """
+
+    dim: int
+    components: int
+    k: int
+    arms: bool = False
+
+
+class Blocks(NamedTuple):
+    """What is known of the blocks of w when kernels are compiled.
+
+    Attributes:
+        size: their common size in dofs, or 0.
+        aligned: whether all blocks of the scene have it: block b then starts at b times the size.
+    """
+
+    size: int = 0
+    aligned: bool = False
+
+
+ANY_BLOCKS = Blocks()
+
+
 class Couplings(NamedTuple):
     """Where a point reads and writes, as the sweep kernels want it.
 
@@ -33,6 +64,9 @@ class Couplings(NamedTuple):
         rows: shape (num_points, 2, k), entry of `w` where the node's first row starts.
         frame: shape (num_points, 1, dim), the normal, or (num_points, 3, 3).
         w: flat blocks of the inverse.
+        turn: shape (num_points, 2), first dof of a rigid side's rotation, else `start` of its first
+            node; None without arms.
+        arms: shape (num_points, 2, dim) (m), zero where a side is not rigid; None without arms.
     """
 
     start: np.ndarray
@@ -42,6 +76,8 @@ class Couplings(NamedTuple):
     rows: np.ndarray
     frame: np.ndarray
     w: np.ndarray
+    turn: np.ndarray | None = None
+    arms: np.ndarray | None = None
 
 
 def couple(points: InteractionPoints, inverse: BodyInverse) -> Couplings:
@@ -56,9 +92,10 @@ def couple(points: InteractionPoints, inverse: BodyInverse) -> Couplings:
     small = np.int32 if max(len(inverse.data), inverse.num_slots * dim) < 2**31 else np.int64
     # In 2D the normal alone tells the frame.
     frame = points.frame[:, :1] if points.frame.shape[1] == 2 else points.frame
+    turn = None if points.arms is None else (points.turns().astype(np.int64) * dim).astype(small)
     return Couplings(
         start.astype(small), points.weights, body.astype(small), size.astype(small),
-        rows.astype(small), np.ascontiguousarray(frame), inverse.data,
+        rows.astype(small), np.ascontiguousarray(frame), inverse.data, turn, points.arms,
     )  # fmt: skip
 
 
@@ -67,8 +104,10 @@ _VECTOR_DOFS = 16
 
 
 @cache
-def _add_rows(dim: int, size: int):
+def _add_rows(count: int, size: int):
     """Kernel `add(v, base, w, row, f)`: v[base:base + size] += sum_d f[d] w[row + d size:...].
+
+    With d below `count`, the number of f's components.
 
     As vector instructions, which the compiler does not find by itself in loops this short (it has
     to allow for `v` and `w` being the same memory): a third of a visit's time.
@@ -87,7 +126,7 @@ def _add_rows(dim: int, size: int):
             v_type, _, w_type, row_type, _ = signature.args
             target = entry(v_type, v, base)
             total = None
-            for d in range(dim):
+            for d in range(count):
                 index = builder.add(row, context.get_constant(row_type, d * size))
                 line = builder.load(entry(w_type, w, index), align=8)
                 single = ir.Constant(ir.VectorType(ir.IntType(32), size), [0] * size)
@@ -109,20 +148,23 @@ def _add_rows(dim: int, size: int):
 
 
 @cache
-def motion(dim: int, components: int, k: int, size: int):
+def motion(sides: Sides, blocks: Blocks = ANY_BLOCKS):
     """Kernels `read(v, c, i) -> u` (local) and `push(v, c, i, local impulse)`.
 
     Args:
-        dim: dimension of space.
-        components: of local vectors.
-        k: nodes on a side.
-        size: block size in dofs when all blocks are alike, else 0.
+        sides: what the points are.
+        blocks: what the blocks of w are; `read` does not care.
     """
+    dim, components, k, arms = sides
+    size = blocks.size
     local, world = for_dimension(dim, components), for_dimension(dim)
     to_local, to_global = local.to_local, local.to_global
-    subtract, times = world.subtract, world.scale
+    add, subtract, times = world.add, world.subtract, world.scale
     vector = 0 < size <= _VECTOR_DOFS
+    turned, moment = _arm_kernels(dim)
+    turns = dim if dim == 3 else 1  # components of a rotation
     add_rows = _add_rows(dim, size) if vector else None
+    add_turns = _add_rows(turns, size) if vector else None
 
     @njit(inline="always")
     def side(v, c, i, s):
@@ -149,6 +191,10 @@ def motion(dim: int, components: int, k: int, size: int):
 
     @njit(inline="always")
     def read(v, c, i):
+        if arms:
+            candidate = add(side(v, c, i, 0), turned(v, c, i, 0))
+            antagonist = add(side(v, c, i, 1), turned(v, c, i, 1))
+            return to_local(c.frame, i, subtract(candidate, antagonist))
         return to_local(c.frame, i, subtract(side(v, c, i, 0), side(v, c, i, 1)))
 
     @njit(inline="always")
@@ -156,15 +202,19 @@ def motion(dim: int, components: int, k: int, size: int):
         f = to_global(c.frame, i, impulse)
         sign = 1.0
         for s in range(2):
-            if size > 0:
+            if blocks.aligned:
                 n = np.uintp(size)
                 base = np.uintp(c.start[i, s, 0]) // n * n
             else:
-                n, base = np.uintp(c.size[i, s]), np.uintp(c.body[i, s])
+                n = np.uintp(size) if size > 0 else np.uintp(c.size[i, s])
+                base = np.uintp(c.body[i, s])
             for j in range(k):
                 scale = sign if k == 1 else sign * c.weights[i, s, j]
                 # blocks of one size: row d of w starts at d times the size
-                row = np.uintp(c.start[i, s, j]) * n if size > 0 else np.uintp(c.rows[i, s, j])
+                if blocks.aligned:
+                    row = np.uintp(c.start[i, s, j]) * n
+                else:
+                    row = np.uintp(c.rows[i, s, j])
                 if vector:
                     add_rows(v, base, c.w, row, times(scale, f))
                 elif dim == 2:
@@ -177,16 +227,57 @@ def motion(dim: int, components: int, k: int, size: int):
                         v[base + m] += (
                             c.w[row + m] * f0 + c.w[row + n + m] * f1 + c.w[row + n + n + m] * f2
                         )
+            if arms and c.turn[i, s] != c.start[i, s, 0]:
+                # only a rigid side, of one node, has a rotation
+                row = np.uintp(c.rows[i, s, 0]) + np.uintp(dim) * n
+                g = moment(c, i, s, times(sign, f))
+                if vector:
+                    add_turns(v, base, c.w, row, g)
+                else:
+                    for d in range(turns):
+                        for m in range(n):
+                            v[base + m] += c.w[row + np.uintp(d) * n + m] * g[d]
             sign = -1.0
 
     return read, push
 
 
 @cache
-def push_kernel(dim: int, components: int, k: int, size: int):
+def _arm_kernels(dim: int):
+    """Kernels `turned(v, c, i, s) -> omega x a` and `moment(c, i, s, f) -> a x f` of a side."""
+    if dim == 2:
+
+        @njit(inline="always")
+        def turned(v, c, i, s):
+            omega = v[c.turn[i, s]]
+            return -omega * c.arms[i, s, 1], omega * c.arms[i, s, 0]
+
+        @njit(inline="always")
+        def moment(c, i, s, f):
+            return (c.arms[i, s, 0] * f[1] - c.arms[i, s, 1] * f[0],)
+
+    else:
+
+        @njit(inline="always")
+        def turned(v, c, i, s):
+            p = c.turn[i, s]
+            a, b, d = c.arms[i, s, 0], c.arms[i, s, 1], c.arms[i, s, 2]
+            x, y, z = v[p], v[p + 1], v[p + 2]
+            return y * d - z * b, z * a - x * d, x * b - y * a
+
+        @njit(inline="always")
+        def moment(c, i, s, f):
+            a, b, d = c.arms[i, s, 0], c.arms[i, s, 1], c.arms[i, s, 2]
+            return b * f[2] - d * f[1], d * f[0] - a * f[2], a * f[1] - b * f[0]
+
+    return turned, moment
+
+
+@cache
+def push_kernel(sides: Sides, blocks: Blocks):
     """Kernel `push_all(v, couplings, impulses)`: v += w H r over all points of a group."""
-    row = for_dimension(dim, components).row
-    _, push = motion(dim, components, k, size)
+    row = for_dimension(sides.dim, sides.components).row
+    _, push = motion(sides, blocks)
 
     @njit
     def push_all(v, c, r):
@@ -197,35 +288,61 @@ def push_kernel(dim: int, components: int, k: int, size: int):
 
 
 @cache
-def spread_kernel(dim: int, components: int, k: int):
+def point_force(sides: Sides):
+    """Kernel `give(p, couplings, i, f)`: p += H f for the force f, in global axes, of a point."""
+    dim, _, k, arms = sides
+    _, moment = _arm_kernels(dim)
+    times = for_dimension(dim).scale
+    turns = dim if dim == 3 else 1
+
+    @njit(inline="always")
+    def give(p, c, i, f):
+        for j in range(k):
+            candidate, antagonist = np.uintp(c.start[i, 0, j]), np.uintp(c.start[i, 1, j])
+            for d in range(dim):
+                if k == 1:
+                    p[candidate + np.uintp(d)] += f[d]
+                    p[antagonist + np.uintp(d)] -= f[d]
+                else:
+                    p[candidate + np.uintp(d)] += c.weights[i, 0, j] * f[d]
+                    p[antagonist + np.uintp(d)] -= c.weights[i, 1, j] * f[d]
+        if arms:
+            sign = 1.0
+            for s in range(2):
+                g = moment(c, i, s, times(sign, f))
+                for d in range(turns):
+                    p[c.turn[i, s] + d] += g[d]  # nothing where the side is not rigid
+                sign = -1.0
+
+    return give
+
+
+@cache
+def spread_kernel(sides: Sides):
     """Kernel `spread(p, couplings, impulses)`: p += H r over all points of a group."""
-    algebra = for_dimension(dim, components)
+    algebra = for_dimension(sides.dim, sides.components)
     row, to_global = algebra.row, algebra.to_global
+    give = point_force(sides)
 
     @njit
     def spread(p, c, r):
         for i in range(len(r)):
-            f = to_global(c.frame, i, row(r, i))
-            for j in range(k):
-                candidate, antagonist = c.start[i, 0, j], c.start[i, 1, j]
-                for d in range(dim):
-                    p[candidate + d] += c.weights[i, 0, j] * f[d]
-                    p[antagonist + d] -= c.weights[i, 1, j] * f[d]
+            give(p, c, i, to_global(c.frame, i, row(r, i)))
 
     return spread
 
 
 @cache
-def sweep_kernel(law: LawKernels, dim: int, k: int, size: int, parallel: bool):
+def sweep_kernel(law: LawKernels, sides: Sides, blocks: Blocks, parallel: bool):
     """One sweep over the tiles of a law's points that are marked.
 
     Kernel `sweep(tiles, colors, marked, stats, v, couplings, r, ...)`; it writes, for each tile
     visited, [sum |dr|^2, sum |r|^2, max |dr|^2 / area^2] into its row of `stats`.
     """
-    algebra = for_dimension(dim, law.components)
+    algebra = for_dimension(sides.dim, sides.components)
     row, set_row, dot = algebra.row, algebra.set_row, algebra.dot
     add, scale, subtract = algebra.add, algebra.scale, algebra.subtract
-    read, push = motion(dim, law.components, k, size)
+    read, push = motion(sides, blocks)
     solve = law.solve
 
     # Without reference counting (nothing is allocated here): the counts of the law's arrays, atomic

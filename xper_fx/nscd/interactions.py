@@ -10,12 +10,21 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cache
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numba import njit
 
-from xper_fx.nscd.exchange import Couplings, couple, motion, push_kernel, spread_kernel
+from xper_fx.nscd.exchange import (
+    Blocks,
+    Couplings,
+    Sides,
+    couple,
+    motion,
+    push_kernel,
+    spread_kernel,
+)
+from xper_fx.nscd.history import ContactHistory
 from xper_fx.nscd.inverse import BodyInverse
 from xper_fx.nscd.laws.law import ENERGIES, Law, LawKernels
 from xper_fx.nscd.ordering import (
@@ -28,6 +37,9 @@ from xper_fx.nscd.ordering import (
 )
 from xper_fx.nscd.points import InteractionPoints
 from xper_fx.nscd.small import SINGULAR, for_dimension, sym_indices
+
+if TYPE_CHECKING:
+    from xper_fx.nscd.rigid.motion import RigidMotion
 
 # Relative rounding of velocities that several points add up to.
 _ROUNDING = 4.0 * np.finfo(float).eps
@@ -60,7 +72,7 @@ class PointGroup:
         jump, velocity: shape (n, components), at the last committed time (m, m/s).
         energy: shape (n, len(kernels.energies)), of the last committed step (J; 2D: J/m).
         status: shape (n,), int8: 0 open, 1 closed or bonded and sticking, 2 sliding.
-        block_size: common size of all blocks of w, what the sweeps are compiled for, or 0.
+        sides, blocks: what kernels over the points are compiled for.
     """
 
     kernels: LawKernels
@@ -81,7 +93,8 @@ class PointGroup:
     committed_impulse: np.ndarray
     energy: np.ndarray
     status: np.ndarray
-    block_size: int
+    sides: Sides
+    blocks: Blocks
 
     def __len__(self) -> int:
         return len(self.indices)
@@ -92,17 +105,17 @@ class PointGroup:
         own = (
             self.indices, self.parameters, self.state, self.terms, self.details, self.compliance,
             self.inverse_area, self.jump, self.velocity, self.impulse, self.committed_impulse,
-            self.energy, self.status, *self.ordering, *self.couplings[:-1],
-            *vars(self.points).values(),
+            self.energy, self.status, *self.ordering, *self.couplings, *vars(self.points).values(),
         )  # fmt: skip
-        return sum(a.nbytes for a in {id(a): a for a in own}.values())
+        kept = {id(a): a for a in own if a is not None and a is not self.couplings.w}
+        return sum(a.nbytes for a in kept.values())
 
 
 @cache
-def _step_kernels(law: LawKernels, dim: int, k: int):
+def _step_kernels(law: LawKernels, sides: Sides):
     """The loops over points of a law's `prepare` and `commit`."""
-    read, _ = motion(dim, law.components, k, 0)
-    algebra = for_dimension(dim, law.components)
+    read, _ = motion(sides)
+    algebra = for_dimension(sides.dim, sides.components)
     row, set_row, add, scale = algebra.row, algebra.set_row, algebra.add, algebra.scale
     prepare, commit = law.prepare, law.commit
 
@@ -134,9 +147,9 @@ def _step_kernels(law: LawKernels, dim: int, k: int):
 
 
 @cache
-def _evolve_kernel(law: LawKernels, dim: int, k: int):
+def _evolve_kernel(law: LawKernels, sides: Sides):
     """The loop over points of a law's `evolve`."""
-    read, _ = motion(dim, law.components, k, 0)
+    read, _ = motion(sides)
     evolve = law.evolve
 
     @njit(_nrt=False)
@@ -148,6 +161,44 @@ def _evolve_kernel(law: LawKernels, dim: int, k: int):
         return largest, -least
 
     return evolve_all
+
+
+@njit
+def _compliance_of_arms(c, frame, rows, cols, out):
+    """As `_compliance`, of points with arms: H_s of each component is written out for its body."""
+    k, dim = c.start.shape[2], frame.shape[2]
+    components = frame.shape[1]
+    turns = dim if dim == 3 else 1
+    count = k * dim + turns
+    h, at = np.zeros((components, count)), np.zeros(count, np.int64)
+    for i in range(len(out)):
+        out[i] = 0.0
+        for s in range(2):
+            base, n = c.body[i, s], c.size[i, s]
+            first = c.rows[i, s, 0] - (c.start[i, s, 0] - base) * n
+            for j in range(k):
+                for d in range(dim):
+                    at[j * dim + d] = c.start[i, s, j] - base + d
+                    for x in range(components):
+                        h[x, j * dim + d] = c.weights[i, s, j] * frame[i, x, d]
+            rigid = c.turn[i, s] != c.start[i, s, 0]
+            for d in range(turns):
+                at[k * dim + d] = c.turn[i, s] - base + d if rigid else 0
+                for x in range(components):
+                    a, f = c.arms[i, s], frame[i, x]
+                    if dim == 2:
+                        h[x, k * dim] = a[0] * f[1] - a[1] * f[0]
+                    else:
+                        e, g = (d + 1) % 3, (d + 2) % 3
+                        h[x, k * dim + d] = a[e] * f[g] - a[g] * f[e]
+            for entry in range(len(rows)):
+                total = 0.0
+                for a in range(count):
+                    for b in range(count):
+                        total += (
+                            h[rows[entry], a] * c.w[first + at[a] * n + at[b]] * h[cols[entry], b]
+                        )
+                out[i, entry] += total
 
 
 @njit
@@ -193,8 +244,12 @@ class Interactions:
         initial_velocity: shape (num_nodes, dim), nodal velocities at the start (m/s).
         ordering: order of visit, "tiles" of neighbouring bodies, or "vertices" for
             `vertex_blocks.solve` (one block of w a node, one node a side).
+        rigid: motion of rigid bodies, whose nodes come after the others; None without any. It
+            gives the layer their blocks of w and their velocities.
 
     Attributes:
+        groups: all points by law, permanent ones before those of contacts found.
+        renewals: how often contacts were found anew.
         too_far: by how much internal variables have gone further in the step than the velocities
             last given to `evolve` ask for, relative: what iterates on the way broke for nothing.
 
@@ -211,6 +266,7 @@ class Interactions:
         inverse: BodyInverse,
         initial_velocity: np.ndarray | None = None,
         ordering: str = "tiles",
+        rigid: RigidMotion | None = None,
     ):
         law_of_point = np.asarray(law_of_point)
         if len(law_of_point) != len(points):
@@ -236,32 +292,45 @@ class Interactions:
         self.dim = inverse.dim
         self.ordering = ordering
         self.laws, self.law_of_point = laws, law_of_point
-        self.inverse = inverse
+        self._rigid = rigid
+        self.bulk_inverse = inverse
+        inverse = self.inverse = inverse if rigid is None else inverse.joined(rigid.blocks)
+        self._still = inverse.still()
         self.committed_step = 0.0
         self.step_size, self.theta = 0.0, 0.5
         self.too_far = 0.0
         nodal = np.zeros((inverse.num_slots, self.dim))
         if initial_velocity is not None:
-            nodal[: inverse.num_nodes] = initial_velocity
+            nodal[: len(initial_velocity)] = initial_velocity
         self._vertex = None
         if ordering == "vertices":
             self._vertex = vertex_of_points(points.nodes[:, :, 0], inverse.num_nodes + 1)
-        by_kernels: dict[LawKernels, list[int]] = {}
-        for number, law in enumerate(laws):
-            if np.any(law_of_point == number):
-                by_kernels.setdefault(law.kernels(self.dim), []).append(number)
-        self.groups = [
-            self._group(kernels, points, np.flatnonzero(np.isin(law_of_point, numbers)), nodal)
-            for kernels, numbers in by_kernels.items()
-        ]
+        self._block_of_node = inverse.block_of_node()
+        self._permanent = self._grouped(points, law_of_point, nodal)
+        self.groups = self._permanent
+        self._history: ContactHistory | None = None
+        self.renewals = 0
         widest = max((g.kernels.components for g in self.groups), default=1)
         self.points = points.with_components(widest)
-        self.update_inverse(inverse)
+        self._take_inverse()
 
-    def _group(self, kernels, points, indices, nodal) -> PointGroup:
-        blocks = self.inverse.block_of_node()[points.nodes[indices][:, :, 0]]
+    def _grouped(self, points, law_of_point, nodal) -> list[PointGroup]:
+        by_kernels: dict[LawKernels, list[int]] = {}
+        for number in np.unique(law_of_point).tolist():
+            by_kernels.setdefault(self.laws[number].kernels(self.dim), []).append(number)
+        return [
+            self._group(
+                kernels, points, law_of_point, np.flatnonzero(np.isin(law_of_point, numbers)), nodal
+            )
+            for kernels, numbers in by_kernels.items()
+        ]
+
+    def _group(self, kernels, points, law_of_point, indices, nodal) -> PointGroup:
+        blocks = self._block_of_node[points.nodes[indices][:, :, 0]]
         num_blocks = len(self.inverse.node_offsets) - 1
         if self._vertex is None:
+            # what cannot be moved keeps nothing apart, as the ground
+            blocks = np.where(self._still[blocks], num_blocks - 1, blocks)
             ordering = order_points(blocks, num_blocks)
         else:
             ordering = order_by_vertex(
@@ -270,24 +339,21 @@ class Interactions:
         indices = indices[ordering.order]
         components = kernels.components
         points = points.with_components(components).take(indices)
-        n, law_of_point = len(points), self.law_of_point[indices]
-        table = {
-            number: (self.laws[number].parameters(), self.laws[number].initial_state())
-            for number in np.unique(law_of_point)
-        }
-        parameters, state = (
-            np.array([table[number][part] for number in law_of_point]).reshape(n, -1)
-            for part in (0, 1)
-        )
+        n = len(points)
+        numbers, which = np.unique(law_of_point[indices], return_inverse=True)
+        laws = [self.laws[number] for number in numbers]
+        parameters = np.array([law.parameters() for law in laws]).reshape(len(laws), -1)[which]
+        state = np.array([law.initial_state() for law in laws]).reshape(len(laws), -1)[which]
         jump = np.zeros((n, components))
         jump[:, 0] = points.gap
+        couplings = couple(points, self.inverse)
         return PointGroup(
             kernels=kernels,
             indices=indices,
             points=points,
             ordering=ordering,
             tile_bodies=bodies_of_tiles(ordering, blocks, num_blocks),
-            couplings=couple(points, self.inverse),
+            couplings=couplings,
             parameters=parameters.astype(float),
             state=state.astype(float),
             terms=np.zeros((n, kernels.num_terms)),
@@ -300,22 +366,88 @@ class Interactions:
             committed_impulse=np.zeros((n, components)),
             energy=np.zeros((n, len(kernels.energies))),
             status=np.zeros(n, np.int8),
-            block_size=self.inverse.uniform_size,
+            sides=Sides(self.dim, components, points.nodes.shape[2], points.arms is not None),
+            blocks=self._blocks(couplings),
         )
+
+    def _blocks(self, couplings: Couplings) -> Blocks:
+        """The size that the blocks of w have, all of them or those of a group's points."""
+        if self.inverse.uniform_size:
+            return Blocks(self.inverse.uniform_size, aligned=True)
+        ground = self.inverse.node_offsets[-2] * self.dim
+        sizes = np.unique(couplings.size[couplings.body != ground])
+        room = len(self.inverse.data) - self.inverse.data_offsets[-2]
+        alike = len(sizes) == 1 and sizes[0] ** 2 <= room
+        return Blocks(int(sizes[0])) if alike else Blocks()
 
     def __len__(self) -> int:
         return len(self.points)
 
     def update_inverse(self, inverse: BodyInverse) -> None:
-        """Take new values of w (same blocks); the compliances W_aa follow."""
-        self.inverse = inverse
+        """Take new values of w (same blocks) of meshed bodies; the compliances W_aa follow."""
+        self.bulk_inverse = inverse
+        self.inverse = inverse if self._rigid is None else inverse.joined(self._rigid.blocks)
+        self._take_inverse()
+
+    def _take_inverse(self) -> None:
         for group in self.groups:
             rows, cols = sym_indices(group.kernels.components)
-            group.couplings = group.couplings._replace(w=inverse.data)
-            _compliance(group.couplings, group.points.frame, rows, cols, group.compliance)
+            group.couplings = group.couplings._replace(w=self.inverse.data)
+            kernel = _compliance_of_arms if group.sides.arms else _compliance
+            kernel(group.couplings, group.points.frame, rows, cols, group.compliance)
         traces = [g.compliance[:, np.equal(*sym_indices(g.kernels.components))].sum(1)
                   for g in self.groups]  # fmt: skip
         self._stiffness = math.sqrt(sum(float(np.sum(t[t > 0.0] ** -2.0)) for t in traces))
+
+    def free_velocities(self, bulk: np.ndarray) -> np.ndarray:
+        """Free velocities of all slots, flat.
+
+        Args:
+            bulk: shape (num_nodes, dim), those of the interacting nodes of meshed bodies (m/s).
+        """
+        return self._slots(bulk, None if self._rigid is None else self._rigid.free)
+
+    def _slots(self, bulk: np.ndarray, rigid: np.ndarray | None) -> np.ndarray:
+        slots = np.zeros((self.inverse.num_slots, self.dim))
+        slots[: len(bulk)] = bulk
+        if rigid is not None:
+            slots[len(bulk) : len(bulk) + len(rigid)] = rigid
+        return slots.reshape(-1)
+
+    def find_contacts(
+        self, points: InteractionPoints, law_of_point: np.ndarray, keys: np.ndarray,
+        bulk_velocity: np.ndarray, step: float, theta: float,
+    ) -> None:  # fmt: skip
+        """Put the contacts that a search has found in the place of those of the last step.
+
+        Contacts with the key of one that was there go on with its impulse, history and slip.
+
+        Args:
+            points: on the node slots, `gap` in the middle of the step, at x0 + h (1 - theta) v0.
+            law_of_point: shape (num_points,), index into `laws`.
+            keys: shape (num_points, 3), what contacts are known by, sorted.
+            bulk_velocity: shape (num_nodes, dim), of the interacting nodes of meshed bodies at the
+                start of the step (m/s).
+            step: h (s).
+            theta: weight of the end of the step.
+        """
+        start = self._slots(bulk_velocity, None if self._rigid is None else self._rigid.start)
+        found = self._grouped(points, law_of_point, start.reshape(-1, self.dim))
+        for group in found:
+            group.jump[:, 0] -= step * (1.0 - theta) * group.velocity[:, 0]
+            if self._history is not None:
+                self._history.hand_on(group, keys)
+        self._keys = keys
+        self.groups = self._permanent + found
+        self.renewals += 1
+        if self._rigid is not None:
+            self.inverse = self.bulk_inverse.joined(self._rigid.blocks)
+        self._take_inverse()
+
+    @property
+    def contacts(self) -> list[PointGroup]:
+        """The groups of contacts that were found."""
+        return self.groups[len(self._permanent) :]
 
     def rounding(self, velocity: np.ndarray) -> float:
         """|r| of impulses that move the bodies by the rounding of their velocities (N s).
@@ -337,7 +469,7 @@ class Interactions:
     def prepare(self) -> None:
         """Renew the laws' constants of the step, after `update_inverse`."""
         for g in self.groups:
-            prepare_all, _ = _step_kernels(g.kernels, self.dim, g.points.nodes.shape[2])
+            prepare_all, _ = _step_kernels(g.kernels, g.sides)
             prepare_all(
                 g.jump, g.velocity, g.compliance, g.points.area, self.step_size, self.theta,
                 g.parameters, g.state, g.terms, g.details,
@@ -355,7 +487,7 @@ class Interactions:
         largest, self.too_far = 0.0, 0.0
         for g in self.groups:
             if g.kernels.evolve is not None:
-                evolve_all = _evolve_kernel(g.kernels, self.dim, g.points.nodes.shape[2])
+                evolve_all = _evolve_kernel(g.kernels, g.sides)
                 change, too_far = evolve_all(
                     velocity, g.couplings, g.compliance, g.parameters, g.terms, g.details
                 )
@@ -365,16 +497,13 @@ class Interactions:
     def add_velocity(self, velocity: np.ndarray) -> None:
         """Add w H r to `velocity`, shape (num_slots * dim,)."""
         for g in self.groups:
-            push_all = push_kernel(
-                self.dim, g.kernels.components, g.points.nodes.shape[2], g.block_size
-            )
-            push_all(velocity, g.couplings, g.impulse)
+            push_kernel(g.sides, g.blocks)(velocity, g.couplings, g.impulse)
 
     def impulses(self) -> np.ndarray:
         """H r: impulses of the current step on the interacting nodes, shape (num_slots, dim)."""
         total = np.zeros((self.inverse.num_slots, self.dim))
         for g in self.groups:
-            spread = spread_kernel(self.dim, g.kernels.components, g.points.nodes.shape[2])
+            spread = spread_kernel(g.sides)
             spread(total.reshape(-1), g.couplings, g.impulse)
         return total
 
@@ -389,7 +518,7 @@ class Interactions:
         """
         totals = dict.fromkeys(ENERGIES, 0.0)
         for g in self.groups:
-            _, commit_all = _step_kernels(g.kernels, self.dim, g.points.nodes.shape[2])
+            _, commit_all = _step_kernels(g.kernels, g.sides)
             commit_all(
                 velocity, g.couplings, g.jump, g.velocity, g.impulse, g.points.area,
                 self.step_size, self.theta, g.parameters, g.state, g.terms, g.details, g.energy,
@@ -399,10 +528,12 @@ class Interactions:
             for name, total in zip(g.kernels.energies, g.energy.sum(axis=0), strict=True):
                 totals[name] += total
         self.committed_step = self.step_size
+        if self.renewals:
+            self._history = ContactHistory(self.contacts, self._keys)
         return StepWork(**totals)
 
     def gather(self, name: str) -> np.ndarray:
-        """A per-point array in the scene's order.
+        """An array over the permanent points, in the scene's order.
 
         Local vectors have `dim` columns, energies those of ENERGIES: what a law has no use for, as
         frictionless contact for anything tangential, reads zero.
@@ -419,7 +550,7 @@ class Interactions:
         widths |= dict.fromkeys(("jump", "velocity", "impulse"), self.dim)
         if name in widths:
             out = np.zeros((len(self), widths[name]))
-            for g in self.groups:
+            for g in self._permanent:
                 own = getattr(g, name)
                 columns = range(own.shape[1])
                 if name == "energy":
@@ -427,7 +558,7 @@ class Interactions:
                 out[np.ix_(g.indices, columns)] = own
             return out
         out = np.zeros(len(self))
-        for g in self.groups:
+        for g in self._permanent:
             if name in g.kernels.state_names:
                 out[g.indices] = g.state[:, g.kernels.state_names.index(name)]
             elif hasattr(g, name):

@@ -49,6 +49,21 @@ class BodyInverse:
         data = np.concatenate([b.ravel() for b in blocks] + [np.zeros(dim * dim)])
         return cls(dim, nodes, data, np.concatenate([[0], np.cumsum(sizes**2)]))
 
+    def joined(self, blocks: np.ndarray) -> BodyInverse:
+        """With blocks of one size behind these, shape (num_bodies, n, n); the ground stays last.
+
+        The ground's block is as large as theirs, so that kernels can be compiled for that size.
+        """
+        count, n = blocks.shape[:2]
+        nodes, data = self.node_offsets[:-1], self.data[: self.data_offsets[-2]]
+        steps = np.arange(1, count + 2, dtype=np.int64)
+        return BodyInverse(
+            self.dim,
+            np.concatenate([nodes, nodes[-1] + steps * (n // self.dim)]),
+            np.concatenate([data, blocks.ravel(), np.zeros(n * n)]),
+            np.concatenate([self.data_offsets[:-1], len(data) + steps * (n * n)]),
+        )
+
     @property
     def num_nodes(self) -> int:
         """Number of nodes, the ground not counted."""
@@ -64,6 +79,10 @@ class BodyInverse:
         """Common block size (degrees of freedom), or 0 when sizes differ."""
         sizes = np.diff(self.node_offsets)
         return int(sizes[0]) * self.dim if np.all(sizes == sizes[0]) else 0
+
+    def still(self) -> np.ndarray:
+        """Whether a block cannot be moved (prescribed, the ground's), shape (num_blocks,)."""
+        return np.add.reduceat(np.abs(self.data), self.data_offsets[:-1]) == 0.0
 
     def block_of_node(self) -> np.ndarray:
         """Block of each node slot, the ground's included; shape (num_slots,)."""

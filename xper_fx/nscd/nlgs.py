@@ -77,11 +77,10 @@ def sweep_passes(
     interactions: Interactions, velocity: np.ndarray, relaxation: float, num_threads: int | None
 ) -> list[SweepPass]:
     """What a sweep consists of, all tiles marked; arguments as those of `solve`."""
-    dim = interactions.dim
     parallel = (num_threads or get_num_threads()) > 1
     passes = []
     for g in interactions.groups:
-        kernel = sweep_kernel(g.kernels, dim, g.points.nodes.shape[2], g.block_size, parallel)
+        kernel = sweep_kernel(g.kernels, g.sides, g.blocks, parallel)
         tiles = len(g.ordering.tile_offsets) - 1
         marked, stats = np.ones(tiles, np.bool_), np.zeros((tiles, 3))
         arguments = (

@@ -10,6 +10,10 @@ so U_N > 0 opens and r_N > 0 pushes the sides apart (Perales et al. 2010, eqs 18
 
 Nodes are numbered in body order; the number after the last node is the *ground*, which does not
 move: a point against it is contact with a fixed obstacle.
+
+A rigid body has two nodes, one after the other: its translation v and its rotation omega (2D: omega
+in the first component). A side on it names the first, and its *arm* a from the body's centre to the
+point: the side moves with v + omega x a, and an impulse f on it turns the body by a x f.
 """
 
 from __future__ import annotations
@@ -30,6 +34,8 @@ class InteractionPoints:
             nothing acts along the tangent, (num_points, 1, dim), n alone.
         area: shape (num_points,), m^2 (2D: m, per metre of depth); traction = impulse / (h area).
         gap: shape (num_points,), normal distance at the start (m).
+        arms: shape (num_points, 2, dim), of sides on rigid bodies (m), zero on the others; None if
+            no side is on a rigid body.
     """
 
     nodes: np.ndarray
@@ -37,6 +43,7 @@ class InteractionPoints:
     frame: np.ndarray
     area: np.ndarray
     gap: np.ndarray
+    arms: np.ndarray | None = None
 
     @property
     def dim(self) -> int:
@@ -57,7 +64,13 @@ class InteractionPoints:
         return replace(self, frame=np.ascontiguousarray(self.frame[:, :components]))
 
     def _arrays(self):
-        return self.nodes, self.weights, self.frame, self.area, self.gap
+        given = (self.nodes, self.weights, self.frame, self.area, self.gap)
+        return given if self.arms is None else (*given, self.arms)
+
+    def turns(self) -> np.ndarray:
+        """Node of each side's rotation, or the side's own where it has no arm; (num_points, 2)."""
+        first = self.nodes[:, :, 0]
+        return first if self.arms is None else first + np.any(self.arms != 0.0, axis=2)
 
     @property
     def nbytes(self) -> int:
@@ -74,6 +87,8 @@ class InteractionPoints:
             Shape (num_points, rows of the frame), candidate minus antagonist.
         """
         sides = np.einsum("psk,pskd->psd", self.weights, nodal[self.nodes])
+        if self.arms is not None:
+            sides += _cross(nodal[self.turns()], self.arms)
         return np.einsum("pij,pj->pi", self.frame, sides[:, 0] - sides[:, 1])
 
     def nodal(self, local: np.ndarray, num_nodes: int) -> np.ndarray:
@@ -87,8 +102,14 @@ class InteractionPoints:
             Shape (num_nodes + 1, dim); the ground's row receives what it takes up.
         """
         world = np.einsum("pij,pi->pj", self.frame, local)
-        signed = self.weights[..., None] * np.stack([world, -world], axis=1)[:, :, None, :]
+        pushed = np.stack([world, -world], axis=1)
+        signed = self.weights[..., None] * pushed[:, :, None, :]
         flat = self.nodes.ravel()
+        if self.arms is not None:
+            flat = np.concatenate([flat, self.turns().ravel()])
+            signed = np.concatenate(
+                [signed.reshape(-1, self.dim), _moment(self.arms, pushed).reshape(-1, self.dim)]
+            )
         return np.stack(
             [
                 np.bincount(flat, signed[..., d].ravel(), minlength=num_nodes + 1)
@@ -96,6 +117,21 @@ class InteractionPoints:
             ],
             axis=1,
         )
+
+
+def _cross(spin: np.ndarray, arm: np.ndarray) -> np.ndarray:
+    """omega x a; in 2D omega is the first component of `spin`."""
+    if arm.shape[-1] == 3:
+        return np.cross(spin, arm)
+    return spin[..., :1] * np.stack([-arm[..., 1], arm[..., 0]], axis=-1)
+
+
+def _moment(arm: np.ndarray, force: np.ndarray) -> np.ndarray:
+    """a x f; in 2D its only component comes first."""
+    if arm.shape[-1] == 3:
+        return np.cross(arm, force)
+    moment = arm[..., 0] * force[..., 1] - arm[..., 1] * force[..., 0]
+    return np.stack([moment, np.zeros_like(moment)], axis=-1)
 
 
 def frame_from_normal(normal: np.ndarray) -> np.ndarray:

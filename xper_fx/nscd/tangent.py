@@ -36,7 +36,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.linalg import splu
 
 from xper_fx.nscd.clusters import facing_clusters
-from xper_fx.nscd.exchange import motion, spread_kernel
+from xper_fx.nscd.exchange import Sides, motion, point_force, spread_kernel
 from xper_fx.nscd.interactions import Interactions, PointGroup
 from xper_fx.nscd.krylov import gmres
 from xper_fx.nscd.laws.law import LawKernels
@@ -57,11 +57,11 @@ _KERNEL = njit(fastmath={"contract"}, error_model="numpy", _nrt=False, nogil=Tru
 
 
 @cache
-def residual_kernel(law: LawKernels, dim: int, k: int):
+def residual_kernel(law: LawKernels, sides: Sides):
     """Kernel: sum over points of |S(b) - r|^2 and |r|^2, and the largest |S(b) - r|^2 / area^2."""
-    algebra = for_dimension(dim, law.components)
+    algebra = for_dimension(sides.dim, sides.components)
     row, subtract, dot = algebra.row, algebra.subtract, algebra.dot
-    read, _ = motion(dim, law.components, k, 0)
+    read, _ = motion(sides)
     solve = law.solve
 
     @_KERNEL
@@ -93,7 +93,7 @@ def residual(interactions: Interactions, velocity: np.ndarray) -> tuple[float, f
     """
     changed, total, largest = 0.0, 0.0, 0.0
     for g in interactions.groups:
-        kernel = residual_kernel(g.kernels, interactions.dim, g.points.nodes.shape[2])
+        kernel = residual_kernel(g.kernels, g.sides)
         x, y, z = kernel(
             velocity, g.couplings, g.impulse, g.compliance, g.inverse_area, g.parameters, g.terms,
             g.details,
@@ -134,13 +134,13 @@ def _stiffness(slope, w, work):
 
 
 @cache
-def _tangent_kernel(law: LawKernels, dim: int, k: int):
+def _tangent_kernel(law: LawKernels, sides: Sides):
     """Kernel that takes D, K and g of every point, and marks the points whose D is another."""
-    components = law.components
-    algebra = for_dimension(dim, components)
+    components = sides.components
+    algebra = for_dimension(sides.dim, components)
     row, add, subtract, unit = algebra.row, algebra.add, algebra.subtract, algebra.unit
     dot, sym_row, sym_vector = algebra.dot, algebra.sym_row, algebra.sym_vector
-    read, _ = motion(dim, components, k, 0)
+    read, _ = motion(sides)
     solve = law.solve
 
     @_KERNEL
@@ -192,26 +192,19 @@ def _tangent_kernel(law: LawKernels, dim: int, k: int):
 
 
 @cache
-def _spring_kernels(dim: int, components: int, k: int):
+def _spring_kernels(sides: Sides):
     """Kernels over the points of a group: y += H K H^T x; dr = g - K H^T x; K into the blocks."""
+    dim, components, k, _ = sides
     local, world_unit = for_dimension(dim, components), for_dimension(dim).unit
     to_local, to_global, spring = local.to_local, local.to_global, local.matrix_vector
-    read, _ = motion(dim, components, k, 0)
+    read, _ = motion(sides)
+    give = point_force(sides)
 
     @_KERNEL
     def pull(x, c, stiffness, y):
         for number in range(len(stiffness)):
             i = np.uintp(number)
-            f = to_global(c.frame, i, spring(stiffness, i, read(x, c, i)))
-            for j in range(k):
-                p, q = np.uintp(c.start[i, 0, j]), np.uintp(c.start[i, 1, j])
-                for d in range(dim):
-                    if k == 1:
-                        y[p + np.uintp(d)] += f[d]
-                        y[q + np.uintp(d)] -= f[d]
-                    else:
-                        y[p + np.uintp(d)] += c.weights[i, 0, j] * f[d]
-                        y[q + np.uintp(d)] -= c.weights[i, 1, j] * f[d]
+            give(y, c, i, to_global(c.frame, i, spring(stiffness, i, read(x, c, i))))
 
     @_KERNEL
     def answer(x, c, stiffness, source, change):
@@ -431,6 +424,7 @@ class LinearisedProblem:
     Attributes:
         regular: whether w could be inverted on the degrees of freedom that are not prescribed; if
             not, there is nothing to solve with.
+        renewals: of the scene's contacts, of which this is the problem.
     """
 
     def __init__(self, interactions: Interactions):
@@ -460,6 +454,7 @@ class LinearisedProblem:
         self._room = np.empty((_BASIS + 3, inverse.num_slots * dim))
         self._left, self._part = np.empty((2, inverse.num_slots * dim))
         self._data, self._fresh = None, True
+        self.renewals = interactions.renewals
         self.renew()
 
     @property
@@ -467,9 +462,7 @@ class LinearisedProblem:
         return self._reference()
 
     def _springs(self, group: PointGroup):
-        return _spring_kernels(
-            self._interactions.dim, group.kernels.components, group.points.nodes.shape[2]
-        )
+        return _spring_kernels(group.sides)
 
     def renew(self) -> None:
         """Take the present values of w."""
@@ -529,9 +522,8 @@ class LinearisedProblem:
         marked = np.zeros(len(clusters.offsets) - 1, np.bool_)
         groups = list(zip(self._interactions.groups, self._groups, strict=True))
         for g, (slopes, stiffness, source, _, changed) in groups:
-            k = g.points.nodes.shape[2]
             m = g.kernels.components
-            _tangent_kernel(g.kernels, dim, k)(
+            _tangent_kernel(g.kernels, g.sides)(
                 velocity, g.couplings, g.impulse, g.compliance, g.parameters, g.terms, g.details,
                 least, slopes, stiffness, source, changed, *np.empty((2, m, m)),
                 np.empty((m, 2 * m)),
@@ -590,12 +582,9 @@ class LinearisedProblem:
 
     def _source(self, total: np.ndarray) -> None:
         """total = H g."""
-        dim = self._interactions.dim
         total[:] = 0.0
         for g, (_, _, source, *_) in zip(self._interactions.groups, self._groups, strict=True):
-            spread_kernel(dim, g.kernels.components, g.points.nodes.shape[2])(
-                total, g.couplings, source
-            )
+            spread_kernel(g.sides)(total, g.couplings, source)
         _hold(self._held_dofs, total)
 
     def _apply(self, x: np.ndarray, y: np.ndarray) -> None:
@@ -666,7 +655,7 @@ def kept(interactions: Interactions) -> LinearisedProblem | None:
 def linearised_problem(interactions: Interactions) -> LinearisedProblem:
     """The linearised problem of a scene, from the last call where w is the same."""
     problem = _problems.get(interactions)
-    if problem is None:
+    if problem is None or problem.renewals != interactions.renewals:
         problem = _problems[interactions] = LinearisedProblem(interactions)
     else:
         problem.renew()

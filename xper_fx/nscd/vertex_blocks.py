@@ -29,7 +29,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numba import get_num_threads, njit, prange
 
-from xper_fx.nscd.exchange import Couplings, motion
+from xper_fx.nscd.exchange import Blocks, Couplings, Sides, motion
 from xper_fx.nscd.interactions import Interactions, PointGroup
 from xper_fx.nscd.laws.law import LawKernels
 from xper_fx.nscd.nlgs import SolveReport
@@ -161,7 +161,7 @@ def _group_kernels(law: LawKernels, dim: int, unknowns: int, alone: bool):
     of_vertex = for_dimension(dim, unknowns)
     vertex_unit, to_local, to_global = of_vertex.unit, of_vertex.to_local, of_vertex.to_global
     add_world, scale_world = world.add, world.scale
-    read, push = motion(dim, components, 1, dim)
+    read, push = motion(Sides(dim, components, 1), Blocks(dim, aligned=True))
     solve = law.solve
     kernel = _KERNEL_INLINED if alone else _KERNEL
 
@@ -612,7 +612,7 @@ def solve(
     arrays = tuple(
         array
         for g in interactions.groups
-        for array in (*g.couplings, g.ordering.tile_offsets, g.impulse, g.inverse_area,
+        for array in (*g.couplings[:7], g.ordering.tile_offsets, g.impulse, g.inverse_area,
                       g.compliance, g.parameters, g.terms, g.details)
     )  # fmt: skip
     serial, parallel = _solve_kernel(
