@@ -11,6 +11,7 @@ _MODULE_OF = {
     "Polyhedron": "polyhedron",
     "RigidBodies": "bodies",
     "RigidBody": "body",
+    "RigidMotion": "motion",
     "Sphere": "shapes",
     "wall": "body",
 }
