@@ -18,13 +18,16 @@ second order only, and that is what `closure` then shows.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from xper_fx.bulk.bulk import Bulk
 from xper_fx.bulk.scheme import State, StepOutcome
 from xper_fx.nscd.interactions import StepWork
+
+if TYPE_CHECKING:
+    from xper_fx.nscd.rigid.motion import RigidMotion, RigidWork
 
 
 @dataclass
@@ -78,12 +81,13 @@ class EnergyLedger:
         bulk: the bulk.
         state: state at the start.
         theta: weight of the end of the step.
+        rigid: motion of the rigid bodies, None without any.
     """
 
-    def __init__(self, bulk: Bulk, state: State, theta: float):
+    def __init__(self, bulk: Bulk, state: State, theta: float, rigid: RigidMotion | None = None):
         self._bulk, self._theta = bulk, theta
         self.energies = Energies(
-            kinetic=bulk.kinetic_energy(state.velocity),
+            kinetic=bulk.kinetic_energy(state.velocity) + (rigid.kinetic if rigid else 0.0),
             elastic=bulk.elastic_energy(state.displacement, state.internal),
         )
         self._at_start = self.energies.held_and_lost
@@ -93,13 +97,16 @@ class EnergyLedger:
         """External work minus what it became (J; 2D: J/m); zero for an exact balance."""
         return self.energies.external_work - (self.energies.held_and_lost - self._at_start)
 
-    def bulk_energies(self, before: State, outcome: StepOutcome, step: float) -> BulkEnergies:
-        """Energies of the bulk in a step that has converged, which is not entered yet.
+    def bulk_energies(
+        self, before: State, outcome: StepOutcome, step: float, rigid: RigidWork | None = None
+    ) -> BulkEnergies:
+        """Energies of the bodies in a step that has converged, which is not entered yet.
 
         Args:
             before: state at the start of the step.
             outcome: the step.
             step: h (s).
+            rigid: energies of the rigid bodies, None without any.
         """
         after = outcome.state
         moved = after.displacement - before.displacement
@@ -109,6 +116,9 @@ class EnergyLedger:
         work = float(moved[:nodal] @ impulse) / step + float(moved[nodal:] @ stresses)
         kinetic = self._bulk.kinetic_energy(after.velocity)
         elastic = self._bulk.elastic_energy(after.displacement, after.internal)
+        if rigid is not None:
+            kinetic += rigid.kinetic
+            work += rigid.loads + rigid.prescribed
         return BulkEnergies(
             work, kinetic, elastic, kinetic - self.energies.kinetic, elastic - self.energies.elastic
         )
@@ -120,6 +130,7 @@ class EnergyLedger:
         step: float,
         bulk: BulkEnergies,
         work: StepWork | None,
+        rigid: RigidWork | None = None,
     ) -> None:
         """Enter a step that has converged, before its internal variables are committed.
 
@@ -129,6 +140,7 @@ class EnergyLedger:
             step: h (s).
             bulk: what `bulk_energies` gave for it.
             work: what the interactions did, None without interactions.
+            rigid: energies of the rigid bodies, None without any.
         """
         after, e, excess = outcome.state, self.energies, self._theta - 0.5
         e.external_work += bulk.work
@@ -147,6 +159,8 @@ class EnergyLedger:
                 2.0 * self._bulk.kinetic_energy(change)
                 + moved[:nodal] @ (after.internal - before.internal)[:nodal]
             )
+        if rigid is not None:
+            e.dissipated_numerical += rigid.scheme
         if work is not None:
             e.cohesive = work.stored
             e.dissipated_cohesion += work.cohesion

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from xper_fx.bodies import Bodies
+from xper_fx.contacts import Contact, Surface
 from xper_fx.forms.loads import (
     BodyForce,
     Gravity,
@@ -26,6 +27,8 @@ from xper_fx.materials.material import Material
 from xper_fx.nscd.laws.law import Law
 
 if TYPE_CHECKING:
+    from xper_fx.nscd.rigid.bodies import RigidBodies
+    from xper_fx.nscd.rigid.body import RigidBody
     from xper_fx.periodic.drive import MacroscopicDrive
 
 Field = Callable[[np.ndarray], np.ndarray]
@@ -55,7 +58,7 @@ class Scene:
     """Bodies, what they are made of, how they interact, what acts on them.
 
     Args:
-        bodies: the exploded mesh.
+        bodies: the exploded mesh; None where all bodies are rigid.
         materials: material of each cell tag.
         interactions: law of each pair of cell tags, in any order, `{(1, 2): law}`; None as a law
             leaves these facets free.
@@ -73,15 +76,24 @@ class Scene:
             uniform traction needs Gauss points (nodal ones were off by 2.6 % in a patch test).
         macroscopic: what drives a periodic cell (bodies made with a `lattice`); such a scene has
             no loads, walls or damping, and `initial_velocity` is that of the fluctuation.
+        rigid: rigid bodies; of the loads gravity acts on them.
+        surfaces: surfaces of meshed bodies by name, for `contacts`.
+        contacts: between which groups (rigid bodies by their `group`, surfaces by their name)
+            contacts are looked for in each step, and their laws.
+        resolve_overlaps: whether rigid bodies that overlap at the start are moved apart; they are
+            refused otherwise.
+
+    Attributes:
+        rigid_bodies: the rigid bodies as arrays, None without any.
 
     Raises:
         ValueError: a tag without material or law, a tag that occurs nowhere, an order or a rule
-            that does not exist.
+            that does not exist, a rigid body that no contact names, rigid bodies that overlap.
         TypeError: something that is no material, law or load.
     """
 
-    bodies: Bodies
-    materials: Mapping[int, Material]
+    bodies: Bodies | None = None
+    materials: Mapping[int, Material] = field(default_factory=dict)
     interactions: Mapping[tuple[int, int], Law | None] = field(default_factory=dict)
     default_interaction: Law | None = None
     facet_interactions: Mapping[int, Law | None] = field(default_factory=dict)
@@ -92,18 +104,54 @@ class Scene:
     order: int = 1
     points: str = "nodal"
     macroscopic: MacroscopicDrive | None = None
+    rigid: Sequence[RigidBody] = ()
+    surfaces: Mapping[str, Surface] = field(default_factory=dict)
+    contacts: Sequence[Contact] = ()
+    resolve_overlaps: bool = False
+    rigid_bodies: RigidBodies | None = field(default=None, init=False)
 
     def __post_init__(self):
         if self.order not in (1, 2):
             raise ValueError(f"order should be 1 or 2, got {self.order}.")
         if self.points not in ("nodal", "gauss"):
             raise ValueError(f'points should be "nodal" or "gauss", got {self.points!r}.')
+        if len(self.rigid):
+            from xper_fx.nscd.rigid.bodies import RigidBodies
+
+            self.rigid_bodies = RigidBodies(self.rigid)
+        if self.bodies is None:
+            self._check_without_mesh()
+        else:
+            self._check_with_mesh()
+        self._check_loads()
+        self._check_contacts()
+
+    def _check_without_mesh(self) -> None:
+        if self.rigid_bodies is None:
+            raise ValueError("A scene needs bodies: an exploded mesh, rigid bodies, or both.")
+        for name in (
+            "materials", "interactions", "facet_interactions", "walls", "damping",
+            "initial_velocity", "macroscopic", "surfaces",
+        ):  # fmt: skip
+            if getattr(self, name):
+                raise ValueError(f"A scene without a mesh has no {name}; leave it out.")
+        for load in self.loads:
+            if not isinstance(load, Gravity):
+                raise ValueError(
+                    f"Of the loads only gravity acts on rigid bodies, got {load!r}: a RigidBody "
+                    "takes its `force`, `torque` and `prescribed` velocities itself."
+                )
+
+    def _check_with_mesh(self) -> None:
         if not isinstance(self.bodies, Bodies):
             raise TypeError(f"bodies is {self.bodies!r}; `xper_fx.bodies.explode` makes them.")
+        if self.rigid_bodies is not None and self.rigid_bodies.dim != self.dim:
+            raise ValueError(
+                f"The mesh has dimension {self.dim}, the rigid bodies {self.rigid_bodies.dim}."
+            )
         self._check_periodicity()
         self._check_materials()
         self._check_initial_velocity()
-        self._check_loads()
         self._check_walls()
         self._check_tags()
         self._check_motions()
@@ -112,7 +160,60 @@ class Scene:
     @property
     def dim(self) -> int:
         """Dimension of space."""
+        if self.bodies is None:
+            return self.rigid_bodies.dim
         return self.bodies.mesh.geometry.dim
+
+    @property
+    def gravity(self) -> np.ndarray | None:
+        """Sum of the gravities among the loads, shape (dim,), m/s^2; None without any."""
+        given = [load.value for load in self.loads if isinstance(load, Gravity)]
+        if any(callable(component) for value in given for component in value):
+            raise ValueError("Gravity on rigid bodies is constant, got a function of time.")
+        return np.sum(given, axis=0) if given else None
+
+    def _check_contacts(self) -> None:
+        rigid = () if self.rigid_bodies is None else self.rigid_bodies.groups
+        for name, surface in self.surfaces.items():
+            if not isinstance(surface, Surface):
+                raise TypeError(f"The surface {name!r} is {surface!r}; expected a Surface.")
+            if name in rigid:
+                raise ValueError(f"{name!r} names a surface and a group of rigid bodies.")
+            for kind, given, present in (
+                ("cell", surface.cells, self.materials),
+                ("facet", surface.facets, self.bodies.facet_tags.values),
+            ):
+                unknown = set(given) - set(np.unique(list(present)).tolist())
+                if unknown:
+                    raise ValueError(
+                        f"The surface {name!r} names {kind} tags {sorted(unknown)}, which occur "
+                        "nowhere."
+                    )
+        groups, named = {*rigid, *self.surfaces}, set()
+        for contact in self.contacts:
+            if not isinstance(contact, Contact):
+                raise TypeError(f"{contact!r} is no Contact.")
+            if contact.law is not None:
+                _check_law(contact.law)
+            pair = tuple(sorted(contact.between))
+            if set(pair) - groups:
+                raise ValueError(
+                    f"{contact.between} names groups {sorted(set(pair) - groups)}, which do not "
+                    f"exist; those that do: {sorted(groups)}."
+                )
+            if pair in named:
+                raise ValueError(f"Two contacts are between {pair}; name the pair once.")
+            named.add(pair)
+        alone = groups - {name for pair in named for name in pair}
+        for name in sorted(alone & set(rigid)):
+            first = int(np.argmax(self.rigid_bodies.group_of == rigid.index(name)))
+            raise ValueError(
+                f"No contact names the group {name!r}, to which rigid body {first} belongs: it "
+                "would pass through everything. Name it in `contacts`, with None as a law if "
+                "nothing shall happen."
+            )
+        if alone:
+            raise ValueError(f"No contact names the surfaces {sorted(alone)}; leave them out.")
 
     def _check_periodicity(self) -> None:
         if self.macroscopic is None:

@@ -22,7 +22,13 @@ from xper_fx.forms.dynamics import BulkForms
 from xper_fx.forms.loads import PrescribedDisplacement, PrescribedVelocity
 from xper_fx.knobs import Knobs
 from xper_fx.meshes import cell_measure, local_facet_vertices
-from xper_fx.nscd.facets import facet_points, join_points, nodal_shares, wall_points
+from xper_fx.nscd.facets import (
+    facet_points,
+    join_points,
+    no_points,
+    nodal_shares,
+    wall_points,
+)
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.points import InteractionPoints
 from xper_fx.profile import Stopwatch
@@ -30,6 +36,8 @@ from xper_fx.scene import Scene
 
 if TYPE_CHECKING:
     from xper_fx.accuracy import AccuracyControl
+    from xper_fx.detection import Detection
+    from xper_fx.nscd.rigid.motion import RigidMotion, RigidWork
     from xper_fx.periodic.averages import Macroscopic
 
 logger = logging.getLogger(__name__)
@@ -105,6 +113,7 @@ class Simulation:
 
     Attributes:
         state: displacement, velocity, time.
+        rigid: motion of the rigid bodies, None without any.
         interactions: the points, None if the scene has none.
         ledger: energies.
         macroscopic: Fbar, Pibar and Hill-Mandel's error of a periodic cell; None otherwise.
@@ -166,33 +175,20 @@ class Simulation:
                 if isinstance(load, PrescribedVelocity | PrescribedDisplacement)
             ]
             forces = [load for load in scene.loads if load not in motions]
-            with self.stopwatch.phase("forms"):
-                self.forms = BulkForms(scene.bodies, scene.order, scene.materials, forces)
-            if scene.macroscopic is None:
-                self.bulk = Bulk(self.forms, motions, scene.damping, inertia)
-            else:
-                from xper_fx.periodic.two_field import CellBulk
-
-                self.bulk = CellBulk(self.forms, scene.macroscopic, inertia)
+            self.bulk = self._bulk(motions, forces, inertia)
+            self.forms = self.bulk.forms
+            self.rigid = self._rigid_motion()
             self.step_size = self._step_size(knobs, scheme)
             self.state = self._initial_state()
             points, laws, law_of_point = self._points()
-            interacting = self._interacting(points, scheme)
-            if scheme == "explicit":
-                from xper_fx.bulk.explicit import ExplicitScheme
-
-                self.scheme = ExplicitScheme(self.bulk, interacting, self.stopwatch)
-            else:
-                from xper_fx.bulk.implicit import ImplicitScheme
-
-                self.scheme = ImplicitScheme(
-                    self.bulk, interacting, theta, newton_tolerance, max_newton, self.stopwatch
-                )
+            self._detection = self._contact_detection(laws)
+            interacting = self._interacting(points)
+            self.scheme = self._scheme(interacting, theta, newton_tolerance, max_newton)
             self.theta = self.scheme.theta
             with self.stopwatch.phase("interaction points"):
                 self.interactions = self._interactions(points, laws, law_of_point)
             self._account()
-            self.ledger = EnergyLedger(self.bulk, self.state, self.theta)
+            self.ledger = EnergyLedger(self.bulk, self.state, self.theta, self.rigid)
             self._control = None if knobs.accuracy is None else self._accuracy_control(knobs)
         self.solver = "vertex_blocks" if self._by_vertex else solver
         self._solve = partial(
@@ -204,6 +200,7 @@ class Simulation:
         self.macroscopic = self._macroscopic(None, None, self.step_size)
         self._tagged_nodes: dict[int, np.ndarray] = {}
         self.step_number = 0
+        self._rigid_work: RigidWork | None = None
         self.last: StepOutcome | None = None
         self._before: State | None = None
         self._last_size = self.step_size
@@ -211,6 +208,8 @@ class Simulation:
     @staticmethod
     def _suits_explicit(scene, theta, solver, inertia) -> bool:
         """Whether the explicit bulk takes the scene, and longer steps would not be cheaper."""
+        if scene.bodies is None:
+            return False
         each_cell_a_body = scene.bodies.num_bodies == len(scene.bodies.body_of_cell)
         undamped = scene.macroscopic is None and scene.damping is None
         nodal = scene.points == "nodal" and solver == "auto"
@@ -235,6 +234,13 @@ class Simulation:
                 'scheme="implicit".'
             )
         no_step = knobs.step is None and not knobs.adapts_step
+        if scene.bodies is None and (knobs.step is None or scheme == "explicit"):
+            raise ValueError(
+                "A scene of rigid bodies takes a step (s), and no scheme of the bulk: no wave "
+                f"bounds the step. Got step = {knobs.step}, {scheme!r}."
+            )
+        if scene.rigid_bodies is not None and not inertia:
+            raise ValueError("Rigid bodies have inertia; a static run (inertia=False) has none.")
         if not inertia and (theta != 1.0 or scheme == "explicit" or no_step):
             raise ValueError(
                 "A static run (inertia=False) takes a step or an accuracy, and theta = 1 of the "
@@ -263,7 +269,54 @@ class Simulation:
             )
         return float(step)
 
+    def _bulk(self, motions, forces, inertia: bool) -> Bulk:
+        scene = self.scene
+        if scene.bodies is None:
+            from xper_fx.bulk.empty import EmptyBulk
+
+            return EmptyBulk(scene.dim)
+        with self.stopwatch.phase("forms"):
+            forms = BulkForms(scene.bodies, scene.order, scene.materials, forces)
+        if scene.macroscopic is None:
+            return Bulk(forms, motions, scene.damping, inertia)
+        from xper_fx.periodic.two_field import CellBulk
+
+        return CellBulk(forms, scene.macroscopic, inertia)
+
+    def _scheme(self, interacting, theta, newton_tolerance, max_newton):
+        if self.scene.bodies is None:
+            from xper_fx.bulk.empty import EmptyScheme
+
+            return EmptyScheme(self.bulk, theta, self.stopwatch)
+        if self.scheme_name == "explicit":
+            from xper_fx.bulk.explicit import ExplicitScheme
+
+            return ExplicitScheme(self.bulk, interacting, self.stopwatch)
+        from xper_fx.bulk.implicit import ImplicitScheme
+
+        return ImplicitScheme(
+            self.bulk, interacting, theta, newton_tolerance, max_newton, self.stopwatch
+        )
+
+    def _rigid_motion(self) -> RigidMotion | None:
+        if self.scene.rigid_bodies is None:
+            return None
+        from xper_fx.nscd.rigid.motion import RigidMotion
+
+        return RigidMotion(self.scene.rigid_bodies, self.scene.gravity)
+
+    def _contact_detection(self, laws: list) -> Detection | None:
+        """The searches that the scene's contacts call for; their laws are added to `laws`."""
+        if all(contact.law is None for contact in self.scene.contacts):
+            return None
+        from xper_fx.detection import Detection
+
+        return Detection(self.scene, laws)
+
     def _initial_state(self) -> State:
+        if self.scene.bodies is None:
+            none = np.zeros(0)
+            return State(0.0, none, none, none)
         function = fem.Function(self.forms.V)
         given = self.scene.initial_velocity
         if isinstance(given, Mapping):
@@ -288,6 +341,8 @@ class Simulation:
     def _points(self) -> tuple[InteractionPoints | None, list, np.ndarray]:
         """Points of facing facets, then of walls, on nodes in DOLFINx numbering."""
         scene, bodies = self.scene, self.scene.bodies
+        if bodies is None:
+            return None, [], np.zeros(0, int)
         laws, law_of_facet = scene.law_of_facet()
         has_law = law_of_facet >= 0
         node_of = self.bulk.unknowns.node_of
@@ -344,18 +399,21 @@ class Simulation:
         gap[np.abs(gap) <= _ROUNDING * np.abs(np.concatenate([x[nodes], away])).max()] = 0.0
         return wall_points(nodes, area[nodes], normal, gap, ground, k)
 
-    def _interacting(self, points: InteractionPoints | None, scheme: str) -> np.ndarray:
-        """Nodes at which interactions act, body by body."""
+    def _interacting(self, points: InteractionPoints | None) -> np.ndarray:
+        """Nodes at which interactions act or contacts may come about, body by body."""
         nodes = self.bulk.layout.nodes
-        if points is None:
-            return nodes[:0]
         acts = np.zeros(self.bulk.num_dofs // self.bulk.dim + 1, bool)
-        acts[points.nodes] = True
+        if points is not None:
+            acts[points.nodes] = True
+        if self._detection is not None:
+            acts[self.bulk.unknowns.node_of[self._detection.nodes]] = True
         return nodes[acts[nodes]]
 
     def _interactions(self, points, laws, law_of_point) -> Interactions | None:
         if points is None:
-            return None
+            if self.rigid is None and self._detection is None:
+                return None
+            points = no_points(self.bulk.dim)
         inverse = self.scheme.inverse(self.step_size, self.state.displacement)
         slot = np.full(self.bulk.num_dofs // self.bulk.dim + 1, inverse.blocks.num_nodes)
         slot[inverse.nodes] = np.arange(len(inverse.nodes))
@@ -367,6 +425,7 @@ class Simulation:
         return Interactions(
             points, laws, law_of_point, inverse.blocks, velocity,
             ordering="vertices" if self._by_vertex else "tiles",
+            rigid_blocks=None if self.rigid is None else self.rigid.blocks,
         )  # fmt: skip
 
     def _accuracy_control(self, knobs: Knobs) -> AccuracyControl:
@@ -399,7 +458,8 @@ class Simulation:
     @property
     def _by_vertex(self) -> bool:
         """Whether W couples only what meets at a vertex, each of which is then solved alone."""
-        return self.scheme_name == "explicit" and self.scene.points == "nodal"
+        alone = self._detection is None and self.rigid is None
+        return self.scheme_name == "explicit" and self.scene.points == "nodal" and alone
 
     # Running
 
@@ -434,16 +494,16 @@ class Simulation:
         while pieces:
             size, halvings = pieces.pop()
             with self.stopwatch.phase("step"):
-                outcome = self.scheme.attempt(
-                    self.state, size, self.interactions, self._solve, self.tolerance
-                )
+                outcome = self._attempt(size)
                 good = outcome.converged and (
                     halvings >= self.max_halvings
                     or not (self._flows_too_far(outcome) or self._breaks_for_nothing())
                 )
                 if good:
                     with self.stopwatch.phase("energy"):
-                        energies = self.ledger.bulk_energies(self.state, outcome, size)
+                        energies = self.ledger.bulk_energies(
+                            self.state, outcome, size, self._rigid_work
+                        )
                     if not self._accurate(size, energies, end_time) and not halvings:
                         return
                     record = self._commit(outcome, size, energies)
@@ -461,6 +521,28 @@ class Simulation:
                     self.step_number + 1, self.state.time, size, outcome.residual,
                     outcome.newton_residual, self._save_state(),
                 )  # fmt: skip
+
+    def _attempt(self, size: float) -> StepOutcome:
+        """One step from the present state; nothing is committed."""
+        prediction = None
+        if self.rigid is not None:
+            with self.stopwatch.phase("rigid bodies"):
+                prediction = self.rigid.predict(size, self.theta, self.state.time)
+                self.interactions.take_rigid(prediction.start, prediction.free)
+        if self._detection is not None:
+            with self.stopwatch.phase("contact search"):
+                self._detection.renew(
+                    self.interactions, self.bulk, self.state, prediction, size, self.theta
+                )
+        outcome = self.scheme.attempt(
+            self.state, size, self.interactions, self._solve, self.tolerance
+        )
+        if self.rigid is not None:
+            with self.stopwatch.phase("rigid bodies"):
+                part = self.interactions.rigid_part
+                self.rigid.end(part(outcome.slots))
+                self._rigid_work = self.rigid.work(part(self.interactions.impulses()))
+        return outcome
 
     def _accurate(self, size: float, energies: BulkEnergies, end_time: float) -> bool:
         """Whether the step from the present state is as accurate as asked for, if anything is."""
@@ -486,12 +568,14 @@ class Simulation:
     def _commit(self, outcome: StepOutcome, size: float, energies: BulkEnergies) -> StepRecord:
         with self.stopwatch.phase("energy"):
             work = self.interactions.commit(outcome.slots) if self.interactions else None
-            self.ledger.record(self.state, outcome, size, energies, work)
+            self.ledger.record(self.state, outcome, size, energies, work, self._rigid_work)
         if self._control is not None:
             self._control.learn(size, energies, work, self.ledger.closure)
             self.tolerance = self._control.tolerance
         with self.stopwatch.phase("commit"):
             self.bulk.commit(outcome.state.displacement, outcome.state.internal)
+            if self.rigid is not None:
+                self.rigid.commit()
         self._before, self.state, self.last, self._last_size = (
             self.state, outcome.state, outcome, size,
         )  # fmt: skip

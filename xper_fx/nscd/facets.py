@@ -158,6 +158,14 @@ def wall_points(
     return InteractionPoints(both, weights, frame, np.asarray(area, float), np.asarray(gap, float))
 
 
+def no_points(dim: int) -> InteractionPoints:
+    """A set of points without any."""
+    return InteractionPoints(
+        np.zeros((0, 2, 1), np.int32), np.zeros((0, 2, 1)), np.zeros((0, dim, dim)), np.zeros(0),
+        np.zeros(0),
+    )  # fmt: skip
+
+
 def join_points(parts: list[InteractionPoints]) -> InteractionPoints:
     """Several sets of points as one, in order."""
     return InteractionPoints(

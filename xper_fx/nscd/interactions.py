@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cache
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -37,9 +37,6 @@ from xper_fx.nscd.ordering import (
 )
 from xper_fx.nscd.points import InteractionPoints
 from xper_fx.nscd.small import SINGULAR, for_dimension, sym_indices
-
-if TYPE_CHECKING:
-    from xper_fx.nscd.rigid.motion import RigidMotion
 
 # Relative rounding of velocities that several points add up to.
 _ROUNDING = 4.0 * np.finfo(float).eps
@@ -244,8 +241,8 @@ class Interactions:
         initial_velocity: shape (num_nodes, dim), nodal velocities at the start (m/s).
         ordering: order of visit, "tiles" of neighbouring bodies, or "vertices" for
             `vertex_blocks.solve` (one block of w a node, one node a side).
-        rigid: motion of rigid bodies, whose nodes come after the others; None without any. It
-            gives the layer their blocks of w and their velocities.
+        rigid_blocks: shape (num_rigid, 2 dim, 2 dim), blocks of w of rigid bodies, whose nodes, two
+            a body, come after the others; None without any. `take_rigid` renews them.
 
     Attributes:
         groups: all points by law, permanent ones before those of contacts found.
@@ -266,7 +263,7 @@ class Interactions:
         inverse: BodyInverse,
         initial_velocity: np.ndarray | None = None,
         ordering: str = "tiles",
-        rigid: RigidMotion | None = None,
+        rigid_blocks: np.ndarray | None = None,
     ):
         law_of_point = np.asarray(law_of_point)
         if len(law_of_point) != len(points):
@@ -292,9 +289,10 @@ class Interactions:
         self.dim = inverse.dim
         self.ordering = ordering
         self.laws, self.law_of_point = laws, law_of_point
-        self._rigid = rigid
+        self._rigid_blocks = rigid_blocks
+        self._rigid_start = self._rigid_free = np.zeros((0, inverse.dim))
         self.bulk_inverse = inverse
-        inverse = self.inverse = inverse if rigid is None else inverse.joined(rigid.blocks)
+        inverse = self.inverse = self._joined(inverse)
         self._still = inverse.still()
         self.committed_step = 0.0
         self.step_size, self.theta = 0.0, 0.5
@@ -312,7 +310,7 @@ class Interactions:
         self.renewals = 0
         widest = max((g.kernels.components for g in self.groups), default=1)
         self.points = points.with_components(widest)
-        self._take_inverse()
+        self._take_inverse(self.groups)
 
     def _grouped(self, points, law_of_point, nodal) -> list[PointGroup]:
         by_kernels: dict[LawKernels, list[int]] = {}
@@ -386,11 +384,26 @@ class Interactions:
     def update_inverse(self, inverse: BodyInverse) -> None:
         """Take new values of w (same blocks) of meshed bodies; the compliances W_aa follow."""
         self.bulk_inverse = inverse
-        self.inverse = inverse if self._rigid is None else inverse.joined(self._rigid.blocks)
-        self._take_inverse()
+        self.inverse = self._joined(inverse)
+        self._take_inverse(self.groups)
 
-    def _take_inverse(self) -> None:
-        for group in self.groups:
+    def _joined(self, inverse: BodyInverse) -> BodyInverse:
+        return inverse if self._rigid_blocks is None else inverse.joined(self._rigid_blocks)
+
+    def take_rigid(self, start: np.ndarray, free: np.ndarray) -> None:
+        """Take what a prediction of the rigid bodies' step gives; `rigid_blocks` holds their w.
+
+        Args:
+            start: shape (2 num_rigid, dim), velocities at the start of the step (m/s, rad/s).
+            free: shape (2 num_rigid, dim), free velocities.
+        """
+        self._rigid_start, self._rigid_free = start, free
+        offsets = self.inverse.data_offsets
+        blocks = self._rigid_blocks
+        self.inverse.data[offsets[-2 - len(blocks)] : offsets[-2]] = blocks.ravel()
+
+    def _take_inverse(self, groups: list[PointGroup]) -> None:
+        for group in groups:
             rows, cols = sym_indices(group.kernels.components)
             group.couplings = group.couplings._replace(w=self.inverse.data)
             kernel = _compliance_of_arms if group.sides.arms else _compliance
@@ -405,14 +418,18 @@ class Interactions:
         Args:
             bulk: shape (num_nodes, dim), those of the interacting nodes of meshed bodies (m/s).
         """
-        return self._slots(bulk, None if self._rigid is None else self._rigid.free)
+        return self._slots(bulk, self._rigid_free).reshape(-1)
 
-    def _slots(self, bulk: np.ndarray, rigid: np.ndarray | None) -> np.ndarray:
+    def _slots(self, bulk: np.ndarray, rigid: np.ndarray) -> np.ndarray:
         slots = np.zeros((self.inverse.num_slots, self.dim))
         slots[: len(bulk)] = bulk
-        if rigid is not None:
-            slots[len(bulk) : len(bulk) + len(rigid)] = rigid
-        return slots.reshape(-1)
+        slots[len(bulk) : len(bulk) + len(rigid)] = rigid
+        return slots
+
+    def rigid_part(self, slots: np.ndarray) -> np.ndarray:
+        """Of an array over all slots, what belongs to rigid bodies, shape (2 num_rigid, dim)."""
+        first = self.bulk_inverse.num_nodes
+        return slots.reshape(-1, self.dim)[first : self.inverse.num_nodes]
 
     def find_contacts(
         self, points: InteractionPoints, law_of_point: np.ndarray, keys: np.ndarray,
@@ -431,8 +448,8 @@ class Interactions:
             step: h (s).
             theta: weight of the end of the step.
         """
-        start = self._slots(bulk_velocity, None if self._rigid is None else self._rigid.start)
-        found = self._grouped(points, law_of_point, start.reshape(-1, self.dim))
+        start = self._slots(bulk_velocity, self._rigid_start)
+        found = self._grouped(points, law_of_point, start)
         for group in found:
             group.jump[:, 0] -= step * (1.0 - theta) * group.velocity[:, 0]
             if self._history is not None:
@@ -440,9 +457,7 @@ class Interactions:
         self._keys = keys
         self.groups = self._permanent + found
         self.renewals += 1
-        if self._rigid is not None:
-            self.inverse = self.bulk_inverse.joined(self._rigid.blocks)
-        self._take_inverse()
+        self._take_inverse(found)
 
     @property
     def contacts(self) -> list[PointGroup]:

@@ -1,0 +1,121 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""The bulk of a scene without a mesh: nothing to assemble, nothing to solve.
+
+It has what `Bulk`, `BulkForms` and `ImplicitScheme` have where a scene of rigid bodies asks for it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from xper_fx.bulk.layout import BodyLayout
+from xper_fx.bulk.scheme import Solver, State, StepOutcome, interact
+from xper_fx.nscd.interactions import Interactions
+from xper_fx.nscd.inverse import BodyInverse
+from xper_fx.profile import Stopwatch
+
+
+class NoForms:
+    """No material, no load on the bulk."""
+
+    external = None
+    flows = has_history = plastic = viscous = False
+
+    def assemble_dissipation(self, displacement: np.ndarray) -> dict[str, float]:
+        """Nothing dissipates."""
+        return {}
+
+    def history(self) -> dict[str, np.ndarray]:
+        """No internal variables."""
+        return {}
+
+
+class NoNodes:
+    """No unknowns."""
+
+    num_nodes = num_dofs = 0
+
+    def __init__(self, dim: int):
+        self.dim = dim
+        self.node_of = np.zeros(0, np.int32)
+
+    def expand(self, unknowns: np.ndarray) -> np.ndarray:
+        """The unknowns, none."""
+        return unknowns
+
+
+class EmptyBulk:
+    """A bulk without degrees of freedom.
+
+    Args:
+        dim: dimension of space.
+    """
+
+    linear = True
+    inertia = damping = mass = stiffness = None
+    num_dofs = nbytes = 0
+
+    def __init__(self, dim: int):
+        self.dim = dim
+        self.forms, self.unknowns = NoForms(), NoNodes(dim)
+        nothing = np.zeros(0, np.int64)
+        self.layout = BodyLayout(nothing, np.zeros(1, np.int64), dim, np.zeros(0, bool))
+
+    def kinetic_energy(self, velocity: np.ndarray) -> float:
+        """Zero."""
+        return 0.0
+
+    def elastic_energy(self, displacement: np.ndarray, internal: np.ndarray) -> float:
+        """Zero."""
+        return 0.0
+
+    def commit(self, displacement: np.ndarray, internal: np.ndarray) -> None:
+        """No internal variables to move on."""
+
+
+class _NoInverse:
+    """The inverse of no matrix."""
+
+    num_nodes = nbytes = 0
+
+    def __init__(self, dim: int):
+        self.nodes = np.zeros(0, np.int64)
+        self.blocks = BodyInverse.from_uniform(np.zeros((0, dim, dim)), dim)
+
+
+class EmptyScheme:
+    """The step of a scene whose bodies are all rigid: the interactions alone.
+
+    Args:
+        bulk: the empty bulk.
+        theta: weight of the end of the step, in [1/2, 1].
+        stopwatch: where phases are timed.
+    """
+
+    def __init__(self, bulk: EmptyBulk, theta: float, stopwatch: Stopwatch):
+        self.theta, self._stopwatch = theta, stopwatch
+        self._inverse = _NoInverse(bulk.dim)
+
+    def inverse(self, step: float, displacement: np.ndarray) -> _NoInverse:
+        """The inverse of no matrix."""
+        return self._inverse
+
+    def attempt(
+        self,
+        state: State,
+        step: float,
+        interactions: Interactions,
+        solver: Solver,
+        tolerance: float,
+    ) -> StepOutcome:
+        """One step, as of `ImplicitScheme.attempt`."""
+        with self._stopwatch.phase("interaction terms"):
+            interactions.begin_step(step, self.theta)
+        with self._stopwatch.phase("interaction solve"):
+            none, impulses, slots, report = interact(
+                self._inverse, interactions, solver, np.zeros(0), tolerance
+            )
+        return StepOutcome(
+            State(state.time + step, none, none, none), slots, impulses, none, 0.0, 0.0,
+            report.sweeps, report.residual, report.traction_change, 1, 0.0, report.converged,
+        )  # fmt: skip

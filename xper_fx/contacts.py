@@ -1,0 +1,70 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Which groups of bodies may come into contact, and by which law: what a scene says of contacts.
+
+A group is the rigid bodies that bear its name, or a `Surface` of meshed bodies. Contacts are looked
+for between the groups that a `Contact` names, and nowhere else.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from xper_fx.nscd.laws.law import Law
+
+
+@dataclass(frozen=True)
+class Surface:
+    """Outer facets of meshed bodies, as a group that contacts name.
+
+    Args:
+        cells: tags of the cells whose outer facets belong to it; or else
+        facets: tags of the facets that belong to it.
+        fragments: whether facets between two bodies join it once their bond is broken and its lips
+            are far apart, so that fragments meet again (with `cells` only).
+
+    Raises:
+        ValueError: neither cells nor facets, or both; fragments of tagged facets.
+    """
+
+    cells: Sequence[int] = ()
+    facets: Sequence[int] = ()
+    fragments: bool = False
+
+    def __post_init__(self):
+        if bool(self.cells) == bool(self.facets):
+            raise ValueError(
+                f"A surface has cell tags or facet tags, got cells = {tuple(self.cells)} and "
+                f"facets = {tuple(self.facets)}."
+            )
+        if self.fragments and not self.cells:
+            raise ValueError("Fragments are told by cells: give the cell tags, not facet tags.")
+
+
+@dataclass(frozen=True)
+class Contact:
+    """Contacts that may come about between two groups.
+
+    Args:
+        between: names of the two groups; twice the same for contacts within a group.
+        law: what acts there; adhesion forms where this law has it, and nowhere else. None: nothing,
+            the bodies pass through each other.
+        reach: gap up to which contacts are kept (m), inactive while it is open. None: a hundredth
+            of the smallest body or facet, enough for laws at the velocity level; a law at the
+            position level needs the way that bodies come nearer in a step.
+
+    Raises:
+        ValueError: not two names, a reach that is not positive and finite.
+    """
+
+    between: tuple[str, str]
+    law: Law | None
+    reach: float | None = None
+
+    def __post_init__(self):
+        if len(self.between) != 2 or not all(isinstance(name, str) for name in self.between):
+            raise ValueError(f"A contact is between two groups, got {self.between!r}.")
+        if self.reach is not None and not (np.isfinite(self.reach) and self.reach > 0.0):
+            raise ValueError(f"reach should be a positive length, got {self.reach!r}.")
