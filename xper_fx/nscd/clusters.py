@@ -2,7 +2,8 @@
 """Nodes that face each other at interaction points: the vertices of the mesh before it was cut.
 
 A point between node j of its candidate and node j of its antagonist with the same weight puts both
-into one cluster; the ground joins nothing. Translating a cluster then opens no point.
+into one cluster; the ground joins nothing. Translating a cluster then opens no point. The two nodes
+of a rigid body that a point acts on make a cluster of their own.
 """
 
 from __future__ import annotations
@@ -85,7 +86,11 @@ def facing_clusters(interactions: Interactions) -> tuple[Clusters, np.ndarray]:
     size = np.ones(slots, np.int64)
     ground = interactions.inverse.num_nodes
     for g in interactions.groups:
-        _join(g.points.nodes, g.points.weights, ground, parent, size, _LARGEST)
+        if g.sides.arms:
+            first, turn = g.points.nodes[:, :, 0], g.points.turns()
+            parent[turn] = np.where(turn != first, first, parent[turn])
+        else:
+            _join(g.points.nodes, g.points.weights, ground, parent, size, _LARGEST)
     while True:
         root = parent[parent]
         if np.array_equal(root, parent):

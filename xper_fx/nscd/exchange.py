@@ -161,7 +161,7 @@ def motion(sides: Sides, blocks: Blocks = ANY_BLOCKS):
     to_local, to_global = local.to_local, local.to_global
     add, subtract, times = world.add, world.subtract, world.scale
     vector = 0 < size <= _VECTOR_DOFS
-    turned, moment = _arm_kernels(dim)
+    turned, _, moment = arm_kernels(dim)
     turns = dim if dim == 3 else 1  # components of a rotation
     add_rows = _add_rows(dim, size) if vector else None
     add_turns = _add_rows(turns, size) if vector else None
@@ -243,14 +243,22 @@ def motion(sides: Sides, blocks: Blocks = ANY_BLOCKS):
 
 
 @cache
-def _arm_kernels(dim: int):
-    """Kernels `turned(v, c, i, s) -> omega x a` and `moment(c, i, s, f) -> a x f` of a side."""
+def arm_kernels(dim: int):
+    """Kernels of a side's arm a, omega in 2D having one component.
+
+    `turned(v, c, i, s) -> omega x a`, `turned_unit(c, i, s, x)`, the same for the unit rotation x,
+    `moment(c, i, s, f) -> a x f`.
+    """
     if dim == 2:
 
         @njit(inline="always")
         def turned(v, c, i, s):
             omega = v[c.turn[i, s]]
             return -omega * c.arms[i, s, 1], omega * c.arms[i, s, 0]
+
+        @njit(inline="always")
+        def turned_unit(c, i, s, x):
+            return -c.arms[i, s, 1], c.arms[i, s, 0]
 
         @njit(inline="always")
         def moment(c, i, s, f):
@@ -266,11 +274,20 @@ def _arm_kernels(dim: int):
             return y * d - z * b, z * a - x * d, x * b - y * a
 
         @njit(inline="always")
+        def turned_unit(c, i, s, x):
+            a, b, d = c.arms[i, s, 0], c.arms[i, s, 1], c.arms[i, s, 2]
+            if x == 0:
+                return 0.0, -d, b
+            if x == 1:
+                return d, 0.0, -a
+            return -b, a, 0.0
+
+        @njit(inline="always")
         def moment(c, i, s, f):
             a, b, d = c.arms[i, s, 0], c.arms[i, s, 1], c.arms[i, s, 2]
             return b * f[2] - d * f[1], d * f[0] - a * f[2], a * f[1] - b * f[0]
 
-    return turned, moment
+    return turned, turned_unit, moment
 
 
 @cache
@@ -291,7 +308,7 @@ def push_kernel(sides: Sides, blocks: Blocks):
 def point_force(sides: Sides):
     """Kernel `give(p, couplings, i, f)`: p += H f for the force f, in global axes, of a point."""
     dim, _, k, arms = sides
-    _, moment = _arm_kernels(dim)
+    _, _, moment = arm_kernels(dim)
     times = for_dimension(dim).scale
     turns = dim if dim == 3 else 1
 

@@ -36,7 +36,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.linalg import splu
 
 from xper_fx.nscd.clusters import facing_clusters
-from xper_fx.nscd.exchange import Sides, motion, point_force, spread_kernel
+from xper_fx.nscd.exchange import Sides, arm_kernels, motion, point_force, spread_kernel
 from xper_fx.nscd.interactions import Interactions, PointGroup
 from xper_fx.nscd.krylov import gmres
 from xper_fx.nscd.laws.law import LawKernels
@@ -194,11 +194,27 @@ def _tangent_kernel(law: LawKernels, sides: Sides):
 @cache
 def _spring_kernels(sides: Sides):
     """Kernels over the points of a group: y += H K H^T x; dr = g - K H^T x; K into the blocks."""
-    dim, components, k, _ = sides
-    local, world_unit = for_dimension(dim, components), for_dimension(dim).unit
+    dim, components, k, arms = sides
+    turns = dim if dim == 3 else 1
+    local, world_algebra = for_dimension(dim, components), for_dimension(dim)
+    world_unit, add, times = world_algebra.unit, world_algebra.add, world_algebra.scale
     to_local, to_global, spring = local.to_local, local.to_global, local.matrix_vector
     read, _ = motion(sides)
     give = point_force(sides)
+    turned_unit, moment = arm_kernels(dim)[1:]
+
+    @njit(inline="always")
+    def column(world, x):
+        if dim == 2:
+            return world[0, x], world[1, x]
+        return world[0, x], world[1, x], world[2, x]
+
+    @njit(inline="always")
+    def force_of(world, u):
+        f = times(u[0], column(world, 0))
+        for x in range(1, dim):
+            f = add(f, times(u[x], column(world, x)))
+        return f
 
     @_KERNEL
     def pull(x, c, stiffness, y):
@@ -220,6 +236,27 @@ def _spring_kernels(sides: Sides):
                 for s in range(2):
                     for j in range(k):
                         marked[cluster[c.start[i, s, j] // dim]] = True
+
+    @_KERNEL
+    def turn_springs(c, i, clusters, block_offsets, marked, blocks, world):
+        # what turns: pairs of a side's rotation with itself and with its translation
+        for s in range(2):
+            node, turn = c.start[i, s, 0] // dim, c.turn[i, s] // dim
+            own = clusters.cluster[node]
+            if turn == node or not marked[own]:
+                continue
+            n = (clusters.offsets[own + 1] - clusters.offsets[own]) * dim
+            first = block_offsets[own]
+            at, beside = clusters.position[turn] * dim, clusters.position[node] * dim
+            for x in range(turns):
+                f = force_of(world, turned_unit(c, i, s, x))
+                g = moment(c, i, s, f)
+                for y in range(turns):
+                    blocks[first + (at + y) * n + at + x] += g[y]
+                for y in range(dim):
+                    blocks[first + (beside + y) * n + at + x] += f[y]
+                    transposed = moment(c, i, s, column(world, y))
+                    blocks[first + (at + x) * n + beside + y] += transposed[x]
 
     @_KERNEL
     def add_springs(c, stiffness, clusters, block_offsets, marked, blocks, world):
@@ -255,6 +292,8 @@ def _spring_kernels(sides: Sides):
                     for x in range(dim):
                         for y in range(dim):
                             blocks[first + x * n + y] += scale * world[x, y]
+            if arms:
+                turn_springs(c, i, clusters, block_offsets, marked, blocks, world)
 
     return pull, answer, mark, add_springs
 

@@ -1,0 +1,115 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Points on rigid bodies: H with arms, against dense matrices."""
+
+import numpy as np
+import pytest
+from xper_fx.nscd import newton, nlgs
+from xper_fx.nscd.interactions import Interactions
+from xper_fx.nscd.inverse import BodyInverse
+from xper_fx.nscd.laws import SignoriniCoulomb
+from xper_fx.nscd.points import InteractionPoints, frame_from_normal
+
+COUNT, STEP = 5, 1e-2
+
+
+def cloud(dim, friction=0.3):
+    """Rigid bodies that point at each other at random, and a meshed body of three nodes."""
+    rng = np.random.default_rng(7)
+    mesh = rng.normal(size=(3 * dim, 3 * dim))
+    mesh = 0.1 * mesh @ mesh.T + np.eye(3 * dim)
+    turns = 1 if dim == 2 else 3
+    rigid = np.zeros((COUNT, 2 * dim, 2 * dim))
+    for block in rigid:
+        spin = rng.normal(size=(turns, turns))
+        block[:dim, :dim] = rng.uniform(0.5, 2.0) * np.eye(dim)
+        block[dim : dim + turns, dim : dim + turns] = spin @ spin.T + np.eye(turns)
+    normal = rng.normal(size=(12, dim))
+    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    nodes, weights = np.zeros((12, 2, 3), np.int32), np.zeros((12, 2, 3))
+    arms = rng.normal(size=(12, 2, dim))
+    for p in range(12):
+        a, b = rng.choice(COUNT, 2, replace=False)
+        nodes[p] = 3 + 2 * np.array([[a], [b]])
+        weights[p, :, 0] = 1.0
+        if p % 3 == 0:  # the antagonist is the meshed body
+            nodes[p, 1], weights[p, 1] = (0, 1, 2), rng.dirichlet(np.ones(3))
+            arms[p, 1] = 0.0
+    points = InteractionPoints(
+        nodes, weights, frame_from_normal(normal), np.ones(12), np.full(12, -1e-3), arms
+    )
+    layer = Interactions(
+        points, [SignoriniCoulomb(friction)], np.zeros(12, int),
+        BodyInverse.from_blocks([mesh], dim), rigid_blocks=rigid,
+    )  # fmt: skip
+    w = np.zeros((layer.inverse.num_slots * dim,) * 2)
+    w[: 3 * dim, : 3 * dim] = mesh
+    for b, block in enumerate(rigid):
+        first = (3 + 2 * b) * dim
+        w[first : first + 2 * dim, first : first + 2 * dim] = block
+    return layer, points, w, rng
+
+
+def dense_map(points, slots):
+    """H^T, row by row from the velocity of a body's point, v + omega x a."""
+    dim, rows = points.dim, []
+    for p in range(len(points)):
+        row = np.zeros((dim, slots, dim))
+        for s, sign in enumerate((1.0, -1.0)):
+            for node, weight in zip(points.nodes[p, s], points.weights[p, s], strict=True):
+                row[:, node] += sign * weight * np.eye(dim)
+            arm = points.arms[p, s]
+            if arm.any():
+                if dim == 2:
+                    row[:, points.nodes[p, s, 0] + 1, 0] += sign * np.array([-arm[1], arm[0]])
+                else:
+                    row[:, points.nodes[p, s, 0] + 1] += sign * np.cross(np.eye(3), arm).T
+        rows.append(points.frame[p] @ row.reshape(dim, -1))
+    return np.concatenate(rows)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_motion_impulses_and_compliances_are_those_of_dense_matrices(dim):
+    layer, points, w, rng = cloud(dim)
+    h = dense_map(points, layer.inverse.num_slots)
+    v = rng.normal(size=w.shape[0])
+    (group,) = layer.groups
+    mine = points.relative(v.reshape(-1, dim))
+    np.testing.assert_allclose(mine.ravel(), h @ v, atol=1e-13)
+    r = rng.normal(size=mine.shape)
+    np.testing.assert_allclose(
+        points.nodal(r, layer.inverse.num_slots - 1).ravel(), h.T @ r.ravel(), atol=1e-13
+    )
+    group.impulse[:] = r[group.indices]
+    np.testing.assert_allclose(layer.impulses().ravel(), h.T @ r.ravel(), atol=1e-13)
+    moved = v.copy()
+    layer.add_velocity(moved)
+    np.testing.assert_allclose(moved, v + w @ h.T @ r.ravel(), atol=1e-12)
+    whole = (h @ w @ h.T).reshape(12, dim, 12, dim)
+    upper = np.triu_indices(dim)
+    for own, p in zip(group.compliance, group.indices, strict=True):
+        np.testing.assert_allclose(own, whole[p, :, p][upper], atol=1e-12)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize("friction", [0.0, 0.3])
+def test_sweeps_and_newton_find_impulses_that_obey_the_law(dim, friction):
+    layer, points, w, rng = cloud(dim, friction)
+    h = dense_map(points, layer.inverse.num_slots)
+    free = rng.normal(size=w.shape[0])
+    for solver in (nlgs, newton):
+        layer.begin_step(STEP, 0.5)
+        for g in layer.groups:
+            g.impulse[:] = 0.0
+        v = free.copy()
+        report = solver.solve(layer, v, tolerance=1e-10)
+        assert report.converged
+        r = layer.gather("impulse")
+        np.testing.assert_allclose(v, free + w @ h.T @ r.ravel(), atol=1e-9)
+        u = points.relative(v.reshape(-1, dim))
+        assert np.abs(np.minimum(u[:, 0], r[:, 0])).max() < 1e-7
+        assert r[:, 0].max() > 0.1
+        slip, push = u[:, 1:], r[:, 1:]
+        bound = friction * r[:, 0]
+        assert np.all(np.linalg.norm(push, axis=1) <= bound + 1e-8)
+        power = np.einsum("pi,pi->p", push, slip)
+        np.testing.assert_allclose(power, -bound * np.linalg.norm(slip, axis=1), atol=1e-6)
