@@ -22,6 +22,10 @@ if TYPE_CHECKING:
     from xper_fx.scene import Scene
 
 
+# Reach of a search where the scene gives none, as a share of the smallest body's radius.
+_REACH = 1e-2
+
+
 class FoundPoints(NamedTuple):
     """Contacts as interaction points on node slots.
 
@@ -74,7 +78,10 @@ class Detection:
         for (a, b), law in self._law_of_pair.items():
             if {a, b} <= {*names}:
                 self._rigid_laws[names.index(a), names.index(b)] = law
-        return RigidSearch(bodies, [c.between for c in wanted], max(reaches, default=None))
+        smallest = float(bodies.shapes.bounding_radius.min())
+        return RigidSearch(
+            bodies, [c.between for c in wanted], max(reaches, default=_REACH * smallest)
+        )
 
     def renew(
         self,
