@@ -30,6 +30,11 @@ from xper_fx.nscd.search.contacts import Contacts, empty, join
 from xper_fx.nscd.search.found import Corners, collect
 from xper_fx.nscd.search.grid import labelled_box_pairs
 from xper_fx.nscd.search.polygons import disc_polygon, polygon_polygon, polygon_wall
+from xper_fx.nscd.search.polyhedra import (
+    polyhedron_polyhedron,
+    polyhedron_wall,
+    sphere_polyhedron,
+)
 
 # Price of a pair in the making of a list over that in a search, as benchmarks/contact_search.py
 # measures it.
@@ -229,16 +234,22 @@ class RigidSearch:
         self._renew_if_needed(position, rotation)
         self.searches += 1
 
-        tables = self._tables
-        ends = (position, tables.radius), (self._corners, tables.bounding_radius)
-        (position, radius), (corners, bounding) = ends
+        tables, corners = self._tables, self._corners
+        radius, bounding, wall = tables.radius, tables.bounding_radius, self._wall_normal
         jobs = [("ball_ball", ball_ball, (position, radius))]
-        jobs += [("ball_wall", ball_wall, (position, radius, self._wall_normal))]
+        jobs += [("ball_wall", ball_wall, (position, radius, wall))]
         if self._dim == 2:
             jobs += [
                 ("ball_corner", disc_polygon, (position, radius, corners)),
                 ("corner_corner", polygon_polygon, (position, corners, bounding)),
-                ("corner_wall", polygon_wall, (position, corners, bounding, self._wall_normal)),
+                ("corner_wall", polygon_wall, (position, corners, bounding, wall)),
+            ]
+        else:
+            flat = corners, tables, bounding
+            jobs += [
+                ("ball_corner", sphere_polyhedron, (position, radius, corners, tables)),
+                ("corner_corner", polyhedron_polyhedron, (position, *flat)),
+                ("corner_wall", polyhedron_wall, (position, *flat, wall)),
             ]
         parts = [empty(self._dim)]
         for name, kernel, arguments in jobs:
