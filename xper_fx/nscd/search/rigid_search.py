@@ -1,0 +1,360 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Contacts between rigid bodies, step after step.
+
+Lists (Verlet 1967) hold the pairs that can touch soon: those whose gap was at most reach + skin
+when the list was made. With d_i the largest displacement of a point of body i since then, measured
+in axes that move with the mean of all bodies, the gap of a pair has shrunk by d_i + d_j at most: as
+long as the two largest d add up to no more than the skin no contact is missed, and the list stays.
+
+The skin is what costs least. With s the rate, per search, at which the two largest d grow, D a
+body's distance from its neighbours, p pairs looked at by each search and k the price of a pair in
+the making of a list over that in a search, a search costs p (1 + k s / skin) with
+p ~ (1 + skin/D)^dim, least where
+
+    dim skin^2 + (dim - 1) k s skin - k s D = 0.
+
+Walls have no boxes: each is looked at with every body it may touch, one scalar product a search.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numba import njit
+
+from xper_fx.nscd.rigid.bodies import RigidBodies, ShapeTables
+from xper_fx.nscd.rigid.shapes import DISC, HALF_PLANE, HALF_SPACE, SPHERE
+from xper_fx.nscd.search.balls import ball_ball, ball_wall
+from xper_fx.nscd.search.contacts import Contacts, empty, join
+from xper_fx.nscd.search.found import Corners, collect
+from xper_fx.nscd.search.grid import labelled_box_pairs
+from xper_fx.nscd.search.polygons import disc_polygon, polygon_polygon, polygon_wall
+from xper_fx.nscd.search.polyhedra import (
+    polyhedron_polyhedron,
+    polyhedron_wall,
+    sphere_polyhedron,
+)
+
+# Price of a pair in the making of a list over that in a search, as benchmarks/contact_search.py
+# measures it.
+_PRICE_OF_LISTS = 30.0
+# Bounds of the skin, and where it starts, as shares of D.
+_SKIN_BOUNDS = (1e-3, 1.0)
+_FIRST_SKIN = 0.1
+
+
+@njit
+def _turn(tables, rotation, corners):
+    """Turn the vertices and face normals of every body by its rotation."""
+    dim = rotation.shape[1]
+    for b in range(len(rotation)):
+        entry = tables.entry[b]
+        if entry < 0:
+            continue
+        first = tables.vertex_offsets[entry] - corners.vertex_start[b]
+        for v in range(corners.vertex_start[b], corners.vertex_start[b + 1]):
+            for d in range(dim):
+                corners.vertex[v, d] = 0.0
+                for e in range(dim):
+                    corners.vertex[v, d] += rotation[b, d, e] * tables.vertices[first + v, e]
+        first = tables.face_offsets[entry] - corners.face_start[b]
+        for f in range(corners.face_start[b], corners.face_start[b + 1]):
+            for d in range(dim):
+                corners.normal[f, d] = 0.0
+                for e in range(dim):
+                    corners.normal[f, d] += rotation[b, d, e] * tables.face_normal[first + f, e]
+
+
+@njit
+def _boxes(bodies, position, radius, corners, inflation):
+    """Low and high corners of the boxes around bodies, each side moved out by the inflation."""
+    dim = position.shape[1]
+    low = np.empty((len(bodies), dim))
+    high = np.empty((len(bodies), dim))
+    for k in range(len(bodies)):
+        b = bodies[k]
+        for d in range(dim):
+            least, most = -radius[b], radius[b]
+            for v in range(corners.vertex_start[b], corners.vertex_start[b + 1]):
+                least = min(least, corners.vertex[v, d])
+                most = max(most, corners.vertex[v, d])
+            low[k, d] = position[b, d] + least - inflation
+            high[k, d] = position[b, d] + most + inflation
+    return low, high
+
+
+@njit
+def _motion(bodies, position, old_position, rotation, old_rotation, turning_radius):
+    """Sum of the two largest displacements of points of bodies, about the mean displacement.
+
+    A rotation by phi moves a point at the radius R by 2 sin(phi/2) R, which in 2D and 3D is
+    |rotation - old_rotation| R / sqrt(2) in the Frobenius norm.
+    """
+    dim = position.shape[1]
+    mean = np.zeros(dim)
+    for b in bodies:
+        for d in range(dim):
+            mean[d] += position[b, d] - old_position[b, d]
+    mean /= len(bodies)
+    most, second = 0.0, 0.0
+    for b in bodies:
+        square = 0.0
+        for d in range(dim):
+            square += (position[b, d] - old_position[b, d] - mean[d]) ** 2
+        moved = np.sqrt(square)
+        if turning_radius[b] > 0.0:
+            square = 0.0
+            for d in range(dim):
+                for e in range(dim):
+                    square += (rotation[b, d, e] - old_rotation[b, d, e]) ** 2
+            moved += np.sqrt(0.5 * square) * turning_radius[b]
+        if not moved <= most:  # also what is not a number
+            most, second = moved, most
+        elif moved > second:
+            second = moved
+    return most + second
+
+
+@njit
+def _near(pairs, position, bounding_radius, distance):
+    """Which pairs of bounding circles or spheres are no further apart than the distance."""
+    near = np.empty(len(pairs), np.bool_)
+    for p in range(len(pairs)):
+        i, j = pairs[p]
+        square = 0.0
+        for d in range(position.shape[1]):
+            square += (position[i, d] - position[j, d]) ** 2
+        near[p] = square <= (bounding_radius[i] + bounding_radius[j] + distance) ** 2
+    return near
+
+
+def _plane_rotations(angle: np.ndarray) -> np.ndarray:
+    c, s = np.cos(angle), np.sin(angle)
+    return np.stack([np.stack([c, -s], axis=1), np.stack([s, c], axis=1)], axis=1)
+
+
+def _starts(tables: ShapeTables, offsets: np.ndarray) -> np.ndarray:
+    """First place of each body's own copy of its entry."""
+    lengths = np.append(np.diff(offsets), 0)[tables.entry]  # entry -1: none
+    return np.concatenate([[0], np.cumsum(lengths)]).astype(np.int64)
+
+
+class RigidSearch:
+    """Search of contacts between rigid bodies.
+
+    Candidate and antagonist: the lower number of the two for two bodies of a kind; a disc or sphere
+    is the candidate on a polygon or polyhedron, and everything on a wall. The pair's part of the
+    key is i * num_bodies + j with i < j, below num_bodies^2.
+
+    Attributes:
+        reach: largest gap of a contact (m).
+        skin: m, of the list in use.
+        renewals: how often the list has been made.
+        searches: how often contacts have been looked for.
+        num_candidates: pairs in the list, walls' pairs left out.
+
+    Args:
+        bodies: the bodies.
+        pairs: names of groups that may touch, (a, b) or (a, a). Bodies all of whose degrees of
+            freedom are prescribed do not touch each other.
+        reach: largest gap of a contact (m), positive.
+
+    Raises:
+        ValueError: a group that no body has, or a reach that is not a finite positive number.
+    """
+
+    def __init__(self, bodies: RigidBodies, pairs: Sequence[tuple[str, str]], reach: float):
+        if not (np.isfinite(reach) and reach > 0.0):
+            raise ValueError(f"The reach (m) must be a finite positive number, got {reach!r}.")
+        tables = bodies.shapes
+        self._tables = tables
+        self.reach = float(reach)
+        self._dim = bodies.dim
+        count = len(bodies)
+        self._label, self._allowed = _labels(bodies, pairs)
+        self._is_ball = np.isin(tables.kind, (DISC, SPHERE))
+        is_wall = np.isin(tables.kind, (HALF_PLANE, HALF_SPACE))
+        meets = self._allowed.any(axis=1)[self._label]
+        self._listed = np.flatnonzero(~is_wall & meets)
+        self._walls = np.flatnonzero(is_wall & meets)
+        self._wall_pairs = self._pairs_with_walls()
+        self._wall_normal = np.zeros((count, self._dim))
+
+        vertex_start = _starts(tables, tables.vertex_offsets)
+        face_start = _starts(tables, tables.face_offsets)
+        self._corners = Corners(
+            vertex_start,
+            face_start,
+            np.zeros((vertex_start[-1], self._dim)),
+            np.zeros((face_start[-1], self._dim)),
+        )
+        self._turning_radius = np.where(self._is_ball, 0.0, tables.bounding_radius)
+        self._distance = reach
+        if len(self._listed):
+            self._distance += 2.0 * float(np.median(tables.bounding_radius[self._listed]))
+        self.skin = _FIRST_SKIN * self._distance
+        self.renewals = self.searches = 0
+        self._searches_at_renewal = 0
+        none = np.empty((0, 2), np.int32)
+        self._lists = {"ball_ball": none, "ball_corner": none, "corner_corner": none}
+        self._old_position: np.ndarray | None = None
+        self._old_rotation: np.ndarray | None = None
+        self._expected: dict[str, int] = {}
+
+    @property
+    def num_candidates(self) -> int:
+        """Pairs in the list."""
+        return sum(len(pairs) for pairs in self._lists.values())
+
+    @property
+    def nbytes(self) -> int:
+        """Memory of the lists, those of walls included, in bytes."""
+        held = [*self._lists.values(), *self._wall_pairs.values()]
+        return sum(pairs.nbytes for pairs in held)
+
+    def find(self, position: np.ndarray, rotation: np.ndarray) -> Contacts:
+        """The contacts whose gap is no larger than the reach.
+
+        Args:
+            position: shape (num_bodies, dim), centres of mass (m).
+            rotation: angles (rad), shape (num_bodies,), in 2D; from the axes of the bodies to those
+                of space, shape (num_bodies, 3, 3), in 3D.
+
+        Raises:
+            ValueError: positions that are not finite.
+        """
+        position = np.ascontiguousarray(position, dtype=float)
+        rotation = np.asarray(rotation, dtype=float)
+        if self._dim == 2:
+            rotation = _plane_rotations(rotation)
+        rotation = np.ascontiguousarray(rotation)
+        _turn(self._tables, rotation, self._corners)
+        self._wall_normal[self._walls] = rotation[self._walls, :, -1]
+        self._renew_if_needed(position, rotation)
+        self.searches += 1
+
+        tables, corners = self._tables, self._corners
+        radius, bounding, wall = tables.radius, tables.bounding_radius, self._wall_normal
+        jobs = [("ball_ball", ball_ball, (position, radius))]
+        jobs += [("ball_wall", ball_wall, (position, radius, wall))]
+        if self._dim == 2:
+            jobs += [
+                ("ball_corner", disc_polygon, (position, radius, corners)),
+                ("corner_corner", polygon_polygon, (position, corners, bounding)),
+                ("corner_wall", polygon_wall, (position, corners, bounding, wall)),
+            ]
+        else:
+            flat = corners, tables, bounding
+            jobs += [
+                ("ball_corner", sphere_polyhedron, (position, radius, corners, tables)),
+                ("corner_corner", polyhedron_polyhedron, (position, *flat)),
+                ("corner_wall", polyhedron_wall, (position, *flat, wall)),
+            ]
+        parts = [empty(self._dim)]
+        for name, kernel, arguments in jobs:
+            pairs = self._wall_pairs[name] if name in self._wall_pairs else self._lists[name]
+            if len(pairs):
+                expected = self._expected.get(name, 16)
+                part = collect(kernel, self._dim, expected, pairs, *arguments, self.reach)
+                self._expected[name] = len(part) + len(part) // 4 + 16
+                parts.append(part)
+        return join(parts)
+
+    def overlaps(
+        self, position: np.ndarray, rotation: np.ndarray, tolerance: float = 0.0
+    ) -> list[tuple[int, int, float]]:
+        """Pairs that penetrate each other by more than the tolerance.
+
+        Args:
+            position, rotation: as in `find`.
+            tolerance: m.
+
+        Returns:
+            (i, j, depth) with i < j and the depth in m, sorted by i and j.
+        """
+        contacts = self.find(position, rotation)
+        deep = contacts.take(np.flatnonzero(contacts.gap < -tolerance))
+        pair, inverse = np.unique(deep.key[:, 0], return_inverse=True)
+        depth = np.zeros(len(pair))
+        np.maximum.at(depth, inverse, -deep.gap)
+        i, j = np.divmod(pair, len(position))
+        return list(zip(i.tolist(), j.tolist(), depth.tolist(), strict=True))
+
+    def _pairs_with_walls(self) -> dict[str, np.ndarray]:
+        """Bodies with the walls that they may touch, sorted by the pair's part of the key."""
+        others = self._listed
+        pairs = [np.empty((0, 2), np.int32)]
+        for wall in self._walls:
+            own = others[self._allowed[self._label[others], self._label[wall]]]
+            pairs.append(np.stack([own, np.full(len(own), wall)], axis=1).astype(np.int32))
+        joined = np.concatenate(pairs)
+        joined = joined[np.lexsort((joined.max(axis=1), joined.min(axis=1)))]
+        ball = self._is_ball[joined[:, 0]]
+        return {"ball_wall": joined[ball], "corner_wall": joined[~ball]}
+
+    def _renew_if_needed(self, position: np.ndarray, rotation: np.ndarray) -> None:
+        if self._old_position is not None and len(self._listed):
+            motion = _motion(
+                self._listed,
+                position,
+                self._old_position,
+                rotation,
+                self._old_rotation,
+                self._turning_radius,
+            )
+            if motion <= self.skin:
+                return
+            self.skin = self._best_skin(motion / (self.searches - self._searches_at_renewal))
+        elif self._old_position is not None:
+            return
+        self._renew(position, rotation)
+
+    def _best_skin(self, speed: float) -> float:
+        """The skin of least cost, for a motion (m) per search."""
+        dim, spent = self._dim, _PRICE_OF_LISTS * speed
+        linear = (dim - 1) * spent
+        root = np.sqrt(linear**2 + 4.0 * dim * spent * self._distance)
+        lowest, highest = (share * self._distance for share in _SKIN_BOUNDS)
+        return float(np.clip((root - linear) / (2.0 * dim), lowest, highest))
+
+    def _renew(self, position: np.ndarray, rotation: np.ndarray) -> None:
+        tables, listed = self._tables, self._listed
+        distance = self.reach + self.skin
+        # A little more, so that rounding loses no pair.
+        distance += 1e-9 * distance + 1e-15 * float(np.abs(position[listed]).max(initial=0.0))
+        low, high = _boxes(listed, position, tables.radius, self._corners, 0.5 * distance)
+        found = labelled_box_pairs(low, high, self._label[listed], self._allowed)
+        pairs = listed.astype(np.int32)[found]
+        pairs = pairs[_near(pairs, position, tables.bounding_radius, distance)]
+        balls = self._is_ball[pairs]
+        mixed = pairs[balls[:, 0] != balls[:, 1]]
+        swapped = ~self._is_ball[mixed[:, 0]]
+        mixed[swapped] = mixed[swapped][:, ::-1]
+        self._lists = {
+            "ball_ball": pairs[balls.all(axis=1)],
+            "ball_corner": mixed,
+            "corner_corner": pairs[~balls.any(axis=1)],
+        }
+        self._old_position, self._old_rotation = position.copy(), rotation.copy()
+        self._searches_at_renewal = self.searches
+        self.renewals += 1
+
+
+def _labels(bodies: RigidBodies, pairs: Sequence[tuple[str, str]]) -> tuple[np.ndarray, np.ndarray]:
+    """A label of each body, of its group and whether all is prescribed, and which may meet."""
+    number = {name: g for g, name in enumerate(bodies.groups)}
+    allowed = np.zeros((len(number), 2, len(number), 2), bool)
+    for pair in pairs:
+        if isinstance(pair, str) or len(pair) != 2:
+            raise ValueError(f'A pair of groups is like ("grains", "walls"), got {pair!r}.')
+        for name in pair:
+            if name not in number:
+                raise ValueError(
+                    f"No rigid body is of the group {name!r}; groups are {sorted(number)}."
+                )
+        a, b = number[pair[0]], number[pair[1]]
+        allowed[a, :, b, :] = allowed[b, :, a, :] = True
+    allowed[:, 1, :, 1] = False
+    label = 2 * bodies.group_of.astype(np.int64) + bodies.is_prescribed.all(axis=1)
+    return label, allowed.reshape(2 * len(number), 2 * len(number))
