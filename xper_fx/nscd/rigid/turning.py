@@ -41,7 +41,7 @@ _ROUND, _TUMBLING, _GUIDED = range(3)
 # Principal moments that differ by less, relative to their mean, are equal.
 _EQUAL_MOMENTS = 1e-14
 # Newton stops at a correction below this, relative to the momentum: the next would be its square.
-_NEWTON_STOP, _NEWTON_STEPS, _MOST_PIECES = 1e-10, 12, 1 << 20
+_NEWTON_STOP, _NEWTON_STEPS, _MOST_PIECES = 1e-10, 12, 4096
 _GUIDED_STOP, _GUIDED_STEPS = 1e-15, 100
 
 
