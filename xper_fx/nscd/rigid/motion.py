@@ -352,8 +352,15 @@ class RigidMotion:
         return self._end
 
 
-def _apply(matrices: np.ndarray, vectors: np.ndarray) -> np.ndarray:
-    return np.matmul(matrices, vectors[:, :, None])[:, :, 0]
+@njit
+def _apply(matrices, vectors):
+    """The product of each matrix with its vector."""
+    product = np.zeros_like(vectors)
+    for i in range(len(vectors)):
+        for k in range(vectors.shape[1]):
+            for j in range(vectors.shape[1]):
+                product[i, k] += matrices[i, k, j] * vectors[i, j]
+    return product
 
 
 def _turning_energy(turn: Turn, which: np.ndarray | slice) -> float:
