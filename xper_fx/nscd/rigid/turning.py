@@ -41,7 +41,7 @@ _ROUND, _TUMBLING, _GUIDED = range(3)
 # Principal moments that differ by less, relative to their mean, are equal.
 _EQUAL_MOMENTS = 1e-14
 # Newton stops at a correction below this, relative to the momentum: the next would be its square.
-_NEWTON_STOP, _NEWTON_STEPS, _MOST_PIECES = 1e-10, 12, 1 << 20
+_NEWTON_STOP, _NEWTON_STEPS, _MOST_PIECES = 1e-10, 12, 4096
 _GUIDED_STOP, _GUIDED_STEPS = 1e-15, 100
 
 
@@ -77,7 +77,10 @@ class PlaneTurning:
 
     def drift(self, size: float, turn: Turn) -> Turn:
         """Bodies after a time `size` (s) without torques."""
-        return turn._replace(rotation=turn.rotation + size * turn.spin[:, 0])
+        return turn._replace(
+            rotation=turn.rotation + size * turn.spin[:, 0],
+            momentum=self.inertia[:, 0] * turn.spin,
+        )
 
     def update_inverse(self, turn: Turn, inverse: np.ndarray) -> None:
         """Write w of the spins into `inverse`, shape (n, 1, 1); it never changes in 2D."""
@@ -152,6 +155,14 @@ def _row(a, i, k):
 
 
 @njit(inline="always")
+def _copy(a, i, out):
+    """out[i] = a[i], without making views of them."""
+    for k in range(3):
+        for j in range(3):
+            out[i, k, j] = a[i, k, j]
+
+
+@njit(inline="always")
 def _transposed_vector(a, i, x):
     """a[i]^T x."""
     return dot(_column(a, i, 0), x), dot(_column(a, i, 1), x), dot(_column(a, i, 2), x)
@@ -181,10 +192,10 @@ def _restore(a, i):
 def _turn_in_space(angle, a, i):
     """a[i] becomes exp([angle]_x) a[i], for a rotation vector `angle` (rad)."""
     size = np.sqrt(dot(angle, angle))
-    once = np.sin(size) / size if size > 0.0 else 1.0
     half = np.sin(0.5 * size) / (0.5 * size) if size > 0.0 else 1.0
+    once, twice = half * np.cos(0.5 * size), 0.5 * half * half
     for j in range(3):
-        x = _turned(_column(a, i, j), angle, once, 0.5 * half * half)
+        x = _turned(_column(a, i, j), angle, once, twice)
         a[i, 0, j], a[i, 1, j], a[i, 2, j] = x
 
 
@@ -242,7 +253,7 @@ def _tumble_in_pieces(size, i, inverse, momentum, start, rotation):
         return False
     pieces = 1 + int(angle)
     while pieces <= _MOST_PIECES:
-        rotation[i] = start[i]
+        _copy(start, i, rotation)
         settled = True
         for _ in range(pieces):
             settled = settled and _tumble(size / pieces, i, inverse, momentum, rotation)
@@ -280,7 +291,7 @@ def _guide(size, i, body_inertia, prescribed, turn, end, inverse):
     spin = spin0
     best = np.inf
     for _ in range(_GUIDED_STEPS):
-        end.rotation[i] = turn.rotation[i]
+        _copy(turn.rotation, i, end.rotation)
         _turn_in_space(scale(0.5 * size, add(spin0, spin)), end.rotation, i)
         _turn_inertia(end.rotation, body_inertia, i, end.inertia)
         _free_inverse(end.inertia, prescribed, i, inverse[0])
@@ -310,10 +321,10 @@ def _drift(size, how, body_inertia, body_inverse, prescribed, turn, end):
             set_row(end.momentum, i, momentum)
             if how[i] == _ROUND:
                 spin = scale(body_inverse[i, 0, 0], momentum)
-                end.rotation[i] = turn.rotation[i]
+                _copy(turn.rotation, i, end.rotation)
                 _turn_in_space(scale(size, spin), end.rotation, i)
                 _restore(end.rotation, i)
-                end.inertia[i] = body_inertia[i]
+                _copy(body_inertia, i, end.inertia)
                 settled = np.isfinite(dot(spin, spin))
             else:
                 settled = _tumble_in_pieces(
