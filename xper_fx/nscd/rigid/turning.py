@@ -39,7 +39,7 @@ from xper_fx.nscd.space import add, dot, matrix_vector, row, scale, set_row, sub
 # How a body turns in 3D.
 _ROUND, _TUMBLING, _GUIDED = range(3)
 # Principal moments that differ by less, relative to their mean, are equal.
-_EQUAL_MOMENTS = 1e-14
+_EQUAL_MOMENTS = 1e-12
 # Newton stops at a correction below this, relative to the momentum: the next would be its square.
 _NEWTON_STOP, _NEWTON_STEPS, _MOST_PIECES = 1e-10, 12, 4096
 _GUIDED_STOP, _GUIDED_STEPS = 1e-15, 100
@@ -90,7 +90,7 @@ class SpaceTurning:
     """Rotation of bodies in 3D."""
 
     def __init__(self, bodies: RigidBodies):
-        self.body_inertia = np.ascontiguousarray(bodies.inertia)
+        self.body_inertia = bodies.inertia.copy()
         prescribed = np.ascontiguousarray(bodies.is_prescribed[:, 3:])
         massive = bodies.mass > 0.0
         self.body_inverse = np.zeros_like(self.body_inertia)
@@ -106,10 +106,8 @@ class SpaceTurning:
         self.prescribed = prescribed
         self.guided = np.nonzero(self.how == _GUIDED)[0]
         self.inverse = self.body_inverse.copy()
-        inertia = np.empty_like(self.body_inertia)
         rotation = np.ascontiguousarray(bodies.rotation)
-        for i in range(len(bodies)):
-            inertia[i] = rotation[i] @ self.body_inertia[i] @ rotation[i].T
+        inertia = rotation @ self.body_inertia @ np.swapaxes(rotation, 1, 2)
         inertia[round_ones] = self.body_inertia[round_ones]
         momentum = np.einsum("nij,nj->ni", inertia, bodies.spin)
         self.initial = Turn(rotation.copy(), momentum, bodies.spin.copy(), inertia)
