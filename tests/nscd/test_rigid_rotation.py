@@ -265,6 +265,18 @@ def test_inverse_blocks_are_those_of_the_turned_inertia():
         assert motion.blocks[i] == pytest.approx(expected, abs=1e-14)
 
 
+def test_a_cube_made_of_triangles_turns_as_a_sphere_does():
+    """Its moments are equal but for rounding; the bodies' own arrays are left alone."""
+    cube = Polyhedron.hull(
+        Rotation.from_rotvec([1, 2, 3]).apply(Polyhedron.box((1, 1, 1)).vertices)
+    )
+    bodies = RigidBodies([RigidBody(cube, (0, 0, 0), "a", density=6.0, spin=(1, -2, 0.5))])
+    inertia = bodies.inertia.copy()
+    rotation = fly(RigidMotion(bodies), 7.0, 3).state.turn.rotation[0]
+    assert rotation == pytest.approx(Rotation.from_rotvec([7.0, -14.0, 3.5]).as_matrix(), abs=1e-14)
+    assert np.array_equal(bodies.inertia, inertia)
+
+
 def test_a_spin_beyond_any_step_is_refused():
     motion = RigidMotion(boxes([(0, 0, 1), (1e9, 0, 1)]))
     with pytest.raises(FloatingPointError, match="rigid body 1 .* smaller step"):

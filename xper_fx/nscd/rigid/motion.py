@@ -10,7 +10,7 @@ One step of size h from t0 to t1 with theta in [1/2, 1] (Moreau 1988; Jean 1999)
 All of the kick happens at x_m: the inertia M, the spins v0 and v1, the arms of the impulses p of
 the contacts. g is the impulse of what prescribes velocities, v1_c = given(t1). Two impulses that
 are opposite at one point of space then change neither the sum of m v nor that of x x m v + L, for
-any theta, since x1 x m v1 - x0 x m v0 = x_m x m (v1 - v0).
+any theta, since x1 x m v1 - x0 x m v0 = x_m x m (v1 - v0), x between vectors the cross product.
 
 The kinetic energy changes in the kick only (see `turning` for the drift), by
 
