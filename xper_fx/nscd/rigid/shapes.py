@@ -1,0 +1,142 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""What every shape of a rigid body has in common, and the shapes without corners.
+
+A shape lives in the axes of its body. Its mass properties are those of a homogeneous solid; in 2D
+they are per metre of depth, so that a density stays in kg/m^3 and a mass is in kg/m. The inertia
+is about the centre of mass: a number in 2D (kg m^2/m), a symmetric (3, 3) matrix in 3D (kg m^2),
+J = int rho (|x|^2 I - x (x) x) dV.
+
+Half planes and half spaces have neither mass nor size: they are walls, whose motion is prescribed.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import ClassVar, NamedTuple, Protocol
+
+import numpy as np
+
+# Kinds of shapes, as the tables for compiled kernels name them.
+DISC, POLYGON, HALF_PLANE, SPHERE, POLYHEDRON, HALF_SPACE = range(6)
+
+
+class MassProperties(NamedTuple):
+    """Mass properties of a homogeneous shape.
+
+    Attributes:
+        mass: kg (2D: kg/m).
+        centre: centre of mass in the shape's own coordinates, shape (dim,), m.
+        inertia: about the centre of mass: a float in 2D (kg m), shape (3, 3) in 3D (kg m^2).
+    """
+
+    mass: float
+    centre: np.ndarray
+    inertia: float | np.ndarray
+
+
+class Shape(Protocol):
+    """A convex solid in the axes of its body.
+
+    Attributes:
+        kind: one of the numbers of this module.
+        dim: 2 or 3.
+        bounding_radius: radius about the centre of mass that holds the shape (m), inf for walls.
+    """
+
+    kind: ClassVar[int]
+    dim: ClassVar[int]
+
+    @property
+    def bounding_radius(self) -> float: ...
+
+
+def check_positive(what: str, value: float) -> float:
+    """The value as a float; ValueError if it is not a finite positive number."""
+    if not (np.ndim(value) == 0 and math.isfinite(value) and value > 0.0):
+        raise ValueError(f"{what} must be a finite positive number, got {value!r}.")
+    return float(value)
+
+
+@dataclass(frozen=True, eq=False)
+class Disc:
+    """A disc about the origin of the body's axes (2D).
+
+    Args:
+        radius: m.
+
+    Raises:
+        ValueError: the radius is not a finite positive number.
+    """
+
+    radius: float
+    kind: ClassVar[int] = DISC
+    dim: ClassVar[int] = 2
+
+    def __post_init__(self) -> None:
+        check_positive("The radius of a disc (m)", self.radius)
+
+    @property
+    def bounding_radius(self) -> float:
+        """The radius (m)."""
+        return float(self.radius)
+
+    def mass_properties(self, density: float) -> MassProperties:
+        """Mass properties for a density (kg/m^3): J = m r^2 / 2."""
+        mass = check_positive("A density (kg/m^3)", density) * np.pi * self.radius**2
+        return MassProperties(mass, np.zeros(2), 0.5 * mass * self.radius**2)
+
+
+@dataclass(frozen=True, eq=False)
+class Sphere:
+    """A ball about the origin of the body's axes (3D).
+
+    Args:
+        radius: m.
+
+    Raises:
+        ValueError: the radius is not a finite positive number.
+    """
+
+    radius: float
+    kind: ClassVar[int] = SPHERE
+    dim: ClassVar[int] = 3
+
+    def __post_init__(self) -> None:
+        check_positive("The radius of a sphere (m)", self.radius)
+
+    @property
+    def bounding_radius(self) -> float:
+        """The radius (m)."""
+        return float(self.radius)
+
+    def mass_properties(self, density: float) -> MassProperties:
+        """Mass properties for a density (kg/m^3): J = 2/5 m r^2 I."""
+        mass = check_positive("A density (kg/m^3)", density) * 4.0 / 3.0 * np.pi * self.radius**3
+        return MassProperties(mass, np.zeros(3), 0.4 * mass * self.radius**2 * np.eye(3))
+
+
+@dataclass(frozen=True, eq=False)
+class HalfPlane:
+    """A wall in 2D: the solid is y <= 0 in the body's axes, the outward normal its +y."""
+
+    kind: ClassVar[int] = HALF_PLANE
+    dim: ClassVar[int] = 2
+
+    @property
+    def bounding_radius(self) -> float:
+        """Infinite."""
+        return math.inf
+
+
+@dataclass(frozen=True, eq=False)
+class HalfSpace:
+    """A wall in 3D: the solid is z <= 0 in the body's axes, the outward normal its +z."""
+
+    kind: ClassVar[int] = HALF_SPACE
+    dim: ClassVar[int] = 3
+
+    @property
+    def bounding_radius(self) -> float:
+        """Infinite."""
+        return math.inf

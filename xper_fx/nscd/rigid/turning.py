@@ -1,0 +1,337 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Rotation of rigid bodies between kicks: the drift, in 2D and 3D.
+
+In 2D the angle grows by tau omega. In 3D, with R from the body's axes to those of space, J the
+inertia in the body's axes, L the angular momentum about the centre of mass in space and
+Pi = R^T L that in the body, a free body obeys Euler's equations dPi/dt = Pi x J^-1 Pi and
+dR/dt = R [omega]_x with omega = J^-1 Pi. The implicit midpoint rule over tau,
+
+    Pi1 - Pi0 = tau Pi_m x omega_m,   omega_m = J^-1 Pi_m,   Pi_m = (Pi0 + Pi1) / 2,
+    R1 = R0 cay(tau omega_m),         cay(2 a) x = x + 2 / (1 + |a|^2) (a x x + a x (a x x)),
+
+is of second order and symmetric in time (Lewis, Simo 1994; Hairer, Lubich, Wanner 2006, VII.5).
+Its first line says Pi1 = cay(-tau omega_m) Pi0, so that L is conserved exactly: it is the state
+that is kept. Its product with omega_m says that the energy is, too. Newton's method finds Pi_m; a
+body that turns by more than a radian in a drift takes several drifts of equal size, and one whose
+Newton does not settle twice as many. A body with one moment of inertia turns about L by the exact
+rotation.
+
+A body with a prescribed spin component is *guided*. Let c be its prescribed components of the spin
+in space, which keep their value in a drift, and f the free ones, whose angular momentum does not
+change but for the drift's turn of J:
+
+    (J(R1) omega1)_f = (J(R0) omega0)_f,   R1 = exp(tau (omega0 + omega1) / 2) R0,
+
+solved by fixed points. About a fixed axis this is exact; with two free components it is of second
+order. Guides work in a drift: the energy of a guided body may change there.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from xper_fx.nscd.rigid.bodies import RigidBodies
+from xper_fx.nscd.space import add, dot, matrix_vector, row, scale, set_row, subtract
+
+# How a body turns in 3D.
+_ROUND, _TUMBLING, _GUIDED = range(3)
+# Principal moments that differ by less, relative to their mean, are equal.
+_EQUAL_MOMENTS = 1e-14
+# Newton stops at a correction below this, relative to the momentum: the next would be its square.
+_NEWTON_STOP, _NEWTON_STEPS, _MOST_PIECES = 1e-10, 12, 1 << 20
+_GUIDED_STOP, _GUIDED_STEPS = 1e-15, 100
+
+
+class Turn(NamedTuple):
+    """Where bodies have turned to, and how they spin; s = 1 in 2D, 3 in 3D.
+
+    Attributes:
+        rotation: angles, shape (n,), rad (2D); matrices from body to space, (n, 3, 3) (3D).
+        momentum: angular momentum about the centre of mass, in space, shape (n, s), N m s.
+        spin: in space, shape (n, s), rad/s.
+        inertia: in space, shape (n, s, s), kg m^2.
+    """
+
+    rotation: np.ndarray
+    momentum: np.ndarray
+    spin: np.ndarray
+    inertia: np.ndarray
+
+
+class PlaneTurning:
+    """Rotation of bodies in 2D."""
+
+    def __init__(self, bodies: RigidBodies):
+        self.inertia = bodies.inertia[:, None, None]
+        free = ~bodies.is_prescribed[:, 2]
+        self.inverse = np.zeros_like(self.inertia)
+        self.inverse[free, 0, 0] = 1.0 / bodies.inertia[free]
+        self.guided = np.nonzero(~free)[0]
+        spin = bodies.spin[:, None].copy()
+        self.initial = Turn(
+            bodies.rotation.copy(), bodies.inertia[:, None] * spin, spin, self.inertia
+        )
+
+    def drift(self, size: float, turn: Turn) -> Turn:
+        """Bodies after a time `size` (s) without torques."""
+        return turn._replace(rotation=turn.rotation + size * turn.spin[:, 0])
+
+    def update_inverse(self, turn: Turn, inverse: np.ndarray) -> None:
+        """Write w of the spins into `inverse`, shape (n, 1, 1); it never changes in 2D."""
+
+
+class SpaceTurning:
+    """Rotation of bodies in 3D."""
+
+    def __init__(self, bodies: RigidBodies):
+        self.body_inertia = np.ascontiguousarray(bodies.inertia)
+        prescribed = np.ascontiguousarray(bodies.is_prescribed[:, 3:])
+        massive = bodies.mass > 0.0
+        self.body_inverse = np.zeros_like(self.body_inertia)
+        self.body_inverse[massive] = np.linalg.inv(self.body_inertia[massive])
+        mean = np.trace(self.body_inertia, axis1=1, axis2=2)[:, None, None] / 3.0 * np.eye(3)
+        apart = np.abs(self.body_inertia - mean).max(axis=(1, 2))
+        self.how = np.where(apart <= _EQUAL_MOMENTS * mean[:, 0, 0], _ROUND, _TUMBLING)
+        self.how[prescribed.any(axis=1)] = _GUIDED
+        self.how = self.how.astype(np.int8)
+        round_ones = self.how == _ROUND
+        self.body_inertia[round_ones] = mean[round_ones]
+        self.body_inverse[round_ones] = np.eye(3) / mean[round_ones, :1, :1]
+        self.prescribed = prescribed
+        self.guided = np.nonzero(self.how == _GUIDED)[0]
+        self.inverse = self.body_inverse.copy()
+        inertia = np.empty_like(self.body_inertia)
+        rotation = np.ascontiguousarray(bodies.rotation)
+        for i in range(len(bodies)):
+            inertia[i] = rotation[i] @ self.body_inertia[i] @ rotation[i].T
+        inertia[round_ones] = self.body_inertia[round_ones]
+        momentum = np.einsum("nij,nj->ni", inertia, bodies.spin)
+        self.initial = Turn(rotation.copy(), momentum, bodies.spin.copy(), inertia)
+        self.update_inverse(self.initial, self.inverse)
+
+    def drift(self, size: float, turn: Turn) -> Turn:
+        """Bodies after a time `size` (s) without torques but those of their guides.
+
+        Raises:
+            FloatingPointError: a velocity is not finite, or a body spins far too fast for the step.
+        """
+        end = Turn(*(np.empty_like(part) for part in turn))
+        failed = _drift(
+            size, self.how, self.body_inertia, self.body_inverse, self.prescribed, turn, end
+        )
+        if failed >= 0:
+            raise FloatingPointError(
+                f"The rotation of rigid body {failed} could not be followed over {size:.3g} s: its "
+                f"spin is {turn.spin[failed]} rad/s. Take a smaller step."
+            )
+        return end
+
+    def update_inverse(self, turn: Turn, inverse: np.ndarray) -> None:
+        """Write w of the spins into `inverse`, shape (n, 3, 3): the free ones' J_ff^-1."""
+        _update_inverse(
+            self.how, turn.rotation, turn.inertia, self.body_inverse, self.prescribed, inverse
+        )
+
+
+@njit(inline="always")
+def _cross(x, y):
+    return x[1] * y[2] - x[2] * y[1], x[2] * y[0] - x[0] * y[2], x[0] * y[1] - x[1] * y[0]
+
+
+@njit(inline="always")
+def _column(a, i, j):
+    return a[i, 0, j], a[i, 1, j], a[i, 2, j]
+
+
+@njit(inline="always")
+def _row(a, i, k):
+    return a[i, k, 0], a[i, k, 1], a[i, k, 2]
+
+
+@njit(inline="always")
+def _transposed_vector(a, i, x):
+    """a[i]^T x."""
+    return dot(_column(a, i, 0), x), dot(_column(a, i, 1), x), dot(_column(a, i, 2), x)
+
+
+@njit(inline="always")
+def _turned(x, a, once, twice):
+    """x + once a x x + twice a x (a x x)."""
+    y = _cross(a, x)
+    return add(x, add(scale(once, y), scale(twice, _cross(a, y))))
+
+
+@njit
+def _restore(a, i):
+    """One step of Newton's for the nearest rotation, R (3 I - R^T R) / 2: rounding only."""
+    c0, c1, c2 = _column(a, i, 0), _column(a, i, 1), _column(a, i, 2)
+    g00, g11, g22 = dot(c0, c0), dot(c1, c1), dot(c2, c2)
+    g01, g02, g12 = dot(c0, c1), dot(c0, c2), dot(c1, c2)
+    for k in range(3):
+        x, y, z = a[i, k, 0], a[i, k, 1], a[i, k, 2]
+        a[i, k, 0] = 0.5 * ((3.0 - g00) * x - g01 * y - g02 * z)
+        a[i, k, 1] = 0.5 * ((3.0 - g11) * y - g01 * x - g12 * z)
+        a[i, k, 2] = 0.5 * ((3.0 - g22) * z - g02 * x - g12 * y)
+
+
+@njit
+def _turn_in_space(angle, a, i):
+    """a[i] becomes exp([angle]_x) a[i], for a rotation vector `angle` (rad)."""
+    size = np.sqrt(dot(angle, angle))
+    once = np.sin(size) / size if size > 0.0 else 1.0
+    half = np.sin(0.5 * size) / (0.5 * size) if size > 0.0 else 1.0
+    for j in range(3):
+        x = _turned(_column(a, i, j), angle, once, 0.5 * half * half)
+        a[i, 0, j], a[i, 1, j], a[i, 2, j] = x
+
+
+@njit
+def _turn_inertia(rotation, body, i, out):
+    """out[i] = R body R^T, symmetric to the last digit."""
+    for k in range(3):
+        x = matrix_vector(body, i, _row(rotation, i, k))
+        for j in range(k + 1):
+            out[i, k, j] = out[i, j, k] = dot(_row(rotation, i, j), x)
+
+
+@njit(error_model="numpy")
+def _tumble(size, i, inverse, momentum, rotation):
+    """Turn rotation[i] by one midpoint step of a free body; whether Newton settled."""
+    pi0 = _transposed_vector(rotation, i, momentum)
+    bound = _NEWTON_STOP * np.sqrt(dot(pi0, pi0))
+    half = 0.5 * size
+    pi = pi0
+    for _ in range(_NEWTON_STEPS):
+        spin = matrix_vector(inverse, i, pi)
+        residual = subtract(subtract(pi, pi0), scale(half, _cross(pi, spin)))
+        # Columns of I + half [spin]_x - half [pi]_x J^-1.
+        a = scale(-half, _cross(pi, _column(inverse, i, 0)))
+        b = scale(-half, _cross(pi, _column(inverse, i, 1)))
+        c = scale(-half, _cross(pi, _column(inverse, i, 2)))
+        a = add(a, (1.0, half * spin[2], -half * spin[1]))
+        b = add(b, (-half * spin[2], 1.0, half * spin[0]))
+        c = add(c, (half * spin[1], -half * spin[0], 1.0))
+        bc = _cross(b, c)
+        scaling = -1.0 / dot(a, bc)
+        correction = scale(
+            scaling,
+            (dot(residual, bc), dot(residual, _cross(c, a)), dot(residual, _cross(a, b))),
+        )
+        pi = add(pi, correction)
+        error = np.sqrt(dot(correction, correction))
+        if error <= bound:
+            a = scale(-half, matrix_vector(inverse, i, pi))
+            both = 2.0 / (1.0 + dot(a, a))
+            for k in range(3):
+                x = _turned(_row(rotation, i, k), a, both, both)
+                rotation[i, k, 0], rotation[i, k, 1], rotation[i, k, 2] = x
+            return True
+    return False
+
+
+@njit(error_model="numpy")
+def _tumble_in_pieces(size, i, inverse, momentum, start, rotation):
+    """Turn a free body over a whole drift; whether that was possible."""
+    pi = _transposed_vector(start, i, momentum)
+    spin = matrix_vector(inverse, i, pi)
+    angle = size * np.sqrt(dot(spin, spin))
+    if not angle < _MOST_PIECES:
+        return False
+    pieces = 1 + int(angle)
+    while pieces <= _MOST_PIECES:
+        rotation[i] = start[i]
+        settled = True
+        for _ in range(pieces):
+            settled = settled and _tumble(size / pieces, i, inverse, momentum, rotation)
+            _restore(rotation, i)
+        if settled:
+            return True
+        pieces *= 2
+    return False
+
+
+@njit(error_model="numpy")
+def _free_inverse(matrix, prescribed, i, out):
+    """out = the inverse of the free rows and columns of matrix[i], zeros elsewhere."""
+    out[:] = 0.0
+    free = 0
+    for k in range(3):
+        free += 0 if prescribed[i, k] else 1
+    if free == 1:
+        for k in range(3):
+            if not prescribed[i, k]:
+                out[k, k] = 1.0 / matrix[i, k, k]
+    elif free == 2:
+        j, k = (1, 2) if prescribed[i, 0] else (0, 2) if prescribed[i, 1] else (0, 1)
+        determinant = matrix[i, j, j] * matrix[i, k, k] - matrix[i, j, k] * matrix[i, k, j]
+        out[j, j] = matrix[i, k, k] / determinant
+        out[k, k] = matrix[i, j, j] / determinant
+        out[j, k] = out[k, j] = -matrix[i, j, k] / determinant
+
+
+@njit(error_model="numpy")
+def _guide(size, i, body_inertia, prescribed, turn, end, inverse):
+    """Turn a guided body; whether the fixed points settled."""
+    spin0 = row(turn.spin, i)
+    bound = _GUIDED_STOP * np.sqrt(dot(spin0, spin0))
+    spin = spin0
+    best = np.inf
+    for _ in range(_GUIDED_STEPS):
+        end.rotation[i] = turn.rotation[i]
+        _turn_in_space(scale(0.5 * size, add(spin0, spin)), end.rotation, i)
+        _turn_inertia(end.rotation, body_inertia, i, end.inertia)
+        _free_inverse(end.inertia, prescribed, i, inverse[0])
+        missing = subtract(row(turn.momentum, i), matrix_vector(end.inertia, i, spin))
+        correction = matrix_vector(inverse, 0, missing)
+        spin = add(spin, correction)
+        error = np.sqrt(dot(correction, correction))
+        # At the end corrections are rounding, and no longer fall.
+        if error <= bound or (error >= best and error <= 1e4 * bound):
+            _restore(end.rotation, i)
+            set_row(end.spin, i, spin)
+            set_row(end.momentum, i, matrix_vector(end.inertia, i, spin))
+            return True
+        best = error
+    return False
+
+
+@njit(error_model="numpy")
+def _drift(size, how, body_inertia, body_inverse, prescribed, turn, end):
+    """Fill `end`; the first body that failed, -1 if none did."""
+    inverse = np.empty_like(body_inertia[:1])
+    for i in range(len(how)):
+        momentum = row(turn.momentum, i)
+        if how[i] == _GUIDED:
+            settled = _guide(size, i, body_inertia, prescribed, turn, end, inverse)
+        else:
+            set_row(end.momentum, i, momentum)
+            if how[i] == _ROUND:
+                spin = scale(body_inverse[i, 0, 0], momentum)
+                end.rotation[i] = turn.rotation[i]
+                _turn_in_space(scale(size, spin), end.rotation, i)
+                _restore(end.rotation, i)
+                end.inertia[i] = body_inertia[i]
+                settled = np.isfinite(dot(spin, spin))
+            else:
+                settled = _tumble_in_pieces(
+                    size, i, body_inverse, momentum, turn.rotation, end.rotation
+                )
+                pi = _transposed_vector(end.rotation, i, momentum)
+                spin = matrix_vector(end.rotation, i, matrix_vector(body_inverse, i, pi))
+                _turn_inertia(end.rotation, body_inertia, i, end.inertia)
+            set_row(end.spin, i, spin)
+        if not settled:
+            return i
+    return -1
+
+
+@njit(error_model="numpy")
+def _update_inverse(how, rotation, inertia, body_inverse, prescribed, inverse):
+    for i in range(len(how)):
+        if how[i] == _TUMBLING:
+            _turn_inertia(rotation, body_inverse, i, inverse)
+        elif how[i] == _GUIDED:
+            _free_inverse(inertia, prescribed, i, inverse[i])
