@@ -2,7 +2,8 @@
 """Geometry of facets: normals, closest points, and how a node's own facets face a direction.
 
 A point of a facet is q = sum_j w_j x_j with sum_j w_j = 1. The closest one has w_j >= 0; a weight
-that is zero says that it lies on an edge or at a vertex.
+that is zero says that it lies on an edge or at a vertex. A projection that misses a facet by
+rounding counts as inside it, its weights as they are: flat sides that end together touch flatly.
 """
 
 from __future__ import annotations
@@ -10,8 +11,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-# Weights below this are zero: the closest point is on an edge or a vertex.
-_NO_WEIGHT = 1e-12
+# What a weight may be below 0 by rounding, and what counts as 0 on an edge.
+_NO_WEIGHT = 1e-9
 # By how much (a sine) the surface around a point may lean towards what it touches at a corner.
 _LEANING = 1e-6
 
@@ -70,10 +71,11 @@ def closest_weights(p, x, facet, w):
     """
     k = len(facet)
     plane_weights(p, x, facet, w)
+    size = k
     lowest = w[0]
     for j in range(1, k):
         lowest = min(lowest, w[j])
-    if lowest < _NO_WEIGHT:
+    if lowest < -_NO_WEIGHT:
         if k == 2:
             w[1] = min(max(w[1], 0.0), 1.0)
             if w[1] < _NO_WEIGHT:
@@ -83,10 +85,10 @@ def closest_weights(p, x, facet, w):
             w[0] = 1.0 - w[1]
         else:
             _closest_on_sides(p, x, facet, w)
-    size = 0
-    for j in range(k):
-        if w[j] != 0.0:
-            size += 1
+        size = 0
+        for j in range(k):
+            if w[j] != 0.0:
+                size += 1
     square = 0.0
     for d in range(k):
         q = 0.0

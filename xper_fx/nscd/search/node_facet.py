@@ -17,8 +17,8 @@ A point p touches a surface where its distance to it has a local minimum q withi
 Everywhere p - q = g n and q = sum_j w_j x_j: impulses +r on p and -w_j r on the facet's nodes have
 no sum, and no moment if r is along n. A tangential impulse r_T has the moment g x r_T.
 
-What is no contact: a facet deeper than its own `depth`; one that no facet of p's own faces (the back
-of a thin body); facets that p is welded to; of several from which p would be driven out of one
+What is no contact: a facet deeper than its own `depth`; one that none of p's own facets faces (the
+back of a thin body); facets that p is welded to; of several from which p would be driven out of one
 fragment, all but the nearest; of contacts of p with one fragment whose normals differ by less than
 18 degrees, all but the nearest.
 """
@@ -98,10 +98,11 @@ def point_facet(
     fragment,
     share,
     depth,
-    deepest,
+    extent,
     reach,
     own_start,
     own_facets,
+    own_body,
     out_point,
     out_facet,
     out_slot,
@@ -122,9 +123,13 @@ def point_facet(
             `listed[start[i]:start[i + 1]]`, ascending.
         x, facets, body, normal, exposed, weld, fragment: the surface as it is now.
         share: a node's share of each facet's area, shape (f,).
-        depth, deepest: of each facet, shape (f,), and the largest (m).
+        depth: of each facet, shape (f,), m.
+        extent: distance up to which a facet matters, shape (f,), m: no less than the reach and the
+            depths of it and its neighbours.
         reach: largest gap (m).
         own_start, own_facets: facets of each node.
+        own_body: body whose facets a node does not touch, shape (p,), -1 for none; empty if not
+            `meshed`.
         out_*: where contacts go, as many as there is room for.
 
     Returns:
@@ -156,11 +161,11 @@ def point_facet(
     for i in range(len(rows)):
         node = rows[i]
         p = points[node]
-        cut = max(reach, deepest) + radius[node]
         m = 0
         foreign = False
         for c in range(start[i], start[i + 1]):
             f = listed[c]
+            cut = extent[f] + radius[node]
             h = 0.0
             for d in range(dim):
                 h += (p[d] - x[facets[f, 0], d]) * normal[f, d]
@@ -173,6 +178,7 @@ def point_facet(
             height[m] = h
             own[m] = False
             if meshed:
+                own[m] = own_body[node] == body[f]
                 for j in range(dim):
                     own[m] |= weld[facets[f, j]] == weld[node]
             foreign |= not own[m]
@@ -326,7 +332,7 @@ def point_facet(
             found += 1
 
         # one way out of each fragment, and no contact behind a corner that has two walls
-        inside = -radius[node]
+        inside = _NO_DISTANCE * depth[near[0]] - radius[node]
         for a in range(found):
             for b in range(found):
                 if b == a or fragment[body[near[source[a]]]] != fragment[body[near[source[b]]]]:

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Contact of nodes with rigid shapes, which are convex: one point of each touches a node.
 
-Outside, the closest point q of the shape, n = (x - q)/|x - q| and g = |x - q|; where q is at a corner
-or on an edge, x must be the foremost point of its own surface, for else the corner touches a facet.
-Inside, of the faces that one of the node's own facets faces, the one nearest to it. Both sides act
-at the node itself, so that no impulse has a moment, a tangential one neither.
+Outside, the closest point q of the shape, n = (x - q)/|x - q| and g = |x - q|; where q is at a
+corner or on an edge, x must be the foremost point of its own surface, for else the corner touches a
+facet. Inside, of the faces that one of the node's own facets faces, the one nearest to it. Both
+sides act at the node itself, so that no impulse has a moment, a tangential one neither.
 """
 
 from __future__ import annotations
