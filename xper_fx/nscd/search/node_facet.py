@@ -17,10 +17,10 @@ A point p touches a surface where its distance to it has a local minimum q withi
 Everywhere p - q = g n and q = sum_j w_j x_j: impulses +r on p and -w_j r on the facet's nodes have
 no sum, and no moment if r is along n. A tangential impulse r_T has the moment g x r_T.
 
-What is no contact: a facet deeper than its own `depth`; one that none of p's own facets faces (the
-back of a thin body); facets that p is welded to; of several from which p would be driven out of one
-fragment, all but the nearest; of contacts of p with one fragment whose normals differ by less than
-18 degrees, all but the nearest.
+What is no contact: a facet deeper than its own `depth`, or behind another one that p is in front
+of; one that none of p's own facets faces (the back of a thin body); facets that p is welded to; of
+several from which p would be driven out of one fragment, all but the nearest; of contacts of p with
+one fragment whose normals differ by less than 18 degrees, all but the nearest.
 """
 
 from __future__ import annotations
@@ -61,6 +61,16 @@ def _has(facet, w, corners, weld):
         if not found:
             return False
     return True
+
+
+@njit
+def _touch(first, second, weld):
+    """Whether two facets have a weld in common."""
+    for i in range(len(first)):
+        for j in range(len(second)):
+            if weld[first[i]] == weld[second[j]]:
+                return True
+    return False
 
 
 @njit(error_model="numpy")
@@ -124,8 +134,8 @@ def point_facet(
         x, facets, body, normal, exposed, weld, fragment: the surface as it is now.
         share: a node's share of each facet's area, shape (f,).
         depth: of each facet, shape (f,), m.
-        extent: distance up to which a facet matters, shape (f,), m: no less than the reach and the
-            depths of it and its neighbours.
+        extent: distance up to which a facet matters, shape (f,), m: the hypotenuse of the reach and
+            the depths of it and its neighbours, which pockets need.
         reach: largest gap (m).
         own_start, own_facets: facets of each node.
         own_body: body whose facets a node does not touch, shape (p,), -1 for none; empty if not
@@ -172,7 +182,7 @@ def point_facet(
             if h > cut or h < -cut:
                 continue
             square[m], size[m] = closest_weights(p, x, facets[f], weights[m])
-            if square[m] > 2.0 * cut * cut:
+            if square[m] > cut * cut:
                 continue
             near[m] = f
             height[m] = h
@@ -307,6 +317,21 @@ def point_facet(
                     plane_weights(p, x, facets[f], mixed[found])
             if not lowest:
                 continue
+            if gap < 0.0 and kind != _POCKET:
+                # the back of something whose front is nearer
+                shown = False
+                for b in range(m):
+                    g = near[b]
+                    if own[b] or height[b] <= 0.0 or square[b] > square[a]:
+                        continue
+                    if fragment[body[g]] != fragment[body[f]] or _touch(facets[g], facets[f], weld):
+                        continue
+                    cosine = 0.0
+                    for d in range(dim):
+                        cosine += n[d] * normal[g, d]
+                    shown |= cosine < 0.0 and height[b] < gap * cosine
+                if shown:
+                    continue
             gap -= radius[node]
             if gap > reach or gap < -depth[f]:
                 continue

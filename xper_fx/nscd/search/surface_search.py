@@ -95,7 +95,7 @@ class SurfaceSearch:
         size = surface.size(x)
         self.depth = depth * np.minimum(size, surface.thickness)
         self._typical = float(np.median(size)) if len(surface) else 1.0
-        self._extent = np.maximum(self.reach, self._around(self.depth))
+        self._extent = np.hypot(self.reach, self._around(self.depth))
         self.update_areas(x)
 
         count = surface.num_nodes
