@@ -84,6 +84,14 @@ class FacingFacets:
         return len(self.tag)
 
 
+class CellFacets(NamedTuple):
+    """Facets by cells that have them, as in `FacingFacets`: (n, s), (n, s) and (n, s, k)."""
+
+    cells: npt.NDArray[np.int32]
+    local_facets: npt.NDArray[np.int32]
+    local_vertices: npt.NDArray[np.int32]
+
+
 @dataclass(frozen=True, eq=False)
 class Bodies:
     """A mesh cut into bodies that share no vertex; made by `explode`.
@@ -143,7 +151,7 @@ class Bodies:
             ValueError: V is on another mesh, is no continuous Lagrange space of order 1 or 2, or
                 is mixed.
         """
-        return self._matched_nodes(V, self.facets)
+        return self.nodes_on_facets(V, self.facets)
 
     def node_classes(self, V: FunctionSpace) -> tuple[npt.NDArray[np.int32], int]:
         """Return which nodes of V are one node of the periodic medium.
@@ -159,7 +167,7 @@ class Bodies:
             ValueError: as `facing_nodes`.
         """
         count = V.dofmap.index_map.size_local
-        pairs = self._matched_nodes(V, self.ties).transpose(1, 0, 2).reshape(2, -1)
+        pairs = self.nodes_on_facets(V, self.ties).transpose(1, 0, 2).reshape(2, -1)
         if self.lattice is not None:
             pairs = np.concatenate([pairs, self._translates_within_bodies(V)], axis=1)
         graph = coo_array((np.ones(pairs.shape[1]), tuple(pairs)), shape=(count, count))
@@ -187,8 +195,21 @@ class Bodies:
         first, second = body[pairs].T
         return pairs[(first == second) & several[first]].T
 
-    def _matched_nodes(self, V: FunctionSpace, facets: FacingFacets) -> npt.NDArray[np.int32]:
-        """Return the nodes of V on both sides of facets, as `facing_nodes`."""
+    def nodes_on_facets(
+        self, V: FunctionSpace, facets: FacingFacets | CellFacets
+    ) -> npt.NDArray[np.int32]:
+        """Return the nodes of V on facets that are named by s cells each, as `facing_nodes`.
+
+        Args:
+            V: as in `facing_nodes`.
+            facets: with `cells` and `local_facets`, shape (n, s), and `local_vertices`, (n, s, k).
+
+        Returns:
+            Nodes (block dofs), shape (n, s, number of nodes of a facet), int32.
+
+        Raises:
+            ValueError: as `facing_nodes`.
+        """
         degree = self._checked_degree(V)
         layout = V.dofmap.dof_layout
         cell = reference_cell(self.mesh)

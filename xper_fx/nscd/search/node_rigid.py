@@ -1,0 +1,219 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Contact of nodes with rigid shapes, which are convex: one point of each touches a node.
+
+Outside, the closest point q of the shape, n = (x - q)/|x - q| and g = |x - q|; where q is at a
+corner or on an edge, x must be the foremost point of its own surface, for else the corner touches a
+facet. Inside, of the faces that one of the node's own facets faces, the one nearest to it. Both
+sides act at the node itself, so that no impulse has a moment, a tangential one neither.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from xper_fx.nscd.rigid.shapes import DISC, HALF_PLANE, HALF_SPACE, SPHERE
+from xper_fx.nscd.search.facet_geometry import facing_area, is_tip
+
+# Least part of a node's area that faces a contact.
+_FACING = 0.05
+# Share of a shape's radius below which a distance has no direction.
+_NO_DISTANCE = 1e-9
+
+
+@njit(error_model="numpy")
+def _closest_on_face(y, vertices, first, loop, face_normal, height, q):
+    """Write the point of a face closest to y into q; whether it is inside the face.
+
+    `first` is the shape's first vertex, `height` the distance of y from the face's plane.
+    """
+    dim = len(y)
+    count = len(loop)
+    for d in range(dim):
+        q[d] = y[d] - height * face_normal[d]
+    sides = 1 if dim == 2 else count
+    inside = True
+    for j in range(sides):
+        a, b = vertices[first + loop[j]], vertices[first + loop[(j + 1) % count]]
+        if dim == 2:
+            along = square = 0.0
+            for d in range(2):
+                along += (q[d] - a[d]) * (b[d] - a[d])
+                square += (b[d] - a[d]) ** 2
+            inside = 0.0 <= along <= square
+        else:
+            turned = 0.0
+            for d in range(3):
+                e, g = (d + 1) % 3, (d + 2) % 3
+                turned += face_normal[d] * (
+                    (b[e] - a[e]) * (q[g] - a[g]) - (b[g] - a[g]) * (q[e] - a[e])
+                )
+            inside = inside and turned >= 0.0
+    if inside:
+        return True
+    best = np.inf
+    side = 0
+    part = 0.0
+    for j in range(sides):
+        a, b = vertices[first + loop[j]], vertices[first + loop[(j + 1) % count]]
+        uu = pu = rr = 0.0
+        for d in range(dim):
+            u, r = b[d] - a[d], y[d] - a[d]
+            uu += u * u
+            pu += r * u
+            rr += r * r
+        t = min(max(pu / uu, 0.0), 1.0)
+        square = rr + t * (t * uu - 2.0 * pu)
+        if square < best:
+            best = square
+            side = j
+            part = t
+    a, b = vertices[first + loop[side]], vertices[first + loop[(side + 1) % count]]
+    for d in range(dim):
+        q[d] = (1.0 - part) * a[d] + part * b[d]
+    return False
+
+
+@njit(error_model="numpy")
+def node_rigid(
+    nodes,
+    bodies,
+    x,
+    facets,
+    normal,
+    exposed,
+    share,
+    own_start,
+    own_facets,
+    position,
+    turn,
+    shapes,
+    reach,
+    out_pair,
+    out_normal,
+    out_gap,
+    out_area,
+):
+    """Find the contacts of nodes with rigid bodies.
+
+    Args:
+        nodes, bodies: pairs that may touch, shape (p,).
+        x, facets, normal, exposed, share, own_start, own_facets, reach: as in `point_facet`.
+        position: of the rigid bodies, shape (n, dim), m.
+        turn: from their axes to those of space, shape (n, dim, dim).
+        shapes: `ShapeTables`.
+        out_*: where contacts go, at least as many as pairs.
+
+    Returns:
+        How many contacts there are.
+    """
+    dim = x.shape[1]
+    y = np.empty(dim)
+    q = np.empty(dim)
+    n = np.empty(dim)
+    world = np.empty(dim)
+    count = 0
+    for i in range(len(nodes)):
+        node, body = nodes[i], bodies[i]
+        p = x[node]
+        own = own_facets[own_start[node] : own_start[node + 1]]
+        kind = shapes.kind[body]
+        tip = False
+        gap = np.inf
+        if kind == HALF_PLANE or kind == HALF_SPACE:
+            gap = 0.0
+            for d in range(dim):
+                n[d] = turn[body, d, dim - 1]
+                gap += n[d] * (p[d] - position[body, d])
+        elif kind == DISC or kind == SPHERE:
+            square = 0.0
+            for d in range(dim):
+                n[d] = p[d] - position[body, d]
+                square += n[d] * n[d]
+            distance = np.sqrt(square)
+            gap = distance - shapes.radius[body]
+            if gap > reach or distance == 0.0:
+                continue
+            for d in range(dim):
+                n[d] /= distance
+        else:
+            entry = shapes.entry[body]
+            first = shapes.vertex_offsets[entry]
+            for d in range(dim):
+                y[d] = 0.0
+                for e in range(dim):
+                    y[d] += turn[body, e, d] * (p[e] - position[body, e])
+            highest = -np.inf
+            for f in range(shapes.face_offsets[entry], shapes.face_offsets[entry + 1]):
+                height = -shapes.face_distance[f]
+                for d in range(dim):
+                    height += y[d] * shapes.face_normal[f, d]
+                highest = max(highest, height)
+            if highest > reach:
+                continue
+            flat = False
+            if highest > 0.0:
+                least = np.inf
+                for f in range(shapes.face_offsets[entry], shapes.face_offsets[entry + 1]):
+                    height = -shapes.face_distance[f]
+                    for d in range(dim):
+                        height += y[d] * shapes.face_normal[f, d]
+                    if height <= 0.0:
+                        continue
+                    loop = shapes.loops[shapes.loop_offsets[f] : shapes.loop_offsets[f + 1]]
+                    inside = _closest_on_face(
+                        y, shapes.vertices, first, loop, shapes.face_normal[f], height, q
+                    )
+                    square = 0.0
+                    for d in range(dim):
+                        square += (y[d] - q[d]) ** 2
+                    if square < least:
+                        least = square
+                        flat = inside
+                        gap = height if inside else np.sqrt(square)
+                        for d in range(dim):
+                            if inside:
+                                n[d] = shapes.face_normal[f, d]
+                            else:
+                                n[d] = (y[d] - q[d]) / gap
+                if gap > reach:
+                    continue
+                tip = not flat
+            if not flat and (highest <= 0.0 or gap <= _NO_DISTANCE * shapes.bounding_radius[body]):
+                # inside, or at a corner: of the faces that the node faces the nearest
+                tip = False
+                gap = -np.inf
+                for f in range(shapes.face_offsets[entry], shapes.face_offsets[entry + 1]):
+                    height = -shapes.face_distance[f]
+                    for d in range(dim):
+                        height += y[d] * shapes.face_normal[f, d]
+                        world[d] = 0.0
+                        for e in range(dim):
+                            world[d] += turn[body, d, e] * shapes.face_normal[f, e]
+                    if height <= gap:
+                        continue
+                    area, whole = facing_area(world, own, normal, exposed, share)
+                    if area >= _FACING * whole:
+                        gap = height
+                        for d in range(dim):
+                            n[d] = shapes.face_normal[f, d]
+                if gap == -np.inf:
+                    continue
+            for d in range(dim):
+                world[d] = 0.0
+                for e in range(dim):
+                    world[d] += turn[body, d, e] * n[e]
+            for d in range(dim):
+                n[d] = world[d]
+        if gap > reach:
+            continue
+        area, whole = facing_area(n, own, normal, exposed, share)
+        if area < _FACING * whole or (tip and not is_tip(p, n, own, x, facets, exposed)):
+            continue
+        out_pair[count] = i
+        out_gap[count] = gap
+        out_area[count] = area
+        for d in range(dim):
+            out_normal[count, d] = n[d]
+        count += 1
+    return count
