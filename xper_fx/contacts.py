@@ -1,46 +1,17 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Which groups of bodies may come into contact, and by which law: what a scene says of contacts.
+"""What a scene says of contacts: between which groups of bodies, and by which law.
 
-A group is the rigid bodies that bear its name, or a `Surface` of meshed bodies. Contacts are looked
-for between the groups that a `Contact` names, and nowhere else.
+A group is the rigid bodies that bear its name, or the meshed bodies of some cell tags. Contacts are
+looked for between the groups that a `Contact` names, and nowhere else.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from xper_fx.nscd.laws.law import Law
-
-
-@dataclass(frozen=True)
-class Surface:
-    """Outer facets of meshed bodies, as a group that contacts name.
-
-    Args:
-        cells: tags of the cells whose outer facets belong to it; or else
-        facets: tags of the facets that belong to it.
-        fragments: whether facets between two bodies join it once their bond is broken and its lips
-            are far apart, so that fragments meet again (with `cells` only).
-
-    Raises:
-        ValueError: neither cells nor facets, or both; fragments of tagged facets.
-    """
-
-    cells: Sequence[int] = ()
-    facets: Sequence[int] = ()
-    fragments: bool = False
-
-    def __post_init__(self):
-        if bool(self.cells) == bool(self.facets):
-            raise ValueError(
-                f"A surface has cell tags or facet tags, got cells = {tuple(self.cells)} and "
-                f"facets = {tuple(self.facets)}."
-            )
-        if self.fragments and not self.cells:
-            raise ValueError("Fragments are told by cells: give the cell tags, not facet tags.")
 
 
 @dataclass(frozen=True)

@@ -2,42 +2,37 @@
 """Contacts of a scene: found in the middle of each step, given to the interaction layer as points.
 
 Only what the scene's contacts name is looked for, and only the searches that it calls for exist.
+
+Facing facets have permanent points, made for lips that stay near each other. Once nothing bonds
+them and they are `_FAR` of their size apart, these points retire and the search takes over, where
+a contact between the two groups is named: broken pieces meet again wherever they go.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from xper_fx.nscd.interactions import FoundPoints
 from xper_fx.nscd.laws.law import Law
 from xper_fx.nscd.points import InteractionPoints, frame_from_normal
 from xper_fx.nscd.search.contacts import Contacts
 
 if TYPE_CHECKING:
+    from dolfinx.fem import FunctionSpace
+
     from xper_fx.bulk.bulk import Bulk
     from xper_fx.bulk.scheme import State
     from xper_fx.nscd.interactions import Interactions
     from xper_fx.nscd.rigid.motion import Prediction
+    from xper_fx.nscd.search.rigid_search import RigidSearch
     from xper_fx.scene import Scene
 
-
-# Reach of a search where the scene gives none, as a share of the smallest body's radius.
+# Reach of a search where the scene gives none, as a share of the smallest body or facet.
 _REACH = 1e-2
-
-
-class FoundPoints(NamedTuple):
-    """Contacts as interaction points on node slots.
-
-    Attributes:
-        points: with gaps in the middle of the step.
-        law_of_point: shape (num_points,), index into the laws.
-        keys: shape (num_points, 3), sorted: the search, the pair, the feature.
-    """
-
-    points: InteractionPoints
-    law_of_point: np.ndarray
-    keys: np.ndarray
+# Distance of two lips, relative to their size, at which their own points retire.
+_FAR = 0.25
 
 
 class Detection:
@@ -46,46 +41,72 @@ class Detection:
     Args:
         scene: the scene, which has contacts.
         laws: laws of the scene's other interactions; those of contacts are added.
+        V: space of the displacements, None without a mesh.
 
     Attributes:
-        nodes: nodes of the mesh at which contacts may come about.
+        nodes: nodes of V at which contacts may come about.
     """
 
-    def __init__(self, scene: Scene, laws: list[Law]):
+    def __init__(self, scene: Scene, laws: list[Law], V: FunctionSpace | None):
         self._scene = scene
-        self._law_of_pair: dict[tuple[str, str], int] = {}
-        for contact in scene.contacts:
-            if contact.law is not None:
-                if contact.law not in laws:
-                    laws.append(contact.law)
-                number = laws.index(contact.law)
-                self._law_of_pair[contact.between] = number
-                self._law_of_pair[contact.between[::-1]] = number
-        self._rigid = self._rigid_search()
-        self.nodes = np.zeros(0, np.int64)
+        self._contacts = [contact for contact in scene.contacts if contact.law is not None]
+        rigid = () if scene.rigid_bodies is None else scene.rigid_bodies.groups
+        names = [*scene.surfaces, *rigid]
+        self._law_of_pair = np.full((len(names), len(names)), -1)
+        for contact in self._contacts:
+            if contact.law not in laws:
+                laws.append(contact.law)
+            a, b = (names.index(name) for name in contact.between)
+            self._law_of_pair[a, b] = self._law_of_pair[b, a] = laws.index(contact.law)
+        self._rigid = self._rigid_search(set(rigid))
+        self._surfaces, self.nodes = None, np.zeros(0, np.int64)
+        if any(set(contact.between) & set(scene.surfaces) for contact in self._contacts):
+            self._surface_search(V)
 
-    def _rigid_search(self):
-        """The search between rigid bodies, None if no contact is."""
-        bodies = self._scene.rigid_bodies
-        names = () if bodies is None else bodies.groups
-        wanted = [c for c in self._scene.contacts if c.law is not None and {*c.between} <= {*names}]
-        if not wanted:
+    def _reach(self, contacts, smallest: float) -> float:
+        return max((c.reach for c in contacts if c.reach is not None), default=_REACH * smallest)
+
+    def _rigid_search(self, names: set[str]) -> RigidSearch | None:
+        contacts = [c for c in self._contacts if set(c.between) <= names]
+        if not contacts:
             return None
         from xper_fx.nscd.search.rigid_search import RigidSearch
 
-        reaches = [c.reach for c in wanted if c.reach is not None]
-        self._rigid_laws = np.full((len(names), len(names)), -1)
-        for (a, b), law in self._law_of_pair.items():
-            if {a, b} <= {*names}:
-                self._rigid_laws[names.index(a), names.index(b)] = law
-        smallest = float(bodies.shapes.bounding_radius.min())
-        return RigidSearch(
-            bodies, [c.between for c in wanted], max(reaches, default=_REACH * smallest)
+        bodies = self._scene.rigid_bodies
+        reach = self._reach(contacts, float(bodies.shapes.bounding_radius.min()))
+        return RigidSearch(bodies, [c.between for c in contacts], reach)
+
+    def _surface_search(self, V: FunctionSpace) -> None:
+        from xper_fx.nscd.search.surface_search import SurfaceSearch
+        from xper_fx.surfaces import extract_surface
+
+        scene = self._scene
+        surface = extract_surface(scene.bodies, V, scene.surfaces)
+        self._x = V.tabulate_dof_coordinates()[:, : scene.dim].copy()
+        contacts = [c for c in self._contacts if set(c.between) & set(scene.surfaces)]
+        _, law_of_facet = scene.law_of_facet()
+        self._surfaces = SurfaceSearch(
+            surface,
+            self._x,
+            self._reach(contacts, float(surface.size(self._x).min())),
+            pairs=[c.between for c in contacts],
+            released=law_of_facet < 0,
+            rigid=scene.rigid_bodies,
         )
+        self.nodes = np.unique(surface.facets)
+        self._group_of_node = np.full(surface.num_nodes, -1)
+        self._group_of_node[surface.facets] = surface.group[:, None]
+        # facing facets with points, and those among them that the search may take over
+        self._lips = np.flatnonzero(law_of_facet >= 0)
+        group = self._group_of_node[surface.bond_nodes[self._lips, :, 0]]
+        taken = np.all(group >= 0, axis=1) & (self._law_of_pair[group[:, 0], group[:, 1]] >= 0)
+        self._waiting, self._broken = np.flatnonzero(taken), np.zeros(len(taken), bool)
+        self._far = _FAR * scene.bodies.facets.measure[self._lips] ** (1.0 / (scene.dim - 1))
 
     def renew(
         self,
         interactions: Interactions,
+        nodes: np.ndarray,
         bulk: Bulk,
         state: State,
         rigid: Prediction | None,
@@ -96,47 +117,78 @@ class Detection:
 
         Args:
             interactions: the layer.
+            nodes: interacting nodes, among the unknowns, in the order of the layer's slots.
             bulk: the meshed bodies.
             state: of the meshed bodies, at the start of the step.
             rigid: prediction of the rigid bodies, None without any.
             step: h (s).
             theta: weight of the end of the step.
         """
-        found = self._find(rigid, np.zeros(0, int), interactions.bulk_inverse.num_nodes)
-        interactions.find_contacts(
-            found.points, found.law_of_point, found.keys, np.zeros((0, bulk.dim)), step, theta
-        )
+        slot = np.zeros(bulk.num_dofs // bulk.dim, np.int64)
+        slot[nodes] = np.arange(len(nodes))
+        place = (None, None) if rigid is None else (rigid.position, rigid.rotation)
+        found = []
+        if self._rigid is not None:
+            found.append((self._rigid.find(*place), slot))
+        if self._surfaces is not None:
+            middle = state.displacement + step * (1.0 - theta) * state.velocity
+            moved = self._x + bulk.unknowns.expand(middle).reshape(self._x.shape)
+            contacts = self._surfaces.find(moved, *place)
+            with_rigid = np.any(contacts.body >= 0, axis=1)
+            slot = slot[bulk.unknowns.node_of]
+            found += [(contacts.take(np.flatnonzero(w)), slot) for w in (~with_rigid, with_rigid)]
+        points = [
+            self._on_slots(contacts, place[0], slot_of_node, len(nodes))
+            for contacts, slot_of_node in found
+            if len(contacts)
+        ]
+        velocity = state.velocity.reshape(-1, bulk.dim)[nodes]
+        interactions.find_contacts(points, velocity, step, theta)
 
-    def _find(
-        self, rigid: Prediction | None, slot_of_node: np.ndarray, first_rigid: int
-    ) -> FoundPoints:
-        """The contacts in the middle of a step.
+    def _on_slots(self, contacts: Contacts, position, slot_of_node, first_rigid) -> FoundPoints:
+        """Contacts as interaction points, with their laws."""
+        rigid = contacts.body >= 0
+        nodes, weights = contacts.nodes.copy(), contacts.weights.copy()
+        group = np.empty(rigid.shape, np.int64)
+        if not np.all(rigid):
+            main = np.take_along_axis(nodes, weights.argmax(axis=2)[..., None], axis=2)[..., 0]
+            group[~rigid] = self._group_of_node[main[~rigid]]
+            nodes[~rigid] = slot_of_node[nodes[~rigid]]
+        arms = None
+        if np.any(rigid):
+            bodies = self._scene.rigid_bodies
+            group[rigid] = len(self._scene.surfaces) + bodies.group_of[contacts.body[rigid]]
+            nodes[rigid] = first_rigid + 2 * contacts.body[rigid][:, None]
+            weights[rigid, 0] = 1.0
+            arms = contacts.point[:, None] - position[contacts.body]
+            arms[~rigid] = 0.0
+        points = InteractionPoints(
+            nodes.astype(np.int32), weights, frame_from_normal(contacts.normal), contacts.area,
+            contacts.gap, arms,
+        )  # fmt: skip
+        return FoundPoints(points, self._law_of_pair[group[:, 0], group[:, 1]], contacts.key)
+
+    def release(self, interactions: Interactions) -> None:
+        """After a step, let the search take over the lips that have parted.
 
         Args:
-            rigid: where the rigid bodies are, None without any.
-            slot_of_node: shape (num_nodes,), slot of each node of the mesh.
-            first_rigid: first slot of the rigid bodies.
+            interactions: the layer, whose permanent points come facet after facet.
         """
-        contacts = self._rigid.find(rigid.position, rigid.rotation)
-        group = self._scene.rigid_bodies.group_of[contacts.body]
-        law = self._rigid_laws[group[:, 0], group[:, 1]]
-        points = _on_slots(contacts, rigid.position, slot_of_node, first_rigid)
-        return FoundPoints(points, law, np.pad(contacts.key, ((0, 0), (1, 0))))
-
-
-def _on_slots(contacts: Contacts, position, slot_of_node, first_rigid: int) -> InteractionPoints:
-    """Contacts as interaction points."""
-    rigid = contacts.body >= 0
-    nodes, weights = contacts.nodes.copy(), contacts.weights.copy()
-    meshed = np.broadcast_to(~rigid[:, :, None], nodes.shape)
-    nodes[meshed] = slot_of_node[nodes[meshed]]
-    nodes[rigid] = first_rigid + 2 * contacts.body[rigid][:, None]
-    weights[rigid, 0] = 1.0
-    arms = None
-    if np.any(rigid):
-        arms = contacts.point[:, None] - position[contacts.body]
-        arms[~rigid] = 0.0
-    return InteractionPoints(
-        nodes.astype(np.int32), weights, frame_from_normal(contacts.normal), contacts.area,
-        contacts.gap, arms,
-    )  # fmt: skip
+        if self._surfaces is None or not len(self._waiting):
+            return
+        each = len(interactions) // len(self._lips)
+        count = each * len(self._lips)
+        loose = interactions.unbonded()[:count].reshape(-1, each).all(axis=1)[self._waiting]
+        lips = self._waiting[loose]
+        if not len(lips):
+            return
+        new = lips[~self._broken[lips]]
+        if len(new):
+            self._surfaces.expose(self._lips[new])
+            self._broken[new] = True
+        jump = np.linalg.norm(interactions.gather("jump")[:count], axis=1).reshape(-1, each)
+        parted = lips[jump[lips].max(axis=1) > self._far[lips]]
+        if len(parted):
+            self._surfaces.release(self._lips[parted])
+            interactions.retire((parted[:, None] * each + np.arange(each)).ravel())
+            self._waiting = np.setdiff1d(self._waiting, parted)

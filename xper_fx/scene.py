@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from xper_fx.bodies import Bodies
-from xper_fx.contacts import Contact, Surface
+from xper_fx.contacts import Contact
 from xper_fx.forms.loads import (
     BodyForce,
     Gravity,
@@ -77,7 +77,8 @@ class Scene:
         macroscopic: what drives a periodic cell (bodies made with a `lattice`); such a scene has
             no loads, walls or damping, and `initial_velocity` is that of the fluctuation.
         rigid: rigid bodies; of the loads gravity acts on them.
-        surfaces: surfaces of meshed bodies by name, for `contacts`.
+        surfaces: cell tags of the meshed bodies that make up a group, by the group's name; their
+            outer facets, and those that fracture frees, are what `contacts` of the group touch.
         contacts: between which groups (rigid bodies by their `group`, surfaces by their name)
             contacts are looked for in each step, and their laws.
         resolve_overlaps: whether rigid bodies that overlap at the start are moved apart; they are
@@ -105,7 +106,7 @@ class Scene:
     points: str = "nodal"
     macroscopic: MacroscopicDrive | None = None
     rigid: Sequence[RigidBody] = ()
-    surfaces: Mapping[str, Surface] = field(default_factory=dict)
+    surfaces: Mapping[str, Sequence[int]] = field(default_factory=dict)
     contacts: Sequence[Contact] = ()
     resolve_overlaps: bool = False
     rigid_bodies: RigidBodies | None = field(default=None, init=False)
@@ -174,21 +175,15 @@ class Scene:
 
     def _check_contacts(self) -> None:
         rigid = () if self.rigid_bodies is None else self.rigid_bodies.groups
-        for name, surface in self.surfaces.items():
-            if not isinstance(surface, Surface):
-                raise TypeError(f"The surface {name!r} is {surface!r}; expected a Surface.")
+        for name, tags in self.surfaces.items():
             if name in rigid:
                 raise ValueError(f"{name!r} names a surface and a group of rigid bodies.")
-            for kind, given, present in (
-                ("cell", surface.cells, self.materials),
-                ("facet", surface.facets, self.bodies.facet_tags.values),
-            ):
-                unknown = set(given) - set(np.unique(list(present)).tolist())
-                if unknown:
-                    raise ValueError(
-                        f"The surface {name!r} names {kind} tags {sorted(unknown)}, which occur "
-                        "nowhere."
-                    )
+            unknown = set(tags) - set(self.materials)
+            if unknown or not tags:
+                raise ValueError(
+                    f"The surface {name!r} needs cell tags that occur, got {list(tags)}; those "
+                    f"that do: {sorted(self.materials)}."
+                )
         groups, named = {*rigid, *self.surfaces}, set()
         for contact in self.contacts:
             if not isinstance(contact, Contact):
@@ -232,7 +227,7 @@ class Scene:
                 "A macroscopic drive needs a periodic cell: give the `lattice` to `explode`."
             )
         self.macroscopic.check(self.dim)
-        for name in ("loads", "walls", "damping"):
+        for name in ("loads", "walls", "damping", "rigid", "contacts"):
             if getattr(self, name):
                 raise ValueError(
                     f"A periodic cell is driven by `macroscopic` alone; {name} should be left out, "

@@ -311,7 +311,7 @@ class Simulation:
             return None
         from xper_fx.detection import Detection
 
-        return Detection(self.scene, laws)
+        return Detection(self.scene, laws, getattr(self.forms, "V", None))
 
     def _initial_state(self) -> State:
         if self.scene.bodies is None:
@@ -415,6 +415,7 @@ class Simulation:
                 return None
             points = no_points(self.bulk.dim)
         inverse = self.scheme.inverse(self.step_size, self.state.displacement)
+        self._slot_nodes = inverse.nodes
         slot = np.full(self.bulk.num_dofs // self.bulk.dim + 1, inverse.blocks.num_nodes)
         slot[inverse.nodes] = np.arange(len(inverse.nodes))
         points = InteractionPoints(
@@ -532,8 +533,9 @@ class Simulation:
         if self._detection is not None:
             with self.stopwatch.phase("contact search"):
                 self._detection.renew(
-                    self.interactions, self.bulk, self.state, prediction, size, self.theta
-                )
+                    self.interactions, self._slot_nodes, self.bulk, self.state, prediction, size,
+                    self.theta,
+                )  # fmt: skip
         outcome = self.scheme.attempt(
             self.state, size, self.interactions, self._solve, self.tolerance
         )
@@ -567,8 +569,11 @@ class Simulation:
 
     def _commit(self, outcome: StepOutcome, size: float, energies: BulkEnergies) -> StepRecord:
         with self.stopwatch.phase("energy"):
-            work = self.interactions.commit(outcome.slots) if self.interactions else None
+            work = None if self.interactions is None else self.interactions.commit(outcome.slots)
             self.ledger.record(self.state, outcome, size, energies, work, self._rigid_work)
+        if self._detection is not None:
+            with self.stopwatch.phase("contact search"):
+                self._detection.release(self.interactions)
         if self._control is not None:
             self._control.learn(size, energies, work, self.ledger.closure)
             self.tolerance = self._control.tolerance

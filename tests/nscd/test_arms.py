@@ -3,6 +3,7 @@
 
 import numpy as np
 import pytest
+
 from xper_fx.nscd import newton, nlgs
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.inverse import BodyInverse

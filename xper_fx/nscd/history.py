@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numba import njit
 
+from xper_fx.nscd.exchange import Sides
 from xper_fx.nscd.laws.law import LawKernels
 
 if TYPE_CHECKING:
@@ -31,16 +32,16 @@ class ContactHistory:
     """The contacts of a step that was committed.
 
     Args:
-        groups: the contacts by law.
-        keys: shape (num_contacts, 3), sorted.
+        groups: the contacts by law and sides, with the sorted keys, shape (num_contacts, 2), of the
+            set that each is part of.
     """
 
-    def __init__(self, groups: list[PointGroup], keys: np.ndarray):
-        self._records: dict[LawKernels, _Record] = {}
-        for g in groups:
+    def __init__(self, groups: list[tuple[PointGroup, np.ndarray]]):
+        self._records: dict[tuple[LawKernels, Sides], _Record] = {}
+        for g, keys in groups:
             order = np.argsort(g.indices)
             frame = g.points.frame[order]
-            self._records[g.kernels] = _Record(
+            self._records[g.kernels, g.sides] = _Record(
                 keys[g.indices[order]],
                 np.einsum("pij,pi->pj", frame, g.committed_impulse[order]),
                 np.einsum("pij,pi->pj", frame[:, 1:], g.jump[order, 1:]),
@@ -52,9 +53,9 @@ class ContactHistory:
 
         Args:
             group: contacts just found, with the start of a new contact.
-            keys: shape (num_contacts, 3), those of all contacts found, sorted.
+            keys: shape (num_contacts, 2), sorted, those of the set that the group is part of.
         """
-        record = self._records.get(group.kernels)
+        record = self._records.get((group.kernels, group.sides))
         if record is None:
             return
         order = np.argsort(group.indices)

@@ -8,7 +8,7 @@ Until `commit` nothing of the past is lost: a step may begin again with another 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import NamedTuple
 
@@ -53,6 +53,20 @@ class StepWork(NamedTuple):
     friction: float
     impact: float
     numerical: float
+
+
+class FoundPoints(NamedTuple):
+    """Contacts that a search has found.
+
+    Attributes:
+        points: on the node slots, `gap` in the middle of the step, at x0 + h (1 - theta) v0.
+        law_of_point: shape (num_points,), index into the laws.
+        keys: shape (num_points, 2), what contacts are known by from step to step, sorted.
+    """
+
+    points: InteractionPoints
+    law_of_point: np.ndarray
+    keys: np.ndarray
 
 
 @dataclass
@@ -306,6 +320,7 @@ class Interactions:
         self._block_of_node = inverse.block_of_node()
         self._permanent = self._grouped(points, law_of_point, nodal)
         self.groups = self._permanent
+        self._found: list[tuple[PointGroup, np.ndarray]] = []
         self._history: ContactHistory | None = None
         self.renewals = 0
         widest = max((g.kernels.components for g in self.groups), default=1)
@@ -324,11 +339,9 @@ class Interactions:
         ]
 
     def _group(self, kernels, points, law_of_point, indices, nodal) -> PointGroup:
-        blocks = self._block_of_node[points.nodes[indices][:, :, 0]]
-        num_blocks = len(self.inverse.node_offsets) - 1
+        num_blocks = len(self._still)
+        blocks = self._blocks_of(points.nodes[indices])
         if self._vertex is None:
-            # what cannot be moved keeps nothing apart, as the ground
-            blocks = np.where(self._still[blocks], num_blocks - 1, blocks)
             ordering = order_points(blocks, num_blocks)
         else:
             ordering = order_by_vertex(
@@ -432,37 +445,81 @@ class Interactions:
         return slots.reshape(-1, self.dim)[first : self.inverse.num_nodes]
 
     def find_contacts(
-        self, points: InteractionPoints, law_of_point: np.ndarray, keys: np.ndarray,
-        bulk_velocity: np.ndarray, step: float, theta: float,
-    ) -> None:  # fmt: skip
-        """Put the contacts that a search has found in the place of those of the last step.
+        self, found: list[FoundPoints], bulk_velocity: np.ndarray, step: float, theta: float
+    ) -> None:
+        """Put the contacts that searches have found in the place of those of the last step.
 
         Contacts with the key of one that was there go on with its impulse, history and slip.
 
         Args:
-            points: on the node slots, `gap` in the middle of the step, at x0 + h (1 - theta) v0.
-            law_of_point: shape (num_points,), index into `laws`.
-            keys: shape (num_points, 3), what contacts are known by, sorted.
+            found: sets of contacts, of which each law has one for each way its sides are given.
             bulk_velocity: shape (num_nodes, dim), of the interacting nodes of meshed bodies at the
                 start of the step (m/s).
             step: h (s).
             theta: weight of the end of the step.
         """
         start = self._slots(bulk_velocity, self._rigid_start)
-        found = self._grouped(points, law_of_point, start)
-        for group in found:
-            group.jump[:, 0] -= step * (1.0 - theta) * group.velocity[:, 0]
-            if self._history is not None:
-                self._history.hand_on(group, keys)
-        self._keys = keys
-        self.groups = self._permanent + found
+        self._found = []
+        for points, law_of_point, keys in found:
+            for group in self._grouped(points, law_of_point, start):
+                group.jump[:, 0] -= step * (1.0 - theta) * group.velocity[:, 0]
+                if self._history is not None:
+                    self._history.hand_on(group, keys)
+                self._found.append((group, keys))
+        self.groups = self._permanent + self.contacts
         self.renewals += 1
-        self._take_inverse(found)
+        self._take_inverse(self.contacts)
 
     @property
     def contacts(self) -> list[PointGroup]:
         """The groups of contacts that were found."""
-        return self.groups[len(self._permanent) :]
+        return [group for group, _ in self._found]
+
+    def unbonded(self) -> np.ndarray:
+        """Which permanent points nothing holds together, shape (num_points,).
+
+        That is where damage is complete, or whose law has no damage and no stored energy.
+        """
+        loose = np.ones(len(self), bool)
+        for g in self._permanent:
+            if "damage" in g.kernels.state_names:
+                loose[g.indices] = g.state[:, g.kernels.state_names.index("damage")] == 0.0
+            else:
+                loose[g.indices] = "impact" in g.kernels.energies
+        return loose
+
+    def retire(self, indices: np.ndarray) -> None:
+        """Take permanent points out, for good; what `gather` gives of them is zero.
+
+        Args:
+            indices: their numbers in the scene's order.
+        """
+        for number, group in enumerate(self._permanent):
+            kept = np.flatnonzero(~np.isin(group.indices, indices))
+            if len(kept) < len(group):
+                self._permanent[number] = self._subset(group, kept)
+        self.groups = self._permanent + self.contacts
+        self.renewals += 1
+
+    def _subset(self, group: PointGroup, kept: np.ndarray) -> PointGroup:
+        blocks = self._blocks_of(group.points.nodes[kept])
+        ordering = order_points(blocks, len(self._still))
+        kept = kept[ordering.order]
+        points = group.points.take(kept)
+        arrays = {
+            name: np.ascontiguousarray(array[kept])
+            for name, array in vars(group).items()
+            if isinstance(array, np.ndarray)
+        }
+        return replace(
+            group, points=points, ordering=ordering, couplings=couple(points, self.inverse),
+            tile_bodies=bodies_of_tiles(ordering, blocks, len(self._still)), **arrays,
+        )  # fmt: skip
+
+    def _blocks_of(self, nodes: np.ndarray) -> np.ndarray:
+        """Blocks of both sides of points; what cannot be moved counts as the ground."""
+        blocks = self._block_of_node[nodes[:, :, 0]]
+        return np.where(self._still[blocks], len(self._still) - 1, blocks)
 
     def rounding(self, velocity: np.ndarray) -> float:
         """|r| of impulses that move the bodies by the rounding of their velocities (N s).
@@ -544,7 +601,7 @@ class Interactions:
                 totals[name] += total
         self.committed_step = self.step_size
         if self.renewals:
-            self._history = ContactHistory(self.contacts, self._keys)
+            self._history = ContactHistory(self._found)
         return StepWork(**totals)
 
     def gather(self, name: str) -> np.ndarray:
