@@ -64,6 +64,11 @@ def test_tables_of_polyhedra_describe_each_in_its_own_numbers():
             on = t.loops[t.loop_offsets[f] : t.loop_offsets[f + 1]]
             assert np.allclose(height[on], 0.0, atol=1e-14)
             assert np.all(np.delete(height, on) < -0.1)
+            for a, b in zip(on, np.roll(on, -1), strict=True):
+                first = t.edge_offsets[entry]
+                edges = t.edges[first : t.edge_offsets[entry + 1]].tolist()
+                side = first + edges.index(sorted([a, b]))
+                assert t.edge_faces[side, 0 if a < b else 1] == f - t.face_offsets[entry]
 
 
 def test_walls_turn_their_normal_outward():

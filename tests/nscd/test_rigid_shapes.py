@@ -132,7 +132,8 @@ def test_bounding_radius_is_about_the_centroid():
         ([[0, 0], [2, 0], [2, 2], [1, 0.5], [0, 2]], "not convex at vertex 3"),
         ([[0, 0], [1, 0], [1, 0], [0, 1]], "Vertices 1 and 2 .* coincide"),
         ([[0, 0], [1, 0], [0, 1], [0, 0]], "Vertices 3 and 0 .* coincide"),
-        ([[0, 0], [1, 0], [2, 0]], "not convex at vertex"),
+        ([[0, 0], [1, 0], [2, 0]], "turns back on itself at vertex 0"),
+        ([[0, 2], [1, 0.5], [2, 2], [2, 0], [0, 0]], "clockwise"),
         (np.column_stack([f(4 * np.pi * np.arange(5) / 5) for f in (np.cos, np.sin)]), "once"),
     ],
 )

@@ -10,7 +10,7 @@ One step of size h from t0 to t1 with theta in [1/2, 1] (Moreau 1988; Jean 1999)
 All of the kick happens at x_m: the inertia M, the spins v0 and v1, the arms of the impulses p of
 the contacts. g is the impulse of what prescribes velocities, v1_c = given(t1). Two impulses that
 are opposite at one point of space then change neither the sum of m v nor that of x x m v + L, for
-any theta, since x1 x m v1 - x0 x m v0 = x_m x m (v1 - v0).
+any theta, since x1 x m v1 - x0 x m v0 = x_m x m (v1 - v0), x between vectors the cross product.
 
 The kinetic energy changes in the kick only (see `turning` for the drift), by
 
@@ -259,17 +259,15 @@ class RigidMotion:
         dim = self.bodies.dim
         velocity = rows[:, :dim].copy()
         spin = rows[:, dim : self._dofs].copy()
-        kicked = middle.turn._replace(spin=spin, momentum=_apply(middle.turn.inertia, spin))
-        self._kicked = rows.copy()
-        self._change = self._slots(
-            self.bodies.mass[:, None] * (velocity - middle.velocity),
-            kicked.momentum - middle.turn.momentum,
-        )
+        # The change of momentum, not J times the spin: without torques it is exactly zero.
+        torque = _apply(middle.turn.inertia, spin - middle.turn.spin)
+        kicked = middle.turn._replace(spin=spin, momentum=middle.turn.momentum + torque)
+        self._kicked, self._kicked_turn = rows.copy(), kicked
+        self._change = self._slots(self.bodies.mass[:, None] * (velocity - middle.velocity), torque)
         second = step * theta
         self._end = RigidState(
             middle.position + second * velocity, velocity, self._turning.drift(second, kicked)
         )
-        self._kicked_turn = kicked
         return self._end
 
     def commit(self) -> None:
@@ -354,8 +352,15 @@ class RigidMotion:
         return self._end
 
 
-def _apply(matrices: np.ndarray, vectors: np.ndarray) -> np.ndarray:
-    return np.matmul(matrices, vectors[:, :, None])[:, :, 0]
+@njit
+def _apply(matrices, vectors):
+    """The product of each matrix with its vector."""
+    product = np.zeros_like(vectors)
+    for i in range(len(vectors)):
+        for k in range(vectors.shape[1]):
+            for j in range(vectors.shape[1]):
+                product[i, k] += matrices[i, k, j] * vectors[i, j]
+    return product
 
 
 def _turning_energy(turn: Turn, which: np.ndarray | slice) -> float:

@@ -74,12 +74,17 @@ class Polygon:
         out = out / length[:, None]
         into = np.roll(out, 1, axis=0)
         turn = np.arctan2(cross(into, out), np.sum(into * out, axis=1))
-        if turn.sum() < -np.pi and turn.max() <= _STRAIGHT:
+        back = np.nonzero(np.abs(turn) > np.pi - _STRAIGHT)[0]
+        if len(back):
+            raise ValueError(
+                f"A polygon turns back on itself at vertex {int(back[0])}, {x[back[0]]}."
+            )
+        if turn.sum() < -np.pi:
             raise ValueError(
                 "The vertices of a polygon go clockwise: give them counter-clockwise, "
                 "vertices[::-1]."
             )
-        wrong = np.nonzero((turn < -_STRAIGHT) | (turn > np.pi - _STRAIGHT))[0]
+        wrong = np.nonzero(turn < -_STRAIGHT)[0]
         if len(wrong):
             bad = int(wrong[0])
             raise ValueError(

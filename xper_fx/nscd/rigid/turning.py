@@ -7,13 +7,13 @@ Pi = R^T L that in the body, a free body obeys Euler's equations dPi/dt = Pi x J
 dR/dt = R [omega]_x with omega = J^-1 Pi. The implicit midpoint rule over tau,
 
     Pi1 - Pi0 = tau Pi_m x omega_m,   omega_m = J^-1 Pi_m,   Pi_m = (Pi0 + Pi1) / 2,
-    R1 = R0 cay(tau omega_m),         cay(2 a) x = x + 2 / (1 + |a|^2) (a x x + a x (a x x)),
+    R1 = R0 cay(tau omega_m),         cay(2 a) y = y + 2 / (1 + |a|^2) (a x y + a x (a x y)),
 
 is of second order and symmetric in time (Lewis, Simo 1994; Hairer, Lubich, Wanner 2006, VII.5).
 Its first line says Pi1 = cay(-tau omega_m) Pi0, so that L is conserved exactly: it is the state
 that is kept. Its product with omega_m says that the energy is, too. Newton's method finds Pi_m; a
-body that turns by more than a radian in a drift takes several drifts of equal size, and one whose
-Newton does not settle twice as many. A body with one moment of inertia turns about L by the exact
+body that turns by more than a radian in a drift takes several drifts of equal size, since beyond
+two radians Newton's method may fail. A body with one moment of inertia turns about L by the exact
 rotation.
 
 A body with a prescribed spin component is *guided*. Let c be its prescribed components of the spin
@@ -39,9 +39,9 @@ from xper_fx.nscd.space import add, dot, matrix_vector, row, scale, set_row, sub
 # How a body turns in 3D.
 _ROUND, _TUMBLING, _GUIDED = range(3)
 # Principal moments that differ by less, relative to their mean, are equal.
-_EQUAL_MOMENTS = 1e-14
+_EQUAL_MOMENTS = 1e-12
 # Newton stops at a correction below this, relative to the momentum: the next would be its square.
-_NEWTON_STOP, _NEWTON_STEPS, _MOST_PIECES = 1e-10, 12, 1 << 20
+_NEWTON_STOP, _NEWTON_STEPS, _MOST_PIECES = 1e-10, 12, 4096
 _GUIDED_STOP, _GUIDED_STEPS = 1e-15, 100
 
 
@@ -77,7 +77,10 @@ class PlaneTurning:
 
     def drift(self, size: float, turn: Turn) -> Turn:
         """Bodies after a time `size` (s) without torques."""
-        return turn._replace(rotation=turn.rotation + size * turn.spin[:, 0])
+        return turn._replace(
+            rotation=turn.rotation + size * turn.spin[:, 0],
+            momentum=self.inertia[:, 0] * turn.spin,
+        )
 
     def update_inverse(self, turn: Turn, inverse: np.ndarray) -> None:
         """Write w of the spins into `inverse`, shape (n, 1, 1); it never changes in 2D."""
@@ -87,7 +90,7 @@ class SpaceTurning:
     """Rotation of bodies in 3D."""
 
     def __init__(self, bodies: RigidBodies):
-        self.body_inertia = np.ascontiguousarray(bodies.inertia)
+        self.body_inertia = bodies.inertia.copy()
         prescribed = np.ascontiguousarray(bodies.is_prescribed[:, 3:])
         massive = bodies.mass > 0.0
         self.body_inverse = np.zeros_like(self.body_inertia)
@@ -103,10 +106,8 @@ class SpaceTurning:
         self.prescribed = prescribed
         self.guided = np.nonzero(self.how == _GUIDED)[0]
         self.inverse = self.body_inverse.copy()
-        inertia = np.empty_like(self.body_inertia)
         rotation = np.ascontiguousarray(bodies.rotation)
-        for i in range(len(bodies)):
-            inertia[i] = rotation[i] @ self.body_inertia[i] @ rotation[i].T
+        inertia = rotation @ self.body_inertia @ np.swapaxes(rotation, 1, 2)
         inertia[round_ones] = self.body_inertia[round_ones]
         momentum = np.einsum("nij,nj->ni", inertia, bodies.spin)
         self.initial = Turn(rotation.copy(), momentum, bodies.spin.copy(), inertia)
@@ -152,6 +153,14 @@ def _row(a, i, k):
 
 
 @njit(inline="always")
+def _copy(a, i, out):
+    """out[i] = a[i], without making views of them."""
+    for k in range(3):
+        for j in range(3):
+            out[i, k, j] = a[i, k, j]
+
+
+@njit(inline="always")
 def _transposed_vector(a, i, x):
     """a[i]^T x."""
     return dot(_column(a, i, 0), x), dot(_column(a, i, 1), x), dot(_column(a, i, 2), x)
@@ -159,7 +168,7 @@ def _transposed_vector(a, i, x):
 
 @njit(inline="always")
 def _turned(x, a, once, twice):
-    """x + once a x x + twice a x (a x x)."""
+    """x + once (a cross x) + twice (a cross (a cross x))."""
     y = _cross(a, x)
     return add(x, add(scale(once, y), scale(twice, _cross(a, y))))
 
@@ -181,10 +190,10 @@ def _restore(a, i):
 def _turn_in_space(angle, a, i):
     """a[i] becomes exp([angle]_x) a[i], for a rotation vector `angle` (rad)."""
     size = np.sqrt(dot(angle, angle))
-    once = np.sin(size) / size if size > 0.0 else 1.0
     half = np.sin(0.5 * size) / (0.5 * size) if size > 0.0 else 1.0
+    once, twice = half * np.cos(0.5 * size), 0.5 * half * half
     for j in range(3):
-        x = _turned(_column(a, i, j), angle, once, 0.5 * half * half)
+        x = _turned(_column(a, i, j), angle, once, twice)
         a[i, 0, j], a[i, 1, j], a[i, 2, j] = x
 
 
@@ -241,16 +250,12 @@ def _tumble_in_pieces(size, i, inverse, momentum, start, rotation):
     if not angle < _MOST_PIECES:
         return False
     pieces = 1 + int(angle)
-    while pieces <= _MOST_PIECES:
-        rotation[i] = start[i]
-        settled = True
-        for _ in range(pieces):
-            settled = settled and _tumble(size / pieces, i, inverse, momentum, rotation)
-            _restore(rotation, i)
-        if settled:
-            return True
-        pieces *= 2
-    return False
+    _copy(start, i, rotation)
+    settled = True
+    for _ in range(pieces):
+        settled = settled and _tumble(size / pieces, i, inverse, momentum, rotation)
+        _restore(rotation, i)
+    return settled
 
 
 @njit(error_model="numpy")
@@ -280,7 +285,7 @@ def _guide(size, i, body_inertia, prescribed, turn, end, inverse):
     spin = spin0
     best = np.inf
     for _ in range(_GUIDED_STEPS):
-        end.rotation[i] = turn.rotation[i]
+        _copy(turn.rotation, i, end.rotation)
         _turn_in_space(scale(0.5 * size, add(spin0, spin)), end.rotation, i)
         _turn_inertia(end.rotation, body_inertia, i, end.inertia)
         _free_inverse(end.inertia, prescribed, i, inverse[0])
@@ -310,10 +315,10 @@ def _drift(size, how, body_inertia, body_inverse, prescribed, turn, end):
             set_row(end.momentum, i, momentum)
             if how[i] == _ROUND:
                 spin = scale(body_inverse[i, 0, 0], momentum)
-                end.rotation[i] = turn.rotation[i]
+                _copy(turn.rotation, i, end.rotation)
                 _turn_in_space(scale(size, spin), end.rotation, i)
                 _restore(end.rotation, i)
-                end.inertia[i] = body_inertia[i]
+                _copy(body_inertia, i, end.inertia)
                 settled = np.isfinite(dot(spin, spin))
             else:
                 settled = _tumble_in_pieces(

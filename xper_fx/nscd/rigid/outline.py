@@ -1,0 +1,159 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Triangles of all rigid bodies, for files and figures.
+
+In 2D triangles fill the bodies, counter-clockwise; in 3D they cover their surfaces,
+counter-clockwise seen from outside. Round shapes have their points on the circle or sphere, so
+that what is drawn lies inside. Walls, which have no end, are drawn as slabs below their surface.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from xper_fx.nscd.rigid.bodies import RigidBodies, ShapeTables
+from xper_fx.nscd.rigid.polyhedron import Polyhedron
+from xper_fx.nscd.rigid.shapes import DISC, HALF_PLANE, HALF_SPACE, SPHERE, check_positive
+
+# Thickness of a slab over its half width.
+_SLAB = 0.05
+
+
+class Outline(NamedTuple):
+    """Triangles of all bodies; points and cells are sorted by body.
+
+    Attributes:
+        points: in the axes of their body, about its centre of mass, shape (p, dim), m.
+        cells: points of the triangles, shape (t, 3), int32.
+        body_of_point: shape (p,), int32.
+        body_of_cell: shape (t,), int32.
+    """
+
+    points: np.ndarray
+    cells: np.ndarray
+    body_of_point: np.ndarray
+    body_of_cell: np.ndarray
+
+    def positions(self, position: np.ndarray, rotation: np.ndarray) -> np.ndarray:
+        """The points in space, shape (p, dim), m.
+
+        Args:
+            position: of the bodies' centres of mass, shape (n, dim), m.
+            rotation: angles, shape (n,), rad (2D); matrices from body to space, (n, 3, 3) (3D).
+        """
+        if self.points.shape[1] == 2:
+            c, s = np.cos(rotation), np.sin(rotation)
+            rotation = np.stack([c, -s, s, c], axis=-1).reshape(-1, 2, 2)
+        turned = np.einsum("pij,pj->pi", rotation[self.body_of_point], self.points)
+        return position[self.body_of_point] + turned
+
+
+def _disc(segments: int) -> tuple[np.ndarray, np.ndarray]:
+    """Unit disc: its centre, and the rim counter-clockwise."""
+    angle = 2.0 * np.pi * np.arange(segments) / segments
+    rim = np.column_stack([np.cos(angle), np.sin(angle)])
+    i = np.arange(segments)
+    cells = np.column_stack([np.zeros_like(i), 1 + i, 1 + (i + 1) % segments])
+    return np.vstack([np.zeros((1, 2)), rim]), cells
+
+
+def _sphere(segments: int) -> tuple[np.ndarray, np.ndarray]:
+    """Unit sphere: circles of latitude between two poles."""
+    bands = max(2, segments // 2)
+    latitude = np.pi * np.arange(1, bands) / bands
+    longitude = 2.0 * np.pi * np.arange(segments) / segments
+    flat = np.sin(latitude)[:, None]
+    rings = np.stack(
+        [
+            flat * np.cos(longitude),
+            flat * np.sin(longitude),
+            np.broadcast_to(np.cos(latitude)[:, None], (bands - 1, segments)),
+        ],
+        axis=-1,
+    )
+    points = np.vstack([[0.0, 0.0, 1.0], rings.reshape(-1, 3), [0.0, 0.0, -1.0]])
+    number = 1 + np.arange((bands - 1) * segments).reshape(bands - 1, segments)
+    after = np.roll(number, -1, axis=1)
+    pole = np.zeros(segments, int)
+    cells = [np.column_stack([pole, number[0], after[0]])]
+    for upper, lower in zip(range(bands - 2), range(1, bands - 1), strict=True):
+        cells.append(np.column_stack([number[upper], number[lower], after[lower]]))
+        cells.append(np.column_stack([number[upper], after[lower], after[upper]]))
+    cells.append(np.column_stack([pole + len(points) - 1, after[-1], number[-1]]))
+    return points, np.vstack(cells)
+
+
+def _slab(dim: int) -> tuple[np.ndarray, np.ndarray]:
+    """Slab of half width 1 below the local surface y = 0 (2D) or z = 0 (3D)."""
+    if dim == 2:
+        corners = np.array([[-1, -_SLAB], [1, -_SLAB], [1, 0], [-1, 0]])
+        return corners, np.array([[0, 1, 2], [0, 2, 3]])
+    box = Polyhedron.box((2.0, 2.0, _SLAB))
+    return box.vertices - [0.0, 0.0, 0.5 * _SLAB], box.triangles
+
+
+def _cornered(tables: ShapeTables, entry: int) -> tuple[np.ndarray, np.ndarray]:
+    """A polygon or polyhedron of the tables, its faces cut from their first vertex."""
+    points = tables.vertices[tables.vertex_offsets[entry] : tables.vertex_offsets[entry + 1]]
+    if points.shape[1] == 2:
+        loops = [np.arange(len(points))]
+    else:
+        faces = range(tables.face_offsets[entry], tables.face_offsets[entry + 1])
+        starts = tables.loop_offsets
+        loops = [tables.loops[starts[f] : starts[f + 1]] for f in faces]
+    cells = [(p[0], p[i], p[i + 1]) for p in loops for i in range(1, len(p) - 1)]
+    return points, np.array(cells)
+
+
+def _wall_sizes(bodies: RigidBodies) -> np.ndarray:
+    """Distance of the far side of the farthest body from the point of each wall, (n,), m."""
+    radius = bodies.shapes.bounding_radius
+    bounded = np.isfinite(radius)
+    size = np.ones(len(bodies))
+    if bounded.any():
+        for i in np.nonzero(~bounded)[0]:
+            distance = np.linalg.norm(bodies.position[bounded] - bodies.position[i], axis=1)
+            size[i] = (distance + radius[bounded]).max()
+    return size
+
+
+def outline(bodies: RigidBodies, segments: int = 24) -> Outline:
+    """Triangles of all bodies in their own axes.
+
+    Args:
+        bodies: the bodies.
+        segments: sides of the polygon that stands for a circle, at least 3. A sphere has about
+            `segments`^2 triangles.
+
+    Returns:
+        The triangles. A wall reaches, from its point, as far as the bodies do at time 0.
+    """
+    check_positive("The number of segments of a circle", segments)
+    if segments < 3 or segments != int(segments):
+        raise ValueError(f"A circle has at least 3 segments, got {segments!r}.")
+    segments = int(segments)
+    tables, n = bodies.shapes, len(bodies)
+    templates = {DISC: _disc(segments)} if bodies.dim == 2 else {SPHERE: _sphere(segments)}
+    templates[HALF_PLANE if bodies.dim == 2 else HALF_SPACE] = _slab(bodies.dim)
+    size = np.where(tables.radius > 0.0, tables.radius, 1.0)
+    walls = ~np.isfinite(tables.bounding_radius)
+    size[walls] = _wall_sizes(bodies)[walls]
+
+    # Bodies alike share a template: of an entry of the tables, or of a kind without corners.
+    alike = np.where(tables.entry >= 0, tables.entry, -1 - tables.kind.astype(int))
+    kinds, which = np.unique(alike, return_inverse=True)
+    drawn = [_cornered(tables, k) if k >= 0 else templates[-1 - k] for k in kinds]
+    num_points = np.array([len(points) for points, _ in drawn])[which]
+    num_cells = np.array([len(cells) for _, cells in drawn])[which]
+    first_point, first_cell = np.cumsum(num_points) - num_points, np.cumsum(num_cells) - num_cells
+    points = np.empty((num_points.sum(), bodies.dim))
+    cells = np.empty((num_cells.sum(), 3), np.int32)
+    for k, (template, triangles) in enumerate(drawn):
+        own = np.nonzero(which == k)[0]
+        points[first_point[own, None] + np.arange(len(template))] = size[own, None, None] * template
+        cells[first_cell[own, None] + np.arange(len(triangles))] = (
+            first_point[own, None, None] + triangles
+        )
+    numbers = np.arange(n, dtype=np.int32)
+    return Outline(points, cells, np.repeat(numbers, num_points), np.repeat(numbers, num_cells))
