@@ -79,10 +79,12 @@ def join(parts: list[Contacts]) -> Contacts:
         ValueError: two contacts have the same key.
     """
     k = max(part.nodes.shape[2] for part in parts)
+    filled = [part for part in parts if len(part)] or parts[:1]
     joined = Contacts(
         *(
-            np.concatenate([_widened(a, k) if a.ndim == 3 else a for a in arrays])
-            for arrays in zip(*(tuple(part) for part in parts), strict=True)
+            np.concatenate(widened) if len(widened) > 1 else widened[0]
+            for arrays in zip(*(tuple(part) for part in filled), strict=True)
+            for widened in [[_widened(a, k) if a.ndim == 3 else a for a in arrays]]
         )
     )
     first, second = joined.key.T

@@ -128,27 +128,28 @@ def area_of(overlap, count):
 
 @njit
 def distinct(overlap, count):
-    """Drop corners whose name an earlier one has; returns how many are left."""
+    """Of corners with one name keep the deepest; returns how many are left."""
     left = 0
     for i in range(count):
-        new = True
-        for j in range(left):
-            new = new and overlap.name[j] != overlap.name[i]
-        if new:
-            overlap.place[0, left] = overlap.place[0, i]
-            overlap.name[left] = overlap.name[i]
-            overlap.gap[left] = overlap.gap[i]
-            left += 1
+        place = 0
+        while place < left and overlap.name[place] != overlap.name[i]:
+            place += 1
+        if place == left or overlap.gap[i] < overlap.gap[place]:
+            overlap.place[0, place] = overlap.place[0, i]
+            overlap.name[place] = overlap.name[i]
+            overlap.gap[place] = overlap.gap[i]
+        left = max(left, place + 1)
     return left
 
 
 @njit
-def keep_four(overlap, count, x, y, rounding):
+def keep_four(overlap, count, x, y, near, rounding):
     """Choose at most four corners, by where they are in the plane, and sort them by name.
 
     The extreme ones along two directions fixed to the direction (x, y) of an edge are kept, then
-    those furthest from all that are; the deepest is if it is deeper than those by more than
-    `rounding`, instead of its nearest. The choice does not change with small changes of the gaps.
+    those furthest from all that are, an earlier corner unless a later one is further by more than
+    `near`. The deepest is kept, instead of its nearest, if it is deeper than those by more than
+    `rounding`: as long as the faces are parallel up to rounding, the choice does not change.
 
     Returns:
         How many are in `overlap.kept`.
@@ -167,7 +168,7 @@ def keep_four(overlap, count, x, y, rounding):
             best = 0
             for i in range(1, count):
                 ahead = x * (place[i, 0] - place[best, 0]) + y * (place[i, 1] - place[best, 1])
-                if ahead > rounding:
+                if ahead > near:
                     best = i
             new = True
             for k in range(chosen):
@@ -181,7 +182,7 @@ def keep_four(overlap, count, x, y, rounding):
                 nearest = math.inf
                 for k in range(chosen):
                     nearest = min(nearest, _apart(place, i, kept[k]))
-                if nearest > furthest + rounding:
+                if nearest > furthest + near:
                     best, furthest = i, nearest
             kept[chosen] = best
             chosen += 1

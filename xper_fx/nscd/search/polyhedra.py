@@ -138,12 +138,13 @@ def _best_edges(corners, tables, a, b, offset, best, reach, rounding, along):
         p = _row(corners.vertex, a_vertex + tables.edges[ea, 0])
         e = _minus(_row(corners.vertex, a_vertex + tables.edges[ea, 1]), p)
         p = _along(p, 1.0, offset)
+        smallest = _PARALLEL * _PARALLEL * _inner(e, e)
         a1, a2 = a_face + tables.edge_faces[ea, 0], a_face + tables.edge_faces[ea, 1]
         for f in range(b_face, corners.face_start[b + 1]):
             along[f - b_face] = _dot(corners.normal, f, e)
         for eb in range(b_edges, tables.edge_offsets[tables.entry[b] + 1]):
             b1, b2 = tables.edge_faces[eb, 0], tables.edge_faces[eb, 1]
-            if along[b1] * along[b2] >= 0.0:
+            if along[b1] * along[b2] >= -smallest:
                 continue
             q = _row(corners.vertex, b_vertex + tables.edges[eb, 0])
             f = _minus(_row(corners.vertex, b_vertex + tables.edges[eb, 1]), q)
@@ -270,10 +271,11 @@ def _foot(x, p, e):
 
 
 @njit
-def _closest_vertex_edge(corners, tables, a, b, offset):
+def _closest_vertex_edge(corners, tables, a, b, offset, n):
     """Closest of the vertices of either body and the edges of the other.
 
-    `offset` leads from the centre of b to that of a.
+    `offset` leads from the centre of b to that of a. Vertices that are further from the other body
+    along the unit vector n, from b to a, need no closer look.
 
     Returns:
         (distance, point of a, point of b, name), points about the centre of b.
@@ -281,6 +283,9 @@ def _closest_vertex_edge(corners, tables, a, b, offset):
     least, name = math.inf, 0
     on_a, on_b = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
     zero = (0.0, 0.0, 0.0)
+    height, _ = _lowest(corners, a, n)
+    depth, _ = _lowest(corners, b, (-n[0], -n[1], -n[2]))
+    lowest_a, highest_b = height + _inner(n, offset), -depth
     for side in range(2):
         one, other = (a, b) if side == 0 else (b, a)
         one_at, other_at = (offset, zero) if side == 0 else (zero, offset)
@@ -288,6 +293,9 @@ def _closest_vertex_edge(corners, tables, a, b, offset):
         entry = tables.entry[other]
         for v in range(one_start, corners.vertex_start[one + 1]):
             x = _along(one_at, 1.0, _row(corners.vertex, v))
+            above = _inner(n, x) - highest_b if side == 0 else lowest_a - _inner(n, x)
+            if above > 0.0 and above * above >= least:
+                continue
             for k in range(tables.edge_offsets[entry], tables.edge_offsets[entry + 1]):
                 p = _row(corners.vertex, other_start + tables.edges[k, 0])
                 e = _minus(_row(corners.vertex, other_start + tables.edges[k, 1]), p)
@@ -431,7 +439,7 @@ def polyhedron_polyhedron(found, pairs, position, corners, tables, bounding_radi
             length = math.sqrt(_inner(x, x))
             kept = keep_four(
                 overlap, corners_found, _inner(t1, x) / length, _inner(t2, x) / length,
-                SAME_CORNER * size,
+                SAME_CORNER * size, rounding,
             )  # fmt: skip
             area = max(area / kept, POINT_AREA * size * size / 4)
             for k in range(kept):
@@ -450,11 +458,13 @@ def polyhedron_polyhedron(found, pairs, position, corners, tables, bounding_radi
         gap = separation
         n = (outward * n[0], outward * n[1], outward * n[2])
         on_first, on_second, name = single
-        if separation > 0.0 and not crosses:
-            distance, x, y, nearest = _closest_vertex_edge(corners, tables, a, b, to_a)
-            if distance > 10.0 * rounding:
-                gap, on_first, on_second, name = distance, x, y, nearest
-                d = _minus(x, y)
+        if separation > -10.0 * rounding and not crosses:
+            distance, on_first, on_second, name = _closest_vertex_edge(
+                corners, tables, a, b, to_a, n
+            )
+            if separation > 0.0 and distance > 10.0 * rounding:
+                gap = distance
+                d = _minus(on_first, on_second)
                 n = (d[0] / distance, d[1] / distance, d[2] / distance)
         if gap <= reach:
             middle = _along(_row(position, b), 0.5, _along(on_first, 1.0, on_second))
@@ -510,7 +520,7 @@ def polyhedron_wall(found, pairs, position, corners, tables, bounding_radius, wa
         area = area_of(overlap, num)
         if length > SAME_CORNER * size:
             u, w = u / length, w / length
-        kept = keep_four(overlap, num, u, w, SAME_CORNER * size)
+        kept = keep_four(overlap, num, u, w, SAME_CORNER * size, ROUNDING * size)
         area = max(area / kept, POINT_AREA * size * size)
         for k in range(kept):
             i = overlap.kept[k]

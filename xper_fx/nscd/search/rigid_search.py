@@ -27,6 +27,7 @@ from xper_fx.nscd.rigid.bodies import RigidBodies, ShapeTables
 from xper_fx.nscd.rigid.shapes import DISC, HALF_PLANE, HALF_SPACE, SPHERE
 from xper_fx.nscd.search.balls import ball_ball, ball_wall
 from xper_fx.nscd.search.contacts import Contacts, empty, join
+from xper_fx.nscd.search.flats import without_flats
 from xper_fx.nscd.search.found import Corners, collect
 from xper_fx.nscd.search.grid import labelled_box_pairs
 from xper_fx.nscd.search.polygons import disc_polygon, polygon_polygon, polygon_wall
@@ -36,34 +37,37 @@ from xper_fx.nscd.search.polyhedra import (
     sphere_polyhedron,
 )
 
-# Price of a pair in the making of a list over that in a search, as benchmarks/contact_search.py
-# measures it.
-_PRICE_OF_LISTS = 30.0
+# Price of a pair in the making of a list and, by kinds and dimension, in a search, in units of two
+# discs in a search, as benchmarks/contact_search.py measures them (one unit: about 30 ns).
+_PRICE_OF_LIST = 20.0
+_PRICES = {
+    2: {"ball_ball": 1.0, "ball_corner": 3.0, "corner_corner": 10.0},
+    3: {"ball_ball": 1.0, "ball_corner": 5.0, "corner_corner": 45.0},
+}
 # Bounds of the skin, and where it starts, as shares of D.
 _SKIN_BOUNDS = (1e-3, 1.0)
 _FIRST_SKIN = 0.1
 
 
 @njit
-def _turn(tables, rotation, corners):
-    """Turn the vertices and face normals of every body by its rotation."""
+def _turn(tables, bodies, rotation, corners):
+    """Turn the vertices and face normals of bodies with corners, one rotation each."""
     dim = rotation.shape[1]
-    for b in range(len(rotation)):
+    for k in range(len(bodies)):
+        b = bodies[k]
         entry = tables.entry[b]
-        if entry < 0:
-            continue
         first = tables.vertex_offsets[entry] - corners.vertex_start[b]
         for v in range(corners.vertex_start[b], corners.vertex_start[b + 1]):
             for d in range(dim):
                 corners.vertex[v, d] = 0.0
                 for e in range(dim):
-                    corners.vertex[v, d] += rotation[b, d, e] * tables.vertices[first + v, e]
+                    corners.vertex[v, d] += rotation[k, d, e] * tables.vertices[first + v, e]
         first = tables.face_offsets[entry] - corners.face_start[b]
         for f in range(corners.face_start[b], corners.face_start[b + 1]):
             for d in range(dim):
                 corners.normal[f, d] = 0.0
                 for e in range(dim):
-                    corners.normal[f, d] += rotation[b, d, e] * tables.face_normal[first + f, e]
+                    corners.normal[f, d] += rotation[k, d, e] * tables.face_normal[first + f, e]
 
 
 @njit
@@ -85,9 +89,10 @@ def _boxes(bodies, position, radius, corners, inflation):
 
 
 @njit
-def _motion(bodies, position, old_position, rotation, old_rotation, turning_radius):
+def _motion(bodies, position, old_position, turned, rotation, old_rotation, bounding_radius):
     """Sum of the two largest displacements of points of bodies, about the mean displacement.
 
+    Body b has the rotation `turned[b]`, or none that matters if that is negative.
     A rotation by phi moves a point at the radius R by 2 sin(phi/2) R, which in 2D and 3D is
     |rotation - old_rotation| R / sqrt(2) in the Frobenius norm.
     """
@@ -103,12 +108,13 @@ def _motion(bodies, position, old_position, rotation, old_rotation, turning_radi
         for d in range(dim):
             square += (position[b, d] - old_position[b, d] - mean[d]) ** 2
         moved = np.sqrt(square)
-        if turning_radius[b] > 0.0:
+        k = turned[b]
+        if k >= 0:
             square = 0.0
             for d in range(dim):
                 for e in range(dim):
-                    square += (rotation[b, d, e] - old_rotation[b, d, e]) ** 2
-            moved += np.sqrt(0.5 * square) * turning_radius[b]
+                    square += (rotation[k, d, e] - old_rotation[k, d, e]) ** 2
+            moved += np.sqrt(0.5 * square) * bounding_radius[b]
         if not moved <= most:  # also what is not a number
             most, second = moved, most
         elif moved > second:
@@ -129,8 +135,11 @@ def _near(pairs, position, bounding_radius, distance):
     return near
 
 
-def _plane_rotations(angle: np.ndarray) -> np.ndarray:
-    c, s = np.cos(angle), np.sin(angle)
+def _matrices(rotation: np.ndarray) -> np.ndarray:
+    """Rotations as matrices, from angles in 2D."""
+    if rotation.ndim == 3:
+        return rotation
+    c, s = np.cos(rotation), np.sin(rotation)
     return np.stack([np.stack([c, -s], axis=1), np.stack([s, c], axis=1)], axis=1)
 
 
@@ -167,7 +176,7 @@ class RigidSearch:
     def __init__(self, bodies: RigidBodies, pairs: Sequence[tuple[str, str]], reach: float):
         if not (np.isfinite(reach) and reach > 0.0):
             raise ValueError(f"The reach (m) must be a finite positive number, got {reach!r}.")
-        tables = bodies.shapes
+        tables = without_flats(bodies.shapes)
         self._tables = tables
         self.reach = float(reach)
         self._dim = bodies.dim
@@ -189,7 +198,9 @@ class RigidSearch:
             np.zeros((vertex_start[-1], self._dim)),
             np.zeros((face_start[-1], self._dim)),
         )
-        self._turning_radius = np.where(self._is_ball, 0.0, tables.bounding_radius)
+        self._cornered = np.flatnonzero(tables.entry >= 0)
+        self._turned = np.full(count, -1)
+        self._turned[self._cornered] = np.arange(len(self._cornered))
         self._distance = reach
         if len(self._listed):
             self._distance += 2.0 * float(np.median(tables.bounding_radius[self._listed]))
@@ -226,11 +237,9 @@ class RigidSearch:
         """
         position = np.ascontiguousarray(position, dtype=float)
         rotation = np.asarray(rotation, dtype=float)
-        if self._dim == 2:
-            rotation = _plane_rotations(rotation)
-        rotation = np.ascontiguousarray(rotation)
-        _turn(self._tables, rotation, self._corners)
-        self._wall_normal[self._walls] = rotation[self._walls, :, -1]
+        self._wall_normal[self._walls] = _matrices(rotation[self._walls])[:, :, -1]
+        rotation = _matrices(rotation[self._cornered])
+        _turn(self._tables, self._cornered, rotation, self._corners)
         self._renew_if_needed(position, rotation)
         self.searches += 1
 
@@ -299,9 +308,10 @@ class RigidSearch:
                 self._listed,
                 position,
                 self._old_position,
+                self._turned,
                 rotation,
                 self._old_rotation,
-                self._turning_radius,
+                self._tables.bounding_radius,
             )
             if motion <= self.skin:
                 return
@@ -312,10 +322,14 @@ class RigidSearch:
 
     def _best_skin(self, speed: float) -> float:
         """The skin of least cost, for a motion (m) per search."""
-        dim, spent = self._dim, _PRICE_OF_LISTS * speed
+        dim = self._dim
+        searching = sum(_PRICES[dim][name] * len(pairs) for name, pairs in self._lists.items())
+        spent = speed * _PRICE_OF_LIST * self.num_candidates / searching if searching else 0.0
         linear = (dim - 1) * spent
         root = np.sqrt(linear**2 + 4.0 * dim * spent * self._distance)
         lowest, highest = (share * self._distance for share in _SKIN_BOUNDS)
+        if spent == 0.0:
+            return highest
         return float(np.clip((root - linear) / (2.0 * dim), lowest, highest))
 
     def _renew(self, position: np.ndarray, rotation: np.ndarray) -> None:
@@ -336,7 +350,7 @@ class RigidSearch:
             "ball_corner": mixed,
             "corner_corner": pairs[~balls.any(axis=1)],
         }
-        self._old_position, self._old_rotation = position.copy(), rotation.copy()
+        self._old_position, self._old_rotation = position.copy(), rotation
         self._searches_at_renewal = self.searches
         self.renewals += 1
 
