@@ -329,7 +329,7 @@ class EffectRow(NamedTuple):
 def _law_effects(simulation: Simulation) -> dict[str, int]:
     """Bytes of the columns that the laws in use hold for their effects."""
     total: dict[str, int] = {}
-    for group in simulation.interactions.groups if simulation.interactions else []:
+    for group in simulation.interactions.groups if simulation.interactions is not None else []:
         for name, columns in group.kernels.effects:
             total[name] = total.get(name, 0) + 8 * columns * len(group)
     return total
@@ -374,7 +374,7 @@ def effects_table(simulation: Simulation) -> str:
             memory = f"{row.memory / 1e6:.2f} MB" if row.memory else "-"
             time = f"{row.seconds:.2f} s" if row.calls else "-"
             lines.append(f"{row.name:<26}{memory:>12}{time:>12}{row.calls or '-':>10}")
-    groups = simulation.interactions.groups if simulation.interactions else []
+    groups = simulation.interactions.groups if simulation.interactions is not None else []
     lines += [f"law: {group.kernels.name}, {len(group)} points" for group in groups]
     lines.append("off: " + ", ".join(row.name for row in rows if not row.on))
     return "\n".join(lines)

@@ -567,7 +567,9 @@ class Simulation:
 
     def _commit(self, outcome: StepOutcome, size: float, energies: BulkEnergies) -> StepRecord:
         with self.stopwatch.phase("energy"):
-            work = self.interactions.commit(outcome.slots) if self.interactions else None
+            work = (
+                self.interactions.commit(outcome.slots) if self.interactions is not None else None
+            )
             self.ledger.record(self.state, outcome, size, energies, work, self._rigid_work)
         if self._control is not None:
             self._control.learn(size, energies, work, self.ledger.closure)
