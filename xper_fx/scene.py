@@ -209,6 +209,13 @@ class Scene:
             )
         if alone:
             raise ValueError(f"No contact names the surfaces {sorted(alone)}; leave them out.")
+        touching = [
+            c.between for c in self.contacts if c.law is not None and {*c.between} <= {*rigid}
+        ]
+        if touching:
+            from xper_fx.overlaps import separate
+
+            separate(self.rigid_bodies, touching, self.resolve_overlaps)
 
     def _check_periodicity(self) -> None:
         if self.macroscopic is None:
