@@ -181,6 +181,42 @@ def stiff():
     return _interacting(PerfectBond(), "newton", step=100.0)
 
 
+def _meeting(step=0.1, rigid=(), **mesh):
+    """Blocks that fly at each other, or at rigid bodies."""
+    from scenes import box_bodies
+
+    from xper_fx.contacts import Contact
+    from xper_fx.nscd.laws import SignoriniCoulomb
+    from xper_fx.scene import Scene
+    from xper_fx.simulation import Simulation
+
+    bodies = box_bodies((2.0, 1.0), (4, 2), label=_halves, material={2: _halves})
+    other = "disc" if rigid else "right"
+    surfaces = {"left": (1,)} if rigid else {"left": (1,), "right": (2,)}
+    scene = Scene(
+        bodies,
+        dict.fromkeys((1, 2), _elastic()),
+        default_interaction=None,
+        interactions={(1, 2): None},
+        surfaces=surfaces,
+        rigid=rigid,
+        contacts=[Contact(("left", other), SignoriniCoulomb())],
+        initial_velocity={1: lambda x: [1e-2 + 0.0 * x[0], 0.0 * x[0]]},
+    )
+    return Simulation(scene, step, num_threads=1, solver="nlgs")
+
+
+def meeting():
+    return _meeting()
+
+
+def struck():
+    from xper_fx.nscd.rigid import Disc, RigidBody
+
+    disc = RigidBody(Disc(0.5), (-0.5005, 0.4), "disc", density=1.0, velocity=(2e-2, 0.0))
+    return _meeting(rigid=[disc])
+
+
 # Which effects each calls for.
 _PERIODIC = {"periodicity", "macroscopic control"}
 _POINTS = {"inertia", "interactions"}
@@ -203,6 +239,8 @@ SCENES = {
     closed: {*_POINTS, "unilateral contact", "friction", "mixed sweeps"},
     solid: {*_POINTS, "perfect bond", "three dimensions"},
     stiff: {*_POINTS, "perfect bond", "Newton on all points"},
+    meeting: {*_POINTS, "unilateral contact", "impact", "contact search"},
+    struck: {*_POINTS, "unilateral contact", "impact", "contact search", "rigid bodies"},
 }  # fmt: skip
 
 

@@ -103,6 +103,12 @@ class Detection:
         self._waiting, self._broken = np.flatnonzero(taken), np.zeros(len(taken), bool)
         self._far = _FAR * scene.bodies.facets.measure[self._lips] ** (1.0 / (scene.dim - 1))
 
+    @property
+    def nbytes(self) -> int:
+        """Memory of the searches' lists, in bytes."""
+        searches = [search for search in (self._rigid, self._surfaces) if search is not None]
+        return sum(search.nbytes for search in searches)
+
     def renew(
         self,
         interactions: Interactions,

@@ -169,12 +169,13 @@ class Scene:
     def gravity(self) -> np.ndarray | None:
         """Sum of the gravities among the loads, shape (dim,), m/s^2; None without any."""
         given = [load.value for load in self.loads if isinstance(load, Gravity)]
-        if any(callable(component) for value in given for component in value):
-            raise ValueError("Gravity on rigid bodies is constant, got a function of time.")
         return np.sum(given, axis=0) if given else None
 
     def _check_contacts(self) -> None:
         rigid = () if self.rigid_bodies is None else self.rigid_bodies.groups
+        for load in self.loads if rigid else ():
+            if isinstance(load, Gravity) and any(map(callable, load.value)):
+                raise ValueError("Gravity on rigid bodies is constant, got a function of time.")
         for name, tags in self.surfaces.items():
             if name in rigid:
                 raise ValueError(f"{name!r} names a surface and a group of rigid bodies.")

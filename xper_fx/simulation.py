@@ -37,7 +37,7 @@ from xper_fx.scene import Scene
 if TYPE_CHECKING:
     from xper_fx.accuracy import AccuracyControl
     from xper_fx.detection import Detection
-    from xper_fx.nscd.rigid.motion import RigidMotion, RigidWork
+    from xper_fx.nscd.rigid.motion import Prediction, RigidMotion, RigidWork
     from xper_fx.periodic.averages import Macroscopic
 
 logger = logging.getLogger(__name__)
@@ -114,6 +114,7 @@ class Simulation:
     Attributes:
         state: displacement, velocity, time.
         rigid: motion of the rigid bodies, None without any.
+        detection: searches of contacts, None if the scene names no contacts.
         interactions: the points, None if the scene has none.
         ledger: energies.
         macroscopic: Fbar, Pibar and Hill-Mandel's error of a periodic cell; None otherwise.
@@ -181,7 +182,7 @@ class Simulation:
             self.step_size = self._step_size(knobs, scheme)
             self.state = self._initial_state()
             points, laws, law_of_point = self._points()
-            self._detection = self._contact_detection(laws)
+            self.detection = self._contact_detection(laws)
             interacting = self._interacting(points)
             self.scheme = self._scheme(interacting, theta, newton_tolerance, max_newton)
             self.theta = self.scheme.theta
@@ -405,13 +406,13 @@ class Simulation:
         acts = np.zeros(self.bulk.num_dofs // self.bulk.dim + 1, bool)
         if points is not None:
             acts[points.nodes] = True
-        if self._detection is not None:
-            acts[self.bulk.unknowns.node_of[self._detection.nodes]] = True
+        if self.detection is not None:
+            acts[self.bulk.unknowns.node_of[self.detection.nodes]] = True
         return nodes[acts[nodes]]
 
     def _interactions(self, points, laws, law_of_point) -> Interactions | None:
         if points is None:
-            if self.rigid is None and self._detection is None:
+            if self.rigid is None and self.detection is None:
                 return None
             points = no_points(self.bulk.dim)
         inverse = self.scheme.inverse(self.step_size, self.state.displacement)
@@ -459,7 +460,7 @@ class Simulation:
     @property
     def _by_vertex(self) -> bool:
         """Whether W couples only what meets at a vertex, each of which is then solved alone."""
-        alone = self._detection is None and self.rigid is None
+        alone = self.detection is None and self.rigid is None
         return self.scheme_name == "explicit" and self.scene.points == "nodal" and alone
 
     # Running
@@ -496,9 +497,13 @@ class Simulation:
             size, halvings = pieces.pop()
             with self.stopwatch.phase("step"):
                 outcome = self._attempt(size)
-                good = outcome.converged and (
-                    halvings >= self.max_halvings
-                    or not (self._flows_too_far(outcome) or self._breaks_for_nothing())
+                good = (
+                    outcome is not None
+                    and outcome.converged
+                    and (
+                        halvings >= self.max_halvings
+                        or not (self._flows_too_far(outcome) or self._breaks_for_nothing())
+                    )
                 )
                 if good:
                     with self.stopwatch.phase("energy"):
@@ -518,33 +523,44 @@ class Simulation:
                 )
                 pieces += [(0.5 * size, halvings + 1)] * 2
             else:
+                residual, newton = np.nan, np.nan
+                if outcome is not None:
+                    residual, newton = outcome.residual, outcome.newton_residual
                 raise ConvergenceError(
-                    self.step_number + 1, self.state.time, size, outcome.residual,
-                    outcome.newton_residual, self._save_state(),
+                    self.step_number + 1, self.state.time, size, residual, newton,
+                    self._save_state(),
                 )  # fmt: skip
 
-    def _attempt(self, size: float) -> StepOutcome:
-        """One step from the present state; nothing is committed."""
-        prediction = None
-        if self.rigid is not None:
+    def _attempt(self, size: float) -> StepOutcome | None:
+        """One step from the present state, None if a rigid body spins too fast for it.
+
+        Nothing is committed.
+        """
+        if self.rigid is None:
+            return self._interact(size, None)
+        try:
             with self.stopwatch.phase("rigid bodies"):
                 prediction = self.rigid.predict(size, self.theta, self.state.time)
                 self.interactions.take_rigid(prediction.start, prediction.free)
-        if self._detection is not None:
-            with self.stopwatch.phase("contact search"):
-                self._detection.renew(
-                    self.interactions, self._slot_nodes, self.bulk, self.state, prediction, size,
-                    self.theta,
-                )  # fmt: skip
-        outcome = self.scheme.attempt(
-            self.state, size, self.interactions, self._solve, self.tolerance
-        )
-        if self.rigid is not None:
+            outcome = self._interact(size, prediction)
             with self.stopwatch.phase("rigid bodies"):
                 part = self.interactions.rigid_part
                 self.rigid.end(part(outcome.slots))
                 self._rigid_work = self.rigid.work(part(self.interactions.impulses()))
+        except FloatingPointError as error:
+            logger.info("%s", error)
+            return None
         return outcome
+
+    def _interact(self, size: float, prediction: Prediction | None) -> StepOutcome:
+        """One step with the contacts found in its middle."""
+        if self.detection is not None:
+            with self.stopwatch.phase("contact search"):
+                self.detection.renew(
+                    self.interactions, self._slot_nodes, self.bulk, self.state, prediction, size,
+                    self.theta,
+                )  # fmt: skip
+        return self.scheme.attempt(self.state, size, self.interactions, self._solve, self.tolerance)
 
     def _accurate(self, size: float, energies: BulkEnergies, end_time: float) -> bool:
         """Whether the step from the present state is as accurate as asked for, if anything is."""
@@ -571,9 +587,9 @@ class Simulation:
         with self.stopwatch.phase("energy"):
             work = None if self.interactions is None else self.interactions.commit(outcome.slots)
             self.ledger.record(self.state, outcome, size, energies, work, self._rigid_work)
-        if self._detection is not None:
+        if self.detection is not None:
             with self.stopwatch.phase("contact search"):
-                self._detection.release(self.interactions)
+                self.detection.release(self.interactions)
         if self._control is not None:
             self._control.learn(size, energies, work, self.ledger.closure)
             self.tolerance = self._control.tolerance

@@ -161,7 +161,7 @@ def motion(sides: Sides, blocks: Blocks = ANY_BLOCKS):
     to_local, to_global = local.to_local, local.to_global
     add, subtract, times = world.add, world.subtract, world.scale
     vector = 0 < size <= _VECTOR_DOFS
-    turned, _, moment = arm_kernels(dim)
+    turned, _, moment = arm_kernels(dim) if arms else (None, None, None)
     turns = dim if dim == 3 else 1  # components of a rotation
     add_rows = _add_rows(dim, size) if vector else None
     add_turns = _add_rows(turns, size) if vector else None
@@ -308,7 +308,7 @@ def push_kernel(sides: Sides, blocks: Blocks):
 def point_force(sides: Sides):
     """Kernel `give(p, couplings, i, f)`: p += H f for the force f, in global axes, of a point."""
     dim, _, k, arms = sides
-    _, _, moment = arm_kernels(dim)
+    moment = arm_kernels(dim)[2] if arms else None
     times = for_dimension(dim).scale
     turns = dim if dim == 3 else 1
 

@@ -201,7 +201,7 @@ def _spring_kernels(sides: Sides):
     to_local, to_global, spring = local.to_local, local.to_global, local.matrix_vector
     read, _ = motion(sides)
     give = point_force(sides)
-    turned_unit, moment = arm_kernels(dim)[1:]
+    turned_unit, moment = arm_kernels(dim)[1:] if arms else (None, None)
 
     @njit(inline="always")
     def column(world, x):

@@ -319,6 +319,16 @@ class RigidMotion:
         """Kinetic energy of the committed state (J)."""
         return self._kinetic(self.state)
 
+    @property
+    def nbytes(self) -> int:
+        """Memory of state, masses, loads and blocks of w, in bytes."""
+        bodies, turn = self.bodies, self.state.turn
+        held = (
+            bodies.mass, bodies.inertia, self.blocks, self._prescribed, self._constant_motion,
+            self._constant_load, self.state.position, self.state.velocity, *turn,
+        )  # fmt: skip
+        return sum(array.nbytes for array in held)
+
     def momentum(self) -> np.ndarray:
         """Sum of m v over the bodies, shape (dim,), N s."""
         return self.bodies.mass @ self.state.velocity
