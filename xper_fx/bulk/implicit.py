@@ -9,6 +9,8 @@ With theta in [1/2, 1] and F = f_ext - f_int(q) - C v,
     v_free = v^k + w res^k,                              v^{k+1} = v_free + w H r.
 
 A linear bulk is done after one iteration, and Mt is formed and inverted once for each step size.
+Bodies without inertia that interactions alone hold stand on springs that let go after each iteration
+(`bulk/anchors.py`), of which there are then a few.
 Otherwise w is kept as long as Newton contracts well with it, and renewed when it does not.
 
 Some unknowns may have another theta (`Bulk.end_weight`): those of a periodic cell that no mass
@@ -23,7 +25,7 @@ import scipy.sparse as sp
 from xper_fx.bulk.bulk import Bulk
 from xper_fx.bulk.inverse import CellwiseInverse, ClusterInverse
 from xper_fx.bulk.scheme import Solver, State, StepOutcome, interact
-from xper_fx.nscd.interactions import Interactions
+from xper_fx.nscd.interactions import Anchors, Interactions
 from xper_fx.profile import Stopwatch
 
 # Contraction of Newton's corrections above which w is renewed, unless no more than a few iterations
@@ -70,6 +72,12 @@ class ImplicitScheme:
         self._newton_tolerance, self._max_newton = newton_tolerance, max_newton
         self._tolerance = newton_tolerance
         self._stopwatch = stopwatch
+        self._anchored = np.zeros(0, np.int64)
+        if bulk.floating:
+            from xper_fx.bulk.anchors import anchored_dofs
+
+            x = bulk.forms.V.tabulate_dof_coordinates()[:, : bulk.dim]
+            self._anchored = anchored_dofs(bulk.layout, x, interacting)
         x = bulk.forms.bodies.mesh.geometry.x
         self._rounding = _ROUNDING * bulk.norm(np.full(bulk.num_dofs, np.ptp(x, axis=0).max()))
         self._inverses: dict[float, CellwiseInverse | ClusterInverse] = {}
@@ -102,18 +110,24 @@ class ImplicitScheme:
         matrix.data *= scaled**2
         if bulk.damping is not None:
             bulk.damping.add_to(matrix, scaled)
-        if bulk.inertia is None:
+        if bulk.inertia is None and not bulk.floating:
             return matrix
-        mass = bulk.mass[: matrix.shape[0]]
-        if bulk.damping is not None:
-            mass = mass * bulk.damping.mass_factor(scaled)
         # block rows are sorted: the diagonal block of row r is where its column is r
         rows = np.repeat(np.arange(len(matrix.indptr) - 1), np.diff(matrix.indptr))
         diagonal = np.flatnonzero(matrix.indices == rows)
         axes = np.arange(bulk.dim)
         stiff = matrix.data[diagonal[:, None], axes, axes].reshape(-1)
-        self._require_mass_that_counts(stiff, mass, step)
-        matrix.data[diagonal[:, None], axes, axes] += mass.reshape(-1, bulk.dim)
+        if bulk.floating:
+            from xper_fx.bulk.anchors import spring_stiffness
+
+            added = np.zeros(len(stiff))
+            added[self._anchored] = spring_stiffness(stiff[self._anchored])
+        else:
+            added = bulk.mass[: matrix.shape[0]]
+            if bulk.damping is not None:
+                added = added * bulk.damping.mass_factor(scaled)
+            self._require_mass_that_counts(stiff, added, step)
+        matrix.data[diagonal[:, None], axes, axes] += added.reshape(-1, bulk.dim)
         return matrix
 
     def _require_mass_that_counts(self, stiff, mass, step) -> None:
@@ -177,6 +191,7 @@ class ImplicitScheme:
         impulses, slots = np.zeros_like(v0), np.zeros(0)
         newton_before, newton = np.inf, 0.0
         bare = interactions is None
+        exact = bulk.linear and not bulk.floating
         self._tolerance = self._newton_tolerance
         if not bare:
             self._tolerance = max(self._newton_tolerance, _BLUR * tolerance)
@@ -192,6 +207,8 @@ class ImplicitScheme:
                 if iteration > 1:  # what an earlier iterate damaged is whole again
                     with watch.phase("interaction terms"):
                         interactions.prepare()
+                if bulk.floating:
+                    interactions.anchors = self._anchors(inverse, velocity)
                 with watch.phase("interaction solve"):
                     new, impulses, slots, report = interact(
                         inverse, interactions, solver, free, tolerance
@@ -203,33 +220,35 @@ class ImplicitScheme:
             with watch.phase("free velocity"):
                 residual, internal = residual_at(velocity)
                 balance.look(inverse, velocity, previous, residual, internal, step, newton)
-            if not converged or (bulk.linear and balance.settled):
+            if not converged or (exact and balance.settled):
                 break
-            if bulk.linear:
+            if exact:
                 continue
-            # For the impulses found, what is left is the bulk's nonlinearity alone. A step that
-            # inverts a cell (no finite energy) or leaves more than it found is cut.
+            # For the impulses found, what is left is the bulk's nonlinearity, or what springs of
+            # floating bodies bear. A step that inverts a cell (no finite energy) or leaves more
+            # than it found is cut.
             if corrected and not bare:
                 newton_before = np.inf  # what other unknowns stir up is no step that went wrong
             with watch.phase("free velocity"):
                 # without interactions all unknowns are corrected at once
                 solve = inverse.advance if bare else inverse.apply
-                newton = self._correction(solve, residual + impulses, velocity, step)
+                displacement = predictor + step * theta * velocity
+                newton = self._correction(solve, residual + impulses, velocity, displacement, step)
                 for _ in range(_CUTS):
                     if np.isfinite(newton) and newton <= 2.0 * newton_before:
                         break
                     velocity = 0.5 * (velocity + previous)
                     residual, internal = residual_at(velocity)
+                    displacement = predictor + step * theta * velocity
                     # the impulses belong to the whole step: this is not yet the end
-                    left = self._correction(solve, residual + impulses, velocity, step)
+                    left = self._correction(solve, residual + impulses, velocity, displacement, step)
                     newton = max(left, 2.0 * self._tolerance)
             if not np.isfinite(newton):
                 break
             if newton <= self._tolerance and balance.settled:
                 break
             slow = newton > _SLOW * newton_before and self._left(newton, newton_before) > _FEW
-            if balance.worse or slow:
-                displacement = predictor + step * theta * velocity
+            if balance.worse or (slow and not bulk.linear):
                 inverse = self.inverse(step, displacement, renew=True)
                 if not bare:
                     with watch.phase("interaction terms"):
@@ -253,6 +272,13 @@ class ImplicitScheme:
             error, traction, iteration, max(newton, balance.error), converged,
         )  # fmt: skip
 
+    def _anchors(self, inverse, velocity: np.ndarray) -> Anchors:
+        """Springs of floating bodies, without force at an iterate."""
+        slot = np.empty(inverse.num_nodes, np.int64)
+        slot[inverse.nodes] = np.arange(len(inverse.nodes))
+        node, component = np.divmod(self._anchored, self.bulk.dim)
+        return Anchors(slot[node] * self.bulk.dim + component, velocity[self._anchored])
+
     def _left(self, newton: float, before: float) -> float:
         """Iterations left if corrections go on to contract as they did."""
         if newton <= self._tolerance:
@@ -261,11 +287,16 @@ class ImplicitScheme:
             return np.inf
         return np.log(self._tolerance / newton) / np.log(newton / before)
 
-    def _correction(self, solve, residual, velocity, step) -> float:
+    def _correction(self, solve, residual, velocity, displacement, step) -> float:
         """Newton's next correction relative to the velocities; infinite if it is not finite."""
         correction = self.bulk.norm(solve(residual))
         # towards rest velocities vanish, and the rounding of positions is what is left
-        if correction <= self._rounding / (step * self.theta):
+        rounding = self._rounding
+        if self.bulk.floating:
+            from xper_fx.bulk.anchors import ROUNDING
+
+            rounding = max(rounding, ROUNDING * self.bulk.norm(displacement))
+        if correction <= rounding / (step * self.theta):
             return 0.0
         relative = correction / self.bulk.norm(velocity)
         return relative if np.isfinite(relative) else np.inf

@@ -82,6 +82,11 @@ def interact(
         velocity = free.copy()
         velocity.reshape(-1, dim)[inverse.nodes] = slots.reshape(-1, dim)[:count]
     else:
-        velocity = inverse.apply(impulses)
+        acting = impulses
+        if interactions.anchors is not None:
+            acting = impulses.copy()
+            node, component = np.divmod(interactions.anchors.dofs, dim)
+            acting[inverse.nodes[node] * dim + component] += interactions.anchors.impulse
+        velocity = inverse.apply(acting)
         velocity += free
     return velocity, impulses, slots, report

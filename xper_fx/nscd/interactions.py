@@ -46,6 +46,25 @@ class StepWork(NamedTuple):
     numerical: float
 
 
+class Anchors:
+    """Springs in w on bodies that interactions alone hold (`bulk/anchors.py`).
+
+    Solvers of any law may pass over them: bodies then stand on the springs, and the bulk iterates
+    until these bear nothing.
+
+    Args:
+        dofs: where the springs are, among those of the velocities, shape (n,).
+        velocity: of the bodies where they bear nothing, shape (n,), m/s.
+
+    Attributes:
+        impulse: taken off the springs by the solver, shape (n,), N s.
+    """
+
+    def __init__(self, dofs: np.ndarray, velocity: np.ndarray):
+        self.dofs, self.velocity = dofs, velocity
+        self.impulse = np.zeros(len(dofs))
+
+
 @dataclass
 class PointGroup:
     """The points that share a law's kernels, in their order of visit.
@@ -195,6 +214,7 @@ class Interactions:
             `vertex_blocks.solve` (one block of w a node, one node a side).
 
     Attributes:
+        anchors: springs of bodies that interactions alone hold, None if there are none.
         too_far: by how much internal variables have gone further in the step than the velocities
             last given to `evolve` ask for, relative: what iterates on the way broke for nothing.
 
@@ -240,6 +260,7 @@ class Interactions:
         self.committed_step = 0.0
         self.step_size, self.theta = 0.0, 0.5
         self.too_far = 0.0
+        self.anchors: Anchors | None = None
         nodal = np.zeros((inverse.num_slots, self.dim))
         if initial_velocity is not None:
             nodal[: inverse.num_nodes] = initial_velocity
