@@ -25,7 +25,7 @@ import scipy.sparse as sp
 from xper_fx.bulk.bulk import Bulk
 from xper_fx.bulk.inverse import CellwiseInverse, ClusterInverse
 from xper_fx.bulk.scheme import Solver, State, StepOutcome, interact
-from xper_fx.nscd.interactions import Anchors, Interactions
+from xper_fx.nscd.interactions import Interactions
 from xper_fx.profile import Stopwatch
 
 # Contraction of Newton's corrections above which w is renewed, unless no more than a few iterations
@@ -72,12 +72,6 @@ class ImplicitScheme:
         self._newton_tolerance, self._max_newton = newton_tolerance, max_newton
         self._tolerance = newton_tolerance
         self._stopwatch = stopwatch
-        self._anchored = np.zeros(0, np.int64)
-        if bulk.floating:
-            from xper_fx.bulk.anchors import anchored_dofs
-
-            x = bulk.forms.V.tabulate_dof_coordinates()[:, : bulk.dim]
-            self._anchored = anchored_dofs(bulk.layout, x, interacting)
         x = bulk.forms.bodies.mesh.geometry.x
         self._rounding = _ROUNDING * bulk.norm(np.full(bulk.num_dofs, np.ptp(x, axis=0).max()))
         self._inverses: dict[float, CellwiseInverse | ClusterInverse] = {}
@@ -89,11 +83,15 @@ class ImplicitScheme:
             return self._inverses[step]
         with self._stopwatch.phase("inverse"):
             bulk, layout = self.bulk, self.bulk.layout
-            inverse = (
-                CellwiseInverse(layout)
-                if layout.uniform
-                else ClusterInverse(layout, self._interacting)
-            )
+            if bulk.floating:
+                from xper_fx.bulk.anchors import AnchoredInverse
+
+                x = bulk.forms.V.tabulate_dof_coordinates()[:, : bulk.dim]
+                inverse = AnchoredInverse(layout, x, self._interacting)
+            elif layout.uniform:
+                inverse = CellwiseInverse(layout)
+            else:
+                inverse = ClusterInverse(layout, self._interacting)
             stiffness = bulk.stiffness if bulk.linear else bulk.tangent(displacement)
             inverse.factor(self._iteration_matrix(step, stiffness))
             inverse = bulk.with_border(
@@ -110,24 +108,18 @@ class ImplicitScheme:
         matrix.data *= scaled**2
         if bulk.damping is not None:
             bulk.damping.add_to(matrix, scaled)
-        if bulk.inertia is None and not bulk.floating:
+        if bulk.inertia is None:
             return matrix
+        mass = bulk.mass[: matrix.shape[0]]
+        if bulk.damping is not None:
+            mass = mass * bulk.damping.mass_factor(scaled)
         # block rows are sorted: the diagonal block of row r is where its column is r
         rows = np.repeat(np.arange(len(matrix.indptr) - 1), np.diff(matrix.indptr))
         diagonal = np.flatnonzero(matrix.indices == rows)
         axes = np.arange(bulk.dim)
         stiff = matrix.data[diagonal[:, None], axes, axes].reshape(-1)
-        if bulk.floating:
-            from xper_fx.bulk.anchors import spring_stiffness
-
-            added = np.zeros(len(stiff))
-            added[self._anchored] = spring_stiffness(stiff[self._anchored])
-        else:
-            added = bulk.mass[: matrix.shape[0]]
-            if bulk.damping is not None:
-                added = added * bulk.damping.mass_factor(scaled)
-            self._require_mass_that_counts(stiff, added, step)
-        matrix.data[diagonal[:, None], axes, axes] += added.reshape(-1, bulk.dim)
+        self._require_mass_that_counts(stiff, mass, step)
+        matrix.data[diagonal[:, None], axes, axes] += mass.reshape(-1, bulk.dim)
         return matrix
 
     def _require_mass_that_counts(self, stiff, mass, step) -> None:
@@ -208,7 +200,7 @@ class ImplicitScheme:
                     with watch.phase("interaction terms"):
                         interactions.prepare()
                 if bulk.floating:
-                    interactions.anchors = self._anchors(inverse, velocity)
+                    interactions.anchors = inverse.anchors(residual)
                 with watch.phase("interaction solve"):
                     new, impulses, slots, report = interact(
                         inverse, interactions, solver, free, tolerance
@@ -271,13 +263,6 @@ class ImplicitScheme:
             end, slots, impulses, reactions, force_impulse, bulk.viscous(mean_velocity), sweeps,
             error, traction, iteration, max(newton, balance.error), converged,
         )  # fmt: skip
-
-    def _anchors(self, inverse, velocity: np.ndarray) -> Anchors:
-        """Springs of floating bodies, without force at an iterate."""
-        slot = np.empty(inverse.num_nodes, np.int64)
-        slot[inverse.nodes] = np.arange(len(inverse.nodes))
-        node, component = np.divmod(self._anchored, self.bulk.dim)
-        return Anchors(slot[node] * self.bulk.dim + component, velocity[self._anchored])
 
     def _left(self, newton: float, before: float) -> float:
         """Iterations left if corrections go on to contract as they did."""

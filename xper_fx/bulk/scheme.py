@@ -82,11 +82,8 @@ def interact(
         velocity = free.copy()
         velocity.reshape(-1, dim)[inverse.nodes] = slots.reshape(-1, dim)[:count]
     else:
-        acting = impulses
-        if interactions.anchors is not None:
-            acting = impulses.copy()
-            node, component = np.divmod(interactions.anchors.dofs, dim)
-            acting[inverse.nodes[node] * dim + component] += interactions.anchors.impulse
-        velocity = inverse.apply(acting)
+        velocity = inverse.apply(impulses)
         velocity += free
+        if interactions.anchors is not None:
+            velocity += inverse.moved(interactions.anchors)
     return velocity, impulses, slots, report

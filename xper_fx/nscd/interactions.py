@@ -8,11 +8,12 @@ Until `commit` nothing of the past is lost: a step may begin again with another 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache
 from typing import NamedTuple
 
 import numpy as np
+import scipy.sparse as sp
 from numba import njit
 
 from xper_fx.nscd.exchange import Couplings, couple, motion, push_kernel, spread_kernel
@@ -46,23 +47,32 @@ class StepWork(NamedTuple):
     numerical: float
 
 
+@dataclass
 class Anchors:
-    """Springs in w on bodies that interactions alone hold (`bulk/anchors.py`).
+    """Dofs that hold bodies which interactions alone hold (`bulk/anchors.py`).
 
-    Solvers of any law may pass over them: bodies then stand on the springs, and the bulk iterates
-    until these bear nothing.
+    A solver may pass over them: the bodies are then on springs, and the bulk iterates until these
+    bear nothing.
 
     Args:
-        dofs: where the springs are, among those of the velocities, shape (n,).
-        velocity: of the bodies where they bear nothing, shape (n,), m/s.
+        held: w0, blocks of w with the anchors held.
+        motions: R, rigid motions that move one anchor each, shape (num_slots * dim, n).
+        load: R^T f of the forces that act on the bulk, shape (n,), N s.
+        on_springs: velocities that the load gives the anchors, part of the free velocity, shape
+            (n,), m/s.
 
     Attributes:
-        impulse: taken off the springs by the solver, shape (n,), N s.
+        velocity: a, what a solver that knows of anchors gives them, shape (n,), m/s.
     """
 
-    def __init__(self, dofs: np.ndarray, velocity: np.ndarray):
-        self.dofs, self.velocity = dofs, velocity
-        self.impulse = np.zeros(len(dofs))
+    held: BodyInverse
+    motions: sp.csc_array
+    load: np.ndarray
+    on_springs: np.ndarray
+    velocity: np.ndarray = field(init=False)
+
+    def __post_init__(self):
+        self.velocity = np.zeros(len(self.load))
 
 
 @dataclass
@@ -214,7 +224,7 @@ class Interactions:
             `vertex_blocks.solve` (one block of w a node, one node a side).
 
     Attributes:
-        anchors: springs of bodies that interactions alone hold, None if there are none.
+        anchors: of bodies that interactions alone hold, None if there are none.
         too_far: by how much internal variables have gone further in the step than the velocities
             last given to `evolve` ask for, relative: what iterates on the way broke for nothing.
 

@@ -23,8 +23,13 @@ however redundant, pairs of nodes or weighted ones. For pairs this is the scalin
 - With mass (Farhat, Chen and Mandel 1995): the softest motions R of w in each body, as many as it has
   rigid ones, which they are where steps are long. Iterates keep G^T (d - W r) = 0, G = H^T R, by
   search directions p with G^T W p = 0. At short steps they change little, and cost little.
-- Without (Farhat and Roux 1991): bodies on springs (`bulk/anchors.py`), whose forces s are unknowns:
-  W r + Z s = d, Z^T r = -c, Z = H^T w C, c = C^T v_free - C^T v. Search directions keep Z^T p = 0.
+- Without (Farhat and Roux 1991): the velocities a of the anchors of bodies that interactions alone hold
+  (`bulk/anchors.py`) are unknowns, v = v_free + w0 H r + R a with w0 and v_free for anchors that are
+  held,
+
+      W0 r + G a = d0,    G^T r = -R^T f,    G = H^T R.
+
+  Search directions keep G^T p = 0.
 
 Directions are kept and made conjugate to all before: the few there are lose conjugacy otherwise.
 
@@ -50,7 +55,7 @@ from xper_fx.nscd.laws.perfect_bond import PerfectBond
 from xper_fx.nscd.nlgs import SolveReport
 
 # Weight of D beside the jumps, and the least ratio of stiffnesses that it tells apart.
-_LITTLE, _LEAST_RATIO = 1e-7, 1e-6
+_LITTLE, _LEAST_RATIO = 1e-3, 1e-6
 # Shift that makes a coarse matrix regular where a scene moves as a whole, beside its diagonal.
 _SHIFT = 1e-13
 # Rounding of the velocities of a node that several impulses act on.
@@ -117,38 +122,26 @@ class _Blocks:
                 columns.append(np.tile(np.arange(count, count + kept), size))
                 values.append(modes.ravel())
                 count += kept
-        return _by_columns(rows, columns, values, (self.free.size, count))
-
-    def columns(self, dofs: np.ndarray) -> sp.csc_array:
-        """w C: columns of w."""
-        rows, values = [], []
-        starts = np.array([first for first, _ in self.spans])
-        for dof in dofs:
-            part = int(np.searchsorted(starts, dof, side="right")) - 1
-            number, at = np.divmod(dof - starts[part], self.w[part].shape[1])
-            column = self.w[part][number, :, at]
-            first = starts[part] + number * len(column)
-            rows.append(np.arange(first, first + len(column)))
-            values.append(column)
-        columns = [np.full(len(v), j) for j, v in enumerate(values)]
-        return _by_columns(rows, columns, values, (self.free.size, len(dofs)))
-
-
-def _by_columns(rows, columns, values, shape) -> sp.csc_array:
-    if not values:
-        return sp.csc_array(shape)
-    entries = (np.concatenate(rows), np.concatenate(columns))
-    return sp.csc_array(sp.coo_array((np.concatenate(values), entries), shape=shape))
+        entries = (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns)))
+        return sp.csc_array(sp.coo_array(entries, shape=(self.free.size, count)))
 
 
 class BondedSystem:
-    """W and its preconditioner, in the axes of space, for one w.
+    """W, its preconditioner and the basis of its coarse space, in the axes of space, for one w.
 
     Args:
         interactions: points, perfect bonds all.
+        coarse_space: what the basis is for.
+
+    Attributes:
+        jumps: H^T, shape (num_points * dim, num_slots * dim).
+        w: blocks of w, or of w0 where there are anchors.
+        motions: R of the module docstring, by columns.
+        stiffness: D, shape (num_slots * dim,), N s per m/s.
     """
 
-    def __init__(self, interactions: Interactions):
+    def __init__(self, interactions: Interactions, coarse_space: type[NoCoarseSpace]):
+        self.coarse_space = coarse_space
         self.inverse = interactions.inverse
         self.points = interactions.groups[0].points
         self.dim = interactions.dim
@@ -160,7 +153,7 @@ class BondedSystem:
         )
         self._transposed = sp.csr_array(self.jumps.T)
         self._share = self._factored_sharing()
-        self._modes: tuple[np.ndarray | None, sp.csc_array] | None = None
+        self.w, self.motions = coarse_space.basis(self.blocks, interactions.anchors)
 
     def _factored_sharing(self):
         """Factors of H H^T + a little D on the dofs that are free."""
@@ -177,8 +170,8 @@ class BondedSystem:
         )
 
     def pushed(self, impulse: np.ndarray) -> np.ndarray:
-        """w H r, shape (num_slots * dim,)."""
-        return self.blocks.times(self.blocks.w, self._transposed @ impulse)
+        """w H r, or w0 H r, shape (num_slots * dim,)."""
+        return self.blocks.times(self.w, self._transposed @ impulse)
 
     def precondition(self, jump: np.ndarray) -> np.ndarray:
         """M times a jump of velocities: impulses."""
@@ -189,14 +182,6 @@ class BondedSystem:
         moved[free] = self._share.solve(moved[free])
         moved[~free] = 0.0
         return self.jumps @ moved
-
-    def modes(self, anchors: Anchors | None) -> sp.csc_array:
-        """Motions of the coarse space, by columns: w C or R of the module docstring."""
-        dofs = None if anchors is None else anchors.dofs
-        if self._modes is None or not np.array_equal(self._modes[0], dofs):
-            found = self.blocks.softest() if dofs is None else self.blocks.columns(dofs)
-            self._modes = dofs, found
-        return self._modes[1]
 
 
 def _jumps(points, num_slots: int, dim: int) -> sp.csr_array:
@@ -216,6 +201,17 @@ class NoCoarseSpace:
     def __init__(self, system: BondedSystem, anchors: Anchors | None):
         pass
 
+    @staticmethod
+    def basis(
+        blocks: _Blocks, anchors: Anchors | None
+    ) -> tuple[list[np.ndarray], sp.csc_array | None]:
+        """Blocks of w to iterate with, and the motions of the coarse space."""
+        return blocks.w, None
+
+    def hold(self, free: np.ndarray) -> np.ndarray:
+        """Free velocities from which impulses and motions are counted."""
+        return free
+
     def start(self, impulse: np.ndarray, missing: np.ndarray) -> np.ndarray:
         """Change of the impulses that makes them admissible."""
         return np.zeros_like(impulse)
@@ -229,17 +225,21 @@ class NoCoarseSpace:
         return impulse
 
     def moved(self, missing: np.ndarray) -> np.ndarray | float:
-        """Velocities that anchors give, and their impulses along the way."""
+        """Velocities that close the last jumps; those of the anchors are set."""
         return 0.0
 
 
 class SoftestMotions(NoCoarseSpace):
     """G^T (d - W r) = 0 for the softest motions of each body."""
 
+    @staticmethod
+    def basis(blocks, anchors):
+        """See `NoCoarseSpace`."""
+        return blocks.w, blocks.softest()
+
     def __init__(self, system: BondedSystem, anchors: Anchors | None):
-        modes = system.modes(None)
-        self.size = modes.shape[1]
-        self._jumps = sp.csr_array(system.jumps @ modes)
+        self.size = system.motions.shape[1]
+        self._jumps = sp.csr_array(system.jumps @ system.motions)
         pushed = [system.pushed(column) for column in self._jumps.T.toarray()]
         self._pushed = sp.csr_array(system.jumps @ sp.csc_array(np.array(pushed).T))
         self._solve = _factored(self._jumps.T @ self._pushed)
@@ -258,21 +258,26 @@ class SoftestMotions(NoCoarseSpace):
 
 
 class AnchoredMotions(NoCoarseSpace):
-    """Z^T r = -c, the equilibrium of bodies on springs that bear nothing."""
+    """G^T r = -R^T f, the equilibrium of bodies that interactions alone hold."""
+
+    @staticmethod
+    def basis(blocks, anchors):
+        """See `NoCoarseSpace`."""
+        return _Blocks(anchors.held).w, anchors.motions
 
     def __init__(self, system: BondedSystem, anchors: Anchors):
-        self._motions = system.modes(anchors)
-        self._anchors = anchors
+        self._anchors, self._motions = anchors, system.motions
         self.size = self._motions.shape[1]
-        self._scale = 1.0 / abs(self._motions).max(axis=0).toarray().ravel()
-        self._jumps = sp.csr_array(system.jumps @ self._motions @ sp.diags_array(self._scale))
+        self._jumps = sp.csr_array(system.jumps @ self._motions)
         self._solve = _factored(self._jumps.T @ self._jumps)
-        self.pull = np.zeros(self.size)
+
+    def hold(self, free):
+        """See `NoCoarseSpace`."""
+        return free - self._motions @ self._anchors.on_springs
 
     def start(self, impulse, missing):
-        """See `NoCoarseSpace`; `pull` is c."""
-        short = -self._scale * self.pull - self._jumps.T @ impulse
-        return self._jumps @ self._solve(short)
+        """See `NoCoarseSpace`."""
+        return -self._jumps @ self._solve(self._anchors.load + self._jumps.T @ impulse)
 
     def left(self, missing):
         """See `NoCoarseSpace`: jumps but for those that bodies moving as a whole close."""
@@ -284,15 +289,21 @@ class AnchoredMotions(NoCoarseSpace):
 
     def moved(self, missing):
         """See `NoCoarseSpace`."""
-        self._anchors.impulse[:] = self._scale * self._solve(self._jumps.T @ missing)
-        return self._motions @ self._anchors.impulse
+        self._anchors.velocity[:] = self._solve(self._jumps.T @ missing)
+        return self._motions @ self._anchors.velocity
 
 
 def _factored(matrix: sp.sparray) -> Callable[[np.ndarray], np.ndarray]:
     """Solver of a symmetric matrix that may be singular where the right side allows it."""
     diagonal = matrix.diagonal()
     shift = _SHIFT * np.maximum(diagonal, diagonal.max(initial=1.0) * _SHIFT)
-    return splu(sp.csc_array(matrix + sp.diags_array(shift))).solve
+    factors = splu(sp.csc_array(matrix + sp.diags_array(shift)))
+
+    def solve(right):
+        solution = factors.solve(right)
+        return solution + factors.solve(right - matrix @ solution)
+
+    return solve
 
 
 _systems: WeakKeyDictionary[Interactions, BondedSystem] = WeakKeyDictionary()
@@ -346,12 +357,16 @@ def solve(
             f'solver="subdomains" needs PerfectBond at every point, and there is: {names}. Take '
             '"auto", "newton" or "nlgs", which any law may be mixed with.'
         )
-    system = _systems.get(interactions)
-    if system is None or system.inverse is not interactions.inverse:
-        system = _systems[interactions] = BondedSystem(interactions)
     anchors = interactions.anchors
     if coarse_space is None:
         coarse_space = SoftestMotions if anchors is None else AnchoredMotions
+    system = _systems.get(interactions)
+    if not (
+        system
+        and system.inverse is interactions.inverse
+        and system.coarse_space is coarse_space
+    ):
+        system = _systems[interactions] = BondedSystem(interactions, coarse_space)
     return _Iteration(interactions, system, velocity, coarse_space(system, anchors)).run(
         tolerance, max_sweeps
     )
@@ -363,11 +378,8 @@ class _Iteration:
     def __init__(self, interactions, system: BondedSystem, velocity: np.ndarray, coarse):
         self._system, self._coarse, self._velocity = system, coarse, velocity
         self._interactions, self._group = interactions, interactions.groups[0]
-        self._free = velocity.copy()
+        self._free = coarse.hold(velocity.copy())
         self._wanted = self._to_space(-self._group.jump / interactions.step_size)
-        anchors = interactions.anchors
-        if isinstance(coarse, AnchoredMotions):
-            coarse.pull = self._free[anchors.dofs] - anchors.velocity
         self._directions: list[np.ndarray] = []
         self._responses: list[np.ndarray] = []
 
