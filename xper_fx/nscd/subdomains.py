@@ -18,18 +18,20 @@ however redundant, pairs of nodes or weighted ones. For pairs this is the scalin
 (1999) in the algebraic form of Klawonn and Widlund (2001). The condition grows with
 (1 + log(H/h))^2, H over h the elements along a subdomain's side, and not with their number, if
 
-**a coarse space** makes subdomains that move as a whole hear of each other at once.
+**a coarse space** makes subdomains that move as a whole hear of each other at once (Farhat and Roux
+1991; with mass Farhat, Chen and Mandel 1995). Here it holds the softest motions R of w in each body,
+twice as many as it has rigid ones: these, which are the softest where steps are long, and those near
+uniform strains, without which a few slow modes are left where subdomains are ragged or held. With
+C = H^T R iterates keep C^T (d - W r) = 0 by search directions p with C^T W p = 0.
 
-- With mass (Farhat, Chen and Mandel 1995): the softest motions R of w in each body, as many as it has
-  rigid ones, which they are where steps are long. Iterates keep G^T (d - W r) = 0, G = H^T R, by
-  search directions p with G^T W p = 0. At short steps they change little, and cost little.
-- Without (Farhat and Roux 1991): the velocities a of the anchors of bodies that interactions alone hold
-  (`bulk/anchors.py`) are unknowns, v = v_free + w0 H r + R a with w0 and v_free for anchors that are
-  held,
+**Bodies without mass that interactions alone hold** (`bulk/anchors.py`) have their rigid motions R0
+exactly: v = v_free + w0 H r + R0 a, with w0 and v_free for anchors that are held and G = H^T R0 among
+the columns of C, so that
 
-      W0 r + G a = d0,    G^T r = -R^T f,    G = H^T R.
+    W0 r + G a = d,    G^T r = -R0^T f,
 
-  Search directions keep G^T p = 0.
+and iterates keep C^T (d - W0 r - G a) = 0 by directions with G^T p = 0 and C^T W0 p in the range of
+C^T G.
 
 Directions are kept and made conjugate to all before: the few there are lose conjugacy otherwise.
 
@@ -82,8 +84,12 @@ class _Blocks:
                     self.spans, inverse.data_offsets[:-1], inverse.data_offsets[1:], strict=True
                 )
             ]
-        diagonal = np.concatenate([np.diagonal(w, axis1=1, axis2=2).ravel() for w in self.w])
-        self.free = diagonal > 0.0
+        self.free = self.diagonal_of(self.w) > 0.0
+
+    @staticmethod
+    def diagonal_of(blocks: list[np.ndarray]) -> np.ndarray:
+        """Diagonal of blocks, shape (num_slots * dim,)."""
+        return np.concatenate([np.diagonal(b, axis1=1, axis2=2).ravel() for b in blocks])
 
     def times(self, blocks: list[np.ndarray], x: np.ndarray) -> np.ndarray:
         """Blocks times a vector, shape (num_slots * dim,)."""
@@ -92,6 +98,23 @@ class _Blocks:
             part = x[first:last].reshape(len(block), -1, 1)
             out[first:last] = np.matmul(block, part).ravel()
         return out
+
+    def times_columns(self, blocks: list[np.ndarray], columns: sp.csr_array) -> sp.csr_array:
+        """Blocks times a sparse matrix of few columns a body."""
+        rows, places, values = [], [], []
+        for (first, _), stack in zip(self.spans, blocks, strict=True):
+            size = stack.shape[1]
+            for number, block in enumerate(stack):
+                start = first + number * size
+                part = columns[start : start + size]
+                here, place = np.unique(part.indices, return_inverse=True)
+                dense = np.zeros((size, len(here)))
+                dense[np.repeat(np.arange(size), np.diff(part.indptr)), place] = part.data
+                rows.append(np.repeat(np.arange(start, start + size), len(here)))
+                places.append(np.tile(here, size))
+                values.append((block @ dense).ravel())
+        entries = (np.concatenate(values), (np.concatenate(rows), np.concatenate(places)))
+        return sp.csr_array(sp.coo_array(entries, shape=columns.shape))
 
     def inverted(self) -> list[np.ndarray]:
         """S, zero where a motion is prescribed."""
@@ -106,18 +129,26 @@ class _Blocks:
             schur.append(0.5 * (s + s.transpose(0, 2, 1)))
         return schur
 
-    def softest(self) -> sp.csc_array:
-        """Motions to which each body yields most, as many as it has rigid ones, by columns."""
-        most = self.dim * (self.dim + 1) // 2
+    def softest(self, known: np.ndarray) -> sp.csc_array:
+        """Motions to which each body yields most but for the first of some, by columns.
+
+        Args:
+            known: how many of each body are left out, shape (num_blocks,).
+        """
+        most = self.dim * (self.dim + 1)
         rows, columns, values, count = [], [], [], 0
+        known = iter(known)
         for (first, _), w in zip(self.spans, self.w, strict=True):
             size = w.shape[1]
             for number, block in enumerate(w):
                 start = first + number * size
-                kept = min(most, int(np.count_nonzero(self.free[start : start + size])))
-                if not kept:
+                free = int(np.count_nonzero(self.free[start : start + size]))
+                left_out = next(known)
+                kept = min(most, free // 2) - left_out
+                if kept <= 0:
                     continue
-                _, modes = scipy.linalg.eigh(block, subset_by_index=[size - kept, size - 1])
+                last = size - 1 - left_out
+                _, modes = scipy.linalg.eigh(block, subset_by_index=[last - kept + 1, last])
                 rows.append(np.repeat(np.arange(start, start + size), kept))
                 columns.append(np.tile(np.arange(count, count + kept), size))
                 values.append(modes.ravel())
@@ -127,37 +158,42 @@ class _Blocks:
 
 
 class BondedSystem:
-    """W, its preconditioner and the basis of its coarse space, in the axes of space, for one w.
+    """W and its preconditioner, in the axes of space, for one w.
 
     Args:
         interactions: points, perfect bonds all.
-        coarse_space: what the basis is for.
+        coarse_space: whether iterations have one, or bodies are on the springs of their anchors.
 
     Attributes:
         jumps: H^T, shape (num_points * dim, num_slots * dim).
-        w: blocks of w, or of w0 where there are anchors.
-        motions: R of the module docstring, by columns.
         stiffness: D, shape (num_slots * dim,), N s per m/s.
+        motions: R0, by columns; None without anchors or a coarse space.
+        coarse: the coarse space, None without.
     """
 
-    def __init__(self, interactions: Interactions, coarse_space: type[NoCoarseSpace]):
-        self.coarse_space = coarse_space
-        self.inverse = interactions.inverse
+    def __init__(self, interactions: Interactions, coarse_space: bool):
+        self.inverse, self.has_coarse_space = interactions.inverse, coarse_space
         self.points = interactions.groups[0].points
         self.dim = interactions.dim
-        self.blocks = _Blocks(self.inverse)
+        self._blocks = blocks = _Blocks(self.inverse)
         self.jumps = _jumps(self.points, self.inverse.num_slots, self.dim)
-        self.schur = self.blocks.inverted()
-        self.stiffness = np.concatenate(
-            [np.diagonal(s, axis1=1, axis2=2).ravel() for s in self.schur]
-        )
+        self._schur = blocks.inverted()
+        self.stiffness = blocks.diagonal_of(self._schur)
         self._transposed = sp.csr_array(self.jumps.T)
         self._share = self._factored_sharing()
-        self.w, self.motions = coarse_space.basis(self.blocks, interactions.anchors)
+        self._w, self.motions, self.coarse = blocks.w, None, None
+        anchors = interactions.anchors if coarse_space else None
+        known = np.zeros(len(self.inverse.node_offsets) - 1, int)
+        if anchors is not None:
+            self._w, self.motions = _Blocks(anchors.held).w, anchors.motions
+            first = anchors.motions.indices[anchors.motions.indptr[:-1]]
+            known = np.bincount(self.inverse.block_of_node()[first // self.dim], minlength=len(known))
+        if coarse_space:
+            self.coarse = CoarseSpace(self, blocks.softest(known))
 
     def _factored_sharing(self):
         """Factors of H H^T + a little D on the dofs that are free."""
-        free = self.blocks.free
+        free = self._blocks.free
         normal = sp.csr_array(self._transposed @ self.jumps)[free][:, free]
         _, cluster = connected_components(normal, directed=False)
         largest = np.zeros(cluster.max(initial=0) + 1)
@@ -171,14 +207,19 @@ class BondedSystem:
 
     def pushed(self, impulse: np.ndarray) -> np.ndarray:
         """w H r, or w0 H r, shape (num_slots * dim,)."""
-        return self.blocks.times(self.w, self._transposed @ impulse)
+        return self._blocks.times(self._w, self._transposed @ impulse)
+
+    def product_with(self, impulses: sp.csr_array) -> sp.csr_array:
+        """W times columns."""
+        forces = sp.csr_array(self._transposed @ impulses)
+        return sp.csr_array(self.jumps @ self._blocks.times_columns(self._w, forces))
 
     def precondition(self, jump: np.ndarray) -> np.ndarray:
         """M times a jump of velocities: impulses."""
-        free = self.blocks.free
+        free = self._blocks.free
         moved = np.zeros(free.size)
         moved[free] = self._share.solve((self._transposed @ jump)[free])
-        moved = self.blocks.times(self.schur, moved)
+        moved = self._blocks.times(self._schur, moved)
         moved[free] = self._share.solve(moved[free])
         moved[~free] = 0.0
         return self.jumps @ moved
@@ -193,117 +234,76 @@ def _jumps(points, num_slots: int, dim: int) -> sp.csr_array:
     return sp.csr_array(sp.kron(scalar, sp.eye_array(dim)))
 
 
-class NoCoarseSpace:
-    """Conjugate gradients as they are: iterations grow with the number of subdomains."""
+class CoarseSpace:
+    """Impulses C y on which iterations are exact, and velocities a of anchors.
 
-    size = 0
+    One sparse factorisation solves
 
-    def __init__(self, system: BondedSystem, anchors: Anchors | None):
-        pass
+        C^T (g - W C y - G a) = 0,    G^T C y = e.
 
-    @staticmethod
-    def basis(
-        blocks: _Blocks, anchors: Anchors | None
-    ) -> tuple[list[np.ndarray], sp.csc_array | None]:
-        """Blocks of w to iterate with, and the motions of the coarse space."""
-        return blocks.w, None
+    Args:
+        system: W, and R0.
+        motions: R but for R0, by columns.
+    """
 
-    def hold(self, free: np.ndarray) -> np.ndarray:
-        """Free velocities from which impulses and motions are counted."""
-        return free
+    def __init__(self, system: BondedSystem, motions: sp.csc_array):
+        jumps = system.jumps @ motions
+        self._anchored = sp.csr_array((jumps.shape[0], 0))
+        if system.motions is not None:
+            self._anchored = sp.csr_array(system.jumps @ system.motions)
+            jumps = sp.hstack([jumps, self._anchored])
+        self._impulses = sp.csr_array(jumps)
+        self._products = system.product_with(self._impulses)
+        self.size = self._impulses.shape[1]
+        square = self._impulses.T @ self._products
+        border = self._impulses.T @ self._anchored
+        matrix = sp.block_array([[square, border], [border.T, None]], format="csr")
+        # regular though motions of the whole scene, or more motions than points, depend on each other
+        weight = np.where(square.diagonal() > 0.0, square.diagonal(), 1.0)
+        scale = 1.0 / np.sqrt(np.concatenate([weight, self._border_scale(weight)]))
+        self._scale = scale
+        self._matrix = sp.csr_array(sp.diags_array(scale) @ matrix @ sp.diags_array(scale))
+        shift = np.full(len(scale), _SHIFT)
+        shift[self.size :] *= -1.0
+        self._factors = splu(sp.csc_array(self._matrix + sp.diags_array(shift)))
 
-    def start(self, impulse: np.ndarray, missing: np.ndarray) -> np.ndarray:
-        """Change of the impulses that makes them admissible."""
-        return np.zeros_like(impulse)
+    def _border_scale(self, weight: np.ndarray) -> np.ndarray:
+        """Squares of the scales that make rows of the border of order one."""
+        anchored = weight[self.size - self._anchored.shape[1] :]
+        entries = sp.csr_array(self._anchored.T @ self._anchored).diagonal()
+        return entries**2 / anchored
+
+    def _solved(self, jump: np.ndarray, short: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """y and a for C^T g and e."""
+        right = self._scale * np.concatenate([jump, short])
+        solution = self._factors.solve(right)
+        solution += self._factors.solve(right - self._matrix @ solution)
+        solution *= self._scale
+        return solution[: self.size], solution[self.size :]
+
+    def correction(self, missing: np.ndarray, short: np.ndarray) -> np.ndarray:
+        """Impulses that close the missing jumps as far as C does, and give G^T C y = e."""
+        return self._impulses @ self._solved(self._impulses.T @ missing, short)[0]
 
     def left(self, missing: np.ndarray) -> np.ndarray:
-        """Jumps that impulses must still close."""
-        return missing
+        """Jumps but for what C y and a close."""
+        none = np.zeros(self._anchored.shape[1])
+        y, a = self._solved(self._impulses.T @ missing, none)
+        return missing - self._products @ y - self._anchored @ a
 
     def admissible(self, impulse: np.ndarray) -> np.ndarray:
-        """Search direction made of preconditioned jumps."""
-        return impulse
+        """A search direction from an impulse."""
+        y, _ = self._solved(self._products.T @ impulse, self._anchored.T @ impulse)
+        return impulse - self._impulses @ y
 
-    def moved(self, missing: np.ndarray) -> np.ndarray | float:
-        """Velocities that close the last jumps; those of the anchors are set."""
-        return 0.0
+    def short(self, impulse: np.ndarray, load: np.ndarray) -> np.ndarray:
+        """What is short of the equilibrium of floating bodies, -R0^T f - G^T r."""
+        return -load - self._anchored.T @ impulse
 
-
-class SoftestMotions(NoCoarseSpace):
-    """G^T (d - W r) = 0 for the softest motions of each body."""
-
-    @staticmethod
-    def basis(blocks, anchors):
-        """See `NoCoarseSpace`."""
-        return blocks.w, blocks.softest()
-
-    def __init__(self, system: BondedSystem, anchors: Anchors | None):
-        self.size = system.motions.shape[1]
-        self._jumps = sp.csr_array(system.jumps @ system.motions)
-        pushed = [system.pushed(column) for column in self._jumps.T.toarray()]
-        self._pushed = sp.csr_array(system.jumps @ sp.csc_array(np.array(pushed).T))
-        self._solve = _factored(self._jumps.T @ self._pushed)
-
-    def start(self, impulse, missing):
-        """See `NoCoarseSpace`."""
-        return self._jumps @ self._solve(self._jumps.T @ missing)
-
-    def left(self, missing):
-        """See `NoCoarseSpace`: jumps but for those that `start` closes."""
-        return missing - self._pushed @ self._solve(self._jumps.T @ missing)
-
-    def admissible(self, impulse):
-        """See `NoCoarseSpace`: p - G (G^T W G)^-1 G^T W p."""
-        return impulse - self._jumps @ self._solve(self._pushed.T @ impulse)
-
-
-class AnchoredMotions(NoCoarseSpace):
-    """G^T r = -R^T f, the equilibrium of bodies that interactions alone hold."""
-
-    @staticmethod
-    def basis(blocks, anchors):
-        """See `NoCoarseSpace`."""
-        return _Blocks(anchors.held).w, anchors.motions
-
-    def __init__(self, system: BondedSystem, anchors: Anchors):
-        self._anchors, self._motions = anchors, system.motions
-        self.size = self._motions.shape[1]
-        self._jumps = sp.csr_array(system.jumps @ self._motions)
-        self._solve = _factored(self._jumps.T @ self._jumps)
-
-    def hold(self, free):
-        """See `NoCoarseSpace`."""
-        return free - self._motions @ self._anchors.on_springs
-
-    def start(self, impulse, missing):
-        """See `NoCoarseSpace`."""
-        return -self._jumps @ self._solve(self._anchors.load + self._jumps.T @ impulse)
-
-    def left(self, missing):
-        """See `NoCoarseSpace`: jumps but for those that bodies moving as a whole close."""
-        return missing - self._jumps @ self._solve(self._jumps.T @ missing)
-
-    def admissible(self, impulse):
-        """See `NoCoarseSpace`."""
-        return self.left(impulse)
-
-    def moved(self, missing):
-        """See `NoCoarseSpace`."""
-        self._anchors.velocity[:] = self._solve(self._jumps.T @ missing)
-        return self._motions @ self._anchors.velocity
-
-
-def _factored(matrix: sp.sparray) -> Callable[[np.ndarray], np.ndarray]:
-    """Solver of a symmetric matrix that may be singular where the right side allows it."""
-    diagonal = matrix.diagonal()
-    shift = _SHIFT * np.maximum(diagonal, diagonal.max(initial=1.0) * _SHIFT)
-    factors = splu(sp.csc_array(matrix + sp.diags_array(shift)))
-
-    def solve(right):
-        solution = factors.solve(right)
-        return solution + factors.solve(right - matrix @ solution)
-
-    return solve
+    def anchor_velocities(self, missing: np.ndarray) -> np.ndarray:
+        """a that closes the last jumps."""
+        none = np.zeros(self._anchored.shape[1])
+        return self._solved(self._impulses.T @ missing, none)[1]
 
 
 _systems: WeakKeyDictionary[Interactions, BondedSystem] = WeakKeyDictionary()
@@ -328,7 +328,7 @@ def solve(
     max_sweeps: int = 10_000,
     relaxation: float = 1.0,
     num_threads: int | None = None,
-    coarse_space: type[NoCoarseSpace] | None = None,
+    coarse_space: bool = True,
 ) -> SolveReport:
     """Find the impulses of the step; `velocity` becomes the end velocity.
 
@@ -340,8 +340,7 @@ def solve(
         max_sweeps: iterations after which to give up.
         relaxation: of no use here.
         num_threads: of no use here; products with w are the BLAS's.
-        coarse_space: what subdomains hear of each other at once; the one that the scene calls for
-            if not given.
+        coarse_space: False for iterations whose number grows with that of the bodies.
 
     Returns:
         The report, whose sweeps are iterations; not converged is reported, not raised.
@@ -357,28 +356,27 @@ def solve(
             f'solver="subdomains" needs PerfectBond at every point, and there is: {names}. Take '
             '"auto", "newton" or "nlgs", which any law may be mixed with.'
         )
-    anchors = interactions.anchors
-    if coarse_space is None:
-        coarse_space = SoftestMotions if anchors is None else AnchoredMotions
     system = _systems.get(interactions)
     if not (
         system
         and system.inverse is interactions.inverse
-        and system.coarse_space is coarse_space
+        and system.has_coarse_space == coarse_space
     ):
         system = _systems[interactions] = BondedSystem(interactions, coarse_space)
-    return _Iteration(interactions, system, velocity, coarse_space(system, anchors)).run(
-        tolerance, max_sweeps
-    )
+    return _Iteration(interactions, system, velocity).run(tolerance, max_sweeps)
 
 
 class _Iteration:
     """Projected conjugate gradients for one free velocity."""
 
-    def __init__(self, interactions, system: BondedSystem, velocity: np.ndarray, coarse):
-        self._system, self._coarse, self._velocity = system, coarse, velocity
+    def __init__(self, interactions: Interactions, system: BondedSystem, velocity: np.ndarray):
+        self._system, self._coarse, self._velocity = system, system.coarse, velocity
         self._interactions, self._group = interactions, interactions.groups[0]
-        self._free = coarse.hold(velocity.copy())
+        self._free = velocity.copy()
+        self._load = np.zeros(0)
+        if system.motions is not None:
+            self._load = interactions.anchors.load
+            self._free -= system.motions @ interactions.anchors.on_springs
         self._wanted = self._to_space(-self._group.jump / interactions.step_size)
         self._directions: list[np.ndarray] = []
         self._responses: list[np.ndarray] = []
@@ -387,50 +385,67 @@ class _Iteration:
         return np.einsum("pij,pi->pj", self._group.points.frame, local).ravel()
 
     def _missing(self, impulse: np.ndarray) -> np.ndarray:
-        """d - W r; sets the velocities without what anchors give."""
+        """d - W r; sets the velocities but for R0 a."""
         self._velocity[:] = self._free + self._system.pushed(impulse)
         return self._wanted - self._system.jumps @ self._velocity
 
+    def _left(self, impulse: np.ndarray) -> np.ndarray:
+        """Jumps left after the coarse space's correction of the impulses, which it is added to."""
+        missing = self._missing(impulse)
+        if self._coarse is None:
+            return missing
+        impulse += self._coarse.correction(missing, self._coarse.short(impulse, self._load))
+        return self._coarse.left(self._missing(impulse))
+
     def run(self, tolerance: float, max_iterations: int) -> SolveReport:
         """Iterate until the error is within the tolerance."""
-        system, coarse, group = self._system, self._coarse, self._group
+        group = self._group
         scale = self._scale(tolerance)
         impulse = self._to_space(group.impulse)
-        count, traction, converged, error = 0, 0.0, False, np.inf
+        count, traction, error = 0, 0.0, np.inf
         for _ in range(_RENEWALS):
-            impulse += coarse.start(impulse, self._missing(impulse))
-            left = coarse.left(self._missing(impulse))
+            left = self._left(impulse)
             error, direction = self._error(left, scale)
-            converged = error <= tolerance
-            if converged or count >= max_iterations or not np.isfinite(error):
+            if not error > tolerance or count >= max_iterations:
                 break
             while error > tolerance and count < max_iterations:
                 change, left = self._advance(direction, left)
                 impulse += change
                 count += 1
                 error, direction = self._error(left, scale)
-                if not np.isfinite(error):
-                    break
             traction = self._traction(change)
-        converged = converged or error <= tolerance
-        self._velocity += coarse.moved(self._missing(impulse))
-        local = np.einsum("pij,pj->pi", group.points.frame, impulse.reshape(-1, system.dim))
+        self._move_anchors(impulse)
+        local = np.einsum("pij,pj->pi", group.points.frame, impulse.reshape(-1, self._system.dim))
         group.impulse[:] = local
-        reason = f"{count} iterations, {coarse.size} coarse unknowns"
-        return SolveReport(bool(converged), max(count, 1), error, traction, "subdomains", reason)
+        size = self._coarse.size if self._coarse else 0
+        reason = f"{count} iterations, {size} coarse unknowns"
+        return SolveReport(
+            error <= tolerance, max(count, 1), error, traction, "subdomains", reason
+        )
+
+    def _move_anchors(self, impulse: np.ndarray) -> None:
+        missing = self._missing(impulse)
+        if self._system.motions is not None:
+            moved = self._coarse.anchor_velocities(missing)
+            self._interactions.anchors.velocity[:] = moved
+            self._velocity += self._system.motions @ moved
 
     def _scale(self, tolerance: float) -> float:
         """Energy of the impulses looked for, or what rounding is worth at the tolerance."""
-        nothing = np.zeros_like(self._wanted)
-        nothing += self._coarse.start(nothing, nothing)
-        left = self._coarse.left(self._missing(nothing))
+        impulse = np.zeros_like(self._wanted)
+        if len(self._load):
+            impulse += self._coarse.correction(0.0 * impulse, -self._load)
+        left = self._missing(impulse)
+        if len(self._load):
+            left = self._coarse.left(left)
         speed = float(np.abs(self._velocity).max(initial=0.0))
         rounding = _ROUNDING * speed * np.sqrt(self._system.stiffness.sum())
-        energy, _ = self._energy(left)
-        return max(energy, rounding / tolerance)
+        return max(self._energy(left)[0], rounding / tolerance)
 
     def _energy(self, left: np.ndarray) -> tuple[float, np.ndarray]:
-        direction = self._coarse.admissible(self._system.precondition(left))
+        direction = self._system.precondition(left)
+        if self._coarse is not None:
+            direction = self._coarse.admissible(direction)
         return float(np.sqrt(max(left @ direction, 0.0))), direction
 
     def _error(self, left: np.ndarray, scale: float) -> tuple[float, np.ndarray]:
@@ -447,7 +462,8 @@ class _Iteration:
         self._directions.append(direction)
         self._responses.append(response)
         factor = direction @ left
-        return factor * direction, self._coarse.left(left - factor * response)
+        left = left - factor * response
+        return factor * direction, left if self._coarse is None else self._coarse.left(left)
 
     def _traction(self, change: np.ndarray) -> float:
         size = np.linalg.norm(change.reshape(-1, self._system.dim), axis=1)
