@@ -172,6 +172,7 @@ class Simulation:
             forces = [load for load in scene.loads if load not in motions]
             with self.stopwatch.phase("forms"):
                 self.forms = BulkForms(scene.bodies, scene.order, scene.materials, forces)
+            self._ties = self._tied(scheme)
             if scene.macroscopic is None:
                 joined = () if inertia else self._joined_bodies()
                 self.bulk = Bulk(self.forms, motions, scene.damping, inertia, joined)
@@ -292,13 +293,27 @@ class Simulation:
             )
         return State(0.0, rest, velocity, internal, self.bulk.external(0.0))
 
+    def _tied(self, scheme: str) -> list[tuple[InteractionPoints, np.ndarray]]:
+        """Points of each tie and the bodies that they join."""
+        if not self.scene.ties:
+            return []
+        from xper_fx.ties import tie_points
+
+        if scheme == "explicit" and self.scene.points == "nodal":
+            raise ValueError(
+                "An explicit bulk with nodal points solves each vertex alone, and ties join "
+                'several: take scheme="implicit" or points="gauss".'
+            )
+        return [tie_points(tie, self.forms.V, self.scene.bodies) for tie in self.scene.ties]
+
     def _joined_bodies(self) -> np.ndarray:
         """Pairs of bodies between which interactions act, shape (n, 2)."""
         _, law = self.scene.law_of_facet()
-        return self.scene.bodies.facets.bodies[law >= 0]
+        pairs = [self.scene.bodies.facets.bodies[law >= 0], *(pair for _, pair in self._ties)]
+        return np.concatenate(pairs)
 
     def _points(self) -> tuple[InteractionPoints | None, list, np.ndarray]:
-        """Points of facing facets, then of walls, on nodes in DOLFINx numbering."""
+        """Points of facing facets, of ties, of walls, on nodes in DOLFINx numbering."""
         scene, bodies = self.scene, self.scene.bodies
         laws, law_of_facet = scene.law_of_facet()
         has_law = law_of_facet >= 0
@@ -317,6 +332,11 @@ class Simulation:
             law_of_point.append(
                 np.repeat(law_of_facet[has_law], len(part) // np.count_nonzero(has_law))
             )
+        for tie, (part, _) in zip(scene.ties, self._ties, strict=True):
+            if tie.law not in laws:
+                laws.append(tie.law)
+            parts.append(part)
+            law_of_point.append(np.full(len(part), laws.index(tie.law)))
         k = parts[0].nodes.shape[2] if parts else 1
         for wall in scene.walls:
             part = self._wall_part(wall, ground, k)
