@@ -17,8 +17,9 @@ without an interface does (order 2 in L2, 1 in energy; Bernardi, Maday and Pater
 
 *Node* points take sum_l N_l(x_i) u_l at the antagonist facet that holds the candidate node. A linear
 displacement passes, a uniform traction only if kinks of the antagonists lie on candidate nodes
-(nested meshes): sum_i A_i N_l(x_i) is the rule of trapezes for int N_l. Where they do not, errors next
-to the interface are of the order of the traction, whatever the mesh size.
+(nested meshes): sum_i A_i N_l(x_i) is the rule of trapezes for int N_l. Where they do not, stresses
+next to the interface keep an error that refinement does not mend, and displacements there converge
+with order 1.
 
 Ties at every quadrature point of the overlaps are not offered: as many constraints leave both traces
 no kinks but those that the meshes share, and lock.
