@@ -174,15 +174,15 @@ class Detection:
         )  # fmt: skip
         return FoundPoints(points, self._law_of_pair[group[:, 0], group[:, 1]], contacts.key)
 
-    def release(self, interactions: Interactions) -> None:
+    def release(self, interactions: Interactions, each: int) -> None:
         """After a step, let the search take over the lips that have parted.
 
         Args:
             interactions: the layer, whose permanent points come facet after facet.
+            each: points on a facet.
         """
         if self._surfaces is None or not len(self._waiting):
             return
-        each = len(interactions) // len(self._lips)
         count = each * len(self._lips)
         loose = interactions.unbonded()[:count].reshape(-1, each).all(axis=1)[self._waiting]
         lips = self._waiting[loose]

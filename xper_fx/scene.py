@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from xper_fx.nscd.rigid.bodies import RigidBodies
     from xper_fx.nscd.rigid.body import RigidBody
     from xper_fx.periodic.drive import MacroscopicDrive
+    from xper_fx.ties import Tie
 
 Field = Callable[[np.ndarray], np.ndarray]
 Load = BodyForce | Gravity | SurfaceTraction | PrescribedVelocity | PrescribedDisplacement
@@ -74,8 +75,10 @@ class Scene:
         points: "nodal" or "gauss", where interactions act on a facet (see `nscd/facets.py`).
             Nodal points are right but for cohesive bonds on tetrahedra of order 2, where a
             uniform traction needs Gauss points (nodal ones were off by 2.6 % in a patch test).
+        ties: laws between surfaces meshed apart, whose nodes do not match (`xper_fx/ties.py`); for
+            triangles and tetrahedra of order 1.
         macroscopic: what drives a periodic cell (bodies made with a `lattice`); such a scene has
-            no loads, walls or damping, and `initial_velocity` is that of the fluctuation.
+            no loads, walls, ties or damping, and `initial_velocity` is that of the fluctuation.
         rigid: rigid bodies; of the loads gravity acts on them.
         surfaces: cell tags of the meshed bodies that make up a group, by the group's name; their
             outer facets, and those that fracture frees, are what `contacts` of the group touch.
@@ -105,6 +108,7 @@ class Scene:
     order: int = 1
     points: str = "nodal"
     macroscopic: MacroscopicDrive | None = None
+    ties: Sequence[Tie] = ()
     rigid: Sequence[RigidBody] = ()
     surfaces: Mapping[str, Sequence[int]] = field(default_factory=dict)
     contacts: Sequence[Contact] = ()
@@ -154,6 +158,7 @@ class Scene:
         self._check_materials()
         self._check_initial_velocity()
         self._check_walls()
+        self._check_ties()
         self._check_tags()
         self._check_motions()
         self.law_of_facet()
@@ -235,7 +240,7 @@ class Scene:
                 "A macroscopic drive needs a periodic cell: give the `lattice` to `explode`."
             )
         self.macroscopic.check(self.dim)
-        for name in ("loads", "walls", "damping", "rigid", "contacts"):
+        for name in ("loads", "walls", "ties", "damping", "rigid", "contacts"):
             if getattr(self, name):
                 raise ValueError(
                     f"A periodic cell is driven by `macroscopic` alone; {name} should be left out, "
@@ -338,6 +343,24 @@ class Scene:
                 )
             if not np.linalg.norm(wall.normal) > 0.0:
                 raise ValueError(f"A wall's normal should not vanish, got {tuple(wall.normal)}.")
+
+    def _check_ties(self) -> None:
+        for tie in self.ties:
+            if not all(hasattr(tie, name) for name in ("candidates", "antagonists", "law", "rule")):
+                raise TypeError(f"{tie!r} is no Tie (xper_fx/ties.py).")
+            _check_law(tie.law)
+            cell = self.bodies.mesh.topology.cell_name()
+            if self.order != 1 or cell not in ("triangle", "tetrahedron"):
+                raise ValueError(
+                    "Ties need triangles or tetrahedra of order 1, whose surfaces are of segments "
+                    f"or triangles; got {cell} cells of order {self.order}."
+                )
+            for facets in (tie.candidates, tie.antagonists):
+                if facets not in self.bodies.facet_tags.values:
+                    raise ValueError(
+                        f"A tie names facet tag {facets}, which occurs nowhere; tags that do: "
+                        f"{sorted(set(self.bodies.facet_tags.values.tolist()))}."
+                    )
 
     def _check_tags(self) -> None:
         present = set(self.bodies.facet_tags.values.tolist())

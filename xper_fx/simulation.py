@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from importlib import import_module
 from pathlib import Path
@@ -30,6 +30,7 @@ from xper_fx.nscd.facets import (
     wall_points,
 )
 from xper_fx.nscd.interactions import Interactions
+from xper_fx.nscd.nlgs import SolveReport
 from xper_fx.nscd.points import InteractionPoints
 from xper_fx.profile import Stopwatch
 from xper_fx.scene import Scene
@@ -43,7 +44,7 @@ if TYPE_CHECKING:
 logger = logging.getLogger(__name__)
 
 # Solvers of the interactions: modules of `nscd`, imported when asked for.
-SOLVERS = ("auto", "nlgs", "newton", "accelerated")
+SOLVERS = ("auto", "nlgs", "newton", "accelerated", "subdomains")
 # Steps as shares of the critical one: without a wish, and where an explicit bulk, linear so that
 # its critical step stays what it is, should be as cheap as it can.
 _BELOW_LIMIT, _AT_LIMIT = 0.7, 0.95
@@ -99,16 +100,19 @@ class Simulation:
             not given; "auto" adapts it.
         max_sweeps: sweeps after which the interaction solver gives up.
         solver: of the interactions: "nlgs" (sweeps), "newton" (all points at once, for steps far
-            beyond the explicit limit), "accelerated" (mixed sweeps), or "auto", which picks. An
-            explicit bulk with nodal points solves each vertex alone, and takes "auto" only.
+            beyond the explicit limit), "accelerated" (mixed sweeps), "subdomains" (conjugate
+            gradients, where all points are perfect bonds), or "auto", which picks. An explicit
+            bulk with nodal points solves each vertex alone, and takes "auto" only. A function
+            with the arguments of `nscd.nlgs.solve` is a solver too.
         relaxation: over-relaxation of impulses where a law is linear, in (0, 2).
         newton_tolerance: bound on the last relative Newton correction; with interactions at least
             a hundredth of `tolerance`. 1e-8 if not given, or a thousandth of `accuracy`.
         max_newton: Newton iterations after which a step is given up.
         max_halvings: how often a step that does not converge, in which a material flows by more
             than 5 % strain, or in which iterates broke bonds that stay closed, is cut in two.
-        inertia: False for a static run (theta = 1): bodies without mass, which motions or a
-            periodic cell's ties must hold, as nothing regularises the stiffness.
+        inertia: False for a static run (theta = 1): bodies without mass, which motions, a
+            periodic cell's ties or interactions with bodies that are held must hold, as nothing
+            regularises the stiffness.
         num_threads: threads of the interaction solver; all that Numba has if not given.
 
     Attributes:
@@ -118,7 +122,7 @@ class Simulation:
         interactions: the points, None if the scene has none.
         ledger: energies.
         macroscopic: Fbar, Pibar and Hill-Mandel's error of a periodic cell; None otherwise.
-        solver: module of `nscd` that solves the interactions.
+        solver: module of `nscd` that solves the interactions, or the function given.
         stopwatch: profile of the run.
 
     Raises:
@@ -136,7 +140,7 @@ class Simulation:
         tolerance: float | str | None = None,
         max_sweeps: int = 20_000,
         relaxation: float = 1.3,
-        solver: str = "auto",
+        solver: str | Callable[..., SolveReport] = "auto",
         newton_tolerance: float | None = None,
         max_newton: int = 25,
         max_halvings: int = 6,
@@ -151,7 +155,7 @@ class Simulation:
             scheme = "explicit" if explicit else "implicit"
         self._check(scheme, theta, relaxation)
         self._check_effects(scene, scheme, knobs, theta, inertia)
-        if solver not in SOLVERS:
+        if solver not in SOLVERS and not callable(solver):
             raise ValueError(f"solver should be one of {', '.join(SOLVERS)}, got {solver!r}.")
         if solver != "auto" and scheme == "explicit" and scene.points == "nodal":
             raise ValueError(
@@ -192,8 +196,10 @@ class Simulation:
             self.ledger = EnergyLedger(self.bulk, self.state, self.theta, self.rigid)
             self._control = None if knobs.accuracy is None else self._accuracy_control(knobs)
         self.solver = "vertex_blocks" if self._by_vertex else solver
+        if not callable(solver):
+            solver = import_module(f"xper_fx.nscd.{self.solver}").solve
         self._solve = partial(
-            import_module(f"xper_fx.nscd.{self.solver}").solve,
+            solver,
             max_sweeps=max_sweeps,
             relaxation=relaxation,
             num_threads=num_threads,
@@ -278,8 +284,10 @@ class Simulation:
             return EmptyBulk(scene.dim)
         with self.stopwatch.phase("forms"):
             forms = BulkForms(scene.bodies, scene.order, scene.materials, forces)
+        self._ties = self._tied(forms)
         if scene.macroscopic is None:
-            return Bulk(forms, motions, scene.damping, inertia)
+            joined = () if inertia else self._joined_bodies()
+            return Bulk(forms, motions, scene.damping, inertia, joined)
         from xper_fx.periodic.two_field import CellBulk
 
         return CellBulk(forms, scene.macroscopic, inertia)
@@ -339,8 +347,27 @@ class Simulation:
             )
         return State(0.0, rest, velocity, internal, self.bulk.external(0.0))
 
+    def _tied(self, forms: BulkForms) -> list[tuple[InteractionPoints, np.ndarray]]:
+        """Points of each tie and the bodies that they join."""
+        if not self.scene.ties:
+            return []
+        from xper_fx.ties import tie_points
+
+        if self.scheme_name == "explicit" and self.scene.points == "nodal":
+            raise ValueError(
+                "An explicit bulk with nodal points solves each vertex alone, and ties join "
+                'several: take scheme="implicit" or points="gauss".'
+            )
+        return [tie_points(tie, forms.V, self.scene.bodies) for tie in self.scene.ties]
+
+    def _joined_bodies(self) -> np.ndarray:
+        """Pairs of bodies between which interactions act, shape (n, 2)."""
+        _, law = self.scene.law_of_facet()
+        pairs = [self.scene.bodies.facets.bodies[law >= 0], *(pair for _, pair in self._ties)]
+        return np.concatenate(pairs)
+
     def _points(self) -> tuple[InteractionPoints | None, list, np.ndarray]:
-        """Points of facing facets, then of walls, on nodes in DOLFINx numbering."""
+        """Points of facing facets, of ties, of walls, on nodes in DOLFINx numbering."""
         scene, bodies = self.scene, self.scene.bodies
         if bodies is None:
             return None, [], np.zeros(0, int)
@@ -349,6 +376,7 @@ class Simulation:
         node_of = self.bulk.unknowns.node_of
         ground = self.bulk.num_dofs // self.bulk.dim
         parts, law_of_point = [], []
+        self._points_a_facet = 0
         self.facets_with_law = np.flatnonzero(has_law)
         if np.any(has_law):
             part = facet_points(
@@ -358,9 +386,13 @@ class Simulation:
                 scene.points,
             )
             parts.append(part)
-            law_of_point.append(
-                np.repeat(law_of_facet[has_law], len(part) // np.count_nonzero(has_law))
-            )
+            self._points_a_facet = len(part) // len(self.facets_with_law)
+            law_of_point.append(np.repeat(law_of_facet[has_law], self._points_a_facet))
+        for tie, (part, _) in zip(scene.ties, self._ties, strict=True):
+            if tie.law not in laws:
+                laws.append(tie.law)
+            parts.append(part)
+            law_of_point.append(np.full(len(part), laws.index(tie.law)))
         k = parts[0].nodes.shape[2] if parts else 1
         for wall in scene.walls:
             part = self._wall_part(wall, ground, k)
@@ -589,7 +621,7 @@ class Simulation:
             self.ledger.record(self.state, outcome, size, energies, work, self._rigid_work)
         if self.detection is not None:
             with self.stopwatch.phase("contact search"):
-                self.detection.release(self.interactions)
+                self.detection.release(self.interactions, self._points_a_facet)
         if self._control is not None:
             self._control.learn(size, energies, work, self.ledger.closure)
             self.tolerance = self._control.tolerance

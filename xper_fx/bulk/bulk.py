@@ -11,8 +11,11 @@ from collections.abc import Sequence
 
 import basix
 import numpy as np
+import numpy.typing as npt
 import scipy.sparse as sp
 from dolfinx import fem
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from xper_fx.bulk.balance import InBalance
 from xper_fx.bulk.layout import BodyLayout
@@ -37,17 +40,20 @@ class Bulk:
         motions: prescribed velocities and displacements, which do not contradict each other.
         damping: viscous damping, None for none.
         inertia: False for a static bulk, without mass. Nothing takes its place: K is not
-            regularised, so that what is prescribed must hold every body.
+            regularised, so that what is prescribed must hold every body, or every group of bodies
+            that interactions join.
+        joined: pairs of bodies between which interactions act, shape (n, 2).
 
     Attributes:
         unknowns: what the unknowns are.
+        floating: whether there are bodies without inertia that interactions alone hold.
         inertia, damping: None where there is none.
         weights: lumped mass a dof, which gives the norm of velocities with inertia or without,
             shape (num_dofs,), kg (2D: kg/m).
         layout: nodes body by body, prescribed dofs.
 
     Raises:
-        ValueError: no inertia, and a body that nothing holds.
+        ValueError: no inertia, and a body or a group of joined bodies that nothing holds.
     """
 
     def __init__(
@@ -56,6 +62,7 @@ class Bulk:
         motions: Sequence[PrescribedVelocity | PrescribedDisplacement] = (),
         damping: RayleighDamping | None = None,
         inertia: bool = True,
+        joined: npt.ArrayLike = (),
     ):
         self.forms = forms
         self.linear = forms.linear
@@ -67,13 +74,13 @@ class Bulk:
             self.unknowns.nodes, self.unknowns.offsets, self.dim, self._prescribed()
         )
         self.weights = np.repeat(self._nodal_mass(), self.dim)
-        self.inertia = None
+        self.inertia, self.floating = None, False
         if inertia:
             from xper_fx.bulk.inertia import Inertia
 
             self.inertia = Inertia(self._mass())
         else:
-            self._require_held_bodies()
+            self.floating = self._held_by_interactions(np.reshape(joined, (-1, 2)).astype(int))
         self._matrix = fem.create_matrix(forms.tangent)
         damps_stiffness = damping is not None and damping.stiffness > 0.0
         self.stiffness = None
@@ -101,22 +108,45 @@ class Bulk:
 
     def free_motions(self) -> np.ndarray:
         """In how many ways each body is free to move as a whole, shape (num_bodies,)."""
+        x, held = self.nodes_of_bodies()
+        return free_rigid_motions(x, self.layout.offsets, held)
+
+    def nodes_of_bodies(self) -> tuple[np.ndarray, np.ndarray]:
+        """Positions and prescribed components of the nodes, body by body, (num_nodes, dim) both."""
         layout = self.layout
         x = self.forms.V.tabulate_dof_coordinates()[layout.nodes, : self.dim]
-        held = layout.prescribed[layout.dofs(layout.nodes)]
-        return free_rigid_motions(x, layout.offsets, held.reshape(x.shape))
+        return x, layout.prescribed[layout.dofs(layout.nodes)].reshape(x.shape)
 
-    def _require_held_bodies(self) -> None:
-        """Raise a ValueError if a body without inertia is free to move as a whole."""
-        free = self.free_motions()
-        if np.any(free):
-            body = int(np.argmax(free > 0))
-            raise ValueError(
-                f"Without inertia what is prescribed should hold every body, and body {body} is "
-                f"free to move as a whole in {free[body]} way(s) (translations and rotations): "
-                "prescribe more components on its facets; bodies that interactions alone hold need "
-                "inertia=True."
-            )
+    def _held_by_interactions(self, joined: np.ndarray) -> bool:
+        """Whether interactions hold bodies that nothing else does.
+
+        Args:
+            joined: pairs of bodies, shape (n, 2).
+
+        Raises:
+            ValueError: joined bodies, or a body alone, are free to move as a whole.
+        """
+        layout = self.layout
+        if not np.any(self.free_motions()):
+            return False
+        graph = coo_array((np.ones(len(joined)), tuple(joined.T)), shape=2 * (layout.num_bodies,))
+        _, group = connected_components(graph, directed=False)
+        group_of_node = np.repeat(group, np.diff(layout.offsets))
+        order = np.argsort(group_of_node, kind="stable")
+        offsets = np.concatenate([[0], np.cumsum(np.bincount(group_of_node))])
+        x, held = self.nodes_of_bodies()
+        free = free_rigid_motions(x[order], offsets, held[order])
+        if not np.any(free):
+            return True
+        loose = int(np.argmax(free > 0))
+        bodies = np.flatnonzero(group == loose)
+        others = f" with the {len(bodies) - 1} it is joined to" if len(bodies) > 1 else ""
+        raise ValueError(
+            "Without inertia what is prescribed should hold every body, or one of those that "
+            f"interactions join to it, and body {bodies[0]} is free{others} to move as a whole in "
+            f"{free[loose]} way(s) (translations and rotations): prescribe more components on its "
+            "facets, or take inertia=True."
+        )
 
     def _mass(self) -> np.ndarray:
         """Mass of each unknown that has inertia."""

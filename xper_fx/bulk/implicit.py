@@ -9,6 +9,8 @@ With theta in [1/2, 1] and F = f_ext - f_int(q) - C v,
     v_free = v^k + w res^k,                              v^{k+1} = v_free + w H r.
 
 A linear bulk is done after one iteration, and Mt is formed and inverted once for each step size.
+Bodies without inertia that interactions alone hold stand on springs that let go after each iteration
+(`bulk/anchors.py`), of which there are then a few.
 Otherwise w is kept as long as Newton contracts well with it, and renewed when it does not.
 
 Some unknowns may have another theta (`Bulk.end_weight`): those of a periodic cell that no mass
@@ -81,11 +83,15 @@ class ImplicitScheme:
             return self._inverses[step]
         with self._stopwatch.phase("inverse"):
             bulk, layout = self.bulk, self.bulk.layout
-            inverse = (
-                CellwiseInverse(layout)
-                if layout.uniform
-                else ClusterInverse(layout, self._interacting)
-            )
+            if bulk.floating:
+                from xper_fx.bulk.anchors import AnchoredInverse
+
+                x = bulk.forms.V.tabulate_dof_coordinates()[:, : bulk.dim]
+                inverse = AnchoredInverse(layout, x, self._interacting)
+            elif layout.uniform:
+                inverse = CellwiseInverse(layout)
+            else:
+                inverse = ClusterInverse(layout, self._interacting)
             stiffness = bulk.stiffness if bulk.linear else bulk.tangent(displacement)
             inverse.factor(self._iteration_matrix(step, stiffness))
             inverse = bulk.with_border(
@@ -177,6 +183,7 @@ class ImplicitScheme:
         impulses, slots = np.zeros_like(v0), np.zeros(0)
         newton_before, newton = np.inf, 0.0
         bare = interactions is None
+        exact = bulk.linear and not bulk.floating
         self._tolerance = self._newton_tolerance
         if not bare:
             self._tolerance = max(self._newton_tolerance, _BLUR * tolerance)
@@ -192,6 +199,8 @@ class ImplicitScheme:
                 if iteration > 1:  # what an earlier iterate damaged is whole again
                     with watch.phase("interaction terms"):
                         interactions.prepare()
+                if bulk.floating:
+                    interactions.anchors = inverse.anchors(residual)
                 with watch.phase("interaction solve"):
                     new, impulses, slots, report = interact(
                         inverse, interactions, solver, free, tolerance
@@ -203,33 +212,37 @@ class ImplicitScheme:
             with watch.phase("free velocity"):
                 residual, internal = residual_at(velocity)
                 balance.look(inverse, velocity, previous, residual, internal, step, newton)
-            if not converged or (bulk.linear and balance.settled):
+            if not converged or (exact and balance.settled):
                 break
-            if bulk.linear:
+            if exact:
                 continue
-            # For the impulses found, what is left is the bulk's nonlinearity alone. A step that
-            # inverts a cell (no finite energy) or leaves more than it found is cut.
+            # For the impulses found, what is left is the bulk's nonlinearity, or what springs of
+            # floating bodies bear. A step that inverts a cell (no finite energy) or leaves more
+            # than it found is cut.
             if corrected and not bare:
                 newton_before = np.inf  # what other unknowns stir up is no step that went wrong
             with watch.phase("free velocity"):
                 # without interactions all unknowns are corrected at once
                 solve = inverse.advance if bare else inverse.apply
-                newton = self._correction(solve, residual + impulses, velocity, step)
+                displacement = predictor + step * theta * velocity
+                newton = self._correction(solve, residual + impulses, velocity, displacement, step)
                 for _ in range(_CUTS):
                     if np.isfinite(newton) and newton <= 2.0 * newton_before:
                         break
                     velocity = 0.5 * (velocity + previous)
                     residual, internal = residual_at(velocity)
+                    displacement = predictor + step * theta * velocity
                     # the impulses belong to the whole step: this is not yet the end
-                    left = self._correction(solve, residual + impulses, velocity, step)
+                    left = self._correction(
+                        solve, residual + impulses, velocity, displacement, step
+                    )
                     newton = max(left, 2.0 * self._tolerance)
             if not np.isfinite(newton):
                 break
             if newton <= self._tolerance and balance.settled:
                 break
             slow = newton > _SLOW * newton_before and self._left(newton, newton_before) > _FEW
-            if balance.worse or slow:
-                displacement = predictor + step * theta * velocity
+            if balance.worse or (slow and not bulk.linear):
                 inverse = self.inverse(step, displacement, renew=True)
                 if not bare:
                     with watch.phase("interaction terms"):
@@ -261,11 +274,16 @@ class ImplicitScheme:
             return np.inf
         return np.log(self._tolerance / newton) / np.log(newton / before)
 
-    def _correction(self, solve, residual, velocity, step) -> float:
+    def _correction(self, solve, residual, velocity, displacement, step) -> float:
         """Newton's next correction relative to the velocities; infinite if it is not finite."""
         correction = self.bulk.norm(solve(residual))
         # towards rest velocities vanish, and the rounding of positions is what is left
-        if correction <= self._rounding / (step * self.theta):
+        rounding = self._rounding
+        if self.bulk.floating:
+            from xper_fx.bulk.anchors import ROUNDING
+
+            rounding = max(rounding, ROUNDING * self.bulk.norm(displacement))
+        if correction <= rounding / (step * self.theta):
             return 0.0
         relative = correction / self.bulk.norm(velocity)
         return relative if np.isfinite(relative) else np.inf

@@ -26,6 +26,35 @@ def free_rigid_motions(x: np.ndarray, offsets: np.ndarray, held: np.ndarray) -> 
     Returns:
         Shape (num_bodies,): from 0 to 3 in 2D, to 6 in 3D.
     """
+    motions, starts = _rigid_motions(x, offsets) * held[:, :, None], offsets[:-1]
+    grams = np.add.reduceat(np.einsum("ncm,nck->nmk", motions, motions), starts)
+    return _not_held(np.linalg.eigvalsh(grams)).sum(axis=1)
+
+
+def free_rigid_modes(x: np.ndarray, held: np.ndarray) -> np.ndarray:
+    """The rigid motions of one body that nothing holds.
+
+    Args:
+        x: positions of its nodes, shape (num_nodes, dim), m.
+        held: components whose motion is given, shape (num_nodes, dim), bool.
+
+    Returns:
+        Orthonormal columns, shape (num_nodes * dim, number of motions); they vanish where held.
+    """
+    motions = _rigid_motions(x, np.array([0, len(x)]))
+    fixed = motions[held]
+    values, vectors = np.linalg.eigh(fixed.T @ fixed)
+    free = motions.reshape(held.size, -1) @ vectors[:, _not_held(values)]
+    free[held.ravel()] = 0.0
+    return np.linalg.qr(free)[0]
+
+
+def _rigid_motions(x: np.ndarray, offsets: np.ndarray) -> np.ndarray:
+    """Translations and rotations about the centre of each body, of like size.
+
+    Returns:
+        Shape (num_nodes, dim, number of motions).
+    """
     dim, starts, sizes = x.shape[1], offsets[:-1], np.diff(offsets)
     centre = np.add.reduceat(x, starts) / sizes[:, None]
     arm = x - np.repeat(centre, sizes, axis=0)
@@ -35,7 +64,9 @@ def free_rigid_motions(x: np.ndarray, offsets: np.ndarray, held: np.ndarray) -> 
     motions[:, range(dim), range(dim)] = 1.0
     for number, (i, j) in enumerate(planes, start=dim):
         motions[:, i, number], motions[:, j, number] = -arm[:, j], arm[:, i]
-    motions *= held[:, :, None]
-    grams = np.add.reduceat(np.einsum("ncm,nck->nmk", motions, motions), starts)
-    values = np.linalg.eigvalsh(grams)
-    return (values <= _NOT_HELD * np.maximum(values[:, -1:], 1.0)).sum(axis=1)
+    return motions
+
+
+def _not_held(values: np.ndarray) -> np.ndarray:
+    """Which eigenvalues of sum m m^T, ascending along the last axis, stand for free motions."""
+    return values <= _NOT_HELD * np.maximum(values[..., -1:], 1.0)

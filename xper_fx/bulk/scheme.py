@@ -81,4 +81,6 @@ def interact(
     else:
         velocity = inverse.apply(impulses)
         velocity += free
+        if interactions.anchors is not None:
+            velocity += inverse.moved(interactions.anchors)
     return velocity, impulses, slots, report

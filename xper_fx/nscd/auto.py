@@ -6,6 +6,11 @@ good first guess. They start. After each spell their contraction says how many a
 is more than what a Newton solve costs, `newton.py` goes on from there, and falls back to sweeps by
 itself where a step does not help. Where Newton has nothing to work with (w singular along a
 direction that is not prescribed) or gives up, `accelerated.py` finishes.
+
+Where every point is a perfect bond, `subdomains.py` takes Newton's place for bodies of many cells: 3072
+tetrahedra in 16 bodies took 2.6 times less at a tolerance of 1e-8 and a step thirty times what waves
+need to cross a body; where they just cross it, sweeps were enough. It is all there is to do for bodies
+that interactions alone hold.
 """
 
 from __future__ import annotations
@@ -52,6 +57,10 @@ def solve(
     """
     free = velocity.copy()
     options = {"tolerance": tolerance, "relaxation": relaxation, "num_threads": num_threads}
+    bonded = [g.kernels.name for g in interactions.groups] == ["perfect bond"]
+    if bonded and interactions.anchors is not None:
+        solver = import_module("xper_fx.nscd.subdomains")
+        return solver.solve(interactions, velocity, max_sweeps=max_sweeps, **options)
     sweeps, spell = 0, _FIRST
     while True:
         velocity[:] = free
@@ -67,7 +76,8 @@ def solve(
         spell *= 2
     reason = f"{left:.0f} sweeps left after {sweeps}"
     allowed = min(max_sweeps - sweeps, max(1, int(_SHARE * max_sweeps)))
-    for solver, most in (("newton", allowed), ("accelerated", max_sweeps)):
+    best = "subdomains" if bonded and not interactions.inverse.uniform_size else "newton"
+    for solver, most in ((best, allowed), ("accelerated", max_sweeps)):
         if sweeps >= max_sweeps:
             break
         velocity[:] = free

@@ -9,6 +9,8 @@ integrate a smooth traction more accurately, and oscillate when bonds are stiff 
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from xper_fx.nscd.points import InteractionPoints, frame_from_normal
@@ -167,10 +169,20 @@ def no_points(dim: int) -> InteractionPoints:
 
 
 def join_points(parts: list[InteractionPoints]) -> InteractionPoints:
-    """Several sets of points as one, in order."""
+    """Several sets of points as one, in order; sides of fewer nodes get some without weight."""
+    k = max(part.nodes.shape[2] for part in parts)
+    parts = [part if part.nodes.shape[2] == k else _widened(part, k) for part in parts]
     return InteractionPoints(
         *(
             np.concatenate([getattr(part, name) for part in parts])
             for name in ("nodes", "weights", "frame", "area", "gap")
         )
     )
+
+
+def _widened(points: InteractionPoints, k: int) -> InteractionPoints:
+    """Points with k nodes a side: the first of each again, all of one body as the layer expects."""
+    more = k - points.nodes.shape[2]
+    nodes = np.concatenate([points.nodes, np.repeat(points.nodes[:, :, :1], more, axis=2)], axis=2)
+    weights = np.pad(points.weights, ((0, 0), (0, 0), (0, more)))
+    return replace(points, nodes=np.ascontiguousarray(nodes), weights=weights)

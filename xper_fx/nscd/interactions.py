@@ -8,11 +8,12 @@ Until `commit` nothing of the past is lost: a step may begin again with another 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache
 from typing import NamedTuple
 
 import numpy as np
+import scipy.sparse as sp
 from numba import njit
 
 from xper_fx.nscd.exchange import (
@@ -67,6 +68,34 @@ class FoundPoints(NamedTuple):
     points: InteractionPoints
     law_of_point: np.ndarray
     keys: np.ndarray
+
+
+@dataclass
+class Anchors:
+    """Dofs that hold bodies which interactions alone hold (`bulk/anchors.py`).
+
+    A solver may pass over them: the bodies are then on springs, and the bulk iterates until these
+    bear nothing.
+
+    Args:
+        held: w0, blocks of w with the anchors held.
+        motions: R, rigid motions that move one anchor each, shape (num_slots * dim, n).
+        load: R^T f of the forces that act on the bulk, shape (n,), N s.
+        on_springs: velocities that the load gives the anchors, part of the free velocity, shape
+            (n,), m/s.
+
+    Attributes:
+        velocity: a, what a solver that knows of anchors gives them, shape (n,), m/s.
+    """
+
+    held: BodyInverse
+    motions: sp.csc_array
+    load: np.ndarray
+    on_springs: np.ndarray
+    velocity: np.ndarray = field(init=False)
+
+    def __post_init__(self):
+        self.velocity = np.zeros(len(self.load))
 
 
 @dataclass
@@ -259,6 +288,7 @@ class Interactions:
             a body, come after the others; None without any. `take_rigid` renews them.
 
     Attributes:
+        anchors: of bodies that interactions alone hold, None if there are none.
         groups: all points by law, permanent ones before those of contacts found.
         renewals: how often contacts were found anew.
         too_far: by how much internal variables have gone further in the step than the velocities
@@ -311,6 +341,7 @@ class Interactions:
         self.committed_step = 0.0
         self.step_size, self.theta = 0.0, 0.5
         self.too_far = 0.0
+        self.anchors: Anchors | None = None
         nodal = np.zeros((inverse.num_slots, self.dim))
         if initial_velocity is not None:
             nodal[: len(initial_velocity)] = initial_velocity

@@ -76,7 +76,7 @@ class CellBulk(Bulk):
             out[: self.dim] = True  # the translation of u#, which nothing else holds
         return out
 
-    def _require_held_bodies(self) -> None:
+    def _held_by_interactions(self, joined: np.ndarray) -> bool:
         """See `Bulk`: one body, its translation held here, its rotations by ties.
 
         A rotation of u# about an axis is the same at two tied nodes only if the vector between
@@ -98,6 +98,7 @@ class CellBulk(Bulk):
                 "Without inertia the cell's body should be tied to itself across the boundary in "
                 f"{self.dim - 1} direction(s) at least, or it is free to turn: take inertia=True."
             )
+        return False
 
     def _nodal_mass(self) -> np.ndarray:
         """Mass of each unknown; for the norm, a macroscopic one moves all nodes by X."""
