@@ -208,6 +208,8 @@ class Simulation:
         self._tagged_nodes: dict[int, np.ndarray] = {}
         self.step_number = 0
         self._rigid_work: RigidWork | None = None
+        self._rigid_reactions: np.ndarray | None = None
+        self._some_driven = self.rigid is not None and bool(scene.rigid_bodies.is_prescribed.any())
         self.last: StepOutcome | None = None
         self._before: State | None = None
         self._last_size = self.step_size
@@ -576,9 +578,11 @@ class Simulation:
                 self.interactions.take_rigid(prediction.start, prediction.free)
             outcome = self._interact(size, prediction)
             with self.stopwatch.phase("rigid bodies"):
-                part = self.interactions.rigid_part
-                self.rigid.end(part(outcome.slots))
-                self._rigid_work = self.rigid.work(part(self.interactions.impulses()))
+                self.rigid.end(self.interactions.rigid_part(outcome.slots))
+                pushed = self.interactions.rigid_part(self.interactions.impulses())
+                self._rigid_work = self.rigid.work(pushed)
+                if self._some_driven:
+                    self._rigid_reactions = self.rigid.reactions(pushed)
         except FloatingPointError as error:
             logger.info("%s", error)
             return None
@@ -734,3 +738,23 @@ class Simulation:
             return np.zeros(self.bulk.dim)
         nodes = self._nodes_of(facets)
         return self.last.reactions.reshape(-1, self.bulk.dim)[nodes].sum(axis=0) / self._last_size
+
+    def reaction_of(self, group: str) -> np.ndarray:
+        """Mean force over the last step that drives or holds the rigid bodies of a group.
+
+        Args:
+            group: name of the group.
+
+        Returns:
+            Shape (dim,), N (2D: N/m): on what is prescribed, zero elsewhere.
+
+        Raises:
+            ValueError: no rigid body bears the name.
+        """
+        bodies = self.scene.rigid_bodies
+        if bodies is None or group not in bodies.groups:
+            raise ValueError(f"No rigid body is of the group {group!r}.")
+        if self._rigid_reactions is None:
+            return np.zeros(self.bulk.dim)
+        forces = self._rigid_reactions.reshape(-1, 2, self.bulk.dim)[:, 0]
+        return forces[bodies.group_of == bodies.groups.index(group)].sum(axis=0)
