@@ -20,9 +20,9 @@ class Contact:
 
     Args:
         between: names of the two groups; twice the same for contacts within a group.
-        law: what acts there; adhesion forms where this law has it, and nowhere else. None: nothing,
-            the bodies pass through each other. A contact is new when it is found and was not there in
-            the step before; one that was keeps its history.
+        law: what acts there; adhesion forms where this law has it, and nowhere else. A contact that
+            was there in the step before keeps its history, any other is new. None: nothing, the
+            bodies pass through each other.
         reach: gap up to which contacts are kept (m), inactive while it is open. None: a hundredth
             of the smallest body or facet, enough for laws at the velocity level; a law at the
             position level needs the way that bodies come nearer in a step.

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from xper_fx.bulk.bulk import Bulk
     from xper_fx.bulk.scheme import State
     from xper_fx.nscd.interactions import Interactions
-    from xper_fx.nscd.rigid.motion import Prediction
+    from xper_fx.nscd.rigid.motion import Prediction, RigidMotion
     from xper_fx.nscd.search.rigid_search import RigidSearch
     from xper_fx.scene import Scene
 
@@ -102,6 +102,20 @@ class Detection:
         taken = np.all(group >= 0, axis=1) & (self._law_of_pair[group[:, 0], group[:, 1]] >= 0)
         self._waiting, self._broken = np.flatnonzero(taken), np.zeros(len(taken), bool)
         self._far = _FAR * scene.bodies.facets.measure[self._lips] ** (1.0 / (scene.dim - 1))
+
+    def outrun(self, state: State, rigid: RigidMotion | None, step: float) -> bool:
+        """Whether something moves so far in a step (s) that it may pass through another unseen.
+
+        That is a rigid body by its own radius, a node by the depth that is sought behind a facet.
+        """
+        if rigid is not None:
+            radius = self._scene.rigid_bodies.shapes.bounding_radius
+            if np.any(np.linalg.norm(rigid.state.velocity, axis=1) * step > radius):
+                return True
+        if self._surfaces is None:
+            return False
+        depth = float(self._surfaces.depth.min())
+        return float(np.abs(state.velocity).max(initial=0.0)) * step > depth
 
     @property
     def nbytes(self) -> int:

@@ -109,7 +109,8 @@ class Simulation:
             a hundredth of `tolerance`. 1e-8 if not given, or a thousandth of `accuracy`.
         max_newton: Newton iterations after which a step is given up.
         max_halvings: how often a step that does not converge, in which a material flows by more
-            than 5 % strain, or in which iterates broke bonds that stay closed, is cut in two.
+            than 5 % strain, in which iterates broke bonds that stay closed, or in which bodies
+            would pass through each other unseen, is cut in two.
         inertia: False for a static run (theta = 1): bodies without mass, which motions, a
             periodic cell's ties or interactions with bodies that are held must hold, as nothing
             regularises the stiffness.
@@ -530,7 +531,9 @@ class Simulation:
         while pieces:
             size, halvings = pieces.pop()
             with self.stopwatch.phase("step"):
-                outcome = self._attempt(size)
+                outcome = None
+                if halvings >= self.max_halvings or not self._outruns_contacts(size):
+                    outcome = self._attempt(size)
                 good = (
                     outcome is not None
                     and outcome.converged
@@ -551,7 +554,7 @@ class Simulation:
                 yield record
             elif halvings < self.max_halvings:
                 logger.info(
-                    "step %d at h = %.3g s did not converge, flowed or broke too far: halved",
+                    "step %d at h = %.3g s did not converge, or went too far: halved",
                     self.step_number,
                     size,
                 )
@@ -606,6 +609,10 @@ class Simulation:
         if not good:
             logger.info("step at %.3g s of h = %.3g s is too coarse", self.state.time, size)
         return good
+
+    def _outruns_contacts(self, size: float) -> bool:
+        """Whether bodies move so far in a step that their contacts would be missed."""
+        return self.detection is not None and self.detection.outrun(self.state, self.rigid, size)
 
     def _flows_too_far(self, outcome: StepOutcome) -> bool:
         """Whether a material flows by more in the step than its time integration bears."""
