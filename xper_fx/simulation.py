@@ -372,6 +372,7 @@ class Simulation:
     def _points(self) -> tuple[InteractionPoints | None, list, np.ndarray]:
         """Points of facing facets, of ties, of walls, on nodes in DOLFINx numbering."""
         scene, bodies = self.scene, self.scene.bodies
+        self._points_a_facet = 0
         if bodies is None:
             return None, [], np.zeros(0, int)
         laws, law_of_facet = scene.law_of_facet()
@@ -379,7 +380,6 @@ class Simulation:
         node_of = self.bulk.unknowns.node_of
         ground = self.bulk.num_dofs // self.bulk.dim
         parts, law_of_point = [], []
-        self._points_a_facet = 0
         self.facets_with_law = np.flatnonzero(has_law)
         if np.any(has_law):
             part = facet_points(
