@@ -96,14 +96,18 @@ def test_bad_input_is_refused(pairs, reach, words):
         RigidSearch(four_discs("aabb", [False] * 4), pairs, reach)
 
 
-def test_positions_that_are_not_finite_are_refused():
+def test_bad_positions_are_refused_and_do_no_harm():
     bodies = four_discs("aabb", [False] * 4)
     search = RigidSearch(bodies, [("a", "b")], 0.1)
-    search.find(bodies.position, bodies.rotation)
+    expected = search.find(bodies.position, bodies.rotation)
     lost = bodies.position.copy()
     lost[2, 0] = np.nan
-    with pytest.raises(ValueError, match="finite"):
+    with pytest.raises(ValueError, match="position of body 2"):
         search.find(lost, bodies.rotation)
+    with pytest.raises(ValueError, match="shapes"):
+        search.find(bodies.position, np.zeros((4, 3, 3)))
+    again = search.find(bodies.position, bodies.rotation)
+    assert np.array_equal(again.key, expected.key) and search.renewals == 1
 
 
 def test_balls_whose_centres_coincide_have_a_normal():
@@ -214,3 +218,42 @@ def test_many_balls_against_a_tree(dim):
         assert search.num_candidates == len(near)
         a_body.append(search.num_candidates / (count - side ** (dim - 1)))
     assert a_body[1] == pytest.approx(a_body[0], rel=0.05)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_two_balls_that_approach_are_not_missed(dim):
+    """Both move by the skin's half before the list must be made anew."""
+    ball = Disc(0.5) if dim == 2 else Sphere(0.5)
+    bodies = make([ball, ball], [[0.0] * dim, [1.2] + [0.0] * (dim - 1)])
+    search = RigidSearch(bodies, [("a", "a")], 0.01)
+    start = 1.0 + search.reach + 1.01 * search.skin
+    step = 0.02 * search.skin
+    position = np.zeros((2, dim))
+    for k in range(80):
+        position[:, 0] = [0.5 * k * step, start - 0.5 * k * step]
+        contacts = search.find(position, bodies.rotation)
+        assert len(contacts) == (start - k * step <= 1.0 + search.reach)
+    assert len(contacts) == 1 and search.renewals == 2
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_the_tip_of_a_rod_that_turns_is_not_missed(dim):
+    rod = Polygon.box((10.0, 0.1)) if dim == 2 else Polyhedron.box((10.0, 0.1, 0.1))
+    ball = Disc(0.1) if dim == 2 else Sphere(0.1)
+    height = [4.0, 3.0, 0.0][:dim]
+    bodies = make([rod, ball], [[0.0] * dim, height])
+    search = RigidSearch(bodies, [("a", "a")], 0.01)
+    rotation = bodies.rotation.copy()
+    met = []
+    for k in range(60):
+        angle = 0.02 * k
+        if dim == 2:
+            rotation[0] = angle
+        else:
+            c, s = np.cos(angle), np.sin(angle)
+            rotation[0] = [[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]
+        contacts = search.find(bodies.position, rotation)
+        across = np.abs(4.0 * np.sin(angle) - 3.0 * np.cos(angle))
+        assert len(contacts) == (across - 0.15 <= 0.01)
+        met.append(len(contacts))
+    assert sum(met) in (3, 4) and met[-1] == 0
