@@ -384,6 +384,8 @@ def polyhedron_polyhedron(found, pairs, position, corners, tables, bounding_radi
         to_a = _from_to(position, b, a)
         to_b = _from_to(position, a, b)
         size = bounding_radius[a] + bounding_radius[b]
+        smaller = min(bounding_radius[a], bounding_radius[b])
+        near = SAME_CORNER * smaller
         if _inner(to_a, to_a) > (size + reach) ** 2:
             continue
         rounding = ROUNDING * size
@@ -476,7 +478,7 @@ def polyhedron_polyhedron(found, pairs, position, corners, tables, bounding_radi
             offsets = (to_a, zero) if ref == b else (zero, to_b)
             _give_names(
                 overlap, corners_found, corners, tables, (a, b), (face_a, face_b), offsets,
-                ref == a, n, SAME_CORNER * size,
+                ref == a, n, near,
             )  # fmt: skip
             corners_found = distinct(overlap, corners_found)
             t1, t2 = plane_axes(n[0], n[1], n[2])
@@ -487,9 +489,9 @@ def polyhedron_polyhedron(found, pairs, position, corners, tables, bounding_radi
             length = math.sqrt(_inner(x, x))
             kept = keep_four(
                 overlap, corners_found, _inner(t1, x) / length, _inner(t2, x) / length,
-                SAME_CORNER * size, rounding,
+                near, rounding,
             )  # fmt: skip
-            area = max(area / kept, POINT_AREA * size * size / 4)
+            area = max(area / kept, POINT_AREA * smaller * smaller)
             for k in range(kept):
                 i = overlap.kept[k]
                 if overlap.gap[i] <= reach:
@@ -511,7 +513,7 @@ def polyhedron_polyhedron(found, pairs, position, corners, tables, bounding_radi
         touching.name[0] = single[2]
         if separation > -10.0 * rounding and not crosses:
             distance, points = _closest_vertices_edges(
-                touching, corners, tables, a, b, to_a, n, SAME_CORNER * size, rounding
+                touching, corners, tables, a, b, to_a, n, near, rounding
             )
             if separation > 0.0 and distance > 10.0 * rounding:
                 gap = distance
@@ -526,7 +528,7 @@ def polyhedron_polyhedron(found, pairs, position, corners, tables, bounding_radi
             middle = _along(_row(position, b), 0.5, middle)
             count = put_space(
                 found, count, (a, b), num_bodies, touching.name[i], middle[0], middle[1],
-                middle[2], n[0], n[1], n[2], gap, POINT_AREA * size * size / 4,
+                middle[2], n[0], n[1], n[2], gap, POINT_AREA * smaller * smaller,
             )  # fmt: skip
     return count
 
