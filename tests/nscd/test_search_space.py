@@ -180,3 +180,38 @@ def test_contacts_of_bodies_that_move_for_long():
         assert np.array_equal(contacts.key, fresh.key)
         assert np.array_equal(contacts.gap, fresh.gap)
     assert 3 < search.renewals < 70
+
+
+def test_small_cube_at_the_corner_of_a_large_one():
+    """Names and points are those of the small one, however large the other is."""
+    for ratio in (1e3, 1e5):
+        large = Polyhedron.box((ratio, ratio, ratio))
+        edge = 0.5 * ratio
+        for offset in (0.5, 0.2):  # inside the large face; over its edges
+            place = [edge - offset - 0.01, edge - offset - 0.01, edge + 0.5]
+            contacts = find([large, CUBE], [[0, 0, 0], place])
+            assert len(contacts) == 4
+            side = min(1.0, offset + 0.51)
+            assert contacts.area == pytest.approx([side * side / 4] * 4, rel=1e-9)
+            assert np.ptp(contacts.point[:, :2], axis=0) == pytest.approx([side] * 2, rel=1e-9)
+
+
+def test_mirror_images_of_contacts():
+    """Which of two bodies comes first changes the sign of the normals alone."""
+    rng = np.random.default_rng(1)
+    touching = 0
+    for _ in range(150):
+        shapes = [random_polyhedron(rng, 1.0), random_polyhedron(rng, 1.0)]
+        direction = rng.normal(size=3)
+        apart = rng.uniform(0.5, 0.9) * sum(shape.bounding_radius for shape in shapes)
+        places = np.stack([np.zeros(3), apart * direction / np.linalg.norm(direction)])
+        rotations = list(Rotation.random(2, random_state=rng.integers(10**6)))
+        contacts = find(shapes, places, rotations, reach=0.3)
+        others = find(shapes[::-1], places[::-1], rotations[::-1], reach=0.3)
+        assert len(contacts) == len(others)
+        order, same = (np.lexsort(c.point.round(8).T) for c in (contacts, others))
+        assert others.point[same] == pytest.approx(contacts.point[order], abs=1e-11)
+        assert others.normal[same] == pytest.approx(-contacts.normal[order], abs=1e-11)
+        assert others.gap[same] == pytest.approx(contacts.gap[order], abs=1e-11)
+        touching += len(contacts) > 1
+    assert touching > 20

@@ -20,7 +20,7 @@ from xper_fx.nscd.search.contacts import Contacts
 POINT_AREA = 1e-6
 # Two lengths closer than this, relative to the size of the pair, are taken as equal.
 ROUNDING = 1e-13
-# Corners of two bodies closer than this, relative to the size of the pair, have one name.
+# Corners of two bodies closer than this, relative to the smaller bounding radius, have one name.
 SAME_CORNER = 1e-6
 
 

@@ -98,6 +98,7 @@ def polygon_polygon(found, pairs, position, corners, bounding_radius, reach):
         dx = position[a, 0] - position[b, 0]
         dy = position[a, 1] - position[b, 1]
         size = bounding_radius[a] + bounding_radius[b]
+        smaller = min(bounding_radius[a], bounding_radius[b])
         if dx * dx + dy * dy > (size + reach) ** 2:
             continue
         rounding = ROUNDING * size
@@ -143,13 +144,13 @@ def polygon_polygon(found, pairs, position, corners, bounding_radius, reach):
         slope = (right_h - left_h) / width if width > rounding else 0.0
         low_h = left_h if low_u == left_u else left_h + slope * (low_u - left_u)
         high_h = right_h if high_u == right_u else right_h + slope * (high_u - right_u)
-        area = max(0.5 * (high_u - low_u), POINT_AREA * 0.5 * size)
+        area = max(0.5 * (high_u - low_u), POINT_AREA * smaller)
         bodies = (a, b)
 
         overlap = high_u >= low_u - rounding and width > rounding
         if overlap and min(low_h, high_h) <= separation + 2.0 * rounding:
             # Names: twice the number of the vertex, plus one if it is the second body's.
-            near = SAME_CORNER * size
+            near = SAME_CORNER * smaller
             of_ref, of_other = (0, 1) if first_is_ref else (1, 0)
             ref_left = left_u < -near or (left_u <= near and first_is_ref)
             name_low = 2 * edge + of_ref if ref_left else 2 * left + of_other
@@ -188,7 +189,7 @@ def polygon_polygon(found, pairs, position, corners, bounding_radius, reach):
             y = position[b, 1] + 0.5 * (ay + by)
             count = put_plane(
                 found, count, bodies, num_bodies, 2 * va, x, y, nx, ny, gap,
-                POINT_AREA * 0.5 * size,
+                POINT_AREA * smaller,
             )  # fmt: skip
     return count
 

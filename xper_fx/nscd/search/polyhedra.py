@@ -14,12 +14,13 @@ Gauss map if the arc from a1 to a2 crosses that from -b1 to -b2:
 
 Where a face gives s, or two edges whose faces nearly face each other, the overlap of the two faces
 gives the points, four at most, each with its own height as its gap and an equal share of the
-overlap as its area. Otherwise there is one point.
+overlap as its area. Otherwise there is one point, and two where parallel edges are closest.
 """
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -42,6 +43,19 @@ _PARALLEL = 1e-12
 _FACING = 0.7
 
 
+class Touching(NamedTuple):
+    """Room for two points that face each other.
+
+    Attributes:
+        on_a, on_b: shape (2, 3), on the first body and on the second (m).
+        name: shape (2,), int64, as in `overlap`.
+    """
+
+    on_a: np.ndarray
+    on_b: np.ndarray
+    name: np.ndarray
+
+
 @njit(inline="always")
 def _dot(array, i, x):
     return array[i, 0] * x[0] + array[i, 1] * x[1] + array[i, 2] * x[2]
@@ -60,6 +74,12 @@ def _row(array, i):
 @njit(inline="always")
 def _minus(x, y):
     return x[0] - y[0], x[1] - y[1], x[2] - y[2]
+
+
+@njit(inline="always")
+def _distance(x, y):
+    d = _minus(x, y)
+    return math.sqrt(_inner(d, d))
 
 
 @njit(inline="always")
@@ -271,17 +291,24 @@ def _foot(x, p, e):
 
 
 @njit
-def _closest_vertex_edge(corners, tables, a, b, offset, n):
-    """Closest of the vertices of either body and the edges of the other.
+def _closest_vertices_edges(touching, corners, tables, a, b, offset, n, near, rounding):
+    """Closest of the vertices of either body and the edges of the other: one pair or two.
 
-    `offset` leads from the centre of b to that of a. Vertices that are further from the other body
-    along the unit vector n, from b to a, need no closer look.
+    Edges that are parallel have two, at the ends of what faces.
+
+    Args:
+        touching: `Touching`, for the points about the centre of b, and their names.
+        corners, tables, a, b: the bodies.
+        offset: from the centre of b to that of a.
+        n: a unit vector from b to a. Vertices that are further from the other body along it than
+            what has been found need no closer look.
+        near: points closer than this are one (m).
+        rounding: distances that differ by less are equal (m).
 
     Returns:
-        (distance, point of a, point of b, name), points about the centre of b.
+        (distance, number of points).
     """
-    least, name = math.inf, 0
-    on_a, on_b = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    least, count = math.inf, 0
     zero = (0.0, 0.0, 0.0)
     height, _ = _lowest(corners, a, n)
     depth, _ = _lowest(corners, b, (-n[0], -n[1], -n[2]))
@@ -294,7 +321,7 @@ def _closest_vertex_edge(corners, tables, a, b, offset, n):
         for v in range(one_start, corners.vertex_start[one + 1]):
             x = _along(one_at, 1.0, _row(corners.vertex, v))
             above = _inner(n, x) - highest_b if side == 0 else lowest_a - _inner(n, x)
-            if above > 0.0 and above * above >= least:
+            if above > least + rounding:
                 continue
             for k in range(tables.edge_offsets[entry], tables.edge_offsets[entry + 1]):
                 p = _row(corners.vertex, other_start + tables.edges[k, 0])
@@ -302,11 +329,31 @@ def _closest_vertex_edge(corners, tables, a, b, offset, n):
                 p = _along(other_at, 1.0, p)
                 y = _along(p, _foot(x, p, e), e)
                 d = _minus(x, y)
-                square = _inner(d, d)
-                if square < least * (1.0 - SAME_CORNER * SAME_CORNER):
-                    least, name = square, 4 * (v - one_start) + side
-                    on_a, on_b = (x, y) if side == 0 else (y, x)
-    return math.sqrt(least), on_a, on_b, name
+                distance = math.sqrt(_inner(d, d))
+                if distance > least + rounding:
+                    continue
+                if distance < least - rounding:
+                    count = 0
+                least = min(least, distance)
+                place = count
+                if count > 0:
+                    mine = x if side == 0 else y
+                    apart = _distance(mine, _row(touching.on_a, 0))
+                    if apart <= near:
+                        continue
+                    if count == 2:
+                        if (
+                            apart
+                            <= _distance(_row(touching.on_a, 1), _row(touching.on_a, 0)) + near
+                        ):
+                            continue
+                        place = 1
+                for c in range(3):
+                    touching.on_a[place, c] = x[c] if side == 0 else y[c]
+                    touching.on_b[place, c] = y[c] if side == 0 else x[c]
+                touching.name[place] = 4 * (v - one_start) + side
+                count = place + 1
+    return least, count
 
 
 @njit(error_model="numpy")
@@ -327,6 +374,7 @@ def polyhedron_polyhedron(found, pairs, position, corners, tables, bounding_radi
     """
     num_bodies = len(position)
     overlap = overlap_room(tables)
+    touching = Touching(np.empty((2, 3)), np.empty((2, 3)), np.empty(2, np.int64))
     along = np.empty(len(tables.face_distance))
     zero = (0.0, 0.0, 0.0)
     count = 0
@@ -336,6 +384,8 @@ def polyhedron_polyhedron(found, pairs, position, corners, tables, bounding_radi
         to_a = _from_to(position, b, a)
         to_b = _from_to(position, a, b)
         size = bounding_radius[a] + bounding_radius[b]
+        smaller = min(bounding_radius[a], bounding_radius[b])
+        near = SAME_CORNER * smaller
         if _inner(to_a, to_a) > (size + reach) ** 2:
             continue
         rounding = ROUNDING * size
@@ -428,7 +478,7 @@ def polyhedron_polyhedron(found, pairs, position, corners, tables, bounding_radi
             offsets = (to_a, zero) if ref == b else (zero, to_b)
             _give_names(
                 overlap, corners_found, corners, tables, (a, b), (face_a, face_b), offsets,
-                ref == a, n, SAME_CORNER * size,
+                ref == a, n, near,
             )  # fmt: skip
             corners_found = distinct(overlap, corners_found)
             t1, t2 = plane_axes(n[0], n[1], n[2])
@@ -439,9 +489,9 @@ def polyhedron_polyhedron(found, pairs, position, corners, tables, bounding_radi
             length = math.sqrt(_inner(x, x))
             kept = keep_four(
                 overlap, corners_found, _inner(t1, x) / length, _inner(t2, x) / length,
-                SAME_CORNER * size, rounding,
+                near, rounding,
             )  # fmt: skip
-            area = max(area / kept, POINT_AREA * size * size / 4)
+            area = max(area / kept, POINT_AREA * smaller * smaller)
             for k in range(kept):
                 i = overlap.kept[k]
                 if overlap.gap[i] <= reach:
@@ -454,23 +504,31 @@ def polyhedron_polyhedron(found, pairs, position, corners, tables, bounding_radi
                     )  # fmt: skip
             continue
 
-        # One point.
+        # Points without an overlap.
         gap = separation
         n = (outward * n[0], outward * n[1], outward * n[2])
-        on_first, on_second, name = single
+        points = 1
+        for c in range(3):
+            touching.on_a[0, c], touching.on_b[0, c] = single[0][c], single[1][c]
+        touching.name[0] = single[2]
         if separation > -10.0 * rounding and not crosses:
-            distance, on_first, on_second, name = _closest_vertex_edge(
-                corners, tables, a, b, to_a, n
+            distance, points = _closest_vertices_edges(
+                touching, corners, tables, a, b, to_a, n, near, rounding
             )
             if separation > 0.0 and distance > 10.0 * rounding:
                 gap = distance
-                d = _minus(on_first, on_second)
-                n = (d[0] / distance, d[1] / distance, d[2] / distance)
-        if gap <= reach:
-            middle = _along(_row(position, b), 0.5, _along(on_first, 1.0, on_second))
+                d = _minus(_row(touching.on_a, 0), _row(touching.on_b, 0))
+                length = math.sqrt(_inner(d, d))
+                n = (d[0] / length, d[1] / length, d[2] / length)
+        if gap > reach:
+            continue
+        for k in range(points):
+            i = k if touching.name[0] < touching.name[points - 1] else points - 1 - k
+            middle = _along(_row(touching.on_a, i), 1.0, _row(touching.on_b, i))
+            middle = _along(_row(position, b), 0.5, middle)
             count = put_space(
-                found, count, (a, b), num_bodies, name, middle[0], middle[1], middle[2],
-                n[0], n[1], n[2], gap, POINT_AREA * size * size / 4,
+                found, count, (a, b), num_bodies, touching.name[i], middle[0], middle[1],
+                middle[2], n[0], n[1], n[2], gap, POINT_AREA * smaller * smaller,
             )  # fmt: skip
     return count
 

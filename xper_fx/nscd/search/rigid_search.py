@@ -115,7 +115,7 @@ def _motion(bodies, position, old_position, turned, rotation, old_rotation, boun
                 for e in range(dim):
                     square += (rotation[k, d, e] - old_rotation[k, d, e]) ** 2
             moved += np.sqrt(0.5 * square) * bounding_radius[b]
-        if not moved <= most:  # also what is not a number
+        if moved > most:
             most, second = moved, most
         elif moved > second:
             second = moved
@@ -233,10 +233,9 @@ class RigidSearch:
                 of space, shape (num_bodies, 3, 3), in 3D.
 
         Raises:
-            ValueError: positions that are not finite.
+            ValueError: arrays of another shape, or that are not finite.
         """
-        position = np.ascontiguousarray(position, dtype=float)
-        rotation = np.asarray(rotation, dtype=float)
+        position, rotation = self._checked(position, rotation)
         self._wall_normal[self._walls] = _matrices(rotation[self._walls])[:, :, -1]
         rotation = _matrices(rotation[self._cornered])
         _turn(self._tables, self._cornered, rotation, self._corners)
@@ -289,6 +288,22 @@ class RigidSearch:
         np.maximum.at(depth, inverse, -deep.gap)
         i, j = np.divmod(pair, len(position))
         return list(zip(i.tolist(), j.tolist(), depth.tolist(), strict=True))
+
+    def _checked(self, position: np.ndarray, rotation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        count, dim = len(self._label), self._dim
+        position = np.ascontiguousarray(position, dtype=float)
+        rotation = np.ascontiguousarray(rotation, dtype=float)
+        shapes = (count, dim), ((count,) if dim == 2 else (count, 3, 3))
+        if (position.shape, rotation.shape) != shapes:
+            raise ValueError(
+                f"Positions and rotations of {count} bodies should have the shapes {shapes[0]} and "
+                f"{shapes[1]}, got {position.shape} and {rotation.shape}."
+            )
+        for name, array in (("position", position), ("rotation", rotation)):
+            if not np.isfinite(array).all():
+                body = int(np.argwhere(~np.isfinite(array))[0, 0])
+                raise ValueError(f"The {name} of body {body} is not finite: {array[body]}.")
+        return position, rotation
 
     def _pairs_with_walls(self) -> dict[str, np.ndarray]:
         """Bodies with the walls that they may touch, sorted by the pair's part of the key."""
