@@ -222,7 +222,10 @@ def test_other_numbers():
         ({"tolerance": 0.0}, "tolerance"),
         ({"newton_tolerance": -1.0}, "newton_tolerance"),
         ({"relaxation": 2.0}, "relaxation"),
-        ({"solver": "nlgz"}, "solver should be one of auto, nlgs, newton, accelerated, subdomains, got 'nlgz'"),
+        (
+            {"solver": "nlgz"},
+            "solver should be one of auto, nlgs, newton, accelerated, subdomains, got 'nlgz'",
+        ),
         ({"solver": "newton", "scheme": "explicit"}, "leave solver at \"auto\", got 'newton'"),
         ({"max_sweeps": 0}, "max_sweeps"),
         ({"max_newton": 0}, "max_newton"),

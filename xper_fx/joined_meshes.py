@@ -64,7 +64,10 @@ def join_meshes(
     facet_tags = _one_a_mesh(facet_tags, meshes, dim - 1, "facet_tags")
     vertices = np.cumsum([0] + [len(mesh.geometry.x) for mesh in meshes])
     cells = np.concatenate(
-        [geometry_dofmap(m).astype(np.int64) + first for m, first in zip(meshes, vertices, strict=False)]
+        [
+            geometry_dofmap(m).astype(np.int64) + first
+            for m, first in zip(meshes, vertices, strict=False)
+        ]
     )
     points = np.concatenate([mesh.geometry.x[:, :dim] for mesh in meshes])
     joined = create_exploded_mesh(meshes[0], cells, points)

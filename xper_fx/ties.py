@@ -59,9 +59,7 @@ def tie_points(tie: Tie, V, bodies) -> tuple[InteractionPoints, np.ndarray]:
     cells_of_facet, local = (a[:, 0] for a in facet_cells(mesh))
     x = V.tabulate_dof_coordinates()[:, :dim]
     layout, dofmap = V.dofmap.dof_layout, V.dofmap.list
-    facet_dofs = np.array(
-        [layout.entity_closure_dofs(dim - 1, f) for f in range(local.max() + 1)]
-    )
+    facet_dofs = np.array([layout.entity_closure_dofs(dim - 1, f) for f in range(local.max() + 1)])
     surfaces, owners = [], []
     for tag in (tie.candidates, tie.antagonists):
         facets = bodies.facet_tags.find(tag)

@@ -233,7 +233,9 @@ class ImplicitScheme:
                     residual, internal = residual_at(velocity)
                     displacement = predictor + step * theta * velocity
                     # the impulses belong to the whole step: this is not yet the end
-                    left = self._correction(solve, residual + impulses, velocity, displacement, step)
+                    left = self._correction(
+                        solve, residual + impulses, velocity, displacement, step
+                    )
                     newton = max(left, 2.0 * self._tolerance)
             if not np.isfinite(newton):
                 break
