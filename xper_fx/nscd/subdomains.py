@@ -42,7 +42,6 @@ as M W is near one; relative to that of r, but for what the coarse space gives a
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -51,7 +50,7 @@ import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu
 
-from xper_fx.nscd.interactions import Anchors, Interactions
+from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.inverse import BodyInverse
 from xper_fx.nscd.laws.perfect_bond import PerfectBond
 from xper_fx.nscd.nlgs import SolveReport
