@@ -15,16 +15,16 @@
 # - get the field of the uncut mesh, without inertia or with, in 2D and 3D
 # - see what a coarse space is for
 #
-# With the law "perfect bond" NonSmooth Contact Dynamics is a dual Schur domain decomposition (Perales
-# et al. 2010, section 3.3): the impulses between subdomains are the multipliers, and any other law
-# may stand at some of the interfaces. A plate and a block, clamped at one side and pulled at the
-# other, are cut into 1, 4, 16 and 64 subdomains. Without inertia ("static") most of them float: nothing
-# but the bonds holds them. With inertia the step is so long that waves cross the body many times, or
-# so short ("short") that they cross about a fifth of it.
+# With the law "perfect bond" NonSmooth Contact Dynamics is a dual Schur domain decomposition
+# (Perales et al. 2010, section 3.3): the impulses between subdomains are the multipliers, and any
+# other law may stand at some of the interfaces. A plate and a block, clamped at one side and pulled
+# at the other, are cut into 1, 4, 16 and 64 subdomains. Without inertia ("static") most of them
+# float: nothing but the bonds holds them. With inertia the step is so long that waves cross the
+# body many times, or so short ("short") that they cross about a fifth of it.
 #
-# **What to look for**: errors against the uncut mesh are rounding; iterations go up from 4 to 16, as
-# four subdomains meet at a single point and have hardly an inside, and stay there. Without the coarse
-# space they treble each time, but for short steps, in which nothing travels far.
+# **What to look for**: errors against the uncut mesh are rounding; iterations go up from 4 to 16,
+# as four subdomains meet at a single point and have hardly an inside, and stay there. Without the
+# coarse space they treble each time, but for short steps, in which nothing travels far.
 
 import argparse
 import csv
@@ -83,9 +83,9 @@ def scene(bodies: Bodies) -> Scene:
 
 # ## Runs
 #
-# The field is compared after two steps at a tolerance of rounding. Iterations are those of the first
-# solve to 1e-8. A solver is any function with the arguments of those in `nscd`: here that of the
-# bonds without its coarse space, where bodies that float stand on weak springs.
+# The field is compared after two steps at a tolerance of rounding. Iterations are those of the
+# first solve to 1e-8. A solver is any function with the arguments of those in `nscd`: here that of
+# the bonds without its coarse space, where bodies that float stand on weak springs.
 
 
 def displacement(bodies: Bodies, run: dict) -> np.ndarray:

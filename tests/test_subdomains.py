@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Perfect bonds as domain decomposition: the field of the uncut mesh, at a cost that does not grow."""
+"""Perfect bonds as domain decomposition: the field of the uncut mesh, at no growing cost."""
 
 import numpy as np
 import pytest
@@ -139,7 +139,7 @@ def test_cut_and_uncut_have_one_field(dim, cells, step, options):
 
 
 def iterations_of(dim, cells, counts, coarse_space, options):
-    """Iterations of the first solve to 1e-8; without a coarse space floating bodies are on springs."""
+    """Iterations of the first solve to 1e-8; without a coarse space bodies float on springs."""
     first = []
 
     def solver(interactions, velocity, **bounds):
@@ -253,7 +253,7 @@ def test_auto_takes_it_for_bodies_that_float():
 
 @pytest.mark.parametrize("solver", ("newton", "nlgs"))
 def test_springs_let_go(solver):
-    """Solvers that know nothing of floating bodies: a few iterations of the bulk, the same field."""
+    """Solvers that know of no floating bodies: a few iterations of the bulk, the same field."""
 
     def halves(mesh):
         return (midpoints(mesh)[0] > 0.5).astype(int)
@@ -299,7 +299,7 @@ def test_joined_bodies_that_nothing_holds_are_refused():
 
 
 def test_a_body_on_a_hinge_is_refused():
-    """Quadrilaterals of which one touches the rest by nodes of one facet without a law but a node."""
+    """Interactions at a single node."""
     bodies = box_bodies((2.0, 1.0), (2, 1), "quadrilateral", label=lambda x: x[0] > 1.0)
     scene = Scene(
         bodies, {1: ELASTIC}, default_interaction=PerfectBond(),

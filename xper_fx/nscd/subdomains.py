@@ -9,24 +9,24 @@ the dual Schur complement problem of subdomains tied by multipliers (FETI; Farha
 Several facets tie the same two nodes, and more ties than needed meet where several subdomains do:
 W is singular, d in its range, r not unique, the velocities are; conjugate gradients need no more.
 
-**Preconditioner.** S = w^-1 on the interacting dofs of a body is its Dirichlet Schur complement, and
+**Preconditioner.** S = w^-1 on the interacting dofs of a body is its Dirichlet Schur complement;
 
     M = A^T S A,    A p = argmin |H^T y - p|^2 + (a little) y . D y,    D = diag S:
 
 jumps are shared among the nodes that meet by how much each yields, whatever ties they have and
-however redundant, pairs of nodes or weighted ones. For pairs this is the scaling of Rixen and Farhat
-(1999) in the algebraic form of Klawonn and Widlund (2001). The condition grows with
-(1 + log(H/h))^2, H over h the elements along a subdomain's side, and not with their number, if
+however redundant, pairs of nodes or weighted ones. For pairs this is the scaling of Rixen and
+Farhat (1999) in the algebraic form of Klawonn and Widlund (2001). The condition grows with (1 +
+log(H/h))^2, H over h the elements along a subdomain's side, and not with their number, if
 
 **a coarse space** makes subdomains that move as a whole hear of each other at once (Farhat and Roux
-1991; with mass Farhat, Chen and Mandel 1995). Here it holds the softest motions R of w in each body,
-twice as many as it has rigid ones: these, which are the softest where steps are long, and those near
-uniform strains, without which a few slow modes are left where subdomains are ragged or held. With
-C = H^T R iterates keep C^T (d - W r) = 0 by search directions p with C^T W p = 0.
+1991; with mass Farhat, Chen and Mandel 1995). Here it holds the softest motions R of w in each
+body, twice as many as it has rigid ones: these, which are the softest where steps are long, and
+those near uniform strains, without which a few slow modes are left where subdomains are ragged or
+held. With C = H^T R iterates keep C^T (d - W r) = 0 by search directions p with C^T W p = 0.
 
 **Bodies without mass that interactions alone hold** (`bulk/anchors.py`) have their rigid motions R0
-exactly: v = v_free + w0 H r + R0 a, with w0 and v_free for anchors that are held and G = H^T R0 among
-the columns of C, so that
+exactly: v = v_free + w0 H r + R0 a, with w0 and v_free for anchors that are held and G = H^T R0
+among the columns of C, so that
 
     W0 r + G a = d,    G^T r = -R0^T f,
 
@@ -261,7 +261,7 @@ class CoarseSpace:
         square = self._impulses.T @ self._products
         border = self._impulses.T @ self._anchored
         matrix = sp.block_array([[square, border], [border.T, None]], format="csr")
-        # regular though motions of the whole scene, or more motions than points, depend on each other
+        # regular though motions of the whole scene, or more motions than points, are dependent
         weight = np.where(square.diagonal() > 0.0, square.diagonal(), 1.0)
         scale = 1.0 / np.sqrt(np.concatenate([weight, self._border_scale(weight)]))
         self._scale = scale
@@ -437,7 +437,7 @@ class _Iteration:
             self._velocity += self._system.motions @ moved
 
     def _scale(self, tolerance: float) -> float:
-        """Energy of the impulses beyond the coarse space's, or what rounding is at the tolerance."""
+        """Energy of the impulses beyond the coarse space's; at least what rounding is worth."""
         left = self._left(np.zeros_like(self._wanted))
         speed = float(np.abs(self._velocity).max(initial=0.0))
         rounding = _ROUNDING * speed * np.sqrt(self._system.stiffness.sum())
