@@ -217,6 +217,49 @@ def struck():
     return _meeting(rigid=[disc])
 
 
+def cut():
+    """Two crossed squares, their cells in four subdomains of which two float."""
+    from xper_fx.nscd.laws import PerfectBond
+    from xper_fx.simulation import Simulation
+
+    def quarters(midpoints):
+        return np.digitize(midpoints[0], (0.5, 1.0, 1.5))
+
+    scene = _pulled(_elastic(), cells=(4, 2), label=quarters, default_interaction=PerfectBond())
+    solver = {"tolerance": 1e-10, "num_threads": 1, "solver": "subdomains"}
+    return Simulation(scene, 1.0, theta=1.0, inertia=False, **solver)
+
+
+def nonmatching():
+    """Two squares of one and two cells an edge, tied; with inertia."""
+    from scenes import LEFT, RIGHT, mesh_of
+
+    from xper_fx.bodies import explode
+    from xper_fx.forms.loads import PrescribedVelocity
+    from xper_fx.joined_meshes import join_meshes
+    from xper_fx.meshes import tag_facets
+    from xper_fx.nscd.laws import PerfectBond
+    from xper_fx.scene import Scene
+    from xper_fx.simulation import Simulation
+    from xper_fx.ties import Tie
+
+    meshes = [mesh_of((1.0, 1.0), (n, n)) for n in (1, 2)]
+    meshes[1].geometry.x[:, 0] += 1.0
+    sides = [{LEFT: 0.0, 7: 1.0}, {8: 1.0, RIGHT: 2.0}]
+    tags = [
+        tag_facets(mesh, {t: lambda x, at=at: np.abs(x[0] - at) < 1e-9 for t, at in places.items()})
+        for mesh, places in zip(meshes, sides, strict=True)
+    ]
+    joined = join_meshes(meshes, facet_tags=tags)
+    scene = Scene(
+        explode(joined.mesh, joined.part, facet_tags=joined.facet_tags),
+        {1: _elastic()},
+        loads=[PrescribedVelocity(LEFT, 0, 0.0), PrescribedVelocity(RIGHT, 0, 1e-3)],
+        ties=[Tie(8, 7, PerfectBond())],
+    )
+    return Simulation(scene, 0.1, tolerance=1e-10, num_threads=1, solver="nlgs")
+
+
 # Which effects each calls for.
 _PERIODIC = {"periodicity", "macroscopic control"}
 _POINTS = {"inertia", "interactions"}
@@ -241,6 +284,10 @@ SCENES = {
     stiff: {*_POINTS, "perfect bond", "Newton on all points"},
     meeting: {*_POINTS, "unilateral contact", "impact", "contact search"},
     struck: {*_POINTS, "unilateral contact", "impact", "contact search", "rigid bodies"},
+    cut: {
+        "interactions", "perfect bond", "subdomains", "floating bodies", "Newton of the bulk",
+    },
+    nonmatching: {*_POINTS, "perfect bond", "ties"},
 }  # fmt: skip
 
 

@@ -1,14 +1,10 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Perfect bonds as domain decomposition: the field of the uncut mesh, at a cost that does not grow."""
-
-from functools import partial
+"""Perfect bonds as domain decomposition: the field of the uncut mesh, at no growing cost."""
 
 import numpy as np
 import pytest
-from dolfinx.fem import form
 from scenes import (
     BOTTOM,
-    COMM,
     LEFT,
     RIGHT,
     TOP,
@@ -24,7 +20,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from xper_fx.bodies import EACH_CELL, explode
-from xper_fx.forms.loads import Gravity, PrescribedDisplacement, SurfaceTraction
+from xper_fx.forms.loads import PrescribedDisplacement, SurfaceTraction
 from xper_fx.joined_meshes import join_meshes
 from xper_fx.materials import J2SmallStrain, Linear, LinearElastic, NeoHookean
 from xper_fx.meshes import facet_cells, tag_cells
@@ -56,20 +52,21 @@ def clamped(dim, cells, count, materials=None, tags=None, force=1.0, **options):
     )
 
 
-def difference(ours, reference, name="displacement") -> float:
-    """Largest difference of nodal values, relative; nodes are matched by their parent's."""
+def difference(ours, reference, where=lambda x: np.ones(len(x), bool)) -> float:
+    """Largest difference of displacements, relative; nodes are matched by their parent's."""
 
     def by_parent(simulation):
         V, bodies = simulation.forms.V, simulation.scene.bodies
         node = np.empty(len(V.mesh.geometry.x), int)
         node[V.mesh.geometry.dofmap.ravel()] = V.dofmap.list.ravel()
-        return field(simulation, name)[node], bodies.parent_vertex
+        return field(simulation)[node], bodies.parent_vertex
 
     values, parent = by_parent(ours)
     uncut, place = by_parent(reference)
     whole = np.empty_like(uncut)
     whole[place] = uncut
-    return float(np.abs(values - whole[parent]).max() / np.abs(whole).max())
+    here = where(ours.scene.bodies.mesh.geometry.x)
+    return float(np.abs(values - whole[parent])[here].max() / np.abs(whole).max())
 
 
 # Cutting
@@ -113,8 +110,8 @@ def test_a_number_that_makes_no_sense_is_refused(count, error, message):
 
 
 def test_a_bound_on_the_imbalance_is_kept():
-    with pytest.raises(ValueError, match=r"The largest of 7 subdomains .* imbalance of 1"):
-        partition(mesh_of((1, 1), (12, 12)), 7, 1.0 - 1e-2)
+    with pytest.raises(ValueError, match=r"The largest of 29 subdomains .* imbalance of 1.1"):
+        partition(mesh_of((1, 1), (20, 20)), 29, 1.1)
 
 
 # The field of the uncut mesh
@@ -123,7 +120,7 @@ def test_a_bound_on_the_imbalance_is_kept():
 @pytest.mark.parametrize("dim, cells", [(2, 16), (3, 5)])
 @pytest.mark.parametrize(
     "step, options",
-    [(1.0, STATIC), (0.02, {}), (1.0, {"theta": 0.7})],
+    [(1.0, STATIC), (0.02, {}), (0.3, {"theta": 0.7})],
     ids=("static", "short", "long"),
 )
 def test_cut_and_uncut_have_one_field(dim, cells, step, options):
@@ -141,23 +138,34 @@ def test_cut_and_uncut_have_one_field(dim, cells, step, options):
     assert max(iterations) < 30
 
 
-def sweeps_of(dim, cells, counts, coarse_space, options):
-    solver = partial(subdomains.solve, coarse_space=coarse_space)
+def iterations_of(dim, cells, counts, coarse_space, options):
+    """Iterations of the first solve to 1e-8; without a coarse space bodies float on springs."""
+    first = []
+
+    def solver(interactions, velocity, **bounds):
+        report = subdomains.solve(interactions, velocity, coarse_space=coarse_space, **bounds)
+        first.append(report.sweeps)
+        return report
+
     out = []
     for count in counts:
-        scene = clamped(dim, cells, count)
-        simulation = Simulation(scene, 1.0, tolerance=1e-8, solver=solver, **options)
-        out.append(sum(record.sweeps for record in run(simulation, 1)))
+        first.clear()
+        simulation = Simulation(
+            clamped(dim, cells, count), 1.0, tolerance=1e-8, newton_tolerance=0.1, solver=solver,
+            **options,
+        )  # fmt: skip
+        run(simulation, 1)
+        out.append(first[0])
     return np.array(out)
 
 
 @pytest.mark.parametrize("options", (STATIC, {"theta": 0.5}), ids=("static", "dynamic"))
 def test_iterations_do_not_grow_with_the_number_of_subdomains(options):
-    """From 4 to 64 by a fifth at most; without the coarse space they grow several times."""
-    with_it = sweeps_of(2, 48, (4, 16, 64), True, options)
-    assert np.all(with_it <= 1.2 * with_it[0] + 1.0) and with_it.max() < 20
-    without = sweeps_of(2, 48, (4, 64), False, options)
-    assert without[1] > 4 * without[0] and without[1] > 8 * with_it[2]
+    """Not from 16 to 64 (four have hardly an inside); several times without the coarse space."""
+    with_it = iterations_of(2, 48, (4, 16, 64), True, options)
+    assert with_it[2] <= with_it[1] + 1 and with_it.max() <= 1.5 * with_it[0]
+    without = iterations_of(2, 48, (4, 16, 64), False, options)
+    assert np.all(without[1:] > 2.5 * without[:-1]) and without[2] > 10 * with_it[2]
 
 
 def test_a_first_guess_is_made_use_of():
@@ -225,13 +233,11 @@ def test_a_crack_between_subdomains_is_that_of_two_halves(options):
     halves, cut = torn(1, law, **options), torn(6, law, **options)
     run(halves, 5), run(cut, 5)
     assert cut.scene.bodies.num_bodies > 6
-    damage = halves.interactions.gather("damage")
-    damage = damage[halves.interactions.gather("area" if False else "damage") > 0.0]
-    broken = cut.interactions.gather("damage")
-    np.testing.assert_allclose(np.unique(broken[broken > 0.0].round(6)), np.unique(damage.round(6)))
-    assert damage.max() < 0.99
-    np.testing.assert_allclose(cut.reaction(RIGHT), halves.reaction(RIGHT), rtol=1e-6)
-    assert difference(cut, halves) < 1e-6
+    damage, left = (s.interactions.gather("damage") for s in (halves, cut))
+    assert 0.5 < damage.min() and damage.max() < 0.99
+    np.testing.assert_allclose(np.sort(left[left > 0.0]), np.sort(damage), rtol=1e-6)
+    np.testing.assert_allclose(cut.reaction(RIGHT), halves.reaction(RIGHT), rtol=1e-6, atol=1e-9)
+    assert difference(cut, halves, lambda x: np.abs(x[:, 0] - 1.0) > 1e-9) < 1e-6
 
 
 def test_the_solver_of_bonds_refuses_other_laws():
@@ -247,7 +253,7 @@ def test_auto_takes_it_for_bodies_that_float():
 
 @pytest.mark.parametrize("solver", ("newton", "nlgs"))
 def test_springs_let_go(solver):
-    """Solvers that know nothing of floating bodies: a few iterations of the bulk, the same field."""
+    """Solvers that know of no floating bodies: a few iterations of the bulk, the same field."""
 
     def halves(mesh):
         return (midpoints(mesh)[0] > 0.5).astype(int)
@@ -293,7 +299,7 @@ def test_joined_bodies_that_nothing_holds_are_refused():
 
 
 def test_a_body_on_a_hinge_is_refused():
-    """Quadrilaterals of which one touches the rest by nodes of one facet without a law but a node."""
+    """Interactions at a single node."""
     bodies = box_bodies((2.0, 1.0), (2, 1), "quadrilateral", label=lambda x: x[0] > 1.0)
     scene = Scene(
         bodies, {1: ELASTIC}, default_interaction=PerfectBond(),
@@ -319,29 +325,34 @@ def test_each_subdomain_has_its_physics(options):
     materials = {
         1: LinearElastic(young=100.0, poisson=0.3, density=1.0),
         2: J2SmallStrain(
-            young=100.0, poisson=0.3, yield_stress=1.0, hardening=Linear(10.0), density=1.0
+            young=100.0, poisson=0.3, yield_stress=0.5, hardening=Linear(20.0), density=1.0
         ),
         3: NeoHookean(young=100.0, poisson=0.3, density=1.0),
     }
     tags = {2: lambda x: (x[0] > 0.33) & (x[0] <= 0.66), 3: lambda x: x[0] > 0.66}
 
-    def thirds(mesh):
+    def six(mesh):
         x = midpoints(mesh)
         return (x[0] > 0.33).astype(int) + (x[0] > 0.66) + 3 * (x[1] > 0.5)
 
     results = []
-    for count in (1, thirds):
-        simulation = Simulation(
-            clamped(2, 9, count, materials, tags, force=0.5), 0.5,
-            tolerance=1e-10, newton_tolerance=1e-10, **options,
+    for count in (1, six):
+        scene = clamped(2, 9, count, materials, tags)
+        loads = [*scene.loads[:2], PrescribedDisplacement(RIGHT, 0, lambda t: 0.01 * t)]
+        scene = Scene(
+            scene.bodies, materials, default_interaction=PerfectBond(),
+            loads=[*loads, PrescribedDisplacement(RIGHT, 1, lambda t: 0.02 * t)],
         )  # fmt: skip
-        run(simulation, 3)
+        simulation = Simulation(
+            scene, 0.5, tolerance=1e-11, newton_tolerance=1e-10, solver="subdomains",
+            max_halvings=0, **options,
+        )  # fmt: skip
+        records = run(simulation, 3)
+        assert max(record.newton_iterations for record in records) < 20
         results.append(simulation)
     uncut, cut = results
     assert cut.scene.bodies.num_bodies == 6
-    assert difference(cut, uncut) < 1e-7
-    plastic = uncut.ledger.as_columns()
-    assert plastic["dissipated_plastic"] > 0.0
-    np.testing.assert_allclose(
-        cut.ledger.as_columns()["dissipated_plastic"], plastic["dissipated_plastic"], rtol=1e-6
-    )
+    assert difference(cut, uncut) < 1e-8
+    plastic = uncut.ledger.as_columns()["dissipated_plastic"]
+    assert plastic > 1e-4
+    np.testing.assert_allclose(cut.ledger.as_columns()["dissipated_plastic"], plastic, rtol=1e-8)

@@ -45,6 +45,12 @@ def _kept(module: str) -> Callable[[Simulation], int]:
     return nbytes
 
 
+def _solves_subdomains(simulation: Simulation) -> bool:
+    if simulation.interactions is None or simulation.solver not in ("auto", "subdomains"):
+        return False
+    return all(g.kernels.name == "perfect bond" for g in simulation.interactions.groups)
+
+
 def _bytes_within(item) -> int:
     """Bytes of the arrays in an object, its attributes, lists and tuples."""
     if isinstance(item, np.ndarray):
@@ -118,13 +124,13 @@ EFFECTS = (
     ),
     Effect(
         "Newton of the bulk",
-        "a material that is not linear",
+        "a material that is not linear, or floating bodies",
         (
             "xper_fx.forms.dynamics:BulkForms.assemble_internal",
             "xper_fx.forms.dynamics:BulkForms.assemble_energy",
             "xper_fx.bulk.implicit:ImplicitScheme._correction",
         ),
-        lambda s: not s.bulk.linear,
+        lambda s: not s.bulk.linear or s.bulk.floating,
     ),
     Effect(
         "internal variables",
@@ -317,6 +323,28 @@ EFFECTS = (
         'Simulation(solver="accelerated"), or "auto", which calls for them after Newton',
         ("xper_fx.nscd.accelerated",),
         lambda s: s.interactions is not None and s.solver in ("auto", "accelerated"),
+    ),
+    Effect(
+        "subdomains",
+        'Simulation(solver="subdomains"), or "auto", which calls for it where all is bonded',
+        ("xper_fx.nscd.subdomains",),
+        _solves_subdomains,
+        "blocks of w and their inverses, the sharing of jumps, the coarse space",
+        _kept("xper_fx.nscd.subdomains"),
+    ),
+    Effect(
+        "floating bodies",
+        "Simulation(inertia=False) with bodies that interactions alone hold",
+        ("xper_fx.bulk.anchors", "xper_fx.nscd.interactions:Anchors.__post_init__"),
+        lambda s: s.bulk.floating,
+        "w with the anchors held, rigid motions",
+        lambda s: s.scheme.nbytes,
+    ),
+    Effect(
+        "ties",
+        "Scene(ties=...)",
+        ("xper_fx.ties", "xper_fx.nscd.nonmatching"),
+        lambda s: len(s.scene.ties) > 0,
     ),
     Effect(
         "error control",

@@ -25,7 +25,8 @@ def partition(mesh: Mesh, count: int, imbalance: float = 1.2) -> npt.NDArray[np.
     """Label the cells of a mesh by subdomain, for `xper_fx.bodies.explode`.
 
     Cells are neighbours if they share a facet; the partitioner that DOLFINx was built with cuts
-    few facets. What it leaves apart of a subdomain goes to the neighbour it shares most facets with.
+    few facets. What it leaves apart of a subdomain goes to the neighbour it shares most facets
+    with.
 
     Args:
         mesh: mesh on one process; its pieces, if it has several, are cut each by itself.

@@ -6,15 +6,15 @@ C^T R is regular; R below is scaled to C^T R = 1. Let w0 be K^-1 with the anchor
 
     K v = f   <=>   v = w0 f + R a,   R^T f = 0,
 
-with the velocities a of the anchors (Farhat and Roux 1991). A solver of the interactions that knows of
-anchors takes a for unknowns and R^T f = 0 for their equations (`nscd/subdomains.py`).
+with the velocities a of the anchors (Farhat and Roux 1991). A solver of the interactions that knows
+of anchors takes a for unknowns and R^T f = 0 for their equations (`nscd/subdomains.py`).
 
 Any other solver finds the body on springs at its anchors,
 
     w = w0 + R rho^-1 R^T = (K + C rho C^T)^-1,
 
-which let go after each iteration of the bulk: the residual is that of K alone. Where iterations come
-to rest the springs bear nothing, whatever rho and the laws are (the proximal point algorithm;
+which let go after each iteration of the bulk: the residual is that of K alone. Where iterations
+come to rest the springs bear nothing, whatever rho and the laws are (the proximal point algorithm;
 Rockafellar 1976), and K is not regularised.
 """
 

@@ -9,8 +9,8 @@ With theta in [1/2, 1] and F = f_ext - f_int(q) - C v,
     v_free = v^k + w res^k,                              v^{k+1} = v_free + w H r.
 
 A linear bulk is done after one iteration, and Mt is formed and inverted once for each step size.
-Bodies without inertia that interactions alone hold stand on springs that let go after each iteration
-(`bulk/anchors.py`), of which there are then a few.
+Bodies without inertia that interactions alone hold stand on springs that let go after each
+iteration (`bulk/anchors.py`), of which there are then a few.
 Otherwise w is kept as long as Newton contracts well with it, and renewed when it does not.
 
 Some unknowns may have another theta (`Bulk.end_weight`): those of a periodic cell that no mass

@@ -7,10 +7,10 @@ is more than what a Newton solve costs, `newton.py` goes on from there, and fall
 itself where a step does not help. Where Newton has nothing to work with (w singular along a
 direction that is not prescribed) or gives up, `accelerated.py` finishes.
 
-Where every point is a perfect bond, `subdomains.py` takes Newton's place for bodies of many cells: 3072
-tetrahedra in 16 bodies took 2.6 times less at a tolerance of 1e-8 and a step thirty times what waves
-need to cross a body; where they just cross it, sweeps were enough. It is all there is to do for bodies
-that interactions alone hold.
+Where every point is a perfect bond, `subdomains.py` takes Newton's place for bodies of many cells:
+3072 tetrahedra in 16 bodies took 2.6 times less at a tolerance of 1e-8 and a step thirty times what
+waves need to cross a body; where they just cross it, sweeps were enough. It is all there is to do
+for bodies that interactions alone hold.
 """
 
 from __future__ import annotations

@@ -10,19 +10,19 @@ these are psi_i = (k + 1) N_i - 1, for which int psi_i N_j = delta_ij A_i, so th
     A_i = int psi_i,    m_il = int psi_i N_l / A_i    (N_l of the antagonists)
 
 the jump of point i is u_i - sum_l m_il u_l, its weights add up to one, and the impulses r_i of a
-uniform traction, A_i times it, push each antagonist node with int N_l times it. A uniform stress thus
-passes exactly. The integrals are those over the overlaps of the facets of both sides, polygons on
-which the integrand is quadratic. With perfect bonds the displacement converges as that of a mesh
+uniform traction, A_i times it, push each antagonist node with int N_l times it. A uniform stress
+thus passes exactly. The integrals are those over the overlaps of the facets of both sides, polygons
+on which the integrand is quadratic. With perfect bonds the displacement converges as that of a mesh
 without an interface does (order 2 in L2, 1 in energy; Bernardi, Maday and Patera 1994).
 
-*Node* points take sum_l N_l(x_i) u_l at the antagonist facet that holds the candidate node. A linear
-displacement passes, a uniform traction only if kinks of the antagonists lie on candidate nodes
-(nested meshes): sum_i A_i N_l(x_i) is the rule of trapezes for int N_l. Where they do not, stresses
-next to the interface keep an error that refinement does not mend, and displacements there converge
-with order 1.
+*Node* points take sum_l N_l(x_i) u_l at the antagonist facet that holds the candidate node. A
+linear displacement passes, a uniform traction only if kinks of the antagonists lie on candidate
+nodes (nested meshes): sum_i A_i N_l(x_i) is the rule of trapezes for int N_l. Where they do not,
+stresses next to the interface keep an error that refinement does not mend, and displacements there
+converge with order 1.
 
-Ties at every quadrature point of the overlaps are not offered: as many constraints leave both traces
-no kinks but those that the meshes share, and lock.
+Ties at every quadrature point of the overlaps are not offered: as many constraints leave both
+traces no kinks but those that the meshes share, and lock.
 """
 
 from __future__ import annotations
