@@ -14,7 +14,8 @@ far, points have changed branch: what was remembered is forgotten, and plain swe
 best impulses known.
 
 **When it stops.** By the same bound as `nlgs.py`; the error is estimated from f times the ratio
-|dr| / |df| of the step that mixing made, and at least f.
+|dr| / |df| of the step that mixing made, and at least f. Contacts of rigid bodies are judged by
+velocities as there.
 """
 
 from __future__ import annotations
@@ -29,6 +30,8 @@ from xper_fx.nscd.nlgs import ROUNDING, SolveReport, sweep_passes
 _MEMORY, _PLAIN = 8, 3
 # Growth of what a sweep changes, over the least so far, at which mixing starts again.
 _GROWTH = 3.0
+# Sweeps after which |w H r| is looked at again.
+_LOOK = 8
 # Relative size of a singular value of dF that is left out.
 _RANK = 1e-12
 
@@ -106,6 +109,7 @@ def solve(
     floor = interactions.rounding(free) / tolerance
     least, error, restarts = np.inf, np.inf, 0
     amplification, follows = np.inf, False
+    by_velocities, kick = interactions.judged_by_velocities, 0.0
     for count in range(1, max_sweeps + 1):
         for sweep in passes:
             sweep.kernel(*sweep.arguments)
@@ -121,7 +125,14 @@ def solve(
             slope = norm(old_f)
             amplification = max(1.0, norm(old_r) / slope) if slope > 0.0 else 1.0
         follows = False
-        error = change * amplification if change > ROUNDING else change
+        if by_velocities:
+            left = np.sqrt(sum(p.stats[:, 0].sum() for p in passes))
+            if left <= tolerance * kick or count % _LOOK == 0:
+                kick, rounding = interactions.kick(free, velocity)
+                kick = max(kick, rounding / tolerance)
+            error = left / kick if kick > 0.0 else left
+        else:
+            error = change * amplification if change > ROUNDING else change
         if error <= tolerance:
             if interactions.evolve(velocity) <= tolerance:
                 largest = max((p.stats[:, 2].max() for p in passes), default=0.0)

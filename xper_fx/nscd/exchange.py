@@ -350,14 +350,18 @@ def spread_kernel(sides: Sides):
 
 
 @cache
-def sweep_kernel(law: LawKernels, sides: Sides, blocks: Blocks, parallel: bool):
+def sweep_kernel(
+    law: LawKernels, sides: Sides, blocks: Blocks, parallel: bool, as_velocities: bool = False
+):
     """One sweep over the tiles of a law's points that are marked.
 
     Kernel `sweep(tiles, colors, marked, stats, v, couplings, r, ...)`; it writes, for each tile
-    visited, [sum |dr|^2, sum |r|^2, max |dr|^2 / area^2] into its row of `stats`.
+    visited, [sum |dr|^2, sum |r|^2, max |dr|^2 / area^2] into its row of `stats`. Taken as
+    velocities, changes count as sum dr . W_aa dr.
     """
     algebra = for_dimension(sides.dim, sides.components)
     row, set_row, dot = algebra.row, algebra.set_row, algebra.dot
+    sym_row, sym_vector = algebra.sym_row, algebra.sym_vector
     add, scale, subtract = algebra.add, algebra.scale, algebra.subtract
     read, push = motion(sides, blocks)
     solve = law.solve
@@ -383,7 +387,10 @@ def sweep_kernel(law: LawKernels, sides: Sides, blocks: Blocks, parallel: bool):
                 new = add(old, change)
             set_row(r, i, new)
             push(v, c, i, change)
-            changed += size_of_change
+            if as_velocities:
+                changed += dot(change, sym_vector(sym_row(w_points, i), change))
+            else:
+                changed += size_of_change
             total += dot(new, new)
             largest = max(largest, size_of_change * inverse_area[i] * inverse_area[i])
         stats[tile, 0], stats[tile, 1], stats[tile, 2] = changed, total, largest

@@ -455,6 +455,7 @@ class Interactions:
         traces = [g.compliance[:, np.equal(*sym_indices(g.kernels.components))].sum(1)
                   for g in self.groups]  # fmt: skip
         self._stiffness = math.sqrt(sum(float(np.sum(t[t > 0.0] ** -2.0)) for t in traces))
+        self._mass = sum(float(np.sum(1.0 / t[t > 0.0])) for t in traces)
 
     def free_velocities(self, bulk: np.ndarray) -> np.ndarray:
         """Free velocities of all slots, flat.
@@ -560,6 +561,26 @@ class Interactions:
         """
         speed = float(np.abs(velocity).max(initial=0.0))
         return _ROUNDING * speed * self._stiffness
+
+    @property
+    def judged_by_velocities(self) -> bool:
+        """Whether all points are contacts of rigid bodies (`nlgs.py`: when it stops)."""
+        return bool(self.groups) and all(
+            g.sides.arms and g.kernels.evolve is None for g in self.groups
+        )
+
+    def kick(self, free: np.ndarray, velocity: np.ndarray) -> tuple[float, float]:
+        """|w H r| of the present impulses in the norm of the kinetic energy, and its rounding.
+
+        Args:
+            free, velocity: shape (num_slots * dim,), before and after the impulses (m/s).
+
+        Returns:
+            (p . w p)^(1/2) with p = H r, and the same of the rounding of velocities; kg^(1/2) m/s.
+        """
+        energy = float(np.vdot(self.impulses(), velocity - free))
+        speed = float(np.abs(velocity).max(initial=0.0))
+        return math.sqrt(max(energy, 0.0)), _ROUNDING * speed * math.sqrt(self._mass)
 
     def begin_step(self, step: float, theta: float) -> None:
         """Set the constants of the step in every law; impulses start from the last step's."""

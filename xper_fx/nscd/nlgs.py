@@ -9,6 +9,19 @@ change of traction in the last sweep, in Pa.
 Impulses that move the bodies by less than the rounding of their velocities have arrived: bodies
 that fly side by side push each other by nothing else.
 
+**Contacts of rigid bodies** are judged by velocities. Where they are more than the bodies need to
+be held, impulses have no one value, and combinations that move nearly nothing converge last or, with
+friction, never; what they do to the bodies has long been found. With dr_a what the law of point a
+still asks for, the bodies at that moment taken as they are, W_aa dr_a is by how much the velocity at
+the point breaks the law, and the stop is
+
+    sum_a dr_a . W_aa dr_a <= tolerance^2 p . w p,    p = H r,
+
+violations in the norm of the kinetic energy beside the change of the velocities that all impulses
+make. Bodies at rest under gravity g have |p|_w = g h (sum m)^(1/2): the tolerance bounds the rate
+of penetration in g h, however high the heap. No error is estimated from it: velocities and impulses
+solve exactly the problem whose free relative velocities differ by W_aa dr_a.
+
 **Where it sweeps.** Tiles of points whose impulses no longer change, and whose bodies no neighbour
 moves, are passed over; a sweep over all of them comes now and then and before the end, so that the
 error is always that of the whole.
@@ -37,6 +50,8 @@ _WINDOW = 4
 # A tile is left alone while its share of the error is below this fraction of what is wanted, and is
 # visited all the same every so many sweeps, and before the end.
 _NEGLIGIBLE, _REVISIT = 0.1, 16
+# Sweeps after which |w H r| is first looked at again, twice as many each time.
+_FIRST_SPELL = 16
 # Relative change of the impulses that is rounding.
 ROUNDING = 16.0 * np.finfo(float).eps
 
@@ -47,7 +62,8 @@ class SolveReport(NamedTuple):
     Attributes:
         converged: whether the estimated error is within the tolerance.
         sweeps: sweeps made.
-        residual: estimated relative error of the impulses (module docstring).
+        residual: estimated relative error of the impulses; of contacts of rigid bodies the
+            relative violation of their laws (module docstring).
         traction_change: largest change of a traction in the last sweep (Pa).
         solver: name of the solver that found the impulses.
         reason: why this solver, and what else it did; empty if there was no choice.
@@ -80,7 +96,9 @@ def sweep_passes(
     parallel = (num_threads or get_num_threads()) > 1
     passes = []
     for g in interactions.groups:
-        kernel = sweep_kernel(g.kernels, g.sides, g.blocks, parallel)
+        kernel = sweep_kernel(
+            g.kernels, g.sides, g.blocks, parallel, interactions.judged_by_velocities
+        )
         tiles = len(g.ordering.tile_offsets) - 1
         marked, stats = np.ones(tiles, np.bool_), np.zeros((tiles, 3))
         arguments = (
@@ -188,6 +206,69 @@ def _spell_kernel(kernels: tuple[Callable, ...]):
     return spell
 
 
+@cache
+def _spell_by_velocities(kernels: tuple[Callable, ...]):
+    """Kernel that sweeps until sum dr . W_aa dr is within a goal, all points visited last."""
+    sweep, moved_bodies, touched_tiles = _over_groups(kernels)
+
+    @njit
+    def spell(passes, moved, num_tiles, changes, goal, most):
+        """Whether it arrived, sweeps made, and how many of `changes` are set, the last ones."""
+        known, verifying = 0, False
+        for count in range(1, most + 1):
+            changed, _, everywhere = sweep(passes)
+            if not np.isfinite(changed):
+                return False, count, known
+            if not verifying:
+                if known == len(changes):
+                    changes[:-1] = changes[1:].copy()
+                    known -= 1
+                changes[known] = np.sqrt(changed)
+                known += 1
+            verifying = changed <= goal
+            if verifying and everywhere:
+                changes[known - 1] = np.sqrt(changed)
+                return True, count, known
+            moved[:] = verifying or count % _REVISIT == 0
+            moved_bodies(passes, moved, _NEGLIGIBLE**2 * goal / num_tiles)
+            touched_tiles(passes, moved)
+        return False, most, known
+
+    return spell
+
+
+def _solve_by_velocities(
+    interactions: Interactions, velocity, passes, tolerance: float, max_sweeps: int
+) -> SolveReport:
+    """`solve` of contacts of rigid bodies."""
+    free = velocity.copy()
+    interactions.add_velocity(velocity)
+    spell = _spell_by_velocities(tuple(p.kernel for p in passes))
+    arguments = tuple(tuple(p[1:]) for p in passes)
+    num_tiles = sum(len(p.marked) for p in passes)
+    moved = np.zeros(len(interactions.inverse.node_offsets) - 1, np.bool_)
+    changes, sweeps, most = np.zeros(_WINDOW + 1), 0, _FIRST_SPELL
+    size, rounding = interactions.kick(free, velocity)
+    while True:
+        goal = max(tolerance * size, rounding)
+        arrived, count, known = spell(
+            arguments, moved, num_tiles, changes, goal**2, min(most, max_sweeps - sweeps)
+        )
+        sweeps += count
+        size, rounding = interactions.kick(free, velocity)
+        left = changes[known - 1]
+        residual = left / size if size > 0.0 else left
+        if arrived and left <= max(tolerance * size, rounding):
+            largest = max(p.stats[:, 2].max(initial=0.0) for p in passes)
+            return SolveReport(True, sweeps, residual, np.sqrt(largest) / interactions.step_size)
+        if sweeps >= max_sweeps or not np.isfinite(left):
+            rate = contraction(changes[:known])
+            return SolveReport(False, sweeps, residual, np.inf, contraction=rate)
+        for p in passes:
+            p.marked[:] = True
+        most *= 2
+
+
 def solve(
     interactions: Interactions,
     velocity: np.ndarray,
@@ -212,6 +293,8 @@ def solve(
         The report; not converged is reported, not raised.
     """
     passes = sweep_passes(interactions, velocity, relaxation, num_threads)
+    if interactions.judged_by_velocities:
+        return _solve_by_velocities(interactions, velocity, passes, tolerance, max_sweeps)
     interactions.add_velocity(velocity)
     if not passes:
         return SolveReport(True, 1, 0.0, 0.0)
