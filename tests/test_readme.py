@@ -21,7 +21,7 @@ def test_the_contact_problem_runs():
     reaction, velocity = names["result"].reaction, names["result"].velocity
     # both corners slide to the right, the front one carries more; momentum before and after
     normal, tangential = reaction[::2], reaction[1::2]
-    assert names["result"].converged and len(EXAMPLES) == 3
+    assert names["result"].converged and len(EXAMPLES) == 4
     np.testing.assert_allclose(tangential, 0.3 * normal, rtol=1e-8)
     np.testing.assert_allclose(normal.sum(), 0.1, rtol=1e-8)
     np.testing.assert_allclose(velocity, [0.0, -0.17, 0.0, -0.17], atol=1e-9)
@@ -35,6 +35,16 @@ def test_the_periodic_cell_runs():
     stress = names["simulation"].macroscopic.stress
     np.testing.assert_allclose(stress[0, 0], 524.7e6, rtol=1e-3)
     assert abs(stress[1, 1]) < 1e-6 * stress[0, 0]
+
+
+def test_the_disc_rolls():
+    """Down the slope by g sin(slope) t^2 / 3."""
+    names = {}
+    exec(EXAMPLES[3], names)
+    place = names["simulation"].rigid.state.position[1]
+    along = (2.0 * place[0] - place[1]) / 5**0.5
+    np.testing.assert_allclose(along, 9.81 / 5**0.5 * 0.5**2 / 3.0, rtol=1e-2)
+    assert abs(names["step"].energies["closure"]) < 1e-10
 
 
 def test_the_example_runs(capsys):

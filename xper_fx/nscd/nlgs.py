@@ -10,10 +10,10 @@ Impulses that move the bodies by less than the rounding of their velocities have
 that fly side by side push each other by nothing else.
 
 **Contacts of rigid bodies** are judged by velocities. Where they are more than the bodies need to
-be held, impulses have no one value, and combinations that move nearly nothing converge last or, with
-friction, never; what they do to the bodies has long been found. With dr_a what the law of point a
-still asks for, the bodies at that moment taken as they are, W_aa dr_a is by how much the velocity at
-the point breaks the law, and the stop is
+be held, impulses have no one value, and combinations that move nearly nothing converge last or,
+with friction, never; what they do to the bodies has long been found. With dr_a what the law of
+point a still asks for, the bodies at that moment taken as they are, W_aa dr_a is by how much the
+velocity at the point breaks the law, and the stop is
 
     sum_a dr_a . W_aa dr_a <= tolerance^2 p . w p,    p = H r,
 
