@@ -176,12 +176,11 @@ def _look_around(node, p, radius, meshed, begin, end, listed, faces, near):
 
 
 @njit
-def _is_lowest(a, m, noise, near):
+def _is_lowest(a, m, noise, square, size, welds, weights):
     """Whether no facet around the closest point of a on an edge or at a vertex is nearer.
 
     Of facets that are equally near the one with the most weights stands for them, then the first.
     """
-    square, size, welds, weights = near.square, near.size, near.welds, near.weights
     for b in range(m):
         if b != a and square[b] <= square[a] + noise and _has(welds, weights, b, a):
             if square[b] < square[a] - noise or size[b] > size[a]:
@@ -307,8 +306,12 @@ def _is_back(a, m, gap, n, near, faces):
 
 
 @njit(error_model="numpy")
-def _way_out(a, m, node, p, outward, meshed, near, faces, n, away):
-    """Decide whether and how facet a touches the point; write the normal into n.
+def _way_out(a, m, touches, node, p, outward, meshed, near, faces, n, away):
+    """Decide how facet a touches the point with its edge or vertex, or as a pocket's wall.
+
+    Args:
+        touches: whether it is nearest there.
+        n: the facet's normal; overwritten by the contact's.
 
     Returns:
         Whether it does, the kind, the gap from p, and whether p must be its surface's tip.
@@ -316,14 +319,8 @@ def _way_out(a, m, node, p, outward, meshed, near, faces, n, away):
     normal, weights = faces.normal, near.weights
     dim = len(p)
     f = near.facet[a]
-    for d in range(dim):
-        n[d] = normal[f, d]
     gap = near.height[a]
-    if near.size[a] == dim:
-        return True, _PLAIN, gap, False
     kind = _PLAIN
-    noise = _EQUAL * near.square[a] + (_EQUAL * faces.depth[f]) ** 2
-    touches = _is_lowest(a, m, noise, near)
     if touches and near.size[a] == 1 and not meshed:
         return False, kind, gap, False
     if touches:
@@ -435,6 +432,8 @@ def point_facet(points, radius, outward, meshed, rows, start, listed, faces, rea
     )
     share, depth, fragment, body = faces.share, faces.depth, faces.fragment, faces.body
     own, height, square, near_facet = near.own, near.height, near.square, near.facet
+    size, welds, weights = near.size, near.welds, near.weights
+    normal, normals = faces.normal, ways.normal
     kept = np.empty(longest, np.int64)
     away = np.empty(dim)
     count = 0
@@ -454,8 +453,18 @@ def point_facet(points, radius, outward, meshed, rows, start, listed, faces, rea
             flat = abs(height[a])
             if own[a] or flat > far or square[a] > flat * flat + far * far:
                 continue
-            n = ways.normal[found]
-            touches, kind, gap, tip = _way_out(a, m, node, p, leaning, meshed, near, faces, n, away)
+            n = normals[found]
+            for d in range(dim):
+                n[d] = normal[f, d]
+            touches, kind, gap, tip = True, _PLAIN, height[a], False
+            if size[a] < dim:
+                noise = _EQUAL * square[a] + (_EQUAL * depth[f]) ** 2
+                touches = _is_lowest(a, m, noise, square, size, welds, weights)
+                if not touches and square[a] - flat * flat > depth[f] ** 2:
+                    continue
+                touches, kind, gap, tip = _way_out(
+                    a, m, touches, node, p, leaning, meshed, near, faces, n, away
+                )
             if not touches or gap - r > reach or gap - r < -depth[f]:
                 continue
             if gap < 0.0 and kind != _POCKET and _is_back(a, m, gap, n, near, faces):
@@ -468,7 +477,7 @@ def point_facet(points, radius, outward, meshed, rows, start, listed, faces, rea
             elif _along(leaning, ways.normal, found) > 0.0:
                 continue
             for j in range(dim):
-                ways.weights[found, j] = near.weights[a, j]
+                ways.weights[found, j] = weights[a, j]
             if kind == _POCKET:
                 plane_weights(p, faces.x, faces.facets, f, ways.weights, found)
             ways.facet[found] = f
