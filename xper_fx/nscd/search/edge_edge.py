@@ -73,34 +73,22 @@ def _recedes(n, sign, direction, facet_normal, turn):
 
 @njit(error_model="numpy")
 def edge_edge(
-    pairs,
-    edges,
-    others,
-    x,
-    facets,
-    normal,
-    weld,
-    share,
-    depth,
-    reach,
-    out_pair,
-    out_weights,
-    out_normal,
-    out_gap,
-    out_area,
+    pairs, edges, others, faces, reach, out_pair, out_weights, out_normal, out_gap, out_area
 ):
     """Find the contacts of pairs of edges.
 
     Args:
         pairs: numbers among the edges, shape (p, 2).
         edges, others: of `convex_edges`.
-        x, facets, normal, weld, share, depth, reach: as in `point_facet`.
+        faces: `Faces`.
+        reach: largest gap (m).
         out_*: where contacts go, at least as many as pairs; `out_weights` is the share of the
             second node of each edge, shape (p, 2).
 
     Returns:
         How many contacts there are.
     """
+    x, facets, weld, normal, depth = faces.x, faces.facets, faces.weld, faces.normal, faces.depth
     count = 0
     along = np.empty((2, 3))
     n = np.empty(3)
@@ -159,7 +147,7 @@ def edge_edge(
             out_weights[count, 0] = s
             out_weights[count, 1] = t
             out_gap[count] = sign * gap
-            out_area[count] = min(share[fa], share[fb])
+            out_area[count] = min(faces.share[fa], faces.share[fb])
             for d in range(3):
                 out_normal[count, d] = sign * n[d]
             count += 1

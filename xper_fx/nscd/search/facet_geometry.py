@@ -8,6 +8,8 @@ rounding counts as inside it, its weights as they are: flat sides that end toget
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit
 
@@ -15,6 +17,37 @@ from numba import njit
 _NO_WEIGHT = 1e-9
 # By how much (a sine) the surface around a point may lean towards what it touches at a corner.
 _LEANING = 1e-6
+
+
+class Faces(NamedTuple):
+    """The facets of surfaces as they are now, for compiled kernels.
+
+    Attributes:
+        x: positions of the nodes, shape (num_nodes, dim), m.
+        facets, body: as in `Surface`.
+        normal: outward unit normals, shape (f, dim).
+        exposed, weld, fragment: as in `Bonds`.
+        share: a node's share of each facet's area, shape (f,), m^2 (2D: m).
+        depth: how deep behind each facet contacts are sought, shape (f,), m.
+        extent: distance up to which a facet matters, shape (f,), m: the hypotenuse of the reach and
+            of the depths of it and its neighbours, which pockets need.
+        own_start, own_facets: the facets of node i are `own_facets[own_start[i]:own_start[i + 1]]`.
+        own_body: body whose facets a node does not touch, shape (num_nodes,), -2 for none.
+    """
+
+    x: np.ndarray
+    facets: np.ndarray
+    body: np.ndarray
+    normal: np.ndarray
+    exposed: np.ndarray
+    weld: np.ndarray
+    fragment: np.ndarray
+    share: np.ndarray
+    depth: np.ndarray
+    extent: np.ndarray
+    own_start: np.ndarray
+    own_facets: np.ndarray
+    own_body: np.ndarray
 
 
 @njit(error_model="numpy")
@@ -39,15 +72,15 @@ def facet_normals(x, facets, chosen, normal):
 
 
 @njit(error_model="numpy")
-def plane_weights(p, x, facet, w):
-    """Write the weights of p's projection on the facet's line or plane into w; any sign."""
-    a, b = facet[0], facet[1]
-    if len(facet) == 2:
+def plane_weights(p, x, facets, f, weights, m):
+    """Write the weights of p's projection on the line or plane of facet f into row m; any sign."""
+    a, b = facets[f, 0], facets[f, 1]
+    if x.shape[1] == 2:
         ux, uy = x[b, 0] - x[a, 0], x[b, 1] - x[a, 1]
-        w[1] = ((p[0] - x[a, 0]) * ux + (p[1] - x[a, 1]) * uy) / (ux * ux + uy * uy)
-        w[0] = 1.0 - w[1]
+        weights[m, 1] = ((p[0] - x[a, 0]) * ux + (p[1] - x[a, 1]) * uy) / (ux * ux + uy * uy)
+        weights[m, 0] = 1.0 - weights[m, 1]
         return
-    c = facet[2]
+    c = facets[f, 2]
     uu = uv = vv = pu = pv = 0.0
     for d in range(3):
         u, v, r = x[b, d] - x[a, d], x[c, d] - x[a, d], p[d] - x[a, d]
@@ -57,55 +90,55 @@ def plane_weights(p, x, facet, w):
         pu += r * u
         pv += r * v
     det = uu * vv - uv * uv
-    w[1] = (vv * pu - uv * pv) / det
-    w[2] = (uu * pv - uv * pu) / det
-    w[0] = 1.0 - w[1] - w[2]
+    weights[m, 1] = (vv * pu - uv * pv) / det
+    weights[m, 2] = (uu * pv - uv * pu) / det
+    weights[m, 0] = 1.0 - weights[m, 1] - weights[m, 2]
 
 
 @njit(error_model="numpy")
-def closest_weights(p, x, facet, w):
-    """Write the weights of the facet's point closest to p into w.
+def closest_weights(p, x, facets, f, weights, m):
+    """Write the weights of the point of facet f closest to p into row m.
 
     Returns:
         Its distance squared (m^2), and how many weights are not zero.
     """
-    k = len(facet)
-    plane_weights(p, x, facet, w)
+    k = x.shape[1]
+    plane_weights(p, x, facets, f, weights, m)
     size = k
-    lowest = w[0]
+    lowest = weights[m, 0]
     for j in range(1, k):
-        lowest = min(lowest, w[j])
+        lowest = min(lowest, weights[m, j])
     if lowest < -_NO_WEIGHT:
         if k == 2:
-            w[1] = min(max(w[1], 0.0), 1.0)
-            if w[1] < _NO_WEIGHT:
-                w[1] = 0.0
-            elif w[1] > 1.0 - _NO_WEIGHT:
-                w[1] = 1.0
-            w[0] = 1.0 - w[1]
+            weights[m, 1] = min(max(weights[m, 1], 0.0), 1.0)
+            if weights[m, 1] < _NO_WEIGHT:
+                weights[m, 1] = 0.0
+            elif weights[m, 1] > 1.0 - _NO_WEIGHT:
+                weights[m, 1] = 1.0
+            weights[m, 0] = 1.0 - weights[m, 1]
         else:
-            _closest_on_sides(p, x, facet, w)
+            _closest_on_sides(p, x, facets, f, weights, m)
         size = 0
         for j in range(k):
-            if w[j] != 0.0:
+            if weights[m, j] != 0.0:
                 size += 1
     square = 0.0
     for d in range(k):
         q = 0.0
         for j in range(k):
-            q += w[j] * x[facet[j], d]
+            q += weights[m, j] * x[facets[f, j], d]
         square += (p[d] - q) * (p[d] - q)
     return square, size
 
 
 @njit(error_model="numpy")
-def _closest_on_sides(p, x, facet, w):
-    """Write the weights of the closest point on the three edges of a triangle into w."""
+def _closest_on_sides(p, x, facets, f, weights, m):
+    """Write the weights of the closest point on the three edges of triangle f into row m."""
     best = np.inf
     side = 0
     along = 0.0
     for j in range(3):
-        a, b = facet[j], facet[(j + 1) % 3]
+        a, b = facets[f, j], facets[f, (j + 1) % 3]
         uu = pu = rr = 0.0
         for d in range(3):
             u, r = x[b, d] - x[a, d], p[d] - x[a, d]
@@ -122,21 +155,25 @@ def _closest_on_sides(p, x, facet, w):
         along = 0.0
     elif along > 1.0 - _NO_WEIGHT:
         along = 1.0
-    w[:] = 0.0
-    w[side] = 1.0 - along
-    w[(side + 1) % 3] = along
+    for j in range(3):
+        weights[m, j] = 0.0
+    weights[m, side] = 1.0 - along
+    weights[m, (side + 1) % 3] = along
 
 
 @njit(error_model="numpy")
-def facing_area(n, own, normal, exposed, share):
-    """Area of a node's own facets that face against n, and all of it.
+def facing_area(n, node, faces):
+    """Area of a node's facets that face against n, and all of it.
 
     The first is sum_f s_f max(0, -n . n_f) over the node's exposed facets f, s_f the node's share
     of each: what they project onto the plane of contact.
     """
+    own_start, own_facets, exposed = faces.own_start, faces.own_facets, faces.exposed
+    normal, share = faces.normal, faces.share
     facing = 0.0
     whole = 0.0
-    for f in own:
+    for i in range(own_start[node], own_start[node + 1]):
+        f = own_facets[i]
         if exposed[f]:
             cosine = 0.0
             for d in range(len(n)):
@@ -147,16 +184,19 @@ def facing_area(n, own, normal, exposed, share):
 
 
 @njit(error_model="numpy")
-def is_tip(p, n, own, x, facets, exposed):
-    """Whether p is its surface's foremost point against n: what is around it recedes along n."""
-    for f in own:
+def is_tip(n, node, faces):
+    """Whether a node is its surface's foremost point against n: what is around recedes along n."""
+    own_start, own_facets, exposed = faces.own_start, faces.own_facets, faces.exposed
+    x, facets = faces.x, faces.facets
+    for i in range(own_start[node], own_start[node + 1]):
+        f = own_facets[i]
         if not exposed[f]:
             continue
         for j in range(facets.shape[1]):
             rise = 0.0
             square = 0.0
             for d in range(len(n)):
-                along = x[facets[f, j], d] - p[d]
+                along = x[facets[f, j], d] - x[node, d]
                 rise += along * n[d]
                 square += along * along
             if rise < -_LEANING * np.sqrt(square):

@@ -25,6 +25,8 @@ one fragment whose normals differ by less than 18 degrees, all but the nearest.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit
 
@@ -39,48 +41,159 @@ from xper_fx.nscd.search.facet_geometry import (
 _FACING = 0.05
 # Cosine above which two normals are one.
 _ALIKE = 0.95
-# Share of a facet's size below which a distance has no direction.
+# Cosine between the way out behind a corner and the normals there, at least.
+_STRAIGHT_OUT = 0.5
+# Share of a facet's depth below which a distance has no direction, and by which a reflex corner
+# rises at least.
 _NO_DISTANCE = 1e-9
+_RISE = 1e-2
 # Relative difference of distances that is rounding.
 _EQUAL = 1e-12
 
-# What a local minimum is like.
+# What touches: a closest point, one on an edge or at a vertex seen from inside, a pocket's wall.
 _PLAIN, _BEHIND_CORNER, _POCKET = range(3)
 
 
+class _Near(NamedTuple):
+    """Facets near a point: number, distance squared, height of the point above the plane, how many
+    weights of the closest point are not zero, those weights, the welds of the nodes, and whether
+    the point is part of the facet."""
+
+    facet: np.ndarray
+    square: np.ndarray
+    height: np.ndarray
+    size: np.ndarray
+    weights: np.ndarray
+    welds: np.ndarray
+    own: np.ndarray
+
+
+class _Ways(NamedTuple):
+    """Contacts of a point before they are sifted: facet and its fragment, distance squared, kind,
+    what `Touching` holds, and whether they stay."""
+
+    facet: np.ndarray
+    fragment: np.ndarray
+    square: np.ndarray
+    kind: np.ndarray
+    gap: np.ndarray
+    area: np.ndarray
+    normal: np.ndarray
+    weights: np.ndarray
+    alive: np.ndarray
+
+
+class Touching(NamedTuple):
+    """Contacts of points with facets; the first `found` rows.
+
+    Attributes:
+        point, facet: shape (n,), int32.
+        slot: counts the contacts of a point with a fragment, shape (n,), int64.
+        weights: of the facet's nodes, shape (n, dim).
+        normal: out of the facet, shape (n, dim).
+        gap: m, shape (n,).
+        area: m^2 (2D: m), shape (n,): of a node what faces the contact, else the facet's share.
+    """
+
+    point: np.ndarray
+    facet: np.ndarray
+    slot: np.ndarray
+    weights: np.ndarray
+    normal: np.ndarray
+    gap: np.ndarray
+    area: np.ndarray
+
+
+def room_for(count: int, dim: int) -> Touching:
+    """Uninitialised room for contacts."""
+    return Touching(
+        np.empty(count, np.int32),
+        np.empty(count, np.int32),
+        np.empty(count, np.int64),
+        np.empty((count, dim)),
+        np.empty((count, dim)),
+        np.empty(count),
+        np.empty(count),
+    )
+
+
 @njit
-def _has(facet, w, corners, weld):
-    """Whether a facet has the welds of all `corners` whose weight w is not zero."""
-    for j in range(len(corners)):
-        if w[j] == 0.0:
+def _along(n, normal, f):
+    """Cosine between n and the normal of facet f."""
+    total = 0.0
+    for d in range(len(n)):
+        total += n[d] * normal[f, d]
+    return total
+
+
+@njit
+def _has(welds, weights, b, a):
+    """Whether facet b has the edge or vertex of facet a that its closest point is on."""
+    dim = welds.shape[1]
+    for j in range(dim):
+        if weights[a, j] == 0.0:
             continue
         found = False
-        for i in range(len(facet)):
-            if weld[facet[i]] == weld[corners[j]]:
-                found = True
+        for i in range(dim):
+            found |= welds[b, i] == welds[a, j]
         if not found:
             return False
     return True
 
 
+@njit(error_model="numpy")
+def _look_around(node, p, radius, meshed, begin, end, listed, faces, near):
+    """Write the facets near p into `near`; how many, and whether p is not part of some of them."""
+    x, facets, normal, extent = faces.x, faces.facets, faces.normal, faces.extent
+    weld, body, own_body = faces.weld, faces.body, faces.own_body
+    facet, square, height, size = near.facet, near.square, near.height, near.size
+    weights, welds, own = near.weights, near.welds, near.own
+    dim = len(p)
+    m = 0
+    foreign = False
+    for i in range(begin, end):
+        f = listed[i]
+        cut = extent[f] + radius
+        first = facets[f, 0]
+        above = 0.0
+        for d in range(dim):
+            above += (p[d] - x[first, d]) * normal[f, d]
+        if abs(above) > cut:
+            continue
+        square[m], size[m] = closest_weights(p, x, facets, f, weights, m)
+        if square[m] > cut * cut:
+            continue
+        is_own = meshed and own_body[node] == body[f]
+        for j in range(dim):
+            welds[m, j] = weld[facets[f, j]]
+            is_own |= meshed and welds[m, j] == weld[node]
+        facet[m] = f
+        height[m] = above
+        own[m] = is_own
+        foreign |= not is_own
+        m += 1
+    return m, foreign
+
+
 @njit
-def _touch(first, second, weld):
-    """Whether two facets have a weld in common."""
-    for i in range(len(first)):
-        for j in range(len(second)):
-            if weld[first[i]] == weld[second[j]]:
-                return True
-    return False
+def _is_lowest(a, m, noise, square, size, welds, weights):
+    """Whether no facet around the closest point of a on an edge or at a vertex is nearer.
+
+    Of facets that are equally near the one with the most weights stands for them, then the first.
+    """
+    for b in range(m):
+        if b != a and square[b] <= square[a] + noise and _has(welds, weights, b, a):
+            if square[b] < square[a] - noise or size[b] > size[a]:
+                return False
+            if size[b] == size[a] and b < a:
+                return False
+    return True
 
 
 @njit(error_model="numpy")
-def _angle(x, facet, at, weld):
-    """Angle of a facet at a vertex, given by its weld (3D)."""
-    j = 0
-    for i in range(len(facet)):
-        if weld[facet[i]] == at:
-            j = i
-    a, b, c = facet[j], facet[(j + 1) % 3], facet[(j + 2) % 3]
+def _angle(x, facets, f, j):
+    """Angle of triangle f at its node j."""
+    a, b, c = facets[f, j], facets[f, (j + 1) % 3], facets[f, (j + 2) % 3]
     uu = uv = vv = 0.0
     for d in range(3):
         u, v = x[b, d] - x[a, d], x[c, d] - x[a, d]
@@ -91,319 +204,309 @@ def _angle(x, facet, at, weld):
 
 
 @njit(error_model="numpy")
-def point_facet(
-    points,
-    radius,
-    outward,
-    meshed,
-    rows,
-    start,
-    listed,
-    x,
-    facets,
-    body,
-    normal,
-    exposed,
-    weld,
-    fragment,
-    share,
-    depth,
-    extent,
-    reach,
-    own_start,
-    own_facets,
-    own_body,
-    out_point,
-    out_facet,
-    out_slot,
-    out_weights,
-    out_normal,
-    out_gap,
-    out_area,
-):
+def _is_outside(a, m, away, near, faces):
+    """Whether `away`, from an edge or vertex to p, leads out: against the normals around."""
+    welds, weights = near.welds, near.weights
+    dim = len(away)
+    corner = 0
+    for j in range(dim):
+        if weights[a, j] != 0.0:
+            corner = welds[a, j]
+    leads_out = 0.0
+    for b in range(m):
+        if not _has(welds, weights, b, a):
+            continue
+        f = near.facet[b]
+        angle = 1.0
+        if dim == 3 and near.size[a] == 1:
+            for j in range(dim):
+                if welds[b, j] == corner:
+                    angle = _angle(faces.x, faces.facets, f, j)
+        leads_out += angle * _along(away, faces.normal, f)
+    return leads_out > 0.0
+
+
+@njit
+def _most_faced(a, m, node, outward, meshed, near, faces):
+    """Of the facets around the closest point of a the one that the point's own surface faces."""
+    best = -np.inf
+    side = a
+    for b in range(m):
+        if not _has(near.welds, near.weights, b, a):
+            continue
+        f = near.facet[b]
+        if meshed:
+            facing = facing_area(faces.normal[f], node, faces)[0]
+        else:
+            facing = -_along(outward, faces.normal, f)
+        if facing > best:
+            best = facing
+            side = b
+    return side
+
+
+@njit
+def _is_straight_out(a, m, n, near, faces):
+    """Whether n agrees with the normals around the closest point of a."""
+    for b in range(m):
+        if _has(near.welds, near.weights, b, a):
+            if _along(n, faces.normal, near.facet[b]) < _STRAIGHT_OUT:
+                return False
+    return True
+
+
+@njit
+def _is_pocket(a, m, near, faces):
+    """Whether facet a is the wall of a reflex corner behind whose other wall the point is."""
+    x, facets, normal, depth = faces.x, faces.facets, faces.normal, faces.depth
+    facet, square, height, own = near.facet, near.square, near.height, near.own
+    welds, weights = near.welds, near.weights
+    dim = welds.shape[1]
+    f = facet[a]
+    if square[a] - height[a] ** 2 > depth[f] ** 2:
+        return False
+    for b in range(m):
+        g = facet[b]
+        if b == a or own[b] or height[b] >= 0.0 or height[b] < -depth[g]:
+            continue
+        if square[b] - height[b] ** 2 > depth[g] ** 2 or not _has(welds, weights, b, a):
+            continue
+        if _along(normal[f], normal, g) > _ALIKE:
+            continue
+        for j in range(dim):
+            rise = 0.0
+            for d in range(dim):
+                rise += (x[facets[f, j], d] - x[facets[g, 0], d]) * normal[g, d]
+            if rise > _RISE * depth[f]:
+                return True
+    return False
+
+
+@njit
+def _is_back(a, m, gap, n, near, faces):
+    """Whether facet a is the back of something whose front, nearer, faces the point."""
+    facet, square, height, own, welds = near.facet, near.square, near.height, near.own, near.welds
+    dim = welds.shape[1]
+    fragment = faces.fragment[faces.body[facet[a]]]
+    for b in range(m):
+        g = facet[b]
+        if own[b] or height[b] <= 0.0 or square[b] > square[a]:
+            continue
+        # going to the closest point of a leads through the plane of b
+        cosine = _along(n, faces.normal, g)
+        if cosine >= 0.0 or height[b] >= gap * cosine:
+            continue
+        apart = faces.fragment[faces.body[g]] == fragment
+        for i in range(dim):
+            for j in range(dim):
+                apart &= welds[a, i] != welds[b, j]
+        if apart:
+            return True
+    return False
+
+
+@njit(error_model="numpy")
+def _way_out(a, m, touches, node, p, outward, meshed, near, faces, n, away):
+    """Decide how facet a touches the point with its edge or vertex, or as a pocket's wall.
+
+    Args:
+        touches: whether it is nearest there.
+        n: the facet's normal; overwritten by the contact's.
+
+    Returns:
+        Whether it does, the kind, the gap from p, and whether p must be its surface's tip.
+    """
+    normal, weights = faces.normal, near.weights
+    dim = len(p)
+    f = near.facet[a]
+    gap = near.height[a]
+    kind = _PLAIN
+    if touches and near.size[a] == 1 and not meshed:
+        return False, kind, gap, False
+    if touches:
+        distance = np.sqrt(near.square[a])
+        for d in range(dim):
+            away[d] = p[d]
+            for j in range(dim):
+                away[d] -= weights[a, j] * faces.x[faces.facets[f, j], d]
+        if distance <= _NO_DISTANCE * faces.depth[f]:
+            side = _most_faced(a, m, node, outward, meshed, near, faces)
+            for d in range(dim):
+                n[d] = normal[near.facet[side], d]
+            return True, kind, near.height[side], False
+        if _is_outside(a, m, away, near, faces):
+            for d in range(dim):
+                n[d] = away[d] / distance
+            return True, kind, distance, meshed
+        kind = _BEHIND_CORNER
+    if _is_pocket(a, m, near, faces):
+        return True, _POCKET, gap, False
+    if touches:
+        for d in range(dim):
+            n[d] = -away[d] / distance
+        gap = -distance
+        touches = _is_straight_out(a, m, n, near, faces)
+    return touches, kind, gap, False
+
+
+@njit
+def _one_way_out(found, inside, ways):
+    """Strike out, within a fragment, all but the nearest way out of it, and contacts behind a
+    corner that has two walls."""
+    fragment, kind, gap, alive = ways.fragment, ways.kind, ways.gap, ways.alive
+    for a in range(found):
+        for b in range(found):
+            if b == a or fragment[b] != fragment[a]:
+                continue
+            if kind[a] == _BEHIND_CORNER and kind[b] == _POCKET:
+                alive[a] = False
+            elif kind[a] != _POCKET and kind[b] != _POCKET and max(gap[a], gap[b]) < inside:
+                if gap[b] > gap[a] or (gap[b] == gap[a] and b < a):
+                    alive[a] = False
+
+
+@njit
+def _nearest_of_each_normal(found, ways, kept):
+    """Write into `kept`, nearest first, contacts whose normals differ within a fragment."""
+    fragment, square, alive, normal = ways.fragment, ways.square, ways.alive, ways.normal
+    count = 0
+    while True:
+        a = -1
+        for b in range(found):
+            if alive[b] and (a < 0 or square[b] < square[a]):
+                a = b
+        if a < 0:
+            return count
+        alive[a] = False
+        fresh = True
+        for e in range(count):
+            if fragment[kept[e]] == fragment[a]:
+                fresh = fresh and _along(normal[a], normal, kept[e]) < _ALIKE
+        if fresh:
+            kept[count] = a
+            count += 1
+
+
+@njit(error_model="numpy")
+def point_facet(points, radius, outward, meshed, rows, start, listed, faces, reach, out):
     """Find the contacts of points with the facets listed for each.
 
     Args:
-        points: shape (p, dim), m; with `meshed` these are x itself.
+        points: shape (p, dim), m; with `meshed` these are the nodes.
         radius: of each point, shape (p,), m: that of the disc or sphere around it.
         outward: direction out of the solid at each point, shape (p, dim), zero if it has none;
-            empty with `meshed`, where a point's own facets say it.
+            not read with `meshed`, where a node's own facets say it.
         meshed: whether points are nodes. Others touch no vertex: that node finds them.
         rows, start, listed: the facets of the point `rows[i]` are
             `listed[start[i]:start[i + 1]]`, ascending.
-        x, facets, body, normal, exposed, weld, fragment: the surface as it is now.
-        share: a node's share of each facet's area, shape (f,).
-        depth: of each facet, shape (f,), m.
-        extent: distance up to which a facet matters, shape (f,), m: the hypotenuse of the reach and
-            the depths of it and its neighbours, which pockets need.
+        faces: `Faces`.
         reach: largest gap (m).
-        own_start, own_facets: facets of each node.
-        own_body: body whose facets a node does not touch, shape (p,), -1 for none; empty if not
-            `meshed`.
-        out_*: where contacts go, as many as there is room for.
+        out: `Touching`, where contacts go, as many as there is room for.
 
     Returns:
         How many contacts there are, more than there was room for perhaps.
     """
-    dim = x.shape[1]
+    dim = points.shape[1]
     longest = 1
     for i in range(len(rows)):
         longest = max(longest, start[i + 1] - start[i])
-    near = np.empty(longest, np.int64)
-    square = np.empty(longest)
-    height = np.empty(longest)
-    size = np.empty(longest, np.int64)
-    weights = np.empty((longest, dim))
-    own = np.empty(longest, np.bool_)
-    # contacts of one point before they are sifted
-    source = np.empty(longest, np.int64)
-    sort = np.empty(longest, np.int64)
-    gaps = np.empty(longest)
-    areas = np.empty(longest)
-    normals = np.empty((longest, dim))
-    mixed = np.empty((longest, dim))
-    alive = np.empty(longest, np.bool_)
+    near = _Near(
+        np.empty(longest, np.int64),
+        np.empty(longest),
+        np.empty(longest),
+        np.empty(longest, np.int64),
+        np.empty((longest, dim)),
+        np.empty((longest, dim), np.int64),
+        np.empty(longest, np.bool_),
+    )
+    ways = _Ways(
+        np.empty(longest, np.int64),
+        np.empty(longest, np.int64),
+        np.empty(longest),
+        np.empty(longest, np.int64),
+        np.empty(longest),
+        np.empty(longest),
+        np.empty((longest, dim)),
+        np.empty((longest, dim)),
+        np.empty(longest, np.bool_),
+    )
+    share, depth, fragment, body = faces.share, faces.depth, faces.fragment, faces.body
+    own, height, square, near_facet = near.own, near.height, near.square, near.facet
+    size, welds, weights = near.size, near.welds, near.weights
+    normal, normals = faces.normal, ways.normal
     kept = np.empty(longest, np.int64)
-    n = np.empty(dim)
     away = np.empty(dim)
-    pseudo = np.empty(dim)
     count = 0
     for i in range(len(rows)):
         node = rows[i]
         p = points[node]
-        m = 0
-        foreign = False
-        for c in range(start[i], start[i + 1]):
-            f = listed[c]
-            cut = extent[f] + radius[node]
-            h = 0.0
-            for d in range(dim):
-                h += (p[d] - x[facets[f, 0], d]) * normal[f, d]
-            if h > cut or h < -cut:
-                continue
-            square[m], size[m] = closest_weights(p, x, facets[f], weights[m])
-            if square[m] > cut * cut:
-                continue
-            near[m] = f
-            height[m] = h
-            own[m] = False
-            if meshed:
-                own[m] = own_body[node] == body[f]
-                for j in range(dim):
-                    own[m] |= weld[facets[f, j]] == weld[node]
-            foreign |= not own[m]
-            m += 1
+        r = radius[node]
+        # with nodes, whose `outward` is not read, any row will do
+        leaning = outward[0] if meshed else outward[node]
+        m, foreign = _look_around(node, p, r, meshed, start[i], start[i + 1], listed, faces, near)
         if not foreign:
             continue
-        mine = own_facets[own_start[node] : own_start[node + 1]] if meshed else own_facets[:0]
-
         found = 0
         for a in range(m):
-            if own[a]:
+            f = near_facet[a]
+            far = max(reach + r, depth[f])
+            flat = abs(height[a])
+            if own[a] or flat > far or square[a] > flat * flat + far * far:
                 continue
-            f = near[a]
-            w = weights[a]
+            n = normals[found]
             for d in range(dim):
                 n[d] = normal[f, d]
-            gap = height[a]
-            kind = _PLAIN
-            tip = False
-            lowest = True
+            touches, kind, gap, tip = True, _PLAIN, height[a], False
             if size[a] < dim:
                 noise = _EQUAL * square[a] + (_EQUAL * depth[f]) ** 2
-                for b in range(m):
-                    if b == a or not _has(facets[near[b]], w, facets[f], weld):
-                        continue
-                    if square[b] < square[a] - noise or (
-                        square[b] <= square[a] + noise
-                        and (size[b] > size[a] or (size[b] == size[a] and b < a))
-                    ):
-                        lowest = False
-                        break
-                if lowest and not meshed and size[a] == 1:
+                touches = _is_lowest(a, m, noise, square, size, welds, weights)
+                if not touches and square[a] - flat * flat > depth[f] ** 2:
                     continue
-            if lowest and size[a] < dim:
-                # which side of the surface, and the facet that faces p most
-                pseudo[:] = 0.0
-                best = -np.inf
-                straight = np.sqrt(square[a])
-                for d in range(dim):
-                    q = 0.0
-                    for j in range(dim):
-                        q += w[j] * x[facets[f, j], d]
-                    away[d] = p[d] - q
-                side = f
-                side_height = height[a]
-                for b in range(m):
-                    g = near[b]
-                    if not _has(facets[g], w, facets[f], weld):
-                        continue
-                    angle = 1.0
-                    if dim == 3 and size[a] == 1:
-                        corner = 0
-                        for j in range(dim):
-                            if w[j] != 0.0:
-                                corner = facets[f, j]
-                        angle = _angle(x, facets[g], weld[corner], weld)
-                    for d in range(dim):
-                        pseudo[d] += angle * normal[g, d]
-                    facing = 0.0
-                    if meshed:
-                        facing, _ = facing_area(normal[g], mine, normal, exposed, share)
-                    else:
-                        for d in range(dim):
-                            facing -= outward[node, d] * normal[g, d]
-                    if facing > best:
-                        best = facing
-                        side = g
-                        side_height = height[b]
-                outside = 0.0
-                for d in range(dim):
-                    outside += pseudo[d] * away[d]
-                if straight <= _NO_DISTANCE * depth[f]:
-                    for d in range(dim):
-                        n[d] = normal[side, d]
-                    gap = side_height
-                elif outside > 0.0:
-                    for d in range(dim):
-                        n[d] = away[d] / straight
-                    gap = straight
-                    tip = meshed
-                else:
-                    for d in range(dim):
-                        n[d] = -away[d] / straight
-                    gap = -straight
-                    kind = _BEHIND_CORNER
-                    for b in range(m):
-                        if _has(facets[near[b]], w, facets[f], weld):
-                            cosine = 0.0
-                            for d in range(dim):
-                                cosine += n[d] * normal[near[b], d]
-                            if cosine < 0.5:
-                                lowest = False
-            for j in range(dim):
-                mixed[found, j] = w[j]
-            if size[a] < dim and (not lowest or kind == _BEHIND_CORNER):
-                # a pocket: p is behind another facet at a reflex corner
-                overshoot = square[a] - height[a] * height[a]
-                if overshoot <= depth[f] * depth[f]:
-                    for b in range(m):
-                        g = near[b]
-                        if b == a or own[b] or height[b] >= 0.0 or height[b] < -depth[g]:
-                            continue
-                        if square[b] - height[b] * height[b] > depth[g] * depth[g]:
-                            continue
-                        if not _has(facets[g], w, facets[f], weld):
-                            continue
-                        cosine = 0.0
-                        for d in range(dim):
-                            cosine += normal[f, d] * normal[g, d]
-                        if cosine > _ALIKE:
-                            continue
-                        above = 0.0
-                        for j in range(dim):
-                            rise = 0.0
-                            for d in range(dim):
-                                rise += (x[facets[f, j], d] - x[facets[g, 0], d]) * normal[g, d]
-                            above = max(above, rise)
-                        if above > 0.01 * depth[f]:
-                            kind = _POCKET
-                            lowest = True
-                            break
-                if kind == _POCKET:
-                    for d in range(dim):
-                        n[d] = normal[f, d]
-                    gap = height[a]
-                    plane_weights(p, x, facets[f], mixed[found])
-            if not lowest:
+                touches, kind, gap, tip = _way_out(
+                    a, m, touches, node, p, leaning, meshed, near, faces, n, away
+                )
+            if not touches or gap - r > reach or gap - r < -depth[f]:
                 continue
-            if gap < 0.0 and kind != _POCKET:
-                # the back of something whose front is nearer
-                shown = False
-                for b in range(m):
-                    g = near[b]
-                    if own[b] or height[b] <= 0.0 or square[b] > square[a]:
-                        continue
-                    if fragment[body[g]] != fragment[body[f]] or _touch(facets[g], facets[f], weld):
-                        continue
-                    cosine = 0.0
-                    for d in range(dim):
-                        cosine += n[d] * normal[g, d]
-                    shown |= cosine < 0.0 and height[b] < gap * cosine
-                if shown:
-                    continue
-            gap -= radius[node]
-            if gap > reach or gap < -depth[f]:
+            if gap < 0.0 and kind != _POCKET and _is_back(a, m, gap, n, near, faces):
                 continue
+            area = share[f]
             if meshed:
-                areas[found], whole = facing_area(n, mine, normal, exposed, share)
-                if areas[found] < _FACING * whole:
+                area, whole = facing_area(n, node, faces)
+                if area < _FACING * whole or (tip and not is_tip(n, node, faces)):
                     continue
-                if tip and not is_tip(p, n, mine, x, facets, exposed):
-                    continue
-            else:
-                areas[found] = share[f]
-                leans = 0.0
-                for d in range(dim):
-                    leans += outward[node, d] * n[d]
-                if leans > 0.0:
-                    continue
-            source[found] = a
-            sort[found] = kind
-            gaps[found] = gap
-            for d in range(dim):
-                normals[found, d] = n[d]
-            alive[found] = True
+            elif _along(leaning, ways.normal, found) > 0.0:
+                continue
+            for j in range(dim):
+                ways.weights[found, j] = weights[a, j]
+            if kind == _POCKET:
+                plane_weights(p, faces.x, faces.facets, f, ways.weights, found)
+            ways.facet[found] = f
+            ways.fragment[found] = fragment[body[f]]
+            ways.square[found] = square[a]
+            ways.kind[found] = kind
+            ways.gap[found] = gap - r
+            ways.area[found] = area
+            ways.alive[found] = True
             found += 1
-
-        # one way out of each fragment, and no contact behind a corner that has two walls
-        inside = _NO_DISTANCE * depth[near[0]] - radius[node]
-        for a in range(found):
-            for b in range(found):
-                if b == a or fragment[body[near[source[a]]]] != fragment[body[near[source[b]]]]:
-                    continue
-                if sort[a] == _BEHIND_CORNER and sort[b] == _POCKET:
-                    alive[a] = False
-                elif sort[a] != _POCKET and sort[b] != _POCKET and max(gaps[a], gaps[b]) < inside:
-                    if gaps[b] > gaps[a] or (gaps[b] == gaps[a] and b < a):
-                        alive[a] = False
-        # nearest first, each with a normal of its own
-        accepted = 0
-        while True:
-            a = -1
-            for b in range(found):
-                if alive[b] and (a < 0 or square[source[b]] < square[source[a]]):
-                    a = b
-            if a < 0:
-                break
-            alive[a] = False
-            fresh = True
-            for e in range(accepted):
-                b = kept[e]
-                if fragment[body[near[source[a]]]] == fragment[body[near[source[b]]]]:
-                    cosine = 0.0
-                    for d in range(dim):
-                        cosine += normals[a, d] * normals[b, d]
-                    fresh = fresh and cosine < _ALIKE
-            if fresh:
-                kept[accepted] = a
-                accepted += 1
+        if found == 0:
+            continue
+        _one_way_out(found, _NO_DISTANCE * depth[near_facet[0]] - r, ways)
+        accepted = _nearest_of_each_normal(found, ways, kept)
         for e in range(accepted):
-            a = kept[e]
-            f = near[source[a]]
-            slot = 0
-            for o in range(accepted):
-                g = near[source[kept[o]]]
-                if fragment[body[g]] == fragment[body[f]] and g < f:
-                    slot += 1
-            if count < len(out_gap):
-                out_point[count] = node
-                out_facet[count] = f
-                out_slot[count] = slot
-                out_gap[count] = gaps[a]
-                out_area[count] = areas[a]
+            if count < len(out.gap):
+                a = kept[e]
+                slot = 0
+                for o in range(accepted):
+                    b = kept[o]
+                    if ways.facet[b] < ways.facet[a] and ways.fragment[b] == ways.fragment[a]:
+                        slot += 1
+                out.point[count] = node
+                out.facet[count] = ways.facet[a]
+                out.slot[count] = slot
+                out.gap[count] = ways.gap[a]
+                out.area[count] = ways.area[a]
                 for d in range(dim):
-                    out_weights[count, d] = mixed[a, d]
-                    out_normal[count, d] = normals[a, d]
+                    out.weights[count, d] = ways.weights[a, d]
+                    out.normal[count, d] = ways.normal[a, d]
             count += 1
     return count

@@ -76,47 +76,31 @@ def _closest_on_face(y, vertices, first, loop, face_normal, height, q):
 
 @njit(error_model="numpy")
 def node_rigid(
-    nodes,
-    bodies,
-    x,
-    facets,
-    normal,
-    exposed,
-    share,
-    own_start,
-    own_facets,
-    position,
-    turn,
-    shapes,
-    reach,
-    out_pair,
-    out_normal,
-    out_gap,
-    out_area,
+    pairs, faces, position, turn, shapes, reach, out_pair, out_normal, out_gap, out_area
 ):
     """Find the contacts of nodes with rigid bodies.
 
     Args:
-        nodes, bodies: pairs that may touch, shape (p,).
-        x, facets, normal, exposed, share, own_start, own_facets, reach: as in `point_facet`.
+        pairs: nodes and bodies that may touch, shape (p, 2).
+        faces: `Faces`.
         position: of the rigid bodies, shape (n, dim), m.
         turn: from their axes to those of space, shape (n, dim, dim).
         shapes: `ShapeTables`.
+        reach: largest gap (m).
         out_*: where contacts go, at least as many as pairs.
 
     Returns:
         How many contacts there are.
     """
-    dim = x.shape[1]
+    dim = position.shape[1]
     y = np.empty(dim)
     q = np.empty(dim)
     n = np.empty(dim)
     world = np.empty(dim)
     count = 0
-    for i in range(len(nodes)):
-        node, body = nodes[i], bodies[i]
-        p = x[node]
-        own = own_facets[own_start[node] : own_start[node + 1]]
+    for i in range(len(pairs)):
+        node, body = pairs[i]
+        p = faces.x[node]
         kind = shapes.kind[body]
         tip = False
         gap = np.inf
@@ -192,7 +176,7 @@ def node_rigid(
                             world[d] += turn[body, d, e] * shapes.face_normal[f, e]
                     if height <= gap:
                         continue
-                    area, whole = facing_area(world, own, normal, exposed, share)
+                    area, whole = facing_area(world, node, faces)
                     if area >= _FACING * whole:
                         gap = height
                         for d in range(dim):
@@ -207,8 +191,8 @@ def node_rigid(
                 n[d] = world[d]
         if gap > reach:
             continue
-        area, whole = facing_area(n, own, normal, exposed, share)
-        if area < _FACING * whole or (tip and not is_tip(p, n, own, x, facets, exposed)):
+        area, whole = facing_area(n, node, faces)
+        if area < _FACING * whole or (tip and not is_tip(n, node, faces)):
             continue
         out_pair[count] = i
         out_gap[count] = gap

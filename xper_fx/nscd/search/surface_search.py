@@ -23,9 +23,9 @@ from xper_fx.nscd.rigid.shapes import HALF_PLANE, HALF_SPACE
 from xper_fx.nscd.search.bonds import Bonds
 from xper_fx.nscd.search.contacts import Contacts, empty, join
 from xper_fx.nscd.search.edge_edge import convex_edges, edge_edge
-from xper_fx.nscd.search.facet_geometry import facet_normals
+from xper_fx.nscd.search.facet_geometry import Faces, facet_normals
 from xper_fx.nscd.search.grid import box_pairs
-from xper_fx.nscd.search.node_facet import point_facet
+from xper_fx.nscd.search.node_facet import Touching, point_facet, room_for
 from xper_fx.nscd.search.node_rigid import node_rigid
 from xper_fx.nscd.search.pair_list import PairList
 from xper_fx.nscd.search.surface import Surface
@@ -186,46 +186,46 @@ class SurfaceSearch:
         self._rigid.move(position, rotation)
         self._renew_if_needed(x)
         self.searches += 1
-        facet_normals(x, self.surface.facets, np.flatnonzero(self.bonds.exposed), self._normal)
+        faces = self._faces(x)
         parts = [empty(self._dim, self._dim)]
         if len(self._node_facet):
-            parts.append(self._nodes_on_facets(x))
+            parts.append(self._nodes_on_facets(faces))
         if len(self._edge_pairs):
-            parts.append(self._edges_on_edges(x))
+            parts.append(self._edges_on_edges(faces))
         if len(self._node_rigid) or len(self._node_wall):
-            parts.append(self._nodes_on_rigid(x))
+            parts.append(self._nodes_on_rigid(faces))
         if len(self._rigid_facet):
-            parts.append(self._rigid_on_facets(x))
+            parts.append(self._rigid_on_facets(faces))
         return join(parts)
 
     # ------------------------------------------------------------------------------ contacts
 
-    def _nodes_on_facets(self, x: np.ndarray) -> Contacts:
+    def _nodes_on_facets(self, faces: Faces) -> Contacts:
         point, facet, slot, weights, normal, gap, area = self._points_on_facets(
-            self._node_facet, x, self._no_radius, np.empty((0, self._dim)), True, x
+            self._node_facet, faces.x, self._no_radius, np.zeros((1, self._dim)), True, faces
         )
         nodes, both = self._meshed_sides(len(point))
         nodes[:, 0] = point[:, None]
         both[:, 0, 0] = 1.0
         nodes[:, 1] = self.surface.facets[facet]
         both[:, 1] = weights
-        opposite = np.einsum("nj,njd->nd", weights, x[nodes[:, 1]])
+        opposite = np.einsum("nj,njd->nd", weights, faces.x[nodes[:, 1]])
         fragment = self.bonds.fragment[self.surface.body[facet]]
         return Contacts(
             np.full((len(point), 2), -1, np.int32),
             nodes,
             both,
-            0.5 * (x[point] + opposite),
+            0.5 * (faces.x[point] + opposite),
             normal,
             gap,
             0.5 * area,
             _keys(_NODE_FACET, point, fragment, slot),
         )
 
-    def _rigid_on_facets(self, x: np.ndarray) -> Contacts:
+    def _rigid_on_facets(self, faces: Faces) -> Contacts:
         side = self._rigid
         point, facet, slot, weights, normal, gap, area = self._points_on_facets(
-            self._rigid_facet, side.points, side.radius, side.outward, False, x
+            self._rigid_facet, side.points, side.radius, side.outward, False, faces
         )
         nodes, both = self._meshed_sides(len(point))
         nodes[:, 1] = self.surface.facets[facet]
@@ -237,7 +237,7 @@ class SurfaceSearch:
             body,
             nodes,
             both,
-            np.einsum("nj,njd->nd", weights, x[nodes[:, 1]]),
+            np.einsum("nj,njd->nd", weights, faces.x[nodes[:, 1]]),
             normal,
             gap,
             area,
@@ -251,20 +251,12 @@ class SurfaceSearch:
         radius: np.ndarray,
         outward: np.ndarray,
         meshed: bool,
-        x: np.ndarray,
-    ) -> tuple[np.ndarray, ...]:
+        faces: Faces,
+    ) -> Touching:
         """Run `point_facet`, again if there was not enough room."""
-        surface, bonds, room = self.surface, self.bonds, len(pairs.rows) + 16
+        room = len(pairs.rows) + 16
         while True:
-            out = (
-                np.empty(room, np.int32),
-                np.empty(room, np.int32),
-                np.empty(room, np.int64),
-                np.empty((room, self._dim)),
-                np.empty((room, self._dim)),
-                np.empty(room),
-                np.empty(room),
-            )
+            out = room_for(room, self._dim)
             found = point_facet(
                 points,
                 radius,
@@ -273,27 +265,15 @@ class SurfaceSearch:
                 pairs.rows,
                 pairs.start,
                 pairs.listed,
-                x,
-                surface.facets,
-                surface.body,
-                self._normal,
-                bonds.exposed,
-                bonds.weld,
-                bonds.fragment,
-                self._share,
-                self.depth,
-                self._extent,
+                faces,
                 self.reach,
-                self._own_start,
-                self._own_facets,
-                self._own_body,
-                *out,
+                out,
             )
             if found <= room:
-                return tuple(a[:found] for a in out)
+                return Touching(*(a[:found] for a in out))
             room = found
 
-    def _edges_on_edges(self, x: np.ndarray) -> Contacts:
+    def _edges_on_edges(self, faces: Faces) -> Contacts:
         facets, room = self.surface.facets, len(self._edge_pairs)
         pair, share = np.empty(room, np.int32), np.empty((room, 2))
         normal, gap, area = np.empty((room, 3)), np.empty(room), np.empty(room)
@@ -301,12 +281,7 @@ class SurfaceSearch:
             self._edge_pairs,
             self._edges,
             self._others,
-            x,
-            facets,
-            self._normal,
-            self.bonds.weld,
-            self._share,
-            self.depth,
+            faces,
             self.reach,
             pair,
             share,
@@ -325,36 +300,21 @@ class SurfaceSearch:
             np.full((found, 2), -1, np.int32),
             nodes,
             both,
-            0.5 * np.einsum("nsj,nsjd->nd", both, x[nodes]),
+            0.5 * np.einsum("nsj,nsjd->nd", both, faces.x[nodes]),
             normal[:found],
             gap[:found],
             area[:found],
             _keys(_EDGE_EDGE, edge[:, 0], edge[:, 1], np.zeros(found, np.int64)),
         )
 
-    def _nodes_on_rigid(self, x: np.ndarray) -> Contacts:
+    def _nodes_on_rigid(self, faces: Faces) -> Contacts:
         pairs = np.concatenate([self._node_rigid, self._node_wall])
         room = len(pairs)
         pair, normal = np.empty(room, np.int32), np.empty((room, self._dim))
         gap, area = np.empty(room), np.empty(room)
+        side = self._rigid
         found = node_rigid(
-            pairs[:, 0],
-            pairs[:, 1],
-            x,
-            self.surface.facets,
-            self._normal,
-            self.bonds.exposed,
-            self._share,
-            self._own_start,
-            self._own_facets,
-            self._rigid.position,
-            self._rigid.turn,
-            self._rigid.shapes,
-            self.reach,
-            pair,
-            normal,
-            gap,
-            area,
+            pairs, faces, side.position, side.turn, side.shapes, self.reach, pair, normal, gap, area
         )
         touching = pairs[pair[:found]]
         nodes, both = self._meshed_sides(found)
@@ -367,11 +327,30 @@ class SurfaceSearch:
             body,
             nodes,
             both,
-            x[touching[:, 0]],
+            faces.x[touching[:, 0]],
             normal[:found],
             gap[:found],
             area[:found],
             _keys(_NODE_RIGID, touching[:, 0], touching[:, 1], none),
+        )
+
+    def _faces(self, x: np.ndarray) -> Faces:
+        surface, bonds = self.surface, self.bonds
+        facet_normals(x, surface.facets, np.flatnonzero(bonds.exposed), self._normal)
+        return Faces(
+            x,
+            surface.facets,
+            surface.body,
+            self._normal,
+            bonds.exposed,
+            bonds.weld,
+            bonds.fragment,
+            self._share,
+            self.depth,
+            self._extent,
+            self._own_start,
+            self._own_facets,
+            self._own_body,
         )
 
     def _meshed_sides(self, count: int) -> tuple[np.ndarray, np.ndarray]:
