@@ -13,7 +13,7 @@ from xper_fx.nscd.points import InteractionPoints, frame_from_normal
 STEP = 0.1
 GROUND = 16
 # Four bodies of four nodes that meet at a cross point (nodes 0, 4, 8, 12) and along their sides:
-# pairs of nodes, some tied twice, in rings that have a tie too many; the last is held by the ground.
+# pairs of nodes, some tied twice, in rings with a tie too many; the last is held by the ground.
 PAIRS = [
     (0, 4), (0, 4), (1, 5), (4, 8), (6, 9), (6, 9), (8, 12), (10, 13), (12, 0), (14, 2), (14, 2),
     (15, GROUND),
