@@ -15,7 +15,8 @@ for bodies that interactions alone hold.
 Contacts of rigid bodies need no Newton: a packing has more of them than it needs, each with three
 branches, and with or without a direct factorisation Newton took 5 to 20 times as long as sweeps on
 discs that settle. Mixing sweeps saves two thirds of them there; its vectors cost some as well, so
-that it serves from a few thousand points on, and where it gains no more plain sweeps finish.
+that it serves from a few thousand points on, and where it gains no more plain sweeps finish. Below
+it serves where plain sweeps do not arrive, as heavy bodies on light ones ask for.
 """
 
 from __future__ import annotations
@@ -87,12 +88,12 @@ def solve(
     next_ones = ((best, allowed), ("accelerated", max_sweeps))
     if interactions.judged_by_velocities:
         few = sum(len(g) for g in interactions.groups) < _FEW
-        next_ones = (("accelerated", 0 if few else allowed), ("nlgs", max_sweeps))
+        next_ones = (("accelerated", allowed), ("nlgs", max_sweeps))
+        if few:
+            next_ones = (("nlgs", allowed), ("accelerated", max_sweeps))
     for solver, most in next_ones:
         if sweeps >= max_sweeps:
             break
-        if most == 0:
-            continue
         velocity[:] = free
         report = import_module(f"xper_fx.nscd.{solver}").solve(
             interactions, velocity, max_sweeps=min(most, max_sweeps - sweeps), **options
