@@ -87,6 +87,12 @@ def test_parts_hang_together_and_are_alike(kind, cells, count):
     assert connected_components(graph, directed=False)[0] == count
 
 
+def test_parts_are_the_same_twice():
+    mesh = mesh_of((1, 1), (64, 64), "triangle")
+    first = partition(mesh, 16)
+    assert all(np.array_equal(partition(mesh, 16), first) for _ in range(5))
+
+
 def test_every_cell_may_be_a_subdomain():
     mesh = mesh_of((1, 1), (2, 2))
     np.testing.assert_array_equal(np.sort(partition(mesh, 16)), np.arange(16))
