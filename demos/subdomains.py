@@ -166,18 +166,19 @@ def draw(bodies: Bodies, rows: list[dict], path: Path) -> None:
             x[:, 1],
             geometry_dofmap(bodies.mesh),
             facecolors=shade,
-            cmap="turbo",
-            alpha=0.6,
+            cmap="tab20",
         )
         axes[0].set_aspect("equal")
         axes[0].set_axis_off()
         axes[0].set_title(f"plate in {bodies.num_bodies} subdomains")
         for ax, name in zip(axes[1:], names, strict=True):
-            for colour, run in zip(COLOURS, RUNS, strict=False):
+            for colour, mark, run in zip(COLOURS, "so^", RUNS, strict=False):
                 some = [row for row in rows if (row["body"], row["run"]) == (name, run)]
                 count = [row["subdomains"] for row in some]
-                ax.loglog(count, [row["with"] for row in some], "o-", color=colour, label=run)
-                ax.loglog(count, [row["without"] for row in some], "o--", color=colour, mfc="w")
+                ax.loglog(count, [row["with"] for row in some], f"{mark}-", color=colour, label=run)
+                ax.loglog(
+                    count, [row["without"] for row in some], f"{mark}--", color=colour, mfc="w"
+                )
             ax.set_xlabel("subdomains")
             ax.set_xticks(count, [str(c) for c in count])
             ax.set_xticks([], minor=True)
