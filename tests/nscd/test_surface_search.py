@@ -320,15 +320,15 @@ def test_lists_lose_nothing(dim):
     velocity = rng.normal(size=(12, dim))
     body_of = np.empty(surface.num_nodes, int)
     body_of[surface.facets] = surface.body[:, None]
-    search = SurfaceSearch(surface, x, 0.1, depth=0.5)
+    search = SurfaceSearch(surface, x, 0.1, depth=0.05)
     for _ in range(60):
-        x += 2e-3 * velocity[body_of] + 1e-3 * rng.normal(size=x.shape) + 0.05
-        mine, fresh = search.find(x), SurfaceSearch(surface, x, 0.1)
+        x += 6e-3 * velocity[body_of] + 1e-3 * rng.normal(size=x.shape) + 0.05
+        mine, fresh = search.find(x), SurfaceSearch(surface, x, 0.1, depth=0.05)
         fresh.depth, fresh._extent, fresh._share = search.depth, search._extent, search._share
         fresh = fresh.find(x)
         assert (mine.key == fresh.key).all()
         assert mine.gap == pytest.approx(fresh.gap, abs=1e-12)
-    assert 2 <= search.renewals <= 15
+    assert 2 <= search.renewals <= 30
 
 
 def test_groups_that_may_not_touch_do_not():
