@@ -292,16 +292,16 @@ def compare(beam: Beam, curve: Curve) -> Findings:
 
 
 DCB = Beam("dcb", crack=20e-3, displacement=2.2e-3)
-ENF = Beam("enf", crack=22e-3, displacement=3.0e-3, strength=90e6)
+ENF = Beam("enf", crack=22e-3, displacement=3.0e-3, facet=0.25e-3)
 
 
 def variants(beam: Beam) -> dict[str, Beam]:
-    """The specimen finer, coarser, with longer steps, with other bonds."""
+    """The specimen as it is, finer, coarser, with longer steps, with other bonds."""
     return {
-        "facets of h/8, 1000 steps, theta 0.55": beam,
-        "facets of h/16": replace(beam, facet=0.5 * beam.facet),
-        "facets of h/4": replace(beam, facet=2.0 * beam.facet),
-        "facets of h/2": replace(beam, facet=4.0 * beam.facet),
+        "default: 1000 steps, theta 0.55": beam,
+        "facets half as long": replace(beam, facet=0.5 * beam.facet),
+        "twice as long": replace(beam, facet=2.0 * beam.facet),
+        "four times as long": replace(beam, facet=4.0 * beam.facet),
         "300 steps": replace(beam, steps=300),
         "theta 1": replace(beam, theta=1.0),
         "half the strength": replace(beam, strength=0.5 * beam.strength),

@@ -17,6 +17,10 @@ The angle is that of the principal axis, through the notch's tip, of the midpoin
 weighted by what they dissipated, within a distance of the tip and away from the line of symmetry.
 On the other side of the notch's line the tension of the wave that the far edge reflects breaks the
 plate too if the strength is low.
+
+Found (strength 844 MPa): 61 to 62 degrees at facets of 1.5 mm, 4.6 of them in the cohesive length,
+and 65 to 66 at 3 mm, 2.3 of them, where fewer facets give the crack a choice of ways. Damage starts
+at the tip at 10 us; a second crack, of the reflected wave, runs below the notch.
 """
 
 from __future__ import annotations

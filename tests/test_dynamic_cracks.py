@@ -22,7 +22,7 @@ def test_rayleigh_speed():
     _, slow, limit = wave_speeds(LinearElastic(2.5, 0.25, 1.0))
     assert slow == pytest.approx(1.0, rel=1e-14)
     assert limit == pytest.approx(np.sqrt(2.0 - 2.0 / np.sqrt(3.0)), rel=1e-9)
-    assert wave_speeds(ZIRCALOY_4)[2] == pytest.approx(2036.0, abs=0.5)
+    assert wave_speeds(ZIRCALOY_4)[2] == pytest.approx(2038.077, abs=1e-3)
 
 
 def test_a_crack_stays_below_the_rayleigh_speed_and_spends_w():
