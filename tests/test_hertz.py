@@ -15,8 +15,8 @@ import hertz  # noqa: E402
 
 @pytest.fixture(scope="module")
 def slipping():
-    """Partial slip on 16 elements in a: its steps, and the run after the last."""
-    return hertz.partial_slip(16)
+    """Partial slip on 32 elements in a: its steps, and the run after the last."""
+    return hertz.partial_slip(32)
 
 
 def test_line_contact_converges_to_hertz():
@@ -47,12 +47,12 @@ def test_stick_zone_is_that_of_cattaneo_and_mindlin(slipping):
     steps = [s for s in slipping[0] if s.share > 0.2]
     shares = [s.share for s in steps]
     assert len(steps) >= 6 and 0.7 < max(shares) < 0.9 and np.all(np.diff(shares) > 0.0)
-    element = hertz.HALF_WIDTH / 16
+    element = hertz.HALF_WIDTH / 32
     for s in steps:
         assert s.c == pytest.approx(s.c_exact, rel=2e-2)
         assert s.height == pytest.approx(1.0, abs=1e-2)
         assert s.c_status == pytest.approx(s.c_exact, abs=1.01 * element)
-    assert hertz.slip_errors(steps)["profile"] < 4e-2
+    assert hertz.slip_errors(steps)["profile"] < 2e-2
 
 
 def test_contact_is_in_balance_with_the_top(slipping):
@@ -63,6 +63,6 @@ def test_contact_is_in_balance_with_the_top(slipping):
     np.testing.assert_allclose([now.drag, -now.force], given, rtol=1e-6)
     slides = (now.p > 0.0) & ~now.sticks
     assert np.count_nonzero(slides) > 10
-    np.testing.assert_allclose(now.q[slides], hertz.FRICTION * now.p[slides], rtol=1e-9)
+    np.testing.assert_allclose(now.q[slides], hertz.FRICTION * now.p[slides], rtol=1e-6)
     bound = hertz.FRICTION * now.p[now.sticks]
     assert np.all(np.abs(now.q[now.sticks]) < bound)
