@@ -31,6 +31,9 @@ if TYPE_CHECKING:
 
 # Reach of a search where the scene gives none, as a share of the smallest body or facet.
 _REACH = 1e-2
+# Gaps this small beside the coordinates are closed: a body put down on another rests from the first
+# step on, and does not fall for a step to hit it.
+_ROUNDING = 1e-12
 # Distance of two lips, relative to their size, at which their own points retire.
 _FAR = 0.25
 
@@ -182,9 +185,11 @@ class Detection:
             weights[rigid, 0] = 1.0
             arms = contacts.point[:, None] - position[contacts.body]
             arms[~rigid] = 0.0
+        gap = contacts.gap.copy()
+        gap[np.abs(gap) <= _ROUNDING * np.abs(contacts.point).max(axis=1)] = 0.0
         points = InteractionPoints(
             nodes.astype(np.int32), weights, frame_from_normal(contacts.normal), contacts.area,
-            contacts.gap, arms,
+            gap, arms,
         )  # fmt: skip
         return FoundPoints(points, self._law_of_pair[group[:, 0], group[:, 1]], contacts.key)
 

@@ -23,6 +23,9 @@ it with two corrections added up:
   sound mesh makes the number of iterations nearly independent of its size.
 
 The second is left out where many points are open or slide: facing nodes do not move as one.
+
+Rigid bodies have nothing of the kind, and their stacks, arches and packings hand a load on over
+many bodies. Where all bodies are rigid and not too many the matrix itself is factored.
 """
 
 from __future__ import annotations
@@ -32,7 +35,7 @@ from weakref import WeakKeyDictionary, ref
 
 import numpy as np
 from numba import njit
-from scipy.sparse import coo_array
+from scipy.sparse import bsr_array, coo_array, csc_array, diags_array
 from scipy.sparse.linalg import splu
 
 from xper_fx.nscd.clusters import facing_clusters
@@ -50,6 +53,8 @@ _PROXIMAL, _SAME = 1e-6, 1e-6
 _BASIS = 40
 # Share of the motion at points that springs hold, below which facing nodes do not move as one.
 _HELD = 0.75
+# Degrees of freedom of rigid bodies up to which the matrix is factored.
+_DIRECT = 6000
 # Pivot, relative to the largest entry, at which a block counts as singular.
 _SINGULAR = 1e-13
 
@@ -454,6 +459,32 @@ def _prolong(number, q, z):
             z[i] += q[number[i]]
 
 
+def _openings(group: PointGroup, num_dofs: int) -> csc_array:
+    """H^T of points between rigid bodies, shape (num_points components, num_dofs)."""
+    c, points, dim = group.couplings, group.points, group.sides.dim
+    n, components = len(group), group.kernels.components
+    rows = np.arange(n * components).reshape(n, components, 1)
+    frame = points.frame[:, :components]
+    parts = []
+    for s, sign in enumerate((1.0, -1.0)):
+        force = sign * points.weights[:, s, 0, None, None] * frame
+        parts.append((force, c.start[:, s, 0]))
+        if dim == 2:
+            a = points.arms[:, s, None]
+            moment = (a[..., 0] * frame[..., 1] - a[..., 1] * frame[..., 0])[..., None]
+        else:
+            moment = np.cross(points.arms[:, s, None], frame)
+        parts.append((sign * moment, c.turn[:, s]))
+    entries, at = [], []
+    for values, first in parts:
+        columns = first[:, None, None] + np.arange(values.shape[2])
+        at.append(np.broadcast_arrays(rows, columns))
+        entries.append(values.ravel())
+    rows, columns = (np.concatenate([pair[i].ravel() for pair in at]) for i in range(2))
+    shape = (n * components, num_dofs)
+    return coo_array((np.concatenate(entries), (rows, columns)), shape=shape).tocsc()
+
+
 class LinearisedProblem:
     """The linearised problem of a scene; what does not depend on the state is kept.
 
@@ -472,6 +503,12 @@ class LinearisedProblem:
         inverse, dim = interactions.inverse, interactions.dim
         self._sizes = np.diff(inverse.node_offsets) * dim
         self._starts = inverse.node_offsets[:-1] * dim
+        num_dofs = inverse.num_slots * dim
+        rigid = interactions.bulk_inverse.num_nodes == 0
+        self._direct = rigid and num_dofs <= _DIRECT
+        self._factors = None
+        if self._direct:
+            self._openings = [_openings(g, num_dofs) for g in interactions.groups]
         self._clusters, self._opened = facing_clusters(interactions)
         self._block_offsets = np.concatenate(
             [[0], np.cumsum((np.diff(self._clusters.offsets) * dim) ** 2)]
@@ -518,7 +555,7 @@ class LinearisedProblem:
         self.regular = _invert_bodies(
             self._matrix, inverse.data_offsets, self._sizes, self._fixed, self._starts, self._swaps
         )
-        if self.regular:
+        if self.regular and not self._direct:
             self._factor_coarse()
         for slopes, *_ in self._groups:
             slopes[:] = np.inf
@@ -568,6 +605,10 @@ class LinearisedProblem:
                 np.empty((m, 2 * m)),
             )  # fmt: skip
             self._springs(g)[2](g.couplings, changed, clusters.cluster, marked)
+        if self._direct:
+            if self._fresh or marked.any():
+                self._factor()
+            return
         if self._fresh:
             marked[:] = True
         blocks, offsets = self._blocks, self._block_offsets
@@ -587,6 +628,27 @@ class LinearisedProblem:
         held = sum(_held(slopes, g.compliance) for g, (slopes, *_) in groups)
         self._bonded = held > _HELD * dim * len(self._interactions)
 
+    def _factor(self) -> None:
+        """Factor w^-1 + H K H^T, with ones for what is prescribed."""
+        count = len(self._fixed)
+        rows, columns = _block_pairs(self._sizes, self._starts, len(self._matrix))
+        kept = self._matrix != 0.0
+        matrix = coo_array(
+            (self._matrix[kept], (rows[kept], columns[kept])), shape=(count, count)
+        ).tocsc()
+        for openings, (_, stiffness, *_) in zip(self._openings, self._groups, strict=True):
+            n, size = len(stiffness), len(stiffness) * stiffness.shape[1]
+            springs = bsr_array((stiffness, np.arange(n), np.arange(n + 1)), shape=(size, size))
+            matrix += openings.T @ (springs @ openings)
+        free = np.where(self._fixed, 0.0, 1.0)
+        matrix = (matrix * free).tocsc() * free[:, None] + diags_array(1.0 - free)
+        try:
+            self._factors = splu(matrix.tocsc())
+        except RuntimeError:  # singular
+            self._factors = None
+        self.solvable = self._factors is not None
+        self._fresh = not self.solvable
+
     def solve(self, step: np.ndarray, bound: float, max_iterations: int):
         """The step of the impulses that the linearised laws ask for.
 
@@ -603,7 +665,7 @@ class LinearisedProblem:
         self._apply(step, part)
         left -= part
         correction = self._room[0]
-        self._cluster_solve(left, correction)
+        self._first(left, correction)
         step += correction
         self._apply(correction, part)
         left -= part
@@ -641,9 +703,15 @@ class LinearisedProblem:
             self._clusters, self._block_offsets, self._blocks, r, z
         )
 
+    def _first(self, r: np.ndarray, z: np.ndarray) -> None:
+        if self._direct:
+            z[:] = self._factors.solve(r)
+        else:
+            self._cluster_solve(r, z)
+
     def _precondition(self, r: np.ndarray, z: np.ndarray) -> None:
-        self._cluster_solve(r, z)
-        if self._coarse is not None and self._bonded:
+        self._first(r, z)
+        if not self._direct and self._coarse is not None and self._bonded:
             q = self._coarse_force
             q[:] = 0.0
             _restrict(self._number, r, q)
