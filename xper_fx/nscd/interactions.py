@@ -20,6 +20,7 @@ from xper_fx.nscd.exchange import (
     Couplings,
     Sides,
     couple,
+    couple_again,
     motion,
     push_kernel,
     spread_kernel,
@@ -314,7 +315,7 @@ class Interactions:
 
     def _grouped(self, points, law_of_point, nodal) -> list[PointGroup]:
         by_kernels: dict[LawKernels, list[int]] = {}
-        for number in np.unique(law_of_point).tolist():
+        for number in np.flatnonzero(np.bincount(law_of_point)).tolist():
             by_kernels.setdefault(self.laws[number].kernels(self.dim), []).append(number)
         return [
             self._group(
@@ -323,34 +324,36 @@ class Interactions:
             for kernels, numbers in by_kernels.items()
         ]
 
-    def _group(self, kernels, points, law_of_point, indices, nodal) -> PointGroup:
-        blocks = self._block_of_node[points.nodes[indices][:, :, 0]]
-        num_blocks = len(self.inverse.node_offsets) - 1
-        if self._vertex is None:
-            # what cannot be moved keeps nothing apart, as the ground
-            blocks = np.where(self._still[blocks], num_blocks - 1, blocks)
-            ordering = order_points(blocks, num_blocks)
+    def _group(self, kernels, points, law_of_point, indices, nodal, like=None) -> PointGroup:
+        """A group with the start of its points; `like` has the same points as they were before."""
+        points = points.with_components(kernels.components)
+        if like is None:
+            blocks = self._block_of_node[points.nodes[indices][:, :, 0]]
+            num_blocks = len(self.inverse.node_offsets) - 1
+            ordering, blocks = self._ordered(blocks, num_blocks, indices)
+            tile_bodies = bodies_of_tiles(ordering, blocks, num_blocks)
+            indices = indices[ordering.order]
+            points = points.take(indices)
+            couplings = couple(points, self.inverse)
         else:
-            ordering = order_by_vertex(
-                blocks, num_blocks, self._vertex[indices], int(self._vertex.max()) + 1
-            )
-        indices = indices[ordering.order]
-        components = kernels.components
-        points = points.with_components(components).take(indices)
-        n = len(points)
-        numbers, which = np.unique(law_of_point[indices], return_inverse=True)
+            indices, ordering, tile_bodies = like.indices, like.ordering, like.tile_bodies
+            points = points.take(indices)
+            couplings = couple_again(like.couplings, points)
+        n, components = len(points), kernels.components
+        which = law_of_point[indices]
+        numbers = np.flatnonzero(np.bincount(which))
+        which = np.searchsorted(numbers, which)
         laws = [self.laws[number] for number in numbers]
         parameters = np.array([law.parameters() for law in laws]).reshape(len(laws), -1)[which]
         state = np.array([law.initial_state() for law in laws]).reshape(len(laws), -1)[which]
         jump = np.zeros((n, components))
         jump[:, 0] = points.gap
-        couplings = couple(points, self.inverse)
         return PointGroup(
             kernels=kernels,
             indices=indices,
             points=points,
             ordering=ordering,
-            tile_bodies=bodies_of_tiles(ordering, blocks, num_blocks),
+            tile_bodies=tile_bodies,
             couplings=couplings,
             parameters=parameters.astype(float),
             state=state.astype(float),
@@ -367,6 +370,15 @@ class Interactions:
             sides=Sides(self.dim, components, points.nodes.shape[2], points.arms is not None),
             blocks=self._blocks(couplings),
         )
+
+    def _ordered(self, blocks, num_blocks: int, indices) -> tuple[Ordering, np.ndarray]:
+        """The order of points between blocks, and the blocks that count for it."""
+        if self._vertex is None:
+            # what cannot be moved keeps nothing apart, as the ground
+            blocks = np.where(self._still[blocks], num_blocks - 1, blocks)
+            return order_points(blocks, num_blocks), blocks
+        vertex, count = self._vertex[indices], int(self._vertex.max()) + 1
+        return order_by_vertex(blocks, num_blocks, vertex, count), blocks
 
     def _blocks(self, couplings: Couplings) -> Blocks:
         """The size that the blocks of w have, all of them or those of a group's points."""
@@ -398,6 +410,8 @@ class Interactions:
             free: shape (2 num_rigid, dim), free velocities.
         """
         self._rigid_start, self._rigid_free = start, free
+        if self.dim == 2:
+            return  # w of a body in the plane does not turn
         offsets = self.inverse.data_offsets
         blocks = self._rigid_blocks
         self.inverse.data[offsets[-2 - len(blocks)] : offsets[-2]] = blocks.ravel()
@@ -450,15 +464,25 @@ class Interactions:
             theta: weight of the end of the step.
         """
         start = self._slots(bulk_velocity, self._rigid_start)
-        found = self._grouped(points, law_of_point, start)
+        if self._same_contacts(points.nodes, law_of_point, keys):
+            found = [
+                self._group(g.kernels, points, law_of_point, g.indices, start, like=g)
+                for g in self.contacts
+            ]
+        else:
+            found = self._grouped(points, law_of_point, start)
         for group in found:
             group.jump[:, 0] -= step * (1.0 - theta) * group.velocity[:, 0]
             if self._history is not None:
                 self._history.hand_on(group, keys)
-        self._keys = keys
+        self._found = (points.nodes, law_of_point, keys)
         self.groups = self._permanent + found
         self.renewals += 1
         self._take_inverse(found)
+
+    def _same_contacts(self, *found: np.ndarray) -> bool:
+        """Whether the nodes, laws and keys are those of the contacts in use."""
+        return self.renewals > 0 and all(map(np.array_equal, found, self._found))
 
     @property
     def contacts(self) -> list[PointGroup]:
@@ -565,7 +589,7 @@ class Interactions:
                 totals[name] += total
         self.committed_step = self.step_size
         if self.renewals:
-            self._history = ContactHistory(self.contacts, self._keys)
+            self._history = ContactHistory(self.contacts, self._found[2])
         return StepWork(**totals)
 
     def gather(self, name: str) -> np.ndarray:

@@ -130,8 +130,11 @@ def _near(pairs, position, bounding_radius, distance):
 
 
 def _plane_rotations(angle: np.ndarray) -> np.ndarray:
-    c, s = np.cos(angle), np.sin(angle)
-    return np.stack([np.stack([c, -s], axis=1), np.stack([s, c], axis=1)], axis=1)
+    rotation = np.empty((len(angle), 2, 2))
+    rotation[:, 0, 0] = rotation[:, 1, 1] = np.cos(angle)
+    rotation[:, 1, 0] = np.sin(angle)
+    np.negative(rotation[:, 1, 0], out=rotation[:, 0, 1])
+    return rotation
 
 
 def _starts(tables: ShapeTables, offsets: np.ndarray) -> np.ndarray:
