@@ -20,7 +20,8 @@ at the point breaks the law, and the stop is
 violations in the norm of the kinetic energy beside the change of the velocities that all impulses
 make. Bodies at rest under gravity g have (p . w p)^(1/2) = g h (sum m)^(1/2): the tolerance bounds
 the rate of penetration in units of g h, however high the heap. No error is estimated from it:
-velocities and impulses solve exactly the problem whose free relative velocities differ by W_aa dr_a.
+velocities and impulses solve exactly the problem whose free relative velocities differ by
+W_aa dr_a.
 
 **Where it sweeps.** Tiles of points whose impulses no longer change, and whose bodies no neighbour
 moves, are passed over; a sweep over all of them comes now and then and before the end, so that the
