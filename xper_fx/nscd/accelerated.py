@@ -127,10 +127,10 @@ def solve(
         follows = False
         if by_velocities:
             left = np.sqrt(sum(p.stats[:, 0].sum() for p in passes))
-            if left <= tolerance * kick or count % _LOOK == 0:
+            if left <= tolerance * kick or count % _LOOK == 1:
                 kick, rounding = interactions.kick(free, velocity)
                 kick = max(kick, rounding / tolerance)
-            error = left / kick if kick > 0.0 else left
+            error = left / kick if kick > 0.0 else (np.inf if left > 0.0 else 0.0)
         else:
             error = change * amplification if change > ROUNDING else change
         if error <= tolerance:

@@ -90,13 +90,22 @@ def couple(points: InteractionPoints, inverse: BodyInverse) -> Couplings:
     start = points.nodes.astype(np.int64) * dim
     rows = inverse.data_offsets[block] + (start - body[..., None]) * size[..., None]
     small = np.int32 if max(len(inverse.data), inverse.num_slots * dim) < 2**31 else np.int64
+    start, body, size, rows = (a.astype(small) for a in (start, body, size, rows))
+    turn = None if points.arms is None else np.empty(0, small)
+    couplings = Couplings(start, points.weights, body, size, rows, points.frame, inverse.data, turn)
+    return couple_again(couplings, points)
+
+
+def couple_again(couplings: Couplings, points: InteractionPoints) -> Couplings:
+    """The couplings of points between the same nodes, which have moved."""
     # In 2D the normal alone tells the frame.
     frame = points.frame[:, :1] if points.frame.shape[1] == 2 else points.frame
-    turn = None if points.arms is None else (points.turns().astype(np.int64) * dim).astype(small)
-    return Couplings(
-        start.astype(small), points.weights, body.astype(small), size.astype(small),
-        rows.astype(small), np.ascontiguousarray(frame), inverse.data, turn, points.arms,
-    )  # fmt: skip
+    turn = couplings.turn
+    if turn is not None:
+        turn = (points.turns().astype(np.int64) * points.dim).astype(turn.dtype)
+    return couplings._replace(
+        weights=points.weights, frame=np.ascontiguousarray(frame), turn=turn, arms=points.arms
+    )
 
 
 # Largest block whose rows are added as one vector each.

@@ -24,7 +24,7 @@ class _Record(NamedTuple):
 
     keys: np.ndarray
     impulse: np.ndarray
-    jump: np.ndarray
+    slip: np.ndarray
     state: np.ndarray
 
 
@@ -39,14 +39,15 @@ class ContactHistory:
     def __init__(self, groups: list[tuple[PointGroup, np.ndarray]]):
         self._records: dict[tuple[LawKernels, Sides], _Record] = {}
         for g, keys in groups:
-            order = np.argsort(g.indices)
-            frame = g.points.frame[order]
-            self._records[g.kernels, g.sides] = _Record(
-                keys[g.indices[order]],
-                np.einsum("pij,pi->pj", frame, g.committed_impulse[order]),
-                np.einsum("pij,pi->pj", frame[:, 1:], g.jump[order, 1:]),
-                g.state[order],
-            )
+            dim = g.points.dim
+            record = _Record(*(np.empty((len(g), m), t) for m, t in (
+                (keys.shape[1], keys.dtype), (dim, float), (dim, float), (g.state.shape[1], float)
+            )))  # fmt: skip
+            _keep(
+                _places(g.indices, len(keys)), keys, g.points.frame, g.committed_impulse, g.jump,
+                g.state, *record,
+            )  # fmt: skip
+            self._records[g.kernels, g.sides] = record
 
     def hand_on(self, group: PointGroup, keys: np.ndarray) -> None:
         """Let the contacts of a group go on where those with the same keys ended.
@@ -56,32 +57,67 @@ class ContactHistory:
             keys: shape (num_contacts, 2), sorted, those of the set that the group is part of.
         """
         record = self._records.get((group.kernels, group.sides))
-        if record is None:
-            return
-        order = np.argsort(group.indices)
-        known = _matches(record.keys, keys[group.indices[order]])
-        new, old = order[known >= 0], known[known >= 0]
-        frame = group.points.frame[new]
-        group.committed_impulse[new] = np.einsum("pij,pj->pi", frame, record.impulse[old])
-        group.jump[new, 1:] = np.einsum("pij,pj->pi", frame[:, 1:], record.jump[old])
-        group.state[new] = record.state[old]
+        if record is not None:
+            _go_on(
+                _places(group.indices, len(keys)), keys, group.points.frame,
+                group.committed_impulse, group.jump, group.state, *record,
+            )  # fmt: skip
+
+
+def _places(indices: np.ndarray, count: int) -> np.ndarray:
+    """Where each contact is in its group, -1 if it is in another."""
+    place = np.full(count, -1)
+    place[indices] = np.arange(len(indices))
+    return place
 
 
 @njit
-def _matches(old, new):
-    """Where each new key is among the old ones, -1 if nowhere; both are sorted and unique."""
-    found = np.full(len(new), -1)
+def _keep(place, keys, frame, impulse, jump, state, kept_keys, kept_impulse, kept_slip, kept_state):
+    """Write the contacts of a group in the order of their keys, vectors in global axes."""
     at = 0
-    for i in range(len(new)):
-        while at < len(old):
+    for number in range(len(place)):
+        i = place[number]
+        if i < 0:
+            continue
+        kept_keys[at], kept_state[at] = keys[number], state[i]
+        for d in range(frame.shape[2]):
+            total, slip = 0.0, 0.0
+            for x in range(frame.shape[1]):
+                total += frame[i, x, d] * impulse[i, x]
+                if x > 0:
+                    slip += frame[i, x, d] * jump[i, x]
+            kept_impulse[at, d], kept_slip[at, d] = total, slip
+        at += 1
+
+
+@njit
+def _go_on(
+    place, keys, frame, impulse, jump, state, kept_keys, kept_impulse, kept_slip, kept_state
+):  # fmt: skip
+    """Give the contacts of a group what those with their keys have left; both are sorted."""
+    at = 0
+    for number in range(len(place)):
+        i = place[number]
+        if i < 0:
+            continue
+        order = -1
+        while at < len(kept_keys):
             order = 0
-            for part in range(old.shape[1]):
-                if old[at, part] != new[i, part]:
-                    order = -1 if old[at, part] < new[i, part] else 1
+            for part in range(keys.shape[1]):
+                if kept_keys[at, part] != keys[number, part]:
+                    order = -1 if kept_keys[at, part] < keys[number, part] else 1
                     break
             if order >= 0:
-                if order == 0:
-                    found[i] = at
                 break
             at += 1
-    return found
+        if order != 0 or at == len(kept_keys):
+            continue
+        state[i] = kept_state[at]
+        for x in range(frame.shape[1]):
+            total, slip = 0.0, 0.0
+            for d in range(frame.shape[2]):
+                total += frame[i, x, d] * kept_impulse[at, d]
+                slip += frame[i, x, d] * kept_slip[at, d]
+            impulse[i, x] = total
+            if x > 0:
+                jump[i, x] = slip

@@ -21,6 +21,7 @@ from xper_fx.nscd.exchange import (
     Couplings,
     Sides,
     couple,
+    couple_again,
     motion,
     push_kernel,
     spread_kernel,
@@ -273,6 +274,20 @@ def _compliance(c, frame, rows, cols, out):
             out[i, 0] = 0.0
 
 
+class _ContactSet(NamedTuple):
+    """Contacts in use, by law, with what tells whether a search has found the same again."""
+
+    nodes: np.ndarray
+    law_of_point: np.ndarray
+    keys: np.ndarray
+    groups: list[PointGroup]
+
+    def are(self, found: FoundPoints) -> bool:
+        """Whether the found contacts are these, at other places."""
+        told = (found.points.nodes, found.law_of_point, found.keys)
+        return all(map(np.array_equal, self[:3], told))
+
+
 class Interactions:
     """The interaction points of a scene and their laws.
 
@@ -351,7 +366,7 @@ class Interactions:
         self._block_of_node = inverse.block_of_node()
         self._permanent = self._grouped(points, law_of_point, nodal)
         self.groups = self._permanent
-        self._found: list[tuple[PointGroup, np.ndarray]] = []
+        self._found: list[_ContactSet] = []
         self._history: ContactHistory | None = None
         self.renewals = 0
         widest = max((g.kernels.components for g in self.groups), default=1)
@@ -360,7 +375,7 @@ class Interactions:
 
     def _grouped(self, points, law_of_point, nodal) -> list[PointGroup]:
         by_kernels: dict[LawKernels, list[int]] = {}
-        for number in np.unique(law_of_point).tolist():
+        for number in np.flatnonzero(np.bincount(law_of_point)).tolist():
             by_kernels.setdefault(self.laws[number].kernels(self.dim), []).append(number)
         return [
             self._group(
@@ -369,32 +384,36 @@ class Interactions:
             for kernels, numbers in by_kernels.items()
         ]
 
-    def _group(self, kernels, points, law_of_point, indices, nodal) -> PointGroup:
-        num_blocks = len(self._still)
-        blocks = self._blocks_of(points.nodes[indices])
-        if self._vertex is None:
-            ordering = order_points(blocks, num_blocks)
+    def _group(self, kernels, points, law_of_point, indices, nodal, like=None) -> PointGroup:
+        """A group with the start of its points; `like` has the same points as they were before."""
+        points = points.with_components(kernels.components)
+        if like is None:
+            num_blocks = len(self._still)
+            blocks = self._blocks_of(points.nodes[indices])
+            ordering = self._ordered(blocks, num_blocks, indices)
+            tile_bodies = bodies_of_tiles(ordering, blocks, num_blocks)
+            indices = indices[ordering.order]
+            points = points.take(indices)
+            couplings = couple(points, self.inverse)
         else:
-            ordering = order_by_vertex(
-                blocks, num_blocks, self._vertex[indices], int(self._vertex.max()) + 1
-            )
-        indices = indices[ordering.order]
-        components = kernels.components
-        points = points.with_components(components).take(indices)
-        n = len(points)
-        numbers, which = np.unique(law_of_point[indices], return_inverse=True)
+            indices, ordering, tile_bodies = like.indices, like.ordering, like.tile_bodies
+            points = points.take(indices)
+            couplings = couple_again(like.couplings, points)
+        n, components = len(points), kernels.components
+        which = law_of_point[indices]
+        numbers = np.flatnonzero(np.bincount(which))
+        which = np.searchsorted(numbers, which)
         laws = [self.laws[number] for number in numbers]
         parameters = np.array([law.parameters() for law in laws]).reshape(len(laws), -1)[which]
         state = np.array([law.initial_state() for law in laws]).reshape(len(laws), -1)[which]
         jump = np.zeros((n, components))
         jump[:, 0] = points.gap
-        couplings = couple(points, self.inverse)
         return PointGroup(
             kernels=kernels,
             indices=indices,
             points=points,
             ordering=ordering,
-            tile_bodies=bodies_of_tiles(ordering, blocks, num_blocks),
+            tile_bodies=tile_bodies,
             couplings=couplings,
             parameters=parameters.astype(float),
             state=state.astype(float),
@@ -411,6 +430,12 @@ class Interactions:
             sides=Sides(self.dim, components, points.nodes.shape[2], points.arms is not None),
             blocks=self._blocks(couplings),
         )
+
+    def _ordered(self, blocks, num_blocks: int, indices) -> Ordering:
+        if self._vertex is None:
+            return order_points(blocks, num_blocks)
+        vertex, count = self._vertex[indices], int(self._vertex.max()) + 1
+        return order_by_vertex(blocks, num_blocks, vertex, count)
 
     def _blocks(self, couplings: Couplings) -> Blocks:
         """The size that the blocks of w have, all of them or those of a group's points."""
@@ -442,6 +467,8 @@ class Interactions:
             free: shape (2 num_rigid, dim), free velocities.
         """
         self._rigid_start, self._rigid_free = start, free
+        if self.dim == 2:
+            return  # w of a body in the plane does not turn
         offsets = self.inverse.data_offsets
         blocks = self._rigid_blocks
         self.inverse.data[offsets[-2 - len(blocks)] : offsets[-2]] = blocks.ravel()
@@ -491,13 +518,21 @@ class Interactions:
             theta: weight of the end of the step.
         """
         start = self._slots(bulk_velocity, self._rigid_start)
-        self._found = []
-        for points, law_of_point, keys in found:
-            for group in self._grouped(points, law_of_point, start):
+        before, self._found = self._found, []
+        for new in found:
+            same = next((old for old in before if old.are(new)), None)
+            if same is None:
+                groups = self._grouped(new.points, new.law_of_point, start)
+            else:
+                groups = [
+                    self._group(g.kernels, new.points, new.law_of_point, g.indices, start, like=g)
+                    for g in same.groups
+                ]
+            for group in groups:
                 group.jump[:, 0] -= step * (1.0 - theta) * group.velocity[:, 0]
                 if self._history is not None:
-                    self._history.hand_on(group, keys)
-                self._found.append((group, keys))
+                    self._history.hand_on(group, new.keys)
+            self._found.append(_ContactSet(new.points.nodes, new.law_of_point, new.keys, groups))
         self.groups = self._permanent + self.contacts
         self.renewals += 1
         self._take_inverse(self.contacts)
@@ -505,7 +540,7 @@ class Interactions:
     @property
     def contacts(self) -> list[PointGroup]:
         """The groups of contacts that were found."""
-        return [group for group, _ in self._found]
+        return [group for known in self._found for group in known.groups]
 
     def unbonded(self) -> np.ndarray:
         """Which permanent points nothing holds together, shape (num_points,).
@@ -653,7 +688,9 @@ class Interactions:
                 totals[name] += total
         self.committed_step = self.step_size
         if self.renewals:
-            self._history = ContactHistory(self._found)
+            self._history = ContactHistory(
+                [(group, known.keys) for known in self._found for group in known.groups]
+            )
         return StepWork(**totals)
 
     def gather(self, name: str) -> np.ndarray:

@@ -9,18 +9,19 @@ change of traction in the last sweep, in Pa.
 Impulses that move the bodies by less than the rounding of their velocities have arrived: bodies
 that fly side by side push each other by nothing else.
 
-**Contacts of rigid bodies** are judged by velocities. Where they are more than the bodies need to
-be held, impulses have no one value, and combinations that move nearly nothing converge last or,
-with friction, never; what they do to the bodies has long been found. With dr_a what the law of
-point a still asks for, the bodies at that moment taken as they are, W_aa dr_a is by how much the
-velocity at the point breaks the law, and the stop is
+**Contacts of rigid bodies** are judged by velocities. Where there are more than the bodies need to
+be held, impulses have no one value; combinations that move nearly nothing converge last or, with
+friction, never, long after what they do to the bodies is known. With dr_a what the law of point a
+still asks for, the bodies at that moment taken as they are, W_aa dr_a is by how much the velocity
+at the point breaks the law, and the stop is
 
     sum_a dr_a . W_aa dr_a <= tolerance^2 p . w p,    p = H r,
 
 violations in the norm of the kinetic energy beside the change of the velocities that all impulses
-make. Bodies at rest under gravity g have |p|_w = g h (sum m)^(1/2): the tolerance bounds the rate
-of penetration in g h, however high the heap. No error is estimated from it: velocities and impulses
-solve exactly the problem whose free relative velocities differ by W_aa dr_a.
+make. Bodies at rest under gravity g have (p . w p)^(1/2) = g h (sum m)^(1/2): the tolerance bounds
+the rate of penetration in units of g h, however high the heap. No error is estimated from it:
+velocities and impulses solve exactly the problem whose free relative velocities differ by
+W_aa dr_a.
 
 **Where it sweeps.** Tiles of points whose impulses no longer change, and whose bodies no neighbour
 moves, are passed over; a sweep over all of them comes now and then and before the end, so that the

@@ -153,21 +153,63 @@ def order_points(blocks: np.ndarray, num_blocks: int) -> Ordering:
     point_color = _greedy_colors(np.arange(count + 1) * 2, blocks.ravel(), num_blocks, ground)
 
     bodies_a_tile = max(1, round(_TILE_POINTS * (num_blocks - 1) / count))
-    _, tile = np.unique(blocks.min(axis=1) // bodies_a_tile, return_inverse=True)
-    touched = np.unique(np.repeat(tile, 2) * num_blocks + blocks.ravel())
-    starts = np.concatenate([[0], np.cumsum(np.bincount(touched // num_blocks))])
-    tile_color = _greedy_colors(starts, touched % num_blocks, num_blocks, ground)
+    tile = blocks.min(axis=1) // bodies_a_tile
+    present = np.bincount(tile) > 0
+    tile = (np.cumsum(present) - 1)[tile]
+    num_tiles = int(np.count_nonzero(present))
+    by_tile = np.argsort(tile, kind="stable") if np.any(tile[1:] < tile[:-1]) else np.arange(count)
+    tile_offsets = np.concatenate([[0], np.cumsum(np.bincount(tile, minlength=num_tiles))])
+    starts, touched = _touched(blocks, by_tile, tile_offsets, num_blocks, -1)
+    tile_color = _greedy_colors(starts, touched, num_blocks, ground)
     crowded = tile_color == 63  # no colour was left: each such tile is a colour of its own
     tile_color[crowded] += np.arange(np.count_nonzero(crowded))
 
-    order = np.lexsort((np.arange(count), point_color, tile, tile_color[tile]))
-    by_color = np.lexsort((np.arange(len(tile_color)), tile_color))
-    sizes = np.bincount(tile)[by_color]
+    by_color = np.lexsort((np.arange(num_tiles), tile_color))
+    sizes = np.diff(tile_offsets)[by_color]
     return Ordering(
-        order,
+        _sorted_within(by_tile, tile_offsets, by_color, point_color),
         np.concatenate([[0], np.cumsum(sizes)]),
         np.concatenate([[0], np.cumsum(np.bincount(tile_color))]),
     )
+
+
+@njit
+def _sorted_within(by_tile, tile_offsets, tiles, color):
+    """The points of the tiles in the order given, within a tile by colour and number."""
+    order = np.empty(len(by_tile), np.int64)
+    place = np.empty(65, np.int64)
+    at = 0
+    for tile in tiles:
+        first, last = tile_offsets[tile], tile_offsets[tile + 1]
+        place[:] = 0
+        for i in by_tile[first:last]:
+            place[color[i] + 1] += 1
+        for c in range(64):
+            place[c + 1] += place[c]
+        for i in by_tile[first:last]:
+            order[at + place[color[i]]] = i
+            place[color[i]] += 1
+        at += last - first
+    return order
+
+
+@njit
+def _touched(blocks, order, tile_offsets, num_blocks, ignored):
+    """The blocks that the points of each tile touch, once each: offsets and blocks."""
+    offsets = np.zeros(len(tile_offsets), np.int64)
+    members = np.empty(2 * len(order), np.int64)
+    seen = np.full(num_blocks, -1)
+    count = 0
+    for tile in range(len(tile_offsets) - 1):
+        for i in order[tile_offsets[tile] : tile_offsets[tile + 1]]:
+            for s in range(2):
+                b = blocks[i, s]
+                if b != ignored and seen[b] != tile:
+                    seen[b] = tile
+                    members[count] = b
+                    count += 1
+        offsets[tile + 1] = count
+    return offsets, members[:count].copy()
 
 
 class TileBodies(NamedTuple):
@@ -190,12 +232,10 @@ def bodies_of_tiles(ordering: Ordering, blocks: np.ndarray, num_blocks: int) -> 
         blocks: shape (num_points, 2), blocks of the points before they were put in order.
         num_blocks: number of blocks, the ground's (the last) included.
     """
-    tiles = len(ordering.tile_offsets) - 1
-    tile = np.repeat(np.arange(tiles), np.diff(ordering.tile_offsets))
-    keys = np.unique(np.repeat(tile, 2) * num_blocks + blocks[ordering.order].ravel())
-    keys = keys[keys % num_blocks != num_blocks - 1]
-    counts = np.bincount(keys // num_blocks, minlength=tiles)
-    return TileBodies(np.concatenate([[0], np.cumsum(counts)]), keys % num_blocks)
+    blocks = np.ascontiguousarray(blocks, dtype=np.int64)
+    return TileBodies(
+        *_touched(blocks, ordering.order, ordering.tile_offsets, num_blocks, num_blocks - 1)
+    )
 
 
 @njit

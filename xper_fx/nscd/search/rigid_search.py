@@ -139,8 +139,11 @@ def _matrices(rotation: np.ndarray) -> np.ndarray:
     """Rotations as matrices, from angles in 2D."""
     if rotation.ndim == 3:
         return rotation
-    c, s = np.cos(rotation), np.sin(rotation)
-    return np.stack([np.stack([c, -s], axis=1), np.stack([s, c], axis=1)], axis=1)
+    matrices = np.empty((len(rotation), 2, 2))
+    matrices[:, 0, 0] = matrices[:, 1, 1] = np.cos(rotation)
+    matrices[:, 1, 0] = np.sin(rotation)
+    np.negative(matrices[:, 1, 0], out=matrices[:, 0, 1])
+    return matrices
 
 
 def _starts(tables: ShapeTables, offsets: np.ndarray) -> np.ndarray:
