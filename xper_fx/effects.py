@@ -226,7 +226,7 @@ EFFECTS = (
         "periodicity",
         "explode(lattice=...)",
         ("xper_fx.periodic.lattice", "xper_fx.periodic.unknowns"),
-        lambda s: s.scene.bodies.lattice is not None,
+        lambda s: getattr(s.scene.bodies, "lattice", None) is not None,
         "X of each node, ties",
         lambda s: s.bulk.unknowns.nbytes,
     ),

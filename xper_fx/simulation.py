@@ -115,6 +115,8 @@ class Simulation:
         state: displacement, velocity, time.
         rigid: motion of the rigid bodies, None without any.
         interactions: the points, None if the scene has none.
+        slot_nodes: nodes, among the unknowns, in the order of the points' slots, before those of
+            rigid bodies.
         ledger: energies.
         macroscopic: Fbar, Pibar and Hill-Mandel's error of a periodic cell; None otherwise.
         solver: module of `nscd` that solves the interactions.
@@ -415,7 +417,7 @@ class Simulation:
                 return None
             points = no_points(self.bulk.dim)
         inverse = self.scheme.inverse(self.step_size, self.state.displacement)
-        self._slot_nodes = inverse.nodes
+        self.slot_nodes = inverse.nodes
         slot = np.full(self.bulk.num_dofs // self.bulk.dim + 1, inverse.blocks.num_nodes)
         slot[inverse.nodes] = np.arange(len(inverse.nodes))
         points = InteractionPoints(
@@ -533,7 +535,7 @@ class Simulation:
         if self._detection is not None:
             with self.stopwatch.phase("contact search"):
                 self._detection.renew(
-                    self.interactions, self._slot_nodes, self.bulk, self.state, prediction, size,
+                    self.interactions, self.slot_nodes, self.bulk, self.state, prediction, size,
                     self.theta,
                 )  # fmt: skip
         outcome = self.scheme.attempt(
