@@ -176,7 +176,7 @@ def run(scene: Scene, options: argparse.Namespace) -> dict:
     height = scene.rigid_bodies.position[LID, 1]
     end = (height - area / (options.packing * width)) / options.speed
     recorder = Recorder(
-        simulation, options.out, end_time=end, fields=max(options.fields, 1),
+        simulation, options.out, end_time=end, fields=options.fields,
         parameters=vars(options),
     )  # fmt: skip
     lid, packed = scene.bodies.num_bodies + LID, area / (width * height)

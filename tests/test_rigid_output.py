@@ -26,7 +26,10 @@ def read(path):
     """Points, cells and all times of a series."""
     with meshio.xdmf.TimeSeriesReader(path) as reader:
         points, cells = reader.read_points_cells()
-        return points, cells[0].data, [reader.read_data(k) for k in range(reader.num_steps)]
+        times = [reader.read_data(k) for k in range(reader.num_steps)]
+        # of a cell field meshio gives a list with one array a kind of cell
+        times = [(t, nodal, {name: a[0] for name, a in own.items()}) for t, nodal, own in times]
+        return points, cells[0].data, times
 
 
 def test_thrown_rigid_bodies_on_disk(tmp_path):

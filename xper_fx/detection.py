@@ -31,6 +31,9 @@ if TYPE_CHECKING:
 
 # Reach of a search where the scene gives none, as a share of the smallest body or facet.
 _REACH = 1e-2
+# Gaps this small beside the coordinates are closed: bodies that rest on each other at the start
+# would else be without contact for a step.
+_ROUNDING = 1e-12
 # Distance of two lips, relative to their size, at which their own points retire.
 _FAR = 0.25
 
@@ -162,9 +165,10 @@ class Detection:
             weights[rigid, 0] = 1.0
             arms = contacts.point[:, None] - position[contacts.body]
             arms[~rigid] = 0.0
+        closed = np.abs(contacts.gap) <= _ROUNDING * np.abs(contacts.point).max()
         points = InteractionPoints(
             nodes.astype(np.int32), weights, frame_from_normal(contacts.normal), contacts.area,
-            contacts.gap, arms,
+            np.where(closed, 0.0, contacts.gap), arms,
         )  # fmt: skip
         return FoundPoints(points, self._law_of_pair[group[:, 0], group[:, 1]], contacts.key)
 

@@ -141,7 +141,7 @@ class Recorder:
             self._node[self.cells] = simulation.forms.V.dofmap.list[:, : self.cells.shape[1]]
         simulation.stopwatch.owns("output", lambda: self.written)
         self._totals = {"steps": 0, "sweeps": 0, "largest_residual": 0.0}
-        self._bulk = self._interfaces = self._rigid = None
+        self._bulk = self._interfaces = self._rigid = self._stress = None
         self._writes_fields = fields > 0
         if self._writes_fields:
             if simulation.scene.bodies is not None:
@@ -164,7 +164,6 @@ class Recorder:
             mesh.geometry.x[:, : mesh.geometry.dim],
             (mesh.topology.cell_name(), self.cells),
         )
-        self._stress = simulation.forms.stress_evaluator()
         if len(simulation.facets_with_law):
             x = point_coordinates(simulation)
             a_facet = len(x) // len(simulation.facets_with_law)
@@ -191,6 +190,8 @@ class Recorder:
 
     def cell_stress(self) -> np.ndarray:
         """Cauchy stress of each cell, as `BulkForms.stress_evaluator` gives it (Pa)."""
+        if self._stress is None:
+            self._stress = self.simulation.forms.stress_evaluator()
         self.simulation.displacement  # noqa: B018  brings the state into the forms
         return self._stress()
 
