@@ -60,7 +60,7 @@ from xper_fx.simulation import Simulation
 
 RADIUS, SPREAD = 0.05, 0.2
 SPACING = 2.0 * RADIUS * (1.0 + SPREAD) + 0.01
-SOFT = NeoHookean(young=1e6, poisson=0.45, density=1000.0)
+SOFT = NeoHookean(young=1e6, poisson=0.3, density=1000.0)
 SIDES = (0, 5, 6)
 LID = 0
 
@@ -161,6 +161,12 @@ def fractions(scene: Scene) -> tuple[float, float]:
     return soft + hard, 2.0 * scene.rigid_bodies.position[LID, 0]
 
 
+def von_mises(stress: np.ndarray) -> np.ndarray:
+    """Of stresses of shape (n, 3, 3)."""
+    deviator = stress - np.trace(stress, axis1=1, axis2=2)[:, None, None] / 3.0 * np.eye(3)
+    return np.sqrt(1.5 * np.einsum("nij,nij->n", deviator, deviator))
+
+
 def run(scene: Scene, options: argparse.Namespace) -> dict:
     """Run the scene into the folder; returns what report and figures need."""
     simulation = Simulation(
@@ -189,8 +195,8 @@ def run(scene: Scene, options: argparse.Namespace) -> dict:
         sign = (contacts.bodies == lid) @ np.array([1.0, -1.0])
         curve.append((simulation.time, packed, float(sign @ contacts.force[:, 1]) / width))
         if len(frames) < 3 and packed >= targets[len(frames)] * (1.0 - 1e-6):
-            pressure = -np.trace(recorder.cell_stress()[:, :2, :2], axis1=1, axis2=2) / 2.0
-            frames.append(take_frame(recorder, pressure / 1e3, f"packing fraction {packed:.3f}"))
+            stress = von_mises(recorder.cell_stress()) / 1e3
+            frames.append(take_frame(recorder, stress, f"packing fraction {packed:.3f}"))
     return {
         "simulation": simulation,
         "history": read_history(options.out / "history.csv"),
@@ -204,11 +210,12 @@ def report(result: dict, options: argparse.Namespace) -> None:
     """Say how dense the packing became, at what pressure, and where the work went."""
     _, packed, pressure = result["curve"].T
     last = {name: column[-1] for name, column in result["history"].items()}
-    carries = pressure > 1e-3 * SOFT.young
-    jammed = packed[np.argmax(carries)] if carries.any() else packed[-1]
+    # the last time that the lid was free
+    loose = np.flatnonzero(pressure < 1e-3 * SOFT.young)
+    jammed = packed[loose[-1]] if len(loose) else packed[0]
     tqdm.write(
         f"\npacking fraction {packed[-1]:.3f} at a pressure of {pressure[-1] / 1e3:.1f} kPa = "
-        f"{pressure[-1] / SOFT.young:.3f} E; above E / 1000 from {jammed:.3f} on"
+        f"{pressure[-1] / SOFT.young:.3f} E; above E / 1000 beyond {jammed:.3f}"
         f"\nenergy (J/m): work of the lid {last['external_work']:.2f}, elastic "
         f"{last['elastic']:.2f}, friction {last['dissipated_friction']:.2f}, impacts "
         f"{last['dissipated_impact']:.2f}, scheme {last['dissipated_numerical']:.2f}; closure "
@@ -230,7 +237,7 @@ def draw(result: dict, out: Path) -> None:
         result["frames"],
         out / "packing.png",
         window=result["window"],
-        label="pressure in soft grains (kPa)",
+        label="von Mises stress (kPa)",
         chains=True,
     )
     _, packed, pressure = result["curve"].T

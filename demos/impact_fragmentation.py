@@ -209,7 +209,7 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     add("--cells", type=int, default=15, help="squares along the slab, of four cells (default 15)")
     add("--speed", type=float, default=3.0, help="of the ball, m/s (default 3)")
     add("--density", type=float, default=2500.0, help="of the ball, kg/m^3 (default 2500)")
-    add("--end-time", type=float, default=0.6, help="s (default 0.6)")
+    add("--end-time", type=float, default=0.5, help="s (default 0.5)")
     add("--step-size", type=float, default=2e-4, help="h in s (default 2e-4)")
     add_run_options(parser, Path("results/impact_fragmentation"))
     parser.set_defaults(theta=0.55)

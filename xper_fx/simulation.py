@@ -293,7 +293,8 @@ class Simulation:
         if self.scheme_name == "explicit":
             from xper_fx.bulk.explicit import ExplicitScheme
 
-            return ExplicitScheme(self.bulk, interacting, self.stopwatch)
+            by_body = self._detection is not None or self.scene.points != "nodal"
+            return ExplicitScheme(self.bulk, interacting, self.stopwatch, by_body)
         from xper_fx.bulk.implicit import ImplicitScheme
 
         return ImplicitScheme(
