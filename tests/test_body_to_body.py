@@ -10,7 +10,7 @@ import pytest
 from scenes import box_bodies, run
 
 from xper_fx.contacts import Contact
-from xper_fx.materials import LinearElastic
+from xper_fx.materials import LinearElastic, NeoHookean
 from xper_fx.nscd.laws import PerfectBond, SignoriniCoulomb
 from xper_fx.nscd.rigid import Polygon, Polyhedron, RigidBody
 from xper_fx.scene import Scene
@@ -155,3 +155,28 @@ def test_explicit_bulk(kinds):
         assert abs(record.energies["closure"]) < 0.02 * held
     assert several == (kinds[0] == "grains")
     assert (second_now - second)[0] > 0.5 * SPEED
+
+
+def test_lips_that_turn_go_over_to_the_search():
+    """Two halves of a spinning plate, loose: their own points keep the frames of the start."""
+    bodies = box_bodies((2.0, 1.0), (2, 1), "quadrilateral")
+    scene = Scene(
+        bodies,
+        {1: NeoHookean(young=1e3, poisson=0.3, density=1.0)},
+        default_interaction=SignoriniCoulomb(),
+        surfaces={"halves": (1,)},
+        contacts=[Contact(("halves", "halves"), SignoriniCoulomb())],
+        initial_velocity=lambda x: np.array([0.5 - x[1], x[0] - 1.0]),
+    )
+    simulation = Simulation(scene, 0.01, tolerance=1e-8, num_threads=1)
+
+    def kept():
+        return sum(map(len, simulation.interactions.groups)) - sum(
+            map(len, simulation.interactions.contacts)
+        )
+
+    run(simulation, 18)
+    assert kept() == 2
+    apart = np.abs(simulation.interactions.gather("jump")).max()
+    run(simulation, 4)
+    assert kept() == 0 and apart < 0.1

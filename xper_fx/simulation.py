@@ -576,7 +576,9 @@ class Simulation:
             self.ledger.record(self.state, outcome, size, energies, work, self._rigid_work)
         if self._detection is not None:
             with self.stopwatch.phase("contact search"):
-                self._detection.release(self.interactions)
+                self._detection.release(
+                    self.interactions, self.bulk.unknowns.expand(outcome.state.displacement)
+                )
         if self._control is not None:
             self._control.learn(size, energies, work, self.ledger.closure)
             self.tolerance = self._control.tolerance

@@ -3,7 +3,9 @@
 
 Outside, the closest point q of the shape, n = (x - q)/|x - q| and g = |x - q|; where q is at a
 corner or on an edge, x must be the foremost point of its own surface, for else the corner touches a
-facet. Inside, of the faces that one of the node's own facets faces, the one nearest to it. Both
+facet. Inside, of the faces that one of the node's own facets faces, the one nearest to it, unless
+another face is nearer by more than the node's depth: a node on the edge of a surface, whose facets
+are all of one side, would else be pushed across the whole shape. Both
 sides act at the node itself, so that no impulse has a moment, a tangential one neither.
 """
 
@@ -83,6 +85,7 @@ def node_rigid(
     normal,
     exposed,
     share,
+    depth,
     own_start,
     own_facets,
     position,
@@ -98,7 +101,7 @@ def node_rigid(
 
     Args:
         nodes, bodies: pairs that may touch, shape (p,).
-        x, facets, normal, exposed, share, own_start, own_facets, reach: as in `point_facet`.
+        x, facets, normal, exposed, share, depth, own_start, own_facets, reach: as in `point_facet`.
         position: of the rigid bodies, shape (n, dim), m.
         turn: from their axes to those of space, shape (n, dim, dim).
         shapes: `ShapeTables`.
@@ -183,6 +186,9 @@ def node_rigid(
                 # inside, or at a corner: of the faces that the node faces the nearest
                 tip = False
                 gap = -np.inf
+                for facet in own:
+                    gap = max(gap, highest - depth[facet])
+                found = False
                 for f in range(shapes.face_offsets[entry], shapes.face_offsets[entry + 1]):
                     height = -shapes.face_distance[f]
                     for d in range(dim):
@@ -194,10 +200,11 @@ def node_rigid(
                         continue
                     area, whole = facing_area(world, own, normal, exposed, share)
                     if area >= _FACING * whole:
+                        found = True
                         gap = height
                         for d in range(dim):
                             n[d] = shapes.face_normal[f, d]
-                if gap == -np.inf:
+                if not found:
                     continue
             for d in range(dim):
                 world[d] = 0.0

@@ -345,6 +345,7 @@ class SurfaceSearch:
             self._normal,
             self.bonds.exposed,
             self._share,
+            self.depth,
             self._own_start,
             self._own_facets,
             self._rigid.position,
