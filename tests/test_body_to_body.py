@@ -10,7 +10,7 @@ import pytest
 from scenes import box_bodies, run
 
 from xper_fx.contacts import Contact
-from xper_fx.materials import LinearElastic
+from xper_fx.materials import LinearElastic, NeoHookean
 from xper_fx.nscd.laws import PerfectBond, SignoriniCoulomb
 from xper_fx.nscd.rigid import Polygon, Polyhedron, RigidBody
 from xper_fx.scene import Scene
@@ -133,3 +133,50 @@ def test_any_body_against_any_body(dim, a, b):
     # small strain is not indifferent to rotation, and a meshed side's arm is its facet's
     bound = 1e-12 if (a, b) == ("rigid", "rigid") else 1e-2
     assert np.abs(turned - angular).max() < bound * size
+
+
+@pytest.mark.parametrize("kinds", [("rigid", "cells"), ("grains", "cells")])
+def test_explicit_bulk(kinds):
+    """A facet's nodes have one block of w, though the mass is lumped."""
+    scene = collision(2, kinds, SignoriniCoulomb(friction=0.4))
+    simulation = Simulation(scene, 0.02, scheme="explicit", tolerance=1e-6, num_threads=1)
+    linear, _, second = momenta(simulation)
+    held, several = simulation.ledger.energies.held_and_lost, False
+    for record in run(simulation, 40):
+        for group in simulation.interactions.contacts:
+            w, x = 1.0 / simulation.bulk.mass.reshape(-1, 2)[:, 0], group.points
+            slots = np.concatenate([w[simulation.slot_nodes], np.full(2, np.nan)])
+            meshed = np.all(x.nodes < len(simulation.slot_nodes), axis=(1, 2))
+            expected = (x.weights**2 * slots[np.minimum(x.nodes, len(slots) - 1)]).sum((1, 2))
+            assert group.compliance[meshed, 0] == pytest.approx(expected[meshed])
+            several |= bool(np.any((x.weights > 1e-3).sum(2).max(1)[meshed] > 1))
+        linear_now, _, second_now = momenta(simulation)
+        assert np.abs(linear_now - linear).max() < 1e-12 * SPEED
+        assert abs(record.energies["closure"]) < 0.02 * held
+    assert several == (kinds[0] == "grains")
+    assert (second_now - second)[0] > 0.5 * SPEED
+
+
+def test_lips_that_turn_go_over_to_the_search():
+    """Two halves of a spinning plate, loose: their own points keep the frames of the start."""
+    bodies = box_bodies((2.0, 1.0), (2, 1), "quadrilateral")
+    scene = Scene(
+        bodies,
+        {1: NeoHookean(young=1e3, poisson=0.3, density=1.0)},
+        default_interaction=SignoriniCoulomb(),
+        surfaces={"halves": (1,)},
+        contacts=[Contact(("halves", "halves"), SignoriniCoulomb())],
+        initial_velocity=lambda x: np.array([0.5 - x[1], x[0] - 1.0]),
+    )
+    simulation = Simulation(scene, 0.01, tolerance=1e-8, num_threads=1)
+
+    def kept():
+        return sum(map(len, simulation.interactions.groups)) - sum(
+            map(len, simulation.interactions.contacts)
+        )
+
+    run(simulation, 18)
+    assert kept() == 2
+    apart = np.abs(simulation.interactions.gather("jump")).max()
+    run(simulation, 4)
+    assert kept() == 0 and apart < 0.1

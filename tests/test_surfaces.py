@@ -11,6 +11,8 @@ from mpi4py import MPI
 
 from xper_fx.bodies import explode
 from xper_fx.meshes import crossed_rectangle, tag_cells, tag_facets
+from xper_fx.nscd.rigid import Polygon, RigidBody
+from xper_fx.nscd.rigid.bodies import RigidBodies
 from xper_fx.nscd.search.surface_search import SurfaceSearch
 from xper_fx.surfaces import extract_surface
 
@@ -168,3 +170,18 @@ def test_a_crack_that_grows():
     assert search.renewals == 1
     assert len(np.unique(search.bonds.fragment)) == 2
     assert contacts.area.sum() == pytest.approx(1.0, abs=1e-12)
+
+
+def test_corner_of_a_surface_on_the_corner_of_a_shape():
+    """A plate ends flush with its support: the end's node, of another cell, is not pushed aside."""
+    bodies = explode(crossed_rectangle((0.0, 0.0), (2.0, 1.0), (4, 2)))
+    V = space(bodies)
+    x = positions(V)
+    support = RigidBody(Polygon.box((0.3, 0.4)), (0.15, -0.2), "support", density=1.0)
+    rigid = RigidBodies([support])
+    search = SurfaceSearch(extract_surface(bodies, V), x, 1e-3, rigid=rigid)
+    for depth in (0.0, 1e-6):
+        contacts = search.find(x - [0.0, depth], rigid.position, rigid.rotation)
+        assert len(contacts) >= 2
+        assert np.abs(contacts.normal[:, 1]) == pytest.approx(1.0)
+        assert contacts.gap == pytest.approx(-depth, abs=1e-12)

@@ -7,6 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from xper_fx.nscd.facets import nodal_shares
 from xper_fx.plots import CrackPanel
@@ -63,14 +65,38 @@ def broken_points(
         never broken.
     """
     interactions, number = simulation.interactions, simulation.facets_with_law
-    breaks = np.zeros(len(interactions), bool)
-    for group in interactions.groups:
-        breaks[group.indices] = "damage" in group.kernels.state_names
-    broken = breaks & (interactions.gather("damage") < _BROKEN)
+    dim = simulation.bulk.dim
+    breaks = np.array(["damage" in law.kernels(dim).state_names for law in interactions.laws])
+    # lips that have parted for good have no damage any more, and it reads zero
+    broken = breaks[interactions.law_of_point] & (interactions.gather("damage") < _BROKEN)
     # the points of walls come last
     broken = broken[: len(point_coordinates(simulation))].reshape(len(number), -1)
     broken[np.isin(simulation.scene.bodies.facets.tag[number], ignored_facets)] = False
     return broken.ravel()
+
+
+def find_fragments(simulation: Simulation) -> npt.NDArray[np.int32]:
+    """Which meshed bodies bonds still hold together.
+
+    Args:
+        simulation: a run with a mesh.
+
+    Returns:
+        The fragment of each body, shape (num_bodies,): 0 is the largest by number of bodies, and so
+        on. A facet holds as long as one of its points does; contacts hold nothing.
+    """
+    bodies, number = simulation.scene.bodies, simulation.facets_with_law
+    holds = np.zeros(0, bool)
+    if len(number):
+        count = len(point_coordinates(simulation))
+        holds = ~simulation.interactions.unbonded()[:count].reshape(len(number), -1).all(axis=1)
+    pairs = bodies.facets.bodies[number[holds]].T
+    graph = coo_array((np.ones(pairs.shape[1]), tuple(pairs)), shape=(bodies.num_bodies,) * 2)
+    count, label = connected_components(graph, directed=False)
+    by_size = np.argsort(-np.bincount(label), kind="stable")
+    rank = np.empty(count, np.int32)
+    rank[by_size] = np.arange(count)
+    return rank[label]
 
 
 def _parts(x: np.ndarray) -> np.ndarray:

@@ -36,6 +36,9 @@ _REACH = 1e-2
 _ROUNDING = 1e-12
 # Distance of two lips, relative to their size, at which their own points retire.
 _FAR = 0.25
+# Cosine of the angle that broken lips have turned by at which they retire: their own points keep
+# the normals of the start, along which they would let pieces that tumble interpenetrate.
+_TURNED = np.cos(0.2)
 
 
 class Detection:
@@ -105,6 +108,8 @@ class Detection:
         taken = np.all(group >= 0, axis=1) & (self._law_of_pair[group[:, 0], group[:, 1]] >= 0)
         self._waiting, self._broken = np.flatnonzero(taken), np.zeros(len(taken), bool)
         self._far = _FAR * scene.bodies.facets.measure[self._lips] ** (1.0 / (scene.dim - 1))
+        self._lip_nodes = surface.bond_nodes[self._lips]
+        self._lip_normals = _normals(self._x[self._lip_nodes])
 
     def outrun(self, state: State, rigid: RigidMotion | None, step: float) -> bool:
         """Whether something moves so far in a step (s) that it may pass through another unseen.
@@ -193,12 +198,13 @@ class Detection:
         )  # fmt: skip
         return FoundPoints(points, self._law_of_pair[group[:, 0], group[:, 1]], contacts.key)
 
-    def release(self, interactions: Interactions, each: int) -> None:
-        """After a step, let the search take over the lips that have parted.
+    def release(self, interactions: Interactions, each: int, displacement: np.ndarray) -> None:
+        """After a step, let the search take over the broken lips that have parted or turned.
 
         Args:
             interactions: the layer, whose permanent points come facet after facet.
             each: points on a facet.
+            displacement: at the end of the step, of all nodes of V, flat (m).
         """
         if self._surfaces is None or not len(self._waiting):
             return
@@ -212,8 +218,22 @@ class Detection:
             self._surfaces.expose(self._lips[new])
             self._broken[new] = True
         jump = np.linalg.norm(interactions.gather("jump")[:count], axis=1).reshape(-1, each)
-        parted = lips[jump[lips].max(axis=1) > self._far[lips]]
+        moved = self._x + displacement.reshape(self._x.shape)
+        normals = _normals(moved[self._lip_nodes[lips]])
+        cosines = np.einsum("lsd,lsd->ls", normals, self._lip_normals[lips])
+        turned = cosines.min(axis=1) < _TURNED
+        parted = lips[turned | (jump[lips].max(axis=1) > self._far[lips])]
         if len(parted):
             self._surfaces.release(self._lips[parted])
             interactions.retire((parted[:, None] * each + np.arange(each)).ravel())
             self._waiting = np.setdiff1d(self._waiting, parted)
+
+
+def _normals(x: np.ndarray) -> np.ndarray:
+    """Unit normals of lips with nodes at x, shape (num_lips, 2, k, dim), all turned alike."""
+    along = x[:, :, 1] - x[:, :, 0]
+    if x.shape[3] == 2:
+        normal = np.stack([along[..., 1], -along[..., 0]], axis=-1)
+    else:
+        normal = np.cross(along, x[:, :, 2] - x[:, :, 0])
+    return normal / np.linalg.norm(normal, axis=-1, keepdims=True)

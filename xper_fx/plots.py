@@ -557,8 +557,9 @@ def plot_energies(
     path: str | os.PathLike[str] | None = None,
     energy_unit: tuple[str, float] = ("mJ/m", 1e-3),
     title: str = "",
+    against: str = "strain",
 ) -> "Figure":
-    """Draw the energy ledger against strain, and its closure error below.
+    """Draw the energy ledger against strain or time, and its closure error below.
 
     Terms that stay zero throughout, those of effects that are off, are left out.
 
@@ -568,27 +569,30 @@ def plot_energies(
         path: Where to save the figure, if at all.
         energy_unit: Name of the unit of energy and its value in J/m.
         title: Title of the figure.
+        against: "strain" or "time".
 
     Returns:
         The figure: upper panel the terms, lower panel the absolute closure error divided by the
-        largest external work so far.
+        largest external work so far; against time, where bodies may fly at the start, by the
+        largest sum of terms so far.
 
     Raises:
         ValueError: If a column is missing.
         ImportError: If matplotlib is missing.
     """
     terms = [t for t in _ENERGY_TERMS if t in history or t != "dissipated_plastic"]
-    needed = ("strain", "external_work", *terms, "closure")
+    needed = (against, "external_work", *terms, "closure")
     missing = [column for column in needed if column not in history]
     if missing:
         raise ValueError(f"The history lacks {missing}, needed for the energies.")
     data = {column: np.asarray(history[column], dtype=np.float64) for column in needed}
-    strain = 100 * data["strain"]
+    by_strain = against == "strain"
+    x = 100 * data["strain"] if by_strain else data[against]
 
     def draw(figure: "Figure", rows: npt.NDArray[Any]) -> None:
         upper, lower = rows
         upper.plot(
-            strain,
+            x,
             data["external_work"] / energy_unit[1],
             color="black",
             lw=2.0,
@@ -598,7 +602,7 @@ def plot_energies(
             label, colour = _ENERGY_TERMS[column]
             if data[column].any():
                 upper.plot(
-                    strain,
+                    x,
                     data[column] / energy_unit[1],
                     color=colour,
                     linestyle="--" if column.startswith("dissipated") else "-",
@@ -610,13 +614,14 @@ def plot_energies(
         upper.set_title(title)
         figure.legend(*upper.get_legend_handles_labels(), loc="outside right upper")
 
-        work = np.maximum.accumulate(np.abs(data["external_work"]))
-        shown = (work > 0) & (data["closure"] != 0)
+        scale = data["external_work"] if by_strain else sum(data[column] for column in terms)
+        scale = np.maximum.accumulate(np.abs(scale))
+        shown = (scale > 0) & (data["closure"] != 0)
         lower.semilogy(
-            strain[shown], np.abs(data["closure"][shown]) / work[shown], color="black", lw=0.8
+            x[shown], np.abs(data["closure"][shown]) / scale[shown], color="black", lw=0.8
         )
-        lower.set_ylabel("|closure| / work")
-        lower.set_xlabel("strain (%)")
+        lower.set_ylabel("|closure| / work" if by_strain else "|closure| / energy")
+        lower.set_xlabel("strain (%)" if by_strain else "time (s)")
         lower.margins(x=0.0)
 
     return new_figure(path, draw, (6.4, 4.4), nrows=2, sharex=True, height_ratios=(3, 1))

@@ -2,7 +2,9 @@
 """Writes a run into a folder: bulk and interface series, history of each step, summary.
 
 The folder holds `bulk.xdmf` (displacement, velocity, stress, body, material), `interfaces.xdmf`
-(jump, traction, damage, status, on the points of facing facets), `history.csv`, `summary.json`.
+(jump, traction, damage, status, on the points of facing facets), `rigid.xdmf` (displacement,
+velocity, spin, body, group, on triangles of the rigid bodies), `history.csv`, `summary.json`; of
+the series those that the scene has something for.
 """
 
 from __future__ import annotations
@@ -22,6 +24,7 @@ from xper_fx.compat import geometry_dofmap
 from xper_fx.effects import effects_of
 from xper_fx.nscd.facets import facet_shapes
 from xper_fx.output import HISTORY_COLUMNS, History, TimeSeries, prepare_folder, write_summary
+from xper_fx.rigid_series import RigidSeries
 from xper_fx.scales import cohesive_scales
 from xper_fx.simulation import Simulation, StepRecord
 
@@ -130,16 +133,21 @@ class Recorder:
         self._history = History(self.folder / "history.csv", tuple(columns))
         self._every = end_time / fields if fields > 0 else np.inf
         self._next = 0.0
-        mesh = simulation.scene.bodies.mesh
-        self.cells = geometry_dofmap(mesh)
-        # a cell's first dofs are its vertices'
-        self._node = np.empty(len(mesh.geometry.x), np.int64)
-        self._node[self.cells] = simulation.forms.V.dofmap.list[:, : self.cells.shape[1]]
+        if simulation.scene.bodies is not None:
+            mesh = simulation.scene.bodies.mesh
+            self.cells = geometry_dofmap(mesh)
+            # a cell's first dofs are its vertices'
+            self._node = np.empty(len(mesh.geometry.x), np.int64)
+            self._node[self.cells] = simulation.forms.V.dofmap.list[:, : self.cells.shape[1]]
         simulation.stopwatch.owns("output", lambda: self.written)
         self._totals = {"steps": 0, "sweeps": 0, "largest_residual": 0.0}
-        self._bulk = self._interfaces = None
-        if fields > 0:
-            self._open_fields()
+        self._bulk = self._interfaces = self._rigid = self._stress = None
+        self._writes_fields = fields > 0
+        if self._writes_fields:
+            if simulation.scene.bodies is not None:
+                self._open_fields()
+            if simulation.rigid is not None:
+                self._rigid = RigidSeries(self.folder / "rigid.xdmf", simulation.rigid)
             self._write_fields()
 
     def vertex_displacement(self) -> np.ndarray:
@@ -156,7 +164,6 @@ class Recorder:
             mesh.geometry.x[:, : mesh.geometry.dim],
             (mesh.topology.cell_name(), self.cells),
         )
-        self._stress = simulation.forms.stress_evaluator()
         if len(simulation.facets_with_law):
             x = point_coordinates(simulation)
             a_facet = len(x) // len(simulation.facets_with_law)
@@ -167,19 +174,9 @@ class Recorder:
 
     def _write_fields(self) -> None:
         simulation = self.simulation
-        bodies, dim = simulation.scene.bodies, simulation.bulk.dim
         with simulation.stopwatch.phase("output"), simulation.stopwatch.phase("fields"):
-            nodal = {
-                "displacement": self.vertex_displacement(),
-                "velocity": simulation.velocity.x.array.reshape(-1, dim)[self._node],
-            }
-            simulation.displacement  # noqa: B018  brings the state into the forms
-            cellwise = {
-                "stress": self._stress(),
-                "body": bodies.body_of_cell,
-                "material": bodies.material_of_cell,
-            }
-            self._bulk.write(simulation.time, nodal, cellwise)
+            if self._bulk is not None:
+                self._write_bulk()
             if self._interfaces is not None:
                 count = self._num_interface_points
                 interactions = simulation.interactions
@@ -187,7 +184,27 @@ class Recorder:
                 self._interfaces.write(
                     simulation.time, {n: interactions.gather(n)[:count] for n in names}, {}
                 )
+            if self._rigid is not None:
+                self._rigid.write(simulation.time)
         self._next += self._every
+
+    def cell_stress(self) -> np.ndarray:
+        """Cauchy stress of each cell, as `BulkForms.stress_evaluator` gives it (Pa)."""
+        if self._stress is None:
+            self._stress = self.simulation.forms.stress_evaluator()
+        self.simulation.displacement  # noqa: B018  brings the state into the forms
+        return self._stress()
+
+    def _write_bulk(self) -> None:
+        simulation, bodies = self.simulation, self.simulation.scene.bodies
+        velocity = simulation.velocity.x.array.reshape(-1, simulation.bulk.dim)
+        nodal = {"displacement": self.vertex_displacement(), "velocity": velocity[self._node]}
+        cellwise = {
+            "stress": self.cell_stress(),
+            "body": bodies.body_of_cell,
+            "material": bodies.material_of_cell,
+        }
+        self._bulk.write(simulation.time, nodal, cellwise)
 
     def record(self, step: StepRecord) -> tuple[float, float]:
         """Write the line of a step, and the fields when they are due.
@@ -204,24 +221,27 @@ class Recorder:
         self._totals["steps"] += 1
         self._totals["sweeps"] += step.sweeps
         self._totals["largest_residual"] = max(self._totals["largest_residual"], step.residual)
-        if self._bulk is not None and step.time >= self._next * (1.0 - 1e-9):
+        if self._writes_fields and step.time >= self._next * (1.0 - 1e-9):
             self._write_fields()
         return strain, stress
 
     @property
     def written(self) -> int:
         """Bytes of the fields and of the history on disk."""
-        names = ["history.csv"]
-        if self._bulk is not None:
-            names += ["bulk.xdmf", "bulk.h5"]
-        if self._interfaces is not None:
-            names += ["interfaces.xdmf", "interfaces.h5"]
-        return sum((self.folder / name).stat().st_size for name in names)
+        paths = [self.folder / "history.csv"]
+        for series in self._series:
+            paths += [series.path, series.h5_path]
+        return sum(path.stat().st_size for path in paths)
+
+    @property
+    def _series(self) -> list[TimeSeries]:
+        rigid = None if self._rigid is None else self._rigid.series
+        return [series for series in (self._bulk, self._interfaces, rigid) if series is not None]
 
     def close(self) -> None:
         """Write the summary and close the files."""
         simulation = self.simulation
-        interactions = simulation.interactions
+        interactions, bodies = simulation.interactions, simulation.scene.bodies
         points = 0 if interactions is None else len(interactions)
         summary = {
             "parameters": self._parameters
@@ -240,7 +260,8 @@ class Recorder:
                 "python": platform.python_version(),
             },
             "counts": {
-                "bodies": simulation.scene.bodies.num_bodies,
+                "bodies": 0 if bodies is None else bodies.num_bodies,
+                "rigid_bodies": len(simulation.scene.rigid),
                 "points": points,
                 "dofs": simulation.bulk.num_dofs,
             },
@@ -264,9 +285,8 @@ class Recorder:
         summary["scales"] = cohesive_scales(simulation)
         write_summary(self.folder / "summary.json", summary)
         self._history.close()
-        for series in (self._bulk, self._interfaces):
-            if series is not None:
-                series.close()
+        for series in self._series:
+            series.close()
 
     def __enter__(self) -> Recorder:
         return self

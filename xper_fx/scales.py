@@ -49,12 +49,13 @@ def cohesive_scales(simulation: Simulation) -> list[dict[str, Any]]:
     Returns:
         For each law its strength (Pa), fracture energy (J/m^2), cohesive length (m) with the
         softest material of the scene, facets it spans (mean facet), and softening number. Nothing
-        if no material has a Young's modulus.
+        without facing facets or if no material has a Young's modulus.
     """
     interactions = simulation.interactions
-    if interactions is None:
+    bodies = simulation.scene.bodies
+    if interactions is None or bodies is None or not len(bodies.facets):
         return []
-    facet = float(simulation.scene.bodies.facets.measure.mean())
+    facet = float(bodies.facets.measure.mean())
     if simulation.bulk.dim == 3:
         facet = facet**0.5
     isotropic = [m for m in simulation.scene.materials.values() if hasattr(m, "young")]

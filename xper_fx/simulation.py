@@ -121,6 +121,8 @@ class Simulation:
         rigid: motion of the rigid bodies, None without any.
         detection: searches of contacts, None if the scene names no contacts.
         interactions: the points, None if the scene has none.
+        slot_nodes: nodes, among the unknowns, in the order of the points' slots, before those of
+            rigid bodies.
         ledger: energies.
         macroscopic: Fbar, Pibar and Hill-Mandel's error of a periodic cell; None otherwise.
         solver: module of `nscd` that solves the interactions, or the function given.
@@ -303,7 +305,8 @@ class Simulation:
         if self.scheme_name == "explicit":
             from xper_fx.bulk.explicit import ExplicitScheme
 
-            return ExplicitScheme(self.bulk, interacting, self.stopwatch)
+            by_body = self.detection is not None or self.scene.points != "nodal"
+            return ExplicitScheme(self.bulk, interacting, self.stopwatch, by_body)
         from xper_fx.bulk.implicit import ImplicitScheme
 
         return ImplicitScheme(
@@ -451,7 +454,7 @@ class Simulation:
                 return None
             points = no_points(self.bulk.dim)
         inverse = self.scheme.inverse(self.step_size, self.state.displacement)
-        self._slot_nodes = inverse.nodes
+        self.slot_nodes = inverse.nodes
         slot = np.full(self.bulk.num_dofs // self.bulk.dim + 1, inverse.blocks.num_nodes)
         slot[inverse.nodes] = np.arange(len(inverse.nodes))
         points = InteractionPoints(
@@ -542,6 +545,11 @@ class Simulation:
                         or not (self._flows_too_far(outcome) or self._breaks_for_nothing())
                     )
                 )
+                if good and self._breaks_for_nothing():
+                    logger.warning(
+                        "step %d at h = %.3g s: bonds broke that stay closed, for no energy; take "
+                        "a smaller step or tolerance", self.step_number + 1, size,
+                    )  # fmt: skip
                 if good:
                     with self.stopwatch.phase("energy"):
                         energies = self.ledger.bulk_energies(
@@ -596,7 +604,7 @@ class Simulation:
         if self.detection is not None:
             with self.stopwatch.phase("contact search"):
                 self.detection.renew(
-                    self.interactions, self._slot_nodes, self.bulk, self.state, prediction, size,
+                    self.interactions, self.slot_nodes, self.bulk, self.state, prediction, size,
                     self.theta,
                 )  # fmt: skip
         return self.scheme.attempt(self.state, size, self.interactions, self._solve, self.tolerance)
@@ -632,7 +640,10 @@ class Simulation:
             self.ledger.record(self.state, outcome, size, energies, work, self._rigid_work)
         if self.detection is not None:
             with self.stopwatch.phase("contact search"):
-                self.detection.release(self.interactions, self._points_a_facet)
+                self.detection.release(
+                    self.interactions, self._points_a_facet,
+                    self.bulk.unknowns.expand(outcome.state.displacement),
+                )  # fmt: skip
         if self._control is not None:
             self._control.learn(size, energies, work, self.ledger.closure)
             self.tolerance = self._control.tolerance

@@ -31,14 +31,17 @@ class ExplicitScheme:
         bulk: the bulk.
         interacting: nodes at which interactions act, in the order the layer shall use.
         stopwatch: where phases are timed.
+        by_body: as of `LumpedInverse`.
     """
 
     theta = 0.5
 
-    def __init__(self, bulk: Bulk, interacting: np.ndarray, stopwatch: Stopwatch):
+    def __init__(
+        self, bulk: Bulk, interacting: np.ndarray, stopwatch: Stopwatch, by_body: bool = False
+    ):
         self.bulk = bulk
         with stopwatch.phase("inverse"):
-            self._inverse = LumpedInverse(bulk.layout, bulk.mass, interacting)
+            self._inverse = LumpedInverse(bulk.layout, bulk.mass, interacting, by_body)
         stopwatch.owns("inverse", lambda: self.nbytes)
         self._stopwatch = stopwatch
 

@@ -139,23 +139,33 @@ class ClusterInverse(_OnBodies):
 
 
 class LumpedInverse(_OnBodies):
-    """The inverse of a lumped mass: every node for itself.
+    """The inverse of a lumped mass, diagonal.
 
     Args:
         layout: the bodies.
         mass: shape (num_dofs,), lumped mass (kg; 2D: kg/m).
         interacting: nodes at which interactions act, in the order the layer shall use.
+        by_body: whether the blocks are those of bodies, as sides with several nodes need, all of
+            which lie in one block. Every node has a block otherwise.
     """
 
-    def __init__(self, layout: BodyLayout, mass: np.ndarray, interacting: np.ndarray):
+    def __init__(
+        self, layout: BodyLayout, mass: np.ndarray, interacting: np.ndarray, by_body: bool = False
+    ):
         dim = layout.dim
         self._w = np.where(layout.prescribed, 0.0, 1.0 / mass)
         self.nodes = interacting
         self.num_nodes = len(layout.nodes)
-        diagonal = self._w[layout.dofs(interacting)].reshape(-1, dim)
-        blocks = np.zeros((len(interacting), dim, dim))
-        blocks[:, np.arange(dim), np.arange(dim)] = diagonal
-        self.blocks = BodyInverse.from_uniform(blocks, dim)
+        block = np.arange(len(interacting))
+        if by_body:
+            _, block = np.unique(layout.body_of_node()[interacting], return_inverse=True)
+        ends = dim * np.cumsum(np.bincount(block))
+        parts = np.split(self._w[layout.dofs(interacting)], ends[:-1])
+        blocks = [np.diag(part) for part in parts] if len(interacting) else []
+        if blocks and all(len(b) == len(blocks[0]) for b in blocks):
+            self.blocks = BodyInverse.from_uniform(np.stack(blocks), dim)
+        else:
+            self.blocks = BodyInverse.from_blocks(blocks, dim)
 
     def apply(self, residual: np.ndarray) -> np.ndarray:
         """W r, shape (num_dofs,)."""

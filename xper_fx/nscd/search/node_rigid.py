@@ -3,7 +3,9 @@
 
 Outside, the closest point q of the shape, n = (x - q)/|x - q| and g = |x - q|; where q is at a
 corner or on an edge, x must be the foremost point of its own surface, for else the corner touches a
-facet. Inside, of the faces that one of the node's own facets faces, the one nearest to it. Both
+facet. Inside, of the faces that one of the node's own facets faces, the one nearest to it, unless
+another face is nearer by more than the node's depth: a node on the edge of a surface, whose facets
+are all of one side, would else be pushed across the whole shape. Both
 sides act at the node itself, so that no impulse has a moment, a tangential one neither.
 """
 
@@ -167,6 +169,9 @@ def node_rigid(
                 # inside, or at a corner: of the faces that the node faces the nearest
                 tip = False
                 gap = -np.inf
+                for facet in faces.own_facets[faces.own_start[node] : faces.own_start[node + 1]]:
+                    gap = max(gap, highest - faces.depth[facet])
+                found = False
                 for f in range(shapes.face_offsets[entry], shapes.face_offsets[entry + 1]):
                     height = -shapes.face_distance[f]
                     for d in range(dim):
@@ -178,10 +183,11 @@ def node_rigid(
                         continue
                     area, whole = facing_area(world, node, faces)
                     if area >= _FACING * whole:
+                        found = True
                         gap = height
                         for d in range(dim):
                             n[d] = shapes.face_normal[f, d]
-                if gap == -np.inf:
+                if not found:
                     continue
             for d in range(dim):
                 world[d] = 0.0
