@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Cracks that run: below the Rayleigh speed, and from the notch of Kalthoff and Winkler's plate."""
+"""Kalthoff and Winkler's plate, coarse: where its crack starts and which way it goes."""
 
 from __future__ import annotations
 
@@ -11,30 +11,6 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
 import kalthoff
-from crack_speed import Strip, crack, wave_speeds
-
-from xper_fx.materials import LinearElastic
-from xper_fx.materials.library import ZIRCALOY_4
-
-
-def test_rayleigh_speed():
-    """At nu = 1/4 the cubic has the root c^2 = (2 - 2 / sqrt 3) c_s^2 (Rayleigh 1885)."""
-    _, slow, limit = wave_speeds(LinearElastic(2.5, 0.25, 1.0))
-    assert slow == pytest.approx(1.0, rel=1e-14)
-    assert limit == pytest.approx(np.sqrt(2.0 - 2.0 / np.sqrt(3.0)), rel=1e-9)
-    assert wave_speeds(ZIRCALOY_4)[2] == pytest.approx(2038.077, abs=1e-3)
-
-
-def test_a_crack_stays_below_the_rayleigh_speed_and_spends_w():
-    strip = Strip(10.0, cells=12, length=5.0)
-    growth = crack(strip)
-    speeds = growth.speeds()[1] / wave_speeds(ZIRCALOY_4)[2]
-    assert len(speeds) > 8
-    assert speeds.max() < 1.0
-    assert speeds[-1] > 0.6 and speeds[-1] > speeds[0]
-    spent = np.ptp(growth.dissipated) / np.ptp(growth.tip)
-    assert spent == pytest.approx(strip.bond.fracture_energy, rel=0.15)  # and the zone's part
-    assert abs(growth.closure) < 1e-3
 
 
 def test_the_angle_is_that_of_a_line_of_damage():
@@ -52,7 +28,10 @@ def test_kalthoffs_crack_starts_at_the_notch_and_turns_up():
     first = damage.midpoint[np.argmin(damage.first)]
     assert np.linalg.norm(first - kalthoff.TIP) < 5e-3
     # not before the pressure wave from the edge is there
-    arrival = kalthoff.NOTCH_LENGTH / wave_speeds(kalthoff.STEEL)[0]
+    steel = kalthoff.STEEL
+    shear = 0.5 * steel.young / (1.0 + steel.poisson)
+    stiffness = 2.0 * shear * (1.0 - steel.poisson) / (1.0 - 2.0 * steel.poisson)
+    arrival = kalthoff.NOTCH_LENGTH / np.sqrt(stiffness / steel.density)
     assert arrival < damage.first.min() < 2.5 * arrival
     assert 30.0 < kalthoff.crack_angle(damage, 0.03) < 110.0
     above = damage.midpoint[:, 1] > kalthoff.NOTCH_HEIGHT + 2e-3
