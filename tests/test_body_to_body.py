@@ -5,6 +5,8 @@ Two blocks fly at each other off centre, without gravity: what interactions do m
 angular momentum as they are, and may only take energy.
 """
 
+from itertools import combinations_with_replacement
+
 import numpy as np
 import pytest
 from scenes import box_bodies, run
@@ -109,12 +111,11 @@ def momenta(simulation):
 
 
 @pytest.mark.parametrize("dim", [2, 3])
-@pytest.mark.parametrize("a", KINDS)
-@pytest.mark.parametrize("b", KINDS)
+@pytest.mark.parametrize(("a", "b"), combinations_with_replacement(KINDS, 2))
 def test_any_body_against_any_body(dim, a, b):
     simulation = Simulation(
         collision(dim, (a, b), SignoriniCoulomb(friction=0.4)), 0.02, tolerance=1e-6,
-        num_threads=1,
+        num_threads=1, solver="nlgs",
     )  # fmt: skip
     linear, angular, _ = momenta(simulation)
     size = SPEED * 1.0
