@@ -226,7 +226,7 @@ def thrust_points(simulation: Simulation) -> np.ndarray:
 
 
 def open_hinges(arch: Arch, positions: list[np.ndarray]) -> list[tuple[int, int]]:
-    """Joints that one end has opened by a thousandth of the thickness more than the other."""
+    """Joints that one end has opened by a fiftieth of the thickness more than the other."""
     size, n = arch.ratio * RADIUS, arch.blocks
     hinges = []
     for joint in range(n + 1):
@@ -236,7 +236,7 @@ def open_hinges(arch: Arch, positions: list[np.ndarray]) -> list[tuple[int, int]
         else:
             before, after = positions[joint - 1][[3, 2]], positions[joint][[0, 1]]
             opening = np.linalg.norm(after - before, axis=1)
-        if abs(opening[0] - opening[1]) > 1e-3 * size:
+        if abs(opening[0] - opening[1]) > 0.02 * size:
             hinges.append((joint, int(np.argmin(opening))))
     return hinges
 

@@ -1,0 +1,73 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""A tower of a hundred blocks that should stand: how far it drifts, leans and sinks in ten seconds.
+
+./fenicsx python3 benchmarks/tall_stack.py --dim 2
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+
+import numpy as np
+from tqdm.auto import tqdm
+
+from xper_fx.contacts import Contact
+from xper_fx.forms.loads import Gravity
+from xper_fx.nscd.laws import SignoriniCoulomb
+from xper_fx.nscd.rigid.body import RigidBody, wall
+from xper_fx.nscd.rigid.polygon import Polygon
+from xper_fx.nscd.rigid.polyhedron import Polyhedron
+from xper_fx.scene import Scene
+from xper_fx.simulation import Simulation
+
+
+def tower(dim: int, count: int, step: float, tolerance: float) -> Simulation:
+    """Blocks with sides of 1 m on the ground, 1000 kg/m^3, friction 0.5."""
+    shape = Polygon.box((1.0,) * 2) if dim == 2 else Polyhedron.box((1.0,) * 3)
+    flat = (0.0,) * (dim - 1)
+    bodies = [RigidBody(shape, (*flat, 0.5 + i), "blocks", density=1000.0) for i in range(count)]
+    law = SignoriniCoulomb(friction=0.5)
+    scene = Scene(
+        rigid=[*bodies, wall((*flat, 0.0), (*flat, 1.0), "ground")],
+        contacts=[Contact(("blocks", "blocks"), law), Contact(("blocks", "ground"), law)],
+        loads=[Gravity((*flat, -9.81))],
+    )
+    return Simulation(scene, step, tolerance=tolerance, num_threads=1)
+
+
+def main(options: list[str] | None = None) -> None:
+    """Run and print what the tower has done after each tenth of the time."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    add = parser.add_argument
+    add("--dim", type=int, choices=(2, 3), default=2)
+    add("--blocks", type=int, default=100)
+    add("--step", type=float, default=5e-3, help="s")
+    add("--tolerance", type=float, default=1e-8, help="relative error of the impulses")
+    add("--end", type=float, default=10.0, help="s")
+    add("--quiet", action="store_true", help="no progress bar")
+    args = parser.parse_args(options)
+    simulation = tower(args.dim, args.blocks, args.step, args.tolerance)
+    start, last, sweeps = simulation.rigid.state.position.copy(), time.process_time(), 0
+    count = round(args.end / args.step)
+    look = max(1, count // 10)
+    print("| time (s) | drift (m) | sinking (m) | depth (m) | kinetic (J) | sweeps | s a step |")
+    print("|---|---|---|---|---|---|---|", flush=True)
+    for record in tqdm(simulation.steps(args.end), total=count, disable=args.quiet):
+        sweeps += record.sweeps
+        if record.step % look:
+            continue
+        moved = simulation.rigid.state.position - start
+        depth = -min(g.jump[:, 0].min() for g in simulation.interactions.contacts)
+        now = time.process_time()
+        print(
+            f"| {record.time:.3g} | {np.abs(moved[:, :-1]).max():.1e} | "
+            f"{np.abs(moved[:, -1]).max():.1e} | {depth:.1e} | {record.energies['kinetic']:.1e} | "
+            f"{sweeps / look:.1f} | {(now - last) / look:.1e} |",
+            flush=True,
+        )
+        last, sweeps = now, 0
+
+
+if __name__ == "__main__":
+    main()
