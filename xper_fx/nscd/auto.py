@@ -74,15 +74,13 @@ def solve(
         spell *= 2
     reason = f"{left:.0f} sweeps left after {sweeps}"
     allowed = min(max_sweeps - sweeps, max(1, int(_SHARE * max_sweeps)))
-    next_ones = (("newton", allowed), ("accelerated", max_sweeps))
+    next_ones = [("newton", allowed), ("accelerated", max_sweeps)]
     if interactions.judged_by_velocities:
-        few = sum(len(g) for g in interactions.groups) < _FEW
-        next_ones = (("accelerated", 0 if few else allowed), ("nlgs", max_sweeps))
+        many = sum(len(g) for g in interactions.groups) >= _FEW
+        next_ones = [("accelerated", allowed)] * many + [("nlgs", max_sweeps)]
     for solver, most in next_ones:
         if sweeps >= max_sweeps:
             break
-        if most == 0:
-            continue
         velocity[:] = free
         report = import_module(f"xper_fx.nscd.{solver}").solve(
             interactions, velocity, max_sweeps=min(most, max_sweeps - sweeps), **options
