@@ -10,7 +10,7 @@ direction that is not prescribed) or gives up, `accelerated.py` finishes.
 Contacts of rigid bodies need no Newton: a packing has more of them than it needs, each with three
 branches, and with or without a direct factorisation Newton took 5 to 20 times as long as sweeps on
 discs that settle. Mixing sweeps saves two thirds of them there; its vectors cost some as well, so
-that it serves from a few thousand points on, and where it gains no more plain sweeps finish.
+that it serves from about ten thousand points on; where it gains no more plain sweeps finish.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _MANY = 75
 # Share of the sweeps allowed that Newton may spend when its steps do not help.
 _SHARE = 0.1
 # Contacts of rigid bodies below which sweeps are cheaper than mixing them.
-_FEW = 3000
+_FEW = 10_000
 
 
 def sweeps_left(report: SolveReport, tolerance: float) -> float:
