@@ -10,7 +10,7 @@
   that are given (the search and the building of points left out);
 - growth: discs and spheres from 1000 to --largest: memory a body and a contact, time of the parts
   of a step, and the exponents with which they grow;
-- settling: from the fall to rest by each solver: sweeps, time, and how much the laws are broken.
+- settling: from the fall to rest by each solver: time, sweeps, and steps that did not converge.
 
 Times are of the processor, one thread; the least of some runs counts, as others disturb.
 """
@@ -216,6 +216,7 @@ def growth(largest):
 
 def settling(largest):
     """Table of solvers from the fall to rest."""
+    touching(100, 2)  # compiles
     print("discs  solver        s  sweeps a step  steps not converged  kinetic at the end (J)")
     for count, across, number in ((400, 20, 500), (1300, 36, 500)):
         if count > largest:

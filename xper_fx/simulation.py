@@ -96,8 +96,9 @@ class Simulation:
         theta: weight of the end of the step, in [1/2, 1]; the explicit bulk has 1/2.
         accuracy: relative error asked for, in (0, 1): step and tolerances that are not given are
             picked and adapted for it (`accuracy.py`). 1e-2 if only a knob is "auto".
-        tolerance: bound on the estimated relative error of the impulses (`nscd/nlgs.py`); 1e-3 if
-            not given; "auto" adapts it.
+        tolerance: bound on the estimated relative error of the impulses, or on the violation of
+            the laws where all contacts are of rigid bodies (`nscd/nlgs.py`); 1e-3 if not given;
+            "auto" adapts it.
         max_sweeps: sweeps after which the interaction solver gives up.
         solver: of the interactions: "nlgs" (sweeps), "newton" (all points at once, for steps far
             beyond the explicit limit), "accelerated" (mixed sweeps), "subdomains" (conjugate

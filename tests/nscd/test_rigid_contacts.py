@@ -38,7 +38,7 @@ def violation(layer, free, velocity):
 def heap():
     """Discs in a box that come to rest."""
     heap = Heap(grains(60, 6, pitch=2.05))
-    heap.advance(120, tolerance=TOLERANCE)
+    heap.advance(600, tolerance=TOLERANCE)
     return heap
 
 
@@ -73,19 +73,19 @@ def test_heap_at_rest_starts_from_its_last_impulses(heap):
 
 def test_floor_and_walls_carry_the_heap(heap):
     """Over steps at rest the impulses of the walls are the weight, to the tolerance."""
-    start = heap.motion.momentum()
+    start, deepest = heap.motion.momentum(), []
     pushed = np.zeros(2)
     for _ in range(20):
         heap.search()
         heap.solve(tolerance=TOLERANCE)
         slots = heap.layer.rigid_part(heap.layer.impulses()).reshape(-1, 4)
         pushed -= slots[60:, :2].sum(axis=0)
+        deepest.append(max(-g.points.gap.min() for g in heap.layer.groups))
     weight = heap.bodies.mass[:60].sum() * GRAVITY * 20 * heap.step
     gained = heap.motion.momentum() - start
     np.testing.assert_allclose(pushed - gained, [0.0, weight], atol=1e-9 * weight)
     assert np.abs(gained).max() < 0.05 * weight
-    deepest = max(-g.points.gap.min() for g in heap.layer.groups)
-    assert deepest < 20 * GRAVITY * heap.step**2
+    assert deepest[-1] - deepest[0] < GRAVITY * heap.step**2
 
 
 def test_contacts_found_again_are_those_built_anew():
@@ -105,10 +105,10 @@ def test_contacts_found_again_are_those_built_anew():
 
 
 def test_column_carries_its_weight_to_the_ground():
-    """Discs above one another at rest: contact k from the top carries k weights."""
+    """Discs that touch above one another: contact k from the top carries k weights."""
     count, radius = 30, 0.01
     discs = [
-        RigidBody(Disc(radius), (0.05, (2 * k + 1) * radius), "grains", density=2000.0)
+        RigidBody(Disc(radius), (0.05, (2 * k + 1) * radius * (1 - 1e-9)), "grains", density=2000.0)
         for k in range(count)
     ]
     heap = Heap(discs + box(0.1, 0.0))

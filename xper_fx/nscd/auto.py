@@ -12,11 +12,12 @@ Where every point is a perfect bond, `subdomains.py` takes Newton's place for bo
 waves need to cross a body; where they just cross it, sweeps were enough. It is all there is to do
 for bodies that interactions alone hold.
 
-Contacts of rigid bodies need no Newton: a packing has more of them than it needs, each with three
+Packings of rigid bodies need no Newton: a packing has more of them than it needs, each with three
 branches, and with or without a direct factorisation Newton took 5 to 20 times as long as sweeps on
 discs that settle. Mixing sweeps saves two thirds of them there; its vectors cost some as well, so
-that it serves from a few thousand points on, and where it gains no more plain sweeps finish. Below
-it serves where plain sweeps do not arrive, as heavy bodies on light ones ask for.
+that it serves from about ten thousand points on; where it gains no more plain sweeps finish. Fewer
+contacts on which sweeps do not arrive, as those of towers, arches and heavy bodies on light ones,
+are tried by Newton with its direct factorisation, and mixed if that fails.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ _MANY = 75
 # Share of the sweeps allowed that Newton may spend when its steps do not help.
 _SHARE = 0.1
 # Contacts of rigid bodies below which sweeps are cheaper than mixing them.
-_FEW = 3000
+_FEW = 10_000
 
 
 def sweeps_left(report: SolveReport, tolerance: float) -> float:
@@ -85,12 +86,12 @@ def solve(
     reason = f"{left:.0f} sweeps left after {sweeps}"
     allowed = min(max_sweeps - sweeps, max(1, int(_SHARE * max_sweeps)))
     best = "subdomains" if bonded and not interactions.inverse.uniform_size else "newton"
-    next_ones = ((best, allowed), ("accelerated", max_sweeps))
+    next_ones = [(best, allowed), ("accelerated", max_sweeps)]
     if interactions.judged_by_velocities:
-        few = sum(len(g) for g in interactions.groups) < _FEW
-        next_ones = (("accelerated", allowed), ("nlgs", max_sweeps))
-        if few:
-            next_ones = (("nlgs", allowed), ("accelerated", max_sweeps))
+        if sum(len(g) for g in interactions.groups) >= _FEW:
+            next_ones = [("accelerated", allowed), ("nlgs", max_sweeps)]
+        else:
+            next_ones.insert(0, ("nlgs", allowed))
     for solver, most in next_ones:
         if sweeps >= max_sweeps:
             break

@@ -462,13 +462,15 @@ class Interactions:
     def take_rigid(self, start: np.ndarray, free: np.ndarray) -> None:
         """Take what a prediction of the rigid bodies' step gives; `rigid_blocks` holds their w.
 
+        In 2D w does not change as bodies turn, and is not read again.
+
         Args:
             start: shape (2 num_rigid, dim), velocities at the start of the step (m/s, rad/s).
             free: shape (2 num_rigid, dim), free velocities.
         """
         self._rigid_start, self._rigid_free = start, free
         if self.dim == 2:
-            return  # w of a body in the plane does not turn
+            return
         offsets = self.inverse.data_offsets
         blocks = self._rigid_blocks
         self.inverse.data[offsets[-2 - len(blocks)] : offsets[-2]] = blocks.ravel()

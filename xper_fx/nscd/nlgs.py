@@ -219,7 +219,8 @@ def _spell_by_velocities(kernels: tuple[Callable, ...]):
         for count in range(1, most + 1):
             changed, _, everywhere = sweep(passes)
             if not np.isfinite(changed):
-                return False, count, known
+                changes[0] = np.inf
+                return False, count, 1
             if not verifying:
                 if known == len(changes):
                     changes[:-1] = changes[1:].copy()
