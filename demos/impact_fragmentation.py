@@ -24,8 +24,9 @@
 # strain. The cohesive length E' w / Rmax^2 spans several facets; each run prints how many. Cohesive
 # frames keep their directions of the start: in a piece that has turned, normal and tangential
 # opening of the bonds still standing are exchanged by degrees. theta > 1/2 damps the vibration of
-# pieces that have struck; the ledger says by how much. Contacts act on velocities (Moreau), with a
-# penetration of about a step's approach at most.
+# pieces that have struck; the ledger says by how much. Contacts act on velocities (Moreau): what
+# has come in stays in, mostly a step's approach, more where lips that have turned go over from
+# their bond to the search; each run prints the deepest.
 
 import argparse
 import json
