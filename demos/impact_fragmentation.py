@@ -17,12 +17,12 @@
 #
 # A slab lies on two rigid supports; a rigid disc falls on its middle. The slab breaks, and its
 # pieces fall between the supports, strike each other, the supports and the floor, and pile up.
-# Impact (waves cross a facet in 0.3 ms) and heap (0.4 s) fit into one run of some thousand steps
+# Impact (waves cross a facet in 0.6 ms) and heap (0.4 s) fit into one run of some thousand steps
 # because the slab is soft and weak: 20 MPa, 1000 kg/m^3 and 60 kPa, as of dense snow or a dry foam.
 #
 # **Choices**: pieces tumble, so the bulk is neo-Hookean: small strain would take a rotation for a
-# strain. The cohesive length E' w / Rmax^2 is 0.12 m, 1.6 facets of the mesh taken by itself and 3.6
-# of `--cells 24`, which resolves it: where the coarse slab cracks depends on its mesh. Cohesive
+# strain. The cohesive length E' w / Rmax^2 is 0.12 m, 1.6 facets of the default mesh and
+# 3.6 of `--cells 24`, which resolves it: where the coarse slab cracks depends on its mesh. Cohesive
 # frames keep their directions of the start: in a piece that has turned, normal and tangential
 # opening of the bonds still standing are exchanged by degrees. theta > 1/2 damps the vibration of
 # pieces that have struck; the ledger says by how much. Contacts act on velocities (Moreau): what
