@@ -20,6 +20,8 @@
 # pores, so that the packing fraction goes beyond what rigid grains could reach, at a pressure that
 # rises towards Young's modulus (Cantor et al. 2020).
 #
+# The packing fraction is the area of the grains at the start over that of the box now.
+#
 # **Choices**: no gravity; neo-Hookean soft grains, as they turn and strain by tens of percent;
 # theta > 1/2 damps their vibration. The number of rigid grains should stay so small that they do
 # not bridge the box: a lid of given velocity would then ask for the impossible.

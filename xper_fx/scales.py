@@ -83,7 +83,7 @@ def cohesive_scales(simulation: Simulation) -> list[dict[str, Any]]:
 def cohesive_table(simulation: Simulation) -> str:
     """The scales as text, a line for each cohesive law."""
     return "\n".join(
-        f"bond of {scale['strength'] / 1e6:.0f} MPa, {scale['fracture_energy']:g} J/m^2: "
+        f"bond of {scale['strength'] / 1e6:.3g} MPa, {scale['fracture_energy']:g} J/m^2: "
         f"cohesive length {1e9 * scale['cohesive_length']:.3g} nm = "
         f"{scale['facets_in_cohesive_length']:.2g} facets, softening number "
         f"{scale['softening_number']:.2g}"
