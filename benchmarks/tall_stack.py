@@ -1,6 +1,10 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """A tower of a hundred blocks that should stand: how far it drifts, leans and sinks in ten seconds.
 
+With contact at the position level and theta = 1 it does. At the velocity level nothing takes back
+what tolerance lets the blocks sink at one edge more than at the other, and the tower leans more and
+more (`--contact velocity`).
+
 ./fenicsx python3 benchmarks/tall_stack.py --dim 2
 """
 
@@ -22,18 +26,19 @@ from xper_fx.scene import Scene
 from xper_fx.simulation import Simulation
 
 
-def tower(dim: int, count: int, step: float, tolerance: float) -> Simulation:
+def tower(dim: int, count: int, step: float, tolerance: float, contact: str) -> Simulation:
     """Blocks with sides of 1 m on the ground, 1000 kg/m^3, friction 0.5."""
     shape = Polygon.box((1.0,) * 2) if dim == 2 else Polyhedron.box((1.0,) * 3)
     flat = (0.0,) * (dim - 1)
     bodies = [RigidBody(shape, (*flat, 0.5 + i), "blocks", density=1000.0) for i in range(count)]
-    law = SignoriniCoulomb(friction=0.5)
+    law = SignoriniCoulomb(friction=0.5, contact=contact)
     scene = Scene(
         rigid=[*bodies, wall((*flat, 0.0), (*flat, 1.0), "ground")],
         contacts=[Contact(("blocks", "blocks"), law), Contact(("blocks", "ground"), law)],
         loads=[Gravity((*flat, -9.81))],
     )
-    return Simulation(scene, step, tolerance=tolerance, num_threads=1)
+    theta = 1.0 if contact == "position" else 0.5
+    return Simulation(scene, step, theta=theta, tolerance=tolerance, num_threads=1)
 
 
 def main(options: list[str] | None = None) -> None:
@@ -43,11 +48,12 @@ def main(options: list[str] | None = None) -> None:
     add("--dim", type=int, choices=(2, 3), default=2)
     add("--blocks", type=int, default=100)
     add("--step", type=float, default=5e-3, help="s")
-    add("--tolerance", type=float, default=1e-8, help="relative error of the impulses")
+    add("--tolerance", type=float, default=1e-4, help="relative violation of the laws")
+    add("--contact", choices=("position", "velocity"), default="position")
     add("--end", type=float, default=10.0, help="s")
     add("--quiet", action="store_true", help="no progress bar")
     args = parser.parse_args(options)
-    simulation = tower(args.dim, args.blocks, args.step, args.tolerance)
+    simulation = tower(args.dim, args.blocks, args.step, args.tolerance, args.contact)
     start, last, sweeps = simulation.rigid.state.position.copy(), time.process_time(), 0
     count = round(args.end / args.step)
     look = max(1, count // 10)

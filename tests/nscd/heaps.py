@@ -46,9 +46,8 @@ class Heap:
             SimpleNamespace(law=law, between=("grains", group), reach=reach)
             for group in self.bodies.groups
         ]
-        self.detection = Detection(
-            SimpleNamespace(contacts=contacts, rigid_bodies=self.bodies), laws
-        )
+        scene = SimpleNamespace(contacts=contacts, rigid_bodies=self.bodies, surfaces={})
+        self.detection = Detection(scene, laws, None)
         nothing = InteractionPoints(
             np.zeros((0, 2, 1), np.int32), np.zeros((0, 2, 1)), np.zeros((0, dim, dim)),
             np.zeros(0), np.zeros(0),
@@ -63,8 +62,9 @@ class Heap:
         """Predict and find the contacts of a step."""
         prediction = self.motion.predict(self.step, 0.5, self.time)
         self.layer.take_rigid(prediction.start, prediction.free)
-        bulk = SimpleNamespace(dim=self.bodies.dim)
-        self.detection.renew(self.layer, bulk, None, prediction, self.step, 0.5)
+        bulk = SimpleNamespace(dim=self.bodies.dim, num_dofs=0)
+        rest, nodes = SimpleNamespace(velocity=np.zeros(0)), np.zeros(0, int)
+        self.detection.renew(self.layer, nodes, bulk, rest, prediction, self.step, 0.5)
         self.layer.begin_step(self.step, 0.5)
 
     def free_velocity(self):
