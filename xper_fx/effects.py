@@ -179,7 +179,6 @@ EFFECTS = (
         "Scene(rigid=...)",
         (
             "xper_fx.nscd.rigid.motion",
-            "xper_fx.nscd.rigid.turning",
             "xper_fx.nscd.inverse:BodyInverse.joined",
             "xper_fx.nscd.exchange:arm_kernels",
         ),
@@ -198,7 +197,6 @@ EFFECTS = (
             "xper_fx.nscd.search.grid",
             "xper_fx.nscd.search.rigid_search",
             "xper_fx.nscd.search.surface_search",
-            "xper_fx.nscd.interactions:Interactions.find_contacts",
             "xper_fx.nscd.history:ContactHistory",
         ),
         lambda s: s.detection is not None,
@@ -288,6 +286,7 @@ EFFECTS = (
         "a mesh of tetrahedra or hexahedra",
         (
             "xper_fx.nscd.space",
+            "xper_fx.nscd.rigid.space_turning",
             "xper_fx.nscd.coulomb_space",
             "xper_fx.nscd.signorini:_frictionless_space",
             "xper_fx.nscd.laws.perfect_bond:_pseudo_inverse_space",

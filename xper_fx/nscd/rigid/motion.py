@@ -12,7 +12,7 @@ the contacts. g is the impulse of what prescribes velocities, v1_c = given(t1). 
 are opposite at one point of space then change neither the sum of m v nor that of x x m v + L, for
 any theta, since x1 x m v1 - x0 x m v0 = x_m x m (v1 - v0), x between vectors the cross product.
 
-The kinetic energy changes in the kick only (see `turning` for the drift), by
+The kinetic energy changes in the kick only (see `space_turning.py` for the drift), by
 
     d(kinetic) = v_theta . (h f + p + g) - (theta - 1/2) (v1 - v0) . M (v1 - v0),
     v_theta = theta v1 + (1 - theta) v0,
@@ -36,7 +36,7 @@ from numba import njit
 
 from xper_fx.nscd.rigid.bodies import RigidBodies
 from xper_fx.nscd.rigid.body import load_at, value_at, vector
-from xper_fx.nscd.rigid.turning import PlaneTurning, SpaceTurning, Turn
+from xper_fx.nscd.rigid.plane_turning import PlaneTurning, Turn
 
 
 class RigidState(NamedTuple):
@@ -112,7 +112,12 @@ class RigidMotion:
         self.bodies = bodies
         self._gravity = vector("The gravity (m/s^2)", gravity, (dim,))
         self._dofs = 3 * (dim - 1)
-        self._turning = PlaneTurning(bodies) if dim == 2 else SpaceTurning(bodies)
+        if dim == 2:
+            self._turning = PlaneTurning(bodies)
+        else:
+            from xper_fx.nscd.rigid.space_turning import SpaceTurning
+
+            self._turning = SpaceTurning(bodies)
         self.state = RigidState(
             bodies.position.copy(), bodies.velocity.copy(), self._turning.initial
         )

@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Rotation of rigid bodies between kicks: the drift, in 2D and 3D.
+"""Rotation of rigid bodies between kicks in 3D: the drift.
 
-In 2D the angle grows by tau omega. In 3D, with R from the body's axes to those of space, J the
-inertia in the body's axes, L the angular momentum about the centre of mass in space and
+With R from the body's axes to those of space, J the inertia in the body's axes, L the angular momentum about the centre of mass in space and
 Pi = R^T L that in the body, a free body obeys Euler's equations dPi/dt = Pi x J^-1 Pi and
 dR/dt = R [omega]_x with omega = J^-1 Pi. The implicit midpoint rule over tau,
 
@@ -28,12 +27,11 @@ order. Guides work in a drift: the energy of a guided body may change there.
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from numba import njit
 
 from xper_fx.nscd.rigid.bodies import RigidBodies
+from xper_fx.nscd.rigid.plane_turning import Turn
 from xper_fx.nscd.space import add, dot, matrix_vector, row, scale, set_row, subtract
 
 # How a body turns in 3D.
@@ -43,47 +41,6 @@ _EQUAL_MOMENTS = 1e-12
 # Newton stops at a correction below this, relative to the momentum: the next would be its square.
 _NEWTON_STOP, _NEWTON_STEPS, _MOST_PIECES = 1e-10, 12, 4096
 _GUIDED_STOP, _GUIDED_STEPS = 1e-15, 100
-
-
-class Turn(NamedTuple):
-    """Where bodies have turned to, and how they spin; s = 1 in 2D, 3 in 3D.
-
-    Attributes:
-        rotation: angles, shape (n,), rad (2D); matrices from body to space, (n, 3, 3) (3D).
-        momentum: angular momentum about the centre of mass, in space, shape (n, s), N m s.
-        spin: in space, shape (n, s), rad/s.
-        inertia: in space, shape (n, s, s), kg m^2.
-    """
-
-    rotation: np.ndarray
-    momentum: np.ndarray
-    spin: np.ndarray
-    inertia: np.ndarray
-
-
-class PlaneTurning:
-    """Rotation of bodies in 2D."""
-
-    def __init__(self, bodies: RigidBodies):
-        self.inertia = bodies.inertia[:, None, None]
-        free = ~bodies.is_prescribed[:, 2]
-        self.inverse = np.zeros_like(self.inertia)
-        self.inverse[free, 0, 0] = 1.0 / bodies.inertia[free]
-        self.guided = np.nonzero(~free)[0]
-        spin = bodies.spin[:, None].copy()
-        self.initial = Turn(
-            bodies.rotation.copy(), bodies.inertia[:, None] * spin, spin, self.inertia
-        )
-
-    def drift(self, size: float, turn: Turn) -> Turn:
-        """Bodies after a time `size` (s) without torques."""
-        return turn._replace(
-            rotation=turn.rotation + size * turn.spin[:, 0],
-            momentum=self.inertia[:, 0] * turn.spin,
-        )
-
-    def update_inverse(self, turn: Turn, inverse: np.ndarray) -> None:
-        """Write w of the spins into `inverse`, shape (n, 1, 1); it never changes in 2D."""
 
 
 class SpaceTurning:
