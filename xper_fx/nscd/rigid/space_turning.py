@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Rotation of rigid bodies between kicks in 3D: the drift.
 
-With R from the body's axes to those of space, J the inertia in the body's axes, L the angular momentum about the centre of mass in space and
-Pi = R^T L that in the body, a free body obeys Euler's equations dPi/dt = Pi x J^-1 Pi and
-dR/dt = R [omega]_x with omega = J^-1 Pi. The implicit midpoint rule over tau,
+With R from the body's axes to those of space, J the inertia in the body's axes, L the angular
+momentum about the centre of mass in space and Pi = R^T L that in the body, a free body obeys
+Euler's equations dPi/dt = Pi x J^-1 Pi and dR/dt = R [omega]_x with omega = J^-1 Pi. The implicit
+midpoint rule over tau,
 
     Pi1 - Pi0 = tau Pi_m x omega_m,   omega_m = J^-1 Pi_m,   Pi_m = (Pi0 + Pi1) / 2,
     R1 = R0 cay(tau omega_m),         cay(2 a) y = y + 2 / (1 + |a|^2) (a x y + a x (a x y)),
