@@ -40,7 +40,7 @@ def space(bodies, degree):
 def facing(bodies, degree=1, facets="facing"):
     """Coordinates of matched nodes, shape (n, 2, k, dim)."""
     V = space(bodies, degree)
-    nodes = bodies._matched_nodes(V, bodies.facets if facets == "facing" else bodies.ties)
+    nodes = bodies.nodes_on_facets(V, bodies.facets if facets == "facing" else bodies.ties)
     return V.tabulate_dof_coordinates()[nodes][..., : bodies.mesh.geometry.dim]
 
 

@@ -24,7 +24,6 @@ from xper_fx.compat import geometry_dofmap
 from xper_fx.effects import effects_of
 from xper_fx.nscd.facets import facet_shapes
 from xper_fx.output import HISTORY_COLUMNS, History, TimeSeries, prepare_folder, write_summary
-from xper_fx.rigid_series import RigidSeries
 from xper_fx.scales import cohesive_scales
 from xper_fx.simulation import Simulation, StepRecord
 
@@ -147,6 +146,8 @@ class Recorder:
             if simulation.scene.bodies is not None:
                 self._open_fields()
             if simulation.rigid is not None:
+                from xper_fx.rigid_series import RigidSeries
+
                 self._rigid = RigidSeries(self.folder / "rigid.xdmf", simulation.rigid)
             self._write_fields()
 

@@ -51,7 +51,7 @@ class EmptyBulk:
         dim: dimension of space.
     """
 
-    linear = True
+    linear, floating = True, False
     inertia = damping = mass = stiffness = None
     num_dofs = nbytes = 0
 
