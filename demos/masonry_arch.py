@@ -255,7 +255,8 @@ def draw_arch(axes, outcome: Outcome, title: str) -> None:
         )
     )  # fmt: skip
     if outcome.verdict == "stands":
-        order = np.argsort(np.arctan2(*outcome.thrust.T[::-1]))
+        x, y = outcome.thrust.T
+        order = np.argsort(np.arctan2(np.abs(y), x))  # at a springing y is rounding of any sign
         axes.plot(*outcome.thrust[order].T, color=COLOURS[1], lw=1.2, label="line of thrust")
     for number, (joint, end) in enumerate(outcome.hinges):
         block = outcome.positions[joint if joint < n else n - 1]
