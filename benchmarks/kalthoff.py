@@ -20,8 +20,8 @@ plate too if the strength is low.
 
 Found (strength 844 MPa), over the first 60 mm: 63.5, 61.7, 61.8 degrees at facets of 1.5 mm, 4.5 of
 them in the cohesive length, with the seeds 1, 2, 3 (over 20 mm 69.6, 59.7, 55.5), and 64.3 at 1 mm
-with the first. Damage starts at the tip at 10 us; a second crack, which seems to be of the reflected
-wave, runs below the notch.
+with the first. Damage starts at the tip at 10 us; a second crack, which seems to be of the
+reflected wave, runs below the notch.
 """
 
 from __future__ import annotations
