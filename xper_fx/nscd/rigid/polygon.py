@@ -19,6 +19,7 @@ from typing import ClassVar
 import numpy as np
 import numpy.typing as npt
 
+from xper_fx.nscd.rigid.cornered import Cornered
 from xper_fx.nscd.rigid.shapes import POLYGON, MassProperties, check_positive
 
 # Sine of a turn to the wrong side that still counts as straight.
@@ -31,7 +32,7 @@ def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True, eq=False)
-class Polygon:
+class Polygon(Cornered):
     """A convex polygon (2D).
 
     Args:
@@ -116,22 +117,6 @@ class Polygon:
         a, b = a - centre, b - centre
         polar = cross(a, b) @ (np.sum(a * a + a * b + b * b, axis=1)) / 12.0
         return MassProperties(float(area), self.vertices[0] + centre, float(polar))
-
-    def mass_properties(self, density: float) -> MassProperties:
-        """Mass properties for a density (kg/m^3), per metre of depth."""
-        density = check_positive("A density (kg/m^3)", density)
-        unit = self.unit_properties
-        return MassProperties(density * unit.mass, unit.centre, density * unit.inertia)
-
-    @cached_property
-    def centred_vertices(self) -> np.ndarray:
-        """Vertices about the centroid, shape (n, 2), m."""
-        return self.vertices - self.unit_properties.centre
-
-    @property
-    def bounding_radius(self) -> float:
-        """Largest distance of a vertex from the centroid (m)."""
-        return float(np.linalg.norm(self.centred_vertices, axis=1).max())
 
     @cached_property
     def edge_normals(self) -> np.ndarray:

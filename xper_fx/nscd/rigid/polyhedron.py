@@ -23,6 +23,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import ConvexHull
 
+from xper_fx.nscd.rigid.cornered import Cornered
 from xper_fx.nscd.rigid.shapes import POLYHEDRON, MassProperties, check_positive
 
 # Height above a face, relative to the size of the polyhedron, that still counts as in its plane.
@@ -36,7 +37,7 @@ def _vector_area(loop: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True, eq=False)
-class Polyhedron:
+class Polyhedron(Cornered):
     """A convex polyhedron (3D); `hull` and `box` make one without listing faces.
 
     Args:
@@ -227,22 +228,6 @@ class Polyhedron:
         _, _, second = moments(self.vertices - centre)
         second = 0.5 * (second + second.T)
         return MassProperties(float(volume), centre, np.trace(second) * np.eye(3) - second)
-
-    def mass_properties(self, density: float) -> MassProperties:
-        """Mass properties for a density (kg/m^3)."""
-        density = check_positive("A density (kg/m^3)", density)
-        unit = self.unit_properties
-        return MassProperties(density * unit.mass, unit.centre, density * unit.inertia)
-
-    @cached_property
-    def centred_vertices(self) -> np.ndarray:
-        """Vertices about the centroid, shape (n, 3), m."""
-        return self.vertices - self.unit_properties.centre
-
-    @property
-    def bounding_radius(self) -> float:
-        """Largest distance of a vertex from the centroid (m)."""
-        return float(np.linalg.norm(self.centred_vertices, axis=1).max())
 
     @cached_property
     def face_normals(self) -> np.ndarray:
