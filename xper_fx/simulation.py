@@ -535,9 +535,14 @@ class Simulation:
         while pieces:
             size, halvings = pieces.pop()
             with self.stopwatch.phase("step"):
-                outcome = None
-                if halvings >= self.max_halvings or not self._outruns_contacts(size):
+                outcome, outrun = None, self._outruns_contacts(size)
+                if halvings >= self.max_halvings or not outrun:
                     outcome = self._attempt(size)
+                if outrun and outcome is not None:
+                    logger.warning(
+                        "step %d at h = %.3g s: bodies move so far that they may pass through each "
+                        "other unseen; take a smaller step", self.step_number + 1, size,
+                    )  # fmt: skip
                 good = (
                     outcome is not None
                     and outcome.converged
