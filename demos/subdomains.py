@@ -68,7 +68,7 @@ def cut(dim: int, cells: int, count: int) -> Bodies:
     create, kind = (
         (create_rectangle, CellType.triangle) if dim == 2 else (create_box, CellType.tetrahedron)
     )
-    mesh = create(MPI.COMM_WORLD, [lower, upper], [cells] * dim, kind)
+    mesh = create(MPI.COMM_SELF, [lower, upper], [cells] * dim, kind)
     sides = {CLAMPED: lambda x: x[0] < 1e-9, PULLED: lambda x: x[0] > 1.0 - 1e-9}
     return explode(mesh, partition(mesh, count), facet_tags=tag_facets(mesh, sides))
 

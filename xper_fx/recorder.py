@@ -91,9 +91,9 @@ def point_coordinates(simulation: Simulation) -> np.ndarray:
         Shape (num_points, dim), m; points of walls, which come last in the scene, are left out.
     """
     dim = simulation.bulk.dim
-    facing = simulation.scene.bodies.facing_nodes(simulation.forms.V)[simulation.facets_with_law]
-    x = simulation.forms.V.tabulate_dof_coordinates()[facing[:, 0], :dim]
-    shapes = facet_shapes(dim, facing.shape[2], simulation.scene.points)
+    scene = simulation.scene
+    x = scene.bodies.facet_nodes(scene.order)[simulation.facets_with_law]
+    shapes = facet_shapes(dim, x.shape[1], scene.points)
     return np.einsum("pk,fkd->fpd", shapes, x).reshape(-1, dim)
 
 
