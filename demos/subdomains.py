@@ -43,6 +43,7 @@ from xper_fx.meshes import tag_facets
 from xper_fx.nscd import subdomains
 from xper_fx.nscd.laws import PerfectBond
 from xper_fx.output import prepare_folder
+from xper_fx.parallel.launch import run_together
 from xper_fx.plots import COLOURS, new_figure
 from xper_fx.scene import Scene
 from xper_fx.simulation import Simulation
@@ -224,4 +225,4 @@ def main(arguments: list[str] | None = None) -> list[dict]:
 
 
 if __name__ == "__main__":
-    main()
+    run_together(main)

@@ -128,6 +128,7 @@ class Simulation:
     Attributes:
         team: the ranks of `comm`.
         ranks: those that divide the bodies: `team`, or this one alone.
+        part: what this rank has of the bodies, None if one rank has all.
         bodies: this rank's meshed bodies; those of the scene if one rank has all.
         state: displacement, velocity, time.
         rigid: motion of the rigid bodies, None without any.
@@ -215,7 +216,7 @@ class Simulation:
             self.ledger = EnergyLedger(self.bulk, self.state, self.theta, self.rigid)
             self._control = None if knobs.accuracy is None else self._accuracy_control(knobs)
         self.solver = "vertex_blocks" if self._by_vertex else solver
-        if self._part is not None:
+        if self.part is not None:
             self.solver = solver = "distributed"
         if not callable(solver):
             solver = import_module(f"xper_fx.nscd.{self.solver}").solve
@@ -282,7 +283,7 @@ class Simulation:
     def _divide_bodies(self, solver, inertia: bool) -> None:
         """Take this rank's part of the bodies where the scene can be divided."""
         scene = self.scene
-        self.ranks, self.bodies, self._part, self._shared = ALONE, scene.bodies, None, None
+        self.ranks, self.bodies, self.part, self._shared = ALONE, scene.bodies, None, None
         if self.team.alone:
             return
         whole = [
@@ -313,8 +314,8 @@ class Simulation:
 
         self.ranks = self.team
         with self.stopwatch.phase("partition"):
-            self._part = divide(scene.bodies, self.ranks)
-        self.bodies = self._part.bodies
+            self.part = divide(scene.bodies, self.ranks)
+        self.bodies = self.part.bodies
 
     def _step_size(self, knobs: Knobs, scheme: str) -> float:
         """The step asked for, or a share of the critical one.
@@ -439,8 +440,9 @@ class Simulation:
         ground = self.bulk.num_dofs // self.bulk.dim
         parts, law_of_point = [], []
         self.facets_with_law = np.flatnonzero(has_law)
-        if self._part is not None:
+        if self.part is not None:
             self._shared = self._share_points(law_of_facet)
+            self._points_a_facet = self._shared.points_a_facet
             ground += sum(self._shared.num_ghosts.values())
             parts.append(self._shared.points)
             law_of_point.append(self._shared.law_of_point)
@@ -504,7 +506,7 @@ class Simulation:
         from xper_fx.parallel.points import shared_points
 
         return shared_points(
-            self.scene.bodies, self._part, self.ranks, self.forms.V, self.bulk.unknowns.node_of,
+            self.scene.bodies, self.part, self.ranks, self.forms.V, self.bulk.unknowns.node_of,
             law_of_facet, self.scene.points, self._by_vertex,
         )  # fmt: skip
 
@@ -603,7 +605,7 @@ class Simulation:
         """Whether W couples only what meets at a vertex, each of which is then solved alone."""
         alone = self.detection is None and self.rigid is None
         # a wall's points are on the rank of their body, a vertex's on that of the first body there
-        alone = alone and not (self._part is not None and self.scene.walls)
+        alone = alone and not (self.part is not None and self.scene.walls)
         return self.scheme_name == "explicit" and self.scene.points == "nodal" and alone
 
     # Running

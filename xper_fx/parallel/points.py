@@ -33,6 +33,7 @@ class SharedPoints(NamedTuple):
         num_phases: how many phases there are.
         asked: by rank, nodes of this rank that are ghosts there.
         num_ghosts: by rank, how many of its nodes are ghosts here.
+        points_a_facet: points on each facet.
     """
 
     points: InteractionPoints
@@ -43,6 +44,7 @@ class SharedPoints(NamedTuple):
     num_phases: int
     asked: dict[int, np.ndarray]
     num_ghosts: dict[int, int]
+    points_a_facet: int
 
 
 def shared_points(
@@ -141,4 +143,5 @@ def shared_points(
         int(table.max(initial=0)),
         {rank: nodes for rank, nodes in enumerate(asked) if nodes is not None},
         {rank: len(w) for rank, w in enumerate(wanted) if len(w)},
+        a_facet,
     )
