@@ -9,9 +9,11 @@ the series those that the scene has something for.
 
 from __future__ import annotations
 
+import logging
 import os
 import platform
 from collections.abc import Mapping
+from contextlib import ExitStack
 from dataclasses import dataclass
 from typing import Any
 
@@ -22,10 +24,13 @@ import numpy as np
 import xper_fx
 from xper_fx.compat import geometry_dofmap
 from xper_fx.effects import effects_of
+from xper_fx.folder_lock import FolderLock
 from xper_fx.nscd.facets import facet_shapes
 from xper_fx.output import HISTORY_COLUMNS, History, TimeSeries, prepare_folder, write_summary
 from xper_fx.scales import cohesive_scales
 from xper_fx.simulation import Simulation, StepRecord
+
+logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -109,8 +114,11 @@ class Recorder:
         end_time: time of the end of the run (s).
         parameters: what to keep in the summary of how the run was set up.
 
+    A write that fails raises an OSError that names the file. What was written before stays
+    readable, the simulation keeps its state, and a later `record` writes again where it can.
+
     Raises:
-        OSError: the folder cannot be written.
+        OSError: the folder cannot be written; BlockingIOError: another run writes there.
     """
 
     def __init__(
@@ -124,12 +132,13 @@ class Recorder:
         parameters: Mapping[str, Any] | None = None,
     ):
         self.folder = prepare_folder(folder)
+        self._lock = FolderLock(self.folder)
         self.simulation, self._gauge = simulation, gauge
         simulation.folder = self.folder
         self._parameters = dict(parameters or {})
         columns = dict.fromkeys(HISTORY_COLUMNS)
         columns |= simulation.ledger.as_columns() | macroscopic_columns(simulation)
-        self._history = History(self.folder / "history.csv", tuple(columns))
+        self._columns = tuple(columns)
         self._every = end_time / fields if fields > 0 else np.inf
         self._next = 0.0
         if simulation.scene.bodies is not None:
@@ -138,10 +147,19 @@ class Recorder:
             # a cell's first dofs are its vertices'
             self._node = np.empty(len(mesh.geometry.x), np.int64)
             self._node[self.cells] = simulation.forms.V.dofmap.list[:, : self.cells.shape[1]]
-        simulation.stopwatch.owns("output", lambda: self.written)
         self._totals = {"steps": 0, "sweeps": 0, "largest_residual": 0.0}
         self._bulk = self._interfaces = self._rigid = self._stress = None
         self._writes_fields = fields > 0
+        try:
+            self._open()
+        except BaseException:
+            self._lock.release()
+            raise
+        simulation.stopwatch.owns("output", lambda: self.written)
+
+    def _open(self) -> None:
+        simulation = self.simulation
+        self._history = History(self.folder / "history.csv", self._columns)
         if self._writes_fields:
             if simulation.scene.bodies is not None:
                 self._open_fields()
@@ -228,11 +246,11 @@ class Recorder:
 
     @property
     def written(self) -> int:
-        """Bytes of the fields and of the history on disk."""
+        """Bytes of the fields and of the history on disk; a file that was removed has none."""
         paths = [self.folder / "history.csv"]
         for series in self._series:
             paths += [series.path, series.h5_path]
-        return sum(path.stat().st_size for path in paths)
+        return sum(path.stat().st_size for path in paths if path.exists())
 
     @property
     def _series(self) -> list[TimeSeries]:
@@ -284,13 +302,21 @@ class Recorder:
             "time": simulation.time,
         }
         summary["scales"] = cohesive_scales(simulation)
-        write_summary(self.folder / "summary.json", summary)
-        self._history.close()
-        for series in self._series:
-            series.close()
+        with ExitStack() as files:
+            files.callback(self._lock.release)
+            for file in (self._history, *self._series):
+                files.callback(file.close)
+            write_summary(self.folder / "summary.json", summary)
 
     def __enter__(self) -> Recorder:
         return self
 
-    def __exit__(self, *exception) -> None:
-        self.close()
+    def __exit__(self, kind, *exception) -> None:
+        if kind is None:
+            self.close()
+            return
+        try:
+            self.close()
+        except (OSError, ValueError) as error:
+            # What ended the run says more.
+            logger.error("the run's summary and files could not be completed: %s", error)

@@ -686,14 +686,18 @@ class Simulation:
         history = {}
         if self.interactions is not None:
             history = {n: self.interactions.gather(n) for n in ("jump", "impulse", "damage")}
-        np.savez(
-            path,
-            time=self.state.time,
-            displacement=self.state.displacement,
-            velocity=self.state.velocity,
-            **history,
-            **self.forms.history(),
-        )
+        try:
+            np.savez(
+                path,
+                time=self.state.time,
+                displacement=self.state.displacement,
+                velocity=self.state.velocity,
+                **history,
+                **self.forms.history(),
+            )
+        except OSError as error:
+            logger.error("the state could not be saved: %s", error)
+            return None
         return path
 
     # Reading
