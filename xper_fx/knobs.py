@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from xper_fx.nscd.checks import require_positive
+from xper_fx.nscd.checks import require_number, require_positive
 
 # Share of an accuracy that impulses may make of the error, as tolerance and as energy.
 IMPULSES = 0.1
@@ -50,10 +50,12 @@ class Knobs(NamedTuple):
         for name, value in (("step", step), ("tolerance", tolerance)):
             if isinstance(value, str) and value != "auto":
                 raise ValueError(f'{name} should be a number or "auto", got {value!r}.')
-            if value is not None and value != "auto":
+            if value is not None and not isinstance(value, str):
                 require_positive(name, value)
         if newton_tolerance is not None:
-            require_positive("newton_tolerance", newton_tolerance)
+            newton_tolerance = require_positive("newton_tolerance", newton_tolerance)
+        if accuracy is not None:
+            accuracy = require_number("accuracy", accuracy)
         if accuracy is not None and not 0.0 < accuracy < 1.0:
             raise ValueError(f"accuracy should lie in (0, 1), a relative error; got {accuracy}.")
         picked = ("auto",) if accuracy is None else ("auto", None)

@@ -22,6 +22,7 @@ from xper_fx.forms.dynamics import BulkForms
 from xper_fx.forms.loads import PrescribedDisplacement, PrescribedVelocity
 from xper_fx.knobs import Knobs
 from xper_fx.meshes import cell_measure, local_facet_vertices
+from xper_fx.nscd.checks import require_count, require_number
 from xper_fx.nscd.facets import (
     facet_points,
     join_points,
@@ -170,8 +171,9 @@ class Simulation:
             ("max_sweeps", max_sweeps, 1), ("max_newton", max_newton, 1),
             ("max_halvings", max_halvings, 0),
         ):  # fmt: skip
-            if not count >= least:
-                raise ValueError(f"{name} should be at least {least}, got {count}.")
+            require_count(name, count, least)
+        if num_threads is not None:
+            require_count("num_threads", num_threads, 1)
         self.scene, self.scheme_name = scene, scheme
         self.tolerance, self.relaxation, self.max_sweeps = tolerance, relaxation, max_sweeps
         self.stopwatch = Stopwatch()
@@ -230,6 +232,8 @@ class Simulation:
 
     @staticmethod
     def _check(scheme, theta, relaxation) -> None:
+        for name, value in (("theta", theta), ("relaxation", relaxation)):
+            require_number(name, value)
         if scheme not in ("implicit", "explicit"):
             raise ValueError(f'scheme should be "implicit" or "explicit", got {scheme!r}.')
         if not 0.5 <= theta <= 1.0:
@@ -337,9 +341,11 @@ class Simulation:
         given = self.scene.initial_velocity
         if isinstance(given, Mapping):
             for tag, field in given.items():
-                function.interpolate(field, self.scene.bodies.cell_tags.find(tag))
+                function.interpolate(
+                    _checked(field, self.scene.dim), self.scene.bodies.cell_tags.find(tag)
+                )
         elif given is not None:
-            function.interpolate(given)
+            function.interpolate(_checked(given, self.scene.dim))
         unknowns, rest = self.bulk.unknowns, np.zeros(self.bulk.num_dofs)
         velocity = rest.copy()
         velocity.reshape(-1, unknowns.dim)[unknowns.node_of] = function.x.array.reshape(
@@ -511,7 +517,7 @@ class Simulation:
             ValueError: an end that is not finite.
             ConvergenceError: a step did not converge however often it was cut.
         """
-        if not math.isfinite(end_time):
+        if not math.isfinite(require_number("end_time", end_time)):
             raise ValueError(f"end_time should be a finite number, got {end_time}.")
         control = self._control
         if control is None or not control.adapts_step:
@@ -786,3 +792,21 @@ class Simulation:
             return np.zeros(self.bulk.dim)
         forces = self._rigid_reactions.reshape(-1, 2, self.bulk.dim)[:, 0]
         return forces[bodies.group_of == bodies.groups.index(group)].sum(axis=0)
+
+
+def _checked(field: Callable[[np.ndarray], np.ndarray], dim: int) -> Callable:
+    """An initial velocity that is refused unless it gives finite numbers of the right shape."""
+
+    def values(x: np.ndarray) -> np.ndarray:
+        given = np.asarray(field(x))
+        if given.shape != (dim, x.shape[1]) or given.dtype.kind not in "biuf":
+            raise ValueError(
+                f"initial_velocity should give numbers of shape ({dim}, {x.shape[1]}) for as many "
+                f"points, got {given.dtype} of shape {given.shape}."
+            )
+        if not np.all(np.isfinite(given)):
+            where = x[:dim, ~np.isfinite(given).all(axis=0)][:, 0]
+            raise ValueError(f"initial_velocity is not finite at {where.tolist()}.")
+        return given.astype(float)
+
+    return values

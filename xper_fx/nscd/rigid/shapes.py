@@ -17,6 +17,8 @@ from typing import ClassVar, NamedTuple, Protocol
 
 import numpy as np
 
+from xper_fx.nscd.checks import require_number
+
 # Kinds of shapes, as the tables for compiled kernels name them.
 DISC, POLYGON, HALF_PLANE, SPHERE, POLYHEDRON, HALF_SPACE = range(6)
 
@@ -53,9 +55,11 @@ class Shape(Protocol):
 
 def check_positive(what: str, value: float) -> float:
     """The value as a float; ValueError if it is not a finite positive number."""
-    if not (np.ndim(value) == 0 and math.isfinite(value) and value > 0.0):
-        raise ValueError(f"{what} must be a finite positive number, got {value!r}.")
-    return float(value)
+    if np.ndim(value) == 0:
+        number = require_number(what, value)
+        if math.isfinite(number) and number > 0.0:
+            return number
+    raise ValueError(f"{what} must be a finite positive number, got {value!r}.")
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +78,8 @@ class Disc:
     dim: ClassVar[int] = 2
 
     def __post_init__(self) -> None:
-        check_positive("The radius of a disc (m)", self.radius)
+        radius = check_positive("The radius of a disc (m)", self.radius)
+        object.__setattr__(self, "radius", radius)
 
     @property
     def bounding_radius(self) -> float:
@@ -103,7 +108,8 @@ class Sphere:
     dim: ClassVar[int] = 3
 
     def __post_init__(self) -> None:
-        check_positive("The radius of a sphere (m)", self.radius)
+        radius = check_positive("The radius of a sphere (m)", self.radius)
+        object.__setattr__(self, "radius", radius)
 
     @property
     def bounding_radius(self) -> float:
