@@ -12,6 +12,8 @@ IMPULSES = 0.1
 # Without an accuracy: the tolerance of the impulses and of Newton's corrections, and the accuracy
 # where only a knob is left to be picked.
 _TOLERANCE, _NEWTON_TOLERANCE, _ACCURACY = 1e-3, 1e-8, 1e-2
+# Shortest step (s), and one over the longest.
+_SHORTEST = 1e-150
 # Newton's tolerance, relative to the accuracy.
 _NEWTON = 1e-3
 
@@ -52,6 +54,11 @@ class Knobs(NamedTuple):
                 raise ValueError(f'{name} should be a number or "auto", got {value!r}.')
             if value is not None and not isinstance(value, str):
                 require_positive(name, value)
+        if step is not None and not isinstance(step, str) and not _SHORTEST < step < 1 / _SHORTEST:
+            raise ValueError(
+                f"step should lie between {_SHORTEST:g} and {1 / _SHORTEST:g} s, whose squares are "
+                f"within the range of floats, got {step}."
+            )
         if newton_tolerance is not None:
             newton_tolerance = require_positive("newton_tolerance", newton_tolerance)
         if accuracy is not None:

@@ -17,11 +17,12 @@ from dolfinx import fem
 from xper_fx.bulk.bulk import Bulk
 from xper_fx.bulk.scheme import State, StepOutcome
 from xper_fx.energy import BulkEnergies, EnergyLedger
-from xper_fx.errors import ConvergenceError
+from xper_fx.errors import ConvergenceError, NotFiniteError
 from xper_fx.forms.dynamics import BulkForms
 from xper_fx.forms.loads import PrescribedDisplacement, PrescribedVelocity
 from xper_fx.knobs import Knobs
 from xper_fx.meshes import cell_measure, local_facet_vertices
+from xper_fx.not_finite import not_finite_columns, source_of_not_finite
 from xper_fx.nscd.checks import require_count, require_number
 from xper_fx.nscd.facets import (
     facet_points,
@@ -200,6 +201,11 @@ class Simulation:
                 self.interactions = self._interactions(points, laws, law_of_point)
             self._account()
             self.ledger = EnergyLedger(self.bulk, self.state, self.theta, self.rigid)
+            if wrong := not_finite_columns(self.ledger.as_columns()):
+                raise ValueError(
+                    f"At the start {wrong} are not finite: initial velocities or masses are beyond "
+                    "the range of floats; take other units."
+                )
             self._control = None if knobs.accuracy is None else self._accuracy_control(knobs)
         self.solver = "vertex_blocks" if self._by_vertex else solver
         if not callable(solver):
@@ -515,7 +521,8 @@ class Simulation:
 
         Raises:
             ValueError: an end that is not finite.
-            ConvergenceError: a step did not converge however often it was cut.
+            ConvergenceError: a step did not converge however often it was cut; NotFiniteError:
+                it gave NaN or infinity. The state is that of the last step.
         """
         if not math.isfinite(require_number("end_time", end_time)):
             raise ValueError(f"end_time should be a finite number, got {end_time}.")
@@ -567,6 +574,7 @@ class Simulation:
                         energies = self.ledger.bulk_energies(
                             self.state, outcome, size, self._rigid_work
                         )
+                    self._require_finite(not_finite_columns(energies._asdict()), size)
                     if not self._accurate(size, energies, end_time) and not halvings:
                         return
                     record = self._commit(outcome, size, energies)
@@ -583,10 +591,18 @@ class Simulation:
                 residual, newton = np.nan, np.nan
                 if outcome is not None:
                     residual, newton = outcome.residual, outcome.newton_residual
+                    self._require_finite(source_of_not_finite(self, outcome, size), size)
                 raise ConvergenceError(
                     self.step_number + 1, self.state.time, size, residual, newton,
                     self._save_state(),
                 )  # fmt: skip
+
+    def _require_finite(self, source: str | None, size: float) -> None:
+        """Raise a NotFiniteError if something has given a number that is not finite."""
+        if source is not None:
+            raise NotFiniteError(
+                self.step_number + 1, self.state.time, size, source, self._save_state()
+            )
 
     def _attempt(self, size: float) -> StepOutcome | None:
         """One step from the present state, None if a rigid body spins too fast for it.
@@ -650,6 +666,7 @@ class Simulation:
         with self.stopwatch.phase("energy"):
             work = None if self.interactions is None else self.interactions.commit(outcome.slots)
             self.ledger.record(self.state, outcome, size, energies, work, self._rigid_work)
+        self._require_finite(not_finite_columns(self.ledger.as_columns()), size)
         if self.detection is not None:
             with self.stopwatch.phase("contact search"):
                 self.detection.release(

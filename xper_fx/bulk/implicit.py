@@ -252,7 +252,7 @@ class ImplicitScheme:
             converged
             and newton <= self._tolerance
             and balance.settled
-            and bool(np.all(np.isfinite(velocity)))
+            and bool(np.all(np.isfinite(velocity)) and np.all(np.isfinite(internal)))
         )
         if not converged:  # matrix and what was learnt may be those of a state gone astray
             bulk.forget()

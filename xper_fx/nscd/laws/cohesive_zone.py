@@ -103,7 +103,8 @@ class CohesiveZone:
         if self.fracture_energy <= least:
             raise ValueError(
                 f"fracture_energy {self.fracture_energy:g} J/m^2 should exceed Rmax d0 / 2 = "
-                f"{least:g} J/m^2, the energy at the peak; raise it or the stiffness."
+                f"{least:g} J/m^2, the energy at the peak; raise it or the stiffness, or lower the "
+                f"strength {self.strength:g} Pa."
             )
         if not (self.elastic_opening > 0.0 and np.isfinite(self.critical_opening)):
             raise ValueError(

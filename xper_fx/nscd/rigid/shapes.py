@@ -55,11 +55,13 @@ class Shape(Protocol):
 
 def check_positive(what: str, value: float) -> float:
     """The value as a float; ValueError if it is not a finite positive number."""
-    if np.ndim(value) == 0:
+    try:
         number = require_number(what, value)
-        if math.isfinite(number) and number > 0.0:
-            return number
-    raise ValueError(f"{what} must be a finite positive number, got {value!r}.")
+    except TypeError:
+        number = math.nan
+    if not (math.isfinite(number) and number > 0.0):
+        raise ValueError(f"{what} must be a finite positive number, got {value!r}.")
+    return number
 
 
 @dataclass(frozen=True, eq=False)
