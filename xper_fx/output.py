@@ -29,9 +29,11 @@ from xper_fx.output_errors import explained
 __all__ = [
     "HISTORY_COLUMNS",
     "History",
+    "TIMING_KEYS",
     "TimeSeries",
     "prepare_folder",
     "read_history",
+    "without_times",
     "write_file",
     "write_summary",
 ]
@@ -59,6 +61,9 @@ HISTORY_COLUMNS: tuple[str, ...] = (
 """Columns of ``history.csv``: time in s, strain dimensionless, stress in Pa, energies and their
 closure error in J (J/m in 2D); ``sweeps`` and ``residual`` are those of the interaction solver.
 Effects that a scene calls for add columns: dissipated_plastic; F11... and P11... of a cell."""
+
+TIMING_KEYS: tuple[str, ...] = ("seconds", "profile")
+"""Keys of ``summary.json``, at any depth, that hold times; a run made twice has all else alike."""
 
 # meshio's name (and DOLFINx's, where it differs) -> XDMF topology, nodes per cell.
 _TOPOLOGY = {
@@ -551,6 +556,15 @@ def write_summary(path: str | os.PathLike[str], mapping: Mapping[str, Any]) -> N
     plain = {str(key): _plain(value, str(key)) for key, value in mapping.items()}
     text = json.dumps(plain, indent=2, sort_keys=True, allow_nan=False, ensure_ascii=False)
     write_file(Path(path), (text + "\n").encode())
+
+
+def without_times(summary: Any) -> Any:
+    """A summary without what :data:`TIMING_KEYS` name: two runs of the same scene have it alike."""
+    if isinstance(summary, Mapping):
+        return {k: without_times(v) for k, v in summary.items() if k not in TIMING_KEYS}
+    if isinstance(summary, (list, tuple)):
+        return [without_times(item) for item in summary]
+    return summary
 
 
 def prepare_folder(path: str | os.PathLike[str]) -> Path:

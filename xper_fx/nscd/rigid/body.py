@@ -28,6 +28,9 @@ Motion = float | Callable[[float], float]
 Load = npt.ArrayLike | Callable[[float], npt.ArrayLike]
 """A force (N) or torque (N m), constant or as a function of time."""
 
+# Masses and inertias are kept as far from the limits of floats as their squares need.
+_SMALL = 1e-150
+
 
 @dataclass(frozen=True, eq=False)
 class RigidBody:
@@ -181,6 +184,13 @@ def resolve(body: RigidBody) -> ResolvedBody:
             raise ValueError("A half plane or half space has no mass: its motion is prescribed.")
         prescribed = dict.fromkeys(range(dofs), 0.0) | prescribed
     mass, inertia = _mass_properties(body, len(prescribed) == dofs)
+    if mass > 0.0 or len(prescribed) < dofs:
+        turning = [inertia] if dim == 2 else np.diagonal(inertia)
+        if not all(_SMALL < number < 1.0 / _SMALL for number in (mass, *turning)):
+            raise ValueError(
+                f"Its mass of {mass:g} kg or its inertia of {np.max(turning):g} is beyond the "
+                "range of floats: look at the density, at the size of the shape, and at the units."
+            )
 
     if dim == 2 and body.rotation is not None:
         raise ValueError("A body in 2D takes an angle, not a rotation.")

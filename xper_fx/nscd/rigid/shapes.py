@@ -90,8 +90,8 @@ class Disc:
 
     def mass_properties(self, density: float) -> MassProperties:
         """Mass properties for a density (kg/m^3): J = m r^2 / 2."""
-        mass = check_positive("A density (kg/m^3)", density) * np.pi * self.radius**2
-        return MassProperties(mass, np.zeros(2), 0.5 * mass * self.radius**2)
+        mass = check_positive("A density (kg/m^3)", density) * np.pi * self.radius * self.radius
+        return MassProperties(mass, np.zeros(2), 0.5 * mass * self.radius * self.radius)
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,8 +120,9 @@ class Sphere:
 
     def mass_properties(self, density: float) -> MassProperties:
         """Mass properties for a density (kg/m^3): J = 2/5 m r^2 I."""
-        mass = check_positive("A density (kg/m^3)", density) * 4.0 / 3.0 * np.pi * self.radius**3
-        return MassProperties(mass, np.zeros(3), 0.4 * mass * self.radius**2 * np.eye(3))
+        mass = check_positive("A density (kg/m^3)", density) * 4.0 / 3.0 * np.pi
+        mass *= self.radius * self.radius * self.radius
+        return MassProperties(mass, np.zeros(3), 0.4 * mass * self.radius * self.radius * np.eye(3))
 
 
 @dataclass(frozen=True, eq=False)
