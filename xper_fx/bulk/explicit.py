@@ -87,7 +87,7 @@ class ExplicitScheme:
         with watch.phase("energy"):
             internal = bulk.internal(displacement)
         finite = np.all(np.isfinite(velocity)) and np.all(np.isfinite(internal))
-        converged = converged and bool(finite)
+        converged = bulk.ranks.all(converged and finite)
         end = State(time, displacement, velocity, internal)
         return StepOutcome(
             end, slots, impulses, reactions, force_impulse, viscous, sweeps, error, traction, 1,
