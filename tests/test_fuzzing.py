@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import ufl
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 from scenes import BOTTOM, LEFT, RIGHT, TOP, box_bodies, mesh_of, side_tags
 
@@ -58,6 +58,7 @@ REPEATABLE = {
     "deadline": None,
     "database": None,
     "suppress_health_check": list(HealthCheck),
+    "phases": [Phase.generate],  # examples are short enough to be read unshrunk
 }
 
 
@@ -150,7 +151,7 @@ def numbers_in(thing) -> list[float]:
     return []
 
 
-@settings(max_examples=1500, **REPEATABLE)
+@settings(max_examples=400, **REPEATABLE)
 @given(st.data())
 def test_constructors(data):
     name = data.draw(st.sampled_from(sorted(CONSTRUCTORS)))
@@ -332,7 +333,7 @@ VELOCITIES = mostly(
 )
 
 
-@settings(max_examples=120, **REPEATABLE)
+@settings(max_examples=60, **REPEATABLE)
 @given(
     kind=st.sampled_from(["crossed", "quadrilateral"]),
     one=st.booleans(),
@@ -385,7 +386,7 @@ DISCS = st.fixed_dictionaries(
 )
 
 
-@settings(max_examples=80, **REPEATABLE)
+@settings(max_examples=40, **REPEATABLE)
 @given(
     discs=st.lists(DISCS, min_size=1, max_size=3),
     floor=PAIR,
