@@ -16,7 +16,7 @@ import json
 import logging
 import os
 import platform
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
@@ -119,6 +119,29 @@ def add_to_summary(simulation: Simulation, found: Mapping[str, Any]) -> None:
     simulation.team.at_root(lambda: write_summary(path, json.loads(path.read_text()) | found))
 
 
+class _WrittenAtRoot:
+    """A series of all ranks that the first of them has on disk.
+
+    Args:
+        at_root: as `Ranks.at_root`.
+        make: opens the series.
+
+    Attributes:
+        series: the series; only the first rank has it.
+    """
+
+    def __init__(self, at_root: Callable, make: Callable[[], TimeSeries]):
+        self._at_root, self._make = at_root, make
+        at_root(self._open)
+
+    def _open(self) -> None:
+        self.series = self._make()
+
+    def write(self, *fields) -> None:
+        """As the series does, by the first rank."""
+        self._at_root(lambda: self.series.write(*fields))
+
+
 class Recorder:
     """Records a simulation; a context manager.
 
@@ -170,6 +193,7 @@ class Recorder:
             self._node[cells] = simulation.forms.V.dofmap.list[:, : cells.shape[1]]
         self._totals = {"steps": 0, "sweeps": 0, "largest_residual": 0.0}
         self._bulk = self._interfaces = self._rigid = self._stress = None
+        self._series: list[_WrittenAtRoot] = []
         self._writes_fields = fields > 0
         try:
             self._open()
@@ -187,8 +211,15 @@ class Recorder:
             if simulation.rigid is not None:
                 from xper_fx.rigid_series import RigidSeries
 
-                self._rigid = RigidSeries(self.folder / "rigid.xdmf", simulation.rigid)
+                self._rigid = self._opened(
+                    partial(RigidSeries, self.folder / "rigid.xdmf", simulation.rigid)
+                )
             self._write_fields()
+
+    def _opened(self, make: Callable[[], TimeSeries]) -> _WrittenAtRoot:
+        series = _WrittenAtRoot(self._at_root, make)
+        self._series.append(series)
+        return series
 
     def _open_history(self) -> None:
         self._history = History(self.folder / "history.csv", self._columns)
@@ -215,17 +246,17 @@ class Recorder:
     def _open_fields(self) -> None:
         simulation = self.simulation
         mesh = simulation.scene.bodies.mesh
-        self._bulk = TimeSeries(
-            self.folder / "bulk.xdmf",
-            mesh.geometry.x[:, : mesh.geometry.dim],
-            (mesh.topology.cell_name(), self.cells),
-        )
+        x = mesh.geometry.x[:, : mesh.geometry.dim]
+        cells = (mesh.topology.cell_name(), self.cells)
+        self._bulk = self._opened(partial(TimeSeries, self.folder / "bulk.xdmf", x, cells))
         if len(simulation.facets_with_law):
             x = point_coordinates(simulation)
             a_facet = len(x) // len(simulation.facets_with_law)
             kind = {2: "line", 3: "triangle"}.get(a_facet, "vertex")
             cells = np.arange(len(x)).reshape(-1, 1 if kind == "vertex" else a_facet)
-            self._interfaces = TimeSeries(self.folder / "interfaces.xdmf", x, (kind, cells))
+            self._interfaces = self._opened(
+                partial(TimeSeries, self.folder / "interfaces.xdmf", x, (kind, cells))
+            )
             self._num_interface_points = len(x)
 
     def _write_fields(self) -> None:
@@ -238,9 +269,9 @@ class Recorder:
                 interactions = simulation.interactions
                 names = ("jump", "traction", "damage", "status")
                 fields = {name: interactions.gather(name)[:count] for name in names}
-                self._at_root(partial(self._interfaces.write, simulation.time, fields, {}))
+                self._interfaces.write(simulation.time, fields, {})
             if self._rigid is not None:
-                self._at_root(partial(self._rigid.write, simulation.time))
+                self._rigid.write(simulation.time)
         self._next += self._every
 
     def cell_stress(self) -> np.ndarray:
@@ -260,7 +291,7 @@ class Recorder:
             "body": bodies.body_of_cell,
             "material": bodies.material_of_cell,
         }
-        self._at_root(partial(self._bulk.write, simulation.time, nodal, cellwise))
+        self._bulk.write(simulation.time, nodal, cellwise)
 
     def record(self, step: StepRecord) -> tuple[float, float]:
         """Write the line of a step, and the fields when they are due.
@@ -289,14 +320,9 @@ class Recorder:
         if not self._writes:
             return 0
         paths = [self.folder / "history.csv"]
-        for series in self._series:
-            paths += [series.path, series.h5_path]
+        for shared in self._series:
+            paths += [shared.series.path, shared.series.h5_path]
         return sum(path.stat().st_size for path in paths if path.exists())
-
-    @property
-    def _series(self) -> list[TimeSeries]:
-        rigid = None if self._rigid is None else self._rigid.series
-        return [series for series in (self._bulk, self._interfaces, rigid) if series is not None]
 
     def close(self) -> None:
         """Write the summary and close the files."""
@@ -349,7 +375,7 @@ class Recorder:
         def finish() -> None:
             with ExitStack() as files:
                 files.callback(self._leave_folder)
-                for file in (self._history, *self._series):
+                for file in (self._history, *(shared.series for shared in self._series)):
                     files.callback(file.close)
                 write_summary(self.folder / "summary.json", summary)
 

@@ -23,14 +23,15 @@ class RigidSeries:
         motion: of the bodies.
 
     Attributes:
-        series: the files.
         outline: triangles of the bodies, as `nscd.rigid.outline` gives them.
+        path, h5_path: the files.
     """
 
     def __init__(self, path: str | os.PathLike[str], motion: RigidMotion):
         self._motion, self.outline = motion, outline(motion.bodies)
         self._start = self._positions()
-        self.series = TimeSeries(path, self._start, ("triangle", self.outline.cells))
+        self._series = TimeSeries(path, self._start, ("triangle", self.outline.cells))
+        self.path, self.h5_path = self._series.path, self._series.h5_path
 
     def _positions(self) -> np.ndarray:
         state = self._motion.state
@@ -47,8 +48,12 @@ class RigidSeries:
         else:
             turning = np.cross(spin[body], arm)
         owner = self.outline.body_of_cell
-        self.series.write(
+        self._series.write(
             time,
             {"displacement": positions - self._start, "velocity": state.velocity[body] + turning},
             {"spin": spin[owner], "body": owner, "group": self._motion.bodies.group_of[owner]},
         )
+
+    def close(self) -> None:
+        """Close the files."""
+        self._series.close()

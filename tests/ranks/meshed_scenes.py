@@ -54,13 +54,26 @@ def quadratic():
 
 
 def blocks():
-    """Bodies of several cells of unlike size on a wall, finite strain, Gauss points."""
+    """Bodies of several cells of unlike size, finite strain, Gauss points."""
+    loads, start = stretched(1.0)
     bodies = box_bodies((1, 1), (8, 6), label=quadrants)
     scene = Scene(
         bodies, {1: NeoHookean(1000.0, 0.3, 1.0)}, default_interaction=BOND, points="gauss",
-        walls=[Wall(BOTTOM, (0.0, 0.0), (0.0, 1.0), CONTACT)], loads=[Gravity((15.0, -30.0))],
+        loads=loads, initial_velocity=lambda x: start(x)[:2],
     )  # fmt: skip
-    return scene, {"step": 1e-3, "tolerance": 1e-9, "scheme": "implicit"}, 30
+    return scene, {"step": 5e-4, "tolerance": 1e-9, "scheme": "implicit"}, 20
+
+
+def fall():
+    """Bonded blocks that fall on a wall."""
+    bodies = box_bodies((1, 1), (8, 6), label=quadrants)
+    scene = Scene(
+        bodies, {1: ELASTIC}, default_interaction=BOND,
+        walls=[Wall(BOTTOM, (0.0, -1e-3), (0.0, 1.0), SignoriniCoulomb(0.0))],
+        loads=[Gravity((0.0, -50.0))],
+        initial_velocity=lambda x: np.stack([0.5 + 0.0 * x[0], -1.0 + 0.0 * x[0]]),
+    )  # fmt: skip
+    return scene, {"step": 5e-4, "tolerance": 1e-9, "scheme": "implicit"}, 20
 
 
 def plastic():
@@ -94,7 +107,7 @@ def space():
     return scene, {"step": 1e-3, "tolerance": 1e-10, "scheme": "implicit"}, 10
 
 
-SCENES = {f.__name__: f for f in (explicit, quadratic, blocks, plastic, free, space)}
+SCENES = {f.__name__: f for f in (explicit, quadratic, blocks, fall, plastic, free, space)}
 
 
 def run(name: str) -> dict[str, np.ndarray]:
