@@ -53,6 +53,8 @@ napoleon_use_ivar = True
 
 html_theme = "furo"
 html_title = f"xper_fx {release}"
+html_static_path = ["_static"]
+html_css_files = ["gallery.css"]
 html_copy_source = False
 # Links to licences and to the archives of Debian answer, publishers' pages refuse robots.
 linkcheck_ignore = [r"https://doi\.org/.*"]

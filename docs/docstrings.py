@@ -9,6 +9,8 @@ import re
 
 _BACKTICKS = re.compile(r"(`+)")
 _STRONG = re.compile(r"\*\*\S(?:[^*]*\S)?\*\*")
+# What may stand before and after code without a separator.
+_BEFORE, _AFTER = " \t'\"([{<-/:", " \t'\")]}>-/\\:.,;!?"
 _ITEM = re.compile(r"^(?:[-*]|\d+\.)\s+")
 
 
@@ -29,14 +31,17 @@ def _plain(text: str) -> str:
 
 def _marked(line: str, in_code: bool) -> tuple[str, bool]:
     """A line of prose with its code in double backticks; code may run on in the next line."""
-    parts = []
+    text = ""
     for part in _BACKTICKS.split(line):
         if part.startswith("`"):
             in_code = not in_code
-            parts.append("``")
+            text += r"\ ``" if in_code and text and text[-1] not in _BEFORE else "``"
+        elif in_code:
+            text += part
         else:
-            parts.append(part if in_code else _escaped(part))
-    return "".join(parts), in_code
+            close = text.endswith("``") and part and part[0] not in _AFTER
+            text += (r"\ " if close else "") + _escaped(part)
+    return text, in_code
 
 
 def _indent(line: str) -> int:

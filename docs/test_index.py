@@ -2,12 +2,13 @@
 """The page that lists every test file with what it says of itself."""
 
 import ast
+import re
 from pathlib import Path
 
-_INTRODUCTION = """# All test files
+_INTRODUCTION = """# All tests
 
-What each file of `tests/` checks, in its own words. `./fenicsx pytest` runs them all,
-`./fenicsx pytest FILE` one.
+What each file of `tests/` checks, in its own words, and its tests that say more than their name.
+`./fenicsx pytest` runs them all, `./fenicsx pytest FILE` one.
 
 """
 _GROUPS = {
@@ -17,10 +18,21 @@ _GROUPS = {
 }
 
 
-def first_paragraph(path: Path) -> str:
-    """The first paragraph of a module's docstring, on one line."""
-    text = ast.get_docstring(ast.parse(path.read_text())) or ""
-    return " ".join(text.split("\n\n")[0].split())
+def first_paragraph(node: ast.Module | ast.FunctionDef) -> str:
+    """The first paragraph of a docstring, on one line, such that no character is markup."""
+    text = " ".join((ast.get_docstring(node) or "").split("\n\n")[0].split())
+    return re.sub(r"([*_|<>])", r"\\\1", text)
+
+
+def entry(path: Path, root: Path) -> str:
+    """A test file and its tests as a list."""
+    module = ast.parse(path.read_text())
+    text = f"`{path.relative_to(root)}`\n: {first_paragraph(module)}\n"
+    for node in module.body:
+        if isinstance(node, ast.FunctionDef) and node.name.startswith("test_"):
+            what = first_paragraph(node)
+            text += f"\n  - `{node.name}`: {what}" if what else ""
+    return text + "\n\n"
 
 
 def write_test_index(tests: Path, page: Path) -> None:
@@ -32,10 +44,8 @@ def write_test_index(tests: Path, page: Path) -> None:
     """
     text = _INTRODUCTION
     for folder, title in _GROUPS.items():
-        text += f"## {title}\n\n| file | what it checks |\n|---|---|\n"
+        text += f"## {title}\n\n"
         for path in sorted((tests / folder).glob("test_*.py")):
-            what = first_paragraph(path).replace("|", r"\|")
-            text += f"| `{path.relative_to(tests.parent)}` | {what} |\n"
-        text += "\n"
+            text += entry(path, tests.parent)
     if not page.exists() or page.read_text() != text:
         page.write_text(text)
