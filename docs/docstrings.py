@@ -52,6 +52,7 @@ def as_restructured_text(app, what, name, thing, options, lines: list[str]) -> N
     """Rewrite the lines of a docstring in place; a listener of autodoc.
 
     Args:
+        what: kind of what is documented.
         lines: of the docstring, without common indent.
     """
     written: list[str] = []
@@ -78,4 +79,6 @@ def as_restructured_text(app, what, name, thing, options, lines: list[str]) -> N
             prose, in_code = _marked(text[len(mark) :], in_code)
             written.append(" " * indent + mark + prose)
         blank = False
+    if what in ("attribute", "data", "property"):
+        written.insert(0, "")  # else napoleon takes what stands before a colon for a type
     lines[:] = written
