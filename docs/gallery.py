@@ -30,7 +30,7 @@ class Figures:
         arguments: of its command line; "{out}" stands for the folder it writes into.
         drawn: file in that folder of each figure, by the figure's name in `docs/`.
         captions: of each figure, in the same order.
-        cost: one of COSTS, on one core: up to two minutes, up to some ten minutes, more.
+        cost: one of COSTS, on one core: up to two minutes, up to ten, maybe more.
         variables: environment of the command.
     """
 
@@ -99,14 +99,14 @@ GALLERY = (
         "--out {out}",
         {"impact_fragmentation": "frames.png", "impact_energies": "energies.png"},
         ("A slab breaks under a ball, and its pieces pile up", "Its energies, and their closure"),
-        "long",
+        "minutes",
     ),
     Figures(
         "demos/granular_packing.py",
         "--out {out}",
         {"granular_packing": "packing.png", "granular_pressure": "pressure.png"},
         ("Soft and rigid grains under a lid", "Pressure on the lid against packing fraction"),
-        "long",
+        "minutes",
     ),
     Figures(
         "demos/masonry_arch.py",
@@ -120,7 +120,7 @@ GALLERY = (
         "--out {out}",
         {"fracture_3d": "crack.png"},
         ("The crack of a bar with a tilted slit, each tetrahedron a body",),
-        "long",
+        "seconds",
     ),
     Figures(
         "demos/subdomains.py",
@@ -178,7 +178,7 @@ def write_gallery(docs: Path) -> None:
         "# Gallery\n\nEach figure, the demo or benchmark that draws it, and the command. "
         "`./fenicsx python3 docs/gallery.py NAME` runs it again and replaces the figure;\n"
         "`--cost seconds minutes` runs all that take no longer. On one core, `seconds` is up to "
-        "two minutes, `minutes` up to ten, `long` is more.\n\n:::::{container} gallery\n"
+        "two minutes, `minutes` up to ten, `long` may be more.\n\n:::::{container} gallery\n"
     )
     for figures in GALLERY:
         page = f"demos/{figures.demo}.md" if figures.demo else None
