@@ -71,7 +71,7 @@ GALLERY = (
             "A notched plate: cracks along weak interfaces, through strong ones",
             "Stress against strain of the two plates",
         ),
-        "minutes",
+        "seconds",
     ),
     Figures(
         "demos/accuracy_cost.py",
