@@ -36,3 +36,7 @@ class ConvergenceError(RuntimeError):
             f"{residual:.3g} of the interactions, {newton_residual:.3g} of Newton.{where} Try a "
             "smaller step, more sweeps or a looser tolerance; look at the last output first."
         )
+
+
+class CheckpointError(ValueError):
+    """A checkpoint cannot be restarted from: it is damaged, or of another scene or version."""

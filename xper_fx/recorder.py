@@ -3,16 +3,22 @@
 
 The folder holds `bulk.xdmf` (displacement, velocity, stress, body, material), `interfaces.xdmf`
 (jump, traction, damage, status, on the points of facing facets), `rigid.xdmf` (displacement,
-velocity, spin, body, group, on triangles of the rigid bodies), `history.csv`, `summary.json`; of
-the series those that the scene has something for.
+velocity, spin, body, group, on triangles of the rigid bodies), `history.csv`, `summary.json`,
+`checkpoint.h5`; of the series those that the scene has something for.
+
+A checkpoint holds the run, and how far its files had come. A restart takes them back to there, so
+that they go on without a step that is missing or there twice.
 """
 
 from __future__ import annotations
 
+import logging
 import os
 import platform
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
+from time import monotonic
 from typing import Any
 
 import dolfinx
@@ -26,6 +32,11 @@ from xper_fx.nscd.facets import facet_shapes
 from xper_fx.output import HISTORY_COLUMNS, History, TimeSeries, prepare_folder, write_summary
 from xper_fx.scales import cohesive_scales
 from xper_fx.simulation import Simulation, StepRecord
+
+logger = logging.getLogger(__name__)
+
+# A run's checkpoint in its folder, and seconds between checkpoints unless others are asked for.
+CHECKPOINT, CHECKPOINT_EVERY = "checkpoint.h5", 600.0
 
 
 @dataclass(frozen=True)
@@ -108,9 +119,21 @@ class Recorder:
         fields: number of times at which fields are written, spread evenly; 0 for none.
         end_time: time of the end of the run (s).
         parameters: what to keep in the summary of how the run was set up.
+        checkpoint_every: seconds between checkpoints, as a clock shows them; 0 for none but where
+            a step does not converge.
+        restart: whether to go on from the folder's checkpoint; from the beginning if there is none.
+            The scene must be the checkpoint's; step, tolerance, solver may be others.
+
+    Attributes:
+        folder: where it writes.
+        restarted: whether it goes on from a checkpoint.
+        strain: of the gauge, after the last step.
 
     Raises:
         OSError: the folder cannot be written.
+        CheckpointError: the checkpoint is damaged, or of another scene or version; the folder is
+            as it was then.
+        ValueError: a checkpoint interval that is negative, files that do not fit the checkpoint.
     """
 
     def __init__(
@@ -122,16 +145,30 @@ class Recorder:
         gauge: TensileGauge | CellGauge | None = None,
         fields: int = 20,
         parameters: Mapping[str, Any] | None = None,
+        checkpoint_every: float = CHECKPOINT_EVERY,
+        restart: bool = False,
     ):
+        if not checkpoint_every >= 0.0:
+            raise ValueError(
+                f"checkpoint_every is a time in seconds, or 0 for none; got {checkpoint_every}."
+            )
         self.folder = prepare_folder(folder)
         self.simulation, self._gauge = simulation, gauge
-        simulation.folder = self.folder
+        self.checkpoint_every, self._saved_at = checkpoint_every, monotonic()
+        before = self._restored(fields > 0) if restart else None
+        self.restarted = before is not None
+        simulation.folder, simulation.rescue = self.folder, self.checkpoint
         self._parameters = dict(parameters or {})
         columns = dict.fromkeys(HISTORY_COLUMNS)
         columns |= simulation.ledger.as_columns() | macroscopic_columns(simulation)
-        self._history = History(self.folder / "history.csv", tuple(columns))
+        if before is None:
+            # it is of a run whose results are replaced now
+            (self.folder / CHECKPOINT).unlink(missing_ok=True)
+        before = before or {}
+        self._history = History(self.folder / "history.csv", tuple(columns), before.get("history"))
         self._every = end_time / fields if fields > 0 else np.inf
-        self._next = 0.0
+        self._next = before.get("next_fields", 0.0)
+        self.strain = before.get("strain", 0.0)
         if simulation.scene.bodies is not None:
             mesh = simulation.scene.bodies.mesh
             self.cells = geometry_dofmap(mesh)
@@ -139,17 +176,61 @@ class Recorder:
             self._node = np.empty(len(mesh.geometry.x), np.int64)
             self._node[self.cells] = simulation.forms.V.dofmap.list[:, : self.cells.shape[1]]
         simulation.stopwatch.owns("output", lambda: self.written)
-        self._totals = {"steps": 0, "sweeps": 0, "largest_residual": 0.0}
+        self._totals = {"steps": 0, "sweeps": 0, "largest_residual": 0.0, "restarts": 0}
+        self._totals |= before.get("totals", {})
+        self._totals["restarts"] += self.restarted
+        self._steps_before = self._totals["steps"]
         self._bulk = self._interfaces = self._rigid = self._stress = None
         self._writes_fields = fields > 0
         if self._writes_fields:
+            after = before.get("series", {})
             if simulation.scene.bodies is not None:
-                self._open_fields()
+                self._open_fields(after)
             if simulation.rigid is not None:
                 from xper_fx.rigid_series import RigidSeries
 
-                self._rigid = RigidSeries(self.folder / "rigid.xdmf", simulation.rigid)
-            self._write_fields()
+                self._rigid = RigidSeries(
+                    self.folder / "rigid.xdmf", simulation.rigid, after.get("rigid")
+                )
+            if not self.restarted:
+                self._write_fields()
+
+    def _restored(self, writes_fields: bool) -> dict | None:
+        """Let the simulation go on from the folder's checkpoint; what `_recording` gave, if any."""
+        path = self.folder / CHECKPOINT
+        if not path.exists():
+            logger.warning("%s: there is no checkpoint, the run starts from its beginning", path)
+            return None
+        from xper_fx.checkpoint import restore
+
+        before = restore(path, self.simulation)
+        if bool(before.get("series")) != writes_fields:
+            had, give = ("no fields", "0") if writes_fields else ("fields", "above 0")
+            raise ValueError(
+                f"The run in {self.folder} was recorded with {had}: restart it with fields {give}, "
+                "or start it from its beginning."
+            )
+        return before
+
+    def _recording(self) -> dict:
+        """How far the files have come, all of which are on the disk then."""
+        return {
+            "history": self._history.flush(),
+            "next_fields": self._next,
+            "strain": self.strain,
+            "totals": self._totals,
+            "series": {series.path.stem: series.seal() for series in self._series},
+        }
+
+    def checkpoint(self) -> Path:
+        """Write a checkpoint in the place of the last one; its file."""
+        from xper_fx.checkpoint import save
+
+        watch = self.simulation.stopwatch
+        with watch.phase("output"), watch.phase("checkpoint"):
+            path = save(self.folder / CHECKPOINT, self.simulation, self._recording())
+        self._saved_at = monotonic()
+        return path
 
     def vertex_displacement(self) -> np.ndarray:
         """Displacement of the exploded mesh's geometry nodes, shape (num_nodes, dim), m."""
@@ -157,20 +238,23 @@ class Recorder:
         displacement = bulk.unknowns.expand(self.simulation.state.displacement)
         return displacement.reshape(-1, bulk.dim)[self._node]
 
-    def _open_fields(self) -> None:
+    def _open_fields(self, after: Mapping[str, Mapping[str, float]]) -> None:
         simulation = self.simulation
         mesh = simulation.scene.bodies.mesh
         self._bulk = TimeSeries(
             self.folder / "bulk.xdmf",
             mesh.geometry.x[:, : mesh.geometry.dim],
             (mesh.topology.cell_name(), self.cells),
+            after.get("bulk"),
         )
         if len(simulation.facets_with_law):
             x = point_coordinates(simulation)
             a_facet = len(x) // len(simulation.facets_with_law)
             kind = {2: "line", 3: "triangle"}.get(a_facet, "vertex")
             cells = np.arange(len(x)).reshape(-1, 1 if kind == "vertex" else a_facet)
-            self._interfaces = TimeSeries(self.folder / "interfaces.xdmf", x, (kind, cells))
+            self._interfaces = TimeSeries(
+                self.folder / "interfaces.xdmf", x, (kind, cells), after.get("interfaces")
+            )
             self._num_interface_points = len(x)
 
     def _write_fields(self) -> None:
@@ -208,7 +292,7 @@ class Recorder:
         self._bulk.write(simulation.time, nodal, cellwise)
 
     def record(self, step: StepRecord) -> tuple[float, float]:
-        """Write the line of a step, and the fields when they are due.
+        """Write the line of a step, the fields when they are due, then a checkpoint when it is.
 
         Returns:
             Strain and stress of the gauge.
@@ -224,6 +308,9 @@ class Recorder:
         self._totals["largest_residual"] = max(self._totals["largest_residual"], step.residual)
         if self._writes_fields and step.time >= self._next * (1.0 - 1e-9):
             self._write_fields()
+        self.strain = strain
+        if 0.0 < self.checkpoint_every <= monotonic() - self._saved_at:
+            self.checkpoint()
         return strain, stress
 
     @property
@@ -231,7 +318,7 @@ class Recorder:
         """Bytes of the fields and of the history on disk."""
         paths = [self.folder / "history.csv"]
         for series in self._series:
-            paths += [series.path, series.h5_path]
+            paths += [series.path, *series.h5_paths]
         return sum(path.stat().st_size for path in paths)
 
     @property
@@ -240,7 +327,15 @@ class Recorder:
         return [series for series in (self._bulk, self._interfaces, rigid) if series is not None]
 
     def close(self) -> None:
-        """Write the summary and close the files."""
+        """Close the files; write the summary unless a restart has added nothing to its run."""
+        path = self.folder / "summary.json"
+        if self._totals["steps"] > self._steps_before or not (self.restarted and path.exists()):
+            self._summarise(path)
+        self._history.close()
+        for series in self._series:
+            series.close()
+
+    def _summarise(self, path: Path) -> None:
         simulation = self.simulation
         interactions, bodies = simulation.interactions, simulation.scene.bodies
         points = 0 if interactions is None else len(interactions)
@@ -281,13 +376,11 @@ class Recorder:
             },
             "steps": self._totals["steps"],
             "sweeps": self._totals["sweeps"],
+            "restarts": self._totals["restarts"],
             "time": simulation.time,
         }
         summary["scales"] = cohesive_scales(simulation)
-        write_summary(self.folder / "summary.json", summary)
-        self._history.close()
-        for series in self._series:
-            series.close()
+        write_summary(path, summary)
 
     def __enter__(self) -> Recorder:
         return self

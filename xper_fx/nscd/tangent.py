@@ -30,6 +30,7 @@ many bodies. Where all bodies are rigid and not too many the matrix itself is fa
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import cache
 from weakref import WeakKeyDictionary, ref
 
@@ -43,6 +44,7 @@ from xper_fx.nscd.exchange import Sides, arm_kernels, motion, point_force, sprea
 from xper_fx.nscd.interactions import Interactions, PointGroup
 from xper_fx.nscd.krylov import gmres
 from xper_fx.nscd.laws.law import LawKernels
+from xper_fx.nscd.rows import Rows
 from xper_fx.nscd.small import for_dimension
 
 # Reach of the differences, relative to the local velocity; and to the largest one, where that is 0.
@@ -560,6 +562,28 @@ class LinearisedProblem:
         for slopes, *_ in self._groups:
             slopes[:] = np.inf
         self._fresh = True
+
+    def saved(self) -> dict[str, Rows]:
+        """D and K of the permanent points: they stay as they are where they change little.
+
+        Returns:
+            `slopes` and `stiffness`, shape (num_points, components, components) of the widest law.
+        """
+        interactions = self._interactions
+        m = max((g.kernels.components for g in interactions.groups), default=0)
+        arrays = np.zeros((2, len(interactions), m, m))
+        for g, held in zip(interactions.groups, self._groups, strict=True):
+            own = g.kernels.components
+            arrays[:, g.indices, :own, :own] = held[:2]
+        number = np.arange(len(interactions))
+        return {"slopes": Rows(number, arrays[0]), "stiffness": Rows(number, arrays[1])}
+
+    def restore(self, saved: Mapping[str, np.ndarray]) -> None:
+        """Take what `saved` gave, its rows in order, for the same w."""
+        for g, (slopes, stiffness, *_) in zip(self._interactions.groups, self._groups, strict=True):
+            own = g.kernels.components
+            slopes[:] = saved["slopes"][g.indices, :own, :own]
+            stiffness[:] = saved["stiffness"][g.indices, :own, :own]
 
     def _factor_coarse(self) -> None:
         """Factor P^T w^-1 P; what is prescribed, and clusters whose translation opens, are not."""
