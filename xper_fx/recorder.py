@@ -165,7 +165,6 @@ class Recorder:
             # it is of a run whose results are replaced now
             (self.folder / CHECKPOINT).unlink(missing_ok=True)
         before = before or {}
-        self._history = History(self.folder / "history.csv", tuple(columns), before.get("history"))
         self._every = end_time / fields if fields > 0 else np.inf
         self._next = before.get("next_fields", 0.0)
         self.strain = before.get("strain", 0.0)
@@ -192,8 +191,9 @@ class Recorder:
                 self._rigid = RigidSeries(
                     self.folder / "rigid.xdmf", simulation.rigid, after.get("rigid")
                 )
-            if not self.restarted:
-                self._write_fields()
+        self._history = History(self.folder / "history.csv", tuple(columns), before.get("history"))
+        if self._writes_fields and not self.restarted:
+            self._write_fields()
 
     def _restored(self, writes_fields: bool) -> dict | None:
         """Let the simulation go on from the folder's checkpoint; what `_recording` gave, if any."""

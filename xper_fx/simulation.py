@@ -47,6 +47,8 @@ logger = logging.getLogger(__name__)
 
 # Solvers of the interactions: modules of `nscd`, imported when asked for.
 SOLVERS = ("auto", "nlgs", "newton", "accelerated", "subdomains")
+# Those of their modules that keep something of a step for the next.
+_WITH_MEMORY = ("tangent", "vertex_blocks")
 # Steps as shares of the critical one: without a wish, and where an explicit bulk, linear so that
 # its critical step stays what it is, should be as cheap as it can.
 _BELOW_LIMIT, _AT_LIMIT = 0.7, 0.95
@@ -761,9 +763,12 @@ class Simulation:
             saved[name] = part.saved()
         if self._rigid_reactions is not None:
             saved["rigid_reactions"] = self._rigid_reactions
-        problem = self._linearised_problem()
-        if problem is not None:
-            saved["linearised"] = problem.saved()
+        if self.interactions is not None:
+            saved["solvers"] = {
+                name: module.saved(self.interactions)
+                for name in _WITH_MEMORY
+                if (module := sys.modules.get(f"xper_fx.nscd.{name}")) is not None
+            }
         return saved
 
     def restore(self, saved: Mapping) -> None:
@@ -813,10 +818,8 @@ class Simulation:
         if self.interactions is not None and self.scheme.holds(self.interactions.step_size):
             inverse = self.scheme.inverse(self.interactions.step_size, self.state.displacement)
             self.interactions.update_inverse(inverse.blocks)
-        if "linearised" in saved:
-            from xper_fx.nscd.tangent import linearised_problem
-
-            linearised_problem(self.interactions).restore(saved["linearised"])
+        for name, memory in saved.get("solvers", {}).items():
+            import_module(f"xper_fx.nscd.{name}").restore(self.interactions, memory)
 
     def _parts(self) -> list[tuple[str, object]]:
         """What there is of the parts that save themselves, in the order to restore them."""
@@ -825,13 +828,6 @@ class Simulation:
             ("rigid", self.rigid), ("accuracy", self._control),
         ]  # fmt: skip
         return [(name, part) for name, part in parts if part is not None]
-
-    def _linearised_problem(self):
-        """What Newton's solver holds of the permanent points from step to step, if anything."""
-        solver = sys.modules.get("xper_fx.nscd.tangent")
-        if solver is None or self.interactions is None or self.interactions.renewals:
-            return None
-        return solver.kept(self.interactions)
 
     # Reading
 

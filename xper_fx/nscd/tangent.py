@@ -791,3 +791,15 @@ def linearised_problem(interactions: Interactions) -> LinearisedProblem:
     else:
         problem.renew()
     return problem
+
+
+def saved(interactions: Interactions) -> dict[str, Rows]:
+    """What the linearised problem keeps from step to step, if there is one and it is kept."""
+    problem = kept(interactions)
+    # contacts that are found make the problem a new one in each step
+    return {} if problem is None or interactions.renewals else problem.saved()
+
+
+def restore(interactions: Interactions, memory: Mapping[str, np.ndarray]) -> None:
+    """Take what `saved` gave, its rows in order, for the same points and w."""
+    linearised_problem(interactions).restore(memory)
