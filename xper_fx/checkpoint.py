@@ -10,16 +10,18 @@ another scene, another version or with a wrong digest it is refused, before anyt
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import xper_fx
 from xper_fx.errors import CheckpointError
 from xper_fx.fingerprint import differences, fingerprint
+from xper_fx.nscd.rows import Rows
 from xper_fx.tree_file import read_attributes, read_tree, write_tree
 
 if TYPE_CHECKING:
+    from xper_fx.parallel.ranks import Ranks
     from xper_fx.simulation import Simulation
 
 # Of the file; it changes whenever what is in it does.
@@ -28,29 +30,43 @@ FORMAT = 1
 _NAMED = 6
 
 
-def save(path: Path, simulation: Simulation, recording: Mapping | None = None) -> Path:
-    """Write a checkpoint, in the place of the one that is there.
+def save(
+    path: Path, simulation: Simulation, recording: Callable[[], Mapping] | None = None
+) -> None:
+    """Write a checkpoint, in the place of the one that is there; all ranks call it together.
 
     Args:
         path: the file.
         simulation: between two steps.
-        recording: what a recorder wants back, a tree as of `tree_file.write_tree`.
-
-    Returns:
-        The file.
+        recording: called on the first rank, gives what a recorder wants back, a tree as of
+            `tree_file.write_tree`.
 
     Raises:
         OSError: it cannot be written; the one that was there stays.
     """
     time = simulation.time
     times = [0.0, 0.5 * time, time]
-    tree = {
-        "simulation": simulation.saved(),
-        "recording": recording or {},
-        "scene": json.dumps({"times": times, "is": fingerprint(simulation, times)}),
-    }
-    write_tree(path, tree, format=FORMAT, xper_fx=xper_fx.__version__)
-    return path
+    scene = json.dumps({"times": times, "is": fingerprint(simulation, times)})
+    tree = {"simulation": _gathered(simulation.saved(), simulation.ranks), "scene": scene}
+
+    def write() -> None:
+        tree["recording"] = recording() if recording is not None else {}
+        write_tree(path, tree, format=FORMAT, xper_fx=xper_fx.__version__)
+
+    simulation.team.at_root(write)
+
+
+def _gathered(tree: Mapping, ranks: Ranks) -> dict:
+    """A tree with the `Rows` of all ranks as arrays in their order."""
+    out = {}
+    for name, value in tree.items():
+        if isinstance(value, Mapping):
+            out[name] = _gathered(value, ranks)
+        elif isinstance(value, Rows):
+            out[name] = value.in_order() if ranks.alone else ranks.gather(*value)
+        else:
+            out[name] = value
+    return out
 
 
 def restore(path: Path, simulation: Simulation) -> dict:

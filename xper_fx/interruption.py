@@ -13,11 +13,11 @@ class Interruption:
     Elsewhere than in the main thread, where Python gives no signals, nothing is changed.
 
     Attributes:
-        signal: the one that came, None before.
+        number: of the signal that came, 0 before.
     """
 
     def __init__(self):
-        self.signal: signal.Signals | None = None
+        self.number = 0
         self._before = {}
 
     def __enter__(self) -> Interruption:
@@ -33,10 +33,5 @@ class Interruption:
         self._before = {}
 
     def _note(self, number: int, frame) -> None:
-        self.signal = signal.Signals(number)
+        self.number = number
         self.__exit__()
-
-    @property
-    def status(self) -> int:
-        """What a process that ends by the signal returns by convention: 128 + its number."""
-        return 128 + self.signal

@@ -8,15 +8,20 @@ velocity, spin, body, group, on triangles of the rigid bodies), `history.csv`, `
 
 A checkpoint holds the run, and how far its files had come. A restart takes them back to there, so
 that they go on without a step that is missing or there twice.
+
+Where several ranks simulate a scene they record it together: what is spread is gathered, and the
+first rank alone writes. Whatever goes wrong there is raised on all.
 """
 
 from __future__ import annotations
 
+import json
 import logging
 import os
 import platform
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from time import monotonic
 from typing import Any
@@ -102,10 +107,21 @@ def point_coordinates(simulation: Simulation) -> np.ndarray:
         Shape (num_points, dim), m; points of walls, which come last in the scene, are left out.
     """
     dim = simulation.bulk.dim
-    facing = simulation.scene.bodies.facing_nodes(simulation.forms.V)[simulation.facets_with_law]
-    x = simulation.forms.V.tabulate_dof_coordinates()[facing[:, 0], :dim]
-    shapes = facet_shapes(dim, facing.shape[2], simulation.scene.points)
+    scene = simulation.scene
+    x = scene.bodies.facet_nodes(scene.order)[simulation.facets_with_law]
+    shapes = facet_shapes(dim, x.shape[1], scene.points)
     return np.einsum("pk,fkd->fpd", shapes, x).reshape(-1, dim)
+
+
+def add_to_summary(simulation: Simulation, found: Mapping[str, Any]) -> None:
+    """Add what was found in a recorded run to its `summary.json`; all ranks call it together.
+
+    Args:
+        simulation: the run, whose recorder is closed.
+        found: what to add, as `output.write_summary` takes it.
+    """
+    path = simulation.folder / "summary.json"
+    simulation.team.at_root(lambda: write_summary(path, json.loads(path.read_text()) | found))
 
 
 class Recorder:
@@ -152,60 +168,54 @@ class Recorder:
             raise ValueError(
                 f"checkpoint_every is a time in seconds, or 0 for none; got {checkpoint_every}."
             )
-        self.folder = prepare_folder(folder)
+        self.folder = Path(folder).resolve()
+        simulation.team.at_root(lambda: prepare_folder(folder))
         self.simulation, self._gauge = simulation, gauge
         self.checkpoint_every, self._saved_at = checkpoint_every, monotonic()
-        before = self._restored(fields > 0) if restart else None
+        self._writes_fields = fields > 0
+        before = self._restored() if restart else None
         self.restarted = before is not None
+        before = before or {}
         simulation.folder, simulation.rescue = self.folder, self.checkpoint
         self._parameters = dict(parameters or {})
         columns = dict.fromkeys(HISTORY_COLUMNS)
         columns |= simulation.ledger.as_columns() | macroscopic_columns(simulation)
-        if before is None:
-            # it is of a run whose results are replaced now
-            (self.folder / CHECKPOINT).unlink(missing_ok=True)
-        before = before or {}
+        self._at_root = simulation.team.at_root
+        self._writes = simulation.team.rank == 0
         self._every = end_time / fields if fields > 0 else np.inf
         self._next = before.get("next_fields", 0.0)
         self.strain = before.get("strain", 0.0)
         if simulation.scene.bodies is not None:
-            mesh = simulation.scene.bodies.mesh
-            self.cells = geometry_dofmap(mesh)
+            self.cells = geometry_dofmap(simulation.scene.bodies.mesh)
+            mesh = simulation.bodies.mesh
             # a cell's first dofs are its vertices'
+            cells = geometry_dofmap(mesh)
             self._node = np.empty(len(mesh.geometry.x), np.int64)
-            self._node[self.cells] = simulation.forms.V.dofmap.list[:, : self.cells.shape[1]]
+            self._node[cells] = simulation.forms.V.dofmap.list[:, : cells.shape[1]]
         simulation.stopwatch.owns("output", lambda: self.written)
         self._totals = {"steps": 0, "sweeps": 0, "largest_residual": 0.0, "restarts": 0}
         self._totals |= before.get("totals", {})
         self._totals["restarts"] += self.restarted
         self._steps_before = self._totals["steps"]
         self._bulk = self._interfaces = self._rigid = self._stress = None
-        self._writes_fields = fields > 0
-        if self._writes_fields:
-            after = before.get("series", {})
-            if simulation.scene.bodies is not None:
-                self._open_fields(after)
-            if simulation.rigid is not None:
-                from xper_fx.rigid_series import RigidSeries
-
-                self._rigid = RigidSeries(
-                    self.folder / "rigid.xdmf", simulation.rigid, after.get("rigid")
-                )
-        self._history = History(self.folder / "history.csv", tuple(columns), before.get("history"))
+        self._at_root(partial(self._open, tuple(columns), before))
         if self._writes_fields and not self.restarted:
             self._write_fields()
 
-    def _restored(self, writes_fields: bool) -> dict | None:
+    def _restored(self) -> dict | None:
         """Let the simulation go on from the folder's checkpoint; what `_recording` gave, if any."""
         path = self.folder / CHECKPOINT
-        if not path.exists():
-            logger.warning("%s: there is no checkpoint, the run starts from its beginning", path)
+        if not self.simulation.team.all(path.exists()):
+            if self.simulation.team.rank == 0:
+                logger.warning(
+                    "%s: there is no checkpoint, the run starts from its beginning", path
+                )
             return None
         from xper_fx.checkpoint import restore
 
         before = restore(path, self.simulation)
-        if bool(before.get("series")) != writes_fields:
-            had, give = ("no fields", "0") if writes_fields else ("fields", "above 0")
+        if bool(before.get("series")) != self._writes_fields:
+            had, give = ("no fields", "0") if self._writes_fields else ("fields", "above 0")
             raise ValueError(
                 f"The run in {self.folder} was recorded with {had}: restart it with fields {give}, "
                 "or start it from its beginning."
@@ -226,17 +236,37 @@ class Recorder:
         """Write a checkpoint in the place of the last one; its file."""
         from xper_fx.checkpoint import save
 
-        watch = self.simulation.stopwatch
+        watch, path = self.simulation.stopwatch, self.folder / CHECKPOINT
         with watch.phase("output"), watch.phase("checkpoint"):
-            path = save(self.folder / CHECKPOINT, self.simulation, self._recording())
+            save(path, self.simulation, self._recording)
         self._saved_at = monotonic()
         return path
 
+    def _open(self, columns: tuple[str, ...], before: Mapping) -> None:
+        """Open the files, after what `_recording` gave."""
+        if not before:
+            # it is of a run whose results are replaced now
+            (self.folder / CHECKPOINT).unlink(missing_ok=True)
+        after, simulation = before.get("series", {}), self.simulation
+        if self._writes_fields and simulation.scene.bodies is not None:
+            self._open_fields(after)
+        if self._writes_fields and simulation.rigid is not None:
+            from xper_fx.rigid_series import RigidSeries
+
+            path = self.folder / "rigid.xdmf"
+            self._rigid = RigidSeries(path, simulation.rigid, after.get("rigid"))
+        self._history = History(self.folder / "history.csv", columns, before.get("history"))
+
     def vertex_displacement(self) -> np.ndarray:
         """Displacement of the exploded mesh's geometry nodes, shape (num_nodes, dim), m."""
-        bulk = self.simulation.bulk
-        displacement = bulk.unknowns.expand(self.simulation.state.displacement)
-        return displacement.reshape(-1, bulk.dim)[self._node]
+        simulation = self.simulation
+        return self._of_vertices(simulation.bulk.unknowns.expand(simulation.state.displacement))
+
+    def _of_vertices(self, nodal: np.ndarray) -> np.ndarray:
+        """Values at all bodies' geometry nodes from those of this rank's dofs."""
+        values = nodal.reshape(-1, self.simulation.bulk.dim)[self._node]
+        part = self.simulation.part
+        return values if part is None else self.simulation.ranks.gather(part.nodes, values)
 
     def _open_fields(self, after: Mapping[str, Mapping[str, float]]) -> None:
         simulation = self.simulation
@@ -260,36 +290,39 @@ class Recorder:
     def _write_fields(self) -> None:
         simulation = self.simulation
         with simulation.stopwatch.phase("output"), simulation.stopwatch.phase("fields"):
-            if self._bulk is not None:
+            if simulation.scene.bodies is not None:
                 self._write_bulk()
-            if self._interfaces is not None:
-                count = self._num_interface_points
-                interactions = simulation.interactions
-                names = ("jump", "traction", "damage", "status")
-                self._interfaces.write(
-                    simulation.time, {n: interactions.gather(n)[:count] for n in names}, {}
-                )
-            if self._rigid is not None:
-                self._rigid.write(simulation.time)
+                if len(simulation.facets_with_law):
+                    names = ("jump", "traction", "damage", "status")
+                    fields = {name: simulation.interactions.gather(name) for name in names}
+                    self._at_root(partial(self._write_interfaces, fields))
+            if simulation.rigid is not None:
+                self._at_root(lambda: self._rigid.write(simulation.time))
         self._next += self._every
+
+    def _write_interfaces(self, fields: Mapping[str, np.ndarray]) -> None:
+        count = self._num_interface_points
+        fields = {name: values[:count] for name, values in fields.items()}
+        self._interfaces.write(self.simulation.time, fields, {})
 
     def cell_stress(self) -> np.ndarray:
         """Cauchy stress of each cell, as `BulkForms.stress_evaluator` gives it (Pa)."""
         if self._stress is None:
             self._stress = self.simulation.forms.stress_evaluator()
         self.simulation.displacement  # noqa: B018  brings the state into the forms
-        return self._stress()
+        stress, part = self._stress(), self.simulation.part
+        return stress if part is None else self.simulation.ranks.gather(part.cells, stress)
 
     def _write_bulk(self) -> None:
         simulation, bodies = self.simulation, self.simulation.scene.bodies
-        velocity = simulation.velocity.x.array.reshape(-1, simulation.bulk.dim)
-        nodal = {"displacement": self.vertex_displacement(), "velocity": velocity[self._node]}
+        velocity = self._of_vertices(simulation.velocity.x.array)
+        nodal = {"displacement": self.vertex_displacement(), "velocity": velocity}
         cellwise = {
             "stress": self.cell_stress(),
             "body": bodies.body_of_cell,
             "material": bodies.material_of_cell,
         }
-        self._bulk.write(simulation.time, nodal, cellwise)
+        self._at_root(lambda: self._bulk.write(simulation.time, nodal, cellwise))
 
     def record(self, step: StepRecord) -> tuple[float, float]:
         """Write the line of a step, the fields when they are due, then a checkpoint when it is.
@@ -299,23 +332,30 @@ class Recorder:
         """
         strain, stress = self._gauge.read(self.simulation) if self._gauge else (0.0, 0.0)
         with self.simulation.stopwatch.phase("output"):
-            self._history.append(
-                step=step.step, time=step.time, strain=strain, stress=stress, sweeps=step.sweeps,
-                residual=step.residual, **step.energies, **macroscopic_columns(self.simulation),
-            )  # fmt: skip
+            line = {
+                "step": step.step, "time": step.time, "strain": strain, "stress": stress,
+                "sweeps": step.sweeps, "residual": step.residual, **step.energies,
+                **macroscopic_columns(self.simulation),
+            }  # fmt: skip
+            self._at_root(lambda: self._history.append(**line))
         self._totals["steps"] += 1
         self._totals["sweeps"] += step.sweeps
         self._totals["largest_residual"] = max(self._totals["largest_residual"], step.residual)
         if self._writes_fields and step.time >= self._next * (1.0 - 1e-9):
             self._write_fields()
         self.strain = strain
-        if 0.0 < self.checkpoint_every <= monotonic() - self._saved_at:
-            self.checkpoint()
+        if self.checkpoint_every > 0.0:
+            due = monotonic() - self._saved_at >= self.checkpoint_every
+            # by the clock of the first rank
+            if self.simulation.team.max(due and self._writes):
+                self.checkpoint()
         return strain, stress
 
     @property
     def written(self) -> int:
-        """Bytes of the fields and of the history on disk."""
+        """Bytes of the fields and of the history that this rank has put on disk."""
+        if not self._writes:
+            return 0
         paths = [self.folder / "history.csv"]
         for series in self._series:
             paths += [series.path, *series.h5_paths]
@@ -328,17 +368,24 @@ class Recorder:
 
     def close(self) -> None:
         """Close the files; write the summary unless a restart has added nothing to its run."""
-        path = self.folder / "summary.json"
-        if self._totals["steps"] > self._steps_before or not (self.restarted and path.exists()):
-            self._summarise(path)
-        self._history.close()
-        for series in self._series:
-            series.close()
+        there = (self.folder / "summary.json").exists() if self.restarted else False
+        added = self._totals["steps"] > self._steps_before
+        summary = self._summary() if self.simulation.team.max(added or not there) else None
 
-    def _summarise(self, path: Path) -> None:
+        def finish() -> None:
+            if summary is not None:
+                write_summary(self.folder / "summary.json", summary)
+            self._history.close()
+            for series in self._series:
+                series.close()
+
+        self._at_root(finish)
+
+    def _summary(self) -> dict[str, Any]:
         simulation = self.simulation
         interactions, bodies = simulation.interactions, simulation.scene.bodies
-        points = 0 if interactions is None else len(interactions)
+        points = 0 if interactions is None else interactions.num_points
+        total = simulation.ranks.sum
         summary = {
             "parameters": self._parameters
             | {
@@ -359,7 +406,8 @@ class Recorder:
                 "bodies": 0 if bodies is None else bodies.num_bodies,
                 "rigid_bodies": len(simulation.scene.rigid),
                 "points": points,
-                "dofs": simulation.bulk.num_dofs,
+                "dofs": total(simulation.bulk.num_dofs),
+                "ranks": simulation.ranks.size,
             },
             "effects": [effect._asdict() for effect in effects_of(simulation)],
             "seconds": simulation.stopwatch.seconds,
@@ -367,7 +415,7 @@ class Recorder:
                 row._asdict() | {"path": " > ".join(row.path)}
                 for row in simulation.stopwatch.rows()
             ],
-            "bytes_per_point": interactions.nbytes / points if points else 0.0,
+            "bytes_per_point": total(interactions.nbytes) / points if points else 0.0,
             "errors": {
                 "closure": simulation.ledger.closure,
                 "external_work": simulation.ledger.energies.external_work,
@@ -380,7 +428,7 @@ class Recorder:
             "time": simulation.time,
         }
         summary["scales"] = cohesive_scales(simulation)
-        write_summary(path, summary)
+        return summary
 
     def __enter__(self) -> Recorder:
         return self

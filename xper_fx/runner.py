@@ -8,6 +8,7 @@ import sys
 from argparse import ArgumentParser
 from collections.abc import Iterator
 from pathlib import Path
+from signal import Signals
 
 from tqdm.auto import tqdm
 
@@ -81,15 +82,16 @@ def recorded_steps(
             error = abs(step.energies["closure"]) / max(step.energies["external_work"], 1e-300)
             bar.set_postfix(sweeps=step.sweeps, energy_error=f"{error:.0e}", refresh=False)
             yield step, strain
-            if interruption.signal is not None:
+            number = simulation.team.max(interruption.number)
+            if number:
                 path = recorder.checkpoint()
                 tqdm.write(
-                    f"{title}: ended by {interruption.signal.name} at {simulation.time:.6g} s, "
-                    f"saved in {path}; the same command with --restart (Recorder(restart=True)) "
-                    "goes on from there",
+                    f"{title}: ended by {Signals(int(number)).name} at {simulation.time:.6g} s, saved "
+                    f"in {path}; the same command with --restart (Recorder(restart=True)) goes on "
+                    "from there",
                     file=sys.stderr,
                 )
-                raise SystemExit(interruption.status)
+                raise SystemExit(128 + int(number))
         if recorder.restarted and not made:
             logger.warning("%s: complete until %g s, there is nothing left to do", title, first)
         elif recorder.checkpoint_every > 0.0:

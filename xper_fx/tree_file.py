@@ -16,7 +16,6 @@ import h5py
 import numpy as np
 
 from xper_fx.errors import CheckpointError
-from xper_fx.nscd.rows import Rows
 
 
 def write_tree(path: Path, tree: Mapping, **attributes: str | int) -> None:
@@ -24,7 +23,7 @@ def write_tree(path: Path, tree: Mapping, **attributes: str | int) -> None:
 
     Args:
         path: the file.
-        tree: by name numbers, strings, arrays, `Rows` and such trees; names have no "/".
+        tree: by name numbers, strings, arrays and such trees; names have no "/".
         attributes: of the file.
 
     Raises:
@@ -65,7 +64,7 @@ def read_attributes(path: Path) -> dict[str, str | int]:
 
 
 def read_tree(path: Path) -> dict:
-    """The tree of a file: floats, integers, strings, arrays, and `Rows` as arrays in their order.
+    """The tree of a file: floats, integers, strings and arrays.
 
     Raises:
         CheckpointError: the file is damaged.
@@ -120,7 +119,7 @@ def _leaves(tree: Mapping, before: str = "") -> Iterator[tuple[str, np.ndarray |
         elif isinstance(value, str):
             yield before + name, value
         else:
-            yield before + name, value.in_order() if isinstance(value, Rows) else np.asarray(value)
+            yield before + name, np.asarray(value)
 
 
 def _digest(leaves: Mapping[str, np.ndarray | str]) -> str:

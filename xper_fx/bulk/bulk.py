@@ -31,6 +31,7 @@ from xper_fx.forms.loads import (
 )
 from xper_fx.meshes import cell_measure
 from xper_fx.nscd.rows import Rows
+from xper_fx.parallel.ranks import ALONE, Ranks
 
 
 class Bulk:
@@ -44,6 +45,7 @@ class Bulk:
             regularised, so that what is prescribed must hold every body, or every group of bodies
             that interactions join.
         joined: pairs of bodies between which interactions act, shape (n, 2).
+        ranks: ranks that divide the bodies; vectors are this rank's, sums those of all.
 
     Attributes:
         unknowns: what the unknowns are.
@@ -64,8 +66,9 @@ class Bulk:
         damping: RayleighDamping | None = None,
         inertia: bool = True,
         joined: npt.ArrayLike = (),
+        ranks: Ranks = ALONE,
     ):
-        self.forms = forms
+        self.forms, self.ranks = forms, ranks
         self.linear = forms.linear
         self.dim = forms.V.dofmap.index_map_bs
         self.unknowns = self._make_unknowns()
@@ -222,13 +225,13 @@ class Bulk:
 
     def kinetic_energy(self, velocity: np.ndarray) -> float:
         """v . M . v / 2 (J; 2D: J/m); 0 without inertia."""
-        return 0.0 if self.inertia is None else self.inertia.energy(velocity)
+        return 0.0 if self.inertia is None else self.ranks.sum(self.inertia.energy(velocity))
 
     def elastic_energy(self, displacement: np.ndarray, internal: np.ndarray) -> float:
         """Stored energy (J; 2D: J/m) at a displacement whose internal forces are known."""
         if self.linear:
-            return 0.5 * float(displacement @ internal)
-        return self.forms.assemble_energy(self.unknowns.expand(displacement))
+            return self.ranks.sum(0.5 * float(displacement @ internal))
+        return self.ranks.sum(self.forms.assemble_energy(self.unknowns.expand(displacement)))
 
     def commit(self, displacement: np.ndarray, internal: np.ndarray) -> None:
         """End the step at a displacement with its forces: internal variables move on."""
@@ -244,7 +247,7 @@ class Bulk:
 
     def norm(self, velocity: np.ndarray) -> float:
         """Norm of velocities that the mass gives, with inertia or without."""
-        return float(np.sqrt(velocity @ (self.weights * velocity)))
+        return float(np.sqrt(self.ranks.sum(velocity @ (self.weights * velocity))))
 
     def end_weight(self, theta: float) -> float | np.ndarray:
         """theta of each unknown's equation, one number if it is the same for all."""
@@ -303,7 +306,7 @@ class Bulk:
             scaled, k=1, which="LA", return_eigenvectors=False, tol=1e-3,
             v0=self._start_vector(stiffness.shape[0]),
         )  # fmt: skip
-        return 2.0 / float(np.sqrt(top[0]))
+        return 2.0 / float(np.sqrt(self.ranks.max(top[0])))
 
     @staticmethod
     def _start_vector(size: int) -> np.ndarray:

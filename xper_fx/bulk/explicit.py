@@ -81,7 +81,7 @@ class ExplicitScheme:
                     inverse, interactions, solver, free, tolerance
                 )
             sweeps, error, traction, converged = report[1], report[2], report[3], report[0]
-        converged = converged and bool(np.all(np.isfinite(velocity)))
+        converged = bulk.ranks.all(converged and np.all(np.isfinite(velocity)))
         reactions = np.where(
             bulk.layout.prescribed, bulk.momentum(velocity - v0) - impulse - impulses, 0.0
         )

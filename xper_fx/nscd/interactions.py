@@ -11,7 +11,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
@@ -41,6 +41,9 @@ from xper_fx.nscd.ordering import (
 from xper_fx.nscd.points import InteractionPoints
 from xper_fx.nscd.rows import Rows
 from xper_fx.nscd.small import SINGULAR, for_dimension, sym_indices
+
+if TYPE_CHECKING:
+    from xper_fx.parallel.halo import Halo
 
 # Relative rounding of velocities that several points add up to.
 _ROUNDING = 4.0 * np.finfo(float).eps
@@ -116,6 +119,7 @@ class PointGroup:
         energy: shape (n, len(kernels.energies)), of the last committed step (J; 2D: J/m).
         status: shape (n,), int8: 0 open, 1 closed or bonded and sticking, 2 sliding.
         sides, blocks: what kernels over the points are compiled for.
+        phase: in which bodies of another rank are at the points, 0 if none are.
     """
 
     kernels: LawKernels
@@ -138,6 +142,7 @@ class PointGroup:
     status: np.ndarray
     sides: Sides
     blocks: Blocks
+    phase: int = 0
 
     def __len__(self) -> int:
         return len(self.indices)
@@ -303,6 +308,9 @@ class Interactions:
             `vertex_blocks.solve` (one block of w a node, one node a side).
         rigid_blocks: shape (num_rigid, 2 dim, 2 dim), blocks of w of rigid bodies, whose nodes, two
             a body, come after the others; None without any. `take_rigid` renews them.
+        halo: what there is to exchange with other ranks, whose bodies' nodes come after this
+            rank's; None where one rank has all bodies. Everything that reads or moves all points
+            is then done by all ranks together.
 
     Attributes:
         anchors: of bodies that interactions alone hold, None if there are none.
@@ -325,6 +333,7 @@ class Interactions:
         initial_velocity: np.ndarray | None = None,
         ordering: str = "tiles",
         rigid_blocks: np.ndarray | None = None,
+        halo: Halo | None = None,
     ):
         law_of_point = np.asarray(law_of_point)
         if len(law_of_point) != len(points):
@@ -351,6 +360,7 @@ class Interactions:
         self.ordering = ordering
         self.laws, self.law_of_point = laws, law_of_point
         self._rigid_blocks = rigid_blocks
+        self.halo = halo
         self._rigid_start = self._rigid_free = np.zeros((0, inverse.dim))
         self.bulk_inverse = inverse
         inverse = self.inverse = self._joined(inverse)
@@ -379,12 +389,15 @@ class Interactions:
         by_kernels: dict[LawKernels, list[int]] = {}
         for number in np.flatnonzero(np.bincount(law_of_point)).tolist():
             by_kernels.setdefault(self.laws[number].kernels(self.dim), []).append(number)
-        return [
-            self._group(
-                kernels, points, law_of_point, np.flatnonzero(np.isin(law_of_point, numbers)), nodal
-            )
-            for kernels, numbers in by_kernels.items()
-        ]
+        groups = []
+        for kernels, numbers in by_kernels.items():
+            indices = np.flatnonzero(np.isin(law_of_point, numbers))
+            phase = np.zeros(len(indices), int) if self.halo is None else self.halo.phase[indices]
+            for number in np.unique(phase).tolist():
+                here = indices[phase == number]
+                group = self._group(kernels, points, law_of_point, here, nodal)
+                groups.append(replace(group, phase=number))
+        return groups
 
     def _group(self, kernels, points, law_of_point, indices, nodal, like=None) -> PointGroup:
         """A group with the start of its points; `like` has the same points as they were before."""
@@ -459,6 +472,8 @@ class Interactions:
         self._take_inverse(self.groups)
 
     def _joined(self, inverse: BodyInverse) -> BodyInverse:
+        if self.halo is not None:
+            return self.halo.with_ghosts(inverse)
         return inverse if self._rigid_blocks is None else inverse.joined(self._rigid_blocks)
 
     def take_rigid(self, start: np.ndarray, free: np.ndarray) -> None:
@@ -485,8 +500,22 @@ class Interactions:
             kernel(group.couplings, group.points.frame, rows, cols, group.compliance)
         traces = [g.compliance[:, np.equal(*sym_indices(g.kernels.components))].sum(1)
                   for g in self.groups]  # fmt: skip
-        self._stiffness = math.sqrt(sum(float(np.sum(t[t > 0.0] ** -2.0)) for t in traces))
+        stiffness = sum(float(np.sum(t[t > 0.0] ** -2.0)) for t in traces)
+        self._stiffness = math.sqrt(self._sum(stiffness))
         self._mass = sum(float(np.sum(1.0 / t[t > 0.0])) for t in traces)
+
+    def _sum(self, value):
+        """Sum over all ranks."""
+        return value if self.halo is None else self.halo.ranks.sum(value)
+
+    def _whole(self, values: np.ndarray) -> np.ndarray:
+        """Of values at this rank's permanent points, shape (num_points, ...), those of all."""
+        return values if self.halo is None else self.halo.gather(values)
+
+    @property
+    def num_points(self) -> int:
+        """Number of permanent points, on all ranks."""
+        return self._sum(len(self))
 
     def free_velocities(self, bulk: np.ndarray) -> np.ndarray:
         """Free velocities of all slots, flat.
@@ -557,7 +586,7 @@ class Interactions:
                 loose[g.indices] = g.state[:, g.kernels.state_names.index("damage")] == 0.0
             else:
                 loose[g.indices] = "impact" in g.kernels.energies
-        return loose
+        return self._whole(loose)
 
     def retire(self, indices: np.ndarray) -> None:
         """Take permanent points out, for good; what `gather` gives of them is zero.
@@ -601,6 +630,8 @@ class Interactions:
             velocity: shape (num_slots * dim,), m/s.
         """
         speed = float(np.abs(velocity).max(initial=0.0))
+        if self.halo is not None:
+            speed = self.halo.ranks.max(speed)
         return _ROUNDING * speed * self._stiffness
 
     @property
@@ -657,12 +688,20 @@ class Interactions:
                     velocity, g.couplings, g.compliance, g.parameters, g.terms, g.details
                 )
                 largest, self.too_far = max(largest, change), max(self.too_far, too_far)
+        if self.halo is not None:
+            both = self.halo.ranks.max(np.array([largest, self.too_far]))
+            largest, self.too_far = both.tolist()
         return largest
 
     def add_velocity(self, velocity: np.ndarray) -> None:
         """Add w H r to `velocity`, shape (num_slots * dim,)."""
+        if self.halo is not None:
+            self.halo.clear(velocity)
         for g in self.groups:
             push_kernel(g.sides, g.blocks)(velocity, g.couplings, g.impulse)
+        if self.halo is not None:
+            self.halo.everywhere.add_back(velocity)
+            self.halo.everywhere.forward(velocity)
 
     def impulses(self) -> np.ndarray:
         """H r: impulses of the current step on the interacting nodes, shape (num_slots, dim)."""
@@ -670,6 +709,8 @@ class Interactions:
         for g in self.groups:
             spread = spread_kernel(g.sides)
             spread(total.reshape(-1), g.couplings, g.impulse)
+        if self.halo is not None:
+            self.halo.everywhere.add_back(total.reshape(-1))
         return total
 
     def commit(self, velocity: np.ndarray) -> StepWork:
@@ -697,7 +738,7 @@ class Interactions:
             self._history = ContactHistory(
                 [(group, known.keys) for known in self._found for group in known.groups]
             )
-        return StepWork(**totals)
+        return StepWork(*self._sum(np.array([totals[name] for name in StepWork._fields])).tolist())
 
     def gather(self, name: str) -> np.ndarray:
         """An array over the permanent points, in the scene's order.
@@ -707,12 +748,19 @@ class Interactions:
 
         Args:
             name: "jump" (m), "velocity" (m/s), "impulse" (N s), "traction" (Pa, opening negative
-                as it pulls the sides together), "status", "energy", or a history variable of the
-                laws such as "damage" (NaN-free: laws without it give 0).
+                as it pulls the sides together), "status", "energy", "law" (index into `laws`),
+                "area" (m^2; 2D: m), or a history variable of the laws such as "damage" (NaN-free:
+                laws without it give 0).
         """
+        return self._whole(self.local(name))
+
+    def local(self, name: str) -> np.ndarray:
+        """As `gather`, of this rank's points."""
         if name == "traction":
             scale = max(self.committed_step, np.finfo(float).tiny) * self.points.area
-            return self.gather("impulse") / scale[:, None]
+            return self.local("impulse") / scale[:, None]
+        if name in ("law", "area"):
+            return self.law_of_point if name == "law" else self.points.area
         widths = {"compliance": self.dim * (self.dim + 1) // 2, "energy": len(ENERGIES)}
         widths |= dict.fromkeys(("jump", "velocity", "impulse"), self.dim)
         if name in widths:
@@ -748,7 +796,7 @@ class Interactions:
         widths = dict.fromkeys(("jump", "velocity", "committed_impulse"), components)
         widths["energy"] = max((len(k.energies) for k in kernels), default=0)
         widths["state"] = max((len(k.state_names) for k in kernels), default=0)
-        number = np.arange(len(self))
+        number = self._numbers()
         arrays = {name: np.zeros((len(self), width)) for name, width in widths.items()}
         arrays |= {"status": np.zeros(len(self), np.int8), "kept": np.zeros(len(self), bool)}
         for g in self._permanent:
@@ -769,16 +817,21 @@ class Interactions:
 
     def restore(self, saved: Mapping) -> None:
         """Take what `saved` gave, its rows in order; points as they were before any retired."""
-        gone = np.flatnonzero(~saved["kept"])
+        number = self._numbers()
+        gone = np.flatnonzero(~saved["kept"][number])
         if len(gone):
             self.retire(gone)
         for g in self._permanent:
             for name in ("jump", "velocity", "committed_impulse", "energy", "state"):
                 own = getattr(g, name)
-                own[:] = saved[name][g.indices, : own.shape[1]]
+                own[:] = saved[name][number[g.indices], : own.shape[1]]
             g.impulse[:] = g.committed_impulse
-            g.status[:] = saved["status"][g.indices]
+            g.status[:] = saved["status"][number[g.indices]]
         self.committed_step = saved["committed_step"]
         self.step_size, self.theta = saved["step_size"], saved["theta"]
         kernels = [law.kernels(self.dim) for law in self.laws]
         self._history = ContactHistory.restored(saved.get("contacts", {}), kernels, self.dim)
+
+    def _numbers(self) -> np.ndarray:
+        """Numbers of this rank's permanent points in the scene's order, shape (num_points,)."""
+        return np.arange(len(self)) if self.halo is None else self.halo.numbers

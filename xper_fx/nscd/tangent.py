@@ -44,7 +44,6 @@ from xper_fx.nscd.exchange import Sides, arm_kernels, motion, point_force, sprea
 from xper_fx.nscd.interactions import Interactions, PointGroup
 from xper_fx.nscd.krylov import gmres
 from xper_fx.nscd.laws.law import LawKernels
-from xper_fx.nscd.rows import Rows
 from xper_fx.nscd.small import for_dimension
 
 # Reach of the differences, relative to the local velocity; and to the largest one, where that is 0.
@@ -563,7 +562,7 @@ class LinearisedProblem:
             slopes[:] = np.inf
         self._fresh = True
 
-    def saved(self) -> dict[str, Rows]:
+    def saved(self) -> dict[str, np.ndarray]:
         """D and K of the permanent points: they stay as they are where they change little.
 
         Returns:
@@ -575,11 +574,10 @@ class LinearisedProblem:
         for g, held in zip(interactions.groups, self._groups, strict=True):
             own = g.kernels.components
             arrays[:, g.indices, :own, :own] = held[:2]
-        number = np.arange(len(interactions))
-        return {"slopes": Rows(number, arrays[0]), "stiffness": Rows(number, arrays[1])}
+        return {"slopes": arrays[0], "stiffness": arrays[1]}
 
     def restore(self, saved: Mapping[str, np.ndarray]) -> None:
-        """Take what `saved` gave, its rows in order, for the same w."""
+        """Take what `saved` gave, for the same w."""
         for g, (slopes, stiffness, *_) in zip(self._interactions.groups, self._groups, strict=True):
             own = g.kernels.components
             slopes[:] = saved["slopes"][g.indices, :own, :own]
@@ -793,7 +791,7 @@ def linearised_problem(interactions: Interactions) -> LinearisedProblem:
     return problem
 
 
-def saved(interactions: Interactions) -> dict[str, Rows]:
+def saved(interactions: Interactions) -> dict[str, np.ndarray]:
     """What the linearised problem keeps from step to step, if there is one and it is kept."""
     problem = kept(interactions)
     # contacts that are found make the problem a new one in each step
@@ -801,5 +799,5 @@ def saved(interactions: Interactions) -> dict[str, Rows]:
 
 
 def restore(interactions: Interactions, memory: Mapping[str, np.ndarray]) -> None:
-    """Take what `saved` gave, its rows in order, for the same points and w."""
+    """Take what `saved` gave, for the same points and w."""
     linearised_problem(interactions).restore(memory)
