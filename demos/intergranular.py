@@ -158,7 +158,7 @@ def run(scene: Scene, options: argparse.Namespace) -> dict:
                 first_strain = strain
                 panels.append(crack_panel(recorder, first, f"first cracks, {100 * strain:.2f} %"))
     final = find_cracks(simulation, HARD)
-    panels.append(crack_panel(recorder, final, f"{100 * strain:.2f} %"))
+    panels.append(crack_panel(recorder, final, f"{100 * recorder.strain:.2f} %"))
     return {
         "simulation": simulation,
         "history": read_history(options.out / "history.csv"),

@@ -183,7 +183,7 @@ def run(scene: Scene, options: argparse.Namespace) -> dict:
                 first = crack_panel(recorder, cracks, f"first cracks, {100 * strain:.2f} %")
                 first_strain = strain
     cracks = find_cracks(simulation, INCLUSION)
-    final = crack_panel(recorder, cracks, f"{title}, {100 * strain:.2f} %")
+    final = crack_panel(recorder, cracks, f"{title}, {100 * recorder.strain:.2f} %")
     return {
         "simulation": simulation,
         "history": read_history(options.out / "history.csv"),

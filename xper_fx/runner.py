@@ -82,16 +82,16 @@ def recorded_steps(
             error = abs(step.energies["closure"]) / max(step.energies["external_work"], 1e-300)
             bar.set_postfix(sweeps=step.sweeps, energy_error=f"{error:.0e}", refresh=False)
             yield step, strain
-            number = simulation.team.max(interruption.number)
+            number = int(simulation.team.max(interruption.number))
             if number:
                 path = recorder.checkpoint()
                 tqdm.write(
-                    f"{title}: ended by {Signals(int(number)).name} at {simulation.time:.6g} s, saved "
+                    f"{title}: ended by {Signals(number).name} at {simulation.time:.6g} s, saved "
                     f"in {path}; the same command with --restart (Recorder(restart=True)) goes on "
                     "from there",
                     file=sys.stderr,
                 )
-                raise SystemExit(128 + int(number))
+                raise SystemExit(128 + number)
         if recorder.restarted and not made:
             logger.warning("%s: complete until %g s, there is nothing left to do", title, first)
         elif recorder.checkpoint_every > 0.0:
