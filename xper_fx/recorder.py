@@ -20,6 +20,7 @@ import logging
 import os
 import platform
 from collections.abc import Mapping
+from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -33,6 +34,7 @@ import numpy as np
 import xper_fx
 from xper_fx.compat import geometry_dofmap
 from xper_fx.effects import effects_of
+from xper_fx.folder_lock import FolderLock
 from xper_fx.nscd.facets import facet_shapes
 from xper_fx.output import HISTORY_COLUMNS, History, TimeSeries, prepare_folder, write_summary
 from xper_fx.scales import cohesive_scales
@@ -145,8 +147,11 @@ class Recorder:
         restarted: whether it goes on from a checkpoint.
         strain: of the gauge, after the last step.
 
+    A write that fails raises an OSError that names the file. What was written before stays
+    readable, the simulation keeps its state, and a later `record` writes again where it can.
+
     Raises:
-        OSError: the folder cannot be written.
+        OSError: the folder cannot be written; BlockingIOError: another run writes there.
         CheckpointError: the checkpoint is damaged, or of another scene or version; the folder is
             as it was then.
         ValueError: a checkpoint interval that is negative, files that do not fit the checkpoint.
@@ -169,19 +174,24 @@ class Recorder:
                 f"checkpoint_every is a time in seconds, or 0 for none; got {checkpoint_every}."
             )
         self.folder = Path(folder).resolve()
-        simulation.team.at_root(lambda: prepare_folder(folder))
+        self._at_root = simulation.team.at_root
+        self._writes = simulation.team.rank == 0
+        self._lock: FolderLock | None = None
+        self._at_root(self._take_folder)
         self.simulation, self._gauge = simulation, gauge
         self.checkpoint_every, self._saved_at = checkpoint_every, monotonic()
         self._writes_fields = fields > 0
-        before = self._restored() if restart else None
+        try:
+            before = self._restored() if restart else None
+        except BaseException:
+            self._leave_folder()
+            raise
         self.restarted = before is not None
         before = before or {}
         simulation.folder, simulation.rescue = self.folder, self.checkpoint
         self._parameters = dict(parameters or {})
         columns = dict.fromkeys(HISTORY_COLUMNS)
         columns |= simulation.ledger.as_columns() | macroscopic_columns(simulation)
-        self._at_root = simulation.team.at_root
-        self._writes = simulation.team.rank == 0
         self._every = end_time / fields if fields > 0 else np.inf
         self._next = before.get("next_fields", 0.0)
         self.strain = before.get("strain", 0.0)
@@ -192,15 +202,19 @@ class Recorder:
             cells = geometry_dofmap(mesh)
             self._node = np.empty(len(mesh.geometry.x), np.int64)
             self._node[cells] = simulation.forms.V.dofmap.list[:, : cells.shape[1]]
-        simulation.stopwatch.owns("output", lambda: self.written)
         self._totals = {"steps": 0, "sweeps": 0, "largest_residual": 0.0, "restarts": 0}
         self._totals |= before.get("totals", {})
         self._totals["restarts"] += self.restarted
         self._steps_before = self._totals["steps"]
         self._bulk = self._interfaces = self._rigid = self._stress = None
-        self._at_root(partial(self._open, tuple(columns), before))
-        if self._writes_fields and not self.restarted:
-            self._write_fields()
+        try:
+            self._at_root(partial(self._open, tuple(columns), before))
+            if self._writes_fields and not self.restarted:
+                self._write_fields()
+        except BaseException:
+            self._leave_folder()
+            raise
+        simulation.stopwatch.owns("output", lambda: self.written)
 
     def _restored(self) -> dict | None:
         """Let the simulation go on from the folder's checkpoint; what `_recording` gave, if any."""
@@ -256,6 +270,14 @@ class Recorder:
             path = self.folder / "rigid.xdmf"
             self._rigid = RigidSeries(path, simulation.rigid, after.get("rigid"))
         self._history = History(self.folder / "history.csv", columns, before.get("history"))
+
+    def _take_folder(self) -> None:
+        prepare_folder(self.folder)
+        self._lock = FolderLock(self.folder)
+
+    def _leave_folder(self) -> None:
+        if self._lock is not None:
+            self._lock.release()
 
     def vertex_displacement(self) -> np.ndarray:
         """Displacement of the exploded mesh's geometry nodes, shape (num_nodes, dim), m."""
@@ -353,13 +375,13 @@ class Recorder:
 
     @property
     def written(self) -> int:
-        """Bytes of the fields and of the history that this rank has put on disk."""
+        """Bytes of the fields and of the history that this rank has put on disk, if still there."""
         if not self._writes:
             return 0
         paths = [self.folder / "history.csv"]
         for series in self._series:
             paths += [series.path, *series.h5_paths]
-        return sum(path.stat().st_size for path in paths)
+        return sum(path.stat().st_size for path in paths if path.exists())
 
     @property
     def _series(self) -> list[TimeSeries]:
@@ -373,11 +395,12 @@ class Recorder:
         summary = self._summary() if self.simulation.team.max(added or not there) else None
 
         def finish() -> None:
-            if summary is not None:
-                write_summary(self.folder / "summary.json", summary)
-            self._history.close()
-            for series in self._series:
-                series.close()
+            with ExitStack() as files:
+                files.callback(self._leave_folder)
+                for file in (self._history, *self._series):
+                    files.callback(file.close)
+                if summary is not None:
+                    write_summary(self.folder / "summary.json", summary)
 
         self._at_root(finish)
 
@@ -433,5 +456,12 @@ class Recorder:
     def __enter__(self) -> Recorder:
         return self
 
-    def __exit__(self, *exception) -> None:
-        self.close()
+    def __exit__(self, kind, *exception) -> None:
+        if kind is None:
+            self.close()
+            return
+        try:
+            self.close()
+        except (OSError, ValueError) as error:
+            # What ended the run says more.
+            logger.error("the run's summary and files could not be completed: %s", error)
