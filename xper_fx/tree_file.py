@@ -8,14 +8,17 @@ at any moment leaves the file that was there before. It bears a digest of all it
 from __future__ import annotations
 
 import hashlib
+import io
 import os
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from pathlib import Path
 
 import h5py
 import numpy as np
 
 from xper_fx.errors import CheckpointError
+from xper_fx.output_errors import explained
 
 
 def write_tree(path: Path, tree: Mapping, **attributes: str | int) -> None:
@@ -30,23 +33,29 @@ def write_tree(path: Path, tree: Mapping, **attributes: str | int) -> None:
         OSError: the file cannot be written; what was there before stays.
     """
     leaves = dict(_leaves(tree))
+    # in memory first: HDF5 does not get over a disk that is full
+    content = io.BytesIO()
+    with h5py.File(content, "w") as h5:
+        for name, leaf in leaves.items():
+            h5[name] = leaf
+        h5.attrs.update(attributes)
+        h5.attrs["digest"] = _digest(leaves)
     temporary = path.with_name(f".{path.name}.tmp")
-    try:
-        with h5py.File(temporary, "w", locking=False) as h5:
-            for name, leaf in leaves.items():
-                h5[name] = leaf
-            h5.attrs.update(attributes)
-            h5.attrs["digest"] = _digest(leaves)
-        with open(temporary, "rb") as file:
-            os.fsync(file.fileno())
-        os.replace(temporary, path)
-        folder = os.open(path.parent, os.O_RDONLY)
+    with explained(path):
         try:
-            os.fsync(folder)
+            with open(temporary, "wb") as file:
+                file.write(content.getbuffer())
+                file.flush()
+                os.fsync(file.fileno())
+            os.replace(temporary, path)
+            folder = os.open(path.parent, os.O_RDONLY)
+            try:
+                os.fsync(folder)
+            finally:
+                os.close(folder)
         finally:
-            os.close(folder)
-    finally:
-        temporary.unlink(missing_ok=True)
+            with suppress(OSError):
+                temporary.unlink(missing_ok=True)
 
 
 def read_attributes(path: Path) -> dict[str, str | int]:
