@@ -535,8 +535,8 @@ def test_checkpoints_come_in_time(tmp_path, monkeypatch):
 
 def test_without_checkpoints_none_are_written(tmp_path):
     recorded(tmp_path, checkpoint_every=0.0)
-    assert set(contents(tmp_path)) == {"history.csv", "summary.json", *(f"{n}.{s}" for n in ("bulk", "interfaces")
-                                                      for s in ("h5", "xdmf"))}  # fmt: skip
+    series = {f"{name}.{suffix}" for name in ("bulk", "interfaces") for suffix in ("h5", "xdmf")}
+    assert set(contents(tmp_path)) == {"history.csv", "summary.json", *series}
 
 
 def test_a_step_that_fails_can_be_taken_with_other_options(whole, tmp_path):
