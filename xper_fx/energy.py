@@ -17,6 +17,7 @@ second order only, and that is what `closure` then shows.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -176,3 +177,13 @@ class EnergyLedger:
         if not self._bulk.forms.plastic:
             del columns["dissipated_plastic"]
         return columns
+
+    def saved(self) -> dict[str, float]:
+        """All energies, and what was held at the start."""
+        return vars(self.energies) | {"at_start": self._at_start}
+
+    def restore(self, saved: Mapping[str, float]) -> None:
+        """Take the energies from what `saved` gave."""
+        energies = dict(saved)
+        self._at_start = energies.pop("at_start")
+        self.energies = Energies(**energies)

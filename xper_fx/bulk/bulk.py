@@ -7,7 +7,7 @@ never calls the forms again.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import basix
 import numpy as np
@@ -30,6 +30,7 @@ from xper_fx.forms.loads import (
     value_at,
 )
 from xper_fx.meshes import cell_measure
+from xper_fx.nscd.rows import Rows
 from xper_fx.parallel.ranks import ALONE, Ranks
 
 # Masses and stiffnesses are kept as far from the limits of floats as their squares need.
@@ -325,3 +326,13 @@ class Bulk:
     def _start_vector(size: int) -> np.ndarray:
         """A start for eigenvalue iterations: fixed, so that runs repeat."""
         return np.random.default_rng(0).standard_normal(size)
+
+    def saved(self) -> dict:
+        """What the next step depends on beside the state: internal variables."""
+        history = self.forms.history_by_cell()
+        return {} if history is None else {"history": Rows(self.forms.bodies.parent_cell, history)}
+
+    def restore(self, saved: Mapping) -> None:
+        """Take what `saved` gave, its rows in order."""
+        if self.forms.has_history:
+            self.forms.restore_by_cell(saved["history"][self.forms.bodies.parent_cell])

@@ -15,6 +15,8 @@ the energy ledger closes to the last term, of order (h omega)^2 and reversible.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from xper_fx.bulk.bulk import Bulk
@@ -98,3 +100,14 @@ class ExplicitScheme:
     def nbytes(self) -> int:
         """Memory held by the inverse of the mass, in bytes."""
         return self._inverse.nbytes
+
+    def holds(self, step: float) -> bool:
+        """As of `ImplicitScheme`."""
+        return True
+
+    def saved(self) -> dict:
+        """Nothing: the inverse is always the same."""
+        return {}
+
+    def restore(self, saved: Mapping) -> None:
+        """Nothing to restore."""

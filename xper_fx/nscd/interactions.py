@@ -8,6 +8,7 @@ Until `commit` nothing of the past is lost: a step may begin again with another 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache
 from typing import TYPE_CHECKING, NamedTuple
@@ -38,6 +39,7 @@ from xper_fx.nscd.ordering import (
     vertex_of_points,
 )
 from xper_fx.nscd.points import InteractionPoints
+from xper_fx.nscd.rows import Rows
 from xper_fx.nscd.small import SINGULAR, for_dimension, sym_indices
 
 if TYPE_CHECKING:
@@ -600,6 +602,8 @@ class Interactions:
         self.renewals += 1
 
     def _subset(self, group: PointGroup, kept: np.ndarray) -> PointGroup:
+        # in the scene's order first: who retires together leaves no trace in the order of visit
+        kept = kept[np.argsort(group.indices[kept])]
         blocks = self._blocks_of(group.points.nodes[kept])
         ordering = order_points(blocks, len(self._still))
         kept = kept[ordering.order]
@@ -780,3 +784,54 @@ class Interactions:
     def nbytes(self) -> int:
         """Memory held by points and blocks of w, in bytes."""
         return sum(g.nbytes for g in self.groups) + self.inverse.data.nbytes
+
+    def saved(self) -> dict:
+        """What the next step depends on, the inverse and what is found anew left out.
+
+        Arrays over the permanent points are `Rows` in the scene's order, as wide as the widest of
+        the laws asks for; of contacts that were found their history is kept.
+        """
+        kernels = [law.kernels(self.dim) for law in self.laws]
+        components = max((k.components for k in kernels), default=0)
+        widths = dict.fromkeys(("jump", "velocity", "committed_impulse"), components)
+        widths["energy"] = max((len(k.energies) for k in kernels), default=0)
+        widths["state"] = max((len(k.state_names) for k in kernels), default=0)
+        number = self._numbers()
+        arrays = {name: np.zeros((len(self), width)) for name, width in widths.items()}
+        arrays |= {"status": np.zeros(len(self), np.int8), "kept": np.zeros(len(self), bool)}
+        for g in self._permanent:
+            arrays["kept"][g.indices] = True
+            arrays["status"][g.indices] = g.status
+            for name in widths:
+                own = getattr(g, name)
+                arrays[name][g.indices, : own.shape[1]] = own
+        saved = {name: Rows(number, values) for name, values in arrays.items()}
+        saved |= {
+            "committed_step": self.committed_step, "step_size": self.step_size,
+            "theta": self.theta,
+        }  # fmt: skip
+        if self._history is not None:
+            law_of = {kernel: law for law, kernel in reversed(list(enumerate(kernels)))}
+            saved["contacts"] = self._history.saved(law_of)
+        return saved
+
+    def restore(self, saved: Mapping) -> None:
+        """Take what `saved` gave, its rows in order; points as they were before any retired."""
+        number = self._numbers()
+        gone = np.flatnonzero(~saved["kept"][number])
+        if len(gone):
+            self.retire(gone)
+        for g in self._permanent:
+            for name in ("jump", "velocity", "committed_impulse", "energy", "state"):
+                own = getattr(g, name)
+                own[:] = saved[name][number[g.indices], : own.shape[1]]
+            g.impulse[:] = g.committed_impulse
+            g.status[:] = saved["status"][number[g.indices]]
+        self.committed_step = saved["committed_step"]
+        self.step_size, self.theta = saved["step_size"], saved["theta"]
+        kernels = [law.kernels(self.dim) for law in self.laws]
+        self._history = ContactHistory.restored(saved.get("contacts", {}), kernels, self.dim)
+
+    def _numbers(self) -> np.ndarray:
+        """Numbers of this rank's permanent points in the scene's order, shape (num_points,)."""
+        return np.arange(len(self)) if self.halo is None else self.halo.numbers

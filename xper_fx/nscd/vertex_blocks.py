@@ -22,6 +22,7 @@ and a quarter or less once cracks open and close, where sweeps often do not conv
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import cache
 from typing import NamedTuple
 from weakref import WeakKeyDictionary
@@ -95,6 +96,21 @@ _structures: WeakKeyDictionary[Interactions, _Blocks] = WeakKeyDictionary()
 def kept(interactions: Interactions) -> _Blocks | None:
     """The vertices' arrays that are held for a scene, if any."""
     return _structures.get(interactions)
+
+
+def saved(interactions: Interactions) -> dict[str, np.ndarray]:
+    """What vertices keep from step to step, inverses and the slopes they are made for, if any.
+
+    In the order in which this process visits points: of use with as many processes only.
+    """
+    blocks = kept(interactions)
+    return {} if blocks is None else {"inverse": blocks.inverse, "slope": blocks.slope}
+
+
+def restore(interactions: Interactions, memory: Mapping[str, np.ndarray]) -> None:
+    """Take what `saved` gave, for the same points."""
+    blocks = _structures[interactions] = _build(interactions)
+    blocks.inverse[:], blocks.slope[:] = memory["inverse"], memory["slope"]
 
 
 def _unknowns(interactions: Interactions) -> int:
