@@ -66,9 +66,7 @@ class CellwiseInverse(_OnBodies):
     def apply(self, residual: np.ndarray) -> np.ndarray:
         """W r, shape (num_dofs,)."""
         out = np.empty_like(residual)
-        in_ranges(
-            apply_blocks(self._layout.dim), len(self._w), self._w, self.nodes, residual, out
-        )
+        in_ranges(apply_blocks(self._layout.dim), len(self._w), self._w, self.nodes, residual, out)
         out[len(self.nodes) * self._layout.dim :] = 0.0
         return out
 

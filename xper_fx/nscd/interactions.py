@@ -26,6 +26,7 @@ from xper_fx.nscd.exchange import (
     push_kernel,
     spread_kernel,
 )
+from xper_fx.nscd.facets import join_points
 from xper_fx.nscd.history import ContactHistory
 from xper_fx.nscd.inverse import BodyInverse
 from xper_fx.nscd.laws.law import ENERGIES, Law, LawKernels
@@ -146,7 +147,8 @@ class PointGroup:
         own = (
             self.indices, self.parameters, self.state, self.terms, self.details, self.compliance,
             self.inverse_area, self.jump, self.velocity, self.impulse, self.committed_impulse,
-            self.energy, self.status, *self.ordering, *self.couplings, *vars(self.points).values(),
+            self.energy, self.status, *self.ordering, *self.tile_bodies, *self.couplings,
+            *vars(self.points).values(),
         )  # fmt: skip
         kept = {id(a): a for a in own if a is not None and a is not self.couplings.w}
         return sum(a.nbytes for a in kept.values())
@@ -347,7 +349,9 @@ class Interactions:
             )
         self.dim = inverse.dim
         self.ordering = ordering
-        self.laws, self.law_of_point = laws, law_of_point
+        self.laws = laws
+        self.law_of_point = law_of_point.astype(np.min_scalar_type(max(len(laws) - 1, 0)))
+        self._count = len(points)
         self._rigid_blocks = rigid_blocks
         self._rigid_start = self._rigid_free = np.zeros((0, inverse.dim))
         self.bulk_inverse = inverse
@@ -362,15 +366,19 @@ class Interactions:
             nodal[: len(initial_velocity)] = initial_velocity
         self._vertex = None
         if ordering == "vertices":
-            self._vertex = vertex_of_points(points.nodes[:, :, 0], inverse.num_nodes + 1)
-        self._block_of_node = inverse.block_of_node()
+            vertex = vertex_of_points(points.nodes[:, :, 0], inverse.num_nodes + 1)
+            self._vertex = vertex.astype(np.int32)
+        self._block_of_node = inverse.block_of_node().astype(np.int32)
         self._permanent = self._grouped(points, law_of_point, nodal)
         self.groups = self._permanent
         self._found: list[_ContactSet] = []
         self._history: ContactHistory | None = None
         self.renewals = 0
-        widest = max((g.kernels.components for g in self.groups), default=1)
-        self.points = points.with_components(widest)
+        components = [g.kernels.components for g in self.groups]
+        # Points whose groups have all of their frames are put together again when asked for.
+        self._points = None
+        if not components or min(components) < max(components) or points.arms is not None:
+            self._points = points.with_components(max(components, default=1))
         self._take_inverse(self.groups)
 
     def _grouped(self, points, law_of_point, nodal) -> list[PointGroup]:
@@ -410,7 +418,7 @@ class Interactions:
         jump[:, 0] = points.gap
         return PointGroup(
             kernels=kernels,
-            indices=indices,
+            indices=indices.astype(np.int32),
             points=points,
             ordering=ordering,
             tile_bodies=tile_bodies,
@@ -448,7 +456,16 @@ class Interactions:
         return Blocks(int(sizes[0])) if alike else Blocks()
 
     def __len__(self) -> int:
-        return len(self.points)
+        return self._count
+
+    @property
+    def points(self) -> InteractionPoints:
+        """All permanent points in the scene's order, those taken out included."""
+        if self._points is not None:
+            return self._points
+        where = np.empty(self._count, np.int32)
+        where[np.concatenate([g.indices for g in self._permanent])] = np.arange(self._count)
+        return join_points([g.points for g in self._permanent]).take(where)
 
     def update_inverse(self, inverse: BodyInverse) -> None:
         """Take new values of w (same blocks) of meshed bodies; the compliances W_aa follow."""
@@ -563,6 +580,7 @@ class Interactions:
         Args:
             indices: their numbers in the scene's order.
         """
+        self._points = self.points
         for number, group in enumerate(self._permanent):
             kept = np.flatnonzero(~np.isin(group.indices, indices))
             if len(kept) < len(group):
@@ -731,4 +749,11 @@ class Interactions:
     @property
     def nbytes(self) -> int:
         """Memory held by points and blocks of w, in bytes."""
-        return sum(g.nbytes for g in self.groups) + self.inverse.data.nbytes
+        inverse = self.inverse
+        shared = [
+            self.law_of_point, self._block_of_node, self._still, inverse.data,
+            inverse.node_offsets, inverse.data_offsets,
+        ]  # fmt: skip
+        shared += [] if self._vertex is None else [self._vertex]
+        shared += [] if self._points is None else vars(self._points).values()
+        return sum(g.nbytes for g in self.groups) + sum(a.nbytes for a in shared if a is not None)
