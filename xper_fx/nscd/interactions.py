@@ -40,6 +40,7 @@ from xper_fx.nscd.ordering import (
 )
 from xper_fx.nscd.points import InteractionPoints
 from xper_fx.nscd.small import SINGULAR, for_dimension, sym_indices
+from xper_fx.nscd.threads import in_ranges
 
 # Relative rounding of velocities that several points add up to.
 _ROUNDING = 4.0 * np.finfo(float).eps
@@ -156,26 +157,28 @@ class PointGroup:
 
 @cache
 def _step_kernels(law: LawKernels, sides: Sides):
-    """The loops over points of a law's `prepare` and `commit`."""
+    """The loops over ranges of points of a law's `prepare` and `commit`."""
     read, _ = motion(sides)
     algebra = for_dimension(sides.dim, sides.components)
     row, set_row, add, scale = algebra.row, algebra.set_row, algebra.add, algebra.scale
     prepare, commit = law.prepare, law.commit
 
-    @njit
-    def prepare_all(jump, velocity, w, area, step, theta, parameters, state, terms, details):
-        for i in range(len(area)):
+    @njit(nogil=True)
+    def prepare_range(
+        first, last, jump, velocity, w, area, step, theta, parameters, state, terms, details
+    ):
+        for i in range(first, last):
             prepare(
                 i, row(jump, i), row(velocity, i), w, area[i], step, theta, parameters, state,
                 terms, details,
             )  # fmt: skip
 
-    @njit
-    def commit_all(
-        v, c, jump, velocity, r, area, step, theta, parameters, state, terms, details, energy,
-        status,
+    @njit(nogil=True)
+    def commit_range(
+        first, last, v, c, jump, velocity, r, area, step, theta, parameters, state, terms, details,
+        energy, status,
     ):  # fmt: skip
-        for i in range(len(area)):
+        for i in range(first, last):
             jump0, u = row(jump, i), read(v, c, i)
             mean = add(scale(theta, u), scale(1.0 - theta, row(velocity, i)))
             jump1 = add(jump0, scale(step, mean))
@@ -186,24 +189,24 @@ def _step_kernels(law: LawKernels, sides: Sides):
             set_row(jump, i, jump1)
             set_row(velocity, i, u)
 
-    return prepare_all, commit_all
+    return prepare_range, commit_range
 
 
 @cache
 def _evolve_kernel(law: LawKernels, sides: Sides):
-    """The loop over points of a law's `evolve`."""
+    """The loop over a range of points of a law's `evolve`."""
     read, _ = motion(sides)
     evolve = law.evolve
 
-    @njit(_nrt=False)
-    def evolve_all(v, c, w, parameters, terms, details):
+    @njit(_nrt=False, nogil=True)
+    def evolve_range(first, last, v, c, w, parameters, terms, details):
         largest = least = 0.0
-        for i in range(len(w)):
+        for i in range(first, last):
             change = evolve(i, read(v, c, i), w, parameters, terms, details)
             largest, least = max(largest, change), min(least, change)
         return largest, -least
 
-    return evolve_all
+    return evolve_range
 
 
 @njit
@@ -648,10 +651,10 @@ class Interactions:
     def prepare(self) -> None:
         """Renew the laws' constants of the step, after `update_inverse`."""
         for g in self.groups:
-            prepare_all, _ = _step_kernels(g.kernels, g.sides)
-            prepare_all(
-                g.jump, g.velocity, g.compliance, g.points.area, self.step_size, self.theta,
-                g.parameters, g.state, g.terms, g.details,
+            prepare, _ = _step_kernels(g.kernels, g.sides)
+            in_ranges(
+                prepare, len(g), g.jump, g.velocity, g.compliance, g.points.area, self.step_size,
+                self.theta, g.parameters, g.state, g.terms, g.details,
             )  # fmt: skip
 
     def evolve(self, velocity: np.ndarray) -> float:
@@ -666,11 +669,12 @@ class Interactions:
         largest, self.too_far = 0.0, 0.0
         for g in self.groups:
             if g.kernels.evolve is not None:
-                evolve_all = _evolve_kernel(g.kernels, g.sides)
-                change, too_far = evolve_all(
-                    velocity, g.couplings, g.compliance, g.parameters, g.terms, g.details
-                )
-                largest, self.too_far = max(largest, change), max(self.too_far, too_far)
+                changes = in_ranges(
+                    _evolve_kernel(g.kernels, g.sides), len(g), velocity, g.couplings,
+                    g.compliance, g.parameters, g.terms, g.details,
+                )  # fmt: skip
+                for change, too_far in changes:
+                    largest, self.too_far = max(largest, change), max(self.too_far, too_far)
         return largest
 
     def add_velocity(self, velocity: np.ndarray) -> None:
@@ -697,9 +701,9 @@ class Interactions:
         """
         totals = dict.fromkeys(ENERGIES, 0.0)
         for g in self.groups:
-            _, commit_all = _step_kernels(g.kernels, g.sides)
-            commit_all(
-                velocity, g.couplings, g.jump, g.velocity, g.impulse, g.points.area,
+            _, commit = _step_kernels(g.kernels, g.sides)
+            in_ranges(
+                commit, len(g), velocity, g.couplings, g.jump, g.velocity, g.impulse, g.points.area,
                 self.step_size, self.theta, g.parameters, g.state, g.terms, g.details, g.energy,
                 g.status,
             )  # fmt: skip

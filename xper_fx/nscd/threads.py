@@ -26,24 +26,24 @@ def _pool() -> ThreadPoolExecutor:
 os.register_at_fork(after_in_child=_pool.cache_clear)  # threads do not survive a fork
 
 
-def in_ranges(work: Callable, count: int, *arguments) -> None:
+def in_ranges(work: Callable, count: int, *arguments) -> list:
     """Call `work(first, last, *arguments)` on ranges that make up 0 to `count`.
 
     Args:
         work: releases the interpreter's lock, as kernels compiled with `nogil` and NumPy do.
         count: number of items.
         arguments: of `work`, the same for all ranges.
+
+    Returns:
+        What `work` returned, range by range.
     """
     threads = get_num_threads()
     if count < _MANY or threads == 1:
-        work(0, count, *arguments)
-        return
+        return [work(0, count, *arguments)]
     work(0, 0, *arguments)  # a kernel is compiled here, not in a thread
     ends = [count * part // threads for part in range(threads + 1)]
     others = [
         _pool().submit(work, first, last, *arguments)
         for first, last in zip(ends[1:-1], ends[2:], strict=True)
     ]
-    work(0, ends[1], *arguments)
-    for other in others:
-        other.result()
+    return [work(0, ends[1], *arguments), *(other.result() for other in others)]
