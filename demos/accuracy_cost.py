@@ -46,6 +46,7 @@ from xper_fx.materials.library import ZIRCALOY_4_DUCTILE, ZIRCALOY_4_DUCTILE_FIN
 from xper_fx.meshes import crossed_rectangle, tag_facets
 from xper_fx.nscd.laws import CohesiveZone, SignoriniCoulomb
 from xper_fx.output import prepare_folder
+from xper_fx.parallel.launch import run_together
 from xper_fx.quantities import (
     CrackPattern,
     DisplacementL2,
@@ -616,4 +617,4 @@ def main(arguments: list[str] | None = None) -> list[StudyResults]:
 
 
 if __name__ == "__main__":
-    main()
+    run_together(main)

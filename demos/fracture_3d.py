@@ -25,7 +25,6 @@
 # contract. The initial velocity is linear along the bar, so that no shock starts from the ends.
 
 import argparse
-import json
 import logging
 from pathlib import Path
 from typing import NamedTuple
@@ -42,9 +41,10 @@ from xper_fx.materials import LinearElastic
 from xper_fx.meshes import local_facet_vertices, read_gmsh, tag_facets
 from xper_fx.nscd.laws import CohesiveZone
 from xper_fx.output import prepare_folder, read_history
+from xper_fx.parallel.launch import run_together
 from xper_fx.periodic.microstructure.gmsh_session import gmsh_model
 from xper_fx.plots import new_figure, plot_curves, plot_energies
-from xper_fx.recorder import Recorder, TensileGauge, point_coordinates
+from xper_fx.recorder import Recorder, TensileGauge, add_to_summary, point_coordinates
 from xper_fx.runner import add_run_options, recorded_steps
 from xper_fx.scales import cohesive_table
 from xper_fx.scene import Scene
@@ -215,11 +215,8 @@ def report(result: dict, options: argparse.Namespace) -> None:
     )
     tqdm.write(cohesive_table(simulation))
     tqdm.write(effects_table(simulation))
-    path = options.out / "summary.json"
-    summary = json.loads(path.read_text())
-    summary |= {"peak_stress": float(history["stress"][peak]), "crack_area": area}
-    summary["crack_slope"] = slopes
-    path.write_text(json.dumps(summary, indent=1, sort_keys=True))
+    found = {"peak_stress": history["stress"][peak], "crack_area": area, "crack_slope": slopes}
+    add_to_summary(simulation, found)
 
 
 # ## Figures
@@ -308,4 +305,4 @@ def main(arguments: list[str] | None = None) -> dict:
 
 
 if __name__ == "__main__":
-    main()
+    run_together(main)

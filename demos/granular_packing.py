@@ -27,7 +27,6 @@
 # not bridge the box: a lid of given velocity would then ask for the impossible.
 
 import argparse
-import json
 import logging
 from pathlib import Path
 
@@ -49,8 +48,9 @@ from xper_fx.materials import NeoHookean
 from xper_fx.nscd.laws import SignoriniCoulomb
 from xper_fx.nscd.rigid import Disc, Polygon, RigidBody, wall
 from xper_fx.output import prepare_folder, read_history
+from xper_fx.parallel.launch import run_together
 from xper_fx.plots import new_figure, plot_energies
-from xper_fx.recorder import Recorder
+from xper_fx.recorder import Recorder, add_to_summary
 from xper_fx.runner import add_run_options, recorded_steps
 from xper_fx.scene import Scene
 from xper_fx.simulation import Simulation
@@ -224,10 +224,8 @@ def report(result: dict, options: argparse.Namespace) -> None:
         f"error {last['closure'] / last['external_work']:.1e} of the work"
     )
     tqdm.write(effects_table(result["simulation"]))
-    path = options.out / "summary.json"
-    summary = json.loads(path.read_text())
-    summary |= {"packing": packed[-1], "pressure": pressure[-1], "jammed_at": jammed}
-    path.write_text(json.dumps(summary, indent=1, sort_keys=True))
+    found = {"packing": packed[-1], "pressure": pressure[-1], "jammed_at": jammed}
+    add_to_summary(result["simulation"], found)
 
 
 # ## Figures
@@ -299,4 +297,4 @@ def main(arguments: list[str] | None = None) -> dict:
 
 
 if __name__ == "__main__":
-    main()
+    run_together(main)

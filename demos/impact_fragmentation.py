@@ -30,7 +30,6 @@
 # their bond to the search; each run prints the deepest.
 
 import argparse
-import json
 import logging
 from pathlib import Path
 
@@ -50,8 +49,9 @@ from xper_fx.meshes import crossed_rectangle
 from xper_fx.nscd.laws import CohesiveZone, SignoriniCoulomb
 from xper_fx.nscd.rigid import Disc, Polygon, RigidBody, wall
 from xper_fx.output import prepare_folder, read_history
+from xper_fx.parallel.launch import run_together
 from xper_fx.plots import plot_energies
-from xper_fx.recorder import Recorder
+from xper_fx.recorder import Recorder, add_to_summary
 from xper_fx.runner import add_run_options, recorded_steps
 from xper_fx.scales import cohesive_table
 from xper_fx.scene import Scene
@@ -187,9 +187,7 @@ def report(result: dict, options: argparse.Namespace) -> None:
     )
     tqdm.write(cohesive_table(result["simulation"]))
     tqdm.write(effects_table(result["simulation"]))
-    path = options.out / "summary.json"
-    summary = json.loads(path.read_text()) | found
-    path.write_text(json.dumps(summary, indent=1, sort_keys=True))
+    add_to_summary(result["simulation"], found)
 
 
 # ## Figures
@@ -238,4 +236,4 @@ def main(arguments: list[str] | None = None) -> dict:
 
 
 if __name__ == "__main__":
-    main()
+    run_together(main)

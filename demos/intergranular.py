@@ -26,7 +26,6 @@
 # rate, step and tolerances. Other seeds (`--seed`) crack elsewhere.
 
 import argparse
-import json
 import logging
 from pathlib import Path
 
@@ -48,6 +47,7 @@ from xper_fx.materials.library import (
     ZIRCALOY_BOND,
 )
 from xper_fx.output import prepare_folder, read_history
+from xper_fx.parallel.launch import run_together
 from xper_fx.periodic.drive import MacroscopicDrive
 from xper_fx.periodic.microstructure import (
     Microstructure,
@@ -59,7 +59,7 @@ from xper_fx.periodic.microstructure import (
     tessellate,
 )
 from xper_fx.plots import plot_cracks, plot_curves, plot_energies, plot_grains
-from xper_fx.recorder import CellGauge, Recorder
+from xper_fx.recorder import CellGauge, Recorder, add_to_summary
 from xper_fx.runner import add_run_options, recorded_steps
 from xper_fx.scales import cohesive_table
 from xper_fx.scene import Scene
@@ -189,12 +189,12 @@ def report(result: dict, options: argparse.Namespace) -> None:
     )
     tqdm.write(cohesive_table(simulation))
     tqdm.write(effects_table(simulation))
-    path = options.out / "summary.json"
-    summary = json.loads(path.read_text())
-    summary["peak_stress"] = float(history["stress"][peak])
-    summary["first_cracks"] = dict(zip(names, counts, strict=True))
-    summary["crack_length"] = lengths
-    path.write_text(json.dumps(summary, indent=1, sort_keys=True))
+    found = {
+        "peak_stress": history["stress"][peak],
+        "first_cracks": dict(zip(names, counts, strict=True)),
+        "crack_length": lengths,
+    }
+    add_to_summary(simulation, found)
 
 
 # ## Figures
@@ -267,4 +267,4 @@ def main(arguments: list[str] | None = None) -> dict:
 
 
 if __name__ == "__main__":
-    main()
+    run_together(main)

@@ -43,6 +43,7 @@ from xper_fx.nscd.rigid.body import RigidBody
 from xper_fx.nscd.rigid.outline import outline
 from xper_fx.nscd.rigid.polygon import Polygon
 from xper_fx.output import prepare_folder
+from xper_fx.parallel.launch import run_together
 from xper_fx.plots import COLOURS, new_figure
 from xper_fx.scene import Scene
 from xper_fx.simulation import Simulation
@@ -367,4 +368,4 @@ def main(arguments: list[str] | None = None) -> dict:
 
 
 if __name__ == "__main__":
-    main()
+    run_together(main)

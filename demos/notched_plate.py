@@ -32,7 +32,6 @@
 # Each run prints its cohesive lengths beside its facets.
 
 import argparse
-import json
 import logging
 from dataclasses import replace
 from pathlib import Path
@@ -56,6 +55,7 @@ from xper_fx.materials.library import (
 from xper_fx.meshes import crossed_rectangle, in_rectangles, tag_cells, tag_facets
 from xper_fx.nscd.laws import SignoriniCoulomb
 from xper_fx.output import prepare_folder, read_history
+from xper_fx.parallel.launch import run_together
 from xper_fx.plots import (
     CrackPanel,
     plot_cracks,
@@ -63,7 +63,7 @@ from xper_fx.plots import (
     plot_energies,
     plot_microstructure,
 )
-from xper_fx.recorder import Recorder, TensileGauge
+from xper_fx.recorder import Recorder, TensileGauge, add_to_summary
 from xper_fx.runner import add_run_options, recorded_steps
 from xper_fx.scales import cohesive_table
 from xper_fx.scene import Scene
@@ -232,11 +232,12 @@ def report(
     )
     tqdm.write(cohesive_table(simulation))
     tqdm.write(effects_table(simulation))
-    summary = json.loads((folder / "summary.json").read_text())
-    summary["crack_length"] = final.crack_lengths()
-    summary["early_crack_length"] = early.crack_lengths()
-    summary["peak_stress"] = float(history["stress"][peak])
-    (folder / "summary.json").write_text(json.dumps(summary, indent=1, sort_keys=True))
+    found = {
+        "crack_length": final.crack_lengths(),
+        "early_crack_length": early.crack_lengths(),
+        "peak_stress": history["stress"][peak],
+    }
+    add_to_summary(simulation, found)
 
 
 # ## Figures
@@ -326,4 +327,4 @@ def main(arguments: list[str] | None = None) -> list[dict]:
 
 
 if __name__ == "__main__":
-    main()
+    run_together(main)

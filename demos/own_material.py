@@ -33,7 +33,6 @@
 # section they take.
 
 import argparse
-import json
 import logging
 from dataclasses import dataclass
 from pathlib import Path
@@ -50,10 +49,11 @@ from xper_fx.forms.kinematics import small_strain
 from xper_fx.materials.material import ZERO_TENSOR, Response
 from xper_fx.meshes import read_gmsh
 from xper_fx.output import prepare_folder
+from xper_fx.parallel.launch import run_together
 from xper_fx.periodic.drive import MacroscopicDrive
 from xper_fx.periodic.microstructure.gmsh_session import gmsh_model
 from xper_fx.plots import plot_curves
-from xper_fx.recorder import CellGauge, Recorder
+from xper_fx.recorder import CellGauge, Recorder, add_to_summary
 from xper_fx.runner import recorded_steps
 from xper_fx.scene import Scene
 from xper_fx.simulation import Simulation
@@ -262,9 +262,8 @@ def report(result: dict, material: Norton, options: argparse.Namespace) -> None:
         f"{closure:.1e} of the work (of first order in the step)"
     )
     tqdm.write(effects_table(simulation))
-    path = options.out / "summary.json"
-    summary = json.loads(path.read_text()) | {"errors_of_the_homogeneous_solid": errors}
-    path.write_text(json.dumps(summary | {"stress_over_limit": ratio}, indent=1, sort_keys=True))
+    found = {"errors_of_the_homogeneous_solid": errors, "stress_over_limit": ratio}
+    add_to_summary(simulation, found)
 
 
 # ## Figures
@@ -342,4 +341,4 @@ def main(arguments: list[str] | None = None) -> dict:
 
 
 if __name__ == "__main__":
-    main()
+    run_together(main)

@@ -31,7 +31,6 @@
 # the cohesive lengths printed at the end say: they span a few hundredths of a facet.
 
 import argparse
-import json
 import logging
 from pathlib import Path
 
@@ -53,9 +52,10 @@ from xper_fx.materials.library import (
 )
 from xper_fx.meshes import crossed_rectangle, in_rectangles, tag_cells
 from xper_fx.output import prepare_folder, read_history
+from xper_fx.parallel.launch import run_together
 from xper_fx.periodic.drive import MacroscopicDrive
 from xper_fx.plots import plot_cracks, plot_curves, plot_energies, plot_microstructure
-from xper_fx.recorder import CellGauge, Recorder
+from xper_fx.recorder import CellGauge, Recorder, add_to_summary
 from xper_fx.runner import add_run_options, recorded_steps
 from xper_fx.scales import cohesive_table
 from xper_fx.scene import Scene
@@ -234,13 +234,10 @@ def report(result: dict, reference: dict, options: argparse.Namespace) -> None:
     )
     tqdm.write(cohesive_table(simulation))
     tqdm.write(effects_table(simulation))
-    path = options.out / "summary.json"
-    summary = json.loads(path.read_text()) | levels
-    summary["peak_stress"] = float(history["stress"][peak])
+    found = levels | {"peak_stress": history["stress"][peak]}
     if counts:
-        summary["first_cracks"] = counts
-        summary["first_crack_strain"] = float(result["first_strain"])
-    path.write_text(json.dumps(summary, indent=1, sort_keys=True))
+        found |= {"first_cracks": counts, "first_crack_strain": result["first_strain"]}
+    add_to_summary(simulation, found)
 
 
 # ## Figures
@@ -312,4 +309,4 @@ def main(arguments: list[str] | None = None) -> dict:
 
 
 if __name__ == "__main__":
-    main()
+    run_together(main)

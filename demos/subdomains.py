@@ -43,6 +43,7 @@ from xper_fx.meshes import tag_facets
 from xper_fx.nscd import subdomains
 from xper_fx.nscd.laws import PerfectBond
 from xper_fx.output import prepare_folder
+from xper_fx.parallel.launch import run_together
 from xper_fx.plots import COLOURS, new_figure
 from xper_fx.scene import Scene
 from xper_fx.simulation import Simulation
@@ -68,7 +69,7 @@ def cut(dim: int, cells: int, count: int) -> Bodies:
     create, kind = (
         (create_rectangle, CellType.triangle) if dim == 2 else (create_box, CellType.tetrahedron)
     )
-    mesh = create(MPI.COMM_WORLD, [lower, upper], [cells] * dim, kind)
+    mesh = create(MPI.COMM_SELF, [lower, upper], [cells] * dim, kind)
     sides = {CLAMPED: lambda x: x[0] < 1e-9, PULLED: lambda x: x[0] > 1.0 - 1e-9}
     return explode(mesh, partition(mesh, count), facet_tags=tag_facets(mesh, sides))
 
@@ -224,4 +225,4 @@ def main(arguments: list[str] | None = None) -> list[dict]:
 
 
 if __name__ == "__main__":
-    main()
+    run_together(main)

@@ -153,6 +153,24 @@ class Bodies:
         """
         return self.nodes_on_facets(V, self.facets)
 
+    def facet_nodes(self, degree: int) -> npt.NDArray[np.float64]:
+        """Return where the nodes of the facing facets are, at the candidate's side.
+
+        Args:
+            degree: order of the space that the nodes are of, 1 or 2.
+
+        Returns:
+            Shape (num_facing_facets, nodes of a facet, dim), m; nodes as in `facing_nodes`.
+        """
+        facets, cell = self.facets, reference_cell(self.mesh)
+        corners = geometry_dofmap(self.mesh)[facets.cells[:, :1], facets.local_vertices[:, 0]]
+        x = self.mesh.geometry.x[corners, : self.mesh.geometry.dim]
+        if degree == 1:
+            return x
+        edges = x[:, np.array(facet_edges(cell))].mean(axis=2)
+        centre = [x.mean(axis=1, keepdims=True)] if x.shape[1] == 4 else []
+        return np.concatenate([x, edges, *centre], axis=1)
+
     def node_classes(self, V: FunctionSpace) -> tuple[npt.NDArray[np.int32], int]:
         """Return which nodes of V are one node of the periodic medium.
 
@@ -222,7 +240,7 @@ class Bodies:
             edge_dof = np.full((num_vertices, num_vertices), -1)
             for e, (a, b) in enumerate(topology[1]):
                 edge_dof[a, b] = edge_dof[b, a] = layout.entity_dofs(1, e)[0]
-            for a, b in _facet_edges(cell):
+            for a, b in facet_edges(cell):
                 local.append(edge_dof[vertices[:, :, a], vertices[:, :, b]][:, :, np.newaxis])
             if len(topology) == 4 and len(topology[2][0]) == 4:
                 face_dof = np.array([layout.entity_dofs(2, i)[0] for i in range(len(topology[2]))])
@@ -608,7 +626,7 @@ def _facing_facets(
     )
 
 
-def _facet_edges(cell: basix.CellType) -> list[list[int]]:
+def facet_edges(cell: basix.CellType) -> list[list[int]]:
     """Return the edges of the facets of a cell by their vertices within the facet."""
     facet = {
         basix.CellType.triangle: basix.CellType.interval,

@@ -68,7 +68,7 @@ def broken_points(
     dim = simulation.bulk.dim
     breaks = np.array(["damage" in law.kernels(dim).state_names for law in interactions.laws])
     # lips that have parted for good have no damage any more, and it reads zero
-    broken = breaks[interactions.law_of_point] & (interactions.gather("damage") < _BROKEN)
+    broken = breaks[interactions.gather("law")] & (interactions.gather("damage") < _BROKEN)
     # the points of walls come last
     broken = broken[: len(point_coordinates(simulation))].reshape(len(number), -1)
     broken[np.isin(simulation.scene.bodies.facets.tag[number], ignored_facets)] = False

@@ -114,6 +114,7 @@ class EnergyLedger:
         impulse = (outcome.force_impulse + outcome.reactions)[:nodal]
         stresses = 0.5 * (before.internal[nodal:] + after.internal[nodal:])
         work = float(moved[:nodal] @ impulse) / step + float(moved[nodal:] @ stresses)
+        work = self._bulk.ranks.sum(work)
         kinetic = self._bulk.kinetic_energy(after.velocity)
         elastic = self._bulk.elastic_energy(after.displacement, after.internal)
         if rigid is not None:
@@ -146,18 +147,19 @@ class EnergyLedger:
         e.external_work += bulk.work
         e.kinetic, e.elastic = bulk.kinetic, bulk.elastic
         lost = self._bulk.forms.assemble_dissipation(self._bulk.unknowns.expand(after.displacement))
-        e.dissipated_plastic += lost.get("plastic", 0.0)
-        e.dissipated_viscous += lost.get("viscous", 0.0)
+        total = self._bulk.ranks.sum
+        e.dissipated_plastic += total(lost.get("plastic", 0.0))
+        e.dissipated_viscous += total(lost.get("viscous", 0.0))
         if np.ndim(outcome.viscous):
             moved = after.displacement - before.displacement
-            e.dissipated_viscous += float(moved @ outcome.viscous)
+            e.dissipated_viscous += total(float(moved @ outcome.viscous))
         if excess > 0.0:
             moved = after.displacement - before.displacement
             change = after.velocity - before.velocity
             nodal = self._bulk.unknowns.num_nodes * self._bulk.dim
             e.dissipated_numerical += excess * float(
                 2.0 * self._bulk.kinetic_energy(change)
-                + moved[:nodal] @ (after.internal - before.internal)[:nodal]
+                + total(moved[:nodal] @ (after.internal - before.internal)[:nodal])
             )
         if rigid is not None:
             e.dissipated_numerical += rigid.scheme

@@ -56,14 +56,14 @@ _DEGENERATE = 1e-12
 
 
 class SerialOnlyError(NotImplementedError, ValueError):
-    """A mesh spread over several processes was given to a part that is serial for now."""
+    """A mesh spread over several processes was given where each rank needs all of it."""
 
 
 def crossed_rectangle(
     lower: Sequence[float],
     upper: Sequence[float],
     cells: tuple[int, int],
-    comm: MPI.Comm = MPI.COMM_WORLD,
+    comm: MPI.Comm = MPI.COMM_SELF,
 ) -> Mesh:
     """Create a rectangle of crossed triangles: quadrilaterals cut along both diagonals.
 
@@ -71,7 +71,8 @@ def crossed_rectangle(
         lower: lower left corner (x, y), m.
         upper: upper right corner (x, y), m.
         cells: number of quadrilaterals along x and y; each gives four triangles.
-        comm: communicator.
+        comm: communicator of one process: every rank has the whole mesh, and a `Simulation` divides
+            its bodies.
 
     Returns:
         The mesh, `4 * cells[0] * cells[1]` triangles.
@@ -104,7 +105,7 @@ def crossed_rectangle(
 
 
 def read_gmsh(
-    model_or_path: Any, dim: int, comm: MPI.Comm = MPI.COMM_WORLD
+    model_or_path: Any, dim: int, comm: MPI.Comm = MPI.COMM_SELF
 ) -> tuple[Mesh, MeshTags, MeshTags]:
     """Read a mesh with its tags from a Gmsh model or a .msh file.
 
@@ -357,8 +358,8 @@ def _check_serial(comm: MPI.Comm) -> None:
     """Raise if a communicator has several processes."""
     if comm.size > 1:
         raise SerialOnlyError(
-            f"The mesh is spread over {comm.size} processes; this part is serial for now: build "
-            "the mesh on MPI.COMM_SELF, or run on one process."
+            f"The mesh is spread over {comm.size} processes: build it on MPI.COMM_SELF, whole on "
+            "every rank; a Simulation divides the bodies among the ranks."
         )
 
 

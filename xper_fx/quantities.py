@@ -165,7 +165,7 @@ class CrackPattern:
         broken = broken_points(simulation, self.ignored_facets)
         return {
             "points": point_coordinates(simulation)[broken],
-            "area": simulation.interactions.points.area[: len(broken)][broken],
+            "area": simulation.interactions.gather("area")[: len(broken)][broken],
         }
 
     def error(self, value: Mapping[str, Any], reference: Mapping[str, Any]) -> float:

@@ -5,14 +5,20 @@ The folder holds `bulk.xdmf` (displacement, velocity, stress, body, material), `
 (jump, traction, damage, status, on the points of facing facets), `rigid.xdmf` (displacement,
 velocity, spin, body, group, on triangles of the rigid bodies), `history.csv`, `summary.json`; of
 the series those that the scene has something for.
+
+Where several ranks simulate a scene they record it together: what is spread is gathered, and the
+first rank alone writes. Whatever goes wrong there is raised on all.
 """
 
 from __future__ import annotations
 
+import json
 import os
 import platform
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 import dolfinx
@@ -91,10 +97,21 @@ def point_coordinates(simulation: Simulation) -> np.ndarray:
         Shape (num_points, dim), m; points of walls, which come last in the scene, are left out.
     """
     dim = simulation.bulk.dim
-    facing = simulation.scene.bodies.facing_nodes(simulation.forms.V)[simulation.facets_with_law]
-    x = simulation.forms.V.tabulate_dof_coordinates()[facing[:, 0], :dim]
-    shapes = facet_shapes(dim, facing.shape[2], simulation.scene.points)
+    scene = simulation.scene
+    x = scene.bodies.facet_nodes(scene.order)[simulation.facets_with_law]
+    shapes = facet_shapes(dim, x.shape[1], scene.points)
     return np.einsum("pk,fkd->fpd", shapes, x).reshape(-1, dim)
+
+
+def add_to_summary(simulation: Simulation, found: Mapping[str, Any]) -> None:
+    """Add what was found in a recorded run to its `summary.json`; all ranks call it together.
+
+    Args:
+        simulation: the run, whose recorder is closed.
+        found: what to add, as `output.write_summary` takes it.
+    """
+    path = simulation.folder / "summary.json"
+    simulation.team.at_root(lambda: write_summary(path, json.loads(path.read_text()) | found))
 
 
 class Recorder:
@@ -123,21 +140,25 @@ class Recorder:
         fields: int = 20,
         parameters: Mapping[str, Any] | None = None,
     ):
-        self.folder = prepare_folder(folder)
+        self.folder = Path(folder).resolve()
+        simulation.team.at_root(lambda: prepare_folder(folder))
         self.simulation, self._gauge = simulation, gauge
         simulation.folder = self.folder
         self._parameters = dict(parameters or {})
         columns = dict.fromkeys(HISTORY_COLUMNS)
         columns |= simulation.ledger.as_columns() | macroscopic_columns(simulation)
-        self._history = History(self.folder / "history.csv", tuple(columns))
+        self._at_root = simulation.team.at_root
+        self._writes = simulation.team.rank == 0
+        self._at_root(partial(self._open_history, tuple(columns)))
         self._every = end_time / fields if fields > 0 else np.inf
         self._next = 0.0
         if simulation.scene.bodies is not None:
-            mesh = simulation.scene.bodies.mesh
-            self.cells = geometry_dofmap(mesh)
+            self.cells = geometry_dofmap(simulation.scene.bodies.mesh)
+            mesh = simulation.bodies.mesh
             # a cell's first dofs are its vertices'
+            cells = geometry_dofmap(mesh)
             self._node = np.empty(len(mesh.geometry.x), np.int64)
-            self._node[self.cells] = simulation.forms.V.dofmap.list[:, : self.cells.shape[1]]
+            self._node[cells] = simulation.forms.V.dofmap.list[:, : cells.shape[1]]
         simulation.stopwatch.owns("output", lambda: self.written)
         self._totals = {"steps": 0, "sweeps": 0, "largest_residual": 0.0}
         self._bulk = self._interfaces = self._rigid = self._stress = None
@@ -151,11 +172,19 @@ class Recorder:
                 self._rigid = RigidSeries(self.folder / "rigid.xdmf", simulation.rigid)
             self._write_fields()
 
+    def _open_history(self, columns: tuple[str, ...]) -> None:
+        self._history = History(self.folder / "history.csv", columns)
+
     def vertex_displacement(self) -> np.ndarray:
         """Displacement of the exploded mesh's geometry nodes, shape (num_nodes, dim), m."""
-        bulk = self.simulation.bulk
-        displacement = bulk.unknowns.expand(self.simulation.state.displacement)
-        return displacement.reshape(-1, bulk.dim)[self._node]
+        simulation = self.simulation
+        return self._of_vertices(simulation.bulk.unknowns.expand(simulation.state.displacement))
+
+    def _of_vertices(self, nodal: np.ndarray) -> np.ndarray:
+        """Values at all bodies' geometry nodes from those of this rank's dofs."""
+        values = nodal.reshape(-1, self.simulation.bulk.dim)[self._node]
+        part = self.simulation.part
+        return values if part is None else self.simulation.ranks.gather(part.nodes, values)
 
     def _open_fields(self) -> None:
         simulation = self.simulation
@@ -182,11 +211,10 @@ class Recorder:
                 count = self._num_interface_points
                 interactions = simulation.interactions
                 names = ("jump", "traction", "damage", "status")
-                self._interfaces.write(
-                    simulation.time, {n: interactions.gather(n)[:count] for n in names}, {}
-                )
+                fields = {name: interactions.gather(name)[:count] for name in names}
+                self._at_root(partial(self._interfaces.write, simulation.time, fields, {}))
             if self._rigid is not None:
-                self._rigid.write(simulation.time)
+                self._at_root(partial(self._rigid.write, simulation.time))
         self._next += self._every
 
     def cell_stress(self) -> np.ndarray:
@@ -194,18 +222,19 @@ class Recorder:
         if self._stress is None:
             self._stress = self.simulation.forms.stress_evaluator()
         self.simulation.displacement  # noqa: B018  brings the state into the forms
-        return self._stress()
+        stress, part = self._stress(), self.simulation.part
+        return stress if part is None else self.simulation.ranks.gather(part.cells, stress)
 
     def _write_bulk(self) -> None:
         simulation, bodies = self.simulation, self.simulation.scene.bodies
-        velocity = simulation.velocity.x.array.reshape(-1, simulation.bulk.dim)
-        nodal = {"displacement": self.vertex_displacement(), "velocity": velocity[self._node]}
+        velocity = self._of_vertices(simulation.velocity.x.array)
+        nodal = {"displacement": self.vertex_displacement(), "velocity": velocity}
         cellwise = {
             "stress": self.cell_stress(),
             "body": bodies.body_of_cell,
             "material": bodies.material_of_cell,
         }
-        self._bulk.write(simulation.time, nodal, cellwise)
+        self._at_root(partial(self._bulk.write, simulation.time, nodal, cellwise))
 
     def record(self, step: StepRecord) -> tuple[float, float]:
         """Write the line of a step, and the fields when they are due.
@@ -215,10 +244,12 @@ class Recorder:
         """
         strain, stress = self._gauge.read(self.simulation) if self._gauge else (0.0, 0.0)
         with self.simulation.stopwatch.phase("output"):
-            self._history.append(
-                step=step.step, time=step.time, strain=strain, stress=stress, sweeps=step.sweeps,
-                residual=step.residual, **step.energies, **macroscopic_columns(self.simulation),
-            )  # fmt: skip
+            line = {
+                "step": step.step, "time": step.time, "strain": strain, "stress": stress,
+                "sweeps": step.sweeps, "residual": step.residual, **step.energies,
+                **macroscopic_columns(self.simulation),
+            }  # fmt: skip
+            self._at_root(lambda: self._history.append(**line))
         self._totals["steps"] += 1
         self._totals["sweeps"] += step.sweeps
         self._totals["largest_residual"] = max(self._totals["largest_residual"], step.residual)
@@ -228,7 +259,9 @@ class Recorder:
 
     @property
     def written(self) -> int:
-        """Bytes of the fields and of the history on disk."""
+        """Bytes of the fields and of the history that this rank has put on disk."""
+        if not self._writes:
+            return 0
         paths = [self.folder / "history.csv"]
         for series in self._series:
             paths += [series.path, series.h5_path]
@@ -243,7 +276,8 @@ class Recorder:
         """Write the summary and close the files."""
         simulation = self.simulation
         interactions, bodies = simulation.interactions, simulation.scene.bodies
-        points = 0 if interactions is None else len(interactions)
+        points = 0 if interactions is None else interactions.num_points
+        total = simulation.ranks.sum
         summary = {
             "parameters": self._parameters
             | {
@@ -264,7 +298,8 @@ class Recorder:
                 "bodies": 0 if bodies is None else bodies.num_bodies,
                 "rigid_bodies": len(simulation.scene.rigid),
                 "points": points,
-                "dofs": simulation.bulk.num_dofs,
+                "dofs": total(simulation.bulk.num_dofs),
+                "ranks": simulation.ranks.size,
             },
             "effects": [effect._asdict() for effect in effects_of(simulation)],
             "seconds": simulation.stopwatch.seconds,
@@ -272,7 +307,7 @@ class Recorder:
                 row._asdict() | {"path": " > ".join(row.path)}
                 for row in simulation.stopwatch.rows()
             ],
-            "bytes_per_point": interactions.nbytes / points if points else 0.0,
+            "bytes_per_point": total(interactions.nbytes) / points if points else 0.0,
             "errors": {
                 "closure": simulation.ledger.closure,
                 "external_work": simulation.ledger.energies.external_work,
@@ -284,10 +319,14 @@ class Recorder:
             "time": simulation.time,
         }
         summary["scales"] = cohesive_scales(simulation)
-        write_summary(self.folder / "summary.json", summary)
-        self._history.close()
-        for series in self._series:
-            series.close()
+
+        def finish() -> None:
+            write_summary(self.folder / "summary.json", summary)
+            self._history.close()
+            for series in self._series:
+                series.close()
+
+        self._at_root(finish)
 
     def __enter__(self) -> Recorder:
         return self

@@ -34,12 +34,14 @@ def softening_numbers(interactions: Interactions, step: float, theta: float) -> 
     dim = interactions.dim
     compliance = np.zeros((len(interactions), dim, dim))
     rows, cols = sym_indices(dim)
-    packed = interactions.gather("compliance")
+    packed = interactions.local("compliance")
     compliance[:, rows, cols] = packed
     compliance[:, cols, rows] = packed
     largest = np.linalg.eigvalsh(compliance)[:, -1] * interactions.points.area
     most = np.zeros(len(slopes))
     np.maximum.at(most, interactions.law_of_point, largest)
+    if interactions.halo is not None:
+        most = interactions.halo.ranks.max(most)
     return (step * theta) ** 2 * most * slopes
 
 

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from dolfinx import fem
+from mpi4py import MPI
 
 from xper_fx.bulk.bulk import Bulk
 from xper_fx.bulk.scheme import State, StepOutcome
@@ -32,6 +33,7 @@ from xper_fx.nscd.facets import (
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.nlgs import SolveReport
 from xper_fx.nscd.points import InteractionPoints
+from xper_fx.parallel.ranks import ALONE, Ranks
 from xper_fx.profile import Stopwatch
 from xper_fx.scene import Scene
 
@@ -39,6 +41,8 @@ if TYPE_CHECKING:
     from xper_fx.accuracy import AccuracyControl
     from xper_fx.detection import Detection
     from xper_fx.nscd.rigid.motion import Prediction, RigidMotion, RigidWork
+    from xper_fx.parallel.halo import Halo
+    from xper_fx.parallel.points import SharedPoints
     from xper_fx.periodic.averages import Macroscopic
 
 logger = logging.getLogger(__name__)
@@ -116,8 +120,16 @@ class Simulation:
             periodic cell's ties or interactions with bodies that are held must hold, as nothing
             regularises the stiffness.
         num_threads: threads of the interaction solver; all that Numba has if not given.
+        comm: ranks that simulate the scene together, each with the same scene. They divide the
+            bodies of scenes of meshed bodies that interact at their facets or with walls; other
+            scenes every rank simulates as a whole. MPI.COMM_SELF if each rank has a scene of its
+            own.
 
     Attributes:
+        team: the ranks of `comm`.
+        ranks: those that divide the bodies: `team`, or this one alone.
+        part: what this rank has of the bodies, None if one rank has all.
+        bodies: this rank's meshed bodies; those of the scene if one rank has all.
         state: displacement, velocity, time.
         rigid: motion of the rigid bodies, None without any.
         detection: searches of contacts, None if the scene names no contacts.
@@ -150,6 +162,7 @@ class Simulation:
         max_halvings: int = 6,
         inertia: bool = True,
         num_threads: int | None = None,
+        comm: MPI.Comm = MPI.COMM_WORLD,
     ):
         knobs = Knobs.chosen(accuracy, step, tolerance, newton_tolerance)
         step, tolerance, newton_tolerance = knobs.step, knobs.tolerance, knobs.newton_tolerance
@@ -177,7 +190,9 @@ class Simulation:
         self.stopwatch = Stopwatch()
         self.max_halvings = max_halvings
         self.folder: Path | None = None
+        self.team = Ranks(comm)
         with self.stopwatch.phase("set-up"):
+            self._divide_bodies(solver, inertia)
             motions = [
                 load
                 for load in scene.loads
@@ -189,6 +204,7 @@ class Simulation:
             self.rigid = self._rigid_motion()
             self.step_size = self._step_size(knobs, scheme)
             self.state = self._initial_state()
+            self.detection: Detection | None = None
             points, laws, law_of_point = self._points()
             self.detection = self._contact_detection(laws)
             interacting = self._interacting(points)
@@ -200,6 +216,8 @@ class Simulation:
             self.ledger = EnergyLedger(self.bulk, self.state, self.theta, self.rigid)
             self._control = None if knobs.accuracy is None else self._accuracy_control(knobs)
         self.solver = "vertex_blocks" if self._by_vertex else solver
+        if self.part is not None:
+            self.solver = solver = "distributed"
         if not callable(solver):
             solver = import_module(f"xper_fx.nscd.{self.solver}").solve
         self._solve = partial(
@@ -262,6 +280,43 @@ class Simulation:
 
     # Set-up
 
+    def _divide_bodies(self, solver, inertia: bool) -> None:
+        """Take this rank's part of the bodies where the scene can be divided."""
+        scene = self.scene
+        self.ranks, self.bodies, self.part, self._shared = ALONE, scene.bodies, None, None
+        if self.team.alone:
+            return
+        whole = [
+            name
+            for name, there in (
+                ("rigid bodies", scene.rigid_bodies is not None),
+                ("contacts that are searched", len(scene.contacts) > 0),
+                ("ties", len(scene.ties) > 0),
+                ("a periodic cell", scene.macroscopic is not None),
+                ("no inertia", not inertia),
+                ("no facets between bodies", scene.bodies and not len(scene.bodies.facets)),
+            )
+            if there
+        ]
+        if whole:
+            if self.team.rank == 0:
+                logger.warning(
+                    "each of %d ranks simulates the whole scene, as it has %s", self.team.size,
+                    " and ".join(whole),
+                )  # fmt: skip
+            return
+        if solver not in ("auto", "nlgs"):
+            raise ValueError(
+                f'Ranks that divide the bodies sweep: solver should be "auto" or "nlgs" on '
+                f"{self.team.size} ranks, got {solver!r}."
+            )
+        from xper_fx.parallel.part import divide
+
+        self.ranks = self.team
+        with self.stopwatch.phase("partition"):
+            self.part = divide(scene.bodies, self.ranks)
+        self.bodies = self.part.bodies
+
     def _step_size(self, knobs: Knobs, scheme: str) -> float:
         """The step asked for, or a share of the critical one.
 
@@ -289,11 +344,11 @@ class Simulation:
 
             return EmptyBulk(scene.dim)
         with self.stopwatch.phase("forms"):
-            forms = BulkForms(scene.bodies, scene.order, scene.materials, forces)
+            forms = BulkForms(self.bodies, scene.order, scene.materials, forces)
         self._ties = self._tied(forms)
         if scene.macroscopic is None:
             joined = () if inertia else self._joined_bodies()
-            return Bulk(forms, motions, scene.damping, inertia, joined)
+            return Bulk(forms, motions, scene.damping, inertia, joined, self.ranks)
         from xper_fx.periodic.two_field import CellBulk
 
         return CellBulk(forms, scene.macroscopic, inertia)
@@ -337,7 +392,7 @@ class Simulation:
         given = self.scene.initial_velocity
         if isinstance(given, Mapping):
             for tag, field in given.items():
-                function.interpolate(field, self.scene.bodies.cell_tags.find(tag))
+                function.interpolate(field, self.bodies.cell_tags.find(tag))
         elif given is not None:
             function.interpolate(given)
         unknowns, rest = self.bulk.unknowns, np.zeros(self.bulk.num_dofs)
@@ -385,7 +440,13 @@ class Simulation:
         ground = self.bulk.num_dofs // self.bulk.dim
         parts, law_of_point = [], []
         self.facets_with_law = np.flatnonzero(has_law)
-        if np.any(has_law):
+        if self.part is not None:
+            self._shared = self._share_points(law_of_facet)
+            self._points_a_facet = self._shared.points_a_facet
+            ground += sum(self._shared.num_ghosts.values())
+            parts.append(self._shared.points)
+            law_of_point.append(self._shared.law_of_point)
+        elif np.any(has_law):
             part = facet_points(
                 node_of[bodies.facing_nodes(self.forms.V)[has_law]],
                 bodies.facets.normal[has_law],
@@ -401,8 +462,10 @@ class Simulation:
             parts.append(part)
             law_of_point.append(np.full(len(part), laws.index(tie.law)))
         k = parts[0].nodes.shape[2] if parts else 1
+        self._num_wall_points = 0
         for wall in scene.walls:
             part = self._wall_part(wall, ground, k)
+            self._num_wall_points += len(part)
             if wall.law not in laws:
                 laws.append(wall.law)
             parts.append(part)
@@ -413,9 +476,9 @@ class Simulation:
 
     def _wall_part(self, wall, ground: int, k: int) -> InteractionPoints:
         """Nodes of tagged facets against a plane, each with its share of the facets."""
-        V, mesh = self.forms.V, self.scene.bodies.mesh
+        V, mesh = self.forms.V, self.bodies.mesh
         fdim = mesh.topology.dim - 1
-        facets = self.scene.bodies.facet_tags.find(wall.facets)
+        facets = self.bodies.facet_tags.find(wall.facets)
         mesh.topology.create_connectivity(fdim, fdim + 1)
         mesh.topology.create_connectivity(fdim + 1, fdim)
         cells = mesh.topology.connectivity(fdim, fdim + 1)
@@ -439,12 +502,23 @@ class Simulation:
         gap[np.abs(gap) <= _ROUNDING * np.abs(np.concatenate([x[nodes], away])).max()] = 0.0
         return wall_points(nodes, area[nodes], normal, gap, ground, k)
 
+    def _share_points(self, law_of_facet: np.ndarray) -> SharedPoints:
+        from xper_fx.parallel.points import shared_points
+
+        return shared_points(
+            self.scene.bodies, self.part, self.ranks, self.forms.V, self.bulk.unknowns.node_of,
+            law_of_facet, self.scene.points, self._by_vertex,
+        )  # fmt: skip
+
     def _interacting(self, points: InteractionPoints | None) -> np.ndarray:
         """Nodes at which interactions act or contacts may come about, body by body."""
         nodes = self.bulk.layout.nodes
-        acts = np.zeros(self.bulk.num_dofs // self.bulk.dim + 1, bool)
+        acts = np.zeros(self._ground + 1, bool)
         if points is not None:
             acts[points.nodes] = True
+        if self._shared is not None:
+            for asked in self._shared.asked.values():
+                acts[asked] = True
         if self.detection is not None:
             acts[self.bulk.unknowns.node_of[self.detection.nodes]] = True
         return nodes[acts[nodes]]
@@ -456,18 +530,48 @@ class Simulation:
             points = no_points(self.bulk.dim)
         inverse = self.scheme.inverse(self.step_size, self.state.displacement)
         self.slot_nodes = inverse.nodes
-        slot = np.full(self.bulk.num_dofs // self.bulk.dim + 1, inverse.blocks.num_nodes)
+        slot = np.full(self._ground + 1, inverse.blocks.num_nodes)
         slot[inverse.nodes] = np.arange(len(inverse.nodes))
+        halo = None if self._shared is None else self._halo(inverse.blocks, slot)
         points = InteractionPoints(
             slot[points.nodes].astype(np.int32), points.weights, points.frame, points.area,
             points.gap,
         )  # fmt: skip
         velocity = self.state.velocity.reshape(-1, self.bulk.dim)[inverse.nodes]
+        if halo is not None:
+            velocity = halo.with_ghost_values(velocity)
         return Interactions(
             points, laws, law_of_point, inverse.blocks, velocity,
             ordering="vertices" if self._by_vertex else "tiles",
-            rigid_blocks=None if self.rigid is None else self.rigid.blocks,
+            rigid_blocks=None if self.rigid is None else self.rigid.blocks, halo=halo,
         )  # fmt: skip
+
+    @property
+    def _ground(self) -> int:
+        """The ground's node, after this rank's and the ghosts of others'."""
+        ghosts = 0 if self._shared is None else sum(self._shared.num_ghosts.values())
+        return self.bulk.num_dofs // self.bulk.dim + ghosts
+
+    def _halo(self, blocks, slot: np.ndarray) -> Halo:
+        """What is exchanged with other ranks; the slots of ghosts and ground are set."""
+        from xper_fx.parallel.halo import Halo
+
+        shared = self._shared
+        others = len(slot) - 1 - self.bulk.num_dofs // self.bulk.dim
+        walls = self._num_wall_points
+        first = len(self.facets_with_law) * self._points_a_facet
+        first += self.ranks.before(walls)
+        halo = Halo(
+            self.ranks, blocks, {rank: slot[asked] for rank, asked in shared.asked.items()},
+            shared.phase_of_rank, shared.num_phases,
+            np.concatenate([shared.numbers, first + np.arange(walls)]),
+            np.concatenate([shared.phase, np.zeros(walls, int)]),
+        )  # fmt: skip
+        slot[len(slot) - 1 - others : -1] = np.concatenate(
+            [np.zeros(0, int), *(halo.wanted[rank] for rank in shared.num_ghosts)]
+        )
+        slot[-1] = halo.num_slots
+        return halo
 
     def _accuracy_control(self, knobs: Knobs) -> AccuracyControl:
         from xper_fx.accuracy import AccuracyControl
@@ -500,6 +604,8 @@ class Simulation:
     def _by_vertex(self) -> bool:
         """Whether W couples only what meets at a vertex, each of which is then solved alone."""
         alone = self.detection is None and self.rigid is None
+        # a wall's points are on the rank of their body, a vertex's on that of the first body there
+        alone = alone and not (self.part is not None and self.scene.walls)
         return self.scheme_name == "explicit" and self.scene.points == "nodal" and alone
 
     # Running
@@ -634,7 +740,7 @@ class Simulation:
             return False
         with self.stopwatch.phase("flow check"):
             displacement = self.bulk.unknowns.expand(outcome.state.displacement)
-            return self.forms.largest_increment(displacement) > _LARGEST_FLOW
+            return self.ranks.max(self.forms.largest_increment(displacement)) > _LARGEST_FLOW
 
     def _breaks_for_nothing(self) -> bool:
         """Whether bonds were broken by iterates whose openings the step does not have."""
@@ -724,24 +830,28 @@ class Simulation:
 
     def mean_displacement(self, facets: int) -> np.ndarray:
         """Mean displacement of the nodes of tagged facets, shape (dim,), m."""
-        displacement = self.bulk.unknowns.expand(self.state.displacement)
-        return displacement.reshape(-1, self.bulk.dim)[self._nodes_of(facets)].mean(0)
+        return self._mean_over(facets, self.state.displacement)
 
     def mean_displacement_of_reaction(self, facets: int) -> np.ndarray:
         """As `mean_displacement`, at t0 + theta h of the last step, for which `reaction` stands."""
         end = self.mean_displacement(facets)
         if self._before is None:
             return end
-        nodes = self._nodes_of(facets)
-        start = self.bulk.unknowns.expand(self._before.displacement)
-        start = start.reshape(-1, self.bulk.dim)[nodes].mean(0)
+        start = self._mean_over(facets, self._before.displacement)
         return self.theta * end + (1.0 - self.theta) * start
+
+    def _mean_over(self, facets: int, displacement: np.ndarray) -> np.ndarray:
+        values = self.bulk.unknowns.expand(displacement).reshape(-1, self.bulk.dim)
+        values = values[self._nodes_of(facets)]
+        if self.ranks.alone:
+            return values.mean(axis=0)
+        return self.ranks.sum(values.sum(axis=0)) / self.ranks.sum(len(values))
 
     def _nodes_of(self, facets: int) -> np.ndarray:
         if facets not in self._tagged_nodes:
-            fdim = self.scene.bodies.mesh.topology.dim - 1
+            fdim = self.bodies.mesh.topology.dim - 1
             self._tagged_nodes[facets] = fem.locate_dofs_topological(
-                self.forms.V, fdim, self.scene.bodies.facet_tags.find(facets)
+                self.forms.V, fdim, self.bodies.facet_tags.find(facets)
             )
         return self._tagged_nodes[facets]
 
@@ -761,7 +871,8 @@ class Simulation:
         if self.last is None:
             return np.zeros(self.bulk.dim)
         nodes = self._nodes_of(facets)
-        return self.last.reactions.reshape(-1, self.bulk.dim)[nodes].sum(axis=0) / self._last_size
+        reactions = self.last.reactions.reshape(-1, self.bulk.dim)[nodes].sum(axis=0)
+        return self.ranks.sum(reactions) / self._last_size
 
     def reaction_of(self, group: str) -> np.ndarray:
         """Mean force over the last step that drives or holds the rigid bodies of a group.

@@ -32,6 +32,7 @@ from xper_fx.forms.loads import (
 )
 from xper_fx.meshes import cell_measure
 from xper_fx.nscd.threads import in_ranges
+from xper_fx.parallel.ranks import ALONE, Ranks
 
 # Bodies whose stiffness is looked at together: their blocks stay in cache.
 _BATCH = 1024
@@ -48,6 +49,7 @@ class Bulk:
             regularised, so that what is prescribed must hold every body, or every group of bodies
             that interactions join.
         joined: pairs of bodies between which interactions act, shape (n, 2).
+        ranks: ranks that divide the bodies; vectors are this rank's, sums those of all.
 
     Attributes:
         unknowns: what the unknowns are.
@@ -68,8 +70,9 @@ class Bulk:
         damping: RayleighDamping | None = None,
         inertia: bool = True,
         joined: npt.ArrayLike = (),
+        ranks: Ranks = ALONE,
     ):
-        self.forms = forms
+        self.forms, self.ranks = forms, ranks
         self.linear = forms.linear
         self.dim = forms.V.dofmap.index_map_bs
         self.unknowns = self._make_unknowns()
@@ -232,13 +235,13 @@ class Bulk:
 
     def kinetic_energy(self, velocity: np.ndarray) -> float:
         """v . M . v / 2 (J; 2D: J/m); 0 without inertia."""
-        return 0.0 if self.inertia is None else self.inertia.energy(velocity)
+        return 0.0 if self.inertia is None else self.ranks.sum(self.inertia.energy(velocity))
 
     def elastic_energy(self, displacement: np.ndarray, internal: np.ndarray) -> float:
         """Stored energy (J; 2D: J/m) at a displacement whose internal forces are known."""
         if self.linear:
-            return 0.5 * float(displacement @ internal)
-        return self.forms.assemble_energy(self.unknowns.expand(displacement))
+            return self.ranks.sum(0.5 * float(displacement @ internal))
+        return self.ranks.sum(self.forms.assemble_energy(self.unknowns.expand(displacement)))
 
     def commit(self, displacement: np.ndarray, internal: np.ndarray) -> None:
         """End the step at a displacement with its forces: internal variables move on."""
@@ -254,7 +257,7 @@ class Bulk:
 
     def norm(self, velocity: np.ndarray) -> float:
         """Norm of velocities that the mass gives, with inertia or without."""
-        return float(np.sqrt(velocity @ (self.weights * velocity)))
+        return float(np.sqrt(self.ranks.sum(velocity @ (self.weights * velocity))))
 
     def end_weight(self, theta: float) -> float | np.ndarray:
         """theta of each unknown's equation, one number if it is the same for all."""
@@ -308,7 +311,7 @@ class Bulk:
             stiffness = self.tangent(np.zeros(self.num_dofs))
         stiffness = self.unknowns.condense(stiffness)
         if self.layout.uniform:
-            return 2.0 / float(np.sqrt(self._largest_of_bodies(stiffness)))
+            return 2.0 / float(np.sqrt(self.ranks.max(self._largest_of_bodies(stiffness))))
         stiffness = sp.csr_array(stiffness)
         scale = sp.diags_array(1.0 / np.sqrt(self.weights[: stiffness.shape[0]]))
         scaled = (scale @ stiffness @ scale).tocsr()
@@ -316,7 +319,7 @@ class Bulk:
             scaled, k=1, which="LA", return_eigenvectors=False, tol=1e-3,
             v0=self._start_vector(stiffness.shape[0]),
         )  # fmt: skip
-        return 2.0 / float(np.sqrt(top[0]))
+        return 2.0 / float(np.sqrt(self.ranks.max(top[0])))
 
     def _largest_of_bodies(self, stiffness: sp.bsr_array) -> float:
         """Largest eigenvalue of M^-1 K (1/s^2), of bodies of one size, body by body.

@@ -84,7 +84,7 @@ class ExplicitScheme:
                     inverse, interactions, solver, free, tolerance
                 )
             sweeps, error, traction, converged = report[1], report[2], report[3], report[0]
-        converged = converged and bool(np.all(np.isfinite(velocity)))
+        converged = bulk.ranks.all(converged and np.all(np.isfinite(velocity)))
         reactions = reactions_on(
             bulk.layout.prescribed,
             lambda d: bulk.mass[d] * (velocity[d] - v0[d]) - impulse[d] - impulses[d],

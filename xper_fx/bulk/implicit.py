@@ -73,7 +73,8 @@ class ImplicitScheme:
         self._tolerance = newton_tolerance
         self._stopwatch = stopwatch
         x = bulk.forms.bodies.mesh.geometry.x
-        self._rounding = _ROUNDING * bulk.norm(np.full(bulk.num_dofs, np.ptp(x, axis=0).max()))
+        low, high = -bulk.ranks.max(-x.min(axis=0)), bulk.ranks.max(x.max(axis=0))
+        self._rounding = _ROUNDING * bulk.norm(np.full(bulk.num_dofs, (high - low).max()))
         self._inverses: dict[float, CellwiseInverse | ClusterInverse] = {}
         stopwatch.owns("inverse", lambda: self.nbytes)
 
@@ -248,11 +249,11 @@ class ImplicitScheme:
                     with watch.phase("interaction terms"):
                         interactions.update_inverse(inverse.blocks)
             newton_before = newton
-        converged = (
+        converged = bulk.ranks.all(
             converged
             and newton <= self._tolerance
             and balance.settled
-            and bool(np.all(np.isfinite(velocity)))
+            and np.all(np.isfinite(velocity))
         )
         if not converged:  # matrix and what was learnt may be those of a state gone astray
             bulk.forget()

@@ -140,7 +140,9 @@ class BulkForms:
         """Largest inelastic strain that a step to a displacement adds anywhere."""
         self.u.x.array[:] = displacement
         mesh = self.bodies.mesh
-        return max(float(np.abs(e.eval(mesh, cells)).max()) for e, cells in self._increments)
+        return max(
+            float(np.abs(e.eval(mesh, cells)).max(initial=0.0)) for e, cells in self._increments
+        )
 
     def _dissipation_forms(self):
         forms = {}

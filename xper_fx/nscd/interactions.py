@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, replace
 from functools import cache
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
@@ -41,6 +41,9 @@ from xper_fx.nscd.ordering import (
 from xper_fx.nscd.points import InteractionPoints
 from xper_fx.nscd.small import SINGULAR, for_dimension, sym_indices
 from xper_fx.nscd.threads import in_ranges
+
+if TYPE_CHECKING:
+    from xper_fx.parallel.halo import Halo
 
 # Relative rounding of velocities that several points add up to.
 _ROUNDING = 4.0 * np.finfo(float).eps
@@ -116,6 +119,7 @@ class PointGroup:
         energy: shape (n, len(kernels.energies)), of the last committed step (J; 2D: J/m).
         status: shape (n,), int8: 0 open, 1 closed or bonded and sticking, 2 sliding.
         sides, blocks: what kernels over the points are compiled for.
+        phase: in which bodies of another rank are at the points, 0 if none are.
     """
 
     kernels: LawKernels
@@ -138,6 +142,7 @@ class PointGroup:
     status: np.ndarray
     sides: Sides
     blocks: Blocks
+    phase: int = 0
 
     def __len__(self) -> int:
         return len(self.indices)
@@ -306,6 +311,9 @@ class Interactions:
             `vertex_blocks.solve` (one block of w a node, one node a side).
         rigid_blocks: shape (num_rigid, 2 dim, 2 dim), blocks of w of rigid bodies, whose nodes, two
             a body, come after the others; None without any. `take_rigid` renews them.
+        halo: what there is to exchange with other ranks, whose bodies' nodes come after this
+            rank's; None where one rank has all bodies. Everything that reads or moves all points
+            is then done by all ranks together.
 
     Attributes:
         anchors: of bodies that interactions alone hold, None if there are none.
@@ -328,6 +336,7 @@ class Interactions:
         initial_velocity: np.ndarray | None = None,
         ordering: str = "tiles",
         rigid_blocks: np.ndarray | None = None,
+        halo: Halo | None = None,
     ):
         law_of_point = np.asarray(law_of_point)
         if len(law_of_point) != len(points):
@@ -356,6 +365,7 @@ class Interactions:
         self.law_of_point = law_of_point.astype(np.min_scalar_type(max(len(laws) - 1, 0)))
         self._count = len(points)
         self._rigid_blocks = rigid_blocks
+        self.halo = halo
         self._rigid_start = self._rigid_free = np.zeros((0, inverse.dim))
         self.bulk_inverse = inverse
         inverse = self.inverse = self._joined(inverse)
@@ -388,12 +398,15 @@ class Interactions:
         by_kernels: dict[LawKernels, list[int]] = {}
         for number in np.flatnonzero(np.bincount(law_of_point)).tolist():
             by_kernels.setdefault(self.laws[number].kernels(self.dim), []).append(number)
-        return [
-            self._group(
-                kernels, points, law_of_point, np.flatnonzero(np.isin(law_of_point, numbers)), nodal
-            )
-            for kernels, numbers in by_kernels.items()
-        ]
+        groups = []
+        for kernels, numbers in by_kernels.items():
+            indices = np.flatnonzero(np.isin(law_of_point, numbers))
+            phase = np.zeros(len(indices), int) if self.halo is None else self.halo.phase[indices]
+            for number in np.unique(phase).tolist():
+                here = indices[phase == number]
+                group = self._group(kernels, points, law_of_point, here, nodal)
+                groups.append(replace(group, phase=number))
+        return groups
 
     def _group(self, kernels, points, law_of_point, indices, nodal, like=None) -> PointGroup:
         """A group with the start of its points; `like` has the same points as they were before."""
@@ -477,6 +490,8 @@ class Interactions:
         self._take_inverse(self.groups)
 
     def _joined(self, inverse: BodyInverse) -> BodyInverse:
+        if self.halo is not None:
+            return self.halo.with_ghosts(inverse)
         return inverse if self._rigid_blocks is None else inverse.joined(self._rigid_blocks)
 
     def take_rigid(self, start: np.ndarray, free: np.ndarray) -> None:
@@ -503,8 +518,22 @@ class Interactions:
             kernel(group.couplings, group.points.frame, rows, cols, group.compliance)
         traces = [g.compliance[:, np.equal(*sym_indices(g.kernels.components))].sum(1)
                   for g in self.groups]  # fmt: skip
-        self._stiffness = math.sqrt(sum(float(np.sum(t[t > 0.0] ** -2.0)) for t in traces))
+        stiffness = sum(float(np.sum(t[t > 0.0] ** -2.0)) for t in traces)
+        self._stiffness = math.sqrt(self._sum(stiffness))
         self._mass = sum(float(np.sum(1.0 / t[t > 0.0])) for t in traces)
+
+    def _sum(self, value):
+        """Sum over all ranks."""
+        return value if self.halo is None else self.halo.ranks.sum(value)
+
+    def _whole(self, values: np.ndarray) -> np.ndarray:
+        """Of values at this rank's permanent points, shape (num_points, ...), those of all."""
+        return values if self.halo is None else self.halo.gather(values)
+
+    @property
+    def num_points(self) -> int:
+        """Number of permanent points, on all ranks."""
+        return self._sum(len(self))
 
     def free_velocities(self, bulk: np.ndarray) -> np.ndarray:
         """Free velocities of all slots, flat.
@@ -575,7 +604,7 @@ class Interactions:
                 loose[g.indices] = g.state[:, g.kernels.state_names.index("damage")] == 0.0
             else:
                 loose[g.indices] = "impact" in g.kernels.energies
-        return loose
+        return self._whole(loose)
 
     def retire(self, indices: np.ndarray) -> None:
         """Take permanent points out, for good; what `gather` gives of them is zero.
@@ -618,6 +647,8 @@ class Interactions:
             velocity: shape (num_slots * dim,), m/s.
         """
         speed = float(np.abs(velocity).max(initial=0.0))
+        if self.halo is not None:
+            speed = self.halo.ranks.max(speed)
         return _ROUNDING * speed * self._stiffness
 
     @property
@@ -675,12 +706,20 @@ class Interactions:
                 )  # fmt: skip
                 for change, too_far in changes:
                     largest, self.too_far = max(largest, change), max(self.too_far, too_far)
+        if self.halo is not None:
+            both = self.halo.ranks.max(np.array([largest, self.too_far]))
+            largest, self.too_far = both.tolist()
         return largest
 
     def add_velocity(self, velocity: np.ndarray) -> None:
         """Add w H r to `velocity`, shape (num_slots * dim,)."""
+        if self.halo is not None:
+            self.halo.clear(velocity)
         for g in self.groups:
             push_kernel(g.sides, g.blocks)(velocity, g.couplings, g.impulse)
+        if self.halo is not None:
+            self.halo.everywhere.add_back(velocity)
+            self.halo.everywhere.forward(velocity)
 
     def impulses(self) -> np.ndarray:
         """H r: impulses of the current step on the interacting nodes, shape (num_slots, dim)."""
@@ -688,6 +727,8 @@ class Interactions:
         for g in self.groups:
             spread = spread_kernel(g.sides)
             spread(total.reshape(-1), g.couplings, g.impulse)
+        if self.halo is not None:
+            self.halo.everywhere.add_back(total.reshape(-1))
         return total
 
     def commit(self, velocity: np.ndarray) -> StepWork:
@@ -715,7 +756,7 @@ class Interactions:
             self._history = ContactHistory(
                 [(group, known.keys) for known in self._found for group in known.groups]
             )
-        return StepWork(**totals)
+        return StepWork(*self._sum(np.array([totals[name] for name in StepWork._fields])).tolist())
 
     def gather(self, name: str) -> np.ndarray:
         """An array over the permanent points, in the scene's order.
@@ -725,12 +766,19 @@ class Interactions:
 
         Args:
             name: "jump" (m), "velocity" (m/s), "impulse" (N s), "traction" (Pa, opening negative
-                as it pulls the sides together), "status", "energy", or a history variable of the
-                laws such as "damage" (NaN-free: laws without it give 0).
+                as it pulls the sides together), "status", "energy", "law" (index into `laws`),
+                "area" (m^2; 2D: m), or a history variable of the laws such as "damage" (NaN-free:
+                laws without it give 0).
         """
+        return self._whole(self.local(name))
+
+    def local(self, name: str) -> np.ndarray:
+        """As `gather`, of this rank's points."""
         if name == "traction":
             scale = max(self.committed_step, np.finfo(float).tiny) * self.points.area
-            return self.gather("impulse") / scale[:, None]
+            return self.local("impulse") / scale[:, None]
+        if name in ("law", "area"):
+            return self.law_of_point if name == "law" else self.points.area
         widths = {"compliance": self.dim * (self.dim + 1) // 2, "energy": len(ENERGIES)}
         widths |= dict.fromkeys(("jump", "velocity", "impulse"), self.dim)
         if name in widths:

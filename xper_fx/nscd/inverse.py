@@ -94,6 +94,26 @@ class BodyInverse:
             np.concatenate([self.data_offsets[:-1], len(data) + steps * (n * n)]),
         )
 
+    def with_blocks(self, sizes: np.ndarray, data: np.ndarray) -> BodyInverse:
+        """With other blocks behind these; the ground, as large as they are if all are, stays last.
+
+        Args:
+            sizes: shape (n,), nodes of each block.
+            data: the blocks, flat.
+        """
+        own = np.diff(self.node_offsets)[:-1]
+        sizes = np.concatenate([own, sizes])
+        alike = len(sizes) > 0 and np.all(sizes == sizes[0])
+        sizes = np.append(sizes, sizes[0] if alike else 1)
+        dofs = sizes * self.dim
+        ground = np.zeros(dofs[-1] ** 2)
+        return BodyInverse(
+            self.dim,
+            np.concatenate([[0], np.cumsum(sizes)]),
+            np.concatenate([self.data[: self.data_offsets[-2]], data, ground]),
+            np.concatenate([[0], np.cumsum(dofs**2)]),
+        )
+
     @property
     def num_nodes(self) -> int:
         """Number of nodes, the ground not counted."""

@@ -43,7 +43,7 @@ def mesh_tessellation(
     tessellation: Tessellation,
     size: float,
     phase: npt.ArrayLike | None = None,
-    comm: MPI.Comm = MPI.COMM_WORLD,
+    comm: MPI.Comm = MPI.COMM_SELF,
 ) -> Microstructure:
     """Mesh the grains of a periodic tessellation, with Gmsh.
 

@@ -1,0 +1,187 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Ghost velocities at the cuts between ranks.
+
+A rank's interactions act on the slots of its own nodes and on *ghosts*: the slots of other ranks'
+bodies at its points, with their blocks of w. Ghosts follow their owners by DOLFINx index maps.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from dolfinx import la
+from dolfinx.common import IndexMap
+
+from xper_fx.nscd.inverse import BodyInverse
+from xper_fx.parallel.ranks import Ranks
+
+
+class Exchange:
+    """Moves entries of velocity arrays between slots and their ghosts.
+
+    Args:
+        ranks: the ranks.
+        given: own slots that other ranks have as ghosts, by rank, in the order of their ghosts.
+        ghosts: ghost slots by the rank that they follow.
+        dim: dofs a slot.
+    """
+
+    def __init__(
+        self,
+        ranks: Ranks,
+        given: Mapping[int, np.ndarray],
+        ghosts: Mapping[int, np.ndarray],
+        dim: int,
+    ):
+        self._given = np.concatenate([np.zeros(0, np.int64), *given.values()])
+        self._ghosts = np.concatenate([np.zeros(0, np.int64), *ghosts.values()])
+        count, dims = len(self._given), np.arange(dim)
+        first = ranks.comm.exscan(count) or 0
+        starts = np.cumsum([first, *map(len, given.values())])
+        told = ranks.comm.alltoall(
+            [dict(zip(given, starts[:-1], strict=True)).get(r, 0) for r in range(ranks.size)]
+        )
+        numbers = [told[rank] + np.arange(len(slots)) for rank, slots in ghosts.items()]
+        owners = [np.full(len(slots), rank, np.int32) for rank, slots in ghosts.items()]
+        index_map = IndexMap(
+            ranks.comm,
+            count,
+            np.concatenate([np.zeros(0, np.int64), *numbers]),
+            np.concatenate([np.zeros(0, np.int32), *owners]),
+        )
+        self._vector = la.vector(index_map, dim, dtype=np.float64)
+        self._split = count * dim
+        self._own = (self._given[:, None] * dim + dims).ravel()
+        self._mirrored = (self._ghosts[:, None] * dim + dims).ravel()
+
+    def forward(self, values: np.ndarray) -> None:
+        """Ghosts take the values of their owners; `values` is flat, of all slots."""
+        array = self._vector.array
+        array[: self._split] = values[self._own]
+        self._vector.scatter_forward()
+        values[self._mirrored] = array[self._split :]
+
+    def back(self, values: np.ndarray) -> None:
+        """Owners take the values of their ghosts, of which each has one."""
+        array = self._vector.array
+        array[: self._split] = values[self._own]
+        array[self._split :] = values[self._mirrored]
+        self._vector.scatter_reverse(la.InsertMode.insert)
+        values[self._own] = array[: self._split]
+
+    def add_back(self, values: np.ndarray) -> None:
+        """Owners add the values of their ghosts."""
+        array = self._vector.array
+        array[: self._split] = 0.0
+        array[self._split :] = values[self._mirrored]
+        self._vector.scatter_reverse(la.InsertMode.add)
+        np.add.at(values, self._own, array[: self._split])
+
+    @property
+    def bytes_sent(self) -> int:
+        """Bytes that this rank sends forward."""
+        return 8 * self._split
+
+
+class Halo:
+    """What a rank's interactions have to do with other ranks.
+
+    Args:
+        ranks: the ranks.
+        inverse: blocks of w on this rank's slots.
+        given: own slots that other ranks want as ghosts, by rank.
+        phase_of_rank: phase in which this rank meets each other one, 0 if never.
+        num_phases: how many phases there are.
+        numbers: shape (num_points,), numbers of this rank's points in the whole scene.
+        phase: shape (num_points,), phase of each point, 0 where both bodies are here or, vertex by
+            vertex, where there are no phases.
+
+    Attributes:
+        wanted: slots of the nodes that other ranks gave, by rank, in the order they were asked for.
+        everywhere: exchange with all ranks.
+        phases: exchange with one rank, phase after phase from the first.
+    """
+
+    def __init__(
+        self,
+        ranks: Ranks,
+        inverse: BodyInverse,
+        given: Mapping[int, np.ndarray],
+        phase_of_rank: np.ndarray,
+        num_phases: int,
+        numbers: np.ndarray,
+        phase: np.ndarray,
+    ):
+        self.ranks, self.numbers, self.phase = ranks, numbers, phase
+        blocks_of = inverse.block_of_node()
+        self._blocks = {rank: np.unique(blocks_of[slots]) for rank, slots in given.items()}
+        sizes = np.diff(inverse.node_offsets)
+        told = [None] * ranks.size
+        all_given = {}
+        for rank, blocks in self._blocks.items():
+            ranges = [
+                np.arange(inverse.node_offsets[b], inverse.node_offsets[b + 1]) for b in blocks
+            ]
+            all_given[rank] = np.concatenate(ranges)
+            place = np.searchsorted(all_given[rank], given[rank])
+            told[rank] = (sizes[blocks], place)
+        answers = ranks.comm.alltoall(told)
+        ghosts: dict[int, np.ndarray] = {}
+        self.wanted: dict[int, np.ndarray] = {}
+        self._sizes = []
+        at = inverse.num_nodes
+        for rank, answer in enumerate(answers):
+            if answer is None:
+                continue
+            counts, place = answer
+            ghosts[rank] = at + np.arange(counts.sum())
+            self.wanted[rank] = at + place
+            self._sizes.append(counts)
+            at += int(counts.sum())
+        dim = inverse.dim
+        self.everywhere = Exchange(ranks, all_given, ghosts, dim)
+        self.phases = []
+        for phase in range(1, num_phases + 1):
+            met = [r for r in range(ranks.size) if phase_of_rank[r] == phase]
+            self.phases.append(
+                Exchange(
+                    ranks,
+                    {r: all_given[r] for r in met if r in all_given},
+                    {r: ghosts[r] for r in met if r in ghosts},
+                    dim,
+                )
+            )
+        self._dim = dim
+        self._first, self._last = inverse.num_nodes * dim, at * dim
+
+    @property
+    def num_slots(self) -> int:
+        """Slots of this rank's nodes and of ghosts; the ground's comes after them."""
+        return self._last // self._dim
+
+    def with_ghost_values(self, own: np.ndarray) -> np.ndarray:
+        """Values at this rank's slots, shape (n, dim), and at its ghosts."""
+        values = np.zeros((self.num_slots, self._dim))
+        values[: len(own)] = own
+        self.everywhere.forward(values.reshape(-1))
+        return values
+
+    def clear(self, values: np.ndarray) -> None:
+        """Set the ghosts of a flat array over all slots to zero."""
+        values[self._first : self._last] = 0.0
+
+    def gather(self, values: np.ndarray) -> np.ndarray:
+        """Values at all points from those at this rank's, in the scene's order, on every rank."""
+        return self.ranks.gather(self.numbers, values)
+
+    def with_ghosts(self, inverse: BodyInverse) -> BodyInverse:
+        """Blocks of w of this rank and of its ghosts, as their owners have them now."""
+        send = [None] * self.ranks.size
+        for rank, blocks in self._blocks.items():
+            offsets = inverse.data_offsets
+            parts = [inverse.data[offsets[b] : offsets[b + 1]] for b in blocks]
+            send[rank] = np.concatenate(parts)
+        got = [data for data in self.ranks.comm.alltoall(send) if data is not None]
+        sizes = np.concatenate([np.zeros(0, np.int64), *self._sizes])
+        return inverse.with_blocks(sizes, np.concatenate([np.zeros(0), *got]))

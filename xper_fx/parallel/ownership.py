@@ -1,0 +1,71 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Which rank has which interaction point.
+
+Sweeps visit facets: a facet between bodies of two ranks belongs to one of the two, which holds the
+other body's velocities as *ghosts*. The pairs of ranks that share facets are coloured so that a
+rank meets one other at a time (`phases`); while it does, nobody else moves the bodies of that cut.
+
+Where vertices are solved alone, all points that meet at a vertex are on one rank.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from xper_fx.bodies import FacingFacets, facet_edges
+
+
+def owners_by_facet(facets: FacingFacets, rank_of_body: np.ndarray) -> np.ndarray:
+    """Owner of each facing facet, shape (num_facets,).
+
+    Of two ranks the lower one if the sum of both is even, else the higher: half of its cuts each.
+    """
+    ranks = rank_of_body[facets.bodies]
+    low, high = ranks.min(axis=1), ranks.max(axis=1)
+    return np.where((low + high) % 2 == 0, low, high)
+
+
+def owners_by_vertex(
+    facets: FacingFacets, vertices: np.ndarray, cell, num_nodes: int, rank_of_body: np.ndarray
+) -> np.ndarray:
+    """Owner of each nodal point on facing facets, shape (num_facets, num_nodes).
+
+    It is the rank of the first of the bodies that meet at the node.
+
+    Args:
+        facets: facing facets.
+        vertices: shape (num_facets, k), vertices of the facets in the mesh that was cut.
+        cell: basix cell type.
+        num_nodes: nodes of a facet, vertices first, as `Bodies.facing_nodes` orders them.
+        rank_of_body: shape (num_bodies,).
+    """
+    count, corners = vertices.shape
+    ends = np.empty((count, num_nodes, 2), np.int64)
+    ends[:, :corners] = vertices[:, :, None]
+    for node, edge in enumerate(facet_edges(cell)[: num_nodes - corners], start=corners):
+        ends[:, node] = np.sort(vertices[:, edge], axis=1)
+    if num_nodes > corners + len(facet_edges(cell)):  # a facet's centre meets nothing else
+        ends[:, -1] = -1 - np.arange(count)[:, None]
+    _, place = np.unique(ends.reshape(-1, 2), axis=0, return_inverse=True)
+    place = place.reshape(count, num_nodes)
+    first = np.full(place.max(initial=-1) + 1, len(rank_of_body))
+    np.minimum.at(first, place, facets.bodies.min(axis=1)[:, None])
+    return rank_of_body[first[place]]
+
+
+def phases(pairs: np.ndarray, num_ranks: int) -> np.ndarray:
+    """Colour pairs of ranks such that those of one colour share no rank.
+
+    Args:
+        pairs: shape (n, 2), the ranks on both sides of each point; equal within a rank.
+        num_ranks: number of ranks.
+
+    Returns:
+        Shape (num_ranks, num_ranks): the phase of each pair, from 1; 0 where nothing is shared.
+    """
+    pairs = np.sort(pairs, axis=1)
+    phase = np.zeros((num_ranks, num_ranks), np.int64)
+    for a, b in np.unique(pairs[pairs[:, 0] != pairs[:, 1]], axis=0):
+        taken = {*phase[a].tolist(), *phase[b].tolist()}
+        phase[a, b] = phase[b, a] = next(c for c in range(1, num_ranks + 1) if c not in taken)
+    return phase

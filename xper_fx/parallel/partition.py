@@ -1,0 +1,110 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Which rank has which bodies: a partition of the graph of bodies by SCOTCH.
+
+A body weighs what its bulk and its points cost, a pair of bodies what is exchanged between them;
+SCOTCH (Pellegrini and Roman 1996) evens out the first and keeps the second small. DOLFINx is built
+with SCOTCH but partitions without weights, so the library is called as it is.
+"""
+
+from __future__ import annotations
+
+import ctypes
+
+import dolfinx.cpp
+import numpy as np
+from scipy.sparse import coo_array
+
+
+def partition_bodies(
+    weights: np.ndarray, pairs: np.ndarray, exchanged: np.ndarray, num_ranks: int
+) -> np.ndarray:
+    """Divide bodies among ranks.
+
+    Args:
+        weights: shape (num_bodies,), work that each body is, whole numbers from 1 on.
+        pairs: shape (n, 2), bodies that interact; a pair may come several times.
+        exchanged: shape (n,), what has to be exchanged if the two are on different ranks, whole
+            numbers from 1 on.
+        num_ranks: number of ranks.
+
+    Returns:
+        The rank of each body, shape (num_bodies,), int32; every rank has some. It depends on the
+        arguments alone.
+
+    Raises:
+        ValueError: fewer bodies than ranks.
+    """
+    count = len(weights)
+    if count < num_ranks:
+        raise ValueError(
+            f"The scene has {count} bodies for {num_ranks} ranks, and a body is whole on a rank: "
+            f"run on at most {count} ranks."
+        )
+    if num_ranks == 1:
+        return np.zeros(count, np.int32)
+    rank_of_body = _scotch(np.asarray(weights), _graph(pairs, exchanged, count), num_ranks)
+    return _none_empty(rank_of_body, num_ranks)
+
+
+def _graph(pairs, exchanged, count):
+    """Adjacency of the bodies with the weights of their edges, symmetric, no diagonal."""
+    a, b = pairs[pairs[:, 0] != pairs[:, 1]].T
+    values = np.asarray(exchanged)[pairs[:, 0] != pairs[:, 1]]
+    half = coo_array((values, (a, b)), shape=(count, count)).tocsr()
+    whole = (half + half.T).tocsr()
+    whole.sort_indices()
+    return whole
+
+
+def _scotch(weights, graph, num_ranks: int) -> np.ndarray:
+    """SCOTCH's partition with a seed that is always the same."""
+    # symbols are looked for in the libraries that DOLFINx is linked with, too
+    library = ctypes.CDLL(dolfinx.cpp.__file__)
+    if not hasattr(library, "SCOTCH_graphPart"):
+        raise ImportError(
+            "DOLFINx was built without SCOTCH, which divides the bodies among ranks: take a build "
+            "that has it (Debian's and conda-forge's do), or run on one rank."
+        )
+    kind = {4: np.int32, 8: np.int64}[library.SCOTCH_numSizeof()]
+    number = ctypes.c_int32 if kind is np.int32 else ctypes.c_int64
+    offsets, edges, sizes, costs = (
+        np.ascontiguousarray(array, kind)
+        for array in (graph.indptr, graph.indices, weights, graph.data)
+    )
+    parts = np.zeros(len(weights), kind)
+
+    def address(array):
+        return array.ctypes.data_as(ctypes.c_void_p)
+
+    def check(status: int) -> None:
+        if status != 0:
+            raise RuntimeError("SCOTCH could not divide the bodies among the ranks.")
+
+    structure = ctypes.create_string_buffer(library.SCOTCH_graphSizeof())
+    strategy = ctypes.create_string_buffer(library.SCOTCH_stratSizeof())
+    check(library.SCOTCH_graphInit(structure))
+    check(library.SCOTCH_stratInit(strategy))
+    try:
+        library.SCOTCH_randomReset()
+        check(
+            library.SCOTCH_graphBuild(
+                structure, number(0), number(len(weights)), address(offsets), None,
+                address(sizes), None, number(len(edges)), address(edges), address(costs),
+            )
+        )  # fmt: skip
+        check(library.SCOTCH_graphPart(structure, number(num_ranks), strategy, address(parts)))
+    finally:
+        library.SCOTCH_graphExit(structure)
+        library.SCOTCH_stratExit(strategy)
+    return parts.astype(np.int32)
+
+
+def _none_empty(rank_of_body: np.ndarray, num_ranks: int) -> np.ndarray:
+    """Give each rank that has nothing a body of the rank that has most."""
+    sizes = np.bincount(rank_of_body, minlength=num_ranks)
+    for rank in np.flatnonzero(sizes == 0):
+        largest = int(np.argmax(sizes))
+        rank_of_body[np.flatnonzero(rank_of_body == largest)[-1]] = rank
+        sizes[largest] -= 1
+        sizes[rank] += 1
+    return rank_of_body

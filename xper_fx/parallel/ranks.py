@@ -1,0 +1,86 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Ranks that simulate a scene together, and what they have to agree on.
+
+Sums are made in the order of the ranks, on every rank: all get the same bits, so that decisions
+(cut a step, stop a solver) are the same everywhere without being told.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import reduce
+from operator import add
+
+import numpy as np
+from mpi4py import MPI
+
+
+class Ranks:
+    """The ranks of a communicator.
+
+    Args:
+        comm: communicator.
+
+    Attributes:
+        rank, size: this rank, and how many there are.
+        alone: whether there is only one.
+    """
+
+    def __init__(self, comm: MPI.Comm):
+        self.comm, self.rank, self.size = comm, comm.rank, comm.size
+        self.alone = comm.size == 1
+
+    def sum(self, value):
+        """Sum of numbers, or of arrays of one shape."""
+        return value if self.alone else reduce(add, self.comm.allgather(value))
+
+    def max(self, value):
+        """Largest of numbers, or of arrays of one shape entry by entry."""
+        return value if self.alone else reduce(np.maximum, self.comm.allgather(value))
+
+    def before(self, count: int) -> int:
+        """Sum of a number over the ranks before this one."""
+        return 0 if self.alone else sum(self.comm.allgather(count)[: self.rank])
+
+    def all(self, condition) -> bool:
+        """Whether something holds on all ranks."""
+        return bool(condition) if self.alone else all(self.comm.allgather(bool(condition)))
+
+    def at_root(self, call: Callable[[], object]) -> None:
+        """Let the first rank do something for all; what it raises is raised on all."""
+        if self.alone:
+            call()
+            return
+        error = None
+        if self.rank == 0:
+            try:
+                call()
+            except Exception as raised:  # noqa: BLE001 - raised again below, on every rank
+                error = raised
+        error = self.comm.bcast(error)
+        if error is not None:
+            raise error
+
+    def gather(self, numbers: np.ndarray, values: np.ndarray) -> np.ndarray:
+        """Entries of an array that is spread over the ranks, on every rank.
+
+        Args:
+            numbers: shape (n,), which entries this rank has; every one is on some rank.
+            values: shape (n, ...).
+
+        Returns:
+            Shape (number of entries, ...).
+        """
+        if self.alone:
+            parts = [(numbers, values)]
+        else:
+            parts = self.comm.allgather((numbers, np.ascontiguousarray(values)))
+        count = 1 + max((int(n.max()) for n, _ in parts if len(n)), default=-1)
+        whole = np.zeros((count, *values.shape[1:]), values.dtype)
+        for n, v in parts:
+            whole[n] = v
+        return whole
+
+
+ALONE = Ranks(MPI.COMM_SELF)
+"""This rank by itself."""
