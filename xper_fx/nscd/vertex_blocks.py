@@ -117,7 +117,8 @@ def _set_identities(inverse, offsets, sizes):
                 inverse[offsets[b] + j * (sizes[b] + 1)] = 1.0
 
 
-def _build(interactions: Interactions) -> _Blocks:
+def build(interactions: Interactions) -> _Blocks:
+    """The vertices' arrays of a scene."""
     unknowns, groups = _unknowns(interactions), interactions.groups
     vertex = np.concatenate(
         [np.repeat(np.arange(len(g.ordering.tile_offsets) - 1), np.diff(g.ordering.tile_offsets))
@@ -628,7 +629,7 @@ def solve(
         return SolveReport(True, 0, 0.0, 0.0)
     blocks = _structures.get(interactions)
     if blocks is None:
-        blocks = _structures[interactions] = _build(interactions)
+        blocks = _structures[interactions] = build(interactions)
     arrays = tuple(
         array
         for g in interactions.groups
