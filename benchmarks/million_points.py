@@ -19,7 +19,7 @@ and w would be a half of what a sweep moves; but the bonds' impulses and the vel
 the energy ledger, which closes to 1e-13, is made of.
 
 **The sweep** costs 14 ns a point at 12 160 points, whose arrays stay in the cache, and 43 ns from
-memory at 1 022 000 (45 at 322 096), hence an exponent of 1.19 over all sizes. Tiles in their natural
+memory at 1 022 000 (45 at 322 096), hence an exponent of 1.19 over all sizes. Tiles in natural
 order instead of by colours save 14 % at 101 200 points, but threads need the colours.
 """
 
