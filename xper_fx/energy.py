@@ -113,7 +113,7 @@ class EnergyLedger:
         moved = after.displacement - before.displacement
         nodal = self._bulk.unknowns.num_nodes * self._bulk.dim
         impulse = (outcome.force_impulse + outcome.reactions)[:nodal]
-        stresses = 0.5 * (before.internal + after.internal)[nodal:]
+        stresses = 0.5 * (before.internal[nodal:] + after.internal[nodal:])
         work = float(moved[:nodal] @ impulse) / step + float(moved[nodal:] @ stresses)
         work = self._bulk.ranks.sum(work)
         kinetic = self._bulk.kinetic_energy(after.velocity)

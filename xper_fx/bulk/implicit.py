@@ -27,7 +27,7 @@ import scipy.sparse as sp
 
 from xper_fx.bulk.bulk import Bulk
 from xper_fx.bulk.inverse import CellwiseInverse, ClusterInverse
-from xper_fx.bulk.scheme import Solver, State, StepOutcome, interact
+from xper_fx.bulk.scheme import Solver, State, StepOutcome, interact, reactions_on
 from xper_fx.forms.dynamics import BulkForms
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.rows import Rows
@@ -287,7 +287,7 @@ class ImplicitScheme:
             bulk.forget()
             if not bulk.linear:
                 self._drop(step)
-        reactions = np.where(bulk.layout.prescribed, -(residual + impulses), 0.0)
+        reactions = reactions_on(bulk.layout.prescribed, lambda d: -(residual[d] + impulses[d]))
         end = State(time, predictor + step * theta * velocity, velocity, internal, external)
         mean_velocity = theta * velocity + (1.0 - theta) * v0
         return StepOutcome(
