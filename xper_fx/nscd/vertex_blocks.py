@@ -110,7 +110,7 @@ def saved(interactions: Interactions) -> dict[str, np.ndarray]:
 
 def restore(interactions: Interactions, memory: Mapping[str, np.ndarray]) -> None:
     """Take what `saved` gave, for the same points."""
-    blocks = _structures[interactions] = _build(interactions)
+    blocks = _structures[interactions] = build(interactions)
     blocks.inverse[:], blocks.slope[:] = memory["inverse"], memory["slope"]
 
 
