@@ -15,6 +15,8 @@ from xper_fx.parallel.partition import partition_bodies
 from xper_fx.parallel.ranks import Ranks
 
 SCENES = ("explicit", "quadratic", "blocks", "fall", "plastic", "free", "space")
+# Scenes whose points do not push each other at the end in more ways than one.
+UNIQUE = ("blocks", "plastic", "free", "space")
 
 
 def grid(n):
@@ -157,12 +159,14 @@ def test_ranks_agree(found, name, count):
     before = one["dissipated_cohesion"] == 0.0
     for key in ("reaction", "mean", "kinetic", "elastic", "external_work", "cohesive", "momentum"):
         a, b = one[key], several[key]
-        scale = max(np.abs(a).max(), 1e-12)
+        scale = max(np.abs(a).max(), 1e-2)
         assert np.abs(a - b)[before].max(initial=0.0) <= 1e-8 * scale, key
         assert np.abs(a - b).max() <= 1e-6 * scale, key
-    for key in ("impulse", "jump", "damage", "traction"):
-        scale = max(np.abs(one[key]).max(), 1e-12)
-        assert np.abs(one[key] - several[key]).max() <= 1e-5 * scale, key
+    for key in ("jump", "damage"):
+        assert np.abs(one[key] - several[key]).max() <= 1e-7 * np.abs(one[key]).max(), key
+    if name in UNIQUE:
+        for key in ("impulse", "traction"):
+            assert np.abs(one[key] - several[key]).max() <= 1e-7 * np.abs(one[key]).max(), key
 
 
 @pytest.mark.slow
