@@ -137,6 +137,13 @@ GALLERY = (
         "seconds",
     ),
     Figures(
+        "benchmarks/million_points.py",
+        "--results {out}/million_points.json --figure {out}/million_points.png",
+        {"million_points": "million_points.png"},
+        ("Time and memory from ten thousand to a million interaction points",),
+        "minutes",
+    ),
+    Figures(
         "benchmarks/hertz.py",
         "--figure {out}/hertz.png",
         {"hertz": "hertz.png"},

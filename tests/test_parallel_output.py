@@ -1,0 +1,89 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""What several ranks write, and go on from."""
+
+import json
+import shutil
+
+import meshio
+import numpy as np
+import pytest
+from on_ranks import on_ranks
+
+from xper_fx.output import read_history
+
+pytestmark = pytest.mark.slow
+
+
+def run(count, folder, last, *options):
+    done = on_ranks(count, "ranks/recorded.py", folder, last, *options)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+@pytest.fixture(scope="module")
+def folders(tmp_path_factory):
+    """Whole runs on one rank and on two; one stopped on two that goes on, on two and on three."""
+    base = tmp_path_factory.mktemp("recorded")
+    run(1, base / "one", 20)
+    run(2, base / "two", 20)
+    run(2, base / "stopped", 11)
+    shutil.copytree(base / "stopped", base / "again")
+    shutil.copytree(base / "stopped", base / "elsewhere")
+    run(2, base / "again", 20, "restart")
+    run(3, base / "elsewhere", 20, "restart")
+    return base
+
+
+def series(path):
+    """Times and fields of a series."""
+    with meshio.xdmf.TimeSeriesReader(path) as reader:
+        points, cells = reader.read_points_cells()
+        return points, cells[0].data, [reader.read_data(k) for k in range(reader.num_steps)]
+
+
+def difference(a, b):
+    """Largest difference of two histories relative to each column's largest value."""
+    x, y = read_history(a / "history.csv"), read_history(b / "history.csv")
+    assert list(x) == list(y)
+    np.testing.assert_array_equal(x["step"], y["step"])
+    return max(
+        np.abs(x[k] - y[k]).max() / np.abs(x[k]).max()
+        for k in ("strain", "stress", "external_work", "kinetic", "elastic", "cohesive")
+    )
+
+
+def test_the_history_is_that_of_one_rank(folders):
+    assert difference(folders / "one", folders / "two") <= 1e-8
+
+
+@pytest.mark.parametrize("name", ["bulk", "interfaces"])
+def test_the_fields_are_those_of_one_rank(folders, name):
+    one, two = (series(folders / ranks / f"{name}.xdmf") for ranks in ("one", "two"))
+    np.testing.assert_array_equal(one[0], two[0])
+    np.testing.assert_array_equal(one[1], two[1])
+    assert len(one[2]) == len(two[2]) == 6
+    for (t, nodal, cellwise), (s, nodal2, cellwise2) in zip(one[2], two[2], strict=True):
+        assert t == pytest.approx(s, rel=1e-12)
+        for a, b in ((nodal, nodal2), (cellwise, cellwise2)):
+            assert set(a) == set(b)
+            for key in a:
+                x, y = (np.asarray(v, float) for v in (a[key], b[key]))
+                assert np.abs(x - y).max() <= 1e-7 * max(np.abs(x).max(), 1e-6), key
+
+
+def test_summaries_count_the_whole(folders):
+    one, two = (json.loads((folders / f / "summary.json").read_text()) for f in ("one", "two"))
+    assert (one["counts"].pop("ranks"), two["counts"].pop("ranks")) == (1, 2)
+    assert one["counts"] == two["counts"]
+    assert one["steps"] == two["steps"] == 20
+
+
+def test_as_many_ranks_go_on_to_the_bit(folders):
+    histories = [(folders / f / "history.csv").read_bytes() for f in ("again", "two")]
+    assert histories[0] == histories[1]
+    whole, again = (series(folders / f / "bulk.xdmf")[2] for f in ("two", "again"))
+    assert [t for t, *_ in whole] == [t for t, *_ in again]
+    np.testing.assert_array_equal(whole[-1][1]["displacement"], again[-1][1]["displacement"])
+
+
+def test_another_number_of_ranks_goes_on_to_the_tolerance(folders):
+    assert difference(folders / "two", folders / "elsewhere") <= 1e-8
