@@ -168,6 +168,11 @@ def closed():
     return _interacting(SignoriniCoulomb(0.3, contact="position"), "accelerated", speed=-1e-3)
 
 
+def divided():
+    """Run by two ranks, of which the first tells."""
+    return bonded()
+
+
 def solid():
     from xper_fx.nscd.laws import PerfectBond
 
@@ -279,6 +284,7 @@ SCENES = {
         "vertex problems",
     },
     bonded: {*_POINTS, "unilateral contact", "cohesion", "damage"},
+    divided: {*_POINTS, "unilateral contact", "cohesion", "damage", "several ranks"},
     closed: {*_POINTS, "unilateral contact", "friction", "mixed sweeps"},
     solid: {*_POINTS, "perfect bond", "three dimensions"},
     stiff: {*_POINTS, "perfect bond", "Newton on all points"},
@@ -451,4 +457,8 @@ def observe(name: str, removed: list[str]) -> dict:
 
 
 if __name__ == "__main__":
-    print(json.dumps(observe(sys.argv[1], sys.argv[2:])))
+    from mpi4py import MPI
+
+    observed = observe(sys.argv[1], sys.argv[2:])
+    if MPI.COMM_WORLD.rank == 0:
+        print(json.dumps(observed))

@@ -15,6 +15,7 @@ from pathlib import Path
 
 import effect_scenes
 import pytest
+from on_ranks import on_ranks
 from scenes import box_bodies
 
 from xper_fx.effects import EFFECTS, effects_of, effects_table
@@ -30,10 +31,13 @@ CALLED_FOR = {scene.__name__: effects for scene, effects in effect_scenes.SCENES
 
 
 def observed(scene: str, removed=()) -> dict:
-    run = subprocess.run(
-        [sys.executable, SCRIPT, scene, *removed],
-        capture_output=True, text=True, env=ENVIRONMENT, check=False,
-    )  # fmt: skip
+    if scene == "divided":
+        run = on_ranks(2, SCRIPT, scene, *removed)
+    else:
+        run = subprocess.run(
+            [sys.executable, SCRIPT, scene, *removed],
+            capture_output=True, text=True, env=ENVIRONMENT, check=False,
+        )  # fmt: skip
     assert run.returncode == 0, run.stderr
     return json.loads(run.stdout.splitlines()[-1])
 

@@ -302,10 +302,21 @@ EFFECTS = (
         lambda s: s.scheme.nbytes,
     ),
     Effect(
+        "several ranks",
+        "mpirun -n N, where the scene's bodies can be divided",
+        (
+            "xper_fx.parallel.partition", "xper_fx.parallel.part", "xper_fx.parallel.ownership",
+            "xper_fx.parallel.points", "xper_fx.parallel.halo", "xper_fx.nscd.distributed",
+        ),
+        lambda s: s.part is not None,
+        "ghosts of other ranks' bodies",
+        lambda s: 0 if s.part is None else s.interactions.halo.nbytes,
+    ),  # fmt: skip
+    Effect(
         "vertex problems",
         "the explicit bulk with nodal points",
         ("xper_fx.nscd.vertex_blocks",),
-        lambda s: s.interactions is not None and s.solver == "vertex_blocks",
+        lambda s: s.interactions is not None and s.interactions.ordering == "vertices",
         "slopes of the points, an inverse a vertex",
         _kept("xper_fx.nscd.vertex_blocks"),
     ),

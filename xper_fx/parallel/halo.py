@@ -79,6 +79,12 @@ class Exchange:
         np.add.at(values, self._own, array[: self._split])
 
     @property
+    def nbytes(self) -> int:
+        """Memory of the values exchanged and of where they are, in bytes."""
+        arrays = (self._given, self._ghosts, self._own, self._mirrored, self._vector.array)
+        return sum(array.nbytes for array in arrays)
+
+    @property
     def bytes_sent(self) -> int:
         """Bytes that this rank sends forward."""
         return 8 * self._split
@@ -185,3 +191,9 @@ class Halo:
         got = [data for data in self.ranks.comm.alltoall(send) if data is not None]
         sizes = np.concatenate([np.zeros(0, np.int64), *self._sizes])
         return inverse.with_blocks(sizes, np.concatenate([np.zeros(0), *got]))
+
+    @property
+    def nbytes(self) -> int:
+        """Memory of what is exchanged and of the points' numbers, in bytes."""
+        exchanges = (self.everywhere, *self.phases)
+        return sum(e.nbytes for e in exchanges) + self.numbers.nbytes + self.phase.nbytes
