@@ -70,7 +70,7 @@ def check_lemma_and_momentum(found):
 
 @pytest.mark.parametrize("name, count", DIVIDED)
 def test_ranks_find_the_same_cell(alone, divided, name, count):
-    """Macroscopic curves, energies, jumps and damage of all points."""
+    """Macroscopic curves, energies, jumps and damage of points, mean displacements of bodies."""
     alone, divided = alone[name], divided(name, count)
     assert divided["ranks"] == count and divided["shared"] > count
     assert divided["dofs"] == alone["dofs"]
@@ -88,6 +88,6 @@ def test_ranks_find_the_same_cell(alone, divided, name, count):
         assert divided[column] == pytest.approx(alone[column], abs=SAME * scale), column
     assert divided["closure"] == pytest.approx(alone["closure"], abs=1e-9)
     assert divided["norm"] == pytest.approx(alone["norm"], rel=SAME)
-    for field in ("jump", "damage"):
+    for field in ("jump", "damage", "displacement"):
         assert np.abs(divided[field] - alone[field]).max() < SAME * np.abs(alone[field]).max()
     check_lemma_and_momentum(divided)

@@ -96,7 +96,13 @@ def run(name: str) -> dict[str, np.ndarray]:
         now |= {"norm": simulation.bulk.norm(state.velocity)}
         for key, value in now.items():
             history.setdefault(key, []).append(value)
-    interactions = simulation.interactions
+    V, interactions = simulation.forms.V, simulation.interactions
+    nodes, offsets = simulation.bodies.node_permutation(V)
+    displacement = simulation.displacement.x.array.reshape(-1, 2)[nodes]
+    of_bodies = np.add.reduceat(displacement, offsets[:-1]) / np.diff(offsets)[:, None]
+    numbers = np.arange(len(of_bodies))
+    if simulation.part is not None:
+        numbers = simulation.part.body_numbers
     bodies = scene.bodies.facets.bodies
     shared = 0
     if simulation.part is not None:
@@ -106,6 +112,7 @@ def run(name: str) -> dict[str, np.ndarray]:
     return found | {
         "damage": interactions.gather("damage"),
         "jump": interactions.gather("jump"),
+        "displacement": simulation.ranks.gather(numbers, of_bodies),
         "ranks": np.array(simulation.ranks.size),
         "shared": np.array(shared),
         "dofs": np.array(simulation.bulk.num_dofs_of_all),

@@ -11,8 +11,8 @@ forces that belong to it are column j of |Omega| Pibar, as X^T f_int = int Pi dx
 
 Where ranks divide the bodies, ties stay within a rank, as they join nodes of one body. G is there
 on every rank, and so is the sum over all bodies X^T f_int = sum_r X_r^T f_r, the same to the bit.
-All measure X from one middle: from another one, x0 + d, u# would be another by G d, and jump where
-a rank ends.
+All measure X from one middle: to take it from x0 + d moves a body's u by -G d and nothing else, as
+its internal forces add up to zero, and would leave gaps in u where a rank ends.
 """
 
 from __future__ import annotations
