@@ -17,6 +17,8 @@ its internal forces add up to zero, and would leave gaps in u where a rank ends.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 import scipy.sparse as sp
 from dolfinx.fem import FunctionSpace
@@ -133,3 +135,13 @@ class CellUnknowns(NodalUnknowns):
             return columns
         rows = columns.reshape(len(self.node_of), -1)
         return (self._sum @ rows).reshape(-1, columns.shape[1])
+
+    def by_cell(self, unknowns: np.ndarray) -> dict:
+        """See `NodalUnknowns`; the macroscopic ones besides."""
+        return super().by_cell(unknowns) | {"macroscopic": unknowns[self.macroscopic]}
+
+    def from_cells(self, saved: Mapping) -> np.ndarray:
+        """See `NodalUnknowns`."""
+        unknowns = super().from_cells(saved)
+        unknowns[self.macroscopic] = saved["macroscopic"]
+        return unknowns
