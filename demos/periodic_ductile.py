@@ -35,6 +35,7 @@ import logging
 from pathlib import Path
 
 import numpy as np
+from mpi4py import MPI
 from tqdm.auto import tqdm
 
 from xper_fx.bodies import Bodies, explode
@@ -140,7 +141,7 @@ def homogeneous_curve(final_strain: float, lateral: str, finite_strain: bool) ->
     mesh = crossed_rectangle((0.0, 0.0), (SIZE, SIZE), (1, 1))
     bodies = explode(mesh, np.zeros(4, int), lattice=(SIZE, SIZE))
     scene = Scene(bodies, {1: matrix(finite_strain)}, macroscopic=drive(1.0, lateral))
-    simulation = Simulation(scene, final_strain / 400, theta=1.0, inertia=False)
+    simulation = Simulation(scene, final_strain / 400, theta=1.0, inertia=False, comm=MPI.COMM_SELF)
     curve = [(0.0, 0.0)]
     curve += [CellGauge("11").read(simulation) for _ in simulation.steps(final_strain)]
     strain, stress = np.array(curve).T

@@ -114,8 +114,8 @@ class EnergyLedger:
         nodal = self._bulk.unknowns.num_nodes * self._bulk.dim
         impulse = (outcome.force_impulse + outcome.reactions)[:nodal]
         stresses = 0.5 * (before.internal[nodal:] + after.internal[nodal:])
-        work = float(moved[:nodal] @ impulse) / step + float(moved[nodal:] @ stresses)
-        work = self._bulk.ranks.sum(work)
+        work = self._bulk.ranks.sum(float(moved[:nodal] @ impulse) / step)
+        work += float(moved[nodal:] @ stresses)  # every rank has all of it
         kinetic = self._bulk.kinetic_energy(after.velocity)
         elastic = self._bulk.elastic_energy(after.displacement, after.internal)
         if rigid is not None:

@@ -429,7 +429,7 @@ class Recorder:
                 "bodies": 0 if bodies is None else bodies.num_bodies,
                 "rigid_bodies": len(simulation.scene.rigid),
                 "points": points,
-                "dofs": total(simulation.bulk.num_dofs),
+                "dofs": simulation.bulk.num_dofs_of_all,
                 "ranks": simulation.ranks.size,
             },
             "effects": [effect._asdict() for effect in effects_of(simulation)],

@@ -340,7 +340,6 @@ class Simulation:
                 ("rigid bodies", scene.rigid_bodies is not None),
                 ("contacts that are searched", len(scene.contacts) > 0),
                 ("ties", len(scene.ties) > 0),
-                ("a periodic cell", scene.macroscopic is not None),
                 ("no inertia", not inertia),
                 ("no facets between bodies", scene.bodies and not len(scene.bodies.facets)),
             )
@@ -399,7 +398,7 @@ class Simulation:
             return Bulk(forms, motions, scene.damping, inertia, joined, self.ranks)
         from xper_fx.periodic.two_field import CellBulk
 
-        return CellBulk(forms, scene.macroscopic, inertia)
+        return CellBulk(forms, scene.macroscopic, inertia, self.ranks)
 
     def _scheme(self, interacting, theta, newton_tolerance, max_newton):
         if self.scene.bodies is None:
@@ -557,7 +556,7 @@ class Simulation:
 
         return shared_points(
             self.scene.bodies, self.part, self.ranks, self.forms.V, self.bulk.unknowns.node_of,
-            law_of_facet, self.scene.points, self._by_vertex,
+            self.bulk.num_dofs // self.bulk.dim, law_of_facet, self.scene.points, self._by_vertex,
         )  # fmt: skip
 
     def _interacting(self, points: InteractionPoints | None) -> np.ndarray:

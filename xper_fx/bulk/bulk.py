@@ -254,7 +254,7 @@ class Bulk:
     def elastic_energy(self, displacement: np.ndarray, internal: np.ndarray) -> float:
         """Stored energy (J; 2D: J/m) at a displacement whose internal forces are known."""
         if self.linear:
-            return self.ranks.sum(0.5 * float(displacement @ internal))
+            return 0.5 * self.dot(displacement, internal)
         return self.ranks.sum(self.forms.assemble_energy(self.unknowns.expand(displacement)))
 
     def commit(self, displacement: np.ndarray, internal: np.ndarray) -> None:
@@ -271,7 +271,16 @@ class Bulk:
 
     def norm(self, velocity: np.ndarray) -> float:
         """Norm of velocities that the mass gives, with inertia or without."""
-        return float(np.sqrt(self.ranks.sum(velocity @ (self.weights * velocity))))
+        return float(np.sqrt(self.dot(velocity, self.weights * velocity)))
+
+    def dot(self, a: np.ndarray, b: np.ndarray) -> float:
+        """Inner product of vectors of unknowns over all ranks, each unknown counted once."""
+        return self.ranks.sum(float(a @ b))
+
+    @property
+    def num_dofs_of_all(self) -> int:
+        """Number of unknowns on all ranks."""
+        return self.ranks.sum(self.num_dofs)
 
     def end_weight(self, theta: float) -> float | np.ndarray:
         """theta of each unknown's equation, one number if it is the same for all."""

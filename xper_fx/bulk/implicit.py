@@ -88,6 +88,7 @@ class ImplicitScheme:
         self.bulk, self.theta = bulk, theta
         self._end_weight = bulk.end_weight(theta)
         self._interacting = interacting
+        self._interacts = bulk.ranks.max(len(interacting)) > 0
         self._newton_tolerance, self._max_newton = newton_tolerance, max_newton
         self._tolerance = newton_tolerance
         self._stopwatch = stopwatch
@@ -115,9 +116,7 @@ class ImplicitScheme:
                 inverse = ClusterInverse(layout, self._interacting)
             stiffness = bulk.stiffness if bulk.linear else bulk.tangent(displacement)
             inverse.factor(self._iteration_matrix(step, stiffness))
-            inverse = bulk.with_border(
-                inverse, stiffness, step, self.theta, len(self._interacting) > 0
-            )
+            inverse = bulk.with_border(inverse, stiffness, step, self.theta, self._interacts)
             if step not in self._inverses and len(self._inverses) >= _KEPT:
                 self._drop(next(iter(self._inverses)))
             self._inverses[step] = inverse

@@ -53,6 +53,7 @@ def shared_points(
     ranks: Ranks,
     V,
     node_of: np.ndarray,
+    num_nodes: int,
     law_of_facet: np.ndarray,
     rule: str,
     by_vertex: bool,
@@ -65,6 +66,8 @@ def shared_points(
         ranks: the ranks.
         V: Lagrange space on this rank's mesh.
         node_of: unknown's node of each node of V.
+        num_nodes: nodes among this rank's unknowns, those that belong to no body included; ghosts
+            are numbered after them.
         law_of_facet: shape (num_facets,), -1 for none.
         rule: "nodal" or "gauss".
         by_vertex: whether all points that meet at a vertex shall be on one rank.
@@ -113,7 +116,6 @@ def shared_points(
             if count:
                 key[here, s] = rank * step + numbers[at : at + count].reshape(-1, k)
                 at += count
-    num_nodes = int(node_of.max()) + 1
     ghost = key >= 0
     keys, place = np.unique(key[ghost], return_inverse=True)
     nodes[ghost] = num_nodes + place

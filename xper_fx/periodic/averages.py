@@ -73,9 +73,10 @@ def _hill_mandel_error(bulk, before, outcome, step, theta) -> float:
     cell, nodal = bulk.unknowns.macroscopic, slice(0, bulk.unknowns.macroscopic.start)
     moved = after.displacement - before.displacement
     internal = theta * after.internal + (1.0 - theta) * before.internal
-    inside = float(moved @ internal)
+    inside = bulk.dot(moved, internal)
     inertia = bulk.momentum(after.velocity - before.velocity)
-    fluctuation = float(moved[nodal] @ (outcome.impulses - inertia)[nodal]) / step
+    pushed = float(moved[nodal] @ (outcome.impulses - inertia)[nodal])
+    fluctuation = bulk.ranks.sum(pushed) / step
     # what was asked for where stresses are given, what was found where strains are
     asked = theta * after.internal[cell] + (1.0 - theta) * before.internal[cell]
     missing = after.external[cell] - after.internal[cell]
@@ -101,8 +102,14 @@ def averaged_gradient(bulk: CellBulk, displacement: np.ndarray) -> np.ndarray:
         Shape (dim, dim); equal to `CellBulk.macroscopic_gradient` to rounding.
 
     Raises:
-        ValueError: the cell has voids, over which the gradient is not defined.
+        ValueError: the cell has voids, over which the gradient is not defined, or its bodies are
+            divided among ranks, none of which has the jumps between two of them.
     """
+    if not bulk.ranks.alone:
+        raise ValueError(
+            f"The bodies are divided among {bulk.ranks.size} ranks, none of which has the jumps "
+            "between two of them: read `macroscopic.gradient`, or run on one rank."
+        )
     dim, V, bodies = bulk.dim, bulk.forms.V, bulk.forms.bodies
     filled = fem.assemble_scalar(
         fem.form(fem.Constant(bodies.mesh, default_scalar_type(1.0)) * ufl.dx(bodies.mesh))

@@ -19,6 +19,12 @@ in which A^-1 is that of the bulk without fluctuation and D what the bonds, the 
 fluctuation add to it. D is learnt from the iterations of the run (Broyden's good update): each
 sets impulses free again under a new g, so that nothing of the interaction layer changes. Only
 iterations in which the bulk itself had little left to correct teach something.
+
+Where ranks divide the bodies, w and K hold a block for each, so that with the rank's own rows
+
+    A = sum_r X_r^T K_r X_r,   B^T w B = sum_r B_r^T w_r B_r,   B^T w r = sum_r B_r^T w_r r_r,
+
+and dg follows from them on every rank alike, D too.
 """
 
 from __future__ import annotations
@@ -26,6 +32,7 @@ from __future__ import annotations
 import numpy as np
 
 from xper_fx.bulk.inverse import CellwiseInverse, ClusterInverse
+from xper_fx.parallel.ranks import ALONE, Ranks
 from xper_fx.periodic.unknowns import CellUnknowns
 
 # A pair of iterations whose work has less than this share of what was expected teaches nothing:
@@ -44,6 +51,7 @@ class BorderedInverse:
         step, theta: of the iteration matrix.
         compliance: D, shape (m, m), 1/(N m) (2D: 1/N); changed in place as it is learnt. None if
             there are no interactions.
+        ranks: ranks that divide the cell's bodies.
 
     Attributes:
         blocks, nodes, num_nodes: see `xper_fx.bulk.inverse`.
@@ -58,13 +66,14 @@ class BorderedInverse:
         step: float,
         theta: float,
         compliance: np.ndarray | None,
+        ranks: Ranks = ALONE,
     ):
-        self._bodies, self._step = bodies, step
+        self._bodies, self._step, self._ranks = bodies, step, ranks
         self.blocks, self.nodes, self.num_nodes = bodies.blocks, bodies.nodes, bodies.num_nodes
         self._places = unknowns.macroscopic.start + free
         fields = unknowns.fields(free)
         forces = stiffness @ fields
-        corner = fields.T @ forces
+        corner = ranks.sum(fields.T @ forces)
 
         def border(columns: np.ndarray) -> np.ndarray:
             pad = np.zeros((unknowns.dim**2, len(free)))
@@ -74,7 +83,7 @@ class BorderedInverse:
         self._compliance = compliance
         if compliance is None:
             self._rows = border(stiffness.T @ fields)
-            self._schur = step**2 * corner - self._rows.T @ self._answer
+            self._schur = step**2 * corner - ranks.sum(self._rows.T @ self._answer)
         else:
             self._corner = np.linalg.inv(corner)
         self._before: tuple[np.ndarray, np.ndarray] | None = None
@@ -87,8 +96,9 @@ class BorderedInverse:
         """Newton's increment of all velocities, shape (num_dofs,)."""
         out = self._bodies.apply(residual)
         if self._compliance is None:
+            answered = self._ranks.sum(self._rows.T @ out)
             try:
-                rate = np.linalg.solve(self._schur, residual[self._places] - self._rows.T @ out)
+                rate = np.linalg.solve(self._schur, residual[self._places] - answered)
             except np.linalg.LinAlgError:  # nothing resists a macroscopic strain: a limit load
                 return np.full_like(residual, np.nan)
         else:

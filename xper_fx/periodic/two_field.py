@@ -12,6 +12,13 @@ too), and the macroscopic equations held at the end of each step. For the unknow
     residual = -M (v - v0) + h [...],  with no mass and theta = 1 on the macroscopic unknowns,
 
 so a driven component is a prescribed motion and its reaction is h |Omega| Pibar_ij.
+
+Where ranks divide the bodies, every rank has the macroscopic unknowns and their whole equations
+(`periodic/unknowns.py`), and takes the same decisions on them. In an inner product of all ranks,
+
+    a . b = sum_r a_r . b_r (nodes) + a_G . b_G,
+
+the first rank counts them. Where they have weights, those are sums over all bodies.
 """
 
 from __future__ import annotations
@@ -24,6 +31,7 @@ import scipy.linalg
 from xper_fx.bulk.balance import InBalance
 from xper_fx.bulk.bulk import Bulk
 from xper_fx.forms.dynamics import BulkForms
+from xper_fx.parallel.ranks import ALONE, Ranks
 from xper_fx.periodic.drive import MacroscopicDrive
 from xper_fx.periodic.unknowns import CellUnknowns
 
@@ -38,6 +46,7 @@ class CellBulk(Bulk):
         forms: compiled forms.
         drive: what drives the cell.
         inertia: whether the fluctuation has inertia; see `Bulk`.
+        ranks: ranks that divide the cell's bodies; see `Bulk`.
 
     Attributes:
         volume: |Omega| of the lattice, voids included, m^3 (2D: m^2).
@@ -47,7 +56,13 @@ class CellBulk(Bulk):
 
     unknowns: CellUnknowns
 
-    def __init__(self, forms: BulkForms, drive: MacroscopicDrive, inertia: bool = True):
+    def __init__(
+        self,
+        forms: BulkForms,
+        drive: MacroscopicDrive,
+        inertia: bool = True,
+        ranks: Ranks = ALONE,
+    ):
         self.drive = drive
         self.volume = abs(float(scipy.linalg.det(forms.bodies.lattice)))
         dim = forms.V.dofmap.index_map_bs
@@ -58,7 +73,7 @@ class CellBulk(Bulk):
         self._compliance = np.zeros((len(self.free), len(self.free)))
         self._committed_compliance = self._compliance.copy()
         self._static = not inertia
-        super().__init__(forms, inertia=inertia)
+        super().__init__(forms, inertia=inertia, ranks=ranks)
         self._refuse_pressing_the_incompressible()
         self._rounding = self._forces_of_rounding() if len(self.free) else 0.0
 
@@ -66,10 +81,10 @@ class CellBulk(Bulk):
         """Forces of a macroscopic strain of 1e-14 at rest, N m (2D: N)."""
         fields = self.unknowns.fields(self.free)
         at_rest = self.tangent(np.zeros(self.num_dofs))
-        return 1e-14 * float(np.abs(fields.T @ (at_rest @ fields)).max())
+        return 1e-14 * float(np.abs(self.ranks.sum(fields.T @ (at_rest @ fields))).max())
 
     def _make_unknowns(self):
-        return CellUnknowns(self.forms.V, self.forms.bodies)
+        return CellUnknowns(self.forms.V, self.forms.bodies, self.ranks)
 
     def _prescribed(self) -> np.ndarray:
         out = np.zeros(self.num_dofs, bool)
@@ -106,7 +121,7 @@ class CellBulk(Bulk):
         """Mass of each unknown; for the norm, a macroscopic one moves all nodes by X."""
         of_nodes = super()._nodal_mass()
         on_nodes = np.bincount(self.unknowns.node_of, of_nodes)
-        macroscopic = of_nodes @ self.unknowns.position**2
+        macroscopic = self.ranks.sum(of_nodes @ self.unknowns.position**2)
         return np.concatenate([on_nodes, macroscopic])
 
     def _mass(self) -> np.ndarray:
@@ -177,8 +192,19 @@ class CellBulk(Bulk):
 
         compliance = self._compliance if interacting else None
         return BorderedInverse(
-            inverse, self.unknowns, self.free, stiffness, step, theta, compliance
+            inverse, self.unknowns, self.free, stiffness, step, theta, compliance, self.ranks
         )
+
+    def dot(self, a: np.ndarray, b: np.ndarray) -> float:
+        """See `Bulk`."""
+        counted = slice(None) if self.ranks.rank == 0 else slice(0, self.unknowns.macroscopic.start)
+        return self.ranks.sum(float(a[counted] @ b[counted]))
+
+    @property
+    def num_dofs_of_all(self) -> int:
+        """See `Bulk`."""
+        nodal = self.unknowns.macroscopic.start
+        return self.ranks.sum(nodal) + self.num_dofs - nodal
 
     def end_weight(self, theta: float) -> np.ndarray:
         """See `Bulk`: macroscopic equations hold at the end of the step."""

@@ -8,6 +8,11 @@ With G = Fbar - I and X measured from the middle of the cell,
 u# being one unknown for all nodes of a body that are one node of the periodic medium. After the
 nodes of u# come `dim` pseudo-nodes: the j-th is column j of G, so that u = u# + sum_j X_j g_j. The
 forces that belong to it are column j of |Omega| Pibar, as X^T f_int = int Pi dx.
+
+Where ranks divide the bodies, ties stay within a rank, as they join nodes of one body. G is there
+on every rank, and so is the sum over all bodies X^T f_int = sum_r X_r^T f_r, the same to the bit.
+All measure X from one middle: to take it from x0 + d moves a body's u by -G d and nothing else, as
+its internal forces add up to zero, and would leave gaps in u where a rank ends.
 """
 
 from __future__ import annotations
@@ -20,6 +25,7 @@ from dolfinx.fem import FunctionSpace
 
 from xper_fx.bodies import Bodies
 from xper_fx.bulk.unknowns import NodalUnknowns
+from xper_fx.parallel.ranks import ALONE, Ranks
 
 
 class CellUnknowns(NodalUnknowns):
@@ -28,14 +34,16 @@ class CellUnknowns(NodalUnknowns):
     Args:
         V: vector Lagrange space on `bodies.mesh`.
         bodies: bodies of a periodic cell.
+        ranks: ranks that divide the cell's bodies, these being this rank's.
 
     Attributes:
         position: shape (num_nodes of V, dim), X (m).
         tied: whether nodes of V share their fluctuation.
     """
 
-    def __init__(self, V: FunctionSpace, bodies: Bodies):
+    def __init__(self, V: FunctionSpace, bodies: Bodies, ranks: Ranks = ALONE):
         super().__init__(V, bodies)
+        self._ranks = ranks
         self.node_of, self.num_nodes = bodies.node_classes(V)
         self.tied = self.num_nodes < len(self.node_of)
         if self.tied:
@@ -44,7 +52,8 @@ class CellUnknowns(NodalUnknowns):
             places = (self.node_of, np.arange(len(self.node_of)))
             self._sum = sp.csr_array((ones, places), shape=(self.num_nodes, len(ones)))
         x = V.tabulate_dof_coordinates()[:, : self.dim]
-        self.position = x - 0.5 * (x.min(axis=0) + x.max(axis=0))
+        low, high = -ranks.max(-x.min(axis=0)), ranks.max(x.max(axis=0))
+        self.position = x - 0.5 * (low + high)
         self.num_dofs = (self.num_nodes + self.dim) * self.dim
         self._blocks_of = None
 
@@ -74,10 +83,11 @@ class CellUnknowns(NodalUnknowns):
         return (fluctuation + self.position @ rows[self.num_nodes :]).ravel()
 
     def collect(self, forces: np.ndarray) -> np.ndarray:
-        """See `NodalUnknowns`; the last dim^2 entries are int Pi dx, column by column."""
+        """See `NodalUnknowns`; the last dim^2 entries are int Pi dx of all bodies, by columns."""
         rows = forces.reshape(-1, self.dim)
         on_nodes = self._sum @ rows if self.tied else rows
-        return np.concatenate([on_nodes, self.position.T @ rows]).ravel()
+        stresses = self._ranks.sum(self.position.T @ rows)
+        return np.concatenate([on_nodes, stresses]).ravel()
 
     def condense(self, stiffness: sp.bsr_array) -> sp.bsr_array:
         """See `NodalUnknowns`."""
