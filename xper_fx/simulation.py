@@ -49,6 +49,8 @@ logger = logging.getLogger(__name__)
 
 # Solvers of the interactions: modules of `nscd`, imported when asked for.
 SOLVERS = ("auto", "nlgs", "newton", "accelerated", "subdomains")
+# Those of ranks that divide the bodies.
+_ON_RANKS = ("auto", "nlgs", "newton", "accelerated")
 # Steps as shares of the critical one: without a wish, and where an explicit bulk, linear so that
 # its critical step stays what it is, should be as cheap as it can.
 _BELOW_LIMIT, _AT_LIMIT = 0.7, 0.95
@@ -215,9 +217,9 @@ class Simulation:
             self._account()
             self.ledger = EnergyLedger(self.bulk, self.state, self.theta, self.rigid)
             self._control = None if knobs.accuracy is None else self._accuracy_control(knobs)
-        self.solver = "vertex_blocks" if self._by_vertex else solver
-        if self.part is not None:
-            self.solver = solver = "distributed"
+        self.solver = solver
+        if self._by_vertex:
+            self.solver = "vertex_blocks" if self.part is None else "distributed"
         if not callable(solver):
             solver = import_module(f"xper_fx.nscd.{self.solver}").solve
         self._solve = partial(
@@ -305,10 +307,10 @@ class Simulation:
                     " and ".join(whole),
                 )  # fmt: skip
             return
-        if solver not in ("auto", "nlgs"):
+        if solver not in _ON_RANKS:
             raise ValueError(
-                f'Ranks that divide the bodies sweep: solver should be "auto" or "nlgs" on '
-                f"{self.team.size} ranks, got {solver!r}."
+                f"solver should be one of {', '.join(_ON_RANKS)} on {self.team.size} ranks that "
+                f"divide the bodies, got {solver!r}."
             )
         from xper_fx.parallel.part import divide
 
