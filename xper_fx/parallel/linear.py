@@ -3,7 +3,8 @@
 
 GMRES (Saad and Schultz 1986) with the two corrections of `nscd/tangent.py`, added up: clusters of
 facing nodes, whose rows are on one rank each (`rows.py`) and whose blocks are inverted there; and
-all clusters moving as one, whose matrix P^T w^-1 P is factored once for each w, over all ranks.
+all clusters moving as one, whose matrix P^T w^-1 P is factored once for each w, by every rank or,
+if large, over all ranks by MUMPS (Amestoy et al. 2001).
 Both are those of one rank, and so is the number of iterations.
 """
 
@@ -19,6 +20,9 @@ from xper_fx.parallel.rows import Rows, number_rows
 
 # Vectors that GMRES keeps before a restart.
 _BASIS = 40
+# Unknowns of the coarse problem up to which every rank factors the whole: one exchange a solve, in
+# place of the many of a factorisation that is spread.
+_REPLICATED = 50_000
 
 Elements = list[tuple[np.ndarray, np.ndarray]]
 """Degrees of freedom of slots, shape (n, m), and square matrices on them, shape (n, m, m)."""
@@ -203,7 +207,7 @@ class _TwoLevel:
         self._coarse.setType(PETSc.KSP.Type.PREONLY)
         self._coarse.setOperators(matrix)
         pc = self._coarse.getPC()
-        if PETSc.Sys.hasExternalPackage("mumps"):
+        if matrix.getSize()[0] > _REPLICATED and PETSc.Sys.hasExternalPackage("mumps"):
             pc.setType(PETSc.PC.Type.LU)
             pc.setFactorSolverType(PETSc.Mat.SolverType.MUMPS)
         else:
