@@ -49,7 +49,6 @@ class LinearSystem:
         self._index[: len(index)] = np.where(fixed[: len(index)], -1, index)
         own = interactions.bulk_inverse.num_nodes * dim
         self._ones = index[:own][fixed[:own]].astype(PETSc.IntType)[:, None]
-        self._free = np.flatnonzero(~fixed[: len(index)])
 
         sizes = (rows.sizes * dim).astype(PETSc.IntType)
         self._count = int(sizes.sum())
