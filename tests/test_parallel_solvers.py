@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from on_ranks import needs_mpirun, run_on_ranks
+from on_ranks import on_ranks
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "demos"))
 from notched_plate import notched_plate
@@ -77,9 +77,10 @@ def main() -> None:
         np.savez(Path(folder) / f"{number}_{MPI.COMM_WORLD.rank}.npz", **result)
 
 
-def on_ranks(count: int, folder: Path, which) -> list[dict[str, np.ndarray]]:
+def found_on_ranks(count: int, folder: Path, which) -> list[dict[str, np.ndarray]]:
     """Results of cases on ranks, whose decisions have to be the same to the last bit."""
-    run_on_ranks(count, Path(__file__).resolve(), folder, *which)
+    done = on_ranks(count, Path(__file__).resolve(), folder, *which)
+    assert done.returncode == 0, done.stderr[-4000:]
     results = []
     for number in which:
         first, *others = (dict(np.load(folder / f"{number}_{r}.npz")) for r in range(count))
@@ -103,29 +104,25 @@ def alone():
 
 @pytest.fixture(scope="module")
 def together(tmp_path_factory):
-    return on_ranks(2, tmp_path_factory.mktemp("two"), range(len(CASES)))
+    return found_on_ranks(2, tmp_path_factory.mktemp("two"), range(len(CASES)))
 
 
-@needs_mpirun
 @pytest.mark.parametrize("number", range(len(CASES)))
 def test_two_ranks_find_what_one_finds(number, together, alone):
     assert_same(together[number], alone[number])
 
 
-@needs_mpirun
 def test_bonds_break_where_they_should(together):
     broken = [np.count_nonzero(r["damage"] == 0.0) for r in together]
     assert len({broken[0], broken[1], broken[3]}) == 1 and broken[2] > broken[0]
 
 
-@needs_mpirun
 def test_newton_takes_as_many_iterations_as_on_one_rank(together, alone):
     for number in (1, 3):
         ours, theirs = together[number]["counts"], alone[number]["counts"]
         assert ours[1] <= theirs[1] + 2 and ours[2] <= 1.3 * theirs[2]
 
 
-@needs_mpirun
 def test_others_need_fewer_sweeps_than_sweeps(together):
     sweeps = found("nlgs", SOUND, 1)["counts"][0]
     mixed, newtons, _, picked = (r["counts"][0] for r in together)
@@ -133,9 +130,8 @@ def test_others_need_fewer_sweeps_than_sweeps(together):
     assert newtons <= 20 and picked < 200
 
 
-@needs_mpirun
 def test_three_ranks_find_what_one_finds(alone, tmp_path):
-    (result,) = on_ranks(3, tmp_path, [1])
+    (result,) = found_on_ranks(3, tmp_path, [1])
     assert_same(result, alone[1])
 
 

@@ -31,14 +31,14 @@ class SharedProblem:
         interactions: this rank's points, with a halo.
 
     Attributes:
-        regular, renewals: as those of `tangent.LinearisedProblem`.
+        regular, tangents, renewals: as those of `tangent.LinearisedProblem`.
         solvable: whether the preconditioner could be made for the last state.
     """
 
     def __init__(self, interactions: Interactions):
         # weakly: the scene is the key under which this object is kept
         self._reference = ref(interactions)
-        self._tangents = PointTangents(interactions)
+        self.tangents = PointTangents(interactions)
         self._system = interactions.halo.linear_system(interactions)
         self._right = np.empty(interactions.inverse.num_slots * interactions.dim)
         self._dofs = [_dofs(g.points.nodes, interactions.dim) for g in interactions.groups]
@@ -58,11 +58,11 @@ class SharedProblem:
         self.regular = everywhere(interactions, regular)
         if self.regular:
             self._system.take_bodies(_by_size(inverse, blocks))
-        self._tangents.forget()
+        self.tangents.forget()
 
     def linearise(self, velocity: np.ndarray) -> None:
         """Take D, K and g at a state, v_free + w H r, shape (num_slots * dim,)."""
-        interactions, tangents = self._reference(), self._tangents
+        interactions, tangents = self._reference(), self.tangents
         tangents.take(interactions, velocity)
         springs = [
             (dofs, _springs(g, stiffness))
@@ -79,9 +79,9 @@ class SharedProblem:
         Arguments and results are those of `tangent.LinearisedProblem.solve`.
         """
         interactions = self._reference()
-        self._tangents.spread_source(interactions, self._right)
+        self.tangents.spread_source(interactions, self._right)
         iterations = self._system.solve(self._right, step, bound, max_iterations)
-        return self._tangents.changes(interactions, step), iterations
+        return self.tangents.changes(interactions, step), iterations
 
 
 def _dofs(nodes: np.ndarray, dim: int) -> np.ndarray:

@@ -30,6 +30,7 @@ many bodies. Where all bodies are rigid and not too many the matrix itself is fa
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import cache
 from importlib import import_module
 from typing import TYPE_CHECKING
@@ -583,6 +584,26 @@ class PointTangents:
             answer(step, g.couplings, stiffness, source, change)
         return [change for *_, change, _ in self.groups]
 
+    def saved(self, interactions: Interactions) -> dict[str, np.ndarray]:
+        """D and K of the permanent points: they stay as they are where they change little.
+
+        Returns:
+            `slopes` and `stiffness`, shape (num_points, components, components) of the widest law.
+        """
+        m = max((g.kernels.components for g in interactions.groups), default=0)
+        arrays = np.zeros((2, len(interactions), m, m))
+        for g, held in zip(interactions.groups, self.groups, strict=True):
+            own = g.kernels.components
+            arrays[:, g.indices, :own, :own] = held[:2]
+        return {"slopes": arrays[0], "stiffness": arrays[1]}
+
+    def restore(self, interactions: Interactions, saved: Mapping[str, np.ndarray]) -> None:
+        """Take what `saved` gave, for the same w."""
+        for g, (slopes, stiffness, *_) in zip(interactions.groups, self.groups, strict=True):
+            own = g.kernels.components
+            slopes[:] = saved["slopes"][g.indices, :own, :own]
+            stiffness[:] = saved["stiffness"][g.indices, :own, :own]
+
 
 class LinearisedProblem:
     """The linearised problem of a scene; what does not depend on the state is kept.
@@ -593,6 +614,7 @@ class LinearisedProblem:
     Attributes:
         regular: whether w could be inverted on the degrees of freedom that are not prescribed; if
             not, there is nothing to solve with.
+        tangents: D, K and g of the points.
         renewals: of the scene's contacts, of which this is the problem.
     """
 
@@ -614,7 +636,7 @@ class LinearisedProblem:
         )
         self._blocks = np.empty(self._block_offsets[-1])
         self._swaps = np.empty(np.diff(self._clusters.offsets).max() * dim, np.int64)
-        self._tangents = PointTangents(interactions)
+        self.tangents = PointTangents(interactions)
         self._room = np.empty((_BASIS + 3, inverse.num_slots * dim))
         self._left, self._part = np.empty((2, inverse.num_slots * dim))
         self._data, self._fresh = None, True
@@ -638,7 +660,7 @@ class LinearisedProblem:
         self._held_dofs = np.flatnonzero(self._fixed)
         if self.regular and not self._direct:
             self._factor_coarse()
-        self._tangents.forget()
+        self.tangents.forget()
         self._fresh = True
 
     def _factor_coarse(self) -> None:
@@ -673,7 +695,7 @@ class LinearisedProblem:
         Args:
             velocity: shape (num_slots * dim,), v_free + w H r.
         """
-        interactions, tangents = self._interactions, self._tangents
+        interactions, tangents = self._interactions, self.tangents
         dim, clusters = interactions.dim, self._clusters
         tangents.take(interactions, velocity)
         marked = np.zeros(len(clusters.offsets) - 1, np.bool_)
@@ -710,7 +732,7 @@ class LinearisedProblem:
         matrix = coo_array(
             (self._matrix[kept], (rows[kept], columns[kept])), shape=(count, count)
         ).tocsc()
-        for openings, (_, stiffness, *_) in zip(self._openings, self._tangents.groups, strict=True):
+        for openings, (_, stiffness, *_) in zip(self._openings, self.tangents.groups, strict=True):
             n, size = len(stiffness), len(stiffness) * stiffness.shape[1]
             springs = bsr_array((stiffness, np.arange(n), np.arange(n + 1)), shape=(size, size))
             matrix += openings.T @ (springs @ openings)
@@ -746,11 +768,11 @@ class LinearisedProblem:
         iterations, _ = gmres(
             self._apply, self._precondition, left, step, bound, max_iterations, self._room
         )
-        return self._tangents.changes(self._interactions, step), iterations
+        return self.tangents.changes(self._interactions, step), iterations
 
     def _source(self, total: np.ndarray) -> None:
         """total = H g."""
-        self._tangents.spread_source(self._interactions, total)
+        self.tangents.spread_source(self._interactions, total)
         _hold(self._held_dofs, total)
 
     def _apply(self, x: np.ndarray, y: np.ndarray) -> None:
@@ -759,7 +781,7 @@ class LinearisedProblem:
         _body_product(interactions.inverse.uniform_size)(
             self._matrix, interactions.inverse.data_offsets, self._sizes, self._starts, x, y
         )
-        for g, (_, stiffness, *_) in zip(interactions.groups, self._tangents.groups, strict=True):
+        for g, (_, stiffness, *_) in zip(interactions.groups, self.tangents.groups, strict=True):
             self._springs(g)[0](x, g.couplings, stiffness, y)
         _hold(self._held_dofs, y)
 
@@ -835,3 +857,15 @@ def linearised_problem(interactions: Interactions) -> LinearisedProblem | Shared
     else:
         problem.renew()
     return problem
+
+
+def saved(interactions: Interactions) -> dict[str, np.ndarray]:
+    """What the linearised problem keeps from step to step, if there is one and it is kept."""
+    problem = kept(interactions)
+    # contacts that are found make the problem a new one in each step
+    return {} if problem is None or interactions.renewals else problem.tangents.saved(interactions)
+
+
+def restore(interactions: Interactions, memory: Mapping[str, np.ndarray]) -> None:
+    """Take what `saved` gave, for the same points and w."""
+    linearised_problem(interactions).tangents.restore(interactions, memory)
