@@ -53,6 +53,8 @@ logger = logging.getLogger(__name__)
 
 # Solvers of the interactions: modules of `nscd`, imported when asked for.
 SOLVERS = ("auto", "nlgs", "newton", "accelerated", "subdomains")
+# Those of ranks that divide the bodies.
+_ON_RANKS = ("auto", "nlgs", "newton", "accelerated")
 # Those of their modules that keep something of a step for the next.
 _WITH_MEMORY = ("tangent", "vertex_blocks")
 # Steps as shares of the critical one: without a wish, and where an explicit bulk, linear so that
@@ -258,9 +260,9 @@ class Simulation:
                     "the range of floats; take other units."
                 )
             self._control = None if knobs.accuracy is None else self._accuracy_control(knobs)
-        self.solver = "vertex_blocks" if self._by_vertex else solver
-        if self.part is not None:
-            self.solver = solver = "distributed"
+        self.solver = solver
+        if self._by_vertex:
+            self.solver = "vertex_blocks" if self.part is None else "distributed"
         if not callable(solver):
             solver = import_module(f"xper_fx.nscd.{self.solver}").solve
         self._solve = partial(
@@ -352,10 +354,10 @@ class Simulation:
                     " and ".join(whole),
                 )  # fmt: skip
             return
-        if solver not in ("auto", "nlgs"):
+        if solver not in _ON_RANKS:
             raise ValueError(
-                f'Ranks that divide the bodies sweep: solver should be "auto" or "nlgs" on '
-                f"{self.team.size} ranks, got {solver!r}."
+                f"solver should be one of {', '.join(_ON_RANKS)} on {self.team.size} ranks that "
+                f"divide the bodies, got {solver!r}."
             )
         from xper_fx.parallel.part import divide
 

@@ -16,12 +16,19 @@ best impulses known.
 **When it stops.** By the same bound as `nlgs.py`; the error is estimated from f times the ratio
 |dr| / |df| of the step that mixing made, and at least f. Contacts of rigid bodies are judged by
 velocities as there.
+
+Ranks that share points sweep together and sum their scalar products; each mixes its own impulses.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
+
 import numpy as np
 
+from xper_fx.nscd.agreement import largest, refresh_ghosts, total
+from xper_fx.nscd.distributed import sweep
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.krylov import add_combination, norm, products
 from xper_fx.nscd.nlgs import ROUNDING, SolveReport, sweep_passes
@@ -37,9 +44,15 @@ _RANK = 1e-12
 
 
 class _Memory:
-    """Differences of the last sweeps; vectors of its own, nothing allocated as it goes on."""
+    """Differences of the last sweeps; vectors of its own, nothing allocated as it goes on.
 
-    def __init__(self, size: int):
+    Args:
+        size: of the vectors.
+        summed: sum over the ranks that have parts of them.
+    """
+
+    def __init__(self, size: int, summed: Callable):
+        self._summed = summed
         self._df, self._dg = np.zeros((_MEMORY, size)), np.zeros((_MEMORY, size))
         self._f, self._g = np.zeros((2, size))
         self._gram = np.zeros((_MEMORY, _MEMORY))
@@ -57,8 +70,9 @@ class _Memory:
             np.subtract(g, self._g, out=self._dg[slot])
             self._count += 1
             known = min(self._count, _MEMORY)
-            products(self._df, known, self._df[slot], self._gram[slot])
-            self._gram[:known, slot] = self._gram[slot, :known]
+            row = np.empty(known)
+            products(self._df, known, self._df[slot], row)
+            self._gram[slot, :known] = self._gram[:known, slot] = self._summed(row)
         self._started = True
         self._f[:], self._g[:] = f, g
         known = min(self._count, _MEMORY)
@@ -69,6 +83,7 @@ class _Memory:
         normal = self._gram[:known, :known] * scale[:, None] * scale
         right = np.empty(known)
         products(self._df, known, f, right)
+        right = self._summed(right)
         gamma = scale * np.linalg.lstsq(normal, scale * right, rcond=_RANK)[0]
         add_combination(self._dg, known, -gamma, r)
         return True
@@ -101,7 +116,12 @@ def solve(
         velocity[:] = free
         interactions.add_velocity(velocity)
 
-    memory = _Memory(ends[-1])
+    summed = partial(total, interactions)
+
+    def length(x: np.ndarray) -> float:
+        return float(np.sqrt(summed(norm(x) ** 2)))
+
+    memory = _Memory(ends[-1], summed)
     # r of the sweep, G(r), f; r and f of the sweep before; G(r) of the best sweep
     r, swept, f, old_r, old_f, best = np.zeros((6, ends[-1]))
     gather(r)
@@ -111,19 +131,18 @@ def solve(
     amplification, follows = np.inf, False
     by_velocities, kick = interactions.judged_by_velocities, 0.0
     for count in range(1, max_sweeps + 1):
-        for sweep in passes:
-            sweep.kernel(*sweep.arguments)
+        sweep(interactions, passes, velocity)
         gather(swept)
         np.subtract(swept, r, out=f)
-        size, total = norm(f), max(norm(swept), floor)
-        change = size / total if total > 0.0 else size
+        size, scale = length(f), max(length(swept), floor)
+        change = size / scale if scale > 0.0 else size
         if not np.isfinite(change):
             break
         if follows:
             old_r -= r
             old_f -= f
-            slope = norm(old_f)
-            amplification = max(1.0, norm(old_r) / slope) if slope > 0.0 else 1.0
+            slope = length(old_f)
+            amplification = max(1.0, length(old_r) / slope) if slope > 0.0 else 1.0
         follows = False
         if by_velocities:
             left = np.sqrt(sum(p.stats[:, 0].sum() for p in passes))
@@ -134,9 +153,10 @@ def solve(
         else:
             error = change * amplification if change > ROUNDING else change
         if error <= tolerance:
+            refresh_ghosts(interactions, velocity)
             if interactions.evolve(velocity) <= tolerance:
-                largest = max((p.stats[:, 2].max() for p in passes), default=0.0)
-                traction = np.sqrt(largest) / interactions.step_size
+                most = max((p.stats[:, 2].max(initial=0.0) for p in passes), default=0.0)
+                traction = np.sqrt(largest(interactions, most)) / interactions.step_size
                 reason = f"{restarts} restarts"
                 return SolveReport(True, count, error, traction, "accelerated", reason)
             memory.forget()
@@ -155,6 +175,7 @@ def solve(
         old_r[:], old_f[:], follows = r, f, True
         if memory.mix(f, swept, r):
             put(r)
+    refresh_ghosts(interactions, velocity)
     return SolveReport(
         False, count, error, np.inf, "accelerated", f"{restarts} restarts"
     )  # fmt: skip

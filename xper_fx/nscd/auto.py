@@ -28,6 +28,7 @@ from importlib import import_module
 import numpy as np
 
 from xper_fx.nscd import nlgs
+from xper_fx.nscd.agreement import everywhere
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.nlgs import SolveReport
 
@@ -66,7 +67,9 @@ def solve(
     """
     free = velocity.copy()
     options = {"tolerance": tolerance, "relaxation": relaxation, "num_threads": num_threads}
+    # conjugate gradients on perfect bonds are for one rank
     bonded = [g.kernels.name for g in interactions.groups] == ["perfect bond"]
+    bonded = bonded and interactions.halo is None
     if bonded and interactions.anchors is not None:
         solver = import_module("xper_fx.nscd.subdomains")
         return solver.solve(interactions, velocity, max_sweeps=max_sweeps, **options)
@@ -77,7 +80,8 @@ def solve(
             interactions, velocity, max_sweeps=min(spell, max_sweeps - sweeps), **options
         )
         sweeps += report.sweeps
-        if report.converged or sweeps >= max_sweeps or not np.all(np.isfinite(velocity)):
+        finite = everywhere(interactions, np.all(np.isfinite(velocity)))
+        if report.converged or sweeps >= max_sweeps or not finite:
             return report._replace(sweeps=sweeps, reason=f"{sweeps} sweeps were enough")
         left = sweeps_left(report, tolerance)
         if left > _MANY:

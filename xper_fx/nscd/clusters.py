@@ -101,7 +101,18 @@ def facing_clusters(interactions: Interactions) -> tuple[Clusters, np.ndarray]:
     offsets = np.concatenate([[0], np.cumsum(np.bincount(cluster))])
     position = np.empty(slots, np.int64)
     position[nodes] = np.arange(slots) - np.repeat(offsets[:-1], np.diff(offsets))
-    opened = np.zeros(len(offsets) - 1, np.bool_)
+    opened = opened_clusters(interactions, cluster)
+    return Clusters(nodes, offsets, cluster, position), opened
+
+
+def opened_clusters(interactions: Interactions, cluster: np.ndarray) -> np.ndarray:
+    """Whether a translation of a cluster's nodes opens a point, shape (num_clusters,).
+
+    Args:
+        interactions: the points.
+        cluster: shape (num_slots,), cluster of each node.
+    """
+    opened = np.zeros(cluster.max(initial=-1) + 1, np.bool_)
     for g in interactions.groups:
         _mark_opened(g.points.nodes, g.points.weights, cluster, opened)
-    return Clusters(nodes, offsets, cluster, position), opened
+    return opened

@@ -18,10 +18,40 @@ import numpy as np
 
 from xper_fx.nscd import vertex_blocks
 from xper_fx.nscd.interactions import Interactions
-from xper_fx.nscd.nlgs import ROUNDING, SolveReport, amplification, contraction, sweep_passes
+from xper_fx.nscd.nlgs import (
+    ROUNDING,
+    SolveReport,
+    SweepPass,
+    amplification,
+    contraction,
+    sweep_passes,
+)
 
 # Sweeps over which the contraction is measured.
 _WINDOW = 4
+
+
+def sweep(interactions: Interactions, passes: list[SweepPass], velocity: np.ndarray) -> None:
+    """One sweep over all points; all ranks call it together.
+
+    Ghosts that no point of the last phase moved lag behind their owners afterwards.
+
+    Args:
+        interactions: the points.
+        passes: over their groups, all tiles marked.
+        velocity: shape (num_slots * dim,), that of the passes.
+    """
+    exchanges = () if interactions.halo is None else interactions.halo.phases
+    pairs = list(zip(interactions.groups, passes, strict=True))
+    for phase, exchange in enumerate(exchanges, start=1):
+        exchange.forward(velocity)
+        for group, one in pairs:
+            if group.phase == phase:
+                one.kernel(*one.arguments)
+        exchange.back(velocity)
+    for group, one in pairs:
+        if group.phase == 0:
+            one.kernel(*one.arguments)
 
 
 def solve(
@@ -49,19 +79,10 @@ def solve(
     halo = interactions.halo
     interactions.add_velocity(velocity)
     passes = sweep_passes(interactions, velocity, relaxation, num_threads)
-    of_phase = [[] for _ in range(len(halo.phases) + 1)]
-    for group, one in zip(interactions.groups, passes, strict=True):
-        of_phase[group.phase].append(one)
     least = interactions.rounding(velocity) / tolerance
     changes: list[float] = []
     for count in range(1, max_sweeps + 1):
-        for exchange, here in zip(halo.phases, of_phase[1:], strict=True):
-            exchange.forward(velocity)
-            for one in here:
-                one.kernel(*one.arguments)
-            exchange.back(velocity)
-        for one in of_phase[0]:
-            one.kernel(*one.arguments)
+        sweep(interactions, passes, velocity)
         changed, total = halo.ranks.sum(
             sum((one.stats[:, :2].sum(axis=0) for one in passes), np.zeros(2))
         ).tolist()

@@ -21,6 +21,7 @@ from __future__ import annotations
 import numpy as np
 
 from xper_fx.nscd import nlgs
+from xper_fx.nscd.agreement import everywhere, total
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.krylov import norm
 from xper_fx.nscd.nlgs import ROUNDING, SolveReport
@@ -77,7 +78,8 @@ class _Attempt:
                 return False
             changes, iterations = self.problem.solve(self._guess, forcing * size, _MAX_ITERATIONS)
             self.steps, self.iterations = self.steps + 1, self.iterations + iterations
-            length = np.hypot.reduce([norm(c.reshape(-1)) for c in changes])
+            squares = sum(norm(c.reshape(-1)) ** 2 for c in changes)
+            length = np.sqrt(total(self.interactions, squares))
             fraction, reached = self._advance(changes, relative)
             if fraction == 0.0:
                 return False
@@ -90,9 +92,9 @@ class _Attempt:
 
     def _residual(self) -> tuple[float, float, float]:
         """|S(b) - r|, the same relative to |r|, and as a traction."""
-        size, total, traction = residual(self.interactions, self.velocity)
-        total = max(total, self._floor)
-        return size, size / total if total > 0.0 else size, traction
+        size, impulse, traction = residual(self.interactions, self.velocity)
+        impulse = max(impulse, self._floor)
+        return size, size / impulse if impulse > 0.0 else size, traction
 
     def _advance(self, changes: list[np.ndarray], relative: float):
         """Go along dr as far as the residual falls; the fraction of it, and the residual there."""
@@ -167,7 +169,8 @@ def solve(
         )  # fmt: skip
         sweeps += report.sweeps
         converged, error, traction = report.converged, report.residual, report.traction_change
-        if converged or sweeps >= max_sweeps or not np.all(np.isfinite(velocity)):
+        finite = everywhere(interactions, np.all(np.isfinite(velocity)))
+        if converged or sweeps >= max_sweeps or not finite:
             break
         problem = linearised_problem(interactions)
         if not problem.regular:

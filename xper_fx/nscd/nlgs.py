@@ -27,6 +27,8 @@ W_aa dr_a.
 moves, are passed over; a sweep over all of them comes now and then and before the end, so that the
 error is always that of the whole.
 
+Points that several ranks share are swept by `distributed.py`.
+
 **Internal variables** (damage) stand still while impulses are sought, and follow when these are
 found to the tolerance, never before: damage only falls, so what an impulse too large breaks stays
 broken. (Following at ten times the tolerance took 20 % less time, and moved the dissipation of a
@@ -37,6 +39,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cache
+from importlib import import_module
 from typing import NamedTuple
 
 import numpy as np
@@ -294,6 +297,11 @@ def solve(
     Returns:
         The report; not converged is reported, not raised.
     """
+    if interactions.halo is not None:
+        return import_module("xper_fx.nscd.distributed").solve(
+            interactions, velocity, tolerance=tolerance, max_sweeps=max_sweeps,
+            relaxation=relaxation, num_threads=num_threads,
+        )  # fmt: skip
     passes = sweep_passes(interactions, velocity, relaxation, num_threads)
     if interactions.judged_by_velocities:
         return _solve_by_velocities(interactions, velocity, passes, tolerance, max_sweeps)

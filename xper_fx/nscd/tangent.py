@@ -32,6 +32,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import cache
+from importlib import import_module
+from typing import TYPE_CHECKING
 from weakref import WeakKeyDictionary, ref
 
 import numpy as np
@@ -39,12 +41,17 @@ from numba import njit
 from scipy.sparse import bsr_array, coo_array, csc_array, diags_array
 from scipy.sparse.linalg import splu
 
+from xper_fx.nscd import agreement
 from xper_fx.nscd.clusters import facing_clusters
 from xper_fx.nscd.exchange import Sides, arm_kernels, motion, point_force, spread_kernel
 from xper_fx.nscd.interactions import Interactions, PointGroup
+from xper_fx.nscd.inverse import BodyInverse
 from xper_fx.nscd.krylov import gmres
 from xper_fx.nscd.laws.law import LawKernels
 from xper_fx.nscd.small import for_dimension
+
+if TYPE_CHECKING:
+    from xper_fx.nscd.shared_tangent import SharedProblem
 
 # Reach of the differences, relative to the local velocity; and to the largest one, where that is 0.
 _REACH, _LEAST = 1e-6, 1e-9
@@ -95,7 +102,8 @@ def residual(interactions: Interactions, velocity: np.ndarray) -> tuple[float, f
         velocity: shape (num_slots * dim,), v_free + w H r.
 
     Returns:
-        |S(b) - r| and |r| over all points (N s), and the largest |S(b) - r| / (h area) (Pa).
+        |S(b) - r| and |r| over all points of all ranks (N s), and the largest |S(b) - r| / (h area)
+        (Pa).
     """
     changed, total, largest = 0.0, 0.0, 0.0
     for g in interactions.groups:
@@ -105,6 +113,8 @@ def residual(interactions: Interactions, velocity: np.ndarray) -> tuple[float, f
             g.details,
         )  # fmt: skip
         changed, total, largest = changed + x, total + y, max(largest, z)
+    changed, total = agreement.total(interactions, np.array([changed, total])).tolist()
+    largest = agreement.largest(interactions, largest)
     return np.sqrt(changed), np.sqrt(total), np.sqrt(largest) / interactions.step_size
 
 
@@ -360,6 +370,29 @@ def _invert_bodies(data, data_offsets, sizes, fixed, starts, swaps):
     return True
 
 
+def inverted_bodies(inverse: BodyInverse) -> tuple[np.ndarray, np.ndarray, bool]:
+    """Blocks of w^-1, flat as those of w.
+
+    Returns:
+        The blocks, with zero rows and columns of what is prescribed; which degrees of freedom are
+        prescribed, shape (num_slots * dim,); and whether all blocks could be inverted.
+    """
+    sizes = np.diff(inverse.node_offsets) * inverse.dim
+    starts = inverse.node_offsets[:-1] * inverse.dim
+    blocks, fixed = inverse.data.copy(), prescribed(inverse)
+    swaps = np.empty(sizes.max(), np.int64)
+    regular = _invert_bodies(blocks, inverse.data_offsets, sizes, fixed, starts, swaps)
+    return blocks, fixed, regular
+
+
+def prescribed(inverse: BodyInverse) -> np.ndarray:
+    """Which degrees of freedom nothing moves, the ground's among them; (num_slots * dim,)."""
+    sizes = np.diff(inverse.node_offsets) * inverse.dim
+    within = np.arange(sizes.sum()) - np.repeat(inverse.node_offsets[:-1] * inverse.dim, sizes)
+    diagonal = np.repeat(inverse.data_offsets[:-1], sizes) + within * np.repeat(sizes + 1, sizes)
+    return inverse.data[diagonal] == 0.0
+
+
 @cache
 def _body_product(size: int):
     """Kernel y = w^-1 x; compiled for blocks of one size, or for any where it is 0."""
@@ -486,6 +519,92 @@ def _openings(group: PointGroup, num_dofs: int) -> csc_array:
     return coo_array((np.concatenate(entries), (rows, columns)), shape=shape).tocsc()
 
 
+class PointTangents:
+    """D, K and g of all points of a scene, in arrays that are kept.
+
+    Args:
+        interactions: the points.
+
+    Attributes:
+        groups: of each group of points D (shape (n, m, m)), K (n, m, m), g (n, m), dr (n, m), and
+            which points' D is another than before (n,); m components.
+    """
+
+    def __init__(self, interactions: Interactions):
+        self.groups = [
+            (
+                np.full((len(g), m, m), np.inf),
+                np.zeros((len(g), m, m)),
+                np.zeros((len(g), m)),
+                np.zeros((len(g), m)),
+                np.zeros(len(g), np.bool_),
+            )
+            for g, m in ((g, g.kernels.components) for g in interactions.groups)
+        ]
+
+    def forget(self) -> None:
+        """Count every D as another, as K depends on w."""
+        for slopes, *_ in self.groups:
+            slopes[:] = np.inf
+
+    def take(self, interactions: Interactions, velocity: np.ndarray) -> None:
+        """Take D, K and g at v_free + w H r, shape (num_slots * dim,)."""
+        speed = agreement.largest(interactions, float(np.abs(velocity).max(initial=0.0)))
+        least = _LEAST * max(speed, np.finfo(float).tiny)
+        for g, (slopes, stiffness, source, _, changed) in zip(
+            interactions.groups, self.groups, strict=True
+        ):
+            m = g.kernels.components
+            _tangent_kernel(g.kernels, g.sides)(
+                velocity, g.couplings, g.impulse, g.compliance, g.parameters, g.terms, g.details,
+                least, slopes, stiffness, source, changed, *np.empty((2, m, m)),
+                np.empty((m, 2 * m)),
+            )  # fmt: skip
+
+    def mostly_held(self, interactions: Interactions) -> bool:
+        """Whether springs hold so much of the motion that facing nodes move as one."""
+        pairs = zip(interactions.groups, self.groups, strict=True)
+        held = sum(_held(slopes, g.compliance) for g, (slopes, *_) in pairs)
+        return agreement.total(interactions, held) > _HELD * interactions.dim * agreement.total(
+            interactions, len(interactions)
+        )
+
+    def spread_source(self, interactions: Interactions, total: np.ndarray) -> None:
+        """total = H g, shape (num_slots * dim,)."""
+        total[:] = 0.0
+        for g, (_, _, source, *_) in zip(interactions.groups, self.groups, strict=True):
+            spread_kernel(g.sides)(total, g.couplings, source)
+
+    def changes(self, interactions: Interactions, step: np.ndarray) -> list[np.ndarray]:
+        """dr = g - K H^T dv of each group, for dv of shape (num_slots * dim,)."""
+        for g, (_, stiffness, source, change, _) in zip(
+            interactions.groups, self.groups, strict=True
+        ):
+            answer = _spring_kernels(g.sides)[1]
+            answer(step, g.couplings, stiffness, source, change)
+        return [change for *_, change, _ in self.groups]
+
+    def saved(self, interactions: Interactions) -> dict[str, np.ndarray]:
+        """D and K of the permanent points: they stay as they are where they change little.
+
+        Returns:
+            `slopes` and `stiffness`, shape (num_points, components, components) of the widest law.
+        """
+        m = max((g.kernels.components for g in interactions.groups), default=0)
+        arrays = np.zeros((2, len(interactions), m, m))
+        for g, held in zip(interactions.groups, self.groups, strict=True):
+            own = g.kernels.components
+            arrays[:, g.indices, :own, :own] = held[:2]
+        return {"slopes": arrays[0], "stiffness": arrays[1]}
+
+    def restore(self, interactions: Interactions, saved: Mapping[str, np.ndarray]) -> None:
+        """Take what `saved` gave, for the same w."""
+        for g, (slopes, stiffness, *_) in zip(interactions.groups, self.groups, strict=True):
+            own = g.kernels.components
+            slopes[:] = saved["slopes"][g.indices, :own, :own]
+            stiffness[:] = saved["stiffness"][g.indices, :own, :own]
+
+
 class LinearisedProblem:
     """The linearised problem of a scene; what does not depend on the state is kept.
 
@@ -495,6 +614,7 @@ class LinearisedProblem:
     Attributes:
         regular: whether w could be inverted on the degrees of freedom that are not prescribed; if
             not, there is nothing to solve with.
+        tangents: D, K and g of the points.
         renewals: of the scene's contacts, of which this is the problem.
     """
 
@@ -515,19 +635,8 @@ class LinearisedProblem:
             [[0], np.cumsum((np.diff(self._clusters.offsets) * dim) ** 2)]
         )
         self._blocks = np.empty(self._block_offsets[-1])
-        self._swaps = np.empty(
-            max(self._sizes.max(), np.diff(self._clusters.offsets).max() * dim), np.int64
-        )
-        self._groups = [
-            (
-                np.full((len(g), m, m), np.inf),  # D
-                np.zeros((len(g), m, m)),  # K
-                np.zeros((len(g), m)),  # g
-                np.zeros((len(g), m)),  # dr
-                np.zeros(len(g), np.bool_),
-            )
-            for g, m in ((g, g.kernels.components) for g in interactions.groups)
-        ]
+        self._swaps = np.empty(np.diff(self._clusters.offsets).max() * dim, np.int64)
+        self.tangents = PointTangents(interactions)
         self._room = np.empty((_BASIS + 3, inverse.num_slots * dim))
         self._left, self._part = np.empty((2, inverse.num_slots * dim))
         self._data, self._fresh = None, True
@@ -547,41 +656,12 @@ class LinearisedProblem:
         if self._data is inverse.data:
             return
         self._data = inverse.data
-        diagonal = np.repeat(inverse.data_offsets[:-1], self._sizes) + (
-            np.arange(inverse.num_slots * inverse.dim) - np.repeat(self._starts, self._sizes)
-        ) * (np.repeat(self._sizes, self._sizes) + 1)
-        self._fixed = inverse.data[diagonal] == 0.0
+        self._matrix, self._fixed, self.regular = inverted_bodies(inverse)
         self._held_dofs = np.flatnonzero(self._fixed)
-        self._matrix = inverse.data.copy()
-        self.regular = _invert_bodies(
-            self._matrix, inverse.data_offsets, self._sizes, self._fixed, self._starts, self._swaps
-        )
         if self.regular and not self._direct:
             self._factor_coarse()
-        for slopes, *_ in self._groups:
-            slopes[:] = np.inf
+        self.tangents.forget()
         self._fresh = True
-
-    def saved(self) -> dict[str, np.ndarray]:
-        """D and K of the permanent points: they stay as they are where they change little.
-
-        Returns:
-            `slopes` and `stiffness`, shape (num_points, components, components) of the widest law.
-        """
-        interactions = self._interactions
-        m = max((g.kernels.components for g in interactions.groups), default=0)
-        arrays = np.zeros((2, len(interactions), m, m))
-        for g, held in zip(interactions.groups, self._groups, strict=True):
-            own = g.kernels.components
-            arrays[:, g.indices, :own, :own] = held[:2]
-        return {"slopes": arrays[0], "stiffness": arrays[1]}
-
-    def restore(self, saved: Mapping[str, np.ndarray]) -> None:
-        """Take what `saved` gave, for the same w."""
-        for g, (slopes, stiffness, *_) in zip(self._interactions.groups, self._groups, strict=True):
-            own = g.kernels.components
-            slopes[:] = saved["slopes"][g.indices, :own, :own]
-            stiffness[:] = saved["stiffness"][g.indices, :own, :own]
 
     def _factor_coarse(self) -> None:
         """Factor P^T w^-1 P; what is prescribed, and clusters whose translation opens, are not."""
@@ -615,17 +695,12 @@ class LinearisedProblem:
         Args:
             velocity: shape (num_slots * dim,), v_free + w H r.
         """
-        dim, clusters = self._interactions.dim, self._clusters
-        least = _LEAST * max(np.abs(velocity).max(), np.finfo(float).tiny)
+        interactions, tangents = self._interactions, self.tangents
+        dim, clusters = interactions.dim, self._clusters
+        tangents.take(interactions, velocity)
         marked = np.zeros(len(clusters.offsets) - 1, np.bool_)
-        groups = list(zip(self._interactions.groups, self._groups, strict=True))
-        for g, (slopes, stiffness, source, _, changed) in groups:
-            m = g.kernels.components
-            _tangent_kernel(g.kernels, g.sides)(
-                velocity, g.couplings, g.impulse, g.compliance, g.parameters, g.terms, g.details,
-                least, slopes, stiffness, source, changed, *np.empty((2, m, m)),
-                np.empty((m, 2 * m)),
-            )  # fmt: skip
+        groups = list(zip(interactions.groups, tangents.groups, strict=True))
+        for g, (*_, changed) in groups:
             self._springs(g)[2](g.couplings, changed, clusters.cluster, marked)
         if self._direct:
             if self._fresh or marked.any():
@@ -636,7 +711,7 @@ class LinearisedProblem:
         blocks, offsets = self._blocks, self._block_offsets
         _clear(marked, offsets, blocks)
         _add_bodies(
-            self._matrix, self._interactions.inverse.data_offsets, self._sizes, self._starts,
+            self._matrix, interactions.inverse.data_offsets, self._sizes, self._starts,
             clusters, offsets, marked, blocks, dim,
         )  # fmt: skip
         for g, (_, stiffness, *_) in groups:
@@ -647,8 +722,7 @@ class LinearisedProblem:
             clusters, offsets, marked, blocks, self._fixed, dim, self._swaps
         )
         self._fresh = not self.solvable
-        held = sum(_held(slopes, g.compliance) for g, (slopes, *_) in groups)
-        self._bonded = held > _HELD * dim * len(self._interactions)
+        self._bonded = tangents.mostly_held(interactions)
 
     def _factor(self) -> None:
         """Factor w^-1 + H K H^T, with ones for what is prescribed."""
@@ -658,7 +732,7 @@ class LinearisedProblem:
         matrix = coo_array(
             (self._matrix[kept], (rows[kept], columns[kept])), shape=(count, count)
         ).tocsc()
-        for openings, (_, stiffness, *_) in zip(self._openings, self._groups, strict=True):
+        for openings, (_, stiffness, *_) in zip(self._openings, self.tangents.groups, strict=True):
             n, size = len(stiffness), len(stiffness) * stiffness.shape[1]
             springs = bsr_array((stiffness, np.arange(n), np.arange(n + 1)), shape=(size, size))
             matrix += openings.T @ (springs @ openings)
@@ -694,20 +768,11 @@ class LinearisedProblem:
         iterations, _ = gmres(
             self._apply, self._precondition, left, step, bound, max_iterations, self._room
         )
-        changes = []
-        for g, (_, stiffness, source, change, _) in zip(
-            self._interactions.groups, self._groups, strict=True
-        ):
-            answer = self._springs(g)[1]
-            answer(step, g.couplings, stiffness, source, change)
-            changes.append(change)
-        return changes, iterations
+        return self.tangents.changes(self._interactions, step), iterations
 
     def _source(self, total: np.ndarray) -> None:
         """total = H g."""
-        total[:] = 0.0
-        for g, (_, _, source, *_) in zip(self._interactions.groups, self._groups, strict=True):
-            spread_kernel(g.sides)(total, g.couplings, source)
+        self.tangents.spread_source(self._interactions, total)
         _hold(self._held_dofs, total)
 
     def _apply(self, x: np.ndarray, y: np.ndarray) -> None:
@@ -716,7 +781,7 @@ class LinearisedProblem:
         _body_product(interactions.inverse.uniform_size)(
             self._matrix, interactions.inverse.data_offsets, self._sizes, self._starts, x, y
         )
-        for g, (_, stiffness, *_) in zip(interactions.groups, self._groups, strict=True):
+        for g, (_, stiffness, *_) in zip(interactions.groups, self.tangents.groups, strict=True):
             self._springs(g)[0](x, g.couplings, stiffness, y)
         _hold(self._held_dofs, y)
 
@@ -773,19 +838,22 @@ def _block_pairs(sizes, starts, count):
     return rows, columns
 
 
-_problems: WeakKeyDictionary[Interactions, LinearisedProblem] = WeakKeyDictionary()
+_problems: WeakKeyDictionary[Interactions, LinearisedProblem | SharedProblem] = WeakKeyDictionary()
 
 
-def kept(interactions: Interactions) -> LinearisedProblem | None:
+def kept(interactions: Interactions) -> LinearisedProblem | SharedProblem | None:
     """The linearised problem that is held for a scene, if any."""
     return _problems.get(interactions)
 
 
-def linearised_problem(interactions: Interactions) -> LinearisedProblem:
+def linearised_problem(interactions: Interactions) -> LinearisedProblem | SharedProblem:
     """The linearised problem of a scene, from the last call where w is the same."""
     problem = _problems.get(interactions)
     if problem is None or problem.renewals != interactions.renewals:
-        problem = _problems[interactions] = LinearisedProblem(interactions)
+        kind = LinearisedProblem
+        if interactions.halo is not None:
+            kind = import_module("xper_fx.nscd.shared_tangent").SharedProblem
+        problem = _problems[interactions] = kind(interactions)
     else:
         problem.renew()
     return problem
@@ -795,9 +863,9 @@ def saved(interactions: Interactions) -> dict[str, np.ndarray]:
     """What the linearised problem keeps from step to step, if there is one and it is kept."""
     problem = kept(interactions)
     # contacts that are found make the problem a new one in each step
-    return {} if problem is None or interactions.renewals else problem.saved()
+    return {} if problem is None or interactions.renewals else problem.tangents.saved(interactions)
 
 
 def restore(interactions: Interactions, memory: Mapping[str, np.ndarray]) -> None:
     """Take what `saved` gave, for the same points and w."""
-    linearised_problem(interactions).restore(memory)
+    linearised_problem(interactions).tangents.restore(interactions, memory)

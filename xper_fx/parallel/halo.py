@@ -8,6 +8,7 @@ bodies at its points, with their blocks of w. Ghosts follow their owners by DOLF
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import TYPE_CHECKING
 
 import numpy as np
 from dolfinx import la
@@ -15,6 +16,10 @@ from dolfinx.common import IndexMap
 
 from xper_fx.nscd.inverse import BodyInverse
 from xper_fx.parallel.ranks import Ranks
+
+if TYPE_CHECKING:
+    from xper_fx.nscd.interactions import Interactions
+    from xper_fx.parallel.linear import LinearSystem
 
 
 class Exchange:
@@ -180,6 +185,12 @@ class Halo:
     def gather(self, values: np.ndarray) -> np.ndarray:
         """Values at all points from those at this rank's, in the scene's order, on every rank."""
         return self.ranks.gather(self.numbers, values)
+
+    def linear_system(self, interactions: Interactions) -> LinearSystem:
+        """The linear system of Newton's method over all ranks; they make it together."""
+        from xper_fx.parallel.linear import LinearSystem
+
+        return LinearSystem(interactions)
 
     def with_ghosts(self, inverse: BodyInverse) -> BodyInverse:
         """Blocks of w of this rank and of its ghosts, as their owners have them now."""
