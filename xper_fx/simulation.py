@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     from xper_fx.nscd.rigid.motion import Prediction, RigidMotion, RigidWork
     from xper_fx.parallel.halo import Halo
     from xper_fx.parallel.points import SharedPoints
+    from xper_fx.parallel.rigid_division import RigidDivision
     from xper_fx.periodic.averages import Macroscopic
 
 logger = logging.getLogger(__name__)
@@ -61,6 +62,8 @@ _LARGEST_FLOW = 0.05
 # Damage beyond what the opening found asks for, above which the step is cut: it came from iterates
 # on the way, and would cost no energy.
 _LARGEST_EXCESS = 0.1
+# Share of the sweeps allowed after which contacts that ranks divide are left to other solvers.
+_SWEEPS_TOGETHER = 0.1
 # Gaps this small beside the coordinates are closed.
 _ROUNDING = 1e-12
 
@@ -207,6 +210,8 @@ class Simulation:
             self.detection: Detection | None = None
             points, laws, law_of_point = self._points()
             self.detection = self._contact_detection(laws)
+            if self._division is not None:
+                self.detection.divide(self._division)
             interacting = self._interacting(points)
             self.scheme = self._scheme(interacting, theta, newton_tolerance, max_newton)
             self.theta = self.scheme.theta
@@ -226,6 +231,7 @@ class Simulation:
             relaxation=relaxation,
             num_threads=num_threads,
         )
+        self._solve_together = self._together(relaxation, num_threads)
         self.macroscopic = self._macroscopic(None, None, self.step_size)
         self._tagged_nodes: dict[int, np.ndarray] = {}
         self.step_number = 0
@@ -284,7 +290,12 @@ class Simulation:
         """Take this rank's part of the bodies where the scene can be divided."""
         scene = self.scene
         self.ranks, self.bodies, self.part, self._shared = ALONE, scene.bodies, None, None
+        self._division: RigidDivision | None = None
         if self.team.alone:
+            return
+        touching = any(contact.law is not None for contact in scene.contacts)
+        if scene.bodies is None and touching and solver in ("auto", "nlgs"):
+            self._divide_rigid_bodies()
             return
         whole = [
             name
@@ -316,6 +327,14 @@ class Simulation:
         with self.stopwatch.phase("partition"):
             self.part = divide(scene.bodies, self.ranks)
         self.bodies = self.part.bodies
+
+    def _divide_rigid_bodies(self) -> None:
+        """Let ranks divide the contacts of rigid bodies."""
+        from xper_fx.parallel.rigid_division import RigidDivision
+
+        self.ranks = self.team
+        moves = ~self.scene.rigid_bodies.is_prescribed.all(axis=1)
+        self._division = RigidDivision(self.ranks, moves, self.scene.dim)
 
     def _step_size(self, knobs: Knobs, scheme: str) -> float:
         """The step asked for, or a share of the critical one.
@@ -713,13 +732,35 @@ class Simulation:
 
     def _interact(self, size: float, prediction: Prediction | None) -> StepOutcome:
         """One step with the contacts found in its middle."""
+        self._find_contacts(size, prediction)
+        divided = self._division is not None and self._division.halo is not None
+        solve = self._solve_together if divided else self._solve
+        outcome = self.scheme.attempt(self.state, size, self.interactions, solve, self.tolerance)
+        if divided and not outcome.converged and self.solver == "auto":
+            # other solvers want all contacts on each rank
+            self.detection.join()
+            return self._interact(size, prediction)
+        return outcome
+
+    def _find_contacts(self, size: float, prediction: Prediction | None) -> None:
         if self.detection is not None:
             with self.stopwatch.phase("contact search"):
                 self.detection.renew(
                     self.interactions, self.slot_nodes, self.bulk, self.state, prediction, size,
                     self.theta,
                 )  # fmt: skip
-        return self.scheme.attempt(self.state, size, self.interactions, self._solve, self.tolerance)
+
+    def _together(self, relaxation: float, num_threads: int | None) -> Callable | None:
+        """Sweeps over contacts that ranks divide; how many are tried depends on what else is."""
+        if self._division is None:
+            return None
+        from xper_fx.nscd.distributed import solve
+
+        share = _SWEEPS_TOGETHER if self.solver == "auto" else 1.0
+        return partial(
+            solve, max_sweeps=math.ceil(share * self.max_sweeps), relaxation=relaxation,
+            num_threads=num_threads,
+        )  # fmt: skip
 
     def _accurate(self, size: float, energies: BulkEnergies, end_time: float) -> bool:
         """Whether the step from the present state is as accurate as asked for, if anything is."""

@@ -14,11 +14,28 @@ after, once a step.
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from xper_fx.nscd import vertex_blocks
 from xper_fx.nscd.interactions import Interactions
-from xper_fx.nscd.nlgs import ROUNDING, SolveReport, amplification, contraction, sweep_passes
+from xper_fx.nscd.nlgs import (
+    FIRST_SPELL,
+    NEGLIGIBLE,
+    REVISIT,
+    ROUNDING,
+    SolveReport,
+    SweepPass,
+    amplification,
+    contraction,
+    sweep_passes,
+)
+from xper_fx.nscd.ordering import mark_moved, mark_tiles
+
+if TYPE_CHECKING:
+    from xper_fx.parallel.halo import Halo
+    from xper_fx.parallel.rigid_halo import RigidHalo
 
 # Sweeps over which the contraction is measured.
 _WINDOW = 4
@@ -46,22 +63,18 @@ def solve(
             interactions, velocity, tolerance=tolerance, max_sweeps=max_sweeps,
             relaxation=relaxation, num_threads=num_threads,
         )  # fmt: skip
+    if interactions.judged_by_velocities:
+        return _solve_by_velocities(
+            interactions, velocity, tolerance, max_sweeps, relaxation, num_threads
+        )
     halo = interactions.halo
     interactions.add_velocity(velocity)
     passes = sweep_passes(interactions, velocity, relaxation, num_threads)
-    of_phase = [[] for _ in range(len(halo.phases) + 1)]
-    for group, one in zip(interactions.groups, passes, strict=True):
-        of_phase[group.phase].append(one)
+    of_phase = _by_phase(interactions, passes)
     least = interactions.rounding(velocity) / tolerance
     changes: list[float] = []
     for count in range(1, max_sweeps + 1):
-        for exchange, here in zip(halo.phases, of_phase[1:], strict=True):
-            exchange.forward(velocity)
-            for one in here:
-                one.kernel(*one.arguments)
-            exchange.back(velocity)
-        for one in of_phase[0]:
-            one.kernel(*one.arguments)
+        _sweep(halo, of_phase, velocity)
         changed, total = halo.ranks.sum(
             sum((one.stats[:, :2].sum(axis=0) for one in passes), np.zeros(2))
         ).tolist()
@@ -83,6 +96,84 @@ def solve(
     rate = contraction(np.array(changes))
     halo.everywhere.forward(velocity)
     return SolveReport(False, max_sweeps, error, np.inf, "distributed", contraction=rate)
+
+
+def _by_phase(interactions: Interactions, passes: list[SweepPass]) -> list[list[SweepPass]]:
+    """The passes of each phase, first those within the rank."""
+    of_phase = [[] for _ in range(len(interactions.halo.phases) + 1)]
+    for group, one in zip(interactions.groups, passes, strict=True):
+        of_phase[group.phase].append(one)
+    return of_phase
+
+
+def _sweep(halo: Halo | RigidHalo, of_phase: list[list[SweepPass]], velocity: np.ndarray) -> None:
+    """A sweep of all ranks over the tiles that are marked."""
+    for exchange, here in zip(halo.phases, of_phase[1:], strict=True):
+        exchange.forward(velocity)
+        for one in here:
+            one.kernel(*one.arguments)
+        exchange.back(velocity)
+    for one in of_phase[0]:
+        one.kernel(*one.arguments)
+
+
+def _solve_by_velocities(
+    interactions: Interactions, velocity, tolerance, max_sweeps, relaxation, num_threads
+) -> SolveReport:
+    """`solve` of contacts of rigid bodies, which stops as `nlgs.py` says.
+
+    Tiles at rest are passed over as there; bodies that another rank may have moved count as moved.
+    """
+    halo, ranks = interactions.halo, interactions.halo.ranks
+    passes = sweep_passes(interactions, velocity, relaxation, num_threads)
+    of_phase = _by_phase(interactions, passes)
+    free = velocity.copy()
+    interactions.add_velocity(velocity)
+    size, rounding = interactions.kick(free, velocity)
+    num_tiles = max(1, ranks.sum(sum(len(one.marked) for one in passes)))
+    moved = np.zeros(len(interactions.inverse.node_offsets) - 1, np.bool_)
+    changes: list[float] = []
+    looked_at, spell, verifying = 0, FIRST_SPELL, False
+    for count in range(1, max_sweeps + 1):
+        _sweep(halo, of_phase, velocity)
+        changed, resting = ranks.sum(
+            np.array(
+                [
+                    sum(one.stats[:, 0].sum() for one in passes),
+                    sum(np.count_nonzero(~one.marked) for one in passes),
+                ]
+            )
+        ).tolist()
+        left = changed**0.5
+        if not verifying:
+            changes = [*changes[-_WINDOW:], left]
+        goal = max(tolerance * size, rounding)
+        arrived = left <= goal and resting == 0
+        if arrived or count == looked_at + spell or not np.isfinite(left):
+            # the size of the impulses' effect is looked at now and then, and before the end
+            halo.everywhere.forward(velocity)
+            size, rounding = interactions.kick(free, velocity)
+            looked_at, spell = count, 2 * spell
+            goal = max(tolerance * size, rounding)
+            arrived = arrived and left <= goal
+        if arrived:
+            largest = max((one.stats[:, 2].max(initial=0.0) for one in passes), default=0.0)
+            traction = np.sqrt(ranks.max(largest)) / interactions.step_size
+            residual = left / size if size > 0.0 else left
+            return SolveReport(True, count, residual, traction, "distributed")
+        if not np.isfinite(left):
+            return SolveReport(False, count, np.inf, np.inf, "distributed")
+        verifying = left <= goal
+        moved[:] = verifying or count % REVISIT == 0
+        moved[halo.cut] = True
+        for one in passes:
+            mark_moved(moved, one.tile_bodies, one.stats, (NEGLIGIBLE * goal) ** 2 / num_tiles)
+        for one in passes:
+            mark_tiles(one.marked, one.tile_bodies, moved)
+            one.stats[~one.marked, 0] = 0.0
+    halo.everywhere.forward(velocity)
+    rate, residual = contraction(np.array(changes)), left / size if size > 0.0 else left
+    return SolveReport(False, max_sweeps, residual, np.inf, "distributed", contraction=rate)
 
 
 def _solve_vertices(interactions: Interactions, velocity: np.ndarray, **options) -> SolveReport:

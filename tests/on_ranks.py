@@ -1,0 +1,44 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Scripts run by several MPI processes."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+FOLDER = Path(__file__).parent
+# More ranks than cores, as the tests are one of several things that a machine does.
+_SETTINGS = {
+    "OMPI_MCA_rmaps_base_oversubscribe": "true",
+    "OMPI_MCA_mpi_yield_when_idle": "true",
+    "PRTE_MCA_rmaps_default_mapping_policy": ":oversubscribe",
+    "OMPI_ALLOW_RUN_AS_ROOT": "1",
+    "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1",
+    "NUMBA_NUM_THREADS": "1",
+    "OPENBLAS_NUM_THREADS": "1",
+}
+
+
+def on_ranks(count: int, script: Path, *arguments, timeout: float = 500.0):
+    """Run a Python script on `count` ranks.
+
+    Args:
+        count: number of ranks.
+        script: path, relative to the tests' folder or absolute.
+        arguments: of the script.
+        timeout: seconds after which it is stopped.
+
+    Returns:
+        The completed process with its output as text.
+    """
+    if shutil.which("mpirun") is None:
+        pytest.skip("mpirun is not installed")
+    paths = [FOLDER.parent, FOLDER, FOLDER.parent / "demos", os.environ.get("PYTHONPATH", "")]
+    environment = os.environ | _SETTINGS | {"PYTHONPATH": os.pathsep.join(map(str, paths))}
+    command = ["mpirun", "-n", count, sys.executable, FOLDER / script, *arguments]
+    return subprocess.run(
+        list(map(str, command)), env=environment, capture_output=True, text=True, timeout=timeout
+    )
