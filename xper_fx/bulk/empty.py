@@ -12,6 +12,7 @@ from xper_fx.bulk.layout import BodyLayout
 from xper_fx.bulk.scheme import Solver, State, StepOutcome, interact
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.inverse import BodyInverse
+from xper_fx.parallel.ranks import ALONE
 from xper_fx.profile import Stopwatch
 
 
@@ -54,6 +55,7 @@ class EmptyBulk:
     linear, floating = True, False
     inertia = damping = mass = stiffness = None
     num_dofs = nbytes = 0
+    ranks = ALONE
 
     def __init__(self, dim: int):
         self.dim = dim
