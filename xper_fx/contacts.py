@@ -7,10 +7,10 @@ looked for between the groups that a `Contact` names, and nowhere else.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
-import numpy as np
-
+from xper_fx.nscd.checks import take_numbers
 from xper_fx.nscd.laws.law import Law
 
 
@@ -36,7 +36,13 @@ class Contact:
     reach: float | None = None
 
     def __post_init__(self):
-        if len(self.between) != 2 or not all(isinstance(name, str) for name in self.between):
+        if (
+            not isinstance(self.between, tuple | list)
+            or len(self.between) != 2
+            or not all(isinstance(name, str) for name in self.between)
+        ):
             raise ValueError(f"A contact is between two groups, got {self.between!r}.")
-        if self.reach is not None and not (np.isfinite(self.reach) and self.reach > 0.0):
-            raise ValueError(f"reach should be a positive length, got {self.reach!r}.")
+        if self.reach is not None:
+            take_numbers(self, "reach")
+            if not (math.isfinite(self.reach) and self.reach > 0.0):
+                raise ValueError(f"reach should be a positive length, got {self.reach!r}.")

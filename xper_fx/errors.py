@@ -36,3 +36,23 @@ class ConvergenceError(RuntimeError):
             f"{residual:.3g} of the interactions, {newton_residual:.3g} of Newton.{where} Try a "
             "smaller step, more sweeps or a looser tolerance; look at the last output first."
         )
+
+
+class NotFiniteError(ConvergenceError):
+    """A step gave NaN or infinity, and cutting it did not help.
+
+    Attributes:
+        source: what gave the first such number, in words.
+    """
+
+    def __init__(self, step: int, time: float, size: float, source: str, saved: Path | None):
+        self.step, self.time, self.size, self.source = step, time, size, source
+        self.residual = self.newton_residual = float("nan")
+        self.saved = saved
+        where = f" The state before it is in {saved}." if saved else ""
+        RuntimeError.__init__(
+            self,
+            f"Step {step} at t = {time:.6g} s gives numbers that are not finite, down to h = "
+            f"{size:.3g} s: {source}.{where} Look at what is named, at the units, and at the last "
+            "output; or take a smaller step.",
+        )

@@ -5,13 +5,15 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from xper_fx.nscd.checks import require_positive
+from xper_fx.nscd.checks import require_number, require_positive
 
 # Share of an accuracy that impulses may make of the error, as tolerance and as energy.
 IMPULSES = 0.1
 # Without an accuracy: the tolerance of the impulses and of Newton's corrections, and the accuracy
 # where only a knob is left to be picked.
 _TOLERANCE, _NEWTON_TOLERANCE, _ACCURACY = 1e-3, 1e-8, 1e-2
+# Shortest step (s), and one over the longest.
+_SHORTEST = 1e-150
 # Newton's tolerance, relative to the accuracy.
 _NEWTON = 1e-3
 
@@ -50,10 +52,17 @@ class Knobs(NamedTuple):
         for name, value in (("step", step), ("tolerance", tolerance)):
             if isinstance(value, str) and value != "auto":
                 raise ValueError(f'{name} should be a number or "auto", got {value!r}.')
-            if value is not None and value != "auto":
+            if value is not None and not isinstance(value, str):
                 require_positive(name, value)
+        if step is not None and not isinstance(step, str) and not _SHORTEST < step < 1 / _SHORTEST:
+            raise ValueError(
+                f"step should lie between {_SHORTEST:g} and {1 / _SHORTEST:g} s, whose squares are "
+                f"within the range of floats, got {step}."
+            )
         if newton_tolerance is not None:
-            require_positive("newton_tolerance", newton_tolerance)
+            newton_tolerance = require_positive("newton_tolerance", newton_tolerance)
+        if accuracy is not None:
+            accuracy = require_number("accuracy", accuracy)
         if accuracy is not None and not 0.0 < accuracy < 1.0:
             raise ValueError(f"accuracy should lie in (0, 1), a relative error; got {accuracy}.")
         picked = ("auto",) if accuracy is None else ("auto", None)

@@ -6,6 +6,7 @@ written stays readable. SI units throughout; in 2D, forces and energies are per 
 """
 
 import csv
+import errno
 import io
 import json
 import logging
@@ -13,6 +14,7 @@ import math
 import os
 import tempfile
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Self
 from xml.etree import ElementTree
@@ -21,12 +23,18 @@ import h5py
 import numpy as np
 import numpy.typing as npt
 
+from xper_fx.folder_lock import FolderLock
+from xper_fx.output_errors import explained
+
 __all__ = [
     "HISTORY_COLUMNS",
     "History",
+    "TIMING_KEYS",
     "TimeSeries",
     "prepare_folder",
     "read_history",
+    "without_times",
+    "write_file",
     "write_summary",
 ]
 
@@ -53,6 +61,9 @@ HISTORY_COLUMNS: tuple[str, ...] = (
 """Columns of ``history.csv``: time in s, strain dimensionless, stress in Pa, energies and their
 closure error in J (J/m in 2D); ``sweeps`` and ``residual`` are those of the interaction solver.
 Effects that a scene calls for add columns: dissipated_plastic; F11... and P11... of a cell."""
+
+TIMING_KEYS: tuple[str, ...] = ("seconds", "profile")
+"""Keys of ``summary.json``, at any depth, that hold times; a run made twice has all else alike."""
 
 # meshio's name (and DOLFINx's, where it differs) -> XDMF topology, nodes per cell.
 _TOPOLOGY = {
@@ -81,16 +92,48 @@ _ROOM_CLOSE = b"?>\n"
 _PAGE = 4096
 # libxml2 (ParaView's parser) refuses a processing instruction longer than 10 MB.
 _ROOM_SIZES = (1 << 16, 1 << 22)
+# What HDF5 may add to a file besides the numbers: for each dataset, and for the groups of a time.
+_ENTRY, _GROUPS = 4096, 16384
 
 
-def _replace(path: Path, content: bytes) -> None:
-    """Put a file in place at once: a reader finds the old content or the new, never a part."""
+def write_file(path: Path, content: bytes) -> None:
+    """Put a file in place at once: a reader finds the old content or the new, never a part.
+
+    Raises:
+        OSError: the file cannot be written; one that was there before stays as it was.
+    """
     temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
-        temporary.write_bytes(content)
-        os.replace(temporary, path)
-    finally:
-        temporary.unlink(missing_ok=True)
+    with explained(path):
+        try:
+            temporary.write_bytes(content)
+            os.replace(temporary, path)
+        finally:
+            with suppress(OSError):
+                temporary.unlink(missing_ok=True)
+
+
+def _write_all(file: io.FileIO, content: bytes) -> None:
+    """Write to an unbuffered file, which takes a part when the disk is about to be full."""
+    while content:
+        content = content[file.write(content) :]
+
+
+def _reserve(path: Path, size: int) -> None:
+    """See to it that a file can grow by `size` bytes.
+
+    HDF5 cannot be trusted with a full disk: what it has not stored stays in its cache, and the
+    file open and damaged. When it closes a file it gives back what it did not need.
+    """
+    with open(path, "r+b", buffering=0) as file:
+        end = file.seek(0, os.SEEK_END)
+        try:
+            os.posix_fallocate(file.fileno(), end, size)
+        except OSError as error:
+            # Some file systems have no such call.
+            if error.errno not in (errno.EOPNOTSUPP, errno.EINVAL, errno.ENOSYS):
+                with suppress(OSError):
+                    os.ftruncate(file.fileno(), end)
+                raise
 
 
 class TimeSeries:
@@ -172,11 +215,14 @@ class TimeSeries:
         self._tail = 0
         self._xml_size = 0
 
-        # An XDMF file of an earlier run would describe data that the new HDF5 file lacks.
-        self.path.unlink(missing_ok=True)
-        with h5py.File(self.h5_path, "w", locking=False) as h5:
+        content = io.BytesIO()
+        with h5py.File(content, "w") as h5:
             h5["mesh/geometry"] = np.pad(points, ((0, 0), (0, 3 - points.shape[1])))
             h5["mesh/topology"] = connectivity.astype(np.int64)
+        # An XDMF file of an earlier run would describe data that the new HDF5 file lacks.
+        with explained(self.path):
+            self.path.unlink(missing_ok=True)
+        write_file(self.h5_path, content.getvalue())
         self._grid = ElementTree.Element("Grid", Name="grid", GridType="Uniform")
         self._item(
             ElementTree.SubElement(
@@ -234,7 +280,8 @@ class TimeSeries:
         Raises:
             ValueError: If the time does not grow, a field has a shape that cannot be stored, or
                 names or shapes differ from those of the first call; nothing is written then.
-            OSError: If the files cannot be written.
+            OSError: If the files cannot be written. The times before stay readable, and a later
+                call writes again where it can.
         """
         if self._closed:
             raise ValueError(f"The time series '{self.path}' is closed, open a new one.")
@@ -275,8 +322,33 @@ class TimeSeries:
         grid = ElementTree.Element("Grid", self._grid.attrib)
         ElementTree.SubElement(grid, "Time", Value=repr(time))
         grid.extend(self._grid)
+        widths = (1, 3, 9)  # of scalars, vectors and tensors
+        needed = _GROUPS + sum(
+            _ENTRY + 8 * widths[values.ndim - 1] * len(values) for values in fields.values()
+        )
         # No lock: a viewer that has the file open must not make the run fail.
+        with explained(self.h5_path):
+            _reserve(self.h5_path, needed)
+            self._store(group, fields, grid)
+        with explained(self.path):
+            self._append(
+                ElementTree.tostring(grid, encoding="utf-8", xml_declaration=False) + b"\n"
+            )
+        self._shapes = shapes
+        self._last_time = time
+        self._num_times += 1
+
+    def _store(
+        self,
+        group: str,
+        fields: Mapping[tuple[str, str], npt.NDArray[np.float64]],
+        grid: ElementTree.Element,
+    ) -> None:
+        """Write the fields of a time to the HDF5 file, and let its grid refer to them."""
         with h5py.File(self.h5_path, "r+", locking=False) as h5:
+            if group in h5:
+                # of a write that failed in the XDMF file
+                del h5[group]
             for (centre, name), values in fields.items():
                 kind = ("Scalar", "Vector", "Tensor")[values.ndim - 1]
                 values = np.pad(values, [(0, 0)] + [(0, 3 - size) for size in values.shape[1:]])
@@ -292,10 +364,6 @@ class TimeSeries:
                     Center="Node" if centre == "point" else "Cell",
                 )
                 self._item(attribute, dataset, values.shape)
-        self._append(ElementTree.tostring(grid, encoding="utf-8", xml_declaration=False) + b"\n")
-        self._shapes = shapes
-        self._last_time = time
-        self._num_times += 1
 
     def _append(self, grid: bytes) -> None:
         """Add one grid to the collection of the XDMF file, which stays well-formed throughout."""
@@ -308,9 +376,9 @@ class TimeSeries:
         if self._num_times and tail + len(end) + len(_ROOM_CLOSE) <= self._xml_size:
             with open(self.path, "r+b", buffering=0) as xml:
                 xml.seek(start)
-                xml.write(grid + end)
+                _write_all(xml, grid + end)
                 xml.seek(self._tail)
-                xml.write(b" " * len(end))
+                _write_all(xml, b" " * len(end))
         else:
             done = _XML_HEAD
             if self._num_times:
@@ -318,14 +386,16 @@ class TimeSeries:
                     done = xml.read(self._tail) + b" " * len(end)
             room = min(max(len(done), _ROOM_SIZES[0]), _ROOM_SIZES[1])
             content = done + grid + end + b" " * room + _ROOM_CLOSE
-            _replace(self.path, content)
+            write_file(self.path, content)
             self._xml_size = len(content)
         self._tail = tail
 
     def close(self) -> None:
         """Give the spare room of the XDMF file back; no more can be written."""
         if self._num_times and not self._closed:
-            os.truncate(self.path, self._tail + len(_XML_TAIL))
+            self._closed = True
+            with explained(self.path):
+                os.truncate(self.path, self._tail + len(_XML_TAIL))
         self._closed = True
 
     def __enter__(self) -> Self:
@@ -358,8 +428,9 @@ class History:
             raise ValueError(
                 f"Columns should be different Python identifiers, got {list(self.columns)}."
             )
-        self._file = io.FileIO(self.path, "w")
-        self._file.write((",".join(self.columns) + "\n").encode())
+        with explained(self.path):
+            self._file = io.FileIO(self.path, "w")
+        self._write_line(",".join(self.columns))
 
     def append(self, **values: float) -> None:
         """Write the line of one step, in full double precision.
@@ -369,6 +440,7 @@ class History:
 
         Raises:
             ValueError: If a column is missing, unknown, or NaN; nothing is written then.
+            OSError: If the file cannot be written, or was removed; no part of the line is left.
         """
         missing = [column for column in self.columns if column not in values]
         unknown = [column for column in values if column not in self.columns]
@@ -389,12 +461,25 @@ class History:
                     "that gave it is wrong."
                 )
             line.append(repr(float(value)))
-        # One unbuffered write: a run that is killed leaves whole lines.
-        self._file.write((",".join(line) + "\n").encode())
+        self._write_line(",".join(line))
+
+    def _write_line(self, line: str) -> None:
+        """One unbuffered write: a killed run leaves whole lines, and so does a full disk."""
+        with explained(self.path):
+            if os.fstat(self._file.fileno()).st_nlink == 0:
+                raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT))
+            whole = self._file.seek(0, os.SEEK_END)
+            try:
+                _write_all(self._file, (line + "\n").encode())
+            except OSError:
+                with suppress(OSError):
+                    self._file.truncate(whole)
+                raise
 
     def close(self) -> None:
         """Close the file; no more can be appended."""
-        self._file.close()
+        with explained(self.path):
+            self._file.close()
 
     def __enter__(self) -> Self:
         return self
@@ -470,11 +555,20 @@ def write_summary(path: str | os.PathLike[str], mapping: Mapping[str, Any]) -> N
     """
     plain = {str(key): _plain(value, str(key)) for key, value in mapping.items()}
     text = json.dumps(plain, indent=2, sort_keys=True, allow_nan=False, ensure_ascii=False)
-    _replace(Path(path), (text + "\n").encode())
+    write_file(Path(path), (text + "\n").encode())
+
+
+def without_times(summary: Any) -> Any:
+    """A summary without what :data:`TIMING_KEYS` name: two runs of the same scene have it alike."""
+    if isinstance(summary, Mapping):
+        return {k: without_times(v) for k, v in summary.items() if k not in TIMING_KEYS}
+    if isinstance(summary, (list, tuple)):
+        return [without_times(item) for item in summary]
+    return summary
 
 
 def prepare_folder(path: str | os.PathLike[str]) -> Path:
-    """Create an output folder if it is missing, and write a probe file into it.
+    """Create an output folder if it is missing, write a probe file into it, see that it is free.
 
     Call it before any work. What access rights say is not asked: root may do everything on a
     read-only or a full disk, until it tries.
@@ -487,7 +581,7 @@ def prepare_folder(path: str | os.PathLike[str]) -> Path:
 
     Raises:
         OSError: If the folder cannot be created or written; the subclass tells why
-            (PermissionError, NotADirectoryError, ...).
+            (PermissionError, NotADirectoryError, ...; BlockingIOError if a run writes there).
     """
     folder = Path(path).resolve()
     try:
@@ -503,5 +597,6 @@ def prepare_folder(path: str | os.PathLike[str]) -> Path:
             f"The output folder '{folder}' cannot be written ({error.strerror}): expected a "
             "folder, or a place for a new one, with write permission and free space; give "
             "another one or mend this",
-        ) from error
+        ) from None
+    FolderLock(folder).release()
     return folder

@@ -5,15 +5,18 @@ Every function takes plain arrays in SI units, returns a matplotlib Figure that 
 window, and saves it if a path is given. Colours are told apart by colour-blind readers.
 """
 
+import io
 import itertools
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
+from xper_fx.output import write_file
 from xper_fx.profile import OTHER
 
 if TYPE_CHECKING:
@@ -93,7 +96,10 @@ def new_figure(
         figure = Figure(figsize=size, layout=layout)
         draw(figure, figure.subplots(**subplots))
         if path is not None:
-            figure.savefig(path, dpi=160)
+            path, image = Path(path), io.BytesIO()
+            path = path if path.suffix else path.with_name(f"{path.name}.png")
+            figure.savefig(image, dpi=160, format=path.suffix[1:])
+            write_file(path, image.getvalue())
     return figure
 
 

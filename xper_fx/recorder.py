@@ -13,9 +13,11 @@ first rank alone writes. Whatever goes wrong there is raised on all.
 from __future__ import annotations
 
 import json
+import logging
 import os
 import platform
 from collections.abc import Mapping
+from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -28,10 +30,13 @@ import numpy as np
 import xper_fx
 from xper_fx.compat import geometry_dofmap
 from xper_fx.effects import effects_of
+from xper_fx.folder_lock import FolderLock
 from xper_fx.nscd.facets import facet_shapes
 from xper_fx.output import HISTORY_COLUMNS, History, TimeSeries, prepare_folder, write_summary
 from xper_fx.scales import cohesive_scales
 from xper_fx.simulation import Simulation, StepRecord
+
+logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -126,8 +131,11 @@ class Recorder:
         end_time: time of the end of the run (s).
         parameters: what to keep in the summary of how the run was set up.
 
+    A write that fails raises an OSError that names the file. What was written before stays
+    readable, the simulation keeps its state, and a later `record` writes again where it can.
+
     Raises:
-        OSError: the folder cannot be written.
+        OSError: the folder cannot be written; BlockingIOError: another run writes there.
     """
 
     def __init__(
@@ -141,15 +149,16 @@ class Recorder:
         parameters: Mapping[str, Any] | None = None,
     ):
         self.folder = Path(folder).resolve()
-        simulation.team.at_root(lambda: prepare_folder(folder))
+        self._at_root = simulation.team.at_root
+        self._writes = simulation.team.rank == 0
+        self._lock: FolderLock | None = None
+        self._at_root(self._take_folder)
         self.simulation, self._gauge = simulation, gauge
         simulation.folder = self.folder
         self._parameters = dict(parameters or {})
         columns = dict.fromkeys(HISTORY_COLUMNS)
         columns |= simulation.ledger.as_columns() | macroscopic_columns(simulation)
-        self._at_root = simulation.team.at_root
-        self._writes = simulation.team.rank == 0
-        self._at_root(partial(self._open_history, tuple(columns)))
+        self._columns = tuple(columns)
         self._every = end_time / fields if fields > 0 else np.inf
         self._next = 0.0
         if simulation.scene.bodies is not None:
@@ -159,10 +168,19 @@ class Recorder:
             cells = geometry_dofmap(mesh)
             self._node = np.empty(len(mesh.geometry.x), np.int64)
             self._node[cells] = simulation.forms.V.dofmap.list[:, : cells.shape[1]]
-        simulation.stopwatch.owns("output", lambda: self.written)
         self._totals = {"steps": 0, "sweeps": 0, "largest_residual": 0.0}
         self._bulk = self._interfaces = self._rigid = self._stress = None
         self._writes_fields = fields > 0
+        try:
+            self._open()
+        except BaseException:
+            self._leave_folder()
+            raise
+        simulation.stopwatch.owns("output", lambda: self.written)
+
+    def _open(self) -> None:
+        simulation = self.simulation
+        self._at_root(self._open_history)
         if self._writes_fields:
             if simulation.scene.bodies is not None:
                 self._open_fields()
@@ -172,8 +190,16 @@ class Recorder:
                 self._rigid = RigidSeries(self.folder / "rigid.xdmf", simulation.rigid)
             self._write_fields()
 
-    def _open_history(self, columns: tuple[str, ...]) -> None:
-        self._history = History(self.folder / "history.csv", columns)
+    def _open_history(self) -> None:
+        self._history = History(self.folder / "history.csv", self._columns)
+
+    def _take_folder(self) -> None:
+        prepare_folder(self.folder)
+        self._lock = FolderLock(self.folder)
+
+    def _leave_folder(self) -> None:
+        if self._lock is not None:
+            self._lock.release()
 
     def vertex_displacement(self) -> np.ndarray:
         """Displacement of the exploded mesh's geometry nodes, shape (num_nodes, dim), m."""
@@ -259,13 +285,13 @@ class Recorder:
 
     @property
     def written(self) -> int:
-        """Bytes of the fields and of the history that this rank has put on disk."""
+        """Bytes of the fields and of the history that this rank has put on disk, if still there."""
         if not self._writes:
             return 0
         paths = [self.folder / "history.csv"]
         for series in self._series:
             paths += [series.path, series.h5_path]
-        return sum(path.stat().st_size for path in paths)
+        return sum(path.stat().st_size for path in paths if path.exists())
 
     @property
     def _series(self) -> list[TimeSeries]:
@@ -321,15 +347,23 @@ class Recorder:
         summary["scales"] = cohesive_scales(simulation)
 
         def finish() -> None:
-            write_summary(self.folder / "summary.json", summary)
-            self._history.close()
-            for series in self._series:
-                series.close()
+            with ExitStack() as files:
+                files.callback(self._leave_folder)
+                for file in (self._history, *self._series):
+                    files.callback(file.close)
+                write_summary(self.folder / "summary.json", summary)
 
         self._at_root(finish)
 
     def __enter__(self) -> Recorder:
         return self
 
-    def __exit__(self, *exception) -> None:
-        self.close()
+    def __exit__(self, kind, *exception) -> None:
+        if kind is None:
+            self.close()
+            return
+        try:
+            self.close()
+        except (OSError, ValueError) as error:
+            # What ended the run says more.
+            logger.error("the run's summary and files could not be completed: %s", error)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from numbers import Integral
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -24,6 +25,12 @@ from xper_fx.forms.loads import (
     value_at,
 )
 from xper_fx.materials.material import Material
+from xper_fx.nscd.checks import (
+    require_integer,
+    require_number,
+    require_numbers,
+    require_positive,
+)
 from xper_fx.nscd.laws.law import Law
 
 if TYPE_CHECKING:
@@ -116,9 +123,10 @@ class Scene:
     rigid_bodies: RigidBodies | None = field(default=None, init=False)
 
     def __post_init__(self):
-        if self.order not in (1, 2):
+        self._check_containers()
+        if not isinstance(self.order, Integral) or self.order not in (1, 2):
             raise ValueError(f"order should be 1 or 2, got {self.order}.")
-        if self.points not in ("nodal", "gauss"):
+        if not isinstance(self.points, str) or self.points not in ("nodal", "gauss"):
             raise ValueError(f'points should be "nodal" or "gauss", got {self.points!r}.')
         if len(self.rigid):
             from xper_fx.nscd.rigid.bodies import RigidBodies
@@ -130,6 +138,34 @@ class Scene:
             self._check_with_mesh()
         self._check_loads()
         self._check_contacts()
+
+    def _check_containers(self) -> None:
+        """Mappings and lists, each with an example of what is meant."""
+        for name, example in (
+            ("materials", "{1: LinearElastic(...)}"),
+            ("interactions", "{(1, 2): CohesiveZone(...)}"),
+            ("facet_interactions", "{7: SignoriniCoulomb()}"),
+            ("surfaces", '{"beam": [1]}'),
+        ):
+            given = getattr(self, name)
+            if not isinstance(given, Mapping):
+                raise TypeError(f"{name} should be a mapping such as {example}, got {given!r}.")
+        for name in ("walls", "loads", "ties", "rigid", "contacts"):
+            given = getattr(self, name)
+            if not isinstance(given, Sequence) or isinstance(given, str):
+                raise TypeError(f"{name} should be a list, [...], got {given!r}.")
+        for pair in self.interactions:
+            if not (isinstance(pair, tuple) and len(pair) == 2 and all(map(_is_tag, pair))):
+                raise TypeError(f"interactions names {pair!r}; it should name pairs of cell tags.")
+        for name in ("materials", "facet_interactions"):
+            for tag in getattr(self, name):
+                if not _is_tag(tag):
+                    raise TypeError(f"{name} names {tag!r}; it should name tags, integers.")
+        for name, tags in self.surfaces.items():
+            if isinstance(tags, str) or not np.iterable(tags) or not all(map(_is_tag, tags)):
+                raise TypeError(
+                    f"The surface {name!r} should be a list of cell tags, got {tags!r}."
+                )
 
     def _check_without_mesh(self) -> None:
         if self.rigid_bodies is None:
@@ -279,11 +315,7 @@ class Scene:
                     f"The material of cell tag {tag} is {material!r}; with `variables` it needs a "
                     "`response`, not an `energy`."
                 )
-            if not (np.isfinite(material.density) and material.density > 0.0):
-                raise ValueError(
-                    f"The material of cell tag {tag} has the density {material.density}; it "
-                    "should be above zero."
-                )
+            require_positive(f"The density of the material of cell tag {tag}", material.density)
 
     def _check_initial_velocity(self) -> None:
         given = self.initial_velocity
@@ -306,19 +338,22 @@ class Scene:
                 raise TypeError(f"{load!r} is no load; forms/loads.py has those there are.")
             name, values = type(load).__name__, (load.value,)
             if not isinstance(load, _Motion):
-                if np.ndim(load.value) != 1 or len(load.value) != self.dim:
+                if not isinstance(load.value, Sequence | np.ndarray) or (
+                    np.shape(load.value) != (self.dim,)
+                ):
                     raise ValueError(
                         f"{name} has the value {load.value!r}; it should have {self.dim} "
                         "components, one a dimension of the scene."
                     )
                 values = load.value
-            elif not 0 <= load.component < self.dim:
+            elif not (isinstance(load.component, Integral) and 0 <= load.component < self.dim):
                 raise ValueError(
                     f"{name} on tag {load.facets} has component {load.component}; it should be "
                     f"0 to {self.dim - 1}."
                 )
             for value in values:
-                if not callable(value) and not np.isfinite(value):
+                start = value_at(value, 0.0) if callable(value) else value
+                if not np.isfinite(require_number(f"The value of {load}", start)):
                     raise ValueError(f"{load} has the value {value}; it should be finite.")
             if isinstance(load, PrescribedDisplacement) and value_at(load.value, 0.0) != 0.0:
                 raise ValueError(
@@ -331,6 +366,12 @@ class Scene:
             if not isinstance(wall, Wall):
                 raise TypeError(f"{wall!r} is no Wall.")
             _check_law(wall.law)
+            for name in ("point", "normal"):
+                if np.ndim(require_numbers(f"A wall's {name}", getattr(wall, name))) != 1:
+                    raise ValueError(
+                        f"A wall's {name} should have {self.dim} components, got "
+                        f"{getattr(wall, name)!r}."
+                    )
             if len(wall.normal) != self.dim or len(wall.point) != self.dim:
                 raise ValueError(
                     f"A wall's point and normal should have {self.dim} components, got "
@@ -366,6 +407,7 @@ class Scene:
         present = set(self.bodies.facet_tags.values.tolist())
         named = [load for load in self.loads if hasattr(load, "facets")]
         for item in (*named, *self.walls):
+            require_integer(f"The facet tag of a {type(item).__name__}", item.facets)
             if item.facets not in present:
                 raise ValueError(
                     f"{type(item).__name__} names facet tag {item.facets}, which occurs nowhere; "
@@ -450,6 +492,10 @@ class Scene:
             if law is not None:
                 index[facets.tag == tag] = number(law)
         return laws, index
+
+
+def _is_tag(tag) -> bool:
+    return isinstance(tag, Integral)
 
 
 def _check_law(law: Law) -> None:

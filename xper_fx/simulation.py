@@ -18,11 +18,13 @@ from mpi4py import MPI
 from xper_fx.bulk.bulk import Bulk
 from xper_fx.bulk.scheme import State, StepOutcome
 from xper_fx.energy import BulkEnergies, EnergyLedger
-from xper_fx.errors import ConvergenceError
+from xper_fx.errors import ConvergenceError, NotFiniteError
 from xper_fx.forms.dynamics import BulkForms
 from xper_fx.forms.loads import PrescribedDisplacement, PrescribedVelocity
 from xper_fx.knobs import Knobs
 from xper_fx.meshes import cell_measure, local_facet_vertices
+from xper_fx.not_finite import not_finite_columns, source_of_not_finite
+from xper_fx.nscd.checks import require_count, require_number
 from xper_fx.nscd.facets import (
     facet_points,
     join_points,
@@ -186,8 +188,9 @@ class Simulation:
             ("max_sweeps", max_sweeps, 1), ("max_newton", max_newton, 1),
             ("max_halvings", max_halvings, 0),
         ):  # fmt: skip
-            if not count >= least:
-                raise ValueError(f"{name} should be at least {least}, got {count}.")
+            require_count(name, count, least)
+        if num_threads is not None:
+            require_count("num_threads", num_threads, 1)
         self.scene, self.scheme_name = scene, scheme
         self.tolerance, self.relaxation, self.max_sweeps = tolerance, relaxation, max_sweeps
         self.stopwatch = Stopwatch()
@@ -219,6 +222,11 @@ class Simulation:
                 self.interactions = self._interactions(points, laws, law_of_point)
             self._account()
             self.ledger = EnergyLedger(self.bulk, self.state, self.theta, self.rigid)
+            if wrong := not_finite_columns(self.ledger.as_columns()):
+                raise ValueError(
+                    f"At the start {wrong} are not finite: initial velocities or masses are beyond "
+                    "the range of floats; take other units."
+                )
             self._control = None if knobs.accuracy is None else self._accuracy_control(knobs)
         self.solver = "vertex_blocks" if self._by_vertex else solver
         if self.part is not None:
@@ -254,6 +262,8 @@ class Simulation:
 
     @staticmethod
     def _check(scheme, theta, relaxation) -> None:
+        for name, value in (("theta", theta), ("relaxation", relaxation)):
+            require_number(name, value)
         if scheme not in ("implicit", "explicit"):
             raise ValueError(f'scheme should be "implicit" or "explicit", got {scheme!r}.')
         if not 0.5 <= theta <= 1.0:
@@ -411,9 +421,11 @@ class Simulation:
         given = self.scene.initial_velocity
         if isinstance(given, Mapping):
             for tag, field in given.items():
-                function.interpolate(field, self.bodies.cell_tags.find(tag))
+                function.interpolate(
+                    _checked(field, self.scene.dim), self.bodies.cell_tags.find(tag)
+                )
         elif given is not None:
-            function.interpolate(given)
+            function.interpolate(_checked(given, self.scene.dim))
         unknowns, rest = self.bulk.unknowns, np.zeros(self.bulk.num_dofs)
         velocity = rest.copy()
         velocity.reshape(-1, unknowns.dim)[unknowns.node_of] = function.x.array.reshape(
@@ -634,9 +646,10 @@ class Simulation:
 
         Raises:
             ValueError: an end that is not finite.
-            ConvergenceError: a step did not converge however often it was cut.
+            ConvergenceError: a step did not converge however often it was cut; NotFiniteError:
+                it gave NaN or infinity. The state is that of the last step.
         """
-        if not math.isfinite(end_time):
+        if not math.isfinite(require_number("end_time", end_time)):
             raise ValueError(f"end_time should be a finite number, got {end_time}.")
         control = self._control
         if control is None or not control.adapts_step:
@@ -686,6 +699,7 @@ class Simulation:
                         energies = self.ledger.bulk_energies(
                             self.state, outcome, size, self._rigid_work
                         )
+                    self._require_finite(not_finite_columns(energies._asdict()), size)
                     if not self._accurate(size, energies, end_time) and not halvings:
                         return
                     record = self._commit(outcome, size, energies)
@@ -702,10 +716,19 @@ class Simulation:
                 residual, newton = np.nan, np.nan
                 if outcome is not None:
                     residual, newton = outcome.residual, outcome.newton_residual
+                    if self.ranks.alone:
+                        self._require_finite(source_of_not_finite(self, outcome, size), size)
                 raise ConvergenceError(
                     self.step_number + 1, self.state.time, size, residual, newton,
                     self._save_state(),
                 )  # fmt: skip
+
+    def _require_finite(self, source: str | None, size: float) -> None:
+        """Raise a NotFiniteError if something has given a number that is not finite."""
+        if source is not None:
+            raise NotFiniteError(
+                self.step_number + 1, self.state.time, size, source, self._save_state()
+            )
 
     def _attempt(self, size: float) -> StepOutcome | None:
         """One step from the present state, None if a rigid body spins too fast for it.
@@ -791,6 +814,7 @@ class Simulation:
         with self.stopwatch.phase("energy"):
             work = None if self.interactions is None else self.interactions.commit(outcome.slots)
             self.ledger.record(self.state, outcome, size, energies, work, self._rigid_work)
+        self._require_finite(not_finite_columns(self.ledger.as_columns()), size)
         if self.detection is not None:
             with self.stopwatch.phase("contact search"):
                 self.detection.release(
@@ -833,14 +857,18 @@ class Simulation:
         history = {}
         if self.interactions is not None:
             history = {n: self.interactions.gather(n) for n in ("jump", "impulse", "damage")}
-        np.savez(
-            path,
-            time=self.state.time,
-            displacement=self.state.displacement,
-            velocity=self.state.velocity,
-            **history,
-            **self.forms.history(),
-        )
+        try:
+            np.savez(
+                path,
+                time=self.state.time,
+                displacement=self.state.displacement,
+                velocity=self.state.velocity,
+                **history,
+                **self.forms.history(),
+            )
+        except OSError as error:
+            logger.error("the state could not be saved: %s", error)
+            return None
         return path
 
     # Reading
@@ -934,3 +962,21 @@ class Simulation:
             return np.zeros(self.bulk.dim)
         forces = self._rigid_reactions.reshape(-1, 2, self.bulk.dim)[:, 0]
         return forces[bodies.group_of == bodies.groups.index(group)].sum(axis=0)
+
+
+def _checked(field: Callable[[np.ndarray], np.ndarray], dim: int) -> Callable:
+    """An initial velocity that is refused unless it gives finite numbers of the right shape."""
+
+    def values(x: np.ndarray) -> np.ndarray:
+        given = np.asarray(field(x))
+        if given.shape != (dim, x.shape[1]) or given.dtype.kind not in "biuf":
+            raise ValueError(
+                f"initial_velocity should give numbers of shape ({dim}, {x.shape[1]}) for as many "
+                f"points, got {given.dtype} of shape {given.shape}."
+            )
+        if not np.all(np.isfinite(given)):
+            where = x[:dim, ~np.isfinite(given).all(axis=0)][:, 0]
+            raise ValueError(f"initial_velocity is not finite at {where.tolist()}.")
+        return given.astype(float)
+
+    return values

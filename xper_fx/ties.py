@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from xper_fx.meshes import facet_cells, midpoints_of
+from xper_fx.nscd.checks import require_integer
 from xper_fx.nscd.laws.law import Law
 from xper_fx.nscd.nonmatching import RULES, nonmatching_points
 from xper_fx.nscd.points import InteractionPoints
@@ -33,6 +34,8 @@ class Tie:
     def __post_init__(self):
         if self.rule not in RULES:
             raise ValueError(f"rule should be one of {', '.join(RULES)}, got {self.rule!r}.")
+        for name in ("candidates", "antagonists"):
+            require_integer(name, getattr(self, name))
         if self.candidates == self.antagonists:
             raise ValueError(
                 f"candidates and antagonists are both facet tag {self.candidates}; give the two "

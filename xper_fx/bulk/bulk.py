@@ -32,6 +32,9 @@ from xper_fx.forms.loads import (
 from xper_fx.meshes import cell_measure
 from xper_fx.parallel.ranks import ALONE, Ranks
 
+# Masses and stiffnesses are kept as far from the limits of floats as their squares need.
+_SMALL = 1e-150
+
 
 class Bulk:
     """Mass, forces and prescribed motions of all bodies.
@@ -77,6 +80,7 @@ class Bulk:
             self.unknowns.nodes, self.unknowns.offsets, self.dim, self._prescribed()
         )
         self.weights = np.repeat(self._nodal_mass(), self.dim)
+        self._check_range("nodal masses", self.weights, "densities", _SMALL)
         self.inertia, self.floating = None, False
         if inertia:
             from xper_fx.bulk.inertia import Inertia
@@ -89,6 +93,7 @@ class Bulk:
         self.stiffness = None
         if self.linear or damps_stiffness:
             self.stiffness = self.tangent(np.zeros(self.num_dofs)).copy()
+            self._check_range("stiffnesses", np.abs(self.stiffness.data), "elastic constants")
         self.damping = None
         if damping is not None:
             from xper_fx.bulk.damping import ViscousDamping
@@ -99,6 +104,15 @@ class Bulk:
         self._external = None
         if forms.external is not None and forms.steady:
             self._external = forms.assemble_external(0.0)
+
+    @staticmethod
+    def _check_range(name: str, values: np.ndarray, given: str, least: float = 0.0) -> None:
+        """Raise a ValueError unless numbers are above `least` and their squares finite."""
+        if not (values.min(initial=1.0) >= least and values.max(initial=0.0) < 1.0 / _SMALL):
+            raise ValueError(
+                f"The {name} are {values.min():g} to {values.max():g}, beyond the range of floats: "
+                f"look at the {given}, at the size of the mesh, and at the units."
+            )
 
     def _make_unknowns(self) -> NodalUnknowns:
         return NodalUnknowns(self.forms.V, self.forms.bodies)

@@ -79,7 +79,6 @@ class ExplicitScheme:
                     inverse, interactions, solver, free, tolerance
                 )
             sweeps, error, traction, converged = report[1], report[2], report[3], report[0]
-        converged = bulk.ranks.all(converged and np.all(np.isfinite(velocity)))
         reactions = np.where(
             bulk.layout.prescribed, bulk.momentum(velocity - v0) - impulse - impulses, 0.0
         )
@@ -87,6 +86,8 @@ class ExplicitScheme:
         bulk.forms.set_step(step)
         with watch.phase("energy"):
             internal = bulk.internal(displacement)
+        finite = np.all(np.isfinite(velocity)) and np.all(np.isfinite(internal))
+        converged = bulk.ranks.all(converged and finite)
         end = State(time, displacement, velocity, internal)
         return StepOutcome(
             end, slots, impulses, reactions, force_impulse, viscous, sweeps, error, traction, 1,

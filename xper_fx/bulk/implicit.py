@@ -254,6 +254,7 @@ class ImplicitScheme:
             and newton <= self._tolerance
             and balance.settled
             and np.all(np.isfinite(velocity))
+            and np.all(np.isfinite(internal))
         )
         if not converged:  # matrix and what was learnt may be those of a state gone astray
             bulk.forget()

@@ -8,8 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from numbers import Real
 
 import numpy as np
+
+from xper_fx.nscd.checks import require_non_negative
 
 Value = float | Callable[[float], float]
 
@@ -18,9 +21,16 @@ def value_at(value: Value, time: float) -> float:
     """The number a load has at a time.
 
     Raises:
-        ValueError: the load's function gives something that is not a finite number.
+        ValueError: the load's function gives a number that is not finite.
+        TypeError: it gives no number.
     """
-    number = float(value(time)) if callable(value) else float(value)
+    given = value(time) if callable(value) else value
+    if not isinstance(given, Real):
+        given = np.asarray(given)
+        if given.size != 1 or given.dtype.kind not in "biuf":
+            raise TypeError(f"A load is {given!r} at t = {time} s; it should be a number.")
+        given = given.item()
+    number = float(given)
     if not np.isfinite(number):
         raise ValueError(f"A load is {number} at t = {time} s; it should be a finite number.")
     return number
@@ -108,6 +118,4 @@ class RayleighDamping:
 
     def __post_init__(self):
         for name in ("mass", "stiffness"):
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value >= 0.0):
-                raise ValueError(f"{name} should be finite, zero or above, got {value}.")
+            object.__setattr__(self, name, require_non_negative(name, getattr(self, name)))

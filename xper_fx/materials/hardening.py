@@ -17,6 +17,8 @@ from typing import NamedTuple, Protocol
 import numpy as np
 import ufl
 
+from xper_fx.nscd.checks import take_numbers
+
 
 class Curve(NamedTuple):
     """A hardening law in UFL.
@@ -59,6 +61,7 @@ class Linear:
     modulus: float
 
     def __post_init__(self):
+        take_numbers(self, "modulus")
         _check_modulus(self.modulus)
 
     def check(self, yield_stress: float, shear: float) -> None:
@@ -98,6 +101,7 @@ class Voce:
     modulus: float = 0.0
 
     def __post_init__(self):
+        take_numbers(self, "saturation", "rate", "modulus")
         _check_modulus(self.modulus)
         for name in ("saturation", "rate"):
             value = getattr(self, name)

@@ -31,6 +31,7 @@ from xper_fx.materials.material import (
     lame,
 )
 from xper_fx.materials.radial_return import radial_return
+from xper_fx.nscd.checks import take_numbers
 
 
 @dataclass(frozen=True)
@@ -60,6 +61,7 @@ class J2SmallStrain:
     variables = MappingProxyType({"plastic_strain": ZERO_TENSOR, "accumulated": 0.0})
 
     def __post_init__(self):
+        take_numbers(self, "young", "poisson", "yield_stress", "density")
         check_elastic_constants(self.young, self.poisson, self.density)
         _, mu = lame(self.young, self.poisson)
         check_plasticity(self.yield_stress, self.hardening, mu)

@@ -9,6 +9,7 @@ import ufl
 
 from xper_fx.forms.kinematics import small_strain
 from xper_fx.materials.material import check_elastic_constants, lame
+from xper_fx.nscd.checks import take_numbers
 
 
 @dataclass(frozen=True)
@@ -32,6 +33,7 @@ class LinearElastic:
     linear: bool = field(default=True, init=False)
 
     def __post_init__(self):
+        take_numbers(self, "young", "poisson", "density")
         check_elastic_constants(self.young, self.poisson, self.density)
         if self.plane not in ("strain", "stress"):
             raise ValueError(f'plane should be "strain" or "stress", got {self.plane!r}.')

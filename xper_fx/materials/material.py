@@ -125,6 +125,12 @@ def check_elastic_constants(young: float, poisson: float, density: float) -> Non
             f"poisson should lie strictly between -1 and 0.5, got {poisson}; for a nearly "
             "incompressible solid take 0.49 and crossed triangles or order 2."
         )
+    lam, mu = lame(young, poisson)
+    if not (math.isfinite(lam) and mu > 0.0):
+        raise ValueError(
+            f"young {young:g} Pa and poisson {poisson!r} give Lame's lambda = {lam:g} Pa and mu = "
+            f"{mu:g} Pa, beyond the range of floats; take other units."
+        )
 
 
 def check_plasticity(yield_stress: float, hardening, shear: float) -> None:

@@ -16,14 +16,19 @@ import ufl
 
 from xper_fx.forms.kinematics import small_strain
 from xper_fx.materials.material import check_density
+from xper_fx.nscd.checks import require_numbers, take_numbers
 
 
 class _Orthotropic:
     """Energy and stress of a 6 x 6 stiffness in rotated axes."""
 
     def _check(self) -> None:
+        take_numbers(self, "density")
         check_density(self.density)
-        lowest = np.linalg.eigvalsh(self.stiffness)[0]
+        C = self.stiffness
+        if not np.all(np.isfinite(C)):
+            raise ValueError(f"The stiffness is too large for floats with {self}.")
+        lowest = np.linalg.eigvalsh(C)[0]
         if not lowest > 0.0:
             raise ValueError(
                 f"The stiffness should be positive definite; its lowest eigenvalue is {lowest:g} "
@@ -90,6 +95,10 @@ class Cubic(_Orthotropic):
     linear: bool = field(default=True, init=False)
 
     def __post_init__(self):
+        take_numbers(self, "c11", "c12", "c44")
+        for name in ("c11", "c12", "c44"):
+            if not np.isfinite(getattr(self, name)):
+                raise ValueError(f"{name} should be a finite number, got {getattr(self, name)}.")
         self._check()
 
     @property
@@ -127,7 +136,7 @@ class Orthotropic(_Orthotropic):
 
     def __post_init__(self):
         for name in ("young", "poisson", "shear"):
-            values = np.asarray(getattr(self, name), dtype=float)
+            values = require_numbers(name, getattr(self, name))
             if values.shape != (3,) or not np.all(np.isfinite(values)):
                 raise ValueError(f"{name} should be three finite numbers, got {values.tolist()}.")
             if name != "poisson" and not np.all(values > 0.0):
@@ -150,7 +159,7 @@ def rotation_matrix(rotation: float | Sequence[Sequence[float]]) -> np.ndarray:
     Raises:
         ValueError: not a finite angle, nor a proper rotation.
     """
-    R = np.asarray(rotation, dtype=float)
+    R = require_numbers("rotation", rotation)
     if R.shape == () and math.isfinite(R):
         c, s = math.cos(R), math.sin(R)
         return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])

@@ -9,6 +9,7 @@ import ufl
 
 from xper_fx.forms.kinematics import deformation_gradient
 from xper_fx.materials.material import check_elastic_constants, lame
+from xper_fx.nscd.checks import take_numbers
 
 
 @dataclass(frozen=True)
@@ -34,6 +35,7 @@ class SaintVenantKirchhoff:
     effects = ("finite strain",)
 
     def __post_init__(self):
+        take_numbers(self, "young", "poisson", "density")
         check_elastic_constants(self.young, self.poisson, self.density)
 
     def energy(self, u, constant):

@@ -25,6 +25,7 @@ import ufl
 
 from xper_fx.forms.kinematics import small_strain
 from xper_fx.materials.material import ZERO_TENSOR, Response, check_elastic_constants, lame
+from xper_fx.nscd.checks import require_number, take_numbers
 
 # Below this h / tau the coefficients of a step are summed as series, where differences of
 # exponentials would cancel; the terms leave an error under rounding.
@@ -53,7 +54,19 @@ class LinearViscoelastic:
     linear: bool = field(default=False, init=False)
 
     def __post_init__(self):
+        take_numbers(self, "young", "poisson", "density")
         check_elastic_constants(self.young, self.poisson, self.density)
+        try:
+            pairs = [(share, time) for share, time in self.prony]
+        except (TypeError, ValueError):
+            raise TypeError(
+                f"prony should be pairs of a share and a time (s), got {self.prony!r}."
+            ) from None
+        pairs = [
+            (require_number("A share of prony", share), require_number("A time of prony (s)", time))
+            for share, time in pairs
+        ]
+        object.__setattr__(self, "prony", tuple(pairs))
         for share, time in self.prony:
             if not (share > 0.0 and math.isfinite(time) and time > 0.0):
                 raise ValueError(

@@ -32,6 +32,10 @@ class MacroscopicDrive:
     stress: Mapping[str, Value] = field(default_factory=dict)
 
     def __post_init__(self):
+        for name in ("gradient", "rate", "stress"):
+            part = getattr(self, name)
+            if not isinstance(part, Mapping):
+                raise TypeError(f'{name} should be a mapping such as {{"11": 1.0}}, got {part!r}.')
         given = [name for part in (self.gradient, self.rate, self.stress) for name in part]
         for name in given:
             if not isinstance(name, str) or len(name) != 2 or not set(name) <= set("123"):
@@ -67,6 +71,8 @@ class MacroscopicDrive:
         for part, letter in ((self.gradient, "F"), (self.rate, "dF/dt "), (self.stress, "P")):
             for name, value in part.items():
                 start = value(0.0) if callable(value) else value
+                if np.asarray(start).dtype.kind not in "biuf" or np.size(start) != 1:
+                    raise TypeError(f"{letter}{name} is {start!r} at the start; give a number.")
                 if not np.all(np.isfinite(start)):
                     raise ValueError(
                         f"{letter}{name} is {start} at the start; give finite numbers or functions "

@@ -13,6 +13,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
+from xper_fx.nscd.checks import require_numbers
+
 # Distance, beside the smallest facet of the boundary, within which translates count as one.
 _MATCH = 1e-5
 # Volume that the cell may miss beside the lattice's.
@@ -41,7 +43,7 @@ def checked_lattice(lattice: npt.ArrayLike, dim: int) -> npt.NDArray[np.float64]
     Raises:
         ValueError: another shape, not finite, or vectors that span no volume.
     """
-    rows = np.asarray(lattice, dtype=np.float64)
+    rows = require_numbers("lattice", lattice)
     if rows.shape == (dim,):
         rows = np.diag(rows)
     if rows.shape != (dim, dim) or not np.all(np.isfinite(rows)):

@@ -40,7 +40,7 @@ from functools import cache
 import numpy as np
 from numba import njit
 
-from xper_fx.nscd.checks import require_non_negative, require_positive
+from xper_fx.nscd.checks import require_non_negative, require_positive, take_numbers
 from xper_fx.nscd.laws.law import (
     COHESION,
     ENERGIES,
@@ -85,10 +85,14 @@ class CohesiveZone:
     damage: str = "mean"
 
     def __post_init__(self):
+        take_numbers(
+            self, "normal_stiffness", "fracture_energy", "strength", "friction", "initial_damage"
+        )
         require_positive("normal_stiffness", self.normal_stiffness)
         require_positive("fracture_energy", self.fracture_energy)
         require_positive("strength", self.strength)
         if self.tangential_stiffness is not None:
+            take_numbers(self, "tangential_stiffness")
             require_positive("tangential_stiffness", self.tangential_stiffness)
         require_non_negative("friction", self.friction)
         if not 0.0 < self.initial_damage <= 1.0:
@@ -99,7 +103,15 @@ class CohesiveZone:
         if self.fracture_energy <= least:
             raise ValueError(
                 f"fracture_energy {self.fracture_energy:g} J/m^2 should exceed Rmax d0 / 2 = "
-                f"{least:g} J/m^2, the energy at the peak; raise it or the stiffness."
+                f"{least:g} J/m^2, the energy at the peak; raise it or the stiffness, or lower the "
+                f"strength {self.strength:g} Pa."
+            )
+        if not (self.elastic_opening > 0.0 and np.isfinite(self.critical_opening)):
+            raise ValueError(
+                f"The strength {self.strength:g} Pa, the stiffness {self.normal_stiffness:g} Pa/m "
+                f"and the fracture_energy {self.fracture_energy:g} J/m^2 give openings d0 = "
+                f"{self.elastic_opening:g} m and dc = {self.critical_opening:g} m, beyond the "
+                "range of floats; take other units."
             )
 
     @property

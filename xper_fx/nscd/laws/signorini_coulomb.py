@@ -36,7 +36,7 @@ from functools import cache
 
 from numba import njit
 
-from xper_fx.nscd.checks import require_non_negative
+from xper_fx.nscd.checks import require_non_negative, take_numbers
 from xper_fx.nscd.laws.law import LawKernels
 from xper_fx.nscd.signorini import contact_solver
 from xper_fx.nscd.small import for_dimension
@@ -64,6 +64,7 @@ class SignoriniCoulomb:
     contact: str = "velocity"
 
     def __post_init__(self):
+        take_numbers(self, "friction", "restitution")
         require_non_negative("friction", self.friction)
         _check_contact(self.contact, self.restitution)
 
@@ -98,6 +99,7 @@ class Tresca:
     contact: str = "velocity"
 
     def __post_init__(self):
+        take_numbers(self, "bound", "restitution")
         require_non_negative("bound", self.bound)
         _check_contact(self.contact, self.restitution)
 

@@ -12,12 +12,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from numbers import Integral, Real
 from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
+from xper_fx.nscd.checks import require_numbers
 from xper_fx.nscd.rigid.shapes import HalfPlane, HalfSpace, MassProperties, Shape, check_positive
 
 Motion = float | Callable[[float], float]
@@ -25,6 +27,9 @@ Motion = float | Callable[[float], float]
 
 Load = npt.ArrayLike | Callable[[float], npt.ArrayLike]
 """A force (N) or torque (N m), constant or as a function of time."""
+
+# Masses and inertias are kept as far from the limits of floats as their squares need.
+_SMALL = 1e-150
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,8 +95,8 @@ def vector(what: str, given: Any, shape: tuple[int, ...]) -> np.ndarray:
     if given is None:
         return np.zeros(shape)
     try:
-        array = np.array(given, float)
-    except (TypeError, ValueError):
+        array = require_numbers(what, given)
+    except TypeError:
         raise ValueError(f"{what} must be of shape {shape}, got {given!r}.") from None
     if array.shape != shape:
         raise ValueError(f"{what} must be of shape {shape}, got {given!r}.")
@@ -108,7 +113,7 @@ def load_at(what: str, load: Load | None, time: float, shape: tuple[int, ...]) -
 def value_at(motion: Motion, component: int, time: float) -> float:
     """A prescribed velocity at a time, checked."""
     value = motion(time) if callable(motion) else motion
-    if np.ndim(value) != 0 or not math.isfinite(value):
+    if not isinstance(value, Real) or not math.isfinite(value):
         raise ValueError(
             f"The prescribed velocity of component {component} at t = {time:.6g} s must be a "
             f"finite number, got {value!r}."
@@ -163,9 +168,14 @@ def resolve(body: RigidBody) -> ResolvedBody:
         raise ValueError(f"It needs the name of a group (a string), got {body.group!r}.")
     dim = body.shape.dim
     dofs = 3 * (dim - 1)
+    if not isinstance(body.prescribed, Mapping):
+        raise TypeError(
+            "prescribed must be a mapping from a component to its velocity, got "
+            f"{body.prescribed!r}."
+        )
     prescribed = dict(body.prescribed)
     for component in prescribed:
-        if component not in range(dofs):
+        if not isinstance(component, Integral) or component not in range(dofs):
             raise ValueError(
                 f"Prescribed components in {dim}D are 0 .. {dofs - 1}, got {component!r}."
             )
@@ -174,6 +184,13 @@ def resolve(body: RigidBody) -> ResolvedBody:
             raise ValueError("A half plane or half space has no mass: its motion is prescribed.")
         prescribed = dict.fromkeys(range(dofs), 0.0) | prescribed
     mass, inertia = _mass_properties(body, len(prescribed) == dofs)
+    if mass > 0.0 or len(prescribed) < dofs:
+        turning = [inertia] if dim == 2 else np.diagonal(inertia)
+        if not all(_SMALL < number < 1.0 / _SMALL for number in (mass, *turning)):
+            raise ValueError(
+                f"Its mass of {mass:g} kg or its inertia of {np.max(turning):g} is beyond the "
+                "range of floats: look at the density, at the size of the shape, and at the units."
+            )
 
     if dim == 2 and body.rotation is not None:
         raise ValueError("A body in 2D takes an angle, not a rotation.")
@@ -239,6 +256,8 @@ def wall(
     length = np.linalg.norm(direction)
     if not length > 0.0:
         raise ValueError("A wall has no normal: give a vector that points out of its solid.")
+    if velocity is not None and not np.iterable(velocity):
+        raise TypeError(f"The velocity of a wall in {dim}D has {dim} components, got {velocity!r}.")
     components = (0.0,) * dim if velocity is None else tuple(velocity)
     if len(components) != dim:
         raise ValueError(f"The velocity of a wall in {dim}D has {dim} components.")

@@ -19,6 +19,7 @@ from typing import ClassVar
 import numpy as np
 import numpy.typing as npt
 
+from xper_fx.nscd.checks import require_numbers
 from xper_fx.nscd.rigid.cornered import Cornered
 from xper_fx.nscd.rigid.shapes import POLYGON, MassProperties, check_positive
 
@@ -48,7 +49,7 @@ class Polygon(Cornered):
     dim: ClassVar[int] = 2
 
     def __post_init__(self) -> None:
-        vertices = np.array(self.vertices, float)
+        vertices = require_numbers("The vertices of a polygon", self.vertices)
         if vertices.ndim != 2 or vertices.shape[1] != 2 or len(vertices) < 3:
             raise ValueError(
                 f"A polygon takes vertices of shape (n, 2) with n >= 3, got {vertices.shape}."

@@ -23,6 +23,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import ConvexHull
 
+from xper_fx.nscd.checks import require_numbers
 from xper_fx.nscd.rigid.cornered import Cornered
 from xper_fx.nscd.rigid.shapes import POLYHEDRON, MassProperties, check_positive
 
@@ -55,7 +56,7 @@ class Polyhedron(Cornered):
     dim: ClassVar[int] = 3
 
     def __post_init__(self) -> None:
-        vertices = np.array(self.vertices, float)
+        vertices = require_numbers("The vertices of a polyhedron", self.vertices)
         if vertices.ndim != 2 or vertices.shape[1] != 3 or len(vertices) < 4:
             raise ValueError(
                 f"A polyhedron takes vertices of shape (n, 3) with n >= 4, got {vertices.shape}."

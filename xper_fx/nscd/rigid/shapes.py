@@ -17,6 +17,8 @@ from typing import ClassVar, NamedTuple, Protocol
 
 import numpy as np
 
+from xper_fx.nscd.checks import require_number
+
 # Kinds of shapes, as the tables for compiled kernels name them.
 DISC, POLYGON, HALF_PLANE, SPHERE, POLYHEDRON, HALF_SPACE = range(6)
 
@@ -53,9 +55,13 @@ class Shape(Protocol):
 
 def check_positive(what: str, value: float) -> float:
     """The value as a float; ValueError if it is not a finite positive number."""
-    if not (np.ndim(value) == 0 and math.isfinite(value) and value > 0.0):
+    try:
+        number = require_number(what, value)
+    except TypeError:
+        number = math.nan
+    if not (math.isfinite(number) and number > 0.0):
         raise ValueError(f"{what} must be a finite positive number, got {value!r}.")
-    return float(value)
+    return number
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +80,8 @@ class Disc:
     dim: ClassVar[int] = 2
 
     def __post_init__(self) -> None:
-        check_positive("The radius of a disc (m)", self.radius)
+        radius = check_positive("The radius of a disc (m)", self.radius)
+        object.__setattr__(self, "radius", radius)
 
     @property
     def bounding_radius(self) -> float:
@@ -83,8 +90,8 @@ class Disc:
 
     def mass_properties(self, density: float) -> MassProperties:
         """Mass properties for a density (kg/m^3): J = m r^2 / 2."""
-        mass = check_positive("A density (kg/m^3)", density) * np.pi * self.radius**2
-        return MassProperties(mass, np.zeros(2), 0.5 * mass * self.radius**2)
+        mass = check_positive("A density (kg/m^3)", density) * np.pi * self.radius * self.radius
+        return MassProperties(mass, np.zeros(2), 0.5 * mass * self.radius * self.radius)
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,7 +110,8 @@ class Sphere:
     dim: ClassVar[int] = 3
 
     def __post_init__(self) -> None:
-        check_positive("The radius of a sphere (m)", self.radius)
+        radius = check_positive("The radius of a sphere (m)", self.radius)
+        object.__setattr__(self, "radius", radius)
 
     @property
     def bounding_radius(self) -> float:
@@ -112,8 +120,9 @@ class Sphere:
 
     def mass_properties(self, density: float) -> MassProperties:
         """Mass properties for a density (kg/m^3): J = 2/5 m r^2 I."""
-        mass = check_positive("A density (kg/m^3)", density) * 4.0 / 3.0 * np.pi * self.radius**3
-        return MassProperties(mass, np.zeros(3), 0.4 * mass * self.radius**2 * np.eye(3))
+        mass = check_positive("A density (kg/m^3)", density) * 4.0 / 3.0 * np.pi
+        mass *= self.radius * self.radius * self.radius
+        return MassProperties(mass, np.zeros(3), 0.4 * mass * self.radius * self.radius * np.eye(3))
 
 
 @dataclass(frozen=True, eq=False)
