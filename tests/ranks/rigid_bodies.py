@@ -140,6 +140,7 @@ def results(name: str) -> dict[str, np.ndarray]:
         "alike": all(np.array_equal(a, b) for e in every for a, b in zip(e, every[0], strict=True)),
         "undivided": True in away,
         "partitions": 0 if division is None else division.partitions,
+        "moved": 0 if division is None else division.moved,
         "own": simulation.team.comm.allgather(sum(map(len, simulation.interactions.contacts))),
         "reaction": simulation.reaction_of("floor") if name == "bricks" else np.zeros(2),
     }
