@@ -126,13 +126,14 @@ class Simulation:
             regularises the stiffness.
         num_threads: threads of the interaction solver; all that Numba has if not given.
         comm: ranks that simulate the scene together, each with the same scene. They divide the
-            bodies of scenes of meshed bodies that interact at their facets or with walls; other
-            scenes every rank simulates as a whole. MPI.COMM_SELF if each rank has a scene of its
-            own.
+            bodies of scenes of meshed bodies that interact at their facets or with walls, and the
+            contacts of scenes of rigid bodies alone where there are enough of them
+            (`parallel/rigid_division.py`); other scenes every rank simulates as a whole.
+            MPI.COMM_SELF if each rank has a scene of its own.
 
     Attributes:
         team: the ranks of `comm`.
-        ranks: those that divide the bodies: `team`, or this one alone.
+        ranks: those that divide the bodies or their contacts: `team`, or this one alone.
         part: what this rank has of the bodies, None if one rank has all.
         bodies: this rank's meshed bodies; those of the scene if one rank has all.
         state: displacement, velocity, time.

@@ -7,7 +7,9 @@ meets one other at most, the owner of their points takes the velocities of the o
 visits the points, and gives the velocities back, while nobody else moves these bodies. Then each
 rank visits the points between its own bodies, all ranks at once.
 
-The error is estimated as in `nlgs.py`, from changes summed over all ranks. Where vertices are
+The error is estimated as in `nlgs.py`, from changes summed over all ranks, and contacts of rigid
+bodies are judged by velocities, as there: the points that two ranks share are visited one after
+another like all others, so that what is summed is the same violation. Where vertices are
 solved alone (`vertex_blocks.py`) each is on one rank: velocities go to the ghosts before, and back
 after, once a step.
 """

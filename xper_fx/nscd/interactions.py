@@ -310,7 +310,9 @@ class Interactions:
         rigid_blocks: shape (num_rigid, 2 dim, 2 dim), blocks of w of rigid bodies, whose nodes, two
             a body, come after the others; None without any. `take_rigid` renews them.
         halo: what there is to exchange with other ranks, whose bodies' nodes come after this
-            rank's; None where one rank has all bodies. Everything that reads or moves all points
+            rank's; None where one rank has all bodies. Where ranks divide contacts of rigid bodies
+            alone each has the nodes of all, and contacts may be divided otherwise in another step:
+            the halo is then set before they are found. Everything that reads or moves all points
             is then done by all ranks together.
 
     Attributes:

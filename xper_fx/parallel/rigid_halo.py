@@ -83,6 +83,11 @@ class RigidHalo:
         """Bytes of velocities that this rank sends in a sweep."""
         return sum(exchange.bytes_sent + exchange.bytes_returned for exchange in self.phases)
 
+    @property
+    def bytes_a_gather(self) -> int:
+        """Bytes of this rank's velocities when those of all bodies are put together."""
+        return self.everywhere.bytes_sent
+
 
 class _AllBodies:
     """Puts together what ranks have of all bodies; arrays are flat, over all slots."""
@@ -97,6 +102,11 @@ class _AllBodies:
     def _rows(self, values: np.ndarray) -> np.ndarray:
         count = len(self._by_rank)
         return values[: count * self._dofs].reshape(count, self._dofs)
+
+    @property
+    def bytes_sent(self) -> int:
+        """Bytes of this rank's values."""
+        return 8 * self._dofs * len(self._own)
 
     def clear(self, values: np.ndarray) -> None:
         """Set other ranks' bodies to zero."""
