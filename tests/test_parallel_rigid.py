@@ -9,7 +9,12 @@ import numpy as np
 import pytest
 from on_ranks import on_ranks
 
-SCENES = ("falling", "bricks", "shear", "clouds")
+SCENES = {1: ("falling", "bricks", "shear", "clouds"), 3: ("falling", "bricks", "shear")}
+SCENES[2] = SCENES[1]
+several = pytest.mark.parametrize("count", [2, 3])
+scenes = pytest.mark.parametrize(
+    ("count", "scene"), [(count, scene) for count in (2, 3) for scene in SCENES[count]]
+)
 
 
 @pytest.fixture(scope="module")
@@ -19,18 +24,14 @@ def found(tmp_path_factory):
     @cache
     def results(count: int) -> dict[str, np.ndarray]:
         path = tmp_path_factory.mktemp("rigid") / f"on_{count}.npz"
-        done = on_ranks(count, "ranks/rigid_bodies.py", path, *SCENES)
+        done = on_ranks(count, "ranks/rigid_bodies.py", path, *SCENES[count])
         assert done.returncode == 0, done.stderr[-3000:]
         return dict(np.load(path))
 
     return results
 
 
-several = pytest.mark.parametrize("count", [2, 3])
-
-
-@several
-@pytest.mark.parametrize("scene", SCENES)
+@scenes
 def test_contacts_are_divided_and_states_the_same_bits(found, scene, count):
     result = found(count)
     assert result[f"{scene}/partitions"] >= 1
@@ -38,8 +39,7 @@ def test_contacts_are_divided_and_states_the_same_bits(found, scene, count):
     assert result[f"{scene}/alike"]
 
 
-@several
-@pytest.mark.parametrize("scene", SCENES)
+@scenes
 def test_motion_is_that_of_one_rank(found, scene, count):
     alone, together = found(1), found(count)
     for name in ("position", "velocity", "spin"):
@@ -50,8 +50,7 @@ def test_motion_is_that_of_one_rank(found, scene, count):
         )
 
 
-@several
-@pytest.mark.parametrize("scene", SCENES)
+@scenes
 def test_energies_are_those_of_one_rank_and_closed(found, scene, count):
     energies = found(count)[f"{scene}/records"][:, :-1]
     expected = found(1)[f"{scene}/records"][:, :-1]
@@ -60,11 +59,11 @@ def test_energies_are_those_of_one_rank_and_closed(found, scene, count):
     assert np.abs(energies[:, -1]).max() < 1e-12 * scale
 
 
-@several
-def test_free_clouds_keep_their_momenta(found, count):
-    result = found(count)
+def test_free_clouds_keep_their_momenta(found):
+    result = found(2)
     scale = np.abs(result["clouds/start"]).max()
     assert result["clouds/pushed"] > 50
+    assert result["clouds/moved"] > 54  # more than there are: the first partition is not the last
     assert np.abs(result["clouds/momenta"] - result["clouds/start"]).max() < 1e-12 * scale
 
 

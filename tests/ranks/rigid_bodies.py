@@ -99,15 +99,15 @@ def bricks() -> Simulation:
 def shear() -> Simulation:
     """A sheet of discs, pressed together from above and below; the top is driven along."""
     bodies = []
-    for j in range(8):
-        for i in range(10):
-            upper = j >= 4
-            driven = {0: 1.0 if upper else 0.0} if j in (0, 7) else {}
-            pressed = {0: 1.0, 7: -1.0}.get(j, 0.0)
+    for j in range(6):
+        for i in range(14):
+            upper = j >= 3
+            driven = {0: 2.0 if upper else 0.0} if j in (0, 5) else {}
+            pressed = {0: 1.0, 5: -1.0}.get(j, 0.0)
             bodies.append(
                 RigidBody(
                     Disc(RADIUS), (0.21 * i + 0.105 * (j % 2), 0.1 * np.sqrt(3.0) * j), "discs",
-                    velocity=(1.0 if upper else 0.0, 0.0), prescribed=driven, density=1000.0,
+                    velocity=(2.0 if upper else 0.0, 0.0), prescribed=driven, density=1000.0,
                     force=(0.0, 20.0 * pressed),
                 )
             )  # fmt: skip

@@ -8,13 +8,15 @@ which sweeps over them.
 
 Bodies are partitioned as a graph whose edges are the pairs of the list. A pair weighs what its
 search costs, and `_CONTACT` more for each contact found last; a body weighs what its pairs do. The
-list is looked at anew whenever it has been made anew. Bodies are partitioned again where
+partition is looked at anew whenever the list has been made anew. With work_r what rank r does on
+its own, cut_ab what it shares with others, of which two are swept at a time if they are of one
+phase (`ownership.phases`), and the mean of all work over the ranks, a sweep takes
 
-    cost = max_r work_r / mean_r work_r + cut / work,
+    cost = (max_r work_r + sum over phases of max cut_ab) / mean
 
-the slowest rank's share and the share of the weight that lies between ranks, has grown by `_GROWN`
-since the last partition: that one is what can be reached, however well balanced it is, so that
-ranks do not partition again and again in vain.
+times what it would take if work could be divided evenly. Bodies are partitioned again where that
+has grown by `_GROWN` since the last partition: what was reached then is what can be reached, so
+that ranks do not partition again and again in vain. A partition that is no better is not taken.
 
 With fewer pairs than `_FEW` a rank messages would cost more than they save: each rank has all.
 """
@@ -25,7 +27,7 @@ import logging
 
 import numpy as np
 
-from xper_fx.parallel.ownership import owners_of_pairs
+from xper_fx.parallel.ownership import owners_of_pairs, phases
 from xper_fx.parallel.partition import partition_bodies
 from xper_fx.parallel.ranks import Ranks
 from xper_fx.parallel.rigid_halo import RigidHalo
@@ -38,7 +40,7 @@ _FEW, _FEWER = 1000, 0.5
 # Weight of a contact over that of a pair: sweeps over one search.
 _CONTACT = 10
 # Growth of the cost at which bodies are partitioned again.
-_GROWN = 0.2
+_GROWN = 0.1
 
 
 class RigidDivision:
@@ -77,7 +79,7 @@ class RigidDivision:
         """
         moving = pairs[self._moves[pairs].all(axis=1)]
         least = _FEW * self.ranks.size * (1.0 if self.halo is None else _FEWER)
-        if len(moving) < least or np.count_nonzero(self._moves) < self.ranks.size:
+        if len(moving) < max(least, 1) or np.count_nonzero(self._moves) < self.ranks.size:
             self.halo = None
             return np.ones(len(pairs), bool)
         weighed, weights = self._weighed(pairs)
@@ -113,18 +115,24 @@ class RigidDivision:
         return np.concatenate([pairs, contacts]), weights
 
     def _owner(self, rank_of_body: np.ndarray, pairs: np.ndarray) -> np.ndarray:
-        """Rank of each pair: that of the only body that moves, or one of both."""
+        """Rank that has each pair."""
+        return owners_of_pairs(self._sides(rank_of_body, pairs))
+
+    def _sides(self, rank_of_body: np.ndarray, pairs: np.ndarray) -> np.ndarray:
+        """Ranks of both bodies of pairs; a body that does not move is where the other one is."""
         sides = rank_of_body[pairs]
-        still = ~self._moves[pairs]
-        sides = np.where(still, sides[:, ::-1], sides)
-        return owners_of_pairs(sides)
+        return np.where(self._moves[pairs], sides, sides[:, ::-1])
 
     def _cost(self, rank_of_body, pairs, weights) -> float:
-        work = np.bincount(self._owner(rank_of_body, pairs), weights, self.ranks.size)
-        both = self._moves[pairs].all(axis=1)
-        sides = rank_of_body[pairs]
-        cut = weights[both & (sides[:, 0] != sides[:, 1])].sum()
-        return work.max() / work.mean() + cut / work.sum()
+        size = self.ranks.size
+        sides = self._sides(rank_of_body, pairs)
+        alone = sides[:, 0] == sides[:, 1]
+        work = np.bincount(sides[alone, 0], weights[alone], size).max()
+        low, high = sides.min(axis=1), sides.max(axis=1)
+        cut = np.bincount(low * size + high, weights, size * size).reshape(size, size)
+        phase = phases(sides, size)
+        work += sum(cut[phase == p].max() for p in range(1, int(phase.max()) + 1))
+        return size * work / weights.sum()
 
     def _partition(self, pairs, weights, cost: float) -> None:
         count = len(self._moves)
