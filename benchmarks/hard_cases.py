@@ -32,6 +32,7 @@ def table(rows: list[tuple[str, str, float, bool]]) -> str:
     """The figures as Markdown."""
     lines = ["| case | demanded | found | |", "|---|---|---|---|"]
     for case, demand, found, passed in rows:
+        case, demand = case.replace("|", r"\|"), demand.replace("|", r"\|")
         lines.append(f"| {case} | {demand} | {found:.2g} | {'' if passed else 'FAILED'} |")
     return "\n".join(lines)
 

@@ -184,6 +184,8 @@ def run(scene: Scene, options: argparse.Namespace) -> dict:
         gauge=TensileGauge(LOW, HIGH, 2, LENGTH, WIDTH**2),
         fields=options.fields,
         parameters=vars(options),
+        checkpoint_every=options.checkpoint_every,
+        restart=options.restart,
     )
     for _ in recorded_steps(recorder, end, "bar", options.quiet, options.profile):
         pass

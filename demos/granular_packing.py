@@ -186,6 +186,8 @@ def run(scene: Scene, options: argparse.Namespace) -> dict:
     recorder = Recorder(
         simulation, options.out, end_time=end, fields=options.fields,
         parameters=vars(options),
+        checkpoint_every=options.checkpoint_every,
+        restart=options.restart,
     )  # fmt: skip
     lid, packed = scene.bodies.num_bodies + LID, area / (width * height)
     targets = np.linspace(packed, options.packing, 4)[1:]

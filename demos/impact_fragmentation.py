@@ -133,6 +133,8 @@ def run(scene: Scene, options: argparse.Namespace) -> dict:
         end_time=options.end_time,
         fields=options.fields,
         parameters=vars(options),
+        checkpoint_every=options.checkpoint_every,
+        restart=options.restart,
     )
     times = options.end_time * np.array([0.0, 0.02, 0.1, 0.25, 0.5, 1.0])
     near, met, deepest = neighbours(scene), set(), 0.0

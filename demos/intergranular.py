@@ -147,6 +147,8 @@ def run(scene: Scene, options: argparse.Namespace) -> dict:
         gauge=CellGauge("11"),
         fields=options.fields,
         parameters=vars(options),
+        checkpoint_every=options.checkpoint_every,
+        restart=options.restart,
     )
     panels, first, first_strain = [], Cracks(np.zeros((0, 2, 2)), np.zeros(0, int)), np.inf
     for _, strain in recorded_steps(recorder, end, "polycrystal", options.quiet, options.profile):
@@ -156,7 +158,7 @@ def run(scene: Scene, options: argparse.Namespace) -> dict:
                 first_strain = strain
                 panels.append(crack_panel(recorder, first, f"first cracks, {100 * strain:.2f} %"))
     final = find_cracks(simulation, HARD)
-    panels.append(crack_panel(recorder, final, f"{100 * strain:.2f} %"))
+    panels.append(crack_panel(recorder, final, f"{100 * recorder.strain:.2f} %"))
     return {
         "simulation": simulation,
         "history": read_history(options.out / "history.csv"),

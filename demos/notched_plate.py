@@ -186,12 +186,14 @@ def run(scene: Scene, folder: Path, options: argparse.Namespace, title: str) -> 
         gauge=gauge,
         fields=options.fields,
         parameters=vars(options) | {"title": title},
+        checkpoint_every=options.checkpoint_every,
+        restart=options.restart,
     )
     early = None
     for _, strain in recorded_steps(recorder, end, title, options.quiet, options.profile):
         if early is None and strain >= options.early_strain:
             early = panel(recorder, f"{title}, {100 * strain:.2f} %")
-    final = panel(recorder, f"{title}, {100 * strain:.2f} %")
+    final = panel(recorder, f"{title}, {100 * recorder.strain:.2f} %")
     early = early or final
     report(simulation, early, final, folder, title)
     return {

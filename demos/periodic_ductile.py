@@ -172,6 +172,8 @@ def run(scene: Scene, options: argparse.Namespace) -> dict:
         gauge=CellGauge("11"),
         fields=options.fields,
         parameters=vars(options) | {"title": title},
+        checkpoint_every=options.checkpoint_every,
+        restart=options.restart,
     )
     first, first_strain = None, np.inf
     for _, strain in recorded_steps(recorder, end, title, options.quiet, options.profile):
@@ -181,7 +183,7 @@ def run(scene: Scene, options: argparse.Namespace) -> dict:
                 first = crack_panel(recorder, cracks, f"first cracks, {100 * strain:.2f} %")
                 first_strain = strain
     cracks = find_cracks(simulation, INCLUSION)
-    final = crack_panel(recorder, cracks, f"{title}, {100 * strain:.2f} %")
+    final = crack_panel(recorder, cracks, f"{title}, {100 * recorder.strain:.2f} %")
     return {
         "simulation": simulation,
         "history": read_history(options.out / "history.csv"),

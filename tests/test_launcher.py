@@ -333,12 +333,12 @@ def test_says_what_to_do_where_nothing_is_available(world):
     world.stub("python3", PYTHON)
     result = world.run("true")
     assert result.returncode == 125
-    for route in ("mmdebstrap bubblewrap", "conda-forge fenics-dolfinx", "dolfinx/dolfinx"):
+    for route in ("mmdebstrap bubblewrap", "conda env create -f environment.yml", "docker build"):
         assert route in result.stderr
 
 
 def test_says_so_where_there_is_no_python(world):
-    assert "conda-forge" in world.run("true").stderr
+    assert "conda env create" in world.run("true").stderr
 
 
 # --- building the userland
@@ -402,6 +402,22 @@ def test_other_packages_or_suite_make_it_anew(world, stamp):
     assert not (world.userland / "leftover").exists()
     assert not world.userland.with_name("userland.old").exists()
     assert world.run("true").stderr == ""
+
+
+def test_packages_of_the_documentation_come_where_they_are_asked_for(world):
+    """And stay: neither call makes the userland anew for the other."""
+    world.with_userland()
+    world.stub("mmdebstrap", MMDEBSTRAP.replace("echo called", 'echo called "$@"'))
+    wanted = {"XPER_FX_DOCS": "1"}
+    world.run("true")
+    assert "python3-sphinx" not in (world.notes / "mmdebstrap").read_text()
+    assert world.run("true", environment=wanted).returncode == 0
+    assert world.calls("mmdebstrap") == 2
+    assert "python3-dolfinx" in (world.notes / "mmdebstrap").read_text().splitlines()[1]
+    assert "python3-sphinx" in (world.notes / "mmdebstrap").read_text().splitlines()[1]
+    for environment in (wanted, {}, wanted):
+        assert world.run("true", environment=environment).stderr == ""
+    assert world.calls("mmdebstrap") == 2
 
 
 def test_leaves_a_folder_that_is_no_userland_alone(world):

@@ -16,6 +16,7 @@ import subprocess
 import sys
 import textwrap
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 
 import h5py
@@ -24,6 +25,7 @@ import pytest
 from scenes import LEFT, RIGHT, box_bodies
 from test_output import POINTS, TRIANGLES, check, fields
 
+from xper_fx.checkpoint import save
 from xper_fx.folder_lock import FolderLock
 from xper_fx.forms.loads import PrescribedVelocity
 from xper_fx.materials import LinearElastic
@@ -474,6 +476,7 @@ def test_a_folder_removed_during_a_run(tmp_path, simulation):
 
 
 def test_a_state_that_cannot_be_saved_does_not_hide_why(tmp_path, simulation, caplog):
-    simulation.folder = tmp_path / "gone"
-    assert simulation._save_state() is None
+    with Recorder(simulation, tmp_path / "run", end_time=0.4):
+        simulation.rescue = partial(save, tmp_path / "gone" / "checkpoint.h5", simulation)
+        assert simulation._save_state() is None
     assert "state could not be saved" in caplog.text

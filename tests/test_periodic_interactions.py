@@ -8,6 +8,7 @@ import pytest
 from cells import cell_of, cell_run
 from scipy.optimize import brentq
 
+from xper_fx.checkpoint import restore
 from xper_fx.errors import ConvergenceError
 from xper_fx.materials import LinearElastic, NeoHookean
 from xper_fx.materials.library import ZIRCALOY_4, ZIRCALOY_BOND
@@ -15,6 +16,7 @@ from xper_fx.materials.material import lame
 from xper_fx.nscd.laws import CohesiveZone, PerfectBond, SignoriniCoulomb
 from xper_fx.periodic.averages import averaged_gradient
 from xper_fx.periodic.drive import MacroscopicDrive
+from xper_fx.recorder import Recorder
 from xper_fx.scene import Scene
 from xper_fx.simulation import Simulation
 
@@ -515,12 +517,15 @@ def test_without_convergence_the_state_is_saved(tmp_path):
     scene = Scene(
         bodies, {1: LinearElastic(*SOLID, 1e-6)}, default_interaction=LAW, macroscopic=drive
     )
-    simulation = Simulation(
-        scene, 0.1, theta=1.0, tolerance=1e-10, max_newton=1, max_halvings=1, num_threads=1
-    )
-    simulation.folder = tmp_path
-    with pytest.raises(ConvergenceError, match="of Newton.*unconverged_state") as caught:
+    options = {"theta": 1.0, "tolerance": 1e-10, "max_halvings": 1, "num_threads": 1}
+    simulation = Simulation(scene, 0.1, max_newton=1, **options)
+    with (
+        Recorder(simulation, tmp_path, end_time=1.0, fields=0),
+        pytest.raises(ConvergenceError, match="of Newton.*checkpoint") as caught,
+    ):
         list(simulation.steps(1.0))
-    with np.load(caught.value.saved) as saved:
-        assert saved["time"] == simulation.time
-        assert all(np.all(np.isfinite(saved[name])) for name in saved.files)
+    simulation = Simulation(scene, 0.1, **options)
+    restore(caught.value.saved, simulation)
+    assert simulation.time == caught.value.time
+    list(simulation.steps(0.2))
+    assert simulation.macroscopic.stress[1, 1] == pytest.approx(0.0, abs=1e-6)

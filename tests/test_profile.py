@@ -179,7 +179,8 @@ def test_a_run_counts_its_phases(recorded):
     assert attempts == 6 and stopwatch.calls["commit"] == 4
     # cut steps iterate too
     assert rows["step > newton"].calls > sum(s.newton_iterations for s in steps) >= 8
-    assert rows["output > fields"].calls == 3 and rows["output"].calls == 3 + 4
+    assert rows["output > checkpoint"].calls == 1
+    assert rows["output > fields"].calls == 3 and rows["output"].calls == 3 + 4 + 1
     assert "step > newton > interaction solve" not in rows
     np.testing.assert_allclose(
         sum(row.own for row in rows.values()),

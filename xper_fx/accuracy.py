@@ -32,6 +32,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -55,6 +56,14 @@ _PATIENCE = 3
 _FIRST, _FINEST = 8, 64
 # Steps without damage after which bonds count as at rest.
 _REST = 20
+# What a control keeps from step to step: of step and tolerance, and of the error.
+_LEARNT = (
+    "_base", "_least", "_size", "_softening_step", "tolerance", "_same", "_tight_since", "_smooth",
+    "_ratio",
+)  # fmt: skip
+_ERROR = (
+    "_scale", "_quiet", "_left", "_pending", "_numerical", "_closure", "_work", "_power", "_missed",
+)  # fmt: skip
 # Tightest tolerance, relative to the accuracy.
 _TIGHTEST = 1e-3
 
@@ -102,6 +111,8 @@ class AccuracyControl:
         self._softening_step = softening_step
         self._event_share = accuracy if interacting else math.sqrt(accuracy)
         self._interacting = interacting
+        # what was learnt of the step and of the tolerance serves a control that starts alike
+        self._starts_from = (accuracy, base or 0.0, largest, knobs.tolerance)
         self._base = self._least = self._size = 0.0
         if base is not None:
             self._base = self._least = self._size = base
@@ -204,3 +215,23 @@ class AccuracyControl:
         if abs(self._numerical) > share * self._scale and self._tight_since >= _PATIENCE:
             self.tolerance = max(0.5 * self.tolerance, _TIGHTEST * self._accuracy)
             self._tight_since = 0
+
+    def saved(self) -> dict:
+        """What was learnt of the step and of the tolerance, and what the error is made of."""
+        return {
+            "starts_from": np.array(self._starts_from),
+            "learnt": {name: getattr(self, name) for name in _LEARNT},
+            "error": {name: getattr(self, name) for name in _ERROR},
+            "rates": np.array([[r.time, *r.rate] for r in (*self._rates, self._now)]),
+        }
+
+    def restore(self, saved: Mapping) -> None:
+        """Take what `saved` gave; of another accuracy, step or tolerance only the error's parts."""
+        learnt = saved["learnt"] if self._continues(saved["starts_from"]) else {}
+        for name, value in {**learnt, **saved["error"]}.items():
+            setattr(self, name, value)
+        *rates, self._now = (_Rate(float(row[0]), row[1:].copy()) for row in saved["rates"])
+        self._rates = deque(rates, maxlen=2)
+
+    def _continues(self, starts_from: np.ndarray) -> bool:
+        return np.array_equal(np.array(self._starts_from), starts_from)

@@ -10,6 +10,7 @@ a contact between the two groups is named: broken pieces meet again wherever the
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,6 +18,7 @@ import numpy as np
 from xper_fx.nscd.interactions import FoundPoints
 from xper_fx.nscd.laws.law import Law
 from xper_fx.nscd.points import InteractionPoints, frame_from_normal
+from xper_fx.nscd.rows import Rows
 from xper_fx.nscd.search.contacts import Contacts
 
 if TYPE_CHECKING:
@@ -91,6 +93,7 @@ class Detection:
         scene = self._scene
         surface = extract_surface(scene.bodies, V, scene.surfaces)
         self._x = V.tabulate_dof_coordinates()[:, : scene.dim].copy()
+        self._dofmap = V.dofmap.list
         contacts = [c for c in self._contacts if set(c.between) & set(scene.surfaces)]
         _, law_of_facet = scene.law_of_facet()
         self._surfaces = SurfaceSearch(
@@ -244,6 +247,42 @@ class Detection:
             self._surfaces.release(self._lips[parted])
             interactions.retire((parted[:, None] * each + np.arange(each)).ravel())
             self._waiting = np.setdiff1d(self._waiting, parted)
+
+    def saved(self) -> dict:
+        """Lists' origins, broken lips and those that have retired."""
+        out = {}
+        if self._rigid is not None:
+            out["rigid"] = self._rigid.saved()
+        if self._surfaces is not None:
+            out["surfaces"] = self._surfaces.saved(self._by_cell)
+            count = len(self._scene.bodies.facets)
+            exposed, released = np.zeros((2, count), bool)
+            exposed[self._lips[self._broken]] = True
+            released[self._lips] = self._surfaces.bonds.released[self._lips]
+            number = np.arange(count)
+            out["exposed"], out["released"] = Rows(number, exposed), Rows(number, released)
+        return out
+
+    def restore(self, saved: Mapping) -> None:
+        """Take what `saved` gave, its rows in order."""
+        if self._rigid is not None:
+            self._rigid.restore(saved["rigid"])
+        if self._surfaces is not None:
+            self._broken = saved["exposed"][self._lips]
+            gone = saved["released"][self._lips]
+            self._waiting = np.setdiff1d(self._waiting, np.flatnonzero(gone))
+            self._surfaces.expose(self._lips[self._broken])
+            self._surfaces.release(self._lips[gone])
+            self._surfaces.restore(saved["surfaces"], self._from_cells)
+
+    def _by_cell(self, x: np.ndarray) -> Rows:
+        """Positions of the nodes of V cell by cell."""
+        return Rows(self._scene.bodies.parent_cell, x[self._dofmap])
+
+    def _from_cells(self, saved: np.ndarray) -> np.ndarray:
+        x = np.empty_like(self._x)
+        x[self._dofmap] = saved[self._scene.bodies.parent_cell]
+        return x
 
 
 def _normals(x: np.ndarray) -> np.ndarray:

@@ -17,6 +17,7 @@ second order only, and that is what `closure` then shows.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -112,7 +113,7 @@ class EnergyLedger:
         moved = after.displacement - before.displacement
         nodal = self._bulk.unknowns.num_nodes * self._bulk.dim
         impulse = (outcome.force_impulse + outcome.reactions)[:nodal]
-        stresses = 0.5 * (before.internal + after.internal)[nodal:]
+        stresses = 0.5 * (before.internal[nodal:] + after.internal[nodal:])
         work = float(moved[:nodal] @ impulse) / step + float(moved[nodal:] @ stresses)
         work = self._bulk.ranks.sum(work)
         kinetic = self._bulk.kinetic_energy(after.velocity)
@@ -176,3 +177,13 @@ class EnergyLedger:
         if not self._bulk.forms.plastic:
             del columns["dissipated_plastic"]
         return columns
+
+    def saved(self) -> dict[str, float]:
+        """All energies, and what was held at the start."""
+        return vars(self.energies) | {"at_start": self._at_start}
+
+    def restore(self, saved: Mapping[str, float]) -> None:
+        """Take the energies from what `saved` gave."""
+        energies = dict(saved)
+        self._at_start = energies.pop("at_start")
+        self.energies = Energies(**energies)

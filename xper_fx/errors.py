@@ -38,6 +38,10 @@ class ConvergenceError(RuntimeError):
         )
 
 
+class CheckpointError(ValueError):
+    """A checkpoint cannot be restarted from: it is damaged, or of another scene or version."""
+
+
 class NotFiniteError(ConvergenceError):
     """A step gave NaN or infinity, and cutting it did not help.
 

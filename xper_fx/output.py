@@ -136,14 +136,25 @@ def _reserve(path: Path, size: int) -> None:
                 raise
 
 
+def _h5_with(mesh: Mapping[str, np.ndarray]) -> bytes:
+    """An HDF5 file that holds a mesh, or nothing."""
+    content = io.BytesIO()
+    with h5py.File(content, "w") as h5:
+        for name, array in mesh.items():
+            h5[f"mesh/{name}"] = array
+    return content.getvalue()
+
+
 class TimeSeries:
     """One XDMF file and one HDF5 file beside it, with all fields at each time.
 
     The XDMF file holds one temporal collection, as ParaView and
     ``meshio.xdmf.TimeSeriesReader`` expect it, and names the HDF5 file relative to itself: move
     the two together. Both are closed and complete after every :meth:`write`, so that a run
-    which is killed leaves a readable series. (A kill in the middle of a write can in principle
-    damage the HDF5 file; the XDMF file never names data that were not yet written.)
+    which is killed leaves a readable series. A kill in the middle of a write may damage the HDF5
+    file, which that library changes in place; the XDMF file never names data that were not yet
+    written. :meth:`seal` protects what was written before: its files are not opened again, and
+    the times after it stand in a new HDF5 file (``bulk.1.h5``, ``bulk.2.h5``, ...).
 
     A write costs the same however many came before. The XDMF file ends with a processing
     instruction that only holds room: a new time is written into the room, where readers skip it,
@@ -156,9 +167,12 @@ class TimeSeries:
         points: Reference coordinates, shape (num_points, dim), dim 2 or 3, float64, m.
         cells: Cell type (meshio's or DOLFINx's name: ``triangle``, ``tetra``, ``line``,
             ``vertex``, ...) and connectivity, shape (num_cells, nodes per cell), VTK's order.
+        after: What :meth:`seal` gave: the series goes on after it, and what was written later is
+            dropped. None for a new series.
 
     Raises:
-        ValueError: If the path, the points or the cells are not as said.
+        ValueError: If the path, the points or the cells are not as said, or a file of the series
+            that shall go on is missing or cut short.
         OSError: If the files cannot be written.
 
     Example:
@@ -171,6 +185,7 @@ class TimeSeries:
         path: str | os.PathLike[str],
         points: npt.ArrayLike,
         cells: tuple[str, npt.ArrayLike],
+        after: Mapping[str, float] | None = None,
     ) -> None:
         # A later change of the current folder must not redirect the output.
         self.path = Path(path).resolve()
@@ -179,7 +194,6 @@ class TimeSeries:
                 f"A time series needs a file name that ends in '.xdmf' and has no ':', "
                 f"got '{path}'."
             )
-        self.h5_path = self.path.with_suffix(".h5")
         points = np.asarray(points, dtype=np.float64)
         if points.ndim != 2 or points.shape[1] not in (2, 3):
             raise ValueError(
@@ -215,14 +229,17 @@ class TimeSeries:
         self._tail = 0
         self._xml_size = 0
 
-        content = io.BytesIO()
-        with h5py.File(content, "w") as h5:
-            h5["mesh/geometry"] = np.pad(points, ((0, 0), (0, 3 - points.shape[1])))
-            h5["mesh/topology"] = connectivity.astype(np.int64)
-        # An XDMF file of an earlier run would describe data that the new HDF5 file lacks.
-        with explained(self.path):
-            self.path.unlink(missing_ok=True)
-        write_file(self.h5_path, content.getvalue())
+        self._segment, self._sealed = 0, False
+        if after is None:
+            # An XDMF file of an earlier run would describe data that the new HDF5 file lacks.
+            with explained(self.path):
+                self.path.unlink(missing_ok=True)
+            mesh = {"geometry": np.pad(points, ((0, 0), (0, 3 - points.shape[1])))}
+            mesh["topology"] = connectivity.astype(np.int64)
+            write_file(self.h5_path, _h5_with(mesh))
+        else:
+            self._go_on(after)
+        self._drop_later_segments()
         self._grid = ElementTree.Element("Grid", Name="grid", GridType="Uniform")
         self._item(
             ElementTree.SubElement(
@@ -232,19 +249,87 @@ class TimeSeries:
                 NumberOfElements=str(len(connectivity)),
                 NodesPerElement=str(nodes),
             ),
+            self._h5_path(0),
             "/mesh/topology",
             connectivity.shape,
             "Int",
         )
         self._item(
             ElementTree.SubElement(self._grid, "Geometry", GeometryType="XYZ"),
+            self._h5_path(0),
             "/mesh/geometry",
             (len(points), 3),
         )
 
+    @property
+    def h5_path(self) -> Path:
+        """The HDF5 file that is written."""
+        return self._h5_path(self._segment)
+
+    @property
+    def h5_paths(self) -> list[Path]:
+        """The HDF5 files of the series, the one that is written last."""
+        return [self._h5_path(segment) for segment in range(self._segment + 1)]
+
+    def _h5_path(self, segment: int) -> Path:
+        return self.path.with_suffix(f".{segment}.h5" if segment else ".h5")
+
+    def _drop_later_segments(self) -> None:
+        """Remove what an earlier run has left beyond the present HDF5 file."""
+        segment = self._segment + 1
+        while self._h5_path(segment).exists():
+            self._h5_path(segment).unlink()
+            segment += 1
+
+    def seal(self) -> dict[str, float]:
+        """Let nothing that follows touch what was written so far, and see it on the disk.
+
+        Returns:
+            What a new series needs to go on from here, as its `after`.
+        """
+        if not self._sealed:
+            for path in (self.h5_paths[-1], self.path):
+                if path.exists():
+                    with open(path, "rb") as file:
+                        os.fsync(file.fileno())
+            self._sealed = True
+        return {
+            "times": self._num_times,
+            "last_time": self._last_time,
+            "tail": self._tail,
+            "segment": self._segment,
+        }
+
+    def _go_on(self, after: Mapping[str, float]) -> None:
+        """Take the files back to what `seal` told of."""
+        self._segment, self._sealed = after["segment"], True
+        self._num_times, self._last_time = after["times"], after["last_time"]
+        self._tail = after["tail"]
+        for path in self.h5_paths:
+            if not path.exists():
+                raise ValueError(
+                    f"'{path}' is missing, in which the series '{self.path.name}' stands until "
+                    f"{self._last_time:g} s: put it back, or start the run from its beginning."
+                )
+        if not self._num_times:
+            self.path.unlink(missing_ok=True)
+            return
+        done = b""
+        if self.path.exists():
+            with open(self.path, "rb") as xml:
+                done = xml.read(self._tail)
+        if len(done) != self._tail or not done.startswith(_XML_HEAD):
+            raise ValueError(
+                f"'{self.path}' does not hold the {self._num_times} times until "
+                f"{self._last_time:g} s that were written to it: put it back, or start the run "
+                "from its beginning."
+            )
+        self._show(done)
+
     def _item(
         self,
         parent: ElementTree.Element,
+        path: Path,
         dataset: str,
         shape: tuple[int, ...],
         data_type: str = "Float",
@@ -258,7 +343,7 @@ class TimeSeries:
             Dimensions=" ".join(map(str, shape)),
             Format="HDF",
         )
-        item.text = f"{self.h5_path.name}:{dataset}"
+        item.text = f"{path.name}:{dataset}"
 
     def write(
         self,
@@ -322,6 +407,9 @@ class TimeSeries:
         grid = ElementTree.Element("Grid", self._grid.attrib)
         ElementTree.SubElement(grid, "Time", Value=repr(time))
         grid.extend(self._grid)
+        if self._sealed:
+            write_file(self._h5_path(self._segment + 1), _h5_with({}))
+            self._segment, self._sealed = self._segment + 1, False
         widths = (1, 3, 9)  # of scalars, vectors and tensors
         needed = _GROUPS + sum(
             _ENTRY + 8 * widths[values.ndim - 1] * len(values) for values in fields.values()
@@ -363,7 +451,7 @@ class TimeSeries:
                     AttributeType=kind,
                     Center="Node" if centre == "point" else "Cell",
                 )
-                self._item(attribute, dataset, values.shape)
+                self._item(attribute, self.h5_path, dataset, values.shape)
 
     def _append(self, grid: bytes) -> None:
         """Add one grid to the collection of the XDMF file, which stays well-formed throughout."""
@@ -384,11 +472,15 @@ class TimeSeries:
             if self._num_times:
                 with open(self.path, "rb") as xml:
                     done = xml.read(self._tail) + b" " * len(end)
-            room = min(max(len(done), _ROOM_SIZES[0]), _ROOM_SIZES[1])
-            content = done + grid + end + b" " * room + _ROOM_CLOSE
-            write_file(self.path, content)
-            self._xml_size = len(content)
+            self._show(done + grid)
         self._tail = tail
+
+    def _show(self, done: bytes) -> None:
+        """Put a document with these grids in place, with room behind them."""
+        room = min(max(len(done), _ROOM_SIZES[0]), _ROOM_SIZES[1])
+        content = done + _XML_TAIL + _ROOM_OPEN + b" " * room + _ROOM_CLOSE
+        write_file(self.path, content)
+        self._xml_size = len(content)
 
     def close(self) -> None:
         """Give the spare room of the XDMF file back; no more can be written."""
@@ -411,14 +503,20 @@ class History:
     Args:
         path: The file, usually ``history.csv``; one that is there is replaced.
         columns: Names of the columns, in their order.
+        after: Bytes of a table that is there (:meth:`flush`), after which it goes on; what was
+            written later is dropped. None for a new table.
 
     Raises:
-        ValueError: If a column occurs twice or is not a Python identifier.
+        ValueError: If a column occurs twice or is not a Python identifier, or the table that is
+            there is shorter or has other columns.
         OSError: If the file cannot be written.
     """
 
     def __init__(
-        self, path: str | os.PathLike[str], columns: Sequence[str] = HISTORY_COLUMNS
+        self,
+        path: str | os.PathLike[str],
+        columns: Sequence[str] = HISTORY_COLUMNS,
+        after: int | None = None,
     ) -> None:
         self.path = Path(path).resolve()
         self.columns = tuple(columns)
@@ -428,9 +526,27 @@ class History:
             raise ValueError(
                 f"Columns should be different Python identifiers, got {list(self.columns)}."
             )
+        head = ",".join(self.columns) + "\n"
+        if after is None:
+            with explained(self.path):
+                self._file = io.FileIO(self.path, "w")
+            self._write_line(head.rstrip())
+            return
+        there = self.path.read_bytes()[:after] if self.path.exists() else b""
+        if len(there) != after or not (there.startswith(head.encode()) and there.endswith(b"\n")):
+            raise ValueError(
+                f"'{self.path}' does not begin with the {after} bytes of steps that were written "
+                "to it: put it back, or start the run from its beginning."
+            )
         with explained(self.path):
-            self._file = io.FileIO(self.path, "w")
-        self._write_line(",".join(self.columns))
+            os.truncate(self.path, after)
+            self._file = io.FileIO(self.path, "a")
+
+    def flush(self) -> int:
+        """See all lines on the disk; how many bytes they take."""
+        with explained(self.path):
+            os.fsync(self._file.fileno())
+        return self._file.seek(0, os.SEEK_END)
 
     def append(self, **values: float) -> None:
         """Write the line of one step, in full double precision.

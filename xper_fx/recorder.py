@@ -3,8 +3,11 @@
 
 The folder holds `bulk.xdmf` (displacement, velocity, stress, body, material), `interfaces.xdmf`
 (jump, traction, damage, status, on the points of facing facets), `rigid.xdmf` (displacement,
-velocity, spin, body, group, on triangles of the rigid bodies), `history.csv`, `summary.json`; of
-the series those that the scene has something for.
+velocity, spin, body, group, on triangles of the rigid bodies), `history.csv`, `summary.json`,
+`checkpoint.h5`; of the series those that the scene has something for.
+
+A checkpoint holds the run, and how far its files had come. A restart takes them back to there, so
+that they go on without a step that is missing or there twice.
 
 Where several ranks simulate a scene they record it together: what is spread is gathered, and the
 first rank alone writes. Whatever goes wrong there is raised on all.
@@ -21,6 +24,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from time import monotonic
 from typing import Any
 
 import dolfinx
@@ -37,6 +41,9 @@ from xper_fx.scales import cohesive_scales
 from xper_fx.simulation import Simulation, StepRecord
 
 logger = logging.getLogger(__name__)
+
+# A run's checkpoint in its folder, and seconds between checkpoints unless others are asked for.
+CHECKPOINT, CHECKPOINT_EVERY = "checkpoint.h5", 600.0
 
 
 @dataclass(frozen=True)
@@ -130,12 +137,24 @@ class Recorder:
         fields: number of times at which fields are written, spread evenly; 0 for none.
         end_time: time of the end of the run (s).
         parameters: what to keep in the summary of how the run was set up.
+        checkpoint_every: seconds between checkpoints, as a clock shows them; 0 for none but where
+            a step does not converge.
+        restart: whether to go on from the folder's checkpoint; from the beginning if there is none.
+            The scene must be the checkpoint's; step, tolerance, solver may be others.
+
+    Attributes:
+        folder: where it writes.
+        restarted: whether it goes on from a checkpoint.
+        strain: of the gauge, after the last step.
 
     A write that fails raises an OSError that names the file. What was written before stays
     readable, the simulation keeps its state, and a later `record` writes again where it can.
 
     Raises:
         OSError: the folder cannot be written; BlockingIOError: another run writes there.
+        CheckpointError: the checkpoint is damaged, or of another scene or version; the folder is
+            as it was then.
+        ValueError: a checkpoint interval that is negative, files that do not fit the checkpoint.
     """
 
     def __init__(
@@ -147,20 +166,35 @@ class Recorder:
         gauge: TensileGauge | CellGauge | None = None,
         fields: int = 20,
         parameters: Mapping[str, Any] | None = None,
+        checkpoint_every: float = CHECKPOINT_EVERY,
+        restart: bool = False,
     ):
+        if not checkpoint_every >= 0.0:
+            raise ValueError(
+                f"checkpoint_every is a time in seconds, or 0 for none; got {checkpoint_every}."
+            )
         self.folder = Path(folder).resolve()
         self._at_root = simulation.team.at_root
         self._writes = simulation.team.rank == 0
         self._lock: FolderLock | None = None
         self._at_root(self._take_folder)
         self.simulation, self._gauge = simulation, gauge
-        simulation.folder = self.folder
+        self.checkpoint_every, self._saved_at = checkpoint_every, monotonic()
+        self._writes_fields = fields > 0
+        try:
+            before = self._restored() if restart else None
+        except BaseException:
+            self._leave_folder()
+            raise
+        self.restarted = before is not None
+        before = before or {}
+        simulation.folder, simulation.rescue = self.folder, self.checkpoint
         self._parameters = dict(parameters or {})
         columns = dict.fromkeys(HISTORY_COLUMNS)
         columns |= simulation.ledger.as_columns() | macroscopic_columns(simulation)
-        self._columns = tuple(columns)
         self._every = end_time / fields if fields > 0 else np.inf
-        self._next = 0.0
+        self._next = before.get("next_fields", 0.0)
+        self.strain = before.get("strain", 0.0)
         if simulation.scene.bodies is not None:
             self.cells = geometry_dofmap(simulation.scene.bodies.mesh)
             mesh = simulation.bodies.mesh
@@ -168,30 +202,74 @@ class Recorder:
             cells = geometry_dofmap(mesh)
             self._node = np.empty(len(mesh.geometry.x), np.int64)
             self._node[cells] = simulation.forms.V.dofmap.list[:, : cells.shape[1]]
-        self._totals = {"steps": 0, "sweeps": 0, "largest_residual": 0.0}
+        self._totals = {"steps": 0, "sweeps": 0, "largest_residual": 0.0, "restarts": 0}
+        self._totals |= before.get("totals", {})
+        self._totals["restarts"] += self.restarted
+        self._steps_before = self._totals["steps"]
         self._bulk = self._interfaces = self._rigid = self._stress = None
-        self._writes_fields = fields > 0
         try:
-            self._open()
+            self._at_root(partial(self._open, tuple(columns), before))
+            if self._writes_fields and not self.restarted:
+                self._write_fields()
         except BaseException:
             self._leave_folder()
             raise
         simulation.stopwatch.owns("output", lambda: self.written)
 
-    def _open(self) -> None:
-        simulation = self.simulation
-        self._at_root(self._open_history)
-        if self._writes_fields:
-            if simulation.scene.bodies is not None:
-                self._open_fields()
-            if simulation.rigid is not None:
-                from xper_fx.rigid_series import RigidSeries
+    def _restored(self) -> dict | None:
+        """Let the simulation go on from the folder's checkpoint; what `_recording` gave, if any."""
+        path = self.folder / CHECKPOINT
+        if not self.simulation.team.all(path.exists()):
+            if self.simulation.team.rank == 0:
+                logger.warning(
+                    "%s: there is no checkpoint, the run starts from its beginning", path
+                )
+            return None
+        from xper_fx.checkpoint import restore
 
-                self._rigid = RigidSeries(self.folder / "rigid.xdmf", simulation.rigid)
-            self._write_fields()
+        before = restore(path, self.simulation)
+        if bool(before.get("series")) != self._writes_fields:
+            had, give = ("no fields", "0") if self._writes_fields else ("fields", "above 0")
+            raise ValueError(
+                f"The run in {self.folder} was recorded with {had}: restart it with fields {give}, "
+                "or start it from its beginning."
+            )
+        return before
 
-    def _open_history(self) -> None:
-        self._history = History(self.folder / "history.csv", self._columns)
+    def _recording(self) -> dict:
+        """How far the files have come, all of which are on the disk then."""
+        return {
+            "history": self._history.flush(),
+            "next_fields": self._next,
+            "strain": self.strain,
+            "totals": self._totals,
+            "series": {series.path.stem: series.seal() for series in self._series},
+        }
+
+    def checkpoint(self) -> Path:
+        """Write a checkpoint in the place of the last one; its file."""
+        from xper_fx.checkpoint import save
+
+        watch, path = self.simulation.stopwatch, self.folder / CHECKPOINT
+        with watch.phase("output"), watch.phase("checkpoint"):
+            save(path, self.simulation, self._recording)
+        self._saved_at = monotonic()
+        return path
+
+    def _open(self, columns: tuple[str, ...], before: Mapping) -> None:
+        """Open the files, after what `_recording` gave."""
+        if not before:
+            # it is of a run whose results are replaced now
+            (self.folder / CHECKPOINT).unlink(missing_ok=True)
+        after, simulation = before.get("series", {}), self.simulation
+        if self._writes_fields and simulation.scene.bodies is not None:
+            self._open_fields(after)
+        if self._writes_fields and simulation.rigid is not None:
+            from xper_fx.rigid_series import RigidSeries
+
+            path = self.folder / "rigid.xdmf"
+            self._rigid = RigidSeries(path, simulation.rigid, after.get("rigid"))
+        self._history = History(self.folder / "history.csv", columns, before.get("history"))
 
     def _take_folder(self) -> None:
         prepare_folder(self.folder)
@@ -212,36 +290,42 @@ class Recorder:
         part = self.simulation.part
         return values if part is None else self.simulation.ranks.gather(part.nodes, values)
 
-    def _open_fields(self) -> None:
+    def _open_fields(self, after: Mapping[str, Mapping[str, float]]) -> None:
         simulation = self.simulation
         mesh = simulation.scene.bodies.mesh
         self._bulk = TimeSeries(
             self.folder / "bulk.xdmf",
             mesh.geometry.x[:, : mesh.geometry.dim],
             (mesh.topology.cell_name(), self.cells),
+            after.get("bulk"),
         )
         if len(simulation.facets_with_law):
             x = point_coordinates(simulation)
             a_facet = len(x) // len(simulation.facets_with_law)
             kind = {2: "line", 3: "triangle"}.get(a_facet, "vertex")
             cells = np.arange(len(x)).reshape(-1, 1 if kind == "vertex" else a_facet)
-            self._interfaces = TimeSeries(self.folder / "interfaces.xdmf", x, (kind, cells))
+            self._interfaces = TimeSeries(
+                self.folder / "interfaces.xdmf", x, (kind, cells), after.get("interfaces")
+            )
             self._num_interface_points = len(x)
 
     def _write_fields(self) -> None:
         simulation = self.simulation
         with simulation.stopwatch.phase("output"), simulation.stopwatch.phase("fields"):
-            if self._bulk is not None:
+            if simulation.scene.bodies is not None:
                 self._write_bulk()
-            if self._interfaces is not None:
-                count = self._num_interface_points
-                interactions = simulation.interactions
-                names = ("jump", "traction", "damage", "status")
-                fields = {name: interactions.gather(name)[:count] for name in names}
-                self._at_root(partial(self._interfaces.write, simulation.time, fields, {}))
-            if self._rigid is not None:
-                self._at_root(partial(self._rigid.write, simulation.time))
+                if len(simulation.facets_with_law):
+                    names = ("jump", "traction", "damage", "status")
+                    fields = {name: simulation.interactions.gather(name) for name in names}
+                    self._at_root(partial(self._write_interfaces, fields))
+            if simulation.rigid is not None:
+                self._at_root(lambda: self._rigid.write(simulation.time))
         self._next += self._every
+
+    def _write_interfaces(self, fields: Mapping[str, np.ndarray]) -> None:
+        count = self._num_interface_points
+        fields = {name: values[:count] for name, values in fields.items()}
+        self._interfaces.write(self.simulation.time, fields, {})
 
     def cell_stress(self) -> np.ndarray:
         """Cauchy stress of each cell, as `BulkForms.stress_evaluator` gives it (Pa)."""
@@ -260,10 +344,10 @@ class Recorder:
             "body": bodies.body_of_cell,
             "material": bodies.material_of_cell,
         }
-        self._at_root(partial(self._bulk.write, simulation.time, nodal, cellwise))
+        self._at_root(lambda: self._bulk.write(simulation.time, nodal, cellwise))
 
     def record(self, step: StepRecord) -> tuple[float, float]:
-        """Write the line of a step, and the fields when they are due.
+        """Write the line of a step, the fields when they are due, then a checkpoint when it is.
 
         Returns:
             Strain and stress of the gauge.
@@ -281,6 +365,12 @@ class Recorder:
         self._totals["largest_residual"] = max(self._totals["largest_residual"], step.residual)
         if self._writes_fields and step.time >= self._next * (1.0 - 1e-9):
             self._write_fields()
+        self.strain = strain
+        if self.checkpoint_every > 0.0:
+            due = monotonic() - self._saved_at >= self.checkpoint_every
+            # by the clock of the first rank
+            if self.simulation.team.max(due and self._writes):
+                self.checkpoint()
         return strain, stress
 
     @property
@@ -290,7 +380,7 @@ class Recorder:
             return 0
         paths = [self.folder / "history.csv"]
         for series in self._series:
-            paths += [series.path, series.h5_path]
+            paths += [series.path, *series.h5_paths]
         return sum(path.stat().st_size for path in paths if path.exists())
 
     @property
@@ -299,7 +389,22 @@ class Recorder:
         return [series for series in (self._bulk, self._interfaces, rigid) if series is not None]
 
     def close(self) -> None:
-        """Write the summary and close the files."""
+        """Close the files; write the summary unless a restart has added nothing to its run."""
+        there = (self.folder / "summary.json").exists() if self.restarted else False
+        added = self._totals["steps"] > self._steps_before
+        summary = self._summary() if self.simulation.team.max(added or not there) else None
+
+        def finish() -> None:
+            with ExitStack() as files:
+                files.callback(self._leave_folder)
+                for file in (self._history, *self._series):
+                    files.callback(file.close)
+                if summary is not None:
+                    write_summary(self.folder / "summary.json", summary)
+
+        self._at_root(finish)
+
+    def _summary(self) -> dict[str, Any]:
         simulation = self.simulation
         interactions, bodies = simulation.interactions, simulation.scene.bodies
         points = 0 if interactions is None else interactions.num_points
@@ -342,18 +447,11 @@ class Recorder:
             },
             "steps": self._totals["steps"],
             "sweeps": self._totals["sweeps"],
+            "restarts": self._totals["restarts"],
             "time": simulation.time,
         }
         summary["scales"] = cohesive_scales(simulation)
-
-        def finish() -> None:
-            with ExitStack() as files:
-                files.callback(self._leave_folder)
-                for file in (self._history, *self._series):
-                    files.callback(file.close)
-                write_summary(self.folder / "summary.json", summary)
-
-        self._at_root(finish)
+        return summary
 
     def __enter__(self) -> Recorder:
         return self

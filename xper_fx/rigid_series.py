@@ -4,10 +4,11 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
 
 import numpy as np
 
-from xper_fx.nscd.rigid.motion import RigidMotion
+from xper_fx.nscd.rigid.motion import RigidMotion, RigidState
 from xper_fx.nscd.rigid.outline import outline
 from xper_fx.output import TimeSeries
 
@@ -21,24 +22,27 @@ class RigidSeries:
     Args:
         path: of the XDMF file.
         motion: of the bodies.
+        after: as of `TimeSeries`.
 
     Attributes:
         series: the files.
         outline: triangles of the bodies, as `nscd.rigid.outline` gives them.
     """
 
-    def __init__(self, path: str | os.PathLike[str], motion: RigidMotion):
+    def __init__(
+        self, path: str | os.PathLike[str], motion: RigidMotion, after: Mapping | None = None
+    ):
         self._motion, self.outline = motion, outline(motion.bodies)
-        self._start = self._positions()
-        self.series = TimeSeries(path, self._start, ("triangle", self.outline.cells))
+        self._start = self._positions(motion.start)
+        self.series = TimeSeries(path, self._start, ("triangle", self.outline.cells), after)
 
-    def _positions(self) -> np.ndarray:
-        state = self._motion.state
+    def _positions(self, state: RigidState) -> np.ndarray:
         return self.outline.positions(state.position, state.turn.rotation)
 
     def write(self, time: float) -> None:
         """Add the committed state at a time (s), as `TimeSeries.write`."""
-        state, positions = self._motion.state, self._positions()
+        state = self._motion.state
+        positions = self._positions(state)
         body, spin = self.outline.body_of_point, state.turn.spin
         arm = positions - state.position[body]
         if positions.shape[1] == 2:

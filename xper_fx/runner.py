@@ -3,16 +3,22 @@
 
 from __future__ import annotations
 
+import logging
+import sys
 from argparse import ArgumentParser
 from collections.abc import Iterator
 from pathlib import Path
+from signal import Signals
 
 from tqdm.auto import tqdm
 
+from xper_fx.interruption import Interruption
 from xper_fx.plots import plot_profile
 from xper_fx.profile import profile_table
-from xper_fx.recorder import Recorder
+from xper_fx.recorder import CHECKPOINT_EVERY, Recorder
 from xper_fx.simulation import SOLVERS, StepRecord
+
+logger = logging.getLogger(__name__)
 
 
 def add_run_options(parser: ArgumentParser, out: Path, accuracy: float | None = None) -> None:
@@ -34,6 +40,11 @@ def add_run_options(parser: ArgumentParser, out: Path, accuracy: float | None = 
     add("--threads", type=int, help="of the interaction solver (default: all)")
     add("--fields", type=int, default=20, help="number of times at which fields are written")
     add("--out", type=Path, default=out)
+    add(
+        "--checkpoint-every", type=float, default=CHECKPOINT_EVERY, metavar="SECONDS",
+        help="time between checkpoints; 0 for none",
+    )  # fmt: skip
+    add("--restart", action="store_true", help="go on from the checkpoint in the folder")
     add("--profile", action="store_true", help="print and draw what took how long")
     add("--no-plot", action="store_true")
     add("--quiet", action="store_true", help="no progress bar")
@@ -43,6 +54,9 @@ def recorded_steps(
     recorder: Recorder, end_time: float, title: str, quiet: bool = False, profile: bool = False
 ) -> Iterator[tuple[StepRecord, float]]:
     """Advance a recorder's simulation, writing each step; close the recorder at the end.
+
+    On SIGTERM or SIGINT the run ends after the present step, with a checkpoint; a second signal
+    ends it at once.
 
     Args:
         recorder: records the simulation.
@@ -56,15 +70,33 @@ def recorded_steps(
 
     Raises:
         ConvergenceError: as `Simulation.steps`; what was written stays.
+        SystemExit: a signal came; its status is 128 and the signal's number.
     """
-    with recorder, tqdm(total=100.0, desc=title, unit="%", disable=quiet) as bar:
-        for step in recorder.simulation.steps(end_time):
+    simulation, interruption = recorder.simulation, Interruption()
+    bar = tqdm(total=100.0, desc=title, unit="%", disable=quiet)
+    with recorder, bar, interruption:
+        made, first = 0, simulation.time
+        for made, step in enumerate(simulation.steps(end_time), start=1):  # noqa: B007 - told below
             strain, _ = recorder.record(step)
             bar.update(min(100.0 * step.time / end_time, 100.0) - bar.n)
             error = abs(step.energies["closure"]) / max(step.energies["external_work"], 1e-300)
             bar.set_postfix(sweeps=step.sweeps, energy_error=f"{error:.0e}", refresh=False)
             yield step, strain
+            number = int(simulation.team.max(interruption.number))
+            if number:
+                path = recorder.checkpoint()
+                tqdm.write(
+                    f"{title}: ended by {Signals(number).name} at {simulation.time:.6g} s, saved "
+                    f"in {path}; the same command with --restart (Recorder(restart=True)) goes on "
+                    "from there",
+                    file=sys.stderr,
+                )
+                raise SystemExit(128 + number)
+        if recorder.restarted and not made:
+            logger.warning("%s: complete until %g s, there is nothing left to do", title, first)
+        elif recorder.checkpoint_every > 0.0:
+            recorder.checkpoint()
     if profile:
-        rows = recorder.simulation.stopwatch.rows()
+        rows = simulation.stopwatch.rows()
         tqdm.write(f"\n{title}\n{profile_table(rows)}")
         plot_profile(rows, recorder.folder / "profile.png", title)

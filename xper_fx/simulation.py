@@ -5,7 +5,9 @@ from __future__ import annotations
 
 import logging
 import math
+import sys
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
 from functools import partial
 from importlib import import_module
 from pathlib import Path
@@ -52,6 +54,8 @@ logger = logging.getLogger(__name__)
 
 # Solvers of the interactions: modules of `nscd`, imported when asked for.
 SOLVERS = ("auto", "nlgs", "newton", "accelerated", "subdomains")
+# Those of their modules that keep something of a step for the next.
+_WITH_MEMORY = ("tangent", "vertex_blocks")
 # Steps as shares of the critical one: without a wish, and where an explicit bulk, linear so that
 # its critical step stays what it is, should be as cheap as it can.
 _BELOW_LIMIT, _AT_LIMIT = 0.7, 0.95
@@ -66,8 +70,38 @@ _LARGEST_FLOW = 0.05
 _LARGEST_EXCESS = 0.1
 # Share of the sweeps allowed after which contacts that ranks divide are left to other solvers.
 _SWEEPS_TOGETHER = 0.1
+# Part of a step that may be rounding of the end time.
+_LITTLE_LEFT = 1e-6
 # Gaps this small beside the coordinates are closed.
 _ROUNDING = 1e-12
+
+
+@dataclass
+class _Course:
+    """Where a run is on its way to an end time.
+
+    Attributes:
+        end_time: s.
+        step: the step that was given (s).
+        left: whole steps left, where the step is given.
+        pieces: sizes (s) and halvings of what is left of a step that is cut, the next one last.
+    """
+
+    end_time: float
+    step: float
+    left: int
+    pieces: list[tuple[float, int]]
+
+    def is_to(self, end_time: float, step: float) -> bool:
+        """Whether it leads to an end time with a step."""
+        return self.end_time == end_time and self.step == step
+
+
+def _forces_and_motion(state: State, by_cell: Callable) -> dict:
+    """The vectors of a state, by name."""
+    vectors = {n: by_cell(getattr(state, n)) for n in ("displacement", "velocity", "internal")}
+    external = state.external
+    return vectors | {"external": by_cell(external) if np.ndim(external) else float(external)}
 
 
 class StepRecord(NamedTuple):
@@ -146,6 +180,7 @@ class Simulation:
         macroscopic: Fbar, Pibar and Hill-Mandel's error of a periodic cell; None otherwise.
         solver: module of `nscd` that solves the interactions, or the function given.
         stopwatch: profile of the run.
+        rescue: called where a step does not converge; saves the state and returns the file.
 
     Raises:
         ValueError: a number out of range.
@@ -250,6 +285,9 @@ class Simulation:
         self.last: StepOutcome | None = None
         self._before: State | None = None
         self._last_size = self.step_size
+        self.rescue: Callable[[], Path] | None = None
+        self._course = _Course(math.nan, 0.0, 0, [])
+        self._resumes = False
 
     @staticmethod
     def _suits_explicit(scene, theta, solver, inertia) -> bool:
@@ -653,10 +691,18 @@ class Simulation:
         if not math.isfinite(require_number("end_time", end_time)):
             raise ValueError(f"end_time should be a finite number, got {end_time}.")
         control = self._control
-        if control is None or not control.adapts_step:
-            count = math.ceil((end_time - self.state.time) / self.step_size - 1e-9)
-            for _ in range(count):
-                yield from self._advance(self.step_size, end_time)
+        fixed = control is None or not control.adapts_step
+        course = self._course
+        resumes, self._resumes = self._resumes, False
+        if not (resumes and course.is_to(end_time, self.step_size)):
+            count = math.ceil((end_time - self.state.time) / self.step_size - _LITTLE_LEFT)
+            course = self._course = _Course(end_time, self.step_size, max(count, 0), [])
+        yield from self._advance(end_time)
+        if fixed:
+            while course.left > 0:
+                course.left -= 1
+                course.pieces.append((self.step_size, 0))
+                yield from self._advance(end_time)
             return
         if self._scheme_picked and self.scheme_name == "explicit":
             count = (end_time - self.state.time) / self.step_size
@@ -666,11 +712,12 @@ class Simulation:
                     'scheme="implicit"', count, end_time,
                 )  # fmt: skip
         while end_time - self.state.time > _ROUNDING * abs(end_time):
-            yield from self._advance(control.size(self.state.time, end_time), end_time)
+            course.pieces.append((control.size(self.state.time, end_time), 0))
+            yield from self._advance(end_time)
 
-    def _advance(self, size: float, end_time: float) -> Iterator[StepRecord]:
-        """One step, or the pieces it had to be cut into; none if it should be shorter."""
-        pieces = [(size, 0)]
+    def _advance(self, end_time: float) -> Iterator[StepRecord]:
+        """The pieces of a step that are left to do; none if it should be shorter."""
+        pieces = self._course.pieces
         while pieces:
             size, halvings = pieces.pop()
             with self.stopwatch.phase("step"):
@@ -850,27 +897,126 @@ class Simulation:
         with self.stopwatch.phase("macroscopic averages"):
             return macroscopic_state(self.bulk, before, outcome, self.state, size, self.theta)
 
+    # Saving
+
     def _save_state(self) -> Path | None:
-        """Write the last committed state for a post-mortem."""
-        if self.folder is None:
+        """Save the state before a step that failed, where a recorder does so."""
+        self._course = _Course(math.nan, 0.0, 0, [])
+        if self.rescue is None:
             return None
-        path = self.folder / "unconverged_state.npz"
-        history = {}
-        if self.interactions is not None:
-            history = {n: self.interactions.gather(n) for n in ("jump", "impulse", "damage")}
         try:
-            np.savez(
-                path,
-                time=self.state.time,
-                displacement=self.state.displacement,
-                velocity=self.state.velocity,
-                **history,
-                **self.forms.history(),
-            )
+            return self.rescue()
         except OSError as error:
             logger.error("the state could not be saved: %s", error)
             return None
-        return path
+
+    def saved(self) -> dict:
+        """All that the rest of the run depends on, in nested dictionaries.
+
+        Returns:
+            By name numbers, arrays that are the same for all processes, and `Rows`; a restarted
+            run equals this one if it has the same scene and options.
+        """
+        by_cell, course = self.bulk.unknowns.by_cell, self._course
+        saved = {
+            "step_number": self.step_number,
+            "time": self.state.time,
+            "last_size": self._last_size,
+            "state": _forces_and_motion(self.state, by_cell),
+            "bulk": self.bulk.saved(),
+            "scheme": self.scheme.saved(),
+            "ledger": self.ledger.saved(),
+            "course": {
+                "end_time": course.end_time,
+                "step": course.step,
+                "left": course.left,
+                "pieces": np.reshape(np.array(course.pieces, float), (-1, 2)),
+            },
+        }
+        if self.last is not None:
+            saved["last"] = {
+                "reactions": by_cell(self.last.reactions),
+                "impulses": by_cell(self.last.impulses),
+                "displacement_before": by_cell(self._before.displacement),
+            }
+        if self.macroscopic is not None:
+            saved["hill_mandel"] = self.macroscopic.hill_mandel
+        for name, part in self._parts():
+            saved[name] = part.saved()
+        if self._rigid_reactions is not None:
+            saved["rigid_reactions"] = self._rigid_reactions
+        if self.interactions is not None:
+            saved["solvers"] = self._solver_memories()
+        return saved
+
+    def _solver_memories(self) -> dict[str, dict]:
+        """What solvers keep from step to step, by rank: it stands in the order of its points."""
+        memory = {
+            name: module.saved(self.interactions)
+            for name in _WITH_MEMORY
+            if (module := sys.modules.get(f"xper_fx.nscd.{name}")) is not None
+        }
+        memories = [memory] if self.ranks.alone else self.ranks.comm.allgather(memory)
+        return {f"{rank} of {len(memories)}": held for rank, held in enumerate(memories)}
+
+    def restore(self, saved: Mapping) -> None:
+        """Go on where `saved` was taken, of the same scene.
+
+        Args:
+            saved: with the rows in order (`Rows.in_order`).
+        """
+        from_cells = self.bulk.unknowns.from_cells
+        state = saved.get("state", {})
+        vectors = {
+            name: state[name] if isinstance(state[name], float) else from_cells(state[name])
+            for name in state
+        }
+        none = np.zeros(0)
+        self.state = State(
+            saved["time"],
+            *(vectors.get(name, none) for name in ("displacement", "velocity", "internal")),
+            vectors.get("external", 0.0),
+        )
+        self.step_number, self._last_size = saved["step_number"], saved["last_size"]
+        self.bulk.restore(saved.get("bulk", {}))
+        self.scheme.restore(saved.get("scheme", {}))
+        self.ledger.restore(saved["ledger"])
+        course = saved["course"]
+        pieces = [(size, int(halvings)) for size, halvings in course["pieces"].tolist()]
+        self._course = _Course(course["end_time"], course["step"], course["left"], pieces)
+        self._resumes = True
+        for name, part in self._parts():
+            if name in saved:
+                part.restore(saved[name])
+        if self._control is not None:
+            self.tolerance = self._control.tolerance
+        self._rigid_reactions = saved.get("rigid_reactions")
+        if self.step_number:
+            last = saved.get("last", {})
+            self._before = replace(
+                self.state, displacement=from_cells(last.get("displacement_before", {}))
+            )
+            self.last = StepOutcome(
+                self.state, none, from_cells(last.get("impulses", {})),
+                from_cells(last.get("reactions", {})), 0.0, 0.0, 0, 0.0, 0.0, 0, 0.0, True,
+            )  # fmt: skip
+        if self.macroscopic is not None:
+            here = self._macroscopic(None, None, self._last_size)
+            self.macroscopic = here._replace(hill_mandel=saved["hill_mandel"])
+        if self.interactions is not None and self.scheme.holds(self.interactions.step_size):
+            inverse = self.scheme.inverse(self.interactions.step_size, self.state.displacement)
+            self.interactions.update_inverse(inverse.blocks)
+        own = f"{self.ranks.rank} of {self.ranks.size}"
+        for name, memory in saved.get("solvers", {}).get(own, {}).items():
+            import_module(f"xper_fx.nscd.{name}").restore(self.interactions, memory)
+
+    def _parts(self) -> list[tuple[str, object]]:
+        """What there is of the parts that save themselves, in the order to restore them."""
+        parts = [
+            ("interactions", self.interactions), ("detection", self.detection),
+            ("rigid", self.rigid), ("accuracy", self._control),
+        ]  # fmt: skip
+        return [(name, part) for name, part in parts if part is not None]
 
     # Reading
 

@@ -46,12 +46,13 @@ def test_no_array_has_a_tangential_column(law, dim):
 def test_bytes_of_a_point():
     """In the plane: 8 for each scalar, two nodes, a normal, what leads to blocks of w; no more."""
     (group,) = plate_scene(6, SignoriniCoulomb())[0].groups
-    tiles = sum(a.nbytes for a in group.ordering[1:])
-    scalars = 8 * len(("number", "order", "e", "pushed", "least", "compliance", "jump", "velocity",
+    tiles = sum(a.nbytes for a in (*group.ordering[1:], *group.tile_bodies))
+    numbers = 4 * len(("number", "order"))
+    scalars = 8 * len(("e", "pushed", "least", "compliance", "jump", "velocity",
                        "impulse", "committed impulse", "impact", "area", "gap"))  # fmt: skip
     places = 4 * 2 * len(("node", "start", "body", "size", "row"))
     weights, normal, inverse_area, status = 16, 16, 4, 1
-    expected = scalars + places + weights + normal + inverse_area + status
+    expected = numbers + scalars + places + weights + normal + inverse_area + status
     assert group.nbytes - tiles == expected * len(group)
     (frictional,) = plate_scene(6, SignoriniCoulomb(0.3))[0].groups
     assert frictional.nbytes - tiles >= (expected + 100) * len(group)

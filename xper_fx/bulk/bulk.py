@@ -7,7 +7,7 @@ never calls the forms again.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import basix
 import numpy as np
@@ -18,6 +18,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from xper_fx.bulk.balance import InBalance
+from xper_fx.bulk.block_products import multiply
 from xper_fx.bulk.layout import BodyLayout
 from xper_fx.bulk.rigid_motions import free_rigid_motions
 from xper_fx.bulk.unknowns import NodalUnknowns
@@ -30,8 +31,12 @@ from xper_fx.forms.loads import (
     value_at,
 )
 from xper_fx.meshes import cell_measure
+from xper_fx.nscd.rows import Rows
+from xper_fx.nscd.threads import in_ranges
 from xper_fx.parallel.ranks import ALONE, Ranks
 
+# Bodies whose stiffness is looked at together: their blocks stay in cache.
+_BATCH = 1024
 # Masses and stiffnesses are kept as far from the limits of floats as their squares need.
 _SMALL = 1e-150
 
@@ -88,11 +93,12 @@ class Bulk:
             self.inertia = Inertia(self._mass())
         else:
             self.floating = self._held_by_interactions(np.reshape(joined, (-1, 2)).astype(int))
-        self._matrix = fem.create_matrix(forms.tangent)
+        self._matrix = None
         damps_stiffness = damping is not None and damping.stiffness > 0.0
         self.stiffness = None
         if self.linear or damps_stiffness:
-            self.stiffness = self.tangent(np.zeros(self.num_dofs)).copy()
+            self.stiffness = self.tangent(np.zeros(self.num_dofs))
+            self._matrix = None  # a linear bulk never assembles again; others want an array anew
             self._check_range("stiffnesses", np.abs(self.stiffness.data), "elastic constants")
         self.damping = None
         if damping is not None:
@@ -177,8 +183,11 @@ class Bulk:
     @property
     def nbytes(self) -> int:
         """Memory of masses and matrices, inverses apart, in bytes."""
-        kept = 0 if self.stiffness is None else self.stiffness.data.nbytes
-        return self.weights.nbytes + self._matrix.data.nbytes + kept
+        kept = 0 if self._matrix is None else self._matrix.data.nbytes
+        if self.stiffness is not None:
+            k = self.stiffness
+            kept += k.data.nbytes + k.indices.nbytes + k.indptr.nbytes
+        return self.weights.nbytes + kept
 
     def _motion_dofs(self, motion) -> np.ndarray:
         facets = self.forms.bodies.facet_tags.find(motion.facets)
@@ -210,6 +219,8 @@ class Bulk:
     def tangent(self, displacement: np.ndarray) -> sp.bsr_array:
         """K on the nodes of V at a displacement, in blocks; the next call reuses the array."""
         self.forms.u.x.array[:] = self.unknowns.expand(displacement)
+        if self._matrix is None:
+            self._matrix = fem.create_matrix(self.forms.tangent)
         self._matrix.set_value(0.0)
         fem.assemble_matrix(self._matrix, self.forms.tangent)
         return self._matrix.to_scipy()
@@ -217,7 +228,7 @@ class Bulk:
     def internal(self, displacement: np.ndarray) -> np.ndarray:
         """Internal forces, shape (num_dofs,), N (2D: N/m)."""
         u = self.unknowns.expand(displacement)
-        force = self.stiffness @ u if self.linear else self.forms.assemble_internal(u)
+        force = multiply(self.stiffness, u) if self.linear else self.forms.assemble_internal(u)
         return self.unknowns.collect(force)
 
     def external(self, time: float) -> np.ndarray | float:
@@ -312,7 +323,10 @@ class Bulk:
         stiffness = self.stiffness
         if stiffness is None:
             stiffness = self.tangent(np.zeros(self.num_dofs))
-        stiffness = sp.csr_array(self.unknowns.condense(stiffness))
+        stiffness = self.unknowns.condense(stiffness)
+        if self.layout.uniform:
+            return 2.0 / float(np.sqrt(self.ranks.max(self._largest_of_bodies(stiffness))))
+        stiffness = sp.csr_array(stiffness)
         scale = sp.diags_array(1.0 / np.sqrt(self.weights[: stiffness.shape[0]]))
         scaled = (scale @ stiffness @ scale).tocsr()
         top = sp.linalg.eigsh(
@@ -321,7 +335,52 @@ class Bulk:
         )  # fmt: skip
         return 2.0 / float(np.sqrt(self.ranks.max(top[0])))
 
+    def _largest_of_bodies(self, stiffness: sp.bsr_array) -> float:
+        """Largest eigenvalue of M^-1 K (1/s^2), of bodies of one size, body by body.
+
+        No eigenvalue exceeds the norm of its block: bodies come by falling norms, and those whose
+        norm is below what was found are left out.
+        """
+        layout, place = self.layout, self.layout.place_in_body()
+        count = layout.num_bodies
+        scale = 1.0 / np.sqrt(self.weights[layout.dofs(layout.nodes)]).reshape(count, -1)
+        norm, largest = np.empty(count), np.zeros(count)
+
+        def scaled(bodies):
+            blocks = layout.dense_blocks(stiffness, bodies, place)
+            return blocks * scale[bodies, :, None] * scale[bodies, None, :]
+
+        def measure(first, last):
+            for low in range(first, last, _BATCH):
+                bodies = np.arange(low, min(low + _BATCH, last))
+                norm[bodies] = np.linalg.norm(scaled(bodies), axis=(1, 2))
+
+        in_ranges(measure, count)
+        order = np.argsort(-norm, kind="stable")
+
+        def solve(first, last):
+            found = 0.0
+            for low in range(first, last, _BATCH):
+                bodies = order[low : min(low + _BATCH, last)]
+                if norm[bodies[0]] <= found:
+                    break
+                largest[bodies] = np.linalg.eigvalsh(scaled(bodies))[:, -1]
+                found = max(found, largest[bodies].max())
+
+        in_ranges(solve, count)
+        return float(largest.max())
+
     @staticmethod
     def _start_vector(size: int) -> np.ndarray:
         """A start for eigenvalue iterations: fixed, so that runs repeat."""
         return np.random.default_rng(0).standard_normal(size)
+
+    def saved(self) -> dict:
+        """What the next step depends on beside the state: internal variables."""
+        history = self.forms.history_by_cell()
+        return {} if history is None else {"history": Rows(self.forms.bodies.parent_cell, history)}
+
+    def restore(self, saved: Mapping) -> None:
+        """Take what `saved` gave, its rows in order."""
+        if self.forms.has_history:
+            self.forms.restore_by_cell(saved["history"][self.forms.bodies.parent_cell])

@@ -6,6 +6,8 @@ It has what `Bulk`, `BulkForms` and `ImplicitScheme` have where a scene of rigid
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from xper_fx.bulk.layout import BodyLayout
@@ -44,6 +46,14 @@ class NoNodes:
         """The unknowns, none."""
         return unknowns
 
+    def by_cell(self, unknowns: np.ndarray) -> dict:
+        """Nothing to save."""
+        return {}
+
+    def from_cells(self, saved: Mapping) -> np.ndarray:
+        """The unknowns, none."""
+        return np.zeros(0)
+
 
 class EmptyBulk:
     """A bulk without degrees of freedom.
@@ -73,6 +83,13 @@ class EmptyBulk:
 
     def commit(self, displacement: np.ndarray, internal: np.ndarray) -> None:
         """No internal variables to move on."""
+
+    def saved(self) -> dict:
+        """Nothing."""
+        return {}
+
+    def restore(self, saved: Mapping) -> None:
+        """Nothing to restore."""
 
 
 class _NoInverse:
@@ -121,3 +138,14 @@ class EmptyScheme:
             State(state.time + step, none, none, none), slots, impulses, none, 0.0, 0.0,
             report.sweeps, report.residual, report.traction_change, 1, 0.0, report.converged,
         )  # fmt: skip
+
+    def holds(self, step: float) -> bool:
+        """As of `ImplicitScheme`."""
+        return True
+
+    def saved(self) -> dict:
+        """Nothing: the inverse is always the same."""
+        return {}
+
+    def restore(self, saved: Mapping) -> None:
+        """Nothing to restore."""

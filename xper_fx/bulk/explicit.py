@@ -15,11 +15,13 @@ the energy ledger closes to the last term, of order (h omega)^2 and reversible.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from xper_fx.bulk.bulk import Bulk
 from xper_fx.bulk.inverse import LumpedInverse
-from xper_fx.bulk.scheme import Solver, State, StepOutcome, interact
+from xper_fx.bulk.scheme import Solver, State, StepOutcome, interact, reactions_on
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.profile import Stopwatch
 
@@ -63,11 +65,16 @@ class ExplicitScheme:
         q0, v0 = state.displacement, state.velocity
         bulk.forms.set_step(0.5 * step)
         with watch.phase("free velocity"):
-            middle = q0 + 0.5 * step * v0
+            middle = 0.5 * step * v0
+            middle += q0
             viscous = bulk.viscous(v0)
             force_impulse = step * bulk.external(state.time + 0.5 * step)
-            impulse = force_impulse - step * (bulk.internal(middle) + viscous)
-            free = v0 + inverse.apply(impulse)
+            impulse = bulk.internal(middle)
+            impulse += viscous
+            impulse *= -step
+            impulse += force_impulse
+            free = inverse.apply(impulse)
+            free += v0
             bulk.prescribe(free, time, step, self.theta, q0, v0)
         velocity, impulses, slots = free, np.zeros_like(v0), np.zeros(0)
         sweeps, error, traction, converged = 0, 0.0, 0.0, True
@@ -79,10 +86,12 @@ class ExplicitScheme:
                     inverse, interactions, solver, free, tolerance
                 )
             sweeps, error, traction, converged = report[1], report[2], report[3], report[0]
-        reactions = np.where(
-            bulk.layout.prescribed, bulk.momentum(velocity - v0) - impulse - impulses, 0.0
+        reactions = reactions_on(
+            bulk.layout.prescribed,
+            lambda d: bulk.mass[d] * (velocity[d] - v0[d]) - impulse[d] - impulses[d],
         )
-        displacement = middle + 0.5 * step * velocity
+        displacement = 0.5 * step * velocity
+        displacement += middle
         bulk.forms.set_step(step)
         with watch.phase("energy"):
             internal = bulk.internal(displacement)
@@ -98,3 +107,14 @@ class ExplicitScheme:
     def nbytes(self) -> int:
         """Memory held by the inverse of the mass, in bytes."""
         return self._inverse.nbytes
+
+    def holds(self, step: float) -> bool:
+        """As of `ImplicitScheme`."""
+        return True
+
+    def saved(self) -> dict:
+        """Nothing: the inverse is always the same."""
+        return {}
+
+    def restore(self, saved: Mapping) -> None:
+        """Nothing to restore."""

@@ -19,13 +19,18 @@ belongs to hold their equations at the end of the step.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import NamedTuple
+
 import numpy as np
 import scipy.sparse as sp
 
 from xper_fx.bulk.bulk import Bulk
 from xper_fx.bulk.inverse import CellwiseInverse, ClusterInverse
-from xper_fx.bulk.scheme import Solver, State, StepOutcome, interact
+from xper_fx.bulk.scheme import Solver, State, StepOutcome, interact, reactions_on
+from xper_fx.forms.dynamics import BulkForms
 from xper_fx.nscd.interactions import Interactions
+from xper_fx.nscd.rows import Rows
 from xper_fx.profile import Stopwatch
 
 # Contraction of Newton's corrections above which w is renewed, unless no more than a few iterations
@@ -41,6 +46,20 @@ _BLUR = 1e-2
 _HIDDEN = 1e13
 # Inverses kept for a linear bulk: the step and its halves.
 _KEPT = 4
+
+
+class _Origin(NamedTuple):
+    """What the matrix of a kept inverse was assembled at: all it takes to make it again."""
+
+    displacement: np.ndarray
+    history: np.ndarray | None
+    form_step: float
+
+    @classmethod
+    def of(cls, forms: BulkForms, displacement: np.ndarray) -> _Origin:
+        """At the forms' present step and history."""
+        form_step = 0.0 if forms.step is None else float(forms.step.value)
+        return cls(displacement, forms.history_by_cell(), form_step)
 
 
 class ImplicitScheme:
@@ -76,6 +95,7 @@ class ImplicitScheme:
         low, high = -bulk.ranks.max(-x.min(axis=0)), bulk.ranks.max(x.max(axis=0))
         self._rounding = _ROUNDING * bulk.norm(np.full(bulk.num_dofs, (high - low).max()))
         self._inverses: dict[float, CellwiseInverse | ClusterInverse] = {}
+        self._made_at: dict[float, _Origin] = {}
         stopwatch.owns("inverse", lambda: self.nbytes)
 
     def inverse(self, step: float, displacement: np.ndarray, renew: bool = False):
@@ -99,9 +119,16 @@ class ImplicitScheme:
                 inverse, stiffness, step, self.theta, len(self._interacting) > 0
             )
             if step not in self._inverses and len(self._inverses) >= _KEPT:
-                self._inverses.pop(next(iter(self._inverses)))
+                self._drop(next(iter(self._inverses)))
             self._inverses[step] = inverse
+            if not bulk.linear:
+                self._made_at[step] = _Origin.of(bulk.forms, displacement)
         return inverse
+
+    def _drop(self, step: float) -> None:
+        """Forget the inverse for a step size."""
+        self._inverses.pop(step, None)
+        self._made_at.pop(step, None)
 
     def _iteration_matrix(self, step: float, stiffness: sp.bsr_array) -> sp.bsr_array:
         bulk, scaled = self.bulk, step * self.theta
@@ -259,8 +286,8 @@ class ImplicitScheme:
         if not converged:  # matrix and what was learnt may be those of a state gone astray
             bulk.forget()
             if not bulk.linear:
-                self._inverses.pop(step, None)
-        reactions = np.where(bulk.layout.prescribed, -(residual + impulses), 0.0)
+                self._drop(step)
+        reactions = reactions_on(bulk.layout.prescribed, lambda d: -(residual[d] + impulses[d]))
         end = State(time, predictor + step * theta * velocity, velocity, internal, external)
         mean_velocity = theta * velocity + (1.0 - theta) * v0
         return StepOutcome(
@@ -294,3 +321,38 @@ class ImplicitScheme:
     def nbytes(self) -> int:
         """Memory held by inverses, in bytes."""
         return sum(i.nbytes for i in self._inverses.values())
+
+    def holds(self, step: float) -> bool:
+        """Whether `inverse` gives the one that a run had for a step size: kept, or always alike."""
+        return step in self._inverses or (self.bulk.linear and step > 0.0)
+
+    def saved(self) -> dict:
+        """At what the kept inverses of a bulk that is not linear were made, oldest first.
+
+        A linear bulk has the same inverse for a step size whenever it is made.
+        """
+        out, unknowns = {}, self.bulk.unknowns
+        for place, (step, origin) in enumerate(self._made_at.items()):
+            out[str(place)] = unknowns.by_cell(origin.displacement) | {
+                "step": step, "form_step": origin.form_step,
+            }  # fmt: skip
+            if origin.history is not None:
+                cells = self.bulk.forms.bodies.parent_cell
+                out[str(place)]["history"] = Rows(cells, origin.history)
+        return out
+
+    def restore(self, saved: Mapping) -> None:
+        """Make the inverses that `saved` told of; the history of the bulk stays as it is."""
+        forms = self.bulk.forms
+        if self.bulk.linear:
+            return
+        self._inverses.clear()
+        self._made_at.clear()
+        present = forms.history_by_cell()
+        for place in sorted(saved, key=int):
+            kept = saved[place]
+            if forms.has_history:
+                forms.restore_by_cell(kept["history"][forms.bodies.parent_cell])
+            forms.set_step(kept["form_step"])
+            self.inverse(kept["step"], self.bulk.unknowns.from_cells(kept))
+        forms.restore_by_cell(present)

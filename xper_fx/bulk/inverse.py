@@ -13,8 +13,13 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
+from xper_fx.bulk.block_products import apply_blocks
 from xper_fx.bulk.layout import BodyLayout
 from xper_fx.nscd.inverse import BodyInverse
+from xper_fx.nscd.threads import in_ranges
+
+# Bodies inverted at a time: what is needed on the way stays in cache.
+_BATCH = 1024
 
 
 class _OnBodies:
@@ -36,43 +41,39 @@ class CellwiseInverse(_OnBodies):
         self._layout = layout
         self.nodes = layout.nodes
         self.num_nodes = len(layout.nodes)
-        self._dofs = layout.dofs(layout.nodes).reshape(layout.num_bodies, -1)
-        # body of each node, and its place among the body's
-        size = self._dofs.shape[1] // layout.dim
-        self._place = np.empty((2, len(layout.nodes)), np.int64)
-        self._place[:, layout.nodes] = np.divmod(np.arange(len(layout.nodes)), size)
-        fixed = layout.prescribed[self._dofs]
-        self._fixed_pairs = fixed[:, :, None] | fixed[:, None, :]
-        self._fixed = fixed.astype(float)
 
     def factor(self, matrix: sp.bsr_array) -> None:
         """Invert the bodies' blocks of `matrix`, which is in blocks of dim x dim."""
-        count, size = self._dofs.shape
-        dim = self._layout.dim
-        n = size // dim
-        rows = np.repeat(np.arange(len(matrix.indptr) - 1), np.diff(matrix.indptr))
-        (body, row), column = self._place[:, rows], self._place[1, matrix.indices]
-        blocks = np.zeros((count, n, dim, n, dim))
-        blocks[body, row, :, column, :] = matrix.data
-        blocks = blocks.reshape(count, size, size)
-        diagonal = np.arange(n * dim)
-        blocks[self._fixed_pairs] = 0.0
-        blocks[:, diagonal, diagonal] += self._fixed
-        w = np.linalg.inv(blocks)
-        w[:, diagonal, diagonal] -= self._fixed
-        self._w = 0.5 * (w + w.transpose(0, 2, 1))
-        self.blocks = BodyInverse.from_uniform(self._w, dim)
+        layout = self._layout
+        size = self.num_nodes // layout.num_bodies * layout.dim
+        self._w, self.blocks = BodyInverse.empty_uniform(layout.num_bodies, size, layout.dim)
+        in_ranges(self._invert, layout.num_bodies, matrix, layout.place_in_body())
+
+    def _invert(self, first: int, last: int, matrix, place) -> None:
+        layout, size = self._layout, self._w.shape[1]
+        diagonal = np.arange(size)
+        for low in range(first, last, _BATCH):
+            bodies = np.arange(low, min(low + _BATCH, last))
+            blocks = layout.dense_blocks(matrix, bodies, place)
+            dofs = layout.dofs(layout.nodes.reshape(layout.num_bodies, -1)[bodies].ravel())
+            fixed = layout.prescribed[dofs].reshape(-1, size)
+            blocks[fixed[:, :, None] | fixed[:, None, :]] = 0.0
+            blocks[:, diagonal, diagonal] += fixed
+            w = np.linalg.inv(blocks)
+            w[:, diagonal, diagonal] -= fixed
+            self._w[bodies] = 0.5 * (w + w.transpose(0, 2, 1))
 
     def apply(self, residual: np.ndarray) -> np.ndarray:
         """W r, shape (num_dofs,)."""
-        out = np.zeros_like(residual)
-        out[self._dofs] = np.matmul(self._w, residual[self._dofs][:, :, None])[:, :, 0]
+        out = np.empty_like(residual)
+        in_ranges(apply_blocks(self._layout.dim), len(self._w), self._w, self.nodes, residual, out)
+        out[len(self.nodes) * self._layout.dim :] = 0.0
         return out
 
     @property
     def nbytes(self) -> int:
         """Memory held, in bytes."""
-        return self._w.nbytes + self._dofs.nbytes + self.blocks.data.nbytes
+        return self.blocks.data.nbytes
 
 
 class ClusterInverse(_OnBodies):
@@ -152,20 +153,15 @@ class LumpedInverse(_OnBodies):
     def __init__(
         self, layout: BodyLayout, mass: np.ndarray, interacting: np.ndarray, by_body: bool = False
     ):
-        dim = layout.dim
         self._w = np.where(layout.prescribed, 0.0, 1.0 / mass)
         self.nodes = interacting
         self.num_nodes = len(layout.nodes)
-        block = np.arange(len(interacting))
+        sizes = np.ones(len(interacting), np.int64)
         if by_body:
-            _, block = np.unique(layout.body_of_node()[interacting], return_inverse=True)
-        ends = dim * np.cumsum(np.bincount(block))
-        parts = np.split(self._w[layout.dofs(interacting)], ends[:-1])
-        blocks = [np.diag(part) for part in parts] if len(interacting) else []
-        if blocks and all(len(b) == len(blocks[0]) for b in blocks):
-            self.blocks = BodyInverse.from_uniform(np.stack(blocks), dim)
-        else:
-            self.blocks = BodyInverse.from_blocks(blocks, dim)
+            sizes = np.bincount(layout.body_of_node()[interacting])
+            sizes = sizes[sizes > 0]
+        own = self._w[layout.dofs(interacting)]
+        self.blocks = BodyInverse.from_diagonal(own, sizes, layout.dim)
 
     def apply(self, residual: np.ndarray) -> np.ndarray:
         """W r, shape (num_dofs,)."""

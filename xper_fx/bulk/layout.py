@@ -6,6 +6,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy.sparse as sp
 
 
 @dataclass(frozen=True)
@@ -44,3 +45,34 @@ class BodyLayout:
     def dofs(self, nodes: np.ndarray) -> np.ndarray:
         """Dofs of nodes, flat, node after node."""
         return (np.asarray(nodes)[:, None] * self.dim + np.arange(self.dim)).ravel()
+
+    def place_in_body(self) -> np.ndarray:
+        """Of each node, its place among the nodes of its body, shape (num_nodes,), int32."""
+        out = np.empty(len(self.nodes), np.int32)
+        first = np.repeat(self.offsets[:-1], np.diff(self.offsets))
+        out[self.nodes] = np.arange(len(self.nodes)) - first
+        return out
+
+    def dense_blocks(
+        self, matrix: sp.bsr_array, bodies: np.ndarray, place: np.ndarray
+    ) -> np.ndarray:
+        """Blocks of bodies of one size in a matrix that couples nothing across bodies.
+
+        Args:
+            matrix: in blocks of dim x dim.
+            bodies: which bodies.
+            place: what `place_in_body` gives.
+
+        Returns:
+            Shape (len(bodies), n, n), n dofs a body in the order of `nodes`.
+        """
+        n = len(self.nodes) // self.num_bodies
+        rows = self.nodes.reshape(-1, n)[bodies].ravel()
+        starts = matrix.indptr[rows]
+        counts = matrix.indptr[rows + 1] - starts
+        row = np.repeat(np.arange(len(rows)), counts)
+        entries = np.arange(len(row)) + (starts - np.cumsum(counts) + counts)[row]
+        body, at = np.divmod(row, n)
+        blocks = np.zeros((len(bodies), n, self.dim, n, self.dim))
+        blocks[body, at, :, place[matrix.indices[entries]], :] = matrix.data[entries]
+        return blocks.reshape(len(bodies), n * self.dim, n * self.dim)

@@ -71,16 +71,36 @@ def interact(
         End velocities and H r on all dofs, velocities of the interacting nodes, solver's report.
     """
     dim, count = interactions.dim, len(inverse.nodes)
-    slots = interactions.free_velocities(free.reshape(-1, dim)[inverse.nodes])
+    nodes = _as_slice(inverse.nodes)
+    slots = interactions.free_velocities(free.reshape(-1, dim)[nodes])
     report = solver(interactions, slots, tolerance=tolerance)
     impulses = np.zeros_like(free)
-    impulses.reshape(-1, dim)[inverse.nodes] = interactions.impulses()[:count]
+    impulses.reshape(-1, dim)[nodes] = interactions.impulses()[:count]
     if count == inverse.num_nodes:
         velocity = free.copy()
-        velocity.reshape(-1, dim)[inverse.nodes] = slots.reshape(-1, dim)[:count]
+        velocity.reshape(-1, dim)[nodes] = slots.reshape(-1, dim)[:count]
     else:
         velocity = inverse.apply(impulses)
         velocity += free
         if interactions.anchors is not None:
             velocity += inverse.moved(interactions.anchors)
     return velocity, impulses, slots, report
+
+
+def _as_slice(nodes: np.ndarray) -> np.ndarray | slice:
+    """Nodes that are numbered without a gap, as those of single cells are, without a list."""
+    if len(nodes) and np.all(nodes[1:] - nodes[:-1] == 1):
+        return slice(int(nodes[0]), int(nodes[-1]) + 1)
+    return nodes
+
+
+def reactions_on(prescribed: np.ndarray, impulse: Callable[[np.ndarray], np.ndarray]):
+    """Impulses of the supports, zero on what is free.
+
+    Args:
+        prescribed: shape (num_dofs,), bool.
+        impulse: gives those of some dofs.
+    """
+    out, dofs = np.zeros(len(prescribed)), np.flatnonzero(prescribed)
+    out[dofs] = impulse(dofs)
+    return out

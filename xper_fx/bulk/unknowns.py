@@ -7,11 +7,14 @@ the identity; `periodic/unknowns.py` ties nodes and adds the macroscopic gradien
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 import scipy.sparse as sp
 from dolfinx.fem import FunctionSpace
 
 from xper_fx.bodies import Bodies
+from xper_fx.nscd.rows import Rows
 
 
 class NodalUnknowns:
@@ -35,6 +38,7 @@ class NodalUnknowns:
         self.node_of = np.arange(len(self.nodes), dtype=np.int32)
         self.num_nodes = len(self.nodes)
         self.num_dofs = self.num_nodes * self.dim
+        self._dofmap, self._parent_cell = V.dofmap.list, bodies.parent_cell
 
     def expand(self, unknowns: np.ndarray) -> np.ndarray:
         """N q: displacements (or velocities) of all nodes of V, shape (num_dofs of V,)."""
@@ -47,3 +51,22 @@ class NodalUnknowns:
     def condense(self, stiffness: sp.bsr_array) -> sp.bsr_array:
         """The part of N^T K N on the nodes, in blocks of dim x dim."""
         return stiffness
+
+    def by_cell(self, unknowns: np.ndarray) -> dict:
+        """Unknowns or forces on them in an order that no process decides.
+
+        Args:
+            unknowns: shape (num_dofs,).
+
+        Returns:
+            `nodes`: `Rows` over the cells of the parent mesh, (num_cells, nodes a cell, dim).
+        """
+        rows = unknowns.reshape(-1, self.dim)
+        return {"nodes": Rows(self._parent_cell, rows[self.node_of[self._dofmap]])}
+
+    def from_cells(self, saved: Mapping) -> np.ndarray:
+        """The unknowns, shape (num_dofs,), that `by_cell` told of."""
+        unknowns = np.zeros(self.num_dofs)
+        nodes = self.node_of[self._dofmap]
+        unknowns.reshape(-1, self.dim)[nodes] = saved["nodes"][self._parent_cell]
+        return unknowns

@@ -260,6 +260,15 @@ class BulkForms:
         if self.has_history:
             self._history.restore(history)
 
+    def history_by_cell(self) -> np.ndarray | None:
+        """A copy of the committed internal variables cell by cell; None without any."""
+        return self._history.by_cell() if self.has_history else None
+
+    def restore_by_cell(self, values: np.ndarray | None) -> None:
+        """Take the committed internal variables back from what `history_by_cell` gave."""
+        if self.has_history:
+            self._history.from_cells(values)
+
     def cell_density(self) -> np.ndarray:
         """Density of each cell, shape (num_cells,), kg/m^3."""
         tags = self.bodies.material_of_cell

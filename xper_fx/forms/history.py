@@ -175,6 +175,14 @@ class History:
             for name, part in slices.items():
                 self._values[self._dofs[self._cells[tag]], part] = values[f"{name} {tag}"]
 
+    def by_cell(self) -> np.ndarray:
+        """All committed variables, shape (num_cells, num_points, longest list of variables)."""
+        return self._values[self._dofs]
+
+    def from_cells(self, values: np.ndarray) -> None:
+        """Make what `by_cell` gave the committed variables."""
+        self._values[self._dofs] = values
+
 
 def _slices(values: Mapping[str, np.ndarray]) -> dict[str, slice]:
     ends = np.cumsum([0] + [len(v) for v in values.values()])

@@ -7,6 +7,7 @@ in global axes, for its frame turns with the bodies.
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from itertools import chain
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -15,6 +16,7 @@ from numba import njit
 
 from xper_fx.nscd.exchange import Sides
 from xper_fx.nscd.laws.law import LawKernels
+from xper_fx.nscd.rows import Rows
 
 if TYPE_CHECKING:
     from xper_fx.nscd.interactions import PointGroup
@@ -80,6 +82,27 @@ class ContactHistory:
         for law, sides, record in chain.from_iterable(ranks.comm.allgather(own)):
             records.setdefault((kernels[law], sides), []).append(record)
         self._records = {kind: _merged(parts) for kind, parts in records.items()}
+
+    def saved(self, law_of: Mapping[LawKernels, int]) -> dict[str, dict[str, Rows]]:
+        """All records as `Rows` by key, by the law's number, nodes a side, whether with arms."""
+        return {
+            f"{law_of[kernels]} {sides.k} {int(sides.arms)}": {
+                name: Rows(record.keys, values) for name, values in record._asdict().items()
+            }
+            for (kernels, sides), record in self._records.items()
+        }
+
+    @classmethod
+    def restored(
+        cls, saved: Mapping[str, Mapping[str, np.ndarray]], kernels: Sequence[LawKernels], dim: int
+    ) -> ContactHistory:
+        """The history that `saved` told of; `kernels` are those of each law."""
+        history = cls([])
+        for name, record in saved.items():
+            law, k, arms = map(int, name.split())
+            sides = Sides(dim, kernels[law].components, k, bool(arms))
+            history._records[kernels[law], sides] = _Record(**record)
+        return history
 
 
 def _merged(parts: list[_Record]) -> _Record:

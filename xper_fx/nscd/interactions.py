@@ -8,6 +8,7 @@ Until `commit` nothing of the past is lost: a step may begin again with another 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache
 from typing import TYPE_CHECKING, NamedTuple
@@ -26,6 +27,7 @@ from xper_fx.nscd.exchange import (
     push_kernel,
     spread_kernel,
 )
+from xper_fx.nscd.facets import join_points
 from xper_fx.nscd.history import ContactHistory
 from xper_fx.nscd.inverse import BodyInverse
 from xper_fx.nscd.laws.law import ENERGIES, Law, LawKernels
@@ -38,7 +40,9 @@ from xper_fx.nscd.ordering import (
     vertex_of_points,
 )
 from xper_fx.nscd.points import InteractionPoints
+from xper_fx.nscd.rows import Rows
 from xper_fx.nscd.small import SINGULAR, for_dimension, sym_indices
+from xper_fx.nscd.threads import in_ranges
 
 if TYPE_CHECKING:
     from xper_fx.parallel.halo import Halo
@@ -153,7 +157,8 @@ class PointGroup:
         own = (
             self.indices, self.parameters, self.state, self.terms, self.details, self.compliance,
             self.inverse_area, self.jump, self.velocity, self.impulse, self.committed_impulse,
-            self.energy, self.status, *self.ordering, *self.couplings, *vars(self.points).values(),
+            self.energy, self.status, *self.ordering, *self.tile_bodies, *self.couplings,
+            *vars(self.points).values(),
         )  # fmt: skip
         kept = {id(a): a for a in own if a is not None and a is not self.couplings.w}
         return sum(a.nbytes for a in kept.values())
@@ -161,26 +166,28 @@ class PointGroup:
 
 @cache
 def _step_kernels(law: LawKernels, sides: Sides):
-    """The loops over points of a law's `prepare` and `commit`."""
+    """The loops over ranges of points of a law's `prepare` and `commit`."""
     read, _ = motion(sides)
     algebra = for_dimension(sides.dim, sides.components)
     row, set_row, add, scale = algebra.row, algebra.set_row, algebra.add, algebra.scale
     prepare, commit = law.prepare, law.commit
 
-    @njit
-    def prepare_all(jump, velocity, w, area, step, theta, parameters, state, terms, details):
-        for i in range(len(area)):
+    @njit(nogil=True)
+    def prepare_range(
+        first, last, jump, velocity, w, area, step, theta, parameters, state, terms, details
+    ):
+        for i in range(first, last):
             prepare(
                 i, row(jump, i), row(velocity, i), w, area[i], step, theta, parameters, state,
                 terms, details,
             )  # fmt: skip
 
-    @njit
-    def commit_all(
-        v, c, jump, velocity, r, area, step, theta, parameters, state, terms, details, energy,
-        status,
+    @njit(nogil=True)
+    def commit_range(
+        first, last, v, c, jump, velocity, r, area, step, theta, parameters, state, terms, details,
+        energy, status,
     ):  # fmt: skip
-        for i in range(len(area)):
+        for i in range(first, last):
             jump0, u = row(jump, i), read(v, c, i)
             mean = add(scale(theta, u), scale(1.0 - theta, row(velocity, i)))
             jump1 = add(jump0, scale(step, mean))
@@ -191,24 +198,24 @@ def _step_kernels(law: LawKernels, sides: Sides):
             set_row(jump, i, jump1)
             set_row(velocity, i, u)
 
-    return prepare_all, commit_all
+    return prepare_range, commit_range
 
 
 @cache
 def _evolve_kernel(law: LawKernels, sides: Sides):
-    """The loop over points of a law's `evolve`."""
+    """The loop over a range of points of a law's `evolve`."""
     read, _ = motion(sides)
     evolve = law.evolve
 
-    @njit(_nrt=False)
-    def evolve_all(v, c, w, parameters, terms, details):
+    @njit(_nrt=False, nogil=True)
+    def evolve_range(first, last, v, c, w, parameters, terms, details):
         largest = least = 0.0
-        for i in range(len(w)):
+        for i in range(first, last):
             change = evolve(i, read(v, c, i), w, parameters, terms, details)
             largest, least = max(largest, change), min(least, change)
         return largest, -least
 
-    return evolve_all
+    return evolve_range
 
 
 @njit
@@ -361,7 +368,9 @@ class Interactions:
             )
         self.dim = inverse.dim
         self.ordering = ordering
-        self.laws, self.law_of_point = laws, law_of_point
+        self.laws = laws
+        self.law_of_point = law_of_point.astype(np.min_scalar_type(max(len(laws) - 1, 0)))
+        self._count = len(points)
         self._rigid_blocks = rigid_blocks
         self.halo = halo
         self._rigid_start = self._rigid_free = np.zeros((0, inverse.dim))
@@ -377,16 +386,20 @@ class Interactions:
             nodal[: len(initial_velocity)] = initial_velocity
         self._vertex = None
         if ordering == "vertices":
-            self._vertex = vertex_of_points(points.nodes[:, :, 0], inverse.num_nodes + 1)
-        self._block_of_node = inverse.block_of_node()
+            vertex = vertex_of_points(points.nodes[:, :, 0], inverse.num_nodes + 1)
+            self._vertex = vertex.astype(np.int32)
+        self._block_of_node = inverse.block_of_node().astype(np.int32)
         phase = np.zeros(len(points), int) if halo is None else halo.phase
         self._permanent = self._grouped(points, law_of_point, nodal, phase)
         self.groups = self._permanent
         self._found: list[_ContactSet] = []
         self._history: ContactHistory | None = None
         self.renewals = 0
-        widest = max((g.kernels.components for g in self.groups), default=1)
-        self.points = points.with_components(widest)
+        components = [g.kernels.components for g in self.groups]
+        # Points whose groups have all of their frames are put together again when asked for.
+        self._points = None
+        if not components or min(components) < max(components) or points.arms is not None:
+            self._points = points.with_components(max(components, default=1))
         self._take_inverse(self.groups)
 
     def _grouped(self, points, law_of_point, nodal, phase) -> list[PointGroup]:
@@ -428,7 +441,7 @@ class Interactions:
         jump[:, 0] = points.gap
         return PointGroup(
             kernels=kernels,
-            indices=indices,
+            indices=indices.astype(np.int32),
             points=points,
             ordering=ordering,
             tile_bodies=tile_bodies,
@@ -466,7 +479,16 @@ class Interactions:
         return Blocks(int(sizes[0])) if alike else Blocks()
 
     def __len__(self) -> int:
-        return len(self.points)
+        return self._count
+
+    @property
+    def points(self) -> InteractionPoints:
+        """All permanent points in the scene's order, those taken out included."""
+        if self._points is not None:
+            return self._points
+        where = np.empty(self._count, np.int32)
+        where[np.concatenate([g.indices for g in self._permanent])] = np.arange(self._count)
+        return join_points([g.points for g in self._permanent]).take(where)
 
     def update_inverse(self, inverse: BodyInverse) -> None:
         """Take new values of w (same blocks) of meshed bodies; the compliances W_aa follow."""
@@ -610,6 +632,7 @@ class Interactions:
         Args:
             indices: their numbers in the scene's order.
         """
+        self._points = self.points
         for number, group in enumerate(self._permanent):
             kept = np.flatnonzero(~np.isin(group.indices, indices))
             if len(kept) < len(group):
@@ -618,6 +641,8 @@ class Interactions:
         self.renewals += 1
 
     def _subset(self, group: PointGroup, kept: np.ndarray) -> PointGroup:
+        # in the scene's order first: who retires together leaves no trace in the order of visit
+        kept = kept[np.argsort(group.indices[kept])]
         blocks = self._blocks_of(group.points.nodes[kept])
         ordering = order_points(blocks, len(self._still))
         kept = kept[ordering.order]
@@ -677,10 +702,10 @@ class Interactions:
     def prepare(self) -> None:
         """Renew the laws' constants of the step, after `update_inverse`."""
         for g in self.groups:
-            prepare_all, _ = _step_kernels(g.kernels, g.sides)
-            prepare_all(
-                g.jump, g.velocity, g.compliance, g.points.area, self.step_size, self.theta,
-                g.parameters, g.state, g.terms, g.details,
+            prepare, _ = _step_kernels(g.kernels, g.sides)
+            in_ranges(
+                prepare, len(g), g.jump, g.velocity, g.compliance, g.points.area, self.step_size,
+                self.theta, g.parameters, g.state, g.terms, g.details,
             )  # fmt: skip
 
     def evolve(self, velocity: np.ndarray) -> float:
@@ -695,11 +720,12 @@ class Interactions:
         largest, self.too_far = 0.0, 0.0
         for g in self.groups:
             if g.kernels.evolve is not None:
-                evolve_all = _evolve_kernel(g.kernels, g.sides)
-                change, too_far = evolve_all(
-                    velocity, g.couplings, g.compliance, g.parameters, g.terms, g.details
-                )
-                largest, self.too_far = max(largest, change), max(self.too_far, too_far)
+                changes = in_ranges(
+                    _evolve_kernel(g.kernels, g.sides), len(g), velocity, g.couplings,
+                    g.compliance, g.parameters, g.terms, g.details,
+                )  # fmt: skip
+                for change, too_far in changes:
+                    largest, self.too_far = max(largest, change), max(self.too_far, too_far)
         if self.halo is not None:
             both = self.halo.ranks.max(np.array([largest, self.too_far]))
             largest, self.too_far = both.tolist()
@@ -741,9 +767,9 @@ class Interactions:
         """
         totals = dict.fromkeys(ENERGIES, 0.0)
         for g in self.groups:
-            _, commit_all = _step_kernels(g.kernels, g.sides)
-            commit_all(
-                velocity, g.couplings, g.jump, g.velocity, g.impulse, g.points.area,
+            _, commit = _step_kernels(g.kernels, g.sides)
+            in_ranges(
+                commit, len(g), velocity, g.couplings, g.jump, g.velocity, g.impulse, g.points.area,
                 self.step_size, self.theta, g.parameters, g.state, g.terms, g.details, g.energy,
                 g.status,
             )  # fmt: skip
@@ -800,7 +826,67 @@ class Interactions:
     @property
     def nbytes(self) -> int:
         """Memory held by points and blocks of w, in bytes."""
-        return sum(g.nbytes for g in self.groups) + self.inverse.data.nbytes
+        inverse = self.inverse
+        shared = [
+            self.law_of_point, self._block_of_node, self._still, inverse.data,
+            inverse.node_offsets, inverse.data_offsets,
+        ]  # fmt: skip
+        shared += [] if self._vertex is None else [self._vertex]
+        shared += [] if self._points is None else vars(self._points).values()
+        return sum(g.nbytes for g in self.groups) + sum(a.nbytes for a in shared if a is not None)
+
+    def saved(self) -> dict:
+        """What the next step depends on, the inverse and what is found anew left out.
+
+        Arrays over the permanent points are `Rows` in the scene's order, as wide as the widest of
+        the laws asks for; of contacts that were found their history is kept.
+        """
+        kernels = [law.kernels(self.dim) for law in self.laws]
+        components = max((k.components for k in kernels), default=0)
+        widths = dict.fromkeys(("jump", "velocity", "committed_impulse"), components)
+        widths["energy"] = max((len(k.energies) for k in kernels), default=0)
+        widths["state"] = max((len(k.state_names) for k in kernels), default=0)
+        number = self._numbers()
+        arrays = {name: np.zeros((len(self), width)) for name, width in widths.items()}
+        arrays |= {"status": np.zeros(len(self), np.int8), "kept": np.zeros(len(self), bool)}
+        for g in self._permanent:
+            arrays["kept"][g.indices] = True
+            arrays["status"][g.indices] = g.status
+            for name in widths:
+                own = getattr(g, name)
+                arrays[name][g.indices, : own.shape[1]] = own
+        saved = {name: Rows(number, values) for name, values in arrays.items()}
+        saved |= {
+            "committed_step": self.committed_step, "step_size": self.step_size,
+            "theta": self.theta,
+        }  # fmt: skip
+        if self._history is not None:
+            if self.halo is not None:
+                self.share_history(self.halo.ranks)
+            law_of = {kernel: law for law, kernel in reversed(list(enumerate(kernels)))}
+            saved["contacts"] = self._history.saved(law_of)
+        return saved
+
+    def restore(self, saved: Mapping) -> None:
+        """Take what `saved` gave, its rows in order; points as they were before any retired."""
+        number = self._numbers()
+        gone = np.flatnonzero(~saved["kept"][number])
+        if len(gone):
+            self.retire(gone)
+        for g in self._permanent:
+            for name in ("jump", "velocity", "committed_impulse", "energy", "state"):
+                own = getattr(g, name)
+                own[:] = saved[name][number[g.indices], : own.shape[1]]
+            g.impulse[:] = g.committed_impulse
+            g.status[:] = saved["status"][number[g.indices]]
+        self.committed_step = saved["committed_step"]
+        self.step_size, self.theta = saved["step_size"], saved["theta"]
+        kernels = [law.kernels(self.dim) for law in self.laws]
+        self._history = ContactHistory.restored(saved.get("contacts", {}), kernels, self.dim)
+
+    def _numbers(self) -> np.ndarray:
+        """Numbers of this rank's permanent points in the scene's order, shape (num_points,)."""
+        return np.arange(len(self)) if self.halo is None else self.halo.numbers
 
     def share_history(self, ranks: Ranks) -> None:
         """Let contacts go on from the last step on whichever rank they are found now.

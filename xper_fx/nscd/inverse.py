@@ -37,9 +37,39 @@ class BodyInverse:
         The ground gets a block of the same size, so that kernels can be compiled for that size.
         """
         count, n = blocks.shape[:2]
-        data = np.concatenate([blocks.ravel(), np.zeros(n * n)])
+        held, inverse = cls.empty_uniform(count, n, dim)
+        held[:] = blocks
+        return inverse
+
+    @classmethod
+    def empty_uniform(cls, count: int, size: int, dim: int) -> tuple[np.ndarray, BodyInverse]:
+        """As `from_uniform`, with the view on the blocks, shape (count, size, size), to fill."""
+        data = np.zeros((count + 1) * size**2)
         offsets = np.arange(count + 2, dtype=np.int64)
-        return cls(dim, offsets * (n // dim), data, offsets * (n * n))
+        inverse = cls(dim, offsets * (size // dim), data, offsets * size**2)
+        return data[: count * size**2].reshape(count, size, size), inverse
+
+    @classmethod
+    def from_diagonal(cls, diagonal: np.ndarray, sizes: np.ndarray, dim: int) -> BodyInverse:
+        """From diagonal blocks.
+
+        Args:
+            diagonal: entries, block after block.
+            sizes: shape (num_blocks,), nodes of each block.
+            dim: dimension of space.
+        """
+        if len(sizes) and np.all(sizes == sizes[0]):
+            n = int(sizes[0]) * dim
+            held, inverse = cls.empty_uniform(len(sizes), n, dim)
+            held[:, np.arange(n), np.arange(n)] = diagonal.reshape(-1, n)
+            return inverse
+        nodes = np.concatenate([[0], np.cumsum(np.append(sizes, 1))])
+        offsets = np.concatenate([[0], np.cumsum(np.append(sizes * dim, dim) ** 2)])
+        data = np.zeros(offsets[-1])
+        dofs = sizes * dim
+        place = np.arange(len(diagonal)) - np.repeat(nodes[:-2] * dim, dofs)
+        data[np.repeat(offsets[:-2], dofs) + place * np.repeat(dofs + 1, dofs)] = diagonal
+        return cls(dim, nodes, data, offsets)
 
     @classmethod
     def from_blocks(cls, blocks: list[np.ndarray], dim: int) -> BodyInverse:

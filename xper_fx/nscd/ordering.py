@@ -25,7 +25,7 @@ class Ordering(NamedTuple):
     """An order of points by colour of tile, tile, and colour of point.
 
     Attributes:
-        order: shape (num_points,).
+        order: shape (num_points,), int32.
         tile_offsets: shape (num_tiles + 1,), first point (in `order`) of each tile.
         color_offsets: shape (num_colors + 1,), first tile of each colour.
     """
@@ -104,7 +104,7 @@ def vertex_of_points(blocks: np.ndarray, num_blocks: int) -> np.ndarray:
     Returns:
         Shape (num_points,), from 0, without a gap.
     """
-    pairs = np.ascontiguousarray(blocks, dtype=np.int64)
+    pairs = np.ascontiguousarray(blocks, dtype=np.int32)
     component = _components(pairs, num_blocks, num_blocks - 1)
     return np.unique(component, return_inverse=True)[1]
 
@@ -123,11 +123,11 @@ def order_by_vertex(
         The order; within a vertex, points of one colour share no node.
     """
     count = len(blocks)
-    pairs = np.ascontiguousarray(blocks, dtype=np.int64)
+    pairs = np.ascontiguousarray(blocks, dtype=np.int32)
     color = _greedy_colors(np.arange(count + 1) * 2, pairs.ravel(), num_blocks, num_blocks - 1)
     sizes = np.bincount(vertex, minlength=num_vertices)
     return Ordering(
-        np.lexsort((np.arange(count), color, vertex)),
+        np.lexsort((np.arange(count), color, vertex)).astype(np.int32),
         np.concatenate([[0], np.cumsum(sizes)]),
         np.array([0, num_vertices]),
     )
@@ -147,8 +147,8 @@ def order_points(blocks: np.ndarray, num_blocks: int) -> Ordering:
     count = len(blocks)
     if count == 0:
         zero = np.zeros(1, np.int64)
-        return Ordering(np.zeros(0, np.int64), zero, zero)
-    blocks = np.ascontiguousarray(blocks, dtype=np.int64)
+        return Ordering(np.zeros(0, np.int32), zero, zero)
+    blocks = np.ascontiguousarray(blocks, dtype=np.int32)
     ground = num_blocks - 1
     point_color = _greedy_colors(np.arange(count + 1) * 2, blocks.ravel(), num_blocks, ground)
 
@@ -176,7 +176,7 @@ def order_points(blocks: np.ndarray, num_blocks: int) -> Ordering:
 @njit
 def _sorted_within(by_tile, tile_offsets, tiles, color):
     """The points of the tiles in the order given, within a tile by colour and number."""
-    order = np.empty(len(by_tile), np.int64)
+    order = np.empty(len(by_tile), np.int32)
     place = np.empty(65, np.int64)
     at = 0
     for tile in tiles:
@@ -197,7 +197,7 @@ def _sorted_within(by_tile, tile_offsets, tiles, color):
 def _touched(blocks, order, tile_offsets, num_blocks, ignored):
     """The blocks that the points of each tile touch, once each: offsets and blocks."""
     offsets = np.zeros(len(tile_offsets), np.int64)
-    members = np.empty(2 * len(order), np.int64)
+    members = np.empty(2 * len(order), np.int32)
     seen = np.full(num_blocks, -1)
     count = 0
     for tile in range(len(tile_offsets) - 1):
@@ -232,7 +232,7 @@ def bodies_of_tiles(ordering: Ordering, blocks: np.ndarray, num_blocks: int) -> 
         blocks: shape (num_points, 2), blocks of the points before they were put in order.
         num_blocks: number of blocks, the ground's (the last) included.
     """
-    blocks = np.ascontiguousarray(blocks, dtype=np.int64)
+    blocks = np.ascontiguousarray(blocks, dtype=np.int32)
     return TileBodies(
         *_touched(blocks, ordering.order, ordering.tile_offsets, num_blocks, num_blocks - 1)
     )

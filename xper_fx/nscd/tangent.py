@@ -30,6 +30,7 @@ many bodies. Where all bodies are rigid and not too many the matrix itself is fa
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import cache
 from weakref import WeakKeyDictionary, ref
 
@@ -561,6 +562,27 @@ class LinearisedProblem:
             slopes[:] = np.inf
         self._fresh = True
 
+    def saved(self) -> dict[str, np.ndarray]:
+        """D and K of the permanent points: they stay as they are where they change little.
+
+        Returns:
+            `slopes` and `stiffness`, shape (num_points, components, components) of the widest law.
+        """
+        interactions = self._interactions
+        m = max((g.kernels.components for g in interactions.groups), default=0)
+        arrays = np.zeros((2, len(interactions), m, m))
+        for g, held in zip(interactions.groups, self._groups, strict=True):
+            own = g.kernels.components
+            arrays[:, g.indices, :own, :own] = held[:2]
+        return {"slopes": arrays[0], "stiffness": arrays[1]}
+
+    def restore(self, saved: Mapping[str, np.ndarray]) -> None:
+        """Take what `saved` gave, for the same w."""
+        for g, (slopes, stiffness, *_) in zip(self._interactions.groups, self._groups, strict=True):
+            own = g.kernels.components
+            slopes[:] = saved["slopes"][g.indices, :own, :own]
+            stiffness[:] = saved["stiffness"][g.indices, :own, :own]
+
     def _factor_coarse(self) -> None:
         """Factor P^T w^-1 P; what is prescribed, and clusters whose translation opens, are not."""
         clusters, dim = self._clusters, self._interactions.dim
@@ -767,3 +789,15 @@ def linearised_problem(interactions: Interactions) -> LinearisedProblem:
     else:
         problem.renew()
     return problem
+
+
+def saved(interactions: Interactions) -> dict[str, np.ndarray]:
+    """What the linearised problem keeps from step to step, if there is one and it is kept."""
+    problem = kept(interactions)
+    # contacts that are found make the problem a new one in each step
+    return {} if problem is None or interactions.renewals else problem.saved()
+
+
+def restore(interactions: Interactions, memory: Mapping[str, np.ndarray]) -> None:
+    """Take what `saved` gave, for the same points and w."""
+    linearised_problem(interactions).restore(memory)

@@ -22,6 +22,7 @@ and a quarter or less once cracks open and close, where sweeps often do not conv
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import cache
 from typing import NamedTuple
 from weakref import WeakKeyDictionary
@@ -68,10 +69,11 @@ class _Blocks(NamedTuple):
         offsets: shape (num_vertices + 1,), first point of each.
         start: shape (num_points, 2), first dof of each side's node.
         frame: shape (num_points, 1, dim), the normal, or (num_points, 3, 3).
-        residual, correction: shape (num_points, unknowns), work space.
+        residual, correction: shape (widest, unknowns), work space of the vertex at hand, for the
+            points that the vertex with most points has.
         inverse: the vertices' inverse matrices, flat.
         inverse_offsets: shape (num_vertices + 1,); equal ones where none is kept.
-        lines: shape (num_points * unknowns**2,), work space.
+        lines: shape (widest * unknowns**2,), work space.
         slope: shape (num_points, unknowns, unknowns), columns of the slopes T that the inverse is
             made for.
         rounding: shape (num_vertices,), sum of 1 / (trace W_ii)^2: r^2 for a unit velocity.
@@ -97,6 +99,21 @@ def kept(interactions: Interactions) -> _Blocks | None:
     return _structures.get(interactions)
 
 
+def saved(interactions: Interactions) -> dict[str, np.ndarray]:
+    """What vertices keep from step to step, inverses and the slopes they are made for, if any.
+
+    In the order in which this process visits points: of use with as many processes only.
+    """
+    blocks = kept(interactions)
+    return {} if blocks is None else {"inverse": blocks.inverse, "slope": blocks.slope}
+
+
+def restore(interactions: Interactions, memory: Mapping[str, np.ndarray]) -> None:
+    """Take what `saved` gave, for the same points."""
+    blocks = _structures[interactions] = build(interactions)
+    blocks.inverse[:], blocks.slope[:] = memory["inverse"], memory["slope"]
+
+
 def _unknowns(interactions: Interactions) -> int:
     """Unknowns of a point: most components that a law of the scene has."""
     return max(g.kernels.components for g in interactions.groups)
@@ -108,7 +125,16 @@ def _frame(group: PointGroup, unknowns: int) -> np.ndarray:
     return frame_from_normal(frame[:, 0]) if frame.shape[1] < unknowns == 3 else frame
 
 
-def _build(interactions: Interactions) -> _Blocks:
+@njit
+def _set_identities(inverse, offsets, sizes):
+    for b in range(len(sizes)):
+        if offsets[b + 1] > offsets[b]:
+            for j in range(sizes[b]):
+                inverse[offsets[b] + j * (sizes[b] + 1)] = 1.0
+
+
+def build(interactions: Interactions) -> _Blocks:
+    """The vertices' arrays of a scene."""
     unknowns, groups = _unknowns(interactions), interactions.groups
     vertex = np.concatenate(
         [np.repeat(np.arange(len(g.ordering.tile_offsets) - 1), np.diff(g.ordering.tile_offsets))
@@ -122,7 +148,7 @@ def _build(interactions: Interactions) -> _Blocks:
     counts = np.bincount(vertex)
     dofs = counts * unknowns
     kept = np.where(dofs <= _NEWTON_DOFS, dofs**2, 0)
-    total = len(vertex)
+    total, widest = len(vertex), int(counts.max())
     diagonal = {1: [0], 2: [0, 2], 3: [0, 3, 5]}
     trace = np.concatenate(
         [g.compliance[:, diagonal[g.kernels.components]].sum(axis=1) for g in groups]
@@ -131,17 +157,16 @@ def _build(interactions: Interactions) -> _Blocks:
     offsets = np.concatenate([[0], np.cumsum(counts)])
     inverse_offsets = np.concatenate([[0], np.cumsum(kept)])
     inverse = np.zeros(inverse_offsets[-1])
-    for first, n in zip(inverse_offsets[:-1][kept > 0], dofs[kept > 0], strict=True):
-        inverse[first : first + n * n : n + 1] = 1.0
+    _set_identities(inverse, inverse_offsets, dofs)
     return _Blocks(
         offsets=offsets,
         start=np.ascontiguousarray(gathered([g.couplings.start for g in groups])[:, :, 0]),
         frame=np.ascontiguousarray(gathered([_frame(g, unknowns) for g in groups])),
-        residual=np.zeros((total, unknowns)),
-        correction=np.zeros((total, unknowns)),
+        residual=np.zeros((_CHUNKS * widest, unknowns)),
+        correction=np.zeros((_CHUNKS * widest, unknowns)),
         inverse=inverse,
         inverse_offsets=inverse_offsets,
-        lines=np.zeros(total * unknowns**2),
+        lines=np.zeros(_CHUNKS * widest * unknowns**2),
         slope=np.zeros((total, unknowns, unknowns)),
         rounding=np.bincount(vertex[order], squared),
     )
@@ -151,8 +176,8 @@ def _build(interactions: Interactions) -> _Blocks:
 def _group_kernels(law: LawKernels, dim: int, unknowns: int, alone: bool):
     """What a vertex does with its points of one law, inlined when it is the only law.
 
-    Each kernel takes the vertex, the velocities, the vertices' arrays, the count of points before
-    these, and the group's arrays.
+    Each kernel takes the vertex, the velocities, the vertices' arrays, the count of the vertex's
+    points before these, and the group's arrays.
     """
     components = law.components
     algebra, world = for_dimension(dim, components), for_dimension(dim)
@@ -187,6 +212,8 @@ def _group_kernels(law: LawKernels, dim: int, unknowns: int, alone: bool):
             new, _ = solve(i, read(v, c, i), old, w_points, parameters, terms, details)
             change = subtract(new, old)
             set_row(blocks.residual, position, change)
+            for x in range(components, unknowns):  # what a point of another law has left there
+                blocks.residual[position, x] = 0.0
             size = dot(change, change)
             changed += size
             total += dot(new, new)
@@ -276,19 +303,19 @@ def _group_kernels(law: LawKernels, dim: int, unknowns: int, alone: bool):
 
     # A call costs as much as it passes: only the arrays needed, not all of the group's.
     @_KERNEL
-    def update(y, start, lines, first, slope, point, n, own, slopes):
+    def update(y, start, lines, slope, point, n, own, slopes):
         """Y for a new slope of one point, given the rows g Y of W - diag W in `lines`.
 
         I - T (W - diag W) changes by -d g, and Y by (Y d) (g Y) / (1 - g Y d), column by column.
         """
         for z in range(components):
-            line = first + z * n
+            line = z * n
             for earlier in range(z):
                 factor = 0.0
                 for x in range(components):
                     factor += lines[line + own + x] * changed(slope, point, slopes, earlier, x)
                 for j in range(n):
-                    lines[line + j] += factor * lines[first + earlier * n + j]
+                    lines[line + j] += factor * lines[earlier * n + j]
             pivot = 1.0
             for x in range(components):
                 pivot -= lines[line + own + x] * changed(slope, point, slopes, z, x)
@@ -302,7 +329,7 @@ def _group_kernels(law: LawKernels, dim: int, unknowns: int, alone: bool):
                 for x in range(components):
                     factor += y[row_i + own + x] * changed(slope, point, slopes, z, x)
                 for j in range(n):
-                    y[row_i + j] += factor * lines[first + z * n + j]
+                    y[row_i + j] += factor * lines[z * n + j]
         for z in range(components):
             for x in range(components):
                 slope[point, z, x] = slopes[z][x]
@@ -313,20 +340,21 @@ def _group_kernels(law: LawKernels, dim: int, unknowns: int, alone: bool):
         tiles, c, r, inverse_area, w_points, parameters, terms, details = group
         y, start, lines = blocks.inverse, blocks.inverse_offsets[b], blocks.lines
         low, high = blocks.offsets[b], blocks.offsets[b + 1]
-        n, first = (high - low) * unknowns, low * unknowns**2
+        n = (high - low) * unknowns
         for i in range(tiles[b], tiles[b + 1]):
             residual = row(blocks.residual, position)
             if dot(residual, residual) > threshold:
                 u, old = read(v, c, i), row(r, i)
-                for j in range(first, first + components * n):
+                for j in range(components * n):
                     lines[j] = 0.0
+                point = low + position
                 for other in range(low, high):
-                    if other == position or not touching(blocks.start, position, other):
+                    if other == point or not touching(blocks.start, point, other):
                         continue
                     for z in range(components):
                         # W is symmetric: row z of W_pq is column z of W_qp
-                        g = coupling(blocks, c.w, other, position, z)
-                        line, source = first + z * n, start + (other - low) * unknowns * n
+                        g = coupling(blocks, c.w, other, point, z)
+                        line, source = z * n, start + (other - low) * unknowns * n
                         for j in range(n):
                             if unknowns == 1:
                                 lines[line + j] += g[0] * y[source + j]
@@ -338,8 +366,7 @@ def _group_kernels(law: LawKernels, dim: int, unknowns: int, alone: bool):
                                     + g[2] * y[source + 2 * n + j]
                                 )  # fmt: skip
                 slopes = slopes_of(i, u, old, w_points, parameters, terms, details, reach)
-                own = (position - low) * unknowns
-                update(y, start, lines, first, blocks.slope, position, n, own, slopes)
+                update(y, start, lines, blocks.slope, point, n, position * unknowns, slopes)
             position += 1
         return position
 
@@ -456,15 +483,15 @@ def _solve_kernel(laws: tuple[LawKernels, ...], dim: int, unknowns: int):
     @njit(inline="always")
     def multiply(blocks, b):
         """correction = inverse residual; returns its square."""
-        first, last = blocks.offsets[b], blocks.offsets[b + 1]
-        n = (last - first) * unknowns
+        points = blocks.offsets[b + 1] - blocks.offsets[b]
+        n = points * unknowns
         a, line = blocks.inverse, blocks.inverse_offsets[b]
         size = 0.0
-        for i in range(first, last):
-            total = scale(0.0, row(blocks.residual, first))
-            for j in range(first, last):
+        for i in range(points):
+            total = scale(0.0, row(blocks.residual, 0))
+            for j in range(points):
                 x = row(blocks.residual, j)
-                at = line + (j - first) * unknowns
+                at = line + j * unknowns
                 if unknowns == 1:
                     total = (total[0] + a[at] * x[0],)
                 elif unknowns == 2:
@@ -500,8 +527,7 @@ def _solve_kernel(laws: tuple[LawKernels, ...], dim: int, unknowns: int):
     @njit(inline="always")
     def solve_vertex(b, v, blocks, groups, tolerance, max_sweeps, relax, speed):
         """Returns sweeps, squared relative error, squared traction change, converged."""
-        first = blocks.offsets[b]
-        warm_all(b, v, blocks, first, groups)
+        warm_all(b, v, blocks, 0, groups)
         # impulses whose effect is within the rounding of the velocities
         floor = (16.0 * np.finfo(np.float64).eps * speed) ** 2 * blocks.rounding[b]
         bound = tolerance * tolerance
@@ -512,7 +538,7 @@ def _solve_kernel(laws: tuple[LawKernels, ...], dim: int, unknowns: int):
         for count in range(1, max_sweeps + 1):
             if spell > 0:
                 spell -= 1
-                _, changed, total, largest = sweep_all(b, v, blocks, first, groups, relax)
+                _, changed, total, largest = sweep_all(b, v, blocks, 0, groups, relax)
                 error = np.inf
                 if previous < np.inf and changed < previous:
                     rho = np.sqrt(changed / previous)
@@ -523,7 +549,7 @@ def _solve_kernel(laws: tuple[LawKernels, ...], dim: int, unknowns: int):
                         return count, min(error, changed) / max(total, floor, _TINY), largest, True
                     previous = np.inf
                 continue
-            _, changed, total, largest = evaluate_all(b, v, blocks, first, groups)
+            _, changed, total, largest = evaluate_all(b, v, blocks, 0, groups)
             error = changed
             if changed > max(floor, _CLEAR * bound * total):
                 if changed > _SLOW * _SLOW * previous:
@@ -531,21 +557,32 @@ def _solve_kernel(laws: tuple[LawKernels, ...], dim: int, unknowns: int):
                         reset(blocks, b)
                         spell, length, fresh, previous = length, 2 * length, 0, np.inf
                         continue
-                    renew_all(b, v, blocks, first, groups, 1e-6 * speed, 1e-4 * changed)
+                    renew_all(b, v, blocks, 0, groups, 1e-6 * speed, 1e-4 * changed)
                     fresh += 1
                 previous = changed
                 error = max(changed, multiply(blocks, b))
                 if error > bound * total:
-                    correct_all(b, v, blocks, first, groups)
+                    correct_all(b, v, blocks, 0, groups)
                     continue
             if evolve_all(b, v, groups) <= tolerance:
                 return count, error / max(total, floor, _TINY), largest, True
             previous, fresh = np.inf, 0
         return max_sweeps, changed / max(total, floor, _TINY), largest, False
 
+    @njit(inline="always")
+    def of_chunk(blocks, chunk):
+        """The arrays with the work space of one piece of work."""
+        widest = len(blocks.residual) // _CHUNKS
+        first, last = chunk * widest, (chunk + 1) * widest
+        return _Blocks(
+            blocks.offsets, blocks.start, blocks.frame, blocks.residual[first:last],
+            blocks.correction[first:last], blocks.inverse, blocks.inverse_offsets,
+            blocks.lines[first * unknowns**2 : last * unknowns**2], blocks.slope, blocks.rounding,
+        )  # fmt: skip
+
     @_KERNEL
     def solve_range(lo, hi, v, blocks, arrays, tolerance, max_sweeps, relax, speed, parts, chunk):
-        groups = nest(arrays)
+        groups, blocks = nest(arrays), of_chunk(blocks, chunk)
         for b in range(lo, hi):
             count, error, largest, converged = solve_vertex(
                 b, v, blocks, groups, tolerance, max_sweeps, relax, speed
@@ -608,7 +645,7 @@ def solve(
         return SolveReport(True, 0, 0.0, 0.0)
     blocks = _structures.get(interactions)
     if blocks is None:
-        blocks = _structures[interactions] = _build(interactions)
+        blocks = _structures[interactions] = build(interactions)
     arrays = tuple(
         array
         for g in interactions.groups

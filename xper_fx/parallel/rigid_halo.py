@@ -33,6 +33,7 @@ class RigidHalo:
     Attributes:
         everywhere: exchange of the velocities of all bodies.
         phases: exchange with one rank, phase after phase from the first.
+        numbers: shape (0,), of permanent points, of which there are none.
         cut: this rank's bodies that others move, and its ghosts.
     """
 
@@ -45,6 +46,7 @@ class RigidHalo:
         dofs: int,
     ):
         self.ranks, self._rank_of_body, self._moves = ranks, rank_of_body, moves
+        self.numbers = np.zeros(0, np.int64)
         self.everywhere = _AllBodies(ranks, rank_of_body, dofs)
         pairs = pairs[moves[pairs].all(axis=1)]
         sides = rank_of_body[pairs]

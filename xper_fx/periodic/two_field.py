@@ -16,6 +16,8 @@ so a driven component is a prescribed motion and its reaction is h |Omega| Pibar
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 import scipy.linalg
 
@@ -203,3 +205,23 @@ class CellBulk(Bulk):
         if missing <= max(self._rounding, np.finfo(float).eps * largest):
             return 0.0
         return missing / largest if largest > 0.0 else np.inf
+
+    def saved(self) -> dict:
+        """See `Bulk`; what the cell has learnt of its macroscopic answer besides."""
+        return super().saved() | {
+            "largest_stress": self.largest_stress,
+            "guess": self._guess,
+            "guess_time": self._guess_from[0],
+            "guess_rates": self._guess_from[1],
+            "compliance": self._compliance,
+            "committed_compliance": self._committed_compliance,
+        }
+
+    def restore(self, saved: Mapping) -> None:
+        """See `Bulk`."""
+        super().restore(saved)
+        self.largest_stress = saved["largest_stress"]
+        self._guess = saved["guess"]
+        self._guess_from = saved["guess_time"], saved["guess_rates"]
+        self._compliance[:] = saved["compliance"]  # inverses hold this array
+        self._committed_compliance = saved["committed_compliance"]

@@ -12,6 +12,8 @@ forces that belong to it are column j of |Omega| Pibar, as X^T f_int = int Pi dx
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 import scipy.sparse as sp
 from dolfinx.fem import FunctionSpace
@@ -123,3 +125,13 @@ class CellUnknowns(NodalUnknowns):
             return columns
         rows = columns.reshape(len(self.node_of), -1)
         return (self._sum @ rows).reshape(-1, columns.shape[1])
+
+    def by_cell(self, unknowns: np.ndarray) -> dict:
+        """See `NodalUnknowns`; the macroscopic ones besides."""
+        return super().by_cell(unknowns) | {"macroscopic": unknowns[self.macroscopic]}
+
+    def from_cells(self, saved: Mapping) -> np.ndarray:
+        """See `NodalUnknowns`."""
+        unknowns = super().from_cells(saved)
+        unknowns[self.macroscopic] = saved["macroscopic"]
+        return unknowns

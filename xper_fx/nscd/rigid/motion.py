@@ -28,6 +28,7 @@ slots; rows and columns of prescribed components, and of the unused one in 2D, a
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -102,6 +103,7 @@ class RigidMotion:
 
     Attributes:
         bodies: as given.
+        start: the `RigidState` of time 0.
         state: the committed `RigidState`.
         blocks: w of each body at the last prediction, shape (n, 2 dim, 2 dim), 1/kg and so on.
             The array is written in place: in 2D never again, in 3D by each `predict`.
@@ -118,7 +120,7 @@ class RigidMotion:
             from xper_fx.nscd.rigid.space_turning import SpaceTurning
 
             self._turning = SpaceTurning(bodies)
-        self.state = RigidState(
+        self.start = self.state = RigidState(
             bodies.position.copy(), bodies.velocity.copy(), self._turning.initial
         )
         self.blocks = np.zeros((n, 2 * dim, 2 * dim))
@@ -278,6 +280,17 @@ class RigidMotion:
     def commit(self) -> None:
         """Keep the end of the step as the state that the next one starts from."""
         self.state = self._ended()
+        self._middle = self._end = self._at = None
+
+    def saved(self) -> dict[str, np.ndarray]:
+        """The committed state, by the names of `RigidState` and `Turn`."""
+        state = self.state
+        return {"position": state.position, "velocity": state.velocity, **state.turn._asdict()}
+
+    def restore(self, saved: Mapping[str, np.ndarray]) -> None:
+        """Take the committed state from what `saved` gave."""
+        turn = Turn(*(saved[name] for name in Turn._fields))
+        self.state = RigidState(saved["position"], saved["velocity"], turn)
         self._middle = self._end = self._at = None
 
     def reactions(self, contacts: npt.ArrayLike | None = None) -> np.ndarray:

@@ -18,7 +18,7 @@ Walls have no boxes: each is looked at with every body it may touch, one scalar 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 from numba import njit
@@ -394,6 +394,31 @@ class RigidSearch:
             self._searched = {
                 name: pairs[part] for (name, pairs), part in zip(lists.items(), parts, strict=True)
             }
+
+    def saved(self) -> dict:
+        """What the list in use was made from, and how long it has served; empty before the first.
+
+        Returns:
+            `skin` (m), `served` searches, `position` (m) and `rotation`, matrices of the bodies
+            with corners.
+        """
+        if self._old_position is None:
+            return {}
+        return {
+            "skin": self.skin,
+            "served": self.searches - self._searches_at_renewal,
+            "position": self._old_position,
+            "rotation": self._old_rotation,
+        }
+
+    def restore(self, saved: Mapping) -> None:
+        """Make the list that `saved` told of."""
+        if not saved:
+            return
+        self.skin = saved["skin"]
+        _turn(self._tables, self._cornered, saved["rotation"], self._corners)
+        self._renew(saved["position"], saved["rotation"])
+        self.searches += saved["served"]
 
 
 def _labels(bodies: RigidBodies, pairs: Sequence[tuple[str, str]]) -> tuple[np.ndarray, np.ndarray]:

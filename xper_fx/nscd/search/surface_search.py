@@ -14,12 +14,13 @@ bonds free is put into the list there is. Walls are looked at with all nodes.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
 from xper_fx.nscd.rigid.bodies import RigidBodies
 from xper_fx.nscd.rigid.shapes import HALF_PLANE, HALF_SPACE
+from xper_fx.nscd.rows import Rows
 from xper_fx.nscd.search.bonds import Bonds
 from xper_fx.nscd.search.contacts import Contacts, empty, join
 from xper_fx.nscd.search.edge_edge import convex_edges, edge_edge
@@ -368,8 +369,11 @@ class SurfaceSearch:
             speed = motion / (self.searches - self._searches_at_renewal)
             lowest, highest = (share * self._typical for share in _SKIN_BOUNDS)
             self.skin = float(np.clip(2.0 * _SEARCHES_A_LIST * speed, lowest, highest))
-        self._old_x = x.copy()
-        self._old_rigid = self._rigid.state()
+        self._list(x.copy(), self._rigid.state())
+
+    def _list(self, x: np.ndarray, rigid: tuple[np.ndarray, ...] | None) -> None:
+        """Make all lists for nodes at x and rigid bodies in a state of `_RigidSide`."""
+        self._old_x, self._old_rigid = x, rigid
         self._is_listed[:] = False
         for pairs in (self._node_facet, self._rigid_facet):
             pairs.replace(np.empty((0, 2), np.int32))
@@ -378,6 +382,40 @@ class SurfaceSearch:
         self._list_edges()
         self.renewals += 1
         self._searches_at_renewal = self.searches
+
+    def saved(self, by_cell: Callable[[np.ndarray], Rows]) -> dict:
+        """What the lists in use were made from, and how long they have served.
+
+        Args:
+            by_cell: puts positions of the nodes into an order that no process decides.
+        """
+        if self._old_x is None:
+            return {}
+        saved = {
+            "skin": self.skin,
+            "served": self.searches - self._searches_at_renewal,
+            "x": by_cell(self._old_x),
+        }
+        if self._old_rigid is not None:
+            saved |= zip(("position", "turn", "points"), self._old_rigid, strict=True)
+        return saved
+
+    def restore(self, saved: Mapping, from_cells: Callable[[np.ndarray], np.ndarray]) -> None:
+        """Make the lists that `saved` told of, for the bonds as they are now.
+
+        Args:
+            saved: of `saved`, rows in order.
+            from_cells: takes back what `by_cell` did.
+        """
+        if not saved:
+            return
+        self.skin = saved["skin"]
+        rigid = None
+        if "position" in saved:
+            rigid = saved["position"], saved["turn"], saved["points"]
+            self._rigid.points = saved["points"]
+        self._list(from_cells(saved["x"]), rigid)
+        self.searches += saved["served"]
 
     def _motion(self, x: np.ndarray) -> float:
         """Largest displacement since the lists were made, against the middle of all nodes'."""

@@ -1,0 +1,49 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Work on many independent items, in threads.
+
+What is done to an item depends on no other, so that results do not depend on the number of threads.
+The same compiled kernel serves one thread and several; few items are not worth a second one.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache
+
+from numba import get_num_threads
+
+# Items below which starting a thread costs more than it saves.
+_MANY = 20_000
+
+
+@cache
+def _pool() -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(thread_name_prefix="xper_fx")
+
+
+os.register_at_fork(after_in_child=_pool.cache_clear)  # threads do not survive a fork
+
+
+def in_ranges(work: Callable, count: int, *arguments) -> list:
+    """Call `work(first, last, *arguments)` on ranges that make up 0 to `count`.
+
+    Args:
+        work: releases the interpreter's lock, as kernels compiled with `nogil` and NumPy do.
+        count: number of items.
+        arguments: of `work`, the same for all ranges.
+
+    Returns:
+        What `work` returned, range by range.
+    """
+    threads = get_num_threads()
+    if count < _MANY or threads == 1:
+        return [work(0, count, *arguments)]
+    work(0, 0, *arguments)  # a kernel is compiled here, not in a thread
+    ends = [count * part // threads for part in range(threads + 1)]
+    others = [
+        _pool().submit(work, first, last, *arguments)
+        for first, last in zip(ends[1:-1], ends[2:], strict=True)
+    ]
+    return [work(0, ends[1], *arguments), *(other.result() for other in others)]
