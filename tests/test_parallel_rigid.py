@@ -9,7 +9,10 @@ import numpy as np
 import pytest
 from on_ranks import on_ranks
 
-SCENES = {1: ("falling", "bricks", "shear", "clouds"), 3: ("falling", "bricks", "shear")}
+SCENES = {
+    1: ("falling", "bricks", "shear", "hard_bricks", "clouds"),
+    3: ("falling", "bricks", "shear"),
+}
 SCENES[2] = SCENES[1]
 several = pytest.mark.parametrize("count", [2, 3])
 scenes = pytest.mark.parametrize(
@@ -35,7 +38,8 @@ def found(tmp_path_factory):
 def test_contacts_are_divided_and_states_the_same_bits(found, scene, count):
     result = found(count)
     assert result[f"{scene}/partitions"] >= 1
-    assert not result[f"{scene}/undivided"]
+    # hard_bricks take more sweeps than are tried together
+    assert result[f"{scene}/undivided"] == (scene == "hard_bricks")
     assert result[f"{scene}/alike"]
 
 
@@ -80,5 +84,5 @@ def test_all_read_all_forces(found, count):
 @several
 def test_sheared_bodies_change_their_ranks(found, count):
     assert found(count)["shear/partitions"] >= 2
-    assert found(count)["shear/moved"] > 0
+    assert found(count)["shear/moved"] > 84  # more than there are
     assert found(count)["shear/own"].min() > 0

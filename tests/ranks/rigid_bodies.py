@@ -69,7 +69,7 @@ def falling() -> Simulation:
     return Simulation(scene, 2e-3, tolerance=1e-11, num_threads=1)
 
 
-def bricks() -> Simulation:
+def bricks(**options) -> Simulation:
     """Blocks in bond on a floor that jerks them along."""
     bodies = [
         RigidBody(
@@ -93,7 +93,12 @@ def bricks() -> Simulation:
         contacts=[Contact(("blocks", "blocks"), law), Contact(("blocks", "floor"), law)],
         loads=[Gravity((0.0, -G))],
     )
-    return Simulation(scene, 2e-3, tolerance=1e-10, num_threads=1, solver="nlgs")
+    return Simulation(scene, 2e-3, tolerance=1e-10, num_threads=1, **({"solver": "nlgs"} | options))
+
+
+def hard_bricks() -> Simulation:
+    """The same with so few sweeps together that each rank goes on alone, with other solvers."""
+    return bricks(solver="auto", max_sweeps=400)
 
 
 def shear() -> Simulation:
@@ -117,7 +122,7 @@ def shear() -> Simulation:
 
 
 SCENES = {"clouds": (clouds, 0.16), "falling": (falling, 0.1), "bricks": (bricks, 0.02),
-          "shear": (shear, 0.8)}  # fmt: skip
+          "shear": (shear, 0.8), "hard_bricks": (hard_bricks, 0.02)}  # fmt: skip
 
 
 def results(name: str) -> dict[str, np.ndarray]:
