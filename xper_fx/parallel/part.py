@@ -52,11 +52,16 @@ def divide(bodies: Bodies, ranks: Ranks) -> Part:
     Raises:
         ValueError: fewer bodies than ranks.
     """
+    rank_of_body = bodies_by_rank(bodies, ranks.size)
+    return _take(bodies, ranks.comm.bcast(rank_of_body), ranks.rank)
+
+
+def bodies_by_rank(bodies: Bodies, num_ranks: int) -> np.ndarray:
+    """Rank of each body, shape (num_bodies,), by their cells and facing facets."""
     pairs = bodies.facets.bodies
     weights = _CELL * np.bincount(bodies.body_of_cell, minlength=bodies.num_bodies)
     weights += _FACET * np.bincount(pairs.ravel(), minlength=bodies.num_bodies)
-    rank_of_body = partition_bodies(weights, pairs, np.ones(len(pairs), int), ranks.size)
-    return _take(bodies, ranks.comm.bcast(rank_of_body), ranks.rank)
+    return partition_bodies(weights, pairs, np.ones(len(pairs), int), num_ranks)
 
 
 def _take(bodies: Bodies, rank_of_body: np.ndarray, rank: int) -> Part:

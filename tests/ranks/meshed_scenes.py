@@ -1,0 +1,150 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Scenes of meshed bodies, run by all ranks together; the first writes what came out."""
+
+import sys
+
+import numpy as np
+from mpi4py import MPI
+from scenes import BOTTOM, LEFT, RIGHT, box_bodies
+
+from xper_fx.cracks import find_fragments
+from xper_fx.forms.loads import Gravity, PrescribedVelocity, RayleighDamping
+from xper_fx.materials import J2SmallStrain, LinearElastic, NeoHookean
+from xper_fx.materials.hardening import Linear
+from xper_fx.nscd.laws import CohesiveZone, SignoriniCoulomb
+from xper_fx.parallel.launch import run_together
+from xper_fx.recorder import point_coordinates
+from xper_fx.scene import Scene, Wall
+from xper_fx.simulation import Simulation
+
+# E = 1000, rho = 1, strength 10, cohesive length 0.5 of a side.
+ELASTIC = LinearElastic(1000.0, 0.3, 1.0)
+BOND = CohesiveZone(2e4, 0.05, 10.0, friction=0.3)
+CONTACT = SignoriniCoulomb(0.4)
+
+
+def stretched(speed):
+    """Motions of the left and right side and the velocity that they start with."""
+    loads = [PrescribedVelocity(LEFT, 0, -speed), PrescribedVelocity(RIGHT, 0, speed)]
+    return loads, lambda x: np.stack([speed * (2.0 * x[0] - 1.0), *np.zeros_like(x[1:])])
+
+
+def quadrants(x):
+    return 4 * (x[1] * 2.999).astype(int) + (x[0] * 3.999).astype(int)
+
+
+def explicit():
+    loads, start = stretched(1.0)
+    bodies = box_bodies((1, 1), (6, 6))
+    scene = Scene(
+        bodies, {1: ELASTIC}, default_interaction=BOND, loads=loads,
+        initial_velocity=lambda x: start(x)[:2],
+    )  # fmt: skip
+    return scene, {"scheme": "explicit", "tolerance": 1e-12}, 60
+
+
+def quadratic():
+    loads, start = stretched(1.0)
+    bodies = box_bodies((1, 1), (4, 4))
+    scene = Scene(
+        bodies, {1: ELASTIC}, default_interaction=BOND, loads=loads, order=2,
+        initial_velocity=lambda x: start(x)[:2],
+    )  # fmt: skip
+    return scene, {"scheme": "explicit", "tolerance": 1e-12}, 40
+
+
+def blocks():
+    """Bodies of several cells of unlike size, finite strain, Gauss points."""
+    loads, start = stretched(1.0)
+    bodies = box_bodies((1, 1), (8, 6), label=quadrants)
+    scene = Scene(
+        bodies, {1: NeoHookean(1000.0, 0.3, 1.0)}, default_interaction=BOND, points="gauss",
+        loads=loads, initial_velocity=lambda x: start(x)[:2],
+    )  # fmt: skip
+    return scene, {"step": 5e-4, "tolerance": 1e-9, "scheme": "implicit"}, 20
+
+
+def fall():
+    """Bonded blocks that fall on a wall."""
+    bodies = box_bodies((1, 1), (8, 6), label=quadrants)
+    scene = Scene(
+        bodies, {1: ELASTIC}, default_interaction=BOND,
+        walls=[Wall(BOTTOM, (0.0, -1e-3), (0.0, 1.0), SignoriniCoulomb(0.0))],
+        loads=[Gravity((0.0, -50.0))],
+        initial_velocity=lambda x: np.stack([0.5 + 0.0 * x[0], -1.0 + 0.0 * x[0]]),
+    )  # fmt: skip
+    return scene, {"step": 5e-4, "tolerance": 1e-9, "scheme": "implicit"}, 20
+
+
+def plastic():
+    """Plasticity, damping and bonds, each quadrilateral a body."""
+    loads, start = stretched(1.0)
+    bodies = box_bodies((1, 1), (6, 5), kind="quadrilateral")
+    material = J2SmallStrain(1000.0, 0.3, 6.0, Linear(50.0), 1.0)
+    scene = Scene(
+        bodies, {1: material}, default_interaction=BOND, loads=loads,
+        damping=RayleighDamping(mass=0.5), initial_velocity=lambda x: start(x)[:2],
+    )  # fmt: skip
+    return scene, {"step": 5e-4, "tolerance": 1e-9, "scheme": "implicit"}, 25
+
+
+def free():
+    """Two halves that meet in flight, sliding along each other; nothing holds them."""
+    halves = box_bodies((1, 1), (6, 6), label=lambda x: (x[0] > 0.5).astype(int) * 2 + (x[1] > 0.5))
+    velocity = lambda x: np.stack([np.where(x[0] > 0.5, -1.0, 2.0), 3.0 * x[0]])  # noqa: E731
+    scene = Scene(
+        halves, {1: ELASTIC}, default_interaction=CONTACT, initial_velocity=velocity
+    )  # fmt: skip
+    return scene, {"step": 2e-3, "tolerance": 1e-11, "scheme": "implicit"}, 20
+
+
+def space():
+    loads, start = stretched(1.0)
+    bodies = box_bodies((1, 1, 1), (2, 2, 2), kind="tetrahedron")
+    scene = Scene(
+        bodies, {1: ELASTIC}, default_interaction=BOND, loads=loads, initial_velocity=start
+    )
+    return scene, {"step": 1e-3, "tolerance": 1e-10, "scheme": "implicit"}, 10
+
+
+SCENES = {f.__name__: f for f in (explicit, quadratic, blocks, fall, plastic, free, space)}
+
+
+def run(name: str) -> dict[str, np.ndarray]:
+    """Histories and final fields of a scene, the same on every rank."""
+    scene, options, steps = SCENES[name]()
+    simulation = Simulation(scene, **options)
+    history: dict[str, list] = {}
+
+    def momentum():
+        state = simulation.state
+        values = (simulation.bulk.mass * state.velocity).reshape(-1, scene.dim)
+        return simulation.ranks.sum(values.sum(axis=0))
+
+    start = momentum()
+    for record in simulation.steps(steps * simulation.step_size):
+        now = record.energies | {
+            "time": record.time,
+            "reaction": simulation.reaction(RIGHT) if scene.loads else np.zeros(scene.dim),
+            "mean": simulation.mean_displacement(RIGHT),
+            "momentum": momentum(),
+        }
+        for key, value in now.items():
+            history.setdefault(key, []).append(value)
+    interactions = simulation.interactions
+    fields = {key: interactions.gather(key) for key in ("impulse", "jump", "damage", "traction")}
+    count = len(point_coordinates(simulation))
+    fields |= {"law": interactions.gather("law"), "fragment": find_fragments(simulation)}
+    here = {"points": np.array([interactions.num_points, len(interactions), count])}
+    return {k: np.array(v) for k, v in history.items()} | fields | here | {"start": start}
+
+
+def main() -> None:
+    for name in sys.argv[2:] or SCENES:
+        found = run(name)
+        if MPI.COMM_WORLD.rank == 0:
+            np.savez(f"{sys.argv[1]}/{name}.npz", **found)
+
+
+if __name__ == "__main__":
+    run_together(main)

@@ -1,0 +1,204 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Scenes on several ranks against the same on one; the parts that divide them."""
+
+import numpy as np
+import pytest
+from on_ranks import on_ranks
+from scenes import COMM, EXACT, LEFT, RIGHT, box_bodies
+
+from xper_fx.forms.loads import PrescribedVelocity
+from xper_fx.materials import LinearElastic
+from xper_fx.nscd.laws import CohesiveZone
+from xper_fx.parallel.ownership import owners_by_facet, owners_by_vertex, phases
+from xper_fx.parallel.part import divide
+from xper_fx.parallel.partition import partition_bodies
+from xper_fx.parallel.ranks import Ranks
+
+SCENES = ("explicit", "quadratic", "blocks", "fall", "plastic", "free", "space")
+# Scenes whose points do not push each other at the end in more ways than one.
+UNIQUE = ("blocks", "plastic", "free", "space")
+
+
+def grid(n):
+    number = np.arange(n * n).reshape(n, n)
+    pairs = [(number[:, :-1], number[:, 1:]), (number[:-1], number[1:])]
+    return np.concatenate([np.stack([a.ravel(), b.ravel()], axis=1) for a, b in pairs])
+
+
+@pytest.mark.parametrize("num_ranks", [2, 3, 4, 7])
+def test_parts_weigh_the_same_and_cut_little(num_ranks):
+    n, pairs = 40, grid(40)
+    weights = np.ones(n * n, int)
+    weights[: 10 * n] = 4
+    rank = partition_bodies(weights, pairs, np.ones(len(pairs), int), num_ranks)
+    load = np.bincount(rank, weights, minlength=num_ranks)
+    assert load.max() <= 1.06 * load.mean()
+    cut = np.count_nonzero(rank[pairs[:, 0]] != rank[pairs[:, 1]])
+    # straight cuts of a square into strips would be (num_ranks - 1) n
+    assert cut <= (num_ranks - 1) * n
+    again = partition_bodies(weights, pairs, np.ones(len(pairs), int), num_ranks)
+    np.testing.assert_array_equal(rank, again)
+
+
+def test_heavy_pairs_stay_together():
+    pairs = grid(12)
+    rows = np.abs(np.diff(pairs, axis=1)).ravel() == 1
+    rank = partition_bodies(np.ones(144, int), pairs, np.where(rows, 1000, 1), 2)
+    assert not np.any(rank[pairs[rows, 0]] != rank[pairs[rows, 1]])
+
+
+def test_every_rank_has_a_body():
+    pairs = np.array([[0, 1], [1, 2], [2, 3]])
+    rank = partition_bodies(np.array([100, 1, 1, 1]), pairs, np.ones(3, int), 4)
+    assert sorted(rank) == [0, 1, 2, 3]
+    with pytest.raises(ValueError, match="4 bodies for 5 ranks"):
+        partition_bodies(np.array([100, 1, 1, 1]), pairs, np.ones(3, int), 5)
+
+
+def test_a_rank_meets_one_other_in_a_phase():
+    rng = np.random.default_rng(3)
+    pairs = rng.integers(0, 9, (60, 2))
+    phase = phases(pairs, 9)
+    np.testing.assert_array_equal(phase, phase.T)
+    for row in phase:
+        met = row[row > 0]
+        assert len(met) == len(set(met.tolist()))
+    for a, b in pairs:
+        assert (phase[a, b] > 0) == (a != b)
+
+
+@pytest.mark.parametrize("kind", ["crossed", "quadrilateral", "tetrahedron", "hexahedron"])
+@pytest.mark.parametrize("degree", [1, 2])
+def test_points_at_a_vertex_are_on_one_rank(kind, degree):
+    from xper_fx.compat import geometry_dofmap
+    from xper_fx.meshes import reference_cell
+
+    dim = 3 if kind in ("tetrahedron", "hexahedron") else 2
+    bodies = box_bodies((1,) * dim, (3,) * dim, kind=kind)
+    rank_of_body = np.random.default_rng(0).integers(0, 4, bodies.num_bodies)
+    x = bodies.facet_nodes(degree)
+    corners = geometry_dofmap(bodies.mesh)[
+        bodies.facets.cells[:, :1], bodies.facets.local_vertices[:, 0]
+    ]
+    owner = owners_by_vertex(
+        bodies.facets, bodies.parent_vertex[corners], reference_cell(bodies.mesh), x.shape[1],
+        rank_of_body,
+    )  # fmt: skip
+    places = np.round(x.reshape(-1, dim), 6)
+    _, vertex = np.unique(places, axis=0, return_inverse=True)
+    for number in range(vertex.max() + 1):
+        here = vertex.ravel() == number
+        assert len(set(owner.ravel()[here].tolist())) == 1
+        meeting = bodies.facets.bodies[np.nonzero(here.reshape(owner.shape))[0]]
+        assert owner.ravel()[here][0] == rank_of_body[meeting.min()]
+    by_facet = owners_by_facet(bodies.facets, rank_of_body)
+    assert np.all(np.any(rank_of_body[bodies.facets.bodies] == by_facet[:, None], axis=1))
+
+
+def test_facet_nodes_are_where_the_space_has_them():
+    from dolfinx import fem
+
+    for kind, dim in (("crossed", 2), ("quadrilateral", 2), ("tetrahedron", 3), ("hexahedron", 3)):
+        bodies = box_bodies((1,) * dim, (2,) * dim, kind=kind)
+        for degree in (1, 2):
+            V = fem.functionspace(bodies.mesh, ("Lagrange", degree, (dim,)))
+            x = V.tabulate_dof_coordinates()[bodies.facing_nodes(V)[:, 0], :dim]
+            np.testing.assert_allclose(bodies.facet_nodes(degree), x, atol=1e-14)
+
+
+def test_a_part_is_a_copy_of_its_cells():
+    bodies = box_bodies((1, 1), (4, 4), label=lambda x: (x[0] * 3.99).astype(int))
+    part = divide(bodies, Ranks(COMM))
+    np.testing.assert_array_equal(part.cells, np.arange(len(bodies.body_of_cell)))
+    from xper_fx.compat import geometry_dofmap
+
+    np.testing.assert_array_equal(
+        part.bodies.mesh.geometry.x[geometry_dofmap(part.bodies.mesh)],
+        bodies.mesh.geometry.x[geometry_dofmap(bodies.mesh)],
+    )
+    np.testing.assert_array_equal(part.bodies.mesh.geometry.x, bodies.mesh.geometry.x[part.nodes])
+    for tag in (LEFT, RIGHT):
+        assert len(part.bodies.facet_tags.find(tag)) == len(bodies.facet_tags.find(tag)) > 0
+
+
+def test_one_rank_loads_nothing_of_the_others():
+    """A run on one rank has no halo and no part."""
+    from xper_fx.scene import Scene
+    from xper_fx.simulation import Simulation
+
+    scene = Scene(
+        box_bodies((1, 1), (2, 2)), {1: LinearElastic(1.0, 0.3, 1.0)},
+        default_interaction=CohesiveZone(20.0, 1.0, 0.1), loads=[PrescribedVelocity(LEFT, 0, 0.0)],
+    )  # fmt: skip
+    simulation = Simulation(scene, 0.01, **EXACT)
+    assert simulation.part is None and simulation.interactions.halo is None
+    assert simulation.ranks.alone
+
+
+@pytest.fixture(scope="module")
+def found(tmp_path_factory):
+    """What the scenes give on 1, 2 and 3 ranks."""
+    results = {}
+    for count in (1, 2, 3):
+        folder = tmp_path_factory.mktemp(f"on_{count}")
+        done = on_ranks(count, "ranks/meshed_scenes.py", folder, *SCENES)
+        assert done.returncode == 0, done.stdout + done.stderr
+        results[count] = {name: dict(np.load(folder / f"{name}.npz")) for name in SCENES}
+    return results
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("count", [2, 3])
+@pytest.mark.parametrize("name", SCENES)
+def test_ranks_agree(found, name, count):
+    one, several = found[1][name], found[count][name]
+    assert several["points"][0] == one["points"][0] == one["points"][1] > several["points"][1]
+    assert set(one) == set(several)
+    np.testing.assert_array_equal(several["law"], one["law"])
+    np.testing.assert_array_equal(several["fragment"], one["fragment"])
+    before = one["dissipated_cohesion"] == 0.0
+    for key in ("reaction", "mean", "kinetic", "elastic", "external_work", "cohesive", "momentum"):
+        a, b = one[key], several[key]
+        scale = max(np.abs(a).max(), 1e-2)
+        assert np.abs(a - b)[before].max(initial=0.0) <= 1e-8 * scale, key
+        assert np.abs(a - b).max() <= 1e-6 * scale, key
+    for key in ("jump", "damage"):
+        assert np.abs(one[key] - several[key]).max() <= 1e-7 * np.abs(one[key]).max(), key
+    if name in UNIQUE:
+        for key in ("impulse", "traction"):
+            assert np.abs(one[key] - several[key]).max() <= 1e-7 * np.abs(one[key]).max(), key
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_momentum_and_energy_are_exact(found, count):
+    """Nothing from outside acts: what one half gives the other takes, across ranks too."""
+    free = found[count]["free"]
+    size = np.abs(free["start"]).max()
+    assert np.abs(free["momentum"] - free["start"]).max() <= 1e-13 * size
+    lost = free["dissipated_friction"][-1] + free["dissipated_impact"][-1]
+    assert lost > 0.05 * free["kinetic"][0]
+    assert np.abs(free["closure"]).max() <= 1e-12 * free["kinetic"][0]
+
+
+@pytest.mark.slow
+def test_bonds_broke_in_what_was_compared(found):
+    for name in ("explicit", "quadratic"):
+        assert found[1][name]["damage"].min() == 0.0
+        assert found[1][name]["dissipated_cohesion"][-1] > 0.0
+
+
+@pytest.mark.parametrize(("kind", "said"), [("all", "wrong on all"), ("last", "on the last")])
+def test_an_error_stops_all_with_one_message(kind, said):
+    done = on_ranks(3, "ranks/errors.py", kind, timeout=60)
+    assert done.returncode != 0
+    assert (done.stdout + done.stderr).count(
+        f"ValueError: {'wrong ' * (kind == 'last')}{said}"
+    ) == 1
+    assert done.stdout.count("said by") == 1
+
+
+def test_what_fails_at_the_root_fails_on_all():
+    done = on_ranks(3, "ranks/errors.py", "root", timeout=60)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.count("no space") == 3
