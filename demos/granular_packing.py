@@ -293,7 +293,7 @@ def main(arguments: list[str] | None = None) -> dict:
     )  # fmt: skip
     result = run(scene, options)
     report(result, options)
-    if not options.no_plot:
+    if not options.no_plot and MPI.COMM_WORLD.rank == 0:
         draw(result, options.out)
     return result
 

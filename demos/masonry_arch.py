@@ -33,9 +33,11 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.collections import PolyCollection
+from mpi4py import MPI
 from scipy.optimize import linprog
 from tqdm.auto import tqdm
 
+from xper_fx.contact_forces import contact_forces
 from xper_fx.contacts import Contact
 from xper_fx.forms.loads import Gravity
 from xper_fx.nscd.laws import SignoriniCoulomb
@@ -215,15 +217,13 @@ def run(arch: Arch, step: float) -> Outcome:
 
 def thrust_points(simulation: Simulation) -> np.ndarray:
     """The point of each joint through which its force passes, mean of its contacts by pressure."""
-    position = simulation.rigid.state.position
+    contacts = contact_forces(simulation)
     sums: dict[tuple[int, ...], np.ndarray] = {}
-    for group in simulation.interactions.contacts:
-        bodies = group.points.nodes[:, :, 0] // 2
-        places = position[bodies[:, 0]] + group.points.arms[:, 0]
-        for pair, place, pressure in zip(bodies, places, group.impulse[:, 0], strict=True):
-            key = tuple(sorted(pair.tolist()))
-            sums[key] = sums.get(key, np.zeros(3)) + pressure * np.array([*place, 1.0])
-    return np.array([total[:2] / total[2] for total in sums.values() if total[2] > 0.0])
+    pressures = np.einsum("nd,nd->n", contacts.force, contacts.normal)
+    for pair, place, pressure in zip(contacts.bodies, contacts.position, pressures, strict=True):
+        key = tuple(sorted(pair.tolist()))
+        sums[key] = sums.get(key, np.zeros(3)) + pressure * np.array([*place, 1.0])
+    return np.array([total[:2] / total[2] for total in sums.values()])
 
 
 def open_hinges(arch: Arch, positions: list[np.ndarray]) -> list[tuple[int, int]]:
@@ -361,9 +361,10 @@ def main(arguments: list[str] | None = None) -> dict:
                 f"{bounds[n]:.5f}): {outcome.verdict}, moved by {outcome.moved / size:.1e} t "
                 f"after {outcome.time:.2f} s"
             )
-    (options.out / "summary.json").write_text(json.dumps(rows, indent=1))
-    if not options.no_plot:
-        draw(pairs, bounds, options.out)
+    if MPI.COMM_WORLD.rank == 0:
+        (options.out / "summary.json").write_text(json.dumps(rows, indent=1))
+        if not options.no_plot:
+            draw(pairs, bounds, options.out)
     return {"bounds": bounds, "pairs": pairs}
 
 

@@ -18,10 +18,10 @@ import xper_fx
 from xper_fx.errors import CheckpointError
 from xper_fx.fingerprint import differences, fingerprint
 from xper_fx.nscd.rows import Rows
+from xper_fx.parallel.ranks import ALONE, Ranks
 from xper_fx.tree_file import read_attributes, read_tree, write_tree
 
 if TYPE_CHECKING:
-    from xper_fx.parallel.ranks import Ranks
     from xper_fx.simulation import Simulation
 
 # Of the file; it changes whenever what is in it does.
@@ -47,7 +47,9 @@ def save(
     time = simulation.time
     times = [0.0, 0.5 * time, time]
     scene = json.dumps({"times": times, "is": fingerprint(simulation, times)})
-    tree = {"simulation": _gathered(simulation.saved(), simulation.ranks), "scene": scene}
+    # what is not divided by bodies is the same on all ranks
+    ranks = ALONE if simulation.part is None else simulation.ranks
+    tree = {"simulation": _gathered(simulation.saved(), ranks), "scene": scene}
 
     def write() -> None:
         tree["recording"] = recording() if recording is not None else {}

@@ -28,7 +28,7 @@ class ContactForces(NamedTuple):
 
 
 def contact_forces(simulation: Simulation) -> ContactForces:
-    """Read the contacts that searches found in the last step.
+    """Read the contacts that searches found in the last step, those of all ranks on each.
 
     Args:
         simulation: after a step. Facing facets that a law joins from the start are not among its
@@ -53,6 +53,9 @@ def contact_forces(simulation: Simulation) -> ContactForces:
                 impulse / interactions.committed_step,
             )
         )
+    if interactions is not None and interactions.halo is not None:
+        everywhere = interactions.halo.ranks.comm.allgather(parts)
+        parts = [part for there in everywhere for part in there]
     return ContactForces(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
 

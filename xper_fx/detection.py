@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from xper_fx.nscd.interactions import Interactions
     from xper_fx.nscd.rigid.motion import Prediction, RigidMotion
     from xper_fx.nscd.search.rigid_search import RigidSearch
+    from xper_fx.parallel.rigid_division import RigidDivision
     from xper_fx.scene import Scene
 
 # Reach of a search where the scene gives none, as a share of the smallest body or facet.
@@ -67,6 +68,7 @@ class Detection:
             a, b = (names.index(name) for name in contact.between)
             self._law_of_pair[a, b] = self._law_of_pair[b, a] = laws.index(contact.law)
         self._rigid = self._rigid_search(set(rigid))
+        self._division: RigidDivision | None = None
         self._surfaces, self.nodes = None, np.zeros(0, np.int64)
         if any(set(contact.between) & set(scene.surfaces) for contact in self._contacts):
             self._surface_search(V)
@@ -128,6 +130,16 @@ class Detection:
         depth = float(self._surfaces.depth.min())
         return float(np.abs(state.velocity).max(initial=0.0)) * step > depth
 
+    def divide(self, division: RigidDivision) -> None:
+        """Search contacts of rigid bodies, of which the scene has no others, where they are."""
+        self._division = division
+        self._rigid.divide(division.own)
+
+    def join(self) -> None:
+        """Let each rank find all contacts until bodies are divided anew."""
+        self._division.join()
+        self._rigid.search_all()
+
     @property
     def nbytes(self) -> int:
         """Memory of the searches' lists, in bytes."""
@@ -160,7 +172,12 @@ class Detection:
         place = (None, None) if rigid is None else (rigid.position, rigid.rotation)
         found = []
         if self._rigid is not None:
-            found.append((self._rigid.find(*place), slot))
+            contacts = self._rigid.find(*place)
+            found.append((contacts, slot))
+            if self._division is not None:
+                if self._division.found(contacts.body):
+                    interactions.share_history(self._division.ranks)
+                interactions.halo = self._division.halo
         if self._surfaces is not None:
             middle = state.displacement + step * (1.0 - theta) * state.velocity
             moved = self._x + bulk.unknowns.expand(middle).reshape(self._x.shape)

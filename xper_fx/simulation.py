@@ -47,6 +47,7 @@ if TYPE_CHECKING:
     from xper_fx.nscd.rigid.motion import Prediction, RigidMotion, RigidWork
     from xper_fx.parallel.halo import Halo
     from xper_fx.parallel.points import SharedPoints
+    from xper_fx.parallel.rigid_division import RigidDivision
     from xper_fx.periodic.averages import Macroscopic
 
 logger = logging.getLogger(__name__)
@@ -69,6 +70,8 @@ _LARGEST_FLOW = 0.05
 # Damage beyond what the opening found asks for, above which the step is cut: it came from iterates
 # on the way, and would cost no energy.
 _LARGEST_EXCESS = 0.1
+# Share of the sweeps allowed after which contacts that ranks divide are left to other solvers.
+_SWEEPS_TOGETHER = 0.1
 # Part of a step that may be rounding of the end time.
 _LITTLE_LEFT = 1e-6
 # Gaps this small beside the coordinates are closed.
@@ -159,13 +162,14 @@ class Simulation:
             regularises the stiffness.
         num_threads: threads of the interaction solver; all that Numba has if not given.
         comm: ranks that simulate the scene together, each with the same scene. They divide the
-            bodies of scenes of meshed bodies that interact at their facets or with walls; other
-            scenes every rank simulates as a whole. MPI.COMM_SELF if each rank has a scene of its
-            own.
+            bodies of scenes of meshed bodies that interact at their facets or with walls, and the
+            contacts of scenes of rigid bodies alone where there are enough of them
+            (`parallel/rigid_division.py`); other scenes every rank simulates as a whole.
+            MPI.COMM_SELF if each rank has a scene of its own.
 
     Attributes:
         team: the ranks of `comm`.
-        ranks: those that divide the bodies: `team`, or this one alone.
+        ranks: those that divide the bodies or their contacts: `team`, or this one alone.
         part: what this rank has of the bodies, None if one rank has all.
         bodies: this rank's meshed bodies; those of the scene if one rank has all.
         state: displacement, velocity, time.
@@ -247,6 +251,8 @@ class Simulation:
             self.detection: Detection | None = None
             points, laws, law_of_point = self._points()
             self.detection = self._contact_detection(laws)
+            if self._division is not None:
+                self.detection.divide(self._division)
             interacting = self._interacting(points)
             self.scheme = self._scheme(interacting, theta, newton_tolerance, max_newton)
             self.theta = self.scheme.theta
@@ -271,6 +277,7 @@ class Simulation:
             relaxation=relaxation,
             num_threads=num_threads,
         )
+        self._solve_together = self._together(relaxation, num_threads)
         self.macroscopic = self._macroscopic(None, None, self.step_size)
         self._tagged_nodes: dict[int, np.ndarray] = {}
         self.step_number = 0
@@ -334,7 +341,12 @@ class Simulation:
         """Take this rank's part of the bodies where the scene can be divided."""
         scene = self.scene
         self.ranks, self.bodies, self.part, self._shared = ALONE, scene.bodies, None, None
+        self._division: RigidDivision | None = None
         if self.team.alone:
+            return
+        touching = any(contact.law is not None for contact in scene.contacts)
+        if scene.bodies is None and touching and solver in ("auto", "nlgs"):
+            self._divide_rigid_bodies()
             return
         whole = [
             name
@@ -365,6 +377,14 @@ class Simulation:
         with self.stopwatch.phase("partition"):
             self.part = divide(scene.bodies, self.ranks)
         self.bodies = self.part.bodies
+
+    def _divide_rigid_bodies(self) -> None:
+        """Let ranks divide the contacts of rigid bodies."""
+        from xper_fx.parallel.rigid_division import RigidDivision
+
+        self.ranks = self.team
+        moves = ~self.scene.rigid_bodies.is_prescribed.all(axis=1)
+        self._division = RigidDivision(self.ranks, moves, self.scene.dim)
 
     def _step_size(self, knobs: Knobs, scheme: str) -> float:
         """The step asked for, or a share of the critical one.
@@ -784,13 +804,35 @@ class Simulation:
 
     def _interact(self, size: float, prediction: Prediction | None) -> StepOutcome:
         """One step with the contacts found in its middle."""
+        self._find_contacts(size, prediction)
+        divided = self._division is not None and self._division.halo is not None
+        solve = self._solve_together if divided else self._solve
+        outcome = self.scheme.attempt(self.state, size, self.interactions, solve, self.tolerance)
+        if divided and not outcome.converged and self.solver == "auto":
+            # other solvers want all contacts on each rank
+            self.detection.join()
+            return self._interact(size, prediction)
+        return outcome
+
+    def _find_contacts(self, size: float, prediction: Prediction | None) -> None:
         if self.detection is not None:
             with self.stopwatch.phase("contact search"):
                 self.detection.renew(
                     self.interactions, self.slot_nodes, self.bulk, self.state, prediction, size,
                     self.theta,
                 )  # fmt: skip
-        return self.scheme.attempt(self.state, size, self.interactions, self._solve, self.tolerance)
+
+    def _together(self, relaxation: float, num_threads: int | None) -> Callable | None:
+        """Sweeps over contacts that ranks divide; how many are tried depends on what else is."""
+        if self._division is None:
+            return None
+        from xper_fx.nscd.distributed import solve
+
+        share = _SWEEPS_TOGETHER if self.solver == "auto" else 1.0
+        return partial(
+            solve, max_sweeps=math.ceil(share * self.max_sweeps), relaxation=relaxation,
+            num_threads=num_threads,
+        )  # fmt: skip
 
     def _accurate(self, size: float, energies: BulkEnergies, end_time: float) -> bool:
         """Whether the step from the present state is as accurate as asked for, if anything is."""

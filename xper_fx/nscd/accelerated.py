@@ -28,10 +28,9 @@ from functools import partial
 import numpy as np
 
 from xper_fx.nscd.agreement import largest, refresh_ghosts, total
-from xper_fx.nscd.distributed import sweep
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.krylov import add_combination, norm, products
-from xper_fx.nscd.nlgs import ROUNDING, SolveReport, sweep_passes
+from xper_fx.nscd.nlgs import ROUNDING, SolveReport, sweep, sweep_passes
 
 # Sweeps remembered, and plain sweeps before any is mixed.
 _MEMORY, _PLAIN = 8, 3

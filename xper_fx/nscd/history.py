@@ -8,6 +8,7 @@ in global axes, for its frame turns with the bodies.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import chain
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -19,6 +20,7 @@ from xper_fx.nscd.rows import Rows
 
 if TYPE_CHECKING:
     from xper_fx.nscd.interactions import PointGroup
+    from xper_fx.parallel.ranks import Ranks
 
 
 class _Record(NamedTuple):
@@ -39,7 +41,7 @@ class ContactHistory:
     """
 
     def __init__(self, groups: list[tuple[PointGroup, np.ndarray]]):
-        self._records: dict[tuple[LawKernels, Sides], _Record] = {}
+        records: dict[tuple[LawKernels, Sides], list[_Record]] = {}
         for g, keys in groups:
             dim = g.points.dim
             record = _Record(*(np.empty((len(g), m), t) for m, t in (
@@ -49,7 +51,8 @@ class ContactHistory:
                 _places(g.indices, len(keys)), keys, g.points.frame, g.committed_impulse, g.jump,
                 g.state, *record,
             )  # fmt: skip
-            self._records[g.kernels, g.sides] = record
+            records.setdefault((g.kernels, g.sides), []).append(record)
+        self._records = {kind: _merged(parts) for kind, parts in records.items()}
 
     def hand_on(self, group: PointGroup, keys: np.ndarray) -> None:
         """Let the contacts of a group go on where those with the same keys ended.
@@ -64,6 +67,21 @@ class ContactHistory:
                 _places(group.indices, len(keys)), keys, group.points.frame,
                 group.committed_impulse, group.jump, group.state, *record,
             )  # fmt: skip
+
+    def share(self, ranks: Ranks, kernels: list[LawKernels]) -> None:
+        """Let every rank know the contacts of all; all ranks call it together.
+
+        Args:
+            ranks: the ranks, each of which has other contacts.
+            kernels: of the laws, in the same order on all ranks.
+        """
+        own = [
+            (kernels.index(law), sides, record) for (law, sides), record in self._records.items()
+        ]
+        records: dict[tuple[LawKernels, Sides], list[_Record]] = {}
+        for law, sides, record in chain.from_iterable(ranks.comm.allgather(own)):
+            records.setdefault((kernels[law], sides), []).append(record)
+        self._records = {kind: _merged(parts) for kind, parts in records.items()}
 
     def saved(self, law_of: Mapping[LawKernels, int]) -> dict[str, dict[str, Rows]]:
         """All records as `Rows` by key, by the law's number, nodes a side, whether with arms."""
@@ -85,6 +103,19 @@ class ContactHistory:
             sides = Sides(dim, kernels[law].components, k, bool(arms))
             history._records[kernels[law], sides] = _Record(**record)
         return history
+
+
+def _merged(parts: list[_Record]) -> _Record:
+    """Records of one kind of contacts as one, in the order of their keys."""
+    if len(parts) == 1:
+        return parts[0]
+    joined = _Record(*map(np.concatenate, zip(*parts, strict=True)))
+    order = np.lexsort(joined.keys.T[::-1])
+    keys = joined.keys[order]
+    # what several ranks know is the same on all
+    new = np.ones(len(keys), bool)
+    new[1:] = np.any(keys[1:] != keys[:-1], axis=1)
+    return _Record(*(array[order[new]] for array in joined))
 
 
 def _places(indices: np.ndarray, count: int) -> np.ndarray:

@@ -46,6 +46,8 @@ from xper_fx.nscd.threads import in_ranges
 
 if TYPE_CHECKING:
     from xper_fx.parallel.halo import Halo
+    from xper_fx.parallel.ranks import Ranks
+    from xper_fx.parallel.rigid_halo import RigidHalo
 
 # Relative rounding of velocities that several points add up to.
 _ROUNDING = 4.0 * np.finfo(float).eps
@@ -292,12 +294,13 @@ class _ContactSet(NamedTuple):
     nodes: np.ndarray
     law_of_point: np.ndarray
     keys: np.ndarray
+    phase: np.ndarray
     groups: list[PointGroup]
 
-    def are(self, found: FoundPoints) -> bool:
+    def are(self, found: FoundPoints, phase: np.ndarray) -> bool:
         """Whether the found contacts are these, at other places."""
-        told = (found.points.nodes, found.law_of_point, found.keys)
-        return all(map(np.array_equal, self[:3], told))
+        told = (found.points.nodes, found.law_of_point, found.keys, phase)
+        return all(map(np.array_equal, self[:4], told))
 
 
 class Interactions:
@@ -314,7 +317,9 @@ class Interactions:
         rigid_blocks: shape (num_rigid, 2 dim, 2 dim), blocks of w of rigid bodies, whose nodes, two
             a body, come after the others; None without any. `take_rigid` renews them.
         halo: what there is to exchange with other ranks, whose bodies' nodes come after this
-            rank's; None where one rank has all bodies. Everything that reads or moves all points
+            rank's; None where one rank has all bodies. Where ranks divide contacts of rigid bodies
+            alone each has the nodes of all, and contacts may be divided otherwise in another step:
+            the halo is then set before they are found. Everything that reads or moves all points
             is then done by all ranks together.
 
     Attributes:
@@ -338,7 +343,7 @@ class Interactions:
         initial_velocity: np.ndarray | None = None,
         ordering: str = "tiles",
         rigid_blocks: np.ndarray | None = None,
-        halo: Halo | None = None,
+        halo: Halo | RigidHalo | None = None,
     ):
         law_of_point = np.asarray(law_of_point)
         if len(law_of_point) != len(points):
@@ -384,7 +389,8 @@ class Interactions:
             vertex = vertex_of_points(points.nodes[:, :, 0], inverse.num_nodes + 1)
             self._vertex = vertex.astype(np.int32)
         self._block_of_node = inverse.block_of_node().astype(np.int32)
-        self._permanent = self._grouped(points, law_of_point, nodal)
+        phase = np.zeros(len(points), int) if halo is None else halo.phase
+        self._permanent = self._grouped(points, law_of_point, nodal, phase)
         self.groups = self._permanent
         self._found: list[_ContactSet] = []
         self._history: ContactHistory | None = None
@@ -396,16 +402,15 @@ class Interactions:
             self._points = points.with_components(max(components, default=1))
         self._take_inverse(self.groups)
 
-    def _grouped(self, points, law_of_point, nodal) -> list[PointGroup]:
+    def _grouped(self, points, law_of_point, nodal, phase) -> list[PointGroup]:
         by_kernels: dict[LawKernels, list[int]] = {}
         for number in np.flatnonzero(np.bincount(law_of_point)).tolist():
             by_kernels.setdefault(self.laws[number].kernels(self.dim), []).append(number)
         groups = []
         for kernels, numbers in by_kernels.items():
             indices = np.flatnonzero(np.isin(law_of_point, numbers))
-            phase = np.zeros(len(indices), int) if self.halo is None else self.halo.phase[indices]
-            for number in np.unique(phase).tolist():
-                here = indices[phase == number]
+            for number in np.unique(phase[indices]).tolist():
+                here = indices[phase[indices] == number]
                 group = self._group(kernels, points, law_of_point, here, nodal)
                 groups.append(replace(group, phase=number))
         return groups
@@ -492,9 +497,9 @@ class Interactions:
         self._take_inverse(self.groups)
 
     def _joined(self, inverse: BodyInverse) -> BodyInverse:
-        if self.halo is not None:
-            return self.halo.with_ghosts(inverse)
-        return inverse if self._rigid_blocks is None else inverse.joined(self._rigid_blocks)
+        if self._rigid_blocks is not None:
+            return inverse.joined(self._rigid_blocks)
+        return inverse if self.halo is None else self.halo.with_ghosts(inverse)
 
     def take_rigid(self, start: np.ndarray, free: np.ndarray) -> None:
         """Take what a prediction of the rigid bodies' step gives; `rigid_blocks` holds their w.
@@ -521,8 +526,12 @@ class Interactions:
         traces = [g.compliance[:, np.equal(*sym_indices(g.kernels.components))].sum(1)
                   for g in self.groups]  # fmt: skip
         stiffness = sum(float(np.sum(t[t > 0.0] ** -2.0)) for t in traces)
-        self._stiffness = math.sqrt(self._sum(stiffness))
-        self._mass = sum(float(np.sum(1.0 / t[t > 0.0])) for t in traces)
+        mass = sum(float(np.sum(1.0 / t[t > 0.0])) for t in traces)
+        others = sum(not g.sides.arms or g.kernels.evolve is not None for g in self.groups)
+        counts = (stiffness, mass, len(self.groups), others)
+        stiffness, self._mass, groups, others = self._sum(np.array(counts, float)).tolist()
+        self._stiffness = math.sqrt(stiffness)
+        self._all_of_rigid = groups > 0 and others == 0
 
     def _sum(self, value):
         """Sum over all ranks."""
@@ -573,19 +582,28 @@ class Interactions:
         start = self._slots(bulk_velocity, self._rigid_start)
         before, self._found = self._found, []
         for new in found:
-            same = next((old for old in before if old.are(new)), None)
+            phase = np.zeros(len(new.keys), int)
+            if self.halo is not None:
+                phase = self.halo.phase_of(new.points)
+            same = next((old for old in before if old.are(new, phase)), None)
             if same is None:
-                groups = self._grouped(new.points, new.law_of_point, start)
+                groups = self._grouped(new.points, new.law_of_point, start, phase)
             else:
                 groups = [
-                    self._group(g.kernels, new.points, new.law_of_point, g.indices, start, like=g)
+                    replace(
+                        self._group(
+                            g.kernels, new.points, new.law_of_point, g.indices, start, like=g
+                        ),
+                        phase=g.phase,
+                    )
                     for g in same.groups
                 ]
             for group in groups:
                 group.jump[:, 0] -= step * (1.0 - theta) * group.velocity[:, 0]
                 if self._history is not None:
                     self._history.hand_on(group, new.keys)
-            self._found.append(_ContactSet(new.points.nodes, new.law_of_point, new.keys, groups))
+            known = (new.points.nodes, new.law_of_point, new.keys, phase)
+            self._found.append(_ContactSet(*known, groups))
         self.groups = self._permanent + self.contacts
         self.renewals += 1
         self._take_inverse(self.contacts)
@@ -658,9 +676,7 @@ class Interactions:
     @property
     def judged_by_velocities(self) -> bool:
         """Whether all points are contacts of rigid bodies (`nlgs.py`: when it stops)."""
-        return bool(self.groups) and all(
-            g.sides.arms and g.kernels.evolve is None for g in self.groups
-        )
+        return self._all_of_rigid
 
     def kick(self, free: np.ndarray, velocity: np.ndarray) -> tuple[float, float]:
         """|w H r| of the present impulses in the norm of the kinetic energy, and its rounding.
@@ -671,7 +687,7 @@ class Interactions:
         Returns:
             (p . w p)^(1/2) with p = H r, and the same of the rounding of velocities; kg^(1/2) m/s.
         """
-        energy = float(np.vdot(self.impulses(), velocity - free))
+        energy = self._sum(float(np.vdot(self._own_impulses(), velocity - free)))
         speed = float(np.abs(velocity).max(initial=0.0))
         return math.sqrt(max(energy, 0.0)), _ROUNDING * speed * math.sqrt(self._mass)
 
@@ -727,12 +743,17 @@ class Interactions:
 
     def impulses(self) -> np.ndarray:
         """H r: impulses of the current step on the interacting nodes, shape (num_slots, dim)."""
+        total = self._own_impulses()
+        if self.halo is not None:
+            self.halo.everywhere.add_back(total.reshape(-1))
+        return total
+
+    def _own_impulses(self) -> np.ndarray:
+        """H r of this rank's points."""
         total = np.zeros((self.inverse.num_slots, self.dim))
         for g in self.groups:
             spread = spread_kernel(g.sides)
             spread(total.reshape(-1), g.couplings, g.impulse)
-        if self.halo is not None:
-            self.halo.everywhere.add_back(total.reshape(-1))
         return total
 
     def commit(self, velocity: np.ndarray) -> StepWork:
@@ -840,6 +861,8 @@ class Interactions:
             "theta": self.theta,
         }  # fmt: skip
         if self._history is not None:
+            if self.halo is not None:
+                self.share_history(self.halo.ranks)
             law_of = {kernel: law for law, kernel in reversed(list(enumerate(kernels)))}
             saved["contacts"] = self._history.saved(law_of)
         return saved
@@ -864,3 +887,11 @@ class Interactions:
     def _numbers(self) -> np.ndarray:
         """Numbers of this rank's permanent points in the scene's order, shape (num_points,)."""
         return np.arange(len(self)) if self.halo is None else self.halo.numbers
+
+    def share_history(self, ranks: Ranks) -> None:
+        """Let contacts go on from the last step on whichever rank they are found now.
+
+        All ranks call it together.
+        """
+        if self._history is not None:
+            self._history.share(ranks, [law.kernels(self.dim) for law in self.laws])

@@ -53,9 +53,9 @@ from xper_fx.nscd.ordering import TileBodies, mark_moved, mark_tiles
 _WINDOW = 4
 # A tile is left alone while its share of the error is below this fraction of what is wanted, and is
 # visited all the same every so many sweeps, and before the end.
-_NEGLIGIBLE, _REVISIT = 0.1, 16
+NEGLIGIBLE, REVISIT = 0.1, 16
 # Sweeps after which |w H r| is first looked at again, twice as many each time.
-_FIRST_SPELL = 16
+FIRST_SPELL = 16
 # Relative change of the impulses that is rounding.
 ROUNDING = 16.0 * np.finfo(float).eps
 
@@ -112,6 +112,29 @@ def sweep_passes(
         )  # fmt: skip
         passes.append(SweepPass(kernel, arguments, g.tile_bodies, marked, stats))
     return passes
+
+
+def sweep(interactions: Interactions, passes: list[SweepPass], velocity: np.ndarray) -> None:
+    """One sweep over the marked tiles of all points; all ranks call it together.
+
+    Ghosts that no point of the last phase moved lag behind their owners afterwards.
+
+    Args:
+        interactions: the points.
+        passes: over their groups.
+        velocity: shape (num_slots * dim,), that of the passes.
+    """
+    exchanges = () if interactions.halo is None else interactions.halo.phases
+    pairs = list(zip(interactions.groups, passes, strict=True))
+    for phase, exchange in enumerate(exchanges, start=1):
+        exchange.forward(velocity)
+        for group, one in pairs:
+            if group.phase == phase:
+                one.kernel(*one.arguments)
+        exchange.back(velocity)
+    for group, one in pairs:
+        if group.phase == 0:
+            one.kernel(*one.arguments)
 
 
 @njit(error_model="numpy")
@@ -201,8 +224,8 @@ def _spell_kernel(kernels: tuple[Callable, ...]):
                 return True, count, error, known
             # What moves still gets the next sweep; when that has come to rest, all do.
             verifying = error <= tolerance
-            moved[:] = verifying or count % _REVISIT == 0
-            negligible = _NEGLIGIBLE * tolerance / factor if np.isfinite(factor) else 0.0
+            moved[:] = verifying or count % REVISIT == 0
+            negligible = NEGLIGIBLE * tolerance / factor if np.isfinite(factor) else 0.0
             moved_bodies(passes, moved, negligible**2 * total / num_tiles)
             touched_tiles(passes, moved)
         return False, max_sweeps, error, known
@@ -234,8 +257,8 @@ def _spell_by_velocities(kernels: tuple[Callable, ...]):
             if verifying and everywhere:
                 changes[known - 1] = np.sqrt(changed)
                 return True, count, known
-            moved[:] = verifying or count % _REVISIT == 0
-            moved_bodies(passes, moved, _NEGLIGIBLE**2 * goal / num_tiles)
+            moved[:] = verifying or count % REVISIT == 0
+            moved_bodies(passes, moved, NEGLIGIBLE**2 * goal / num_tiles)
             touched_tiles(passes, moved)
         return False, most, known
 
@@ -252,7 +275,7 @@ def _solve_by_velocities(
     arguments = tuple(tuple(p[1:]) for p in passes)
     num_tiles = sum(len(p.marked) for p in passes)
     moved = np.zeros(len(interactions.inverse.node_offsets) - 1, np.bool_)
-    changes, sweeps, most = np.zeros(_WINDOW + 1), 0, _FIRST_SPELL
+    changes, sweeps, most = np.zeros(_WINDOW + 1), 0, FIRST_SPELL
     size, rounding = interactions.kick(free, velocity)
     while True:
         goal = max(tolerance * size, rounding)

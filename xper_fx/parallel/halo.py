@@ -94,6 +94,11 @@ class Exchange:
         """Bytes that this rank sends forward."""
         return 8 * self._split
 
+    @property
+    def bytes_returned(self) -> int:
+        """Bytes that this rank sends back."""
+        return 8 * len(self._mirrored)
+
 
 class Halo:
     """What a rank's interactions have to do with other ranks.

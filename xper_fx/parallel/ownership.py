@@ -16,12 +16,16 @@ from xper_fx.bodies import FacingFacets, facet_edges
 
 
 def owners_by_facet(facets: FacingFacets, rank_of_body: np.ndarray) -> np.ndarray:
-    """Owner of each facing facet, shape (num_facets,).
+    """Owner of each facing facet, shape (num_facets,)."""
+    return owners_of_pairs(rank_of_body[facets.bodies])
 
-    Of two ranks the lower one if the sum of both is even, else the higher: half of its cuts each.
+
+def owners_of_pairs(pairs: np.ndarray) -> np.ndarray:
+    """Which of two ranks, shape (n, 2), has what is between bodies of both, shape (n,).
+
+    It is the lower one if the sum of both is even, else the higher: half of its cuts each.
     """
-    ranks = rank_of_body[facets.bodies]
-    low, high = ranks.min(axis=1), ranks.max(axis=1)
+    low, high = pairs.min(axis=1), pairs.max(axis=1)
     return np.where((low + high) % 2 == 0, low, high)
 
 

@@ -18,7 +18,7 @@ Walls have no boxes: each is looked at with every body it may touch, one scalar 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 from numba import njit
@@ -215,6 +215,21 @@ class RigidSearch:
         self._old_position: np.ndarray | None = None
         self._old_rotation: np.ndarray | None = None
         self._expected: dict[str, int] = {}
+        self._own: Callable[[np.ndarray], np.ndarray] | None = None
+        self._searched = self._lists | self._wall_pairs
+
+    def divide(self, own: Callable[[np.ndarray], np.ndarray]) -> None:
+        """Search a part of the pairs only, as others search the rest.
+
+        Args:
+            own: called with the bodies of each pair, shape (n, 2), whenever they have been listed
+                anew; gives which of them to search, shape (n,), bool.
+        """
+        self._own = own
+
+    def search_all(self) -> None:
+        """Search all pairs until they are listed anew."""
+        self._searched = self._lists | self._wall_pairs
 
     @property
     def num_candidates(self) -> int:
@@ -264,7 +279,7 @@ class RigidSearch:
             ]
         parts = [empty(self._dim)]
         for name, kernel, arguments in jobs:
-            pairs = self._wall_pairs[name] if name in self._wall_pairs else self._lists[name]
+            pairs = self._searched[name]
             if len(pairs):
                 expected = self._expected.get(name, 16)
                 part = collect(kernel, self._dim, expected, pairs, *arguments, self.reach)
@@ -371,6 +386,14 @@ class RigidSearch:
         self._old_position, self._old_rotation = position.copy(), rotation
         self._searches_at_renewal = self.searches
         self.renewals += 1
+        self.search_all()
+        if self._own is not None:
+            lists = self._searched
+            own = self._own(np.concatenate(list(lists.values())))
+            parts = np.split(own, np.cumsum([len(pairs) for pairs in lists.values()])[:-1])
+            self._searched = {
+                name: pairs[part] for (name, pairs), part in zip(lists.items(), parts, strict=True)
+            }
 
     def saved(self) -> dict:
         """What the list in use was made from, and how long it has served; empty before the first.

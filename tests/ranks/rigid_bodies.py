@@ -1,0 +1,169 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Scenes of rigid bodies that ranks divide, however few they are; results as a .npz file."""
+
+from __future__ import annotations
+
+import sys
+
+import numpy as np
+from mpi4py import MPI
+
+from xper_fx.contact_forces import contact_forces
+from xper_fx.contacts import Contact
+from xper_fx.forms.loads import Gravity
+from xper_fx.nscd.laws import SignoriniCoulomb
+from xper_fx.nscd.rigid import Disc, Polygon, RigidBody, Sphere, wall
+from xper_fx.parallel import rigid_division
+from xper_fx.parallel.launch import run_together
+from xper_fx.scene import Scene
+from xper_fx.simulation import Simulation
+
+G, RADIUS = 9.81, 0.1
+
+
+def clouds() -> Simulation:
+    """Two clouds of spinning spheres of several sizes fly into each other, nothing else there."""
+    random = np.random.default_rng(3)
+    site = np.stack(np.meshgrid(*[np.arange(3)] * 3), axis=-1).reshape(-1, 3)
+    bodies = []
+    for side in (-1.0, 1.0):
+        for place in 0.24 * site + [0.5 * side - 0.24, -0.24, -0.24]:
+            bodies.append(
+                RigidBody(
+                    Sphere(RADIUS * random.uniform(0.8, 1.0)),
+                    place + 0.02 * random.uniform(-1.0, 1.0, 3),
+                    "spheres",
+                    velocity=(-2.0 * side, *(0.1 * random.normal(size=2))),
+                    spin=random.normal(size=3),
+                    density=1000.0,
+                )
+            )
+    law = SignoriniCoulomb(friction=0.3, restitution=0.5)
+    scene = Scene(rigid=bodies, contacts=[Contact(("spheres", "spheres"), law)])
+    return Simulation(scene, 2e-3, tolerance=1e-13, num_threads=1)
+
+
+def falling() -> Simulation:
+    """Discs fall into a trough."""
+    random = np.random.default_rng(5)
+    site = np.stack(np.meshgrid(np.arange(8), np.arange(6)), axis=-1).reshape(-1, 2)
+    bodies = [
+        RigidBody(
+            Disc(RADIUS * random.uniform(0.7, 1.0)),
+            0.21 * place + 0.005 * random.uniform(-1.0, 1.0, 2), "discs", velocity=(0.0, -1.0),
+            density=1000.0,
+        )
+        for place in site
+    ]  # fmt: skip
+    bodies += [
+        wall((0.0, -0.12), (0.1, 1.0), "walls"),
+        wall((-0.12, 0.0), (1.0, 0.2), "walls"),
+        wall((1.62, 0.0), (-1.0, 0.2), "walls"),
+    ]
+    law = SignoriniCoulomb(friction=0.4)
+    scene = Scene(
+        rigid=bodies,
+        contacts=[Contact(("discs", "discs"), law), Contact(("discs", "walls"), law)],
+        loads=[Gravity((0.0, -G))],
+    )
+    return Simulation(scene, 2e-3, tolerance=1e-11, num_threads=1)
+
+
+def bricks(**options) -> Simulation:
+    """Blocks in bond on a floor that jerks them along."""
+    bodies = [
+        RigidBody(
+            Polygon.box((0.2, 0.1)),
+            (0.21 * i + 0.105 * (j % 2), 0.05 + 0.1 * j),
+            "blocks",
+            density=2000.0,
+        )
+        for i in range(6)
+        for j in range(3)
+    ]
+    bodies.append(
+        RigidBody(
+            Polygon.box((3.0, 0.1)), (0.45, -0.05), "floor",
+            prescribed={0: lambda t: 0.5 * np.sin(60.0 * t), 1: 0.0, 2: 0.0},
+        )
+    )  # fmt: skip
+    law = SignoriniCoulomb(friction=0.3)
+    scene = Scene(
+        rigid=bodies,
+        contacts=[Contact(("blocks", "blocks"), law), Contact(("blocks", "floor"), law)],
+        loads=[Gravity((0.0, -G))],
+    )
+    return Simulation(scene, 2e-3, tolerance=1e-10, num_threads=1, **({"solver": "nlgs"} | options))
+
+
+def hard_bricks() -> Simulation:
+    """The same with so few sweeps together that each rank goes on alone, with other solvers."""
+    return bricks(solver="auto", max_sweeps=400)
+
+
+def shear() -> Simulation:
+    """A sheet of discs, pressed together from above and below; the top is driven along."""
+    bodies = []
+    for j in range(6):
+        for i in range(14):
+            upper = j >= 3
+            driven = {0: 2.0 if upper else 0.0} if j in (0, 5) else {}
+            pressed = {0: 1.0, 5: -1.0}.get(j, 0.0)
+            bodies.append(
+                RigidBody(
+                    Disc(RADIUS), (0.21 * i + 0.105 * (j % 2), 0.1 * np.sqrt(3.0) * j), "discs",
+                    velocity=(2.0 if upper else 0.0, 0.0), prescribed=driven, density=1000.0,
+                    force=(0.0, 20.0 * pressed),
+                )
+            )  # fmt: skip
+    law = SignoriniCoulomb(friction=0.1)
+    scene = Scene(rigid=bodies, contacts=[Contact(("discs", "discs"), law)])
+    return Simulation(scene, 2e-2, tolerance=1e-9, num_threads=1)
+
+
+SCENES = {"clouds": (clouds, 0.16), "falling": (falling, 0.1), "bricks": (bricks, 0.02),
+          "shear": (shear, 0.8), "hard_bricks": (hard_bricks, 0.02)}  # fmt: skip
+
+
+def results(name: str) -> dict[str, np.ndarray]:
+    """What became of a scene."""
+    build, end = SCENES[name]
+    simulation = build()
+    motion = simulation.rigid
+    start = np.concatenate([motion.momentum(), motion.angular_momentum()])
+    records, pushed, away = [], 0, set()
+    for record in simulation.steps(end):
+        records.append([*record.energies.values(), record.sweeps])
+        pushed += len(contact_forces(simulation).force)
+        division = simulation._division
+        away.add(division is not None and division.halo is None)
+    state = motion.state
+    every = simulation.team.comm.allgather((state.position, state.velocity, state.turn.spin))
+    return {
+        "start": start,
+        "momenta": np.concatenate([motion.momentum(), motion.angular_momentum()]),
+        "position": state.position,
+        "velocity": state.velocity,
+        "spin": state.turn.spin,
+        "records": np.array(records),
+        "pushed": pushed,
+        "force": np.abs(contact_forces(simulation).force).sum(axis=0),
+        "alike": all(np.array_equal(a, b) for e in every for a, b in zip(e, every[0], strict=True)),
+        "undivided": True in away,
+        "partitions": 0 if division is None else division.partitions,
+        "moved": 0 if division is None else division.moved,
+        "own": simulation.team.comm.allgather(sum(map(len, simulation.interactions.contacts))),
+        "reaction": simulation.reaction_of("floor") if name == "bricks" else np.zeros(2),
+    }
+
+
+def main() -> None:
+    """Run the scenes named after the file to write."""
+    rigid_division._FEW = 0
+    found = {f"{name}/{k}": v for name in sys.argv[2:] for k, v in results(name).items()}
+    if MPI.COMM_WORLD.rank == 0:
+        np.savez(sys.argv[1], **found)
+
+
+if __name__ == "__main__":
+    run_together(main)

@@ -1,0 +1,88 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Scenes of rigid bodies whose contacts several ranks divide, against the same scenes on one."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+from on_ranks import on_ranks
+
+SCENES = {
+    1: ("falling", "bricks", "shear", "hard_bricks", "clouds"),
+    3: ("falling", "bricks", "shear"),
+}
+SCENES[2] = SCENES[1]
+several = pytest.mark.parametrize("count", [2, 3])
+scenes = pytest.mark.parametrize(
+    ("count", "scene"), [(count, scene) for count in (2, 3) for scene in SCENES[count]]
+)
+
+
+@pytest.fixture(scope="module")
+def found(tmp_path_factory):
+    """Results of all scenes by number of ranks."""
+
+    @cache
+    def results(count: int) -> dict[str, np.ndarray]:
+        path = tmp_path_factory.mktemp("rigid") / f"on_{count}.npz"
+        done = on_ranks(count, "ranks/rigid_bodies.py", path, *SCENES[count])
+        assert done.returncode == 0, done.stderr[-3000:]
+        return dict(np.load(path))
+
+    return results
+
+
+@scenes
+def test_contacts_are_divided_and_states_the_same_bits(found, scene, count):
+    result = found(count)
+    assert result[f"{scene}/partitions"] >= 1
+    # hard_bricks take more sweeps than are tried together
+    assert result[f"{scene}/undivided"] == (scene == "hard_bricks")
+    assert result[f"{scene}/alike"]
+
+
+@scenes
+def test_motion_is_that_of_one_rank(found, scene, count):
+    alone, together = found(1), found(count)
+    for name in ("position", "velocity", "spin"):
+        expected = alone[f"{scene}/{name}"]
+        scale = np.abs(expected).max()
+        np.testing.assert_allclose(
+            together[f"{scene}/{name}"], expected, rtol=0, atol=1e-8 * scale, err_msg=name
+        )
+
+
+@scenes
+def test_energies_are_those_of_one_rank_and_closed(found, scene, count):
+    energies = found(count)[f"{scene}/records"][:, :-1]
+    expected = found(1)[f"{scene}/records"][:, :-1]
+    scale = np.abs(expected).max()
+    np.testing.assert_allclose(energies, expected, rtol=0, atol=1e-8 * scale)
+    assert np.abs(energies[:, -1]).max() < 1e-12 * scale
+
+
+def test_free_clouds_keep_their_momenta(found):
+    result = found(2)
+    scale = np.abs(result["clouds/start"]).max()
+    assert result["clouds/pushed"] > 50
+    assert result["clouds/moved"] > 54  # more than there are: the first partition is not the last
+    assert np.abs(result["clouds/momenta"] - result["clouds/start"]).max() < 1e-12 * scale
+
+
+@several
+def test_all_read_all_forces(found, count):
+    """Forces on bricks and what moves their floor do not depend on who has the contacts."""
+    alone, together = found(1), found(count)
+    for name in ("bricks/force", "bricks/reaction"):
+        scale = np.abs(alone[name]).max()
+        np.testing.assert_allclose(together[name], alone[name], rtol=0, atol=1e-7 * scale)
+    # a contact whose force is next to nothing may push or not
+    assert together["bricks/pushed"] == pytest.approx(alone["bricks/pushed"], rel=0.01)
+
+
+def test_sheared_bodies_change_their_ranks(found):
+    assert found(3)["shear/partitions"] >= 2
+    assert found(3)["shear/moved"] > 84  # more than there are
+    assert found(3)["shear/own"].min() > 0

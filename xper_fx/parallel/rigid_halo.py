@@ -1,0 +1,137 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Velocities of rigid bodies whose contacts are divided among ranks.
+
+Every rank has the velocities of all bodies. While contacts are swept a rank moves its own bodies
+and, in the phase in which it meets another rank, those of the other at the contacts between the
+two that it owns; these *ghosts* follow their owners by DOLFINx index maps. Before sweeps and after
+them the velocities of all bodies are put together, the same bits on all ranks.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from mpi4py import MPI
+
+from xper_fx.nscd.points import InteractionPoints
+from xper_fx.parallel.halo import Exchange
+from xper_fx.parallel.ownership import owners_of_pairs, phases
+from xper_fx.parallel.ranks import Ranks
+
+
+class RigidHalo:
+    """What the contacts of rigid bodies on one rank have to do with other ranks.
+
+    It has what `Halo` has where contacts ask for it, in scenes of rigid bodies alone.
+
+    Args:
+        ranks: the ranks.
+        rank_of_body: shape (num_bodies,).
+        moves: shape (num_bodies,), bool: which bodies contacts can move; others are everywhere.
+        pairs: shape (n, 2), bodies that may come into contact, the same on all ranks.
+        dofs: degrees of freedom of a body.
+
+    Attributes:
+        everywhere: exchange of the velocities of all bodies.
+        phases: exchange with one rank, phase after phase from the first.
+        numbers: shape (0,), of permanent points, of which there are none.
+        cut: this rank's bodies that others move, and its ghosts.
+    """
+
+    def __init__(
+        self,
+        ranks: Ranks,
+        rank_of_body: np.ndarray,
+        moves: np.ndarray,
+        pairs: np.ndarray,
+        dofs: int,
+    ):
+        self.ranks, self._rank_of_body, self._moves = ranks, rank_of_body, moves
+        self.numbers = np.zeros(0, np.int64)
+        self.everywhere = _AllBodies(ranks, rank_of_body, dofs)
+        pairs = pairs[moves[pairs].all(axis=1)]
+        sides = rank_of_body[pairs]
+        self._phase_of = phases(sides, ranks.size)
+        owner, me = owners_of_pairs(sides), ranks.rank
+        self.phases = []
+        cut = [np.zeros(0, np.int64)]
+        for phase in range(1, int(self._phase_of.max(initial=0)) + 1):
+            given, ghosts = {}, {}
+            for other in np.flatnonzero(self._phase_of[me] == phase).tolist():
+                both = np.all(np.sort(sides, axis=1) == sorted((me, other)), axis=1)
+                met = pairs[both]
+                ours = owner[both][0] == me
+                seen = np.unique(met[rank_of_body[met] == (other if ours else me)])
+                (ghosts if ours else given)[other] = seen
+                cut.append(seen)
+            self.phases.append(Exchange(ranks, given, ghosts, dofs))
+        self.cut = np.unique(np.concatenate(cut))
+
+    def phase_of(self, points: InteractionPoints) -> np.ndarray:
+        """Phase of contacts, 0 where all that they move is here."""
+        bodies = points.nodes[:, :, 0] // 2
+        a, b = self._rank_of_body[bodies].T
+        return np.where(self._moves[bodies].all(axis=1), self._phase_of[a, b], 0)
+
+    def clear(self, values: np.ndarray) -> None:
+        """Set bodies of other ranks to zero in a flat array over all slots."""
+        self.everywhere.clear(values)
+
+    def gather(self, values: np.ndarray) -> np.ndarray:
+        """Values at permanent points, of which there are none."""
+        return values
+
+    @property
+    def nbytes(self) -> int:
+        """Memory of what is exchanged and of where bodies are, in bytes."""
+        own = (self._rank_of_body, self.cut)
+        return sum(e.nbytes for e in self.phases) + sum(array.nbytes for array in own)
+
+    @property
+    def bytes_a_sweep(self) -> int:
+        """Bytes of velocities that this rank sends in a sweep."""
+        return sum(exchange.bytes_sent + exchange.bytes_returned for exchange in self.phases)
+
+    @property
+    def bytes_a_gather(self) -> int:
+        """Bytes of this rank's velocities when those of all bodies are put together."""
+        return self.everywhere.bytes_sent
+
+
+class _AllBodies:
+    """Puts together what ranks have of all bodies; arrays are flat, over all slots."""
+
+    def __init__(self, ranks: Ranks, rank_of_body: np.ndarray, dofs: int):
+        self._comm, self._dofs = ranks.comm, dofs
+        self._others = np.flatnonzero(rank_of_body != ranks.rank)
+        self._own = np.flatnonzero(rank_of_body == ranks.rank)
+        self._by_rank = np.argsort(rank_of_body, kind="stable")
+        self._counts = np.bincount(rank_of_body, minlength=ranks.size) * dofs
+
+    def _rows(self, values: np.ndarray) -> np.ndarray:
+        count = len(self._by_rank)
+        return values[: count * self._dofs].reshape(count, self._dofs)
+
+    @property
+    def bytes_sent(self) -> int:
+        """Bytes of this rank's values."""
+        return 8 * self._dofs * len(self._own)
+
+    def clear(self, values: np.ndarray) -> None:
+        """Set other ranks' bodies to zero."""
+        self._rows(values)[self._others] = 0.0
+
+    def forward(self, values: np.ndarray) -> None:
+        """All take the values of the bodies' owners."""
+        rows = self._rows(values)
+        gathered = np.empty_like(rows)
+        self._comm.Allgatherv(rows[self._own], [gathered, self._counts])
+        rows[self._by_rank] = gathered
+
+    def add_back(self, values: np.ndarray) -> None:
+        """All take the sum over the ranks."""
+        rows = self._rows(values)
+        total = np.empty_like(rows)
+        # one rank adds up: sums made on each could differ by rounding
+        self._comm.Reduce(rows, total, MPI.SUM)
+        self._comm.Bcast(total)
+        rows[:] = total
