@@ -24,10 +24,10 @@ from xper_fx.forms.loads import PrescribedVelocity  # noqa: E402
 from xper_fx.materials import LinearElastic  # noqa: E402
 from xper_fx.nscd.laws import CohesiveZone  # noqa: E402
 from xper_fx.recorder import Recorder, TensileGauge  # noqa: E402
+from xper_fx.restart.tree_file import read_tree  # noqa: E402
 from xper_fx.runner import recorded_steps  # noqa: E402
 from xper_fx.scene import Scene  # noqa: E402
 from xper_fx.simulation import Simulation  # noqa: E402
-from xper_fx.tree_file import read_tree  # noqa: E402
 
 STEP, STEPS, FIELDS, KILLS = 0.02, 300, 100, 20
 

@@ -23,7 +23,6 @@ from scenes import BOTTOM, LEFT, RIGHT, TOP, box_bodies, mesh_of, side_tags
 
 import xper_fx
 from xper_fx.bodies import explode
-from xper_fx.checkpoint import restore
 from xper_fx.contacts import Contact
 from xper_fx.errors import ConvergenceError, NotFiniteError
 from xper_fx.forms.loads import (
@@ -50,6 +49,7 @@ from xper_fx.nscd.laws import CohesiveZone, PerfectBond, SignoriniCoulomb, Tresc
 from xper_fx.nscd.rigid import Disc, Polygon, RigidBodies, RigidBody, Sphere, wall
 from xper_fx.periodic.drive import MacroscopicDrive
 from xper_fx.recorder import Recorder
+from xper_fx.restart.checkpoint import restore
 from xper_fx.scene import Scene
 from xper_fx.simulation import Simulation
 

@@ -9,7 +9,6 @@ from scenes import BACK, BOTTOM, LEFT, RIGHT, box_bodies, field, nodes, run
 from scipy.optimize import brentq
 
 from xper_fx.bulk.bulk import Bulk
-from xper_fx.checkpoint import restore
 from xper_fx.errors import ConvergenceError
 from xper_fx.forms.dynamics import BulkForms
 from xper_fx.forms.loads import PrescribedDisplacement, PrescribedVelocity, RayleighDamping
@@ -22,6 +21,7 @@ from xper_fx.materials import (
 )
 from xper_fx.nscd.laws import CohesiveZone
 from xper_fx.recorder import Recorder
+from xper_fx.restart.checkpoint import restore
 from xper_fx.scene import Scene
 from xper_fx.simulation import Simulation
 

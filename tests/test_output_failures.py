@@ -25,13 +25,13 @@ import pytest
 from scenes import LEFT, RIGHT, box_bodies
 from test_output import POINTS, TRIANGLES, check, fields
 
-from xper_fx.checkpoint import save
 from xper_fx.folder_lock import FolderLock
 from xper_fx.forms.loads import PrescribedVelocity
 from xper_fx.materials import LinearElastic
 from xper_fx.output import History, TimeSeries, prepare_folder, read_history, write_summary
 from xper_fx.plots import new_figure
 from xper_fx.recorder import Recorder
+from xper_fx.restart.checkpoint import save
 from xper_fx.scene import Scene
 from xper_fx.simulation import Simulation
 

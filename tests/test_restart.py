@@ -23,19 +23,19 @@ import restart_scenes
 from scenes import LEFT, RIGHT, TOP, box_bodies
 
 import xper_fx
-from xper_fx.checkpoint import restore, save
 from xper_fx.errors import CheckpointError, ConvergenceError
 from xper_fx.forms.loads import Gravity, PrescribedVelocity
-from xper_fx.interruption import Interruption
 from xper_fx.materials import LinearElastic
 from xper_fx.nscd.laws import CohesiveZone, SignoriniCoulomb
 from xper_fx.nscd.rows import Rows
 from xper_fx.output import TimeSeries, read_history
 from xper_fx.recorder import Recorder, TensileGauge
+from xper_fx.restart.checkpoint import restore, save
+from xper_fx.restart.interruption import Interruption
+from xper_fx.restart.tree_file import read_tree, write_tree
 from xper_fx.runner import add_run_options, recorded_steps
 from xper_fx.scene import Scene, Wall
 from xper_fx.simulation import Simulation
-from xper_fx.tree_file import read_tree, write_tree
 
 # Of a bar of two halves, until its bond has broken and it has swung back.
 STEP, STEPS = 0.1, 30

@@ -225,7 +225,7 @@ class Recorder:
                     "%s: there is no checkpoint, the run starts from its beginning", path
                 )
             return None
-        from xper_fx.checkpoint import restore
+        from xper_fx.restart.checkpoint import restore
 
         before = restore(path, self.simulation)
         if bool(before.get("series")) != self._writes_fields:
@@ -248,7 +248,7 @@ class Recorder:
 
     def checkpoint(self) -> Path:
         """Write a checkpoint in the place of the last one; its file."""
-        from xper_fx.checkpoint import save
+        from xper_fx.restart.checkpoint import save
 
         watch, path = self.simulation.stopwatch, self.folder / CHECKPOINT
         with watch.phase("output"), watch.phase("checkpoint"):

@@ -12,10 +12,10 @@ from signal import Signals
 
 from tqdm.auto import tqdm
 
-from xper_fx.interruption import Interruption
 from xper_fx.plots import plot_profile
 from xper_fx.profile import profile_table
 from xper_fx.recorder import CHECKPOINT_EVERY, Recorder
+from xper_fx.restart.interruption import Interruption
 from xper_fx.simulation import SOLVERS, StepRecord
 
 logger = logging.getLogger(__name__)

@@ -16,10 +16,10 @@ from typing import TYPE_CHECKING
 
 import xper_fx
 from xper_fx.errors import CheckpointError
-from xper_fx.fingerprint import differences, fingerprint
 from xper_fx.nscd.rows import Rows
 from xper_fx.parallel.ranks import ALONE, Ranks
-from xper_fx.tree_file import read_attributes, read_tree, write_tree
+from xper_fx.restart.fingerprint import differences, fingerprint
+from xper_fx.restart.tree_file import read_attributes, read_tree, write_tree
 
 if TYPE_CHECKING:
     from xper_fx.simulation import Simulation
