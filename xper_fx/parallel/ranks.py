@@ -8,8 +8,6 @@ Sums are made in the order of the ranks, on every rank: all get the same bits, s
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import reduce
-from operator import add
 
 import numpy as np
 from mpi4py import MPI
@@ -32,19 +30,26 @@ class Ranks:
 
     def sum(self, value):
         """Sum of numbers, or of arrays of one shape."""
-        return value if self.alone else reduce(add, self.comm.allgather(value))
+        return value if self.alone else self._of_all(value).sum(axis=0)[()]
 
     def max(self, value):
         """Largest of numbers, or of arrays of one shape entry by entry."""
-        return value if self.alone else reduce(np.maximum, self.comm.allgather(value))
+        return value if self.alone else self._of_all(value).max(axis=0)[()]
+
+    def _of_all(self, value) -> np.ndarray:
+        """The values of all ranks, in their order."""
+        own = np.ascontiguousarray(value)
+        values = np.empty((self.size, *np.shape(value)), own.dtype)
+        self.comm.Allgather(own, values)
+        return values
 
     def before(self, count: int) -> int:
         """Sum of a number over the ranks before this one."""
-        return 0 if self.alone else sum(self.comm.allgather(count)[: self.rank])
+        return 0 if self.alone else int(self._of_all(count)[: self.rank].sum())
 
     def all(self, condition) -> bool:
         """Whether something holds on all ranks."""
-        return bool(condition) if self.alone else all(self.comm.allgather(bool(condition)))
+        return bool(condition) if self.alone else bool(self._of_all(bool(condition)).all())
 
     def at_root(self, call: Callable[[], object]) -> None:
         """Let the first rank do something for all; what it raises is raised on all."""
