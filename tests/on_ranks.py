@@ -18,6 +18,7 @@ _SETTINGS = {
     "OMPI_ALLOW_RUN_AS_ROOT": "1",
     "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1",
     "NUMBA_NUM_THREADS": "1",
+    "NUMBA_OPT": "0",  # compiling takes most of the time
     "OPENBLAS_NUM_THREADS": "1",
 }
 

@@ -27,18 +27,22 @@ import itertools
 import json
 import multiprocessing
 import multiprocessing.process
-from collections.abc import Callable, Iterable, Mapping, Sequence
+import os
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from difflib import get_close_matches
 from math import isfinite
 from pathlib import Path
 from typing import Any
 
+from mpi4py import MPI
 from tqdm.auto import tqdm
 
 import xper_fx
 from xper_fx.nscd.checks import require_positive
 from xper_fx.output import prepare_folder
+from xper_fx.parallel.ranks import Ranks
 from xper_fx.quantities import Quantity
 from xper_fx.scene import Scene
 from xper_fx.simulation import Simulation
@@ -48,6 +52,8 @@ from xper_fx.study_results import Run, StudyResults, as_text, varied
 Knob = str | int | float | bool | None
 Setting = dict[str, Knob]
 
+# Beginnings of the variables by which launchers tell a process which rank it is.
+_OF_RANKS = ("OMPI_COMM", "PMIX_", "PMI_", "PRTE_", "HYDRA_", "MPI_LOCAL")
 # Knobs of the study itself.
 _OWN = ("courant", "fields")
 
@@ -215,7 +221,7 @@ def run_study(
     patience: float | None = None,
     quiet: bool = False,
 ) -> StudyResults:
-    """Make the runs of a study that its folder does not hold yet.
+    """Make the runs of a study that its folder does not hold yet; of several ranks the first does.
 
     A run that does not converge or is refused is kept with its reason; one whose process died or
     ran out of patience is in the results, and is tried again by the next call.
@@ -234,21 +240,31 @@ def run_study(
         OSError: the folder cannot be written.
         RuntimeError: the reference's run failed.
     """
-    folder = prepare_folder(folder)
-    settings = study.settings()
-    knobs, runs = varied(settings), []
-    with tqdm(settings, desc=study.name, unit="run", disable=quiet) as bar:
-        for setting in bar:
-            bar.set_postfix_str(as_text(setting, knobs))
-            path = folder / study.key(setting)
-            failure = None
-            if not path.with_suffix(".json").exists():
-                failure = _run_in_process(study, setting, path, patience)
-            families = tuple(name for name, members in study.families.items() if setting in members)
-            if failure is None:
-                runs.append(Run.read(setting, families, path))
-            else:
-                runs.append(Run(setting, families, {"status": "failed", "reason": failure}, {}))
+    team, settings = Ranks(MPI.COMM_WORLD), study.settings()
+    folder = Path(folder).resolve()
+    paths = [folder / study.key(setting) for setting in settings]
+    failures: dict[Path, str | None] = {}
+
+    def make() -> None:
+        prepare_folder(folder)
+        knobs = varied(settings)
+        with tqdm(list(zip(settings, paths, strict=True)), desc=study.name, unit="run",
+                  disable=quiet) as bar:  # fmt: skip
+            for setting, path in bar:
+                bar.set_postfix_str(as_text(setting, knobs))
+                if not path.with_suffix(".json").exists():
+                    failures[path] = _run_in_process(study, setting, path, patience)
+
+    team.at_root(make)
+    failures = team.comm.bcast(failures)
+    runs = []
+    for setting, path in zip(settings, paths, strict=True):
+        families = tuple(name for name, members in study.families.items() if setting in members)
+        failure = failures.get(path)
+        if failure is None:
+            runs.append(Run.read(setting, families, path))
+        else:
+            runs.append(Run(setting, families, {"status": "failed", "reason": failure}, {}))
     return StudyResults(study, runs, time)
 
 
@@ -260,7 +276,8 @@ def _run_in_process(
     process = multiprocessing.get_context("spawn").Process(
         target=run_job, args=(study.job(setting), path, header)
     )
-    process.start()
+    with _outside_of_ranks():
+        process.start()
     try:
         process.join(patience)
         if process.is_alive():
@@ -272,3 +289,15 @@ def _run_in_process(
     if not path.with_suffix(".json").exists():
         return f"its process ended with exit status {process.exitcode}"
     return None
+
+
+@contextmanager
+def _outside_of_ranks() -> Iterator[None]:
+    """Processes started within do not take themselves for the rank that starts them."""
+    hidden = {k: v for k, v in os.environ.items() if k.startswith(_OF_RANKS)}
+    for name in hidden:
+        del os.environ[name]
+    try:
+        yield
+    finally:
+        os.environ.update(hidden)
