@@ -355,6 +355,7 @@ class Simulation:
                 ("contacts that are searched", len(scene.contacts) > 0),
                 ("ties", len(scene.ties) > 0),
                 ("no inertia", not inertia),
+                ("a solver for one rank", solver not in _ON_RANKS),
                 ("no facets between bodies", scene.bodies and not len(scene.bodies.facets)),
             )
             if there
@@ -366,11 +367,6 @@ class Simulation:
                     " and ".join(whole),
                 )  # fmt: skip
             return
-        if solver not in _ON_RANKS:
-            raise ValueError(
-                f"solver should be one of {', '.join(_ON_RANKS)} on {self.team.size} ranks that "
-                f"divide the bodies, got {solver!r}."
-            )
         from xper_fx.parallel.part import divide
 
         self.ranks = self.team
