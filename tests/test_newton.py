@@ -37,5 +37,5 @@ def test_backtracking_rescues_a_large_increment(stretch, monkeypatch):
     (step,) = simulation.steps(1.0)
     assert step.newton_residual <= 1e-8 and step.newton_iterations <= 20
     monkeypatch.setattr(implicit, "_CUTS", 0)
-    with pytest.raises(ConvergenceError, match="Newton"):
+    with pytest.raises(ConvergenceError, match="Newton|internal forces"):
         list(stretched(stretch).steps(1.0))

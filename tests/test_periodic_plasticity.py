@@ -208,7 +208,7 @@ class Springy:
     [
         ({"linear": True}, "linear = False"),
         ({"variables": None}, "mapping `variables`"),
-        ({"density": -5.0}, "density -5.0"),
+        ({"density": -5.0}, "density of .* got -5.0"),
         ({}, "expected a Response"),
     ],
 )

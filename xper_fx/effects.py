@@ -310,11 +310,16 @@ EFFECTS = (
             "xper_fx.parallel.ownership",
             "xper_fx.parallel.points",
             "xper_fx.parallel.halo",
+            "xper_fx.parallel.rows",
+            "xper_fx.parallel.linear",
+            "xper_fx.parallel.rigid_division",
+            "xper_fx.parallel.rigid_halo",
             "xper_fx.nscd.distributed",
+            "xper_fx.nscd.shared_tangent",
         ),
-        lambda s: s.part is not None,
+        lambda s: not s.ranks.alone,
         "ghosts of other ranks' bodies",
-        lambda s: 0 if s.part is None else s.interactions.halo.nbytes,
+        lambda s: 0 if s.ranks.alone else s.interactions.halo.nbytes,
     ),  # fmt: skip
     Effect(
         "vertex problems",
@@ -402,8 +407,14 @@ class EffectRow(NamedTuple):
 
 def _law_effects(simulation: Simulation) -> dict[str, int]:
     """Bytes of the columns that the laws in use hold for their effects."""
-    total: dict[str, int] = {}
-    for group in simulation.interactions.groups if simulation.interactions is not None else []:
+    interactions = simulation.interactions
+    if interactions is None:
+        return {}
+    # another rank may have all points of a law
+    laws = [] if simulation.ranks.alone else interactions.laws
+    kernels = [law.kernels(interactions.dim) for law in laws]
+    total = {name: 0 for kernel in kernels for name, _ in kernel.effects}
+    for group in interactions.groups:
         for name, columns in group.kernels.effects:
             total[name] = total.get(name, 0) + 8 * columns * len(group)
     return total

@@ -566,7 +566,8 @@ class Simulation:
         away = x[nodes] - np.asarray(wall.point, float)
         gap = away @ normal
         # a gap of rounding would leave a body that rests on the wall without it for a step
-        gap[np.abs(gap) <= _ROUNDING * np.abs(np.concatenate([x[nodes], away])).max()] = 0.0
+        size = np.abs(np.concatenate([x[nodes], away])).max(initial=0.0)
+        gap[np.abs(gap) <= _ROUNDING * size] = 0.0
         return wall_points(nodes, area[nodes], normal, gap, ground, k)
 
     def _share_points(self, law_of_facet: np.ndarray) -> SharedPoints:

@@ -131,6 +131,6 @@ def test_a_static_stress_on_a_body_cut_by_a_void(kind):
     drive = MacroscopicDrive(
         gradient={"12": 0.0, "21": 0.0, "22": 1.0}, stress={"11": lambda t: 10.0 * t}
     )
-    with pytest.raises(ConvergenceError, match="did not converge") as caught:
+    with pytest.raises(ConvergenceError, match="did not converge|not finite") as caught:
         cell_run(cell, {1: kind(YOUNG, POISSON, LIGHT)}, drive, step=0.1, steps=5)
     assert caught.value.time == 0.0

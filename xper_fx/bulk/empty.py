@@ -64,7 +64,7 @@ class EmptyBulk:
 
     linear, floating = True, False
     inertia = damping = mass = stiffness = None
-    num_dofs = nbytes = 0
+    num_dofs = num_dofs_of_all = nbytes = 0
     ranks = ALONE
 
     def __init__(self, dim: int):

@@ -10,6 +10,8 @@ Where vertices are solved alone, all points that meet at a vertex are on one ran
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 
 from xper_fx.bodies import FacingFacets, facet_edges
@@ -71,5 +73,5 @@ def phases(pairs: np.ndarray, num_ranks: int) -> np.ndarray:
     phase = np.zeros((num_ranks, num_ranks), np.int64)
     for a, b in np.unique(pairs[pairs[:, 0] != pairs[:, 1]], axis=0):
         taken = {*phase[a].tolist(), *phase[b].tolist()}
-        phase[a, b] = phase[b, a] = next(c for c in range(1, num_ranks + 1) if c not in taken)
+        phase[a, b] = phase[b, a] = next(c for c in itertools.count(1) if c not in taken)
     return phase
