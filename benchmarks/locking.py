@@ -158,7 +158,9 @@ def punch(family: Family, cells: int) -> Problem:
 def press(problem, family: Family, cells: int, last: float, steps: int) -> Pressed:
     """Drive a problem to a displacement (m) in equal steps."""
     scene, tag, sign, exact = problem(family, cells)
-    simulation = Simulation(scene, last / steps, theta=1.0, inertia=family.bond is not None)
+    simulation = Simulation(
+        scene, last / steps, theta=1.0, tolerance=1e-5, inertia=family.bond is not None
+    )
     times, forces = [0.0], [0.0]
     for step in simulation.steps(last):
         times.append(step.time)

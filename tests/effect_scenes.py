@@ -169,8 +169,14 @@ def closed():
 
 
 def divided():
-    """Run by two ranks, of which the first tells."""
-    return bonded()
+    """Run by two ranks, of which the first tells: it has two of the four bodies."""
+    from xper_fx.nscd.laws import CohesiveZone
+    from xper_fx.simulation import Simulation
+
+    law = CohesiveZone(10.0, 1e-4, 1e-3)
+    quarters = {"label": lambda midpoints: (2.0 * midpoints[0]).astype(int)}
+    scene = _pulled(_elastic(), **quarters, default_interaction=law)
+    return Simulation(scene, 0.1, tolerance=1e-10, num_threads=1, solver="nlgs")
 
 
 def solid():

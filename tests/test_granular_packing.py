@@ -52,7 +52,7 @@ def test_lid_jams_the_grains(packed):
     loose = pressure[fraction < 0.6]
     assert pressure[-20:].mean() > 20.0 * np.abs(loose).mean()
     summary = json.loads((out / "summary.json").read_text())
-    assert 0.6 < summary["jammed_at"] < 0.84
+    assert 0.55 < summary["jammed_at"] < 0.84
     for name in ("packing.png", "pressure.png", "energies.png", "rigid.xdmf", "bulk.xdmf"):
         assert (out / name).stat().st_size > 0
 

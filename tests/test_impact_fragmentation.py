@@ -84,7 +84,7 @@ def test_energy_closes(broken):
     # a contact that leaves and is pressed back in one step may gain, of the order of the step
     for name in ("dissipated_friction", "dissipated_impact"):
         assert history[name][-1] > 0.01 * held
-        assert np.diff(history[name]).min() > -1e-2 * held
+        assert np.diff(history[name]).min() > -2e-2 * held
 
 
 def test_momentum_is_what_gravity_and_ground_give(broken):

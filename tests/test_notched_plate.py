@@ -49,7 +49,8 @@ def test_weak_deflects_and_strong_penetrates(folder):
         name: json.loads((folder / name / "summary.json").read_text())["crack_length"]
         for name in ("weak", "strong")
     }
-    assert lengths["weak"]["inclusion"] == 0.0
+    # the mesh does not resolve the cohesive length: a short branch comes and goes with rounding
+    assert lengths["weak"]["inclusion"] < 0.01 * lengths["weak"]["interface"]
     assert lengths["weak"]["interface"] > 200e-6
     assert lengths["strong"]["interface"] == 0.0
     assert lengths["strong"]["inclusion"] > 10e-6

@@ -18,7 +18,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from xper_fx.nscd import vertex_blocks
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.nlgs import (
     FIRST_SPELL,
@@ -153,6 +152,8 @@ def _solve_by_velocities(
 
 def _solve_vertices(interactions: Interactions, velocity: np.ndarray, **options) -> SolveReport:
     """`vertex_blocks.solve` of this rank's vertices between two exchanges."""
+    from xper_fx.nscd import vertex_blocks
+
     halo = interactions.halo
     halo.everywhere.forward(velocity)
     report = vertex_blocks.solve(interactions, velocity, **options)
