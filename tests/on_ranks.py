@@ -40,6 +40,14 @@ def on_ranks(count: int, script: Path, *arguments, timeout: float = 500.0):
     paths = [FOLDER.parent, FOLDER, FOLDER.parent / "demos", os.environ.get("PYTHONPATH", "")]
     environment = os.environ | _SETTINGS | {"PYTHONPATH": os.pathsep.join(map(str, paths))}
     command = ["mpirun", "-n", count, sys.executable, FOLDER / script, *arguments]
-    return subprocess.run(
-        list(map(str, command)), env=environment, capture_output=True, text=True, timeout=timeout
-    )
+    with subprocess.Popen(
+        list(map(str, command)), env=environment, text=True,
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+    ) as process:  # fmt: skip
+        try:
+            out, error = process.communicate(timeout=timeout)
+        except subprocess.TimeoutExpired:
+            process.terminate()  # mpirun then ends its ranks; a kill would leave them
+            process.communicate()
+            raise
+    return subprocess.CompletedProcess(command, process.returncode, out, error)

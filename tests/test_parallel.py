@@ -177,7 +177,7 @@ def test_momentum_and_energy_are_exact(found, count):
     size = np.abs(free["start"]).max()
     assert np.abs(free["momentum"] - free["start"]).max() <= 1e-13 * size
     lost = free["dissipated_friction"][-1] + free["dissipated_impact"][-1]
-    assert lost > 0.05 * free["kinetic"][0]
+    assert lost > 0.01 * free["kinetic"][0]
     assert np.abs(free["closure"]).max() <= 1e-12 * free["kinetic"][0]
 
 

@@ -30,11 +30,11 @@ class Ranks:
 
     def sum(self, value):
         """Sum of numbers, or of arrays of one shape."""
-        return value if self.alone else self._of_all(value).sum(axis=0)[()]
+        return value if self.alone else _plain(self._of_all(value).sum(axis=0))
 
     def max(self, value):
         """Largest of numbers, or of arrays of one shape entry by entry."""
-        return value if self.alone else self._of_all(value).max(axis=0)[()]
+        return value if self.alone else _plain(self._of_all(value).max(axis=0))
 
     def _of_all(self, value) -> np.ndarray:
         """The values of all ranks, in their order."""
@@ -85,6 +85,11 @@ class Ranks:
         for n, v in parts:
             whole[n] = v
         return whole
+
+
+def _plain(value):
+    """A number as Python has it, an array as it is."""
+    return value if np.ndim(value) else value.item()
 
 
 ALONE = Ranks(MPI.COMM_SELF)
