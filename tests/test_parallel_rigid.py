@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from on_ranks import on_ranks
 
-# The script has more: "falling", "shear" and "hard_bricks" take minutes where ranks share cores.
-SCENES = {1: ("bricks", "clouds"), 2: ("bricks", "clouds"), 3: ("bricks",)}
+OF_TWO = ("bricks", "clouds", "falling", "shear")
+OF_THREE = ("bricks", "hard_bricks")
+SCENES = {1: (*OF_TWO, "hard_bricks"), 2: OF_TWO, 3: OF_THREE}
 several = pytest.mark.parametrize("count", [2, 3])
 scenes = pytest.mark.parametrize(
     ("count", "scene"), [(count, scene) for count in (2, 3) for scene in SCENES[count]]

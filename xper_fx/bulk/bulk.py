@@ -280,7 +280,7 @@ class Bulk:
     @property
     def num_dofs_of_all(self) -> int:
         """Number of unknowns on all ranks."""
-        return self.ranks.sum(self.num_dofs)
+        return int(self.ranks.sum(self.num_dofs))
 
     def end_weight(self, theta: float) -> float | np.ndarray:
         """theta of each unknown's equation, one number if it is the same for all."""

@@ -104,7 +104,7 @@ def _solve_by_velocities(
     free = velocity.copy()
     interactions.add_velocity(velocity)
     size, rounding = interactions.kick(free, velocity)
-    num_tiles = max(1, ranks.sum(sum(len(one.marked) for one in passes)))
+    num_tiles = max(1.0, ranks.sum(sum(len(one.marked) for one in passes)))
     moved = np.zeros(len(interactions.inverse.node_offsets) - 1, np.bool_)
     changes: list[float] = []
     looked_at, spell, verifying = 0, FIRST_SPELL, False

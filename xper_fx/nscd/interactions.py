@@ -544,7 +544,7 @@ class Interactions:
     @property
     def num_points(self) -> int:
         """Number of permanent points, on all ranks."""
-        return self._sum(len(self))
+        return int(self._sum(len(self)))
 
     def free_velocities(self, bulk: np.ndarray) -> np.ndarray:
         """Free velocities of all slots, flat.

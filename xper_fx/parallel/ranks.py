@@ -29,16 +29,19 @@ class Ranks:
         self.alone = comm.size == 1
 
     def sum(self, value):
-        """Sum of numbers, or of arrays of one shape."""
+        """Sum of numbers, or of arrays of one shape, in double precision."""
         return value if self.alone else _plain(self._of_all(value).sum(axis=0))
 
     def max(self, value):
-        """Largest of numbers, or of arrays of one shape entry by entry."""
+        """Largest of numbers, or of arrays of one shape entry by entry, in double precision."""
         return value if self.alone else _plain(self._of_all(value).max(axis=0))
 
     def _of_all(self, value) -> np.ndarray:
-        """The values of all ranks, in their order."""
-        own = np.ascontiguousarray(value)
+        """The values of all ranks, in their order.
+
+        All send doubles: the sum of nothing is an integer on a rank that has nothing.
+        """
+        own = np.ascontiguousarray(value, np.float64)
         values = np.empty((self.size, *np.shape(value)), own.dtype)
         self.comm.Allgather(own, values)
         return values
@@ -49,7 +52,7 @@ class Ranks:
 
     def all(self, condition) -> bool:
         """Whether something holds on all ranks."""
-        return bool(condition) if self.alone else bool(self._of_all(bool(condition)).all())
+        return bool(condition) if self.alone else bool(self._of_all(condition).all())
 
     def at_root(self, call: Callable[[], object]) -> None:
         """Let the first rank do something for all; what it raises is raised on all."""

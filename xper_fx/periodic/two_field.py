@@ -204,7 +204,7 @@ class CellBulk(Bulk):
     def num_dofs_of_all(self) -> int:
         """See `Bulk`."""
         nodal = self.unknowns.macroscopic.start
-        return self.ranks.sum(nodal) + self.num_dofs - nodal
+        return int(self.ranks.sum(nodal)) + self.num_dofs - nodal
 
     def end_weight(self, theta: float) -> np.ndarray:
         """See `Bulk`: macroscopic equations hold at the end of the step."""
