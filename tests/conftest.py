@@ -1,7 +1,13 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""How the tests are shared out among processes."""
+"""How the tests share the cores: two processes of one thread each, unless a test asks for more."""
 
+import os
+
+import numba
 import pytest
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+numba.set_num_threads(1)
 
 
 @pytest.hookimpl(tryfirst=True)

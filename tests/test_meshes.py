@@ -2,6 +2,7 @@
 """Meshes: rectangles, Gmsh models and files, tags by geometry, and refusals."""
 
 import logging
+import signal
 
 import numpy as np
 import pytest
@@ -147,7 +148,7 @@ def test_facet_cells():
 def gmsh():
     """A Gmsh session of the test's own."""
     module = pytest.importorskip("gmsh")
-    module.initialize()
+    module.initialize(interruptible=False)
     module.option.setNumber("General.Terminal", 0)
     yield module
     module.finalize()
@@ -224,16 +225,18 @@ def test_msh_file_within_a_session(gmsh, tmp_path):
 
 
 def test_msh_file_without_a_session(tmp_path):
-    """A file read without a session leaves none."""
+    """A file read without a session leaves none, nor does it change what Ctrl-C does."""
     gmsh = pytest.importorskip("gmsh")
-    gmsh.initialize()
+    gmsh.initialize(interruptible=False)
     gmsh.option.setNumber("General.Terminal", 0)
     plate(gmsh)
     path = tmp_path / "plate.msh"
     gmsh.write(str(path))
     gmsh.finalize()
+    handler = signal.getsignal(signal.SIGINT)
     check_plate(*read_gmsh(str(path), 2))
     assert not gmsh.isInitialized()
+    assert signal.getsignal(signal.SIGINT) is handler
 
 
 def test_gmsh_box(gmsh):

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Periodic tessellations and their meshes: exact shapes, ownership of points, translates."""
 
+import signal
 import time
 from itertools import product
 
@@ -569,9 +570,11 @@ def test_a_users_session_stays():
     """Model, options and session are as before, and the user's options do not change the mesh."""
     gmsh = pytest.importorskip("gmsh")
     tessellation = tessellate(random_seeds(8, (1, 1), 3), (1, 1))
+    handler = signal.getsignal(signal.SIGINT)
     alone = mesh_tessellation(tessellation, 0.1)
     assert not gmsh.isInitialized()
-    gmsh.initialize()
+    assert signal.getsignal(signal.SIGINT) is handler
+    gmsh.initialize(interruptible=False)
     try:
         options = {
             "General.Terminal": 0,

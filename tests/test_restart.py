@@ -569,7 +569,17 @@ def test_options_of_a_command_line():
 # -- interruptions
 
 
-def test_signals_are_noted_once_and_only_within():
+@pytest.fixture
+def usual_handlers():
+    """What Python does at a signal, whatever a test before or the shell has chosen."""
+    usual = {signal.SIGTERM: signal.SIG_DFL, signal.SIGINT: signal.default_int_handler}
+    before = {number: signal.signal(number, handler) for number, handler in usual.items()}
+    yield
+    for number, handler in before.items():
+        signal.signal(number, handler or signal.SIG_DFL)
+
+
+def test_signals_are_noted_once_and_only_within(usual_handlers):
     before = [signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGINT)]
     with Interruption() as interruption:
         assert interruption.number == 0

@@ -145,7 +145,7 @@ def read_gmsh(
     # a user's own session and current model are left as they were
     foreign = bool(gmsh.isInitialized())
     if not foreign:
-        gmsh.initialize()
+        gmsh.initialize(interruptible=False)  # or it takes SIGINT's handler away
     current = gmsh.model.getCurrent()
     verbosity = gmsh.option.getNumber("General.Verbosity")
     try:

@@ -9,10 +9,14 @@ with SCOTCH but partitions without weights, so the library is called as it is.
 from __future__ import annotations
 
 import ctypes
+from contextlib import ExitStack
 
 import dolfinx.cpp
 import numpy as np
 from scipy.sparse import coo_array
+
+# Of SCOTCH's strategies the one for small cuts, and the share by which parts may differ.
+_QUALITY, _IMBALANCE = 1, 0.02
 
 
 def partition_bodies(
@@ -56,20 +60,20 @@ def _graph(pairs, exchanged, count):
     return whole
 
 
-def _scotch(weights, graph, num_ranks: int) -> np.ndarray:
-    """SCOTCH's partition with a seed that is always the same."""
+def _scotch(weights, adjacency, num_ranks: int) -> np.ndarray:
+    """SCOTCH's partition by one thread: by several it would depend on which comes first."""
     # symbols are looked for in the libraries that DOLFINx is linked with, too
     library = ctypes.CDLL(dolfinx.cpp.__file__)
-    if not hasattr(library, "SCOTCH_graphPart"):
+    if not hasattr(library, "SCOTCH_contextInit"):
         raise ImportError(
-            "DOLFINx was built without SCOTCH, which divides the bodies among ranks: take a build "
+            "DOLFINx was built without SCOTCH 7, which divides the bodies among ranks: take a build "
             "that has it (Debian's and conda-forge's do), or run on one rank."
         )
     kind = {4: np.int32, 8: np.int64}[library.SCOTCH_numSizeof()]
     number = ctypes.c_int32 if kind is np.int32 else ctypes.c_int64
     offsets, edges, sizes, costs = (
         np.ascontiguousarray(array, kind)
-        for array in (graph.indptr, graph.indices, weights, graph.data)
+        for array in (adjacency.indptr, adjacency.indices, weights, adjacency.data)
     )
     parts = np.zeros(len(weights), kind)
 
@@ -80,22 +84,30 @@ def _scotch(weights, graph, num_ranks: int) -> np.ndarray:
         if status != 0:
             raise RuntimeError("SCOTCH could not divide the bodies among the ranks.")
 
-    structure = ctypes.create_string_buffer(library.SCOTCH_graphSizeof())
-    strategy = ctypes.create_string_buffer(library.SCOTCH_stratSizeof())
-    check(library.SCOTCH_graphInit(structure))
-    check(library.SCOTCH_stratInit(strategy))
-    try:
-        library.SCOTCH_randomReset()
+    with ExitStack() as stack:
+
+        def made(kind: str):
+            thing = ctypes.create_string_buffer(getattr(library, f"SCOTCH_{kind}Sizeof")())
+            check(getattr(library, f"SCOTCH_{kind}Init")(thing))
+            stack.callback(getattr(library, f"SCOTCH_{kind}Exit"), thing)
+            return thing
+
+        context, built, graph, strategy = map(made, ("context", "graph", "graph", "strat"))
+        check(library.SCOTCH_contextThreadSpawn(context, ctypes.c_int(1), None))
+        library.SCOTCH_contextRandomReset(context)
         check(
             library.SCOTCH_graphBuild(
-                structure, number(0), number(len(weights)), address(offsets), None,
+                built, number(0), number(len(weights)), address(offsets), None,
                 address(sizes), None, number(len(edges)), address(edges), address(costs),
             )
         )  # fmt: skip
-        check(library.SCOTCH_graphPart(structure, number(num_ranks), strategy, address(parts)))
-    finally:
-        library.SCOTCH_graphExit(structure)
-        library.SCOTCH_stratExit(strategy)
+        check(library.SCOTCH_contextBindGraph(context, built, graph))
+        check(
+            library.SCOTCH_stratGraphMapBuild(
+                strategy, _QUALITY, number(num_ranks), ctypes.c_double(_IMBALANCE)
+            )
+        )
+        check(library.SCOTCH_graphPart(graph, number(num_ranks), strategy, address(parts)))
     return parts.astype(np.int32)
 
 

@@ -63,7 +63,8 @@ def gmsh_model(name: str, options: Mapping[str, float]) -> Iterator[Any]:
         ) from error
     foreign = bool(gmsh.isInitialized())
     if not foreign:
-        gmsh.initialize(readConfigFiles=False)
+        # or it takes SIGINT's handler away
+        gmsh.initialize(readConfigFiles=False, interruptible=False)
     current = gmsh.model.getCurrent()
     wanted = {**_DEFAULTS, **options}
     before = {option: gmsh.option.getNumber(option) for option in wanted}
