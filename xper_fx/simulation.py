@@ -24,29 +24,20 @@ from xper_fx.errors import ConvergenceError, NotFiniteError
 from xper_fx.forms.dynamics import BulkForms
 from xper_fx.forms.loads import PrescribedDisplacement, PrescribedVelocity
 from xper_fx.knobs import Knobs
-from xper_fx.meshes import cell_measure, local_facet_vertices
 from xper_fx.not_finite import not_finite_columns, source_of_not_finite
 from xper_fx.nscd.checks import require_count, require_number
-from xper_fx.nscd.facets import (
-    facet_points,
-    join_points,
-    no_points,
-    nodal_shares,
-    wall_points,
-)
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.nlgs import SolveReport
 from xper_fx.nscd.points import InteractionPoints
 from xper_fx.parallel.ranks import ALONE, Ranks
 from xper_fx.profile import Stopwatch
 from xper_fx.scene import Scene
+from xper_fx.scene_points import ScenePoints
 
 if TYPE_CHECKING:
     from xper_fx.accuracy import AccuracyControl
     from xper_fx.detection import Detection
     from xper_fx.nscd.rigid.motion import Prediction, RigidMotion, RigidWork
-    from xper_fx.parallel.halo import Halo
-    from xper_fx.parallel.points import SharedPoints
     from xper_fx.parallel.rigid_division import RigidDivision
     from xper_fx.periodic.averages import Macroscopic
 
@@ -74,7 +65,7 @@ _LARGEST_EXCESS = 0.1
 _SWEEPS_TOGETHER = 0.1
 # Part of a step that may be rounding of the end time.
 _LITTLE_LEFT = 1e-6
-# Gaps this small beside the coordinates are closed.
+# Time this small beside the end is rounding.
 _ROUNDING = 1e-12
 
 
@@ -249,15 +240,16 @@ class Simulation:
             self.step_size = self._step_size(knobs, scheme)
             self.state = self._initial_state()
             self.detection: Detection | None = None
-            points, laws, law_of_point = self._points()
-            self.detection = self._contact_detection(laws)
+            self._points = ScenePoints(scene, self.bulk, self._ties, self.part, self._by_vertex)
+            self.facets_with_law = self._points.facets_with_law
+            self.detection = self._contact_detection(self._points.laws)
             if self._division is not None:
                 self.detection.divide(self._division)
-            interacting = self._interacting(points)
+            interacting = self._points.interacting(self.detection)
             self.scheme = self._scheme(interacting, theta, newton_tolerance, max_newton)
             self.theta = self.scheme.theta
             with self.stopwatch.phase("interaction points"):
-                self.interactions = self._interactions(points, laws, law_of_point)
+                self.interactions = self._interactions()
             self._account()
             self.ledger = EnergyLedger(self.bulk, self.state, self.theta, self.rigid)
             if wrong := not_finite_columns(self.ledger.as_columns()):
@@ -340,7 +332,7 @@ class Simulation:
     def _divide_bodies(self, solver, inertia: bool) -> None:
         """Take this rank's part of the bodies where the scene can be divided."""
         scene = self.scene
-        self.ranks, self.bodies, self.part, self._shared = ALONE, scene.bodies, None, None
+        self.ranks, self.bodies, self.part = ALONE, scene.bodies, None
         self._division: RigidDivision | None = None
         if self.team.alone:
             return
@@ -403,7 +395,7 @@ class Simulation:
         return float(step)
 
     def _bulk(self, motions, forces, inertia: bool) -> Bulk:
-        scene = self.scene
+        scene, self._ties = self.scene, []
         if scene.bodies is None:
             from xper_fx.bulk.empty import EmptyBulk
 
@@ -495,151 +487,20 @@ class Simulation:
         pairs = [self.scene.bodies.facets.bodies[law >= 0], *(pair for _, pair in self._ties)]
         return np.concatenate(pairs)
 
-    def _points(self) -> tuple[InteractionPoints | None, list, np.ndarray]:
-        """Points of facing facets, of ties, of walls, on nodes in DOLFINx numbering."""
-        scene, bodies = self.scene, self.scene.bodies
-        self._points_a_facet = 0
-        if bodies is None:
-            return None, [], np.zeros(0, int)
-        laws, law_of_facet = scene.law_of_facet()
-        has_law = law_of_facet >= 0
-        node_of = self.bulk.unknowns.node_of
-        ground = self.bulk.num_dofs // self.bulk.dim
-        parts, law_of_point = [], []
-        self.facets_with_law = np.flatnonzero(has_law)
-        if self.part is not None:
-            self._shared = self._share_points(law_of_facet)
-            self._points_a_facet = self._shared.points_a_facet
-            ground += sum(self._shared.num_ghosts.values())
-            parts.append(self._shared.points)
-            law_of_point.append(self._shared.law_of_point)
-        elif np.any(has_law):
-            part = facet_points(
-                node_of[bodies.facing_nodes(self.forms.V)[has_law]],
-                bodies.facets.normal[has_law],
-                bodies.facets.measure[has_law],
-                scene.points,
-            )
-            parts.append(part)
-            self._points_a_facet = len(part) // len(self.facets_with_law)
-            law_of_point.append(np.repeat(law_of_facet[has_law], self._points_a_facet))
-        for tie, (part, _) in zip(scene.ties, self._ties, strict=True):
-            if tie.law not in laws:
-                laws.append(tie.law)
-            parts.append(part)
-            law_of_point.append(np.full(len(part), laws.index(tie.law)))
-        k = parts[0].nodes.shape[2] if parts else 1
-        self._num_wall_points = 0
-        for wall in scene.walls:
-            part = self._wall_part(wall, ground, k)
-            self._num_wall_points += len(part)
-            if wall.law not in laws:
-                laws.append(wall.law)
-            parts.append(part)
-            law_of_point.append(np.full(len(part), laws.index(wall.law)))
-        if not parts:
-            return None, [], np.zeros(0, int)
-        return join_points(parts), laws, np.concatenate(law_of_point)
-
-    def _wall_part(self, wall, ground: int, k: int) -> InteractionPoints:
-        """Nodes of tagged facets against a plane, each with its share of the facets."""
-        V, mesh = self.forms.V, self.bodies.mesh
-        fdim = mesh.topology.dim - 1
-        facets = self.bodies.facet_tags.find(wall.facets)
-        mesh.topology.create_connectivity(fdim, fdim + 1)
-        mesh.topology.create_connectivity(fdim + 1, fdim)
-        cells = mesh.topology.connectivity(fdim, fdim + 1)
-        facets_of = mesh.topology.connectivity(fdim + 1, fdim)
-        x = V.tabulate_dof_coordinates()[:, : self.scene.dim]
-        area = np.zeros(ground)
-        corners_of = local_facet_vertices(mesh).shape[1]
-        kind = {2: "interval", 3: "triangle", 4: "quadrilateral"}[corners_of]
-        for facet in facets:
-            cell = cells.links(facet)[0]
-            local = int(np.flatnonzero(facets_of.links(cell) == facet)[0])
-            nodes = V.dofmap.list[cell][V.dofmap.dof_layout.entity_closure_dofs(fdim, local)]
-            corners = np.zeros((1, corners_of, 3))
-            corners[0, :, : self.scene.dim] = x[nodes[:corners_of]]
-            area[nodes] += cell_measure(kind, corners) * nodal_shares(fdim + 1, len(nodes))
-        nodes = np.flatnonzero(area > 0.0)
-        normal = np.asarray(wall.normal, float) / np.linalg.norm(wall.normal)
-        away = x[nodes] - np.asarray(wall.point, float)
-        gap = away @ normal
-        # a gap of rounding would leave a body that rests on the wall without it for a step
-        size = np.abs(np.concatenate([x[nodes], away])).max(initial=0.0)
-        gap[np.abs(gap) <= _ROUNDING * size] = 0.0
-        return wall_points(nodes, area[nodes], normal, gap, ground, k)
-
-    def _share_points(self, law_of_facet: np.ndarray) -> SharedPoints:
-        from xper_fx.parallel.points import shared_points
-
-        return shared_points(
-            self.scene.bodies, self.part, self.ranks, self.forms.V, self.bulk.unknowns.node_of,
-            self.bulk.num_dofs // self.bulk.dim, law_of_facet, self.scene.points, self._by_vertex,
-        )  # fmt: skip
-
-    def _interacting(self, points: InteractionPoints | None) -> np.ndarray:
-        """Nodes at which interactions act or contacts may come about, body by body."""
-        nodes = self.bulk.layout.nodes
-        acts = np.zeros(self._ground + 1, bool)
-        if points is not None:
-            acts[points.nodes] = True
-        if self._shared is not None:
-            for asked in self._shared.asked.values():
-                acts[asked] = True
-        if self.detection is not None:
-            acts[self.bulk.unknowns.node_of[self.detection.nodes]] = True
-        return nodes[acts[nodes]]
-
-    def _interactions(self, points, laws, law_of_point) -> Interactions | None:
-        if points is None:
-            if self.rigid is None and self.detection is None:
-                return None
-            points = no_points(self.bulk.dim)
+    def _interactions(self) -> Interactions | None:
+        if not self._points.exist and self.rigid is None and self.detection is None:
+            return None
         inverse = self.scheme.inverse(self.step_size, self.state.displacement)
         self.slot_nodes = inverse.nodes
-        slot = np.full(self._ground + 1, inverse.blocks.num_nodes)
-        slot[inverse.nodes] = np.arange(len(inverse.nodes))
-        halo = None if self._shared is None else self._halo(inverse.blocks, slot)
-        points = InteractionPoints(
-            slot[points.nodes].astype(np.int32), points.weights, points.frame, points.area,
-            points.gap,
-        )  # fmt: skip
+        points, halo = self._points.on_slots(inverse)
         velocity = self.state.velocity.reshape(-1, self.bulk.dim)[inverse.nodes]
         if halo is not None:
             velocity = halo.with_ghost_values(velocity)
         return Interactions(
-            points, laws, law_of_point, inverse.blocks, velocity,
+            points, self._points.laws, self._points.law_of_point, inverse.blocks, velocity,
             ordering="vertices" if self._by_vertex else "tiles",
             rigid_blocks=None if self.rigid is None else self.rigid.blocks, halo=halo,
         )  # fmt: skip
-
-    @property
-    def _ground(self) -> int:
-        """The ground's node, after this rank's and the ghosts of others'."""
-        ghosts = 0 if self._shared is None else sum(self._shared.num_ghosts.values())
-        return self.bulk.num_dofs // self.bulk.dim + ghosts
-
-    def _halo(self, blocks, slot: np.ndarray) -> Halo:
-        """What is exchanged with other ranks; the slots of ghosts and ground are set."""
-        from xper_fx.parallel.halo import Halo
-
-        shared = self._shared
-        others = len(slot) - 1 - self.bulk.num_dofs // self.bulk.dim
-        walls = self._num_wall_points
-        first = len(self.facets_with_law) * self._points_a_facet
-        first += self.ranks.before(walls)
-        halo = Halo(
-            self.ranks, blocks, {rank: slot[asked] for rank, asked in shared.asked.items()},
-            shared.phase_of_rank, shared.num_phases,
-            np.concatenate([shared.numbers, first + np.arange(walls)]),
-            np.concatenate([shared.phase, np.zeros(walls, int)]),
-        )  # fmt: skip
-        slot[len(slot) - 1 - others : -1] = np.concatenate(
-            [np.zeros(0, int), *(halo.wanted[rank] for rank in shared.num_ghosts)]
-        )
-        slot[-1] = halo.num_slots
-        return halo
 
     def _accuracy_control(self, knobs: Knobs) -> AccuracyControl:
         from xper_fx.accuracy import AccuracyControl
@@ -864,7 +725,7 @@ class Simulation:
         if self.detection is not None:
             with self.stopwatch.phase("contact search"):
                 self.detection.release(
-                    self.interactions, self._points_a_facet,
+                    self.interactions, self._points.points_a_facet,
                     self.bulk.unknowns.expand(outcome.state.displacement),
                 )  # fmt: skip
         if self._control is not None:

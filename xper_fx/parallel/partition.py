@@ -66,8 +66,8 @@ def _scotch(weights, adjacency, num_ranks: int) -> np.ndarray:
     library = ctypes.CDLL(dolfinx.cpp.__file__)
     if not hasattr(library, "SCOTCH_contextInit"):
         raise ImportError(
-            "DOLFINx was built without SCOTCH 7, which divides the bodies among ranks: take a build "
-            "that has it (Debian's and conda-forge's do), or run on one rank."
+            "DOLFINx was built without SCOTCH 7, which divides the bodies among ranks: take a "
+            "build that has it (Debian's and conda-forge's do), or run on one rank."
         )
     kind = {4: np.int32, 8: np.int64}[library.SCOTCH_numSizeof()]
     number = ctypes.c_int32 if kind is np.int32 else ctypes.c_int64
