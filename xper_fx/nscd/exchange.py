@@ -110,6 +110,8 @@ def couple_again(couplings: Couplings, points: InteractionPoints) -> Couplings:
 
 # Largest block whose rows are added as one vector each.
 _VECTOR_DOFS = 16
+# Doubles in a cache line, and how many visits ahead lines are asked for.
+_LINE, _AHEAD = 8, np.uintp(8)
 
 
 @cache
@@ -251,6 +253,56 @@ def motion(sides: Sides, blocks: Blocks = ANY_BLOCKS):
     return read, push
 
 
+@intrinsic
+def _prefetch(context, array, index):
+    """Let the cache line of an entry of an array come from memory meanwhile."""
+
+    def generate(context, builder, signature, arguments):
+        data = context.make_array(signature.args[0])(context, builder, arguments[0]).data
+        byte, word = ir.IntType(8).as_pointer(), ir.IntType(32)
+        kind = ir.FunctionType(ir.VoidType(), [byte, word, word, word])
+        prefetch = builder.module.declare_intrinsic("llvm.prefetch", (byte,), kind)
+        line = builder.bitcast(builder.gep(data, [arguments[1]]), byte)
+        # data, to be read, to be kept in all caches
+        builder.call(prefetch, [line, word(0), word(3), word(1)])
+        return context.get_dummy_value()
+
+    return types.none(array, index), generate
+
+
+@cache
+def fetch_kernel(sides: Sides, blocks: Blocks):
+    """Kernel `fetch(v, c, i)`: what a visit of point i will want of v and w begins to come.
+
+    Points lie in memory in the order of their visits, so that the processor sees what comes next;
+    velocities and blocks of w lie in the order of the bodies. Blocks that take many lines come
+    by themselves after the first.
+    """
+    count = sides.dim * blocks.size  # entries of w that a node's impulse meets
+    if not 0 < blocks.size <= _VECTOR_DOFS:
+
+        @njit(inline="always")
+        def fetch(v, c, i):
+            pass
+
+        return fetch
+
+    offsets = tuple(map(np.uintp, (*range(0, count - 1, _LINE), count - 1)))
+    size, k = np.uintp(blocks.size), sides.k
+
+    @njit(inline="always")
+    def fetch(v, c, i):
+        for s in range(2):
+            for j in range(k):
+                start = np.uintp(c.start[i, s, j])
+                row = start * size if blocks.aligned else np.uintp(c.rows[i, s, j])
+                for offset in offsets:
+                    _prefetch(c.w, row + offset)
+                _prefetch(v, start)
+
+    return fetch
+
+
 @cache
 def arm_kernels(dim: int):
     """Kernels of a side's arm a, omega in 2D having one component.
@@ -373,6 +425,7 @@ def sweep_kernel(
     sym_row, sym_vector = algebra.sym_row, algebra.sym_vector
     add, scale, subtract = algebra.add, algebra.scale, algebra.subtract
     read, push = motion(sides, blocks)
+    fetch = fetch_kernel(sides, blocks)
     solve = law.solve
 
     # Without reference counting (nothing is allocated here): the counts of the law's arrays, atomic
@@ -382,8 +435,10 @@ def sweep_kernel(
         tile, tiles, stats, v, c, r, w_points, inverse_area, parameters, terms, details, relax
     ):
         changed, total, largest = 0.0, 0.0, 0.0
+        last = np.uintp(len(r) - 1)
         for number in range(tiles[tile], tiles[tile + 1]):
             i = np.uintp(number)  # a signed index would be checked for being negative
+            fetch(v, c, min(i + _AHEAD, last))
             old = row(r, i)
             new, smooth = solve(i, read(v, c, i), old, w_points, parameters, terms, details)
             change = subtract(new, old)
