@@ -14,7 +14,7 @@ sys.path.insert(0, str(Path(__file__).parent / "ranks"))
 import periodic_cells
 
 SCRIPT = Path("ranks/periodic_cells.py")
-CELLS = {2: tuple(periodic_cells.SCENES), 3: ("held", "each_cell")}
+CELLS = {2: tuple(periodic_cells.SCENES), 3: ("held",)}
 DIVIDED = [(name, count) for count, names in CELLS.items() for name in names]
 ENERGIES = (
     "external_work", "kinetic", "elastic", "cohesive", "dissipated_cohesion", "dissipated_friction",

@@ -14,8 +14,10 @@ from xper_fx.output import read_history
 pytestmark = pytest.mark.slow
 
 
-def run(count, folder, last, *options):
-    done = on_ranks(count, "ranks/recorded.py", folder, last, *options)
+def run(count, last, *options):
+    """Runs to the last step of each folder, one after the other."""
+    runs = [f"{folder}={step}" for folder, step in last.items()]
+    done = on_ranks(count, "ranks/recorded.py", *runs, *options)
     assert done.returncode == 0, done.stdout + done.stderr
 
 
@@ -23,13 +25,12 @@ def run(count, folder, last, *options):
 def folders(tmp_path_factory):
     """Whole runs on one rank and on two; one stopped on two that goes on, on two and on three."""
     base = tmp_path_factory.mktemp("recorded")
-    run(1, base / "one", 20)
-    run(2, base / "two", 20)
-    run(2, base / "stopped", 11)
+    run(1, {base / "one": 20})
+    run(2, {base / "two": 20, base / "stopped": 11})
     shutil.copytree(base / "stopped", base / "again")
     shutil.copytree(base / "stopped", base / "elsewhere")
-    run(2, base / "again", 20, "restart")
-    run(3, base / "elsewhere", 20, "restart")
+    run(2, {base / "again": 20}, "restart")
+    run(3, {base / "elsewhere": 20}, "restart")
     return base
 
 

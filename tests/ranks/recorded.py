@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""A recorded run of all ranks: FOLDER END_STEP [restart]."""
+"""Recorded runs of all ranks, one after the other: FOLDER=LAST_STEP ... [restart]."""
 
 import sys
 
@@ -14,17 +14,23 @@ from xper_fx.simulation import Simulation
 STEPS = 20
 
 
-def main() -> None:
-    folder, last = sys.argv[1], int(sys.argv[2])
+def run(folder: str, last: int, restart: bool) -> None:
     scene, options, _ = blocks()
     simulation = Simulation(scene, **options)
     end = STEPS * simulation.step_size
     recorder = Recorder(
         simulation, folder, end_time=end, fields=5, gauge=TensileGauge(LEFT, RIGHT, 0, 1.0, 1.0),
-        restart="restart" in sys.argv,
+        restart=restart,
     )  # fmt: skip
     for _ in recorded_steps(recorder, last * simulation.step_size, "recorded", quiet=True):
         pass
+
+
+def main() -> None:
+    for argument in sys.argv[1:]:
+        if argument != "restart":
+            folder, last = argument.rsplit("=", 1)
+            run(folder, int(last), "restart" in sys.argv)
 
 
 run_together(main)
