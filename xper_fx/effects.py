@@ -207,7 +207,7 @@ EFFECTS = (
     Effect(
         "walls",
         "Scene(walls=...)",
-        ("xper_fx.simulation:Simulation._wall_part", "xper_fx.nscd.facets:wall_points"),
+        ("xper_fx.scene_points:ScenePoints._on_wall", "xper_fx.nscd.facets:wall_points"),
         lambda s: len(s.scene.walls) > 0,
     ),
     Effect(
