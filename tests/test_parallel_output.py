@@ -88,3 +88,12 @@ def test_as_many_ranks_go_on_to_the_bit(folders):
 
 def test_another_number_of_ranks_goes_on_to_the_tolerance(folders):
     assert difference(folders / "two", folders / "elsewhere") <= 1e-8
+
+
+def test_rigid_bodies_go_on_on_the_ranks_that_had_them(tmp_path):
+    """Bodies have met, and their contacts are divided as they were, not anew."""
+    run(2, {tmp_path / "whole": 60, tmp_path / "run": 45}, "rigid")
+    run(2, {tmp_path / "run": 60}, "rigid", "restart")
+    whole, again = (tmp_path / name for name in ("whole", "run"))
+    assert read_history(whole / "history.csv")["dissipated_impact"][44] > 0.0
+    assert (whole / "history.csv").read_bytes() == (again / "history.csv").read_bytes()

@@ -253,6 +253,8 @@ class Detection:
         out = {}
         if self._rigid is not None:
             out["rigid"] = self._rigid.saved()
+        if self._division is not None:
+            out["division"] = self._division.saved()
         if self._surfaces is not None:
             out["surfaces"] = self._surfaces.saved(self._by_cell)
             count = len(self._scene.bodies.facets)
@@ -265,6 +267,8 @@ class Detection:
 
     def restore(self, saved: Mapping) -> None:
         """Take what `saved` gave, its rows in order."""
+        if self._division is not None and "division" in saved:
+            self._division.restore(saved["division"])
         if self._rigid is not None:
             self._rigid.restore(saved["rigid"])
         if self._surfaces is not None:

@@ -24,6 +24,7 @@ With fewer pairs than `_FEW` a rank messages would cost more than they save: eac
 from __future__ import annotations
 
 import logging
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -67,6 +68,8 @@ class RigidDivision:
         self._reached = np.inf
         # partition under which the contacts were found, None where each rank has all
         self._found_by: np.ndarray | None = None
+        # whether the next list is divided, as that of a saved run was; None where nothing was saved
+        self._as_saved: bool | None = None
 
     def own(self, pairs: np.ndarray) -> np.ndarray:
         """Which pairs of a new list this rank searches; all ranks call it together.
@@ -78,14 +81,15 @@ class RigidDivision:
             Shape (n,), bool.
         """
         moving = pairs[self._moves[pairs].all(axis=1)]
-        least = _FEW * self.ranks.size * (1.0 if self.halo is None else _FEWER)
-        if len(moving) < max(least, 1) or np.count_nonzero(self._moves) < self.ranks.size:
+        as_saved, self._as_saved = self._as_saved, None
+        if not (self._are_many(moving) if as_saved is None else as_saved):
             self.halo = None
             return np.ones(len(pairs), bool)
-        weighed, weights = self._weighed(pairs)
-        cost = self._cost(self.rank_of_body, weighed, weights)
-        if self.halo is None or cost > self._reached + _GROWN:
-            self._partition(weighed, weights, cost)
+        if as_saved is None:
+            weighed, weights = self._weighed(pairs)
+            cost = self._cost(self.rank_of_body, weighed, weights)
+            if self.halo is None or cost > self._reached + _GROWN:
+                self._partition(weighed, weights, cost)
         self.halo = RigidHalo(self.ranks, self.rank_of_body, self._moves, moving, self._dofs)
         return self._owner(self.rank_of_body, pairs) == self.ranks.rank
 
@@ -105,6 +109,27 @@ class RigidDivision:
     def join(self) -> None:
         """Let each rank have all until a new list is made."""
         self.halo = None
+
+    def saved(self) -> dict:
+        """Which rank has which bodies, whether that is used now, and what its partition reached."""
+        return {
+            "ranks": self.ranks.size,
+            "divided": int(self.halo is not None),
+            "rank_of_body": self.rank_of_body,
+            "reached": self._reached,
+        }
+
+    def restore(self, saved: Mapping) -> None:
+        """Divide the next list as `saved` tells; another number of ranks divides it anew."""
+        if saved["ranks"] == self.ranks.size:
+            self.rank_of_body, self._reached = saved["rank_of_body"], saved["reached"]
+            self._as_saved = bool(saved["divided"])
+
+    def _are_many(self, moving: np.ndarray) -> bool:
+        """Whether there is enough to divide."""
+        least = _FEW * self.ranks.size * (1.0 if self.halo is None else _FEWER)
+        enough = np.count_nonzero(self._moves) >= self.ranks.size
+        return enough and len(moving) >= max(least, 1)
 
     def _weighed(self, pairs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Pairs and their contacts, on all ranks, and what they weigh."""
