@@ -91,9 +91,13 @@ def test_another_number_of_ranks_goes_on_to_the_tolerance(folders):
 
 
 def test_rigid_bodies_go_on_on_the_ranks_that_had_them(tmp_path):
-    """Bodies have met, and their contacts are divided as they were, not anew."""
-    run(2, {tmp_path / "whole": 60, tmp_path / "run": 45}, "rigid")
-    run(2, {tmp_path / "run": 60}, "rigid", "restart")
-    whole, again = (tmp_path / name for name in ("whole", "run"))
+    """Bodies have met when a signal comes; their contacts are divided as they were, not anew."""
+    whole, stopped = tmp_path / "whole", tmp_path / "signalled"
+    done = on_ranks(2, "ranks/recorded.py", f"{whole}=60", f"{stopped}=60", "rigid")
+    assert done.returncode == 143  # as of SIGTERM, though one rank alone got it
+    assert done.stderr.count("ended by SIGTERM") == 1, done.stderr
+    assert len(read_history(stopped / "history.csv")["step"]) in (45, 46)
+    stopped = stopped.rename(tmp_path / "restarted")
+    run(2, {stopped: 60}, "rigid", "restart")
     assert read_history(whole / "history.csv")["dissipated_impact"][44] > 0.0
-    assert (whole / "history.csv").read_bytes() == (again / "history.csv").read_bytes()
+    assert (whole / "history.csv").read_bytes() == (stopped / "history.csv").read_bytes()

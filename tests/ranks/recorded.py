@@ -1,6 +1,10 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Recorded runs of all ranks, one after the other: FOLDER=LAST_STEP ... [rigid] [restart]."""
+"""Recorded runs of all ranks, one after the other: FOLDER=LAST ... [rigid] [restart].
 
+A signal ends the run into a folder named "signalled", of which one rank alone hears.
+"""
+
+import signal
 import sys
 
 from meshed_scenes import blocks
@@ -13,6 +17,8 @@ from xper_fx.recorder import Recorder, TensileGauge
 from xper_fx.runner import recorded_steps
 from xper_fx.simulation import Simulation
 
+SIGNALLED = 45
+
 
 def run(folder: str, last: int, rigid: bool, restart: bool) -> None:
     if rigid:
@@ -23,8 +29,11 @@ def run(folder: str, last: int, rigid: bool, restart: bool) -> None:
         simulation, gauge = Simulation(scene, **options), TensileGauge(LEFT, RIGHT, 0, 1.0, 1.0)
     end = steps * simulation.step_size
     recorder = Recorder(simulation, folder, end_time=end, fields=5, gauge=gauge, restart=restart)
-    for _ in recorded_steps(recorder, last * simulation.step_size, "recorded", quiet=True):
-        pass
+    for record, _ in recorded_steps(recorder, last * simulation.step_size, "recorded", quiet=True):
+        last_rank = simulation.team.size - 1
+        one_is_told = folder.endswith("signalled") and simulation.team.rank == last_rank
+        if one_is_told and record.step == SIGNALLED:
+            signal.raise_signal(signal.SIGTERM)
 
 
 def main() -> None:
