@@ -104,7 +104,7 @@ def _scotch(weights, adjacency, num_ranks: int) -> np.ndarray:
         check(library.SCOTCH_contextBindGraph(context, built, graph))
         check(
             library.SCOTCH_stratGraphMapBuild(
-                strategy, _QUALITY, number(num_ranks), ctypes.c_double(_IMBALANCE)
+                strategy, number(_QUALITY), number(num_ranks), ctypes.c_double(_IMBALANCE)
             )
         )
         check(library.SCOTCH_graphPart(graph, number(num_ranks), strategy, address(parts)))
