@@ -51,6 +51,17 @@ def digest(*values) -> str:
     return reader.hash.hexdigest()
 
 
+def functions_of(kernel: Dispatcher) -> list[FunctionType]:
+    """A kernel's function and all functions that its content reaches.
+
+    Raises:
+        UnknownContentError: an object is reached that has no known content.
+    """
+    reader = _Reader()
+    reader.read(kernel)
+    return [thing for _, thing in reader.met.values() if isinstance(thing, FunctionType)]
+
+
 def _is_versioned(module: Any) -> bool:
     return isinstance(module, str) and module.partition(".")[0] in _VERSIONED
 
@@ -74,8 +85,8 @@ class _Reader:
 
     def __init__(self):
         self.hash = sha256()
-        # Functions met, by identity; held, so that no other one gets the same identity.
-        self._met: dict[int, tuple[int, Any]] = {}
+        # Functions and modules met, by identity; held, so that no other one gets the same identity.
+        self.met: dict[int, tuple[int, Any]] = {}
 
     def _tell(self, *words) -> None:
         self.hash.update(f"{words!r}\n".encode())
@@ -138,11 +149,11 @@ class _Reader:
             self.read(getattr(template, "_overload_func", None))
 
     def _read_function(self, function: FunctionType) -> None:
-        met = self._met.get(id(function))
+        met = self.met.get(id(function))
         if met is not None:
             self._tell("met", met[0])
             return
-        self._met[id(function)] = (len(self._met), function)
+        self.met[id(function)] = (len(self.met), function)
         self._tell("function", function.__module__, function.__qualname__)
         self._read_code(function.__code__)
         self.read((function.__defaults__, function.__kwdefaults__))
@@ -166,8 +177,8 @@ class _Reader:
                 self.read(value)
             elif _is_versioned(value.__name__):
                 self._tell("module", value.__name__)
-            elif id(value) not in self._met:
-                self._met[id(value)] = (len(self._met), value)
+            elif id(value) not in self.met:
+                self.met[id(value)] = (len(self.met), value)
                 self._read_attributes(vars(value), names)
 
     def _read_code(self, code: CodeType) -> None:

@@ -19,6 +19,7 @@ from numba.core.bytecode import FunctionIdentity
 from numba.core.compiler import CompileResult
 from numba.core.dispatcher import Dispatcher
 
+from xper_fx.cache.compiling import KIND
 from xper_fx.cache.content import UnknownContentError, digest
 from xper_fx.cache.folder import kernel_folder
 
@@ -145,17 +146,18 @@ class _Kept:
 class _Failures(event.Listener):
     """Gives up what could not be compiled."""
 
-    def on_start(self, event) -> None:
-        pass
+    def on_start(self, event: event.Event) -> None:
+        """Called by Numba."""
 
-    def on_end(self, event) -> None:
+    def on_end(self, event: event.Event) -> None:
+        """Called by Numba."""
         kernel, arguments = event.data["dispatcher"], tuple(event.data["args"])
         kept = getattr(kernel, "_cache", None)
         if isinstance(kept, _Kept) and arguments not in kernel.overloads:
             kept.give_up(arguments)
 
 
-event.register("numba:compile", _Failures())
+event.register(KIND, _Failures())
 
 
 def _key(kernel: Dispatcher, arguments: tuple, context) -> str:
