@@ -111,8 +111,9 @@ class _Reader:
             for key in sorted(value, key=repr):
                 self.read(key)
                 self.read(value[key])
-        elif isinstance(value, (np.ndarray, np.generic)):
-            self._tell("array", value.dtype.str, value.shape, value.flags.c_contiguous)
+        elif isinstance(value, (np.ndarray, np.generic)) and not value.dtype.hasobject:
+            order = value.flags.c_contiguous, value.flags.f_contiguous
+            self._tell("array", repr(value.dtype), value.shape, order)
             self.hash.update(value.tobytes())
         elif isinstance(value, CodeType):
             self._read_code(value)
@@ -210,7 +211,7 @@ class _Reader:
             if issubclass(value, enum.Enum):
                 self.read({key: member.value for key, member in value.__members__.items()})
         elif isinstance(value, np.dtype):
-            self._tell("dtype", value.str)
+            self._tell("dtype", repr(value))
         elif name is not None and (_is_versioned(module) or isinstance(value, np.ufunc)):
             self._tell("named", module, name)
         else:
