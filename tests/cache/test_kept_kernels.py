@@ -62,8 +62,8 @@ SOURCE = """
         return x + 100.0
 
     @plain
-    def deeper(x):
-        return deepest(x) + SHIFT
+    def deeper(x, zero=0.0):
+        return deepest(x) + SHIFT + zero
 
     def make(factor, pair):
         @njit(error_model="numpy")
@@ -83,7 +83,7 @@ CHANGES = {
     "constant in a named tuple": ("Pair(1.0, 3.0)", "Pair(1.0, 4.0)"),
     "order of fields": ('"x y"', '"y x"'),
     "callee two calls down": ("x + 100.0", "x + 200.0"),
-    "callee of plain Numba": ("deepest(x) + SHIFT", "deepest(x) - SHIFT"),
+    "callee of plain Numba": ("+ SHIFT +", "- SHIFT +"),
     "global": ("SHIFT = 0.25", "SHIFT = 0.75"),
     "global array": ("[1.0, 2.0]", "[1.0, 3.0]"),
     "intrinsic": ("types.float64, 1.0", "types.float64, 2.0"),
@@ -91,6 +91,7 @@ CHANGES = {
     "helper": ("x + 0.125", "x + 0.375"),
     "member of an enumeration": ("FIRST = 7", "FIRST = 8"),
     "default": ("z=0.5", "z=0.75"),
+    "default of a callee": ("zero=0.0", "zero=1.0"),
     "constant of the code": ("(3.0, 5.0)", "(3.0, 6.0)"),
     "option": ('error_model="numpy"', 'error_model="python"'),
     "option of a callee": ("@plain\n", "@plain(fastmath=True)\n"),
@@ -158,9 +159,12 @@ def test_a_global_of_another_module_counts(kept, tmp_path):
 
 def test_another_type_is_another_kernel(kept, tmp_path):
     made(tmp_path / "a")
-    kernel = sys.modules["kernels_of_a_test"].make(2.0, sys.modules["kernels_of_a_test"].Pair(1, 3))
-    assert kernel(1) == VALUE and not kernel.stats.cache_hits  # an integer in and in the closure
+    kernel = sys.modules["kernels_of_a_test"].kernel
+    assert kernel(1) == VALUE and not kernel.stats.cache_hits  # an integer
     assert len(list(kept.glob("*.kernel"))) == 2
+    assert made(tmp_path / "b") == (VALUE, 1)
+    kernel = sys.modules["kernels_of_a_test"].kernel
+    assert kernel(1) == VALUE and sum(kernel.stats.cache_hits.values()) == 2
 
 
 @pytest.mark.parametrize(
