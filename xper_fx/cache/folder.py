@@ -35,6 +35,8 @@ _HEAD = struct.Struct("<32sI")  # digest of what follows the head, length of the
 # Seconds between two uses of a file that are told apart, and after which what a process that was
 # killed has left is removed.
 _HOUR = 3600.0
+# What MPI's launchers tell a process of its rank.
+_RANK_OF_PROCESS = ("OMPI_COMM_WORLD_RANK", "PMIX_RANK", "PMI_RANK")
 # Waiting for a kernel that another process compiles: at most, and between two looks (s).
 _PATIENCE, _PAUSE = 120.0, 0.02
 
@@ -235,8 +237,9 @@ def kernel_folder() -> CacheFolder | None:
         path = folder_path()
         return None if path is None else CacheFolder(path)
     except (OSError, RuntimeError) as error:  # RuntimeError: no home
-        named = "XPER_FX_CACHE" in os.environ
-        level = logging.WARNING if named else logging.INFO
+        level = logging.WARNING if "XPER_FX_CACHE" in os.environ else logging.INFO
+        if any(os.environ.get(name, "0") != "0" for name in _RANK_OF_PROCESS):
+            level = logging.DEBUG  # the first rank says it
         logger.log(
             level, "No compiled kernel is kept, each process compiles its own: %s. Set "
             "XPER_FX_CACHE to a folder of yours, or to off.", error,
