@@ -60,8 +60,9 @@ from xper_fx.recorder import CellGauge, TensileGauge
 from xper_fx.scene import Scene, Wall
 from xper_fx.simulation import Simulation, StepRecord
 from xper_fx.study import Setting, Study, run_study, vary
+from xper_fx.study_definition import varied
 from xper_fx.study_plots import plot_error_against_cost, plot_price
-from xper_fx.study_results import StudyResults, varied
+from xper_fx.study_results import StudyResults
 
 ONE_THREAD = {"num_threads": 1}
 SOLVERS = ("nlgs", "accelerated", "newton")

@@ -27,8 +27,8 @@ from xper_fx.knobs import Knobs
 from xper_fx.not_finite import not_finite_columns, source_of_not_finite
 from xper_fx.nscd.checks import require_count, require_number
 from xper_fx.nscd.interactions import Interactions
-from xper_fx.nscd.nlgs import SolveReport
 from xper_fx.nscd.points import InteractionPoints
+from xper_fx.nscd.solve_report import SolveReport
 from xper_fx.parallel.ranks import ALONE, Ranks
 from xper_fx.profile import Stopwatch
 from xper_fx.scene import Scene
@@ -48,7 +48,7 @@ SOLVERS = ("auto", "nlgs", "newton", "accelerated", "subdomains")
 # Those of ranks that divide the bodies.
 _ON_RANKS = ("auto", "nlgs", "newton", "accelerated")
 # Those of their modules that keep something of a step for the next.
-_WITH_MEMORY = ("tangent", "vertex_blocks")
+_WITH_MEMORY = ("linearised", "vertex_blocks")
 # Steps as shares of the critical one: without a wish, and where an explicit bulk, linear so that
 # its critical step stays what it is, should be as cheap as it can.
 _BELOW_LIMIT, _AT_LIMIT = 0.7, 0.95
@@ -504,7 +504,7 @@ class Simulation:
 
     def _accuracy_control(self, knobs: Knobs) -> AccuracyControl:
         from xper_fx.accuracy import AccuracyControl
-        from xper_fx.scales import softening_numbers
+        from xper_fx.nscd.softening import softening_numbers
 
         softening, base = np.inf, self.step_size
         if self.interactions is not None:
@@ -624,7 +624,10 @@ class Simulation:
                 if outcome is not None:
                     residual, newton = outcome.residual, outcome.newton_residual
                     if self.ranks.alone:
-                        self._require_finite(source_of_not_finite(self, outcome, size), size)
+                        source = source_of_not_finite(
+                            self.scene, self.bulk, self.interactions, self.state, outcome, size
+                        )
+                        self._require_finite(source, size)
                 raise ConvergenceError(
                     self.step_number + 1, self.state.time, size, residual, newton,
                     self._save_state(),

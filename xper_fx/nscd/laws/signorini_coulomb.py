@@ -37,8 +37,8 @@ from functools import cache
 from numba import njit
 
 from xper_fx.nscd.checks import require_non_negative, take_numbers
+from xper_fx.nscd.contact_solver import contact_solver
 from xper_fx.nscd.laws.law import LawKernels
-from xper_fx.nscd.signorini import contact_solver
 from xper_fx.nscd.small import for_dimension
 
 # Columns of terms; all but the first are there with friction alone.
