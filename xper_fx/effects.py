@@ -229,7 +229,7 @@ EFFECTS = (
     Effect(
         "unilateral contact",
         "a law that has it: CohesiveZone, SignoriniCoulomb, Tresca",
-        ("xper_fx.nscd.contact_solver", "xper_fx.nscd.signorini"),
+        ("xper_fx.nscd.signorini",),
         _of_laws("unilateral contact"),
         "the gap or the least speed of each point",
         _columns("unilateral contact"),
@@ -332,12 +332,7 @@ EFFECTS = (
     Effect(
         "Newton on all points",
         'Simulation(solver="newton"), or "auto", which calls for it where sweeps are too many',
-        (
-            "xper_fx.nscd.newton",
-            "xper_fx.nscd.linearised",
-            "xper_fx.nscd.tangent",
-            "xper_fx.nscd.clusters",
-        ),
+        ("xper_fx.nscd.newton", "xper_fx.nscd.tangent", "xper_fx.nscd.clusters"),
         lambda s: s.interactions is not None and s.solver in ("auto", "newton"),
         "tangents of the points, blocks of bodies and clusters, Krylov's basis",
         _kept("xper_fx.nscd.linearised"),
