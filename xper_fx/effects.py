@@ -51,7 +51,7 @@ def _solves_subdomains(simulation: Simulation) -> bool:
     return all(g.kernels.name == "perfect bond" for g in simulation.interactions.groups)
 
 
-def _bytes_within(item) -> int:
+def _bytes_within(item: object) -> int:
     """Bytes of the arrays in an object, its attributes, lists and tuples."""
     if isinstance(item, np.ndarray):
         return item.nbytes

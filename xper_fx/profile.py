@@ -43,7 +43,7 @@ class Phase:
         self._start = perf_counter()
         return self
 
-    def __exit__(self, *exception) -> None:
+    def __exit__(self, *exception: object) -> None:
         self.seconds += perf_counter() - self._start
         self.calls += 1
         self._watch.current = self._parent
@@ -75,14 +75,14 @@ class _Compilations(event.Listener):
     def __init__(self, watch: Stopwatch):
         self._watch, self._depth, self._phase = ref(watch), 0, None
 
-    def on_start(self, event) -> None:
+    def on_start(self, event: event.Event) -> None:
         watch = self._watch()
         if self._depth == 0 and watch.running:
             self._phase = watch.phase("compiling")
             self._phase.__enter__()
         self._depth += 1  # a kernel's kernels are compiled within it
 
-    def on_end(self, event) -> None:
+    def on_end(self, event: event.Event) -> None:
         self._depth -= 1
         if self._depth == 0 and self._phase is not None:
             self._phase.__exit__()
@@ -96,7 +96,7 @@ class Stopwatch:
         current: innermost phase that is open.
     """
 
-    def __init__(self):
+    def __init__(self) -> None:
         self._owned: dict[str, Callable[[], int]] = {}
         self.restart()
         compilations = _Compilations(self)

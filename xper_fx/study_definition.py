@@ -23,25 +23,27 @@ from xper_fx.study_process import Job
 
 Knob = str | int | float | bool | None
 Setting = dict[str, Knob]
+AnySetting = Mapping[str, Knob]
+"""A setting as functions take it."""
 
 # Knobs of the study itself.
 _OWN = ("courant", "fields")
 
 
-def vary(default: Setting, knob: str, values: Iterable[Knob]) -> list[Setting]:
+def vary(default: AnySetting, knob: str, values: Iterable[Knob]) -> list[Setting]:
     """A family of settings: one knob varied, the others as they are."""
-    return [default | {knob: value} for value in values]
+    return [{**default, knob: value} for value in values]
 
 
-def product(default: Setting, **values: Iterable[Knob]) -> list[Setting]:
+def product(default: AnySetting, **values: Iterable[Knob]) -> list[Setting]:
     """A family of settings: all combinations of some knobs' values, the others as they are."""
     return [
-        default | dict(zip(values, chosen, strict=True))
+        {**default, **dict(zip(values, chosen, strict=True))}
         for chosen in itertools.product(*values.values())
     ]
 
 
-def as_text(setting: Setting, knobs: Sequence[str] | None = None) -> str:
+def as_text(setting: AnySetting, knobs: Sequence[str] | None = None) -> str:
     """A setting as text, "scheme=explicit, courant=0.7"; only some knobs if they are named."""
     chosen = setting if knobs is None else [k for k in knobs if k in setting]
     return ", ".join(f"{knob}={value_text(setting[knob])}" for knob in chosen)
@@ -90,13 +92,13 @@ class Study:
     build: Callable[..., Scene]
     end_time: float
     quantities: Mapping[str, Quantity]
-    families: Mapping[str, Sequence[Setting]]
-    reference: Setting | None = None
+    families: Mapping[str, Sequence[AnySetting]]
+    reference: AnySetting | None = None
     known: Mapping[str, Any] = field(default_factory=dict)
-    check: Setting | None = None
-    default: Setting | None = None
+    check: AnySetting | None = None
+    default: AnySetting | None = None
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         require_positive("end_time", self.end_time)
         if "<" in getattr(self.build, "__qualname__", "<"):
             raise TypeError(

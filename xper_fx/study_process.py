@@ -59,7 +59,7 @@ class Job:
 class _Compiling(Listener):
     """Seconds that Numba compiles, of the wall and of the processor; functions compile others."""
 
-    def __init__(self):
+    def __init__(self) -> None:
         self.wall = self.cpu = 0.0
         self._depth = 0
 

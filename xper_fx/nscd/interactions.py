@@ -100,7 +100,7 @@ class Anchors:
     on_springs: np.ndarray
     velocity: np.ndarray = field(init=False)
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         self.velocity = np.zeros(len(self.load))
 
 

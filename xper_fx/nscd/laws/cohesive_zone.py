@@ -84,7 +84,7 @@ class CohesiveZone:
     initial_damage: float = 1.0
     damage: str = "mean"
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         take_numbers(
             self, "normal_stiffness", "fracture_energy", "strength", "friction", "initial_damage"
         )

@@ -63,7 +63,7 @@ class SignoriniCoulomb:
     restitution: float = 0.0
     contact: str = "velocity"
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         take_numbers(self, "friction", "restitution")
         require_non_negative("friction", self.friction)
         _check_contact(self.contact, self.restitution)
@@ -98,7 +98,7 @@ class Tresca:
     restitution: float = 0.0
     contact: str = "velocity"
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         take_numbers(self, "bound", "restitution")
         require_non_negative("bound", self.bound)
         _check_contact(self.contact, self.restitution)
