@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import ast
 from pathlib import Path
 
 import pytest
@@ -54,6 +55,26 @@ def test_the_package_is_read():
     """The check is not empty: most modules import others, and every one is in a room."""
     assert len(modules_of(ROOT)) > 150
     assert len(FLOORS) > 10
+
+
+def test_lazy_packages_show_checkers_what_they_have():
+    """The names that a package imports when asked are those that it imports for their types."""
+    lazy = [file for file in ROOT.rglob("__init__.py") if "_MODULE_OF" in file.read_text()]
+    assert len(lazy) >= 5
+    for file in lazy:
+        tree = ast.parse(file.read_text())
+        package = ".".join(["xper_fx", *file.parent.relative_to(ROOT).parts])
+        assigned = [node for node in tree.body if isinstance(node, ast.Assign)]
+        (table,) = (a.value for a in assigned if ast.unparse(a.targets[0]) == "_MODULE_OF")
+        shown = {
+            alias.asname: node.module
+            for block in tree.body
+            if isinstance(block, ast.If)
+            for node in block.body
+            if isinstance(node, ast.ImportFrom)
+            for alias in node.names
+        }
+        assert shown == {n: f"{package}.{m}" for n, m in ast.literal_eval(table).items()}, package
 
 
 def test_known_circles_only_become_fewer():
