@@ -16,7 +16,7 @@ from xper_fx.nscd.inverse import BodyInverse
 from xper_fx.nscd.points import InteractionPoints
 
 
-class Ranks(Protocol):
+class Reductions(Protocol):
     """Ranks that call everything together (`parallel/ranks.py`)."""
 
     @property
@@ -33,7 +33,7 @@ class Ranks(Protocol):
         """Whether something holds on all ranks."""
 
 
-class Exchange(Protocol):
+class GhostExchange(Protocol):
     """Moves entries of flat velocity arrays between slots and their ghosts on other ranks."""
 
     def forward(self, values: np.ndarray) -> None:
@@ -53,11 +53,11 @@ class Gathering(Protocol):
         """Add ghosts to their owners."""
 
 
-class GatheringBothWays(Gathering, Exchange, Protocol):
+class GatheringBothWays(Gathering, GhostExchange, Protocol):
     """Moves entries between all slots and all their ghosts, either way."""
 
 
-class LinearSystem(Protocol):
+class SharedSystem(Protocol):
     """(w^-1 + S) x = b, S the springs of the points (`parallel/linear.py`)."""
 
     def take_bodies(self, blocks: list[tuple[np.ndarray, np.ndarray]]) -> None:
@@ -70,11 +70,11 @@ class LinearSystem(Protocol):
         """Improve x until |b - A x| is within a bound; the number of iterations."""
 
 
-class Halo(Protocol):
+class AnyHalo(Protocol):
     """What the points of one rank have to do with other ranks."""
 
     @property
-    def ranks(self) -> Ranks:
+    def ranks(self) -> Reductions:
         """The ranks."""
 
     @property
@@ -82,7 +82,7 @@ class Halo(Protocol):
         """Number of each permanent point in the scene's order, shape (num_points,)."""
 
     @property
-    def phases(self) -> Sequence[Exchange]:
+    def phases(self) -> Sequence[GhostExchange]:
         """Exchange with one rank, phase after phase from the first."""
 
     @property
@@ -96,7 +96,7 @@ class Halo(Protocol):
         """Values at all points from those at this rank's, in the scene's order, on every rank."""
 
 
-class PointHalo(Halo, Protocol):
+class PointHalo(AnyHalo, Protocol):
     """The halo of points between meshed bodies, which last (`parallel/halo.py`)."""
 
     @property
@@ -110,11 +110,11 @@ class PointHalo(Halo, Protocol):
     def with_ghosts(self, inverse: BodyInverse) -> BodyInverse:
         """Blocks of w of this rank and of its ghosts, as their owners have them now."""
 
-    def linear_system(self, interactions: Any) -> LinearSystem:
+    def linear_system(self, interactions: Any) -> SharedSystem:
         """The linear system of Newton's method over all ranks; `interactions` are this rank's."""
 
 
-class RigidHalo(Halo, Protocol):
+class ContactHalo(AnyHalo, Protocol):
     """The halo of contacts of rigid bodies, which a search finds (`parallel/rigid_halo.py`)."""
 
     @property

@@ -15,7 +15,7 @@ import numpy as np
 from numba import njit
 
 from xper_fx.nscd.exchange import Sides
-from xper_fx.nscd.halo import Ranks
+from xper_fx.nscd.halo import Reductions
 from xper_fx.nscd.laws.law import LawKernels
 from xper_fx.nscd.point_group import PointGroup
 from xper_fx.nscd.rows import Rows
@@ -66,7 +66,7 @@ class ContactHistory:
                 group.committed_impulse, group.jump, group.state, *record,
             )  # fmt: skip
 
-    def share(self, ranks: Ranks, kernels: list[LawKernels]) -> None:
+    def share(self, ranks: Reductions, kernels: list[LawKernels]) -> None:
         """Let every rank know the contacts of all; all ranks call it together.
 
         Args:

@@ -28,7 +28,7 @@ from xper_fx.nscd.exchange import (
     spread_kernel,
 )
 from xper_fx.nscd.facets import join_points
-from xper_fx.nscd.halo import PointHalo, Ranks, RigidHalo
+from xper_fx.nscd.halo import ContactHalo, PointHalo, Reductions
 from xper_fx.nscd.history import ContactHistory
 from xper_fx.nscd.inverse import BodyInverse
 from xper_fx.nscd.laws.law import ENERGIES, Law, LawKernels
@@ -283,7 +283,7 @@ class Interactions:
         initial_velocity: np.ndarray | None = None,
         ordering: str = "tiles",
         rigid_blocks: np.ndarray | None = None,
-        halo: PointHalo | RigidHalo | None = None,
+        halo: PointHalo | ContactHalo | None = None,
     ):
         law_of_point = np.asarray(law_of_point)
         if len(law_of_point) != len(points):
@@ -828,7 +828,7 @@ class Interactions:
         """Numbers of this rank's permanent points in the scene's order, shape (num_points,)."""
         return np.arange(len(self)) if self.halo is None else self.halo.numbers
 
-    def share_history(self, ranks: Ranks) -> None:
+    def share_history(self, ranks: Reductions) -> None:
         """Let contacts go on from the last step on whichever rank they are found now.
 
         All ranks call it together.
