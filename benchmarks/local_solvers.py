@@ -20,6 +20,7 @@ import time
 import numpy as np
 
 from xper_fx.cache import njit
+from xper_fx.nscd.contact_solver import contact_solver
 from xper_fx.nscd.local_solvers import (
     LOCAL_SOLVERS,
     LocalSolver,
@@ -30,7 +31,6 @@ from xper_fx.nscd.local_solvers import (
     lcp,
     local_solver,
 )
-from xper_fx.nscd.signorini import contact_solver
 from xper_fx.nscd.small import for_dimension, sym_indices
 
 MU = 0.3

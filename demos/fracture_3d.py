@@ -144,7 +144,7 @@ def visible_faces(simulation: Simulation) -> tuple[np.ndarray, np.ndarray]:
     bodies = simulation.scene.bodies
     number = simulation.facets_with_law
     whole = broken_points(simulation).reshape(len(number), 3).sum(axis=1) < 2
-    hidden = np.zeros((len(bodies.body_of_cell), 4), bool)
+    hidden = np.zeros((len(bodies.body_of_cell), 4), np.bool_)
     whole, cracked = number[whole], number[~whole]
     hidden[bodies.facets.cells[whole], bodies.facets.local_facets[whole]] = True
     inner = np.zeros_like(hidden)

@@ -43,7 +43,7 @@ from xper_fx.compat import geometry_dofmap
 from xper_fx.contact_forces import contact_forces
 from xper_fx.contacts import Contact
 from xper_fx.effects import effects_table
-from xper_fx.frames import plot_frames, take_frame
+from xper_fx.frames import Frame, plot_frames, take_frame
 from xper_fx.materials import NeoHookean
 from xper_fx.nscd.laws import SignoriniCoulomb
 from xper_fx.nscd.rigid import Disc, Polygon, RigidBody, wall
@@ -69,12 +69,12 @@ LID = 0
 
 def soft_disc(rings: int) -> tuple[np.ndarray, np.ndarray]:
     """Mesh of the unit disc: points on rings, joined by triangles."""
-    points = [np.zeros((1, 2))]
+    points: list[np.ndarray] = [np.zeros((1, 2))]
     for ring in range(1, rings + 1):
         angle = 2.0 * np.pi * np.arange(6 * ring) / (6 * ring)
         points.append(ring / rings * np.column_stack([np.cos(angle), np.sin(angle)]))
-    points = np.concatenate(points)
-    return points, Delaunay(points).simplices
+    nodes = np.concatenate(points)
+    return nodes, Delaunay(nodes).simplices
 
 
 def mesh_discs(centres: np.ndarray, radii: np.ndarray, rings: int) -> Bodies:
@@ -159,7 +159,11 @@ def fractions(scene: Scene) -> tuple[float, float]:
     corner = mesh.geometry.x[geometry_dofmap(mesh)][:, :, :2]
     along, aside = corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]
     soft = 0.5 * np.abs(along[:, 0] * aside[:, 1] - along[:, 1] * aside[:, 0]).sum()
-    hard = sum(body.shape.mass_properties(1.0).mass for body in scene.rigid if body.group == "hard")
+    hard = sum(
+        body.shape.mass_properties(1.0).mass
+        for body in scene.rigid
+        if body.group == "hard" and isinstance(body.shape, Disc | Polygon)
+    )
     return soft + hard, 2.0 * scene.rigid_bodies.position[LID, 0]
 
 
@@ -191,7 +195,8 @@ def run(scene: Scene, options: argparse.Namespace) -> dict:
     )  # fmt: skip
     lid, packed = scene.bodies.num_bodies + LID, area / (width * height)
     targets = np.linspace(packed, options.packing, 4)[1:]
-    curve, frames = [], []
+    curve: list[tuple[float, ...]] = []
+    frames: list[Frame] = []
     for _ in recorded_steps(recorder, end, "packing", options.quiet, options.profile):
         packed = area / (width * simulation.rigid.state.position[LID, 1])
         contacts = contact_forces(simulation)

@@ -110,7 +110,7 @@ def neighbours(scene: Scene) -> set[tuple[int, int]]:
     _, vertex = np.unique(
         np.round(corner / (1e-6 * LENGTH)).astype(int), axis=0, return_inverse=True
     )
-    at_vertex = {}
+    at_vertex: dict[int, list[int]] = {}
     for body, number in zip(np.repeat(bodies, 3).tolist(), vertex.ravel().tolist(), strict=True):
         at_vertex.setdefault(number, []).append(body)
     return {(a, b) for bodies in at_vertex.values() for a in bodies for b in bodies}

@@ -175,7 +175,7 @@ def report(result: dict, options: argparse.Namespace) -> None:
     peak = int(np.argmax(history["stress"]))
     last = {name: column[-1] for name, column in history.items()}
     names = ("soft-soft", "soft-hard", "hard-hard")
-    counts = np.bincount(result["first"].kind, minlength=3).tolist()
+    counts = [int(count) for count in np.bincount(result["first"].kind, minlength=3)]
     lengths = dict(zip(names, result["panels"][-1].crack_lengths().values(), strict=True))
     tqdm.write(
         f"\nfirst cracks at {100 * result['first_strain']:.3f} %: broken points "

@@ -274,7 +274,7 @@ def draw_arch(axes, outcome: Outcome, title: str) -> None:
         axes.legend(loc="center")
 
 
-def draw(pairs: list[tuple[Outcome, Outcome]], bounds: dict[int, float], out: Path) -> None:
+def draw(pairs: list[tuple[Outcome, ...]], bounds: dict[int, float], out: Path) -> None:
     """The arches of the largest number of blocks, and all verdicts beside limit analysis."""
 
     def fill(_, axes):

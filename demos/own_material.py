@@ -294,7 +294,7 @@ def draw(result: dict, material: Norton, out: Path) -> None:
     x = result["simulation"].scene.bodies.mesh.geometry.x[:, :2] + result["displacement"]
     figure = Figure(figsize=(4.8, 4.0), layout="constrained")
     axes = figure.subplots()
-    mesh = Triangulation(*(1e3 * x.T), triangles=result["triangles"])
+    mesh = Triangulation(1e3 * x[:, 0], 1e3 * x[:, 1], triangles=result["triangles"])
     flow = axes.tripcolor(mesh, 100.0 * equivalent_flow(result["simulation"]), cmap="viridis")
     axes.set_aspect("equal")
     axes.set_xlabel("x (mm)")

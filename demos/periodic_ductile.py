@@ -223,7 +223,7 @@ def report(result: dict, reference: dict, options: argparse.Namespace) -> None:
     counts = {}
     if result["first"] is not None:
         kinds = np.bincount(result["first"].crack_kind, minlength=3)
-        counts = dict(zip(("matrix", "interface", "inclusion"), kinds.tolist(), strict=True))
+        counts = dict(zip(("matrix", "interface", "inclusion"), map(int, kinds), strict=True))
         tqdm.write(
             f"\nfirst cracks at {100 * result['first_strain']:.3f} %: broken points "
             + ", ".join(f"{n} in {kind}" for kind, n in counts.items())

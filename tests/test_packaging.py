@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Lists of packages that say the same: the launcher's, conda's, pip's, and the container's."""
+"""Lists of packages, versions of tools and what a release holds: the files that say them agree."""
 
 from __future__ import annotations
 
@@ -90,3 +90,67 @@ def test_the_container_takes_the_launcher_s_list():
     assert steps.index("COPY fenicsx") < steps.index("RUN") < steps.index("COPY . ")
     assert "apt-get install" not in steps and "python3-" not in steps
     assert steps.index("USER xper_fx") < steps.index("CMD")
+
+
+# ------------------------------------------------------------------------------ tools and releases
+
+
+def pins() -> dict[str, str]:
+    """The tools of CI with their versions."""
+    lines = (ROOT / ".ci" / "requirements.txt").read_text().splitlines()
+    found = [re.fullmatch(r"([\w-]+)==([\d.]+)", line) for line in lines if line[0] != "#"]
+    assert all(found), "every tool has one version, name==version"
+    return {match[1]: match[2] for match in found if match}
+
+
+def test_tools_have_one_version():
+    """Hooks of pre-commit run `.ci/check`, which installs what requirements.txt names."""
+    assert {"ruff", "mypy"} <= set(pins())
+    hooks = (ROOT / ".pre-commit-config.yaml").read_text()
+    assert "rev:" not in hooks and "additional_dependencies" not in hooks
+    assert re.findall(r"- repo: (.*)", hooks) == ["local"]
+    entries = re.findall(r"entry: (.*)", hooks)
+    assert {entry.split()[0] for entry in entries} == {".ci/check"}
+    assert {entry.split()[1] for entry in entries} == {"style", "imports", "types"}
+    check = (ROOT / ".ci" / "check").read_text()
+    assert "requirements.txt" in check
+    assert not re.search(r"(ruff|mypy)[=<>]", check)
+
+
+def test_continuous_integration_checks_before_it_tests():
+    """Style, imports and types come before the tests, and sid's after them."""
+    steps = re.findall(r'^(?:.*\|\| )?step "[^"]*" (.*)', (ROOT / ".ci" / "run").read_text(), re.M)
+    assert steps == [
+        "./fenicsx true", ".ci/check style", ".ci/check imports", ".ci/check types",
+        './fenicsx pytest "$@"', "newest_userland", "newest_fast_tests",
+    ]  # fmt: skip
+
+
+def test_types_are_shipped():
+    """PEP 561: type checkers read the annotations of a package that has a file `py.typed`."""
+    assert (ROOT / "xper_fx" / "py.typed").read_text() == ""
+    tool = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]
+    assert tool["setuptools"]["package-data"] == {"xper_fx": ["py.typed"]}
+
+
+def test_the_version_stands_in_one_place():
+    version = re.search(
+        r'^__version__ = "(\d+\.\d+\.\d+)"$', (ROOT / "xper_fx" / "__init__.py").read_text(), re.M
+    )
+    assert version
+    assert project()["dynamic"] == ["version"]
+    latest = re.search(r"^## (\S+)", (ROOT / "CHANGELOG.md").read_text(), re.M)
+    assert latest and latest[1] == version[1]
+    cited = re.search(r"^version: (\S+)$", (ROOT / "CITATION.cff").read_text(), re.M)
+    assert cited is None or cited[1] == version[1]
+
+
+def test_what_contributing_names_exists():
+    text = (ROOT / "CONTRIBUTING.md").read_text()
+    named = re.findall(r"[\s`]((?:\.ci|docs|tests|xper_fx)/[\w./]*)", text)
+    assert len(named) > 20
+    missing = sorted({name for name in named if not (ROOT / name).exists()})
+    assert [name for name in missing if name != "docs/_build"] == []
+    figures = (ROOT / "docs" / "gallery.py").read_text()
+    for name in re.findall(r"docs/gallery.py (\w+)$", text, re.M):
+        assert f'"{name}"' in figures

@@ -530,7 +530,11 @@ class _Meeting(NamedTuple):
         return _Meeting(*(a[which] for a in self))
 
 
-def _meeting_cells(mesh, cells_of_facet, facet_tag) -> _Meeting:
+def _meeting_cells(
+    mesh: Mesh,
+    cells_of_facet: tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]],
+    facet_tag: npt.NDArray[np.int32],
+) -> _Meeting:
     """Facets inside the mesh."""
     cells, local = cells_of_facet
     inner = cells[:, 1] >= 0
@@ -538,7 +542,13 @@ def _meeting_cells(mesh, cells_of_facet, facet_tag) -> _Meeting:
     return _Meeting(cells[inner], local[inner], still, facet_tag[inner])
 
 
-def _cells_across(mesh, cells_of_facet, facet_tag, lattice, voids) -> _Meeting:
+def _cells_across(
+    mesh: Mesh,
+    cells_of_facet: tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]],
+    facet_tag: npt.NDArray[np.int32],
+    lattice: npt.NDArray[np.float64],
+    voids: Sequence[int],
+) -> _Meeting:
     """Facets of a periodic cell's boundary; the pair has a tag if both facets bear it."""
     from xper_fx.periodic.lattice import check_volume, match_facets
 

@@ -35,7 +35,7 @@ class Contact:
     law: Law | None
     reach: float | None = None
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         if (
             not isinstance(self.between, tuple | list)
             or len(self.between) != 2

@@ -51,7 +51,7 @@ def _solves_subdomains(simulation: Simulation) -> bool:
     return all(g.kernels.name == "perfect bond" for g in simulation.interactions.groups)
 
 
-def _bytes_within(item) -> int:
+def _bytes_within(item: object) -> int:
     """Bytes of the arrays in an object, its attributes, lists and tuples."""
     if isinstance(item, np.ndarray):
         return item.nbytes
@@ -288,7 +288,7 @@ EFFECTS = (
             "xper_fx.nscd.space",
             "xper_fx.nscd.rigid.space_turning",
             "xper_fx.nscd.coulomb_space",
-            "xper_fx.nscd.signorini:_frictionless_space",
+            "xper_fx.nscd.signorini:frictionless_space",
             "xper_fx.nscd.laws.perfect_bond:_pseudo_inverse_space",
         ),
         lambda s: s.bulk.dim == 3,
@@ -335,7 +335,7 @@ EFFECTS = (
         ("xper_fx.nscd.newton", "xper_fx.nscd.tangent", "xper_fx.nscd.clusters"),
         lambda s: s.interactions is not None and s.solver in ("auto", "newton"),
         "tangents of the points, blocks of bodies and clusters, Krylov's basis",
-        _kept("xper_fx.nscd.tangent"),
+        _kept("xper_fx.nscd.linearised"),
     ),
     Effect(
         "mixed sweeps",

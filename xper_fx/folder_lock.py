@@ -103,6 +103,6 @@ class FolderLock:
         os.close(self._descriptor)
         self._descriptor = None
 
-    def __del__(self):
+    def __del__(self) -> None:
         if getattr(self, "_descriptor", None) is not None:
             os.close(self._descriptor)

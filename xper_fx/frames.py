@@ -6,7 +6,7 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -122,7 +122,7 @@ def plot_frames(
     if limits is None:
         limits = np.percentile(np.concatenate([f.values for f in frames]), [1.0, 99.0])
 
-    def draw(figure: Figure, grid) -> None:
+    def draw(figure: Figure, grid: Any) -> None:
         from matplotlib import colormaps
         from matplotlib.cm import ScalarMappable
         from matplotlib.collections import LineCollection, PolyCollection

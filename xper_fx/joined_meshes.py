@@ -95,7 +95,9 @@ def join_meshes(
     return JoinedMesh(joined, part, joined_cell_tags, joined_facet_tags)
 
 
-def _one_a_mesh(tags, meshes, dim, name) -> list[MeshTags | None]:
+def _one_a_mesh(
+    tags: Sequence[MeshTags | None] | None, meshes: Sequence[Mesh], dim: int, name: str
+) -> list[MeshTags | None]:
     """Tags of each mesh, checked."""
     tags = [None] * len(meshes) if tags is None else list(tags)
     if len(tags) != len(meshes):

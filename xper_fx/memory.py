@@ -41,7 +41,7 @@ def memory_by_part(simulation: Simulation) -> dict[str, int]:
     return {name: _bytes(part, seen) for name, part in parts.items()}
 
 
-def _bytes(item, seen: dict[int, Any]) -> int:
+def _bytes(item: object, seen: dict[int, Any]) -> int:
     """Bytes of the arrays in an object that were not seen yet; `seen` holds what was, by id."""
     if isinstance(item, np.ndarray):
         while isinstance(item.base, np.ndarray):

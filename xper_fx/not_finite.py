@@ -9,34 +9,49 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from xper_fx.bulk.scheme import StepOutcome
-    from xper_fx.simulation import Simulation
+    from xper_fx.bulk.bulk import Bulk
+    from xper_fx.bulk.scheme import State, StepOutcome
+    from xper_fx.nscd.interactions import Interactions
+    from xper_fx.scene import Scene
 
 
-def source_of_not_finite(simulation: Simulation, outcome: StepOutcome, size: float) -> str | None:
+def source_of_not_finite(
+    scene: Scene,
+    bulk: Bulk,
+    interactions: Interactions | None,
+    start: State,
+    outcome: StepOutcome,
+    size: float,
+) -> str | None:
     """What gave the first number of an attempted step that is not finite; None if all are.
 
     Args:
-        simulation: at the start of the step.
+        scene: with the bodies and their materials.
+        bulk: of the bodies.
+        interactions: with the impulses of the attempt; None if there are none.
+        start: the start of the step.
         outcome: the attempt.
         size: its h (s).
     """
     if not np.all(np.isfinite(outcome.force_impulse)):
         return "the external forces"
-    return _materials(simulation, outcome, size) or _laws(simulation) or _bodies(outcome)
+    return (
+        _materials(scene, bulk, start, outcome.state, size)
+        or _laws(interactions)
+        or _bodies(outcome)
+    )
 
 
-def _materials(simulation: Simulation, outcome: StepOutcome, size: float) -> str | None:
+def _materials(scene: Scene, bulk: Bulk, start: State, end: State, size: float) -> str | None:
     """Materials whose forces are not finite at a displacement that is."""
-    bulk, start = simulation.bulk, simulation.state
-    if simulation.scene.bodies is None:
+    if scene.bodies is None:
         return None
     bulk.forms.set_step(size)
     for displacement in (
         start.displacement,
         start.displacement + 0.5 * size * start.velocity,
         start.displacement + size * start.velocity,
-        outcome.state.displacement,
+        end.displacement,
     ):
         if not np.all(np.isfinite(displacement)):
             continue
@@ -44,22 +59,21 @@ def _materials(simulation: Simulation, outcome: StepOutcome, size: float) -> str
         if np.any(wrong):
             nodes = bulk.unknowns.expand(wrong.astype(float)).reshape(-1, bulk.dim).any(axis=1)
             cells = nodes[bulk.forms.V.dofmap.list].any(axis=1)
-            tags = np.unique(simulation.scene.bodies.material_of_cell[cells]).tolist()
+            tags = np.unique(scene.bodies.material_of_cell[cells]).tolist()
             named = ", ".join(
-                f"{type(simulation.scene.materials[tag]).__name__} of cell tag {tag}"
-                for tag in tags
+                f"{type(scene.materials[tag]).__name__} of cell tag {tag}" for tag in tags
             )
             return f"the internal forces of {named}"
     return None
 
 
-def _laws(simulation: Simulation) -> str | None:
+def _laws(interactions: Interactions | None) -> str | None:
     """Laws whose impulses are not finite."""
-    if simulation.interactions is None:
+    if interactions is None:
         return None
     names = [
         group.kernels.name
-        for group in simulation.interactions.groups
+        for group in interactions.groups
         if not np.all(np.isfinite(group.impulse))
     ]
     return f"the impulses of the law {', '.join(dict.fromkeys(names))!r}" if names else None

@@ -45,7 +45,7 @@ class Phase:
         self._start = perf_counter()
         return self
 
-    def __exit__(self, *exception) -> None:
+    def __exit__(self, *exception: object) -> None:
         self.seconds += perf_counter() - self._start
         self.calls += 1
         self._watch.current = self._parent
@@ -97,7 +97,7 @@ class Stopwatch:
         current: innermost phase that is open.
     """
 
-    def __init__(self):
+    def __init__(self) -> None:
         self._owned: dict[str, Callable[[], int]] = {}
         self.restart()
         compilations = _Compilations(self)

@@ -53,7 +53,7 @@ class Quantity(Protocol):
             seen: what `observe` returned last.
         """
 
-    def error(self, value: Value, reference: Value | None) -> float:
+    def error(self, value: Any, reference: Any) -> float:
         """Distance of a value from the reference's, dimensionless, zero or above."""
 
 

@@ -11,38 +11,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
-from xper_fx.nscd.small import sym_indices
+from xper_fx.nscd.softening import softening_numbers
 
 if TYPE_CHECKING:
-    from xper_fx.nscd.interactions import Interactions
     from xper_fx.simulation import Simulation
-
-
-def softening_numbers(interactions: Interactions, step: float, theta: float) -> np.ndarray:
-    """The softening number of each law with W as it is, shape (num_laws,); 0 if it never weakens.
-
-    Args:
-        interactions: the points.
-        step: h (s).
-        theta: weight of the end of the step.
-    """
-    slopes = [getattr(law, "softening_slope", 0.0) for law in interactions.laws]
-    if not any(slopes):
-        return np.zeros(len(slopes))
-    dim = interactions.dim
-    compliance = np.zeros((len(interactions), dim, dim))
-    rows, cols = sym_indices(dim)
-    packed = interactions.local("compliance")
-    compliance[:, rows, cols] = packed
-    compliance[:, cols, rows] = packed
-    largest = np.linalg.eigvalsh(compliance)[:, -1] * interactions.points.area
-    most = np.zeros(len(slopes))
-    np.maximum.at(most, interactions.law_of_point, largest)
-    if interactions.halo is not None:
-        most = interactions.halo.ranks.max(most)
-    return (step * theta) ** 2 * most * slopes
 
 
 def cohesive_scales(simulation: Simulation) -> list[dict[str, Any]]:

@@ -24,7 +24,7 @@ from xper_fx.forms.loads import (
     SurfaceTraction,
     value_at,
 )
-from xper_fx.materials.material import Material
+from xper_fx.materials.material import InelasticMaterial, Material
 from xper_fx.nscd.checks import (
     require_integer,
     require_number,
@@ -104,7 +104,7 @@ class Scene:
     """
 
     bodies: Bodies | None = None
-    materials: Mapping[int, Material] = field(default_factory=dict)
+    materials: Mapping[int, Material | InelasticMaterial] = field(default_factory=dict)
     interactions: Mapping[tuple[int, int], Law | None] = field(default_factory=dict)
     default_interaction: Law | None = None
     facet_interactions: Mapping[int, Law | None] = field(default_factory=dict)
@@ -122,7 +122,7 @@ class Scene:
     resolve_overlaps: bool = False
     rigid_bodies: RigidBodies | None = field(default=None, init=False)
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         self._check_containers()
         if not isinstance(self.order, Integral) or self.order not in (1, 2):
             raise ValueError(f"order should be 1 or 2, got {self.order}.")
@@ -494,7 +494,7 @@ class Scene:
         return laws, index
 
 
-def _is_tag(tag) -> bool:
+def _is_tag(tag: object) -> bool:
     return isinstance(tag, Integral)
 
 

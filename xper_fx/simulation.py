@@ -6,7 +6,7 @@ from __future__ import annotations
 import logging
 import math
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from importlib import import_module
@@ -18,7 +18,7 @@ from dolfinx import fem
 from mpi4py import MPI
 
 from xper_fx.bulk.bulk import Bulk
-from xper_fx.bulk.scheme import State, StepOutcome
+from xper_fx.bulk.scheme import Solver, State, StepOutcome
 from xper_fx.energy import BulkEnergies, EnergyLedger
 from xper_fx.errors import ConvergenceError, NotFiniteError
 from xper_fx.forms.dynamics import BulkForms
@@ -27,15 +27,18 @@ from xper_fx.knobs import Knobs
 from xper_fx.not_finite import not_finite_columns, source_of_not_finite
 from xper_fx.nscd.checks import require_count, require_number
 from xper_fx.nscd.interactions import Interactions
-from xper_fx.nscd.nlgs import SolveReport
 from xper_fx.nscd.points import InteractionPoints
+from xper_fx.nscd.solve_report import SolveReport
 from xper_fx.parallel.ranks import ALONE, Ranks
 from xper_fx.profile import Stopwatch
-from xper_fx.scene import Scene
+from xper_fx.scene import Load, Scene
 from xper_fx.scene_points import ScenePoints
 
 if TYPE_CHECKING:
     from xper_fx.accuracy import AccuracyControl
+    from xper_fx.bulk.empty import EmptyScheme
+    from xper_fx.bulk.explicit import ExplicitScheme
+    from xper_fx.bulk.implicit import ImplicitScheme
     from xper_fx.detection import Detection
     from xper_fx.nscd.rigid.motion import Prediction, RigidMotion, RigidWork
     from xper_fx.parallel.rigid_division import RigidDivision
@@ -48,7 +51,7 @@ SOLVERS = ("auto", "nlgs", "newton", "accelerated", "subdomains")
 # Those of ranks that divide the bodies.
 _ON_RANKS = ("auto", "nlgs", "newton", "accelerated")
 # Those of their modules that keep something of a step for the next.
-_WITH_MEMORY = ("tangent", "vertex_blocks")
+_WITH_MEMORY = ("linearised", "vertex_blocks")
 # Steps as shares of the critical one: without a wish, and where an explicit bulk, linear so that
 # its critical step stays what it is, should be as cheap as it can.
 _BELOW_LIMIT, _AT_LIMIT = 0.7, 0.95
@@ -284,7 +287,7 @@ class Simulation:
         self._resumes = False
 
     @staticmethod
-    def _suits_explicit(scene, theta, solver, inertia) -> bool:
+    def _suits_explicit(scene: Scene, theta: float, solver: str | Solver, inertia: bool) -> bool:
         """Whether the explicit bulk takes the scene, and longer steps would not be cheaper."""
         if scene.bodies is None:
             return False
@@ -294,7 +297,7 @@ class Simulation:
         return each_cell_a_body and undamped and nodal and inertia and theta == 0.5
 
     @staticmethod
-    def _check(scheme, theta, relaxation) -> None:
+    def _check(scheme: str, theta: float, relaxation: float) -> None:
         for name, value in (("theta", theta), ("relaxation", relaxation)):
             require_number(name, value)
         if scheme not in ("implicit", "explicit"):
@@ -307,7 +310,9 @@ class Simulation:
             raise ValueError(f"relaxation should lie in (0, 2), got {relaxation}.")
 
     @staticmethod
-    def _check_effects(scene, scheme, knobs, theta, inertia) -> None:
+    def _check_effects(
+        scene: Scene, scheme: str, knobs: Knobs, theta: float, inertia: bool
+    ) -> None:
         if scheme == "explicit" and scene.macroscopic is not None:
             raise ValueError(
                 "A periodic cell's macroscopic equations hold at the end of the step: take "
@@ -329,7 +334,7 @@ class Simulation:
 
     # Set-up
 
-    def _divide_bodies(self, solver, inertia: bool) -> None:
+    def _divide_bodies(self, solver: str | Solver, inertia: bool) -> None:
         """Take this rank's part of the bodies where the scene can be divided."""
         scene = self.scene
         self.ranks, self.bodies, self.part = ALONE, scene.bodies, None
@@ -394,7 +399,7 @@ class Simulation:
             )
         return float(step)
 
-    def _bulk(self, motions, forces, inertia: bool) -> Bulk:
+    def _bulk(self, motions: Sequence[Load], forces: Sequence[Load], inertia: bool) -> Bulk:
         scene, self._ties = self.scene, []
         if scene.bodies is None:
             from xper_fx.bulk.empty import EmptyBulk
@@ -410,7 +415,9 @@ class Simulation:
 
         return CellBulk(forms, scene.macroscopic, inertia, self.ranks)
 
-    def _scheme(self, interacting, theta, newton_tolerance, max_newton):
+    def _scheme(
+        self, interacting: np.ndarray, theta: float, newton_tolerance: float, max_newton: int
+    ) -> EmptyScheme | ExplicitScheme | ImplicitScheme:
         if self.scene.bodies is None:
             from xper_fx.bulk.empty import EmptyScheme
 
@@ -504,7 +511,7 @@ class Simulation:
 
     def _accuracy_control(self, knobs: Knobs) -> AccuracyControl:
         from xper_fx.accuracy import AccuracyControl
-        from xper_fx.scales import softening_numbers
+        from xper_fx.nscd.softening import softening_numbers
 
         softening, base = np.inf, self.step_size
         if self.interactions is not None:
@@ -624,7 +631,10 @@ class Simulation:
                 if outcome is not None:
                     residual, newton = outcome.residual, outcome.newton_residual
                     if self.ranks.alone:
-                        self._require_finite(source_of_not_finite(self, outcome, size), size)
+                        source = source_of_not_finite(
+                            self.scene, self.bulk, self.interactions, self.state, outcome, size
+                        )
+                        self._require_finite(source, size)
                 raise ConvergenceError(
                     self.step_number + 1, self.state.time, size, residual, newton,
                     self._save_state(),

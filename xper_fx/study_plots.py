@@ -11,7 +11,8 @@ import numpy as np
 
 from xper_fx.effects_price import Price
 from xper_fx.plots import COLOURS, new_figure
-from xper_fx.study_results import COSTS, Run, StudyResults, percent, varied
+from xper_fx.study_definition import varied
+from xper_fx.study_results import COSTS, Run, StudyResults, percent
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

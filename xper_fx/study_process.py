@@ -60,7 +60,7 @@ class Job:
 class _Compiling(CompilationListener):
     """Seconds that Numba compiles, of the wall and of the processor."""
 
-    def __init__(self):
+    def __init__(self) -> None:
         super().__init__()
         self.wall = self.cpu = 0.0
 

@@ -10,16 +10,14 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from math import floor, log10
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 from scipy.stats import spearmanr
 
 from xper_fx.output import write_summary
-
-if TYPE_CHECKING:
-    from xper_fx.study import Setting, Study
+from xper_fx.study_definition import Setting, Study, as_text, value_text, varied
 
 COSTS = {
     "seconds": ("wall time", "s", 1.0),
@@ -31,22 +29,6 @@ COSTS = {
 
 # Errors that differ by less than this share count as the same when a knob is tightened.
 _GAIN = 0.15
-
-
-def as_text(setting: Setting, knobs: Sequence[str] | None = None) -> str:
-    """A setting as text, "scheme=explicit, courant=0.7"; only some knobs if they are named."""
-    chosen = setting if knobs is None else [k for k in knobs if k in setting]
-    return ", ".join(f"{knob}={_value_text(setting[knob])}" for knob in chosen)
-
-
-def varied(settings: Sequence[Setting]) -> list[str]:
-    """Knobs that are not the same in all settings, in order of appearance."""
-    knobs = dict.fromkeys(knob for setting in settings for knob in setting)
-    return [k for k in knobs if len({as_text(s, [k]) for s in settings}) > 1]
-
-
-def _value_text(value: Any) -> str:
-    return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def pareto_front(cost: npt.ArrayLike, error: npt.ArrayLike) -> npt.NDArray[np.intp]:
@@ -301,9 +283,9 @@ class StudyResults:
             )
         for knob in self.varied:
             parts += [
-                f"{knob} tighter than {_value_text(s.value)} buys nothing "
+                f"{knob} tighter than {value_text(s.value)} buys nothing "
                 f"({percent(s.error)} there, {percent(s.error_at_tightest)} at "
-                f"{_value_text(s.tightest)}; {as_text(s.others, self.varied) or 'others alike'})"
+                f"{value_text(s.tightest)}; {as_text(s.others, self.varied) or 'others alike'})"
                 for s in self.saturation(quantity, knob)
                 if s.value is not None
             ]

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,6 +13,11 @@ from xper_fx.nscd.checks import require_integer
 from xper_fx.nscd.laws.law import Law
 from xper_fx.nscd.nonmatching import RULES, nonmatching_points
 from xper_fx.nscd.points import InteractionPoints
+
+if TYPE_CHECKING:
+    from dolfinx.fem import FunctionSpace
+
+    from xper_fx.bodies import Bodies
 
 
 @dataclass(frozen=True)
@@ -31,7 +37,7 @@ class Tie:
     law: Law
     rule: str = "mortar"
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         if self.rule not in RULES:
             raise ValueError(f"rule should be one of {', '.join(RULES)}, got {self.rule!r}.")
         for name in ("candidates", "antagonists"):
@@ -43,13 +49,13 @@ class Tie:
             )
 
 
-def tie_points(tie: Tie, V, bodies) -> tuple[InteractionPoints, np.ndarray]:
+def tie_points(tie: Tie, V: FunctionSpace, bodies: Bodies) -> tuple[InteractionPoints, np.ndarray]:
     """Points of a tie, on the nodes of a space of order 1.
 
     Args:
         tie: the tie.
         V: vector Lagrange space of order 1 on `bodies.mesh`.
-        bodies: `xper_fx.bodies.Bodies`.
+        bodies: the bodies.
 
     Returns:
         The points, and the pairs of bodies that they join, shape (num_points, 2).

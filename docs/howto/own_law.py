@@ -31,8 +31,8 @@ from xper_fx.forms.loads import PrescribedDisplacement
 from xper_fx.materials import LinearElastic
 from xper_fx.meshes import tag_facets
 from xper_fx.nscd.checks import require_positive
+from xper_fx.nscd.contact_solver import contact_solver
 from xper_fx.nscd.laws.law import LawKernels
-from xper_fx.nscd.signorini import contact_solver
 from xper_fx.nscd.small import for_dimension
 from xper_fx.scene import Scene
 from xper_fx.simulation import Simulation

@@ -8,7 +8,8 @@ import itertools
 import numpy as np
 import pytest
 
-from xper_fx.nscd.signorini import OPEN, SLIP, STICK, contact_solver
+from xper_fx.nscd.contact_solver import contact_solver
+from xper_fx.nscd.signorini import OPEN, SLIP, STICK
 from xper_fx.nscd.small import for_dimension, sym_indices
 
 FRICTIONS = [0.0, 0.05, 1.0, 3.0]

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from xper_fx.cache import njit
+from xper_fx.nscd.contact_solver import contact_solver
 from xper_fx.nscd.local_solvers import (
     LOCAL_SOLVERS,
     bipotential,
@@ -20,7 +21,6 @@ from xper_fx.nscd.local_solvers import (
     local_solver,
     requires_diagonal,
 )
-from xper_fx.nscd.signorini import contact_solver
 from xper_fx.nscd.small import for_dimension, sym_indices
 
 FRICTIONS = [0.0, 1e-12, 0.3, 1.0, 2.0, 5.0]

@@ -15,6 +15,7 @@ from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.inverse import BodyInverse
 from xper_fx.nscd.krylov import gmres
 from xper_fx.nscd.laws import CohesiveZone, PerfectBond, SignoriniCoulomb, Tresca
+from xper_fx.nscd.linearised import linearised_problem
 
 SIZE, THETA = 50e-6, 0.5
 BOND = CohesiveZone(2e18, 0.5, 1e9, friction=0.05)
@@ -137,7 +138,7 @@ def test_the_step_is_that_of_the_dense_linearised_problem(dim):
             moved = u[i] + reach * np.eye(dim)[j]
             slopes[rows, i * dim + j] = (answer(moved) - answer(u[i])) / reach
     expected = np.linalg.solve(np.eye(len(w)) - slopes @ (w - own), missing.ravel())
-    problem = tangent.linearised_problem(scene)
+    problem = linearised_problem(scene)
     problem.linearise(velocity)
     size = np.linalg.norm(missing)
     (step,), _ = problem.solve(np.zeros_like(velocity), 1e-11 * size, 400)
@@ -150,7 +151,7 @@ def test_iterations_do_not_grow_with_the_mesh():
     for cells in (10, 40):
         scene, velocity = plate_step(cells, 100, False)
         nlgs.solve(scene, velocity, tolerance=1e-9, max_sweeps=10, num_threads=1)
-        problem = tangent.linearised_problem(scene)
+        problem = linearised_problem(scene)
         problem.linearise(velocity)
         size, _, _ = tangent.residual(scene, velocity)
         _, iterations = problem.solve(np.zeros_like(velocity), 1e-3 * size, 200)
@@ -170,7 +171,7 @@ def test_the_safeguard_saves_newton_from_cycling(monkeypatch):
     monkeypatch.setattr(newton, "_LEAP", np.inf)
     monkeypatch.setattr(newton, "_DECREASE", -np.inf)  # any whole step is accepted
     monkeypatch.setattr(newton, "_PATIENCE", 2 * steps)
-    attempt = newton._Attempt(scene, velocity, tangent.linearised_problem(scene))
+    attempt = newton._Attempt(scene, velocity, linearised_problem(scene))
     assert not attempt.run(1e-6) or attempt.steps > 1.5 * steps
 
 
@@ -193,7 +194,7 @@ def test_where_w_is_singular_newton_leaves_it_to_sweeps():
         scene.prepare()
         free = velocity.copy()
         assert solve(scene, velocity, tolerance=1e-8, num_threads=1).converged
-        assert not tangent.linearised_problem(scene).regular
+        assert not linearised_problem(scene).regular
         check_velocity(scene, free, velocity)
 
 

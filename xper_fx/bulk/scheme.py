@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from xper_fx.nscd.interactions import Interactions
-from xper_fx.nscd.nlgs import SolveReport
+from xper_fx.nscd.solve_report import SolveReport
 
 Solver = Callable[..., SolveReport]
 

@@ -116,6 +116,6 @@ class RayleighDamping:
     mass: float = 0.0
     stiffness: float = 0.0
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         for name in ("mass", "stiffness"):
             object.__setattr__(self, name, require_non_negative(name, getattr(self, name)))

@@ -17,6 +17,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 import ufl
 
+from xper_fx.materials.material import Expression, ToConstant
 from xper_fx.nscd.checks import take_numbers
 
 
@@ -43,7 +44,7 @@ class Hardening(Protocol):
             shear: mu (Pa).
         """
 
-    def curve(self, yield_stress: float, shear: float, constant) -> Curve:
+    def curve(self, yield_stress: float, shear: float, constant: ToConstant) -> Curve:
         """The law in UFL; arguments as in `check`, `constant` as in `Material.energy`."""
 
 
@@ -60,14 +61,14 @@ class Linear:
 
     modulus: float
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         take_numbers(self, "modulus")
         _check_modulus(self.modulus)
 
     def check(self, yield_stress: float, shear: float) -> None:
         """See `Hardening`; nothing can go wrong."""
 
-    def curve(self, yield_stress: float, shear: float, constant) -> Curve:
+    def curve(self, yield_stress: float, shear: float, constant: ToConstant) -> Curve:
         """See `Hardening`."""
         K0, H = constant(yield_stress), constant(self.modulus)
         return Curve(
@@ -100,7 +101,7 @@ class Voce:
     rate: float
     modulus: float = 0.0
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         take_numbers(self, "saturation", "rate", "modulus")
         _check_modulus(self.modulus)
         for name in ("saturation", "rate"):
@@ -118,7 +119,7 @@ class Voce:
                 f"rate {self.rate:g} or raise the saturation {self.saturation:g} Pa."
             )
 
-    def curve(self, yield_stress: float, shear: float, constant) -> Curve:
+    def curve(self, yield_stress: float, shear: float, constant: ToConstant) -> Curve:
         """See `Hardening`."""
         iterations = _iterations(
             self.rate * (self.saturation - yield_stress) / (3.0 * shear + self.modulus)
@@ -126,10 +127,10 @@ class Voce:
         K0, H = constant(yield_stress), constant(self.modulus)
         rise, rate = constant(self.saturation - yield_stress), constant(self.rate)
 
-        def stress(alpha):
+        def stress(alpha: Expression) -> Expression:
             return K0 + H * alpha + rise * (1.0 - ufl.exp(-rate * alpha))
 
-        def increment(q, m, alpha):
+        def increment(q: Expression, m: Expression, alpha: Expression) -> Expression:
             excess = q - stress(alpha)
             gap = rise * ufl.exp(-rate * alpha)
             p = excess / (m + H + rate * gap)

@@ -32,6 +32,7 @@ Simo J.C., Hughes T.J.R., Computational Inelasticity, Springer 1998, box 9.1.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from math import sqrt
 from types import MappingProxyType
@@ -42,7 +43,9 @@ from xper_fx.forms.kinematics import deformation_gradient
 from xper_fx.materials.hardening import Hardening
 from xper_fx.materials.material import (
     UNIT_TENSOR,
+    Expression,
     Response,
+    ToConstant,
     check_elastic_constants,
     check_plasticity,
     lame,
@@ -82,13 +85,15 @@ class J2FiniteStrain:
     effects = ("finite strain",)
     variables = MappingProxyType({"inverse_plastic_metric": UNIT_TENSOR, "accumulated": 0.0})
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         take_numbers(self, "young", "poisson", "yield_stress", "density")
         check_elastic_constants(self.young, self.poisson, self.density)
         _, mu = lame(self.young, self.poisson)
         check_plasticity(self.yield_stress, self.hardening, mu)
 
-    def response(self, u, old, step, constant) -> Response:
+    def response(
+        self, u: Expression, old: Mapping[str, Expression], step: Expression, constant: ToConstant
+    ) -> Response:
         """See `InelasticMaterial`."""
         lam, mu = lame(self.young, self.poisson)
         curve = self.hardening.curve(self.yield_stress, mu, constant)
@@ -108,7 +113,7 @@ class J2FiniteStrain:
         n = s / ufl.sqrt(ufl.inner(s, s))
         cubic = 3.0 * ufl.det(n)
 
-        def flow_share(stress):
+        def flow_share(stress: Expression) -> Expression:
             """c where the equivalent stress is `stress` and the direction that of s."""
             d = sqrt(2.0 / 3.0) * stress / mu
             x = _unit_determinant(d * n, mean)
@@ -127,7 +132,7 @@ class J2FiniteStrain:
         )
 
 
-def _unit_determinant(deviator, start):
+def _unit_determinant(deviator: Expression, start: Expression) -> Expression:
     """The largest x with det(deviator + x I) = 1, by Newton from a start above it.
 
     det(d + x I) - 1 = x^3 - d : d / 2 x + det d - 1 is convex above its largest root, so that

@@ -16,6 +16,7 @@ hardening only).
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
 
@@ -25,7 +26,9 @@ from xper_fx.forms.kinematics import small_strain
 from xper_fx.materials.hardening import Hardening
 from xper_fx.materials.material import (
     ZERO_TENSOR,
+    Expression,
     Response,
+    ToConstant,
     check_elastic_constants,
     check_plasticity,
     lame,
@@ -60,13 +63,15 @@ class J2SmallStrain:
     linear: bool = field(default=False, init=False)
     variables = MappingProxyType({"plastic_strain": ZERO_TENSOR, "accumulated": 0.0})
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         take_numbers(self, "young", "poisson", "yield_stress", "density")
         check_elastic_constants(self.young, self.poisson, self.density)
         _, mu = lame(self.young, self.poisson)
         check_plasticity(self.yield_stress, self.hardening, mu)
 
-    def response(self, u, old, step, constant) -> Response:
+    def response(
+        self, u: Expression, old: Mapping[str, Expression], step: Expression, constant: ToConstant
+    ) -> Response:
         """See `InelasticMaterial`."""
         lam, mu = lame(self.young, self.poisson)
         curve = self.hardening.curve(self.yield_stress, mu, constant)

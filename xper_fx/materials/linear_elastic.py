@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import ufl
 
 from xper_fx.forms.kinematics import small_strain
-from xper_fx.materials.material import check_elastic_constants, lame
+from xper_fx.materials.material import Expression, ToConstant, check_elastic_constants, lame
 from xper_fx.nscd.checks import take_numbers
 
 
@@ -32,13 +32,15 @@ class LinearElastic:
     plane: str = "strain"
     linear: bool = field(default=True, init=False)
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         take_numbers(self, "young", "poisson", "density")
         check_elastic_constants(self.young, self.poisson, self.density)
         if self.plane not in ("strain", "stress"):
             raise ValueError(f'plane should be "strain" or "stress", got {self.plane!r}.')
 
-    def _moduli(self, u, constant):
+    def _moduli(
+        self, u: Expression, constant: ToConstant
+    ) -> tuple[Expression, Expression, Expression]:
         """Lame constants acting on the in-plane strain.
 
         Plane stress eliminates eps_33 = -lambda / (lambda + 2 mu) (eps_11 + eps_22), which
@@ -49,13 +51,13 @@ class LinearElastic:
             lam = 2.0 * lam * mu / (lam + 2.0 * mu)
         return constant(lam), constant(mu)
 
-    def energy(self, u, constant):
+    def energy(self, u: Expression, constant: ToConstant) -> Expression:
         """See `Material`."""
         lam, mu = self._moduli(u, constant)
         strain = small_strain(u)
         return 0.5 * lam * ufl.tr(strain) ** 2 + mu * ufl.inner(strain, strain)
 
-    def stress(self, u, constant):
+    def stress(self, u: Expression, constant: ToConstant) -> Expression:
         """See `Material`."""
         lam, mu = self._moduli(u, constant)
         strain = small_strain(u)

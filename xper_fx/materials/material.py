@@ -23,8 +23,13 @@ stress relaxes with time t, is
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple, Protocol
+
+Expression = Any
+"""An expression of UFL; its operators have no types."""
+ToConstant = Callable[[float], Expression]
+"""Function that turns a float into a `fem.Constant`."""
 
 ZERO_TENSOR = ((0.0, 0.0, 0.0),) * 3
 UNIT_TENSOR = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
@@ -39,10 +44,12 @@ class Material(Protocol):
             formed once.
     """
 
-    density: float
-    linear: bool
+    @property
+    def density(self) -> float: ...
+    @property
+    def linear(self) -> bool: ...
 
-    def energy(self, u, constant):
+    def energy(self, u: Expression, constant: ToConstant) -> Expression:
         """Stored energy density (J/m^3) of a displacement, in UFL.
 
         Args:
@@ -51,7 +58,7 @@ class Material(Protocol):
                 number needs no new compilation.
         """
 
-    def stress(self, u, constant):
+    def stress(self, u: Expression, constant: ToConstant) -> Expression:
         """Cauchy stress (Pa), 3 x 3, in UFL."""
 
 
@@ -88,11 +95,16 @@ class InelasticMaterial(Protocol):
             are kept.
     """
 
-    density: float
-    linear: bool
-    variables: Mapping[str, Any]
+    @property
+    def density(self) -> float: ...
+    @property
+    def linear(self) -> bool: ...
+    @property
+    def variables(self) -> Mapping[str, Any]: ...
 
-    def response(self, u, old, step, constant) -> Response:
+    def response(
+        self, u: Expression, old: Mapping[str, Expression], step: Expression, constant: ToConstant
+    ) -> Response:
         """Stresses, energies and new internal variables at the end of a step.
 
         With a step of zero and the displacement of the start the response is that of the start.
@@ -133,7 +145,7 @@ def check_elastic_constants(young: float, poisson: float, density: float) -> Non
         )
 
 
-def check_plasticity(yield_stress: float, hardening, shear: float) -> None:
+def check_plasticity(yield_stress: float, hardening: Any, shear: float) -> None:
     """Raise ValueError unless a yield stress and its hardening suit a shear modulus (Pa)."""
     _check_above_zero("yield_stress", yield_stress)
     if not hasattr(hardening, "curve"):

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import ufl
 
 from xper_fx.forms.kinematics import deformation_gradient
-from xper_fx.materials.material import check_elastic_constants, lame
+from xper_fx.materials.material import Expression, ToConstant, check_elastic_constants, lame
 from xper_fx.nscd.checks import take_numbers
 
 
@@ -31,18 +31,18 @@ class NeoHookean:
     linear: bool = field(default=False, init=False)
     effects = ("finite strain",)
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         take_numbers(self, "young", "poisson", "density")
         check_elastic_constants(self.young, self.poisson, self.density)
 
-    def energy(self, u, constant):
+    def energy(self, u: Expression, constant: ToConstant) -> Expression:
         """See `Material`."""
         lam, mu = (constant(m) for m in lame(self.young, self.poisson))
         F = deformation_gradient(u)
         log_j = ufl.ln(ufl.det(F))
         return 0.5 * mu * (ufl.inner(F, F) - 3.0 - 2.0 * log_j) + 0.5 * lam * log_j**2
 
-    def stress(self, u, constant):
+    def stress(self, u: Expression, constant: ToConstant) -> Expression:
         """See `Material`."""
         lam, mu = (constant(m) for m in lame(self.young, self.poisson))
         F = deformation_gradient(u)

@@ -15,7 +15,7 @@ import numpy as np
 import ufl
 
 from xper_fx.forms.kinematics import small_strain
-from xper_fx.materials.material import check_density
+from xper_fx.materials.material import Expression, ToConstant, check_density
 from xper_fx.nscd.checks import require_numbers, take_numbers
 
 
@@ -36,7 +36,9 @@ class _Orthotropic:
             )
         rotation_matrix(self.rotation)
 
-    def _strain_and_stress(self, u, constant):
+    def _strain_and_stress(
+        self, u: Expression, constant: ToConstant
+    ) -> tuple[Expression, Expression]:
         """Strain and stress in the material axes, and R."""
         R = rotation_matrix(self.rotation)
         if len(u) == 2 and not np.allclose(np.abs(R[2]), [0.0, 0.0, 1.0], atol=1e-12):
@@ -57,12 +59,12 @@ class _Orthotropic:
         )
         return strain, stress, R
 
-    def energy(self, u, constant):
+    def energy(self, u: Expression, constant: ToConstant) -> Expression:
         """See `Material`."""
         strain, stress, _ = self._strain_and_stress(u, constant)
         return 0.5 * ufl.inner(strain, stress)
 
-    def stress(self, u, constant):
+    def stress(self, u: Expression, constant: ToConstant) -> Expression:
         """See `Material`."""
         _, stress, R = self._strain_and_stress(u, constant)
         return R * stress * R.T
@@ -94,7 +96,7 @@ class Cubic(_Orthotropic):
     rotation: float | Sequence[Sequence[float]] = 0.0
     linear: bool = field(default=True, init=False)
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         take_numbers(self, "c11", "c12", "c44")
         for name in ("c11", "c12", "c44"):
             if not np.isfinite(getattr(self, name)):
@@ -134,7 +136,7 @@ class Orthotropic(_Orthotropic):
     rotation: float | Sequence[Sequence[float]] = 0.0
     linear: bool = field(default=True, init=False)
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         for name in ("young", "poisson", "shear"):
             values = require_numbers(name, getattr(self, name))
             if values.shape != (3,) or not np.all(np.isfinite(values)):

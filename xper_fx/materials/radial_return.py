@@ -21,6 +21,7 @@ from typing import Any, NamedTuple
 import ufl
 
 from xper_fx.materials.hardening import Curve
+from xper_fx.materials.material import Expression
 
 # Relative to K; far above the rounding of q*, far below anything measured.
 _BAND = 1e-11
@@ -38,7 +39,7 @@ class Return(NamedTuple):
     increment: Any
 
 
-def radial_return(trial, m, alpha, curve: Curve) -> Return:
+def radial_return(trial: Expression, m: Expression, alpha: Expression, curve: Curve) -> Return:
     """The return from a trial deviator.
 
     Every quotient by q* stands inside the plastic branch, so that neither the stress nor its

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import ufl
 
 from xper_fx.forms.kinematics import deformation_gradient
-from xper_fx.materials.material import check_elastic_constants, lame
+from xper_fx.materials.material import Expression, ToConstant, check_elastic_constants, lame
 from xper_fx.nscd.checks import take_numbers
 
 
@@ -34,17 +34,17 @@ class SaintVenantKirchhoff:
     linear: bool = field(default=False, init=False)
     effects = ("finite strain",)
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         take_numbers(self, "young", "poisson", "density")
         check_elastic_constants(self.young, self.poisson, self.density)
 
-    def energy(self, u, constant):
+    def energy(self, u: Expression, constant: ToConstant) -> Expression:
         """See `Material`."""
         lam, mu = (constant(m) for m in lame(self.young, self.poisson))
         E = _green_lagrange(deformation_gradient(u))
         return 0.5 * lam * ufl.tr(E) ** 2 + mu * ufl.inner(E, E)
 
-    def stress(self, u, constant):
+    def stress(self, u: Expression, constant: ToConstant) -> Expression:
         """See `Material`."""
         lam, mu = (constant(m) for m in lame(self.young, self.poisson))
         F = deformation_gradient(u)
@@ -53,5 +53,5 @@ class SaintVenantKirchhoff:
         return F * second_piola * F.T / ufl.det(F)
 
 
-def _green_lagrange(F):
+def _green_lagrange(F: Expression) -> Expression:
     return 0.5 * (F.T * F - ufl.Identity(3))

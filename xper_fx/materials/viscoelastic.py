@@ -18,13 +18,20 @@ Stored: kappa / 2 tr(eps)^2 + mu_inf e : e + sum_i s_i : s_i / (4 mu_i).
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import ufl
 
 from xper_fx.forms.kinematics import small_strain
-from xper_fx.materials.material import ZERO_TENSOR, Response, check_elastic_constants, lame
+from xper_fx.materials.material import (
+    ZERO_TENSOR,
+    Expression,
+    Response,
+    ToConstant,
+    check_elastic_constants,
+    lame,
+)
 from xper_fx.nscd.checks import require_number, take_numbers
 
 # Below this h / tau the coefficients of a step are summed as series, where differences of
@@ -53,7 +60,7 @@ class LinearViscoelastic:
     density: float
     linear: bool = field(default=False, init=False)
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         take_numbers(self, "young", "poisson", "density")
         check_elastic_constants(self.young, self.poisson, self.density)
         try:
@@ -89,7 +96,9 @@ class LinearViscoelastic:
     def _names(self) -> list[str]:
         return [f"term_{i}" for i in range(1, len(self.prony) + 1)]
 
-    def response(self, u, old, step, constant) -> Response:
+    def response(
+        self, u: Expression, old: Mapping[str, Expression], step: Expression, constant: ToConstant
+    ) -> Response:
         """See `InelasticMaterial`."""
         lam, mu = lame(self.young, self.poisson)
         bulk = constant(lam + 2.0 / 3.0 * mu)
@@ -114,12 +123,12 @@ class LinearViscoelastic:
         return Response(stress, stress, stored, new, viscous=lost)
 
 
-def _phi(x):
+def _phi(x: Expression) -> Expression:
     """(1 - exp(-x)) / x."""
     return _series_or(x, lambda k: (-1.0) ** k / math.factorial(k + 1), (1.0 - ufl.exp(-x)) / x)
 
 
-def _chi(x):
+def _chi(x: Expression) -> Expression:
     """(x - 2 (1 - exp(-x)) + (1 - exp(-2 x)) / 2) / x^2."""
     closed = (x - 2.0 * (1.0 - ufl.exp(-x)) + 0.5 * (1.0 - ufl.exp(-2.0 * x))) / x**2
     return x * _series_or(
@@ -127,7 +136,9 @@ def _chi(x):
     )
 
 
-def _series_or(x, coefficient, closed):
+def _series_or(
+    x: Expression, coefficient: Callable[[int], float], closed: Expression
+) -> Expression:
     """sum_k coefficient(k) x^k for small x, `closed` beyond."""
     series = 0.0
     for k in reversed(range(_TERMS)):

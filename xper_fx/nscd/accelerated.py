@@ -30,7 +30,8 @@ import numpy as np
 from xper_fx.nscd.agreement import largest, refresh_ghosts, total
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.krylov import add_combination, norm, products
-from xper_fx.nscd.nlgs import ROUNDING, SolveReport, sweep, sweep_passes
+from xper_fx.nscd.solve_report import SolveReport
+from xper_fx.nscd.sweeps import ROUNDING, sweep, sweep_passes
 
 # Sweeps remembered, and plain sweeps before any is mixed.
 _MEMORY, _PLAIN = 8, 3

@@ -30,7 +30,7 @@ import numpy as np
 from xper_fx.nscd import nlgs
 from xper_fx.nscd.agreement import everywhere
 from xper_fx.nscd.interactions import Interactions
-from xper_fx.nscd.nlgs import SolveReport
+from xper_fx.nscd.solve_report import SolveReport
 
 # Sweeps of the first spell, each next one twice as long.
 _FIRST = 12

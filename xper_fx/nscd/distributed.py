@@ -19,21 +19,19 @@ from __future__ import annotations
 import numpy as np
 
 from xper_fx.nscd.interactions import Interactions
-from xper_fx.nscd.nlgs import (
+from xper_fx.nscd.ordering import mark_moved, mark_tiles
+from xper_fx.nscd.solve_report import SolveReport
+from xper_fx.nscd.sweeps import (
     FIRST_SPELL,
     NEGLIGIBLE,
     REVISIT,
     ROUNDING,
-    SolveReport,
+    WINDOW,
     amplification,
     contraction,
     sweep,
     sweep_passes,
 )
-from xper_fx.nscd.ordering import mark_moved, mark_tiles
-
-# Sweeps over which the contraction is measured.
-_WINDOW = 4
 
 
 def solve(
@@ -76,7 +74,7 @@ def solve(
             return SolveReport(False, count, np.inf, np.inf, "distributed")
         total = max(total, least * least)
         change = (changed / total) ** 0.5 if total > 0.0 else changed**0.5
-        changes = [*changes[-_WINDOW:], change]
+        changes = [*changes[-WINDOW:], change]
         error = change
         if change > ROUNDING:
             error *= amplification(np.array(changes))
@@ -120,7 +118,7 @@ def _solve_by_velocities(
         ).tolist()
         left = changed**0.5
         if not verifying:
-            changes = [*changes[-_WINDOW:], left]
+            changes = [*changes[-WINDOW:], left]
         goal = max(tolerance * size, rounding)
         arrived = left <= goal and resting == 0
         if arrived or count == looked_at + spell or not np.isfinite(left):

@@ -9,18 +9,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from itertools import chain
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from xper_fx.cache import njit
 from xper_fx.nscd.exchange import Sides
+from xper_fx.nscd.halo import Reductions
 from xper_fx.nscd.laws.law import LawKernels
+from xper_fx.nscd.point_group import PointGroup
 from xper_fx.nscd.rows import Rows
-
-if TYPE_CHECKING:
-    from xper_fx.nscd.interactions import PointGroup
-    from xper_fx.parallel.ranks import Ranks
 
 
 class _Record(NamedTuple):
@@ -68,7 +66,7 @@ class ContactHistory:
                 group.committed_impulse, group.jump, group.state, *record,
             )  # fmt: skip
 
-    def share(self, ranks: Ranks, kernels: list[LawKernels]) -> None:
+    def share(self, ranks: Reductions, kernels: list[LawKernels]) -> None:
         """Let every rank know the contacts of all; all ranks call it together.
 
         Args:

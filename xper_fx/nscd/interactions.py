@@ -11,7 +11,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
@@ -28,26 +28,22 @@ from xper_fx.nscd.exchange import (
     spread_kernel,
 )
 from xper_fx.nscd.facets import join_points
+from xper_fx.nscd.halo import ContactHalo, PointHalo, Reductions
 from xper_fx.nscd.history import ContactHistory
 from xper_fx.nscd.inverse import BodyInverse
 from xper_fx.nscd.laws.law import ENERGIES, Law, LawKernels
 from xper_fx.nscd.ordering import (
     Ordering,
-    TileBodies,
     bodies_of_tiles,
     order_by_vertex,
     order_points,
     vertex_of_points,
 )
+from xper_fx.nscd.point_group import PointGroup
 from xper_fx.nscd.points import InteractionPoints
 from xper_fx.nscd.rows import Rows
 from xper_fx.nscd.small import SINGULAR, for_dimension, sym_indices
 from xper_fx.nscd.threads import in_ranges
-
-if TYPE_CHECKING:
-    from xper_fx.parallel.halo import Halo
-    from xper_fx.parallel.ranks import Ranks
-    from xper_fx.parallel.rigid_halo import RigidHalo
 
 # Relative rounding of velocities that several points add up to.
 _ROUNDING = 4.0 * np.finfo(float).eps
@@ -104,64 +100,8 @@ class Anchors:
     on_springs: np.ndarray
     velocity: np.ndarray = field(init=False)
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         self.velocity = np.zeros(len(self.load))
-
-
-@dataclass
-class PointGroup:
-    """The points that share a law's kernels, in their order of visit.
-
-    Local vectors have the law's `components`: dim, or the normal's alone.
-
-    Attributes:
-        indices: shape (n,), the points' numbers in the scene's order.
-        points: with frames of as many rows as there are components.
-        compliance: W_aa, packed symmetric (m/s per N s).
-        impulse: shape (n, components), total impulse of the step in the local frame (N s).
-        jump, velocity: shape (n, components), at the last committed time (m, m/s).
-        energy: shape (n, len(kernels.energies)), of the last committed step (J; 2D: J/m).
-        status: shape (n,), int8: 0 open, 1 closed or bonded and sticking, 2 sliding.
-        sides, blocks: what kernels over the points are compiled for.
-        phase: in which bodies of another rank are at the points, 0 if none are.
-    """
-
-    kernels: LawKernels
-    indices: np.ndarray
-    points: InteractionPoints
-    ordering: Ordering
-    tile_bodies: TileBodies
-    couplings: Couplings
-    parameters: np.ndarray
-    state: np.ndarray
-    terms: np.ndarray
-    details: np.ndarray
-    compliance: np.ndarray
-    inverse_area: np.ndarray
-    jump: np.ndarray
-    velocity: np.ndarray
-    impulse: np.ndarray
-    committed_impulse: np.ndarray
-    energy: np.ndarray
-    status: np.ndarray
-    sides: Sides
-    blocks: Blocks
-    phase: int = 0
-
-    def __len__(self) -> int:
-        return len(self.indices)
-
-    @property
-    def nbytes(self) -> int:
-        """Memory held, in bytes, blocks of w (shared with the other groups) not counted."""
-        own = (
-            self.indices, self.parameters, self.state, self.terms, self.details, self.compliance,
-            self.inverse_area, self.jump, self.velocity, self.impulse, self.committed_impulse,
-            self.energy, self.status, *self.ordering, *self.tile_bodies, *self.couplings,
-            *vars(self.points).values(),
-        )  # fmt: skip
-        kept = {id(a): a for a in own if a is not None and a is not self.couplings.w}
-        return sum(a.nbytes for a in kept.values())
 
 
 @cache
@@ -343,7 +283,7 @@ class Interactions:
         initial_velocity: np.ndarray | None = None,
         ordering: str = "tiles",
         rigid_blocks: np.ndarray | None = None,
-        halo: Halo | RigidHalo | None = None,
+        halo: PointHalo | ContactHalo | None = None,
     ):
         law_of_point = np.asarray(law_of_point)
         if len(law_of_point) != len(points):
@@ -888,7 +828,7 @@ class Interactions:
         """Numbers of this rank's permanent points in the scene's order, shape (num_points,)."""
         return np.arange(len(self)) if self.halo is None else self.halo.numbers
 
-    def share_history(self, ranks: Ranks) -> None:
+    def share_history(self, ranks: Reductions) -> None:
         """Let contacts go on from the last step on whichever rank they are found now.
 
         All ranks call it together.

@@ -24,8 +24,10 @@ from xper_fx.nscd import nlgs
 from xper_fx.nscd.agreement import everywhere, total
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.krylov import norm
-from xper_fx.nscd.nlgs import ROUNDING, SolveReport
-from xper_fx.nscd.tangent import LinearisedProblem, linearised_problem, residual
+from xper_fx.nscd.linearised import linearised_problem
+from xper_fx.nscd.solve_report import SolveReport
+from xper_fx.nscd.sweeps import ROUNDING
+from xper_fx.nscd.tangent import LinearisedProblem, residual
 
 # Sweeps before the first Newton step: they settle what is open and what is closed.
 _SPELL = 10

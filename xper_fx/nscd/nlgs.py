@@ -40,118 +40,22 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import cache
 from importlib import import_module
-from typing import NamedTuple
 
 import numpy as np
-from numba import get_num_threads
-
 from xper_fx.cache import njit
-from xper_fx.nscd.exchange import sweep_kernel
 from xper_fx.nscd.interactions import Interactions
-from xper_fx.nscd.ordering import TileBodies, mark_moved, mark_tiles
-
-# Sweeps over which the contraction is measured.
-_WINDOW = 4
-# A tile is left alone while its share of the error is below this fraction of what is wanted, and is
-# visited all the same every so many sweeps, and before the end.
-NEGLIGIBLE, REVISIT = 0.1, 16
-# Sweeps after which |w H r| is first looked at again, twice as many each time.
-FIRST_SPELL = 16
-# Relative change of the impulses that is rounding.
-ROUNDING = 16.0 * np.finfo(float).eps
-
-
-class SolveReport(NamedTuple):
-    """How a solve ended.
-
-    Attributes:
-        converged: whether the estimated error is within the tolerance.
-        sweeps: sweeps made.
-        residual: estimated relative error of the impulses; of contacts of rigid bodies the
-            relative violation of their laws (module docstring).
-        traction_change: largest change of a traction in the last sweep (Pa).
-        solver: name of the solver that found the impulses.
-        reason: why this solver, and what else it did; empty if there was no choice.
-        contraction: of the last sweeps, a sweep; 1 if unknown.
-    """
-
-    converged: bool
-    sweeps: int
-    residual: float
-    traction_change: float
-    solver: str = "nlgs"
-    reason: str = ""
-    contraction: float = 1.0
-
-
-class SweepPass(NamedTuple):
-    """A sweep over the points of a group: `kernel(*arguments)` visits the marked tiles."""
-
-    kernel: Callable
-    arguments: tuple
-    tile_bodies: TileBodies
-    marked: np.ndarray
-    stats: np.ndarray
-
-
-def sweep_passes(
-    interactions: Interactions, velocity: np.ndarray, relaxation: float, num_threads: int | None
-) -> list[SweepPass]:
-    """What a sweep consists of, all tiles marked; arguments as those of `solve`."""
-    parallel = (num_threads or get_num_threads()) > 1
-    passes = []
-    for g in interactions.groups:
-        kernel = sweep_kernel(
-            g.kernels, g.sides, g.blocks, parallel, interactions.judged_by_velocities
-        )
-        tiles = len(g.ordering.tile_offsets) - 1
-        marked, stats = np.ones(tiles, np.bool_), np.zeros((tiles, 3))
-        arguments = (
-            g.ordering.tile_offsets, g.ordering.color_offsets, marked, stats, velocity,
-            g.couplings, g.impulse, g.compliance, g.inverse_area, g.parameters, g.terms, g.details,
-            relaxation,
-        )  # fmt: skip
-        passes.append(SweepPass(kernel, arguments, g.tile_bodies, marked, stats))
-    return passes
-
-
-def sweep(interactions: Interactions, passes: list[SweepPass], velocity: np.ndarray) -> None:
-    """One sweep over the marked tiles of all points; all ranks call it together.
-
-    Ghosts that no point of the last phase moved lag behind their owners afterwards.
-
-    Args:
-        interactions: the points.
-        passes: over their groups.
-        velocity: shape (num_slots * dim,), that of the passes.
-    """
-    exchanges = () if interactions.halo is None else interactions.halo.phases
-    pairs = list(zip(interactions.groups, passes, strict=True))
-    for phase, exchange in enumerate(exchanges, start=1):
-        exchange.forward(velocity)
-        for group, one in pairs:
-            if group.phase == phase:
-                one.kernel(*one.arguments)
-        exchange.back(velocity)
-    for group, one in pairs:
-        if group.phase == 0:
-            one.kernel(*one.arguments)
-
-
-@njit(error_model="numpy")
-def contraction(changes):
-    """Factor of the relative changes from a sweep to the next, over the last sweeps."""
-    window = min(_WINDOW, len(changes) - 1)
-    return (changes[-1] / changes[-1 - window]) ** (1.0 / window) if window > 0 else 1.0
-
-
-@njit(error_model="numpy")
-def amplification(changes):
-    """Error left, relative to the last change, from the relative changes of the sweeps so far."""
-    if changes[-1] == 0.0:
-        return 1.0
-    rho = contraction(changes)
-    return max(1.0, rho / (1.0 - rho)) if rho < 1.0 else np.inf
+from xper_fx.nscd.ordering import mark_moved, mark_tiles
+from xper_fx.nscd.solve_report import SolveReport
+from xper_fx.nscd.sweeps import (
+    FIRST_SPELL,
+    NEGLIGIBLE,
+    REVISIT,
+    ROUNDING,
+    WINDOW,
+    amplification,
+    contraction,
+    sweep_passes,
+)
 
 
 @cache
@@ -276,7 +180,7 @@ def _solve_by_velocities(
     arguments = tuple(tuple(p[1:]) for p in passes)
     num_tiles = sum(len(p.marked) for p in passes)
     moved = np.zeros(len(interactions.inverse.node_offsets) - 1, np.bool_)
-    changes, sweeps, most = np.zeros(_WINDOW + 1), 0, FIRST_SPELL
+    changes, sweeps, most = np.zeros(WINDOW + 1), 0, FIRST_SPELL
     size, rounding = interactions.kick(free, velocity)
     while True:
         goal = max(tolerance * size, rounding)
@@ -337,7 +241,7 @@ def solve(
     num_tiles = sum(len(p.marked) for p in passes)
     moved = np.zeros(len(interactions.inverse.node_offsets) - 1, np.bool_)
     least = interactions.rounding(velocity) / tolerance
-    changes, sweeps, arrived = np.zeros(_WINDOW + 1), 0, True
+    changes, sweeps, arrived = np.zeros(WINDOW + 1), 0, True
     while arrived:
         arrived, sweeps, error, known = spell(
             arguments, moved, num_tiles, changes, tolerance, least, sweeps, max_sweeps

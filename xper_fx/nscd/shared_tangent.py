@@ -17,8 +17,9 @@ from weakref import ref
 import numpy as np
 
 from xper_fx.nscd.agreement import everywhere
-from xper_fx.nscd.interactions import Interactions, PointGroup
+from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.inverse import BodyInverse
+from xper_fx.nscd.point_group import PointGroup
 from xper_fx.nscd.tangent import PointTangents, inverted_bodies
 
 

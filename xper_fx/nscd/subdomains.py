@@ -53,7 +53,7 @@ from scipy.sparse.linalg import splu
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.inverse import BodyInverse
 from xper_fx.nscd.laws.perfect_bond import PerfectBond
-from xper_fx.nscd.nlgs import SolveReport
+from xper_fx.nscd.solve_report import SolveReport
 
 # Weight of D beside the jumps, and the least ratio of stiffnesses that it tells apart.
 _LITTLE, _LEAST_RATIO = 1e-3, 1e-6

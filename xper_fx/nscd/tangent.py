@@ -32,9 +32,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import cache
-from importlib import import_module
-from typing import TYPE_CHECKING
-from weakref import WeakKeyDictionary, ref
+from weakref import ref
 
 import numpy as np
 from scipy.sparse import bsr_array, coo_array, csc_array, diags_array
@@ -44,14 +42,12 @@ from xper_fx.cache import njit
 from xper_fx.nscd import agreement
 from xper_fx.nscd.clusters import facing_clusters
 from xper_fx.nscd.exchange import Sides, arm_kernels, motion, point_force, spread_kernel
-from xper_fx.nscd.interactions import Interactions, PointGroup
+from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.inverse import BodyInverse
 from xper_fx.nscd.krylov import gmres
 from xper_fx.nscd.laws.law import LawKernels
+from xper_fx.nscd.point_group import PointGroup
 from xper_fx.nscd.small import for_dimension
-
-if TYPE_CHECKING:
-    from xper_fx.nscd.shared_tangent import SharedProblem
 
 # Reach of the differences, relative to the local velocity; and to the largest one, where that is 0.
 _REACH, _LEAST = 1e-6, 1e-9
@@ -836,36 +832,3 @@ def _block_pairs(sizes, starts, count):
                 rows[at], columns[at] = starts[b] + i, starts[b] + j
                 at += 1
     return rows, columns
-
-
-_problems: WeakKeyDictionary[Interactions, LinearisedProblem | SharedProblem] = WeakKeyDictionary()
-
-
-def kept(interactions: Interactions) -> LinearisedProblem | SharedProblem | None:
-    """The linearised problem that is held for a scene, if any."""
-    return _problems.get(interactions)
-
-
-def linearised_problem(interactions: Interactions) -> LinearisedProblem | SharedProblem:
-    """The linearised problem of a scene, from the last call where w is the same."""
-    problem = _problems.get(interactions)
-    if problem is None or problem.renewals != interactions.renewals:
-        kind = LinearisedProblem
-        if interactions.halo is not None:
-            kind = import_module("xper_fx.nscd.shared_tangent").SharedProblem
-        problem = _problems[interactions] = kind(interactions)
-    else:
-        problem.renew()
-    return problem
-
-
-def saved(interactions: Interactions) -> dict[str, np.ndarray]:
-    """What the linearised problem keeps from step to step, if there is one and it is kept."""
-    problem = kept(interactions)
-    # contacts that are found make the problem a new one in each step
-    return {} if problem is None or interactions.renewals else problem.tangents.saved(interactions)
-
-
-def restore(interactions: Interactions, memory: Mapping[str, np.ndarray]) -> None:
-    """Take what `saved` gave, for the same points and w."""
-    linearised_problem(interactions).tangents.restore(interactions, memory)

@@ -32,11 +32,12 @@ from numba import get_num_threads, prange
 
 from xper_fx.cache import njit
 from xper_fx.nscd.exchange import Blocks, Couplings, Sides, motion
-from xper_fx.nscd.interactions import Interactions, PointGroup
+from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.laws.law import LawKernels
-from xper_fx.nscd.nlgs import SolveReport
+from xper_fx.nscd.point_group import PointGroup
 from xper_fx.nscd.points import frame_from_normal
 from xper_fx.nscd.small import for_dimension
+from xper_fx.nscd.solve_report import SolveReport
 
 # Largest number of unknowns of a vertex whose inverse is kept (18 kB).
 _NEWTON_DOFS = 48

@@ -68,7 +68,9 @@ def macroscopic_state(
     )
 
 
-def _hill_mandel_error(bulk, before, outcome, step, theta) -> float:
+def _hill_mandel_error(
+    bulk: CellBulk, before: State, outcome: StepOutcome, step: float, theta: float
+) -> float:
     after = outcome.state
     cell, nodal = bulk.unknowns.macroscopic, slice(0, bulk.unknowns.macroscopic.start)
     moved = after.displacement - before.displacement

@@ -31,7 +31,7 @@ class MacroscopicDrive:
     rate: Mapping[str, Value] = field(default_factory=dict)
     stress: Mapping[str, Value] = field(default_factory=dict)
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         for name in ("gradient", "rate", "stress"):
             part = getattr(self, name)
             if not isinstance(part, Mapping):

@@ -113,7 +113,7 @@ def translates(
     return pairs[np.lexsort(pairs.T[::-1])]
 
 
-def _require_translates(points, lattice, tolerance) -> None:
+def _require_translates(points: np.ndarray, lattice: np.ndarray, tolerance: float) -> None:
     """Raise a ValueError that names the vertices of the boundary without a translate."""
     alone = np.ones(len(points), bool)
     alone[translates(points, lattice, tolerance).ravel()] = False

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -101,7 +101,7 @@ def _described(value: Any, times: Sequence[float], within: tuple[int, ...] = ())
     return {"type": type(value).__name__, **out}
 
 
-def _function(function, times: Sequence[float]) -> dict:
+def _function(function: Callable[..., Any], times: Sequence[float]) -> dict:
     """A function of time by its values, to 12 digits; any other by its name."""
     try:
         values = [np.asarray(function(time), float).tolist() for time in times]

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import signal
 import threading
+from types import FrameType
 
 
 class Interruption:
@@ -16,7 +17,7 @@ class Interruption:
         number: of the signal that came, 0 before.
     """
 
-    def __init__(self):
+    def __init__(self) -> None:
         self.number = 0
         self._before = {}
 
@@ -26,12 +27,12 @@ class Interruption:
                 self._before[number] = signal.signal(number, self._note)
         return self
 
-    def __exit__(self, *exception) -> None:
+    def __exit__(self, *exception: object) -> None:
         for number, handler in self._before.items():
             # None: a handler that was not installed from Python, and cannot be put back
             signal.signal(number, signal.SIG_DFL if handler is None else handler)
         self._before = {}
 
-    def _note(self, number: int, frame) -> None:
+    def _note(self, number: int, frame: FrameType | None) -> None:
         self.number = number
         self.__exit__()

@@ -4,9 +4,14 @@
 from __future__ import annotations
 
 from numbers import Integral
+from typing import TypeAlias
 
 import numpy as np
+import numpy.typing as npt
 import scipy.sparse as sp
+
+SparseOrDense: TypeAlias = sp.spmatrix | sp.sparray | npt.ArrayLike
+"""A matrix, of SciPy or anything NumPy takes for an array."""
 
 # Asymmetry allowed, relative to max |W|: measured data reach 1.4e-3.
 _ASYMMETRY = 1e-2
@@ -14,7 +19,9 @@ _ASYMMETRY = 1e-2
 _DEFINITE = 1e-13
 
 
-def checked(W, q, mu, dim, source=None) -> tuple[sp.csr_matrix, np.ndarray, np.ndarray]:
+def checked(
+    W: SparseOrDense, q: npt.ArrayLike, mu: npt.ArrayLike, dim: int, source: str | None = None
+) -> tuple[sp.csr_matrix, np.ndarray, np.ndarray]:
     """The problem u = W r + q in one form, or an error that says what is wrong and where.
 
     A contact whose rows and columns of W all vanish (both sides prescribed) is accepted.
@@ -73,7 +80,7 @@ def checked(W, q, mu, dim, source=None) -> tuple[sp.csr_matrix, np.ndarray, np.n
     return W, q, mu
 
 
-def _matrix(W, file: str) -> sp.csr_matrix:
+def _matrix(W: SparseOrDense, file: str) -> sp.csr_matrix:
     if not sp.issparse(W) and not (isinstance(W, np.ndarray) and W.ndim == 2):
         raise ValueError(
             f"{file}W should be a SciPy sparse matrix or an array with two dimensions, got "
@@ -92,7 +99,7 @@ def _matrix(W, file: str) -> sp.csr_matrix:
     return W
 
 
-def _vector(name: str, value, file: str) -> np.ndarray:
+def _vector(name: str, value: npt.ArrayLike, file: str) -> np.ndarray:
     value = np.asarray(value)
     if value.dtype.kind not in "iuf":
         raise ValueError(f"{file}{name} should hold real numbers, got {value.dtype}.")

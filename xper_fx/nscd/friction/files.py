@@ -20,8 +20,11 @@ import zlib
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
+
+from xper_fx.nscd.friction.checks import SparseOrDense
 
 # Right-hand sides solved at a time: bounds the dense part of a condensation.
 _COLUMNS = 256
@@ -34,7 +37,7 @@ _DAMAGE = (
 )  # fmt: skip
 
 
-def read(path) -> tuple[sp.csr_matrix, np.ndarray, np.ndarray, int]:
+def read(path: str | Path) -> tuple[sp.csr_matrix, np.ndarray, np.ndarray, int]:
     """Read a problem u = W r + q.
 
     Args:
@@ -57,7 +60,14 @@ def read(path) -> tuple[sp.csr_matrix, np.ndarray, np.ndarray, int]:
     return reader(path)
 
 
-def write(path, W, q, mu, dim: int, source: str = "") -> None:
+def write(
+    path: str | Path,
+    W: SparseOrDense,
+    q: npt.ArrayLike,
+    mu: npt.ArrayLike,
+    dim: int,
+    source: str = "",
+) -> None:
     """Write a problem u = W r + q, in the format that the suffix names; overwrites.
 
     Args:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 import scipy.sparse as sp
 
 from xper_fx.nscd.friction import (
@@ -22,7 +23,7 @@ from xper_fx.nscd.friction import (
 )
 from xper_fx.nscd.friction.automatic import Course
 from xper_fx.nscd.friction.blocks import ORDERS, BlockProblem, store
-from xper_fx.nscd.friction.checks import checked
+from xper_fx.nscd.friction.checks import SparseOrDense, checked
 from xper_fx.nscd.friction.error import Errors, measure
 from xper_fx.nscd.friction.sparse_system import Elimination
 from xper_fx.nscd.local_solvers import explicit_applies, local_solver, requires_diagonal
@@ -88,7 +89,14 @@ class FrictionProblem:
         ValueError: bad input, with the entry and the file named.
     """
 
-    def __init__(self, W, q, mu, dim: int, source: str | None = None):
+    def __init__(
+        self,
+        W: SparseOrDense,
+        q: npt.ArrayLike,
+        mu: npt.ArrayLike,
+        dim: int,
+        source: str | None = None,
+    ):
         W, q, mu = checked(W, q, mu, dim, source)
         self._W, self._q, self._mu = W.copy(), q.copy(), mu.copy()
         for array in (self._W.data, self._W.indices, self._W.indptr, self._q, self._mu):

@@ -1,7 +1,16 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Interaction laws, one file each; `law.py` says what a law is."""
 
+from typing import TYPE_CHECKING
+
 from xper_fx.lazy import importer
+
+if TYPE_CHECKING:
+    from xper_fx.nscd.laws.cohesive_zone import CohesiveZone as CohesiveZone
+    from xper_fx.nscd.laws.law import Law as Law
+    from xper_fx.nscd.laws.perfect_bond import PerfectBond as PerfectBond
+    from xper_fx.nscd.laws.signorini_coulomb import SignoriniCoulomb as SignoriniCoulomb
+    from xper_fx.nscd.laws.signorini_coulomb import Tresca as Tresca
 
 _MODULE_OF = {
     "CohesiveZone": "cohesive_zone",

@@ -41,6 +41,7 @@ import numpy as np
 
 from xper_fx.cache import njit
 from xper_fx.nscd.checks import require_non_negative, require_positive, take_numbers
+from xper_fx.nscd.contact_solver import contact_solver
 from xper_fx.nscd.laws.law import (
     COHESION,
     ENERGIES,
@@ -50,7 +51,6 @@ from xper_fx.nscd.laws.law import (
     STORED,
     LawKernels,
 )
-from xper_fx.nscd.signorini import contact_solver
 from xper_fx.nscd.small import for_dimension
 
 _C_N, _C_T, _D0, _DC, _BETA0, _MU = range(6)
@@ -84,7 +84,7 @@ class CohesiveZone:
     initial_damage: float = 1.0
     damage: str = "mean"
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         take_numbers(
             self, "normal_stiffness", "fracture_energy", "strength", "friction", "initial_damage"
         )

@@ -36,8 +36,8 @@ from functools import cache
 
 from xper_fx.cache import njit
 from xper_fx.nscd.checks import require_non_negative, take_numbers
+from xper_fx.nscd.contact_solver import contact_solver
 from xper_fx.nscd.laws.law import LawKernels
-from xper_fx.nscd.signorini import contact_solver
 from xper_fx.nscd.small import for_dimension
 
 # Columns of terms; all but the first are there with friction alone.
@@ -62,7 +62,7 @@ class SignoriniCoulomb:
     restitution: float = 0.0
     contact: str = "velocity"
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         take_numbers(self, "friction", "restitution")
         require_non_negative("friction", self.friction)
         _check_contact(self.contact, self.restitution)
@@ -97,7 +97,7 @@ class Tresca:
     restitution: float = 0.0
     contact: str = "velocity"
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         take_numbers(self, "bound", "restitution")
         require_non_negative("bound", self.bound)
         _check_contact(self.contact, self.restitution)

@@ -1,7 +1,21 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Rigid bodies in 2D and 3D: their shapes, what they are and how they move."""
 
+from typing import TYPE_CHECKING
+
 from xper_fx.lazy import importer
+
+if TYPE_CHECKING:
+    from xper_fx.nscd.rigid.bodies import RigidBodies as RigidBodies
+    from xper_fx.nscd.rigid.body import RigidBody as RigidBody
+    from xper_fx.nscd.rigid.body import wall as wall
+    from xper_fx.nscd.rigid.motion import RigidMotion as RigidMotion
+    from xper_fx.nscd.rigid.polygon import Polygon as Polygon
+    from xper_fx.nscd.rigid.polyhedron import Polyhedron as Polyhedron
+    from xper_fx.nscd.rigid.shapes import Disc as Disc
+    from xper_fx.nscd.rigid.shapes import HalfPlane as HalfPlane
+    from xper_fx.nscd.rigid.shapes import HalfSpace as HalfSpace
+    from xper_fx.nscd.rigid.shapes import Sphere as Sphere
 
 _MODULE_OF = {
     "Disc": "shapes",

@@ -1,7 +1,14 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Search of contacts: which bodies may touch, and where they do."""
 
+from typing import TYPE_CHECKING
+
 from xper_fx.lazy import importer
+
+if TYPE_CHECKING:
+    from xper_fx.nscd.search.contacts import Contacts as Contacts
+    from xper_fx.nscd.search.grid import box_pairs as box_pairs
+    from xper_fx.nscd.search.rigid_search import RigidSearch as RigidSearch
 
 _MODULE_OF = {"Contacts": "contacts", "RigidSearch": "rigid_search", "box_pairs": "grid"}
 

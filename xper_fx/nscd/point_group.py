@@ -1,0 +1,69 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""The interaction points that share a law's kernels, and their history."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from xper_fx.nscd.exchange import Blocks, Couplings, Sides
+from xper_fx.nscd.laws.law import LawKernels
+from xper_fx.nscd.ordering import Ordering, TileBodies
+from xper_fx.nscd.points import InteractionPoints
+
+
+@dataclass
+class PointGroup:
+    """The points that share a law's kernels, in their order of visit.
+
+    Local vectors have the law's `components`: dim, or the normal's alone.
+
+    Attributes:
+        indices: shape (n,), the points' numbers in the scene's order.
+        points: with frames of as many rows as there are components.
+        compliance: W_aa, packed symmetric (m/s per N s).
+        impulse: shape (n, components), total impulse of the step in the local frame (N s).
+        jump, velocity: shape (n, components), at the last committed time (m, m/s).
+        energy: shape (n, len(kernels.energies)), of the last committed step (J; 2D: J/m).
+        status: shape (n,), int8: 0 open, 1 closed or bonded and sticking, 2 sliding.
+        sides, blocks: what kernels over the points are compiled for.
+        phase: in which bodies of another rank are at the points, 0 if none are.
+    """
+
+    kernels: LawKernels
+    indices: np.ndarray
+    points: InteractionPoints
+    ordering: Ordering
+    tile_bodies: TileBodies
+    couplings: Couplings
+    parameters: np.ndarray
+    state: np.ndarray
+    terms: np.ndarray
+    details: np.ndarray
+    compliance: np.ndarray
+    inverse_area: np.ndarray
+    jump: np.ndarray
+    velocity: np.ndarray
+    impulse: np.ndarray
+    committed_impulse: np.ndarray
+    energy: np.ndarray
+    status: np.ndarray
+    sides: Sides
+    blocks: Blocks
+    phase: int = 0
+
+    def __len__(self) -> int:
+        return len(self.indices)
+
+    @property
+    def nbytes(self) -> int:
+        """Memory held, in bytes, blocks of w (shared with the other groups) not counted."""
+        own = (
+            self.indices, self.parameters, self.state, self.terms, self.details, self.compliance,
+            self.inverse_area, self.jump, self.velocity, self.impulse, self.committed_impulse,
+            self.energy, self.status, *self.ordering, *self.tile_bodies, *self.couplings,
+            *vars(self.points).values(),
+        )  # fmt: skip
+        kept = {id(a): a for a in own if a is not None and a is not self.couplings.w}
+        return sum(a.nbytes for a in kept.values())
