@@ -47,6 +47,7 @@ from numba import get_num_threads, njit
 
 from xper_fx.nscd.exchange import sweep_kernel
 from xper_fx.nscd.interactions import Interactions
+from xper_fx.nscd.kernel_options import ENTRY
 from xper_fx.nscd.ordering import TileBodies, mark_moved, mark_tiles
 
 # Sweeps over which the contraction is measured.
@@ -56,6 +57,8 @@ _WINDOW = 4
 NEGLIGIBLE, REVISIT = 0.1, 16
 # Sweeps after which |w H r| is first looked at again, twice as many each time.
 FIRST_SPELL = 16
+# Tiles below which threads take longer than one, and a second kernel longer than it ever saves.
+_MANY_TILES = 8
 # Relative change of the impulses that is rounding.
 ROUNDING = 16.0 * np.finfo(float).eps
 
@@ -97,11 +100,13 @@ def sweep_passes(
     interactions: Interactions, velocity: np.ndarray, relaxation: float, num_threads: int | None
 ) -> list[SweepPass]:
     """What a sweep consists of, all tiles marked; arguments as those of `solve`."""
-    parallel = (num_threads or get_num_threads()) > 1
+    if num_threads is None:
+        num_tiles = sum(len(g.ordering.tile_offsets) - 1 for g in interactions.groups)
+        num_threads = get_num_threads() if num_tiles >= _MANY_TILES else 1
     passes = []
     for g in interactions.groups:
         kernel = sweep_kernel(
-            g.kernels, g.sides, g.blocks, parallel, interactions.judged_by_velocities
+            g.kernels, g.sides, g.blocks, num_threads > 1, interactions.judged_by_velocities
         )
         tiles = len(g.ordering.tile_offsets) - 1
         marked, stats = np.ones(tiles, np.bool_), np.zeros((tiles, 3))
@@ -137,14 +142,14 @@ def sweep(interactions: Interactions, passes: list[SweepPass], velocity: np.ndar
             one.kernel(*one.arguments)
 
 
-@njit(error_model="numpy")
+@njit(inline="always")
 def contraction(changes):
     """Factor of the relative changes from a sweep to the next, over the last sweeps."""
     window = min(_WINDOW, len(changes) - 1)
     return (changes[-1] / changes[-1 - window]) ** (1.0 / window) if window > 0 else 1.0
 
 
-@njit(error_model="numpy")
+@njit(inline="always")
 def amplification(changes):
     """Error left, relative to the last change, from the relative changes of the sweeps so far."""
     if changes[-1] == 0.0:
@@ -153,34 +158,55 @@ def amplification(changes):
     return max(1.0, rho / (1.0 - rho)) if rho < 1.0 else np.inf
 
 
+@njit(inline="always")
+def _put(changes, known, change):
+    """Put a change behind the known ones, of which the first makes room; how many there are."""
+    if known == len(changes):
+        known -= 1
+        for n in range(known):
+            changes[n] = changes[n + 1]
+    changes[known] = change
+    return known + 1
+
+
 @cache
 def _over_groups(kernels: tuple[Callable, ...]):
     """Kernels over passes `(arguments, tile bodies, marked, stats)`, one a group.
 
     A sweep, which gives [sum |dr|^2, sum |r|^2, whether all was visited]; the marking of bodies
-    that moved; the marking of tiles that touch one.
+    that moved; the marking of tiles that touch one. They are parts of the kernel that calls them: a
+    kernel that is called is compiled twice, by itself and with its caller.
     """
     kernel, last = kernels[0], len(kernels) == 1
     sweep_rest, moved_rest, tiles_rest = (None,) * 3 if last else _over_groups(kernels[1:])
 
-    @njit
+    @njit(inline="always")
     def sweep(passes):
         arguments, _, marked, stats = passes[0]
-        kernel(*arguments)
-        changed, total, everywhere = stats[:, 0].sum(), stats[:, 1].sum(), marked.all()
+        # one by one: a starred argument cannot be taken apart in the caller
+        tiles, colors, _, _, v, c, r, w, inverse_area, parameters, terms, details, relax = arguments
+        kernel(
+            tiles, colors, marked, stats, v, c, r, w, inverse_area, parameters, terms, details,
+            relax,
+        )  # fmt: skip
+        changed, total, everywhere = 0.0, 0.0, True
+        for tile in range(len(marked)):
+            changed += stats[tile, 0]
+            total += stats[tile, 1]
+            everywhere = everywhere and marked[tile]
         if not last:
             x, y, z = sweep_rest(passes[1:])
             changed, total, everywhere = changed + x, total + y, everywhere and z
         return changed, total, everywhere
 
-    @njit
+    @njit(inline="always")
     def moved_bodies(passes, moved, threshold):
         _, bodies, _, stats = passes[0]
         mark_moved(moved, bodies, stats, threshold)
         if not last:
             moved_rest(passes[1:], moved, threshold)
 
-    @njit
+    @njit(inline="always")
     def touched_tiles(passes, moved):
         _, bodies, marked, stats = passes[0]
         mark_tiles(marked, bodies, moved)
@@ -198,7 +224,7 @@ def _spell_kernel(kernels: tuple[Callable, ...]):
     """Kernel that sweeps until the error is within the tolerance, all points visited last."""
     sweep, moved_bodies, touched_tiles = _over_groups(kernels)
 
-    @njit
+    @njit(**ENTRY)
     def spell(passes, moved, num_tiles, changes, tolerance, least, sweeps, max_sweeps):
         """Whether it arrived, sweeps made so far, error, and how many of `changes` are set.
 
@@ -213,11 +239,7 @@ def _spell_kernel(kernels: tuple[Callable, ...]):
             total = max(total, least * least)
             change = np.sqrt(changed / total) if total > 0.0 else np.sqrt(changed)
             if not verifying:
-                if known == len(changes):
-                    changes[:-1] = changes[1:].copy()
-                    known -= 1
-                changes[known] = change
-                known += 1
+                known = _put(changes, known, change)
                 factor = amplification(changes[:known])
             error = change * factor if change > ROUNDING else change
             if error <= tolerance and everywhere:
@@ -238,7 +260,7 @@ def _spell_by_velocities(kernels: tuple[Callable, ...]):
     """Kernel that sweeps until sum dr . W_aa dr is within a goal, all points visited last."""
     sweep, moved_bodies, touched_tiles = _over_groups(kernels)
 
-    @njit
+    @njit(**ENTRY)
     def spell(passes, moved, num_tiles, changes, goal, most):
         """Whether it arrived, sweeps made, and how many of `changes` are set, the last ones."""
         known, verifying = 0, False
@@ -248,11 +270,7 @@ def _spell_by_velocities(kernels: tuple[Callable, ...]):
                 changes[0] = np.inf
                 return False, count, 1
             if not verifying:
-                if known == len(changes):
-                    changes[:-1] = changes[1:].copy()
-                    known -= 1
-                changes[known] = np.sqrt(changed)
-                known += 1
+                known = _put(changes, known, np.sqrt(changed))
             verifying = changed <= goal
             if verifying and everywhere:
                 changes[known - 1] = np.sqrt(changed)
@@ -314,8 +332,8 @@ def solve(
         tolerance: bound on the estimated relative error of the impulses.
         max_sweeps: sweeps after which to give up.
         relaxation: factor on the change of an impulse where its law is locally linear, in (0, 2).
-        num_threads: threads to use; all that Numba has if not given. Results do not depend on it
-            beyond the rounding of the residual.
+        num_threads: threads to use; if not given all that Numba has, or one where points are few.
+            Results do not depend on it beyond the rounding of the residual.
 
     Returns:
         The report; not converged is reported, not raised.

@@ -238,24 +238,21 @@ def bodies_of_tiles(ordering: Ordering, blocks: np.ndarray, num_blocks: int) -> 
     )
 
 
-@njit
+@njit(inline="always")
 def mark_moved(moved, tile_bodies, stats, threshold):
     """Mark the bodies of tiles whose impulses changed by more than the threshold (squared)."""
     for tile in range(len(stats)):
         if stats[tile, 0] > threshold:
-            for b in tile_bodies.blocks[tile_bodies.offsets[tile] : tile_bodies.offsets[tile + 1]]:
-                moved[b] = True
+            for place in range(tile_bodies.offsets[tile], tile_bodies.offsets[tile + 1]):
+                moved[tile_bodies.blocks[place]] = True
 
 
-@njit
+@njit(inline="always")
 def mark_tiles(marked, tile_bodies, moved):
-    """Mark the tiles that touch a body that moved; returns how many."""
-    count = 0
+    """Mark the tiles that touch a body that moved."""
     for tile in range(len(marked)):
         marked[tile] = False
-        for b in tile_bodies.blocks[tile_bodies.offsets[tile] : tile_bodies.offsets[tile + 1]]:
-            if moved[b]:
+        for place in range(tile_bodies.offsets[tile], tile_bodies.offsets[tile + 1]):
+            if moved[tile_bodies.blocks[place]]:
                 marked[tile] = True
-                count += 1
                 break
-    return count
