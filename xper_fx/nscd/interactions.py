@@ -30,6 +30,7 @@ from xper_fx.nscd.exchange import (
 from xper_fx.nscd.facets import join_points
 from xper_fx.nscd.history import ContactHistory
 from xper_fx.nscd.inverse import BodyInverse
+from xper_fx.nscd.kernel_options import LEAN_ENTRY
 from xper_fx.nscd.laws.law import ENERGIES, Law, LawKernels
 from xper_fx.nscd.ordering import (
     Ordering,
@@ -172,7 +173,7 @@ def _step_kernels(law: LawKernels, sides: Sides):
     row, set_row, add, scale = algebra.row, algebra.set_row, algebra.add, algebra.scale
     prepare, commit = law.prepare, law.commit
 
-    @njit(nogil=True)
+    @njit(nogil=True, **LEAN_ENTRY)
     def prepare_range(
         first, last, jump, velocity, w, area, step, theta, parameters, state, terms, details
     ):
@@ -182,7 +183,7 @@ def _step_kernels(law: LawKernels, sides: Sides):
                 terms, details,
             )  # fmt: skip
 
-    @njit(nogil=True)
+    @njit(nogil=True, **LEAN_ENTRY)
     def commit_range(
         first, last, v, c, jump, velocity, r, area, step, theta, parameters, state, terms, details,
         energy, status,
@@ -207,7 +208,7 @@ def _evolve_kernel(law: LawKernels, sides: Sides):
     read, _ = motion(sides)
     evolve = law.evolve
 
-    @njit(_nrt=False, nogil=True)
+    @njit(nogil=True, **LEAN_ENTRY)
     def evolve_range(first, last, v, c, w, parameters, terms, details):
         largest = least = 0.0
         for i in range(first, last):
@@ -256,7 +257,7 @@ def _compliance_of_arms(c, frame, rows, cols, out):
                 out[i, entry] += total
 
 
-@njit
+@njit(**LEAN_ENTRY)
 def _compliance(c, frame, rows, cols, out):
     """W_aa = H_c^T w H_c + H_a^T w H_a at each point, packed symmetric.
 

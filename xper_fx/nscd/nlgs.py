@@ -47,7 +47,7 @@ from numba import get_num_threads, njit
 
 from xper_fx.nscd.exchange import sweep_kernel
 from xper_fx.nscd.interactions import Interactions
-from xper_fx.nscd.kernel_options import ENTRY
+from xper_fx.nscd.kernel_options import ENTRY, LEAN_ENTRY
 from xper_fx.nscd.ordering import TileBodies, mark_moved, mark_tiles
 
 # Sweeps over which the contraction is measured.
@@ -142,14 +142,14 @@ def sweep(interactions: Interactions, passes: list[SweepPass], velocity: np.ndar
             one.kernel(*one.arguments)
 
 
-@njit(inline="always")
+@njit(inline="always", **LEAN_ENTRY)
 def contraction(changes):
     """Factor of the relative changes from a sweep to the next, over the last sweeps."""
     window = min(_WINDOW, len(changes) - 1)
     return (changes[-1] / changes[-1 - window]) ** (1.0 / window) if window > 0 else 1.0
 
 
-@njit(inline="always")
+@njit(inline="always", **LEAN_ENTRY)
 def amplification(changes):
     """Error left, relative to the last change, from the relative changes of the sweeps so far."""
     if changes[-1] == 0.0:
