@@ -219,16 +219,19 @@ def _evolve_kernel(law: LawKernels, sides: Sides):
     return evolve_range
 
 
-@njit
-def _compliance_of_arms(c, frame, rows, cols, out):
-    """As `_compliance`, of points with arms: H_s of each component is written out for its body."""
+@njit(**LEAN_ENTRY)
+def _compliance_of_arms(c, frame, rows, cols, out, h, at):
+    """As `_compliance`, of points with arms: H_s of each component is written out for its body.
+
+    `h`, shape (components, n), and `at`, shape (n,), have room for the n columns of one side.
+    """
     k, dim = c.start.shape[2], frame.shape[2]
     components = frame.shape[1]
     turns = dim if dim == 3 else 1
     count = k * dim + turns
-    h, at = np.zeros((components, count)), np.zeros(count, np.int64)
     for i in range(len(out)):
-        out[i] = 0.0
+        for entry in range(len(rows)):
+            out[i, entry] = 0.0
         for s in range(2):
             base, n = c.body[i, s], c.size[i, s]
             first = c.rows[i, s, 0] - (c.start[i, s, 0] - base) * n
@@ -241,12 +244,10 @@ def _compliance_of_arms(c, frame, rows, cols, out):
             for d in range(turns):
                 at[k * dim + d] = c.turn[i, s] - base + d if rigid else 0
                 for x in range(components):
-                    a, f = c.arms[i, s], frame[i, x]
-                    if dim == 2:
-                        h[x, k * dim] = a[0] * f[1] - a[1] * f[0]
-                    else:
-                        e, g = (d + 1) % 3, (d + 2) % 3
-                        h[x, k * dim + d] = a[e] * f[g] - a[g] * f[e]
+                    e, g = (0, 1) if dim == 2 else ((d + 1) % 3, (d + 2) % 3)
+                    h[x, k * dim + d] = (
+                        c.arms[i, s, e] * frame[i, x, g] - c.arms[i, s, g] * frame[i, x, e]
+                    )
             for entry in range(len(rows)):
                 total = 0.0
                 for a in range(count):
@@ -522,8 +523,14 @@ class Interactions:
         for group in groups:
             rows, cols = sym_indices(group.kernels.components)
             group.couplings = group.couplings._replace(w=self.inverse.data)
-            kernel = _compliance_of_arms if group.sides.arms else _compliance
-            kernel(group.couplings, group.points.frame, rows, cols, group.compliance)
+            arguments = group.couplings, group.points.frame, rows, cols, group.compliance
+            if group.sides.arms:
+                dim, components, k, _ = group.sides
+                columns = k * dim + (dim if dim == 3 else 1)
+                h, at = np.empty((components, columns)), np.empty(columns, np.int64)
+                _compliance_of_arms(*arguments, h, at)
+            else:
+                _compliance(*arguments)
         traces = [g.compliance[:, np.equal(*sym_indices(g.kernels.components))].sum(1)
                   for g in self.groups]  # fmt: skip
         stiffness = sum(float(np.sum(t[t > 0.0] ** -2.0)) for t in traces)

@@ -13,6 +13,8 @@ import math
 
 from numba import njit
 
+from xper_fx.nscd.kernel_options import LEAN_ENTRY
+
 
 @njit(inline="always")
 def put_ball(found, count, i, j, num_bodies, position, radius, normal, gap):
@@ -31,7 +33,7 @@ def put_ball(found, count, i, j, num_bodies, position, radius, normal, gap):
     return count + 1
 
 
-@njit(error_model="numpy")
+@njit(**LEAN_ENTRY)
 def ball_ball(found, pairs, position, radius, reach):
     """Contacts of discs or of spheres.
 
@@ -76,7 +78,7 @@ def ball_ball(found, pairs, position, radius, reach):
     return count
 
 
-@njit
+@njit(**LEAN_ENTRY)
 def ball_wall(found, pairs, position, radius, normal, reach):
     """Contacts of discs or spheres with walls.
 
