@@ -13,6 +13,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from xper_fx.cache import njit
+from xper_fx.nscd.kernel_options import ENTRY, LEAN_ENTRY
 from xper_fx.nscd.threads import in_ranges
 
 
@@ -24,7 +25,7 @@ def apply_blocks(dim: int):
     the numbering of the nodes.
     """
 
-    @njit(nogil=True)
+    @njit(nogil=True, **ENTRY)
     def apply(first, last, w, nodes, r, out):
         size = w.shape[1]
         own = np.empty(size)
@@ -45,7 +46,7 @@ def apply_blocks(dim: int):
 
 @cache
 def _rows_kernel(dim: int):
-    @njit(nogil=True)
+    @njit(nogil=True, **LEAN_ENTRY)
     def rows(first, last, indptr, indices, data, x, out):
         for row in range(first, last):
             p, q, s = 0.0, 0.0, 0.0

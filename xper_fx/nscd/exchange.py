@@ -18,6 +18,7 @@ from numba.extending import intrinsic
 
 from xper_fx.cache import njit
 from xper_fx.nscd.inverse import BodyInverse
+from xper_fx.nscd.kernel_options import LEAN_ENTRY, LEAN_INNER
 from xper_fx.nscd.laws.law import LawKernels
 from xper_fx.nscd.points import InteractionPoints
 from xper_fx.nscd.small import for_dimension
@@ -358,7 +359,7 @@ def push_kernel(sides: Sides, blocks: Blocks):
     row = for_dimension(sides.dim, sides.components).row
     _, push = motion(sides, blocks)
 
-    @njit
+    @njit(**LEAN_ENTRY)
     def push_all(v, c, r):
         for i in range(len(r)):
             push(v, c, i, row(r, i))
@@ -403,7 +404,7 @@ def spread_kernel(sides: Sides):
     row, to_global = algebra.row, algebra.to_global
     give = point_force(sides)
 
-    @njit
+    @njit(**LEAN_ENTRY)
     def spread(p, c, r):
         for i in range(len(r)):
             give(p, c, i, to_global(c.frame, i, row(r, i)))
@@ -431,7 +432,7 @@ def sweep_kernel(
 
     # Without reference counting (nothing is allocated here): the counts of the law's arrays, atomic
     # and not pruned across its branches, would cost more than the visit itself.
-    @njit(fastmath={"contract"}, error_model="numpy", _nrt=False)
+    @njit(fastmath={"contract"}, **LEAN_INNER)
     def visit_tile(
         tile, tiles, stats, v, c, r, w_points, inverse_area, parameters, terms, details, relax
     ):
@@ -462,12 +463,12 @@ def sweep_kernel(
 
     if not parallel:
 
-        @njit(nogil=True)
+        @njit(inline="always")
         def sweep(
             tiles, colors, marked, stats, v, c, r, w_points, inverse_area, parameters, terms,
             details, relax,
         ):  # fmt: skip
-            for tile in range(len(tiles) - 1):
+            for tile in range(len(marked)):
                 if marked[tile]:
                     visit_tile(
                         tile, tiles, stats, v, c, r, w_points, inverse_area, parameters, terms,

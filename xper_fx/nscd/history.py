@@ -16,6 +16,7 @@ import numpy as np
 from xper_fx.cache import njit
 from xper_fx.nscd.exchange import Sides
 from xper_fx.nscd.halo import Reductions
+from xper_fx.nscd.kernel_options import LEAN_ENTRY
 from xper_fx.nscd.laws.law import LawKernels
 from xper_fx.nscd.point_group import PointGroup
 from xper_fx.nscd.rows import Rows
@@ -123,7 +124,7 @@ def _places(indices: np.ndarray, count: int) -> np.ndarray:
     return place
 
 
-@njit
+@njit(**LEAN_ENTRY)
 def _keep(place, keys, frame, impulse, jump, state, kept_keys, kept_impulse, kept_slip, kept_state):
     """Write the contacts of a group in the order of their keys, vectors in global axes."""
     at = 0
@@ -131,7 +132,10 @@ def _keep(place, keys, frame, impulse, jump, state, kept_keys, kept_impulse, kep
         i = place[number]
         if i < 0:
             continue
-        kept_keys[at], kept_state[at] = keys[number], state[i]
+        for part in range(keys.shape[1]):
+            kept_keys[at, part] = keys[number, part]
+        for n in range(state.shape[1]):
+            kept_state[at, n] = state[i, n]
         for d in range(frame.shape[2]):
             total, slip = 0.0, 0.0
             for x in range(frame.shape[1]):
@@ -142,7 +146,7 @@ def _keep(place, keys, frame, impulse, jump, state, kept_keys, kept_impulse, kep
         at += 1
 
 
-@njit
+@njit(**LEAN_ENTRY)
 def _go_on(
     place, keys, frame, impulse, jump, state, kept_keys, kept_impulse, kept_slip, kept_state
 ):  # fmt: skip
@@ -164,7 +168,8 @@ def _go_on(
             at += 1
         if order != 0 or at == len(kept_keys):
             continue
-        state[i] = kept_state[at]
+        for n in range(state.shape[1]):
+            state[i, n] = kept_state[at, n]
         for x in range(frame.shape[1]):
             total, slip = 0.0, 0.0
             for d in range(frame.shape[2]):

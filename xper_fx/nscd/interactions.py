@@ -31,6 +31,7 @@ from xper_fx.nscd.facets import join_points
 from xper_fx.nscd.halo import ContactHalo, PointHalo, Reductions
 from xper_fx.nscd.history import ContactHistory
 from xper_fx.nscd.inverse import BodyInverse
+from xper_fx.nscd.kernel_options import LEAN_ENTRY
 from xper_fx.nscd.laws.law import ENERGIES, Law, LawKernels
 from xper_fx.nscd.ordering import (
     Ordering,
@@ -112,7 +113,7 @@ def _step_kernels(law: LawKernels, sides: Sides):
     row, set_row, add, scale = algebra.row, algebra.set_row, algebra.add, algebra.scale
     prepare, commit = law.prepare, law.commit
 
-    @njit(nogil=True)
+    @njit(nogil=True, **LEAN_ENTRY)
     def prepare_range(
         first, last, jump, velocity, w, area, step, theta, parameters, state, terms, details
     ):
@@ -122,7 +123,7 @@ def _step_kernels(law: LawKernels, sides: Sides):
                 terms, details,
             )  # fmt: skip
 
-    @njit(nogil=True)
+    @njit(nogil=True, **LEAN_ENTRY)
     def commit_range(
         first, last, v, c, jump, velocity, r, area, step, theta, parameters, state, terms, details,
         energy, status,
@@ -147,7 +148,7 @@ def _evolve_kernel(law: LawKernels, sides: Sides):
     read, _ = motion(sides)
     evolve = law.evolve
 
-    @njit(_nrt=False, nogil=True)
+    @njit(nogil=True, **LEAN_ENTRY)
     def evolve_range(first, last, v, c, w, parameters, terms, details):
         largest = least = 0.0
         for i in range(first, last):
@@ -158,16 +159,19 @@ def _evolve_kernel(law: LawKernels, sides: Sides):
     return evolve_range
 
 
-@njit
-def _compliance_of_arms(c, frame, rows, cols, out):
-    """As `_compliance`, of points with arms: H_s of each component is written out for its body."""
+@njit(**LEAN_ENTRY)
+def _compliance_of_arms(c, frame, rows, cols, out, h, at):
+    """As `_compliance`, of points with arms: H_s of each component is written out for its body.
+
+    `h`, shape (components, n), and `at`, shape (n,), have room for the n columns of one side.
+    """
     k, dim = c.start.shape[2], frame.shape[2]
     components = frame.shape[1]
     turns = dim if dim == 3 else 1
     count = k * dim + turns
-    h, at = np.zeros((components, count)), np.zeros(count, np.int64)
     for i in range(len(out)):
-        out[i] = 0.0
+        for entry in range(len(rows)):
+            out[i, entry] = 0.0
         for s in range(2):
             base, n = c.body[i, s], c.size[i, s]
             first = c.rows[i, s, 0] - (c.start[i, s, 0] - base) * n
@@ -180,12 +184,10 @@ def _compliance_of_arms(c, frame, rows, cols, out):
             for d in range(turns):
                 at[k * dim + d] = c.turn[i, s] - base + d if rigid else 0
                 for x in range(components):
-                    a, f = c.arms[i, s], frame[i, x]
-                    if dim == 2:
-                        h[x, k * dim] = a[0] * f[1] - a[1] * f[0]
-                    else:
-                        e, g = (d + 1) % 3, (d + 2) % 3
-                        h[x, k * dim + d] = a[e] * f[g] - a[g] * f[e]
+                    e, g = (0, 1) if dim == 2 else ((d + 1) % 3, (d + 2) % 3)
+                    h[x, k * dim + d] = (
+                        c.arms[i, s, e] * frame[i, x, g] - c.arms[i, s, g] * frame[i, x, e]
+                    )
             for entry in range(len(rows)):
                 total = 0.0
                 for a in range(count):
@@ -196,7 +198,7 @@ def _compliance_of_arms(c, frame, rows, cols, out):
                 out[i, entry] += total
 
 
-@njit
+@njit(**LEAN_ENTRY)
 def _compliance(c, frame, rows, cols, out):
     """W_aa = H_c^T w H_c + H_a^T w H_a at each point, packed symmetric.
 
@@ -461,8 +463,14 @@ class Interactions:
         for group in groups:
             rows, cols = sym_indices(group.kernels.components)
             group.couplings = group.couplings._replace(w=self.inverse.data)
-            kernel = _compliance_of_arms if group.sides.arms else _compliance
-            kernel(group.couplings, group.points.frame, rows, cols, group.compliance)
+            arguments = group.couplings, group.points.frame, rows, cols, group.compliance
+            if group.sides.arms:
+                dim, components, k, _ = group.sides
+                columns = k * dim + (dim if dim == 3 else 1)
+                h, at = np.empty((components, columns)), np.empty(columns, np.int64)
+                _compliance_of_arms(*arguments, h, at)
+            else:
+                _compliance(*arguments)
         traces = [g.compliance[:, np.equal(*sym_indices(g.kernels.components))].sum(1)
                   for g in self.groups]  # fmt: skip
         stiffness = sum(float(np.sum(t[t > 0.0] ** -2.0)) for t in traces)

@@ -42,8 +42,10 @@ from functools import cache
 from importlib import import_module
 
 import numpy as np
+
 from xper_fx.cache import njit
 from xper_fx.nscd.interactions import Interactions
+from xper_fx.nscd.kernel_options import ENTRY
 from xper_fx.nscd.ordering import mark_moved, mark_tiles
 from xper_fx.nscd.solve_report import SolveReport
 from xper_fx.nscd.sweeps import (
@@ -58,34 +60,55 @@ from xper_fx.nscd.sweeps import (
 )
 
 
+@njit(inline="always")
+def _put(changes, known, change):
+    """Put a change behind the known ones, of which the first makes room; how many there are."""
+    if known == len(changes):
+        known -= 1
+        for n in range(known):
+            changes[n] = changes[n + 1]
+    changes[known] = change
+    return known + 1
+
+
 @cache
 def _over_groups(kernels: tuple[Callable, ...]):
     """Kernels over passes `(arguments, tile bodies, marked, stats)`, one a group.
 
     A sweep, which gives [sum |dr|^2, sum |r|^2, whether all was visited]; the marking of bodies
-    that moved; the marking of tiles that touch one.
+    that moved; the marking of tiles that touch one. They are parts of the kernel that calls them: a
+    kernel that is called is compiled twice, by itself and with its caller.
     """
     kernel, last = kernels[0], len(kernels) == 1
     sweep_rest, moved_rest, tiles_rest = (None,) * 3 if last else _over_groups(kernels[1:])
 
-    @njit
+    @njit(inline="always")
     def sweep(passes):
         arguments, _, marked, stats = passes[0]
-        kernel(*arguments)
-        changed, total, everywhere = stats[:, 0].sum(), stats[:, 1].sum(), marked.all()
+        # one by one: a starred argument cannot be taken apart in the caller
+        tiles, colors, _, _, v, c, r, w, inverse_area, parameters, terms, details, relax = arguments
+        kernel(
+            tiles, colors, marked, stats, v, c, r, w, inverse_area, parameters, terms, details,
+            relax,
+        )  # fmt: skip
+        changed, total, everywhere = 0.0, 0.0, True
+        for tile in range(len(marked)):
+            changed += stats[tile, 0]
+            total += stats[tile, 1]
+            everywhere = everywhere and marked[tile]
         if not last:
             x, y, z = sweep_rest(passes[1:])
             changed, total, everywhere = changed + x, total + y, everywhere and z
         return changed, total, everywhere
 
-    @njit
+    @njit(inline="always")
     def moved_bodies(passes, moved, threshold):
         _, bodies, _, stats = passes[0]
         mark_moved(moved, bodies, stats, threshold)
         if not last:
             moved_rest(passes[1:], moved, threshold)
 
-    @njit
+    @njit(inline="always")
     def touched_tiles(passes, moved):
         _, bodies, marked, stats = passes[0]
         mark_tiles(marked, bodies, moved)
@@ -103,7 +126,7 @@ def _spell_kernel(kernels: tuple[Callable, ...]):
     """Kernel that sweeps until the error is within the tolerance, all points visited last."""
     sweep, moved_bodies, touched_tiles = _over_groups(kernels)
 
-    @njit
+    @njit(**ENTRY)
     def spell(passes, moved, num_tiles, changes, tolerance, least, sweeps, max_sweeps):
         """Whether it arrived, sweeps made so far, error, and how many of `changes` are set.
 
@@ -118,11 +141,7 @@ def _spell_kernel(kernels: tuple[Callable, ...]):
             total = max(total, least * least)
             change = np.sqrt(changed / total) if total > 0.0 else np.sqrt(changed)
             if not verifying:
-                if known == len(changes):
-                    changes[:-1] = changes[1:].copy()
-                    known -= 1
-                changes[known] = change
-                known += 1
+                known = _put(changes, known, change)
                 factor = amplification(changes[:known])
             error = change * factor if change > ROUNDING else change
             if error <= tolerance and everywhere:
@@ -143,7 +162,7 @@ def _spell_by_velocities(kernels: tuple[Callable, ...]):
     """Kernel that sweeps until sum dr . W_aa dr is within a goal, all points visited last."""
     sweep, moved_bodies, touched_tiles = _over_groups(kernels)
 
-    @njit
+    @njit(**ENTRY)
     def spell(passes, moved, num_tiles, changes, goal, most):
         """Whether it arrived, sweeps made, and how many of `changes` are set, the last ones."""
         known, verifying = 0, False
@@ -153,11 +172,7 @@ def _spell_by_velocities(kernels: tuple[Callable, ...]):
                 changes[0] = np.inf
                 return False, count, 1
             if not verifying:
-                if known == len(changes):
-                    changes[:-1] = changes[1:].copy()
-                    known -= 1
-                changes[known] = np.sqrt(changed)
-                known += 1
+                known = _put(changes, known, np.sqrt(changed))
             verifying = changed <= goal
             if verifying and everywhere:
                 changes[known - 1] = np.sqrt(changed)
@@ -219,8 +234,8 @@ def solve(
         tolerance: bound on the estimated relative error of the impulses.
         max_sweeps: sweeps after which to give up.
         relaxation: factor on the change of an impulse where its law is locally linear, in (0, 2).
-        num_threads: threads to use; all that Numba has if not given. Results do not depend on it
-            beyond the rounding of the residual.
+        num_threads: threads to use; if not given all that Numba has, or one where points are few.
+            Results do not depend on it beyond the rounding of the residual.
 
     Returns:
         The report; not converged is reported, not raised.

@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from xper_fx.cache import njit
+from xper_fx.nscd.kernel_options import LEAN_ENTRY
 
 # Points a tile aims at: about 100 kB of point data and blocks of w.
 _TILE_POINTS = 256
@@ -36,29 +37,35 @@ class Ordering(NamedTuple):
     color_offsets: np.ndarray
 
 
-@njit
-def _greedy_colors(offsets, members, num_members, ignored):
+def _greedy_colors(
+    offsets: np.ndarray, members: np.ndarray, num_members: int, ignored: int
+) -> np.ndarray:
     """Smallest colour that no earlier item sharing a member has, item by item.
 
-    `members[offsets[i]:offsets[i + 1]]` are the members of item i. Members remember the colours
-    taken as bits; the 64th colour is shared by all that found none, which the caller splits.
+    `members[offsets[i]:offsets[i + 1]]` are the members of item i. The 64th colour is shared by all
+    that found none, which the caller splits.
     """
-    taken = np.zeros(num_members, np.uint64)
     color = np.empty(len(offsets) - 1, np.int64)
+    _color(offsets, members, ignored, np.zeros(num_members, np.uint64), color)
+    return color
+
+
+@njit(**LEAN_ENTRY)
+def _color(offsets, members, ignored, taken, color):
+    """`_greedy_colors` into `color`; members remember the colours taken as bits of `taken`."""
     one = np.uint64(1)
-    for i in range(len(offsets) - 1):
+    for i in range(len(color)):
         used = np.uint64(0)
-        for m in members[offsets[i] : offsets[i + 1]]:
-            if m != ignored:
-                used |= taken[m]
+        for place in range(offsets[i], offsets[i + 1]):
+            if members[place] != ignored:
+                used |= taken[members[place]]
         c = 0
         while c < 63 and (used >> np.uint64(c)) & one:
             c += 1
         color[i] = c
-        for m in members[offsets[i] : offsets[i + 1]]:
-            if m != ignored:
-                taken[m] |= one << np.uint64(c)
-    return color
+        for place in range(offsets[i], offsets[i + 1]):
+            if members[place] != ignored:
+                taken[members[place]] |= one << np.uint64(c)
 
 
 @njit
@@ -159,6 +166,7 @@ def order_points(blocks: np.ndarray, num_blocks: int) -> Ordering:
     tile = (np.cumsum(present) - 1)[tile]
     num_tiles = int(np.count_nonzero(present))
     by_tile = np.argsort(tile, kind="stable") if np.any(tile[1:] < tile[:-1]) else np.arange(count)
+    by_tile = by_tile.astype(np.int32)
     tile_offsets = np.concatenate([[0], np.cumsum(np.bincount(tile, minlength=num_tiles))])
     starts, touched = _touched(blocks, by_tile, tile_offsets, num_blocks, -1)
     tile_color = _greedy_colors(starts, touched, num_blocks, ground)
@@ -174,43 +182,54 @@ def order_points(blocks: np.ndarray, num_blocks: int) -> Ordering:
     )
 
 
-@njit
-def _sorted_within(by_tile, tile_offsets, tiles, color):
+def _sorted_within(
+    by_tile: np.ndarray, tile_offsets: np.ndarray, tiles: np.ndarray, color: np.ndarray
+) -> np.ndarray:
     """The points of the tiles in the order given, within a tile by colour and number."""
     order = np.empty(len(by_tile), np.int32)
-    place = np.empty(65, np.int64)
-    at = 0
-    for tile in tiles:
-        first, last = tile_offsets[tile], tile_offsets[tile + 1]
-        place[:] = 0
-        for i in by_tile[first:last]:
-            place[color[i] + 1] += 1
-        for c in range(64):
-            place[c + 1] += place[c]
-        for i in by_tile[first:last]:
-            order[at + place[color[i]]] = i
-            place[color[i]] += 1
-        at += last - first
+    _sort_within(by_tile, tile_offsets, tiles, color, np.empty(65, np.int64), order)
     return order
 
 
-@njit
-def _touched(blocks, order, tile_offsets, num_blocks, ignored):
+@njit(**LEAN_ENTRY)
+def _sort_within(by_tile, tile_offsets, tiles, color, place, order):
+    at = 0
+    for k in range(len(tiles)):
+        first, last = tile_offsets[tiles[k]], tile_offsets[tiles[k] + 1]
+        for c in range(65):
+            place[c] = 0
+        for n in range(first, last):
+            place[color[by_tile[n]] + 1] += 1
+        for c in range(64):
+            place[c + 1] += place[c]
+        for n in range(first, last):
+            i = by_tile[n]
+            order[at + place[color[i]]] = i
+            place[color[i]] += 1
+        at += last - first
+
+
+def _touched(
+    blocks: np.ndarray, order: np.ndarray, tile_offsets: np.ndarray, num_blocks: int, ignored: int
+) -> tuple[np.ndarray, np.ndarray]:
     """The blocks that the points of each tile touch, once each: offsets and blocks."""
-    offsets = np.zeros(len(tile_offsets), np.int64)
-    members = np.empty(2 * len(order), np.int32)
-    seen = np.full(num_blocks, -1)
+    offsets, members = np.zeros_like(tile_offsets), np.empty(2 * len(order), np.int32)
+    _touch(blocks, order, tile_offsets, ignored, np.full(num_blocks, -1), offsets, members)
+    return offsets, members[: offsets[-1]].copy()
+
+
+@njit(**LEAN_ENTRY)
+def _touch(blocks, order, tile_offsets, ignored, seen, offsets, members):
     count = 0
     for tile in range(len(tile_offsets) - 1):
-        for i in order[tile_offsets[tile] : tile_offsets[tile + 1]]:
+        for n in range(tile_offsets[tile], tile_offsets[tile + 1]):
             for s in range(2):
-                b = blocks[i, s]
+                b = blocks[order[n], s]
                 if b != ignored and seen[b] != tile:
                     seen[b] = tile
                     members[count] = b
                     count += 1
         offsets[tile + 1] = count
-    return offsets, members[:count].copy()
 
 
 class TileBodies(NamedTuple):
@@ -239,24 +258,21 @@ def bodies_of_tiles(ordering: Ordering, blocks: np.ndarray, num_blocks: int) -> 
     )
 
 
-@njit
+@njit(inline="always")
 def mark_moved(moved, tile_bodies, stats, threshold):
     """Mark the bodies of tiles whose impulses changed by more than the threshold (squared)."""
     for tile in range(len(stats)):
         if stats[tile, 0] > threshold:
-            for b in tile_bodies.blocks[tile_bodies.offsets[tile] : tile_bodies.offsets[tile + 1]]:
-                moved[b] = True
+            for place in range(tile_bodies.offsets[tile], tile_bodies.offsets[tile + 1]):
+                moved[tile_bodies.blocks[place]] = True
 
 
-@njit
+@njit(inline="always")
 def mark_tiles(marked, tile_bodies, moved):
-    """Mark the tiles that touch a body that moved; returns how many."""
-    count = 0
+    """Mark the tiles that touch a body that moved."""
     for tile in range(len(marked)):
         marked[tile] = False
-        for b in tile_bodies.blocks[tile_bodies.offsets[tile] : tile_bodies.offsets[tile + 1]]:
-            if moved[b]:
+        for place in range(tile_bodies.offsets[tile], tile_bodies.offsets[tile + 1]):
+            if moved[tile_bodies.blocks[place]]:
                 marked[tile] = True
-                count += 1
                 break
-    return count

@@ -15,6 +15,7 @@ from numba import get_num_threads
 from xper_fx.cache import njit
 from xper_fx.nscd.exchange import sweep_kernel
 from xper_fx.nscd.interactions import Interactions
+from xper_fx.nscd.kernel_options import LEAN_ENTRY
 from xper_fx.nscd.ordering import TileBodies
 
 # Sweeps over which the contraction is measured.
@@ -24,6 +25,8 @@ WINDOW = 4
 NEGLIGIBLE, REVISIT = 0.1, 16
 # Sweeps after which |w H r| is first looked at again, twice as many each time.
 FIRST_SPELL = 16
+# Tiles below which threads take longer than one, and a second kernel longer than it ever saves.
+_MANY_TILES = 8
 # Relative change of the impulses that is rounding.
 ROUNDING = 16.0 * np.finfo(float).eps
 
@@ -42,11 +45,13 @@ def sweep_passes(
     interactions: Interactions, velocity: np.ndarray, relaxation: float, num_threads: int | None
 ) -> list[SweepPass]:
     """What a sweep consists of, all tiles marked; arguments as those of `solve`."""
-    parallel = (num_threads or get_num_threads()) > 1
+    if num_threads is None:
+        num_tiles = sum(len(g.ordering.tile_offsets) - 1 for g in interactions.groups)
+        num_threads = get_num_threads() if num_tiles >= _MANY_TILES else 1
     passes = []
     for g in interactions.groups:
         kernel = sweep_kernel(
-            g.kernels, g.sides, g.blocks, parallel, interactions.judged_by_velocities
+            g.kernels, g.sides, g.blocks, num_threads > 1, interactions.judged_by_velocities
         )
         tiles = len(g.ordering.tile_offsets) - 1
         marked, stats = np.ones(tiles, np.bool_), np.zeros((tiles, 3))
@@ -82,14 +87,14 @@ def sweep(interactions: Interactions, passes: list[SweepPass], velocity: np.ndar
             one.kernel(*one.arguments)
 
 
-@njit(error_model="numpy")
+@njit(inline="always", **LEAN_ENTRY)
 def contraction(changes):
     """Factor of the relative changes from a sweep to the next, over the last sweeps."""
     window = min(WINDOW, len(changes) - 1)
     return (changes[-1] / changes[-1 - window]) ** (1.0 / window) if window > 0 else 1.0
 
 
-@njit(error_model="numpy")
+@njit(inline="always", **LEAN_ENTRY)
 def amplification(changes):
     """Error left, relative to the last change, from the relative changes of the sweeps so far."""
     if changes[-1] == 0.0:

@@ -42,6 +42,7 @@ import numpy as np
 from xper_fx.cache import njit
 from xper_fx.nscd.checks import require_non_negative, require_positive, take_numbers
 from xper_fx.nscd.contact_solver import contact_solver
+from xper_fx.nscd.kernel_options import LEAN_ENTRY, LEAN_INNER
 from xper_fx.nscd.laws.law import (
     COHESION,
     ENERGIES,
@@ -148,7 +149,7 @@ class CohesiveZone:
         return 0.0, self.initial_damage
 
 
-@njit
+@njit(**LEAN_ENTRY)
 def damage(x, d0, dc, beta0):
     """g(x): damage of a bond opened monotonically to x (m) (Perales et al. 2010, eq. 37)."""
     if x <= d0:
@@ -159,7 +160,7 @@ def damage(x, d0, dc, beta0):
     return beta0 * d0 / x * (1.0 - y * y)
 
 
-@njit
+@njit(**LEAN_ENTRY)
 def mean_damage(x1, x0, x_max, beta, d0, dc, beta0):
     """Mean of the damage over x^2 from x0 to x1 (m), for a bond that had reached x_max, beta.
 
@@ -238,7 +239,7 @@ def _kernels(dim: int, friction: bool, lagged: bool) -> LawKernels:
         for j in range(num_sym):
             terms[i, soft + j] = s[j]
 
-    @njit
+    @njit(**LEAN_INNER)
     def prepare(i, jump, velocity, w, area, step, theta, parameters, state, terms, details):
         scaled = step * theta
         for j in range(dim):
@@ -305,7 +306,7 @@ def _kernels(dim: int, friction: bool, lagged: bool) -> LawKernels:
         set_damage(i, beta, s, terms, details)
         return fall / details[i, start]
 
-    @njit
+    @njit(**LEAN_INNER)
     def commit(i, jump0, jump1, u, r, area, step, theta, parameters, state, terms, details, energy):
         c_n, c_t = parameters[i, _C_N], parameters[i, _C_T]
         d0, dc, beta0 = parameters[i, _D0], parameters[i, _DC], parameters[i, _BETA0]

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from functools import cache
 
 from xper_fx.cache import njit
+from xper_fx.nscd.kernel_options import LEAN_INNER
 from xper_fx.nscd.laws.law import LawKernels
 from xper_fx.nscd.small import for_dimension
 
@@ -37,7 +38,7 @@ class PerfectBond:
         return ()
 
 
-@njit
+@njit(**LEAN_INNER)
 def _pseudo_inverse_plane(s):
     """Moore-Penrose inverse of a symmetric positive semi-definite matrix."""
     trace, det = s[0] + s[2], s[0] * s[2] - s[1] * s[1]
@@ -49,7 +50,7 @@ def _pseudo_inverse_plane(s):
     return c * s[0], c * s[1], c * s[2]
 
 
-@njit
+@njit(**LEAN_INNER)
 def _pseudo_inverse_space(s):
     """Moore-Penrose inverse of a symmetric positive semi-definite matrix."""
     trace = s[0] + s[3] + s[5]
@@ -89,7 +90,7 @@ def _kernels(dim: int) -> LawKernels:
     pseudo_inverse = _pseudo_inverse_plane if dim == 2 else _pseudo_inverse_space
     num_sym = dim * (dim + 1) // 2
 
-    @njit
+    @njit(**LEAN_INNER)
     def prepare(i, jump, velocity, w, area, step, theta, parameters, state, terms, details):
         set_row(terms, i, scale(-1.0 / step, jump))
         inverse = pseudo_inverse(sym_row(w, i))
@@ -107,7 +108,7 @@ def _kernels(dim: int) -> LawKernels:
             )  # fmt: skip
         return add(r, sym_vector(inverse, missing)), True
 
-    @njit
+    @njit(**LEAN_INNER)
     def commit(i, jump0, jump1, u, r, area, step, theta, parameters, state, terms, details, energy):
         work = 0.0
         for j in range(dim):

@@ -37,6 +37,7 @@ from functools import cache
 from xper_fx.cache import njit
 from xper_fx.nscd.checks import require_non_negative, take_numbers
 from xper_fx.nscd.contact_solver import contact_solver
+from xper_fx.nscd.kernel_options import LEAN_INNER
 from xper_fx.nscd.laws.law import LawKernels
 from xper_fx.nscd.small import for_dimension
 
@@ -152,7 +153,7 @@ def contact_kernels(dim: int, friction: bool, contact: str) -> LawKernels:
     e, mu = 0, int(impact)
     tresca = mu + 1
 
-    @njit
+    @njit(**LEAN_INNER)
     def prepare(i, jump, velocity, w, area, step, theta, parameters, state, terms, details):
         middle = jump[0] + step * (1.0 - theta) * velocity[0]
         if impact:
@@ -181,7 +182,7 @@ def contact_kernels(dim: int, friction: bool, contact: str) -> LawKernels:
             r_new, _ = local(b, wi, terms[i, _V_MIN], (0.0,), 0.0, 0.0)
         return r_new, False
 
-    @njit
+    @njit(**LEAN_INNER)
     def commit(i, jump0, jump1, u, r, area, step, theta, parameters, state, terms, details, energy):
         energy[i, _IMPACT_WORK] = -r[0] * (jump1[0] - jump0[0]) / step
         if impact:

@@ -34,7 +34,6 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from xper_fx.cache import njit
 from xper_fx.nscd.rigid.bodies import RigidBodies
 from xper_fx.nscd.rigid.body import load_at, value_at, vector
 from xper_fx.nscd.rigid.plane_turning import PlaneTurning, Turn
@@ -226,15 +225,8 @@ class RigidMotion:
         given = self._constant_motion.copy()
         for i, component, motion in self._motions:
             given[i, component] = value_at(motion, component, time + step)
-        free = np.empty_like(given)
-        _free_velocities(
-            self._start,
-            self._impulse,
-            self._prescribed,
-            given,
-            turn.inertia,
-            self.blocks,
-            free,
+        free = _free_velocities(
+            self._start, self._impulse, self._prescribed, given, turn.inertia, self.blocks
         )
         shape = (2 * len(free), self.bodies.dim)
         return Prediction(
@@ -380,14 +372,11 @@ class RigidMotion:
         return self._end
 
 
-@njit
-def _apply(matrices, vectors):
+def _apply(matrices: np.ndarray, vectors: np.ndarray) -> np.ndarray:
     """The product of each matrix with its vector."""
     product = np.zeros_like(vectors)
-    for i in range(len(vectors)):
-        for k in range(vectors.shape[1]):
-            for j in range(vectors.shape[1]):
-                product[i, k] += matrices[i, k, j] * vectors[i, j]
+    for j in range(vectors.shape[1]):
+        product += matrices[:, :, j] * vectors[:, j, None]
     return product
 
 
@@ -395,20 +384,20 @@ def _turning_energy(turn: Turn, which: np.ndarray | slice) -> float:
     return 0.5 * float(np.vdot(turn.spin[which], turn.momentum[which]))
 
 
-@njit
-def _free_velocities(start, impulse, prescribed, given, inertia, blocks, free):
+def _free_velocities(
+    start: np.ndarray, impulse: np.ndarray, prescribed: np.ndarray, given: np.ndarray,
+    inertia: np.ndarray, blocks: np.ndarray,
+) -> np.ndarray:  # fmt: skip
     """v0 + w (h f - M dv_c), and the given values where they are prescribed; rows (n, 2 dim)."""
-    dim = start.shape[1] // 2
-    turning = inertia.shape[1]
-    for i in range(len(start)):
-        for k in range(2 * dim):
-            free[i, k] = given[i, k] if prescribed[i, k] else start[i, k]
-        for k in range(dim):
-            free[i, k] += blocks[i, k, k] * impulse[i, k]
-        for k in range(turning):
-            torque = impulse[i, dim + k]
-            for j in range(turning):
-                if prescribed[i, dim + j]:
-                    torque -= inertia[i, k, j] * (given[i, dim + j] - start[i, dim + j])
-            for j in range(turning):
-                free[i, dim + j] += blocks[i, dim + j, dim + k] * torque
+    dim, turning = start.shape[1] // 2, inertia.shape[1]
+    spin = slice(dim, dim + turning)
+    free = np.where(prescribed, given, start)
+    for k in range(dim):
+        free[:, k] += blocks[:, k, k] * impulse[:, k]
+    change = np.where(prescribed, given - start, 0.0)[:, spin]
+    torque = impulse[:, spin].copy()
+    for j in range(turning):
+        torque -= inertia[:, :, j] * change[:, j, None]
+    for k in range(turning):
+        free[:, spin] += blocks[:, spin, dim + k] * torque[:, k, None]
+    return free

@@ -28,12 +28,23 @@ order. Guides work in a drift: the energy of a guided body may change there.
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 
 from xper_fx.cache import njit
+from xper_fx.nscd import space
+from xper_fx.nscd.kernel_options import LEAN_ENTRY, LEAN_INNER, MERGED
 from xper_fx.nscd.rigid.bodies import RigidBodies
 from xper_fx.nscd.rigid.plane_turning import Turn
-from xper_fx.nscd.space import add, dot, matrix_vector, row, scale, set_row, subtract
+
+add, dot, matrix_vector, row, scale, set_row, subtract = (
+    njit(**MERGED)(function.py_func)
+    for function in (
+        space.add, space.dot, space.matrix_vector, space.row, space.scale, space.set_row,
+        space.subtract,
+    )
+)  # fmt: skip
 
 # How a body turns in 3D.
 _ROUND, _TUMBLING, _GUIDED = range(3)
@@ -58,6 +69,7 @@ class SpaceTurning:
         self.how = np.where(apart <= _EQUAL_MOMENTS * mean[:, 0, 0], _ROUND, _TUMBLING)
         self.how[prescribed.any(axis=1)] = _GUIDED
         self.how = self.how.astype(np.int8)
+        self._kinds = tuple(bool(np.any(self.how == kind)) for kind in range(3))
         round_ones = self.how == _ROUND
         self.body_inertia[round_ones] = mean[round_ones]
         self.body_inverse[round_ones] = np.eye(3) / mean[round_ones, :1, :1]
@@ -78,9 +90,10 @@ class SpaceTurning:
             FloatingPointError: a velocity is not finite, or a body spins far too fast for the step.
         """
         end = Turn(*(np.empty_like(part) for part in turn))
-        failed = _drift(
-            size, self.how, self.body_inertia, self.body_inverse, self.prescribed, turn, end
-        )
+        failed = _drift_kernel(*self._kinds)(
+            size, self.how, self.body_inertia, self.body_inverse, self.prescribed, turn, end,
+            np.empty_like(self.inverse),
+        )  # fmt: skip
         if failed >= 0:
             raise FloatingPointError(
                 f"The rotation of rigid body {failed} could not be followed over {size:.3g} s: its "
@@ -90,27 +103,31 @@ class SpaceTurning:
 
     def update_inverse(self, turn: Turn, inverse: np.ndarray) -> None:
         """Write w of the spins into `inverse`, shape (n, 3, 3): the free ones' J_ff^-1."""
-        _update_inverse(
-            self.how, turn.rotation, turn.inertia, self.body_inverse, self.prescribed, inverse
-        )
+        _, tumbling, guided = self._kinds
+        if tumbling or guided:
+            _inverse_kernel(tumbling, guided)(
+                self.how, turn.rotation, turn.inertia, self.body_inverse, self.prescribed,
+                self.inverse,
+            )  # fmt: skip
+        inverse[:] = self.inverse
 
 
-@njit(inline="always")
+@njit(**MERGED)
 def _cross(x, y):
     return x[1] * y[2] - x[2] * y[1], x[2] * y[0] - x[0] * y[2], x[0] * y[1] - x[1] * y[0]
 
 
-@njit(inline="always")
+@njit(**MERGED)
 def _column(a, i, j):
     return a[i, 0, j], a[i, 1, j], a[i, 2, j]
 
 
-@njit(inline="always")
+@njit(**MERGED)
 def _row(a, i, k):
     return a[i, k, 0], a[i, k, 1], a[i, k, 2]
 
 
-@njit(inline="always")
+@njit(**MERGED)
 def _copy(a, i, out):
     """out[i] = a[i], without making views of them."""
     for k in range(3):
@@ -118,20 +135,20 @@ def _copy(a, i, out):
             out[i, k, j] = a[i, k, j]
 
 
-@njit(inline="always")
+@njit(**MERGED)
 def _transposed_vector(a, i, x):
     """a[i]^T x."""
     return dot(_column(a, i, 0), x), dot(_column(a, i, 1), x), dot(_column(a, i, 2), x)
 
 
-@njit(inline="always")
+@njit(**MERGED)
 def _turned(x, a, once, twice):
     """x + once (a cross x) + twice (a cross (a cross x))."""
     y = _cross(a, x)
     return add(x, add(scale(once, y), scale(twice, _cross(a, y))))
 
 
-@njit
+@njit(**LEAN_INNER)
 def _restore(a, i):
     """One step of Newton's for the nearest rotation, R (3 I - R^T R) / 2: rounding only."""
     c0, c1, c2 = _column(a, i, 0), _column(a, i, 1), _column(a, i, 2)
@@ -144,7 +161,7 @@ def _restore(a, i):
         a[i, k, 2] = 0.5 * ((3.0 - g22) * z - g02 * x - g12 * y)
 
 
-@njit
+@njit(**LEAN_INNER)
 def _turn_in_space(angle, a, i):
     """a[i] becomes exp([angle]_x) a[i], for a rotation vector `angle` (rad)."""
     size = np.sqrt(dot(angle, angle))
@@ -155,7 +172,7 @@ def _turn_in_space(angle, a, i):
         a[i, 0, j], a[i, 1, j], a[i, 2, j] = x
 
 
-@njit
+@njit(**LEAN_INNER)
 def _turn_inertia(rotation, body, i, out):
     """out[i] = R body R^T, symmetric to the last digit."""
     for k in range(3):
@@ -164,7 +181,7 @@ def _turn_inertia(rotation, body, i, out):
             out[i, k, j] = out[i, j, k] = dot(_row(rotation, i, j), x)
 
 
-@njit(error_model="numpy")
+@njit(**LEAN_INNER)
 def _tumble(size, i, inverse, momentum, rotation):
     """Turn rotation[i] by one midpoint step of a free body; whether Newton settled."""
     pi0 = _transposed_vector(rotation, i, momentum)
@@ -199,7 +216,7 @@ def _tumble(size, i, inverse, momentum, rotation):
     return False
 
 
-@njit(error_model="numpy")
+@njit(**LEAN_INNER)
 def _tumble_in_pieces(size, i, inverse, momentum, start, rotation):
     """Turn a free body over a whole drift; whether that was possible."""
     pi = _transposed_vector(start, i, momentum)
@@ -216,26 +233,27 @@ def _tumble_in_pieces(size, i, inverse, momentum, start, rotation):
     return settled
 
 
-@njit(error_model="numpy")
+@njit(**LEAN_INNER)
 def _free_inverse(matrix, prescribed, i, out):
-    """out = the inverse of the free rows and columns of matrix[i], zeros elsewhere."""
-    out[:] = 0.0
+    """out[i] = the inverse of the free rows and columns of matrix[i], zeros elsewhere."""
     free = 0
     for k in range(3):
+        for j in range(3):
+            out[i, k, j] = 0.0
         free += 0 if prescribed[i, k] else 1
     if free == 1:
         for k in range(3):
             if not prescribed[i, k]:
-                out[k, k] = 1.0 / matrix[i, k, k]
+                out[i, k, k] = 1.0 / matrix[i, k, k]
     elif free == 2:
         j, k = (1, 2) if prescribed[i, 0] else (0, 2) if prescribed[i, 1] else (0, 1)
         determinant = matrix[i, j, j] * matrix[i, k, k] - matrix[i, j, k] * matrix[i, k, j]
-        out[j, j] = matrix[i, k, k] / determinant
-        out[k, k] = matrix[i, j, j] / determinant
-        out[j, k] = out[k, j] = -matrix[i, j, k] / determinant
+        out[i, j, j] = matrix[i, k, k] / determinant
+        out[i, k, k] = matrix[i, j, j] / determinant
+        out[i, j, k] = out[i, k, j] = -matrix[i, j, k] / determinant
 
 
-@njit(error_model="numpy")
+@njit(**LEAN_INNER)
 def _guide(size, i, body_inertia, prescribed, turn, end, inverse):
     """Turn a guided body; whether the fixed points settled."""
     spin0 = row(turn.spin, i)
@@ -246,9 +264,9 @@ def _guide(size, i, body_inertia, prescribed, turn, end, inverse):
         _copy(turn.rotation, i, end.rotation)
         _turn_in_space(scale(0.5 * size, add(spin0, spin)), end.rotation, i)
         _turn_inertia(end.rotation, body_inertia, i, end.inertia)
-        _free_inverse(end.inertia, prescribed, i, inverse[0])
+        _free_inverse(end.inertia, prescribed, i, inverse)
         missing = subtract(row(turn.momentum, i), matrix_vector(end.inertia, i, spin))
-        correction = matrix_vector(inverse, 0, missing)
+        correction = matrix_vector(inverse, i, missing)
         spin = add(spin, correction)
         error = np.sqrt(dot(correction, correction))
         # At the end corrections are rounding, and no longer fall.
@@ -261,40 +279,52 @@ def _guide(size, i, body_inertia, prescribed, turn, end, inverse):
     return False
 
 
-@njit(error_model="numpy")
-def _drift(size, how, body_inertia, body_inverse, prescribed, turn, end):
-    """Fill `end`; the first body that failed, -1 if none did."""
-    inverse = np.empty_like(body_inertia[:1])
-    for i in range(len(how)):
-        momentum = row(turn.momentum, i)
-        if how[i] == _GUIDED:
-            settled = _guide(size, i, body_inertia, prescribed, turn, end, inverse)
-        else:
-            set_row(end.momentum, i, momentum)
-            if how[i] == _ROUND:
+@cache
+def _drift_kernel(round_ones: bool, tumbling: bool, guided: bool):
+    """Kernel that fills `end`, for the kinds there are; the first body that failed, -1 if none."""
+
+    @njit(**LEAN_ENTRY)
+    def drift(size, how, body_inertia, body_inverse, prescribed, turn, end, inverse):
+        for i in range(len(how)):
+            momentum = row(turn.momentum, i)
+            settled = True
+            if guided and how[i] == _GUIDED:
+                settled = _guide(size, i, body_inertia, prescribed, turn, end, inverse)
+            if round_ones and how[i] == _ROUND:
                 spin = scale(body_inverse[i, 0, 0], momentum)
                 _copy(turn.rotation, i, end.rotation)
                 _turn_in_space(scale(size, spin), end.rotation, i)
                 _restore(end.rotation, i)
                 _copy(body_inertia, i, end.inertia)
                 settled = np.isfinite(dot(spin, spin))
-            else:
+                set_row(end.momentum, i, momentum)
+                set_row(end.spin, i, spin)
+            if tumbling and how[i] == _TUMBLING:
                 settled = _tumble_in_pieces(
                     size, i, body_inverse, momentum, turn.rotation, end.rotation
                 )
                 pi = _transposed_vector(end.rotation, i, momentum)
                 spin = matrix_vector(end.rotation, i, matrix_vector(body_inverse, i, pi))
                 _turn_inertia(end.rotation, body_inertia, i, end.inertia)
-            set_row(end.spin, i, spin)
-        if not settled:
-            return i
-    return -1
+                set_row(end.momentum, i, momentum)
+                set_row(end.spin, i, spin)
+            if not settled:
+                return i
+        return -1
+
+    return drift
 
 
-@njit(error_model="numpy")
-def _update_inverse(how, rotation, inertia, body_inverse, prescribed, inverse):
-    for i in range(len(how)):
-        if how[i] == _TUMBLING:
-            _turn_inertia(rotation, body_inverse, i, inverse)
-        elif how[i] == _GUIDED:
-            _free_inverse(inertia, prescribed, i, inverse[i])
+@cache
+def _inverse_kernel(tumbling: bool, guided: bool):
+    """Kernel that renews w of the spins of the kinds there are."""
+
+    @njit(**LEAN_ENTRY)
+    def update_inverse(how, rotation, inertia, body_inverse, prescribed, inverse):
+        for i in range(len(how)):
+            if tumbling and how[i] == _TUMBLING:
+                _turn_inertia(rotation, body_inverse, i, inverse)
+            if guided and how[i] == _GUIDED:
+                _free_inverse(inertia, prescribed, i, inverse)
+
+    return update_inverse

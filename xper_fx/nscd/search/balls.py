@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 
 from xper_fx.cache import njit
+from xper_fx.nscd.kernel_options import LEAN_ENTRY
 
 
 @njit(inline="always")
@@ -31,7 +32,7 @@ def put_ball(found, count, i, j, num_bodies, position, radius, normal, gap):
     return count + 1
 
 
-@njit(error_model="numpy")
+@njit(**LEAN_ENTRY)
 def ball_ball(found, pairs, position, radius, reach):
     """Contacts of discs or of spheres.
 
@@ -76,7 +77,7 @@ def ball_ball(found, pairs, position, radius, reach):
     return count
 
 
-@njit
+@njit(**LEAN_ENTRY)
 def ball_wall(found, pairs, position, radius, normal, reach):
     """Contacts of discs or spheres with walls.
 

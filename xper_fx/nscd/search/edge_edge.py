@@ -14,6 +14,7 @@ from __future__ import annotations
 import numpy as np
 
 from xper_fx.cache import njit
+from xper_fx.nscd.kernel_options import LEAN_ENTRY, LEAN_INNER
 
 # Sine of the angle by which an edge must be bent to count.
 _BENT = 0.035
@@ -63,7 +64,7 @@ def convex_edges(
     return edge[sharp][order], other[sharp][order]
 
 
-@njit(error_model="numpy")
+@njit(**LEAN_INNER)
 def _recedes(n, sign, direction, facet_normal, turn):
     """Whether a facet beside an edge recedes against sign * n; turn = 1 if it runs along it."""
     t0 = facet_normal[1] * direction[2] - facet_normal[2] * direction[1]
@@ -72,10 +73,11 @@ def _recedes(n, sign, direction, facet_normal, turn):
     return sign * turn * (n[0] * t0 + n[1] * t1 + n[2] * t2) <= _RECEDING
 
 
-@njit(error_model="numpy")
+@njit(**LEAN_ENTRY)
 def edge_edge(
-    pairs, edges, others, faces, reach, out_pair, out_weights, out_normal, out_gap, out_area
-):
+    pairs, edges, others, faces, reach, out_pair, out_weights, out_normal, out_gap, out_area,
+    along, n,
+):  # fmt: skip
     """Find the contacts of pairs of edges.
 
     Args:
@@ -85,14 +87,13 @@ def edge_edge(
         reach: largest gap (m).
         out_*: where contacts go, at least as many as pairs; `out_weights` is the share of the
             second node of each edge, shape (p, 2).
+        along, n: room, shapes (2, 3) and (3,).
 
     Returns:
         How many contacts there are.
     """
     x, facets, weld, normal, depth = faces.x, faces.facets, faces.weld, faces.normal, faces.depth
     count = 0
-    along = np.empty((2, 3))
-    n = np.empty(3)
     for i in range(len(pairs)):
         ea, eb = edges[pairs[i, 0]], edges[pairs[i, 1]]
         fa, fb = ea // 3, eb // 3

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from xper_fx.cache import njit
+from xper_fx.nscd.kernel_options import LEAN_ENTRY, LEAN_INNER
 
 # What a weight may be below 0 by rounding, and what counts as 0 on an edge.
 _NO_WEIGHT = 1e-9
@@ -51,7 +52,7 @@ class Faces(NamedTuple):
     own_body: np.ndarray
 
 
-@njit(error_model="numpy")
+@njit(**LEAN_ENTRY)
 def facet_normals(x, facets, chosen, normal):
     """Write the outward unit normals of the chosen facets into `normal`, shape (f, dim)."""
     for f in chosen:
@@ -72,7 +73,7 @@ def facet_normals(x, facets, chosen, normal):
             normal[f, 2] = nz / length
 
 
-@njit(error_model="numpy")
+@njit(**LEAN_INNER)
 def plane_weights(p, x, facets, f, weights, m):
     """Write the weights of p's projection on the line or plane of facet f into row m; any sign."""
     a, b = facets[f, 0], facets[f, 1]
@@ -96,7 +97,7 @@ def plane_weights(p, x, facets, f, weights, m):
     weights[m, 0] = 1.0 - weights[m, 1] - weights[m, 2]
 
 
-@njit(error_model="numpy")
+@njit(**LEAN_INNER)
 def closest_weights(p, x, facets, f, weights, m):
     """Write the weights of the point of facet f closest to p into row m.
 
@@ -132,7 +133,7 @@ def closest_weights(p, x, facets, f, weights, m):
     return square, size
 
 
-@njit(error_model="numpy")
+@njit(**LEAN_INNER)
 def _closest_on_sides(p, x, facets, f, weights, m):
     """Write the weights of the closest point on the three edges of triangle f into row m."""
     best = np.inf
@@ -162,7 +163,7 @@ def _closest_on_sides(p, x, facets, f, weights, m):
     weights[m, (side + 1) % 3] = along
 
 
-@njit(error_model="numpy")
+@njit(**LEAN_INNER)
 def facing_area(n, node, faces):
     """Area of a node's facets that face against n, and all of it.
 
@@ -184,7 +185,7 @@ def facing_area(n, node, faces):
     return facing, whole
 
 
-@njit(error_model="numpy")
+@njit(**LEAN_INNER)
 def is_tip(n, node, faces):
     """Whether a node is its surface's foremost point against n: what is around recedes along n."""
     own_start, own_facets, exposed = faces.own_start, faces.own_facets, faces.exposed

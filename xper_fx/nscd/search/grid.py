@@ -17,6 +17,7 @@ from __future__ import annotations
 import numpy as np
 
 from xper_fx.cache import njit
+from xper_fx.nscd.kernel_options import LEAN_ENTRY
 
 # Cells are not made smaller than this share of the whole extent: their numbers stay exact.
 _SMALLEST_CELL = 2.0**-30
@@ -99,18 +100,24 @@ def labelled_box_pairs(
     allowed = np.ascontiguousarray(allowed, dtype=np.bool_)
     lowest = int(level.min())
     used = np.unique(level) - lowest
-    pairs = _find(low, high, label, allowed, level - lowest, used, origin, unit * 2.0**lowest)
-    return _sorted_pairs(pairs, len(low))
+    size = unit * 2.0**lowest
+    pairs = _found_pairs(low, high, label, allowed, level - lowest, used, origin, size)
+    first, second = np.divmod(np.sort(pairs[:, 0] * np.int64(len(low)) + pairs[:, 1]), len(low))
+    return np.stack([first, second], axis=1).astype(np.int32)
 
 
-@njit(inline="always")
 def _row(y, z, level):
     """Place of a row of cells in the table, before it is wrapped around."""
     return y * 73856093 + z * 19349663 + level * 83492791
 
 
-@njit(error_model="numpy")
-def _find(low, high, label, allowed, level, used, origin, size):
+_row_in_kernel = njit(inline="always")(_row)
+
+
+def _found_pairs(
+    low: np.ndarray, high: np.ndarray, label: np.ndarray, allowed: np.ndarray, level: np.ndarray,
+    used: np.ndarray, origin: np.ndarray, size: float,
+) -> np.ndarray:  # fmt: skip
     """Pairs in the order in which they are found, smaller number first.
 
     `level` counts from 0, where cells have `size`; `used` are the levels that hold boxes, rising.
@@ -119,51 +126,56 @@ def _find(low, high, label, allowed, level, used, origin, size):
     places = 4
     while places < 2 * n:
         places *= 2
-    mask = places - 1
-
-    cells = np.zeros((n, 3), np.int64)
-    place = np.empty(n, np.int64)
+    address = np.zeros((n, 4), np.int64)  # cell and level
+    address[:, :dim] = np.floor((low - origin) / (size * 2.0**level)[:, None])
+    address[:, 3] = level
+    place = (_row(address[:, 1], address[:, 2], level) + address[:, 0]) & (places - 1)
     start = np.zeros(places + 1, np.int64)
-    for i in range(n):
-        cell = size * 2.0 ** level[i]
-        for d in range(dim):
-            cells[i, d] = int(np.floor((low[i, d] - origin[d]) / cell))
-        place[i] = (_row(cells[i, 1], cells[i, 2], level[i]) + cells[i, 0]) & mask
-        start[place[i] + 1] += 1
-    for b in range(places):
-        start[b + 1] += start[b]
-    # What the cells hold, in their order: number, cell and level, box.
-    number = np.empty(n, np.int64)
-    address = np.empty((n, 4), np.int64)
-    box = np.empty((n, 2, dim))
-    fill = start[:-1].copy()
-    for i in range(n):
-        k = fill[place[i]]
-        fill[place[i]] += 1
-        number[k] = i
-        address[k, :3] = cells[i]
-        address[k, 3] = level[i]
-        box[k, 0] = low[i]
-        box[k, 1] = high[i]
+    np.cumsum(np.bincount(place, minlength=places), out=start[1:])
+    # What the cells hold, in their order.
+    number = np.argsort(place, kind="stable")
+    address, low, high, label = address[number], low[number], high[number], label[number]
+    room = 4 * n
+    while True:
+        pairs = np.empty((room, 2), np.int32)
+        count = _find(
+            low - origin, high - origin, low, high, label, allowed, number, address, start, used,
+            size, pairs,
+        )  # fmt: skip
+        if count <= room:
+            return pairs[:count]
+        room = count
 
-    pairs = np.empty((4 * n, 2), np.int32)
+
+@njit(**LEAN_ENTRY)
+def _find(
+    from_low, from_high, low, high, label, allowed, number, address, start, used, size, pairs
+):  # fmt: skip
+    """Write the pairs for which there is room, and return how many there are.
+
+    Boxes come in the order of their cells, with their corners also measured from the origin.
+    """
+    n, dim = low.shape
+    mask = len(start) - 2
     count = 0
-    first = np.zeros(3, np.int64)
-    last = np.zeros(3, np.int64)
     for k in range(n):
         i = number[k]
         for asked in used:
-            if asked < level[i]:
+            if asked < address[k, 3]:
                 continue
             cell = size * 2.0**asked
-            for d in range(dim):
-                shifted = box[k, 0, d] - origin[d]
-                first[d] = int(np.floor(shifted / cell - 1.0 - _MARGIN))
-                last[d] = int(np.floor((box[k, 1, d] - origin[d]) / cell + _MARGIN))
-            for z in range(first[2], last[2] + 1):
-                for y in range(first[1], last[1] + 1):
-                    row = _row(y, z, asked)
-                    for x in range(first[0], last[0] + 1):
+            x0 = int(np.floor(from_low[k, 0] / cell - 1.0 - _MARGIN))
+            x1 = int(np.floor(from_high[k, 0] / cell + _MARGIN))
+            y0 = int(np.floor(from_low[k, 1] / cell - 1.0 - _MARGIN))
+            y1 = int(np.floor(from_high[k, 1] / cell + _MARGIN))
+            z0 = z1 = 0
+            if dim == 3:
+                z0 = int(np.floor(from_low[k, 2] / cell - 1.0 - _MARGIN))
+                z1 = int(np.floor(from_high[k, 2] / cell + _MARGIN))
+            for z in range(z0, z1 + 1):
+                for y in range(y0, y1 + 1):
+                    row = _row_in_kernel(y, z, asked)
+                    for x in range(x0, x1 + 1):
                         b = (row + x) & mask
                         for m in range(start[b], start[b + 1]):
                             if (
@@ -174,44 +186,18 @@ def _find(low, high, label, allowed, level, used, origin, size):
                             ):
                                 continue
                             j = number[m]
-                            if asked == level[i] and j <= i:
+                            if asked == address[k, 3] and j <= i:
                                 continue
-                            if not allowed[label[i], label[j]]:
+                            if not allowed[label[k], label[m]]:
                                 continue
                             apart = False
                             for d in range(dim):
-                                if box[k, 0, d] > box[m, 1, d] or box[m, 0, d] > box[k, 1, d]:
+                                if low[k, d] > high[m, d] or low[m, d] > high[k, d]:
                                     apart = True
                             if apart:
                                 continue
-                            if count == len(pairs):
-                                longer = np.empty((2 * count, 2), np.int32)
-                                longer[:count] = pairs
-                                pairs = longer
-                            pairs[count, 0] = min(i, j)
-                            pairs[count, 1] = max(i, j)
+                            if count < len(pairs):
+                                pairs[count, 0] = min(i, j)
+                                pairs[count, 1] = max(i, j)
                             count += 1
-    return pairs[:count]
-
-
-@njit
-def _sorted_pairs(pairs, n):
-    """The pairs in lexicographic order: by counting along the first, then row by row."""
-    start = np.zeros(n + 1, np.int64)
-    for p in range(len(pairs)):
-        start[pairs[p, 0] + 1] += 1
-    for i in range(n):
-        start[i + 1] += start[i]
-    second = np.empty(len(pairs), np.int32)
-    fill = start[:-1].copy()
-    for p in range(len(pairs)):
-        i = pairs[p, 0]
-        second[fill[i]] = pairs[p, 1]
-        fill[i] += 1
-    result = np.empty((len(pairs), 2), np.int32)
-    for i in range(n):
-        row = np.sort(second[start[i] : start[i + 1]])
-        for k in range(len(row)):
-            result[start[i] + k, 0] = i
-            result[start[i] + k, 1] = row[k]
-    return result
+    return count

@@ -30,7 +30,9 @@ from typing import NamedTuple
 import numpy as np
 
 from xper_fx.cache import njit
+from xper_fx.nscd.kernel_options import LEAN_ENTRY, LEAN_INNER
 from xper_fx.nscd.search.facet_geometry import (
+    Faces,
     closest_weights,
     facing_area,
     is_tip,
@@ -117,7 +119,7 @@ def room_for(count: int, dim: int) -> Touching:
     )
 
 
-@njit
+@njit(**LEAN_INNER)
 def _along(n, normal, f):
     """Cosine between n and the normal of facet f."""
     total = 0.0
@@ -126,7 +128,7 @@ def _along(n, normal, f):
     return total
 
 
-@njit
+@njit(**LEAN_INNER)
 def _has(welds, weights, b, a):
     """Whether facet b has the edge or vertex of facet a that its closest point is on."""
     dim = welds.shape[1]
@@ -141,7 +143,7 @@ def _has(welds, weights, b, a):
     return True
 
 
-@njit(error_model="numpy")
+@njit(**LEAN_INNER)
 def _look_around(node, p, radius, meshed, begin, end, listed, faces, near):
     """Write the facets near p into `near`; how many, and whether p is not part of some of them."""
     x, facets, normal, extent = faces.x, faces.facets, faces.normal, faces.extent
@@ -175,7 +177,7 @@ def _look_around(node, p, radius, meshed, begin, end, listed, faces, near):
     return m, foreign
 
 
-@njit
+@njit(**LEAN_INNER)
 def _is_lowest(a, m, noise, square, size, welds, weights):
     """Whether no facet around the closest point of a on an edge or at a vertex is nearer.
 
@@ -190,7 +192,7 @@ def _is_lowest(a, m, noise, square, size, welds, weights):
     return True
 
 
-@njit(error_model="numpy")
+@njit(**LEAN_INNER)
 def _angle(x, facets, f, j):
     """Angle of triangle f at its node j."""
     a, b, c = facets[f, j], facets[f, (j + 1) % 3], facets[f, (j + 2) % 3]
@@ -203,7 +205,7 @@ def _angle(x, facets, f, j):
     return np.arccos(min(max(uv / np.sqrt(uu * vv), -1.0), 1.0))
 
 
-@njit(error_model="numpy")
+@njit(**LEAN_INNER)
 def _is_outside(a, m, away, near, faces):
     """Whether `away`, from an edge or vertex to p, leads out: against the normals around."""
     welds, weights = near.welds, near.weights
@@ -226,7 +228,7 @@ def _is_outside(a, m, away, near, faces):
     return leads_out > 0.0
 
 
-@njit
+@njit(**LEAN_INNER)
 def _most_faced(a, m, node, outward, meshed, near, faces):
     """Of the facets around the closest point of a the one that the point's own surface faces."""
     best = -np.inf
@@ -245,7 +247,7 @@ def _most_faced(a, m, node, outward, meshed, near, faces):
     return side
 
 
-@njit
+@njit(**LEAN_INNER)
 def _is_straight_out(a, m, n, near, faces):
     """Whether n agrees with the normals around the closest point of a."""
     for b in range(m):
@@ -255,7 +257,7 @@ def _is_straight_out(a, m, n, near, faces):
     return True
 
 
-@njit
+@njit(**LEAN_INNER)
 def _is_pocket(a, m, near, faces):
     """Whether facet a is the wall of a reflex corner behind whose other wall the point is."""
     x, facets, normal, depth = faces.x, faces.facets, faces.normal, faces.depth
@@ -282,7 +284,7 @@ def _is_pocket(a, m, near, faces):
     return False
 
 
-@njit
+@njit(**LEAN_INNER)
 def _is_back(a, m, gap, n, near, faces):
     """Whether facet a is the back of something whose front, nearer, faces the point."""
     facet, square, height, own, welds = near.facet, near.square, near.height, near.own, near.welds
@@ -305,7 +307,7 @@ def _is_back(a, m, gap, n, near, faces):
     return False
 
 
-@njit(error_model="numpy")
+@njit(**LEAN_INNER)
 def _way_out(a, m, touches, node, p, outward, meshed, near, faces, n, away):
     """Decide how facet a touches the point with its edge or vertex, or as a pocket's wall.
 
@@ -349,7 +351,7 @@ def _way_out(a, m, touches, node, p, outward, meshed, near, faces, n, away):
     return touches, kind, gap, False
 
 
-@njit
+@njit(**LEAN_INNER)
 def _one_way_out(found, inside, ways):
     """Strike out, within a fragment, all but the nearest way out of it, and contacts behind a
     corner that has two walls."""
@@ -365,7 +367,7 @@ def _one_way_out(found, inside, ways):
                     alive[a] = False
 
 
-@njit
+@njit(**LEAN_INNER)
 def _nearest_of_each_normal(found, ways, kept):
     """Write into `kept`, nearest first, contacts whose normals differ within a fragment."""
     fragment, square, alive, normal = ways.fragment, ways.square, ways.alive, ways.normal
@@ -387,8 +389,10 @@ def _nearest_of_each_normal(found, ways, kept):
             count += 1
 
 
-@njit(error_model="numpy")
-def point_facet(points, radius, outward, meshed, rows, start, listed, faces, reach, out):
+def point_facet(
+    points: np.ndarray, radius: np.ndarray, outward: np.ndarray, meshed: bool, rows: np.ndarray,
+    start: np.ndarray, listed: np.ndarray, faces: Faces, reach: float, out: Touching,
+) -> int:  # fmt: skip
     """Find the contacts of points with the facets listed for each.
 
     Args:
@@ -407,9 +411,7 @@ def point_facet(points, radius, outward, meshed, rows, start, listed, faces, rea
         How many contacts there are, more than there was room for perhaps.
     """
     dim = points.shape[1]
-    longest = 1
-    for i in range(len(rows)):
-        longest = max(longest, start[i + 1] - start[i])
+    longest = int(np.diff(start).max(initial=1))
     near = _Near(
         np.empty(longest, np.int64),
         np.empty(longest),
@@ -430,12 +432,21 @@ def point_facet(points, radius, outward, meshed, rows, start, listed, faces, rea
         np.empty((longest, dim)),
         np.empty(longest, np.bool_),
     )
+    return _point_facet(
+        points, radius, outward, meshed, rows, start, listed, faces, reach, out, near, ways,
+        np.empty(longest, np.int64), np.empty(dim),
+    )  # fmt: skip
+
+
+@njit(**LEAN_ENTRY)
+def _point_facet(
+    points, radius, outward, meshed, rows, start, listed, faces, reach, out, near, ways, kept, away
+):  # fmt: skip
+    dim = points.shape[1]
     share, depth, fragment, body = faces.share, faces.depth, faces.fragment, faces.body
     own, height, square, near_facet = near.own, near.height, near.square, near.facet
     size, welds, weights = near.size, near.welds, near.weights
     normal, normals = faces.normal, ways.normal
-    kept = np.empty(longest, np.int64)
-    away = np.empty(dim)
     count = 0
     for i in range(len(rows)):
         node = rows[i]

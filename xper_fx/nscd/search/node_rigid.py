@@ -14,6 +14,7 @@ from __future__ import annotations
 import numpy as np
 
 from xper_fx.cache import njit
+from xper_fx.nscd.kernel_options import LEAN_ENTRY, LEAN_INNER
 from xper_fx.nscd.rigid.shapes import DISC, HALF_PLANE, HALF_SPACE, SPHERE
 from xper_fx.nscd.search.facet_geometry import facing_area, is_tip
 
@@ -23,7 +24,7 @@ _FACING = 0.05
 _NO_DISTANCE = 1e-9
 
 
-@njit(error_model="numpy")
+@njit(**LEAN_INNER)
 def _closest_on_face(y, vertices, first, loop, face_normal, height, q):
     """Write the point of a face closest to y into q; whether it is inside the face.
 
@@ -76,9 +77,9 @@ def _closest_on_face(y, vertices, first, loop, face_normal, height, q):
     return False
 
 
-@njit(error_model="numpy")
+@njit(**LEAN_ENTRY)
 def node_rigid(
-    pairs, faces, position, turn, shapes, reach, out_pair, out_normal, out_gap, out_area
+    pairs, faces, position, turn, shapes, reach, out_pair, out_normal, out_gap, out_area, room
 ):
     """Find the contacts of nodes with rigid bodies.
 
@@ -90,15 +91,13 @@ def node_rigid(
         shapes: `ShapeTables`.
         reach: largest gap (m).
         out_*: where contacts go, at least as many as pairs.
+        room: for four vectors, shape (4, dim).
 
     Returns:
         How many contacts there are.
     """
     dim = position.shape[1]
-    y = np.empty(dim)
-    q = np.empty(dim)
-    n = np.empty(dim)
-    world = np.empty(dim)
+    y, q, n, world = room[0], room[1], room[2], room[3]
     count = 0
     for i in range(len(pairs)):
         node, body = pairs[i]

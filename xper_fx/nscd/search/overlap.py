@@ -16,6 +16,8 @@ from typing import NamedTuple
 import numpy as np
 
 from xper_fx.cache import njit
+from xper_fx.nscd.kernel_options import LEAN_INNER, MERGED
+from xper_fx.nscd.rigid.bodies import ShapeTables
 
 
 class Overlap(NamedTuple):
@@ -38,13 +40,9 @@ class Overlap(NamedTuple):
     kept: np.ndarray
 
 
-@njit
-def overlap_room(tables):
+def overlap_room(tables: ShapeTables) -> Overlap:
     """Room for the overlap of any two faces."""
-    longest = 0
-    for f in range(len(tables.loop_offsets) - 1):
-        longest = max(longest, tables.loop_offsets[f + 1] - tables.loop_offsets[f])
-    room = 2 * longest + 4
+    room = 2 * int(np.diff(tables.loop_offsets).max(initial=0)) + 4
     return Overlap(
         np.empty((2, room, 3)),
         np.empty((2, room), np.int64),
@@ -55,13 +53,13 @@ def overlap_room(tables):
     )
 
 
-@njit(inline="always")
+@njit(**MERGED)
 def edge_number(p, q, count):
     """Number of the edge between two vertices of a body that has `count`."""
     return min(p, q) * count + max(p, q)
 
 
-@njit(inline="always")
+@njit(**MERGED)
 def plane_axes(x, y, z):
     """Two unit vectors that make a right-handed frame with a unit normal (Duff et al. 2017)."""
     sign = math.copysign(1.0, z)
@@ -70,7 +68,7 @@ def plane_axes(x, y, z):
     return (1.0 + sign * x * x * a, sign * b, -sign * x), (b, sign + y * y * a, -y)
 
 
-@njit(error_model="numpy")
+@njit(**LEAN_INNER)
 def clip(overlap, count, x0, y0, x1, y1, number, rounding):
     """Cut off what lies to the right of the line from (x0, y0) to (x1, y1).
 
@@ -96,9 +94,10 @@ def clip(overlap, count, x0, y0, x1, y1, number, rounding):
         there = tx * (place[0, j, 1] - y0) - ty * (place[0, j, 0] - x0)
         inside = here >= -rounding
         if inside:
-            place[1, left] = place[0, i]
+            for d in range(3):
+                place[1, left, d] = place[0, i, d]
             edge[1, left] = edge[0, i]
-            crossed[1, left] = crossed[0, i]
+            crossed[1, left, 0], crossed[1, left, 1] = crossed[0, i, 0], crossed[0, i, 1]
             left += 1
         if inside != (there >= -rounding):
             t = min(max(here / (here - there), 0.0), 1.0)
@@ -109,13 +108,14 @@ def clip(overlap, count, x0, y0, x1, y1, number, rounding):
             crossed[1, left, 1] = number
             left += 1
     for i in range(left):
-        place[0, i] = place[1, i]
+        for d in range(3):
+            place[0, i, d] = place[1, i, d]
         edge[0, i] = edge[1, i]
-        crossed[0, i] = crossed[1, i]
+        crossed[0, i, 0], crossed[0, i, 1] = crossed[1, i, 0], crossed[1, i, 1]
     return left
 
 
-@njit
+@njit(**LEAN_INNER)
 def area_of(overlap, count):
     """Area of the overlap (m^2)."""
     place = overlap.place[0]
@@ -127,7 +127,7 @@ def area_of(overlap, count):
     return 0.5 * abs(twice)
 
 
-@njit
+@njit(**LEAN_INNER)
 def distinct(overlap, count):
     """Of corners with one name keep the deepest; returns how many are left."""
     left = 0
@@ -136,14 +136,15 @@ def distinct(overlap, count):
         while place < left and overlap.name[place] != overlap.name[i]:
             place += 1
         if place == left or overlap.gap[i] < overlap.gap[place]:
-            overlap.place[0, place] = overlap.place[0, i]
+            for d in range(3):
+                overlap.place[0, place, d] = overlap.place[0, i, d]
             overlap.name[place] = overlap.name[i]
             overlap.gap[place] = overlap.gap[i]
         left = max(left, place + 1)
     return left
 
 
-@njit
+@njit(**LEAN_INNER)
 def keep_four(overlap, count, x, y, near, rounding):
     """Choose at most four corners, by where they are in the plane, and sort them by name.
 
@@ -207,6 +208,6 @@ def keep_four(overlap, count, x, y, near, rounding):
     return chosen
 
 
-@njit(inline="always")
+@njit(**MERGED)
 def _apart(place, i, j):
     return math.hypot(place[i, 0] - place[j, 0], place[i, 1] - place[j, 1])

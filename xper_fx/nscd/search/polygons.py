@@ -20,11 +20,12 @@ from __future__ import annotations
 import math
 
 from xper_fx.cache import njit
+from xper_fx.nscd.kernel_options import LEAN_ENTRY, LEAN_INNER
 from xper_fx.nscd.search.balls import put_ball
 from xper_fx.nscd.search.found import POINT_AREA, ROUNDING, SAME_CORNER, put_plane
 
 
-@njit
+@njit(**LEAN_INNER)
 def _best_edge(corners, ref, other, dx, dy, reach, rounding):
     """Edge of `ref` with the largest separation, and the lowest vertex of `other` above it.
 
@@ -58,7 +59,7 @@ def _best_edge(corners, ref, other, dx, dy, reach, rounding):
     return best, edge, lowest
 
 
-@njit
+@njit(**LEAN_INNER)
 def _closest_vertices(corners, a, b, dx, dy):
     """Numbers of the vertices of two polygons that are closest; `(dx, dy)` from b to a."""
     a0, b0 = corners.vertex_start[a], corners.vertex_start[b]
@@ -73,7 +74,7 @@ def _closest_vertices(corners, a, b, dx, dy):
     return math.sqrt(least), va, vb
 
 
-@njit
+@njit(**LEAN_ENTRY)
 def polygon_polygon(found, pairs, position, corners, bounding_radius, reach):
     """Contacts of convex polygons, two at most of a pair.
 
@@ -193,7 +194,7 @@ def polygon_polygon(found, pairs, position, corners, bounding_radius, reach):
     return count
 
 
-@njit
+@njit(**LEAN_ENTRY)
 def polygon_wall(found, pairs, position, corners, bounding_radius, wall_normal, reach):
     """Contacts of convex polygons with half planes: two at most, the ends of the lowest edge.
 
@@ -239,7 +240,7 @@ def polygon_wall(found, pairs, position, corners, bounding_radius, wall_normal, 
     return count
 
 
-@njit
+@njit(**LEAN_ENTRY)
 def disc_polygon(found, pairs, position, radius, corners, reach):
     """Contacts of discs with convex polygons.
 

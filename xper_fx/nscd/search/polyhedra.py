@@ -25,8 +25,17 @@ from typing import NamedTuple
 import numpy as np
 
 from xper_fx.cache import njit
+from xper_fx.nscd.kernel_options import LEAN_ENTRY, LEAN_INNER, MERGED
+from xper_fx.nscd.rigid.bodies import ShapeTables
 from xper_fx.nscd.search.balls import put_ball
-from xper_fx.nscd.search.found import POINT_AREA, ROUNDING, SAME_CORNER, put_space
+from xper_fx.nscd.search.found import (
+    POINT_AREA,
+    ROUNDING,
+    SAME_CORNER,
+    Corners,
+    Found,
+    put_space,
+)
 from xper_fx.nscd.search.overlap import (
     area_of,
     clip,
@@ -56,43 +65,43 @@ class Touching(NamedTuple):
     name: np.ndarray
 
 
-@njit(inline="always")
+@njit(**MERGED)
 def _dot(array, i, x):
     return array[i, 0] * x[0] + array[i, 1] * x[1] + array[i, 2] * x[2]
 
 
-@njit(inline="always")
+@njit(**MERGED)
 def _inner(x, y):
     return x[0] * y[0] + x[1] * y[1] + x[2] * y[2]
 
 
-@njit(inline="always")
+@njit(**MERGED)
 def _row(array, i):
     return array[i, 0], array[i, 1], array[i, 2]
 
 
-@njit(inline="always")
+@njit(**MERGED)
 def _minus(x, y):
     return x[0] - y[0], x[1] - y[1], x[2] - y[2]
 
 
-@njit(inline="always")
+@njit(**MERGED)
 def _distance(x, y):
     d = _minus(x, y)
     return math.sqrt(_inner(d, d))
 
 
-@njit(inline="always")
+@njit(**MERGED)
 def _along(x, t, y):
     return x[0] + t * y[0], x[1] + t * y[1], x[2] + t * y[2]
 
 
-@njit(inline="always")
+@njit(**MERGED)
 def _cross(x, y):
     return x[1] * y[2] - x[2] * y[1], x[2] * y[0] - x[0] * y[2], x[0] * y[1] - x[1] * y[0]
 
 
-@njit(inline="always")
+@njit(**MERGED)
 def _from_to(position, i, j):
     """From the centre of body i to that of body j."""
     return (
@@ -102,7 +111,7 @@ def _from_to(position, i, j):
     )
 
 
-@njit
+@njit(**LEAN_INNER)
 def _lowest(corners, body, n):
     """Lowest height of a body's vertices about its centre, and the vertex."""
     start = corners.vertex_start[body]
@@ -114,7 +123,7 @@ def _lowest(corners, body, n):
     return height, low
 
 
-@njit
+@njit(**LEAN_INNER)
 def _best_face(corners, tables, ref, other, offset, bounding, reach, rounding):
     """Face of `ref` with the largest separation, and the lowest vertex of `other` above it.
 
@@ -139,7 +148,7 @@ def _best_face(corners, tables, ref, other, offset, bounding, reach, rounding):
     return best, face, vertex
 
 
-@njit(error_model="numpy")
+@njit(**LEAN_INNER)
 def _best_edges(corners, tables, a, b, offset, best, reach, rounding, along):
     """Edges of a and b whose separation exceeds `best`, the largest; the normal from b to a.
 
@@ -191,7 +200,7 @@ def _best_edges(corners, tables, a, b, offset, best, reach, rounding, along):
     return best, edge_a, edge_b, normal
 
 
-@njit
+@njit(**LEAN_INNER)
 def _face_at(corners, tables, body, vertex, n):
     """Of the faces at a vertex the one whose normal is most opposed to n."""
     face_start = corners.face_start[body]
@@ -206,7 +215,7 @@ def _face_at(corners, tables, body, vertex, n):
     return face
 
 
-@njit
+@njit(**LEAN_INNER)
 def _overlap(overlap, corners, tables, ref, ref_face, other, other_face, offset, n, rounding):
     """The overlap of two faces along n: corners with (u, w, h), h above the reference, as the gap.
 
@@ -220,8 +229,8 @@ def _overlap(overlap, corners, tables, ref, ref_face, other, other_face, offset,
     size = corners.vertex_start[other + 1] - start
     loop = tables.face_offsets[tables.entry[other]] + other_face
     first, last = tables.loop_offsets[loop], tables.loop_offsets[loop + 1]
-    count = 0
     for k in range(last - 1, first - 1, -1):  # seen along n the incident face is clockwise
+        count = last - 1 - k
         v = tables.loops[k]
         x = _along(offset, 1.0, _row(corners.vertex, start + v))
         overlap.place[0, count, 0] = _inner(t1, x)
@@ -229,8 +238,8 @@ def _overlap(overlap, corners, tables, ref, ref_face, other, other_face, offset,
         overlap.place[0, count, 2] = _inner(n, x)
         after = tables.loops[k - 1] if k > first else tables.loops[last - 1]
         overlap.edge[0, count] = edge_number(v, after, size)
-        overlap.crossed[0, count] = -1
-        count += 1
+        overlap.crossed[0, count, 0] = overlap.crossed[0, count, 1] = -1
+    count = last - first
     start = corners.vertex_start[ref]
     size = corners.vertex_start[ref + 1] - start
     loop = tables.face_offsets[tables.entry[ref]] + ref_face
@@ -256,7 +265,7 @@ def _overlap(overlap, corners, tables, ref, ref_face, other, other_face, offset,
     return count
 
 
-@njit
+@njit(**LEAN_INNER)
 def _give_names(overlap, count, corners, tables, bodies, faces, offsets, ref_is_first, n, near):
     """Name the corners of an overlap after vertices nearby, the first body's before the second's.
 
@@ -284,13 +293,13 @@ def _give_names(overlap, count, corners, tables, bodies, faces, offsets, ref_is_
                     named = True
 
 
-@njit(error_model="numpy")
+@njit(**MERGED)
 def _foot(x, p, e):
     """Where on the segment from p along e the point closest to x is, from 0 to 1."""
     return min(max(_inner(_minus(x, p), e) / _inner(e, e), 0.0), 1.0)
 
 
-@njit
+@njit(**LEAN_INNER)
 def _closest_vertices_edges(touching, corners, tables, a, b, offset, n, near, rounding):
     """Closest of the vertices of either body and the edges of the other: one pair or two.
 
@@ -356,8 +365,10 @@ def _closest_vertices_edges(touching, corners, tables, a, b, offset, n, near, ro
     return least, count
 
 
-@njit(error_model="numpy")
-def polyhedron_polyhedron(found, pairs, position, corners, tables, bounding_radius, reach):
+def polyhedron_polyhedron(
+    found: Found, pairs: np.ndarray, position: np.ndarray, corners: Corners, tables: ShapeTables,
+    bounding_radius: np.ndarray, reach: float,
+) -> int:  # fmt: skip
     """Contacts of convex polyhedra, four at most of a pair.
 
     Args:
@@ -372,10 +383,19 @@ def polyhedron_polyhedron(found, pairs, position, corners, tables, bounding_radi
     Returns:
         How many contacts there are.
     """
-    num_bodies = len(position)
-    overlap = overlap_room(tables)
     touching = Touching(np.empty((2, 3)), np.empty((2, 3)), np.empty(2, np.int64))
     along = np.empty(len(tables.face_distance))
+    return _polyhedra(
+        found, pairs, position, corners, tables, bounding_radius, reach, overlap_room(tables),
+        touching, along,
+    )  # fmt: skip
+
+
+@njit(**LEAN_ENTRY)
+def _polyhedra(
+    found, pairs, position, corners, tables, bounding_radius, reach, overlap, touching, along
+):  # fmt: skip
+    num_bodies = len(position)
     zero = (0.0, 0.0, 0.0)
     count = 0
     for pair in range(len(pairs)):
@@ -533,8 +553,10 @@ def polyhedron_polyhedron(found, pairs, position, corners, tables, bounding_radi
     return count
 
 
-@njit
-def polyhedron_wall(found, pairs, position, corners, tables, bounding_radius, wall_normal, reach):
+def polyhedron_wall(
+    found: Found, pairs: np.ndarray, position: np.ndarray, corners: Corners, tables: ShapeTables,
+    bounding_radius: np.ndarray, wall_normal: np.ndarray, reach: float,
+) -> int:  # fmt: skip
     """Contacts of convex polyhedra with half spaces: corners of the lowest face, four at most.
 
     Args:
@@ -545,7 +567,16 @@ def polyhedron_wall(found, pairs, position, corners, tables, bounding_radius, wa
     Returns:
         How many contacts there are.
     """
-    overlap = overlap_room(tables)
+    return _polyhedra_walls(
+        found, pairs, position, corners, tables, bounding_radius, wall_normal, reach,
+        overlap_room(tables),
+    )  # fmt: skip
+
+
+@njit(**LEAN_ENTRY)
+def _polyhedra_walls(
+    found, pairs, position, corners, tables, bounding_radius, wall_normal, reach, overlap
+):  # fmt: skip
     count = 0
     for pair in range(len(pairs)):
         a = pairs[pair, 0]
@@ -593,7 +624,7 @@ def polyhedron_wall(found, pairs, position, corners, tables, bounding_radius, wa
     return count
 
 
-@njit(error_model="numpy")
+@njit(**LEAN_ENTRY)
 def sphere_polyhedron(found, pairs, position, radius, corners, tables, reach):
     """Contacts of spheres with convex polyhedra.
 

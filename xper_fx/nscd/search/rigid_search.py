@@ -23,6 +23,7 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from xper_fx.cache import njit
+from xper_fx.nscd.kernel_options import LEAN_ENTRY
 from xper_fx.nscd.rigid.bodies import RigidBodies, ShapeTables
 from xper_fx.nscd.rigid.shapes import DISC, HALF_PLANE, HALF_SPACE, SPHERE
 from xper_fx.nscd.search.balls import ball_ball, ball_wall
@@ -49,7 +50,7 @@ _SKIN_BOUNDS = (1e-3, 1.0)
 _FIRST_SKIN = 0.1
 
 
-@njit
+@njit(**LEAN_ENTRY)
 def _turn(tables, bodies, rotation, corners):
     """Turn the vertices and face normals of bodies with corners, one rotation each."""
     dim = rotation.shape[1]
@@ -70,12 +71,10 @@ def _turn(tables, bodies, rotation, corners):
                     corners.normal[f, d] += rotation[k, d, e] * tables.face_normal[first + f, e]
 
 
-@njit
-def _boxes(bodies, position, radius, corners, inflation):
+@njit(**LEAN_ENTRY)
+def _boxes(bodies, position, radius, corners, inflation, low, high):
     """Low and high corners of the boxes around bodies, each side moved out by the inflation."""
     dim = position.shape[1]
-    low = np.empty((len(bodies), dim))
-    high = np.empty((len(bodies), dim))
     for k in range(len(bodies)):
         b = bodies[k]
         for d in range(dim):
@@ -85,54 +84,45 @@ def _boxes(bodies, position, radius, corners, inflation):
                 most = max(most, corners.vertex[v, d])
             low[k, d] = position[b, d] + least - inflation
             high[k, d] = position[b, d] + most + inflation
-    return low, high
 
 
-@njit
-def _motion(bodies, position, old_position, turned, rotation, old_rotation, bounding_radius):
+@njit(**LEAN_ENTRY)
+def _motion(bodies, moved, mean, turned, rotation, old_rotation, bounding_radius):
     """Sum of the two largest displacements of points of bodies, about the mean displacement.
 
-    Body b has the rotation `turned[b]`, or none that matters if that is negative.
-    A rotation by phi moves a point at the radius R by 2 sin(phi/2) R, which in 2D and 3D is
-    |rotation - old_rotation| R / sqrt(2) in the Frobenius norm.
+    Body b has been moved by `moved[b]`, and has the rotation `turned[b]`, or none that matters if
+    that is negative. A rotation by phi moves a point at the radius R by 2 sin(phi/2) R, which in 2D
+    and 3D is |rotation - old_rotation| R / sqrt(2) in the Frobenius norm.
     """
-    dim = position.shape[1]
-    mean = np.zeros(dim)
-    for b in bodies:
-        for d in range(dim):
-            mean[d] += position[b, d] - old_position[b, d]
-    mean /= len(bodies)
+    dim = moved.shape[1]
     most, second = 0.0, 0.0
-    for b in bodies:
+    for n in range(len(bodies)):
+        b = bodies[n]
         square = 0.0
         for d in range(dim):
-            square += (position[b, d] - old_position[b, d] - mean[d]) ** 2
-        moved = np.sqrt(square)
+            square += (moved[b, d] - mean[d]) ** 2
+        length = np.sqrt(square)
         k = turned[b]
         if k >= 0:
             square = 0.0
             for d in range(dim):
                 for e in range(dim):
                     square += (rotation[k, d, e] - old_rotation[k, d, e]) ** 2
-            moved += np.sqrt(0.5 * square) * bounding_radius[b]
-        if moved > most:
-            most, second = moved, most
-        elif moved > second:
-            second = moved
+            length += np.sqrt(0.5 * square) * bounding_radius[b]
+        if length > most:
+            most, second = length, most
+        elif length > second:
+            second = length
     return most + second
 
 
-@njit
-def _near(pairs, position, bounding_radius, distance):
+def _near(
+    pairs: np.ndarray, position: np.ndarray, bounding_radius: np.ndarray, distance: float
+) -> np.ndarray:
     """Which pairs of bounding circles or spheres are no further apart than the distance."""
-    near = np.empty(len(pairs), np.bool_)
-    for p in range(len(pairs)):
-        i, j = pairs[p]
-        square = 0.0
-        for d in range(position.shape[1]):
-            square += (position[i, d] - position[j, d]) ** 2
-        near[p] = square <= (bounding_radius[i] + bounding_radius[j] + distance) ** 2
-    return near
+    i, j = pairs.T
+    square = ((position[i] - position[j]) ** 2).sum(axis=1)
+    return square <= (bounding_radius[i] + bounding_radius[j] + distance) ** 2
 
 
 def _matrices(rotation: np.ndarray) -> np.ndarray:
@@ -337,10 +327,11 @@ class RigidSearch:
 
     def _renew_if_needed(self, position: np.ndarray, rotation: np.ndarray) -> None:
         if self._old_position is not None and len(self._listed):
+            moved = position - self._old_position
             motion = _motion(
                 self._listed,
-                position,
-                self._old_position,
+                moved,
+                moved[self._listed].mean(axis=0),
                 self._turned,
                 rotation,
                 self._old_rotation,
@@ -370,7 +361,8 @@ class RigidSearch:
         distance = self.reach + self.skin
         # A little more, so that rounding loses no pair.
         distance += 1e-9 * distance + 1e-15 * float(np.abs(position[listed]).max(initial=0.0))
-        low, high = _boxes(listed, position, tables.radius, self._corners, 0.5 * distance)
+        low, high = np.empty((2, len(listed), self._dim))
+        _boxes(listed, position, tables.radius, self._corners, 0.5 * distance, low, high)
         found = labelled_box_pairs(low, high, self._label[listed], self._allowed)
         pairs = listed.astype(np.int32)[found]
         pairs = pairs[_near(pairs, position, tables.bounding_radius, distance)]

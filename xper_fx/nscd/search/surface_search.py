@@ -289,6 +289,8 @@ class SurfaceSearch:
             normal,
             gap,
             area,
+            np.empty((2, 3)),
+            np.empty(3),
         )
         edge = self._edges[self._edge_pairs[pair[:found]]]
         nodes, both = self._meshed_sides(found)
@@ -315,8 +317,9 @@ class SurfaceSearch:
         gap, area = np.empty(room), np.empty(room)
         side = self._rigid
         found = node_rigid(
-            pairs, faces, side.position, side.turn, side.shapes, self.reach, pair, normal, gap, area
-        )
+            pairs, faces, side.position, side.turn, side.shapes, self.reach, pair, normal, gap,
+            area, np.empty((4, self._dim)),
+        )  # fmt: skip
         touching = pairs[pair[:found]]
         nodes, both = self._meshed_sides(found)
         nodes[:, 0] = touching[:, :1]
