@@ -27,6 +27,7 @@ from xper_fx.simulation import Simulation
 SCRIPT = Path(effect_scenes.__file__)
 # Optimising kernels is not what is tested, and takes most of the time.
 ENVIRONMENT = os.environ | {"NUMBA_OPT": "0", "OPENBLAS_NUM_THREADS": "1"}
+MARKS = {"sliding": pytest.mark.slow, "stiff": pytest.mark.slow, "divided": pytest.mark.ranks}
 CALLED_FOR = {scene.__name__: effects for scene, effects in effect_scenes.SCENES.items()}
 
 
@@ -71,7 +72,7 @@ def test_names_are_those_of_the_table():
 @pytest.mark.parametrize(
     "scene",
     [
-        pytest.param(scene, marks=pytest.mark.slow) if scene in ("sliding", "stiff") else scene
+        pytest.param(scene, marks=MARKS.get(scene, ()))
         for scene in CALLED_FOR
     ],
 )
