@@ -32,10 +32,10 @@ import ufl
 from dolfinx import fem
 from dolfinx.mesh import CellType, DiagonalType, create_rectangle
 from mpi4py import MPI
-from numba import njit
 from scipy.sparse.linalg import splu
 
 from xper_fx.bodies import EACH_CELL, explode
+from xper_fx.cache import njit
 from xper_fx.compat import geometry_dofmap
 from xper_fx.forms.loads import PrescribedVelocity
 from xper_fx.materials import LinearElastic

@@ -18,8 +18,8 @@ import argparse
 import time
 
 import numpy as np
-from numba import njit
 
+from xper_fx.cache import njit
 from xper_fx.nscd.local_solvers import (
     LOCAL_SOLVERS,
     LocalSolver,

@@ -28,7 +28,8 @@ from pathlib import Path
 
 import numba
 import numpy as np
-from numba import njit
+
+from xper_fx.cache import njit
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "nscd"))
 from plates import crossed_plate  # noqa: E402

@@ -13,6 +13,7 @@ What each file of `tests/` checks, in its own words, and its tests that say more
 """
 _GROUPS = {
     "": "The package",
+    "cache": "Kept kernels",
     "nscd": "The interaction layer, without FEniCSx",
     "hard_cases": "Hard cases",
 }

@@ -22,7 +22,6 @@ from collections import Counter
 from pathlib import Path
 
 import numpy as np
-from numba.core import event
 from numba.core.registry import CPUDispatcher
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -369,22 +368,31 @@ class _Calls:
             self.codes.add((frame.f_globals.get("__name__", ""), frame.f_code.co_qualname))
 
 
-class _Pause(event.Listener):
-    """Leaves the compiler's own calls out, and remembers what is compiled."""
+class _Pause:
+    """Leaves the compiler's own calls out, and remembers what the kernels that it gives reach.
+
+    A kernel that is kept is loaded with all it calls: what that is, its content tells.
+    """
 
     def __init__(self, calls: _Calls):
-        self._calls, self._depth, self.names = calls, 0, set()
+        from xper_fx.cache.content import functions_of
 
-    def on_start(self, compilation):
-        sys.setprofile(None)
-        self._depth += 1
-        function = compilation.data["dispatcher"].py_func
-        self.names.add((function.__module__, function.__qualname__))
+        self.names, depth, compile = set(), 0, CPUDispatcher.compile
 
-    def on_end(self, compilation):
-        self._depth -= 1
-        if self._depth == 0:
-            sys.setprofile(self._calls)
+        def pausing(dispatcher, signature):
+            nonlocal depth
+            sys.setprofile(None)
+            depth += 1
+            try:
+                return compile(dispatcher, signature)
+            finally:
+                depth -= 1
+                if depth == 0:
+                    for function in functions_of(dispatcher):
+                        self.names.add((function.__module__, function.__qualname__))
+                    sys.setprofile(calls)
+
+        CPUDispatcher.compile = pausing
 
 
 def _watch_kernels(count: Counter) -> None:
@@ -435,16 +443,15 @@ def observe(name: str, removed: list[str]) -> dict:
     _watch_kernels(kernels)
     gc.disable()  # what it calls is no cost of the scene
     pause = _Pause(calls)
-    with event.install_listener("numba:compile", pause):
-        sys.setprofile(calls)
-        simulation = scene()
-        steps = simulation.steps(STEPS * simulation.step_size)
-        for _ in range(STEPS):
-            kernels.clear()
-            calls.count.clear()
-            next(steps)
-            costs.append(dict(calls.count) | dict(kernels))
-        sys.setprofile(None)
+    sys.setprofile(calls)
+    simulation = scene()
+    steps = simulation.steps(STEPS * simulation.step_size)
+    for _ in range(STEPS):
+        kernels.clear()
+        calls.count.clear()
+        next(steps)
+        costs.append(dict(calls.count) | dict(kernels))
+    sys.setprofile(None)
     from xper_fx.effects import effects_of
 
     state, ledger = simulation.state, simulation.ledger.as_columns()

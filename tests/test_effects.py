@@ -25,8 +25,7 @@ from xper_fx.scene import Scene
 from xper_fx.simulation import Simulation
 
 SCRIPT = Path(effect_scenes.__file__)
-# Optimising kernels is not what is tested, and takes most of the time.
-ENVIRONMENT = os.environ | {"NUMBA_OPT": "0", "OPENBLAS_NUM_THREADS": "1"}
+ENVIRONMENT = os.environ | {"OPENBLAS_NUM_THREADS": "1"}
 MARKS = {"sliding": pytest.mark.slow, "stiff": pytest.mark.slow, "divided": pytest.mark.ranks}
 CALLED_FOR = {scene.__name__: effects for scene, effects in effect_scenes.SCENES.items()}
 

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import signal
+import threading
 from typing import Any
 
 import basix.ufl
@@ -13,6 +15,10 @@ from dolfinx import cpp as _cpp
 from dolfinx.fem import CoordinateElement
 from dolfinx.mesh import Mesh, MeshTags
 from mpi4py import MPI
+
+# PETSc takes a closed pipe for a crash, and aborts. Python's own answer is a BrokenPipeError.
+if threading.current_thread() is threading.main_thread():
+    signal.signal(signal.SIGPIPE, signal.getsignal(signal.SIGPIPE))
 
 __all__ = [
     "coordinate_element",

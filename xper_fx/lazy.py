@@ -8,15 +8,21 @@ from importlib import import_module
 from typing import Any
 
 
-def importer(package: str, module_of: Mapping[str, str]) -> Callable[[str], Any]:
+def importer(
+    package: str, module_of: Mapping[str, str], namespaces: Mapping[str, str] | None = None
+) -> Callable[[str], Any]:
     """A `__getattr__` for a package, so that a scene imports the laws and materials it has alone.
 
     Args:
         package: `__name__` of the package.
         module_of: the module, within the package, of each name that it exports.
+        namespaces: modules, within the package, that it exports whole, by the name they get.
     """
+    whole = namespaces or {}
 
     def __getattr__(name: str) -> Any:
+        if name in whole:
+            return import_module(f"{package}.{whole[name]}")
         if name not in module_of:
             raise AttributeError(f"module {package!r} has no attribute {name!r}")
         return getattr(import_module(f"{package}.{module_of[name]}"), name)

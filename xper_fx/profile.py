@@ -16,6 +16,8 @@ from weakref import finalize, ref
 
 from numba.core import event
 
+from xper_fx.cache.compiling import KIND, CompilationListener
+
 Item = TypeVar("Item")
 
 OTHER = "other"
@@ -69,22 +71,21 @@ class PhaseRow(NamedTuple):
     bytes: int
 
 
-class _Compilations(event.Listener):
+class _Compilations(CompilationListener):
     """Enters the phase "compiling" of a stopwatch while Numba compiles, if a phase is open."""
 
     def __init__(self, watch: Stopwatch):
-        self._watch, self._depth, self._phase = ref(watch), 0, None
+        super().__init__()
+        self._watch, self._phase = ref(watch), None
 
-    def on_start(self, event) -> None:
+    def begin(self) -> None:
         watch = self._watch()
-        if self._depth == 0 and watch.running:
+        if watch.running:
             self._phase = watch.phase("compiling")
             self._phase.__enter__()
-        self._depth += 1  # a kernel's kernels are compiled within it
 
-    def on_end(self, event) -> None:
-        self._depth -= 1
-        if self._depth == 0 and self._phase is not None:
+    def end(self) -> None:
+        if self._phase is not None:
             self._phase.__exit__()
             self._phase = None
 
@@ -100,8 +101,8 @@ class Stopwatch:
         self._owned: dict[str, Callable[[], int]] = {}
         self.restart()
         compilations = _Compilations(self)
-        event.register("numba:compile", compilations)
-        finalize(self, event.unregister, "numba:compile", compilations)
+        event.register(KIND, compilations)
+        finalize(self, event.unregister, KIND, compilations)
 
     def restart(self) -> None:
         """Forget the times and calls so far; not while a phase is open."""

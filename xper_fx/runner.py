@@ -20,6 +20,12 @@ from xper_fx.simulation import SOLVERS, StepRecord
 
 logger = logging.getLogger(__name__)
 
+# Simulated time, and by the clock what has passed and what is left.
+_BAR = (
+    "{desc}: {percentage:5.1f} %|{bar}| {n:.3g} of {total:.3g} s "
+    "[{elapsed}<{remaining}{postfix}]"
+)
+
 
 def add_run_options(parser: ArgumentParser, out: Path, accuracy: float | None = None) -> None:
     """Give a command line the options of a run that no scene changes.
@@ -73,12 +79,12 @@ def recorded_steps(
         SystemExit: a signal came; its status is 128 and the signal's number.
     """
     simulation, interruption = recorder.simulation, Interruption()
-    bar = tqdm(total=100.0, desc=title, unit="%", disable=quiet)
+    made, first = 0, simulation.time
+    bar = tqdm(total=end_time, initial=first, desc=title, bar_format=_BAR, disable=quiet)
     with recorder, bar, interruption:
-        made, first = 0, simulation.time
         for made, step in enumerate(simulation.steps(end_time), start=1):  # noqa: B007 - told below
             strain, _ = recorder.record(step)
-            bar.update(min(100.0 * step.time / end_time, 100.0) - bar.n)
+            bar.update(min(step.time, end_time) - bar.n)
             error = abs(step.energies["closure"]) / max(step.energies["external_work"], 1e-300)
             bar.set_postfix(sweeps=step.sweeps, energy_error=f"{error:.0e}", refresh=False)
             yield step, strain

@@ -21,8 +21,9 @@ from time import perf_counter, process_time
 from typing import Any
 
 import numpy as np
-from numba.core.event import Event, Listener, install_listener
+from numba.core.event import install_listener
 
+from xper_fx.cache.compiling import KIND, CompilationListener
 from xper_fx.effects import effects_of
 from xper_fx.errors import ConvergenceError
 from xper_fx.output import write_summary
@@ -56,23 +57,19 @@ class Job:
     quantities: Mapping[str, Quantity]
 
 
-class _Compiling(Listener):
-    """Seconds that Numba compiles, of the wall and of the processor; functions compile others."""
+class _Compiling(CompilationListener):
+    """Seconds that Numba compiles, of the wall and of the processor."""
 
     def __init__(self):
+        super().__init__()
         self.wall = self.cpu = 0.0
-        self._depth = 0
 
-    def on_start(self, event: Event) -> None:
-        if self._depth == 0:
-            self._begin = perf_counter(), process_time()
-        self._depth += 1
+    def begin(self) -> None:
+        self._begin = perf_counter(), process_time()
 
-    def on_end(self, event: Event) -> None:
-        self._depth -= 1
-        if self._depth == 0:
-            self.wall += perf_counter() - self._begin[0]
-            self.cpu += process_time() - self._begin[1]
+    def end(self) -> None:
+        self.wall += perf_counter() - self._begin[0]
+        self.cpu += process_time() - self._begin[1]
 
 
 def run_job(job: Job, path: Path, header: Mapping[str, Any]) -> None:
@@ -108,7 +105,7 @@ def _measure(job: Job) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     totals = {"steps": 0, "sweeps": 0, "newton_iterations": 0}
     wall = cpu = 0.0
     compiling = _Compiling()
-    with tempfile.TemporaryDirectory() as folder, install_listener("numba:compile", compiling):
+    with tempfile.TemporaryDirectory() as folder, install_listener(KIND, compiling):
         recorder = (
             Recorder(simulation, folder, end_time=job.end_time, fields=job.fields)
             if job.fields

@@ -24,9 +24,9 @@ from functools import cache
 import numpy as np
 from dolfinx.mesh import CellType, create_rectangle
 from mpi4py import MPI
-from numba import njit
 
 from xper_fx.bodies import explode
+from xper_fx.cache import njit
 from xper_fx.forms.loads import PrescribedDisplacement
 from xper_fx.materials import LinearElastic
 from xper_fx.meshes import tag_facets

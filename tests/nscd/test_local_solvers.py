@@ -7,8 +7,8 @@ from functools import cache
 
 import numpy as np
 import pytest
-from numba import njit
 
+from xper_fx.cache import njit
 from xper_fx.nscd.local_solvers import (
     LOCAL_SOLVERS,
     bipotential,

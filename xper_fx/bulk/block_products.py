@@ -11,8 +11,8 @@ from functools import cache
 
 import numpy as np
 import scipy.sparse as sp
-from numba import njit
 
+from xper_fx.cache import njit
 from xper_fx.nscd.threads import in_ranges
 
 

@@ -11,8 +11,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from xper_fx.cache import njit
 from xper_fx.nscd.interactions import Interactions
 
 # Nodes a cluster may hold: what a mesh vertex has, and an end for chains of points between bodies.

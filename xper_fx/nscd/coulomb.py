@@ -26,8 +26,7 @@ normal condition does not stop is never stuck: it slides.
 
 from __future__ import annotations
 
-from numba import njit
-
+from xper_fx.cache import njit
 from xper_fx.nscd.signorini import NO_SLIP, OPEN, SLIP, STICK
 from xper_fx.nscd.small import SINGULAR
 

@@ -7,8 +7,8 @@ Without a bound the root is that of `local_solvers/exact.py`.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from xper_fx.cache import njit
 from xper_fx.nscd.local_solvers.exact import slide
 from xper_fx.nscd.signorini import NO_SLIP, OPEN, SLIP, STICK
 from xper_fx.nscd.small import SINGULAR

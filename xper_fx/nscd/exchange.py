@@ -12,10 +12,11 @@ from functools import cache
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit, prange, types
+from numba import prange, types
 from numba.core.cgutils import ir
 from numba.extending import intrinsic
 
+from xper_fx.cache import njit
 from xper_fx.nscd.inverse import BodyInverse
 from xper_fx.nscd.laws.law import LawKernels
 from xper_fx.nscd.points import InteractionPoints

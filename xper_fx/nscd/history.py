@@ -12,8 +12,8 @@ from itertools import chain
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numba import njit
 
+from xper_fx.cache import njit
 from xper_fx.nscd.exchange import Sides
 from xper_fx.nscd.laws.law import LawKernels
 from xper_fx.nscd.rows import Rows

@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
-from numba import njit
 
+from xper_fx.cache import njit
 from xper_fx.nscd.exchange import (
     Blocks,
     Couplings,

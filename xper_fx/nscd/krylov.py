@@ -12,7 +12,8 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numba import njit
+
+from xper_fx.cache import njit
 
 
 @njit(fastmath=True, error_model="numpy", _nrt=False, nogil=True)

@@ -43,8 +43,9 @@ from importlib import import_module
 from typing import NamedTuple
 
 import numpy as np
-from numba import get_num_threads, njit
+from numba import get_num_threads
 
+from xper_fx.cache import njit
 from xper_fx.nscd.exchange import sweep_kernel
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.ordering import TileBodies, mark_moved, mark_tiles

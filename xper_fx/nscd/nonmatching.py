@@ -29,9 +29,9 @@ from __future__ import annotations
 
 import numpy as np
 import scipy.sparse as sp
-from numba import njit
 from scipy.spatial import cKDTree
 
+from xper_fx.cache import njit
 from xper_fx.nscd.facets import nodal_shares
 from xper_fx.nscd.points import InteractionPoints, frame_from_normal
 

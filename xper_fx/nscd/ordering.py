@@ -15,7 +15,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
+
+from xper_fx.cache import njit
 
 # Points a tile aims at: about 100 kB of point data and blocks of w.
 _TILE_POINTS = 256

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from numba import njit
+from xper_fx.cache import njit
 
 
 @njit(inline="always")

@@ -9,8 +9,7 @@ from __future__ import annotations
 
 from functools import cache
 
-from numba import njit
-
+from xper_fx.cache import njit
 from xper_fx.nscd.small import SINGULAR
 
 OPEN, STICK, SLIP = 0, 1, 2

@@ -37,10 +37,10 @@ from typing import TYPE_CHECKING
 from weakref import WeakKeyDictionary, ref
 
 import numpy as np
-from numba import njit
 from scipy.sparse import bsr_array, coo_array, csc_array, diags_array
 from scipy.sparse.linalg import splu
 
+from xper_fx.cache import njit
 from xper_fx.nscd import agreement
 from xper_fx.nscd.clusters import facing_clusters
 from xper_fx.nscd.exchange import Sides, arm_kernels, motion, point_force, spread_kernel

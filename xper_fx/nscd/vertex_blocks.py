@@ -28,8 +28,9 @@ from typing import NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
-from numba import get_num_threads, njit, prange
+from numba import get_num_threads, prange
 
+from xper_fx.cache import njit
 from xper_fx.nscd.exchange import Blocks, Couplings, Sides, motion
 from xper_fx.nscd.interactions import Interactions, PointGroup
 from xper_fx.nscd.laws.law import LawKernels

@@ -4,36 +4,57 @@
 from __future__ import annotations
 
 import os
+import signal
 import sys
 import time
 import traceback
 from collections.abc import Callable
 
 from mpi4py import MPI
+from numba.core.event import install_listener
+from tqdm.auto import tqdm
+
+from xper_fx.cache.compiling import KIND, CompilationListener
 
 # Seconds that a rank leaves to those before it, which may be about to say the same.
 _GRACE, _TURN, _LONGEST = 1.0, 0.2, 10.0
+
+
+class _CompilingNote(CompilationListener):
+    """A line at the terminal while Numba compiles, which goes when it is done."""
+
+    def begin(self) -> None:
+        self._line = tqdm(bar_format="{desc}", leave=False, disable=None)
+
+    def next_kernel(self) -> None:
+        number = f"{self.kernels} kernel" + "s" * (self.kernels > 1)
+        self._line.set_description_str(f"compiling {number}, once")
+
+    def end(self) -> None:
+        self._line.close()
 
 
 def run_together(main: Callable[[], object]) -> None:
     """Run a script's main function on all ranks that were started, as `mpirun` does.
 
     The first rank alone writes to the terminal. What any rank raises is printed once and ends all
-    of them, also those that wait for it; on one rank it is raised as usual.
+    of them, also those that wait for it; on one rank it is raised as usual. Where nobody reads what
+    the script prints any more (`| head -1`), it ends with the status of SIGPIPE.
 
     Args:
         main: the script.
     """
     comm = MPI.COMM_WORLD
     if comm.size == 1:
-        main()
+        _run_alone(main)
         return
     terminal = sys.stderr
     with open(os.devnull, "w") as nowhere:
         if comm.rank > 0:
             sys.stdout = sys.stderr = nowhere
         try:
-            main()
+            with install_listener(KIND, _CompilingNote()):
+                main()
         except Exception:
             if comm.rank > 0:
                 time.sleep(min(_GRACE + _TURN * comm.rank, _LONGEST))
@@ -43,3 +64,17 @@ def run_together(main: Callable[[], object]) -> None:
             comm.Abort(1)
         finally:
             sys.stdout, sys.stderr = sys.__stdout__, sys.__stderr__
+
+
+def _run_alone(main: Callable[[], object]) -> None:
+    """Run a script's main function on the one rank there is."""
+    try:
+        with install_listener(KIND, _CompilingNote()):
+            main()
+        sys.stdout.flush()
+    except BrokenPipeError:
+        # what is still to be printed goes nowhere, also when Python ends
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, sys.stdout.fileno())
+        os.close(nowhere)
+        raise SystemExit(128 + signal.SIGPIPE) from None

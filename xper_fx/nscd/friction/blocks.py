@@ -13,9 +13,9 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
-from numba import njit
 from scipy.sparse.csgraph import connected_components
 
+from xper_fx.cache import njit
 from xper_fx.nscd.small import sym_indices
 
 ORDERS = ("given", "shuffled", "colored")

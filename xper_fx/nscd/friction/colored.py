@@ -12,8 +12,9 @@ from __future__ import annotations
 from functools import cache
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 
+from xper_fx.cache import njit
 from xper_fx.nscd.friction.blocks import BlockProblem
 from xper_fx.nscd.friction.error import residual_kernel
 from xper_fx.nscd.friction.gauss_seidel import Sweeps, factors_of, visit_kernel

@@ -17,8 +17,8 @@ from functools import cache
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from xper_fx.cache import njit
 from xper_fx.nscd.friction.blocks import BlockProblem, row_product
 from xper_fx.nscd.friction.error import residual_kernel
 from xper_fx.nscd.local_solvers.solver import LocalSolver

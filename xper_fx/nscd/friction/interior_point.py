@@ -28,8 +28,8 @@ from __future__ import annotations
 from functools import cache
 
 import numpy as np
-from numba import njit
 
+from xper_fx.cache import njit
 from xper_fx.nscd.friction.blocks import BlockProblem
 from xper_fx.nscd.friction.error import natural_map
 from xper_fx.nscd.friction.sparse_system import SparseSystem

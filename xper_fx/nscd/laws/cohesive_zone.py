@@ -38,8 +38,8 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from numba import njit
 
+from xper_fx.cache import njit
 from xper_fx.nscd.checks import require_non_negative, require_positive, take_numbers
 from xper_fx.nscd.laws.law import (
     COHESION,

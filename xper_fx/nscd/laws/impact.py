@@ -8,7 +8,8 @@ least -e dU0_N, whether it was closing or opening.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from xper_fx.cache import njit
 
 # Gap at which a pushing point stays closed, relative to h W_NN r_N of the last step.
 _STILL_CLOSED = 1e-3

@@ -12,8 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cache
 
-from numba import njit
-
+from xper_fx.cache import njit
 from xper_fx.nscd.laws.law import LawKernels
 from xper_fx.nscd.small import for_dimension
 

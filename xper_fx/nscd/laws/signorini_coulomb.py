@@ -34,8 +34,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cache
 
-from numba import njit
-
+from xper_fx.cache import njit
 from xper_fx.nscd.checks import require_non_negative, take_numbers
 from xper_fx.nscd.laws.law import LawKernels
 from xper_fx.nscd.signorini import contact_solver

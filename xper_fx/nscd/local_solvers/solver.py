@@ -17,7 +17,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import NamedTuple
 
-from numba import njit
+from xper_fx.cache import njit
 
 # No reference counts (see exchange.py), no exceptions, products and sums fused.
 KERNEL = njit(fastmath={"contract"}, error_model="numpy", _nrt=False)

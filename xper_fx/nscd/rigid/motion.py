@@ -33,8 +33,8 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from xper_fx.cache import njit
 from xper_fx.nscd.rigid.bodies import RigidBodies
 from xper_fx.nscd.rigid.body import load_at, value_at, vector
 from xper_fx.nscd.rigid.plane_turning import PlaneTurning, Turn

@@ -29,8 +29,8 @@ order. Guides work in a drift: the energy of a guided body may change there.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from xper_fx.cache import njit
 from xper_fx.nscd.rigid.bodies import RigidBodies
 from xper_fx.nscd.rigid.plane_turning import Turn
 from xper_fx.nscd.space import add, dot, matrix_vector, row, scale, set_row, subtract

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
+from xper_fx.cache import njit
 
 
 @njit(inline="always")

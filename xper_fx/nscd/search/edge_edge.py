@@ -12,7 +12,8 @@ moment. Edges flatter than 2 degrees are left to nodes and facets, as are parall
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from xper_fx.cache import njit
 
 # Sine of the angle by which an edge must be bent to count.
 _BENT = 0.035

@@ -11,7 +11,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
+
+from xper_fx.cache import njit
 
 # What a weight may be below 0 by rounding, and what counts as 0 on an edge.
 _NO_WEIGHT = 1e-9

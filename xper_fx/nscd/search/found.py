@@ -11,8 +11,8 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from xper_fx.cache import njit
 from xper_fx.nscd.search.contacts import Contacts
 
 # Area of a contact of corners, which have none, as a share of the smaller bounding radius (in 3D,

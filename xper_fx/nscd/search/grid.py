@@ -15,7 +15,8 @@ of a row are neighbours in memory; empty space costs nothing.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from xper_fx.cache import njit
 
 # Cells are not made smaller than this share of the whole extent: their numbers stay exact.
 _SMALLEST_CELL = 2.0**-30

@@ -12,8 +12,8 @@ sides act at the node itself, so that no impulse has a moment, a tangential one 
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from xper_fx.cache import njit
 from xper_fx.nscd.rigid.shapes import DISC, HALF_PLANE, HALF_SPACE, SPHERE
 from xper_fx.nscd.search.facet_geometry import facing_area, is_tip
 

@@ -14,7 +14,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
+
+from xper_fx.cache import njit
 
 
 class Overlap(NamedTuple):

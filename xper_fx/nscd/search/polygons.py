@@ -19,8 +19,7 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
-
+from xper_fx.cache import njit
 from xper_fx.nscd.search.balls import put_ball
 from xper_fx.nscd.search.found import POINT_AREA, ROUNDING, SAME_CORNER, put_plane
 

@@ -23,8 +23,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from xper_fx.cache import njit
 from xper_fx.nscd.search.balls import put_ball
 from xper_fx.nscd.search.found import POINT_AREA, ROUNDING, SAME_CORNER, put_space
 from xper_fx.nscd.search.overlap import (

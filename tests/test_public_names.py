@@ -1,0 +1,40 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""`import xper_fx as xf`: all public names are there, and cost nothing before they are used."""
+
+import subprocess
+import sys
+
+import pytest
+
+import xper_fx as xf
+
+
+@pytest.mark.parametrize("name", xf.__all__)
+def test_every_public_name_is_there(name):
+    thing = getattr(xf, name)
+    assert name in dir(xf)
+    assert name in ("__version__", *xf._NAMESPACES) or thing.__name__ == name
+
+
+def test_another_name_is_an_attribute_error():
+    with pytest.raises(AttributeError, match="'xper_fx' has no attribute 'Sccene'"):
+        _ = xf.Sccene
+
+
+def test_importing_the_package_imports_nothing_else():
+    script = """
+import sys
+before = set(sys.modules)
+import xper_fx as xf
+print(*sorted(name for name in set(sys.modules) - before if not name.startswith("importlib")))
+xf.laws.CohesiveZone
+print("dolfinx" in sys.modules, "xper_fx.nscd.laws.perfect_bond" in sys.modules)
+"""
+    out = subprocess.run(
+        [sys.executable, "-c", script],
+        capture_output=True, text=True, check=True,
+    ).stdout.splitlines()  # fmt: skip
+    new = out[0].split()
+    assert {name for name in new if name.startswith("xper_fx")} == {"xper_fx", "xper_fx.lazy"}
+    assert not {"numpy", "numba", "dolfinx"} & set(new)
+    assert out[1] == "False False"

@@ -1,0 +1,170 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""`njit` of kernels whose compiled code is kept between processes."""
+
+from __future__ import annotations
+
+import logging
+import os
+import pickle
+import secrets
+import sys
+from collections.abc import Callable
+from itertools import count
+
+import llvmlite
+import numba
+import numpy as np
+from numba.core import config, event, serialize, sigutils
+from numba.core.bytecode import FunctionIdentity
+from numba.core.compiler import CompileResult
+from numba.core.dispatcher import Dispatcher
+
+from xper_fx.cache.compiling import KIND
+from xper_fx.cache.content import UnknownContentError, digest
+from xper_fx.cache.folder import kernel_folder
+
+logger = logging.getLogger("xper_fx.cache")
+
+_VERSIONS = (
+    sys.implementation.name, sys.version_info[:3], numba.__version__, llvmlite.__version__,
+    np.__version__,
+)  # fmt: skip
+# Settings of Numba that change no code.
+_NO_CODE = frozenset(
+    {"CACHE_DIR", "NUMBA_NUM_THREADS", "NUMBA_DEFAULT_NUM_THREADS", "IS_32BITS", "SHOW_HELP",
+     "CAPTURED_ERRORS", "DISABLE_PERFORMANCE_WARNINGS", "FUNCTION_CACHE_SIZE"}
+)  # fmt: skip
+_FIRST_NUMBER = 1 << 60
+
+
+def _number_functions() -> None:
+    """Let Numba number functions from a random place on.
+
+    The number is part of the symbols in machine code. Numba counts from 1 in each process: code
+    that another process has compiled would define the same symbols for other functions.
+    """
+    FunctionIdentity._unique_ids = count(_FIRST_NUMBER + secrets.randbits(60))
+
+
+_number_functions()
+os.register_at_fork(after_in_child=_number_functions)
+
+
+def njit(function: Callable | None = None, **options) -> Callable:
+    """`numba.njit`, and what it compiles is kept for the processes to come.
+
+    Args:
+        function: to be compiled; without it a decorator is returned.
+        options: of `numba.njit`. Not `cache`, which finds nothing again of kernels that call
+            other kernels.
+
+    Returns:
+        The compiled function, or with `NUMBA_DISABLE_JIT=1` the function itself.
+    """
+    if function is None:
+        return lambda given: njit(given, **options)
+    kernel = numba.njit(**options)(function)
+    if isinstance(kernel, Dispatcher):
+        kernel._cache = _Kept(kernel)
+    return kernel
+
+
+class _Kept:
+    """What a Numba dispatcher asks before it compiles, and tells after.
+
+    Args:
+        kernel: the dispatcher.
+    """
+
+    cache_path = None
+
+    def __init__(self, kernel: Dispatcher):
+        self._kernel = kernel
+        self._keys: dict[tuple, str] = {}  # of argument types that are being compiled
+
+    def load_overload(self, signature, context) -> CompileResult | None:
+        """The compiled kernel for a signature, if it is kept."""
+        context.refresh()
+        folder = kernel_folder()
+        if folder is None:
+            return None
+        arguments, _ = sigutils.normalize_signature(signature)
+        try:
+            key = _key(self._kernel, arguments, context)
+        except UnknownContentError as reason:
+            logger.debug("%s is not kept: %s", self._kernel.py_func.__qualname__, reason)
+            return None
+        result = self._read(key, arguments, context)
+        if result is None and folder.lock(key):
+            result = self._read(key, arguments, context)
+        if result is None:
+            self._keys[arguments] = key
+        else:
+            folder.unlock(key)
+        return result
+
+    def _read(self, key: str, arguments: tuple, context) -> CompileResult | None:
+        content = kernel_folder().read(key)
+        if content is None:
+            return None
+        try:
+            result = CompileResult._rebuild(context, *pickle.loads(content))
+        except Exception as error:  # noqa: BLE001 - whatever it is, the kernel can be compiled
+            logger.info("A kept kernel cannot be loaded, and is compiled anew: %r", error)
+            return None
+        # a class that is known by value alone, such as one of an interactive session, is another
+        return result if tuple(result.signature.args) == arguments else None
+
+    def save_overload(self, signature, result: CompileResult) -> None:
+        """Keep a kernel that was just compiled."""
+        arguments, _ = sigutils.normalize_signature(signature)
+        key = self._keys.pop(arguments, None)
+        if key is None:
+            return
+        folder = kernel_folder()
+        try:
+            if not result.lifted and not result.library.has_dynamic_globals:
+                content = serialize.dumps(result._reduce())
+                folder.write(key, result.fndesc.qualname, content)
+        except Exception as error:  # noqa: BLE001 - of pickle: what a signature names may be local
+            logger.debug("%s is not kept: %r", result.fndesc.qualname, error)
+        finally:
+            folder.unlock(key)
+
+    def give_up(self, arguments: tuple) -> None:
+        """Numba could not compile the kernel for these arguments."""
+        key = self._keys.pop(arguments, None)
+        if key is not None:
+            kernel_folder().unlock(key)
+
+    def enable(self) -> None:
+        """Called by Numba; `XPER_FX_CACHE` decides."""
+
+    disable = flush = enable
+
+
+class _Failures(event.Listener):
+    """Gives up what could not be compiled."""
+
+    def on_start(self, event: event.Event) -> None:
+        """Called by Numba."""
+
+    def on_end(self, event: event.Event) -> None:
+        """Called by Numba."""
+        kernel, arguments = event.data["dispatcher"], tuple(event.data["args"])
+        kept = getattr(kernel, "_cache", None)
+        if isinstance(kept, _Kept) and arguments not in kernel.overloads:
+            kept.give_up(arguments)
+
+
+event.register(KIND, _Failures())
+
+
+def _key(kernel: Dispatcher, arguments: tuple, context) -> str:
+    """Digest of all that the compiled code depends on."""
+    settings = {
+        name: repr(value)
+        for name, value in vars(config).items()
+        if name.isupper() and name not in _NO_CODE
+    }
+    return digest(_VERSIONS, context.codegen().magic_tuple(), settings, arguments, kernel)
