@@ -32,7 +32,8 @@ def pytest_cmdline_main(config):
     files = {argument.split("::")[0] for argument in config.args}
     alone = len(files) == 1 and os.path.isfile(next(iter(files)))
     if (
-        alone
+        "PYTEST_XDIST_WORKER" in os.environ  # this is one of them
+        or alone
         or not config.pluginmanager.hasplugin("xdist")
         or option.numprocesses is not None
         or option.dist != "no"
