@@ -24,7 +24,7 @@ from dolfinx import fem
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from scenes import box_bodies  # noqa: E402
 
-from xper_fx.forms import dynamics  # noqa: E402
+from xper_fx.forms import compiled  # noqa: E402
 from xper_fx.forms.dynamics import BulkForms  # noqa: E402
 from xper_fx.materials import (  # noqa: E402
     J2FiniteStrain,
@@ -119,7 +119,7 @@ def compilation():
         row = f"{name:<24}"
         for dim, order in CASES.values():
             with tempfile.TemporaryDirectory() as cache:
-                dynamics._JIT["cache_dir"] = cache
+                compiled.OPTIONS["cache_dir"] = cache
                 row += f"{seconds(lambda: BulkForms(bodies[dim], order, {1: material})):>13.2f}"  # noqa: B023
         print(row)
 

@@ -1,12 +1,87 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""How the tests share the cores: two processes of one thread each, unless a test asks for more.
+"""How the tests share the cores, which tier each is in, and what a worker keeps.
 
-A file's tests run in one process (`--dist loadfile`): what one has compiled serves the next.
+With pytest-xdist, a run of several files has a worker of one thread for each core, four at most;
+`-n 0`, `--pdb` and `-s` run in one process, as does a single file. A file's tests run in one worker
+(`--dist loadfile`): what one has built serves the next.
+
+A test is `fast` unless it is marked otherwise.
 """
 
+import gc
 import os
+import sys
 
 import numba
+import on_ranks
+import pytest
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 numba.set_num_threads(1)
+
+MOST_WORKERS = 4
+OTHER_TIERS = ("slow", "ranks", "docs", "demos")
+# Files that take longest, in this order: begun first, so that all workers end at about the same time.
+LONGEST = ()
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_cmdline_main(config):
+    """Share the files among workers, where xdist is there and the caller says nothing else."""
+    option = config.option
+    files = {argument.split("::")[0] for argument in config.args}
+    alone = len(files) == 1 and os.path.isfile(next(iter(files)))
+    if (
+        "PYTEST_XDIST_WORKER" in os.environ  # this is one of them
+        or alone
+        or not config.pluginmanager.hasplugin("xdist")
+        or option.numprocesses is not None
+        or option.dist != "no"
+        or option.tx
+        or option.usepdb
+        or option.trace
+        or option.capture == "no"
+        or option.collectonly
+    ):
+        return
+    workers = min(len(os.sched_getaffinity(0)), MOST_WORKERS)
+    if workers > 1:
+        option.numprocesses, option.dist = workers, "loadfile"
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config, log):
+    """The longest files first; xdist takes those of most tests first."""
+    if config.option.dist != "loadfile":
+        return None
+    from xdist.scheduler import LoadFileScheduling
+
+    class LongestFirst(LoadFileScheduling):
+        def _assign_work_unit(self, node):
+            for file in reversed(LONGEST):
+                if f"tests/{file}" in self.workqueue:
+                    self.workqueue.move_to_end(f"tests/{file}", last=False)
+            super()._assign_work_unit(node)
+
+    return LongestFirst(config, log)
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items):
+    for item in items:
+        if not any(item.get_closest_marker(name) for name in OTHER_TIERS):
+            item.add_marker("fast")
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_setup(item):
+    on_ranks.marked = item.get_closest_marker("ranks") is not None
+
+
+@pytest.fixture(scope="module", autouse=True)
+def given_back():
+    """What a file has built goes with it: simulations are cycles, figures are kept by pyplot."""
+    yield
+    if "matplotlib.pyplot" in sys.modules:
+        sys.modules["matplotlib.pyplot"].close("all")
+    gc.collect()

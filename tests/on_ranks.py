@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+# Whether the present test is marked `ranks`; tests/conftest.py says so.
+marked = True
 FOLDER = Path(__file__).parent
 # More ranks than cores, as the tests are one of several things that a machine does.
 _SETTINGS = {
@@ -18,12 +20,11 @@ _SETTINGS = {
     "OMPI_ALLOW_RUN_AS_ROOT": "1",
     "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1",
     "NUMBA_NUM_THREADS": "1",
-    "NUMBA_OPT": "0",  # compiling takes most of the time
     "OPENBLAS_NUM_THREADS": "1",
 }
 
 
-def on_ranks(count: int, script: Path, *arguments, timeout: float = 500.0):
+def on_ranks(count: int, script: Path, *arguments, timeout: float = 1800.0):
     """Run a Python script on `count` ranks.
 
     Args:
@@ -35,6 +36,8 @@ def on_ranks(count: int, script: Path, *arguments, timeout: float = 500.0):
     Returns:
         The completed process with its output as text.
     """
+    if not marked:
+        raise RuntimeError("This test runs mpirun: mark it with `pytest.mark.ranks`.")
     if shutil.which("mpirun") is None:
         pytest.skip("mpirun is not installed")
     paths = [FOLDER.parent, FOLDER, FOLDER.parent / "demos", os.environ.get("PYTHONPATH", "")]

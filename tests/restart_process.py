@@ -11,7 +11,9 @@ import json
 import os
 import signal
 import sys
-import time
+from collections.abc import Callable
+from functools import partial
+from itertools import count
 from pathlib import Path
 
 import numpy as np
@@ -30,10 +32,11 @@ from xper_fx.scene import Scene  # noqa: E402
 from xper_fx.simulation import Simulation  # noqa: E402
 
 STEP, STEPS, FIELDS, KILLS = 0.02, 300, 100, 20
+ALWAYS, NEVER = 1e-9, 1e9  # seconds between checkpoints
 
 
-def run(folder: Path, pause: float = 0.0, **options) -> None:
-    """A bar of two halves that is pulled until its bond breaks."""
+def run(folder: Path, at_step: Callable[[], object] | None = None, **options) -> None:
+    """A bar of two halves that is pulled until its bond breaks; something is done at each step."""
     bodies = box_bodies((2.0, 1.0), (2, 1), label=lambda x: x[0] > 1.0)
     scene = Scene(
         bodies,
@@ -46,16 +49,19 @@ def run(folder: Path, pause: float = 0.0, **options) -> None:
     end = STEP * STEPS
     recorder = Recorder(simulation, folder, end_time=end, gauge=gauge, fields=FIELDS, **options)
     for _ in recorded_steps(recorder, end, "bar", quiet=True):
-        time.sleep(pause)
+        if at_step is not None:
+            at_step()
 
 
-def start(folder: Path, **options) -> int:
-    """A run in a new process; its number."""
+def start(folder: Path, first: Callable[[], object] | None = None, **options) -> int:
+    """A run in a new process, which does something first; its number."""
     child = os.fork()
     if child:
         return child
     status = 1
     try:
+        if first is not None:
+            first()
         with open(folder.with_suffix(".log"), "ab", buffering=0) as log:
             os.dup2(log.fileno(), 1)
             os.dup2(log.fileno(), 2)
@@ -79,19 +85,37 @@ def lines(folder: Path) -> int:
     return path.read_bytes().count(b"\n") - 1 if path.exists() else 0
 
 
+def killed_in(seconds: float) -> None:
+    """Let the kernel kill this process once it has worked so long, however busy the machine is."""
+    signal.signal(signal.SIGPROF, signal.SIG_DFL)
+    signal.setitimer(signal.ITIMER_PROF, seconds)
+
+
+def at(number: int, then: Callable[[], object]) -> Callable[[], object]:
+    """Something to call at each step, which does something at one of them."""
+    steps = count(1)
+    return lambda: then() if next(steps) == number else None
+
+
 def kill_often(folder: Path, setup: float) -> dict:
     """Kill a run at random moments, restart it each time, and let the last one end.
 
+    Every third is killed before its first step. Of the others every second has written lines that
+    no checkpoint knows.
+
     Args:
         folder: of the run.
-        setup: time that a run takes before its first step (s).
+        setup: time of work that a run takes before its first step (s).
     """
     rng = np.random.default_rng(8)
     reached, saved, statuses = [], [], []
-    for _ in range(KILLS):
-        child = start(folder, pause=3e-3, restart=True, checkpoint_every=0.02)
-        time.sleep(rng.uniform(0.5, 2.0) * setup)
-        os.kill(child, signal.SIGKILL)
+    for number in range(KILLS):
+        options = {"restart": True, "checkpoint_every": NEVER if number % 2 else ALWAYS}
+        if number % 3 == 2:
+            child = start(folder, partial(killed_in, rng.uniform(0.1, 0.9) * setup), **options)
+        else:
+            soon = partial(killed_in, rng.uniform(1e-4, 6e-3))
+            child = start(folder, at_step=at(rng.integers(1, 40), soon), **options)
         statuses.append(status_of(child))
         reached.append(lines(folder))
         path = folder / "checkpoint.h5"
@@ -101,13 +125,21 @@ def kill_often(folder: Path, setup: float) -> dict:
 
 
 def signalled(folder: Path, number: int, times: int = 1) -> dict:
-    """Send a signal to a run after some steps, then restart it."""
-    child = start(folder, pause=0.2 if times > 1 else 2e-3)
-    while lines(folder) < 5:
-        time.sleep(1e-3)
-    for _ in range(times):
+    """Send a signal to a run that stands still after five steps, then restart it."""
+    told, telling = os.pipe()
+    waited_for, go_on = os.pipe()
+
+    def stand_still() -> None:
+        os.write(telling, b"!")
+        os.read(waited_for, 1)
+
+    child = start(folder, at_step=at(5, stand_still))
+    os.read(told, 1)
+    for time in range(times):
         os.kill(child, number)
-        time.sleep(0.02)
+        while time + 1 < times and handles(child, number):  # until it has noted this one
+            os.sched_yield()
+    os.write(go_on, b"!")
     out = {"status": status_of(child), "steps": lines(folder)}
     out["saved"] = (folder / "checkpoint.h5").exists()
     if times == 1:
@@ -115,14 +147,20 @@ def signalled(folder: Path, number: int, times: int = 1) -> dict:
     return out
 
 
+def handles(process: int, number: int) -> bool:
+    """Whether a process has a handler of a signal, which it gives up at the first."""
+    rows = dict(row.split(":", 1) for row in Path(f"/proc/{process}/status").open())
+    return bool(int(rows["SigCgt"], 16) >> (number - 1) & 1)
+
+
 if __name__ == "__main__":
     where = Path(sys.argv[1])
     run(where / "whole")
-    began = time.monotonic()
-    complete = status_of(start(where / "whole", restart=True))
+    complete = start(where / "whole", restart=True)
+    _, status, used = os.wait4(complete, 0)
     result = {
-        "complete": complete,
-        "killed": kill_often(where / "killed", time.monotonic() - began),
+        "complete": os.waitstatus_to_exitcode(status),
+        "killed": kill_often(where / "killed", used.ru_utime + used.ru_stime),
         "terminated": signalled(where / "terminated", signal.SIGTERM),
         "interrupted": signalled(where / "interrupted", signal.SIGINT),
         "twice": signalled(where / "twice", signal.SIGTERM, 2),

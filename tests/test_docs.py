@@ -72,7 +72,7 @@ def built(tmp_path_factory):
     return folder / "html"
 
 
-@pytest.mark.slow
+@pytest.mark.docs
 def test_every_demo_has_a_page_with_its_code_and_figures(built, gallery):
     for demo in sorted((ROOT / "demos").glob("*.py")):
         page = (built / "demos" / f"{demo.stem}.html").read_text()
@@ -81,7 +81,7 @@ def test_every_demo_has_a_page_with_its_code_and_figures(built, gallery):
         assert figures and all(f"_images/{name}.png" in page for name in figures)
 
 
-@pytest.mark.slow
+@pytest.mark.docs
 def test_every_public_module_is_in_the_reference(built):
     modules = [m.name for m in pkgutil.walk_packages(xper_fx.__path__, "xper_fx.")]
     public = [name for name in modules if "._" not in name]
@@ -98,7 +98,7 @@ def test_every_public_module_is_in_the_reference(built):
         assert not missing, f"{name} lacks {missing}"
 
 
-@pytest.mark.slow
+@pytest.mark.docs
 def test_images_and_links_within_lead_somewhere(built):
     """No image and no page that is not there, and no markup left in the text."""
     pages = [path for path in built.rglob("*.html") if "_modules" not in path.parts]

@@ -15,7 +15,7 @@ import granular_packing as demo
 
 from xper_fx.contact_forces import contact_forces
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.demos
 
 
 @pytest.fixture(scope="module")

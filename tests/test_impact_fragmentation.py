@@ -16,7 +16,7 @@ import impact_fragmentation as demo
 from xper_fx.contact_forces import contact_forces
 from xper_fx.cracks import broken_points, find_fragments
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.demos
 
 
 @pytest.fixture(scope="module")

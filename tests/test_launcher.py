@@ -12,6 +12,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
@@ -20,8 +21,7 @@ import pytest
 LAUNCHER = Path(__file__).resolve().parents[1] / "fenicsx"
 
 TOOLS = (
-    "bash sh env cat cksum cut df dirname flock grep ls mkdir mv readlink rm sleep tail tar touch "
-    "true"
+    "bash sh env cat cksum cut df dirname flock grep ls mkdir mv readlink rm tail tar touch true"
 ).split()
 
 pytestmark = [
@@ -60,11 +60,12 @@ status = subprocess.call(options[options.index("/bin/sh"):], cwd=folder)
 sys.exit(255 if status < 0 else status)
 """
 
-# Makes the folders that the launcher looks at; the arguments end with: suite, target, mirror.
+# Makes the folders that the launcher looks at; the arguments end with: suite, target, mirror. It
+# waits for a line where World.hold() has made a pipe for it.
 MMDEBSTRAP = """#!/bin/bash
 echo called >>"$STUB_NOTES/mmdebstrap"
 echo "I: running apt-get update..." >&2
-sleep "${STUB_BUILD_TIME:-0}"
+[[ -p $STUB_NOTES/build ]] && read -r <"$STUB_NOTES/build"
 if [[ -n $STUB_BUILD_ERROR ]]; then
     echo "$STUB_BUILD_ERROR" >&2
     exit 1
@@ -77,6 +78,33 @@ exit 0
 """
 
 
+# Notes each of some signals, and ends with status 5 once it reads a line from a pipe.
+PATIENT = f"""#!{sys.executable} -S
+import os, signal, sys
+pipe, *names = sys.argv[1:]
+def say(what):
+    os.write(1, what.encode() + b"\\n")  # a signal may come while print is at work
+def note(number, frame):
+    say(signal.Signals(number).name)
+for name in names:
+    signal.signal(getattr(signal, name), note)
+with open(pipe) as go_on:
+    say("terminal" if os.isatty(0) else "ready")
+    go_on.readline()
+os._exit(5)  # at once: while Python ends, a signal that comes again would kill it
+"""
+
+SIGNALS = [getattr(signal, f"SIG{name}") for name in "HUP INT QUIT TERM USR1 USR2".split()]
+
+LONGEST = 300.0  # s; on a loaded machine all take longer
+
+
+def usual_signals():
+    """What the signals do in a new process, also where these tests ignore some (`nohup`, `&`)."""
+    for number in SIGNALS:
+        signal.signal(number, signal.SIG_DFL)
+
+
 class World:
     """A folder with a PATH of stubs, a home and a place for the userland."""
 
@@ -87,6 +115,9 @@ class World:
         self.userland = folder / "cache" / "userland"
         for made in (self.bin, self.notes, folder / "home"):
             made.mkdir()
+        self.pipes, self.started = {}, []
+        self.watch = threading.Timer(LONGEST, self.close)
+        self.watch.start()
         for tool in TOOLS:
             (self.bin / tool).symlink_to(shutil.which(tool))
         self.environment = {
@@ -124,8 +155,27 @@ class World:
         self.stub("df", "#!/bin/sh\necho Avail\necho ${STUB_FREE:-100000000}\n")
         self.environment["XPER_FX_USERLAND"] = str(self.userland)
 
+    def hold(self, name):
+        """Make a pipe that a stub reads a line from before it goes on."""
+        os.mkfifo(self.notes / name)
+        self.pipes[name] = os.open(self.notes / name, os.O_RDWR)  # for both: waits for nobody
+
+    def let_go(self, name):
+        """Let the stub that reads from a pipe go on, and later ones not wait."""
+        os.write(self.pipes[name], b"go on\n")
+        (self.notes / name).unlink()
+
+    def close(self):
+        """End what a failed test has left, or waits for in vain."""
+        self.watch.cancel()
+        while self.pipes:
+            os.close(self.pipes.popitem()[1])
+        for process in self.started:
+            process.kill()
+
     def start(self, *command, **options):
-        return subprocess.Popen(
+        options.setdefault("preexec_fn", usual_signals)
+        process = subprocess.Popen(
             [LAUNCHER, *command],
             env=self.environment | options.pop("environment", {}),
             stdin=options.pop("stdin", subprocess.DEVNULL),
@@ -134,16 +184,22 @@ class World:
             text=True,
             **options,
         )
+        self.started.append(process)
+        return process
 
     def run(self, *command, text=None, **options):
         process = self.start(*command, stdin=subprocess.PIPE, **options)
-        output, errors = process.communicate(text, timeout=20)
+        output, errors = process.communicate(text, timeout=LONGEST)
         return subprocess.CompletedProcess(command, process.returncode, output, errors)
 
 
 @pytest.fixture
 def world(tmp_path):
-    return World(tmp_path)
+    world = World(tmp_path)
+    yield world
+    world.close()
+    for process in world.started:
+        process.communicate()
 
 
 @pytest.fixture(params=["native", "userland"])
@@ -155,13 +211,6 @@ def either(world, request):
         world.with_userland()
     world.kind = request.param
     return world
-
-
-def wait_for(condition, seconds=10):
-    end = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < end, "waited in vain"
-        time.sleep(0.01)
 
 
 # --- the command
@@ -227,22 +276,28 @@ def test_keeps_the_hosts_python_out_of_the_userland(world):
 
 
 def start_patient(world, signals, **options):
-    """Start a command that notes each signal and ends with status 5, one second later at most."""
+    """Start a command that notes some signals, and ends when `end_of` lets it."""
     world.run("true")
-    ready = world.folder / "ready"
-    script = "".join(f"trap 'echo {name}; last=1' {name}; " for name in signals)
-    script += f"touch '{ready}'; while [ -z \"$last\" ]; do sleep 0.05; done; sleep 0.2; exit 5"
-    process = world.start("bash", "-c", script, **options)
-    wait_for(ready.exists)
+    world.hold("end")
+    world.stub("patient", PATIENT)
+    names = [f"SIG{name}" for name in signals]
+    process = world.start(world.bin / "patient", world.notes / "end", *names, **options)
+    assert process.stdout.readline() == "ready\n"
     return process
+
+
+def end_of(world, process):
+    """Let the command end, and give what it has said."""
+    world.let_go("end")
+    return process.communicate(timeout=LONGEST)[0]
 
 
 @pytest.mark.parametrize("name", ["TERM", "INT", "HUP", "USR1"])
 def test_signals_reach_the_command(either, name):
     process = start_patient(either, [name])
     process.send_signal(getattr(signal, f"SIG{name}"))
-    output, _ = process.communicate(timeout=10)
-    assert output == f"{name}\n"
+    assert process.stdout.readline() == f"SIG{name}\n"
+    assert end_of(either, process) == ""
     assert process.returncode == 5
 
 
@@ -250,44 +305,60 @@ def test_signal_to_the_whole_group_ends_nothing_early(either):
     """As by `timeout`: the command still ends in its own way, and its status is given."""
     process = start_patient(either, ["TERM"], start_new_session=True)
     os.killpg(process.pid, signal.SIGTERM)
-    output, _ = process.communicate(timeout=10)
-    assert set(output.split()) == {"TERM"}
+    assert process.stdout.readline() == "SIGTERM\n"
+    assert set(end_of(either, process).split()) <= {"SIGTERM"}
     assert process.returncode == 5
 
 
 def test_ignored_signal_stays_ignored(either):
     """As by `nohup`."""
-    either.run("true")
-    ready = either.folder / "ready"
-    process = either.start(
-        "sh", "-c", f"touch '{ready}'; sleep 0.3; exit 4",
-        preexec_fn=lambda: signal.signal(signal.SIGHUP, signal.SIG_IGN), start_new_session=True,
-    )  # fmt: skip
-    wait_for(ready.exists)
+
+    def ignore():
+        usual_signals()
+        signal.signal(signal.SIGHUP, signal.SIG_IGN)
+
+    process = start_patient(either, [], preexec_fn=ignore, start_new_session=True)
     os.killpg(process.pid, signal.SIGHUP)
-    process.communicate(timeout=10)
-    assert process.returncode == 4
+    assert end_of(either, process) == ""
+    assert process.returncode == 5
 
 
 def test_terminal_stays_a_terminal_and_interrupts_once(either):
     either.run("true")
-    # SIGINT is counted by a shell that waits, as a user's Ctrl-C would be by Python.
-    script = "trap 'echo interrupted' INT; test -t 0 && echo terminal; sleep 1 & wait; sleep 0.3"
+    either.hold("end")
+    either.stub("patient", PATIENT)
+    after = ["SIGUSR1", "SIGUSR2"] * 3
+    command = [LAUNCHER, either.bin / "patient", either.notes / "end", "SIGINT", *after]
     child, terminal = pty.fork()
     if child == 0:
-        os.execve(LAUNCHER, [str(LAUNCHER), "bash", "-c", script], either.environment)
+        usual_signals()
+        os.execve(LAUNCHER, list(map(str, command)), either.environment)
+    output = read_until(terminal, b"terminal")
+    for name in after:  # often: two interruptions that come at once may look like one
+        os.write(terminal, b"\x03")
+        output += read_until(terminal, b"SIGINT")
+        # The launcher hands this on after whatever it has made of the interruption.
+        os.kill(child, getattr(signal, name))
+        output += read_until(terminal, name.encode())
+    either.let_go("end")
+    output += read_until(terminal, None)
+    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 5
+    os.close(terminal)
+    assert output.count(b"SIGINT") == len(after)
+
+
+def read_until(terminal, said):
+    """What a terminal shows until it says something, or to its end."""
     output = b""
-    while b"terminal" not in output:
-        output += os.read(terminal, 1000)
-    os.write(terminal, b"\x03")
     try:
-        while chunk := os.read(terminal, 1000):
+        while said is None or said not in output:
+            chunk = os.read(terminal, 1000)
+            if not chunk:
+                break
             output += chunk
     except OSError:  # how Linux tells the end
         pass
-    os.waitpid(child, 0)
-    os.close(terminal)
-    assert output.count(b"interrupted") == 1
+    return output
 
 
 # --- native or not
@@ -365,24 +436,38 @@ def test_default_folder_follows_the_suite(world):
     assert sorted(path.parent.name for path in folders) == ["debian-13", "debian-sid"]
 
 
+def building(process):
+    """Read what a call says until it builds."""
+    said = ""
+    while "reading the package lists" not in said:
+        line = process.stderr.readline()
+        assert line, said
+        said += line
+    return said
+
+
 def test_two_calls_at_once_build_once(world):
     world.with_userland()
-    world.environment["STUB_BUILD_TIME"] = "0.7"
+    world.hold("build")
     first = world.start("sh", "-c", "echo first")
-    wait_for(lambda: world.calls("mmdebstrap") == 1)
-    second = world.run("sh", "-c", "echo second")
-    assert second.stdout == "second\n"
-    assert "waiting" in second.stderr
-    assert first.communicate(timeout=10)[0] == "first\n"
+    said = building(first)
+    second = world.start("sh", "-c", "echo second")
+    assert "another call is building" in second.stderr.readline()
+    world.let_go("build")
+    assert second.communicate(timeout=LONGEST)[0] == "second\n"
+    output, errors = first.communicate(timeout=LONGEST)
+    assert output == "first\n" and "waiting" not in said + errors
     assert world.calls("mmdebstrap") == 1
 
 
 def test_interrupted_build_is_redone(world):
     world.with_userland()
-    first = world.start("true", environment={"STUB_BUILD_TIME": "0.5"}, start_new_session=True)
-    wait_for(lambda: world.calls("mmdebstrap") == 1)
+    world.hold("build")
+    first = world.start("true", start_new_session=True)
+    building(first)
     os.killpg(first.pid, signal.SIGKILL)
-    first.communicate(timeout=10)
+    first.communicate(timeout=LONGEST)
+    (world.notes / "build").unlink()
     assert not world.userland.exists()
     second = world.run("sh", "-c", "echo ran")
     assert "interrupted build" in second.stderr
@@ -490,8 +575,8 @@ def test_falls_back_to_proot_where_bwrap_does_not_work(world_with_proot):
 def test_signals_reach_the_command_within_proot(world_with_proot):
     process = start_patient(world_with_proot, ["TERM"])
     process.send_signal(signal.SIGTERM)
-    output, _ = process.communicate(timeout=10)
-    assert output == "TERM\n"
+    assert process.stdout.readline() == "SIGTERM\n"
+    assert end_of(world_with_proot, process) == ""
     assert process.returncode == 5
 
 

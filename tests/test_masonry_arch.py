@@ -12,6 +12,8 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parents[1] / "demos"))
 import masonry_arch as demo
 
+pytestmark = pytest.mark.demos
+
 
 def test_limit_analysis_tends_to_milankovitch():
     """From below: an arch of blocks opens at its joints only."""

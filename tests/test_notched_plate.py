@@ -19,6 +19,8 @@ from xper_fx.output import HISTORY_COLUMNS, read_history
 from xper_fx.recorder import TensileGauge
 from xper_fx.simulation import Simulation
 
+pytestmark = pytest.mark.demos
+
 LOSSES = tuple(name for name in HISTORY_COLUMNS if name.startswith("dissipated"))
 
 

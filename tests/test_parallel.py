@@ -15,9 +15,6 @@ from xper_fx.parallel.partition import partition_bodies
 from xper_fx.parallel.ranks import Ranks
 
 SCENES = ("explicit", "quadratic", "blocks", "fall", "plastic", "free", "space")
-# On four ranks these alone: each rank compiles for itself, which takes most of the time.
-ON_FOUR = ("explicit", "quadratic", "free")
-RUNS = [(name, 2) for name in SCENES] + [(name, 4) for name in ON_FOUR]
 # Scenes whose points do not push each other at the end in more ways than one.
 UNIQUE = ("blocks", "plastic", "free", "space")
 
@@ -142,16 +139,17 @@ def test_one_rank_loads_nothing_of_the_others():
 def found(tmp_path_factory):
     """What the scenes give on 1, 2 and 4 ranks."""
     results = {}
-    for count, names in ((1, SCENES), (2, SCENES), (4, ON_FOUR)):
+    for count in (1, 2, 4):
         folder = tmp_path_factory.mktemp(f"on_{count}")
-        done = on_ranks(count, "ranks/meshed_scenes.py", folder, *names)
+        done = on_ranks(count, "ranks/meshed_scenes.py", folder, *SCENES)
         assert done.returncode == 0, done.stdout + done.stderr
-        results[count] = {name: dict(np.load(folder / f"{name}.npz")) for name in names}
+        results[count] = {name: dict(np.load(folder / f"{name}.npz")) for name in SCENES}
     return results
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("name", "count"), RUNS)
+@pytest.mark.ranks
+@pytest.mark.parametrize("count", [2, 4])
+@pytest.mark.parametrize("name", SCENES)
 def test_ranks_agree(found, name, count):
     one, several = found[1][name], found[count][name]
     assert several["points"][0] == one["points"][0] == one["points"][1] > several["points"][1]
@@ -171,7 +169,7 @@ def test_ranks_agree(found, name, count):
             assert np.abs(one[key] - several[key]).max() <= 1e-7 * np.abs(one[key]).max(), key
 
 
-@pytest.mark.slow
+@pytest.mark.ranks
 @pytest.mark.parametrize("count", [1, 2, 4])
 def test_momentum_and_energy_are_exact(found, count):
     """Nothing from outside acts: what one half gives the other takes, across ranks too."""
@@ -183,16 +181,17 @@ def test_momentum_and_energy_are_exact(found, count):
     assert np.abs(free["closure"]).max() <= 1e-12 * free["kinetic"][0]
 
 
-@pytest.mark.slow
+@pytest.mark.ranks
 def test_bonds_broke_in_what_was_compared(found):
     for name in ("explicit", "quadratic"):
         assert found[1][name]["damage"].min() == 0.0
         assert found[1][name]["dissipated_cohesion"][-1] > 0.0
 
 
+@pytest.mark.ranks
 @pytest.mark.parametrize(("kind", "said"), [("all", "wrong on all"), ("last", "on the last")])
 def test_an_error_stops_all_with_one_message(kind, said):
-    done = on_ranks(3, "ranks/errors.py", kind, timeout=60)
+    done = on_ranks(3, "ranks/errors.py", kind)
     assert done.returncode != 0
     assert (done.stdout + done.stderr).count(
         f"ValueError: {'wrong ' * (kind == 'last')}{said}"
@@ -200,7 +199,8 @@ def test_an_error_stops_all_with_one_message(kind, said):
     assert done.stdout.count("said by") == 1
 
 
+@pytest.mark.ranks
 def test_what_fails_at_the_root_fails_on_all():
-    done = on_ranks(3, "ranks/errors.py", "root", timeout=60)
+    done = on_ranks(3, "ranks/errors.py", "root")
     assert done.returncode == 0, done.stderr
     assert done.stdout.count("no space") == 3

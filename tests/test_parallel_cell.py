@@ -13,6 +13,8 @@ from on_ranks import on_ranks
 sys.path.insert(0, str(Path(__file__).parent / "ranks"))
 import periodic_cells
 
+pytestmark = pytest.mark.ranks
+
 SCRIPT = Path("ranks/periodic_cells.py")
 CELLS = {2: tuple(periodic_cells.SCENES), 3: ("held",)}
 DIVIDED = [(name, count) for count, names in CELLS.items() for name in names]

@@ -11,7 +11,7 @@ from on_ranks import on_ranks
 
 from xper_fx.output import read_history
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.ranks
 
 
 def run(count, last, *options):

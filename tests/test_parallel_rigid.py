@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 from on_ranks import on_ranks
 
+pytestmark = pytest.mark.ranks
+
 OF_TWO = ("bricks", "clouds", "falling", "shear")
 OF_THREE = ("bricks", "hard_bricks")
 SCENES = {1: (*OF_TWO, "hard_bricks"), 2: OF_TWO, 3: OF_THREE}

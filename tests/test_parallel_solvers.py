@@ -21,6 +21,8 @@ from xper_fx.nscd import newton
 from xper_fx.parallel.launch import run_together
 from xper_fx.simulation import Simulation
 
+pytestmark = pytest.mark.ranks
+
 # The critical step of the bulk of 20 x 20 quads (s).
 CRITICAL = 2.3e-10
 # Solver, step beside the critical one, number of steps, tolerance. In the steps of 10 no bond

@@ -24,6 +24,7 @@ from scenes import (
 from scipy.sparse.linalg import splu
 from scipy.spatial import cKDTree
 
+from xper_fx.forms.compiled import compiled_form
 from xper_fx.forms.loads import (
     BodyForce,
     Gravity,
@@ -72,17 +73,17 @@ def connected_reference(kind, lengths, cells, order, theta):
     u, v = ufl.TrialFunction(V), ufl.TestFunction(V)
     eps = lambda w: ufl.sym(ufl.grad(w))  # noqa: E731
     form = lam * ufl.div(u) * ufl.div(v) + 2 * mu * ufl.inner(eps(u), eps(v))
-    K = sp.csr_array(fem.assemble_matrix(fem.form(form * ufl.dx)).to_scipy())
-    mass = fem.assemble_matrix(fem.form(rho * ufl.inner(u, v) * ufl.dx)).to_scipy().diagonal()
-    total = fem.assemble_scalar(fem.form(rho * ufl.dx))
+    K = sp.csr_array(fem.assemble_matrix(compiled_form(form * ufl.dx)).to_scipy())
+    mass = fem.assemble_matrix(compiled_form(rho * ufl.inner(u, v) * ufl.dx)).to_scipy().diagonal()
+    total = fem.assemble_scalar(compiled_form(rho * ufl.dx))
     mass = mass * total * dim / mass.sum()  # lumped as the diagonal of the consistent mass
     density = ufl.as_vector([rho * g for g in GRAVITY[:dim]]) + ufl.as_vector(FORCE[:dim])
-    steady = fem.assemble_vector(fem.form(ufl.inner(density, v) * ufl.dx)).array.copy()
+    steady = fem.assemble_vector(compiled_form(ufl.inner(density, v) * ufl.dx)).array.copy()
     ds = ufl.Measure("ds", mesh, subdomain_data=tags)
     pull = ufl.as_vector([1.0] + [0.0] * (dim - 1))
-    moving = fem.assemble_vector(fem.form(ufl.inner(pull, v) * ds(RIGHT))).array.copy()
+    moving = fem.assemble_vector(compiled_form(ufl.inner(pull, v) * ds(RIGHT))).array.copy()
     rest = ufl.as_vector([0.0, *TRACTION[1:dim]])
-    steady += fem.assemble_vector(fem.form(ufl.inner(rest, v) * ds(RIGHT))).array
+    steady += fem.assemble_vector(compiled_form(ufl.inner(rest, v) * ds(RIGHT))).array
     left = fem.locate_dofs_topological(V, dim - 1, tags.find(LEFT))
     fixed = np.zeros(len(mass), bool)
     fixed[(left[:, None] * dim + np.arange(2)).ravel()] = True

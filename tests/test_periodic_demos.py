@@ -38,6 +38,7 @@ def drawn(folder, *names):
 # -- the ductile composite
 
 
+@pytest.mark.demos
 def test_the_matrix_alone_has_its_curve():
     """Plane strain, free across: another integration's figures, to 0.1 %."""
     curve = ductile.homogeneous_curve(0.02, "free", False)
@@ -46,12 +47,14 @@ def test_the_matrix_alone_has_its_curve():
     assert stress == pytest.approx([520.1, 524.7, 531.0, 536.6], rel=1e-3)
 
 
+@pytest.mark.demos
 def test_the_matrix_alone_held_across():
     held = ductile.homogeneous_curve(0.01, "held", False)["stress"][-1] / 1e6
     print("held across (MPa):", held)
     assert held == pytest.approx(1244.0, rel=1e-3)
 
 
+@pytest.mark.demos
 def test_the_matrix_alone_at_finite_strain():
     """Nominal stress: that of small strain at the logarithmic one, on a section that shrinks."""
     strain = np.array([0.0075, 0.01, 0.015, 0.02])
@@ -72,6 +75,7 @@ def composite(tmp_path_factory):
     return out, ductile.main(options.split()), read_history(out / "history.csv")
 
 
+@pytest.mark.demos
 def test_the_composite_is_above_its_matrix(composite):
     """From 0.2 %, before flow, to 0.6 %, where the matrix flows: 3 % above, then 15 %."""
     _, result, history = composite
@@ -85,6 +89,7 @@ def test_the_composite_is_above_its_matrix(composite):
     assert history["stress"][-1] == pytest.approx(620e6, rel=0.02)
 
 
+@pytest.mark.demos
 def test_the_composite_is_driven_as_asked(composite):
     _, _, history = composite
     scale = np.maximum.accumulate(np.abs(history["P11"]))
@@ -96,6 +101,7 @@ def test_the_composite_is_driven_as_asked(composite):
     assert history["hill_mandel"].max() < 1e-3
 
 
+@pytest.mark.demos
 def test_the_composite_s_ledger_closes(composite):
     """To second order in the step, with plastic dissipation that only grows, and no crack yet."""
     _, _, history = composite
@@ -107,6 +113,7 @@ def test_the_composite_s_ledger_closes(composite):
     assert history["dissipated_cohesion"][-1] < 1e-6 * work[-1]
 
 
+@pytest.mark.demos
 def test_the_composite_s_files(composite):
     folder, _, history = composite
     assert set(history) == {*HISTORY_COLUMNS, "dissipated_plastic", *CELL_COLUMNS, "hill_mandel"}
@@ -137,6 +144,7 @@ def grains(tmp_path_factory):
     return out, *polycrystal(out)
 
 
+@pytest.mark.demos
 def test_cracks_begin_between_soft_and_hard(grains):
     """All first cracks lie on edges of hard grains whose other side is soft."""
     folder, result, _ = grains
@@ -157,6 +165,7 @@ def test_cracks_begin_between_soft_and_hard(grains):
         assert 0.0 < np.linalg.norm(a - b) < size / 8
 
 
+@pytest.mark.demos
 def test_the_polycrystal_s_ledger_closes(grains):
     """Elastic grains at theta = 1/2: to 1e-10 of the work while bonds break."""
     _, _, history = grains
@@ -167,12 +176,14 @@ def test_the_polycrystal_s_ledger_closes(grains):
     assert np.abs(history["P22"]).max() < 1e-3 * history["P11"].max()
 
 
+@pytest.mark.demos
 def test_the_polycrystal_s_pictures(grains):
     folder, _, _ = grains
     assert all((folder / name).stat().st_size > 0 for name in SERIES)
     assert drawn(folder, "grains", "cracks", "cracks_tiled", "stress_strain", "energies")
 
 
+@pytest.mark.demos
 def test_the_same_seed_gives_the_same_run(grains, tmp_path):
     _, first, history = grains
     second, again = polycrystal(tmp_path, "--no-plot")
@@ -182,6 +193,7 @@ def test_the_same_seed_gives_the_same_run(grains, tmp_path):
     assert not list(tmp_path.glob("*.png"))
 
 
+@pytest.mark.demos
 def test_another_seed_gives_other_grains():
     areas = []
     for seed in (4, 5):
@@ -201,6 +213,7 @@ def own(tmp_path_factory):
     return out, own_material.main(["--cells", "6", "--quiet", "--out", str(out)])
 
 
+@pytest.mark.demos
 def test_the_own_material_follows_its_integration(own):
     """Of first order in the step, and at the closed limit in the end."""
     _, result = own
@@ -214,6 +227,7 @@ def test_the_own_material_follows_its_integration(own):
     )
 
 
+@pytest.mark.demos
 def test_the_void_weakens_the_own_material(own):
     """By more than its section, less than the section left at the void (1 - 0.357) would allow."""
     _, result = own
@@ -229,6 +243,7 @@ def test_the_void_weakens_the_own_material(own):
     assert energies["dissipated_viscous"] > 0.9 * energies["external_work"]
 
 
+@pytest.mark.demos
 def test_the_own_material_s_files(own):
     folder, result = own
     history = read_history(folder / "history.csv")
@@ -238,6 +253,7 @@ def test_the_own_material_s_files(own):
     assert json.loads((folder / "summary.json").read_text())["stress_over_limit"] < 1.0
 
 
+@pytest.mark.demos
 def test_exponents_at_the_ends_of_their_range():
     """Newton written out reaches the root for any of them: the limit is met."""
     for exponent in (3.0, 20.0):
@@ -249,6 +265,7 @@ def test_exponents_at_the_ends_of_their_range():
 # -- options
 
 
+@pytest.mark.demos
 @pytest.mark.parametrize(
     "demo, options, message",
     [

@@ -606,7 +606,7 @@ def processes(tmp_path_factory):
     folder = tmp_path_factory.mktemp("processes")
     script = Path(__file__).with_name("restart_process.py")
     done = subprocess.run(
-        [sys.executable, script, folder], capture_output=True, text=True, timeout=300,
+        [sys.executable, script, folder], capture_output=True, text=True,
         env=os.environ | {"NUMBA_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"},
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
@@ -616,10 +616,10 @@ def processes(tmp_path_factory):
 def test_twenty_kills_lose_nothing_but_the_last_steps(processes):
     folder, found = processes
     killed = found["killed"]
-    assert killed["statuses"] == [-signal.SIGKILL] * 20 and killed["last"] == 0
+    assert killed["statuses"] == [-signal.SIGPROF] * 20 and killed["last"] == 0
     saved, reached = np.array(killed["saved"]), np.array(killed["reached"])
     assert np.all(np.diff(saved) >= 0) and np.all(reached >= saved)
-    assert len(np.unique(saved)) > 5
+    assert len(np.unique(saved)) > 5 and np.count_nonzero(reached > saved) > 5
     same_files(folder / "whole", folder / "killed")
     steps = read_history(folder / "killed" / "history.csv")["step"]
     assert np.array_equal(steps, np.arange(1, 301))

@@ -440,7 +440,7 @@ def test_a_reference_that_fails_is_told(tmp_path, monkeypatch):
         run_study(study, tmp_path, quiet=True)
 
 
-@pytest.mark.slow
+@pytest.mark.demos
 def test_effects_demo_writes_its_files(tmp_path):
     """Small: inertia and output on an elastic plate; output changes no number."""
     (results,) = demo.main(["--study", "effects", "--quick", "--quiet", "--out", str(tmp_path)])

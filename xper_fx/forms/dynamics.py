@@ -23,11 +23,10 @@ from dolfinx import default_scalar_type, fem
 
 from xper_fx.bodies import Bodies
 from xper_fx.compat import interpolation_points
+from xper_fx.forms.compiled import compiled_expression, compiled_form
 from xper_fx.forms.kinematics import displacement_gradient
 from xper_fx.forms.loads import BodyForce, Gravity, SurfaceTraction, value_at
 from xper_fx.materials.material import InelasticMaterial, Material, Response
-
-_JIT = {"timeout": 120}
 
 
 class BulkForms:
@@ -84,9 +83,9 @@ class BulkForms:
         if energies:
             force += ufl.derivative(sum(energies), self.u, test)
         energies += [r.energy * self._dx(t) for t, r in self._responses.items()]
-        self.energy = fem.form(sum(energies), jit_options=_JIT)
-        self.internal = fem.form(force, jit_options=_JIT)
-        self.tangent = fem.form(ufl.derivative(force, self.u, trial), jit_options=_JIT)
+        self.energy = compiled_form(sum(energies))
+        self.internal = compiled_form(force)
+        self.tangent = compiled_form(ufl.derivative(force, self.u, trial))
         self._dissipations = self._dissipation_forms()
         self._increments = self._increment_expressions()
         self._loads: list[tuple[fem.Constant, Sequence]] = []
@@ -115,7 +114,7 @@ class BulkForms:
             _check_response(tag, response)
             self._responses[tag] = response
             if tag in variables:
-                self._history.update(tag, response.new, _JIT)
+                self._history.update(tag, response.new)
 
     def _increment_expressions(self):
         """Inelastic strains of a step at quadrature points, and the cells they belong to."""
@@ -124,7 +123,7 @@ class BulkForms:
         tags = self.bodies.material_of_cell
         return [
             (
-                fem.Expression(ufl.as_ufl(r.increment), points, jit_options=_JIT),
+                compiled_expression(ufl.as_ufl(r.increment), points),
                 np.flatnonzero(tags == tag).astype(np.int32),
             )
             for tag, r in self._responses.items()
@@ -150,7 +149,7 @@ class BulkForms:
             densities = {t: getattr(r, name) for t, r in self._responses.items()}
             terms = [d * self._dx(t) for t, d in densities.items() if d is not None]
             if terms:
-                forms[name] = fem.form(sum(terms), jit_options=_JIT)
+                forms[name] = compiled_form(sum(terms))
         return forms
 
     def _external_form(self, forces, test):
@@ -172,7 +171,7 @@ class BulkForms:
             else:
                 term = ufl.inner(vector, test) * mass_dx
             total = term if total is None else total + term
-        return None if total is None else fem.form(total, jit_options=_JIT)
+        return None if total is None else compiled_form(total)
 
     @property
     def steady(self) -> bool:
@@ -299,7 +298,7 @@ class BulkForms:
                 stress, where, share = self._responses[tag].stress, points, weights
             else:
                 stress, where, share = material.stress(self.u, self._constant), middle, np.ones(1)
-            expression = fem.Expression(stress, where, jit_options=_JIT)
+            expression = compiled_expression(stress, where)
             pieces.append((expression, cells, share / share.sum()))
 
         def evaluate() -> np.ndarray:

@@ -17,6 +17,7 @@ from dolfinx import fem
 
 from xper_fx.bodies import Bodies
 from xper_fx.compat import interpolation_points
+from xper_fx.forms.compiled import compiled_expression
 
 _PLACES = {
     2: ((0, 0), (1, 1), (2, 2), (0, 1)),
@@ -104,13 +105,12 @@ class History:
             rows[i][j] = rows[j][i] = component
         return ufl.as_tensor(rows)
 
-    def update(self, tag: int, new: Mapping, jit_options: Mapping) -> None:
+    def update(self, tag: int, new: Mapping) -> None:
         """Say what a commit makes of the variables of a cell tag.
 
         Args:
             tag: cell tag.
             new: new values by name, in UFL.
-            jit_options: options of the compilation.
 
         Raises:
             ValueError: the names are not those of the variables, or a shape differs.
@@ -131,9 +131,7 @@ class History:
                     f"have the shape {shape}, got {value.ufl_shape}."
                 )
             components += [value[place] for place in self._places] if shape else [value]
-        self._updates[tag] = fem.Expression(
-            ufl.as_vector(components), self._points, jit_options=dict(jit_options)
-        )
+        self._updates[tag] = compiled_expression(ufl.as_vector(components), self._points)
 
     def commit(self) -> None:
         """Evaluate all new values, then make them the committed ones."""

@@ -21,6 +21,7 @@ import ufl
 from dolfinx import default_scalar_type, fem
 
 from xper_fx.bulk.scheme import State, StepOutcome
+from xper_fx.forms.compiled import compiled_form
 from xper_fx.nscd.facets import facet_points
 from xper_fx.periodic.two_field import CellBulk
 
@@ -113,16 +114,16 @@ def averaged_gradient(bulk: CellBulk, displacement: np.ndarray) -> np.ndarray:
             "between two of them: read `macroscopic.gradient`, or run on one rank."
         )
     dim, V, bodies = bulk.dim, bulk.forms.V, bulk.forms.bodies
-    filled = fem.assemble_scalar(
-        fem.form(fem.Constant(bodies.mesh, default_scalar_type(1.0)) * ufl.dx(bodies.mesh))
-    )
+    one = fem.Constant(bodies.mesh, default_scalar_type(1.0))
+    filled = fem.assemble_scalar(compiled_form(one * ufl.dx(bodies.mesh)))
     if filled < (1.0 - 1e-6) * bulk.volume:
         raise ValueError(
             f"The cell fills {filled:g} of {bulk.volume:g}: the mean gradient of a cell with voids "
             "is not that of its bulk; read `macroscopic.gradient`."
         )
     direction = fem.Constant(bodies.mesh, default_scalar_type(np.zeros((dim, dim))))
-    mean = fem.form(ufl.inner(direction, ufl.grad(ufl.TestFunction(V))) * ufl.dx(bodies.mesh))
+    gradient = ufl.grad(ufl.TestFunction(V))
+    mean = compiled_form(ufl.inner(direction, gradient) * ufl.dx(bodies.mesh))
     u = bulk.unknowns.expand(displacement)
     total = np.zeros((dim, dim))
     for i in range(dim):
