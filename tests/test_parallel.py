@@ -204,3 +204,9 @@ def test_what_fails_at_the_root_fails_on_all():
     done = on_ranks(3, "ranks/errors.py", "root")
     assert done.returncode == 0, done.stderr
     assert done.stdout.count("no space") == 3
+
+
+def test_ghosts_of_one_side_only_are_exchanged():
+    done = on_ranks(3, "ranks/one_way_ghosts.py", timeout=60)
+    assert done.returncode == 0, done.stderr
+    assert "exchanged" in done.stdout

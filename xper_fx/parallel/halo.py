@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from dolfinx import la
-from dolfinx.common import IndexMap
 
+from xper_fx.compat import index_map
 from xper_fx.nscd.inverse import BodyInverse
 from xper_fx.parallel.ranks import Ranks
 
@@ -49,13 +49,14 @@ class Exchange:
         )
         numbers = [told[rank] + np.arange(len(slots)) for rank, slots in ghosts.items()]
         owners = [np.full(len(slots), rank, np.int32) for rank, slots in ghosts.items()]
-        index_map = IndexMap(
+        shared = index_map(
             ranks.comm,
             count,
             np.concatenate([np.zeros(0, np.int64), *numbers]),
             np.concatenate([np.zeros(0, np.int32), *owners]),
+            [rank for rank, slots in given.items() if len(slots)],
         )
-        self._vector = la.vector(index_map, dim, dtype=np.float64)
+        self._vector = la.vector(shared, dim, dtype=np.float64)
         self._split = count * dim
         self._own = (self._given[:, None] * dim + dims).ravel()
         self._mirrored = (self._ghosts[:, None] * dim + dims).ravel()
