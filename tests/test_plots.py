@@ -394,9 +394,9 @@ def test_a_fine_mesh_is_drawn_in_seconds(tmp_path):
     """80 x 80 crossed quadrilaterals, 25 600 bodies; it takes about one second."""
     panel = split_panel(80)
     assert len(panel.triangles) == 25_600
-    start = time.perf_counter()
+    start = time.process_time()
     plot_cracks([panel, panel], path=tmp_path / "c.png")
-    assert time.perf_counter() - start < 10.0
+    assert time.process_time() - start < 10.0
 
 
 def test_no_global_state():
