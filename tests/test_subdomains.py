@@ -72,6 +72,15 @@ def difference(ours, reference, where=lambda x: np.ones(len(x), bool)) -> float:
 # Cutting
 
 
+def number_connected(mesh, labels):
+    """How many sets of cells of one label hang together by facets."""
+    pairs = facet_cells(mesh)[0]
+    pairs = pairs[(pairs[:, 1] >= 0)]
+    inside = pairs[labels[pairs[:, 0]] == labels[pairs[:, 1]]]
+    graph = coo_array((np.ones(len(inside)), tuple(inside.T)), shape=2 * (len(labels),))
+    return connected_components(graph, directed=False)[0]
+
+
 @pytest.mark.parametrize("kind, cells", [("crossed", (9, 7)), ("tetrahedron", (4, 3, 3))])
 @pytest.mark.parametrize("count", (1, 4, 16, 64))
 def test_parts_hang_together_and_are_alike(kind, cells, count):
@@ -80,11 +89,7 @@ def test_parts_hang_together_and_are_alike(kind, cells, count):
     sizes = np.bincount(labels)
     assert len(sizes) == count and sizes.min() > 0
     assert sizes.max() <= max(1.5 * len(labels) / count, len(labels) / count + 3)
-    pairs = facet_cells(mesh)[0]
-    pairs = pairs[(pairs[:, 1] >= 0)]
-    inside = pairs[labels[pairs[:, 0]] == labels[pairs[:, 1]]]
-    graph = coo_array((np.ones(len(inside)), tuple(inside.T)), shape=2 * (len(labels),))
-    assert connected_components(graph, directed=False)[0] == count
+    assert number_connected(mesh, labels) == count
 
 
 def test_parts_are_the_same_twice():
@@ -116,8 +121,17 @@ def test_a_number_that_makes_no_sense_is_refused(count, error, message):
 
 
 def test_a_bound_on_the_imbalance_is_kept():
-    with pytest.raises(ValueError, match=r"The largest of 7 subdomains .* imbalance of 1 allows"):
-        partition(mesh_of((1, 1), (40, 40)), 7, 1.0)
+    """Where the partitioner's parts miss it cells change parts, which stay connected."""
+    mesh = mesh_of((1, 1), (40, 40))
+    labels = partition(mesh, 7, 1.0)
+    sizes = np.bincount(labels)
+    assert sizes.max() <= len(labels) / 7 + 3 and number_connected(mesh, labels) == len(sizes) == 7
+
+
+def test_a_bound_that_cannot_be_kept_is_refused():
+    mesh = join_meshes([mesh_of((1, 1), (4, 4)), mesh_of((1, 1), (8, 8))]).mesh
+    with pytest.raises(ValueError, match=r"The largest of 2 subdomains .* imbalance of 1.2 allows"):
+        partition(mesh, 2)
 
 
 # The field of the uncut mesh
