@@ -70,10 +70,7 @@ def test_names_are_those_of_the_table():
 
 @pytest.mark.parametrize(
     "scene",
-    [
-        pytest.param(scene, marks=MARKS.get(scene, ()))
-        for scene in CALLED_FOR
-    ],
+    [pytest.param(scene, marks=MARKS.get(scene, ())) for scene in CALLED_FOR],
 )
 def test_a_scene_pays_for_what_it_calls_for(scene):
     run = observed(scene)

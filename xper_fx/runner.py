@@ -22,8 +22,7 @@ logger = logging.getLogger(__name__)
 
 # Simulated time, and by the clock what has passed and what is left.
 _BAR = (
-    "{desc}: {percentage:5.1f} %|{bar}| {n:.3g} of {total:.3g} s "
-    "[{elapsed}<{remaining}{postfix}]"
+    "{desc}: {percentage:5.1f} %|{bar}| {n:.3g} of {total:.3g} s [{elapsed}<{remaining}{postfix}]"
 )
 
 

@@ -22,9 +22,7 @@ def test_imports_nothing_of_the_bulk():
         f"for name in {names!r}: importlib.import_module(name)\n"
         "print(*sorted({name.partition('.')[0] for name in sys.modules}))\n"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True
-    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     loaded = set(done.stdout.split())
     assert {"xper_fx", "numpy", "numba"} <= loaded
     assert not loaded & {"dolfinx", "ufl", "basix", "ffcx", "petsc4py", "mpi4py", "h5py", "meshio"}

@@ -6,8 +6,8 @@ that it gets unless told otherwise: one that takes Python objects, one for C. No
 from C, and many are called by other kernels alone. What can raise (a division by zero) or allocate
 costs more: every test and every count of references is compiled.
 
-A number written out as an argument (`f(x, 0)`) makes a version of `f` of its own, and so does an array
-of another layout.
+A number written out as an argument (`f(x, 0)`) makes a version of `f` of its own, and so does an
+array of another layout.
 """
 
 from __future__ import annotations
