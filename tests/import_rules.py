@@ -21,6 +21,7 @@ from typing import NamedTuple
 # From top to ground. A room may import the rooms below its floor; rooms of one floor do not import
 # each other. A room is named with its modules, packages with all that no other room names.
 FLOORS: tuple[dict[str, str], ...] = (
+    {"door": ""},  # the package's own `__init__`
     {"plotting": "frames runner study_plots"},
     {"study": "effects_price quantities study study_definition study_process study_results"},
     {"diagnostics": "contact_forces cracks memory"},
@@ -41,8 +42,8 @@ FLOORS: tuple[dict[str, str], ...] = (
         "files": "folder_lock output output_errors",
         "dolfinx": "compat",
     },
-    {"support": "errors lazy nscd.checks profile"},
-    {"version": ""},  # the package's own `__init__`
+    {"support": "errors lazy nscd.checks profile version"},
+    {"cache": "cache"},
 )
 # Rooms below that a room does not import all the same.
 NEVER = {"forms": ("nscd", "ranks", "files"), "bodies": ("ranks", "files")}
@@ -52,6 +53,7 @@ LIBRARIES = {
     "nscd.friction.files": ("numpy", "scipy", "h5py"),
     "nscd.checks": ("numpy",),
     "lazy": (),
+    "cache": ("numpy", "numba", "llvmlite"),
 }
 # Circles that are known; the list may only get shorter.
 KNOWN_CIRCLES: frozenset[frozenset[str]] = frozenset()

@@ -65,7 +65,13 @@ def test_lazy_packages_show_checkers_what_they_have():
         tree = ast.parse(file.read_text())
         package = ".".join(["xper_fx", *file.parent.relative_to(ROOT).parts])
         assigned = [node for node in tree.body if isinstance(node, ast.Assign)]
-        (table,) = (a.value for a in assigned if ast.unparse(a.targets[0]) == "_MODULE_OF")
+        tables = {ast.unparse(a.targets[0]): a.value for a in assigned}
+        modules = {
+            name: f"{package}.{module}"
+            for name, module in ast.literal_eval(tables["_MODULE_OF"]).items()
+        }
+        for name, module in ast.literal_eval(tables.get("_NAMESPACES", "{}")).items():
+            modules[name] = f"{package}.{module}".rpartition(".")[0]
         shown = {
             alias.asname: node.module
             for block in tree.body
@@ -74,7 +80,7 @@ def test_lazy_packages_show_checkers_what_they_have():
             if isinstance(node, ast.ImportFrom)
             for alias in node.names
         }
-        assert shown == {n: f"{package}.{m}" for n, m in ast.literal_eval(table).items()}, package
+        assert shown == modules, package
 
 
 def test_known_circles_only_become_fewer():

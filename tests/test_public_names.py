@@ -35,6 +35,8 @@ print("dolfinx" in sys.modules, "xper_fx.nscd.laws.perfect_bond" in sys.modules)
         capture_output=True, text=True, check=True,
     ).stdout.splitlines()  # fmt: skip
     new = out[0].split()
-    assert {name for name in new if name.startswith("xper_fx")} == {"xper_fx", "xper_fx.lazy"}
+    assert {name for name in new if name.startswith("xper_fx")} == {
+        "xper_fx", "xper_fx.lazy", "xper_fx.version"
+    }  # fmt: skip
     assert not {"numpy", "numba", "dolfinx"} & set(new)
     assert out[1] == "False False"

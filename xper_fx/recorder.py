@@ -31,7 +31,6 @@ import dolfinx
 import numba
 import numpy as np
 
-import xper_fx
 from xper_fx.compat import geometry_dofmap
 from xper_fx.effects import effects_of
 from xper_fx.folder_lock import FolderLock
@@ -39,6 +38,7 @@ from xper_fx.nscd.facets import facet_shapes
 from xper_fx.output import HISTORY_COLUMNS, History, TimeSeries, prepare_folder, write_summary
 from xper_fx.scales import cohesive_scales
 from xper_fx.simulation import Simulation, StepRecord
+from xper_fx.version import __version__
 
 logger = logging.getLogger(__name__)
 
@@ -419,7 +419,7 @@ class Recorder:
                 "relaxation": simulation.relaxation,
             },
             "versions": {
-                "xper_fx": xper_fx.__version__,
+                "xper_fx": __version__,
                 "dolfinx": dolfinx.__version__,
                 "numba": numba.__version__,
                 "numpy": np.__version__,

@@ -14,12 +14,12 @@ from math import isfinite
 from pathlib import Path
 from typing import Any
 
-import xper_fx
 from xper_fx.nscd.checks import require_positive
 from xper_fx.quantities import Quantity
 from xper_fx.scene import Scene
 from xper_fx.simulation import Simulation
 from xper_fx.study_process import Job
+from xper_fx.version import __version__
 
 Knob = str | int | float | bool | None
 Setting = dict[str, Knob]
@@ -196,7 +196,7 @@ class Study:
             "source": inspect.getsource(self.build),
             "quantities": {name: repr(q) for name, q in self.quantities.items()},
             "end_time": self.end_time,
-            "version": xper_fx.__version__,
+            "version": __version__,
         }
         text = json.dumps(parts, sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:16]

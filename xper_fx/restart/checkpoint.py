@@ -14,12 +14,12 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import xper_fx
 from xper_fx.errors import CheckpointError
 from xper_fx.nscd.rows import Rows
 from xper_fx.parallel.ranks import ALONE, Ranks
 from xper_fx.restart.fingerprint import differences, fingerprint
 from xper_fx.restart.tree_file import read_attributes, read_tree, write_tree
+from xper_fx.version import __version__
 
 if TYPE_CHECKING:
     from xper_fx.simulation import Simulation
@@ -53,7 +53,7 @@ def save(
 
     def write() -> None:
         tree["recording"] = recording() if recording is not None else {}
-        write_tree(path, tree, format=FORMAT, xper_fx=xper_fx.__version__)
+        write_tree(path, tree, format=FORMAT, xper_fx=__version__)
 
     simulation.team.at_root(write)
 
@@ -92,7 +92,7 @@ def restore(path: Path, simulation: Simulation) -> dict:
             f"{path} is no checkpoint of xper_fx: it is an HDF5 file without its format. Put the "
             "checkpoint in its place, or start the run from its beginning."
         )
-    found, here = (attributes["xper_fx"], attributes["format"]), (xper_fx.__version__, FORMAT)
+    found, here = (attributes["xper_fx"], attributes["format"]), (__version__, FORMAT)
     if found != here:
         raise CheckpointError(
             f"{path} was written by xper_fx {found[0]} (format {found[1]}), and this is xper_fx "
