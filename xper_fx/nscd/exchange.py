@@ -12,7 +12,7 @@ from functools import cache
 from typing import NamedTuple
 
 import numpy as np
-from numba import prange, types
+from numba import config, prange, types
 from numba.core.cgutils import ir
 from numba.extending import intrinsic
 
@@ -173,7 +173,7 @@ def motion(sides: Sides, blocks: Blocks = ANY_BLOCKS):
     local, world = for_dimension(dim, components), for_dimension(dim)
     to_local, to_global = local.to_local, local.to_global
     add, subtract, times = world.add, world.subtract, world.scale
-    vector = 0 < size <= _VECTOR_DOFS
+    vector = 0 < size <= _VECTOR_DOFS and not config.DISABLE_JIT
     turned, _, moment = arm_kernels(dim) if arms else (None, None, None)
     turns = dim if dim == 3 else 1  # components of a rotation
     add_rows = _add_rows(dim, size) if vector else None
@@ -281,7 +281,7 @@ def fetch_kernel(sides: Sides, blocks: Blocks):
     by themselves after the first.
     """
     count = sides.dim * blocks.size  # entries of w that a node's impulse meets
-    if not 0 < blocks.size <= _VECTOR_DOFS:
+    if not 0 < blocks.size <= _VECTOR_DOFS or config.DISABLE_JIT:
 
         @njit(inline="always")
         def fetch(v, c, i):
