@@ -3,6 +3,7 @@
 
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -14,6 +15,14 @@ def test_every_public_name_is_there(name):
     thing = getattr(xf, name)
     assert name in dir(xf)
     assert name in ("__version__", *xf._NAMESPACES) or thing.__name__ == name
+
+
+def test_no_public_name_is_that_of_a_module():
+    """A module that is imported would take its place."""
+    modules = {path.stem for path in Path(xf.__file__).parent.iterdir()}
+    assert not modules & set(xf._MODULE_OF)
+    for name in modules & set(xf._NAMESPACES):
+        assert xf._NAMESPACES[name] == name
 
 
 def test_another_name_is_an_attribute_error():

@@ -381,16 +381,49 @@ def test_eight_processes_at_once_compile_once(tmp_path):
     assert again == [alone[0], "0"]
 
 
-def test_without_compiling_the_package_runs(tmp_path):
-    script = """
-        from xper_fx.cache import njit
-        @njit(inline="always")
-        def f(x):
-            return x + 1
-        print(f(1), type(f).__name__)
-    """
-    out = run(script, {"NUMBA_DISABLE_JIT": "1", "XPER_FX_CACHE": str(tmp_path / "kernels")})
-    assert out == ["2 function\n"] and not (tmp_path / "kernels").exists()
+UNCOMPILED = """
+    import numpy as np
+    import xper_fx as xf
+    from xper_fx.contact_forces import contact_forces
+
+    steel = xf.materials.LinearElastic(young=99e9, poisson=0.325, density=7800.0)
+    bond = xf.laws.CohesiveZone(2e18, fracture_energy=0.5, strength=1e9, friction=0.05)
+    contact = xf.laws.SignoriniCoulomb(friction=0.5)
+
+    def plate(scheme):
+        size = 50e-6
+        mesh = xf.crossed_rectangle((0, 0), (size, size), (2, 2))
+        at = {1: lambda x: x[0] < 1e-12, 2: lambda x: x[0] > size - 1e-12}
+        bodies = xf.explode(mesh, facet_tags=xf.tag_facets(mesh, at))
+        loads = [xf.PrescribedVelocity(1, 0, -1.0), xf.PrescribedVelocity(2, 0, 1.0)]
+        scene = xf.Scene(bodies, {1: steel}, default_interaction=bond, loads=loads)
+        simulation = xf.Simulation(scene, scheme=scheme)
+        list(simulation.steps(5e-9))
+        return simulation.reaction(2)[0]
+
+    def stack(shape, up):
+        blocks = [xf.RigidBody(shape, (k + 0.5) * up, "blocks", density=2e3) for k in range(2)]
+        ground = xf.rigid.wall(0.0 * up, up, "ground")
+        pairs = [xf.Contact((a, "blocks"), contact) for a in ("blocks", "ground")]
+        loads = [xf.Gravity(-9.81 * up + 2.0 * np.roll(up, 1))]
+        scene = xf.Scene(rigid=[*blocks, ground], contacts=pairs, loads=loads)
+        simulation = xf.Simulation(scene, 1e-3)
+        list(simulation.steps(3e-3))
+        return abs(contact_forces(simulation).force).sum()
+
+    print(plate("implicit"), plate("explicit"))
+    print(stack(xf.rigid.Polygon.box((1.0, 1.0)), np.eye(2)[-1]))
+    print(stack(xf.rigid.Polyhedron.box((1.0, 1.0, 1.0)), np.eye(3)[-1]))
+"""
+
+
+def test_numba_off_runs_the_python_source(tmp_path):
+    """For a debugger: the same numbers, nothing kept."""
+    compiled = np.array(run(UNCOMPILED, {})[0].split(), float)
+    setting = {"NUMBA_DISABLE_JIT": "1", "XPER_FX_CACHE": str(tmp_path / "kernels")}
+    source = np.array(run(UNCOMPILED, setting)[0].split(), float)
+    assert np.all(compiled != 0.0) and not (tmp_path / "kernels").exists()
+    np.testing.assert_allclose(source, compiled, rtol=1e-6)
 
 
 def test_functions_are_numbered_apart():

@@ -39,7 +39,7 @@ from xper_fx.nscd.rigid.bodies import RigidBodies
 from xper_fx.nscd.rigid.plane_turning import Turn
 
 add, dot, matrix_vector, row, scale, set_row, subtract = (
-    njit(**MERGED)(function.py_func)
+    njit(**MERGED)(getattr(function, "py_func", function))  # no kernels if Numba is off
     for function in (
         space.add, space.dot, space.matrix_vector, space.row, space.scale, space.set_row,
         space.subtract,
