@@ -46,6 +46,7 @@ from xper_fx.nscd.clusters import facing_clusters
 from xper_fx.nscd.exchange import Sides, arm_kernels, motion, point_force, spread_kernel
 from xper_fx.nscd.interactions import Interactions, PointGroup
 from xper_fx.nscd.inverse import BodyInverse
+from xper_fx.nscd.kernel_options import LEAN_ENTRY, LEAN_INNER
 from xper_fx.nscd.krylov import gmres
 from xper_fx.nscd.laws.law import LawKernels
 from xper_fx.nscd.small import for_dimension
@@ -66,7 +67,7 @@ _DIRECT = 6000
 # Pivot, relative to the largest entry, at which a block counts as singular.
 _SINGULAR = 1e-13
 
-_KERNEL = njit(fastmath={"contract"}, error_model="numpy", _nrt=False, nogil=True)
+_KERNEL = njit(fastmath={"contract"}, nogil=True, **LEAN_ENTRY)
 
 
 @cache
@@ -118,7 +119,7 @@ def residual(interactions: Interactions, velocity: np.ndarray) -> tuple[float, f
     return np.sqrt(changed), np.sqrt(total), np.sqrt(largest) / interactions.step_size
 
 
-@njit(error_model="numpy", _nrt=False)
+@njit(**LEAN_INNER)
 def _stiffness(slope, w, work):
     """work = K = -(I + D W)^-1 D, by Gauss-Jordan; False where I + D W is singular."""
     size = len(slope)
@@ -170,13 +171,14 @@ def _tangent_kernel(law: LawKernels, sides: Sides):
             wi = sym_row(w_points, i)
             b = subtract(u, sym_vector(wi, old))
             reach = max(_REACH * np.sqrt(dot(b, b)), least)
-            base, _ = solve(i, u, old, w_points, parameters, terms, details)
             factor = (1.0 - _PROXIMAL) / reach
-            largest, apart = 0.0, 0.0
-            for j in range(components):
-                moved, _ = solve(
-                    i, add(u, unit(j, reach)), old, w_points, parameters, terms, details
-                )
+            largest, apart, base = 0.0, 0.0, old
+            for j in range(-1, components):  # u itself first: one place where the law is compiled
+                moved = u if j < 0 else add(u, unit(j, reach))
+                moved, _ = solve(i, moved, old, w_points, parameters, terms, details)
+                if j < 0:
+                    base = moved
+                    continue
                 column = subtract(moved, base)
                 for x in range(components):
                     new[x, j] = factor * column[x]
