@@ -171,14 +171,13 @@ def _tangent_kernel(law: LawKernels, sides: Sides):
             wi = sym_row(w_points, i)
             b = subtract(u, sym_vector(wi, old))
             reach = max(_REACH * np.sqrt(dot(b, b)), least)
+            base, _ = solve(i, u, old, w_points, parameters, terms, details)
             factor = (1.0 - _PROXIMAL) / reach
-            largest, apart, base = 0.0, 0.0, old
-            for j in range(-1, components):  # u itself first: one place where the law is compiled
-                moved = u if j < 0 else add(u, unit(j, reach))
-                moved, _ = solve(i, moved, old, w_points, parameters, terms, details)
-                if j < 0:
-                    base = moved
-                    continue
+            largest, apart = 0.0, 0.0
+            for j in range(components):
+                moved, _ = solve(
+                    i, add(u, unit(j, reach)), old, w_points, parameters, terms, details
+                )
                 column = subtract(moved, base)
                 for x in range(components):
                     new[x, j] = factor * column[x]
