@@ -14,6 +14,7 @@ import numpy as np
 
 from xper_fx.cache import njit
 from xper_fx.nscd.interactions import Interactions
+from xper_fx.nscd.kernel_options import LEAN_ENTRY
 
 # Nodes a cluster may hold: what a mesh vertex has, and an end for chains of points between bodies.
 _LARGEST = 48
@@ -35,7 +36,7 @@ class Clusters(NamedTuple):
     position: np.ndarray
 
 
-@njit
+@njit(**LEAN_ENTRY)
 def _join(nodes, weights, ground, parent, size, largest):
     """Union-find over facing nodes; a union that would grow beyond `largest` is not made."""
     for i in range(len(nodes)):
@@ -55,7 +56,7 @@ def _join(nodes, weights, ground, parent, size, largest):
                 size[low] += size[high]
 
 
-@njit
+@njit(**LEAN_ENTRY)
 def _mark_opened(nodes, weights, cluster, opened):
     """Mark clusters whose translation moves the sides of a point apart."""
     k = nodes.shape[2]

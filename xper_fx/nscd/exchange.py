@@ -463,7 +463,8 @@ def sweep_kernel(
 
     if not parallel:
 
-        @njit(inline="always")
+        # part of the kernel that loops over sweeps, beside what visits a tile
+        @njit(inline="always", nogil=True)
         def sweep(
             tiles, colors, marked, stats, v, c, r, w_points, inverse_area, parameters, terms,
             details, relax,
@@ -477,7 +478,8 @@ def sweep_kernel(
 
         return sweep
 
-    @njit(parallel=True, nogil=True)
+    # threads are handed arrays that count references, whatever the caller is compiled with
+    @njit(parallel=True, nogil=True, _nrt=True)
     def sweep(
         tiles, colors, marked, stats, v, c, r, w_points, inverse_area, parameters, terms, details,
         relax,

@@ -45,7 +45,7 @@ import numpy as np
 
 from xper_fx.cache import njit
 from xper_fx.nscd.interactions import Interactions
-from xper_fx.nscd.kernel_options import ENTRY
+from xper_fx.nscd.kernel_options import LEAN_ENTRY
 from xper_fx.nscd.ordering import mark_moved, mark_tiles
 from xper_fx.nscd.solve_report import SolveReport
 from xper_fx.nscd.sweeps import (
@@ -126,7 +126,7 @@ def _spell_kernel(kernels: tuple[Callable, ...]):
     """Kernel that sweeps until the error is within the tolerance, all points visited last."""
     sweep, moved_bodies, touched_tiles = _over_groups(kernels)
 
-    @njit(**ENTRY)
+    @njit(**LEAN_ENTRY)
     def spell(passes, moved, num_tiles, changes, tolerance, least, sweeps, max_sweeps):
         """Whether it arrived, sweeps made so far, error, and how many of `changes` are set.
 
@@ -162,7 +162,7 @@ def _spell_by_velocities(kernels: tuple[Callable, ...]):
     """Kernel that sweeps until sum dr . W_aa dr is within a goal, all points visited last."""
     sweep, moved_bodies, touched_tiles = _over_groups(kernels)
 
-    @njit(**ENTRY)
+    @njit(**LEAN_ENTRY)
     def spell(passes, moved, num_tiles, changes, goal, most):
         """Whether it arrived, sweeps made, and how many of `changes` are set, the last ones."""
         known, verifying = 0, False

@@ -44,6 +44,7 @@ from xper_fx.nscd.clusters import facing_clusters
 from xper_fx.nscd.exchange import Sides, arm_kernels, motion, point_force, spread_kernel
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.inverse import BodyInverse
+from xper_fx.nscd.kernel_options import LEAN_ENTRY, LEAN_INNER
 from xper_fx.nscd.krylov import gmres
 from xper_fx.nscd.laws.law import LawKernels
 from xper_fx.nscd.point_group import PointGroup
@@ -62,7 +63,7 @@ _DIRECT = 6000
 # Pivot, relative to the largest entry, at which a block counts as singular.
 _SINGULAR = 1e-13
 
-_KERNEL = njit(fastmath={"contract"}, error_model="numpy", _nrt=False, nogil=True)
+_KERNEL = njit(fastmath={"contract"}, nogil=True, **LEAN_ENTRY)
 
 
 @cache
@@ -114,7 +115,7 @@ def residual(interactions: Interactions, velocity: np.ndarray) -> tuple[float, f
     return np.sqrt(changed), np.sqrt(total), np.sqrt(largest) / interactions.step_size
 
 
-@njit(error_model="numpy", _nrt=False)
+@njit(**LEAN_INNER)
 def _stiffness(slope, w, work):
     """work = K = -(I + D W)^-1 D, by Gauss-Jordan; False where I + D W is singular."""
     size = len(slope)
