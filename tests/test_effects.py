@@ -26,7 +26,7 @@ from xper_fx.simulation import Simulation
 
 SCRIPT = Path(effect_scenes.__file__)
 ENVIRONMENT = os.environ | {"OPENBLAS_NUM_THREADS": "1"}
-MARKS = {"sliding": pytest.mark.slow, "stiff": pytest.mark.slow, "divided": pytest.mark.ranks}
+FAST = ("static", "dynamic", "closed")
 CALLED_FOR = {scene.__name__: effects for scene, effects in effect_scenes.SCENES.items()}
 
 
@@ -71,7 +71,8 @@ def test_names_are_those_of_the_table():
 @pytest.mark.parametrize(
     "scene",
     [
-        pytest.param(scene, marks=MARKS.get(scene, ()))
+        scene if scene in FAST
+        else pytest.param(scene, marks=pytest.mark.ranks if scene == "divided" else pytest.mark.slow)
         for scene in CALLED_FOR
     ],
 )
