@@ -26,7 +26,8 @@ from xper_fx.simulation import Simulation
 
 SCRIPT = Path(effect_scenes.__file__)
 ENVIRONMENT = os.environ | {"OPENBLAS_NUM_THREADS": "1"}
-MARKS = {"sliding": pytest.mark.slow, "stiff": pytest.mark.slow, "divided": pytest.mark.ranks}
+FAST = ("static", "dynamic", "closed")
+MARKS = dict.fromkeys(FAST, ()) | {"divided": pytest.mark.ranks}
 CALLED_FOR = {scene.__name__: effects for scene, effects in effect_scenes.SCENES.items()}
 
 
@@ -70,7 +71,7 @@ def test_names_are_those_of_the_table():
 
 @pytest.mark.parametrize(
     "scene",
-    [pytest.param(scene, marks=MARKS.get(scene, ())) for scene in CALLED_FOR],
+    [pytest.param(scene, marks=MARKS.get(scene, pytest.mark.slow)) for scene in CALLED_FOR],
 )
 def test_a_scene_pays_for_what_it_calls_for(scene):
     run = observed(scene)

@@ -63,8 +63,9 @@ def edge_lengths(tessellation, side):
     return around if tessellation.dim == 3 else around[:1]
 
 
+SLOW = pytest.mark.slow
 RANDOM = [
-    (dim, count, weighted, seed)
+    pytest.param(dim, count, weighted, seed, marks=SLOW if (dim, count) == (3, 20) else ())
     for dim, count in ((2, 1), (2, 2), (2, 3), (2, 30), (3, 1), (3, 2), (3, 20))
     for weighted in (False, True)
     for seed in (0, 1)

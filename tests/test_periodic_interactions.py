@@ -508,6 +508,7 @@ def test_a_stress_beyond_the_strength(density):
     assert simulation.ledger.energies.kinetic > 1.0
 
 
+@pytest.mark.slow
 def test_without_convergence_the_state_is_saved(tmp_path):
     """One Newton iteration cannot find both a stress and its impulses: ConvergenceError, a file."""
     drive = MacroscopicDrive(
@@ -518,7 +519,7 @@ def test_without_convergence_the_state_is_saved(tmp_path):
         bodies, {1: LinearElastic(*SOLID, 1e-6)}, default_interaction=LAW, macroscopic=drive
     )
     options = {"theta": 1.0, "tolerance": 1e-10, "max_halvings": 1, "num_threads": 1}
-    simulation = Simulation(scene, 0.1, max_newton=1, **options)
+    simulation = Simulation(scene, 0.1, max_newton=1, max_sweeps=500, **options)
     with (
         Recorder(simulation, tmp_path, end_time=1.0, fields=0),
         pytest.raises(ConvergenceError, match="of Newton.*checkpoint") as caught,

@@ -613,6 +613,7 @@ def processes(tmp_path_factory):
     return folder, json.loads(done.stdout.splitlines()[-1])
 
 
+@pytest.mark.slow
 def test_twenty_kills_lose_nothing_but_the_last_steps(processes):
     folder, found = processes
     killed = found["killed"]
@@ -636,6 +637,7 @@ def assert_same(one, other) -> None:
         assert np.array_equal(one, other, equal_nan=True)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "status"), [("terminated", 143), ("interrupted", 130)])
 def test_a_signal_ends_a_run_that_can_go_on(processes, name, status):
     folder, found = processes
@@ -647,11 +649,13 @@ def test_a_signal_ends_a_run_that_can_go_on(processes, name, status):
     same_files(folder / "whole", folder / name)
 
 
+@pytest.mark.slow
 def test_a_second_signal_ends_a_run_at_once(processes):
     _, found = processes
     assert found["twice"]["status"] == -signal.SIGTERM and not found["twice"]["saved"]
 
 
+@pytest.mark.slow
 def test_a_complete_run_ends_well_when_restarted(processes):
     folder, found = processes
     assert found["complete"] == 0

@@ -367,6 +367,7 @@ STACK = """
 """
 
 
+@pytest.mark.slow
 def test_eight_processes_at_once_compile_once(tmp_path):
     path = tmp_path / "kernels"
     alone = run(STACK, {"XPER_FX_CACHE": "off"})[0].split()
