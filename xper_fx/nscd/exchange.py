@@ -461,7 +461,6 @@ def sweep_kernel(
         stats[tile, 0], stats[tile, 1], stats[tile, 2] = changed, total, largest
 
     if not parallel:
-
         # part of the kernel that loops over sweeps, beside what visits a tile
         @njit(inline="always", nogil=True)
         def sweep(

@@ -6,19 +6,18 @@ that it gets unless told otherwise: one that takes Python objects, one for C. No
 from C, and many are called by other kernels alone. What can raise (a division by zero) or allocate
 costs more: every test and every count of references is compiled.
 
-A number written out as an argument (`f(x, 0)`) makes a version of `f` of its own, and so does an array
-of another layout.
+A number written out as an argument (`f(x, 0)`) makes a version of `f` of its own, and so does an
+array of another layout.
 """
 
 from __future__ import annotations
 
 # Called from Python; may allocate.
 ENTRY = {"error_model": "numpy", "no_cfunc_wrapper": True}
-# Called by kernels alone; may allocate.
-INNER = ENTRY | {"no_cpython_wrapper": True}
 # The same without counts of references: for what neither allocates nor returns an array.
 LEAN_ENTRY = ENTRY | {"_nrt": False}
-LEAN_INNER = INNER | {"_nrt": False}
-# The same for a few lines that kernels call in many places: typed once, and merged into the callers
-# by LLVM. (With inline="always" they are typed in each place, and take the caller's fastmath.)
+# Called by kernels alone.
+LEAN_INNER = LEAN_ENTRY | {"no_cpython_wrapper": True}
+# A few lines that kernels call in many places: typed once, and merged into the callers by LLVM.
+# (With inline="always" they are typed in each place, and take the caller's fastmath.)
 MERGED = LEAN_INNER | {"forceinline": True}

@@ -17,7 +17,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from xper_fx.nscd.kernel_options import LEAN_ENTRY
+from xper_fx.nscd.kernel_options import LEAN_ENTRY, MERGED
 
 # Cells are not made smaller than this share of the whole extent: their numbers stay exact.
 _SMALLEST_CELL = 2.0**-30
@@ -100,7 +100,8 @@ def labelled_box_pairs(
     allowed = np.ascontiguousarray(allowed, dtype=np.bool_)
     lowest = int(level.min())
     used = np.unique(level) - lowest
-    pairs = _found_pairs(low, high, label, allowed, level - lowest, used, origin, unit * 2.0**lowest)
+    size = unit * 2.0**lowest
+    pairs = _found_pairs(low, high, label, allowed, level - lowest, used, origin, size)
     first, second = np.divmod(np.sort(pairs[:, 0] * np.int64(len(low)) + pairs[:, 1]), len(low))
     return np.stack([first, second], axis=1).astype(np.int32)
 
@@ -110,7 +111,7 @@ def _row(y, z, level):
     return y * 73856093 + z * 19349663 + level * 83492791
 
 
-_row_in_kernel = njit(inline="always")(_row)
+_row_in_kernel = njit(**MERGED)(_row)
 
 
 def _found_pairs(
