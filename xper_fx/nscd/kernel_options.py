@@ -14,11 +14,10 @@ from __future__ import annotations
 
 # Called from Python; may allocate.
 ENTRY = {"error_model": "numpy", "no_cfunc_wrapper": True}
-# Called by kernels alone; may allocate.
-INNER = ENTRY | {"no_cpython_wrapper": True}
 # The same without counts of references: for what neither allocates nor returns an array.
 LEAN_ENTRY = ENTRY | {"_nrt": False}
-LEAN_INNER = INNER | {"_nrt": False}
-# The same for a few lines that kernels call in many places: typed once, and merged into the callers
-# by LLVM. (With inline="always" they are typed in each place, and take the caller's fastmath.)
+# Called by kernels alone.
+LEAN_INNER = LEAN_ENTRY | {"no_cpython_wrapper": True}
+# A few lines that kernels call in many places: typed once, and merged into the callers by LLVM.
+# (With inline="always" they are typed in each place, and take the caller's fastmath.)
 MERGED = LEAN_INNER | {"forceinline": True}

@@ -25,7 +25,8 @@ WINDOW = 4
 NEGLIGIBLE, REVISIT = 0.1, 16
 # Sweeps after which |w H r| is first looked at again, twice as many each time.
 FIRST_SPELL = 16
-# Tiles below which threads take longer than one, and a second kernel longer than it ever saves.
+# Tiles from which threads are taken unasked: fewer, a few dozen microseconds a sweep, never pay for
+# the kernel with threads, which takes longer to compile.
 _MANY_TILES = 8
 # Relative change of the impulses that is rounding.
 ROUNDING = 16.0 * np.finfo(float).eps

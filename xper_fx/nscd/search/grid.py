@@ -17,7 +17,7 @@ from __future__ import annotations
 import numpy as np
 
 from xper_fx.cache import njit
-from xper_fx.nscd.kernel_options import LEAN_ENTRY
+from xper_fx.nscd.kernel_options import LEAN_ENTRY, MERGED
 
 # Cells are not made smaller than this share of the whole extent: their numbers stay exact.
 _SMALLEST_CELL = 2.0**-30
@@ -111,7 +111,7 @@ def _row(y, z, level):
     return y * 73856093 + z * 19349663 + level * 83492791
 
 
-_row_in_kernel = njit(inline="always")(_row)
+_row_in_kernel = njit(**MERGED)(_row)
 
 
 def _found_pairs(
