@@ -21,7 +21,7 @@ numba.set_num_threads(1)
 
 MOST_WORKERS = 4
 OTHER_TIERS = ("slow", "ranks", "docs", "demos")
-# Files that take longest, in this order: begun first, so that all workers end at about the same time.
+# Files that take longest, in this order: begun first, so that all workers end together.
 LONGEST = ()
 
 

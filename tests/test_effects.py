@@ -27,6 +27,7 @@ from xper_fx.simulation import Simulation
 SCRIPT = Path(effect_scenes.__file__)
 ENVIRONMENT = os.environ | {"OPENBLAS_NUM_THREADS": "1"}
 FAST = ("static", "dynamic", "closed")
+MARKS = {"divided": pytest.mark.ranks}
 CALLED_FOR = {scene.__name__: effects for scene, effects in effect_scenes.SCENES.items()}
 
 
@@ -71,8 +72,7 @@ def test_names_are_those_of_the_table():
 @pytest.mark.parametrize(
     "scene",
     [
-        scene if scene in FAST
-        else pytest.param(scene, marks=pytest.mark.ranks if scene == "divided" else pytest.mark.slow)
+        pytest.param(scene, marks=() if scene in FAST else MARKS.get(scene, pytest.mark.slow))
         for scene in CALLED_FOR
     ],
 )
