@@ -8,6 +8,7 @@ With pytest-xdist, a run of several files has a worker of one thread for each co
 A test is `fast` unless it is marked otherwise.
 """
 
+import ctypes
 import gc
 import os
 import sys
@@ -21,8 +22,7 @@ numba.set_num_threads(1)
 
 MOST_WORKERS = 4
 OTHER_TIERS = ("slow", "ranks", "docs", "demos")
-# Files that take longest, in this order: begun first, so that all workers end at about the same
-# time.
+# Files that take longest, in this order: begun first, so that all workers end together.
 LONGEST = ()
 
 
@@ -81,8 +81,13 @@ def pytest_runtest_setup(item):
 
 @pytest.fixture(scope="module", autouse=True)
 def given_back():
-    """What a file has built goes with it: simulations are cycles, figures are kept by pyplot."""
+    """What a file has built goes with it: simulations are cycles, figures are kept by pyplot.
+
+    What compiling took goes back to the system as far as glibc can tell.
+    """
     yield
     if "matplotlib.pyplot" in sys.modules:
         sys.modules["matplotlib.pyplot"].close("all")
     gc.collect()
+    if trim := getattr(ctypes.CDLL(None), "malloc_trim", None):
+        trim(0)
