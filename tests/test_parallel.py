@@ -206,6 +206,7 @@ def test_what_fails_at_the_root_fails_on_all():
     assert done.stdout.count("no space") == 3
 
 
+@pytest.mark.ranks
 def test_ghosts_of_one_side_only_are_exchanged():
     done = on_ranks(3, "ranks/one_way_ghosts.py", timeout=60)
     assert done.returncode == 0, done.stderr
