@@ -8,10 +8,10 @@ import json
 
 import numpy as np
 import pytest
+from numba import njit
 from scenes import BOTTOM, LEFT, RIGHT, box_bodies
 
 from xper_fx import profile
-from xper_fx.cache import njit
 from xper_fx.forms.loads import PrescribedVelocity
 from xper_fx.materials import J2SmallStrain, LinearElastic
 from xper_fx.materials.hardening import Linear
