@@ -286,8 +286,17 @@ def start_patient(world, signals, **options):
     return process
 
 
+def at_rest(process):
+    """Whether a process sleeps, and no signal is on its way to it."""
+    rows = dict(row.split(":", 1) for row in Path(f"/proc/{process}/status").read_text().splitlines())
+    pending = int(rows["SigPnd"], 16) | int(rows["ShdPnd"], 16)
+    return rows["State"].split()[0] == "S" and not pending
+
+
 def end_of(world, process):
-    """Let the command end, and give what it has said."""
+    """Let the command end once the launcher has handed all on, and give what it has said."""
+    while not at_rest(process.pid):  # between two signals bash may lose the status of a child
+        os.sched_yield()
     world.let_go("end")
     return process.communicate(timeout=LONGEST)[0]
 
