@@ -288,7 +288,8 @@ def start_patient(world, signals, **options):
 
 def at_rest(process):
     """Whether a process sleeps, and no signal is on its way to it."""
-    rows = dict(row.split(":", 1) for row in Path(f"/proc/{process}/status").read_text().splitlines())
+    status = Path(f"/proc/{process}/status").read_text()
+    rows = dict(row.split(":", 1) for row in status.splitlines())
     pending = int(rows["SigPnd"], 16) | int(rows["ShdPnd"], 16)
     return rows["State"].split()[0] == "S" and not pending
 
