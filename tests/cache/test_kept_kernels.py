@@ -152,17 +152,51 @@ def test_other_code_is_not_found(kept, tmp_path, change):
     assert made(tmp_path / "c") == (VALUE, 1)
 
 
+CALLERS = """
+    {} import njit
+    from xper_fx.cache import njit as kept
+
+    @njit
+    def shared(x, y):
+        return x * x + y
+
+    @kept(fastmath=True, error_model="numpy", forceinline=True, _nrt=False)
+    def first(x, y):
+        return shared(x, y)
+
+    @kept
+    def second(x, y):
+        return shared(x, y)
+"""
+
+
+def test_code_does_not_depend_on_who_compiles_first(kept, tmp_path):
+    module = load(tmp_path / "a", "kernels_of_a_test", CALLERS.format("from xper_fx.cache"))
+    assert module.first(3.0, 1.0) == module.second(3.0, 1.0) == 10.0
+    (result,) = module.shared.overloads.values()
+    assert "fast" not in result.library.get_llvm_str()
+    again = load(tmp_path / "b", "kernels_of_a_test", CALLERS.format("from xper_fx.cache"))
+    assert again.second(3.0, 1.0) == 10.0 and sum(again.second.stats.cache_hits.values()) == 1
+
+
+def test_a_foreign_kernel_that_another_has_compiled_is_not_kept(kept, tmp_path):
+    module = load(tmp_path / "a", "kernels_of_a_test", CALLERS.format("from numba"))
+    assert module.first(3.0, 1.0) == module.second(3.0, 1.0) == 10.0
+    (only,) = CacheFolder(kept).files()
+    assert only.title == "first"
+
+
 def test_a_global_of_another_module_counts(kept, tmp_path):
     made(tmp_path / "a")
     assert made(tmp_path / "b", offset=6.0) == (VALUE + 1.0, 0)
 
 
 def test_another_type_is_another_kernel(kept, tmp_path):
-    made(tmp_path / "a")
+    text = SOURCE.replace("@plain", "@njit")
+    made(tmp_path / "a", text)
     kernel = sys.modules["kernels_of_a_test"].kernel
     assert kernel(1) == VALUE and not kernel.stats.cache_hits  # an integer
-    assert len(list(kept.glob("*.kernel"))) == 2
-    assert made(tmp_path / "b") == (VALUE, 1)
+    assert made(tmp_path / "b", text) == (VALUE, 1)
     kernel = sys.modules["kernels_of_a_test"].kernel
     assert kernel(1) == VALUE and sum(kernel.stats.cache_hits.values()) == 2
 

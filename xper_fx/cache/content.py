@@ -6,7 +6,9 @@ function, kernel, intrinsic and overload that they name. Paths, line numbers, ti
 are not content: the same source in another folder has the same digest. What belongs to Python,
 NumPy, Numba or llvmlite stands for itself by name: their versions are part of a kernel's key.
 
-A method that `numba.extending.overload_method` gives to a type is not followed.
+A kernel of plain `numba.njit` may have been compiled by another caller, with that caller's options:
+its content is then unknown. A method that `numba.extending.overload_method` gives to a type is not
+followed.
 """
 
 from __future__ import annotations
@@ -31,6 +33,11 @@ _PARTS_OF_CODE = (
     "co_code", "co_exceptiontable", "co_flags", "co_name", "co_argcount", "co_posonlyargcount",
     "co_kwonlyargcount", "co_names", "co_varnames", "co_freevars", "co_cellvars",
 )  # fmt: skip
+
+
+# Options that a kernel takes from the one that compiles it unless they are given, and what they are
+# where nobody gives them.
+INHERITED = {"fastmath": False, "error_model": "python", "forceinline": False, "_nrt": True}
 
 
 class UnknownContentError(TypeError):
@@ -131,6 +138,8 @@ class _Reader:
 
     def _read_kernel(self, kernel: Dispatcher) -> None:
         self._tell("kernel")
+        if kernel.overloads and not INHERITED.keys() <= kernel.targetoptions.keys():
+            raise UnknownContentError(f"{kernel!r} has options of a kernel that called it before.")
         self.read(kernel.targetoptions)
         self.read(kernel.locals)
         self._read_function(kernel.py_func)

@@ -20,7 +20,7 @@ from numba.core.compiler import CompileResult
 from numba.core.dispatcher import Dispatcher
 
 from xper_fx.cache.compiling import KIND
-from xper_fx.cache.content import UnknownContentError, digest
+from xper_fx.cache.content import INHERITED, UnknownContentError, digest
 from xper_fx.cache.folder import kernel_folder
 
 logger = logging.getLogger("xper_fx.cache")
@@ -53,6 +53,10 @@ os.register_at_fork(after_in_child=_number_functions)
 def njit(function: Callable | None = None, **options) -> Callable:
     """`numba.njit`, and what it compiles is kept for the processes to come.
 
+    A kernel is compiled with its own options alone. (With Numba's, one that leaves `fastmath`,
+    `error_model`, `forceinline` or `_nrt` open takes those of the kernel that happens to compile it
+    first: its code would depend on the order of compilation.)
+
     Args:
         function: to be compiled; without it a decorator is returned.
         options: of `numba.njit`. Not `cache`, which finds nothing again of kernels that call
@@ -63,7 +67,7 @@ def njit(function: Callable | None = None, **options) -> Callable:
     """
     if function is None:
         return lambda given: njit(given, **options)
-    kernel = numba.njit(**options)(function)
+    kernel = numba.njit(**(INHERITED | options))(function)
     if isinstance(kernel, Dispatcher):
         kernel._cache = _Kept(kernel)
     return kernel

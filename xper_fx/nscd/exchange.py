@@ -478,7 +478,7 @@ def sweep_kernel(
         return sweep
 
     # threads are handed arrays that count references, whatever the caller is compiled with
-    @njit(parallel=True, nogil=True, _nrt=True)
+    @njit(parallel=True, nogil=True, error_model="numpy", _nrt=True)
     def sweep(
         tiles, colors, marked, stats, v, c, r, w_points, inverse_area, parameters, terms, details,
         relax,

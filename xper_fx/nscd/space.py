@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from xper_fx.cache import njit
+from xper_fx.nscd.kernel_options import LEAN_ENTRY
 
 
 @njit(inline="always")
@@ -71,7 +72,7 @@ def sym_vector(s, x):
     )
 
 
-@njit
+@njit(**LEAN_ENTRY)
 def compliance_with_springs(w, kn, kt):
     """(I + W K)^-1 W for K = diag(kn, kt, kt), one spring after the other.
 

@@ -115,7 +115,7 @@ def residual(interactions: Interactions, velocity: np.ndarray) -> tuple[float, f
     return np.sqrt(changed), np.sqrt(total), np.sqrt(largest) / interactions.step_size
 
 
-@njit(**LEAN_INNER)
+@njit(fastmath={"contract"}, **LEAN_INNER)
 def _stiffness(slope, w, work):
     """work = K = -(I + D W)^-1 D, by Gauss-Jordan; False where I + D W is singular."""
     size = len(slope)

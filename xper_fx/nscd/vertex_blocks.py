@@ -513,7 +513,7 @@ def _solve_kernel(laws: tuple[LawKernels, ...], dim: int, unknowns: int):
             line += unknowns * n
         return size
 
-    @njit(_nrt=False)
+    @_KERNEL
     def reset(blocks, b):
         """The inverse for zero slopes."""
         start = blocks.inverse_offsets[b]

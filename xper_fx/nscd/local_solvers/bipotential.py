@@ -38,7 +38,7 @@ _TOLERANCE = 1e-12
 _SHORTEST, _LONGEST = 0.1, 1e6
 
 
-@KERNEL
+@INLINE_KERNEL
 def _project(normal, size, mu):
     """Projection on K_mu of (normal, |tangent| = size): normal, and factor on the tangent."""
     if size <= mu * normal:
@@ -49,12 +49,12 @@ def _project(normal, size, mu):
     return projected, mu * projected / size
 
 
-@KERNEL
+@INLINE_KERNEL
 def _size2(x):
     return abs(x[1])
 
 
-@KERNEL
+@INLINE_KERNEL
 def _size3(x):
     return np.sqrt(x[1] * x[1] + x[2] * x[2])
 
@@ -82,12 +82,12 @@ def _softness3(factors, i, w):
     return 2.25 * tangential * tangential / factors[i, 4]
 
 
-@KERNEL
+@INLINE_KERNEL
 def _with_normal2(normal, x):
     return normal, x[1]
 
 
-@KERNEL
+@INLINE_KERNEL
 def _with_normal3(normal, x):
     return normal, x[1], x[2]
 
@@ -119,7 +119,7 @@ def kernels(dim: int):
             factors[i, own] = np.sqrt(tangential(w) / w[0])
             factors[i, own + 1] = softness(factors, i, w)
 
-    @KERNEL
+    @INLINE_KERNEL
     def corrected(b, w, alpha, mu, r):
         """(u_N + mu |u_T|, u_T / alpha) / W_NN at the scaled impulse r, an impulse."""
         u = add(b, sym_vector(w, multiply_diagonal(1.0, 1.0 / alpha, r)))
@@ -127,7 +127,7 @@ def kernels(dim: int):
             1.0 / w[0], 1.0 / (alpha * w[0]), with_normal(u[0] + mu * size_of(u), u)
         )
 
-    @KERNEL
+    @INLINE_KERNEL
     def solve_and_count(b, w, factors, i, mu, r):
         alpha = factors[i, own]
         if b[0] >= 0.0 or alpha == 0.0 or mu == 0.0:

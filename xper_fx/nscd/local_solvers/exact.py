@@ -145,7 +145,7 @@ def slide(push, ga, gb, ca, cb, k, mu, x):
     return scale * size, scale_t * a, scale_t * b, x, steps
 
 
-@KERNEL
+@INLINE_KERNEL
 def _guided(b, w, factors, i, mu, push):
     """S singular along the second eigenvector, perhaps along both."""
     c, s, soft, ca, cb = (

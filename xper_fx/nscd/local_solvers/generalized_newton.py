@@ -38,7 +38,7 @@ _sym_vector, _multiply_diagonal = _ALGEBRA.sym_vector, _ALGEBRA.multiply_diagona
 _exact_prepare, _exact_solve = exact.prepare, exact.solve
 
 
-@KERNEL
+@INLINE_KERNEL
 def _residual(b, w, rho_n, rho_t, mu, r):
     """F, tau_T, its size, and mu tau_N."""
     u = _add(b, _sym_vector(w, r))
@@ -53,7 +53,7 @@ def _residual(b, w, rho_n, rho_t, mu, r):
     return (normal, r[1] - shorter * x, r[2] - shorter * y), x, y, size, radius
 
 
-@KERNEL
+@INLINE_KERNEL
 def _newton_step(f, w, rho_n, rho_t, mu, x, y, size, radius):
     """-J^-1 F, and whether J could be inverted."""
     if size <= radius:
@@ -90,7 +90,7 @@ def prepare(w, mu, factors, i):
     factors[i, _OWN] = 2.0 / twice if twice > 0.0 else 0.0
 
 
-@KERNEL
+@INLINE_KERNEL
 def solve_and_count(b, w, factors, i, mu, r):
     """The impulse and the Newton steps, negative where the exact solver finished."""
     if b[0] >= 0.0 or factors[i, _REGULAR] == 0.0 or mu == 0.0:

@@ -21,7 +21,7 @@ Where S = 0 (a node guided obliquely) a slip that closing does not stop slides, 
 
 from __future__ import annotations
 
-from xper_fx.nscd.local_solvers.solver import KERNEL, LocalSolver
+from xper_fx.nscd.local_solvers.solver import INLINE_KERNEL, KERNEL, LocalSolver
 from xper_fx.nscd.signorini import NO_SLIP
 from xper_fx.nscd.small import SINGULAR
 
@@ -50,7 +50,7 @@ def prepare(w, mu, factors, i):
         factors[i, 4] = 1.0 / back
 
 
-@KERNEL
+@INLINE_KERNEL
 def solve(b, w, factors, i, mu, r):
     """The impulse, by cases."""
     inverse = factors[i, 0]

@@ -41,28 +41,28 @@ _ROUNDING = 1e-11
 _TIE = 1e-11
 
 
-@KERNEL
+@INLINE_KERNEL
 def _in_3d(b, w):
     """A 2D problem as one whose second tangential direction is never used."""
     return (b[0], b[1], 0.0), (w[0], w[1], 0.0, w[2], 0.0, 0.0)
 
 
-@KERNEL
+@INLINE_KERNEL
 def _as_is(b, w):
     return b, w
 
 
-@KERNEL
+@INLINE_KERNEL
 def _first_two(x):
     return x[0], x[1]
 
 
-@KERNEL
+@INLINE_KERNEL
 def _all(x):
     return x
 
 
-@KERNEL
+@INLINE_KERNEL
 def _pivot(t, i, first, n, row, column):
     """Exchange a basic and a nonbasic variable in the dictionary at t[i, first:].
 
@@ -84,7 +84,7 @@ def _pivot(t, i, first, n, row, column):
                 t[i, start + column] = factor * inverse
 
 
-@KERNEL
+@INLINE_KERNEL
 def _lemke(t, i, first, n):
     """Lemke's algorithm on the dictionary w = q + M z + d z0 at t[i, first:].
 
@@ -149,7 +149,7 @@ def kernels(dim: int, facets: int):
     angles = 2.0 * np.pi * np.arange(facets) / facets
     cosines, sines = np.cos(angles), np.sin(angles) * (dim == 3)
 
-    @KERNEL
+    @INLINE_KERNEL
     def fill(b, w, t, i, mu, size):
         """q, M and the covering column, in impulses of the size of `size`."""
         inverse = 1.0 / w[0]
@@ -174,7 +174,7 @@ def kernels(dim: int, facets: int):
         for k in range(n):  # uneven, against ties
             t[i, first + k * width + n + 1] = 1.0 + 0.01 * k
 
-    @KERNEL
+    @INLINE_KERNEL
     def from_basis(b, w, t, i, mu):
         """The impulse of the final basis."""
         basic = first + n * width
@@ -224,7 +224,7 @@ def kernels(dim: int, facets: int):
     def prepare(w, mu, factors, i):
         sure_prepare(w, mu, factors, i)
 
-    @KERNEL
+    @INLINE_KERNEL
     def solve_and_count(b, w, factors, i, mu, r):
         if b[0] >= 0.0 or factors[i, flag] == 0.0 or mu == 0.0:
             return sure_solve(b, w, factors, i, mu, r), 0
