@@ -17,11 +17,25 @@ _SETTINGS = {
     "OMPI_MCA_rmaps_base_oversubscribe": "true",
     "OMPI_MCA_mpi_yield_when_idle": "true",
     "PRTE_MCA_rmaps_default_mapping_policy": ":oversubscribe",
+    "PRTE_MCA_hwloc_default_binding_policy": "none",
+    "OMPI_MCA_hwloc_base_binding_policy": "none",
     "OMPI_ALLOW_RUN_AS_ROOT": "1",
     "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1",
     "NUMBA_NUM_THREADS": "1",
     "OPENBLAS_NUM_THREADS": "1",
 }
+
+
+def _take_one_core() -> None:
+    """Leave the other cores to the other workers: a rank that waits for another one polls.
+
+    On one core ranks yield to each other at once; beside a worker they would wait for its slice of
+    time at each message.
+    """
+    worker = os.environ.get("PYTEST_XDIST_WORKER")
+    if worker is not None:
+        cores = sorted(os.sched_getaffinity(0))
+        os.sched_setaffinity(0, {cores[int(worker.removeprefix("gw")) % len(cores)]})
 
 
 def on_ranks(count: int, script: Path, *arguments, timeout: float = 1800.0):
@@ -45,7 +59,7 @@ def on_ranks(count: int, script: Path, *arguments, timeout: float = 1800.0):
     command = ["mpirun", "-n", count, sys.executable, FOLDER / script, *arguments]
     with subprocess.Popen(
         list(map(str, command)), env=environment, text=True,
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, preexec_fn=_take_one_core,
     ) as process:  # fmt: skip
         try:
             out, error = process.communicate(timeout=timeout)

@@ -22,6 +22,7 @@ def test_beam_theory_is_its_own_inverse(beam):
         assert beam.release_rate(7.0, crack) == pytest.approx(24.5 * slope, rel=1e-7)
 
 
+@pytest.mark.slow
 def test_double_cantilever():
     """A short one, five facets to an arm's height.
 

@@ -110,6 +110,7 @@ def momenta(simulation):
     return linear, angular, second
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dim", [2, 3])
 @pytest.mark.parametrize(("a", "b"), combinations_with_replacement(KINDS, 2))
 def test_any_body_against_any_body(dim, a, b):

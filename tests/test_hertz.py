@@ -28,6 +28,7 @@ def test_line_contact_converges_to_hertz():
         assert least < hertz.rate(4, 16, errors[4][name], errors[16][name]) < most, name
 
 
+@pytest.mark.slow
 def test_point_contact_is_hertz():
     """P of the approach, a and p0 within 2 % on 4 elements in a, and P like d^(3/2)."""
     errors, last = hertz.normal_errors(3, 4, even=1.25, growth=1.5)
@@ -42,6 +43,7 @@ def test_point_contact_is_hertz():
         assert by_place[y, x] == pytest.approx(p, abs=1e-5 * last.p.max())
 
 
+@pytest.mark.slow
 def test_stick_zone_is_that_of_cattaneo_and_mindlin(slipping):
     """c within 2 % of a sqrt(1 - Q / (mu P)) at every load, nodes that stick to an element."""
     steps = [s for s in slipping[0] if s.share > 0.2]

@@ -72,6 +72,7 @@ RANDOM = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("dim", "count", "weighted", "seed"), RANDOM)
 def test_random_points_are_in_their_seeds_grain(dim, count, weighted, seed):
     """Grains fill the box, and each holds the points of which its seed has the smallest power."""
@@ -123,6 +124,7 @@ def test_faces_are_where_powers_are_equal(dim, count, weighted, seed):
         assert np.all(every.reshape(len(x), -1).min(axis=1) > first - 1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dim", (2, 3))
 @pytest.mark.parametrize("margin", (0.1, 0.6, 1.0, 1.4))
 def test_too_few_images_are_noticed(monkeypatch, dim, margin):
@@ -420,6 +422,7 @@ def check_conforming(microstructure, tessellation):
     assert np.isclose(bodies.facets.measure.sum(), inside, rtol=1e-11)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(10))
 def test_plane_meshes(seed):
     """50 to 100 grains on 100 um: periodic, conforming, of good cells near the size asked for."""
@@ -440,6 +443,7 @@ def test_plane_meshes(seed):
     assert lengths.max() < 1.7 * size
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("count", "seed"), ((10, 0), (15, 1), (15, 2), (20, 3)))
 def test_solid_meshes(count, seed):
     """The same in 3D."""

@@ -112,6 +112,7 @@ def in_series(strain, lateral):
 STAIRS, HOLDS = 10, 8
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "lateral, shift, mesh, order",
     [
@@ -257,6 +258,7 @@ def phases(kind):
     return {1: kind(100.0, 0.3, LIGHT), 2: kind(300.0, 0.2, LIGHT)}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", (LinearElastic, NeoHookean))
 @pytest.mark.parametrize("order", (1, 2))
 def test_perfectly_bonded_cells_are_the_connected_cell(kind, order):
@@ -296,6 +298,7 @@ def grains(shift):
     return label
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shift", ((1 / 3, 0.0), (1 / 6, 1 / 3)))
 def test_grains_cut_elsewhere(shift):
     """Grains that cross the boundary are tied to themselves: the same curve, damage included."""
@@ -399,6 +402,7 @@ def test_a_plane_opens_without_stress_and_closes():
 # Energy
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("theta", (0.5, 1.0))
 @pytest.mark.parametrize(
     "label, tolerance",
@@ -435,6 +439,7 @@ def test_energy_closes_whatever_breaks(theta, label, tolerance):
 # One run by stress, another by the strain it found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "density, theta", [(1.0, 1.0), (50.0, 0.5), (50.0, 1.0)], ids=("at rest", "waves", "damped")
 )

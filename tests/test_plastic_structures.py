@@ -105,6 +105,7 @@ def test_plastic_membrane():
 # -- locking
 
 
+@pytest.mark.slow
 def test_crossed_triangles_do_not_lock():
     """Prandtl's punch: a limit load above (2 + pi) k on crossed triangles, none on plain ones."""
     sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))

@@ -167,6 +167,7 @@ def restarts_equal(make, end: float, folder: Path, parts=(1 / 3, 2 / 3)) -> tupl
     return whole, records, saved
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scene", restart_scenes.SCENES, ids=lambda scene: scene.__name__)
 def test_a_restarted_run_is_the_same_bit_by_bit(scene, tmp_path):
     end, event = restart_scenes.SCENES[scene]

@@ -378,6 +378,7 @@ def forbidden(*arguments):
     raise AssertionError("nothing should be run")
 
 
+@pytest.mark.slow
 def test_rate_two_in_h_from_child_processes(folder, monkeypatch):
     """And a second call runs nothing; a refused step is kept with its reason.
 

@@ -140,6 +140,7 @@ def test_the_same_code_is_found_in_another_folder(kept, tmp_path):
     assert len(list(kept.glob("*.kernel"))) == 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("change", CHANGES)
 def test_other_code_is_not_found(kept, tmp_path, change):
     made(tmp_path / "a")

@@ -117,6 +117,7 @@ FRAMES = pytest.mark.xfail(
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "bond, scheme",
     [

@@ -22,7 +22,8 @@ from xper_fx.periodic.drive import MacroscopicDrive
 
 YOUNG, POISSON, LIGHT = 100.0, 0.3, 1e-2
 LAM, MU = lame(YOUNG, POISSON)
-STIFF = CohesiveZone(1e7, 1e4, 1e5)
+# `test_stiff_bonds.py` has stiffer ones.
+STIFF = CohesiveZone(1e6, 1e4, 1e5)
 GIVE = YOUNG / (0.5 * STIFF.normal_stiffness)
 """What a bond gives beside the strain of a triangle of half a unit."""
 PRESSED = 0.5
@@ -61,6 +62,7 @@ CUTS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("across", ["F22", "P22"])
 @pytest.mark.parametrize("cut", CUTS)
 def test_neo_hookean(cut, across, figure):
@@ -89,6 +91,7 @@ def test_neo_hookean(cut, across, figure):
     assert max(errors) < 1e-8
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("cut", CUTS)
 def test_von_mises(cut, figure):
     """K = 0.1 + 0.05 alpha, E = 100: alpha = 2 / sqrt(3) ln 2 but for the elastic strain, K / E."""

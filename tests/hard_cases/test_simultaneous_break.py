@@ -64,6 +64,7 @@ def energies_of_breaking(simulation, area, steps):
     return count, spent, moved, missing_energy(simulation, start) / start
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scheme, solver", SCHEMES)
 def test_an_interface(scheme, solver, figure):
     """Two strips, 2000 bonds between them, thrown apart at 20 m/s."""

@@ -69,6 +69,7 @@ def momentum_missing(simulation, steps):
     return worst
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name, solver",
     [(name, "auto") for name in COLUMNS]

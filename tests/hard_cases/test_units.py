@@ -208,6 +208,7 @@ def in_units_of_one(name):
     return SCENES[name](ONE)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SCENES)
 def test_units_that_are_powers_of_two(name, figure):
     for title, units in BINARY.items():
@@ -225,6 +226,7 @@ PROBLEMS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("problem", PROBLEMS)
 @pytest.mark.parametrize("solver", FRICTION_SOLVERS)
 def test_friction_problem(solver, problem, figure):

@@ -41,6 +41,7 @@ ONE_2D = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("q, reaction, velocity", ONE_2D.values(), ids=ONE_2D.keys())
 def test_block_on_a_line(solve, q, reaction, velocity):
     result = solve(FrictionProblem(W2, np.array(q), 0.5, 2))

@@ -161,6 +161,7 @@ def test_impact_without_collision(mu, theta):
     assert lost == pytest.approx(MASS * slip**2 * (1 + 3 * c * c) / 8, rel=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mu", [0.5, 1.2, 1.5, 3.0])
 @pytest.mark.parametrize("theta, slip, spin", STARTS)
 def test_goes_through(mu, theta, slip, spin):

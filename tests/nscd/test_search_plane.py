@@ -32,6 +32,7 @@ def random_scene(rng, kinds, count, decades, clustered):
     return shapes, position, rng.uniform(-7.0, 7.0, count)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kinds", [["disc"], ["polygon"], ["disc", "polygon"], ["disc", "wall"],
                                    ["polygon", "wall"]])  # fmt: skip
 @pytest.mark.parametrize("clustered", [False, True])
@@ -50,6 +51,7 @@ def test_contacts_are_those_of_brute_force(kinds, clustered, decades, offset):
     assert touching >= 10
 
 
+@pytest.mark.slow
 def test_contacts_of_bodies_that_move_for_long_and_renewals():
     """Between renewals no contact is missed; all move with a common speed besides their own."""
     rng = np.random.default_rng(3)

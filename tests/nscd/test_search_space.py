@@ -31,6 +31,7 @@ def random_scene(rng, kinds, count, decades, clustered):
     return shapes, position, list(Rotation.random(count, random_state=rng.integers(1000)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kinds", [["sphere"], ["polyhedron"], ["sphere", "polyhedron"],
                                    ["sphere", "wall"], ["polyhedron", "wall"]])  # fmt: skip
 @pytest.mark.parametrize("clustered", [False, True])

@@ -144,6 +144,7 @@ def segments_distance(a, b, c, d):
     return best
 
 
+@pytest.mark.slow
 def test_the_distance_of_two_solids_is_a_contact():
     """Nodes, facets and edges together: the smallest gap is the distance of convex solids."""
     rng = np.random.default_rng(3)
