@@ -70,6 +70,7 @@ def feed(control, energies, count: int, size=None, end_time=1e9, work=None) -> l
 # What comes out
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("accuracy", [1e-1, 1e-2, 1e-3])
 def test_a_vibration_is_as_accurate_as_asked_for(accuracy):
     """Two periods against 20 times finer steps: within three times what was asked for and said."""
@@ -87,6 +88,7 @@ def test_a_vibration_is_as_accurate_as_asked_for(accuracy):
     assert counts[1] < counts[0] / 10
 
 
+@pytest.mark.slow
 def test_a_bond_breaks_as_in_much_finer_steps():
     """Largest force, energy spent and time of the break against steps of a tenth of the base."""
     peaks, counts = [], []

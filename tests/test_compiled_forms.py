@@ -51,6 +51,7 @@ def start(tmp_path, monkeypatch):
     return start
 
 
+@pytest.mark.slow
 def test_what_a_killed_process_has_left_is_compiled_anew(start, tmp_path):
     assert start("kill -KILL $PPID").wait() == -signal.SIGKILL
     (source,) = (tmp_path / "forms").glob("*.c")
@@ -59,6 +60,7 @@ def test_what_a_killed_process_has_left_is_compiled_anew(start, tmp_path):
     assert not compiled._is_pending(source)
 
 
+@pytest.mark.slow
 def test_what_another_process_compiles_is_waited_for(start, tmp_path, monkeypatch):
     """However long it takes: its file is not taken away."""
     for name in ("compiling", "go on"):
@@ -87,6 +89,7 @@ def test_what_another_process_compiles_is_waited_for(start, tmp_path, monkeypatc
     assert status == 0 and np.all(looks[:10])
 
 
+@pytest.mark.slow
 def test_patience_ends(tmp_path, start, monkeypatch):
     """Told as FFCx tells it: what to remove."""
     assert start("kill -KILL $PPID").wait() == -signal.SIGKILL

@@ -44,6 +44,7 @@ def test_freunds_share_falls_from_one_to_zero_at_rayleighs_speed():
     assert WAVES.speed(1.0) == 0.0
 
 
+@pytest.mark.slow
 def test_speed_is_freunds_until_the_edges_answer(runs):
     """Within 4 % of c_R; the zone of weakening bonds, 0.1 H, is not small at first."""
     compared = 0

@@ -29,6 +29,7 @@ def main():
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("guarded", [True, False])
 def test_a_closed_pipe_ends_a_script_quietly(guarded):
     """As `| head -1`: the status of SIGPIPE, or Python's own error, but no message of PETSc's."""

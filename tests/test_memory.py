@@ -76,6 +76,7 @@ CASES = {
 }  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", CASES)
 def test_bytes_a_point(case):
     dim, scheme, law, points, bounds = CASES[case]

@@ -243,6 +243,7 @@ def test_random_seeds():
     assert spread[0] > 2 * spread[1] > 3 * spread[2]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("dim", "count", "weighted"), ((2, 60, False), (2, 60, True), (3, 12, True))
 )
@@ -485,6 +486,7 @@ def test_meshes_of_rough_tessellations(dim, count, weighted):
     check_conforming(microstructure, tessellation)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("dim", "count", "keep_origin"),
     ((2, 1, False), (2, 3, True), (2, 60, False), (2, 60, True), (3, 1, False), (3, 12, False)),

@@ -158,6 +158,7 @@ for step in range(4):
     np.testing.assert_array_equal(read_history(tmp_path / "history.csv")["time"], np.arange(4) / 3)
 
 
+@pytest.mark.slow
 def test_series_is_whole_at_every_instant(tmp_path, monkeypatch):
     """Between any two writes to the XDMF file it is well-formed and names no missing data."""
     series = TimeSeries(tmp_path / "a.xdmf", POINTS, ("triangle", TRIANGLES))
@@ -203,6 +204,7 @@ def test_series_is_whole_at_every_instant(tmp_path, monkeypatch):
     check(tmp_path / "a.xdmf", 40)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc/self/io").exists(), reason="counts written bytes on Linux")
 def test_series_cost_does_not_grow(tmp_path):
     """Bytes handed to the system per write, XML and HDF5, over 2 000 writes."""

@@ -198,6 +198,7 @@ def has_own_mounts() -> bool:
         return False
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not has_own_mounts(), reason="mounts a small disk in a namespace of its own")
 @pytest.mark.parametrize("trouble", ["full", "read-only"])
 def test_a_small_disk(tmp_path, trouble):

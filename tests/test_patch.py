@@ -208,6 +208,7 @@ def slabs(x):
     return np.floor(2.0 * x[0])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "kind, lengths, cells, order, label, points",
     [

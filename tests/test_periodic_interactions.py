@@ -196,6 +196,7 @@ def test_breaking_spends_w_whatever_the_step(step):
     assert simulation.macroscopic.gradient[1, 1] == pytest.approx(1.0, abs=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tolerance", (1e-4, 1e-8, 1e-12))
 @pytest.mark.parametrize("stresses", (("22",), ("12",), ("22", "12")))
 def test_a_broken_cell_goes_on(tolerance, stresses):
@@ -219,6 +220,7 @@ def test_a_broken_cell_goes_on(tolerance, stresses):
 # Each cell a body
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", (2e-6, 5e-7))
 @pytest.mark.parametrize(
     "law",
@@ -332,6 +334,7 @@ def test_grains_cut_elsewhere(shift):
 # Contact and friction
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "theta, sense, shift", [(1.0, 1.0, 0.0), (1.0, -1.0, 1.0), (0.75, -1.0, 0.5)]
 )

@@ -128,6 +128,7 @@ def test_hold_and_rest():
     assert rows[:, 1].max() < 1e-5
 
 
+@pytest.mark.slow
 def test_stress_held_on_bodies_that_flow():
     """P11 raised beyond the matrix's yield and held, each triangle a body: no runaway."""
     end = 4e-5

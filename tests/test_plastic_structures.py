@@ -88,6 +88,7 @@ def test_elastic_membrane():
     assert abs(rise[0] / 23.96 - 1.0) < 2e-2
 
 
+@pytest.mark.slow
 def test_plastic_membrane():
     """E = 206.9, sigma_0 = 0.45 ... saturating at 0.715 GPa, 5 kN/mm in 20 steps."""
     rise = {

@@ -142,6 +142,7 @@ PATHS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("path", PATHS)
 @pytest.mark.parametrize("hardening", HARDENINGS)
 @pytest.mark.parametrize("dim", [2, 3])
@@ -256,6 +257,7 @@ def test_finite_zircaloy_is_near_small_zircaloy():
 # -- derivatives
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("hardening", HARDENINGS)
 @ORDERS
 @STRAINS

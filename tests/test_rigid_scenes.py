@@ -287,6 +287,7 @@ def cloud(dim, kind, rng):
     return bodies
 
 
+@pytest.mark.slow
 @both
 @pytest.mark.parametrize("theta", [0.5, 1.0])
 @pytest.mark.parametrize("kind", ["balls", "cornered", "mixed"])
@@ -312,6 +313,7 @@ def test_collisions_keep_momenta_and_lose_energy(dim, kind, theta):
 # -- stacks
 
 
+@pytest.mark.slow
 @both
 def test_a_tower_stands(dim):
     """Fifty blocks on each other rest from the first step on, each bearing what is above."""

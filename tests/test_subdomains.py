@@ -137,6 +137,7 @@ def test_a_bound_that_cannot_be_kept_is_refused():
 # The field of the uncut mesh
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dim, cells", [(2, 16), (3, 5)])
 @pytest.mark.parametrize(
     "step, options",
@@ -179,6 +180,7 @@ def iterations_of(dim, cells, counts, coarse_space, options):
     return np.array(out)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("options", (STATIC, {"theta": 0.5}), ids=("static", "dynamic"))
 def test_iterations_do_not_grow_with_the_number_of_subdomains(options):
     """Not from 16 to 64 (four have hardly an inside); several times without the coarse space."""

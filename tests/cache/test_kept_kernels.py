@@ -453,6 +453,7 @@ UNCOMPILED = """
 """
 
 
+@pytest.mark.slow
 def test_numba_off_runs_the_python_source(tmp_path):
     """For a debugger: the same numbers, nothing kept."""
     compiled = np.array(run(UNCOMPILED, {})[0].split(), float)

@@ -56,6 +56,7 @@ def test_elastic_stack_keeps_its_energy(count, figure):
     assert depth < 1.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("e", [0.0, 0.5, 0.9])
 def test_inelastic_stack_comes_to_rest_and_stays(e, figure):
     """Energy never above what it was, but for what gravity takes back of a penetration.

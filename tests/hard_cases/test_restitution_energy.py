@@ -44,6 +44,7 @@ def theta_of(share, e):
 # -- points
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dim", [2, 3])
 @pytest.mark.parametrize("share", SHARES)
 @pytest.mark.parametrize("e", RESTITUTIONS)
@@ -143,6 +144,7 @@ def gains(simulation, steps):
     return np.array(rows).T
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "scheme, solver, friction",
     [("implicit", s, mu) for s in ("nlgs", "newton", "accelerated", "auto") for mu in (0.0, 0.5)]

@@ -45,6 +45,7 @@ def torn_bar(number, shear, scheme, solver, theta):
     return simulation(w), w
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [0.1, 0.5, 1.0, 2.0, 10.0, 100.0])
 @pytest.mark.parametrize(
     "scheme, solver, theta",

@@ -307,6 +307,7 @@ def test_broken_lips_keep_friction(pull, dim):
     assert np.linalg.norm(bond.impulse[1:]) <= mu * bond.impulse[0] * (1 + 1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("damage", ["mean", "lagged"])
 @pytest.mark.parametrize("mu", [0.0, 0.05, 1.0])
 @pytest.mark.parametrize("dim", [2, 3])

@@ -168,6 +168,7 @@ def test_contacts_with_walls_that_move_and_turn(dim):
     assert search.renewals == 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("offset", [0.0, 1e-12, 1e-9, 1e-6])
 @pytest.mark.parametrize("dim", [2, 3])
 def test_boxes_on_a_grid_and_their_mirror_images(dim, offset):
