@@ -22,9 +22,9 @@ from typing import NamedTuple
 # each other. A room is named with its modules, packages with all that no other room names.
 FLOORS: tuple[dict[str, str], ...] = (
     {"door": ""},  # the package's own `__init__`
-    {"plotting": "frames runner study_plots"},
+    {"plotting": "frames plotting runner study_plots"},
     {"study": "effects_price quantities study study_definition study_process study_results"},
-    {"diagnostics": "contact_forces cracks memory"},
+    {"diagnostics": "contact_forces cracks memory results"},
     {"pictures": "plots", "recorder": "recorder restart rigid_series"},
     {"effects": "effects scales"},
     {"simulation": "simulation"},
