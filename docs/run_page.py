@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Runs the Python code of pages, each in the folder of its page, where its pictures go.
 
-    ./fenicsx python3 docs/run_page.py docs/tutorials/cracked_plate.md
+./fenicsx python3 docs/run_page.py docs/tutorials/cracked_plate.md
 """
 
 import argparse
