@@ -154,6 +154,12 @@ def test_code_on_a_page_runs(page, tmp_path, monkeypatch, capsys):
         exec(compile(code, f"{page.name}, block {number}", "exec"), names)
     if page in CHECKS:
         CHECKS[page](names, capsys.readouterr().out)
+    if page.parent.name == "tutorials":
+        drawn = {path.name for path in tmp_path.glob("*.png")}
+        assert drawn == set(re.findall(r"\{figure\} (\S+\.png)", page.read_text()))
+        assert all((page.parent / name).stat().st_size > 10_000 for name in drawn)
+        lines = [line for block in blocks(page) for line in block.splitlines() if line.strip()]
+        assert 30 <= len(lines) <= 60
 
 
 def check_a_first_run(names, printed):
@@ -200,6 +206,39 @@ def check_bodies(names, printed):
     assert names["each_cell"].num_bodies == 64 and names["two_bodies"].num_bodies == 2
 
 
+def check_the_cracked_plate(names, printed):
+    """A straight crack through the ligament; the ledger closes, and the crack costs what it must."""
+    assert names["length"] == pytest.approx(15e-3, rel=1e-6)
+    assert 1.0 < names["spent"] / names["needed"] < 1.25
+    assert abs(names["step"].energies["closure"]) < 1e-2 * names["spent"]
+    assert names["half_broken"] is not None
+
+
+def check_the_cell_with_a_particle(names, printed):
+    """524.7 MPa for the metal alone at 1 %; the particle makes it stiffer and stronger."""
+    metal, composite = names["metal"], names["composite"]
+    assert metal["stress"][-1] == pytest.approx(524.7e6, rel=1e-3)
+    assert composite["strain"][-1] == pytest.approx(metal["strain"][-1])
+    assert np.all(composite["stress"] > metal["stress"])
+    assert np.abs(composite["closure"]).max() < 1e-2 * composite["external_work"][-1]
+
+
+def check_the_grains(names, printed):
+    """All at rest: the floor carries the weight, up to friction at the other walls."""
+    assert len(names["frames"]) == 3
+    assert names["carried"] == pytest.approx(names["weight"], rel=0.05)
+    assert abs(names["step"].energies["closure"]) < 1e-2 * names["weight"]
+
+
+def check_the_fibre(names, printed):
+    """The interface breaks and the plate weakens; it is elastic before, with a stiffer fibre."""
+    weak, perfect = names["debonding"], names["perfect"]
+    assert 0.2 < names["debonded"] < 1.0
+    assert weak["stress"].max() < 0.9 * perfect["stress"].max()
+    slope = np.polyfit(perfect["strain"], perfect["stress"], 1)[0]
+    assert 3e9 / (1.0 - 0.35**2) < slope < 5e9
+
+
 CHECKS = {
     DOCS / "start.md": check_a_first_run,
     DOCS / "guide/periodic.md": check_the_periodic_cell,
@@ -207,6 +246,10 @@ CHECKS = {
     DOCS / "guide/contact.md": check_contacts,
     DOCS / "guide/scene.md": check_bodies,
     DOCS / "howto/own_material.md": check_a_material_of_ones_own,
+    DOCS / "tutorials/cracked_plate.md": check_the_cracked_plate,
+    DOCS / "tutorials/periodic_cell.md": check_the_cell_with_a_particle,
+    DOCS / "tutorials/blocks_and_grains.md": check_the_grains,
+    DOCS / "tutorials/gmsh_interface.md": check_the_fibre,
 }
 
 
