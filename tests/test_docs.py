@@ -207,7 +207,7 @@ def check_bodies(names, printed):
 
 
 def check_the_cracked_plate(names, printed):
-    """A straight crack through the ligament; the ledger closes, and the crack costs what it must."""
+    """A straight crack through the ligament; the ledger closes, the crack costs what it must."""
     assert names["length"] == pytest.approx(15e-3, rel=1e-6)
     assert 1.0 < names["spent"] / names["needed"] < 1.25
     assert abs(names["step"].energies["closure"]) < 1e-2 * names["spent"]
@@ -260,7 +260,7 @@ def test_pages_import_the_door_alone():
     code += [demo.read_text() for demo in (ROOT / "demos").glob("*.py")]
     assert len(code) > 30
     for text in code:
-        assert re.findall(r"^\s*(?:from|import) xper_fx.*$", text, re.MULTILINE) in (
+        assert re.findall(r"^[ \t]*(?:from|import) xper_fx.*$", text, re.MULTILINE) in (
             [], ["import xper_fx as xf"]
         )  # fmt: skip
 

@@ -24,7 +24,7 @@ from xper_fx.lazy import importer
 from xper_fx.version import __version__ as __version__
 
 if TYPE_CHECKING:
-    from xper_fx import effects_price as effect_prices
+    from xper_fx import effects_price as effect_prices  # noqa: F401
     from xper_fx import materials as materials
     from xper_fx import meshes as meshes
     from xper_fx import plotting as plotting
@@ -59,7 +59,7 @@ if TYPE_CHECKING:
     from xper_fx.nscd import FrictionProblem as FrictionProblem
     from xper_fx.nscd import laws as laws
     from xper_fx.nscd import rigid as rigid
-    from xper_fx.nscd import subdomains as domain_decomposition
+    from xper_fx.nscd import subdomains as domain_decomposition  # noqa: F401
     from xper_fx.nscd.rigid import RigidBody as RigidBody
     from xper_fx.output import prepare_folder as prepare_folder
     from xper_fx.output import read_history as read_history
