@@ -125,8 +125,10 @@ def imports_of(name: str, file: Path) -> Iterator[Import]:
             if called in ("import_module", "__import__"):
                 yield from _by_name(node)
             elif called == "importer":
+                given = node.args[0] if node.args else None
+                base = (isinstance(given, ast.Constant) and given.value) or package
                 for module in _table(node, tree):
-                    yield Import(f"{package}.{module}", node.lineno)
+                    yield Import(f"{base}.{module}", node.lineno)
 
 
 def _by_name(call: ast.Call) -> Iterator[Import]:
