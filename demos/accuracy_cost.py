@@ -11,18 +11,18 @@
 #
 # This demo illustrates how to:
 #
-# - set up a study: a scene, the knobs to turn, what to compare, and with what
-# - run it, each run in a process of its own, stop it, and go on later
-# - read error against time and memory, which setting to take for which error, and which knob buys
-#   nothing
-# - find the price of each effect, and what leaving it out does to the answer
+# - set up a study: a scene, the settings to vary, the quantities to compare, and a reference
+# - run the study, each run in a process of its own, stop the study, and continue later
+# - read error against time and memory, the setting to take for an error, and the settings that
+#   gain nothing
+# - find the price of each effect, and the change of the answer without the effect
 #
-# `--list` says what studies there are. Each writes into its folder one file a run, `runs.csv`,
-# `results.json`, `table.md` and figures. A study that was stopped goes on where it was; empty its
-# folder to start afresh.
+# `--list` names the studies. Each study writes into its folder one file a run, `runs.csv`,
+# `results.json`, `table.md` and figures. A study that was stopped continues where it stopped; empty
+# its folder to start afresh.
 #
-# **What is timed** is the stepping alone, on one thread, after everything has been compiled. On a
-# machine that does other work as well, `--time cpu_seconds` is what to compare.
+# **Times** are those of the steps alone, on one thread, after everything has been compiled. On a
+# machine that does other work too, compare processor times (`--time cpu_seconds`).
 
 import argparse
 import logging

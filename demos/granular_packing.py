@@ -23,8 +23,10 @@
 # The packing fraction is the area of the grains at the start over that of the box now.
 #
 # **Choices**: no gravity; neo-Hookean soft grains, as they turn and strain by tens of percent;
-# theta > 1/2 damps their vibration. The number of rigid grains should stay so small that they do
-# not bridge the box: a lid of given velocity would then ask for the impossible.
+# theta > 1/2 damps their vibration.
+#
+# **Limitation.** Rigid grains must not bridge the box, because a lid of given velocity could then not
+# move. Keep their share small.
 
 import argparse
 import logging

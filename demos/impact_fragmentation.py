@@ -22,12 +22,16 @@
 #
 # **Choices**: pieces tumble, so the bulk is neo-Hookean: small strain would take a rotation for a
 # strain. The cohesive length E' w / Rmax^2 is 0.12 m, 1.6 facets of the default mesh and
-# 3.6 of `--cells 24`, which resolves it: where the coarse slab cracks depends on its mesh. Cohesive
-# frames keep their directions of the start: in a piece that has turned, normal and tangential
-# opening of the bonds still standing are exchanged by degrees. theta > 1/2 damps the vibration of
-# pieces that have struck; the ledger says by how much. Contacts act on velocities (Moreau): what
-# has come in stays in, mostly a step's approach, more where lips that have turned go over from
-# their bond to the search; each run prints the deepest.
+# 3.6 of `--cells 24`, which resolves this length. theta > 1/2 damps the vibration of pieces that have
+# struck; the ledger books the energy that damping takes. Contacts act on velocities (Moreau).
+#
+# **Limitation.** Where the coarse slab cracks depends on its mesh.
+#
+# **Limitation.** Cohesive bonds keep their directions of the start. In a piece that has turned, the
+# normal and tangential openings of the bonds that still hold are exchanged by degrees.
+#
+# **Limitation.** A penetration stays: mostly the approach of one step, more where lips that have
+# turned go over from their bond to the search. Each run prints the deepest penetration.
 
 import argparse
 import logging

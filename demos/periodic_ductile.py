@@ -16,19 +16,21 @@
 # - put an elastoplastic matrix and elastic inclusions into one multibody scene
 # - find where cracks initiate, and set the composite's curve beside the homogeneous matrix's
 #
-# It is the second example of Perales et al. 2010 (section 4.2.2, figures 11 and 12): the inclusions
+# The scene is the second example of Perales et al. 2010 (section 4.2.2, figures 11 and 12): the inclusions
 # of the notched plate, now in a periodic medium without precrack, the matrix plastic (von Mises,
 # 450 MPa, linear hardening 850 MPa), the interfaces strong. Fbar_11 grows at a constant rate with
 # Pibar_22 = 0, Fbar_12 = Fbar_21 = 0.
 #
-# **The homogeneous matrix is known**: in plane strain with Pibar_22 = 0 it gives 520.1, 524.7,
-# 531.0 and 536.6 MPa at 0.75, 1, 1.5 and 2 % (small strain); with Fbar_22 = 1 (`--lateral held`)
-# 1244 MPa at 1 %. Its curve is drawn beside the composite's, which must lie above it until cracks
-# open.
+# **The homogeneous matrix is known**: in plane strain with Pibar_22 = 0 the matrix gives 520.1,
+# 524.7, 531.0 and 536.6 MPa at 0.75, 1, 1.5 and 2 % (small strain); with Fbar_22 = 1
+# (`--lateral held`) the matrix gives 1244 MPa at 1 %. The figure has the curves of matrix and
+# composite. The composite's curve must lie above the matrix's curve until cracks open.
 #
 # **What the paper does not say and this demo chooses**: the layout (`LAYOUTS`), Pibar_22 = 0, the
-# rate (that of the notched plate), step and tolerances. When cracks begin depends on the mesh, as
-# the cohesive lengths printed at the end say: they span a few hundredths of a facet.
+# rate (that of the notched plate), step and tolerances.
+#
+# **Limitation.** The strain at which cracks begin depends on the mesh: the cohesive lengths, which
+# are printed at the end, span a few hundredths of a facet.
 
 import argparse
 import logging

@@ -12,19 +12,20 @@
 # This demo illustrates how to:
 #
 # - cut a mesh into subdomains by a graph partitioner and bond them
-# - get the field of the uncut mesh, without inertia or with, in 2D and 3D
-# - see what a coarse space is for
+# - get the field of the uncut mesh, without inertia and with inertia, in 2D and 3D
+# - see the effect of a coarse space
 #
 # With the law "perfect bond" NonSmooth Contact Dynamics is a dual Schur domain decomposition
 # (Perales et al. 2010, section 3.3): the impulses between subdomains are the multipliers, and any
 # other law may stand at some of the interfaces. A plate and a block, clamped at one side and pulled
-# at the other, are cut into 1, 4, 16 and 64 subdomains. Without inertia ("static") most of them
-# float: nothing but the bonds holds them. With inertia the step is so long that waves cross the
-# body many times, or so short ("short") that they cross about a fifth of it.
+# at the other, are cut into 1, 4, 16 and 64 subdomains. Without inertia ("static") most subdomains
+# float: only the bonds hold them. With inertia, waves cross the body many times in a step, or cross
+# about a fifth of the body in a short step ("short").
 #
-# **What to look for**: errors against the uncut mesh are rounding; iterations go up from 4 to 16,
-# as four subdomains meet at a single point and have hardly an inside, and stay there. Without the
-# coarse space they treble each time, but for short steps, in which nothing travels far.
+# **Expected**: errors against the uncut mesh are rounding. From 4 to 16 subdomains the number of
+# iterations grows, because four subdomains meet at a single point and have hardly an inside; from 16
+# subdomains on the number stays. Without the coarse space the number of iterations trebles each time,
+# except for short steps, in which waves do not travel far.
 
 import argparse
 import csv
