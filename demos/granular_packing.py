@@ -25,8 +25,8 @@
 # **Choices**: no gravity; neo-Hookean soft grains, as they turn and strain by tens of percent;
 # theta > 1/2 damps their vibration.
 #
-# **Limitation.** Rigid grains must not bridge the box, because a lid of given velocity could then not
-# move. Keep their share small.
+# **Limitation.** Rigid grains must not bridge the box, because a lid of given velocity could then
+# not move. Keep their share small.
 
 import argparse
 import logging

@@ -21,8 +21,8 @@
 # because the slab is soft and weak: 20 MPa, 1000 kg/m^3 and 60 kPa, as of dense snow or a dry foam.
 #
 # **Choices**: pieces tumble, so the bulk is neo-Hookean: small strain would take a rotation for a
-# strain. The cohesive length E' w / Rmax^2 is 0.12 m, 1.6 facets of the default mesh and
-# 3.6 of `--cells 24`, which resolves this length. theta > 1/2 damps the vibration of pieces that have
+# strain. The cohesive length E' w / Rmax^2 is 0.12 m, 1.6 facets of the default mesh and 3.6 of
+# `--cells 24`, which resolves this length. theta > 1/2 damps the vibration of pieces that have
 # struck; the ledger books the energy that damping takes. Contacts act on velocities (Moreau).
 #
 # **Limitation.** Where the coarse slab cracks depends on its mesh.

@@ -15,11 +15,11 @@
 # - take grains as bodies, those that cross the cell's boundary included
 # - drive the cell, and follow cracks along grain boundaries
 #
-# The scene is the third example of Perales et al. 2010 (section 4.2.3, figures 13 and 14): a periodic
-# square of 100 um of Zircaloy grains (soft) with two inclusions of several hydride grains (hard),
-# weak bonds between soft and hard. Fbar_11 grows at a constant rate with Pibar_22 = 0, Fbar_12 =
-# Fbar_21 = 0. Expected: cracks start at the boundaries of the hard grains, two main cracks run
-# along those of the soft grains and join, the stress falls abruptly.
+# The scene is the third example of Perales et al. 2010 (section 4.2.3, figures 13 and 14): a
+# periodic square of 100 um of Zircaloy grains (soft) with two inclusions of several hydride grains
+# (hard), weak bonds between soft and hard. Fbar_11 grows at a constant rate with Pibar_22 = 0,
+# Fbar_12 = Fbar_21 = 0. Expected: cracks start at the boundaries of the hard grains, two main
+# cracks run along those of the soft grains and join, the stress falls abruptly.
 #
 # **What the paper does not say and this demo chooses**: number of grains, their seeds, where the
 # inclusions are, elastic grains (`--ductile` makes the soft ones plastic), the lateral stress, the

@@ -15,8 +15,8 @@
 # - run an explicit or implicit bulk with interactions solved without penalty
 # - follow cracks, stress and energy, and tell deflection from penetration
 #
-# The scene is the first example of Perales et al. 2010 (section 4.2.1, figures 8 to 10): a square of
-# 50 um, an elastic Zircaloy-4 matrix with aligned rectangular hydride inclusions, plane strain,
+# The scene is the first example of Perales et al. 2010 (section 4.2.1, figures 8 to 10): a square
+# of 50 um, an elastic Zircaloy-4 matrix with aligned rectangular hydride inclusions, plane strain,
 # vertical faces pulled apart at -1 and +1 m/s, a precrack at the bottom. Between a matrix crack and
 # an inclusion the interface decides: He and Hutchinson (1989) expect deflection below a ratio of
 # toughness w_interface / w_inclusion of 0.013 and penetration above 0.25; here 0.00125 and 1250.
@@ -26,10 +26,10 @@
 # (linear across the plate, so that no shock starts from the faces), top and bottom free, step and
 # tolerances. All can be changed from the command line or below.
 #
-# **Limitation.** With the printed parameters the cohesive length E' w / Rmax^2 is 55 nm, far below any
-# facet here, so that peak and crack pattern depend on the mesh. `--resolved` scales the fracture
-# energies up until the cohesive length spans several facets; results then converge. Each run prints
-# its cohesive lengths beside its facets.
+# **Limitation.** With the printed parameters the cohesive length E' w / Rmax^2 is 55 nm, far below
+# any facet here, so that peak and crack pattern depend on the mesh. `--resolved` scales the
+# fracture energies up until the cohesive length spans several facets; results then converge. Each
+# run prints its cohesive lengths beside its facets.
 
 import argparse
 import logging

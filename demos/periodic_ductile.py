@@ -16,10 +16,10 @@
 # - put an elastoplastic matrix and elastic inclusions into one multibody scene
 # - find where cracks initiate, and set the composite's curve beside the homogeneous matrix's
 #
-# The scene is the second example of Perales et al. 2010 (section 4.2.2, figures 11 and 12): the inclusions
-# of the notched plate, now in a periodic medium without precrack, the matrix plastic (von Mises,
-# 450 MPa, linear hardening 850 MPa), the interfaces strong. Fbar_11 grows at a constant rate with
-# Pibar_22 = 0, Fbar_12 = Fbar_21 = 0.
+# The scene is the second example of Perales et al. 2010 (section 4.2.2, figures 11 and 12): the
+# inclusions of the notched plate, now in a periodic medium without precrack, the matrix plastic
+# (von Mises, 450 MPa, linear hardening 850 MPa), the interfaces strong. Fbar_11 grows at a constant
+# rate with Pibar_22 = 0, Fbar_12 = Fbar_21 = 0.
 #
 # **The homogeneous matrix is known**: in plane strain with Pibar_22 = 0 the matrix gives 520.1,
 # 524.7, 531.0 and 536.6 MPa at 0.75, 1, 1.5 and 2 % (small strain); with Fbar_22 = 1

@@ -23,9 +23,9 @@
 # about a fifth of the body in a short step ("short").
 #
 # **Expected**: errors against the uncut mesh are rounding. From 4 to 16 subdomains the number of
-# iterations grows, because four subdomains meet at a single point and have hardly an inside; from 16
-# subdomains on the number stays. Without the coarse space the number of iterations trebles each time,
-# except for short steps, in which waves do not travel far.
+# iterations grows, because four subdomains meet at a single point and have hardly an inside; from
+# 16 subdomains on the number stays. Without the coarse space the number of iterations trebles each
+# time, except for short steps, in which waves do not travel far.
 
 import argparse
 import csv
