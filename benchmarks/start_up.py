@@ -29,6 +29,8 @@ ROOT = Path(__file__).parent.parent
 # Demos whose first step is a simulation of their own process (a study starts others).
 DEMOS = ("notched_plate", "periodic_ductile", "intergranular", "impact_fragmentation",
          "granular_packing", "masonry_arch", "fracture_3d", "subdomains")  # fmt: skip
+# Pages of the guide whose first example is run.
+PAGES = ("periodic", "friction_problem", "contact")
 
 FIRST_STEP = """
 import runpy, sys
@@ -87,21 +89,31 @@ class Cost(NamedTuple):
     bytes: int
 
 
+def example(page: Path) -> str:
+    """The first Python code on a page."""
+    found = re.search(r"```python\n(.*?)```", page.read_text(), re.DOTALL)
+    if found is None:
+        raise ValueError(f"{page} has no Python code.")
+    return found.group(1)
+
+
 def scripts() -> list[Script]:
     """All that is measured."""
-    readme = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
+    first = example(ROOT / "README.md")
     plane = TWO_RIGID.format(dim=2, shape="Polygon")
     space = TWO_RIGID.format(dim=3, shape="Polyhedron")
     return [
         Script("import dolfinx", ("-c", "import dolfinx")),
         Script("import dolfinx, xper_fx", ("-c", "import dolfinx, xper_fx")),
-        *(Script(f"README, example {n}", ("-c", text)) for n, text in enumerate(readme, 1)),
+        Script("README, example", ("-c", first)),
+        *(Script(f"docs/guide/{page}.md", ("-c", example(ROOT / "docs" / "guide" / f"{page}.md")))
+          for page in PAGES),
         Script("two rigid blocks, 2D", ("-c", plane)),
         Script("two rigid blocks, 3D", ("-c", space)),
         *(Script(f"demos/{demo}.py, first step",
                  ("-c", FIRST_STEP, str(ROOT / "demos" / f"{demo}.py"), "--no-plot", "--quiet"))
           for demo in DEMOS),
-        Script("README, example 1, two ranks", ("-c", readme[0]), 2),
+        Script("README, example, two ranks", ("-c", first), 2),
     ]  # fmt: skip
 
 
@@ -174,7 +186,7 @@ def main() -> None:
         costs[script.name] = cost = measure(script, options.repeats)
         print(f"{script.name}: {cost.cold:.2f} s, {cost.warm:.2f} s", file=sys.stderr)
     print(table(costs))
-    first = next((script for script in chosen if script.name == "README, example 1"), None)
+    first = next((script for script in chosen if script.name == "README, example"), None)
     if first is not None:
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "kernels"
@@ -182,7 +194,7 @@ def main() -> None:
             whole = len(list(CacheFolder(path).files())) == len(list(path.glob("*.kernel")))
         alone = costs[first.name].cold
         print(
-            f"\nEight processes of README's example 1 at once, nothing kept: {together:.1f} s, "
+            f"\nEight processes of README's example at once, nothing kept: {together:.1f} s, "
             f"{together / alone:.2f} times what one takes; all files "
             f"{'whole' if whole else 'NOT whole'}."
         )

@@ -11,18 +11,18 @@
 #
 # This demo illustrates how to:
 #
-# - set up a study: a scene, the knobs to turn, what to compare, and with what
-# - run it, each run in a process of its own, stop it, and go on later
-# - read error against time and memory, which setting to take for which error, and which knob buys
-#   nothing
-# - find the price of each effect, and what leaving it out does to the answer
+# - set up a study: a scene, the settings to vary, the quantities to compare, and a reference
+# - run the study, each run in a process of its own, stop the study, and continue later
+# - read error against time and memory, the setting to take for an error, and the settings that
+#   gain nothing
+# - find the price of each effect, and the change of the answer without the effect
 #
-# `--list` says what studies there are. Each writes into its folder one file a run, `runs.csv`,
-# `results.json`, `table.md` and figures. A study that was stopped goes on where it was; empty its
-# folder to start afresh.
+# `--list` names the studies. Each study writes into its folder one file a run, `runs.csv`,
+# `results.json`, `table.md` and figures. A study that was stopped continues where it stopped; empty
+# its folder to start afresh.
 #
-# **What is timed** is the stepping alone, on one thread, after everything has been compiled. On a
-# machine that does other work as well, `--time cpu_seconds` is what to compare.
+# **Times** are those of the steps alone, on one thread, after everything has been compiled. On a
+# machine that does other work too, compare processor times (`--time cpu_seconds`).
 
 import argparse
 import logging
@@ -38,40 +38,15 @@ from dolfinx.mesh import CellType, create_rectangle, create_submesh, locate_enti
 from mpi4py import MPI
 from tqdm.auto import tqdm
 
-from xper_fx.bodies import EACH_CELL, explode
-from xper_fx.effects_price import effects_study, price_table, prices
-from xper_fx.forms.loads import PrescribedDisplacement, PrescribedVelocity, RayleighDamping
-from xper_fx.materials import LinearElastic
-from xper_fx.materials.library import ZIRCALOY_4_DUCTILE, ZIRCALOY_4_DUCTILE_FINITE
-from xper_fx.meshes import crossed_rectangle, tag_facets
-from xper_fx.nscd.laws import CohesiveZone, SignoriniCoulomb
-from xper_fx.output import prepare_folder
-from xper_fx.parallel.launch import run_together
-from xper_fx.quantities import (
-    CrackPattern,
-    DisplacementL2,
-    DissipatedEnergy,
-    EnergyClosure,
-    PeakStress,
-    Penetration,
-    Quantity,
-    relative,
-)
-from xper_fx.recorder import CellGauge, TensileGauge
-from xper_fx.scene import Scene, Wall
-from xper_fx.simulation import Simulation, StepRecord
-from xper_fx.study import Setting, Study, run_study, vary
-from xper_fx.study_definition import varied
-from xper_fx.study_plots import plot_error_against_cost, plot_price
-from xper_fx.study_results import StudyResults
+import xper_fx as xf
 
-ONE_THREAD: Setting = {"num_threads": 1}
+ONE_THREAD: xf.study.Setting = {"num_threads": 1}
 SOLVERS = ("nlgs", "accelerated", "newton")
 
 
-def accuracies(setting: Setting, of: str = "") -> dict[str, list[Setting]]:
+def accuracies(setting: xf.study.Setting, of: str = "") -> dict[str, list[xf.study.Setting]]:
     """A family of runs that pick step and tolerance for the accuracy asked for."""
-    return {f"accuracy asked for{of}": vary(setting, "accuracy", [1e-2, 1e-3])}
+    return {f"accuracy asked for{of}": xf.study.vary(setting, "accuracy", [1e-2, 1e-3])}
 
 
 # ## The notched plate
@@ -83,15 +58,15 @@ def accuracies(setting: Setting, of: str = "") -> dict[str, list[Setting]]:
 # a fine implicit run tells how far it is to be trusted.
 
 
-def resolved_plate(cells: int) -> Scene:
+def resolved_plate(cells: int) -> xf.Scene:
     """The notched plate with strong interfaces and fracture energies that its mesh resolves."""
     return plate.notched_plate(cells, "strong", toughening=plate.toughening())
 
 
-def notched_plate(quick: bool) -> list[Study]:
+def notched_plate(quick: bool) -> list[xf.Study]:
     """Bulk schemes, solvers, steps and tolerances on a plate that breaks."""
-    default: Setting = {"cells": 20, "accuracy": 1e-2, **ONE_THREAD}
-    implicit: Setting = {
+    default: xf.study.Setting = {"cells": 20, "accuracy": 1e-2, **ONE_THREAD}
+    implicit: xf.study.Setting = {
         "cells": 20,
         "scheme": "implicit",
         "solver": "auto",
@@ -101,33 +76,36 @@ def notched_plate(quick: bool) -> list[Study]:
     }
     explicit = implicit | {"scheme": "explicit"}
     families = {
-        "explicit bulk: step": vary(explicit, "courant", [1.0, 0.7, 0.35, 0.175]),
-        "implicit bulk: step": vary(implicit, "courant", [11.2, 5.6, 2.8, 1.4, 0.7, 0.35]),
-        "implicit bulk: tolerance": vary(implicit, "tolerance", [1e-2, 1e-3, 1e-4, 1e-5]),
-        "explicit bulk: tolerance": vary(explicit, "tolerance", [1e-2, 1e-3, 1e-4, 1e-5]),
+        "explicit bulk: step": xf.study.vary(explicit, "courant", [1.0, 0.7, 0.35, 0.175]),
+        "implicit bulk: step": xf.study.vary(implicit, "courant", [11.2, 5.6, 2.8, 1.4, 0.7, 0.35]),
+        "implicit bulk: tolerance": xf.study.vary(implicit, "tolerance", [1e-2, 1e-3, 1e-4, 1e-5]),
+        "explicit bulk: tolerance": xf.study.vary(explicit, "tolerance", [1e-2, 1e-3, 1e-4, 1e-5]),
     }
     for solver in SOLVERS:
-        steps = vary(implicit | {"solver": solver}, "courant", [11.2, 2.8])
+        steps = xf.study.vary(implicit | {"solver": solver}, "courant", [11.2, 2.8])
         families[f"implicit bulk, {solver}: step"] = steps
     families |= accuracies(default) | accuracies(default | {"scheme": "implicit"}, ", implicit")
     if quick:
         families = {"explicit bulk: step": families["explicit bulk: step"][:2]}
-    gauge = TensileGauge(plate.LEFT, plate.RIGHT, 0, plate.SIZE, plate.SIZE)
+    gauge = xf.TensileGauge(plate.LEFT, plate.RIGHT, 0, plate.SIZE, plate.SIZE)
     end_strain = 1e-5 if quick else 0.009
     return [
-        Study(
+        xf.Study(
             "notched_plate",
             resolved_plate,
             end_strain * plate.SIZE / (2.0 * plate.SPEED),
-            {"peak stress": PeakStress(gauge), "displacement": DisplacementL2()}
+            {
+                "peak stress": xf.quantities.PeakStress(gauge),
+                "displacement": xf.quantities.DisplacementL2(),
+            }
             if quick
             else {
-                "peak stress": PeakStress(gauge),
-                "dissipated energy": DissipatedEnergy(),
-                "crack pattern": CrackPattern(plate.UNIT, (plate.NOTCH,)),
-                "displacement": DisplacementL2(),
-                "penetration": Penetration(plate.UNIT),
-                "energy closure": EnergyClosure(),
+                "peak stress": xf.quantities.PeakStress(gauge),
+                "dissipated energy": xf.quantities.DissipatedEnergy(),
+                "crack pattern": xf.quantities.CrackPattern(plate.UNIT, (plate.NOTCH,)),
+                "displacement": xf.quantities.DisplacementL2(),
+                "penetration": xf.quantities.Penetration(plate.UNIT),
+                "energy closure": xf.quantities.EnergyClosure(),
             },
             families,
             reference=explicit | {"courant": 0.1, "tolerance": 1e-8},
@@ -143,14 +121,14 @@ def notched_plate(quick: bool) -> list[Study]:
 # printed parameters give depends on the mesh, and errors of a scheme mean little.
 
 
-def ductile_cell(cells: int, finite_strain: bool) -> Scene:
+def ductile_cell(cells: int, finite_strain: bool) -> xf.Scene:
     """The periodic composite with Pibar_22 = 0."""
     return ductile.periodic_composite(cells, finite_strain=finite_strain)
 
 
-def periodic_ductile(quick: bool) -> list[Study]:
+def periodic_ductile(quick: bool) -> list[xf.Study]:
     """Step, theta, tolerances and strain measure of a plastic cell."""
-    default: Setting = {
+    default: xf.study.Setting = {
         "cells": 20,
         "finite_strain": False,
         "step": 5e-10,
@@ -160,24 +138,24 @@ def periodic_ductile(quick: bool) -> list[Study]:
         **ONE_THREAD,
     }
     families = {
-        "step": vary(default, "step", [2e-9, 1e-9, 5e-10, 2.5e-10]),
-        "step, theta = 1": vary(default | {"theta": 1.0}, "step", [2e-9, 1e-9, 5e-10]),
-        "tolerance": vary(default, "tolerance", [1e-2, 1e-3, 1e-4, 1e-5]),
-        "Newton's tolerance": vary(default, "newton_tolerance", [1e-3, 1e-5, 1e-8]),
+        "step": xf.study.vary(default, "step", [2e-9, 1e-9, 5e-10, 2.5e-10]),
+        "step, theta = 1": xf.study.vary(default | {"theta": 1.0}, "step", [2e-9, 1e-9, 5e-10]),
+        "tolerance": xf.study.vary(default, "tolerance", [1e-2, 1e-3, 1e-4, 1e-5]),
+        "Newton's tolerance": xf.study.vary(default, "newton_tolerance", [1e-3, 1e-5, 1e-8]),
         "finite strain": [default | {"finite_strain": True}],
     }
     if quick:
         families = {"step": families["step"][:2]}
     else:
         families |= accuracies({"cells": 20, "finite_strain": False, **ONE_THREAD})
-    compared: dict[str, Quantity] = {
-        "peak stress": PeakStress(CellGauge("11")),
-        "displacement": DisplacementL2(),
+    compared: dict[str, xf.quantities.Quantity] = {
+        "peak stress": xf.quantities.PeakStress(xf.CellGauge("11")),
+        "displacement": xf.quantities.DisplacementL2(),
     }
     if not quick:
-        compared["plastic dissipation"] = DissipatedEnergy()
+        compared["plastic dissipation"] = xf.quantities.DissipatedEnergy()
     return [
-        Study(
+        xf.Study(
             "periodic_ductile",
             ductile_cell,
             (4e-4 if quick else 0.0085) / 4e4,
@@ -203,27 +181,29 @@ WAVE_SPEED = 10.0
 WALL_SIDE, FAR_SIDE = 1, 2
 
 
-def bar(cells: int, contact: str) -> Scene:
+def bar(cells: int, contact: str) -> xf.Scene:
     """A bar thrown at a wall, or held by it (contact "none") in its first mode."""
     mesh = create_rectangle(
         MPI.COMM_SELF, [(0.0, 0.0), (LENGTH, 1.0)], (cells, 1), CellType.quadrilateral
     )
-    tags = tag_facets(mesh, {WALL_SIDE: lambda x: x[0] < 1e-9 * LENGTH})
-    bodies = explode(mesh, np.zeros(cells, int), facet_tags=tags)
-    materials = {1: LinearElastic(YOUNG, 0.0, DENSITY)}
+    tags = xf.tag_facets(mesh, {WALL_SIDE: lambda x: x[0] < 1e-9 * LENGTH})
+    bodies = xf.explode(mesh, np.zeros(cells, int), facet_tags=tags)
+    materials = {1: xf.materials.LinearElastic(YOUNG, 0.0, DENSITY)}
     if contact == "none":
-        return Scene(
+        return xf.Scene(
             bodies,
             materials,
-            loads=[PrescribedVelocity(WALL_SIDE, 0, 0.0)],
+            loads=[xf.PrescribedVelocity(WALL_SIDE, 0, 0.0)],
             initial_velocity=lambda x: np.stack(
                 [SPEED * np.sin(0.5 * np.pi * x[0] / LENGTH), 0.0 * x[0]]
             ),
         )
-    return Scene(
+    return xf.Scene(
         bodies,
         materials,
-        walls=[Wall(WALL_SIDE, (0.0, 0.0), (1.0, 0.0), SignoriniCoulomb(contact=contact))],
+        walls=[
+            xf.Wall(WALL_SIDE, (0.0, 0.0), (1.0, 0.0), xf.laws.SignoriniCoulomb(contact=contact))
+        ],
         initial_velocity=lambda x: np.stack([0.0 * x[0] - SPEED, 0.0 * x[0]]),
     )
 
@@ -237,17 +217,17 @@ class WallImpulse:
 
     has_reference: ClassVar[bool] = True
 
-    def observe(self, simulation: Simulation, step: StepRecord, seen: float | None) -> float:
+    def observe(self, simulation: xf.Simulation, step: xf.StepRecord, seen: float | None) -> float:
         """Total so far."""
         return (seen or 0.0) + float(simulation.interactions.gather("impulse")[:, 0].sum())
 
-    def value(self, simulation: Simulation, seen: float) -> float:
+    def value(self, simulation: xf.Simulation, seen: float) -> float:
         """Total."""
         return seen
 
     def error(self, value: float, reference: float) -> float:
         """Relative."""
-        return relative(value - reference, reference)
+        return xf.quantities.relative(value - reference, reference)
 
 
 def after_impact(x: np.ndarray, time: float) -> np.ndarray:
@@ -265,28 +245,35 @@ def in_first_mode(x: np.ndarray, time: float) -> np.ndarray:
 
 def known_displacement(exact: Callable, time: float) -> dict[str, np.ndarray]:
     """The value that `DisplacementL2` would have for an exact solution."""
-    points = DisplacementL2().points((0.0, 0.0), (LENGTH, 1.0))
+    points = xf.quantities.DisplacementL2().points((0.0, 0.0), (LENGTH, 1.0))
     along = exact(points[:, 0], time)
     return {"points": points, "displacement": np.stack([along, 0.0 * along], axis=1)}
 
 
-def impact(quick: bool) -> list[Study]:
+def impact(quick: bool) -> list[xf.Study]:
     """Rates in h with an impact and without, against exact solutions."""
     counts = [10, 20, 40] if quick else [25, 50, 100, 200, 400]
     end = 1.5 * LENGTH / WAVE_SPEED
-    default: Setting = {"cells": counts[1], "contact": "velocity", "courant": 0.5, **ONE_THREAD}
+    default: xf.study.Setting = {
+        "cells": counts[1],
+        "contact": "velocity",
+        "courant": 0.5,
+        **ONE_THREAD,
+    }
     implicit = default | {"scheme": "implicit", "tolerance": 1e-8}
     explicit = default | {"scheme": "explicit", "tolerance": 1e-8}
-    impacts = Study(
+    impacts = xf.Study(
         "impact",
         bar,
         end,
-        {"displacement": DisplacementL2(), "wall's impulse": WallImpulse()},
+        {"displacement": xf.quantities.DisplacementL2(), "wall's impulse": WallImpulse()},
         {
-            "explicit": vary(explicit, "cells", counts),
-            "implicit": vary(implicit, "cells", counts),
-            "implicit, theta = 1": vary(implicit | {"theta": 1.0}, "cells", counts),
-            "implicit, position level": vary(implicit | {"contact": "position"}, "cells", counts),
+            "explicit": xf.study.vary(explicit, "cells", counts),
+            "implicit": xf.study.vary(implicit, "cells", counts),
+            "implicit, theta = 1": xf.study.vary(implicit | {"theta": 1.0}, "cells", counts),
+            "implicit, position level": xf.study.vary(
+                implicit | {"contact": "position"}, "cells", counts
+            ),
         },
         known={
             "displacement": known_displacement(after_impact, end),
@@ -295,15 +282,17 @@ def impact(quick: bool) -> list[Study]:
         default=explicit,
     )
     swinging = {"contact": "none"}
-    vibration = Study(
+    vibration = xf.Study(
         "vibration",
         bar,
         end,
-        {"displacement": DisplacementL2()},
+        {"displacement": xf.quantities.DisplacementL2()},
         {
-            "explicit": vary(explicit | swinging, "cells", counts),
-            "implicit": vary(implicit | swinging, "cells", counts),
-            "implicit, theta = 1": vary(implicit | swinging | {"theta": 1.0}, "cells", counts),
+            "explicit": xf.study.vary(explicit | swinging, "cells", counts),
+            "implicit": xf.study.vary(implicit | swinging, "cells", counts),
+            "implicit, theta = 1": xf.study.vary(
+                implicit | swinging | {"theta": 1.0}, "cells", counts
+            ),
         },
         known={"displacement": known_displacement(in_first_mode, end)},
         default=explicit | swinging,
@@ -320,18 +309,18 @@ PRESS, SHEAR, FRICTION_COEFFICIENT = 1e-3, 2e-3, 0.5
 BOTTOM, TOP = 1, 2
 
 
-def sheared_block(cells: int, order: int) -> Scene:
+def sheared_block(cells: int, order: int) -> xf.Scene:
     """A square block of side 1 m on a wall, held at its top; time 0 to 1 presses, 1 to 2 shears."""
-    mesh = crossed_rectangle((0.0, 0.0), (1.0, 1.0), (cells, cells))
+    mesh = xf.crossed_rectangle((0.0, 0.0), (1.0, 1.0), (cells, cells))
     sides = {BOTTOM: lambda x: x[1] < 1e-9, TOP: lambda x: x[1] > 1.0 - 1e-9}
     one_body = np.zeros(4 * cells * cells, int)
-    return Scene(
-        explode(mesh, one_body, facet_tags=tag_facets(mesh, sides)),
-        {1: LinearElastic(1e9, 0.3, 1000.0)},
-        walls=[Wall(BOTTOM, (0, 0), (0, 1), SignoriniCoulomb(FRICTION_COEFFICIENT))],
+    return xf.Scene(
+        xf.explode(mesh, one_body, facet_tags=xf.tag_facets(mesh, sides)),
+        {1: xf.materials.LinearElastic(1e9, 0.3, 1000.0)},
+        walls=[xf.Wall(BOTTOM, (0, 0), (0, 1), xf.laws.SignoriniCoulomb(FRICTION_COEFFICIENT))],
         loads=[
-            PrescribedDisplacement(TOP, 0, lambda t: SHEAR * max(t - 1.0, 0.0) ** 2),
-            PrescribedDisplacement(TOP, 1, lambda t: -PRESS * min(t, 1.0)),
+            xf.PrescribedDisplacement(TOP, 0, lambda t: SHEAR * max(t - 1.0, 0.0) ** 2),
+            xf.PrescribedDisplacement(TOP, 1, lambda t: -PRESS * min(t, 1.0)),
         ],
         order=order,
     )
@@ -343,21 +332,21 @@ class ShearForce:
 
     has_reference: ClassVar[bool] = True
 
-    def observe(self, simulation: Simulation, step: StepRecord, seen: None) -> None:
+    def observe(self, simulation: xf.Simulation, step: xf.StepRecord, seen: None) -> None:
         """Nothing before the end."""
 
-    def value(self, simulation: Simulation, seen: None) -> float:
+    def value(self, simulation: xf.Simulation, seen: None) -> float:
         """At the end."""
         return float(simulation.reaction(TOP)[0])
 
     def error(self, value: float, reference: float) -> float:
         """Relative."""
-        return relative(value - reference, reference)
+        return xf.quantities.relative(value - reference, reference)
 
 
-def friction(quick: bool) -> list[Study]:
+def friction(quick: bool) -> list[xf.Study]:
     """Mesh, order, steps, tolerance and solver of a block in partial slip."""
-    default: Setting = {
+    default: xf.study.Setting = {
         "cells": 4 if quick else 16,
         "order": 1,
         "step": 0.05,
@@ -368,24 +357,26 @@ def friction(quick: bool) -> list[Study]:
         **ONE_THREAD,
     }
     counts = [2, 4] if quick else [4, 8, 16, 32]
-    families = {"mesh": vary(default, "cells", counts)}
+    families = {"mesh": xf.study.vary(default, "cells", counts)}
     if not quick:
         families |= {
-            "mesh, order 2": vary(default | {"order": 2}, "cells", counts[:3]),
-            "step": vary(default, "step", [0.2, 0.1, 0.05, 0.025]),
-            "tolerance": vary(default, "tolerance", [1e-1, 1e-2, 1e-3, 1e-4, 1e-6, 1e-8]),
-            "solver": vary(default, "solver", SOLVERS),
+            "mesh, order 2": xf.study.vary(default | {"order": 2}, "cells", counts[:3]),
+            "step": xf.study.vary(default, "step", [0.2, 0.1, 0.05, 0.025]),
+            "tolerance": xf.study.vary(default, "tolerance", [1e-1, 1e-2, 1e-3, 1e-4, 1e-6, 1e-8]),
+            "solver": xf.study.vary(default, "solver", SOLVERS),
         }
     finest = {"cells": 8, "tolerance": 1e-6} if quick else {"cells": 64, "tolerance": 1e-8}
     return [
-        Study(
+        xf.Study(
             "friction",
             sheared_block,
             2.0,
             {
                 "shear force": ShearForce(),
-                "friction's dissipation": DissipatedEnergy(terms=("dissipated_friction",)),
-                "displacement": DisplacementL2(),
+                "friction's dissipation": xf.quantities.DissipatedEnergy(
+                    terms=("dissipated_friction",)
+                ),
+                "displacement": xf.quantities.DisplacementL2(),
             },
             families,
             reference=default | finest | {"step": 0.05 if quick else 0.0125},
@@ -403,26 +394,28 @@ def friction(quick: bool) -> list[Study]:
 SLOW_STRAIN = 0.004
 
 
-def slow_plate(cells: int, duration: float) -> Scene:
+def slow_plate(cells: int, duration: float) -> xf.Scene:
     """The homogeneous plate, bonds resolved, pulled to SLOW_STRAIN in a duration (s)."""
     speed = 0.5 * SLOW_STRAIN * plate.SIZE / duration
-    return Scene(
+    return xf.Scene(
         plate.composite(cells, []),
         plate.materials(finite_strain=False, homogeneous=True),
         interactions=plate.bonds("strong", plate.toughening(), homogeneous=True),
-        facet_interactions={plate.NOTCH: SignoriniCoulomb(plate.FRICTION, contact="position")},
+        facet_interactions={
+            plate.NOTCH: xf.laws.SignoriniCoulomb(xf.library.FRICTION, contact="position")
+        },
         loads=[
-            PrescribedVelocity(plate.LEFT, 0, -speed),
-            PrescribedVelocity(plate.RIGHT, 0, speed),
+            xf.PrescribedVelocity(plate.LEFT, 0, -speed),
+            xf.PrescribedVelocity(plate.RIGHT, 0, speed),
         ],
         initial_velocity=lambda x: np.array([speed * (2.0 * x[0] / plate.SIZE - 1.0), 0.0 * x[0]]),
     )
 
 
-def quasi_static(quick: bool) -> list[Study]:
+def quasi_static(quick: bool) -> list[xf.Study]:
     """Sweeps against Newton where steps are ten to a thousand times the explicit limit."""
     duration = 4.5e-7 if not quick else 4.5e-9
-    default: Setting = {
+    default: xf.study.Setting = {
         "cells": 20,
         "duration": duration,
         "solver": "auto",
@@ -433,22 +426,22 @@ def quasi_static(quick: bool) -> list[Study]:
     }
     steps = [10.0] if quick else [1000.0, 300.0, 100.0, 30.0, 10.0]
     families = {
-        solver: vary(default | {"solver": solver}, "courant", steps)
+        solver: xf.study.vary(default | {"solver": solver}, "courant", steps)
         for solver in (("auto",) if quick else ("auto", *SOLVERS))
     }
     if not quick:
-        families["newton, tolerance"] = vary(
+        families["newton, tolerance"] = xf.study.vary(
             default | {"solver": "newton"}, "tolerance", [1e-2, 1e-3, 1e-4, 1e-6]
         )
-    gauge = TensileGauge(plate.LEFT, plate.RIGHT, 0, plate.SIZE, plate.SIZE)
-    compared: dict[str, Quantity] = {
-        "peak stress": PeakStress(gauge),
-        "displacement": DisplacementL2(),
+    gauge = xf.TensileGauge(plate.LEFT, plate.RIGHT, 0, plate.SIZE, plate.SIZE)
+    compared: dict[str, xf.quantities.Quantity] = {
+        "peak stress": xf.quantities.PeakStress(gauge),
+        "displacement": xf.quantities.DisplacementL2(),
     }
     if not quick:
-        compared["dissipated energy"] = DissipatedEnergy()
+        compared["dissipated energy"] = xf.quantities.DissipatedEnergy()
     return [
-        Study(
+        xf.Study(
             "quasi_static",
             slow_plate,
             duration,
@@ -467,8 +460,8 @@ def quasi_static(quick: bool) -> list[Study]:
 
 SLOT, DAMPING = 2.5e-6, 2e-10
 # weak enough to break before all of the matrix flows; its cohesive length is 2.3 facets
-SLOT_BOND = CohesiveZone(2e18, fracture_energy=20.0, strength=6e8, friction=0.3)
-EFFECTS: dict[str, Setting] = {
+SLOT_BOND = xf.laws.CohesiveZone(2e18, fracture_energy=20.0, strength=6e8, friction=0.3)
+EFFECTS: dict[str, xf.study.Setting] = {
     "inertia": {"inertia": True, "theta": 0.5},
     "cracks": {"cracks": True},
     "friction of lips": {"friction": True},
@@ -477,7 +470,7 @@ EFFECTS: dict[str, Setting] = {
     "damping": {"damping": True},
     "fields written": {"fields": 20},
 }
-PLAINEST: Setting = {
+PLAINEST: xf.study.Setting = {
     "cells": 20,
     "inertia": False,
     "theta": 1.0,
@@ -494,29 +487,31 @@ PLAINEST: Setting = {
 
 def slotted_plate(
     cells: int, plastic: bool, finite_strain: bool, cracks: bool, friction: bool, damping: bool
-) -> Scene:
+) -> xf.Scene:
     """The homogeneous plate with a slot: one body, or each triangle its own."""
-    mesh = crossed_rectangle((0.0, 0.0), (plate.SIZE, plate.SIZE), (cells, cells))
+    mesh = xf.crossed_rectangle((0.0, 0.0), (plate.SIZE, plate.SIZE), (cells, cells))
     small = 1e-6 * plate.SIZE
     mesh = create_submesh(mesh, 2, locate_entities(mesh, 2, lambda x: ~in_slot(x, small)))[0]
-    sides = tag_facets(
+    sides = xf.tag_facets(
         mesh,
         {plate.LEFT: lambda x: x[0] < small, plate.RIGHT: lambda x: x[0] > plate.SIZE - small},
     )
     count = mesh.topology.index_map(2).size_local
     (elastic,) = plate.materials(finite_strain, homogeneous=True).values()
-    ductile_matrix = ZIRCALOY_4_DUCTILE_FINITE if finite_strain else ZIRCALOY_4_DUCTILE
+    ductile_matrix = (
+        xf.library.ZIRCALOY_4_DUCTILE_FINITE if finite_strain else xf.library.ZIRCALOY_4_DUCTILE
+    )
     bond = replace(SLOT_BOND, friction=SLOT_BOND.friction if friction else 0.0)
-    return Scene(
-        explode(mesh, EACH_CELL if cracks else np.zeros(count, int), facet_tags=sides),
+    return xf.Scene(
+        xf.explode(mesh, "each cell" if cracks else np.zeros(count, int), facet_tags=sides),
         {1: ductile_matrix if plastic else elastic},
         default_interaction=bond,
         loads=[
-            PrescribedVelocity(plate.LEFT, 0, -plate.SPEED),
-            PrescribedVelocity(plate.LEFT, 1, 0.0),  # holds a static body
-            PrescribedVelocity(plate.RIGHT, 0, plate.SPEED),
+            xf.PrescribedVelocity(plate.LEFT, 0, -plate.SPEED),
+            xf.PrescribedVelocity(plate.LEFT, 1, 0.0),  # holds a static body
+            xf.PrescribedVelocity(plate.RIGHT, 0, plate.SPEED),
         ],
-        damping=RayleighDamping(stiffness=DAMPING) if damping else None,
+        damping=xf.RayleighDamping(stiffness=DAMPING) if damping else None,
         initial_velocity=lambda x: np.array(
             [plate.SPEED * (2.0 * x[0] / plate.SIZE - 1.0), 0.0 * x[0]]
         ),
@@ -529,22 +524,25 @@ def in_slot(x: np.ndarray, small: float) -> np.ndarray:
     return (np.abs(x[0] - middle) < SLOT - small) & (x[1] < height - small)
 
 
-def chosen_effects(quick: bool) -> dict[str, Setting]:
+def chosen_effects(quick: bool) -> dict[str, xf.study.Setting]:
     """Those of `EFFECTS` that a study switches on."""
     return {name: EFFECTS[name] for name in (("inertia", "fields written") if quick else EFFECTS)}
 
 
-def effects(quick: bool) -> list[Study]:
+def effects(quick: bool) -> list[xf.Study]:
     """The price of each effect."""
-    gauge = TensileGauge(plate.LEFT, plate.RIGHT, 0, plate.SIZE, plate.SIZE)
+    gauge = xf.TensileGauge(plate.LEFT, plate.RIGHT, 0, plate.SIZE, plate.SIZE)
     return [
-        effects_study(
+        xf.effect_prices.effects_study(
             "effects",
             slotted_plate,
             (8e-5 if quick else 0.006) * plate.SIZE / (2.0 * plate.SPEED),
-            {"peak stress": PeakStress(gauge), "dissipated energy": DissipatedEnergy()}
+            {
+                "peak stress": xf.quantities.PeakStress(gauge),
+                "dissipated energy": xf.quantities.DissipatedEnergy(),
+            }
             if not quick
-            else {"peak stress": PeakStress(gauge)},
+            else {"peak stress": xf.quantities.PeakStress(gauge)},
             PLAINEST,
             chosen_effects(quick),
         )
@@ -553,7 +551,7 @@ def effects(quick: bool) -> list[Study]:
 
 # ## Command line
 
-STUDIES: dict[str, Callable[[bool], list[Study]]] = {
+STUDIES: dict[str, Callable[[bool], list[xf.Study]]] = {
     "notched_plate": notched_plate,
     "periodic_ductile": periodic_ductile,
     "impact": impact,
@@ -564,13 +562,13 @@ STUDIES: dict[str, Callable[[bool], list[Study]]] = {
 FIRST_FIGURE = ("peak stress", "displacement")
 
 
-def report(results: StudyResults, out: Path, figures: bool, quick: bool) -> None:
+def report(results: xf.study.StudyResults, out: Path, figures: bool, quick: bool) -> None:
     """Say and write what a study found."""
     study = results.study
     lines = [results.table(), ""]
     lines += [results.advice(quantity) for quantity in study.quantities]
     for family in study.families:
-        knobs = varied([run.setting for run in results.members(family)])
+        knobs = xf.study.varied([run.setting for run in results.members(family)])
         if len(knobs) != 1:
             continue
         knob = knobs[0]
@@ -581,20 +579,22 @@ def report(results: StudyResults, out: Path, figures: bool, quick: bool) -> None
         if text:
             lines.append(f"{family}: errors go with the power of {knob}: {text}.")
     if study.name == "effects":
-        found = prices(results, list(chosen_effects(quick)))
-        lines += ["", price_table(found)]
+        found = xf.effect_prices.prices(results, list(chosen_effects(quick)))
+        lines += ["", xf.effect_prices.price_table(found)]
         if figures:
-            plot_price(found, out / "effects.png", "The price of each effect")
+            xf.plotting.plot_price(found, out / "effects.png", "The price of each effect")
     text = "\n".join(lines) + "\n"
     tqdm.write(f"\n{study.name}\n{text}")
     (out / "table.md").write_text(text)
     results.to_csv(out / "runs.csv")
     results.to_json(out / "results.json")
     if figures:
-        plot_error_against_cost(results, out / "accuracy_cost.png")
+        xf.plotting.plot_error_against_cost(results, out / "accuracy_cost.png")
         first = [q for q in FIRST_FIGURE if q in study.quantities]
         if study.name == "notched_plate":
-            plot_error_against_cost(results, out / "first.png", first, [results.time], across=True)
+            xf.plotting.plot_error_against_cost(
+                results, out / "first.png", first, [results.time], across=True
+            )
 
 
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:
@@ -615,7 +615,7 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     return options
 
 
-def main(arguments: list[str] | None = None) -> list[StudyResults]:
+def main(arguments: list[str] | None = None) -> list[xf.study.StudyResults]:
     """Run a study, or say which there are."""
     options = parse(arguments)
     logging.basicConfig(level=logging.WARNING)
@@ -626,8 +626,8 @@ def main(arguments: list[str] | None = None) -> list[StudyResults]:
         return []
     found = []
     for study in STUDIES[options.study](options.quick):
-        out = prepare_folder(options.out / study.name)
-        results = run_study(
+        out = xf.prepare_folder(options.out / study.name)
+        results = xf.study.run_study(
             study, out, time=options.time, patience=options.patience, quiet=options.quiet
         )
         report(results, out, not options.no_plot, options.quick)
@@ -636,4 +636,4 @@ def main(arguments: list[str] | None = None) -> list[StudyResults]:
 
 
 if __name__ == "__main__":
-    run_together(main)
+    xf.run_together(main)

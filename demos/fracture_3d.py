@@ -32,23 +32,7 @@ from typing import NamedTuple
 import numpy as np
 from tqdm.auto import tqdm
 
-from xper_fx.bodies import Bodies, explode
-from xper_fx.compat import geometry_dofmap
-from xper_fx.cracks import broken_points
-from xper_fx.effects import effects_table
-from xper_fx.forms.loads import PrescribedVelocity
-from xper_fx.materials import LinearElastic
-from xper_fx.meshes import local_facet_vertices, read_gmsh, tag_facets
-from xper_fx.nscd.laws import CohesiveZone
-from xper_fx.output import prepare_folder, read_history
-from xper_fx.parallel.launch import run_together
-from xper_fx.periodic.microstructure.gmsh_session import gmsh_model
-from xper_fx.plots import new_figure, plot_curves, plot_energies
-from xper_fx.recorder import Recorder, TensileGauge, add_to_summary, point_coordinates
-from xper_fx.runner import add_run_options, recorded_steps
-from xper_fx.scales import cohesive_table
-from xper_fx.scene import Scene
-from xper_fx.simulation import Simulation
+import xper_fx as xf
 
 # ## Geometry and mesh
 #
@@ -62,7 +46,7 @@ SPEED = 1.0
 ENLARGED = 10.0
 
 
-def notched_bar(facet: float, tilt: float) -> Bodies:
+def notched_bar(facet: float, tilt: float) -> xf.Bodies:
     """The bar along z, slit from x = 0, each cell a body.
 
     Args:
@@ -70,7 +54,7 @@ def notched_bar(facet: float, tilt: float) -> Bodies:
         tilt: of the slit about x (degrees).
     """
     options = {"Mesh.MeshSizeMax": facet, "Mesh.MeshSizeMin": facet}
-    with gmsh_model("notched bar", options) as gmsh:
+    with xf.gmsh_model("notched bar", options) as gmsh:
         solid = gmsh.model.occ
         bar = solid.addBox(0.0, -0.5 * WIDTH, -0.5 * LENGTH, WIDTH, WIDTH, LENGTH)
         slit = solid.addBox(-DEPTH, -WIDTH, -0.5 * OPENING, 2.0 * DEPTH, 2.0 * WIDTH, OPENING)
@@ -79,33 +63,33 @@ def notched_bar(facet: float, tilt: float) -> Bodies:
         solid.synchronize()
         gmsh.model.addPhysicalGroup(3, [tag for _, tag in gmsh.model.getEntities(3)], 1)
         gmsh.model.mesh.generate(3)
-        mesh, cell_tags, _ = read_gmsh(gmsh.model, 3)
+        mesh, cell_tags, _ = xf.read_gmsh(gmsh.model, 3)
     small = 1e-6 * LENGTH
     ends = {
         LOW: lambda x: x[2] < -0.5 * LENGTH + small,
         HIGH: lambda x: x[2] > 0.5 * LENGTH - small,
     }
-    return explode(mesh, cell_tags=cell_tags, facet_tags=tag_facets(mesh, ends))
+    return xf.explode(mesh, cell_tags=cell_tags, facet_tags=xf.tag_facets(mesh, ends))
 
 
 # ## Scene
 
-PMMA = LinearElastic(young=3.24e9, poisson=0.35, density=1190.0)
+PMMA = xf.materials.LinearElastic(young=3.24e9, poisson=0.35, density=1190.0)
 FRACTURE_ENERGY, STRENGTH = 352.0, 20e6
 # C_N over E / facet: the bonds then add a few percent to the bar's compliance.
 RELATIVE_STIFFNESS = 40.0
 
 
-def scene_of(facet: float, tilt: float, friction: float) -> Scene:
+def scene_of(facet: float, tilt: float, friction: float) -> xf.Scene:
     """The bar with its bonds, pulled at both ends."""
-    bond = CohesiveZone(
+    bond = xf.laws.CohesiveZone(
         RELATIVE_STIFFNESS * PMMA.young / facet, FRACTURE_ENERGY, STRENGTH, friction=friction
     )
-    return Scene(
+    return xf.Scene(
         notched_bar(facet, tilt),
         {1: PMMA},
         default_interaction=bond,
-        loads=[PrescribedVelocity(LOW, 2, -SPEED), PrescribedVelocity(HIGH, 2, SPEED)],
+        loads=[xf.PrescribedVelocity(LOW, 2, -SPEED), xf.PrescribedVelocity(HIGH, 2, SPEED)],
         initial_velocity=lambda x: np.array([0 * x[0], 0 * x[0], 2.0 * SPEED * x[2] / LENGTH]),
     )
 
@@ -130,28 +114,28 @@ class CrackSurface(NamedTuple):
         return float(np.degrees(np.arctan(slope)))
 
 
-def crack_surface(simulation: Simulation) -> CrackSurface:
+def crack_surface(simulation: xf.Simulation) -> CrackSurface:
     """The cracked facets as they are now, in the reference configuration."""
     facets = simulation.scene.bodies.facets
     number = simulation.facets_with_law
-    cracked = broken_points(simulation).reshape(len(number), 3).sum(axis=1) >= 2
-    corners = point_coordinates(simulation).reshape(len(number), 3, 3)[cracked]
+    cracked = xf.results.broken_points(simulation).reshape(len(number), 3).sum(axis=1) >= 2
+    corners = xf.results.point_coordinates(simulation).reshape(len(number), 3, 3)[cracked]
     return CrackSurface(corners, facets.measure[number[cracked]])
 
 
-def visible_faces(simulation: Simulation) -> tuple[np.ndarray, np.ndarray]:
+def visible_faces(simulation: xf.Simulation) -> tuple[np.ndarray, np.ndarray]:
     """Faces of cells on the outside or cracked: geometry nodes, shape (n, 3), and which cracked."""
     bodies = simulation.scene.bodies
     number = simulation.facets_with_law
-    whole = broken_points(simulation).reshape(len(number), 3).sum(axis=1) < 2
+    whole = xf.results.broken_points(simulation).reshape(len(number), 3).sum(axis=1) < 2
     hidden = np.zeros((len(bodies.body_of_cell), 4), np.bool_)
     whole, cracked = number[whole], number[~whole]
     hidden[bodies.facets.cells[whole], bodies.facets.local_facets[whole]] = True
     inner = np.zeros_like(hidden)
     inner[bodies.facets.cells[cracked], bodies.facets.local_facets[cracked]] = True
     cell, face = np.nonzero(~hidden)
-    nodes = geometry_dofmap(bodies.mesh)[cell]
-    faces = np.take_along_axis(nodes, local_facet_vertices(bodies.mesh)[face], axis=1)
+    nodes = xf.geometry_dofmap(bodies.mesh)[cell]
+    faces = np.take_along_axis(nodes, xf.meshes.local_facet_vertices(bodies.mesh)[face], axis=1)
     # outwards: away from the vertex opposite to the face, which bears its number
     x = bodies.mesh.geometry.x
     edges = x[faces[:, 1:]] - x[faces[:, :1]]
@@ -164,9 +148,9 @@ def visible_faces(simulation: Simulation) -> tuple[np.ndarray, np.ndarray]:
 # ## One run
 
 
-def run(scene: Scene, options: argparse.Namespace) -> dict:
+def run(scene: xf.Scene, options: argparse.Namespace) -> dict:
     """Run the scene into the folder; returns what report and figures need."""
-    simulation = Simulation(
+    simulation = xf.Simulation(
         scene,
         options.step_size,
         accuracy=options.accuracy,
@@ -177,21 +161,21 @@ def run(scene: Scene, options: argparse.Namespace) -> dict:
         num_threads=options.threads,
     )
     end = options.final_strain * LENGTH / (2.0 * SPEED)
-    recorder = Recorder(
+    recorder = xf.Recorder(
         simulation,
         options.out,
         end_time=end,
-        gauge=TensileGauge(LOW, HIGH, 2, LENGTH, WIDTH**2),
+        gauge=xf.TensileGauge(LOW, HIGH, 2, LENGTH, WIDTH**2),
         fields=options.fields,
         parameters=vars(options),
         checkpoint_every=options.checkpoint_every,
         restart=options.restart,
     )
-    for _ in recorded_steps(recorder, end, "bar", options.quiet, options.profile):
+    for _ in xf.recorded_steps(recorder, end, "bar", options.quiet, options.profile):
         pass
     return {
         "simulation": simulation,
-        "history": read_history(options.out / "history.csv"),
+        "history": xf.read_history(options.out / "history.csv"),
         "crack": crack_surface(simulation),
         "displacement": recorder.vertex_displacement(),
     }
@@ -215,10 +199,10 @@ def report(result: dict, options: argparse.Namespace) -> None:
         f"{1e3 * last['dissipated_cohesion']:.2f}; closure error "
         f"{last['closure'] / last['external_work']:.1e} of the work"
     )
-    tqdm.write(cohesive_table(simulation))
-    tqdm.write(effects_table(simulation))
+    tqdm.write(xf.cohesive_table(simulation))
+    tqdm.write(xf.effects_table(simulation))
     found = {"peak_stress": history["stress"][peak], "crack_area": area, "crack_slope": slopes}
-    add_to_summary(simulation, found)
+    xf.add_to_summary(simulation, found)
 
 
 # ## Figures
@@ -264,10 +248,14 @@ def draw(result: dict, folder: Path) -> None:
         surface.set_title("cracked facets")
         figure.colorbar(triangles, ax=surface, shrink=0.5, pad=0.12, label="height z (mm)")
 
-    new_figure(folder / "crack.png", fill, (9.0, 5.0), ncols=2, subplot_kw={"projection": "3d"})
+    xf.plotting.new_figure(
+        folder / "crack.png", fill, (9.0, 5.0), ncols=2, subplot_kw={"projection": "3d"}
+    )
     history = result["history"]
-    plot_curves([("", history["strain"], history["stress"])], folder / "stress_strain.png")
-    plot_energies(history, folder / "energies.png", energy_unit=("mJ", 1e-3))
+    xf.plotting.plot_curves(
+        [("", history["strain"], history["stress"])], folder / "stress_strain.png"
+    )
+    xf.plotting.plot_energies(history, folder / "energies.png", energy_unit=("mJ", 1e-3))
 
 
 # ## Command line
@@ -283,7 +271,7 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     add("--scheme", choices=("implicit", "explicit"), default="explicit", help="of the bulk")
     add("--step-size", type=float, help="h in s (default: a share of the critical step)")
     add("--final-strain", type=float, default=0.0065)
-    add_run_options(parser, Path("results/fracture_3d"))
+    xf.add_run_options(parser, Path("results/fracture_3d"))
     options = parser.parse_args(arguments)
     if not 0.0 < options.facet <= DEPTH:
         parser.error(f"--facet should lie in (0, {DEPTH:g}] m, got {options.facet}")
@@ -298,7 +286,7 @@ def main(arguments: list[str] | None = None) -> dict:
     """Run the bar and draw it."""
     options = parse(arguments)
     logging.basicConfig(level=logging.WARNING)
-    prepare_folder(options.out)
+    xf.prepare_folder(options.out)
     result = run(scene_of(options.facet, options.tilt, options.friction), options)
     report(result, options)
     if not options.no_plot:
@@ -307,4 +295,4 @@ def main(arguments: list[str] | None = None) -> dict:
 
 
 if __name__ == "__main__":
-    run_together(main)
+    xf.run_together(main)

@@ -23,8 +23,10 @@
 # The packing fraction is the area of the grains at the start over that of the box now.
 #
 # **Choices**: no gravity; neo-Hookean soft grains, as they turn and strain by tens of percent;
-# theta > 1/2 damps their vibration. The number of rigid grains should stay so small that they do
-# not bridge the box: a lid of given velocity would then ask for the impossible.
+# theta > 1/2 damps their vibration.
+#
+# **Limitation.** Rigid grains must not bridge the box, because a lid of given velocity could then
+# not move. Keep their share small.
 
 import argparse
 import logging
@@ -38,22 +40,7 @@ from mpi4py import MPI
 from scipy.spatial import Delaunay
 from tqdm.auto import tqdm
 
-from xper_fx.bodies import Bodies, explode
-from xper_fx.compat import geometry_dofmap
-from xper_fx.contact_forces import contact_forces
-from xper_fx.contacts import Contact
-from xper_fx.effects import effects_table
-from xper_fx.frames import Frame, plot_frames, take_frame
-from xper_fx.materials import NeoHookean
-from xper_fx.nscd.laws import SignoriniCoulomb
-from xper_fx.nscd.rigid import Disc, Polygon, RigidBody, wall
-from xper_fx.output import prepare_folder, read_history
-from xper_fx.parallel.launch import run_together
-from xper_fx.plots import new_figure, plot_energies
-from xper_fx.recorder import Recorder, add_to_summary
-from xper_fx.runner import add_run_options, recorded_steps
-from xper_fx.scene import Scene
-from xper_fx.simulation import Simulation
+import xper_fx as xf
 
 # ## Grains
 #
@@ -62,7 +49,7 @@ from xper_fx.simulation import Simulation
 
 RADIUS, SPREAD = 0.05, 0.2
 SPACING = 2.0 * RADIUS * (1.0 + SPREAD) + 0.01
-SOFT = NeoHookean(young=1e6, poisson=0.3, density=1000.0)
+SOFT = xf.materials.NeoHookean(young=1e6, poisson=0.3, density=1000.0)
 SIDES = (0, 5, 6)
 LID = 0
 
@@ -77,7 +64,7 @@ def soft_disc(rings: int) -> tuple[np.ndarray, np.ndarray]:
     return nodes, Delaunay(nodes).simplices
 
 
-def mesh_discs(centres: np.ndarray, radii: np.ndarray, rings: int) -> Bodies:
+def mesh_discs(centres: np.ndarray, radii: np.ndarray, rings: int) -> xf.Bodies:
     """Discs as bodies."""
     points, cells = soft_disc(rings)
     x = (centres[:, None] + radii[:, None, None] * points).reshape(-1, 2)
@@ -85,18 +72,18 @@ def mesh_discs(centres: np.ndarray, radii: np.ndarray, rings: int) -> Bodies:
     cells = (first[:, None, None] + cells).reshape(-1, 3)
     element = basix.ufl.element("Lagrange", "triangle", 1, shape=(2,))
     mesh = create_mesh(MPI.COMM_SELF, cells=cells, x=x, e=ufl.Mesh(element))
-    return explode(
-        mesh, mesh.geometry.input_global_indices[geometry_dofmap(mesh)[:, 0]] // len(points)
+    return xf.explode(
+        mesh, mesh.geometry.input_global_indices[xf.geometry_dofmap(mesh)[:, 0]] // len(points)
     )
 
 
-def shape_of(number: int, radius: float) -> Disc | Polygon:
+def shape_of(number: int, radius: float) -> xf.rigid.Disc | xf.rigid.Polygon:
     """Shape of a rigid grain: discs, pentagons and hexagons by turns."""
     sides = SIDES[number % len(SIDES)]
     if sides == 0:
-        return Disc(radius)
+        return xf.rigid.Disc(radius)
     angle = 2.0 * np.pi * np.arange(sides) / sides
-    return Polygon(radius * np.column_stack([np.cos(angle), np.sin(angle)]))
+    return xf.rigid.Polygon(radius * np.column_stack([np.cos(angle), np.sin(angle)]))
 
 
 def packing(
@@ -107,7 +94,7 @@ def packing(
     speed: float,
     friction: float,
     seed: int,
-) -> Scene:
+) -> xf.Scene:
     """The scene.
 
     Args:
@@ -129,40 +116,42 @@ def packing(
     hard[random.permutation(count)[: round(rigid_share * count)]] = True
     turned = random.uniform(0.0, 2.0 * np.pi, count)
     walls = [
-        wall((0.5 * width, height), (0.0, -1.0), "box", velocity=(0.0, -speed)),
-        wall((0.5 * width, 0.0), (0.0, 1.0), "box"),
-        wall((0.0, 0.5 * height), (1.0, 0.0), "box"),
-        wall((width, 0.5 * height), (-1.0, 0.0), "box"),
+        xf.rigid.wall((0.5 * width, height), (0.0, -1.0), "box", velocity=(0.0, -speed)),
+        xf.rigid.wall((0.5 * width, 0.0), (0.0, 1.0), "box"),
+        xf.rigid.wall((0.0, 0.5 * height), (1.0, 0.0), "box"),
+        xf.rigid.wall((width, 0.5 * height), (-1.0, 0.0), "box"),
     ]
     grains = [
-        RigidBody(shape_of(k, radius[i]), centre[i], "hard", angle=turned[i], density=SOFT.density)
+        xf.RigidBody(
+            shape_of(k, radius[i]), centre[i], "hard", angle=turned[i], density=SOFT.density
+        )
         for k, i in enumerate(np.flatnonzero(hard))
     ]
     groups = ("soft", "hard", "box") if grains else ("soft", "box")
-    law = SignoriniCoulomb(friction)
+    law = xf.laws.SignoriniCoulomb(friction)
     pairs = [(a, b) for n, a in enumerate(groups) for b in groups[n:] if (a, b) != ("box", "box")]
-    return Scene(
+    return xf.Scene(
         mesh_discs(centre[~hard], radius[~hard], rings),
         {1: SOFT},
         surfaces={"soft": (1,)},
         rigid=walls + grains,
-        contacts=[Contact(pair, law) for pair in pairs],
+        contacts=[xf.Contact(pair, law) for pair in pairs],
     )
 
 
 # ## One run
 
 
-def fractions(scene: Scene) -> tuple[float, float]:
+def fractions(scene: xf.Scene) -> tuple[float, float]:
     """Area of all grains at the start, and width of the box."""
     mesh = scene.bodies.mesh
-    corner = mesh.geometry.x[geometry_dofmap(mesh)][:, :, :2]
+    corner = mesh.geometry.x[xf.geometry_dofmap(mesh)][:, :, :2]
     along, aside = corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]
     soft = 0.5 * np.abs(along[:, 0] * aside[:, 1] - along[:, 1] * aside[:, 0]).sum()
     hard = sum(
         body.shape.mass_properties(1.0).mass
         for body in scene.rigid
-        if body.group == "hard" and isinstance(body.shape, Disc | Polygon)
+        if body.group == "hard" and isinstance(body.shape, xf.rigid.Disc | xf.rigid.Polygon)
     )
     return soft + hard, 2.0 * scene.rigid_bodies.position[LID, 0]
 
@@ -173,9 +162,9 @@ def von_mises(stress: np.ndarray) -> np.ndarray:
     return np.sqrt(1.5 * np.einsum("nij,nij->n", deviator, deviator))
 
 
-def run(scene: Scene, options: argparse.Namespace) -> dict:
+def run(scene: xf.Scene, options: argparse.Namespace) -> dict:
     """Run the scene into the folder; returns what report and figures need."""
-    simulation = Simulation(
+    simulation = xf.Simulation(
         scene,
         options.step_size,
         accuracy=options.accuracy,
@@ -187,7 +176,7 @@ def run(scene: Scene, options: argparse.Namespace) -> dict:
     area, width = fractions(scene)
     height = scene.rigid_bodies.position[LID, 1]
     end = (height - area / (options.packing * width)) / options.speed
-    recorder = Recorder(
+    recorder = xf.Recorder(
         simulation, options.out, end_time=end, fields=options.fields,
         parameters=vars(options),
         checkpoint_every=options.checkpoint_every,
@@ -196,19 +185,21 @@ def run(scene: Scene, options: argparse.Namespace) -> dict:
     lid, packed = scene.bodies.num_bodies + LID, area / (width * height)
     targets = np.linspace(packed, options.packing, 4)[1:]
     curve: list[tuple[float, ...]] = []
-    frames: list[Frame] = []
-    for _ in recorded_steps(recorder, end, "packing", options.quiet, options.profile):
+    frames: list[xf.plotting.Frame] = []
+    for _ in xf.recorded_steps(recorder, end, "packing", options.quiet, options.profile):
         packed = area / (width * simulation.rigid.state.position[LID, 1])
-        contacts = contact_forces(simulation)
+        contacts = xf.results.contact_forces(simulation)
         # the lid is candidate or antagonist of its contacts
         sign = (contacts.bodies == lid) @ np.array([1.0, -1.0])
         curve.append((simulation.time, packed, float(sign @ contacts.force[:, 1]) / width))
         if len(frames) < 3 and packed >= targets[len(frames)] * (1.0 - 1e-6):
             stress = von_mises(recorder.cell_stress()) / 1e3
-            frames.append(take_frame(recorder, stress, f"packing fraction {packed:.3f}"))
+            frames.append(
+                xf.plotting.take_frame(recorder, stress, f"packing fraction {packed:.3f}")
+            )
     return {
         "simulation": simulation,
-        "history": read_history(options.out / "history.csv"),
+        "history": xf.read_history(options.out / "history.csv"),
         "curve": np.array(curve),
         "frames": frames,
         "window": (-0.02 * width, 1.02 * width, -0.02 * width, height),
@@ -230,9 +221,9 @@ def report(result: dict, options: argparse.Namespace) -> None:
         f"{last['dissipated_impact']:.2f}, scheme {last['dissipated_numerical']:.2f}; closure "
         f"error {last['closure'] / last['external_work']:.1e} of the work"
     )
-    tqdm.write(effects_table(result["simulation"]))
+    tqdm.write(xf.effects_table(result["simulation"]))
     found = {"packing": packed[-1], "pressure": pressure[-1], "jammed_at": jammed}
-    add_to_summary(result["simulation"], found)
+    xf.add_to_summary(result["simulation"], found)
 
 
 # ## Figures
@@ -240,7 +231,7 @@ def report(result: dict, options: argparse.Namespace) -> None:
 
 def draw(result: dict, out: Path) -> None:
     """The packing at three densities, the pressure on the lid, and the energies."""
-    plot_frames(
+    xf.plotting.plot_frames(
         result["frames"],
         out / "packing.png",
         window=result["window"],
@@ -254,8 +245,8 @@ def draw(result: dict, out: Path) -> None:
         axes.set_xlabel("packing fraction")
         axes.set_ylabel("pressure on the lid / E")
 
-    new_figure(out / "pressure.png", plot, (4.5, 3.2))
-    plot_energies(result["history"], out / "energies.png", ("J/m", 1.0), against="time")
+    xf.plotting.new_figure(out / "pressure.png", plot, (4.5, 3.2))
+    xf.plotting.plot_energies(result["history"], out / "energies.png", ("J/m", 1.0), against="time")
 
 
 # ## Command line
@@ -274,7 +265,7 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     add("--packing", type=float, default=0.9, help="fraction at which it ends (default 0.9)")
     add("--seed", type=int, default=1, help="of radii, places and shapes")
     add("--step-size", type=float, default=5e-4, help="h in s (default 5e-4)")
-    add_run_options(parser, Path("results/granular_packing"))
+    xf.add_run_options(parser, Path("results/granular_packing"))
     parser.set_defaults(theta=0.6)
     options = parser.parse_args(arguments)
     if not 0.0 <= options.rigid < 1.0:
@@ -291,7 +282,7 @@ def main(arguments: list[str] | None = None) -> dict:
     """Compact the grains and draw them."""
     options = parse(arguments)
     logging.basicConfig(level=logging.WARNING)
-    prepare_folder(options.out)
+    xf.prepare_folder(options.out)
     scene = packing(
         options.columns, options.rows, options.rigid, options.rings, options.speed,
         options.friction, options.seed,
@@ -304,4 +295,4 @@ def main(arguments: list[str] | None = None) -> dict:
 
 
 if __name__ == "__main__":
-    run_together(main)
+    xf.run_together(main)

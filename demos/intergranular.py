@@ -15,11 +15,11 @@
 # - take grains as bodies, those that cross the cell's boundary included
 # - drive the cell, and follow cracks along grain boundaries
 #
-# It is the third example of Perales et al. 2010 (section 4.2.3, figures 13 and 14): a periodic
-# square of 100 um of Zircaloy grains (soft) with two inclusions of several hydride grains (hard),
-# weak bonds between soft and hard. Fbar_11 grows at a constant rate with Pibar_22 = 0, Fbar_12 =
-# Fbar_21 = 0. Expected: cracks start at the boundaries of the hard grains, two main cracks run
-# along those of the soft grains and join, the stress falls abruptly.
+# The scene is the third example of Perales et al. 2010 (section 4.2.3, figures 13 and 14): a
+# periodic square of 100 um of Zircaloy grains (soft) with two inclusions of several hydride grains
+# (hard), weak bonds between soft and hard. Fbar_11 grows at a constant rate with Pibar_22 = 0,
+# Fbar_12 = Fbar_21 = 0. Expected: cracks start at the boundaries of the hard grains, two main
+# cracks run along those of the soft grains and join, the stress falls abruptly.
 #
 # **What the paper does not say and this demo chooses**: number of grains, their seeds, where the
 # inclusions are, elastic grains (`--ductile` makes the soft ones plastic), the lateral stress, the
@@ -33,37 +33,7 @@ import numpy as np
 from mpi4py import MPI
 from tqdm.auto import tqdm
 
-from xper_fx.bodies import explode
-from xper_fx.cracks import Cracks, crack_panel, find_cracks
-from xper_fx.effects import effects_table
-from xper_fx.materials import LinearElastic
-from xper_fx.materials.library import (
-    DENSITY,
-    HYDRIDE,
-    HYDRIDE_BOND,
-    INTERFACE_BONDS,
-    ZIRCALOY_4,
-    ZIRCALOY_4_DUCTILE,
-    ZIRCALOY_BOND,
-)
-from xper_fx.output import prepare_folder, read_history
-from xper_fx.parallel.launch import run_together
-from xper_fx.periodic.drive import MacroscopicDrive
-from xper_fx.periodic.microstructure import (
-    Microstructure,
-    cut_by_box,
-    lengthen_short_edges,
-    mesh_tessellation,
-    nearest_grains,
-    random_seeds,
-    tessellate,
-)
-from xper_fx.plots import plot_cracks, plot_curves, plot_energies, plot_grains
-from xper_fx.recorder import CellGauge, Recorder, add_to_summary
-from xper_fx.runner import add_run_options, recorded_steps
-from xper_fx.scales import cohesive_table
-from xper_fx.scene import Scene
-from xper_fx.simulation import Simulation
+import xper_fx as xf
 
 # ## Grains
 
@@ -75,17 +45,23 @@ GRAINS_OF_AN_INCLUSION = 5
 SHORTEST_EDGE = 0.2
 
 
-def polycrystal(grains: int, facet: float, seed: int, homogeneous: bool) -> Microstructure:
+def polycrystal(
+    grains: int, facet: float, seed: int, homogeneous: bool
+) -> xf.microstructure.Microstructure:
     """Grains cut by the square, the nearest to two points hard; `facet` is their edge (m)."""
-    seeds = random_seeds(grains, (SIZE, SIZE), seed, relaxation=3)
-    tessellation = lengthen_short_edges(
-        tessellate(seeds, (SIZE, SIZE)), SHORTEST_EDGE * SIZE / np.sqrt(grains)
+    seeds = xf.microstructure.random_seeds(grains, (SIZE, SIZE), seed, relaxation=3)
+    tessellation = xf.microstructure.lengthen_short_edges(
+        xf.microstructure.tessellate(seeds, (SIZE, SIZE)), SHORTEST_EDGE * SIZE / np.sqrt(grains)
     )
     phase = np.full(grains, SOFT)
     if not homogeneous:
         for point in INCLUSIONS:
-            phase[nearest_grains(tessellation, point, GRAINS_OF_AN_INCLUSION)] = HARD
-    return mesh_tessellation(cut_by_box(tessellation), facet, phase, MPI.COMM_SELF)
+            phase[xf.microstructure.nearest_grains(tessellation, point, GRAINS_OF_AN_INCLUSION)] = (
+                HARD
+            )
+    return xf.microstructure.mesh_tessellation(
+        xf.microstructure.cut_by_box(tessellation), facet, phase, MPI.COMM_SELF
+    )
 
 
 # ## Scene
@@ -99,25 +75,27 @@ def intergranular(
     rate: float = 2e4,
     ductile: bool = False,
     homogeneous: bool = False,
-) -> Scene:
+) -> xf.Scene:
     """The scene."""
     structure = polycrystal(grains, facet, seed, homogeneous)
     materials = {
-        SOFT: ZIRCALOY_4_DUCTILE if ductile else ZIRCALOY_4,
-        HARD: LinearElastic(HYDRIDE.young, HYDRIDE.poisson, DENSITY),
+        SOFT: xf.library.ZIRCALOY_4_DUCTILE if ductile else xf.library.ZIRCALOY_4,
+        HARD: xf.materials.LinearElastic(
+            xf.library.HYDRIDE.young, xf.library.HYDRIDE.poisson, xf.library.DENSITY
+        ),
     }
     bonds = {
-        (SOFT, SOFT): ZIRCALOY_BOND,
-        (SOFT, HARD): INTERFACE_BONDS["weak"],
-        (HARD, HARD): HYDRIDE_BOND,
+        (SOFT, SOFT): xf.library.ZIRCALOY_BOND,
+        (SOFT, HARD): xf.library.INTERFACE_BONDS["weak"],
+        (HARD, HARD): xf.library.HYDRIDE_BOND,
     }
     if homogeneous:
-        materials, bonds = {SOFT: materials[SOFT]}, {(SOFT, SOFT): ZIRCALOY_BOND}
-    return Scene(
-        explode(structure.mesh, structure.grain, structure.cell_tags, lattice=structure.lattice),
+        materials, bonds = {SOFT: materials[SOFT]}, {(SOFT, SOFT): xf.library.ZIRCALOY_BOND}
+    return xf.Scene(
+        xf.explode(structure.mesh, structure.grain, structure.cell_tags, lattice=structure.lattice),
         materials,
         interactions=bonds,
-        macroscopic=MacroscopicDrive(
+        macroscopic=xf.MacroscopicDrive(
             rate={"11": rate}, gradient={"12": 0.0, "21": 0.0}, stress={"22": 0.0}
         ),
     )
@@ -128,9 +106,9 @@ def intergranular(
 # The cell is drawn when the first bonds have broken, and at the end.
 
 
-def run(scene: Scene, options: argparse.Namespace) -> dict:
+def run(scene: xf.Scene, options: argparse.Namespace) -> dict:
     """Run the scene into the folder; returns what report and figures need."""
-    simulation = Simulation(
+    simulation = xf.Simulation(
         scene,
         options.step_size,
         accuracy=options.accuracy,
@@ -140,28 +118,36 @@ def run(scene: Scene, options: argparse.Namespace) -> dict:
         num_threads=options.threads,
     )
     end = options.final_strain / options.rate
-    recorder = Recorder(
+    recorder = xf.Recorder(
         simulation,
         options.out,
         end_time=end,
-        gauge=CellGauge("11"),
+        gauge=xf.CellGauge("11"),
         fields=options.fields,
         parameters=vars(options),
         checkpoint_every=options.checkpoint_every,
         restart=options.restart,
     )
-    panels, first, first_strain = [], Cracks(np.zeros((0, 2, 2)), np.zeros(0, int)), np.inf
-    for _, strain in recorded_steps(recorder, end, "polycrystal", options.quiet, options.profile):
+    panels, first, first_strain = (
+        [],
+        xf.results.Cracks(np.zeros((0, 2, 2)), np.zeros(0, int)),
+        np.inf,
+    )
+    for _, strain in xf.recorded_steps(
+        recorder, end, "polycrystal", options.quiet, options.profile
+    ):
         if not len(first.kind):
-            first = find_cracks(simulation, HARD)
+            first = xf.results.find_cracks(simulation, HARD)
             if len(first.kind):
                 first_strain = strain
-                panels.append(crack_panel(recorder, first, f"first cracks, {100 * strain:.2f} %"))
-    final = find_cracks(simulation, HARD)
-    panels.append(crack_panel(recorder, final, f"{100 * recorder.strain:.2f} %"))
+                panels.append(
+                    xf.plotting.crack_panel(recorder, first, f"first cracks, {100 * strain:.2f} %")
+                )
+    final = xf.results.find_cracks(simulation, HARD)
+    panels.append(xf.plotting.crack_panel(recorder, final, f"{100 * recorder.strain:.2f} %"))
     return {
         "simulation": simulation,
-        "history": read_history(options.out / "history.csv"),
+        "history": xf.read_history(options.out / "history.csv"),
         "first": first,
         "first_strain": first_strain,
         "panels": panels,
@@ -189,14 +175,14 @@ def report(result: dict, options: argparse.Namespace) -> None:
         f"{last['closure'] / last['external_work']:.1e} of the work, largest error of Hill and "
         f"Mandel's lemma {history['hill_mandel'].max():.1e}"
     )
-    tqdm.write(cohesive_table(simulation))
-    tqdm.write(effects_table(simulation))
+    tqdm.write(xf.cohesive_table(simulation))
+    tqdm.write(xf.effects_table(simulation))
     found = {
         "peak_stress": history["stress"][peak],
         "first_cracks": dict(zip(names, counts, strict=True)),
         "crack_length": lengths,
     }
-    add_to_summary(simulation, found)
+    xf.add_to_summary(simulation, found)
 
 
 # ## Figures
@@ -208,16 +194,16 @@ def draw(result: dict, out: Path) -> None:
     names = {SOFT: "soft grains", HARD: "hard grains"}
     kinds = ("soft-soft", "soft-hard", "hard-hard")
     whole = panels[0]
-    plot_grains(
+    xf.plotting.plot_grains(
         whole.points, whole.triangles, bodies.body_of_cell, bodies.material_of_cell == HARD,
         out / "grains.png",
     )  # fmt: skip
-    plot_cracks(panels, path=out / "cracks.png", names=names, kinds=kinds)
+    xf.plotting.plot_cracks(panels, path=out / "cracks.png", names=names, kinds=kinds)
     tiled = panels[-1].tiled(np.diag([SIZE, SIZE]), result["gradient"])
-    plot_cracks(tiled, path=out / "cracks_tiled.png", names=names, kinds=kinds)
+    xf.plotting.plot_cracks(tiled, path=out / "cracks_tiled.png", names=names, kinds=kinds)
     history = result["history"]
-    plot_curves([("", history["strain"], history["stress"])], out / "stress_strain.png")
-    plot_energies(history, out / "energies.png")
+    xf.plotting.plot_curves([("", history["strain"], history["stress"])], out / "stress_strain.png")
+    xf.plotting.plot_energies(history, out / "energies.png")
 
 
 # ## Command line
@@ -235,7 +221,7 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     add("--rate", type=float, default=2e4, help="of Fbar_11, 1/s")
     add("--final-strain", type=float, default=0.01)
     add("--step-size", type=float, default=1e-9, help="h in s (default 1e-9)")
-    add_run_options(parser, Path("results/intergranular"))
+    xf.add_run_options(parser, Path("results/intergranular"))
     options = parser.parse_args(arguments)
     if options.grains < 2 * GRAINS_OF_AN_INCLUSION + 2:
         parser.error(f"--grains should be at least {2 * GRAINS_OF_AN_INCLUSION + 2}")
@@ -252,7 +238,7 @@ def main(arguments: list[str] | None = None) -> dict:
     """Run the polycrystal and draw it."""
     options = parse(arguments)
     logging.basicConfig(level=logging.WARNING)
-    prepare_folder(options.out)
+    xf.prepare_folder(options.out)
     scene = intergranular(
         options.grains,
         SIZE / options.cells,
@@ -269,4 +255,4 @@ def main(arguments: list[str] | None = None) -> dict:
 
 
 if __name__ == "__main__":
-    run_together(main)
+    xf.run_together(main)

@@ -37,18 +37,7 @@ from mpi4py import MPI
 from scipy.optimize import linprog
 from tqdm.auto import tqdm
 
-from xper_fx.contact_forces import contact_forces
-from xper_fx.contacts import Contact
-from xper_fx.forms.loads import Gravity
-from xper_fx.nscd.laws import SignoriniCoulomb
-from xper_fx.nscd.rigid.body import RigidBody
-from xper_fx.nscd.rigid.outline import outline
-from xper_fx.nscd.rigid.polygon import Polygon
-from xper_fx.output import prepare_folder
-from xper_fx.parallel.launch import run_together
-from xper_fx.plots import COLOURS, new_figure
-from xper_fx.scene import Scene
-from xper_fx.simulation import Simulation
+import xper_fx as xf
 
 MILANKOVITCH = 0.1075
 GRAVITY = 9.81
@@ -85,10 +74,10 @@ class Arch:
         return radii[:, None] * self.directions[:, None]
 
     @property
-    def voussoirs(self) -> list[Polygon]:
+    def voussoirs(self) -> list[xf.rigid.Polygon]:
         """From right to left: inner and outer end of a joint, outer and inner end of the next."""
         low, high = self.ends[:-1], self.ends[1:]
-        return [Polygon([a[0], a[1], b[1], b[0]]) for a, b in zip(low, high, strict=True)]
+        return [xf.rigid.Polygon([a[0], a[1], b[1], b[0]]) for a, b in zip(low, high, strict=True)]
 
 
 # ## Limit analysis
@@ -145,25 +134,25 @@ def least_ratio(blocks: int, friction: float = 0.7) -> float:
 END, STOOD, FALLEN = 2.0, 0.01, 0.25
 
 
-def simulate(arch: Arch, step: float) -> Simulation:
+def simulate(arch: Arch, step: float) -> xf.Simulation:
     """The arch between two fixed blocks, its own weight the only load."""
-    law = SignoriniCoulomb(friction=arch.friction)
-    bodies = [RigidBody(block, None, "voussoirs", density=DENSITY) for block in arch.voussoirs]
+    law = xf.laws.SignoriniCoulomb(friction=arch.friction)
+    bodies = [xf.RigidBody(block, None, "voussoirs", density=DENSITY) for block in arch.voussoirs]
     height = 0.1 * RADIUS
-    base = Polygon.box((2.0 * arch.ratio * RADIUS, height))
+    base = xf.rigid.Polygon.box((2.0 * arch.ratio * RADIUS, height))
     for side in (1.0, -1.0):
         held = dict.fromkeys(range(3), 0.0)
         place = (side * RADIUS, -0.5 * height)
-        bodies.append(RigidBody(base, place, "springings", prescribed=held))
-    scene = Scene(
+        bodies.append(xf.RigidBody(base, place, "springings", prescribed=held))
+    scene = xf.Scene(
         rigid=bodies,
         contacts=[
-            Contact(("voussoirs", "voussoirs"), law),
-            Contact(("voussoirs", "springings"), law),
+            xf.Contact(("voussoirs", "voussoirs"), law),
+            xf.Contact(("voussoirs", "springings"), law),
         ],
-        loads=[Gravity((0.0, -GRAVITY))],
+        loads=[xf.Gravity((0.0, -GRAVITY))],
     )
-    return Simulation(scene, step, tolerance=1e-5, num_threads=1)
+    return xf.Simulation(scene, step, tolerance=1e-5, num_threads=1)
 
 
 @dataclass(frozen=True)
@@ -205,7 +194,7 @@ def run(arch: Arch, step: float) -> Outcome:
     size = arch.ratio * RADIUS
     verdict = "stands" if moved < STOOD * size else "undecided"
     verdict = "falls" if moved > FALLEN * RADIUS else verdict
-    drawn = outline(motion.bodies)
+    drawn = xf.plotting.outline(motion.bodies)
     points = drawn.positions(motion.state.position, motion.state.turn.rotation)
     cuts = np.flatnonzero(np.diff(drawn.body_of_point)) + 1
     positions = np.split(points, cuts)
@@ -215,9 +204,9 @@ def run(arch: Arch, step: float) -> Outcome:
     )  # fmt: skip
 
 
-def thrust_points(simulation: Simulation) -> np.ndarray:
+def thrust_points(simulation: xf.Simulation) -> np.ndarray:
     """The point of each joint through which its force passes, mean of its contacts by pressure."""
-    contacts = contact_forces(simulation)
+    contacts = xf.results.contact_forces(simulation)
     sums: dict[tuple[int, ...], np.ndarray] = {}
     pressures = np.einsum("nd,nd->n", contacts.force, contacts.normal)
     for pair, place, pressure in zip(contacts.bodies, contacts.position, pressures, strict=True):
@@ -258,12 +247,19 @@ def draw_arch(axes, outcome: Outcome, title: str) -> None:
     if outcome.verdict == "stands":
         x, y = outcome.thrust.T
         order = np.argsort(np.arctan2(np.abs(y), x))  # at a springing y is rounding of any sign
-        axes.plot(*outcome.thrust[order].T, color=COLOURS[1], lw=1.2, label="line of thrust")
+        axes.plot(
+            *outcome.thrust[order].T, color=xf.plotting.COLOURS[1], lw=1.2, label="line of thrust"
+        )
     for number, (joint, end) in enumerate(outcome.hinges):
         block = outcome.positions[joint if joint < n else n - 1]
         place = block[(0, 1)[end] if joint < n else (3, 2)[end]]
         axes.plot(
-            *place, "o", color=COLOURS[0], ms=4.0, label=None if number else "hinges", zorder=3
+            *place,
+            "o",
+            color=xf.plotting.COLOURS[0],
+            ms=4.0,
+            label=None if number else "hinges",
+            zorder=3,
         )
     limit = RADIUS * (1.1 + outcome.arch.ratio)
     axes.set(
@@ -288,10 +284,13 @@ def draw(pairs: list[tuple[Outcome, ...]], bounds: dict[int, float], out: Path) 
         numbers = sorted(bounds)
         axes[2].axhline(MILANKOVITCH, color="#858585", lw=0.8, label="Milankovitch (1907)")
         axes[2].plot(
-            numbers, [bounds[n] for n in numbers], "_", ms=9.0, color=COLOURS[6],
+            numbers, [bounds[n] for n in numbers], "_", ms=9.0, color=xf.plotting.COLOURS[6],
             label="limit analysis",
         )  # fmt: skip
-        for verdict, marker, colour in (("stands", "^", COLOURS[2]), ("falls", "v", COLOURS[1])):
+        for verdict, marker, colour in (
+            ("stands", "^", xf.plotting.COLOURS[2]),
+            ("falls", "v", xf.plotting.COLOURS[1]),
+        ):
             found = [o.arch for pair in pairs for o in pair if o.verdict == verdict]
             axes[2].plot(
                 [arch.blocks for arch in found], [arch.ratio for arch in found], marker,
@@ -300,7 +299,7 @@ def draw(pairs: list[tuple[Outcome, ...]], bounds: dict[int, float], out: Path) 
         axes[2].set(xlabel="voussoirs", ylabel="t/R", title="thickness that just stands")
         axes[2].legend()
 
-    new_figure(out / "masonry_arch.png", fill, (12.0, 3.6), ncols=3)
+    xf.plotting.new_figure(out / "masonry_arch.png", fill, (12.0, 3.6), ncols=3)
 
 
 # ## Command line
@@ -334,7 +333,7 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
 def main(arguments: list[str] | None = None) -> dict:
     """Bracket the least thickness by dynamics; returns bounds and pairs of outcomes."""
     options = parse(arguments)
-    prepare_folder(options.out)
+    xf.prepare_folder(options.out)
     blocks = options.blocks if options.ratio is None else options.blocks[-1:]
     bounds = {n: least_ratio(n, options.friction) for n in blocks}
     pairs, rows = [], []
@@ -369,4 +368,4 @@ def main(arguments: list[str] | None = None) -> dict:
 
 
 if __name__ == "__main__":
-    run_together(main)
+    xf.run_together(main)

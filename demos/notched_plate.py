@@ -15,8 +15,8 @@
 # - run an explicit or implicit bulk with interactions solved without penalty
 # - follow cracks, stress and energy, and tell deflection from penetration
 #
-# It is the first example of Perales et al. 2010 (section 4.2.1, figures 8 to 10): a square of
-# 50 um, an elastic Zircaloy-4 matrix with aligned rectangular hydride inclusions, plane strain,
+# The scene is the first example of Perales et al. 2010 (section 4.2.1, figures 8 to 10): a square
+# of 50 um, an elastic Zircaloy-4 matrix with aligned rectangular hydride inclusions, plane strain,
 # vertical faces pulled apart at -1 and +1 m/s, a precrack at the bottom. Between a matrix crack and
 # an inclusion the interface decides: He and Hutchinson (1989) expect deflection below a ratio of
 # toughness w_interface / w_inclusion of 0.013 and penetration above 0.25; here 0.00125 and 1250.
@@ -26,10 +26,10 @@
 # (linear across the plate, so that no shock starts from the faces), top and bottom free, step and
 # tolerances. All can be changed from the command line or below.
 #
-# **What to expect of the printed parameters**: the cohesive length E' w / Rmax^2 is 55 nm, far
-# below any facet here, so that peak and crack pattern depend on the mesh. `--resolved` scales the
-# fracture energies up until the cohesive length spans several facets; there, results converge.
-# Each run prints its cohesive lengths beside its facets.
+# **Limitation.** With the printed parameters the cohesive length E' w / Rmax^2 is 55 nm, far below
+# any facet here, so that peak and crack pattern depend on the mesh. `--resolved` scales the
+# fracture energies up until the cohesive length spans several facets; results then converge. Each
+# run prints its cohesive lengths beside its facets.
 
 import argparse
 import logging
@@ -39,35 +39,7 @@ from pathlib import Path
 import numpy as np
 from tqdm.auto import tqdm
 
-from xper_fx.bodies import Bodies, explode
-from xper_fx.cracks import crack_panel, find_cracks
-from xper_fx.effects import effects_table
-from xper_fx.forms.loads import PrescribedVelocity
-from xper_fx.materials import LinearElastic, NeoHookean
-from xper_fx.materials.library import (
-    FRICTION,
-    HYDRIDE,
-    HYDRIDE_BOND,
-    INTERFACE_BONDS,
-    ZIRCALOY_4,
-    ZIRCALOY_BOND,
-)
-from xper_fx.meshes import crossed_rectangle, in_rectangles, tag_cells, tag_facets
-from xper_fx.nscd.laws import SignoriniCoulomb
-from xper_fx.output import prepare_folder, read_history
-from xper_fx.parallel.launch import run_together
-from xper_fx.plots import (
-    CrackPanel,
-    plot_cracks,
-    plot_curves,
-    plot_energies,
-    plot_microstructure,
-)
-from xper_fx.recorder import Recorder, TensileGauge, add_to_summary
-from xper_fx.runner import add_run_options, recorded_steps
-from xper_fx.scales import cohesive_table
-from xper_fx.scene import Scene
-from xper_fx.simulation import Simulation
+import xper_fx as xf
 
 # ## Geometry
 #
@@ -90,14 +62,14 @@ LAYOUTS = {
 }
 
 
-def composite(cells: int, inclusions: list[tuple]) -> Bodies:
+def composite(cells: int, inclusions: list[tuple]) -> xf.Bodies:
     """The plate, each cell a body, with tags for inclusions, pulled faces and precrack."""
-    mesh = crossed_rectangle((0.0, 0.0), (SIZE, SIZE), (cells, cells))
+    mesh = xf.crossed_rectangle((0.0, 0.0), (SIZE, SIZE), (cells, cells))
     small = 1e-6 * SIZE
 
-    inside = {INCLUSION: in_rectangles(UNIT * np.array(inclusions))} if inclusions else {}
-    cell_tags = tag_cells(mesh, inside, MATRIX)
-    facet_tags = tag_facets(
+    inside = {INCLUSION: xf.in_rectangles(UNIT * np.array(inclusions))} if inclusions else {}
+    cell_tags = xf.tag_cells(mesh, inside, MATRIX)
+    facet_tags = xf.tag_facets(
         mesh,
         {
             LEFT: lambda x: x[0] < small,
@@ -105,7 +77,7 @@ def composite(cells: int, inclusions: list[tuple]) -> Bodies:
             NOTCH: lambda x: (abs(x[0] - SIZE / 2) < small) & (x[1] < PRECRACK * UNIT + small),
         },
     )
-    return explode(mesh, cell_tags=cell_tags, facet_tags=facet_tags)
+    return xf.explode(mesh, cell_tags=cell_tags, facet_tags=facet_tags)
 
 
 # ## Materials and bonds
@@ -117,10 +89,10 @@ def composite(cells: int, inclusions: list[tuple]) -> Bodies:
 
 def materials(finite_strain: bool, homogeneous: bool) -> dict:
     """Material of each cell tag."""
-    kind = NeoHookean if finite_strain else LinearElastic
+    kind = xf.materials.NeoHookean if finite_strain else xf.materials.LinearElastic
     both = {
         tag: kind(m.young, m.poisson, m.density)
-        for tag, m in ((MATRIX, ZIRCALOY_4), (INCLUSION, HYDRIDE))
+        for tag, m in ((MATRIX, xf.library.ZIRCALOY_4), (INCLUSION, xf.library.HYDRIDE))
     }
     return {MATRIX: both[MATRIX]} if homogeneous else both
 
@@ -128,9 +100,9 @@ def materials(finite_strain: bool, homogeneous: bool) -> dict:
 def bonds(interface: str, toughening: float, homogeneous: bool) -> dict:
     """Cohesive law of each pair of cell tags."""
     laws = {
-        (MATRIX, MATRIX): ZIRCALOY_BOND,
-        (MATRIX, INCLUSION): INTERFACE_BONDS[interface],
-        (INCLUSION, INCLUSION): HYDRIDE_BOND,
+        (MATRIX, MATRIX): xf.library.ZIRCALOY_BOND,
+        (MATRIX, INCLUSION): xf.library.INTERFACE_BONDS[interface],
+        (INCLUSION, INCLUSION): xf.library.HYDRIDE_BOND,
     }
     laws = {
         pair: replace(law, fracture_energy=toughening * law.fracture_energy)
@@ -147,14 +119,16 @@ def notched_plate(
     homogeneous: bool = False,
     toughening: float = 1.0,
     layout: str = "bands",
-) -> Scene:
+) -> xf.Scene:
     """The scene; `interface` is "weak" or "strong"."""
-    return Scene(
+    return xf.Scene(
         composite(cells, [] if homogeneous else LAYOUTS[layout]),
         materials(finite_strain, homogeneous),
         interactions=bonds(interface, toughening, homogeneous),
-        facet_interactions={NOTCH: SignoriniCoulomb(FRICTION, contact="position")},
-        loads=[PrescribedVelocity(LEFT, 0, -SPEED), PrescribedVelocity(RIGHT, 0, SPEED)],
+        facet_interactions={
+            NOTCH: xf.laws.SignoriniCoulomb(xf.library.FRICTION, contact="position")
+        },
+        loads=[xf.PrescribedVelocity(LEFT, 0, -SPEED), xf.PrescribedVelocity(RIGHT, 0, SPEED)],
         initial_velocity=lambda x: np.array([SPEED * (2.0 * x[0] / SIZE - 1.0), 0.0 * x[0]]),
     )
 
@@ -165,9 +139,9 @@ def notched_plate(
 # penetration is decided, and at the end.
 
 
-def run(scene: Scene, folder: Path, options: argparse.Namespace, title: str) -> dict:
+def run(scene: xf.Scene, folder: Path, options: argparse.Namespace, title: str) -> dict:
     """Run a scene into a folder; returns what the figures need."""
-    simulation = Simulation(
+    simulation = xf.Simulation(
         scene,
         options.step_size,
         accuracy=options.accuracy,
@@ -178,8 +152,8 @@ def run(scene: Scene, folder: Path, options: argparse.Namespace, title: str) -> 
         num_threads=options.threads,
     )
     end = options.final_strain * SIZE / (2.0 * SPEED)
-    gauge = TensileGauge(LEFT, RIGHT, 0, SIZE, SIZE)
-    recorder = Recorder(
+    gauge = xf.TensileGauge(LEFT, RIGHT, 0, SIZE, SIZE)
+    recorder = xf.Recorder(
         simulation,
         folder,
         end_time=end,
@@ -190,7 +164,7 @@ def run(scene: Scene, folder: Path, options: argparse.Namespace, title: str) -> 
         restart=options.restart,
     )
     early = None
-    for _, strain in recorded_steps(recorder, end, title, options.quiet, options.profile):
+    for _, strain in xf.recorded_steps(recorder, end, title, options.quiet, options.profile):
         if early is None and strain >= options.early_strain:
             early = panel(recorder, f"{title}, {100 * strain:.2f} %")
     final = panel(recorder, f"{title}, {100 * recorder.strain:.2f} %")
@@ -198,27 +172,33 @@ def run(scene: Scene, folder: Path, options: argparse.Namespace, title: str) -> 
     report(simulation, early, final, folder, title)
     return {
         "title": title,
-        "history": read_history(folder / "history.csv"),
+        "history": xf.read_history(folder / "history.csv"),
         "lengths": final.crack_lengths(),
         "early": early,
         "final": final,
     }
 
 
-def panel(recorder: Recorder, title: str) -> CrackPanel:
+def panel(recorder: xf.Recorder, title: str) -> xf.plotting.CrackPanel:
     """The cracked plate as it is now."""
-    return crack_panel(recorder, find_cracks(recorder.simulation, INCLUSION, (NOTCH,)), title)
+    return xf.plotting.crack_panel(
+        recorder, xf.results.find_cracks(recorder.simulation, INCLUSION, (NOTCH,)), title
+    )
 
 
 def report(
-    simulation: Simulation, early: CrackPanel, final: CrackPanel, folder: Path, title: str
+    simulation: xf.Simulation,
+    early: xf.plotting.CrackPanel,
+    final: xf.plotting.CrackPanel,
+    folder: Path,
+    title: str,
 ) -> None:
     """Say what decides between deflection and penetration, and what the run cost."""
 
-    def lengths_of(panel: CrackPanel) -> str:
+    def lengths_of(panel: xf.plotting.CrackPanel) -> str:
         return ", ".join(f"{1e6 * v:.0f} um in {k}" for k, v in panel.crack_lengths().items())
 
-    history = read_history(folder / "history.csv")
+    history = xf.read_history(folder / "history.csv")
     peak = int(np.argmax(history["stress"]))
     last = {name: column[-1] for name, column in history.items()}
     lost = sum(last[name] for name in history if name.startswith("dissipated"))
@@ -232,14 +212,14 @@ def report(
         f"{1e3 * last['dissipated_impact']:.3f}; closure error "
         f"{last['closure'] / last['external_work']:.1e} of the work"
     )
-    tqdm.write(cohesive_table(simulation))
-    tqdm.write(effects_table(simulation))
+    tqdm.write(xf.cohesive_table(simulation))
+    tqdm.write(xf.effects_table(simulation))
     found = {
         "crack_length": final.crack_lengths(),
         "early_crack_length": early.crack_lengths(),
         "peak_stress": history["stress"][peak],
     }
-    add_to_summary(simulation, found)
+    xf.add_to_summary(simulation, found)
 
 
 # ## Figures
@@ -249,18 +229,18 @@ def draw(results: list[dict], folder: Path) -> None:
     """Figures 8 to 10 of the paper, and the energies."""
     whole = results[0]["early"]
     notch = np.array([[[SIZE / 2, 0.0], [SIZE / 2, PRECRACK * UNIT]]])
-    plot_microstructure(
+    xf.plotting.plot_microstructure(
         whole.points, whole.triangles, whole.material, notch, folder / "microstructure.png"
     )
-    plot_cracks([r["early"] for r in results], path=folder / "cracks.png")
-    plot_cracks([r["final"] for r in results], path=folder / "cracks_final.png")
-    plot_curves(
+    xf.plotting.plot_cracks([r["early"] for r in results], path=folder / "cracks.png")
+    xf.plotting.plot_cracks([r["final"] for r in results], path=folder / "cracks_final.png")
+    xf.plotting.plot_curves(
         [(r["title"], r["history"]["strain"], r["history"]["stress"]) for r in results],
         folder / "stress_strain.png",
     )
     for r in results:
         name = r["title"].split()[0]
-        plot_energies(r["history"], folder / f"energies_{name}.png", title=r["title"])
+        xf.plotting.plot_energies(r["history"], folder / f"energies_{name}.png", title=r["title"])
 
 
 # ## Command line
@@ -280,7 +260,7 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     add("--step-size", type=float, help="h in s (default: picked)")
     add("--final-strain", type=float, default=0.012)
     add("--early-strain", type=float, default=0.005, help="when the first cracks are drawn")
-    add_run_options(parser, Path("results/notched_plate"), accuracy=1e-2)
+    xf.add_run_options(parser, Path("results/notched_plate"), accuracy=1e-2)
     options = parser.parse_args(arguments)
     if options.cells < 20 or options.cells % 20:
         parser.error(f"--cells should be a multiple of 20, to fit inclusions, got {options.cells}")
@@ -298,8 +278,10 @@ RESOLVED_LENGTH = 7 * UNIT
 
 def toughening() -> float:
     """Factor on fracture energies that makes the matrix's cohesive length RESOLVED_LENGTH."""
-    modulus = ZIRCALOY_4.young / (1.0 - ZIRCALOY_4.poisson**2)
-    length = modulus * ZIRCALOY_BOND.fracture_energy / ZIRCALOY_BOND.strength**2
+    modulus = xf.library.ZIRCALOY_4.young / (1.0 - xf.library.ZIRCALOY_4.poisson**2)
+    length = (
+        modulus * xf.library.ZIRCALOY_BOND.fracture_energy / xf.library.ZIRCALOY_BOND.strength**2
+    )
     return RESOLVED_LENGTH / length
 
 
@@ -307,7 +289,7 @@ def main(arguments: list[str] | None = None) -> list[dict]:
     """Run the variants asked for, each into its own folder, and draw them."""
     options = parse(arguments)
     logging.basicConfig(level=logging.WARNING)
-    prepare_folder(options.out)
+    xf.prepare_folder(options.out)
     names = ["weak", "strong"] if options.interface == "both" else [options.interface]
     if options.homogeneous:
         names = ["homogeneous"]
@@ -329,4 +311,4 @@ def main(arguments: list[str] | None = None) -> list[dict]:
 
 
 if __name__ == "__main__":
-    run_together(main)
+    xf.run_together(main)

@@ -43,20 +43,7 @@ from mpi4py import MPI
 from scipy.integrate import solve_ivp
 from tqdm.auto import tqdm
 
-from xper_fx.bodies import Bodies, explode
-from xper_fx.effects import effects_table
-from xper_fx.forms.kinematics import small_strain
-from xper_fx.materials.material import ZERO_TENSOR, Response
-from xper_fx.meshes import read_gmsh
-from xper_fx.output import prepare_folder
-from xper_fx.parallel.launch import run_together
-from xper_fx.periodic.drive import MacroscopicDrive
-from xper_fx.periodic.microstructure.gmsh_session import gmsh_model
-from xper_fx.plots import plot_curves
-from xper_fx.recorder import CellGauge, Recorder, add_to_summary
-from xper_fx.runner import recorded_steps
-from xper_fx.scene import Scene
-from xper_fx.simulation import Simulation
+import xper_fx as xf
 
 # ## The material
 #
@@ -85,12 +72,12 @@ class Norton:
     exponent: float
     density: float = 8000.0
     linear = False
-    variables = {"flow": ZERO_TENSOR}
+    variables = {"flow": ((0.0, 0.0, 0.0),) * 3}
 
-    def response(self, u, old, step, constant) -> Response:
+    def response(self, u, old, step, constant) -> xf.materials.Response:
         """See `InelasticMaterial`."""
         mu, kappa, K, r0 = map(constant, (self.shear, self.bulk, self.reference, self.rate))
-        n, strain = self.exponent, small_strain(u)
+        n, strain = self.exponent, xf.kinematics.small_strain(u)
         trial = 2.0 * mu * (ufl.dev(strain) - old["flow"])
         C = 3.0 * mu * step * r0 / K * (1.5 * ufl.inner(trial, trial) / K**2) ** (0.5 * (n - 1.0))
         x = (1.0 + C) ** (-1.0 / n)
@@ -100,7 +87,7 @@ class Norton:
         stress = kappa * ufl.tr(strain) * ufl.Identity(3) + s
         stored = 0.5 * kappa * ufl.tr(strain) ** 2 + ufl.inner(s, s) / (4.0 * mu)
         lost = ufl.inner(s, flow - old["flow"])
-        return Response(stress, stress, stored, {"flow": flow}, viscous=lost)
+        return xf.materials.Response(stress, stress, stored, {"flow": flow}, viscous=lost)
 
 
 def hot_metal(exponent: float) -> Norton:
@@ -165,10 +152,10 @@ SIZE = 1e-3
 VOID = 7
 
 
-def cell(pieces: int, fraction: float) -> Bodies:
+def cell(pieces: int, fraction: float) -> xf.Bodies:
     """A square cell in `pieces` a side, with a round void of an area fraction; one body."""
     options = {"Mesh.MeshSizeMax": 1.0 / pieces}
-    with gmsh_model("cell with a void", options) as gmsh:
+    with xf.gmsh_model("cell with a void", options) as gmsh:
         occ, radius = gmsh.model.occ, np.sqrt(fraction / np.pi)
         square = (2, occ.addRectangle(-0.5, -0.5, 0.0, 1.0, 1.0))
         if fraction > 0.0:
@@ -188,26 +175,28 @@ def cell(pieces: int, fraction: float) -> Bodies:
         if edge:
             gmsh.model.addPhysicalGroup(1, edge, VOID)
         gmsh.model.mesh.generate(2)
-        mesh, _, facet_tags = read_gmsh(gmsh.model, 2, MPI.COMM_SELF)
+        mesh, _, facet_tags = xf.read_gmsh(gmsh.model, 2, MPI.COMM_SELF)
     mesh.geometry.x[:] *= SIZE
     one = np.zeros(mesh.topology.index_map(2).size_local, int)
-    return explode(
+    return xf.explode(
         mesh, one, facet_tags=facet_tags, lattice=(SIZE, SIZE), voids=[VOID] if edge else []
     )
 
 
-def simulate(bodies: Bodies, material: Norton, steps: int) -> Simulation:
+def simulate(bodies: xf.Bodies, material: Norton, steps: int) -> xf.Simulation:
     """The cell, pulled without inertia; quadratic triangles, as the flow keeps the volume."""
-    drive = MacroscopicDrive(rate={"11": RATE}, gradient={"12": 0.0, "21": 0.0}, stress={"22": 0.0})
-    scene = Scene(bodies, {1: material}, macroscopic=drive, order=2)
-    return Simulation(scene, FINAL_STRAIN / RATE / steps, theta=1.0, inertia=False)
+    drive = xf.MacroscopicDrive(
+        rate={"11": RATE}, gradient={"12": 0.0, "21": 0.0}, stress={"22": 0.0}
+    )
+    scene = xf.Scene(bodies, {1: material}, macroscopic=drive, order=2)
+    return xf.Simulation(scene, FINAL_STRAIN / RATE / steps, theta=1.0, inertia=False)
 
 
 def homogeneous_curve(material: Norton, steps: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Times (s), strains and stresses (Pa) of the cell without a void."""
     simulation = simulate(cell(1, 0.0), material, steps)
     rows = [
-        (step.time, *CellGauge("11").read(simulation))
+        (step.time, *xf.CellGauge("11").read(simulation))
         for step in simulation.steps(FINAL_STRAIN / RATE)
     ]
     return tuple(np.array(rows).T)
@@ -228,12 +217,12 @@ def run(material: Norton, options: argparse.Namespace) -> dict:
     simulation = simulate(cell(options.cells, options.void), material, STEPS)
     end = FINAL_STRAIN / RATE
     parameters = {key: str(v) if isinstance(v, Path) else v for key, v in vars(options).items()}
-    recorder = Recorder(
-        simulation, options.out, end_time=end, gauge=CellGauge("11"), fields=10,
+    recorder = xf.Recorder(
+        simulation, options.out, end_time=end, gauge=xf.CellGauge("11"), fields=10,
         parameters=parameters,
     )  # fmt: skip
     curve = [(0.0, 0.0)]
-    for _, strain in recorded_steps(recorder, end, "cell with a void", options.quiet):
+    for _, strain in xf.recorded_steps(recorder, end, "cell with a void", options.quiet):
         curve.append((strain, simulation.macroscopic.stress[0, 0]))
     return {
         "simulation": simulation,
@@ -261,15 +250,15 @@ def report(result: dict, material: Norton, options: argparse.Namespace) -> None:
         f"{energies['elastic']:.4f}, viscous {energies['dissipated_viscous']:.4f}; closure error "
         f"{closure:.1e} of the work (of first order in the step)"
     )
-    tqdm.write(effects_table(simulation))
+    tqdm.write(xf.effects_table(simulation))
     found = {"errors_of_the_homogeneous_solid": errors, "stress_over_limit": ratio}
-    add_to_summary(simulation, found)
+    xf.add_to_summary(simulation, found)
 
 
 # ## Figures
 
 
-def equivalent_flow(simulation: Simulation) -> np.ndarray:
+def equivalent_flow(simulation: xf.Simulation) -> np.ndarray:
     """sqrt(2/3 flow : flow), mean of each cell."""
     flow = simulation.forms.history()["flow 1"]  # 11, 22, 33, 12
     return np.sqrt(2.0 / 3.0 * (flow**2 @ np.array([1.0, 1.0, 1.0, 2.0]))).mean(axis=1)
@@ -282,7 +271,7 @@ def draw(result: dict, material: Norton, out: Path) -> None:
 
     time, strain, stress = result["homogeneous"]
     few = np.arange(7, len(time), 8)
-    plot_curves(
+    xf.plotting.plot_curves(
         [
             ("with a void", result["strain"], result["stress"]),
             ("homogeneous", np.insert(strain, 0, 0.0), np.insert(stress, 0, 0.0)),
@@ -330,7 +319,7 @@ def main(arguments: list[str] | None = None) -> dict:
     """Check the material, run the cell with a void, draw both."""
     options = parse(arguments)
     logging.basicConfig(level=logging.WARNING)
-    prepare_folder(options.out)
+    xf.prepare_folder(options.out)
     material = hot_metal(options.exponent)
     homogeneous, errors = check(material)
     result = run(material, options) | {"homogeneous": homogeneous, "errors": errors}
@@ -341,4 +330,4 @@ def main(arguments: list[str] | None = None) -> dict:
 
 
 if __name__ == "__main__":
-    run_together(main)
+    xf.run_together(main)

@@ -16,19 +16,21 @@
 # - put an elastoplastic matrix and elastic inclusions into one multibody scene
 # - find where cracks initiate, and set the composite's curve beside the homogeneous matrix's
 #
-# It is the second example of Perales et al. 2010 (section 4.2.2, figures 11 and 12): the inclusions
-# of the notched plate, now in a periodic medium without precrack, the matrix plastic (von Mises,
-# 450 MPa, linear hardening 850 MPa), the interfaces strong. Fbar_11 grows at a constant rate with
-# Pibar_22 = 0, Fbar_12 = Fbar_21 = 0.
+# The scene is the second example of Perales et al. 2010 (section 4.2.2, figures 11 and 12): the
+# inclusions of the notched plate, now in a periodic medium without precrack, the matrix plastic
+# (von Mises, 450 MPa, linear hardening 850 MPa), the interfaces strong. Fbar_11 grows at a constant
+# rate with Pibar_22 = 0, Fbar_12 = Fbar_21 = 0.
 #
-# **The homogeneous matrix is known**: in plane strain with Pibar_22 = 0 it gives 520.1, 524.7,
-# 531.0 and 536.6 MPa at 0.75, 1, 1.5 and 2 % (small strain); with Fbar_22 = 1 (`--lateral held`)
-# 1244 MPa at 1 %. Its curve is drawn beside the composite's, which must lie above it until cracks
-# open.
+# **The homogeneous matrix is known**: in plane strain with Pibar_22 = 0 the matrix gives 520.1,
+# 524.7, 531.0 and 536.6 MPa at 0.75, 1, 1.5 and 2 % (small strain); with Fbar_22 = 1
+# (`--lateral held`) the matrix gives 1244 MPa at 1 %. The figure has the curves of matrix and
+# composite. The composite's curve must lie above the matrix's curve until cracks open.
 #
 # **What the paper does not say and this demo chooses**: the layout (`LAYOUTS`), Pibar_22 = 0, the
-# rate (that of the notched plate), step and tolerances. When cracks begin depends on the mesh, as
-# the cohesive lengths printed at the end say: they span a few hundredths of a facet.
+# rate (that of the notched plate), step and tolerances.
+#
+# **Limitation.** The strain at which cracks begin depends on the mesh: the cohesive lengths, which
+# are printed at the end, span a few hundredths of a facet.
 
 import argparse
 import logging
@@ -38,29 +40,7 @@ import numpy as np
 from mpi4py import MPI
 from tqdm.auto import tqdm
 
-from xper_fx.bodies import Bodies, explode
-from xper_fx.cracks import crack_panel, find_cracks
-from xper_fx.effects import effects_table
-from xper_fx.materials import LinearElastic
-from xper_fx.materials.library import (
-    DENSITY,
-    HYDRIDE,
-    HYDRIDE_BOND,
-    INTERFACE_BONDS,
-    ZIRCALOY_4_DUCTILE,
-    ZIRCALOY_4_DUCTILE_FINITE,
-    ZIRCALOY_BOND,
-)
-from xper_fx.meshes import crossed_rectangle, in_rectangles, tag_cells
-from xper_fx.output import prepare_folder, read_history
-from xper_fx.parallel.launch import run_together
-from xper_fx.periodic.drive import MacroscopicDrive
-from xper_fx.plots import plot_cracks, plot_curves, plot_energies, plot_microstructure
-from xper_fx.recorder import CellGauge, Recorder, add_to_summary
-from xper_fx.runner import add_run_options, recorded_steps
-from xper_fx.scales import cohesive_table
-from xper_fx.scene import Scene
-from xper_fx.simulation import Simulation
+import xper_fx as xf
 
 # ## Geometry
 #
@@ -85,28 +65,28 @@ LAYOUTS = {
 }
 
 
-def cell(quads: int, inclusions: list[tuple]) -> Bodies:
+def cell(quads: int, inclusions: list[tuple]) -> xf.Bodies:
     """The periodic cell, each triangle a body."""
-    mesh = crossed_rectangle((0.0, 0.0), (SIZE, SIZE), (quads, quads))
-    inside = {INCLUSION: in_rectangles(UNIT * np.array(inclusions))} if inclusions else {}
-    return explode(mesh, cell_tags=tag_cells(mesh, inside, MATRIX), lattice=(SIZE, SIZE))
+    mesh = xf.crossed_rectangle((0.0, 0.0), (SIZE, SIZE), (quads, quads))
+    inside = {INCLUSION: xf.in_rectangles(UNIT * np.array(inclusions))} if inclusions else {}
+    return xf.explode(mesh, cell_tags=xf.tag_cells(mesh, inside, MATRIX), lattice=(SIZE, SIZE))
 
 
 # ## Materials, bonds and drive
 
 
-def drive(rate: float, lateral: str) -> MacroscopicDrive:
+def drive(rate: float, lateral: str) -> xf.MacroscopicDrive:
     """Fbar_11 at a rate; sideways no stress ("free") or no strain ("held")."""
     if lateral == "free":
-        return MacroscopicDrive(
+        return xf.MacroscopicDrive(
             rate={"11": rate}, gradient={"12": 0.0, "21": 0.0}, stress={"22": 0.0}
         )
-    return MacroscopicDrive(rate={"11": rate}, gradient={"12": 0.0, "21": 0.0, "22": 1.0})
+    return xf.MacroscopicDrive(rate={"11": rate}, gradient={"12": 0.0, "21": 0.0, "22": 1.0})
 
 
 def matrix(finite_strain: bool):
     """The matrix's material."""
-    return ZIRCALOY_4_DUCTILE_FINITE if finite_strain else ZIRCALOY_4_DUCTILE
+    return xf.library.ZIRCALOY_4_DUCTILE_FINITE if finite_strain else xf.library.ZIRCALOY_4_DUCTILE
 
 
 def periodic_composite(
@@ -117,18 +97,24 @@ def periodic_composite(
     layout: str = "bands",
     finite_strain: bool = False,
     homogeneous: bool = False,
-) -> Scene:
+) -> xf.Scene:
     """The scene; at small strain the hydride is linear with the same constants."""
-    inclusion = HYDRIDE if finite_strain else LinearElastic(HYDRIDE.young, HYDRIDE.poisson, DENSITY)
+    inclusion = (
+        xf.library.HYDRIDE
+        if finite_strain
+        else xf.materials.LinearElastic(
+            xf.library.HYDRIDE.young, xf.library.HYDRIDE.poisson, xf.library.DENSITY
+        )
+    )
     materials = {MATRIX: matrix(finite_strain), INCLUSION: inclusion}
     bonds = {
-        (MATRIX, MATRIX): ZIRCALOY_BOND,
-        (MATRIX, INCLUSION): INTERFACE_BONDS["strong"],
-        (INCLUSION, INCLUSION): HYDRIDE_BOND,
+        (MATRIX, MATRIX): xf.library.ZIRCALOY_BOND,
+        (MATRIX, INCLUSION): xf.library.INTERFACE_BONDS["strong"],
+        (INCLUSION, INCLUSION): xf.library.HYDRIDE_BOND,
     }
     if homogeneous:
-        materials, bonds = {MATRIX: materials[MATRIX]}, {(MATRIX, MATRIX): ZIRCALOY_BOND}
-    return Scene(
+        materials, bonds = {MATRIX: materials[MATRIX]}, {(MATRIX, MATRIX): xf.library.ZIRCALOY_BOND}
+    return xf.Scene(
         cell(quads, [] if homogeneous else LAYOUTS[layout]),
         materials,
         interactions=bonds,
@@ -138,12 +124,14 @@ def periodic_composite(
 
 def homogeneous_curve(final_strain: float, lateral: str, finite_strain: bool) -> dict:
     """Strain and stress of the matrix alone: one connected body, static, no interactions."""
-    mesh = crossed_rectangle((0.0, 0.0), (SIZE, SIZE), (1, 1))
-    bodies = explode(mesh, np.zeros(4, int), lattice=(SIZE, SIZE))
-    scene = Scene(bodies, {1: matrix(finite_strain)}, macroscopic=drive(1.0, lateral))
-    simulation = Simulation(scene, final_strain / 400, theta=1.0, inertia=False, comm=MPI.COMM_SELF)
+    mesh = xf.crossed_rectangle((0.0, 0.0), (SIZE, SIZE), (1, 1))
+    bodies = xf.explode(mesh, np.zeros(4, int), lattice=(SIZE, SIZE))
+    scene = xf.Scene(bodies, {1: matrix(finite_strain)}, macroscopic=drive(1.0, lateral))
+    simulation = xf.Simulation(
+        scene, final_strain / 400, theta=1.0, inertia=False, comm=MPI.COMM_SELF
+    )
     curve = [(0.0, 0.0)]
-    curve += [CellGauge("11").read(simulation) for _ in simulation.steps(final_strain)]
+    curve += [xf.CellGauge("11").read(simulation) for _ in simulation.steps(final_strain)]
     strain, stress = np.array(curve).T
     return {"strain": strain, "stress": stress}
 
@@ -153,10 +141,10 @@ def homogeneous_curve(final_strain: float, lateral: str, finite_strain: bool) ->
 # The cell is drawn when the first bonds have broken, and at the end.
 
 
-def run(scene: Scene, options: argparse.Namespace) -> dict:
+def run(scene: xf.Scene, options: argparse.Namespace) -> dict:
     """Run the scene into the folder; returns what report and figures need."""
     title = "homogeneous" if options.homogeneous else "composite"
-    simulation = Simulation(
+    simulation = xf.Simulation(
         scene,
         options.step_size,
         accuracy=options.accuracy,
@@ -166,28 +154,30 @@ def run(scene: Scene, options: argparse.Namespace) -> dict:
         num_threads=options.threads,
     )
     end = options.final_strain / options.rate
-    recorder = Recorder(
+    recorder = xf.Recorder(
         simulation,
         options.out,
         end_time=end,
-        gauge=CellGauge("11"),
+        gauge=xf.CellGauge("11"),
         fields=options.fields,
         parameters=vars(options) | {"title": title},
         checkpoint_every=options.checkpoint_every,
         restart=options.restart,
     )
     first, first_strain = None, np.inf
-    for _, strain in recorded_steps(recorder, end, title, options.quiet, options.profile):
+    for _, strain in xf.recorded_steps(recorder, end, title, options.quiet, options.profile):
         if first is None:
-            cracks = find_cracks(simulation, INCLUSION)
+            cracks = xf.results.find_cracks(simulation, INCLUSION)
             if len(cracks.kind):
-                first = crack_panel(recorder, cracks, f"first cracks, {100 * strain:.2f} %")
+                first = xf.plotting.crack_panel(
+                    recorder, cracks, f"first cracks, {100 * strain:.2f} %"
+                )
                 first_strain = strain
-    cracks = find_cracks(simulation, INCLUSION)
-    final = crack_panel(recorder, cracks, f"{title}, {100 * recorder.strain:.2f} %")
+    cracks = xf.results.find_cracks(simulation, INCLUSION)
+    final = xf.plotting.crack_panel(recorder, cracks, f"{title}, {100 * recorder.strain:.2f} %")
     return {
         "simulation": simulation,
-        "history": read_history(options.out / "history.csv"),
+        "history": xf.read_history(options.out / "history.csv"),
         "first": first,
         "first_strain": first_strain,
         "final": final,
@@ -235,12 +225,12 @@ def report(result: dict, reference: dict, options: argparse.Namespace) -> None:
         f"closure error {last['closure'] / last['external_work']:.1e} of the work, largest error "
         f"of Hill and Mandel's lemma {history['hill_mandel'].max():.1e}"
     )
-    tqdm.write(cohesive_table(simulation))
-    tqdm.write(effects_table(simulation))
+    tqdm.write(xf.cohesive_table(simulation))
+    tqdm.write(xf.effects_table(simulation))
     found = levels | {"peak_stress": history["stress"][peak]}
     if counts:
         found |= {"first_cracks": counts, "first_crack_strain": result["first_strain"]}
-    add_to_summary(simulation, found)
+    xf.add_to_summary(simulation, found)
 
 
 # ## Figures
@@ -249,19 +239,23 @@ def report(result: dict, reference: dict, options: argparse.Namespace) -> None:
 def draw(result: dict, reference: dict, out: Path) -> None:
     """Figures 11 and 12 of the paper, the tiled cell, and the energies."""
     final = result["final"]
-    plot_microstructure(final.points, final.triangles, final.material, [], out / "cell.png")
-    plot_cracks([p for p in (result["first"], final) if p is not None], path=out / "cracks.png")
+    xf.plotting.plot_microstructure(
+        final.points, final.triangles, final.material, [], out / "cell.png"
+    )
+    xf.plotting.plot_cracks(
+        [p for p in (result["first"], final) if p is not None], path=out / "cracks.png"
+    )
     tiled = final.tiled(np.diag([SIZE, SIZE]), result["gradient"])
-    plot_cracks(tiled, path=out / "cracks_tiled.png")
+    xf.plotting.plot_cracks(tiled, path=out / "cracks_tiled.png")
     history = result["history"]
-    plot_curves(
+    xf.plotting.plot_curves(
         [
             (final.title.split(",")[0], history["strain"], history["stress"]),
             ("matrix alone", reference["strain"], reference["stress"]),
         ],
         out / "stress_strain.png",
     )
-    plot_energies(history, out / "energies.png")
+    xf.plotting.plot_energies(history, out / "energies.png")
 
 
 # ## Command line
@@ -279,7 +273,7 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     add("--rate", type=float, default=4e4, help="of Fbar_11, 1/s")
     add("--final-strain", type=float, default=0.02)
     add("--step-size", type=float, default=5e-10, help="h in s (default 5e-10)")
-    add_run_options(parser, Path("results/periodic_ductile"))
+    xf.add_run_options(parser, Path("results/periodic_ductile"))
     options = parser.parse_args(arguments)
     if options.cells < 20 or options.cells % 20:
         parser.error(f"--cells should be a multiple of 20, to fit inclusions, got {options.cells}")
@@ -294,7 +288,7 @@ def main(arguments: list[str] | None = None) -> dict:
     """Run the cell, compare it with its matrix, and draw both."""
     options = parse(arguments)
     logging.basicConfig(level=logging.WARNING)
-    prepare_folder(options.out)
+    xf.prepare_folder(options.out)
     reference = homogeneous_curve(options.final_strain, options.lateral, options.finite_strain)
     scene = periodic_composite(
         options.cells,
@@ -312,4 +306,4 @@ def main(arguments: list[str] | None = None) -> dict:
 
 
 if __name__ == "__main__":
-    run_together(main)
+    xf.run_together(main)

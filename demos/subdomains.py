@@ -12,19 +12,20 @@
 # This demo illustrates how to:
 #
 # - cut a mesh into subdomains by a graph partitioner and bond them
-# - get the field of the uncut mesh, without inertia or with, in 2D and 3D
-# - see what a coarse space is for
+# - get the field of the uncut mesh, without inertia and with inertia, in 2D and 3D
+# - see the effect of a coarse space
 #
 # With the law "perfect bond" NonSmooth Contact Dynamics is a dual Schur domain decomposition
 # (Perales et al. 2010, section 3.3): the impulses between subdomains are the multipliers, and any
 # other law may stand at some of the interfaces. A plate and a block, clamped at one side and pulled
-# at the other, are cut into 1, 4, 16 and 64 subdomains. Without inertia ("static") most of them
-# float: nothing but the bonds holds them. With inertia the step is so long that waves cross the
-# body many times, or so short ("short") that they cross about a fifth of it.
+# at the other, are cut into 1, 4, 16 and 64 subdomains. Without inertia ("static") most subdomains
+# float: only the bonds hold them. With inertia, waves cross the body many times in a step, or cross
+# about a fifth of the body in a short step ("short").
 #
-# **What to look for**: errors against the uncut mesh are rounding; iterations go up from 4 to 16,
-# as four subdomains meet at a single point and have hardly an inside, and stay there. Without the
-# coarse space they treble each time, but for short steps, in which nothing travels far.
+# **Expected**: errors against the uncut mesh are rounding. From 4 to 16 subdomains the number of
+# iterations grows, because four subdomains meet at a single point and have hardly an inside; from
+# 16 subdomains on the number stays. Without the coarse space the number of iterations trebles each
+# time, except for short steps, in which waves do not travel far.
 
 import argparse
 import csv
@@ -35,26 +36,14 @@ from dolfinx.mesh import CellType, create_box, create_rectangle
 from mpi4py import MPI
 from tqdm.auto import tqdm
 
-from xper_fx.bodies import Bodies, explode
-from xper_fx.compat import geometry_dofmap
-from xper_fx.forms.loads import PrescribedDisplacement, SurfaceTraction
-from xper_fx.materials import LinearElastic
-from xper_fx.meshes import tag_facets
-from xper_fx.nscd import subdomains
-from xper_fx.nscd.laws import PerfectBond
-from xper_fx.output import prepare_folder
-from xper_fx.parallel.launch import run_together
-from xper_fx.plots import COLOURS, new_figure
-from xper_fx.scene import Scene
-from xper_fx.simulation import Simulation
-from xper_fx.subdomains import partition
+import xper_fx as xf
 
 # ## Scene
 #
 # Waves run at about 12 m/s; plate and block have edges of 1 m.
 
 CLAMPED, PULLED = 1, 2
-MATERIAL = LinearElastic(young=100.0, poisson=0.3, density=1.0)
+MATERIAL = xf.materials.LinearElastic(young=100.0, poisson=0.3, density=1.0)
 RUNS = {
     "static": {"step": 1.0, "inertia": False, "theta": 1.0},
     "dynamic": {"step": 0.5},
@@ -63,7 +52,7 @@ RUNS = {
 STEPS = 2
 
 
-def cut(dim: int, cells: int, count: int) -> Bodies:
+def cut(dim: int, cells: int, count: int) -> xf.Bodies:
     """A plate of triangles or a block of tetrahedra in `count` subdomains."""
     lower, upper = np.zeros(dim), np.ones(dim)
     create, kind = (
@@ -71,15 +60,17 @@ def cut(dim: int, cells: int, count: int) -> Bodies:
     )
     mesh = create(MPI.COMM_SELF, [lower, upper], [cells] * dim, kind)
     sides = {CLAMPED: lambda x: x[0] < 1e-9, PULLED: lambda x: x[0] > 1.0 - 1e-9}
-    return explode(mesh, partition(mesh, count), facet_tags=tag_facets(mesh, sides))
+    return xf.explode(mesh, xf.partition(mesh, count), facet_tags=xf.tag_facets(mesh, sides))
 
 
-def scene(bodies: Bodies) -> Scene:
+def scene(bodies: xf.Bodies) -> xf.Scene:
     """Clamped at the left, pulled and sheared at the right."""
     dim = bodies.mesh.geometry.dim
-    held = [PrescribedDisplacement(CLAMPED, axis, 0.0) for axis in range(dim)]
-    pull = SurfaceTraction(PULLED, (1.0, -2.0, 0.5)[:dim])
-    return Scene(bodies, {1: MATERIAL}, default_interaction=PerfectBond(), loads=[*held, pull])
+    held = [xf.PrescribedDisplacement(CLAMPED, axis, 0.0) for axis in range(dim)]
+    pull = xf.SurfaceTraction(PULLED, (1.0, -2.0, 0.5)[:dim])
+    return xf.Scene(
+        bodies, {1: MATERIAL}, default_interaction=xf.laws.PerfectBond(), loads=[*held, pull]
+    )
 
 
 # ## Runs
@@ -89,28 +80,30 @@ def scene(bodies: Bodies) -> Scene:
 # the bonds without its coarse space, where bodies that float stand on weak springs.
 
 
-def displacement(bodies: Bodies, run: dict) -> np.ndarray:
+def displacement(bodies: xf.Bodies, run: dict) -> np.ndarray:
     """Displacement at the geometry nodes, shape (num_nodes, dim), m."""
-    simulation = Simulation(scene(bodies), tolerance=1e-12, solver="subdomains", **run)
+    simulation = xf.Simulation(scene(bodies), tolerance=1e-12, solver="subdomains", **run)
     for _ in simulation.steps(STEPS * run["step"]):
         pass
     space = simulation.forms.V
     values = simulation.displacement.x.array.reshape(-1, simulation.bulk.dim)
     out = np.empty((len(bodies.mesh.geometry.x), simulation.bulk.dim))
-    out[geometry_dofmap(space.mesh)] = values[space.dofmap.list]
+    out[xf.geometry_dofmap(space.mesh)] = values[space.dofmap.list]
     return out
 
 
-def iterations(bodies: Bodies, run: dict, coarse_space: bool) -> int:
+def iterations(bodies: xf.Bodies, run: dict, coarse_space: bool) -> int:
     """Iterations of the first solve."""
     counts = []
 
     def solver(interactions, velocity, **options):
-        report = subdomains.solve(interactions, velocity, coarse_space=coarse_space, **options)
+        report = xf.domain_decomposition.solve(
+            interactions, velocity, coarse_space=coarse_space, **options
+        )
         counts.append(report.sweeps)
         return report
 
-    simulation = Simulation(
+    simulation = xf.Simulation(
         scene(bodies), tolerance=1e-8, newton_tolerance=0.1, solver=solver, **run
     )
     next(iter(simulation.steps(run["step"])))
@@ -155,7 +148,7 @@ def table(rows: list[dict]) -> str:
     return "\n".join(lines)
 
 
-def draw(bodies: Bodies, rows: list[dict], path: Path) -> None:
+def draw(bodies: xf.Bodies, rows: list[dict], path: Path) -> None:
     """The cut plate, and iterations against the number of subdomains for each body."""
     names = list(dict.fromkeys(row["body"] for row in rows))
 
@@ -165,7 +158,7 @@ def draw(bodies: Bodies, rows: list[dict], path: Path) -> None:
         axes[0].tripcolor(
             x[:, 0],
             x[:, 1],
-            geometry_dofmap(bodies.mesh),
+            xf.geometry_dofmap(bodies.mesh),
             facecolors=shade,
             cmap="tab20",
         )
@@ -173,7 +166,7 @@ def draw(bodies: Bodies, rows: list[dict], path: Path) -> None:
         axes[0].set_axis_off()
         axes[0].set_title(f"plate in {bodies.num_bodies} subdomains")
         for ax, name in zip(axes[1:], names, strict=True):
-            for colour, mark, run in zip(COLOURS, "so^", RUNS, strict=False):
+            for colour, mark, run in zip(xf.plotting.COLOURS, "so^", RUNS, strict=False):
                 some = [row for row in rows if (row["body"], row["run"]) == (name, run)]
                 count = [row["subdomains"] for row in some]
                 ax.loglog(count, [row["with"] for row in some], f"{mark}-", color=colour, label=run)
@@ -188,7 +181,7 @@ def draw(bodies: Bodies, rows: list[dict], path: Path) -> None:
         axes[1].set_ylabel("iterations to 1e-8")
         axes[1].legend()
 
-    new_figure(path, fill, (3.1 * (1 + len(names)), 3.0), ncols=1 + len(names))
+    xf.plotting.new_figure(path, fill, (3.1 * (1 + len(names)), 3.0), ncols=1 + len(names))
 
 
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:
@@ -210,7 +203,7 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
 def main(arguments: list[str] | None = None) -> list[dict]:
     """Run both bodies and write the table and the figure."""
     options = parse(arguments)
-    prepare_folder(options.out)
+    xf.prepare_folder(options.out)
     rows = study("plate", 2, options.plate_cells, options.subdomains, options.quiet)
     rows += study("block", 3, options.block_cells, options.subdomains, options.quiet)
     print(table(rows))
@@ -225,4 +218,4 @@ def main(arguments: list[str] | None = None) -> list[dict]:
 
 
 if __name__ == "__main__":
-    run_together(main)
+    xf.run_together(main)

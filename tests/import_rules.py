@@ -22,9 +22,9 @@ from typing import NamedTuple
 # each other. A room is named with its modules, packages with all that no other room names.
 FLOORS: tuple[dict[str, str], ...] = (
     {"door": ""},  # the package's own `__init__`
-    {"plotting": "frames runner study_plots"},
+    {"plotting": "frames plotting runner study_plots"},
     {"study": "effects_price quantities study study_definition study_process study_results"},
-    {"diagnostics": "contact_forces cracks memory"},
+    {"diagnostics": "contact_forces cracks memory results"},
     {"pictures": "plots", "recorder": "recorder restart rigid_series"},
     {"effects": "effects scales"},
     {"simulation": "simulation"},
@@ -125,8 +125,10 @@ def imports_of(name: str, file: Path) -> Iterator[Import]:
             if called in ("import_module", "__import__"):
                 yield from _by_name(node)
             elif called == "importer":
+                given = node.args[0] if node.args else None
+                base = (isinstance(given, ast.Constant) and given.value) or package
                 for module in _table(node, tree):
-                    yield Import(f"{package}.{module}", node.lineno)
+                    yield Import(f"{base}.{module}", node.lineno)
 
 
 def _by_name(call: ast.Call) -> Iterator[Import]:

@@ -24,6 +24,7 @@ import numpy as np
 import pytest
 
 import xper_fx
+from xper_fx.effects import EFFECTS
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
@@ -140,20 +141,138 @@ def test_figures_are_drawn_where_the_gallery_looks(gallery, tmp_path, monkeypatc
 # -- code
 
 
+def blocks(page: Path) -> list[str]:
+    """The Python code on a page."""
+    return re.findall(r"```python\n(.*?)```", page.read_text(), re.DOTALL)
+
+
 @pytest.mark.parametrize("page", WITH_CODE, ids=NAMES)
-def test_code_on_a_page_runs(page, tmp_path, monkeypatch):
+def test_code_on_a_page_runs(page, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     names: dict = {"__name__": "__main__"}
-    for number, code in enumerate(re.findall(r"```python\n(.*?)```", page.read_text(), re.DOTALL)):
+    for number, code in enumerate(blocks(page)):
         exec(compile(code, f"{page.name}, block {number}", "exec"), names)
-    if page.name == "own_material.md":
-        assert names["force"] == pytest.approx(names["exact"], rel=1e-9)
-    if page.name == "contact.md":
-        weight = 1000.0 * 9.81
-        pressing = names["contact_forces"](names["simulation"]).force[:, 1]
-        assert pressing.sum() == pytest.approx(weight, rel=0.05)
-    if page.name == "scene.md":
-        assert names["each_cell"].num_bodies == 64 and names["two_bodies"].num_bodies == 2
+    if page in CHECKS:
+        CHECKS[page](names, capsys.readouterr().out)
+    if page.parent.name == "tutorials":
+        drawn = {path.name for path in tmp_path.glob("*.png")}
+        assert drawn == set(re.findall(r"\{figure\} (\S+\.png)", page.read_text()))
+        assert all((page.parent / name).stat().st_size > 10_000 for name in drawn)
+        lines = [line for block in blocks(page) for line in block.splitlines() if line.strip()]
+        assert 30 <= len(lines) <= 60
+
+
+def check_a_first_run(names, printed):
+    """E' eps with the artificial compliance of the bonds, -2 % at 5 um: 108 GPa * 0.2 %."""
+    time, stress, closure = (float(x) for x in printed.splitlines()[0].split())
+    assert time >= 5e-8
+    assert abs(stress - 2.1e8) < 0.1e8
+    assert abs(closure) < 1e-10 * names["step"].energies["external_work"]
+    assert "cohesive zone with friction" in printed
+
+
+def check_the_periodic_cell(names, printed):
+    """524.7 MPa at 1 %, nothing sideways."""
+    stress = names["simulation"].macroscopic.stress
+    np.testing.assert_allclose(stress[0, 0], 524.7e6, rtol=1e-3)
+    assert abs(stress[1, 1]) < 1e-6 * stress[0, 0]
+
+
+def check_the_contact_problem(names, printed):
+    """Both corners slide to the right, the front one carries more; momentum before and after."""
+    reaction, velocity = names["result"].reaction, names["result"].velocity
+    normal, tangential = reaction[::2], reaction[1::2]
+    assert names["result"].converged
+    np.testing.assert_allclose(tangential, 0.3 * normal, rtol=1e-8)
+    np.testing.assert_allclose(normal.sum(), 0.1, rtol=1e-8)
+    np.testing.assert_allclose(velocity, [0.0, -0.17, 0.0, -0.17], atol=1e-9)
+    assert normal[1] > normal[0] > 0.0
+
+
+def check_contacts(names, printed):
+    """The disc rolls down the slope by g sin(slope) t^2 / 3; the block presses with its weight."""
+    x, y, closure = (float(x) for x in re.sub(r"[\[\]]", " ", printed.splitlines()[0]).split())
+    np.testing.assert_allclose((2.0 * x - y) / 5**0.5, 9.81 / 5**0.5 * 0.5**2 / 3.0, rtol=1e-2)
+    assert abs(closure) < 1e-10
+    pressing = names["xf"].results.contact_forces(names["simulation"]).force[:, 1]
+    assert pressing.sum() == pytest.approx(1000.0 * 9.81, rel=0.05)
+
+
+def check_a_material_of_ones_own(names, printed):
+    assert names["force"] == pytest.approx(names["exact"], rel=1e-9)
+
+
+def check_bodies(names, printed):
+    assert names["each_cell"].num_bodies == 64 and names["two_bodies"].num_bodies == 2
+
+
+def check_the_cracked_plate(names, printed):
+    """A straight crack through the ligament; the ledger closes, the crack costs what it must."""
+    assert names["length"] == pytest.approx(15e-3, rel=1e-6)
+    assert 1.0 < names["spent"] / names["needed"] < 1.25
+    assert abs(names["step"].energies["closure"]) < 1e-2 * names["spent"]
+    assert names["half_broken"] is not None
+
+
+def check_the_cell_with_a_particle(names, printed):
+    """524.7 MPa for the metal alone at 1 %; the particle makes it stiffer and stronger."""
+    metal, composite = names["metal"], names["composite"]
+    assert metal["stress"][-1] == pytest.approx(524.7e6, rel=1e-3)
+    assert composite["strain"][-1] == pytest.approx(metal["strain"][-1])
+    assert np.all(composite["stress"] > metal["stress"])
+    assert np.abs(composite["closure"]).max() < 1e-2 * composite["external_work"][-1]
+
+
+def check_the_grains(names, printed):
+    """All at rest: floor and walls carry the weight."""
+    assert len(names["frames"]) == 3
+    assert names["carried"] == pytest.approx(names["weight"], rel=0.02)
+    assert abs(names["step"].energies["closure"]) < 1e-2 * names["weight"]
+
+
+def check_the_fibre(names, printed):
+    """The interface breaks and the plate weakens; it is elastic before, with a stiffer fibre."""
+    weak, perfect = names["debonding"], names["perfect"]
+    assert 0.2 < names["debonded"] < 1.0
+    assert weak["stress"].max() < 0.9 * perfect["stress"].max()
+    slope = np.polyfit(perfect["strain"], perfect["stress"], 1)[0]
+    assert 3e9 / (1.0 - 0.35**2) < slope < 5e9
+
+
+CHECKS = {
+    DOCS / "start.md": check_a_first_run,
+    DOCS / "guide/periodic.md": check_the_periodic_cell,
+    DOCS / "guide/friction_problem.md": check_the_contact_problem,
+    DOCS / "guide/contact.md": check_contacts,
+    DOCS / "guide/scene.md": check_bodies,
+    DOCS / "howto/own_material.md": check_a_material_of_ones_own,
+    DOCS / "tutorials/cracked_plate.md": check_the_cracked_plate,
+    DOCS / "tutorials/periodic_cell.md": check_the_cell_with_a_particle,
+    DOCS / "tutorials/blocks_and_grains.md": check_the_grains,
+    DOCS / "tutorials/gmsh_interface.md": check_the_fibre,
+}
+
+
+def test_pages_import_the_door_alone():
+    """`import xper_fx as xf` is all that code on pages, and demos, import of the package."""
+    assert set(CHECKS) <= set(WITH_CODE)
+    code = [block for page in WITH_CODE for block in blocks(page)]
+    code += [demo.read_text() for demo in (ROOT / "demos").glob("*.py")]
+    assert len(code) > 30
+    for text in code:
+        assert re.findall(r"^[ \t]*(?:from|import) xper_fx.*$", text, re.MULTILINE) in (
+            [], ["import xper_fx as xf"]
+        )  # fmt: skip
+
+
+def test_the_table_of_effects_is_that_of_the_package():
+    page = (DOCS / "guide" / "effects.md").read_text()
+    rows = re.findall(r"^\| ([^|]+) \| ([^|]+) \| ([^|]+) \| ([^|]+) \|$", page, re.MULTILINE)
+    first = next(number for number, row in enumerate(rows) if row[0] == EFFECTS[0].name)
+    assert len(rows) >= first + len(EFFECTS)
+    for effect, (name, switch, code, holds) in zip(EFFECTS, rows[first:], strict=False):
+        assert (name, switch, holds) == (effect.name, effect.switch, effect.holds or "-")
+        assert code.count("`") == 2 * len(effect.code)
 
 
 @pytest.fixture

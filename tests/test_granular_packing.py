@@ -37,7 +37,7 @@ def test_grains_of_the_start_fill_what_they_should():
     share = sides / (2 * np.pi) * np.sin(2 * np.pi / sides)
     x = scene.bodies.mesh.geometry.x[:, :2]
     body = np.empty(len(x), int)
-    body[demo.geometry_dofmap(scene.bodies.mesh)] = scene.bodies.body_of_cell[:, None]
+    body[demo.xf.geometry_dofmap(scene.bodies.mesh)] = scene.bodies.body_of_cell[:, None]
     radius = [0.5 * np.ptp(x[body == b, 0]) for b in range(6)]
     soft = share * np.pi * np.square(radius).sum()
     assert area == pytest.approx(soft + sum(b.shape.mass_properties(1.0).mass for b in hard))

@@ -63,9 +63,12 @@ def test_lazy_packages_show_checkers_what_they_have():
     assert len(lazy) >= 5
     for file in lazy:
         tree = ast.parse(file.read_text())
-        package = ".".join(["xper_fx", *file.parent.relative_to(ROOT).parts])
         assigned = [node for node in tree.body if isinstance(node, ast.Assign)]
         tables = {ast.unparse(a.targets[0]): a.value for a in assigned}
+        # `importer(__name__, ...)`, or the text of another package
+        given = tables["__getattr__"].args[0]
+        package = ".".join(["xper_fx", *file.parent.relative_to(ROOT).parts])
+        package = given.value if isinstance(given, ast.Constant) else package
         modules = {
             name: f"{package}.{module}"
             for name, module in ast.literal_eval(tables["_MODULE_OF"]).items()
@@ -114,6 +117,12 @@ def test_a_new_circle_is_seen(tmp_path, text):
 def test_a_circle_through_a_lazy_table_is_seen(tmp_path):
     said = violations(built(tmp_path, laws_bond="from house.laws import Contact"), RULES)
     assert said == ["a circle: house.laws, house.laws.bond"]
+
+
+def test_a_lazy_table_of_another_package_is_seen(tmp_path):
+    text = "from house.lazy import importer\nT = {'Solver': 'solver'}\nx = importer('house', T)"
+    said = violations(built(tmp_path, laws_contact=text, solver=""), RULES)
+    assert said == ["house.laws.contact, line 3: laws does not import house.solver of solving"]
 
 
 @pytest.mark.parametrize(

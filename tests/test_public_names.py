@@ -17,6 +17,12 @@ def test_every_public_name_is_there(name):
     assert name in ("__version__", *xf._NAMESPACES) or thing.__name__ == name
 
 
+@pytest.mark.parametrize("namespace", [xf.plotting, xf.results], ids=["plotting", "results"])
+def test_names_gathered_from_several_modules_are_there(namespace):
+    for name in namespace.__all__:
+        assert getattr(namespace, name) is not None
+
+
 def test_no_public_name_is_that_of_a_module():
     """A module that is imported would take its place."""
     modules = {path.stem for path in Path(xf.__file__).parent.iterdir()}

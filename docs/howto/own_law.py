@@ -25,17 +25,11 @@ import numpy as np
 from dolfinx.mesh import CellType, create_rectangle
 from mpi4py import MPI
 
-from xper_fx.bodies import explode
-from xper_fx.cache import njit
-from xper_fx.forms.loads import PrescribedDisplacement
-from xper_fx.materials import LinearElastic
-from xper_fx.meshes import tag_facets
+import xper_fx as xf
 from xper_fx.nscd.checks import require_positive
 from xper_fx.nscd.contact_solver import contact_solver
 from xper_fx.nscd.laws.law import LawKernels
 from xper_fx.nscd.small import for_dimension
-from xper_fx.scene import Scene
-from xper_fx.simulation import Simulation
 
 
 @dataclass(frozen=True)
@@ -83,7 +77,7 @@ K, D0, DF = range(3)  # columns of parameters
 REACHED, DAMAGE = range(2)  # columns of state
 
 
-@njit
+@xf.njit
 def damage(x, d0, df):
     """Damage of a bond opened monotonically to x (m)."""
     if x <= d0:
@@ -91,7 +85,7 @@ def damage(x, d0, df):
     return 0.0 if x >= df else d0 / x * (df - x) / (df - d0)
 
 
-@njit
+@xf.njit
 def mean_damage(x1, x0, reached, beta, d0, df):
     """Mean over x^2 from x0 to x1 (m) of a bond that had reached an opening, and damage beta."""
     start, top = max(reached, d0), min(x1, df)
@@ -118,11 +112,11 @@ def _kernels(dim: int) -> LawKernels:
     # at the start, the largest opening before, h theta, and h^2 theta^2 A k.
     mean, old, start, reached, scaled, sound = range(dim, dim + 6)
 
-    @njit(inline="always")
+    @xf.njit(inline="always")
     def opening(jump):
         return np.sqrt(dot(jump, jump) - min(jump[0], 0.0) ** 2)
 
-    @njit(inline="always")
+    @xf.njit(inline="always")
     def compliance_of(terms, i):
         if dim == 2:
             return terms[i, soft], terms[i, soft + 1], terms[i, soft + 2]
@@ -131,7 +125,7 @@ def _kernels(dim: int) -> LawKernels:
             terms[i, soft + 3], terms[i, soft + 4], terms[i, soft + 5],
         )  # fmt: skip
 
-    @njit(inline="always")
+    @xf.njit(inline="always")
     def set_damage(i, beta, w, terms, details):
         details[i, mean] = beta
         terms[i, spring] = beta * details[i, sound]
@@ -139,7 +133,7 @@ def _kernels(dim: int) -> LawKernels:
         for j in range(num_sym):
             terms[i, soft + j] = softened[j]
 
-    @njit
+    @xf.njit
     def prepare(i, jump, velocity, w, area, step, theta, parameters, state, terms, details):
         h_theta = step * theta
         for j in range(dim):
@@ -152,12 +146,12 @@ def _kernels(dim: int) -> LawKernels:
         details[i, scaled], details[i, sound] = h_theta, h_theta**2 * area * parameters[i, K]
         set_damage(i, state[i, DAMAGE], w, terms, details)
 
-    @njit(inline="always")
+    @xf.njit(inline="always")
     def bonded(i, u, terms):
         """Impulse with which the bond pulls the lips together."""
         return scale(terms[i, spring], add(row(terms, i), u))
 
-    @njit(inline="always")
+    @xf.njit(inline="always")
     def solve(i, u, r, w, parameters, terms, details):
         s = compliance_of(terms, i)
         free = subtract(u, sym_vector(s, add(r, bonded(i, u, terms))))
@@ -167,14 +161,14 @@ def _kernels(dim: int) -> LawKernels:
         new = add(free, sym_vector(s, push))
         return subtract(push, bonded(i, new, terms)), False
 
-    @njit(inline="always")
+    @xf.njit(inline="always")
     def mean_of(i, x1, parameters, details):
         return mean_damage(
             x1, details[i, start], details[i, reached], details[i, old],
             parameters[i, D0], parameters[i, DF],
         )  # fmt: skip
 
-    @njit(inline="always")
+    @xf.njit(inline="always")
     def evolve(i, u, w, parameters, terms, details):
         if details[i, old] == 0.0:
             return 0.0
@@ -184,7 +178,7 @@ def _kernels(dim: int) -> LawKernels:
             set_damage(i, details[i, mean] - fall * details[i, old], w, terms, details)
         return fall
 
-    @njit
+    @xf.njit
     def commit(i, jump0, jump1, u, r, area, step, theta, parameters, state, terms, details, energy):
         x1 = opening(jump1)
         beta = min(details[i, mean], mean_of(i, x1, parameters, details))
@@ -229,19 +223,19 @@ def pull_apart(law: LinearSoftening, steps: int = 200, **options) -> tuple[np.nd
     """
     mesh = create_rectangle(MPI.COMM_SELF, [[0.0, 0.0], [1.0, 2.0]], [1, 2], CellType.quadrilateral)
     bottom, top = 1, 2
-    sides = tag_facets(mesh, {bottom: lambda x: x[1] < 1e-9, top: lambda x: x[1] > 2.0 - 1e-9})
+    sides = xf.tag_facets(mesh, {bottom: lambda x: x[1] < 1e-9, top: lambda x: x[1] > 2.0 - 1e-9})
     end = 1.2 * law.parameters()[DF]
-    motions = [PrescribedDisplacement(tag, 0, 0.0) for tag in (bottom, top)] + [
-        PrescribedDisplacement(bottom, 1, 0.0),
-        PrescribedDisplacement(top, 1, lambda t: end * t),
+    motions = [xf.PrescribedDisplacement(tag, 0, 0.0) for tag in (bottom, top)] + [
+        xf.PrescribedDisplacement(bottom, 1, 0.0),
+        xf.PrescribedDisplacement(top, 1, lambda t: end * t),
     ]
-    scene = Scene(
-        explode(mesh, facet_tags=sides),
-        {1: LinearElastic(young=1e4 * law.stiffness, poisson=0.0, density=1e-3)},
+    scene = xf.Scene(
+        xf.explode(mesh, facet_tags=sides),
+        {1: xf.materials.LinearElastic(young=1e4 * law.stiffness, poisson=0.0, density=1e-3)},
         default_interaction=law,
         loads=motions,
     )
-    simulation = Simulation(scene, 1.0 / steps, tolerance=1e-10, **options)
+    simulation = xf.Simulation(scene, 1.0 / steps, tolerance=1e-10, **options)
     rows = []
     for _ in simulation.steps(1.0):
         points = simulation.interactions
