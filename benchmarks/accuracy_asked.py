@@ -22,14 +22,14 @@ import accuracy_cost as demo
 import notched_plate as plate
 import periodic_ductile as ductile
 
-from xper_fx.bodies import explode
+from xper_fx.bodies.explode import explode
+from xper_fx.bodies.meshes import crossed_rectangle, in_rectangles, tag_cells
 from xper_fx.materials import LinearElastic
 from xper_fx.materials.library import HYDRIDE
-from xper_fx.meshes import crossed_rectangle, in_rectangles, tag_cells
-from xper_fx.quantities import DisplacementL2, DissipatedEnergy, PeakStress
-from xper_fx.recorder import CellGauge, TensileGauge
-from xper_fx.scene import Scene
-from xper_fx.study import Study, product, run_study, vary
+from xper_fx.output.recorder import CellGauge, TensileGauge
+from xper_fx.scene.scene import Scene
+from xper_fx.study.quantities import DisplacementL2, DissipatedEnergy, PeakStress
+from xper_fx.study.study import Study, product, run_study, vary
 
 ASKED = (1e-2, 1e-3)
 # Within this many times what was asked for, a setting by hand counts as good enough.

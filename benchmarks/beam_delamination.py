@@ -41,15 +41,15 @@ import numpy as np
 from dolfinx.mesh import CellType, create_rectangle
 from mpi4py import MPI
 
-from xper_fx.bodies import Bodies, explode
-from xper_fx.compat import geometry_dofmap
+from xper_fx.bodies.explode import Bodies, explode
+from xper_fx.bodies.meshes import tag_facets
 from xper_fx.forms.loads import PrescribedDisplacement
 from xper_fx.materials import LinearElastic
-from xper_fx.meshes import tag_facets
 from xper_fx.nscd.laws import CohesiveZone, SignoriniCoulomb
-from xper_fx.recorder import point_coordinates
-from xper_fx.scene import Scene
-from xper_fx.simulation import Simulation
+from xper_fx.output.recorder import point_coordinates
+from xper_fx.scene.scene import Scene
+from xper_fx.simulation.simulation import Simulation
+from xper_fx.support.compat import geometry_dofmap
 
 MATERIAL = LinearElastic(young=70e9, poisson=0.3, density=2700.0)
 MODULUS = MATERIAL.young / (1.0 - MATERIAL.poisson**2)

@@ -27,8 +27,8 @@ import periodic_ductile as demo
 from xper_fx.materials import LinearElastic
 from xper_fx.materials.library import DENSITY, ZIRCALOY_4_DUCTILE
 from xper_fx.periodic.drive import MacroscopicDrive
-from xper_fx.scene import Scene
-from xper_fx.simulation import Simulation
+from xper_fx.scene.scene import Scene
+from xper_fx.simulation.simulation import Simulation
 
 ELASTIC = LinearElastic(ZIRCALOY_4_DUCTILE.young, ZIRCALOY_4_DUCTILE.poisson, DENSITY)
 

@@ -66,18 +66,18 @@ from mpi4py import MPI
 from scipy.integrate import quad
 from scipy.optimize import brentq
 
-from xper_fx.bodies import explode
-from xper_fx.compat import geometry_dofmap
+from xper_fx.bodies.explode import explode
+from xper_fx.bodies.meshes import tag_facets
 from xper_fx.forms.loads import PrescribedVelocity
 from xper_fx.materials import LinearElastic
 from xper_fx.materials.library import ZIRCALOY_4
-from xper_fx.meshes import tag_facets
 from xper_fx.nscd.laws import CohesiveZone
 from xper_fx.nscd.laws.law import COHESION
-from xper_fx.plots import COLOURS, new_figure
-from xper_fx.recorder import point_coordinates
-from xper_fx.scene import Scene
-from xper_fx.simulation import Simulation
+from xper_fx.output.recorder import point_coordinates
+from xper_fx.plotting.figures import COLOURS, new_figure
+from xper_fx.scene.scene import Scene
+from xper_fx.simulation.simulation import Simulation
+from xper_fx.support.compat import geometry_dofmap
 
 BOTTOM, TOP, SIDES, CRACK = 1, 2, 3, 4
 HALF_HEIGHT = 1e-3

@@ -15,8 +15,8 @@ import gc
 import math
 import time
 
-from xper_fx.bodies import explode
-from xper_fx.meshes import crossed_rectangle
+from xper_fx.bodies.explode import explode
+from xper_fx.bodies.meshes import crossed_rectangle
 
 
 def main() -> None:

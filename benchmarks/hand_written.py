@@ -12,10 +12,10 @@ The bottom is held, the top pressed down (and dragged along where layers may sli
 DOLFINx assembles K and the lumped mass once, SciPy factors as the library does (NumPy inverts the
 blocks of cells), one matrix product a step, Signorini's law in a Numba Gauss-Seidel loop on the
 Delassus matrix of the normals (dense for layers, rows for cells) in the order of the mesh, to the
-criterion of `nscd/nlgs.py`. Both give displacements, velocities, reactions on the held faces, and,
-with --ledger, kinetic and elastic energy, work of the supports and what impacts dissipate.
-Cells are held apart at position level: at velocity level what counts as closed hangs on impulses,
-which are not unique where cells surround a vertex.
+criterion of `nscd/solvers/nlgs.py`. Both give displacements, velocities, reactions on the held
+faces, and, with --ledger, kinetic and elastic energy, work of the supports and what impacts
+dissipate. Cells are held apart at position level: at velocity level what counts as closed hangs on
+impulses, which are not unique where cells surround a vertex.
 
 Spells of steps of either take turns within one run; the ratio printed is the median over pairs of
 spells of processor time a step. Answers are compared first, solved to 1e-11.
@@ -34,15 +34,15 @@ from dolfinx.mesh import CellType, DiagonalType, create_rectangle
 from mpi4py import MPI
 from scipy.sparse.linalg import splu
 
-from xper_fx.bodies import EACH_CELL, explode
+from xper_fx.bodies.explode import EACH_CELL, explode
+from xper_fx.bodies.meshes import crossed_rectangle, tag_facets
 from xper_fx.cache import njit
-from xper_fx.compat import geometry_dofmap
 from xper_fx.forms.loads import PrescribedVelocity
 from xper_fx.materials import LinearElastic
-from xper_fx.meshes import crossed_rectangle, tag_facets
 from xper_fx.nscd.laws import SignoriniCoulomb
-from xper_fx.scene import Scene
-from xper_fx.simulation import Simulation
+from xper_fx.scene.scene import Scene
+from xper_fx.simulation.simulation import Simulation
+from xper_fx.support.compat import geometry_dofmap
 
 YOUNG, POISSON, DENSITY = 210e9, 0.3, 7800.0
 WIDTH, NUM_LAYERS = 0.1, 2

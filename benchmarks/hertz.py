@@ -44,13 +44,13 @@ from dolfinx import fem
 from dolfinx.mesh import CellType, create_box
 from mpi4py import MPI
 
-from xper_fx.bodies import Bodies, explode
+from xper_fx.bodies.explode import Bodies, explode
+from xper_fx.bodies.meshes import crossed_rectangle, tag_facets
 from xper_fx.forms.loads import PrescribedDisplacement
 from xper_fx.materials import LinearElastic
-from xper_fx.meshes import crossed_rectangle, tag_facets
 from xper_fx.nscd.laws import SignoriniCoulomb
-from xper_fx.scene import Scene, Wall
-from xper_fx.simulation import Simulation
+from xper_fx.scene.scene import Scene, Wall
+from xper_fx.simulation.simulation import Simulation
 
 YOUNG, DENSITY = 210e9, 7800.0
 HALF_WIDTH = 1e-3  # a that is aimed at (m)

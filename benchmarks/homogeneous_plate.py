@@ -21,8 +21,8 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[1] / "demos"))
 from notched_plate import notched_plate  # noqa: E402
 
-from xper_fx.nscd import nlgs  # noqa: E402
-from xper_fx.simulation import Simulation  # noqa: E402
+from xper_fx.nscd.solvers import NonlinearGaussSeidel, SolveOptions, Solver  # noqa: E402
+from xper_fx.simulation.simulation import Simulation  # noqa: E402
 
 STEP = 1e-9
 LMGC90 = {20: (104, 91.0), 40: (369, 1540.0)}
@@ -38,7 +38,13 @@ def true_residuals(cells: int, steps: int, tolerance: float, relaxation: float) 
     simulation = Simulation(notched_plate(cells, "strong", homogeneous=True), STEP)
     errors = []
 
-    def solve(interactions, velocity):
+    class Compared(Solver):
+        name = "compared"
+
+        def solve(self, interactions, velocity, options):
+            return compared(interactions, velocity)
+
+    def compared(interactions, velocity):
         free, start = velocity.copy(), [g.impulse.copy() for g in interactions.groups]
         found = []
         for options in (
@@ -50,13 +56,13 @@ def true_residuals(cells: int, steps: int, tolerance: float, relaxation: float) 
             for g, impulse in zip(interactions.groups, start, strict=True):
                 g.impulse[:] = impulse
             interactions.prepare()
-            report = nlgs.solve(interactions, velocity, **options)
+            report = NonlinearGaussSeidel().solve(interactions, velocity, SolveOptions(**options))
             found.append(impulses(simulation))
         exact = np.linalg.norm(found[0])
         errors.append([np.linalg.norm(r - found[0]) / exact for r in found[1:]])
         return report
 
-    simulation._solve = solve
+    simulation.solver = Compared()
     for _ in simulation.steps(steps * STEP):
         pass
     plain, ours = np.array(errors).T

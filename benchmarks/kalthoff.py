@@ -32,19 +32,19 @@ from typing import NamedTuple
 
 import numpy as np
 
-from xper_fx.bodies import explode
+from xper_fx.bodies.explode import explode
+from xper_fx.bodies.meshes import read_gmsh, tag_facets
 from xper_fx.forms.loads import PrescribedVelocity
 from xper_fx.materials import LinearElastic
-from xper_fx.meshes import read_gmsh, tag_facets
 from xper_fx.nscd.laws import CohesiveZone, SignoriniCoulomb
 from xper_fx.nscd.laws.law import COHESION
-from xper_fx.output import prepare_folder
+from xper_fx.output.cohesive_scales import cohesive_table
+from xper_fx.output.recorder import point_coordinates
+from xper_fx.output.series import prepare_folder
 from xper_fx.periodic.microstructure.gmsh_session import gmsh_model
-from xper_fx.plots import new_figure
-from xper_fx.recorder import point_coordinates
-from xper_fx.scales import cohesive_table
-from xper_fx.scene import Scene
-from xper_fx.simulation import Simulation
+from xper_fx.plotting.figures import new_figure
+from xper_fx.scene.scene import Scene
+from xper_fx.simulation.simulation import Simulation
 
 STEEL = LinearElastic(young=190e9, poisson=0.3, density=8000.0)
 FRACTURE_ENERGY, STRENGTH = 2.213e4, 844e6
@@ -120,7 +120,7 @@ class Damage(NamedTuple):
 def run(scene: Scene, end_time: float) -> tuple[Damage, Simulation]:
     """Simulate until `end_time` (s)."""
     simulation = Simulation(scene, scheme="explicit", num_threads=1)
-    number = simulation.facets_with_law
+    number = simulation.model.points.facets_with_law
     ends = point_coordinates(simulation).reshape(len(number), 2, 2)
     measure = scene.bodies.facets.measure[number]
     lost, first = np.zeros(len(number)), np.full(len(number), np.inf)
@@ -150,7 +150,7 @@ def draw(damage: Damage, simulation: Simulation, path: Path) -> None:
     """The plate, deformed, and what each facet dissipated."""
     from matplotlib.collections import LineCollection
 
-    from xper_fx.compat import geometry_dofmap
+    from xper_fx.support.compat import geometry_dofmap
 
     mesh = simulation.scene.bodies.mesh
     cells = geometry_dofmap(mesh)

@@ -20,7 +20,8 @@ import time
 import numpy as np
 
 from xper_fx.cache import njit
-from xper_fx.nscd.contact_solver import contact_solver
+from xper_fx.nscd.algebra.small import for_dimension, sym_indices
+from xper_fx.nscd.laws.contact_solver import contact_solver
 from xper_fx.nscd.local_solvers import (
     LOCAL_SOLVERS,
     LocalSolver,
@@ -31,7 +32,6 @@ from xper_fx.nscd.local_solvers import (
     lcp,
     local_solver,
 )
-from xper_fx.nscd.small import for_dimension, sym_indices
 
 MU = 0.3
 VISITS = 4  # of each point in a run

@@ -31,15 +31,15 @@ import numpy as np
 from dolfinx.mesh import CellType, DiagonalType, create_rectangle
 from mpi4py import MPI
 
-from xper_fx.bodies import EACH_CELL, explode
-from xper_fx.errors import ConvergenceError
+from xper_fx.bodies.explode import EACH_CELL, explode
+from xper_fx.bodies.meshes import crossed_rectangle, tag_cells, tag_facets
 from xper_fx.forms.loads import PrescribedDisplacement
 from xper_fx.materials import J2SmallStrain, Linear
 from xper_fx.materials.library import ZIRCALOY_4_DUCTILE, ZIRCALOY_BOND
-from xper_fx.meshes import crossed_rectangle, tag_cells, tag_facets
 from xper_fx.nscd.laws import CohesiveZone, PerfectBond
-from xper_fx.scene import Scene
-from xper_fx.simulation import Simulation
+from xper_fx.scene.scene import Scene
+from xper_fx.simulation.simulation import Simulation
+from xper_fx.support.errors import ConvergenceError
 
 YOUNG, YIELD = 1000.0, 1.0
 SHEAR_YIELD = YIELD / np.sqrt(3.0)

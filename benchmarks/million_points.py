@@ -44,10 +44,10 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[1] / "demos"))
 from notched_plate import notched_plate  # noqa: E402
 
-from xper_fx.memory import memory_by_part  # noqa: E402
-from xper_fx.nscd.nlgs import sweep_passes  # noqa: E402
-from xper_fx.plots import COLOURS, new_figure  # noqa: E402
-from xper_fx.simulation import Simulation  # noqa: E402
+from xper_fx.nscd.solvers.nlgs import sweep_passes  # noqa: E402
+from xper_fx.output.memory import memory_by_part  # noqa: E402
+from xper_fx.plotting.figures import COLOURS, new_figure  # noqa: E402
+from xper_fx.simulation.simulation import Simulation  # noqa: E402
 
 STEPS, BEFORE = 4, 2  # timed, and made before
 SWEEPS = 20

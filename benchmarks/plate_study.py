@@ -21,9 +21,9 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[1] / "demos"))
 import notched_plate as demo  # noqa: E402
 
-from xper_fx.output import prepare_folder  # noqa: E402
-from xper_fx.recorder import TensileGauge  # noqa: E402
-from xper_fx.simulation import Simulation  # noqa: E402
+from xper_fx.output.recorder import TensileGauge  # noqa: E402
+from xper_fx.output.series import prepare_folder  # noqa: E402
+from xper_fx.simulation.simulation import Simulation  # noqa: E402
 
 COLUMNS = (
     "variant", "interface", "cells", "step_factor", "peak", "peak_strain", "rise", "work",

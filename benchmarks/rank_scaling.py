@@ -41,10 +41,10 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "demos"))
 from notched_plate import notched_plate
 
 from xper_fx.parallel.halo import Exchange
+from xper_fx.parallel.local_bodies import bodies_by_rank
 from xper_fx.parallel.ownership import owners_by_facet, phases
-from xper_fx.parallel.part import bodies_by_rank
-from xper_fx.parallel.ranks import Ranks
-from xper_fx.simulation import Simulation
+from xper_fx.simulation.simulation import Simulation
+from xper_fx.support.ranks import Ranks
 
 LATENCY, BANDWIDTH = 2e-6, 10e9
 WARM, STEPS = 3, 12

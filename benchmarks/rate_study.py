@@ -19,12 +19,12 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[1] / "demos"))
 import periodic_ductile as demo
 
-from xper_fx.bodies import explode
+from xper_fx.bodies.explode import explode
+from xper_fx.bodies.meshes import crossed_rectangle, in_rectangles, tag_cells
 from xper_fx.materials import LinearElastic, LinearViscoelastic
 from xper_fx.materials.library import DENSITY, HYDRIDE, ZIRCALOY_4, ZIRCALOY_4_DUCTILE
-from xper_fx.meshes import crossed_rectangle, in_rectangles, tag_cells
-from xper_fx.scene import Scene
-from xper_fx.simulation import Simulation
+from xper_fx.scene.scene import Scene
+from xper_fx.simulation.simulation import Simulation
 
 RATES = (4e4, 4e3)
 STRAINS = (0.002, 0.004, 0.008)

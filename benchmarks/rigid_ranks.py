@@ -17,15 +17,17 @@ from time import process_time
 import numpy as np
 from mpi4py import MPI
 
-from xper_fx.contacts import Contact
 from xper_fx.forms.loads import Gravity
-from xper_fx.nscd import distributed
 from xper_fx.nscd.laws import SignoriniCoulomb
 from xper_fx.nscd.rigid import Disc, RigidBody, wall
-from xper_fx.parallel import halo, ranks, rigid_division, rigid_halo
+from xper_fx.nscd.solvers import distributed
+from xper_fx.parallel import halo, rigid_halo
+from xper_fx.parallel import rigid_partition as rigid_division
 from xper_fx.parallel.launch import run_together
-from xper_fx.scene import Scene
-from xper_fx.simulation import Simulation
+from xper_fx.scene.contact import Contact
+from xper_fx.scene.scene import Scene
+from xper_fx.simulation.simulation import Simulation
+from xper_fx.support import ranks
 
 RADIUS, STEP = 0.01, 1e-3
 
@@ -85,18 +87,18 @@ def main() -> None:
     timed(spent, "all bodies", rigid_halo._AllBodies, "add_back")
     timed(spent, "sums", ranks.Ranks, "sum")
     timed(spent, "division", rigid_division.RigidDivision, "own")
-    timed(spent, "sweeps and their exchange", distributed, "_sweep")
+    timed(spent, "sweeps and their exchange", distributed, "sweep")
     scene = packed(options.columns, options.rows)
     simulation = Simulation(scene, STEP, tolerance=options.tolerance, num_threads=1, solver="nlgs")
     comm = MPI.COMM_WORLD
-    timed(spent, "search", simulation, "_find_contacts")
-    timed(spent, "step", simulation, "_attempt")
+    timed(spent, "search", simulation.detection, "renew")
+    timed(spent, "step", simulation._attempts, "step")
     for _ in simulation.steps(options.warm * STEP):
         pass
     spent.clear()
     sweeps = [r.sweeps for r in simulation.steps((options.warm + options.steps) * STEP)]
     contacts = sum(map(len, simulation.interactions.contacts))
-    division = simulation._division
+    division = simulation.model.division
     found = simulation.interactions.halo
     bytes_sent = (0, 0) if found is None else (found.bytes_a_sweep, found.bytes_a_gather)
     everywhere = comm.gather((dict(spent), contacts, bytes_sent))

@@ -31,8 +31,8 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "nscd"))
 from heaps import Heap, grains  # noqa: E402
 
-from xper_fx.nscd import accelerated, auto, nlgs  # noqa: E402
-from xper_fx.nscd.nlgs import sweep_passes  # noqa: E402
+from xper_fx.nscd.solvers import AcceleratedSweeps, Automatic, NonlinearGaussSeidel  # noqa: E402
+from xper_fx.nscd.solvers.nlgs import sweep_passes  # noqa: E402
 
 TOLERANCE = 1e-3
 SWEEPS = 10  # a run
@@ -142,9 +142,13 @@ def parts_of_step(heap, steps):
     detection = heap.detection
     detection._find = timed("find", detection._find)
     detection.renew = timed("renew", detection.renew)
-    solve, advance = timed("solve", auto.solve), timed("whole", heap.advance)
+
+    class Timed(Automatic):
+        solve = timed("solve", Automatic.solve)
+
+    advance = timed("whole", heap.advance)
     for _ in range(steps):
-        advance(1, solve, tolerance=TOLERANCE, max_sweeps=20_000)
+        advance(1, Timed, tolerance=TOLERANCE, max_sweeps=20_000)
         total_sweeps += heap.report.sweeps
     del detection._find, detection.renew
     parts = {
@@ -221,16 +225,16 @@ def settling(largest):
     for count, across, number in ((400, 20, 500), (1300, 36, 500)):
         if count > largest:
             continue
-        for name, solver in (("nlgs", nlgs), ("accelerated", accelerated), ("auto", auto)):
+        for solver in (NonlinearGaussSeidel, AcceleratedSweeps, Automatic):
             heap = Heap(grains(count, across))
-            heap.advance(2, solver.solve, tolerance=TOLERANCE)
+            heap.advance(2, solver, tolerance=TOLERANCE)
             start, made, failed = time.process_time(), 0, 0
             for _ in range(number):
-                heap.advance(1, solver.solve, tolerance=TOLERANCE, max_sweeps=20_000)
+                heap.advance(1, solver, tolerance=TOLERANCE, max_sweeps=20_000)
                 made += heap.report.sweeps
                 failed += not heap.report.converged
             spent = time.process_time() - start
-            print(f"{count:5d}  {name:12s} {spent:6.2f} {made / number:10.0f} {failed:12d} "
+            print(f"{count:5d}  {solver.name:12s} {spent:6.2f} {made / number:10.0f} {failed:12d} "
                   f"{heap.motion.kinetic:18.2e}", flush=True)  # fmt: skip
 
 

@@ -8,10 +8,10 @@ stretched along x; and with half of its bonds broken at random, stretched along 
 y, so that most broken facets slide and others open. Steps are multiples of the explicit limit with
 bonds, 3.1e-11 s at 20 x 20, like the square root of the size of a cell.
 
-The residual is the same for all, |S(b) - r| / |r| (`nscd/tangent.py`): every point asked once for
-its exact local answer, nothing changed. Solvers stop by their own estimates: each is given the
-loosest of the tolerances 1e-4, 3e-5, 1e-5 ... at which that residual is reached, and this run is
-timed, on one thread. Results go to a JSON file, case by case; what is there is not run again.
+The residual is the same for all, |S(b) - r| / |r| (`nscd/solvers/tangent.py`): every point asked
+once for its exact local answer, nothing changed. Solvers stop by their own estimates: each is given
+the loosest of the tolerances 1e-4, 3e-5, 1e-5 ... at which that residual is reached, and this run
+is timed, on one thread. Results go to a JSON file, case by case; what is there is not run again.
 """
 
 from __future__ import annotations
@@ -27,18 +27,24 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "nscd"))
 from plates import crossed_plate  # noqa: E402
 
-from xper_fx.nscd import accelerated, auto, newton, nlgs  # noqa: E402
 from xper_fx.nscd.interactions import Interactions  # noqa: E402
 from xper_fx.nscd.laws import CohesiveZone  # noqa: E402
-from xper_fx.nscd.tangent import residual  # noqa: E402
+from xper_fx.nscd.solvers import (  # noqa: E402
+    AcceleratedSweeps,
+    Automatic,
+    NewtonOnAllPoints,
+    NonlinearGaussSeidel,
+    SolveOptions,
+)
+from xper_fx.nscd.solvers.tangent import residual  # noqa: E402
 
 SIZE, THETA, TARGET = 50e-6, 0.5, 1e-6
 BOND = CohesiveZone(2e18, 0.5, 1e9, friction=0.05)
 SOLVERS = {
-    "nlgs": nlgs.solve,
-    "accelerated": accelerated.solve,
-    "newton": newton.solve,
-    "auto": auto.solve,
+    "nlgs": NonlinearGaussSeidel,
+    "accelerated": AcceleratedSweeps,
+    "newton": NewtonOnAllPoints,
+    "auto": Automatic,
 }
 CASES = ("intact", "half-broken")
 TOLERANCES = [a * 10.0**-b for b in range(4, 9) for a in (1.0, 0.3)]
@@ -69,10 +75,8 @@ def run(cells: int, factor: float, case: str, name: str, max_sweeps: int, patien
     for tolerance in TOLERANCES:
         scene, velocity = state(cells, factor, case)
         start = time.perf_counter()
-        report = SOLVERS[name](
-            scene, velocity, tolerance=tolerance, max_sweeps=max_sweeps, relaxation=1.3,
-            num_threads=1,
-        )  # fmt: skip
+        options = SolveOptions(tolerance, max_sweeps, relaxation=1.3, num_threads=1)
+        report = SOLVERS[name]().solve(scene, velocity, options)
         seconds = time.perf_counter() - start
         spent += seconds
         size, total, _ = residual(scene, velocity)

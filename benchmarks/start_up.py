@@ -34,7 +34,7 @@ PAGES = ("periodic", "friction_problem", "contact")
 
 FIRST_STEP = """
 import runpy, sys
-from xper_fx.simulation import Simulation
+from xper_fx.simulation.simulation import Simulation
 
 steps = Simulation.steps
 

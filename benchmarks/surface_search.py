@@ -19,10 +19,10 @@ from dolfinx import fem
 from dolfinx.mesh import create_box, meshtags
 from mpi4py import MPI
 
-from xper_fx.bodies import explode
-from xper_fx.meshes import crossed_rectangle
+from xper_fx.bodies.explode import explode
+from xper_fx.bodies.meshes import crossed_rectangle
+from xper_fx.bodies.surfaces import extract_surface
 from xper_fx.nscd.search.surface_search import SurfaceSearch
-from xper_fx.surfaces import extract_surface
 
 
 def processor_time(function, repeat: int = 1) -> float:

@@ -34,13 +34,13 @@ from xper_fx.cache import njit
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "nscd"))
 from plates import crossed_plate  # noqa: E402
 
-from xper_fx.nscd.exchange import sweep_kernel  # noqa: E402
+from xper_fx.nscd.algebra.small import for_dimension  # noqa: E402
+from xper_fx.nscd.couplings import sweep_kernel  # noqa: E402
 from xper_fx.nscd.interactions import Interactions  # noqa: E402
-from xper_fx.nscd.inverse import BodyInverse  # noqa: E402
+from xper_fx.nscd.inverse_blocks import BodyInverse  # noqa: E402
 from xper_fx.nscd.laws import CohesiveZone  # noqa: E402
 from xper_fx.nscd.ordering import _greedy_colors  # noqa: E402
 from xper_fx.nscd.points import InteractionPoints  # noqa: E402
-from xper_fx.nscd.small import for_dimension  # noqa: E402
 
 SIZE, THETA = 50e-6, 0.5
 BOND = CohesiveZone(2e18, 0.5, 1e9, friction=0.05)

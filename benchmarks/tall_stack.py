@@ -16,14 +16,14 @@ import time
 import numpy as np
 from tqdm.auto import tqdm
 
-from xper_fx.contacts import Contact
 from xper_fx.forms.loads import Gravity
 from xper_fx.nscd.laws import SignoriniCoulomb
 from xper_fx.nscd.rigid.body import RigidBody, wall
 from xper_fx.nscd.rigid.polygon import Polygon
 from xper_fx.nscd.rigid.polyhedron import Polyhedron
-from xper_fx.scene import Scene
-from xper_fx.simulation import Simulation
+from xper_fx.scene.contact import Contact
+from xper_fx.scene.scene import Scene
+from xper_fx.simulation.simulation import Simulation
 
 
 def tower(dim: int, count: int, step: float, tolerance: float, contact: str) -> Simulation:

@@ -582,17 +582,17 @@ def report(results: xf.study.StudyResults, out: Path, figures: bool, quick: bool
         found = xf.effect_prices.prices(results, list(chosen_effects(quick)))
         lines += ["", xf.effect_prices.price_table(found)]
         if figures:
-            xf.plotting.plot_price(found, out / "effects.png", "The price of each effect")
+            xf.study.plot_price(found, out / "effects.png", "The price of each effect")
     text = "\n".join(lines) + "\n"
     tqdm.write(f"\n{study.name}\n{text}")
     (out / "table.md").write_text(text)
     results.to_csv(out / "runs.csv")
     results.to_json(out / "results.json")
     if figures:
-        xf.plotting.plot_error_against_cost(results, out / "accuracy_cost.png")
+        xf.study.plot_error_against_cost(results, out / "accuracy_cost.png")
         first = [q for q in FIRST_FIGURE if q in study.quantities]
         if study.name == "notched_plate":
-            xf.plotting.plot_error_against_cost(
+            xf.study.plot_error_against_cost(
                 results, out / "first.png", first, [results.time], across=True
             )
 

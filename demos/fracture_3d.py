@@ -118,8 +118,8 @@ def crack_surface(simulation: xf.Simulation) -> CrackSurface:
     """The cracked facets as they are now, in the reference configuration."""
     facets = simulation.scene.bodies.facets
     number = simulation.facets_with_law
-    cracked = xf.results.broken_points(simulation).reshape(len(number), 3).sum(axis=1) >= 2
-    corners = xf.results.point_coordinates(simulation).reshape(len(number), 3, 3)[cracked]
+    cracked = xf.output.broken_points(simulation).reshape(len(number), 3).sum(axis=1) >= 2
+    corners = xf.output.point_coordinates(simulation).reshape(len(number), 3, 3)[cracked]
     return CrackSurface(corners, facets.measure[number[cracked]])
 
 
@@ -127,7 +127,7 @@ def visible_faces(simulation: xf.Simulation) -> tuple[np.ndarray, np.ndarray]:
     """Faces of cells on the outside or cracked: geometry nodes, shape (n, 3), and which cracked."""
     bodies = simulation.scene.bodies
     number = simulation.facets_with_law
-    whole = xf.results.broken_points(simulation).reshape(len(number), 3).sum(axis=1) < 2
+    whole = xf.output.broken_points(simulation).reshape(len(number), 3).sum(axis=1) < 2
     hidden = np.zeros((len(bodies.body_of_cell), 4), np.bool_)
     whole, cracked = number[whole], number[~whole]
     hidden[bodies.facets.cells[whole], bodies.facets.local_facets[whole]] = True

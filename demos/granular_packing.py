@@ -185,18 +185,16 @@ def run(scene: xf.Scene, options: argparse.Namespace) -> dict:
     lid, packed = scene.bodies.num_bodies + LID, area / (width * height)
     targets = np.linspace(packed, options.packing, 4)[1:]
     curve: list[tuple[float, ...]] = []
-    frames: list[xf.plotting.Frame] = []
+    frames: list[xf.output.Frame] = []
     for _ in xf.recorded_steps(recorder, end, "packing", options.quiet, options.profile):
         packed = area / (width * simulation.rigid.state.position[LID, 1])
-        contacts = xf.results.contact_forces(simulation)
+        contacts = xf.output.find_contact_forces(simulation)
         # the lid is candidate or antagonist of its contacts
         sign = (contacts.bodies == lid) @ np.array([1.0, -1.0])
         curve.append((simulation.time, packed, float(sign @ contacts.force[:, 1]) / width))
         if len(frames) < 3 and packed >= targets[len(frames)] * (1.0 - 1e-6):
             stress = von_mises(recorder.cell_stress()) / 1e3
-            frames.append(
-                xf.plotting.take_frame(recorder, stress, f"packing fraction {packed:.3f}")
-            )
+            frames.append(xf.output.take_frame(recorder, stress, f"packing fraction {packed:.3f}"))
     return {
         "simulation": simulation,
         "history": xf.read_history(options.out / "history.csv"),
@@ -231,7 +229,7 @@ def report(result: dict, options: argparse.Namespace) -> None:
 
 def draw(result: dict, out: Path) -> None:
     """The packing at three densities, the pressure on the lid, and the energies."""
-    xf.plotting.plot_frames(
+    xf.output.plot_frames(
         result["frames"],
         out / "packing.png",
         window=result["window"],

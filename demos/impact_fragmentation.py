@@ -128,8 +128,8 @@ def run(scene: xf.Scene, options: argparse.Namespace) -> dict:
     count, frames = scene.bodies.num_bodies, []
 
     def picture() -> None:
-        fragment = xf.results.find_fragments(simulation)
-        frames.append(xf.plotting.take_frame(recorder, fragment, f"{1e3 * simulation.time:.0f} ms"))
+        fragment = xf.output.find_fragments(simulation)
+        frames.append(xf.output.take_frame(recorder, fragment, f"{1e3 * simulation.time:.0f} ms"))
 
     picture()
     for _ in xf.recorded_steps(
@@ -137,7 +137,7 @@ def run(scene: xf.Scene, options: argparse.Namespace) -> dict:
     ):
         if simulation.time >= times[min(len(frames), 5)] * (1.0 - 1e-9) and len(frames) < 6:
             picture()
-        pairs = np.sort(xf.results.contact_forces(simulation).bodies, axis=1)
+        pairs = np.sort(xf.output.find_contact_forces(simulation).bodies, axis=1)
         met |= {tuple(p) for p in pairs[pairs[:, 1] < count].tolist()} - near
         gaps = [g.jump[:, 0].min(initial=0.0) for g in simulation.interactions.contacts]
         deepest = max(deepest, -min(gaps, default=0.0))
@@ -145,7 +145,7 @@ def run(scene: xf.Scene, options: argparse.Namespace) -> dict:
         "simulation": simulation,
         "history": xf.read_history(options.out / "history.csv"),
         "frames": frames,
-        "fragments": np.bincount(xf.results.find_fragments(simulation)),
+        "fragments": np.bincount(xf.output.find_fragments(simulation)),
         "met": met,
         "deepest": deepest,
     }
@@ -186,7 +186,7 @@ def report(result: dict, options: argparse.Namespace) -> None:
 
 def draw(result: dict, out: Path) -> None:
     """Six times, coloured by fragment, and the energies."""
-    xf.plotting.plot_frames(result["frames"], out / "frames.png", window=WINDOW)
+    xf.output.plot_frames(result["frames"], out / "frames.png", window=WINDOW)
     xf.plotting.plot_energies(result["history"], out / "energies.png", ("J/m", 1.0), against="time")
 
 

@@ -130,21 +130,21 @@ def run(scene: xf.Scene, options: argparse.Namespace) -> dict:
     )
     panels, first, first_strain = (
         [],
-        xf.results.Cracks(np.zeros((0, 2, 2)), np.zeros(0, int)),
+        xf.output.Cracks(np.zeros((0, 2, 2)), np.zeros(0, int)),
         np.inf,
     )
     for _, strain in xf.recorded_steps(
         recorder, end, "polycrystal", options.quiet, options.profile
     ):
         if not len(first.kind):
-            first = xf.results.find_cracks(simulation, HARD)
+            first = xf.output.find_cracks(simulation, HARD)
             if len(first.kind):
                 first_strain = strain
                 panels.append(
-                    xf.plotting.crack_panel(recorder, first, f"first cracks, {100 * strain:.2f} %")
+                    xf.output.crack_panel(recorder, first, f"first cracks, {100 * strain:.2f} %")
                 )
-    final = xf.results.find_cracks(simulation, HARD)
-    panels.append(xf.plotting.crack_panel(recorder, final, f"{100 * recorder.strain:.2f} %"))
+    final = xf.output.find_cracks(simulation, HARD)
+    panels.append(xf.output.crack_panel(recorder, final, f"{100 * recorder.strain:.2f} %"))
     return {
         "simulation": simulation,
         "history": xf.read_history(options.out / "history.csv"),

@@ -194,7 +194,7 @@ def run(arch: Arch, step: float) -> Outcome:
     size = arch.ratio * RADIUS
     verdict = "stands" if moved < STOOD * size else "undecided"
     verdict = "falls" if moved > FALLEN * RADIUS else verdict
-    drawn = xf.plotting.outline(motion.bodies)
+    drawn = xf.rigid.body_outlines(motion.bodies)
     points = drawn.positions(motion.state.position, motion.state.turn.rotation)
     cuts = np.flatnonzero(np.diff(drawn.body_of_point)) + 1
     positions = np.split(points, cuts)
@@ -206,7 +206,7 @@ def run(arch: Arch, step: float) -> Outcome:
 
 def thrust_points(simulation: xf.Simulation) -> np.ndarray:
     """The point of each joint through which its force passes, mean of its contacts by pressure."""
-    contacts = xf.results.contact_forces(simulation)
+    contacts = xf.output.find_contact_forces(simulation)
     sums: dict[tuple[int, ...], np.ndarray] = {}
     pressures = np.einsum("nd,nd->n", contacts.force, contacts.normal)
     for pair, place, pressure in zip(contacts.bodies, contacts.position, pressures, strict=True):

@@ -181,8 +181,8 @@ def run(scene: xf.Scene, folder: Path, options: argparse.Namespace, title: str) 
 
 def panel(recorder: xf.Recorder, title: str) -> xf.plotting.CrackPanel:
     """The cracked plate as it is now."""
-    return xf.plotting.crack_panel(
-        recorder, xf.results.find_cracks(recorder.simulation, INCLUSION, (NOTCH,)), title
+    return xf.output.crack_panel(
+        recorder, xf.output.find_cracks(recorder.simulation, INCLUSION, (NOTCH,)), title
     )
 
 

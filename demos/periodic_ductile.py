@@ -167,14 +167,14 @@ def run(scene: xf.Scene, options: argparse.Namespace) -> dict:
     first, first_strain = None, np.inf
     for _, strain in xf.recorded_steps(recorder, end, title, options.quiet, options.profile):
         if first is None:
-            cracks = xf.results.find_cracks(simulation, INCLUSION)
+            cracks = xf.output.find_cracks(simulation, INCLUSION)
             if len(cracks.kind):
-                first = xf.plotting.crack_panel(
+                first = xf.output.crack_panel(
                     recorder, cracks, f"first cracks, {100 * strain:.2f} %"
                 )
                 first_strain = strain
-    cracks = xf.results.find_cracks(simulation, INCLUSION)
-    final = xf.plotting.crack_panel(recorder, cracks, f"{title}, {100 * recorder.strain:.2f} %")
+    cracks = xf.output.find_cracks(simulation, INCLUSION)
+    final = xf.output.crack_panel(recorder, cracks, f"{title}, {100 * recorder.strain:.2f} %")
     return {
         "simulation": simulation,
         "history": xf.read_history(options.out / "history.csv"),

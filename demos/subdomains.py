@@ -96,15 +96,18 @@ def iterations(bodies: xf.Bodies, run: dict, coarse_space: bool) -> int:
     """Iterations of the first solve."""
     counts = []
 
-    def solver(interactions, velocity, **options):
-        report = xf.domain_decomposition.solve(
-            interactions, velocity, coarse_space=coarse_space, **options
-        )
-        counts.append(report.sweeps)
-        return report
+    class Counted(xf.solvers.BondedGradients):
+        def solve(self, interactions, velocity, options):
+            report = super().solve(interactions, velocity, options)
+            counts.append(report.sweeps)
+            return report
 
     simulation = xf.Simulation(
-        scene(bodies), tolerance=1e-8, newton_tolerance=0.1, solver=solver, **run
+        scene(bodies),
+        tolerance=1e-8,
+        newton_tolerance=0.1,
+        solver=Counted(coarse_space=coarse_space),
+        **run,
     )
     next(iter(simulation.steps(run["step"])))
     return counts[0]

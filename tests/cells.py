@@ -11,12 +11,12 @@ import ufl
 from dolfinx.mesh import create_mesh
 from scenes import COMM, mesh_of, midpoints
 
-from xper_fx.bodies import EACH_CELL, Bodies, explode
-from xper_fx.compat import geometry_dofmap
-from xper_fx.meshes import tag_cells, tag_facets
+from xper_fx.bodies.explode import EACH_CELL, Bodies, explode
+from xper_fx.bodies.meshes import tag_cells, tag_facets
 from xper_fx.periodic.drive import MacroscopicDrive
-from xper_fx.scene import Scene
-from xper_fx.simulation import Simulation
+from xper_fx.scene.scene import Scene
+from xper_fx.simulation.simulation import Simulation
+from xper_fx.support.compat import geometry_dofmap
 
 ONE = 0
 """The label of a cell that is one body."""
@@ -110,7 +110,7 @@ def _hole_surface(full, mesh, lengths) -> Callable:
     lattice = np.diag(np.asarray(lengths, float))
 
     def mids(mesh, exterior_only):
-        from xper_fx.meshes import facet_cells, facet_geometry_nodes, midpoints_of
+        from xper_fx.bodies.meshes import facet_cells, facet_geometry_nodes, midpoints_of
 
         cells, local = facet_cells(mesh)
         if exterior_only:

@@ -39,7 +39,7 @@ def _pulled(
     from scenes import BOTTOM, LEFT, RIGHT, box_bodies
 
     from xper_fx.forms.loads import PrescribedVelocity
-    from xper_fx.scene import Scene
+    from xper_fx.scene.scene import Scene
 
     bodies = box_bodies(lengths, cells, kind, label=label)
     loads = [
@@ -57,7 +57,7 @@ def _elastic():
 
 
 def _static(scene):
-    from xper_fx.simulation import Simulation
+    from xper_fx.simulation.simulation import Simulation
 
     return Simulation(scene, 1.0, theta=1.0, inertia=False)
 
@@ -69,7 +69,7 @@ def static():
 def dynamic():
     from xper_fx.forms.loads import Gravity, RayleighDamping
     from xper_fx.materials import SaintVenantKirchhoff
-    from xper_fx.simulation import Simulation
+    from xper_fx.simulation.simulation import Simulation
 
     material = SaintVenantKirchhoff(young=1.0, poisson=0.3, density=1.0)
     damping = RayleighDamping(mass=0.1, stiffness=0.1)
@@ -88,7 +88,7 @@ def plastic():
 
 def recorded():
     from xper_fx.materials import LinearViscoelastic
-    from xper_fx.recorder import Recorder
+    from xper_fx.output.recorder import Recorder
 
     material = LinearViscoelastic(young=1.0, poisson=0.3, prony=[(0.5, 1.0)], density=1.0)
     simulation = _static(_pulled(material))
@@ -97,10 +97,10 @@ def recorded():
 
 
 def cell(**drive):
-    from xper_fx.bodies import explode
-    from xper_fx.meshes import crossed_rectangle
+    from xper_fx.bodies.explode import explode
+    from xper_fx.bodies.meshes import crossed_rectangle
     from xper_fx.periodic.drive import MacroscopicDrive
-    from xper_fx.scene import Scene
+    from xper_fx.scene.scene import Scene
 
     mesh = crossed_rectangle((0, 0), (1, 1), (2, 2))
     bodies = explode(mesh, np.zeros(16, int), lattice=(1.0, 1.0))
@@ -121,7 +121,7 @@ def _halves(midpoints):
 
 def _interacting(law, solver, step=0.1, **bar):
     """The bar cut in two."""
-    from xper_fx.simulation import Simulation
+    from xper_fx.simulation.simulation import Simulation
 
     scene = _pulled(_elastic(), label=_halves, default_interaction=law, **bar)
     return Simulation(scene, step, tolerance=1e-10, num_threads=1, solver=solver)
@@ -131,8 +131,8 @@ def _falling(law, step, **options):
     """A block that falls on a wall."""
     from scenes import BOTTOM, box_bodies
 
-    from xper_fx.scene import Scene, Wall
-    from xper_fx.simulation import Simulation
+    from xper_fx.scene.scene import Scene, Wall
+    from xper_fx.simulation.simulation import Simulation
 
     scene = Scene(
         box_bodies((1.0, 1.0), (1, 1), label=0),
@@ -170,7 +170,7 @@ def closed():
 def divided():
     """Run by two ranks, of which the first tells: it has two of the four bodies."""
     from xper_fx.nscd.laws import CohesiveZone
-    from xper_fx.simulation import Simulation
+    from xper_fx.simulation.simulation import Simulation
 
     law = CohesiveZone(10.0, 1e-4, 1e-3)
     quarters = {"label": lambda midpoints: (2.0 * midpoints[0]).astype(int)}
@@ -195,10 +195,10 @@ def _meeting(step=0.1, rigid=(), **mesh):
     """Blocks that fly at each other, or at rigid bodies."""
     from scenes import box_bodies
 
-    from xper_fx.contacts import Contact
     from xper_fx.nscd.laws import SignoriniCoulomb
-    from xper_fx.scene import Scene
-    from xper_fx.simulation import Simulation
+    from xper_fx.scene.contact import Contact
+    from xper_fx.scene.scene import Scene
+    from xper_fx.simulation.simulation import Simulation
 
     bodies = box_bodies((2.0, 1.0), (4, 2), label=_halves, material={2: _halves})
     other = "disc" if rigid else "right"
@@ -230,7 +230,7 @@ def struck():
 def cut():
     """Two crossed squares, their cells in four subdomains of which two float."""
     from xper_fx.nscd.laws import PerfectBond
-    from xper_fx.simulation import Simulation
+    from xper_fx.simulation.simulation import Simulation
 
     def quarters(midpoints):
         return np.digitize(midpoints[0], (0.5, 1.0, 1.5))
@@ -244,14 +244,14 @@ def nonmatching():
     """Two squares of one and two cells an edge, tied; with inertia."""
     from scenes import LEFT, RIGHT, mesh_of
 
-    from xper_fx.bodies import explode
+    from xper_fx.bodies.explode import explode
+    from xper_fx.bodies.join import join_meshes
+    from xper_fx.bodies.meshes import tag_facets
     from xper_fx.forms.loads import PrescribedVelocity
-    from xper_fx.joined_meshes import join_meshes
-    from xper_fx.meshes import tag_facets
     from xper_fx.nscd.laws import PerfectBond
-    from xper_fx.scene import Scene
-    from xper_fx.simulation import Simulation
-    from xper_fx.ties import Tie
+    from xper_fx.scene.scene import Scene
+    from xper_fx.scene.tie import Tie
+    from xper_fx.simulation.simulation import Simulation
 
     meshes = [mesh_of((1.0, 1.0), (n, n)) for n in (1, 2)]
     meshes[1].geometry.x[:, 0] += 1.0
@@ -454,7 +454,7 @@ def observe(name: str, removed: list[str]) -> dict:
         next(steps)
         costs.append(dict(calls.count) | dict(kernels))
     sys.setprofile(None)
-    from xper_fx.effects import effects_of
+    from xper_fx.output.effects import effects_of
 
     state, ledger = simulation.state, simulation.ledger.as_columns()
     digest = hashlib.sha256(state.displacement.tobytes() + state.velocity.tobytes())

@@ -4,8 +4,8 @@
     ./fenicsx python3 tests/import_rules.py
 
 All imports count: those inside functions, those for types alone, `import_module("...")`, and the
-tables of `xper_fx.lazy.importer`. That a module brings its packages along (`a.b` imports `a`) does
-not count.
+tables of `xper_fx.support.lazy.importer`. That a module brings its packages along (`a.b` imports
+`a`) does not count.
 """
 
 from __future__ import annotations
@@ -22,43 +22,33 @@ from typing import NamedTuple
 # each other. A room is named with its modules, packages with all that no other room names.
 FLOORS: tuple[dict[str, str], ...] = (
     {"door": ""},  # the package's own `__init__`
-    {"plotting": "frames plotting runner study_plots"},
-    {"study": "effects_price quantities study study_definition study_process study_results"},
-    {"diagnostics": "contact_forces cracks memory results"},
-    {"pictures": "plots", "recorder": "recorder restart rigid_series"},
-    {"effects": "effects scales"},
-    {"simulation": "simulation"},
-    {"accuracy": "accuracy knobs"},
-    {"step": "detection energy not_finite scene_points"},
-    {"scene": "contacts overlaps scene ties", "constants": "materials.library"},
-    {"parallel": "parallel"},
-    {"periodic": "periodic"},
+    {"study": "study"},
+    {"output": "output"},
+    {"plotting": "plotting", "simulation": "simulation"},
+    {"scene": "scene"},
+    {"parallel": "parallel", "periodic": "periodic"},
     {"bulk": "bulk"},
-    {"forms": "forms materials"},
-    {"bodies": "bodies joined_meshes meshes periodic.lattice subdomains surfaces"},
-    {
-        "nscd": "nscd",
-        "ranks": "parallel.ranks",
-        "files": "folder_lock output output_errors",
-        "dolfinx": "compat",
-    },
-    {"support": "errors lazy nscd.checks profile version"},
+    {"forms": "forms"},
+    {"materials": "materials", "bodies": "bodies"},
+    {"nscd": "nscd"},
+    {"support": "support", "DOLFINx": "support.compat", "ranks": "support.ranks"},
     {"cache": "cache"},
 )
 # Rooms below that a room does not import all the same.
-NEVER = {"forms": ("nscd", "ranks", "files"), "bodies": ("ranks", "files")}
+NEVER = {"forms": ("nscd", "ranks"), "nscd": ("DOLFINx", "ranks")}
 # Libraries that modules may import beside the standard one, where not all may be.
 LIBRARIES = {
     "nscd": ("numpy", "scipy", "numba"),
     "nscd.friction.files": ("numpy", "scipy", "h5py"),
-    "nscd.checks": ("numpy",),
-    "lazy": (),
+    "support.checks": ("numpy",),
+    "support.threads": ("numpy", "numba"),
+    "support.lazy": (),
     "cache": ("numpy", "numba", "llvmlite"),
 }
 # Circles that are known; the list may only get shorter.
 KNOWN_CIRCLES: frozenset[frozenset[str]] = frozenset()
 # The one module that imports by names which only its callers know.
-DEFERS = "lazy"
+DEFERS = "support.lazy"
 
 
 class Rules(NamedTuple):

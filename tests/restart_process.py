@@ -25,11 +25,11 @@ from scenes import LEFT, RIGHT, box_bodies  # noqa: E402
 from xper_fx.forms.loads import PrescribedVelocity  # noqa: E402
 from xper_fx.materials import LinearElastic  # noqa: E402
 from xper_fx.nscd.laws import CohesiveZone  # noqa: E402
-from xper_fx.recorder import Recorder, TensileGauge  # noqa: E402
-from xper_fx.restart.tree_file import read_tree  # noqa: E402
-from xper_fx.runner import recorded_steps  # noqa: E402
-from xper_fx.scene import Scene  # noqa: E402
-from xper_fx.simulation import Simulation  # noqa: E402
+from xper_fx.output.hdf5_tree import read_tree  # noqa: E402
+from xper_fx.output.recorder import Recorder, TensileGauge  # noqa: E402
+from xper_fx.output.run import recorded_steps  # noqa: E402
+from xper_fx.scene.scene import Scene  # noqa: E402
+from xper_fx.simulation.simulation import Simulation  # noqa: E402
 
 STEP, STEPS, FIELDS, KILLS = 0.02, 300, 100, 20
 ALWAYS, NEVER = 1e-9, 1e9  # seconds between checkpoints

@@ -10,8 +10,8 @@ from __future__ import annotations
 import numpy as np
 from scenes import BOTTOM, LEFT, RIGHT, TOP, box_bodies
 
-from xper_fx.bodies import explode
-from xper_fx.contacts import Contact
+from xper_fx.bodies.explode import explode
+from xper_fx.bodies.meshes import crossed_rectangle
 from xper_fx.forms.loads import (
     Gravity,
     PrescribedDisplacement,
@@ -27,12 +27,12 @@ from xper_fx.materials import (
     LinearViscoelastic,
     SaintVenantKirchhoff,
 )
-from xper_fx.meshes import crossed_rectangle
 from xper_fx.nscd.laws import CohesiveZone, SignoriniCoulomb
 from xper_fx.nscd.rigid import Disc, Polygon, Polyhedron, RigidBody, wall
 from xper_fx.periodic.drive import MacroscopicDrive
-from xper_fx.scene import Scene, Wall
-from xper_fx.simulation import Simulation
+from xper_fx.scene.contact import Contact
+from xper_fx.scene.scene import Scene, Wall
+from xper_fx.simulation.simulation import Simulation
 
 ELASTIC = LinearElastic(young=1.0, poisson=0.3, density=1.0)
 SVK = SaintVenantKirchhoff(young=1.0, poisson=0.3, density=1.0)

@@ -7,8 +7,8 @@ import numpy as np
 from dolfinx.mesh import CellType, create_box, create_rectangle
 from mpi4py import MPI
 
-from xper_fx.bodies import EACH_CELL, Bodies, explode
-from xper_fx.meshes import crossed_rectangle, tag_cells, tag_facets
+from xper_fx.bodies.explode import EACH_CELL, Bodies, explode
+from xper_fx.bodies.meshes import crossed_rectangle, tag_cells, tag_facets
 
 COMM = MPI.COMM_SELF
 LEFT, RIGHT, BOTTOM, TOP, BACK, FRONT = 1, 2, 3, 4, 5, 6
@@ -60,7 +60,7 @@ def box_bodies(lengths, cells, kind="crossed", label=None, material=None, interi
 
 def midpoints(mesh) -> np.ndarray:
     """Midpoints of the cells, shape (3, num_cells)."""
-    from xper_fx.compat import geometry_dofmap
+    from xper_fx.support.compat import geometry_dofmap
 
     return mesh.geometry.x[geometry_dofmap(mesh)].mean(axis=1).T
 

@@ -7,16 +7,16 @@ import numpy as np
 import pytest
 from scenes import LEFT, RIGHT, box_bodies, field, nodes
 
-from xper_fx.accuracy import AccuracyControl
-from xper_fx.energy import BulkEnergies
 from xper_fx.forms.loads import PrescribedDisplacement, PrescribedVelocity
-from xper_fx.knobs import Knobs
 from xper_fx.materials import J2SmallStrain, Linear, LinearElastic
 from xper_fx.nscd.interactions import StepWork
 from xper_fx.nscd.laws import CohesiveZone, SignoriniCoulomb
-from xper_fx.recorder import TensileGauge
-from xper_fx.scene import Scene, Wall
-from xper_fx.simulation import Simulation
+from xper_fx.output.recorder import TensileGauge
+from xper_fx.scene.scene import Scene, Wall
+from xper_fx.simulation.accuracy_control import AccuracyControl
+from xper_fx.simulation.energy_ledger import BulkEnergies
+from xper_fx.simulation.requested_accuracy import RequestedAccuracy
+from xper_fx.simulation.simulation import Simulation
 
 ELASTIC = LinearElastic(1.0, 0.0, 1.0)
 NO_WORK = StepWork(0.0, 0.0, 0.0, 0.0, 0.0)
@@ -47,7 +47,7 @@ def control(accuracy=1e-2, base=1.0, step="auto", **options) -> AccuracyControl:
     settings = {
         "largest": np.inf, "softening_step": np.inf, "interacting": False, "energy": 1.0
     } | options  # fmt: skip
-    return AccuracyControl(Knobs.chosen(accuracy, step, None, None), base, **settings)
+    return AccuracyControl(RequestedAccuracy.chosen(accuracy, step, None, None), base, **settings)
 
 
 def feed(control, energies, count: int, size=None, end_time=1e9, work=None) -> list[float]:
@@ -162,10 +162,24 @@ def test_what_is_given_stays():
 
 
 def test_a_knob_left_to_auto_is_picked_for_one_percent():
-    assert Knobs.chosen(None, "auto", None, None) == (1e-2, None, 1e-3, 1e-5, True, False)
-    assert Knobs.chosen(None, 0.1, "auto", None) == (1e-2, 0.1, 1e-3, 1e-5, False, True)
-    assert Knobs.chosen(None, None, None, None) == (None, None, 1e-3, 1e-8, False, False)
-    assert Knobs.chosen(1e-3, None, None, 1e-9) == (1e-3, None, 1e-4, 1e-9, True, True)
+    assert RequestedAccuracy.chosen(None, "auto", None, None) == (
+        1e-2,
+        None,
+        1e-3,
+        1e-5,
+        True,
+        False,
+    )
+    assert RequestedAccuracy.chosen(None, 0.1, "auto", None) == (1e-2, 0.1, 1e-3, 1e-5, False, True)
+    assert RequestedAccuracy.chosen(None, None, None, None) == (
+        None,
+        None,
+        1e-3,
+        1e-8,
+        False,
+        False,
+    )
+    assert RequestedAccuracy.chosen(1e-3, None, None, 1e-9) == (1e-3, None, 1e-4, 1e-9, True, True)
     assert Simulation(vibrating_bar()).estimated_error is None
 
 

@@ -18,10 +18,10 @@ from dolfinx.mesh import (
 )
 from mpi4py import MPI
 
-from xper_fx.bodies import EACH_CELL, explode
-from xper_fx.compat import create_exploded_mesh, geometry_dofmap
+from xper_fx.bodies.explode import EACH_CELL, explode
+from xper_fx.bodies.meshes import SerialOnlyError, crossed_rectangle, tag_cells, tag_facets
 from xper_fx.forms.compiled import compiled_form
-from xper_fx.meshes import SerialOnlyError, crossed_rectangle, tag_cells, tag_facets
+from xper_fx.support.compat import create_exploded_mesh, geometry_dofmap
 
 COMM = MPI.COMM_SELF
 LOWER, UPPER = (-0.3, 0.2, 0.1), (1.1, 0.9, 1.3)

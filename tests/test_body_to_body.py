@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 from scenes import box_bodies, run
 
-from xper_fx.contacts import Contact
 from xper_fx.materials import LinearElastic, NeoHookean
 from xper_fx.nscd.laws import PerfectBond, SignoriniCoulomb
 from xper_fx.nscd.rigid import Polygon, Polyhedron, RigidBody
-from xper_fx.scene import Scene
-from xper_fx.simulation import Simulation
+from xper_fx.scene.contact import Contact
+from xper_fx.scene.scene import Scene
+from xper_fx.simulation.simulation import Simulation
 
 KINDS = ("cells", "grains", "rigid")
 SPEED, GAP = 1e-2, 1e-3
@@ -147,8 +147,8 @@ def test_explicit_bulk(kinds):
     for record in simulation.steps(0.8):
         for group in simulation.interactions.contacts:
             w, x = 1.0 / simulation.bulk.mass.reshape(-1, 2)[:, 0], group.points
-            slots = np.concatenate([w[simulation.slot_nodes], np.full(2, np.nan)])
-            meshed = np.all(x.nodes < len(simulation.slot_nodes), axis=(1, 2))
+            slots = np.concatenate([w[simulation.model.slot_nodes], np.full(2, np.nan)])
+            meshed = np.all(x.nodes < len(simulation.model.slot_nodes), axis=(1, 2))
             expected = (x.weights**2 * slots[np.minimum(x.nodes, len(slots) - 1)]).sum((1, 2))
             assert group.compliance[meshed, 0] == pytest.approx(expected[meshed])
             several |= bool(np.any((x.weights > 1e-3).sum(2).max(1)[meshed] > 1))

@@ -14,8 +14,8 @@ from scenes import BOTTOM, TOP, box_bodies
 from xper_fx.forms.loads import PrescribedDisplacement
 from xper_fx.materials import LinearElastic
 from xper_fx.nscd.laws import CohesiveZone
-from xper_fx.scene import Scene
-from xper_fx.simulation import Simulation
+from xper_fx.scene.scene import Scene
+from xper_fx.simulation.simulation import Simulation
 
 C, W, R_MAX, MU = 100.0, 1.0, 10.0, 0.3
 STIFF = LinearElastic(1e5, 0.0, 1e-3)

@@ -19,8 +19,8 @@ from scenes import BOTTOM, LEFT, RIGHT, box_bodies, run
 from xper_fx.forms.loads import PrescribedDisplacement
 from xper_fx.materials.library import ZIRCALOY_4, ZIRCALOY_BOND
 from xper_fx.nscd.laws import CohesiveZone
-from xper_fx.scene import Scene
-from xper_fx.simulation import Simulation
+from xper_fx.scene.scene import Scene
+from xper_fx.simulation.simulation import Simulation
 
 SKEW = CohesiveZone(2e18, 0.5, 1e9, tangential_stiffness=1e18)
 

@@ -3,11 +3,11 @@
 
 import pytest
 
-from xper_fx.contacts import Contact
 from xper_fx.nscd.laws import CohesiveZone, SignoriniCoulomb
 from xper_fx.nscd.rigid import Polygon, Polyhedron, RigidBody
-from xper_fx.scene import Scene
-from xper_fx.simulation import Simulation
+from xper_fx.scene.contact import Contact
+from xper_fx.scene.scene import Scene
+from xper_fx.simulation.simulation import Simulation
 
 ENERGY, STRENGTH, SPEED, STEP = 1e-2, 100.0, 1e-3, 2e-3
 GLUE = CohesiveZone(1e6, ENERGY, STRENGTH)

@@ -5,13 +5,13 @@ import numpy as np
 import pytest
 from scenes import box_bodies, run
 
-from xper_fx.contacts import Contact
 from xper_fx.forms.loads import BodyForce, Gravity
 from xper_fx.materials import LinearElastic
 from xper_fx.nscd.laws import SignoriniCoulomb
 from xper_fx.nscd.rigid import Disc, Polygon, RigidBody, Sphere, wall
-from xper_fx.scene import Scene
-from xper_fx.simulation import Simulation
+from xper_fx.scene.contact import Contact
+from xper_fx.scene.scene import Scene
+from xper_fx.simulation.simulation import Simulation
 
 LAW = SignoriniCoulomb()
 

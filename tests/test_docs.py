@@ -24,7 +24,7 @@ import numpy as np
 import pytest
 
 import xper_fx
-from xper_fx.effects import EFFECTS
+from xper_fx.output.effects import EFFECTS
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
@@ -194,7 +194,7 @@ def check_contacts(names, printed):
     x, y, closure = (float(x) for x in re.sub(r"[\[\]]", " ", printed.splitlines()[0]).split())
     np.testing.assert_allclose((2.0 * x - y) / 5**0.5, 9.81 / 5**0.5 * 0.5**2 / 3.0, rtol=1e-2)
     assert abs(closure) < 1e-10
-    pressing = names["xf"].results.contact_forces(names["simulation"]).force[:, 1]
+    pressing = names["xf"].output.find_contact_forces(names["simulation"]).force[:, 1]
     assert pressing.sum() == pytest.approx(1000.0 * 9.81, rel=0.05)
 
 

@@ -18,11 +18,11 @@ import pytest
 from on_ranks import on_ranks
 from scenes import box_bodies
 
-from xper_fx.effects import EFFECTS, effects_of, effects_table
 from xper_fx.materials import NeoHookean
 from xper_fx.nscd.laws import CohesiveZone, PerfectBond, SignoriniCoulomb, Tresca
-from xper_fx.scene import Scene
-from xper_fx.simulation import Simulation
+from xper_fx.output.effects import EFFECTS, effects_of, effects_table
+from xper_fx.scene.scene import Scene
+from xper_fx.simulation.simulation import Simulation
 
 SCRIPT = Path(effect_scenes.__file__)
 ENVIRONMENT = os.environ | {"OPENBLAS_NUM_THREADS": "1"}

@@ -16,8 +16,8 @@ from xper_fx.forms.loads import (
 )
 from xper_fx.materials import LinearElastic, NeoHookean
 from xper_fx.nscd.laws import CohesiveZone
-from xper_fx.scene import Scene
-from xper_fx.simulation import Simulation
+from xper_fx.scene.scene import Scene
+from xper_fx.simulation.simulation import Simulation
 
 MATRIX, INCLUSION = LinearElastic(100.0, 0.3, 1.0), LinearElastic(300.0, 0.2, 2.0)
 LOSSES = ("cohesion", "friction", "impact", "viscous", "numerical")

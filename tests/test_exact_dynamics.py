@@ -21,8 +21,8 @@ from xper_fx.forms.loads import (
 )
 from xper_fx.materials import LinearElastic
 from xper_fx.nscd.laws import CohesiveZone, PerfectBond, SignoriniCoulomb
-from xper_fx.scene import Scene, Wall
-from xper_fx.simulation import Simulation
+from xper_fx.scene.scene import Scene, Wall
+from xper_fx.simulation.simulation import Simulation
 
 # A bar of unit section: with nu = 0 it is one-dimensional, with wave speed c = 10 m/s.
 YOUNG, DENSITY, SPEED, LENGTH, CELLS, V0 = 100.0, 1.0, 10.0, 10.0, 50, 0.01
@@ -84,7 +84,7 @@ def test_bar_on_a_rigid_wall(options, rebound):
     energies = simulation.ledger.energies
     assert energies.dissipated_impact == pytest.approx(0.01 * KINETIC, rel=0.4)
     closure = simulation.ledger.closure
-    assert abs(closure) < (1e-11 if simulation.scheme_name == "implicit" else 0.01) * KINETIC
+    assert abs(closure) < (1e-11 if simulation.options.scheme == "implicit" else 0.01) * KINETIC
 
 
 def test_position_level_bounces_under_impact():

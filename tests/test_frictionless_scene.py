@@ -8,13 +8,13 @@ import pytest
 from dolfinx import fem
 from scenes import BOTTOM, EXACT, TOP, box_bodies, run
 
-from xper_fx.bulk import inverse
-from xper_fx.effects import effects_of
+from xper_fx.bulk import body_inverse as inverse
 from xper_fx.forms.loads import PrescribedVelocity
 from xper_fx.materials import LinearElastic
 from xper_fx.nscd.laws import SignoriniCoulomb
-from xper_fx.scene import Scene
-from xper_fx.simulation import Simulation
+from xper_fx.output.effects import effects_of
+from xper_fx.scene.scene import Scene
+from xper_fx.simulation.simulation import Simulation
 
 STEEL = LinearElastic(210e9, 0.3, 7800.0)
 LENGTH, SPEED = 0.1, 1.0

@@ -22,9 +22,7 @@ from hypothesis import strategies as st
 from scenes import BOTTOM, LEFT, RIGHT, TOP, box_bodies, mesh_of, side_tags
 
 import xper_fx
-from xper_fx.bodies import explode
-from xper_fx.contacts import Contact
-from xper_fx.errors import ConvergenceError, NotFiniteError
+from xper_fx.bodies.explode import explode
 from xper_fx.forms.loads import (
     BodyForce,
     Gravity,
@@ -47,11 +45,13 @@ from xper_fx.materials import (
 )
 from xper_fx.nscd.laws import CohesiveZone, PerfectBond, SignoriniCoulomb, Tresca
 from xper_fx.nscd.rigid import Disc, Polygon, RigidBodies, RigidBody, Sphere, wall
+from xper_fx.output.checkpoint import restore
+from xper_fx.output.recorder import Recorder
 from xper_fx.periodic.drive import MacroscopicDrive
-from xper_fx.recorder import Recorder
-from xper_fx.restart.checkpoint import restore
-from xper_fx.scene import Scene
-from xper_fx.simulation import Simulation
+from xper_fx.scene.contact import Contact
+from xper_fx.scene.scene import Scene
+from xper_fx.simulation.simulation import Simulation
+from xper_fx.support.errors import ConvergenceError, NotFiniteError
 
 PACKAGE = str(Path(xper_fx.__file__).parent)
 NAN, INF = float("nan"), float("inf")
@@ -499,7 +499,7 @@ def test_a_material_that_turns_nan(scheme, tmp_path):
     other = Simulation(scene, 0.02, scheme=scheme)
     restore(error.saved, other)
     assert np.array_equal(other.state.displacement, simulation.state.displacement)
-    simulation.rescue = None
+    simulation.save_on_failure(None)
     with pytest.raises(NotFiniteError):  # and again, from the same state
         list(simulation.steps(1.0))
 

@@ -13,7 +13,7 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parents[1] / "demos"))
 import granular_packing as demo
 
-from xper_fx.contact_forces import contact_forces
+from xper_fx.output.contact_forces import find_contact_forces
 
 pytestmark = pytest.mark.demos
 
@@ -74,7 +74,7 @@ def test_penetration_stays_small(packed):
     gaps = np.concatenate([g.jump[:, 0] for g in simulation.interactions.contacts])
     # contacts act on velocities: what has come in while grains turned and slid stays in
     assert gaps.min() > -0.1 * demo.RADIUS
-    forces = contact_forces(simulation)
+    forces = find_contact_forces(simulation)
     assert len(forces.force) > 9
     towards = np.einsum("nd,nd->n", forces.force, forces.normal)
     size = np.linalg.norm(forces.force, axis=1)

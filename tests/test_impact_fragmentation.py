@@ -13,8 +13,8 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parents[1] / "demos"))
 import impact_fragmentation as demo
 
-from xper_fx.contact_forces import contact_forces
-from xper_fx.cracks import broken_points, find_fragments
+from xper_fx.output.contact_forces import find_contact_forces
+from xper_fx.output.cracks import broken_points, find_fragments
 
 pytestmark = pytest.mark.demos
 
@@ -101,7 +101,7 @@ def test_momentum_is_what_gravity_and_ground_give(broken):
 
     before, pushed = momentum(), 0.0
     for step in simulation.steps(simulation.time + 10 * simulation.step_size):
-        contacts = contact_forces(simulation)
+        contacts = find_contact_forces(simulation)
         side = (contacts.bodies >= first_ground) @ np.array([-1.0, 1.0])
         from_ground = side @ contacts.force
         pushed += step.size * abs(from_ground[1])

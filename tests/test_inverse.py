@@ -8,8 +8,8 @@ import pytest
 import scipy.sparse as sp
 from scenes import BOTTOM, LEFT, box_bodies
 
+from xper_fx.bulk.body_inverse import CellwiseInverse, ClusterInverse, LumpedInverse
 from xper_fx.bulk.bulk import Bulk
-from xper_fx.bulk.inverse import CellwiseInverse, ClusterInverse, LumpedInverse
 from xper_fx.forms.dynamics import BulkForms
 from xper_fx.forms.loads import PrescribedVelocity
 from xper_fx.materials import LinearElastic

@@ -12,15 +12,15 @@ from scenes import box_bodies
 
 from xper_fx.materials import LinearElastic
 from xper_fx.nscd.laws import CohesiveZone
+from xper_fx.output.recorder import Recorder
+from xper_fx.output.run import recorded_steps
 from xper_fx.parallel import launch
-from xper_fx.recorder import Recorder
-from xper_fx.runner import recorded_steps
-from xper_fx.scene import Scene
-from xper_fx.simulation import Simulation
+from xper_fx.scene.scene import Scene
+from xper_fx.simulation.simulation import Simulation
 
 PRINTS_ON = """
 import sys
-import xper_fx.bodies  # with DOLFINx and PETSc
+import xper_fx.bodies.explode  # with DOLFINx and PETSc
 from xper_fx.parallel.launch import run_together
 
 def main():

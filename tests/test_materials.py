@@ -3,13 +3,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scenes import BACK, BOTTOM, LEFT, RIGHT, box_bodies, field, nodes, run
 from scipy.optimize import brentq
 
 from xper_fx.bulk.bulk import Bulk
-from xper_fx.errors import ConvergenceError
 from xper_fx.forms.dynamics import BulkForms
 from xper_fx.forms.loads import PrescribedDisplacement, PrescribedVelocity, RayleighDamping
 from xper_fx.materials import (
@@ -20,10 +21,11 @@ from xper_fx.materials import (
     SaintVenantKirchhoff,
 )
 from xper_fx.nscd.laws import CohesiveZone
-from xper_fx.recorder import Recorder
-from xper_fx.restart.checkpoint import restore
-from xper_fx.scene import Scene
-from xper_fx.simulation import Simulation
+from xper_fx.output.checkpoint import restore
+from xper_fx.output.recorder import Recorder
+from xper_fx.scene.scene import Scene
+from xper_fx.simulation.simulation import Simulation
+from xper_fx.support.errors import ConvergenceError
 
 RUBBER = NeoHookean(100.0, 0.3, 1.0)
 LAM, MU = 100.0 * 0.3 / 1.3 / 0.4, 50.0 / 1.3
@@ -361,8 +363,9 @@ def test_a_failed_step_leaves_the_state_as_it_was(tmp_path):
     before = simulation.state
     history = {n: simulation.interactions.gather(n) for n in ("jump", "velocity", "damage")}
     recorder = Recorder(simulation, tmp_path, end_time=1.0, fields=0)
-    simulation._solve.keywords["max_sweeps"] = 1
-    simulation.max_halvings = 2
+    options = simulation.options
+    few = replace(options.solve, max_sweeps=1)
+    simulation.model.options = replace(options, solve=few, max_halvings=2)
     with pytest.raises(ConvergenceError, match="Step 6 at t = 0.1 s.*checkpoint") as caught:
         run(simulation, 1)
     error = caught.value
@@ -378,7 +381,7 @@ def test_a_failed_step_leaves_the_state_as_it_was(tmp_path):
     assert simulation.state is before and simulation.step_number == 5
     for name, values in history.items():
         assert np.array_equal(simulation.interactions.gather(name), values)
-    simulation._solve.keywords["max_sweeps"] = 20_000
+    simulation.model.options = options
     run(simulation, 5)
     run(whole, 5)
     scale = np.abs(whole.state.velocity).max()

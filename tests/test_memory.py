@@ -24,14 +24,14 @@ import pytest
 from dolfinx.mesh import CellType, create_box
 from mpi4py import MPI
 
-from xper_fx.bodies import explode
+from xper_fx.bodies.explode import explode
+from xper_fx.bodies.meshes import crossed_rectangle
 from xper_fx.materials import LinearElastic
-from xper_fx.memory import memory_by_part
-from xper_fx.meshes import crossed_rectangle
-from xper_fx.nscd import vertex_blocks
 from xper_fx.nscd.laws import CohesiveZone, SignoriniCoulomb
-from xper_fx.scene import Scene
-from xper_fx.simulation import Simulation
+from xper_fx.nscd.solvers import vertex_blocks
+from xper_fx.output.memory import memory_by_part
+from xper_fx.scene.scene import Scene
+from xper_fx.simulation.simulation import Simulation
 
 STEEL = LinearElastic(young=210e9, poisson=0.3, density=7800.0)
 BOND = CohesiveZone(1e13, fracture_energy=100.0, strength=1e6, friction=0.3)
@@ -53,7 +53,7 @@ def measured(run: Simulation) -> np.ndarray:
     """Bytes a point of points, inverse, bulk and solver; bytes a body of bodies."""
     layer, parts = run.interactions, memory_by_part(run)
     solver = 0
-    if run.scheme_name == "explicit":
+    if run.options.scheme == "explicit":
         solver = sum(a.nbytes for a in vertex_blocks.build(layer))
     points = layer.nbytes - layer.inverse.data.nbytes  # w belongs to the inverse
     held = np.array([points, run.scheme.nbytes, run.bulk.nbytes, solver]) / len(layer)
@@ -114,7 +114,7 @@ def test_all_that_is_held():
 def test_points_in_the_scenes_order(law):
     """They are held by law in the order of visit alone, and put together again when asked for."""
     run = simulation(2, 6, "implicit", law, "nodal")
-    given, _ = run._points.on_slots(run.scheme.inverse(run.step_size, run.state.displacement))
+    given, _ = run.model.points.on_slots(run.scheme.inverse(run.step_size, run.state.displacement))
     held = run.interactions.points
     np.testing.assert_array_equal(held.nodes, given.nodes)
     np.testing.assert_array_equal(held.frame[:, 0], given.frame[:, 0])

@@ -11,10 +11,8 @@ from dolfinx.mesh import CellType, create_unit_cube
 from mpi4py import MPI
 from ufl import Measure, dx
 
-from xper_fx.bodies import explode
-from xper_fx.compat import geometry_dofmap
-from xper_fx.forms.compiled import compiled_form
-from xper_fx.meshes import (
+from xper_fx.bodies.explode import explode
+from xper_fx.bodies.meshes import (
     SerialOnlyError,
     crossed_rectangle,
     facet_cells,
@@ -23,6 +21,8 @@ from xper_fx.meshes import (
     tag_cells,
     tag_facets,
 )
+from xper_fx.forms.compiled import compiled_form
+from xper_fx.support.compat import geometry_dofmap
 
 
 def area(mesh, measure=dx):
@@ -106,7 +106,7 @@ def test_tag_facets_looks_at_midpoints():
 def test_empty_tag_is_logged(caplog):
     """A predicate that claims nothing is probably wrong: a warning names it."""
     mesh = crossed_rectangle((0, 0), (1, 1), (1, 1))
-    with caplog.at_level(logging.WARNING, logger="xper_fx.meshes"):
+    with caplog.at_level(logging.WARNING, logger="xper_fx.bodies.meshes"):
         tag_cells(mesh, {17: lambda x: x[0] > 2})
     assert "Tag 17 claims no cell" in caplog.text
 

@@ -11,14 +11,14 @@ from mpi4py import MPI
 from scipy.spatial import cKDTree
 
 import xper_fx.periodic.microstructure.tessellation as tessellation_module
-from xper_fx.bodies import explode
-from xper_fx.compat import geometry_dofmap
-from xper_fx.meshes import SerialOnlyError, facet_cells, facet_geometry_nodes
+from xper_fx.bodies.explode import explode
+from xper_fx.bodies.meshes import SerialOnlyError, facet_cells, facet_geometry_nodes
 from xper_fx.periodic.microstructure.box_cut import cut_by_box
 from xper_fx.periodic.microstructure.mesh import mesh_tessellation
 from xper_fx.periodic.microstructure.seeds import random_seeds
 from xper_fx.periodic.microstructure.short_edges import lengthen_short_edges
 from xper_fx.periodic.microstructure.tessellation import nearest_grains, tessellate
+from xper_fx.support.compat import geometry_dofmap
 
 SHORTEST = {2: 0.25, 3: 0.1}  # edges of relaxed tessellations, in the mean distance of seeds
 

@@ -5,13 +5,13 @@ import numpy as np
 import pytest
 
 import xper_fx.bulk.implicit as implicit
-from xper_fx.bodies import explode
-from xper_fx.errors import ConvergenceError
+from xper_fx.bodies.explode import explode
+from xper_fx.bodies.meshes import crossed_rectangle, tag_facets
 from xper_fx.forms.loads import PrescribedVelocity
 from xper_fx.materials import NeoHookean
-from xper_fx.meshes import crossed_rectangle, tag_facets
-from xper_fx.scene import Scene
-from xper_fx.simulation import Simulation
+from xper_fx.scene.scene import Scene
+from xper_fx.simulation.simulation import Simulation
+from xper_fx.support.errors import ConvergenceError
 
 
 def stretched(stretch):

@@ -14,10 +14,10 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parents[1] / "demos"))
 import notched_plate as demo
 
-from xper_fx.cracks import find_cracks
-from xper_fx.output import HISTORY_COLUMNS, read_history
-from xper_fx.recorder import TensileGauge
-from xper_fx.simulation import Simulation
+from xper_fx.output.cracks import find_cracks
+from xper_fx.output.recorder import TensileGauge
+from xper_fx.output.series import HISTORY_COLUMNS, read_history
+from xper_fx.simulation.simulation import Simulation
 
 pytestmark = pytest.mark.demos
 

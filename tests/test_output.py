@@ -15,7 +15,7 @@ import h5py
 import numpy as np
 import pytest
 
-from xper_fx.output import (
+from xper_fx.output.series import (
     HISTORY_COLUMNS,
     History,
     TimeSeries,
@@ -193,9 +193,9 @@ def test_series_is_whole_at_every_instant(tmp_path, monkeypatch):
         file = open(path, mode, **options)  # noqa: SIM115
         return Watched(file) if mode == "r+b" else file
 
-    monkeypatch.setattr("xper_fx.output.open", watched_open, raising=False)
+    monkeypatch.setattr("xper_fx.output.series.open", watched_open, raising=False)
     # A small page has many borders to fall on.
-    monkeypatch.setattr("xper_fx.output._PAGE", 64)
+    monkeypatch.setattr("xper_fx.output.series._PAGE", 64)
     for step in range(40):
         series.write(step / 3, *fields(step))
         seen.append(step)

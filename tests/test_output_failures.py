@@ -25,15 +25,15 @@ import pytest
 from scenes import LEFT, RIGHT, box_bodies
 from test_output import POINTS, TRIANGLES, check, fields
 
-from xper_fx.folder_lock import FolderLock
 from xper_fx.forms.loads import PrescribedVelocity
 from xper_fx.materials import LinearElastic
-from xper_fx.output import History, TimeSeries, prepare_folder, read_history, write_summary
-from xper_fx.plots import new_figure
-from xper_fx.recorder import Recorder
-from xper_fx.restart.checkpoint import save
-from xper_fx.scene import Scene
-from xper_fx.simulation import Simulation
+from xper_fx.output.checkpoint import save
+from xper_fx.output.folder_lock import FolderLock
+from xper_fx.output.recorder import Recorder
+from xper_fx.output.series import History, TimeSeries, prepare_folder, read_history, write_summary
+from xper_fx.plotting.figures import new_figure
+from xper_fx.scene.scene import Scene
+from xper_fx.simulation.simulation import Simulation
 
 REPOSITORY = Path(__file__).parents[1]
 
@@ -98,7 +98,7 @@ def test_no_room_for_xdmf_after_its_fields(tmp_path, monkeypatch):
     """The fields were stored, the grid that names them was not: the next write replaces them."""
     series = begun_series(tmp_path / "a.xdmf", 3)
     with monkeypatch.context() as patch:
-        patch.setattr("xper_fx.output.TimeSeries._append", no_room)
+        patch.setattr("xper_fx.output.series.TimeSeries._append", no_room)
         with pytest.raises(OSError) as caught:
             series.write(0.9, *fields(9))
         told(caught, series.path, errno.ENOSPC)
@@ -208,7 +208,7 @@ def test_a_small_disk(tmp_path, trouble):
     from pathlib import Path
     from test_output import check, fields
     from test_output_failures import begun_series
-    from xper_fx.output import History, prepare_folder, read_history, write_summary
+    from xper_fx.output.series import History, prepare_folder, read_history, write_summary
 
     disk, trouble = Path(sys.argv[1]), sys.argv[2]
     subprocess.run(["mount", "-t", "tmpfs", "-o", "size=1m", "none", disk], check=True)
@@ -299,7 +299,7 @@ def test_files_open_elsewhere(tmp_path):
 
 HOLD = """
 import sys
-from xper_fx.folder_lock import FolderLock
+from xper_fx.output.folder_lock import FolderLock
 lock = FolderLock(sys.argv[1])
 print("held", flush=True)
 input()
@@ -341,7 +341,7 @@ def test_only_one_of_many_gets_in(tmp_path):
     code = """
     import sys, time
     from pathlib import Path
-    from xper_fx.folder_lock import FolderLock
+    from xper_fx.output.folder_lock import FolderLock
     entries, mine = Path(sys.argv[1]) / "inside", 0
     while mine < 200:
         try:
@@ -390,9 +390,9 @@ def test_a_recorder_that_could_not_be_made_lets_go(tmp_path, simulation):
 
 
 WRITES = {
-    "history": "xper_fx.output._write_all",
-    "fields": "xper_fx.output._reserve",
-    "xdmf": "xper_fx.output.TimeSeries._append",
+    "history": "xper_fx.output.series._write_all",
+    "fields": "xper_fx.output.series._reserve",
+    "xdmf": "xper_fx.output.series.TimeSeries._append",
 }
 
 
@@ -478,6 +478,6 @@ def test_a_folder_removed_during_a_run(tmp_path, simulation):
 
 def test_a_state_that_cannot_be_saved_does_not_hide_why(tmp_path, simulation, caplog):
     with Recorder(simulation, tmp_path / "run", end_time=0.4):
-        simulation.rescue = partial(save, tmp_path / "gone" / "checkpoint.h5", simulation)
+        simulation.save_on_failure(partial(save, tmp_path / "gone" / "checkpoint.h5", simulation))
         assert simulation._save_state() is None
     assert "state could not be saved" in caplog.text

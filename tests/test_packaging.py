@@ -135,7 +135,9 @@ def test_types_are_shipped():
 
 def test_the_version_stands_in_one_place():
     version = re.search(
-        r'^__version__ = "(\d+\.\d+\.\d+)"$', (ROOT / "xper_fx" / "version.py").read_text(), re.M
+        r'^__version__ = "(\d+\.\d+\.\d+)"$',
+        (ROOT / "xper_fx" / "support" / "version.py").read_text(),
+        re.M,
     )
     assert version
     assert project()["dynamic"] == ["version"]

@@ -9,10 +9,10 @@ from scenes import COMM, EXACT, LEFT, RIGHT, box_bodies
 from xper_fx.forms.loads import PrescribedVelocity
 from xper_fx.materials import LinearElastic
 from xper_fx.nscd.laws import CohesiveZone
+from xper_fx.parallel.division import partition_bodies
+from xper_fx.parallel.local_bodies import divide
 from xper_fx.parallel.ownership import owners_by_facet, owners_by_vertex, phases
-from xper_fx.parallel.part import divide
-from xper_fx.parallel.partition import partition_bodies
-from xper_fx.parallel.ranks import Ranks
+from xper_fx.support.ranks import Ranks
 
 SCENES = ("explicit", "quadratic", "blocks", "fall", "plastic", "free", "space")
 # Scenes whose points do not push each other at the end in more ways than one.
@@ -70,8 +70,8 @@ def test_a_rank_meets_one_other_in_a_phase():
 @pytest.mark.parametrize("kind", ["crossed", "quadrilateral", "tetrahedron", "hexahedron"])
 @pytest.mark.parametrize("degree", [1, 2])
 def test_points_at_a_vertex_are_on_one_rank(kind, degree):
-    from xper_fx.compat import geometry_dofmap
-    from xper_fx.meshes import reference_cell
+    from xper_fx.bodies.meshes import reference_cell
+    from xper_fx.support.compat import geometry_dofmap
 
     dim = 3 if kind in ("tetrahedron", "hexahedron") else 2
     bodies = box_bodies((1,) * dim, (3,) * dim, kind=kind)
@@ -110,7 +110,7 @@ def test_a_part_is_a_copy_of_its_cells():
     bodies = box_bodies((1, 1), (4, 4), label=lambda x: (x[0] * 3.99).astype(int))
     part = divide(bodies, Ranks(COMM))
     np.testing.assert_array_equal(part.cells, np.arange(len(bodies.body_of_cell)))
-    from xper_fx.compat import geometry_dofmap
+    from xper_fx.support.compat import geometry_dofmap
 
     np.testing.assert_array_equal(
         part.bodies.mesh.geometry.x[geometry_dofmap(part.bodies.mesh)],
@@ -123,8 +123,8 @@ def test_a_part_is_a_copy_of_its_cells():
 
 def test_one_rank_loads_nothing_of_the_others():
     """A run on one rank has no halo and no part."""
-    from xper_fx.scene import Scene
-    from xper_fx.simulation import Simulation
+    from xper_fx.scene.scene import Scene
+    from xper_fx.simulation.simulation import Simulation
 
     scene = Scene(
         box_bodies((1, 1), (2, 2)), {1: LinearElastic(1.0, 0.3, 1.0)},

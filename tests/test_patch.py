@@ -35,8 +35,8 @@ from xper_fx.forms.loads import (
 )
 from xper_fx.materials import LinearElastic
 from xper_fx.nscd.laws import CohesiveZone, PerfectBond
-from xper_fx.scene import Scene
-from xper_fx.simulation import Simulation
+from xper_fx.scene.scene import Scene
+from xper_fx.simulation.simulation import Simulation
 
 SOFT, HARD = LinearElastic(100.0, 0.3, 1.0), LinearElastic(300.0, 0.2, 2.0)
 STEP, STEPS = 0.02, 5

@@ -17,14 +17,14 @@ import intergranular
 import own_material
 import periodic_ductile as ductile
 
-from xper_fx.cracks import crack_panel, find_cracks
 from xper_fx.materials import LinearElastic
 from xper_fx.nscd.laws import CohesiveZone, PerfectBond
-from xper_fx.output import HISTORY_COLUMNS, read_history
+from xper_fx.output.cracks import crack_panel, find_cracks
+from xper_fx.output.recorder import Recorder
+from xper_fx.output.series import HISTORY_COLUMNS, read_history
 from xper_fx.periodic.drive import MacroscopicDrive
-from xper_fx.recorder import Recorder
-from xper_fx.scene import Scene
-from xper_fx.simulation import Simulation
+from xper_fx.scene.scene import Scene
+from xper_fx.simulation.simulation import Simulation
 
 CELL_COLUMNS = tuple(f"{letter}{i}{j}" for letter in "FP" for i in (1, 2) for j in (1, 2))
 SERIES = ("bulk.xdmf", "bulk.h5", "interfaces.xdmf", "interfaces.h5", "history.csv", "summary.json")

@@ -8,7 +8,7 @@ import pytest
 from cells import VOID, cell_of
 from scenes import LEFT, TOP, box_bodies, mesh_of
 
-from xper_fx.bodies import explode
+from xper_fx.bodies.explode import explode
 from xper_fx.forms.loads import (
     BodyForce,
     Gravity,
@@ -20,8 +20,8 @@ from xper_fx.forms.loads import (
 from xper_fx.materials import LinearElastic, NeoHookean
 from xper_fx.nscd.laws import CohesiveZone, PerfectBond, SignoriniCoulomb
 from xper_fx.periodic.drive import MacroscopicDrive
-from xper_fx.scene import Scene, Wall
-from xper_fx.simulation import Simulation
+from xper_fx.scene.scene import Scene, Wall
+from xper_fx.simulation.simulation import Simulation
 
 SOLID = LinearElastic(100.0, 0.3, 1.0)
 LAW = CohesiveZone(100.0, 1.0, 5.0)

@@ -8,17 +8,17 @@ import pytest
 from cells import cell_of, cell_run
 from scipy.optimize import brentq
 
-from xper_fx.errors import ConvergenceError
 from xper_fx.materials import LinearElastic, NeoHookean
 from xper_fx.materials.library import ZIRCALOY_4, ZIRCALOY_BOND
 from xper_fx.materials.material import lame
 from xper_fx.nscd.laws import CohesiveZone, PerfectBond, SignoriniCoulomb
+from xper_fx.output.checkpoint import restore
+from xper_fx.output.recorder import Recorder
 from xper_fx.periodic.averages import averaged_gradient
 from xper_fx.periodic.drive import MacroscopicDrive
-from xper_fx.recorder import Recorder
-from xper_fx.restart.checkpoint import restore
-from xper_fx.scene import Scene
-from xper_fx.simulation import Simulation
+from xper_fx.scene.scene import Scene
+from xper_fx.simulation.simulation import Simulation
+from xper_fx.support.errors import ConvergenceError
 
 LAW = CohesiveZone(100.0, 1.0, 10.0)
 SOLID = (2000.0, 0.3)

@@ -9,10 +9,10 @@ from cells import VOID, cell_of, moved, without, wrap
 from dolfinx import fem
 from scenes import box_bodies, mesh_of, midpoints
 
-from xper_fx.bodies import EACH_CELL, explode
-from xper_fx.compat import geometry_dofmap
-from xper_fx.meshes import tag_facets
-from xper_fx.periodic.lattice import check_volume, checked_lattice, match_facets
+from xper_fx.bodies.explode import EACH_CELL, explode
+from xper_fx.bodies.lattice import check_volume, checked_lattice, match_facets
+from xper_fx.bodies.meshes import tag_facets
+from xper_fx.support.compat import geometry_dofmap
 
 # kind, lengths, cells, pairs of facets on the boundary
 BOXES = [

@@ -8,7 +8,6 @@ import pytest
 from cells import cell_of, cell_run, phase
 from scenes import LEFT, RIGHT, box_bodies
 
-from xper_fx.errors import ConvergenceError
 from xper_fx.forms.loads import PrescribedVelocity
 from xper_fx.materials import (
     Cubic,
@@ -21,8 +20,9 @@ from xper_fx.materials import (
 )
 from xper_fx.nscd.laws import CohesiveZone
 from xper_fx.periodic.drive import MacroscopicDrive
-from xper_fx.scene import Scene
-from xper_fx.simulation import Simulation
+from xper_fx.scene.scene import Scene
+from xper_fx.simulation.simulation import Simulation
+from xper_fx.support.errors import ConvergenceError
 
 ZIRCALOY = dict(
     young=99e9, poisson=0.325, yield_stress=450e6, hardening=Linear(850e6), density=7800.0

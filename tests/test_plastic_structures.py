@@ -27,12 +27,12 @@ import pytest
 from scenes import BACK, BOTTOM, FRONT, LEFT, RIGHT, TOP, field, mesh_of, nodes, side_tags
 from scipy.optimize import minimize_scalar
 
-from xper_fx.bodies import explode
+from xper_fx.bodies.explode import explode
+from xper_fx.bodies.meshes import tag_cells
 from xper_fx.forms.loads import PrescribedDisplacement, SurfaceTraction
 from xper_fx.materials import J2FiniteStrain, LinearElastic, Voce
-from xper_fx.meshes import tag_cells
-from xper_fx.scene import Scene
-from xper_fx.simulation import Simulation
+from xper_fx.scene.scene import Scene
+from xper_fx.simulation.simulation import Simulation
 
 STEEL = J2FiniteStrain(206.9, 0.29, 0.45, Voce(0.715, 16.93, 0.12924), 7.8e-6)
 """GPa and mm: kappa = 164.2 GPa, mu = 80.19 GPa."""

@@ -12,7 +12,6 @@ from scipy.optimize import brentq
 
 from xper_fx.bulk.bulk import Bulk
 from xper_fx.forms.dynamics import BulkForms
-from xper_fx.forms.kinematics import small_strain
 from xper_fx.forms.loads import PrescribedDisplacement
 from xper_fx.materials import (
     J2FiniteStrain,
@@ -24,9 +23,10 @@ from xper_fx.materials import (
     Voce,
 )
 from xper_fx.materials.hardening import _iterations
+from xper_fx.materials.kinematics import small_strain
 from xper_fx.materials.library import ZIRCALOY_4_DUCTILE, ZIRCALOY_4_DUCTILE_FINITE
-from xper_fx.scene import Scene
-from xper_fx.simulation import Simulation
+from xper_fx.scene.scene import Scene
+from xper_fx.simulation.simulation import Simulation
 
 YOUNG, POISSON, YIELD = 200.0, 0.3, 1.0
 MU, KAPPA = YOUNG / 2.6, YOUNG / 1.2

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from xper_fx.output import HISTORY_COLUMNS
-from xper_fx.plots import (
+from xper_fx.output.series import HISTORY_COLUMNS
+from xper_fx.plotting.figures import (
     CrackPanel,
     plot_cracks,
     plot_curves,
@@ -404,7 +404,7 @@ def test_no_global_state():
     program = f"""
 import sys
 sys.path.insert(0, {str(Path(__file__).parents[1])!r})
-from xper_fx.plots import plot_curves
+from xper_fx.plotting.figures import plot_curves
 assert "matplotlib" not in sys.modules, "imported before it is needed"
 from matplotlib import rcParams
 before = rcParams.copy()

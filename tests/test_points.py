@@ -11,8 +11,8 @@ from scenes import BOTTOM, LEFT, RIGHT, box_bodies, nodes, run
 from xper_fx.forms.loads import BodyForce, PrescribedDisplacement, PrescribedVelocity
 from xper_fx.materials import LinearElastic
 from xper_fx.nscd.laws import CohesiveZone
-from xper_fx.scene import Scene
-from xper_fx.simulation import Simulation
+from xper_fx.scene.scene import Scene
+from xper_fx.simulation.simulation import Simulation
 
 CRACK, LINE = 9, 10
 GAUSS = 0.5 + np.array([-0.5, 0.5]) / np.sqrt(3.0)

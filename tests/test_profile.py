@@ -11,16 +11,16 @@ import pytest
 from numba import njit
 from scenes import BOTTOM, LEFT, RIGHT, box_bodies
 
-from xper_fx import profile
 from xper_fx.forms.loads import PrescribedVelocity
 from xper_fx.materials import J2SmallStrain, LinearElastic
 from xper_fx.materials.hardening import Linear
-from xper_fx.plots import plot_profile
-from xper_fx.profile import OTHER, Stopwatch, profile_table
-from xper_fx.recorder import Recorder
-from xper_fx.runner import recorded_steps
-from xper_fx.scene import Scene
-from xper_fx.simulation import Simulation
+from xper_fx.output.recorder import Recorder
+from xper_fx.output.run import recorded_steps
+from xper_fx.plotting.figures import plot_profile
+from xper_fx.scene.scene import Scene
+from xper_fx.simulation.simulation import Simulation
+from xper_fx.support import profile
+from xper_fx.support.profile import OTHER, Stopwatch, profile_table
 
 
 class Clock:

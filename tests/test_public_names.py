@@ -17,7 +17,7 @@ def test_every_public_name_is_there(name):
     assert name in ("__version__", *xf._NAMESPACES) or thing.__name__ == name
 
 
-@pytest.mark.parametrize("namespace", [xf.plotting, xf.results], ids=["plotting", "results"])
+@pytest.mark.parametrize("namespace", [xf.plotting, xf.output], ids=["plotting", "results"])
 def test_names_gathered_from_several_modules_are_there(namespace):
     for name in namespace.__all__:
         assert getattr(namespace, name) is not None
@@ -51,7 +51,7 @@ print("dolfinx" in sys.modules, "xper_fx.nscd.laws.perfect_bond" in sys.modules)
     ).stdout.splitlines()  # fmt: skip
     new = out[0].split()
     assert {name for name in new if name.startswith("xper_fx")} == {
-        "xper_fx", "xper_fx.lazy", "xper_fx.version"
+        "xper_fx", "xper_fx.support", "xper_fx.support.lazy", "xper_fx.support.version"
     }  # fmt: skip
     assert not {"numpy", "numba", "dolfinx"} & set(new)
     assert out[1] == "False False"

@@ -17,18 +17,18 @@ import numpy as np
 import pytest
 from scenes import BOTTOM, LEFT, RIGHT, box_bodies
 
-from xper_fx.bodies import explode
-from xper_fx.contacts import Contact
+from xper_fx.bodies.explode import explode
+from xper_fx.bodies.meshes import crossed_rectangle
 from xper_fx.forms.loads import Gravity, PrescribedVelocity
 from xper_fx.materials import LinearElastic, NeoHookean
-from xper_fx.meshes import crossed_rectangle
 from xper_fx.nscd.laws import CohesiveZone, SignoriniCoulomb
 from xper_fx.nscd.rigid import Disc, RigidBody, wall
-from xper_fx.output import TIMING_KEYS, without_times
+from xper_fx.output.recorder import Recorder
+from xper_fx.output.series import TIMING_KEYS, without_times
 from xper_fx.periodic.drive import MacroscopicDrive
-from xper_fx.recorder import Recorder
-from xper_fx.scene import Scene
-from xper_fx.simulation import Simulation
+from xper_fx.scene.contact import Contact
+from xper_fx.scene.scene import Scene
+from xper_fx.simulation.simulation import Simulation
 
 SOLID = LinearElastic(100.0, 0.3, 1.0)
 BOND = CohesiveZone(1e4, 1e-3, 0.3)

@@ -23,19 +23,19 @@ import restart_scenes
 from scenes import LEFT, RIGHT, TOP, box_bodies
 
 import xper_fx
-from xper_fx.errors import CheckpointError, ConvergenceError
 from xper_fx.forms.loads import Gravity, PrescribedVelocity
 from xper_fx.materials import LinearElastic
 from xper_fx.nscd.laws import CohesiveZone, SignoriniCoulomb
-from xper_fx.nscd.rows import Rows
-from xper_fx.output import TimeSeries, read_history
-from xper_fx.recorder import Recorder, TensileGauge
-from xper_fx.restart.checkpoint import restore, save
-from xper_fx.restart.interruption import Interruption
-from xper_fx.restart.tree_file import read_tree, write_tree
-from xper_fx.runner import add_run_options, recorded_steps
-from xper_fx.scene import Scene, Wall
-from xper_fx.simulation import Simulation
+from xper_fx.output.checkpoint import restore, save
+from xper_fx.output.hdf5_tree import read_tree, write_tree
+from xper_fx.output.recorder import Recorder, TensileGauge
+from xper_fx.output.run import add_run_options, recorded_steps
+from xper_fx.output.series import TimeSeries, read_history
+from xper_fx.output.signals import Interruption
+from xper_fx.scene.scene import Scene, Wall
+from xper_fx.simulation.simulation import Simulation
+from xper_fx.support.errors import CheckpointError, ConvergenceError
+from xper_fx.support.saved_rows import Rows
 
 # Of a bar of two halves, until its bond has broken and it has swung back.
 STEP, STEPS = 0.1, 30
@@ -521,7 +521,7 @@ def test_a_new_run_forgets_the_checkpoint_of_the_last(folder):
 def test_checkpoints_come_in_time(tmp_path, monkeypatch):
     """Every 3 s of a clock that shows a second more at each look."""
     clock = iter(range(1000))
-    monkeypatch.setattr("xper_fx.recorder.monotonic", lambda: next(clock))
+    monkeypatch.setattr("xper_fx.output.recorder.monotonic", lambda: next(clock))
     recorder, seen = recorder_of(bar(), tmp_path, checkpoint_every=3.0), []
     for record in recorder.simulation.steps(10 * STEP):
         recorder.record(record)
@@ -547,7 +547,8 @@ def test_a_step_that_fails_can_be_taken_with_other_options(whole, tmp_path):
     with pytest.raises(ConvergenceError, match=r"checkpoint\.h5") as caught:
         for _ in recorded_steps(recorder, END, "bar", quiet=True):
             if simulation.step_number == 9:
-                simulation._solve.keywords["max_sweeps"] = 1
+                few = replace(simulation.options.solve, max_sweeps=1)
+                simulation.model.options = replace(simulation.options, solve=few)
                 simulation.tolerance = 1e-15
     assert caught.value.saved == tmp_path / "run" / "checkpoint.h5"
     recorder = recorded(tmp_path / "run", restart=True)

@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 from scenes import box_bodies
 
-from xper_fx.contact_forces import contact_forces
-from xper_fx.contacts import Contact
 from xper_fx.forms.loads import Gravity
 from xper_fx.materials import LinearElastic
 from xper_fx.nscd.laws import SignoriniCoulomb
 from xper_fx.nscd.rigid import Disc, Polygon, Polyhedron, RigidBody, Sphere, wall
-from xper_fx.output import read_history
-from xper_fx.recorder import Recorder
-from xper_fx.scene import Scene
-from xper_fx.simulation import Simulation
+from xper_fx.output.contact_forces import find_contact_forces
+from xper_fx.output.recorder import Recorder
+from xper_fx.output.series import read_history
+from xper_fx.scene.contact import Contact
+from xper_fx.scene.scene import Scene
+from xper_fx.simulation.simulation import Simulation
 
 GRAVITY = 10.0
 
@@ -122,7 +122,7 @@ def test_weight_on_a_mesh_and_on_a_disc(tmp_path):
         for step in simulation.steps(2.0):
             recorder.record(step)
     assert (tmp_path / "bulk.xdmf").exists() and (tmp_path / "rigid.xdmf").exists()
-    contacts = contact_forces(simulation)
+    contacts = find_contact_forces(simulation)
     # bodies: the block 0, the floor 1, the disc 2; a force acts on the candidate
     on_floor = np.zeros((3, 2))
     for (candidate, antagonist), force in zip(contacts.bodies, contacts.force, strict=True):

@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from xper_fx.contacts import Contact
 from xper_fx.forms.loads import Gravity
 from xper_fx.nscd.laws import SignoriniCoulomb
 from xper_fx.nscd.rigid.body import RigidBody, wall
 from xper_fx.nscd.rigid.polygon import Polygon
 from xper_fx.nscd.rigid.polyhedron import Polyhedron
 from xper_fx.nscd.rigid.shapes import Disc, Sphere
-from xper_fx.scene import Scene
-from xper_fx.simulation import Simulation
+from xper_fx.scene.contact import Contact
+from xper_fx.scene.scene import Scene
+from xper_fx.simulation.simulation import Simulation
 
 G, RADIUS, STEP = 9.81, 0.1, 1e-3
 BALL = {2: Disc(RADIUS), 3: Sphere(RADIUS)}

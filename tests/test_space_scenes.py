@@ -11,8 +11,8 @@ from scipy.spatial import cKDTree
 from xper_fx.forms.loads import PrescribedVelocity
 from xper_fx.materials import LinearElastic
 from xper_fx.nscd.laws import CohesiveZone, PerfectBond, SignoriniCoulomb, Tresca
-from xper_fx.scene import Scene
-from xper_fx.simulation import Simulation
+from xper_fx.scene.scene import Scene
+from xper_fx.simulation.simulation import Simulation
 
 LENGTHS, CELLS = (5.0, 1.0, 1.0), (5, 1, 1)
 JOINTS = {

@@ -8,8 +8,8 @@ from scenes import BACK, BOTTOM, LEFT, RIGHT, box_bodies, run
 from xper_fx.bulk.rigid_motions import free_rigid_motions
 from xper_fx.forms.loads import PrescribedDisplacement, RayleighDamping, SurfaceTraction
 from xper_fx.materials import LinearElastic, NeoHookean
-from xper_fx.scene import Scene
-from xper_fx.simulation import Simulation
+from xper_fx.scene.scene import Scene
+from xper_fx.simulation.simulation import Simulation
 
 SIZE = 3e-5
 

@@ -18,10 +18,13 @@ from scenes import box_bodies, nodes
 sys.path.insert(0, str(Path(__file__).parents[1] / "demos"))
 import accuracy_cost as demo
 
-from xper_fx import study as study_module
-from xper_fx.effects_price import effects_study, price_table, prices
 from xper_fx.materials import LinearElastic
-from xper_fx.quantities import (
+from xper_fx.scene.scene import Scene
+from xper_fx.simulation.simulation import Simulation, StepRecord
+from xper_fx.study import study as study_module
+from xper_fx.study.effect_prices import effects_study, price_table, prices
+from xper_fx.study.plots import plot_error_against_cost, plot_price
+from xper_fx.study.quantities import (
     CrackPattern,
     DisplacementL2,
     DissipatedEnergy,
@@ -29,11 +32,8 @@ from xper_fx.quantities import (
     PeakStress,
     Penetration,
 )
-from xper_fx.scene import Scene
-from xper_fx.simulation import Simulation, StepRecord
-from xper_fx.study import Study, product, run_study, vary
-from xper_fx.study_plots import plot_error_against_cost, plot_price
-from xper_fx.study_results import Run, StudyResults, pareto_front, percent
+from xper_fx.study.results import Run, StudyResults, pareto_front, percent
+from xper_fx.study.study import Study, product, run_study, vary
 
 BASE = {"cells": 10, "contact": "none", "num_threads": 1}
 END = 0.5

@@ -19,16 +19,16 @@ from scenes import (
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from xper_fx.bodies import EACH_CELL, explode
+from xper_fx.bodies.explode import EACH_CELL, explode
+from xper_fx.bodies.join import join_meshes
+from xper_fx.bodies.meshes import facet_cells, tag_cells
+from xper_fx.bodies.partition import partition
 from xper_fx.forms.loads import PrescribedDisplacement, SurfaceTraction
-from xper_fx.joined_meshes import join_meshes
 from xper_fx.materials import J2SmallStrain, Linear, LinearElastic, NeoHookean
-from xper_fx.meshes import facet_cells, tag_cells
-from xper_fx.nscd import subdomains
 from xper_fx.nscd.laws import CohesiveZone, PerfectBond, SignoriniCoulomb
-from xper_fx.scene import Scene
-from xper_fx.simulation import Simulation
-from xper_fx.subdomains import partition
+from xper_fx.nscd.solvers import BondedGradients
+from xper_fx.scene.scene import Scene
+from xper_fx.simulation.simulation import Simulation
 
 ELASTIC = LinearElastic(young=100.0, poisson=0.3, density=1.0)
 KIND = {2: "triangle", 3: "tetrahedron"}
@@ -163,17 +163,18 @@ def iterations_of(dim, cells, counts, coarse_space, options):
     """Iterations of the first solve to 1e-8; without a coarse space bodies float on springs."""
     first = []
 
-    def solver(interactions, velocity, **bounds):
-        report = subdomains.solve(interactions, velocity, coarse_space=coarse_space, **bounds)
-        first.append(report.sweeps)
-        return report
+    class Counted(BondedGradients):
+        def solve(self, *arguments):
+            report = super().solve(*arguments)
+            first.append(report.sweeps)
+            return report
 
     out = []
     for count in counts:
         first.clear()
         simulation = Simulation(
-            clamped(dim, cells, count), 1.0, tolerance=1e-8, newton_tolerance=0.1, solver=solver,
-            **options,
+            clamped(dim, cells, count), 1.0, tolerance=1e-8, newton_tolerance=0.1,
+            solver=Counted(coarse_space=coarse_space), **options,
         )  # fmt: skip
         run(simulation, 1)
         out.append(first[0])
@@ -327,8 +328,8 @@ def test_a_body_on_a_hinge_is_refused():
         bodies, {1: ELASTIC}, default_interaction=PerfectBond(),
         loads=[PrescribedDisplacement(LEFT, axis, 0.0) for axis in (0, 1)],
     )  # fmt: skip
-    from xper_fx.bulk.anchors import AnchoredInverse
-    from xper_fx.bulk.layout import BodyLayout
+    from xper_fx.bulk.body_dofs import BodyLayout
+    from xper_fx.bulk.floating_bodies import AnchoredInverse
 
     simulation = Simulation(scene, 1.0, **STATIC)
     layout: BodyLayout = simulation.bulk.layout

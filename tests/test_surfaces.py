@@ -9,12 +9,12 @@ from dolfinx import fem
 from dolfinx.mesh import CellType, create_box, create_rectangle
 from mpi4py import MPI
 
-from xper_fx.bodies import explode
-from xper_fx.meshes import crossed_rectangle, tag_cells, tag_facets
+from xper_fx.bodies.explode import explode
+from xper_fx.bodies.meshes import crossed_rectangle, tag_cells, tag_facets
+from xper_fx.bodies.surfaces import extract_surface
 from xper_fx.nscd.rigid import Polygon, RigidBody
 from xper_fx.nscd.rigid.bodies import RigidBodies
 from xper_fx.nscd.search.surface_search import SurfaceSearch
-from xper_fx.surfaces import extract_surface
 
 
 def space(bodies, order=1):

@@ -7,16 +7,16 @@ from dolfinx.mesh import CellType, create_box, create_rectangle
 from scenes import BACK, BOTTOM, COMM, LEFT, RIGHT, field, mesh_of, midpoints, nodes, run, side_tags
 from scipy.spatial import cKDTree
 
-from xper_fx.bodies import explode
+from xper_fx.bodies.explode import explode
+from xper_fx.bodies.join import join_meshes
+from xper_fx.bodies.meshes import facet_cells, tag_cells, tag_facets
 from xper_fx.forms.loads import Gravity, PrescribedDisplacement, SurfaceTraction
-from xper_fx.joined_meshes import join_meshes
 from xper_fx.materials import LinearElastic
-from xper_fx.meshes import facet_cells, tag_cells, tag_facets
 from xper_fx.nscd.laws import CohesiveZone, PerfectBond
-from xper_fx.nscd.nonmatching import nonmatching_points
-from xper_fx.scene import Scene
-from xper_fx.simulation import Simulation
-from xper_fx.ties import Tie
+from xper_fx.nscd.mortar import nonmatching_points
+from xper_fx.scene.scene import Scene
+from xper_fx.scene.tie import Tie
+from xper_fx.simulation.simulation import Simulation
 
 YOUNG, POISSON = 100.0, 0.3
 STATIC = {"inertia": False, "theta": 1.0}

@@ -12,8 +12,8 @@ from xper_fx.bulk.bulk import Bulk
 from xper_fx.forms.dynamics import BulkForms
 from xper_fx.forms.loads import PrescribedDisplacement, SurfaceTraction
 from xper_fx.materials import LinearElastic, LinearViscoelastic
-from xper_fx.scene import Scene
-from xper_fx.simulation import Simulation
+from xper_fx.scene.scene import Scene
+from xper_fx.simulation.simulation import Simulation
 
 YOUNG, POISSON = 120.0, 0.25
 MU, KAPPA = 48.0, 80.0

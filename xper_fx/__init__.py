@@ -4,43 +4,43 @@
 `import xper_fx as xf` gives all public names, each imported when it is first asked for: scenes and
 runs by name, and namespaces of what there are several of.
 
-    xf.laws                  interaction laws: CohesiveZone, SignoriniCoulomb, Tresca, PerfectBond
-    xf.materials             materials of the bulk; xf.library has measured constants
-    xf.loads                 loads, which are public names of their own as well
-    xf.rigid                 rigid bodies: Disc, Polygon, Sphere, Polyhedron, wall
-    xf.meshes                meshes and their tags
-    xf.microstructure        grains: periodic tessellations and their meshes
-    xf.kinematics            strains, in UFL, for materials of one's own
-    xf.results               what is read off a run: cracks, fragments, contact forces
-    xf.plotting              figures
-    xf.study                 runs of one scene with several settings; xf.quantities, what they
-                             compare; xf.effect_prices, what each effect costs
-    xf.domain_decomposition  the solver of perfect bonds
+    xf.laws            interaction laws: CohesiveZone, SignoriniCoulomb, Tresca, PerfectBond
+    xf.materials       materials of the bulk; xf.library has measured constants, xf.kinematics
+                       strains in UFL for materials of one's own
+    xf.loads           loads, which are public names of their own as well
+    xf.rigid           rigid bodies: Disc, Polygon, Sphere, Polyhedron, wall
+    xf.meshes          meshes and their tags
+    xf.periodic        periodic cells: MacroscopicDrive; xf.microstructure, grains and their meshes
+    xf.solvers         solvers of the interactions and their options
+    xf.output          what a run leaves and what is read off it: cracks, fragments, contact forces
+    xf.plotting        figures
+    xf.study           runs of one scene with several settings; xf.quantities, what they compare;
+                       xf.effect_prices, what each effect costs
 """
 
 from typing import TYPE_CHECKING
 
-from xper_fx.lazy import importer
-from xper_fx.version import __version__ as __version__
+from xper_fx.support.lazy import importer
+from xper_fx.support.version import __version__ as __version__
 
 if TYPE_CHECKING:
-    from xper_fx import effects_price as effect_prices  # noqa: F401
     from xper_fx import materials as materials
-    from xper_fx import meshes as meshes
+    from xper_fx import output as output
+    from xper_fx import periodic as periodic
     from xper_fx import plotting as plotting
-    from xper_fx import quantities as quantities
-    from xper_fx import results as results
     from xper_fx import study as study
-    from xper_fx.bodies import Bodies as Bodies
-    from xper_fx.bodies import explode as explode
+    from xper_fx.bodies import meshes as meshes
+    from xper_fx.bodies.explode import Bodies as Bodies
+    from xper_fx.bodies.explode import explode as explode
+    from xper_fx.bodies.join import join_meshes as join_meshes
+    from xper_fx.bodies.meshes import SerialOnlyError as SerialOnlyError
+    from xper_fx.bodies.meshes import crossed_rectangle as crossed_rectangle
+    from xper_fx.bodies.meshes import in_rectangles as in_rectangles
+    from xper_fx.bodies.meshes import read_gmsh as read_gmsh
+    from xper_fx.bodies.meshes import tag_cells as tag_cells
+    from xper_fx.bodies.meshes import tag_facets as tag_facets
+    from xper_fx.bodies.partition import partition as partition
     from xper_fx.cache import njit as njit
-    from xper_fx.compat import geometry_dofmap as geometry_dofmap
-    from xper_fx.contacts import Contact as Contact
-    from xper_fx.effects import effects_table as effects_table
-    from xper_fx.errors import CheckpointError as CheckpointError
-    from xper_fx.errors import ConvergenceError as ConvergenceError
-    from xper_fx.errors import NotFiniteError as NotFiniteError
-    from xper_fx.forms import kinematics as kinematics
     from xper_fx.forms import loads as loads
     from xper_fx.forms.loads import BodyForce as BodyForce
     from xper_fx.forms.loads import Gravity as Gravity
@@ -48,99 +48,101 @@ if TYPE_CHECKING:
     from xper_fx.forms.loads import PrescribedVelocity as PrescribedVelocity
     from xper_fx.forms.loads import RayleighDamping as RayleighDamping
     from xper_fx.forms.loads import SurfaceTraction as SurfaceTraction
-    from xper_fx.joined_meshes import join_meshes as join_meshes
+    from xper_fx.materials import kinematics as kinematics
     from xper_fx.materials import library as library
-    from xper_fx.meshes import SerialOnlyError as SerialOnlyError
-    from xper_fx.meshes import crossed_rectangle as crossed_rectangle
-    from xper_fx.meshes import in_rectangles as in_rectangles
-    from xper_fx.meshes import read_gmsh as read_gmsh
-    from xper_fx.meshes import tag_cells as tag_cells
-    from xper_fx.meshes import tag_facets as tag_facets
     from xper_fx.nscd import FrictionProblem as FrictionProblem
     from xper_fx.nscd import laws as laws
     from xper_fx.nscd import rigid as rigid
-    from xper_fx.nscd import subdomains as domain_decomposition  # noqa: F401
+    from xper_fx.nscd import solvers as solvers
     from xper_fx.nscd.rigid import RigidBody as RigidBody
-    from xper_fx.output import prepare_folder as prepare_folder
-    from xper_fx.output import read_history as read_history
+    from xper_fx.output.cohesive_scales import cohesive_table as cohesive_table
+    from xper_fx.output.effects import effects_table as effects_table
+    from xper_fx.output.recorder import CellGauge as CellGauge
+    from xper_fx.output.recorder import Recorder as Recorder
+    from xper_fx.output.recorder import TensileGauge as TensileGauge
+    from xper_fx.output.recorder import add_to_summary as add_to_summary
+    from xper_fx.output.run import add_run_options as add_run_options
+    from xper_fx.output.run import recorded_steps as recorded_steps
+    from xper_fx.output.series import prepare_folder as prepare_folder
+    from xper_fx.output.series import read_history as read_history
     from xper_fx.parallel.launch import run_together as run_together
     from xper_fx.periodic import microstructure as microstructure
     from xper_fx.periodic.drive import MacroscopicDrive as MacroscopicDrive
     from xper_fx.periodic.microstructure.gmsh_session import gmsh_model as gmsh_model
-    from xper_fx.recorder import CellGauge as CellGauge
-    from xper_fx.recorder import Recorder as Recorder
-    from xper_fx.recorder import TensileGauge as TensileGauge
-    from xper_fx.recorder import add_to_summary as add_to_summary
-    from xper_fx.runner import add_run_options as add_run_options
-    from xper_fx.runner import recorded_steps as recorded_steps
-    from xper_fx.scales import cohesive_table as cohesive_table
-    from xper_fx.scene import Scene as Scene
-    from xper_fx.scene import Wall as Wall
-    from xper_fx.simulation import Simulation as Simulation
-    from xper_fx.simulation import StepRecord as StepRecord
-    from xper_fx.study import Study as Study
-    from xper_fx.subdomains import partition as partition
-    from xper_fx.ties import Tie as Tie
+    from xper_fx.scene.contact import Contact as Contact
+    from xper_fx.scene.scene import Scene as Scene
+    from xper_fx.scene.scene import Wall as Wall
+    from xper_fx.scene.tie import Tie as Tie
+    from xper_fx.simulation.simulation import Simulation as Simulation
+    from xper_fx.simulation.step_record import StepRecord as StepRecord
+    from xper_fx.study import effect_prices as effect_prices
+    from xper_fx.study import quantities as quantities
+    from xper_fx.study.definition import Study as Study
+    from xper_fx.support.compat import geometry_dofmap as geometry_dofmap
+    from xper_fx.support.errors import CheckpointError as CheckpointError
+    from xper_fx.support.errors import ConvergenceError as ConvergenceError
+    from xper_fx.support.errors import NotFiniteError as NotFiniteError
 
 _MODULE_OF = {
-    "Bodies": "bodies",
+    "Bodies": "bodies.explode",
     "BodyForce": "forms.loads",
-    "CellGauge": "recorder",
-    "CheckpointError": "errors",
-    "Contact": "contacts",
-    "ConvergenceError": "errors",
+    "CellGauge": "output.recorder",
+    "CheckpointError": "support.errors",
+    "Contact": "scene.contact",
+    "ConvergenceError": "support.errors",
     "FrictionProblem": "nscd",
     "Gravity": "forms.loads",
     "MacroscopicDrive": "periodic.drive",
-    "NotFiniteError": "errors",
+    "NotFiniteError": "support.errors",
     "PrescribedDisplacement": "forms.loads",
     "PrescribedVelocity": "forms.loads",
     "RayleighDamping": "forms.loads",
-    "Recorder": "recorder",
+    "Recorder": "output.recorder",
     "RigidBody": "nscd.rigid",
-    "Scene": "scene",
-    "SerialOnlyError": "meshes",
-    "Simulation": "simulation",
-    "StepRecord": "simulation",
-    "Study": "study",
+    "Scene": "scene.scene",
+    "SerialOnlyError": "bodies.meshes",
+    "Simulation": "simulation.simulation",
+    "StepRecord": "simulation.step_record",
+    "Study": "study.definition",
     "SurfaceTraction": "forms.loads",
-    "TensileGauge": "recorder",
-    "Tie": "ties",
-    "Wall": "scene",
-    "add_run_options": "runner",
-    "add_to_summary": "recorder",
-    "cohesive_table": "scales",
-    "crossed_rectangle": "meshes",
-    "effects_table": "effects",
-    "explode": "bodies",
-    "geometry_dofmap": "compat",
+    "TensileGauge": "output.recorder",
+    "Tie": "scene.tie",
+    "Wall": "scene.scene",
+    "add_run_options": "output.run",
+    "add_to_summary": "output.recorder",
+    "cohesive_table": "output.cohesive_scales",
+    "crossed_rectangle": "bodies.meshes",
+    "effects_table": "output.effects",
+    "explode": "bodies.explode",
+    "geometry_dofmap": "support.compat",
     "gmsh_model": "periodic.microstructure.gmsh_session",
-    "in_rectangles": "meshes",
-    "join_meshes": "joined_meshes",
+    "in_rectangles": "bodies.meshes",
+    "join_meshes": "bodies.join",
     "njit": "cache",
-    "partition": "subdomains",
-    "prepare_folder": "output",
-    "read_gmsh": "meshes",
-    "read_history": "output",
-    "recorded_steps": "runner",
+    "partition": "bodies.partition",
+    "prepare_folder": "output.series",
+    "read_gmsh": "bodies.meshes",
+    "read_history": "output.series",
+    "recorded_steps": "output.run",
     "run_together": "parallel.launch",
-    "tag_cells": "meshes",
-    "tag_facets": "meshes",
+    "tag_cells": "bodies.meshes",
+    "tag_facets": "bodies.meshes",
 }
 _NAMESPACES = {
-    "domain_decomposition": "nscd.subdomains",
-    "effect_prices": "effects_price",
-    "kinematics": "forms.kinematics",
+    "effect_prices": "study.effect_prices",
+    "kinematics": "materials.kinematics",
     "laws": "nscd.laws",
     "library": "materials.library",
     "loads": "forms.loads",
     "materials": "materials",
-    "meshes": "meshes",
+    "meshes": "bodies.meshes",
     "microstructure": "periodic.microstructure",
+    "output": "output",
+    "periodic": "periodic",
     "plotting": "plotting",
-    "quantities": "quantities",
-    "results": "results",
+    "quantities": "study.quantities",
     "rigid": "nscd.rigid",
+    "solvers": "nscd.solvers",
     "study": "study",
 }
 

@@ -26,10 +26,10 @@ from dolfinx.mesh import CellType, create_rectangle
 from mpi4py import MPI
 
 import xper_fx as xf
-from xper_fx.nscd.checks import require_positive
-from xper_fx.nscd.contact_solver import contact_solver
+from xper_fx.nscd.algebra.small import for_dimension
+from xper_fx.nscd.laws.contact_solver import contact_solver
 from xper_fx.nscd.laws.law import LawKernels
-from xper_fx.nscd.small import for_dimension
+from xper_fx.support.checks import require_positive
 
 
 @dataclass(frozen=True)

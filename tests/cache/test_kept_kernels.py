@@ -420,7 +420,7 @@ def test_eight_processes_at_once_compile_once(tmp_path):
 UNCOMPILED = """
     import numpy as np
     import xper_fx as xf
-    from xper_fx.contact_forces import contact_forces
+    from xper_fx.output.contact_forces import find_contact_forces
 
     steel = xf.materials.LinearElastic(young=99e9, poisson=0.325, density=7800.0)
     bond = xf.laws.CohesiveZone(2e18, fracture_energy=0.5, strength=1e9, friction=0.05)
@@ -445,7 +445,7 @@ UNCOMPILED = """
         scene = xf.Scene(rigid=[*blocks, ground], contacts=pairs, loads=loads)
         simulation = xf.Simulation(scene, 1e-3)
         list(simulation.steps(3e-3))
-        return abs(contact_forces(simulation).force).sum()
+        return abs(find_contact_forces(simulation).force).sum()
 
     print(plate("implicit"), plate("explicit"))
     print(stack(xf.rigid.Polygon.box((1.0, 1.0)), np.eye(2)[-1]))

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from xper_fx.simulation import Simulation
+from xper_fx.simulation.simulation import Simulation
 
 
 def bulk_energy(simulation: Simulation) -> float:
@@ -16,7 +16,7 @@ def bulk_energy(simulation: Simulation) -> float:
     """
     e, v = simulation.ledger.energies, simulation.state.velocity
     total = e.kinetic + e.elastic - e.external_work
-    if simulation.scheme_name == "explicit":
+    if simulation.options.scheme == "explicit":
         total -= simulation.step_size**2 / 8.0 * float(v @ simulation.bulk.internal(v))
     return total
 

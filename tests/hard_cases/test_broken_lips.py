@@ -16,8 +16,8 @@ from scenes import BOTTOM, TOP, box_bodies, field, run
 from xper_fx.forms.loads import Gravity, PrescribedDisplacement
 from xper_fx.materials import LinearElastic
 from xper_fx.nscd.laws import CohesiveZone
-from xper_fx.scene import Scene
-from xper_fx.simulation import Simulation
+from xper_fx.scene.scene import Scene
+from xper_fx.simulation.simulation import Simulation
 
 MU = 0.3
 SCHEMES = [("implicit", s, 0.5) for s in ("nlgs", "newton", "accelerated", "auto")] + [

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from cells import cell_of, cell_run
 
-from xper_fx.errors import ConvergenceError
 from xper_fx.materials import LinearElastic, NeoHookean
 from xper_fx.materials.material import lame
 from xper_fx.nscd.laws import CohesiveZone, PerfectBond
 from xper_fx.periodic.averages import averaged_gradient
 from xper_fx.periodic.drive import MacroscopicDrive
+from xper_fx.support.errors import ConvergenceError
 
 LENGTH, PLANE, BOND = 2.0, 11, 12
 LAW = CohesiveZone(100.0, 1.0, 10.0, friction=0.3)

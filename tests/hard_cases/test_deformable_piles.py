@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from scenes import BOTTOM, box_bodies, run
 
-from xper_fx.errors import ConvergenceError
 from xper_fx.forms.loads import Gravity
 from xper_fx.materials import LinearElastic
 from xper_fx.nscd.laws import SignoriniCoulomb
-from xper_fx.scene import Scene, Wall
-from xper_fx.simulation import Simulation
+from xper_fx.scene.scene import Scene, Wall
+from xper_fx.simulation.simulation import Simulation
+from xper_fx.support.errors import ConvergenceError
 
 GRAVITY = 10.0
 

@@ -16,8 +16,8 @@ from xper_fx.materials import J2FiniteStrain, J2SmallStrain, Linear, LinearElast
 from xper_fx.materials.material import lame
 from xper_fx.nscd.laws import PerfectBond
 from xper_fx.periodic.drive import MacroscopicDrive
-from xper_fx.scene import Scene
-from xper_fx.simulation import Simulation
+from xper_fx.scene.scene import Scene
+from xper_fx.simulation.simulation import Simulation
 
 YOUNG = 100.0
 NEARLY = pytest.mark.parametrize("poisson", [0.499, 0.4999, 0.49999])

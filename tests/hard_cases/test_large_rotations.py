@@ -16,8 +16,8 @@ from scenes import box_bodies, field, nodes
 from xper_fx.materials import NeoHookean, SaintVenantKirchhoff
 from xper_fx.nscd.laws import CohesiveZone, PerfectBond
 from xper_fx.periodic.drive import MacroscopicDrive
-from xper_fx.scene import Scene
-from xper_fx.simulation import Simulation
+from xper_fx.scene.scene import Scene
+from xper_fx.simulation.simulation import Simulation
 
 YOUNG = 100.0
 LAWS = {"perfect": PerfectBond(), "cohesive": CohesiveZone(1000.0, 0.05, 8.0, friction=0.3)}

@@ -14,8 +14,8 @@ from scenes import LEFT, box_bodies
 
 from xper_fx.forms.loads import PrescribedVelocity
 from xper_fx.materials import LinearElastic
-from xper_fx.scene import Scene
-from xper_fx.simulation import Simulation
+from xper_fx.scene.scene import Scene
+from xper_fx.simulation.simulation import Simulation
 
 LENGTH, CELLS, SPEED, STEPS = 4.0, 4, 10.0, 100_000
 

@@ -14,11 +14,11 @@ import pytest
 from cells import cell_of, cell_run
 from scipy.optimize import brentq
 
-from xper_fx.compat import geometry_dofmap
 from xper_fx.materials import J2FiniteStrain, Linear, NeoHookean
 from xper_fx.materials.material import lame
 from xper_fx.nscd.laws import CohesiveZone, PerfectBond
 from xper_fx.periodic.drive import MacroscopicDrive
+from xper_fx.support.compat import geometry_dofmap
 
 YOUNG, POISSON, LIGHT = 100.0, 0.3, 1e-2
 LAM, MU = lame(YOUNG, POISSON)

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from scenes import run
 
-from xper_fx.contacts import Contact
-from xper_fx.errors import ConvergenceError
 from xper_fx.forms.loads import Gravity
 from xper_fx.nscd.laws import SignoriniCoulomb
 from xper_fx.nscd.rigid import Disc, Polygon, Polyhedron, RigidBody, Sphere, wall
-from xper_fx.scene import Scene
-from xper_fx.simulation import Simulation
+from xper_fx.scene.contact import Contact
+from xper_fx.scene.scene import Scene
+from xper_fx.simulation.simulation import Simulation
+from xper_fx.support.errors import ConvergenceError
 
 OPTIONS = {"num_threads": 1, "tolerance": 1e-10}
 

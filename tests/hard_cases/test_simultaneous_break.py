@@ -10,8 +10,8 @@ from scenes import box_bodies, field, nodes, run
 
 from xper_fx.materials import LinearElastic
 from xper_fx.nscd.laws import CohesiveZone
-from xper_fx.scene import Scene
-from xper_fx.simulation import Simulation
+from xper_fx.scene.scene import Scene
+from xper_fx.simulation.simulation import Simulation
 
 SCHEMES = [("implicit", "nlgs"), ("implicit", "newton"), ("implicit", "auto"), ("explicit", "auto")]
 MATERIAL = LinearElastic(1e4, 0.3, 1.0)

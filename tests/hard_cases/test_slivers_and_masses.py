@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from scenes import BOTTOM, field, mesh_of, midpoints, run, side_tags
 
-from xper_fx.bodies import explode
+from xper_fx.bodies.explode import explode
+from xper_fx.bodies.meshes import tag_cells
 from xper_fx.forms.loads import Gravity
 from xper_fx.materials import LinearElastic
-from xper_fx.meshes import tag_cells
 from xper_fx.nscd.laws import SignoriniCoulomb
-from xper_fx.scene import Scene, Wall
-from xper_fx.simulation import Simulation
+from xper_fx.scene.scene import Scene, Wall
+from xper_fx.simulation.simulation import Simulation
 
 GRAVITY = 10.0
 # Edges of the columns and rows of cells, m.

@@ -20,14 +20,14 @@ from scenes import (
 )
 from scipy.optimize import brentq
 
-from xper_fx.bodies import explode
-from xper_fx.compat import geometry_dofmap
+from xper_fx.bodies.explode import explode
 from xper_fx.forms.loads import Gravity, PrescribedDisplacement
 from xper_fx.materials import LinearElastic, NeoHookean
 from xper_fx.materials.material import lame
 from xper_fx.nscd.laws import PerfectBond
-from xper_fx.scene import Scene
-from xper_fx.simulation import Simulation
+from xper_fx.scene.scene import Scene
+from xper_fx.simulation.simulation import Simulation
+from xper_fx.support.compat import geometry_dofmap
 
 pytestmark = pytest.mark.filterwarnings("error::RuntimeWarning")
 

@@ -8,12 +8,12 @@ import pytest
 from energies import bulk_energy, missing_energy
 from scenes import LEFT, RIGHT, box_bodies, run
 
-from xper_fx.errors import ConvergenceError
 from xper_fx.forms.loads import PrescribedDisplacement
 from xper_fx.materials import LinearElastic
 from xper_fx.nscd.laws import CohesiveZone, PerfectBond
-from xper_fx.scene import Scene
-from xper_fx.simulation import Simulation
+from xper_fx.scene.scene import Scene
+from xper_fx.simulation.simulation import Simulation
+from xper_fx.support.errors import ConvergenceError
 
 # Zircaloy (Perales et al. 2010, section 4.2.1) with a strength that 1e14 Pa/m reaches before w.
 ZIRCALOY = LinearElastic(99e9, 0.325, 7800.0)

@@ -6,17 +6,18 @@ from __future__ import annotations
 from types import SimpleNamespace
 
 import numpy as np
+from solving import solve
 
-from xper_fx.detection import Detection
-from xper_fx.nscd import auto
 from xper_fx.nscd.interactions import Interactions
-from xper_fx.nscd.inverse import BodyInverse
+from xper_fx.nscd.inverse_blocks import BodyInverse
 from xper_fx.nscd.laws import SignoriniCoulomb
 from xper_fx.nscd.points import InteractionPoints
 from xper_fx.nscd.rigid.bodies import RigidBodies
 from xper_fx.nscd.rigid.body import RigidBody, wall
 from xper_fx.nscd.rigid.motion import RigidMotion
 from xper_fx.nscd.rigid.shapes import Disc, Sphere
+from xper_fx.nscd.solvers import Automatic
+from xper_fx.simulation.contact_detection import Detection
 
 GRAVITY = 9.81
 
@@ -40,20 +41,19 @@ class Heap:
         self.bodies = RigidBodies(bodies)
         dim, self.step, self.time, self.report = self.bodies.dim, step, 0.0, None
         self.motion = RigidMotion(self.bodies, (*(0.0,) * (dim - 1), -GRAVITY))
-        laws = []
         law = SignoriniCoulomb(friction)
         contacts = [
             SimpleNamespace(law=law, between=("grains", group), reach=reach)
             for group in self.bodies.groups
         ]
         scene = SimpleNamespace(contacts=contacts, rigid_bodies=self.bodies, surfaces={})
-        self.detection = Detection(scene, laws, None)
+        self.detection = Detection(scene, [], None)
         nothing = InteractionPoints(
             np.zeros((0, 2, 1), np.int32), np.zeros((0, 2, 1)), np.zeros((0, dim, dim)),
             np.zeros(0), np.zeros(0),
         )  # fmt: skip
         self.layer = Interactions(
-            nothing, laws, np.zeros(0, int),
+            nothing, self.detection.laws, np.zeros(0, int),
             BodyInverse.from_uniform(np.zeros((0, dim, dim)), dim),
             rigid_blocks=self.motion.blocks,
         )  # fmt: skip
@@ -71,10 +71,10 @@ class Heap:
         """Free velocities of the step that was predicted, flat."""
         return self.layer.free_velocities(np.zeros((0, self.bodies.dim)))
 
-    def solve(self, solver=auto.solve, **options):
+    def solve(self, solver=Automatic, **options):
         """Solve the step and commit it."""
         velocity = self.free_velocity()
-        self.report = solver(self.layer, velocity, num_threads=1, **options)
+        self.report = solve(self.layer, velocity, solver, num_threads=1, **options)
         self.end(velocity)
 
     def end(self, velocity):
@@ -85,7 +85,7 @@ class Heap:
         self.motion.commit()
         self.time += self.step
 
-    def advance(self, steps=1, solver=auto.solve, **options):
+    def advance(self, steps=1, solver=Automatic, **options):
         """Make steps."""
         for _ in range(steps):
             self.search()

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from xper_fx.nscd.inverse import BodyInverse
+from xper_fx.nscd.inverse_blocks import BodyInverse
 from xper_fx.nscd.points import InteractionPoints, frame_from_normal
 
 

@@ -4,10 +4,10 @@
 from __future__ import annotations
 
 import numpy as np
+from solving import solve
 
 from xper_fx.nscd.interactions import Interactions
-from xper_fx.nscd.inverse import BodyInverse
-from xper_fx.nscd.nlgs import solve
+from xper_fx.nscd.inverse_blocks import BodyInverse
 from xper_fx.nscd.points import InteractionPoints, frame_from_normal
 
 

@@ -4,11 +4,11 @@
 import numpy as np
 import pytest
 
-from xper_fx.nscd import newton, nlgs
 from xper_fx.nscd.interactions import Interactions
-from xper_fx.nscd.inverse import BodyInverse
+from xper_fx.nscd.inverse_blocks import BodyInverse
 from xper_fx.nscd.laws import SignoriniCoulomb
 from xper_fx.nscd.points import InteractionPoints, frame_from_normal
+from xper_fx.nscd.solvers import NewtonOnAllPoints, NonlinearGaussSeidel, SolveOptions
 
 COUNT, STEP = 5, 1e-2
 
@@ -97,12 +97,12 @@ def test_sweeps_and_newton_find_impulses_that_obey_the_law(dim, friction):
     layer, points, w, rng = cloud(dim, friction)
     h = dense_map(points, layer.inverse.num_slots)
     free = rng.normal(size=w.shape[0])
-    for solver in (nlgs, newton):
+    for solver in (NonlinearGaussSeidel(), NewtonOnAllPoints()):
         layer.begin_step(STEP, 0.5)
         for g in layer.groups:
             g.impulse[:] = 0.0
         v = free.copy()
-        report = solver.solve(layer, v, tolerance=1e-10)
+        report = solver.solve(layer, v, SolveOptions(tolerance=1e-10))
         assert report.converged
         r = layer.gather("impulse")
         np.testing.assert_allclose(v, free + w @ h.T @ r.ravel(), atol=1e-9)

@@ -3,12 +3,13 @@
 
 import numpy as np
 import pytest
+from solving import solve
 
-from xper_fx.nscd import auto, subdomains
 from xper_fx.nscd.interactions import Interactions
-from xper_fx.nscd.inverse import BodyInverse
+from xper_fx.nscd.inverse_blocks import BodyInverse
 from xper_fx.nscd.laws import PerfectBond, SignoriniCoulomb
 from xper_fx.nscd.points import InteractionPoints, frame_from_normal
+from xper_fx.nscd.solvers import Automatic, BondedGradients, SolveOptions
 
 STEP = 0.1
 GROUND = 16
@@ -64,7 +65,9 @@ def test_velocities_are_those_of_dense_algebra(dim, stiff, coarse_space):
     free = np.random.default_rng(1).standard_normal(len(w))
     free[-dim:] = 0.0  # the ground
     velocity = free.copy()
-    report = subdomains.solve(interactions, velocity, tolerance=1e-12, coarse_space=coarse_space)
+    report = BondedGradients(coarse_space=coarse_space).solve(
+        interactions, velocity, SolveOptions(tolerance=1e-12)
+    )
     assert report.converged and report.solver == "subdomains"
     impulse = np.linalg.lstsq(jumps @ w @ jumps.T, -jumps @ free, rcond=1e-13)[0]
     np.testing.assert_allclose(velocity, free + w @ jumps.T @ impulse, atol=1e-9)
@@ -73,7 +76,7 @@ def test_velocities_are_those_of_dense_algebra(dim, stiff, coarse_space):
     interactions.add_velocity(again)
     np.testing.assert_allclose(again, velocity, atol=1e-9)
     # from the solution there is nothing left to do
-    assert subdomains.solve(interactions, free.copy(), tolerance=1e-9).sweeps == 1
+    assert solve(interactions, free.copy(), BondedGradients, tolerance=1e-9).sweeps == 1
 
 
 def test_jumps_left_by_an_earlier_step_are_taken_back():
@@ -82,7 +85,7 @@ def test_jumps_left_by_an_earlier_step_are_taken_back():
     interactions.groups[0].jump[:] = opened.reshape(-1, 2)[interactions.groups[0].indices]
     interactions.begin_step(STEP, 0.5)
     velocity = np.zeros(len(w))
-    report = subdomains.solve(interactions, velocity, tolerance=1e-12)
+    report = solve(interactions, velocity, BondedGradients, tolerance=1e-12)
     free = np.flatnonzero(np.diag(w) > 0.0)
     reachable = jumps[:, free] @ np.linalg.lstsq(jumps[:, free], -opened / STEP, rcond=None)[0]
     assert report.converged
@@ -96,8 +99,9 @@ def test_few_iterations_where_motions_are_soft():
         interactions, w, _ = bonded(3)
         velocity = np.random.default_rng(1).standard_normal(len(w))
         velocity[-3:] = 0.0
-        options = {"tolerance": 1e-6, "coarse_space": coarse_space}
-        counts.append(subdomains.solve(interactions, velocity, **options).sweeps)
+        solver = BondedGradients(coarse_space=coarse_space)
+        report = solver.solve(interactions, velocity, SolveOptions(tolerance=1e-6))
+        counts.append(report.sweeps)
     assert counts[0] < counts[1]
 
 
@@ -105,8 +109,8 @@ def test_iterations_are_bounded_and_told():
     interactions, w, _ = bonded(2)
     velocity = np.random.default_rng(1).standard_normal(len(w))
     velocity[-2:] = 0.0
-    report = subdomains.solve(
-        interactions, velocity, tolerance=1e-12, max_sweeps=1, coarse_space=False
+    report = BondedGradients(coarse_space=False).solve(
+        interactions, velocity, SolveOptions(tolerance=1e-12, max_sweeps=1)
     )
     assert not report.converged and report.sweeps == 1 and report.residual > 1e-12
     assert "1 iterations, 0 coarse unknowns" in report.reason
@@ -114,7 +118,7 @@ def test_iterations_are_bounded_and_told():
 
 def test_nothing_to_do_takes_one_sweep():
     interactions, w, _ = bonded(2)
-    report = subdomains.solve(interactions, np.zeros(len(w)), tolerance=1e-12)
+    report = solve(interactions, np.zeros(len(w)), BondedGradients, tolerance=1e-12)
     assert report.converged and report.residual == 0.0
 
 
@@ -123,5 +127,5 @@ def test_other_laws_are_refused_and_auto_leaves_them_alone():
     velocity = np.random.default_rng(1).standard_normal(len(w))
     velocity[-2:] = 0.0
     with pytest.raises(ValueError, match="needs PerfectBond at every point"):
-        subdomains.solve(interactions, velocity.copy())
-    assert "subdomains" not in auto.solve(interactions, velocity, tolerance=1e-6).reason
+        solve(interactions, velocity.copy(), BondedGradients)
+    assert "subdomains" not in solve(interactions, velocity, Automatic, tolerance=1e-6).reason

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from point_mass import PointMass
 
-from xper_fx.nscd.inverse import BodyInverse
+from xper_fx.nscd.inverse_blocks import BodyInverse
 from xper_fx.nscd.laws import PerfectBond, SignoriniCoulomb, Tresca
 
 GRAVITY = 9.81

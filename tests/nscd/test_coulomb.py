@@ -8,9 +8,9 @@ import itertools
 import numpy as np
 import pytest
 
-from xper_fx.nscd.contact_solver import contact_solver
-from xper_fx.nscd.signorini import OPEN, SLIP, STICK
-from xper_fx.nscd.small import for_dimension, sym_indices
+from xper_fx.nscd.algebra.small import for_dimension, sym_indices
+from xper_fx.nscd.laws.contact_solver import contact_solver
+from xper_fx.nscd.laws.signorini import OPEN, SLIP, STICK
 
 FRICTIONS = [0.0, 0.05, 1.0, 3.0]
 

@@ -8,7 +8,7 @@ import pytest
 import scipy.sparse as sp
 from problems import box_stack, capsule_heap, square_pile, with_zero_rows
 
-from xper_fx.nscd.friction.checks import checked
+from xper_fx.nscd.friction.input_checks import checked
 
 
 def entry(W, row, column, value):

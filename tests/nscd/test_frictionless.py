@@ -5,13 +5,18 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from solving import solve
 from test_nlgs import STEP, check_velocity, plate_scene, tetrahedra_scene
 
-from xper_fx.nscd import newton, nlgs, vertex_blocks
 from xper_fx.nscd.interactions import Interactions
-from xper_fx.nscd.inverse import BodyInverse
+from xper_fx.nscd.inverse_blocks import BodyInverse
 from xper_fx.nscd.laws import SignoriniCoulomb, Tresca
 from xper_fx.nscd.points import InteractionPoints, frame_from_normal
+from xper_fx.nscd.solvers import (
+    NewtonOnAllPoints,
+    NonlinearGaussSeidel,
+    vertex_blocks,
+)
 
 ALMOST_NONE = SignoriniCoulomb(1e-300)
 
@@ -58,19 +63,19 @@ def test_bytes_of_a_point():
     assert frictional.nbytes - tiles >= (expected + 100) * len(group)
 
 
-@pytest.mark.parametrize("solve", [nlgs.solve, newton.solve])
+@pytest.mark.parametrize("solver", [NonlinearGaussSeidel, NewtonOnAllPoints])
 @pytest.mark.parametrize("dim", [2, 3])
-def test_the_answer_is_that_of_friction_that_vanishes(dim, solve):
+def test_the_answer_is_that_of_friction_that_vanishes(dim, solver):
     answers = []
     for law in (SignoriniCoulomb(), ALMOST_NONE):
         scene, free = plate_scene(4, law) if dim == 2 else tetrahedra_scene(law, k=2)
         velocity = free.copy()
-        assert solve(scene, velocity, tolerance=1e-12, num_threads=1).converged
+        assert solve(scene, velocity, solver, tolerance=1e-12, num_threads=1).converged
         check_velocity(scene, free, velocity)
         work = scene.commit(velocity)
         scene.begin_step(STEP, 0.5)
         back = -0.5 * free
-        solve(scene, back, tolerance=1e-12, num_threads=1)
+        solve(scene, back, solver, tolerance=1e-12, num_threads=1)
         answers.append((velocity, back, scene.gather("impulse")[:, 0], work))
     (v, back, r, work), (v0, back0, r0, work0) = answers
     size = np.abs(v0).max()
@@ -80,9 +85,9 @@ def test_the_answer_is_that_of_friction_that_vanishes(dim, solve):
     np.testing.assert_allclose(work, work0, rtol=0, atol=1e-9 * size * np.abs(r0).sum())
 
 
-@pytest.mark.parametrize("solve", [nlgs.solve, newton.solve])
+@pytest.mark.parametrize("solver", [NonlinearGaussSeidel, NewtonOnAllPoints])
 @pytest.mark.parametrize("normal", [(0.6, 0.8), (0.0, 0.6, 0.8)])
-def test_a_node_guided_across_the_normal_carries_nothing(normal, solve):
+def test_a_node_guided_across_the_normal_carries_nothing(normal, solver):
     """W_NN is rounding: an impulse that should stop the node would be as large as you like."""
     normal, dim = np.array(normal), len(normal)
     w = np.eye(dim) - (1.0 - 1e-15) * np.outer(normal, normal)
@@ -95,7 +100,7 @@ def test_a_node_guided_across_the_normal_carries_nothing(normal, solve):
     scene.begin_step(STEP, 0.5)
     free = np.concatenate([-normal, np.zeros(dim)])
     velocity = free.copy()
-    solve(scene, velocity, tolerance=1e-9, num_threads=1)
+    solve(scene, velocity, solver, tolerance=1e-9, num_threads=1)
     assert not scene.gather("impulse").any() and np.array_equal(velocity, free)
 
 

@@ -11,12 +11,13 @@ from pathlib import Path
 
 import xper_fx.nscd
 
+BELOW = [f"xper_fx.support.{name}" for name in ("lazy", "checks", "saved_rows", "threads")]
 FOLDER = Path(xper_fx.nscd.__file__).parent
 
 
 def test_imports_nothing_of_the_bulk():
     names = [m.name for m in pkgutil.walk_packages(xper_fx.nscd.__path__, prefix="xper_fx.nscd.")]
-    assert "xper_fx.nscd.nlgs" in names and "xper_fx.nscd.laws.cohesive_zone" in names
+    assert "xper_fx.nscd.solvers.nlgs" in names and "xper_fx.nscd.laws.cohesive_zone" in names
     code = (
         "import sys, importlib\n"
         f"for name in {names!r}: importlib.import_module(name)\n"
@@ -31,7 +32,7 @@ def test_imports_nothing_of_the_bulk():
 def test_names_numpy_scipy_and_numba_only():
     """In the text, where imports inside functions show too; files of problems may be HDF5.
 
-    `xper_fx.lazy`, which defers imports, has nothing but the standard library.
+    So have the modules of `xper_fx.support` that it imports (`tests/import_rules.py`).
     """
     common = set(sys.stdlib_module_names) | {"numpy", "scipy", "numba"}
     files = sorted(FOLDER.rglob("*.py"))
@@ -51,6 +52,6 @@ def test_names_numpy_scipy_and_numba_only():
             else:
                 continue
             for module in modules:
-                below = ("xper_fx.nscd", "xper_fx.lazy", "xper_fx.cache")
+                below = ("xper_fx.nscd", "xper_fx.cache", *BELOW)
                 inside = module in below or module.startswith("xper_fx.nscd.")
                 assert inside or module.partition(".")[0] in allowed, f"{file.name}: {module}"

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from xper_fx.cache import njit
-from xper_fx.nscd.contact_solver import contact_solver
+from xper_fx.nscd.algebra.small import for_dimension, sym_indices
+from xper_fx.nscd.laws.contact_solver import contact_solver
 from xper_fx.nscd.local_solvers import (
     LOCAL_SOLVERS,
     bipotential,
@@ -21,7 +22,6 @@ from xper_fx.nscd.local_solvers import (
     local_solver,
     requires_diagonal,
 )
-from xper_fx.nscd.small import for_dimension, sym_indices
 
 FRICTIONS = [0.0, 1e-12, 0.3, 1.0, 2.0, 5.0]
 STATUSES = ["open", "stick", "slip", "edge of contact", "edge of slip", "nothing", "light"]

@@ -7,19 +7,28 @@ import numpy as np
 import pytest
 import scipy.sparse.linalg
 from plates import crossed_plate
+from solving import solve
 from test_nlgs import check_velocity, dense_h, dense_w, gauss_scene, tetrahedra_scene
 
-from xper_fx.nscd import accelerated, auto, newton, nlgs, tangent
-from xper_fx.nscd.clusters import facing_clusters
 from xper_fx.nscd.interactions import Interactions
-from xper_fx.nscd.inverse import BodyInverse
-from xper_fx.nscd.krylov import gmres
+from xper_fx.nscd.inverse_blocks import BodyInverse
 from xper_fx.nscd.laws import CohesiveZone, PerfectBond, SignoriniCoulomb, Tresca
-from xper_fx.nscd.linearised import linearised_problem
+from xper_fx.nscd.solvers import (
+    AcceleratedSweeps,
+    Automatic,
+    NewtonOnAllPoints,
+    NonlinearGaussSeidel,
+    SolveOptions,
+    newton,
+    tangent,
+)
+from xper_fx.nscd.solvers.clusters import facing_clusters
+from xper_fx.nscd.solvers.krylov import gmres
+from xper_fx.nscd.solvers.tangent import LinearisedProblem
 
 SIZE, THETA = 50e-6, 0.5
 BOND = CohesiveZone(2e18, 0.5, 1e9, friction=0.05)
-SOLVERS = {"newton": newton.solve, "accelerated": accelerated.solve, "auto": auto.solve}
+SOLVERS = {"newton": NewtonOnAllPoints, "accelerated": AcceleratedSweeps, "auto": Automatic}
 
 
 def plate_step(cells, factor, broken, laws=(BOND,), held=False):
@@ -48,7 +57,7 @@ def plate_step(cells, factor, broken, laws=(BOND,), held=False):
 def solved(make, solver, **options):
     scene, free = make()
     velocity = free.copy()
-    report = solver(scene, velocity, num_threads=1, **options)
+    report = solve(scene, velocity, solver, num_threads=1, **options)
     return scene, free, velocity, report
 
 
@@ -57,7 +66,7 @@ def solved(make, solver, **options):
 def test_the_answer_is_that_of_sweeps(name, broken):
     """A step of 100 times the explicit limit: the impulses of sweeps converged to 1e-10."""
     make = lambda: plate_step(8, 100, broken)  # noqa: E731
-    exact = solved(make, nlgs.solve, tolerance=1e-10, max_sweeps=100_000, relaxation=1.3)
+    exact = solved(make, NonlinearGaussSeidel, tolerance=1e-10, max_sweeps=100_000, relaxation=1.3)
     assert exact[3].converged
     scene, free, velocity, report = solved(make, SOLVERS[name], tolerance=1e-6)
     assert report.converged and report.residual <= 1e-6
@@ -78,7 +87,7 @@ def test_mixed_laws_damage_and_prescribed_faces(name):
     weak = CohesiveZone(2e18, 0.5, 2e6, friction=0.3)
     laws = (weak, SignoriniCoulomb(0.2, restitution=0.5), Tresca(1e5))
     make = lambda: plate_step(6, 5, False, laws, held=True)  # noqa: E731
-    exact = solved(make, nlgs.solve, tolerance=1e-9, max_sweeps=10_000)
+    exact = solved(make, NonlinearGaussSeidel, tolerance=1e-9, max_sweeps=10_000)
     assert exact[3].converged
     scene, free, velocity, report = solved(make, SOLVERS[name], tolerance=1e-8)
     assert report.converged
@@ -92,8 +101,8 @@ def test_mixed_laws_damage_and_prescribed_faces(name):
 def test_perfect_bonds_and_their_redundant_rings():
     """No compliance at all, W singular around every vertex: the velocity of converged sweeps."""
     make = lambda: plate_step(4, 10, False, (PerfectBond(),))  # noqa: E731
-    exact = solved(make, nlgs.solve, tolerance=1e-11, max_sweeps=20_000)
-    scene, free, velocity, report = solved(make, newton.solve, tolerance=1e-8)
+    exact = solved(make, NonlinearGaussSeidel, tolerance=1e-11, max_sweeps=20_000)
+    scene, free, velocity, report = solved(make, NewtonOnAllPoints, tolerance=1e-8)
     assert exact[3].converged and report.converged and report.sweeps == 10
     np.testing.assert_allclose(velocity, exact[2], rtol=0, atol=1e-7 * np.abs(velocity).max())
     check_velocity(scene, free, velocity)
@@ -105,7 +114,7 @@ def test_perfect_bonds_and_their_redundant_rings():
 def test_contact_in_3d(name, mu, k):
     """Random tetrahedra with chains of points between bodies and the ground."""
     make = lambda: tetrahedra_scene(SignoriniCoulomb(mu), k)  # noqa: E731
-    exact = solved(make, nlgs.solve, tolerance=1e-12)
+    exact = solved(make, NonlinearGaussSeidel, tolerance=1e-12)
     scene, free, velocity, report = solved(make, SOLVERS[name], tolerance=1e-10)
     assert report.converged
     np.testing.assert_allclose(velocity, exact[2], rtol=0, atol=1e-8)
@@ -119,7 +128,7 @@ def test_the_step_is_that_of_the_dense_linearised_problem(dim):
         scene, velocity = plate_step(3, 100, True)
     else:
         scene, velocity = tetrahedra_scene(CohesiveZone(2e18, 0.5, 1e9, friction=0.3))
-    nlgs.solve(scene, velocity, tolerance=1e-12, max_sweeps=4, num_threads=1)
+    solve(scene, velocity, tolerance=1e-12, max_sweeps=4, num_threads=1)
     (group,) = scene.groups
     h = dense_h(group.points, scene.inverse.num_slots)
     w = h.T @ dense_w(scene.inverse) @ h
@@ -138,7 +147,7 @@ def test_the_step_is_that_of_the_dense_linearised_problem(dim):
             moved = u[i] + reach * np.eye(dim)[j]
             slopes[rows, i * dim + j] = (answer(moved) - answer(u[i])) / reach
     expected = np.linalg.solve(np.eye(len(w)) - slopes @ (w - own), missing.ravel())
-    problem = linearised_problem(scene)
+    problem = LinearisedProblem(scene)
     problem.linearise(velocity)
     size = np.linalg.norm(missing)
     (step,), _ = problem.solve(np.zeros_like(velocity), 1e-11 * size, 400)
@@ -150,8 +159,8 @@ def test_iterations_do_not_grow_with_the_mesh():
     counts = []
     for cells in (10, 40):
         scene, velocity = plate_step(cells, 100, False)
-        nlgs.solve(scene, velocity, tolerance=1e-9, max_sweeps=10, num_threads=1)
-        problem = linearised_problem(scene)
+        solve(scene, velocity, tolerance=1e-9, max_sweeps=10, num_threads=1)
+        problem = LinearisedProblem(scene)
         problem.linearise(velocity)
         size, _, _ = tangent.residual(scene, velocity)
         _, iterations = problem.solve(np.zeros_like(velocity), 1e-3 * size, 200)
@@ -162,23 +171,23 @@ def test_iterations_do_not_grow_with_the_mesh():
 def test_the_safeguard_saves_newton_from_cycling(monkeypatch):
     """Half of the bonds broken: whole steps alone do not come to rest in thrice the steps."""
     make = lambda: plate_step(20, 100, True)  # noqa: E731
-    *_, report = solved(make, newton.solve, tolerance=1e-6)
+    *_, report = solved(make, NewtonOnAllPoints, tolerance=1e-6)
     steps = int(report.reason.split()[0])
     assert report.converged and steps <= 30
     assert "0 times back to sweeps" in report.reason  # halved steps were enough
     scene, velocity = make()
-    nlgs.solve(scene, velocity, tolerance=1e-9, max_sweeps=10, num_threads=1)
+    solve(scene, velocity, tolerance=1e-9, max_sweeps=10, num_threads=1)
     monkeypatch.setattr(newton, "_LEAP", np.inf)
     monkeypatch.setattr(newton, "_DECREASE", -np.inf)  # any whole step is accepted
     monkeypatch.setattr(newton, "_PATIENCE", 2 * steps)
-    attempt = newton._Attempt(scene, velocity, linearised_problem(scene))
+    attempt = newton._Attempt(scene, velocity, LinearisedProblem(scene))
     assert not attempt.run(1e-6) or attempt.steps > 1.5 * steps
 
 
 def test_auto_sweeps_where_few_are_needed_and_says_why():
-    *_, small = solved(lambda: plate_step(8, 1, True), auto.solve, tolerance=1e-6)
+    *_, small = solved(lambda: plate_step(8, 1, True), Automatic, tolerance=1e-6)
     assert small.converged and small.solver == "nlgs" and "enough" in small.reason
-    *_, large = solved(lambda: plate_step(8, 100, True), auto.solve, tolerance=1e-6)
+    *_, large = solved(lambda: plate_step(8, 100, True), Automatic, tolerance=1e-6)
     assert large.converged and large.solver == "newton" and "sweeps left" in large.reason
 
 
@@ -188,25 +197,27 @@ def test_where_w_is_singular_newton_leaves_it_to_sweeps():
     blocks = scene.inverse.data.reshape(-1, 6, 6)[:-1].copy()
     blocks[0] = 1e7 * np.outer([1, 1, 1, 1, 1, 1], [1, 1, 1, 1, 1, 1])
     inverse = BodyInverse.from_uniform(blocks, 2)
-    for solve in (newton.solve, auto.solve):
+    for solver in (NewtonOnAllPoints(), Automatic()):
         scene, velocity = plate_step(3, 30, True)
         scene.update_inverse(inverse)
         scene.prepare()
         free = velocity.copy()
-        assert solve(scene, velocity, tolerance=1e-8, num_threads=1).converged
-        assert not linearised_problem(scene).regular
+        options = SolveOptions(tolerance=1e-8, num_threads=1)
+        assert solver.solve(scene, velocity, options).converged
+        assert not LinearisedProblem(scene).regular
         check_velocity(scene, free, velocity)
 
 
 def test_new_values_of_w_are_taken():
     scene, free = plate_step(5, 100, False)
     velocity = free.copy()
-    assert newton.solve(scene, velocity, tolerance=1e-9, num_threads=1).converged
+    solver, options = NewtonOnAllPoints(), SolveOptions(tolerance=1e-9, num_threads=1)
+    assert solver.solve(scene, velocity, options).converged
     inverse = crossed_plate(5, SIZE).inverse(50 * 6.2e-11, THETA)
     scene.update_inverse(inverse)
     scene.begin_step(50 * 6.2e-11, THETA)
     velocity = free.copy()
-    assert newton.solve(scene, velocity, tolerance=1e-9, num_threads=1).converged
+    assert solver.solve(scene, velocity, options).converged
     check_velocity(scene, free, velocity)
     size, total, _ = tangent.residual(scene, velocity)
     assert size <= 1e-8 * total

@@ -6,13 +6,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from plates import crossed_plate
+from solving import solve
 
+from xper_fx.nscd.algebra.small import sym_indices
 from xper_fx.nscd.interactions import Interactions
-from xper_fx.nscd.inverse import BodyInverse
+from xper_fx.nscd.inverse_blocks import BodyInverse
 from xper_fx.nscd.laws import CohesiveZone, PerfectBond, SignoriniCoulomb
-from xper_fx.nscd.nlgs import amplification, solve
 from xper_fx.nscd.points import InteractionPoints, frame_from_normal
-from xper_fx.nscd.small import sym_indices
+from xper_fx.nscd.solvers.sweeps import amplification
 
 SIZE, STEP, THETA = 5e-6, 3e-11, 0.5
 BOND = CohesiveZone(2e18, 0.5, 1e9)

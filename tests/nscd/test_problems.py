@@ -10,7 +10,7 @@ import scipy.sparse as sp
 from problems import GRAVITY, STEP
 from scipy.optimize import linprog, minimize
 
-from xper_fx.nscd.friction.checks import checked
+from xper_fx.nscd.friction.input_checks import checked
 
 ALL = {
     "square pile": (problems.square_pile(4), 3 * 16),

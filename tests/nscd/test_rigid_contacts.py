@@ -4,10 +4,11 @@
 import numpy as np
 import pytest
 from heaps import GRAVITY, Heap, box, grains
+from solving import solve
 
-from xper_fx.nscd import accelerated, auto, nlgs
 from xper_fx.nscd.rigid.body import RigidBody
 from xper_fx.nscd.rigid.shapes import Disc
+from xper_fx.nscd.solvers import AcceleratedSweeps, Automatic, NonlinearGaussSeidel
 
 TOLERANCE = 1e-3
 
@@ -42,7 +43,7 @@ def heap():
     return heap
 
 
-@pytest.mark.parametrize("solver", [nlgs, accelerated, auto])
+@pytest.mark.parametrize("solver", [NonlinearGaussSeidel, AcceleratedSweeps, Automatic])
 @pytest.mark.parametrize("tolerance", [1e-2, 1e-4])
 def test_laws_hold_to_the_tolerance_at_the_stop(heap, solver, tolerance):
     heap.search()
@@ -50,7 +51,7 @@ def test_laws_hold_to_the_tolerance_at_the_stop(heap, solver, tolerance):
         g.impulse[:] *= 0.5  # a poor first guess
     free = heap.free_velocity()
     velocity = free.copy()
-    report = solver.solve(heap.layer, velocity, tolerance=tolerance, num_threads=1)
+    report = solve(heap.layer, velocity, solver, tolerance=tolerance, num_threads=1)
     assert report.converged and report.residual <= tolerance
     found = violation(heap.layer, free, velocity)
     assert 0.01 * report.residual < found < 3.0 * tolerance
@@ -65,7 +66,7 @@ def test_heap_at_rest_starts_from_its_last_impulses(heap):
             for g in heap.layer.groups:
                 g.impulse[:] = 0.0
         velocity = heap.free_velocity()
-        report = nlgs.solve(heap.layer, velocity, tolerance=TOLERANCE, num_threads=1)
+        report = solve(heap.layer, velocity, tolerance=TOLERANCE, num_threads=1)
         sweeps.append(report.sweeps)
     heap.end(velocity)
     assert sweeps[0] < 0.2 * sweeps[1]

@@ -16,7 +16,7 @@ from xper_fx.nscd.rigid import (
     Sphere,
     wall,
 )
-from xper_fx.nscd.rigid.outline import outline
+from xper_fx.nscd.rigid.outline import body_outlines
 
 
 def enclosed(points, cells):
@@ -47,7 +47,7 @@ def test_outlines_enclose_their_bodies_in_space(dim):
             for s, turn in zip(shapes, turns, strict=True)
         ]
     )
-    drawn = outline(bodies, segments=200)
+    drawn = body_outlines(bodies, segments=200)
     assert np.all(np.diff(drawn.body_of_point) >= 0) and np.all(np.diff(drawn.body_of_cell) >= 0)
     assert np.array_equal(
         drawn.body_of_point[drawn.cells], drawn.body_of_cell[:, None] + np.zeros(3, int)
@@ -72,7 +72,9 @@ def test_outlines_enclose_their_bodies_in_space(dim):
 
 @pytest.mark.parametrize("segments", [3, 4, 7])
 def test_coarse_spheres_are_closed(segments):
-    drawn = outline(RigidBodies([RigidBody(Sphere(1.0), (0, 0, 0), "a", density=1.0)]), segments)
+    drawn = body_outlines(
+        RigidBodies([RigidBody(Sphere(1.0), (0, 0, 0), "a", density=1.0)]), segments
+    )
     edges = {(int(t[i]), int(t[(i + 1) % 3])) for t in drawn.cells for i in range(3)}
     assert len(edges) == 3 * len(drawn.cells)
     assert {e[::-1] for e in edges} == edges
@@ -85,7 +87,7 @@ def test_walls_are_slabs_below_their_surface_as_wide_as_the_scene(dim):
     unit = normal / np.linalg.norm(normal)
     grain = RigidBody((Disc if dim == 2 else Sphere)(1.0), point + 9.0 * unit, "a", density=1.0)
     bodies = RigidBodies([wall(point, normal, "floor"), grain])
-    drawn = outline(bodies)
+    drawn = body_outlines(bodies)
     points = drawn.positions(bodies.position, bodies.rotation)[drawn.body_of_point == 0]
     height = (points - point) @ unit
     assert height.max() == pytest.approx(0.0, abs=1e-12)
@@ -99,4 +101,4 @@ def test_walls_are_slabs_below_their_surface_as_wide_as_the_scene(dim):
 def test_too_few_segments_are_refused(segments):
     bodies = RigidBodies([RigidBody(Disc(1.0), (0, 0), "a", density=1.0)])
     with pytest.raises(ValueError, match="segments"):
-        outline(bodies, segments)
+        body_outlines(bodies, segments)

@@ -4,7 +4,8 @@
 import numpy as np
 import pytest
 
-from xper_fx.nscd.search import contacts, grid
+from xper_fx.nscd.search import contact_pairs as contacts
+from xper_fx.nscd.search import grid
 
 
 def brute(low_a, high_a, low_b, high_b):

@@ -6,12 +6,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from plates import crossed_plate
+from solving import solve
 
-from xper_fx.nscd import nlgs, vertex_blocks
 from xper_fx.nscd.interactions import Interactions
-from xper_fx.nscd.inverse import BodyInverse
+from xper_fx.nscd.inverse_blocks import BodyInverse
 from xper_fx.nscd.laws import CohesiveZone, PerfectBond, SignoriniCoulomb
 from xper_fx.nscd.points import InteractionPoints, frame_from_normal
+from xper_fx.nscd.solvers import NonlinearGaussSeidel, SolveOptions, VertexBlocks, vertex_blocks
 
 SIZE = 50e-6
 STEP = 1e-10
@@ -60,14 +61,14 @@ def interactions(points, inverse, laws, law_of_point, ordering):
 def run(points, inverse, laws, law_of_point, velocities, *, by_vertex, step=STEP, **options):
     """Steps from rest with the given free velocities; impulses, end velocities, damage."""
     scene = interactions(points, inverse, laws, law_of_point, "vertices" if by_vertex else "tiles")
-    solver = vertex_blocks.solve if by_vertex else nlgs.solve
+    solver = VertexBlocks() if by_vertex else NonlinearGaussSeidel()
     history, reports = [], []
     for free in velocities:
         v = np.zeros((inverse.num_slots, inverse.dim))
         v[: inverse.num_nodes] = free
         v = v.ravel()
         scene.begin_step(step, 0.5)
-        reports.append(solver(scene, v, **options))
+        reports.append(solver.solve(scene, v, SolveOptions(**options)))
         scene.commit(v)
         history.append(
             (v.copy(), scene.gather("impulse"), scene.gather("damage"), scene.gather("status"))
@@ -179,7 +180,7 @@ def test_points_against_the_ground_stay_apart():
     assert len(scene.groups[0].ordering.tile_offsets) == 3
     velocity = np.array([1.0, -1.0, 0.0, 2.0, 0.0, 0.0])
     scene.begin_step(1.0, 0.5)
-    assert vertex_blocks.solve(scene, velocity).converged
+    assert solve(scene, velocity, VertexBlocks).converged
     assert np.allclose(velocity, [1.0, 0.0, 0.0, 2.0, 0.0, 0.0])
 
 
@@ -200,4 +201,4 @@ def test_refuses_what_is_not_lumped_and_nodal():
     tiles = interactions(points, inverse, [SOUND], zero, "tiles")
     tiles.begin_step(STEP, 0.5)
     with pytest.raises(ValueError, match='ordering="vertices"'):
-        vertex_blocks.solve(tiles, np.zeros(inverse.num_slots * 2))
+        solve(tiles, np.zeros(inverse.num_slots * 2), VertexBlocks)

@@ -6,7 +6,7 @@ import sys
 from mpi4py import MPI
 
 from xper_fx.parallel.launch import run_together
-from xper_fx.parallel.ranks import Ranks
+from xper_fx.support.ranks import Ranks
 
 
 def main() -> None:

@@ -7,15 +7,15 @@ import numpy as np
 from mpi4py import MPI
 from scenes import BOTTOM, LEFT, RIGHT, box_bodies
 
-from xper_fx.cracks import find_fragments
 from xper_fx.forms.loads import Gravity, PrescribedVelocity, RayleighDamping
 from xper_fx.materials import J2SmallStrain, LinearElastic, NeoHookean
 from xper_fx.materials.hardening import Linear
 from xper_fx.nscd.laws import CohesiveZone, SignoriniCoulomb
+from xper_fx.output.cracks import find_fragments
+from xper_fx.output.recorder import point_coordinates
 from xper_fx.parallel.launch import run_together
-from xper_fx.recorder import point_coordinates
-from xper_fx.scene import Scene, Wall
-from xper_fx.simulation import Simulation
+from xper_fx.scene.scene import Scene, Wall
+from xper_fx.simulation.simulation import Simulation
 
 # E = 1000, rho = 1, strength 10, cohesive length 0.5 of a side.
 ELASTIC = LinearElastic(1000.0, 0.3, 1.0)

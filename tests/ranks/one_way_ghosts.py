@@ -6,7 +6,7 @@ from mpi4py import MPI
 
 from xper_fx.parallel.halo import Exchange
 from xper_fx.parallel.launch import run_together
-from xper_fx.parallel.ranks import Ranks
+from xper_fx.support.ranks import Ranks
 
 OWN, GHOST = slice(0, 6), slice(6, 8)  # three own slots of two dofs, then a ghost
 

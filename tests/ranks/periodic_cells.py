@@ -10,11 +10,11 @@ from mpi4py import MPI
 from xper_fx.materials import J2SmallStrain, LinearElastic, NeoHookean
 from xper_fx.materials.hardening import Linear
 from xper_fx.nscd.laws import CohesiveZone
+from xper_fx.output.recorder import macroscopic_columns
 from xper_fx.parallel.launch import run_together
 from xper_fx.periodic.drive import MacroscopicDrive
-from xper_fx.recorder import macroscopic_columns
-from xper_fx.scene import Scene
-from xper_fx.simulation import Simulation
+from xper_fx.scene.scene import Scene
+from xper_fx.simulation.simulation import Simulation
 
 # Steps that waves cross a cell in, for which sweeps alone converge fast.
 DENSITY, STEP = 10.0, 0.02

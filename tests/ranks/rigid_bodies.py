@@ -8,15 +8,15 @@ import sys
 import numpy as np
 from mpi4py import MPI
 
-from xper_fx.contact_forces import contact_forces
-from xper_fx.contacts import Contact
 from xper_fx.forms.loads import Gravity
 from xper_fx.nscd.laws import SignoriniCoulomb
 from xper_fx.nscd.rigid import Disc, Polygon, RigidBody, Sphere, wall
-from xper_fx.parallel import rigid_division
+from xper_fx.output.contact_forces import find_contact_forces
+from xper_fx.parallel import rigid_partition as rigid_division
 from xper_fx.parallel.launch import run_together
-from xper_fx.scene import Scene
-from xper_fx.simulation import Simulation
+from xper_fx.scene.contact import Contact
+from xper_fx.scene.scene import Scene
+from xper_fx.simulation.simulation import Simulation
 
 G, RADIUS = 9.81, 0.1
 
@@ -134,8 +134,8 @@ def results(name: str) -> dict[str, np.ndarray]:
     records, pushed, away = [], 0, set()
     for record in simulation.steps(end):
         records.append([*record.energies.values(), record.sweeps])
-        pushed += len(contact_forces(simulation).force)
-        division = simulation._division
+        pushed += len(find_contact_forces(simulation).force)
+        division = simulation.model.division
         away.add(division is not None and division.halo is None)
     state = motion.state
     every = simulation.team.comm.allgather((state.position, state.velocity, state.turn.spin))
@@ -147,7 +147,7 @@ def results(name: str) -> dict[str, np.ndarray]:
         "spin": state.turn.spin,
         "records": np.array(records),
         "pushed": pushed,
-        "force": np.abs(contact_forces(simulation).force).sum(axis=0),
+        "force": np.abs(find_contact_forces(simulation).force).sum(axis=0),
         "alike": all(np.array_equal(a, b) for e in every for a, b in zip(e, every[0], strict=True)),
         "undivided": True in away,
         "partitions": 0 if division is None else division.partitions,

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """The bulk as vectors: mass, internal, external and viscous forces, prescribed motions, energies.
 
-Everything is in the numbering of `bulk/unknowns.py`. A linear bulk assembles its stiffness once and
+Everything is in the numbering of `unknowns.py`. A linear bulk assembles its stiffness once and
 never calls the forms again.
 """
 
@@ -17,12 +17,12 @@ from dolfinx import fem
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from xper_fx.bulk.balance import InBalance
-from xper_fx.bulk.block_products import multiply
-from xper_fx.bulk.layout import BodyLayout
+from xper_fx.bodies.meshes import cell_measure
+from xper_fx.bulk.body_dofs import BodyLayout
+from xper_fx.bulk.force_balance import InBalance
 from xper_fx.bulk.rigid_motions import free_rigid_motions
+from xper_fx.bulk.sparse_blocks import multiply
 from xper_fx.bulk.unknowns import NodalUnknowns
-from xper_fx.compat import geometry_dofmap
 from xper_fx.forms.dynamics import BulkForms
 from xper_fx.forms.loads import (
     PrescribedDisplacement,
@@ -30,10 +30,10 @@ from xper_fx.forms.loads import (
     RayleighDamping,
     value_at,
 )
-from xper_fx.meshes import cell_measure
-from xper_fx.nscd.rows import Rows
-from xper_fx.nscd.threads import in_ranges
-from xper_fx.parallel.ranks import ALONE, Ranks
+from xper_fx.support.compat import geometry_dofmap
+from xper_fx.support.ranks import ALONE, Ranks
+from xper_fx.support.saved_rows import Rows
+from xper_fx.support.threads import in_ranges
 
 # Bodies whose stiffness is looked at together: their blocks stay in cache.
 _BATCH = 1024

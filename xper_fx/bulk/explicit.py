@@ -19,11 +19,12 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from xper_fx.bulk.body_inverse import LumpedInverse
 from xper_fx.bulk.bulk import Bulk
-from xper_fx.bulk.inverse import LumpedInverse
-from xper_fx.bulk.scheme import Solver, State, StepOutcome, interact, reactions_on
+from xper_fx.bulk.state import State, StepOutcome, interact, reactions_on
 from xper_fx.nscd.interactions import Interactions
-from xper_fx.profile import Stopwatch
+from xper_fx.nscd.solvers.solver import SolveOptions, Solver
+from xper_fx.support.profile import Stopwatch
 
 
 class ExplicitScheme:
@@ -57,7 +58,7 @@ class ExplicitScheme:
         step: float,
         interactions: Interactions | None,
         solver: Solver,
-        tolerance: float,
+        options: SolveOptions,
     ) -> StepOutcome:
         """One step from `state`, which is not changed; see `ImplicitScheme.attempt`."""
         bulk, watch, inverse = self.bulk, self._stopwatch, self._inverse
@@ -83,7 +84,7 @@ class ExplicitScheme:
                 interactions.begin_step(step, self.theta)
             with watch.phase("interaction solve"):
                 velocity, impulses, slots, report = interact(
-                    inverse, interactions, solver, free, tolerance
+                    inverse, interactions, solver, free, options
                 )
             sweeps, error, traction, converged = report[1], report[2], report[3], report[0]
         reactions = reactions_on(

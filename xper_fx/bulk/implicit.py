@@ -10,7 +10,7 @@ With theta in [1/2, 1] and F = f_ext - f_int(q) - C v,
 
 A linear bulk is done after one iteration, and Mt is formed and inverted once for each step size.
 Bodies without inertia that interactions alone hold stand on springs that let go after each
-iteration (`bulk/anchors.py`), of which there are then a few.
+iteration (`floating_bodies.py`), of which there are then a few.
 Otherwise w is kept as long as Newton contracts well with it, and renewed when it does not.
 
 Some unknowns may have another theta (`Bulk.end_weight`): those of a periodic cell that no mass
@@ -25,13 +25,14 @@ from typing import NamedTuple
 import numpy as np
 import scipy.sparse as sp
 
+from xper_fx.bulk.body_inverse import CellwiseInverse, ClusterInverse
 from xper_fx.bulk.bulk import Bulk
-from xper_fx.bulk.inverse import CellwiseInverse, ClusterInverse
-from xper_fx.bulk.scheme import Solver, State, StepOutcome, interact, reactions_on
+from xper_fx.bulk.state import State, StepOutcome, interact, reactions_on
 from xper_fx.forms.dynamics import BulkForms
 from xper_fx.nscd.interactions import Interactions
-from xper_fx.nscd.rows import Rows
-from xper_fx.profile import Stopwatch
+from xper_fx.nscd.solvers.solver import SolveOptions, Solver
+from xper_fx.support.profile import Stopwatch
+from xper_fx.support.saved_rows import Rows
 
 # Contraction of Newton's corrections above which w is renewed, unless no more than a few iterations
 # are left to make, which cost less.
@@ -106,7 +107,7 @@ class ImplicitScheme:
         with self._stopwatch.phase("inverse"):
             bulk, layout = self.bulk, self.bulk.layout
             if bulk.floating:
-                from xper_fx.bulk.anchors import AnchoredInverse
+                from xper_fx.bulk.floating_bodies import AnchoredInverse
 
                 x = bulk.forms.V.tabulate_dof_coordinates()[:, : bulk.dim]
                 inverse = AnchoredInverse(layout, x, self._interacting)
@@ -166,7 +167,7 @@ class ImplicitScheme:
         step: float,
         interactions: Interactions | None,
         solver: Solver,
-        tolerance: float,
+        options: SolveOptions,
     ) -> StepOutcome:
         """One step from `state`, which is not changed.
 
@@ -175,8 +176,8 @@ class ImplicitScheme:
             step: h (s).
             interactions: the points, None if the scene has none.
             solver: solver of the interactions.
-            tolerance: relative error that impulses are solved to, and so what equations that hang
-                on them (`Bulk.balance`) can hold to.
+            options: of the solver; its tolerance is what equations that hang on the impulses
+                (`Bulk.balance`) can hold to.
 
         Returns:
             The outcome, converged or not.
@@ -213,8 +214,8 @@ class ImplicitScheme:
         exact = bulk.linear and not bulk.floating
         self._tolerance = self._newton_tolerance
         if not bare:
-            self._tolerance = max(self._newton_tolerance, _BLUR * tolerance)
-        balance = bulk.balance(self._tolerance if bare else tolerance)
+            self._tolerance = max(self._newton_tolerance, _BLUR * options.tolerance)
+        balance = bulk.balance(self._tolerance if bare else options.tolerance)
         for iteration in watch.each("newton", range(1, self._max_newton + 1)):  # noqa: B007 - reported
             with watch.phase("free velocity"):
                 corrected = balance.missing
@@ -230,7 +231,7 @@ class ImplicitScheme:
                     interactions.anchors = inverse.anchors(residual)
                 with watch.phase("interaction solve"):
                     new, impulses, slots, report = interact(
-                        inverse, interactions, solver, free, tolerance
+                        inverse, interactions, solver, free, options
                     )
                 sweeps += report.sweeps
                 error, traction = report.residual, report.traction_change
@@ -308,7 +309,7 @@ class ImplicitScheme:
         # towards rest velocities vanish, and the rounding of positions is what is left
         rounding = self._rounding
         if self.bulk.floating:
-            from xper_fx.bulk.anchors import ROUNDING
+            from xper_fx.bulk.floating_bodies import ROUNDING
 
             rounding = max(rounding, ROUNDING * self.bulk.norm(displacement))
         if correction <= rounding / (step * self.theta):

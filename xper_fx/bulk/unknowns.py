@@ -2,7 +2,7 @@
 """What the unknowns of the bulk are, and how the displacement of its nodes follows from them.
 
 Displacements are u = N q, so forces on the unknowns are N^T f and stiffnesses N^T K N. Here N is
-the identity; `periodic/unknowns.py` ties nodes and adds the macroscopic gradient.
+the identity; `periodic/periodic_unknowns.py` ties nodes and adds the macroscopic gradient.
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ import numpy as np
 import scipy.sparse as sp
 from dolfinx.fem import FunctionSpace
 
-from xper_fx.bodies import Bodies
-from xper_fx.nscd.rows import Rows
+from xper_fx.bodies.explode import Bodies
+from xper_fx.support.saved_rows import Rows
 
 
 class NodalUnknowns:

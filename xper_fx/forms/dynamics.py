@@ -21,12 +21,12 @@ import numpy as np
 import ufl
 from dolfinx import default_scalar_type, fem
 
-from xper_fx.bodies import Bodies
-from xper_fx.compat import interpolation_points
+from xper_fx.bodies.explode import Bodies
 from xper_fx.forms.compiled import compiled_expression, compiled_form
-from xper_fx.forms.kinematics import displacement_gradient
 from xper_fx.forms.loads import BodyForce, Gravity, SurfaceTraction, value_at
+from xper_fx.materials.kinematics import displacement_gradient
 from xper_fx.materials.material import InelasticMaterial, Material, Response
+from xper_fx.support.compat import interpolation_points
 
 
 class BulkForms:
@@ -104,7 +104,7 @@ class BulkForms:
         self.step = self._constant(0.0) if inelastic else None
         self._history = None
         if variables:
-            from xper_fx.forms.history import History
+            from xper_fx.forms.internal_variables import History
 
             self._history = History(self.bodies, self._degree, variables)
         self._responses = {}

@@ -12,7 +12,7 @@ from numbers import Real
 
 import numpy as np
 
-from xper_fx.nscd.checks import require_non_negative
+from xper_fx.support.checks import require_non_negative
 
 Value = float | Callable[[float], float]
 

@@ -3,7 +3,7 @@
 
 from typing import TYPE_CHECKING
 
-from xper_fx.lazy import importer
+from xper_fx.support.lazy import importer
 
 if TYPE_CHECKING:
     from xper_fx.materials.hardening import Hardening as Hardening

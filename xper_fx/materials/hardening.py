@@ -18,7 +18,7 @@ import numpy as np
 import ufl
 
 from xper_fx.materials.material import Expression, ToConstant
-from xper_fx.nscd.checks import take_numbers
+from xper_fx.support.checks import take_numbers
 
 
 class Curve(NamedTuple):

@@ -39,8 +39,8 @@ from types import MappingProxyType
 
 import ufl
 
-from xper_fx.forms.kinematics import deformation_gradient
 from xper_fx.materials.hardening import Hardening
+from xper_fx.materials.kinematics import deformation_gradient
 from xper_fx.materials.material import (
     UNIT_TENSOR,
     Expression,
@@ -51,7 +51,7 @@ from xper_fx.materials.material import (
     lame,
 )
 from xper_fx.materials.radial_return import radial_return
-from xper_fx.nscd.checks import take_numbers
+from xper_fx.support.checks import take_numbers
 
 # Newton from the trial's x: enough for steps that double the length.
 _ITERATIONS = 6

@@ -22,8 +22,8 @@ from types import MappingProxyType
 
 import ufl
 
-from xper_fx.forms.kinematics import small_strain
 from xper_fx.materials.hardening import Hardening
+from xper_fx.materials.kinematics import small_strain
 from xper_fx.materials.material import (
     ZERO_TENSOR,
     Expression,
@@ -34,7 +34,7 @@ from xper_fx.materials.material import (
     lame,
 )
 from xper_fx.materials.radial_return import radial_return
-from xper_fx.nscd.checks import take_numbers
+from xper_fx.support.checks import take_numbers
 
 
 @dataclass(frozen=True)

@@ -3,9 +3,9 @@
 
 Forces and tangents follow by differentiation, so a material of a user's own is a class with the
 members of `Material` or of `InelasticMaterial`, in any file. It may have `effects`, names for the
-table of effects (`xper_fx/effects.py`) such as "finite strain"; that it is plastic, viscous or has
-internal variables its response tells. A Maxwell-like solid, say, whose
-stress relaxes with time t, is
+table of effects (`xper_fx/output/effects.py`) such as "finite strain"; that it is plastic, viscous
+or has internal variables its response tells. A Maxwell-like solid, say, whose stress relaxes with
+time t, is
 
     class Relaxing:
         density, linear, variables = 1000.0, False, {"flow": ((0.0,) * 3,) * 3}

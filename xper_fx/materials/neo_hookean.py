@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 
 import ufl
 
-from xper_fx.forms.kinematics import deformation_gradient
+from xper_fx.materials.kinematics import deformation_gradient
 from xper_fx.materials.material import Expression, ToConstant, check_elastic_constants, lame
-from xper_fx.nscd.checks import take_numbers
+from xper_fx.support.checks import take_numbers
 
 
 @dataclass(frozen=True)

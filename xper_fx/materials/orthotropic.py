@@ -14,9 +14,9 @@ from dataclasses import dataclass, field
 import numpy as np
 import ufl
 
-from xper_fx.forms.kinematics import small_strain
+from xper_fx.materials.kinematics import small_strain
 from xper_fx.materials.material import Expression, ToConstant, check_density
-from xper_fx.nscd.checks import require_numbers, take_numbers
+from xper_fx.support.checks import require_numbers, take_numbers
 
 
 class _Orthotropic:

@@ -23,7 +23,7 @@ from dataclasses import dataclass, field
 
 import ufl
 
-from xper_fx.forms.kinematics import small_strain
+from xper_fx.materials.kinematics import small_strain
 from xper_fx.materials.material import (
     ZERO_TENSOR,
     Expression,
@@ -32,7 +32,7 @@ from xper_fx.materials.material import (
     check_elastic_constants,
     lame,
 )
-from xper_fx.nscd.checks import require_number, take_numbers
+from xper_fx.support.checks import require_number, take_numbers
 
 # Below this h / tau the coefficients of a step are summed as series, where differences of
 # exponentials would cancel; the terms leave an error under rounding.

@@ -17,7 +17,9 @@ import numpy as np
 import scipy.sparse as sp
 
 from xper_fx.cache import njit
-from xper_fx.nscd.exchange import (
+from xper_fx.nscd.algebra.small import SINGULAR, for_dimension, sym_indices
+from xper_fx.nscd.contact_history import ContactHistory
+from xper_fx.nscd.couplings import (
     Blocks,
     Couplings,
     Sides,
@@ -28,9 +30,8 @@ from xper_fx.nscd.exchange import (
     spread_kernel,
 )
 from xper_fx.nscd.facets import join_points
-from xper_fx.nscd.halo import ContactHalo, PointHalo, Reductions
-from xper_fx.nscd.history import ContactHistory
-from xper_fx.nscd.inverse import BodyInverse
+from xper_fx.nscd.halo_protocol import ContactHalo, PointHalo, Reductions
+from xper_fx.nscd.inverse_blocks import BodyInverse
 from xper_fx.nscd.kernel_options import LEAN_ENTRY
 from xper_fx.nscd.laws.law import ENERGIES, Law, LawKernels
 from xper_fx.nscd.ordering import (
@@ -42,9 +43,8 @@ from xper_fx.nscd.ordering import (
 )
 from xper_fx.nscd.point_group import PointGroup
 from xper_fx.nscd.points import InteractionPoints
-from xper_fx.nscd.rows import Rows
-from xper_fx.nscd.small import SINGULAR, for_dimension, sym_indices
-from xper_fx.nscd.threads import in_ranges
+from xper_fx.support.saved_rows import Rows
+from xper_fx.support.threads import in_ranges
 
 # Relative rounding of velocities that several points add up to.
 _ROUNDING = 4.0 * np.finfo(float).eps
@@ -79,7 +79,7 @@ class FoundPoints(NamedTuple):
 
 @dataclass
 class Anchors:
-    """Dofs that hold bodies which interactions alone hold (`bulk/anchors.py`).
+    """Dofs that hold bodies which interactions alone hold (`bulk/floating_bodies.py`).
 
     A solver may pass over them: the bodies are then on springs, and the bulk iterates until these
     bear nothing.
@@ -623,7 +623,7 @@ class Interactions:
 
     @property
     def judged_by_velocities(self) -> bool:
-        """Whether all points are contacts of rigid bodies (`nlgs.py`: when it stops)."""
+        """Whether all points are contacts of rigid bodies (`nscd/solvers/nlgs.py`)."""
         return self._all_of_rigid
 
     def kick(self, free: np.ndarray, velocity: np.ndarray) -> tuple[float, float]:

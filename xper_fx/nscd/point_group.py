@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from xper_fx.nscd.exchange import Blocks, Couplings, Sides
+from xper_fx.nscd.couplings import Blocks, Couplings, Sides
 from xper_fx.nscd.laws.law import LawKernels
 from xper_fx.nscd.ordering import Ordering, TileBodies
 from xper_fx.nscd.points import InteractionPoints

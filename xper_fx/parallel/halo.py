@@ -13,13 +13,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from dolfinx import la
 
-from xper_fx.compat import index_map
-from xper_fx.nscd.inverse import BodyInverse
-from xper_fx.parallel.ranks import Ranks
+from xper_fx.nscd.inverse_blocks import BodyInverse
+from xper_fx.support.compat import index_map
+from xper_fx.support.ranks import Ranks
 
 if TYPE_CHECKING:
     from xper_fx.nscd.interactions import Interactions
-    from xper_fx.parallel.linear import LinearSystem
+    from xper_fx.parallel.petsc_newton import LinearSystem
 
 
 class Exchange:
@@ -194,7 +194,7 @@ class Halo:
 
     def linear_system(self, interactions: Interactions) -> LinearSystem:
         """The linear system of Newton's method over all ranks; they make it together."""
-        from xper_fx.parallel.linear import LinearSystem
+        from xper_fx.parallel.petsc_newton import LinearSystem
 
         return LinearSystem(interactions)
 

@@ -14,7 +14,7 @@ import itertools
 
 import numpy as np
 
-from xper_fx.bodies import FacingFacets, facet_edges
+from xper_fx.bodies.explode import FacingFacets, facet_edges
 
 
 def owners_by_facet(facets: FacingFacets, rank_of_body: np.ndarray) -> np.ndarray:

@@ -15,7 +15,7 @@ from mpi4py import MPI
 from xper_fx.nscd.points import InteractionPoints
 from xper_fx.parallel.halo import Exchange
 from xper_fx.parallel.ownership import owners_of_pairs, phases
-from xper_fx.parallel.ranks import Ranks
+from xper_fx.support.ranks import Ranks
 
 
 class RigidHalo:

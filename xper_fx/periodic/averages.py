@@ -20,7 +20,7 @@ import numpy as np
 import ufl
 from dolfinx import default_scalar_type, fem
 
-from xper_fx.bulk.scheme import State, StepOutcome
+from xper_fx.bulk.state import State, StepOutcome
 from xper_fx.forms.compiled import compiled_form
 from xper_fx.nscd.facets import facet_points
 from xper_fx.periodic.two_field import CellBulk

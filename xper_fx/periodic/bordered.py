@@ -31,9 +31,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from xper_fx.bulk.inverse import CellwiseInverse, ClusterInverse
-from xper_fx.parallel.ranks import ALONE, Ranks
-from xper_fx.periodic.unknowns import CellUnknowns
+from xper_fx.bulk.body_inverse import CellwiseInverse, ClusterInverse
+from xper_fx.periodic.periodic_unknowns import CellUnknowns
+from xper_fx.support.ranks import ALONE, Ranks
 
 # A pair of iterations whose work has less than this share of what was expected teaches nothing:
 # rounding, or a cell that softens.
@@ -54,7 +54,7 @@ class BorderedInverse:
         ranks: ranks that divide the cell's bodies.
 
     Attributes:
-        blocks, nodes, num_nodes: see `xper_fx.bulk.inverse`.
+        blocks, nodes, num_nodes: see `xper_fx.bulk.body_inverse`.
     """
 
     def __init__(

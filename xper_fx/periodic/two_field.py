@@ -7,14 +7,14 @@ r"""The two-field periodic problem (Perales et al. 2008; 2010, section 3.2.1).
 
 with inertia acting on the fluctuation only, jumps that are those of u# (across the cell's boundary
 too), and the macroscopic equations held at the end of each step. For the unknowns of
-`periodic/unknowns.py` these are the equations of any bulk,
+`periodic_unknowns.py` these are the equations of any bulk,
 
     residual = -M (v - v0) + h [...],  with no mass and theta = 1 on the macroscopic unknowns,
 
 so a driven component is a prescribed motion and its reaction is h |Omega| Pibar_ij.
 
 Where ranks divide the bodies, every rank has the macroscopic unknowns and their whole equations
-(`periodic/unknowns.py`), and takes the same decisions on them. In an inner product of all ranks,
+(`periodic_unknowns.py`), and takes the same decisions on them. In an inner product of all ranks,
 
     a . b = sum_r a_r . b_r (nodes) + a_G . b_G,
 
@@ -28,12 +28,12 @@ from collections.abc import Mapping
 import numpy as np
 import scipy.linalg
 
-from xper_fx.bulk.balance import InBalance
 from xper_fx.bulk.bulk import Bulk
+from xper_fx.bulk.force_balance import InBalance
 from xper_fx.forms.dynamics import BulkForms
-from xper_fx.parallel.ranks import ALONE, Ranks
 from xper_fx.periodic.drive import MacroscopicDrive
-from xper_fx.periodic.unknowns import CellUnknowns
+from xper_fx.periodic.periodic_unknowns import CellUnknowns
+from xper_fx.support.ranks import ALONE, Ranks
 
 # Nearly incompressible: Poisson's ratio above which a volume change is refused.
 _INCOMPRESSIBLE = 0.4999
@@ -216,7 +216,7 @@ class CellBulk(Bulk):
         """See `Bulk`: of the stresses given."""
         if not len(self.free):
             return InBalance()
-        from xper_fx.periodic.balance import StressBalance
+        from xper_fx.periodic.stress_balance import StressBalance
 
         return StressBalance(self, tolerance)
 

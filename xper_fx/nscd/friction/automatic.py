@@ -20,7 +20,8 @@ from dataclasses import dataclass, field
 import numpy as np
 import scipy.sparse as sp
 
-from xper_fx.nscd.friction import anderson, gauss_seidel, interior_point, newton
+from xper_fx.nscd.friction import anderson, gauss_seidel, interior_point
+from xper_fx.nscd.friction import nonsmooth_newton as newton
 from xper_fx.nscd.friction.blocks import BlockProblem, part
 from xper_fx.nscd.friction.error import natural_error
 from xper_fx.nscd.friction.gauss_seidel import Sweeps

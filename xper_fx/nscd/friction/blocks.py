@@ -16,7 +16,7 @@ import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 
 from xper_fx.cache import njit
-from xper_fx.nscd.small import sym_indices
+from xper_fx.nscd.algebra.small import sym_indices
 
 ORDERS = ("given", "shuffled", "colored")
 _SEED = 0

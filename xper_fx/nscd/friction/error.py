@@ -21,8 +21,8 @@ from typing import NamedTuple
 import numpy as np
 
 from xper_fx.cache import njit
+from xper_fx.nscd.algebra.small import for_dimension
 from xper_fx.nscd.friction.blocks import BlockProblem, row_product
-from xper_fx.nscd.small import for_dimension
 
 
 @cache

@@ -24,7 +24,7 @@ import numpy.typing as npt
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
-from xper_fx.nscd.friction.checks import SparseOrDense
+from xper_fx.nscd.friction.input_checks import SparseOrDense
 
 # Right-hand sides solved at a time: bounds the dense part of a condensation.
 _COLUMNS = 256

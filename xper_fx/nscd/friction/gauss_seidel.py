@@ -19,10 +19,10 @@ from typing import NamedTuple
 import numpy as np
 
 from xper_fx.cache import njit
+from xper_fx.nscd.algebra.small import for_dimension
 from xper_fx.nscd.friction.blocks import BlockProblem, row_product
 from xper_fx.nscd.friction.error import residual_kernel
 from xper_fx.nscd.local_solvers.solver import LocalSolver
-from xper_fx.nscd.small import for_dimension
 
 # A change below this fraction of a contact's share of the error wanted moves no neighbour.
 _REST = 0.1

@@ -30,10 +30,10 @@ from functools import cache
 import numpy as np
 
 from xper_fx.cache import njit
+from xper_fx.nscd.algebra.small import for_dimension
 from xper_fx.nscd.friction.blocks import BlockProblem
 from xper_fx.nscd.friction.error import natural_map
 from xper_fx.nscd.friction.sparse_system import SparseSystem
-from xper_fx.nscd.small import for_dimension
 
 _LEAST_FRICTION = 1e-10
 _MAX_ITERATIONS = 60

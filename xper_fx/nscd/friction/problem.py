@@ -19,18 +19,18 @@ from xper_fx.nscd.friction import (
     files,
     gauss_seidel,
     interior_point,
-    newton,
+    nonsmooth_newton,
 )
 from xper_fx.nscd.friction.automatic import Course
 from xper_fx.nscd.friction.blocks import ORDERS, BlockProblem, store
-from xper_fx.nscd.friction.checks import SparseOrDense, checked
 from xper_fx.nscd.friction.error import Errors, measure
+from xper_fx.nscd.friction.input_checks import SparseOrDense, checked
 from xper_fx.nscd.friction.sparse_system import Elimination
 from xper_fx.nscd.local_solvers import explicit_applies, local_solver, requires_diagonal
 
 _GLOBAL = {
-    "newton": newton.solve,
-    "proximal_point": newton.proximal_point,
+    "newton": nonsmooth_newton.solve,
+    "proximal_point": nonsmooth_newton.proximal_point,
     "interior_point": interior_point.solve,
 }
 SOLVERS = ("auto", "nlgs", "anderson", *_GLOBAL)

@@ -28,8 +28,8 @@ and b~ = u - W~ [r + beta_m k (P / k + u)] turn it into plain contact, dU = b~ +
 beta_m is the fixed point of a map that only falls: it starts from the damage at the start of the
 step; each time the interactions are solved with it, `evolve` lowers it to the mean that the new
 opening asks for. So of the states that a step may admit (beyond the softening number of
-`xper_fx/scales.py` a bond may or may not snap within the step) the least damaged one is found, and
-the iteration cannot cycle.
+`xper_fx/output/cohesive_scales.py` a bond may or may not snap within the step) the least damaged
+one is found, and the iteration cannot cycle.
 """
 
 from __future__ import annotations
@@ -40,9 +40,9 @@ from functools import cache
 import numpy as np
 
 from xper_fx.cache import njit
-from xper_fx.nscd.checks import require_non_negative, require_positive, take_numbers
-from xper_fx.nscd.contact_solver import contact_solver
+from xper_fx.nscd.algebra.small import for_dimension
 from xper_fx.nscd.kernel_options import LEAN_ENTRY, LEAN_INNER
+from xper_fx.nscd.laws.contact_solver import contact_solver
 from xper_fx.nscd.laws.law import (
     COHESION,
     ENERGIES,
@@ -52,7 +52,7 @@ from xper_fx.nscd.laws.law import (
     STORED,
     LawKernels,
 )
-from xper_fx.nscd.small import for_dimension
+from xper_fx.support.checks import require_non_negative, require_positive, take_numbers
 
 _C_N, _C_T, _D0, _DC, _BETA0, _MU = range(6)
 _OPENING_MAX, _DAMAGE = 0, 1

@@ -24,8 +24,9 @@ in m, velocities in m/s, impulses `r` in N s (positive: pushes candidate and ant
 `area` in m^2 (2D: m, per metre of depth). Over a step, jump1 = jump_h + h theta u with
 jump_h = jump0 + h (1 - theta) velocity0. Adding a law is adding one file with such a class.
 
-`name` and `effects` are for the table of effects (`xper_fx/effects.py`): pairs of an effect's name,
-of the table or new, and how many of a point's parameters, state, terms and details it needs.
+`name` and `effects` are for the table of effects (`xper_fx/output/effects.py`): pairs of an
+effect's name, of the table or new, and how many of a point's parameters, state, terms and details
+it needs.
 """
 
 from __future__ import annotations

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 from functools import cache
 
 from xper_fx.cache import njit
+from xper_fx.nscd.algebra.small import for_dimension
 from xper_fx.nscd.kernel_options import LEAN_INNER
 from xper_fx.nscd.laws.law import LawKernels
-from xper_fx.nscd.small import for_dimension
 
 # Ratio of eigenvalues below which a compliance counts as singular.
 _SINGULAR = 1e-12

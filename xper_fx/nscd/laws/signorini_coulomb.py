@@ -35,11 +35,11 @@ from dataclasses import dataclass
 from functools import cache
 
 from xper_fx.cache import njit
-from xper_fx.nscd.checks import require_non_negative, take_numbers
-from xper_fx.nscd.contact_solver import contact_solver
+from xper_fx.nscd.algebra.small import for_dimension
 from xper_fx.nscd.kernel_options import LEAN_INNER
+from xper_fx.nscd.laws.contact_solver import contact_solver
 from xper_fx.nscd.laws.law import LawKernels
-from xper_fx.nscd.small import for_dimension
+from xper_fx.support.checks import require_non_negative, take_numbers
 
 # Columns of terms; all but the first are there with friction alone.
 _V_MIN, _MU, _BOUND, _SHIFT = 0, 1, 2, 3

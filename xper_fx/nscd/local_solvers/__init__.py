@@ -7,7 +7,7 @@ from functools import cache
 
 from xper_fx.nscd.local_solvers.bipotential import BIPOTENTIAL
 from xper_fx.nscd.local_solvers.exact import EXACT
-from xper_fx.nscd.local_solvers.explicit import EXPLICIT, explicit_applies
+from xper_fx.nscd.local_solvers.explicit_projection import EXPLICIT, explicit_applies
 from xper_fx.nscd.local_solvers.generalized_newton import NEWTON
 from xper_fx.nscd.local_solvers.graph import GRAPH
 from xper_fx.nscd.local_solvers.lcp import faceting_error, lcp_solver

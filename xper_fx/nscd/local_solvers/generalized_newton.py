@@ -23,9 +23,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from xper_fx.nscd.algebra.small import for_dimension
 from xper_fx.nscd.local_solvers import exact
 from xper_fx.nscd.local_solvers.solver import INLINE_KERNEL, KERNEL, LocalSolver
-from xper_fx.nscd.small import for_dimension
 
 _STEPS = 25
 _OWN = exact.NUM_FACTORS

@@ -21,9 +21,9 @@ Where S = 0 (a node guided obliquely) a slip that closing does not stop slides, 
 
 from __future__ import annotations
 
+from xper_fx.nscd.algebra.small import SINGULAR
+from xper_fx.nscd.laws.signorini import NO_SLIP
 from xper_fx.nscd.local_solvers.solver import INLINE_KERNEL, KERNEL, LocalSolver
-from xper_fx.nscd.signorini import NO_SLIP
-from xper_fx.nscd.small import SINGULAR
 
 # Factors: 1 / W_NN (0: carries nothing), c, 1 / S (0: singular), 1 / (1 + mu c), 1 / (1 - mu c)
 # (0 where that way is no candidate).

@@ -3,13 +3,14 @@
 
 from typing import TYPE_CHECKING
 
-from xper_fx.lazy import importer
+from xper_fx.support.lazy import importer
 
 if TYPE_CHECKING:
     from xper_fx.nscd.rigid.bodies import RigidBodies as RigidBodies
     from xper_fx.nscd.rigid.body import RigidBody as RigidBody
     from xper_fx.nscd.rigid.body import wall as wall
     from xper_fx.nscd.rigid.motion import RigidMotion as RigidMotion
+    from xper_fx.nscd.rigid.outline import body_outlines as body_outlines
     from xper_fx.nscd.rigid.polygon import Polygon as Polygon
     from xper_fx.nscd.rigid.polyhedron import Polyhedron as Polyhedron
     from xper_fx.nscd.rigid.shapes import Disc as Disc
@@ -27,6 +28,7 @@ _MODULE_OF = {
     "RigidBody": "body",
     "RigidMotion": "motion",
     "Sphere": "shapes",
+    "body_outlines": "outline",
     "wall": "body",
 }
 

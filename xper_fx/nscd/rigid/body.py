@@ -19,8 +19,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
-from xper_fx.nscd.checks import require_numbers
 from xper_fx.nscd.rigid.shapes import HalfPlane, HalfSpace, MassProperties, Shape, check_positive
+from xper_fx.support.checks import require_numbers
 
 Motion = float | Callable[[float], float]
 """A velocity (m/s or rad/s), constant or as a function of time."""

@@ -118,7 +118,7 @@ def _wall_sizes(bodies: RigidBodies) -> np.ndarray:
     return size
 
 
-def outline(bodies: RigidBodies, segments: int = 24) -> Outline:
+def body_outlines(bodies: RigidBodies, segments: int = 24) -> Outline:
     """Triangles of all bodies in their own axes.
 
     Args:

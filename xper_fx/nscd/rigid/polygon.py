@@ -19,9 +19,9 @@ from typing import ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from xper_fx.nscd.checks import require_numbers
-from xper_fx.nscd.rigid.cornered import Cornered
+from xper_fx.nscd.rigid.polytope import Cornered
 from xper_fx.nscd.rigid.shapes import POLYGON, MassProperties, check_positive
+from xper_fx.support.checks import require_numbers
 
 # Sine of a turn to the wrong side that still counts as straight.
 _STRAIGHT = 1e-10

@@ -23,9 +23,9 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import ConvexHull
 
-from xper_fx.nscd.checks import require_numbers
-from xper_fx.nscd.rigid.cornered import Cornered
+from xper_fx.nscd.rigid.polytope import Cornered
 from xper_fx.nscd.rigid.shapes import POLYHEDRON, MassProperties, check_positive
+from xper_fx.support.checks import require_numbers
 
 # Height above a face, relative to the size of the polyhedron, that still counts as in its plane.
 _FLAT = 1e-9

@@ -17,7 +17,7 @@ from typing import ClassVar, NamedTuple, Protocol
 
 import numpy as np
 
-from xper_fx.nscd.checks import require_number
+from xper_fx.support.checks import require_number
 
 # Kinds of shapes, as the tables for compiled kernels name them.
 DISC, POLYGON, HALF_PLANE, SPHERE, POLYHEDRON, HALF_SPACE = range(6)

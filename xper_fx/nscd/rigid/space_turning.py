@@ -33,7 +33,7 @@ from functools import cache
 import numpy as np
 
 from xper_fx.cache import njit
-from xper_fx.nscd import space
+from xper_fx.nscd.algebra import space
 from xper_fx.nscd.kernel_options import LEAN_ENTRY, LEAN_INNER, MERGED
 from xper_fx.nscd.rigid.bodies import RigidBodies
 from xper_fx.nscd.rigid.plane_turning import Turn

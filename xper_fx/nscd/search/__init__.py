@@ -3,14 +3,14 @@
 
 from typing import TYPE_CHECKING
 
-from xper_fx.lazy import importer
+from xper_fx.support.lazy import importer
 
 if TYPE_CHECKING:
-    from xper_fx.nscd.search.contacts import Contacts as Contacts
+    from xper_fx.nscd.search.contact_pairs import Contacts as Contacts
     from xper_fx.nscd.search.grid import box_pairs as box_pairs
     from xper_fx.nscd.search.rigid_search import RigidSearch as RigidSearch
 
-_MODULE_OF = {"Contacts": "contacts", "RigidSearch": "rigid_search", "box_pairs": "grid"}
+_MODULE_OF = {"Contacts": "contact_pairs", "RigidSearch": "rigid_search", "box_pairs": "grid"}
 
 __all__ = list(_MODULE_OF)
 __getattr__ = importer(__name__, _MODULE_OF)

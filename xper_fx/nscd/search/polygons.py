@@ -21,8 +21,8 @@ import math
 
 from xper_fx.cache import njit
 from xper_fx.nscd.kernel_options import LEAN_ENTRY, LEAN_INNER
-from xper_fx.nscd.search.balls import put_ball
-from xper_fx.nscd.search.found import POINT_AREA, ROUNDING, SAME_CORNER, put_plane
+from xper_fx.nscd.search.contact_buffer import POINT_AREA, ROUNDING, SAME_CORNER, put_plane
+from xper_fx.nscd.search.spheres import put_ball
 
 
 @njit(**LEAN_INNER)

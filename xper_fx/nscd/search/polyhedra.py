@@ -27,8 +27,7 @@ import numpy as np
 from xper_fx.cache import njit
 from xper_fx.nscd.kernel_options import LEAN_ENTRY, LEAN_INNER, MERGED
 from xper_fx.nscd.rigid.bodies import ShapeTables
-from xper_fx.nscd.search.balls import put_ball
-from xper_fx.nscd.search.found import (
+from xper_fx.nscd.search.contact_buffer import (
     POINT_AREA,
     ROUNDING,
     SAME_CORNER,
@@ -45,6 +44,7 @@ from xper_fx.nscd.search.overlap import (
     overlap_room,
     plane_axes,
 )
+from xper_fx.nscd.search.spheres import put_ball
 
 # Edges whose directions have a smaller sine between them are taken as parallel.
 _PARALLEL = 1e-12

@@ -26,10 +26,9 @@ from xper_fx.cache import njit
 from xper_fx.nscd.kernel_options import LEAN_ENTRY
 from xper_fx.nscd.rigid.bodies import RigidBodies, ShapeTables
 from xper_fx.nscd.rigid.shapes import DISC, HALF_PLANE, HALF_SPACE, SPHERE
-from xper_fx.nscd.search.balls import ball_ball, ball_wall
-from xper_fx.nscd.search.contacts import Contacts, empty, join
-from xper_fx.nscd.search.flats import without_flats
-from xper_fx.nscd.search.found import Corners, collect
+from xper_fx.nscd.search.contact_buffer import Corners, collect
+from xper_fx.nscd.search.contact_pairs import Contacts, empty, join
+from xper_fx.nscd.search.coplanar import without_flats
 from xper_fx.nscd.search.grid import labelled_box_pairs
 from xper_fx.nscd.search.polygons import disc_polygon, polygon_polygon, polygon_wall
 from xper_fx.nscd.search.polyhedra import (
@@ -37,6 +36,7 @@ from xper_fx.nscd.search.polyhedra import (
     polyhedron_wall,
     sphere_polyhedron,
 )
+from xper_fx.nscd.search.spheres import ball_ball, ball_wall
 
 # Price of a pair in the making of a list and, by kinds and dimension, in a search, in units of two
 # discs in a search, as benchmarks/contact_search.py measures them (one unit: about 30 ns).

@@ -20,9 +20,8 @@ import numpy as np
 
 from xper_fx.nscd.rigid.bodies import RigidBodies
 from xper_fx.nscd.rigid.shapes import HALF_PLANE, HALF_SPACE
-from xper_fx.nscd.rows import Rows
-from xper_fx.nscd.search.bonds import Bonds
-from xper_fx.nscd.search.contacts import Contacts, empty, join
+from xper_fx.nscd.search.bonded_facets import Bonds
+from xper_fx.nscd.search.contact_pairs import Contacts, empty, join
 from xper_fx.nscd.search.edge_edge import convex_edges, edge_edge
 from xper_fx.nscd.search.facet_geometry import Faces, facet_normals
 from xper_fx.nscd.search.grid import box_pairs
@@ -30,6 +29,7 @@ from xper_fx.nscd.search.node_facet import Touching, point_facet, room_for
 from xper_fx.nscd.search.node_rigid import node_rigid
 from xper_fx.nscd.search.pair_list import PairList
 from xper_fx.nscd.search.surface import Surface
+from xper_fx.support.saved_rows import Rows
 
 # How many searches a list should serve, and bounds of the skin as shares of a facet's size.
 _SEARCHES_A_LIST = 20

@@ -1,0 +1,494 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Nonlinear Gauss-Seidel sweeps through the body velocities, W never formed.
+
+Visiting point i reads its relative velocity u = H_i^T v from the bodies, lets the law give the
+new impulse, and adds w H_i dr to the velocities of its two bodies: for small bodies this moves
+less memory than the stored rows of W.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+from numba import config, prange, types
+from numba.core.cgutils import ir
+from numba.extending import intrinsic
+
+from xper_fx.cache import njit
+from xper_fx.nscd.algebra.small import for_dimension
+from xper_fx.nscd.inverse_blocks import BodyInverse
+from xper_fx.nscd.kernel_options import LEAN_ENTRY, LEAN_INNER
+from xper_fx.nscd.laws.law import LawKernels
+from xper_fx.nscd.points import InteractionPoints
+
+
+class Sides(NamedTuple):
+    """What kernels over the points of a group are compiled for.
+
+    Attributes:
+        dim: dimension of space.
+        components: of local vectors.
+        k: nodes on a side.
+        arms: whether there are sides on rigid bodies.
+    """
+
+    dim: int
+    components: int
+    k: int
+    arms: bool = False
+
+
+class Blocks(NamedTuple):
+    """What is known of the blocks of w when kernels are compiled.
+
+    Attributes:
+        size: their common size in dofs, or 0.
+        aligned: whether all blocks of the scene have it: block b then starts at b times the size.
+    """
+
+    size: int = 0
+    aligned: bool = False
+
+
+ANY_BLOCKS = Blocks()
+
+
+class Couplings(NamedTuple):
+    """Where a point reads and writes, as the sweep kernels want it.
+
+    Attributes:
+        start: shape (num_points, 2, k), first dof of each node.
+        weights: shape (num_points, 2, k).
+        body: shape (num_points, 2), first dof of each side's block.
+        size: shape (num_points, 2), dofs in each side's block.
+        rows: shape (num_points, 2, k), entry of `w` where the node's first row starts.
+        frame: shape (num_points, 1, dim), the normal, or (num_points, 3, 3).
+        w: flat blocks of the inverse.
+        turn: shape (num_points, 2), first dof of a rigid side's rotation, else `start` of its first
+            node; None without arms.
+        arms: shape (num_points, 2, dim) (m), zero where a side is not rigid; None without arms.
+    """
+
+    start: np.ndarray
+    weights: np.ndarray
+    body: np.ndarray
+    size: np.ndarray
+    rows: np.ndarray
+    frame: np.ndarray
+    w: np.ndarray
+    turn: np.ndarray | None = None
+    arms: np.ndarray | None = None
+
+
+def couple(points: InteractionPoints, inverse: BodyInverse) -> Couplings:
+    """Resolve nodes to positions in the velocity array and in the blocks of w."""
+    dim = inverse.dim
+    # The ground's slots all belong to the last block.
+    block = inverse.block_of_node()[points.nodes]
+    body = inverse.node_offsets[block[:, :, 0]] * dim
+    size = np.diff(inverse.node_offsets)[block[:, :, 0]] * dim
+    start = points.nodes.astype(np.int64) * dim
+    rows = inverse.data_offsets[block] + (start - body[..., None]) * size[..., None]
+    small = np.int32 if max(len(inverse.data), inverse.num_slots * dim) < 2**31 else np.int64
+    start, body, size, rows = (a.astype(small) for a in (start, body, size, rows))
+    turn = None if points.arms is None else np.empty(0, small)
+    couplings = Couplings(start, points.weights, body, size, rows, points.frame, inverse.data, turn)
+    return couple_again(couplings, points)
+
+
+def couple_again(couplings: Couplings, points: InteractionPoints) -> Couplings:
+    """The couplings of points between the same nodes, which have moved."""
+    # In 2D the normal alone tells the frame.
+    frame = points.frame[:, :1] if points.frame.shape[1] == 2 else points.frame
+    turn = couplings.turn
+    if turn is not None:
+        turn = (points.turns().astype(np.int64) * points.dim).astype(turn.dtype)
+    return couplings._replace(
+        weights=points.weights, frame=np.ascontiguousarray(frame), turn=turn, arms=points.arms
+    )
+
+
+# Largest block whose rows are added as one vector each.
+_VECTOR_DOFS = 16
+# Doubles in a cache line, and how many visits ahead lines are asked for.
+_LINE, _AHEAD = 8, np.uintp(8)
+
+
+@cache
+def _add_rows(count: int, size: int):
+    """Kernel `add(v, base, w, row, f)`: v[base:base + size] += sum_d f[d] w[row + d size:...].
+
+    With d below `count`, the number of f's components.
+
+    As vector instructions, which the compiler does not find by itself in loops this short (it has
+    to allow for `v` and `w` being the same memory): a third of a visit's time.
+    """
+
+    @intrinsic
+    def add(context, v, base, w, row, f):
+        def generate(context, builder, signature, arguments):
+            vector = ir.VectorType(ir.DoubleType(), size)
+
+            def entry(array_type, array, index):
+                data = context.make_array(array_type)(context, builder, array).data
+                return builder.bitcast(builder.gep(data, [index]), vector.as_pointer())
+
+            v, base, w, row, f = arguments
+            v_type, _, w_type, row_type, _ = signature.args
+            target = entry(v_type, v, base)
+            total = None
+            for d in range(count):
+                index = builder.add(row, context.get_constant(row_type, d * size))
+                line = builder.load(entry(w_type, w, index), align=8)
+                single = ir.Constant(ir.VectorType(ir.IntType(32), size), [0] * size)
+                undefined = ir.Constant(vector, ir.Undefined)
+                factor = builder.insert_element(
+                    undefined, builder.extract_value(f, d), ir.Constant(ir.IntType(32), 0)
+                )
+                factor = builder.shuffle_vector(factor, undefined, single)
+                product = builder.fmul(factor, line, flags=("contract",))
+                total = product if d == 0 else builder.fadd(total, product, flags=("contract",))
+            # Rounded before it is added: an impulse and its opposite then nearly always cancel.
+            before = builder.load(target, align=8)
+            builder.store(builder.fadd(before, total), target, align=8)
+            return context.get_dummy_value()
+
+        return types.none(v, base, w, row, f), generate
+
+    return add
+
+
+@cache
+def motion(sides: Sides, blocks: Blocks = ANY_BLOCKS):
+    """Kernels `read(v, c, i) -> u` (local) and `push(v, c, i, local impulse)`.
+
+    Args:
+        sides: what the points are.
+        blocks: what the blocks of w are; `read` does not care.
+    """
+    dim, components, k, arms = sides
+    size = blocks.size
+    local, world = for_dimension(dim, components), for_dimension(dim)
+    to_local, to_global = local.to_local, local.to_global
+    add, subtract, times = world.add, world.subtract, world.scale
+    vector = 0 < size <= _VECTOR_DOFS and not config.DISABLE_JIT
+    turned, _, moment = arm_kernels(dim) if arms else (None, None, None)
+    turns = dim if dim == 3 else 1  # components of a rotation
+    add_rows = _add_rows(dim, size) if vector else None
+    add_turns = _add_rows(turns, size) if vector else None
+
+    @njit(inline="always")
+    def side(v, c, i, s):
+        if dim == 2:
+            p = np.uintp(c.start[i, s, 0])
+            if k == 1:
+                return v[p], v[p + np.uintp(1)]
+            x, y = 0.0, 0.0
+            for j in range(k):
+                p, weight = c.start[i, s, j], c.weights[i, s, j]
+                x += weight * v[p]
+                y += weight * v[p + 1]
+            return x, y
+        p = c.start[i, s, 0]
+        if k == 1:
+            return v[p], v[p + 1], v[p + 2]
+        x, y, z = 0.0, 0.0, 0.0
+        for j in range(k):
+            p, weight = c.start[i, s, j], c.weights[i, s, j]
+            x += weight * v[p]
+            y += weight * v[p + 1]
+            z += weight * v[p + 2]
+        return x, y, z
+
+    @njit(inline="always")
+    def read(v, c, i):
+        if arms:
+            candidate = add(side(v, c, i, 0), turned(v, c, i, 0))
+            antagonist = add(side(v, c, i, 1), turned(v, c, i, 1))
+            return to_local(c.frame, i, subtract(candidate, antagonist))
+        return to_local(c.frame, i, subtract(side(v, c, i, 0), side(v, c, i, 1)))
+
+    @njit(inline="always")
+    def push(v, c, i, impulse):
+        f = to_global(c.frame, i, impulse)
+        sign = 1.0
+        for s in range(2):
+            if blocks.aligned:
+                n = np.uintp(size)
+                base = np.uintp(c.start[i, s, 0]) // n * n
+            else:
+                n = np.uintp(size) if size > 0 else np.uintp(c.size[i, s])
+                base = np.uintp(c.body[i, s])
+            for j in range(k):
+                scale = sign if k == 1 else sign * c.weights[i, s, j]
+                # blocks of one size: row d of w starts at d times the size
+                if blocks.aligned:
+                    row = np.uintp(c.start[i, s, j]) * n
+                else:
+                    row = np.uintp(c.rows[i, s, j])
+                if vector:
+                    add_rows(v, base, c.w, row, times(scale, f))
+                elif dim == 2:
+                    f0, f1 = scale * f[0], scale * f[1]
+                    for m in range(n):
+                        v[base + m] += c.w[row + m] * f0 + c.w[row + n + m] * f1
+                else:
+                    f0, f1, f2 = scale * f[0], scale * f[1], scale * f[2]
+                    for m in range(n):
+                        v[base + m] += (
+                            c.w[row + m] * f0 + c.w[row + n + m] * f1 + c.w[row + n + n + m] * f2
+                        )
+            if arms and c.turn[i, s] != c.start[i, s, 0]:
+                # only a rigid side, of one node, has a rotation
+                row = np.uintp(c.rows[i, s, 0]) + np.uintp(dim) * n
+                g = moment(c, i, s, times(sign, f))
+                if vector:
+                    add_turns(v, base, c.w, row, g)
+                else:
+                    for d in range(turns):
+                        for m in range(n):
+                            v[base + m] += c.w[row + np.uintp(d) * n + m] * g[d]
+            sign = -1.0
+
+    return read, push
+
+
+@intrinsic
+def _prefetch(context, array, index):
+    """Let the cache line of an entry of an array come from memory meanwhile."""
+
+    def generate(context, builder, signature, arguments):
+        data = context.make_array(signature.args[0])(context, builder, arguments[0]).data
+        byte, word = ir.IntType(8).as_pointer(), ir.IntType(32)
+        kind = ir.FunctionType(ir.VoidType(), [byte, word, word, word])
+        prefetch = builder.module.declare_intrinsic("llvm.prefetch", (byte,), kind)
+        line = builder.bitcast(builder.gep(data, [arguments[1]]), byte)
+        # data, to be read, to be kept in all caches
+        builder.call(prefetch, [line, word(0), word(3), word(1)])
+        return context.get_dummy_value()
+
+    return types.none(array, index), generate
+
+
+@cache
+def fetch_kernel(sides: Sides, blocks: Blocks):
+    """Kernel `fetch(v, c, i)`: what a visit of point i will want of v and w begins to come.
+
+    Points lie in memory in the order of their visits, so that the processor sees what comes next;
+    velocities and blocks of w lie in the order of the bodies. Blocks that take many lines come
+    by themselves after the first.
+    """
+    count = sides.dim * blocks.size  # entries of w that a node's impulse meets
+    if not 0 < blocks.size <= _VECTOR_DOFS or config.DISABLE_JIT:
+
+        @njit(inline="always")
+        def fetch(v, c, i):
+            pass
+
+        return fetch
+
+    offsets = tuple(map(np.uintp, (*range(0, count - 1, _LINE), count - 1)))
+    size, k = np.uintp(blocks.size), sides.k
+
+    @njit(inline="always")
+    def fetch(v, c, i):
+        for s in range(2):
+            for j in range(k):
+                start = np.uintp(c.start[i, s, j])
+                row = start * size if blocks.aligned else np.uintp(c.rows[i, s, j])
+                for offset in offsets:
+                    _prefetch(c.w, row + offset)
+                _prefetch(v, start)
+
+    return fetch
+
+
+@cache
+def arm_kernels(dim: int):
+    """Kernels of a side's arm a, omega in 2D having one component.
+
+    `turned(v, c, i, s) -> omega x a`, `turned_unit(c, i, s, x)`, the same for the unit rotation x,
+    `moment(c, i, s, f) -> a x f`.
+    """
+    if dim == 2:
+
+        @njit(inline="always")
+        def turned(v, c, i, s):
+            omega = v[c.turn[i, s]]
+            return -omega * c.arms[i, s, 1], omega * c.arms[i, s, 0]
+
+        @njit(inline="always")
+        def turned_unit(c, i, s, x):
+            return -c.arms[i, s, 1], c.arms[i, s, 0]
+
+        @njit(inline="always")
+        def moment(c, i, s, f):
+            return (c.arms[i, s, 0] * f[1] - c.arms[i, s, 1] * f[0],)
+
+    else:
+
+        @njit(inline="always")
+        def turned(v, c, i, s):
+            p = c.turn[i, s]
+            a, b, d = c.arms[i, s, 0], c.arms[i, s, 1], c.arms[i, s, 2]
+            x, y, z = v[p], v[p + 1], v[p + 2]
+            return y * d - z * b, z * a - x * d, x * b - y * a
+
+        @njit(inline="always")
+        def turned_unit(c, i, s, x):
+            a, b, d = c.arms[i, s, 0], c.arms[i, s, 1], c.arms[i, s, 2]
+            if x == 0:
+                return 0.0, -d, b
+            if x == 1:
+                return d, 0.0, -a
+            return -b, a, 0.0
+
+        @njit(inline="always")
+        def moment(c, i, s, f):
+            a, b, d = c.arms[i, s, 0], c.arms[i, s, 1], c.arms[i, s, 2]
+            return b * f[2] - d * f[1], d * f[0] - a * f[2], a * f[1] - b * f[0]
+
+    return turned, turned_unit, moment
+
+
+@cache
+def push_kernel(sides: Sides, blocks: Blocks):
+    """Kernel `push_all(v, couplings, impulses)`: v += w H r over all points of a group."""
+    row = for_dimension(sides.dim, sides.components).row
+    _, push = motion(sides, blocks)
+
+    @njit(**LEAN_ENTRY)
+    def push_all(v, c, r):
+        for i in range(len(r)):
+            push(v, c, i, row(r, i))
+
+    return push_all
+
+
+@cache
+def point_force(sides: Sides):
+    """Kernel `give(p, couplings, i, f)`: p += H f for the force f, in global axes, of a point."""
+    dim, _, k, arms = sides
+    moment = arm_kernels(dim)[2] if arms else None
+    times = for_dimension(dim).scale
+    turns = dim if dim == 3 else 1
+
+    @njit(inline="always")
+    def give(p, c, i, f):
+        for j in range(k):
+            candidate, antagonist = np.uintp(c.start[i, 0, j]), np.uintp(c.start[i, 1, j])
+            for d in range(dim):
+                if k == 1:
+                    p[candidate + np.uintp(d)] += f[d]
+                    p[antagonist + np.uintp(d)] -= f[d]
+                else:
+                    p[candidate + np.uintp(d)] += c.weights[i, 0, j] * f[d]
+                    p[antagonist + np.uintp(d)] -= c.weights[i, 1, j] * f[d]
+        if arms:
+            sign = 1.0
+            for s in range(2):
+                g = moment(c, i, s, times(sign, f))
+                for d in range(turns):
+                    p[c.turn[i, s] + d] += g[d]  # nothing where the side is not rigid
+                sign = -1.0
+
+    return give
+
+
+@cache
+def spread_kernel(sides: Sides):
+    """Kernel `spread(p, couplings, impulses)`: p += H r over all points of a group."""
+    algebra = for_dimension(sides.dim, sides.components)
+    row, to_global = algebra.row, algebra.to_global
+    give = point_force(sides)
+
+    @njit(**LEAN_ENTRY)
+    def spread(p, c, r):
+        for i in range(len(r)):
+            give(p, c, i, to_global(c.frame, i, row(r, i)))
+
+    return spread
+
+
+@cache
+def sweep_kernel(
+    law: LawKernels, sides: Sides, blocks: Blocks, parallel: bool, as_velocities: bool = False
+):
+    """One sweep over the tiles of a law's points that are marked.
+
+    Kernel `sweep(tiles, colors, marked, stats, v, couplings, r, ...)`; it writes, for each tile
+    visited, [sum |dr|^2, sum |r|^2, max |dr|^2 / area^2] into its row of `stats`. Taken as
+    velocities, changes count as sum dr . W_aa dr.
+    """
+    algebra = for_dimension(sides.dim, sides.components)
+    row, set_row, dot = algebra.row, algebra.set_row, algebra.dot
+    sym_row, sym_vector = algebra.sym_row, algebra.sym_vector
+    add, scale, subtract = algebra.add, algebra.scale, algebra.subtract
+    read, push = motion(sides, blocks)
+    fetch = fetch_kernel(sides, blocks)
+    solve = law.solve
+
+    # Without reference counting (nothing is allocated here): the counts of the law's arrays, atomic
+    # and not pruned across its branches, would cost more than the visit itself.
+    @njit(fastmath={"contract"}, **LEAN_INNER)
+    def visit_tile(
+        tile, tiles, stats, v, c, r, w_points, inverse_area, parameters, terms, details, relax
+    ):
+        changed, total, largest = 0.0, 0.0, 0.0
+        last = np.uintp(len(r) - 1)
+        for number in range(tiles[tile], tiles[tile + 1]):
+            i = np.uintp(number)  # a signed index would be checked for being negative
+            fetch(v, c, min(i + _AHEAD, last))
+            old = row(r, i)
+            new, smooth = solve(i, read(v, c, i), old, w_points, parameters, terms, details)
+            change = subtract(new, old)
+            size_of_change = dot(change, change)
+            if size_of_change == 0.0:
+                total += dot(new, new)
+                continue
+            if smooth:
+                change = scale(relax, change)
+                new = add(old, change)
+            set_row(r, i, new)
+            push(v, c, i, change)
+            if as_velocities:
+                changed += dot(change, sym_vector(sym_row(w_points, i), change))
+            else:
+                changed += size_of_change
+            total += dot(new, new)
+            largest = max(largest, size_of_change * inverse_area[i] * inverse_area[i])
+        stats[tile, 0], stats[tile, 1], stats[tile, 2] = changed, total, largest
+
+    if not parallel:
+        # part of the kernel that loops over sweeps, beside what visits a tile
+        @njit(inline="always", nogil=True)
+        def sweep(
+            tiles, colors, marked, stats, v, c, r, w_points, inverse_area, parameters, terms,
+            details, relax,
+        ):  # fmt: skip
+            for tile in range(len(marked)):
+                if marked[tile]:
+                    visit_tile(
+                        tile, tiles, stats, v, c, r, w_points, inverse_area, parameters, terms,
+                        details, relax,
+                    )  # fmt: skip
+
+        return sweep
+
+    # threads are handed arrays that count references, whatever the caller is compiled with
+    @njit(parallel=True, nogil=True, error_model="numpy", _nrt=True)
+    def sweep(
+        tiles, colors, marked, stats, v, c, r, w_points, inverse_area, parameters, terms, details,
+        relax,
+    ):  # fmt: skip
+        for color in range(len(colors) - 1):
+            for tile in prange(colors[color], colors[color + 1]):
+                if marked[tile]:
+                    visit_tile(
+                        tile, tiles, stats, v, c, r, w_points, inverse_area, parameters, terms,
+                        details, relax,
+                    )  # fmt: skip
+
+    return sweep

@@ -1,0 +1,129 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""What the interaction layer asks of ranks that share points with it.
+
+These are protocols: the layer calls them and knows nothing of MPI. `xper_fx.parallel` has the
+classes that follow them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Protocol
+
+import numpy as np
+
+from xper_fx.nscd.inverse_blocks import BodyInverse
+from xper_fx.nscd.points import InteractionPoints
+
+
+class Reductions(Protocol):
+    """Ranks that call everything together (`support/ranks.py`)."""
+
+    @property
+    def comm(self) -> Any:
+        """Communicator, as that of mpi4py."""
+
+    def sum(self, value: Any) -> Any:
+        """Sum of numbers, or of arrays of one shape, the same bits on all ranks."""
+
+    def max(self, value: Any) -> Any:
+        """Largest of numbers, or of arrays of one shape entry by entry."""
+
+    def all(self, condition: Any) -> bool:
+        """Whether something holds on all ranks."""
+
+
+class GhostExchange(Protocol):
+    """Moves entries of flat velocity arrays between slots and their ghosts on other ranks."""
+
+    def forward(self, values: np.ndarray) -> None:
+        """Let ghosts follow their owners."""
+
+    def back(self, values: np.ndarray) -> None:
+        """Let owners follow their ghosts."""
+
+
+class Gathering(Protocol):
+    """Moves entries between all slots and all their ghosts."""
+
+    def forward(self, values: np.ndarray) -> None:
+        """Let ghosts follow their owners."""
+
+    def add_back(self, values: np.ndarray) -> None:
+        """Add ghosts to their owners."""
+
+
+class GatheringBothWays(Gathering, GhostExchange, Protocol):
+    """Moves entries between all slots and all their ghosts, either way."""
+
+
+class SharedSystem(Protocol):
+    """(w^-1 + S) x = b, S the springs of the points (`parallel/petsc_newton.py`)."""
+
+    def take_bodies(self, blocks: list[tuple[np.ndarray, np.ndarray]]) -> None:
+        """Take w^-1 of this rank's bodies: degrees of freedom, and square matrices on them."""
+
+    def take_springs(self, springs: list[tuple[np.ndarray, np.ndarray]], as_one: bool) -> bool:
+        """Take S of this rank's points; whether the block of every cluster could be inverted."""
+
+    def solve(self, b: np.ndarray, x: np.ndarray, bound: float, max_iterations: int) -> int:
+        """Improve x until |b - A x| is within a bound; the number of iterations."""
+
+
+class AnyHalo(Protocol):
+    """What the points of one rank have to do with other ranks."""
+
+    @property
+    def ranks(self) -> Reductions:
+        """The ranks."""
+
+    @property
+    def numbers(self) -> np.ndarray:
+        """Number of each permanent point in the scene's order, shape (num_points,)."""
+
+    @property
+    def phases(self) -> Sequence[GhostExchange]:
+        """Exchange with one rank, phase after phase from the first."""
+
+    @property
+    def nbytes(self) -> int:
+        """Memory held, in bytes."""
+
+    def clear(self, values: np.ndarray) -> None:
+        """Set the ghosts of a flat array over all slots to zero."""
+
+    def gather(self, values: np.ndarray) -> np.ndarray:
+        """Values at all points from those at this rank's, in the scene's order, on every rank."""
+
+
+class PointHalo(AnyHalo, Protocol):
+    """The halo of points between meshed bodies, which last (`parallel/halo.py`)."""
+
+    @property
+    def everywhere(self) -> GatheringBothWays:
+        """Exchange with all ranks."""
+
+    @property
+    def phase(self) -> np.ndarray:
+        """Phase of each point, 0 where all bodies are this rank's, shape (num_points,)."""
+
+    def with_ghosts(self, inverse: BodyInverse) -> BodyInverse:
+        """Blocks of w of this rank and of its ghosts, as their owners have them now."""
+
+    def linear_system(self, interactions: Any) -> SharedSystem:
+        """The linear system of Newton's method over all ranks; `interactions` are this rank's."""
+
+
+class ContactHalo(AnyHalo, Protocol):
+    """The halo of contacts of rigid bodies, which a search finds (`parallel/rigid_halo.py`)."""
+
+    @property
+    def everywhere(self) -> Gathering:
+        """Exchange of the velocities of all bodies."""
+
+    @property
+    def cut(self) -> np.ndarray:
+        """This rank's bodies that others move, and its ghosts."""
+
+    def phase_of(self, points: InteractionPoints) -> np.ndarray:
+        """Phase of each contact, 0 where both bodies are this rank's, shape (num_points,)."""

@@ -1,0 +1,108 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Where kernels put the contacts that they find, and the corners of bodies as they stand.
+
+A kernel of a narrow phase counts all the contacts it finds and writes those for which there is
+room: if there was too little, it is called once more with enough.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from xper_fx.cache import njit
+from xper_fx.nscd.search.contact_pairs import Contacts
+
+# Area of a contact of corners, which have none, as a share of the smaller bounding radius (in 3D,
+# of its square): an area stays positive.
+POINT_AREA = 1e-6
+# Two lengths closer than this, relative to the size of the pair, are taken as equal.
+ROUNDING = 1e-13
+# Corners of two bodies closer than this, relative to the smaller bounding radius, have one name.
+SAME_CORNER = 1e-6
+
+
+class Found(NamedTuple):
+    """Room for contacts of rigid bodies; the arrays of `Contacts` that rigid bodies need."""
+
+    body: np.ndarray
+    point: np.ndarray
+    normal: np.ndarray
+    gap: np.ndarray
+    area: np.ndarray
+    key: np.ndarray
+
+
+class Corners(NamedTuple):
+    """Corners of polygons and polyhedra, turned as the bodies stand, about their centres.
+
+    Body b has vertices `vertex_start[b]:vertex_start[b + 1]` and faces
+    `face_start[b]:face_start[b + 1]`, none if it has no corners.
+
+    Attributes:
+        vertex_start, face_start: shape (num_bodies + 1,), int64.
+        vertex: shape (num_vertices, dim), m.
+        normal: shape (num_faces, dim), outward unit normals.
+    """
+
+    vertex_start: np.ndarray
+    face_start: np.ndarray
+    vertex: np.ndarray
+    normal: np.ndarray
+
+
+def collect(kernel: Callable, dim: int, expected: int, *arguments) -> Contacts:
+    """Run a kernel and give its contacts.
+
+    Args:
+        kernel: called with `Found` and the arguments; returns how many contacts there are.
+        dim: dimension of space.
+        expected: room at first, in contacts.
+        arguments: of the kernel.
+    """
+    while True:
+        found = Found(
+            np.empty((expected, 2), np.int32),
+            np.empty((expected, dim)),
+            np.empty((expected, dim)),
+            np.empty(expected),
+            np.empty(expected),
+            np.empty((expected, 2), np.int64),
+        )
+        count = kernel(found, *arguments)
+        if count <= expected:
+            break
+        expected = count
+    body, point, normal, gap, area, key = (a[:count] for a in found)
+    nodes = np.zeros((count, 2, 1), np.int32)
+    return Contacts(body, nodes, np.zeros((count, 2, 1)), point, normal, gap, area, key)
+
+
+@njit(inline="always")
+def put_plane(found, count, bodies, num_bodies, feature, x, y, nx, ny, gap, area):
+    """Write a contact in 2D if there is room, and return the count with it."""
+    if count < len(found.gap):
+        i, j = bodies
+        found.body[count, 0] = i
+        found.body[count, 1] = j
+        found.point[count, 0] = x
+        found.point[count, 1] = y
+        found.normal[count, 0] = nx
+        found.normal[count, 1] = ny
+        found.gap[count] = gap
+        found.area[count] = area
+        found.key[count, 0] = min(i, j) * num_bodies + max(i, j)
+        found.key[count, 1] = feature
+    return count + 1
+
+
+@njit(inline="always")
+def put_space(found, count, bodies, num_bodies, feature, x, y, z, nx, ny, nz, gap, area):
+    """Write a contact in 3D if there is room, and return the count with it."""
+    if count < len(found.gap):
+        put_plane(found, count, bodies, num_bodies, feature, x, y, nx, ny, gap, area)
+        found.point[count, 2] = z
+        found.normal[count, 2] = nz
+    return count + 1

@@ -1,0 +1,150 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""The solver that the problem at hand calls for.
+
+Sweeps (`nlgs.py`) are cheapest where few are needed: steps of a few times the explicit limit, or a
+good first guess. They start. After each spell their contraction says how many are left; where that
+is more than what a Newton solve costs, `newton.py` goes on from there, and falls back to sweeps by
+itself where a step does not help. Where Newton has nothing to work with (w singular along a
+direction that is not prescribed) or gives up, `accelerated.py` finishes.
+
+Where every point is a perfect bond, `feti.py` takes Newton's place for bodies of many cells:
+3072 tetrahedra in 16 bodies took 2.6 times less at a tolerance of 1e-8 and a step thirty times what
+waves need to cross a body; where they just cross it, sweeps were enough. It is all there is to do
+for bodies that interactions alone hold.
+
+Packings of rigid bodies need no Newton: a packing has more of them than it needs, each with three
+branches, and with or without a direct factorisation Newton took 5 to 20 times as long as sweeps on
+discs that settle. Mixing sweeps saves two thirds of them there; its vectors cost some as well, so
+that it serves from about ten thousand points on; where it gains no more plain sweeps finish. Fewer
+contacts on which sweeps do not arrive, as those of towers, arches and heavy bodies on light ones,
+are tried by Newton with its direct factorisation, and mixed if that fails.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from xper_fx.nscd.interactions import Interactions
+from xper_fx.nscd.reductions import everywhere
+from xper_fx.nscd.solvers.nlgs import NonlinearGaussSeidel
+from xper_fx.nscd.solvers.solver import SolveOptions, Solver, SolveReport
+
+# Sweeps of the first spell, each next one twice as long.
+_FIRST = 12
+# Sweeps left from which Newton is cheaper: factoring and a few linear problems cost as much.
+_MANY = 75
+# Share of the sweeps allowed that Newton may spend when its steps do not help.
+_SHARE = 0.1
+# Contacts of rigid bodies below which sweeps are cheaper than mixing them.
+_FEW = 10_000
+
+
+def _newton() -> Solver:
+    from xper_fx.nscd.solvers.newton import NewtonOnAllPoints
+
+    return NewtonOnAllPoints()
+
+
+def _accelerated() -> Solver:
+    from xper_fx.nscd.solvers.accelerated import AcceleratedSweeps
+
+    return AcceleratedSweeps()
+
+
+def _subdomains() -> Solver:
+    from xper_fx.nscd.solvers.feti import BondedGradients
+
+    return BondedGradients()
+
+
+# Solvers are imported when they are called for.
+_SOLVERS: dict[str, Callable[[], Solver]] = {
+    "nlgs": NonlinearGaussSeidel,
+    "newton": _newton,
+    "accelerated": _accelerated,
+    "subdomains": _subdomains,
+}
+
+
+def sweeps_left(report: SolveReport, tolerance: float) -> float:
+    """Sweeps still needed from the error left and its contraction; infinite if there is none."""
+    if not 0.0 < report.contraction < 1.0 or not math.isfinite(report.residual):
+        return math.inf
+    return math.log(report.residual / tolerance) / -math.log(report.contraction)
+
+
+class Automatic(Solver):
+    """Sweeps first; what they do not solve goes to the solver that is likely to."""
+
+    name = "auto"
+
+    def __init__(self) -> None:
+        self._solvers: dict[str, Solver] = {}
+
+    def _solver(self, name: str) -> Solver:
+        if name not in self._solvers:
+            self._solvers[name] = _SOLVERS[name]()
+        return self._solvers[name]
+
+    def solve(
+        self, interactions: Interactions, velocity: np.ndarray, options: SolveOptions
+    ) -> SolveReport:
+        """Find the impulses of the step, as `Solver.solve` says."""
+        free = velocity.copy()
+        tolerance, max_sweeps = options.tolerance, options.max_sweeps
+        # conjugate gradients on perfect bonds are for one rank
+        bonded = [g.kernels.name for g in interactions.groups] == ["perfect bond"]
+        bonded = bonded and interactions.halo is None
+        if bonded and interactions.anchors is not None:
+            return self._solver("subdomains").solve(interactions, velocity, options)
+        sweeps, spell = 0, _FIRST
+        while True:
+            velocity[:] = free
+            spent = replace(options, max_sweeps=min(spell, max_sweeps - sweeps))
+            report = self._solver("nlgs").solve(interactions, velocity, spent)
+            sweeps += report.sweeps
+            finite = everywhere(interactions, np.all(np.isfinite(velocity)))
+            if report.converged or sweeps >= max_sweeps or not finite:
+                return report._replace(sweeps=sweeps, reason=f"{sweeps} sweeps were enough")
+            left = sweeps_left(report, tolerance)
+            if left > _MANY:
+                break
+            spell *= 2
+        reason = f"{left:.0f} sweeps left after {sweeps}"
+        allowed = min(max_sweeps - sweeps, max(1, int(_SHARE * max_sweeps)))
+        best = "subdomains" if bonded and not interactions.inverse.uniform_size else "newton"
+        next_ones = [(best, allowed), ("accelerated", max_sweeps)]
+        if interactions.judged_by_velocities:
+            if sum(len(g) for g in interactions.groups) >= _FEW:
+                next_ones = [("accelerated", allowed), ("nlgs", max_sweeps)]
+            else:
+                next_ones.insert(0, ("nlgs", allowed))
+        for name, most in next_ones:
+            if sweeps >= max_sweeps:
+                break
+            velocity[:] = free
+            spent = replace(options, max_sweeps=min(most, max_sweeps - sweeps))
+            report = self._solver(name).solve(interactions, velocity, spent)
+            sweeps += report.sweeps
+            reason += f"; {report.solver}: {report.reason}"
+            if report.converged:
+                break
+        return report._replace(sweeps=sweeps, reason=reason)
+
+    def kept(self) -> list[object]:
+        """What the solvers keep that were called."""
+        return [kept for solver in self._solvers.values() for kept in solver.kept()]
+
+    def saved(self, interactions: Interactions) -> dict[str, dict[str, np.ndarray]]:
+        """What the solvers keep that were called."""
+        memories = [solver.saved(interactions) for solver in self._solvers.values()]
+        return {owner: held for memory in memories for owner, held in memory.items()}
+
+    def restore(self, interactions: Interactions, saved: Mapping[str, Mapping]) -> None:
+        """Take what `saved` gave; Newton alone keeps anything."""
+        if saved:
+            self._solver("newton").restore(interactions, saved)

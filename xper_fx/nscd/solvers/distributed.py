@@ -1,0 +1,177 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Sweeps over points that several ranks share.
+
+A sweep of all ranks together is a Gauss-Seidel sweep in another order, so that it converges where
+`nlgs.py` does. Points between bodies of two ranks come first, phase by phase: in a phase a rank
+meets one other at most, the owner of their points takes the velocities of the other's bodies,
+visits the points, and gives the velocities back, while nobody else moves these bodies. Then each
+rank visits the points between its own bodies, all ranks at once.
+
+The error is estimated as in `nlgs.py`, from changes summed over all ranks, and contacts of rigid
+bodies are judged by velocities, as there: the points that two ranks share are visited one after
+another like all others, so that what is summed is the same violation. Where vertices are
+solved alone (`vertex_blocks.py`) each is on one rank: velocities go to the ghosts before, and back
+after, once a step.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from xper_fx.nscd.interactions import Interactions
+from xper_fx.nscd.ordering import mark_moved, mark_tiles
+from xper_fx.nscd.solvers.solver import SolveOptions, Solver, SolveReport
+from xper_fx.nscd.solvers.sweeps import (
+    FIRST_SPELL,
+    NEGLIGIBLE,
+    REVISIT,
+    ROUNDING,
+    WINDOW,
+    amplification,
+    contraction,
+    sweep,
+    sweep_passes,
+)
+
+
+class DistributedSweeps(Solver):
+    """Sweeps over points that several ranks share; all ranks call it together."""
+
+    name = "distributed"
+
+    def __init__(self) -> None:
+        self._vertices: Solver | None = None
+
+    def solve(
+        self, interactions: Interactions, velocity: np.ndarray, options: SolveOptions
+    ) -> SolveReport:
+        """Find the impulses of the step, as `Solver.solve` says."""
+        if interactions.ordering == "vertices":
+            return self._solve_vertices(interactions, velocity, options)
+        if interactions.judged_by_velocities:
+            return _solve_by_velocities(interactions, velocity, options)
+        tolerance, max_sweeps = options.tolerance, options.max_sweeps
+        halo = interactions.halo
+        interactions.add_velocity(velocity)
+        passes = sweep_passes(interactions, velocity, options)
+        least = interactions.rounding(velocity) / tolerance
+        changes: list[float] = []
+        for count in range(1, max_sweeps + 1):
+            sweep(interactions, passes, velocity)
+            changed, total = halo.ranks.sum(
+                sum((one.stats[:, :2].sum(axis=0) for one in passes), np.zeros(2))
+            ).tolist()
+            if not np.isfinite(changed):
+                return SolveReport(False, count, np.inf, np.inf, "distributed")
+            total = max(total, least * least)
+            change = (changed / total) ** 0.5 if total > 0.0 else changed**0.5
+            changes = [*changes[-WINDOW:], change]
+            error = change
+            if change > ROUNDING:
+                error *= amplification(np.array(changes))
+            if error > tolerance:
+                continue
+            halo.everywhere.forward(velocity)
+            if interactions.evolve(velocity) <= tolerance:
+                largest = max((one.stats[:, 2].max(initial=0.0) for one in passes), default=0.0)
+                traction = np.sqrt(halo.ranks.max(largest)) / interactions.step_size
+                return SolveReport(True, count, error, traction, "distributed")
+        rate = contraction(np.array(changes))
+        halo.everywhere.forward(velocity)
+        return SolveReport(False, max_sweeps, error, np.inf, "distributed", contraction=rate)
+
+    def _solve_vertices(
+        self, interactions: Interactions, velocity: np.ndarray, options: SolveOptions
+    ) -> SolveReport:
+        """Each vertex alone, between two exchanges."""
+        if self._vertices is None:
+            self._vertices = _vertex_solver()
+        halo = interactions.halo
+        halo.everywhere.forward(velocity)
+        report = self._vertices.solve(interactions, velocity, options)
+        halo.everywhere.back(velocity)
+        numbers = np.array([report.sweeps, report.residual, report.traction_change])
+        sweeps, residual, traction = halo.ranks.max(numbers).tolist()
+        converged = halo.ranks.all(report.converged)
+        return SolveReport(converged, int(sweeps), residual, traction, "distributed")
+
+    def kept(self) -> list[object]:
+        """What is kept of vertices."""
+        return [] if self._vertices is None else self._vertices.kept()
+
+    def saved(self, interactions: Interactions) -> dict[str, dict[str, np.ndarray]]:
+        """What is kept of vertices."""
+        return {} if self._vertices is None else self._vertices.saved(interactions)
+
+    def restore(self, interactions: Interactions, saved: Mapping[str, Mapping]) -> None:
+        """Take what `saved` gave."""
+        if saved:
+            self._vertices = _vertex_solver()
+            self._vertices.restore(interactions, saved)
+
+
+def _solve_by_velocities(
+    interactions: Interactions, velocity: np.ndarray, options: SolveOptions
+) -> SolveReport:
+    """`solve` of contacts of rigid bodies, which stops as `nlgs.py` says.
+
+    Tiles at rest are passed over as there; bodies that another rank may have moved count as moved.
+    """
+    halo, ranks = interactions.halo, interactions.halo.ranks
+    tolerance, max_sweeps = options.tolerance, options.max_sweeps
+    passes = sweep_passes(interactions, velocity, options)
+    free = velocity.copy()
+    interactions.add_velocity(velocity)
+    size, rounding = interactions.kick(free, velocity)
+    num_tiles = max(1.0, ranks.sum(sum(len(one.marked) for one in passes)))
+    moved = np.zeros(len(interactions.inverse.node_offsets) - 1, np.bool_)
+    changes: list[float] = []
+    looked_at, spell, verifying = 0, FIRST_SPELL, False
+    for count in range(1, max_sweeps + 1):
+        sweep(interactions, passes, velocity)
+        changed, resting = ranks.sum(
+            np.array(
+                [
+                    sum(one.stats[:, 0].sum() for one in passes),
+                    sum(np.count_nonzero(~one.marked) for one in passes),
+                ]
+            )
+        ).tolist()
+        left = changed**0.5
+        if not verifying:
+            changes = [*changes[-WINDOW:], left]
+        goal = max(tolerance * size, rounding)
+        arrived = left <= goal and resting == 0
+        if arrived or count == looked_at + spell or not np.isfinite(left):
+            # the size of the impulses' effect is looked at now and then, and before the end
+            halo.everywhere.forward(velocity)
+            size, rounding = interactions.kick(free, velocity)
+            looked_at, spell = count, 2 * spell
+            goal = max(tolerance * size, rounding)
+            arrived = arrived and left <= goal
+        if arrived:
+            largest = max((one.stats[:, 2].max(initial=0.0) for one in passes), default=0.0)
+            traction = np.sqrt(ranks.max(largest)) / interactions.step_size
+            residual = left / size if size > 0.0 else left
+            return SolveReport(True, count, residual, traction, "distributed")
+        if not np.isfinite(left):
+            return SolveReport(False, count, np.inf, np.inf, "distributed")
+        verifying = left <= goal
+        moved[:] = verifying or count % REVISIT == 0
+        moved[halo.cut] = True
+        for one in passes:
+            mark_moved(moved, one.tile_bodies, one.stats, (NEGLIGIBLE * goal) ** 2 / num_tiles)
+        for one in passes:
+            mark_tiles(one.marked, one.tile_bodies, moved)
+            one.stats[~one.marked, 0] = 0.0
+    halo.everywhere.forward(velocity)
+    rate, residual = contraction(np.array(changes)), left / size if size > 0.0 else left
+    return SolveReport(False, max_sweeps, residual, np.inf, "distributed", contraction=rate)
+
+
+def _vertex_solver() -> Solver:
+    from xper_fx.nscd.solvers.vertex_blocks import VertexBlocks
+
+    return VertexBlocks()

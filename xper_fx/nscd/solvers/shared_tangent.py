@@ -1,0 +1,114 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""The linearised interaction problem of points that several ranks share.
+
+The equations are those of `tangent.py`,
+
+    (w^-1 + H K H^T) dv = H g,    dr = g - K H^T dv,
+
+with dv over the bodies of all ranks. Each rank takes D, K and g of its own points and gives the
+blocks w^-1 of its own bodies and the springs of its points; the matrix, its preconditioner and the
+iterations are those of `parallel/petsc_newton.py`, which the halo hands in.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from xper_fx.nscd.interactions import Interactions
+from xper_fx.nscd.inverse_blocks import BodyInverse
+from xper_fx.nscd.point_group import PointGroup
+from xper_fx.nscd.reductions import everywhere
+from xper_fx.nscd.solvers.tangent import PointTangents, inverted_bodies
+
+
+class SharedProblem:
+    """The linearised problem of a scene; what does not depend on the state is kept.
+
+    Everything is done by all ranks together.
+
+    Args:
+        interactions: this rank's points, with a halo.
+
+    Attributes:
+        regular, tangents: as those of `tangent.LinearisedProblem`.
+        solvable: whether the preconditioner could be made for the last state.
+    """
+
+    def __init__(self, interactions: Interactions):
+        self._interactions = interactions
+        self.tangents = PointTangents(interactions)
+        self._system = interactions.halo.linear_system(interactions)
+        self._right = np.empty(interactions.inverse.num_slots * interactions.dim)
+        self._dofs = [_dofs(g.points.nodes, interactions.dim) for g in interactions.groups]
+        self._data = None
+        self.solvable = False
+        self._renewals = interactions.renewals
+        self.renew()
+
+    def is_of(self, interactions: Interactions) -> bool:
+        """Whether this is the problem of a scene as its contacts are now."""
+        return self._interactions is interactions and self._renewals == interactions.renewals
+
+    def renew(self) -> None:
+        """Take the present values of w."""
+        interactions = self._interactions
+        inverse = interactions.bulk_inverse
+        if self._data is interactions.inverse.data:
+            return
+        self._data = interactions.inverse.data
+        blocks, _, regular = inverted_bodies(inverse)
+        self.regular = everywhere(interactions, regular)
+        if self.regular:
+            self._system.take_bodies(_by_size(inverse, blocks))
+        self.tangents.forget()
+
+    def linearise(self, velocity: np.ndarray) -> None:
+        """Take D, K and g at a state, v_free + w H r, shape (num_slots * dim,)."""
+        interactions, tangents = self._interactions, self.tangents
+        tangents.take(interactions, velocity)
+        springs = [
+            (dofs, _springs(g, stiffness))
+            for g, dofs, (_, stiffness, *_) in zip(
+                interactions.groups, self._dofs, tangents.groups, strict=True
+            )
+        ]
+        coarse = tangents.mostly_held(interactions)
+        self.solvable = self._system.take_springs(springs, coarse)
+
+    def solve(self, step: np.ndarray, bound: float, max_iterations: int):
+        """The step of the impulses that the linearised laws ask for.
+
+        Arguments and results are those of `tangent.LinearisedProblem.solve`.
+        """
+        interactions = self._interactions
+        self.tangents.spread_source(interactions, self._right)
+        iterations = self._system.solve(self._right, step, bound, max_iterations)
+        return self.tangents.changes(interactions, step), iterations
+
+
+def _dofs(nodes: np.ndarray, dim: int) -> np.ndarray:
+    """Degrees of freedom of the nodes of each point, shape (num_points, 2 k dim)."""
+    return (nodes.reshape(len(nodes), -1, 1) * dim + np.arange(dim)).reshape(len(nodes), -1)
+
+
+def _springs(group: PointGroup, stiffness: np.ndarray) -> np.ndarray:
+    """H K H^T of each point on its degrees of freedom, shape (n, 2 k dim, 2 k dim)."""
+    n, components = stiffness.shape[:2]
+    frame = group.points.frame[:, :components]
+    world = np.einsum("pix,pij,pjy->pxy", frame, stiffness, frame, optimize=True)
+    signed = (group.points.weights * np.array([1.0, -1.0])[:, None]).reshape(n, -1)
+    values = np.einsum("pa,pb,pxy->paxby", signed, signed, world, optimize=True)
+    return values.reshape(n, signed.shape[1] * world.shape[1], -1)
+
+
+def _by_size(inverse: BodyInverse, data: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Degrees of freedom and entries of the blocks of each size but the ground's."""
+    sizes = np.diff(inverse.node_offsets)[:-1] * inverse.dim
+    firsts = inverse.node_offsets[:-2] * inverse.dim
+    found = []
+    for size in np.unique(sizes).tolist():
+        here = np.flatnonzero(sizes == size)
+        entries = inverse.data_offsets[here][:, None] + np.arange(size * size)
+        dofs = firsts[here][:, None] + np.arange(size)
+        found.append((dofs, data[entries].reshape(-1, size, size)))
+    return found

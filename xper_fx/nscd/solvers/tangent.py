@@ -1,0 +1,832 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+r"""The linearised interaction problem, solved in the velocities of the bodies.
+
+At a point, with the others frozen, the law answers r = S(b), b = u - W_aa r. Around the present
+state its answer is S(b) + D db, D taken by differences, so that the point moves with its neighbours
+as a spring,
+
+    dr = g - K H^T dv,   K = -(I + D W_aa)^-1 D,   g = (I + K W_aa)(S(b) - r),
+
+K = C^-1 for a law of compliance C, zero for an open point, infinite where the law holds the
+velocity itself (sticking, perfect bond). There D is shortened by a millionth, a proximal term that
+also makes redundant constraints (a ring of sticking facets) harmless. With dv = w H dr all make
+
+    (w^-1 + H K H^T) dv = H g,
+
+sparse, over the bodies' degrees of freedom, symmetric but for sliding with friction. GMRES solves
+it with two corrections added up:
+
+- a cluster of facing nodes (`clusters.py`: a vertex of the mesh before it was cut) alone, K
+  included, by a dense inverse: however stiff the springs, they are inside;
+- all clusters moving as one, in which no point opens: P^T w^-1 P, the matrix of the mesh before it
+  was cut, by a sparse factorisation made once for each w. It carries over any distance, and on a
+  sound mesh makes the number of iterations nearly independent of its size.
+
+The second is left out where many points are open or slide: facing nodes do not move as one.
+
+Rigid bodies have nothing of the kind, and their stacks, arches and packings hand a load on over
+many bodies. Where all bodies are rigid and not too many the matrix itself is factored.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cache
+
+import numpy as np
+from scipy.sparse import bsr_array, coo_array, csc_array, diags_array
+from scipy.sparse.linalg import splu
+
+from xper_fx.cache import njit
+from xper_fx.nscd import reductions as agreement
+from xper_fx.nscd.algebra.small import for_dimension
+from xper_fx.nscd.couplings import Sides, arm_kernels, motion, point_force, spread_kernel
+from xper_fx.nscd.interactions import Interactions
+from xper_fx.nscd.inverse_blocks import BodyInverse
+from xper_fx.nscd.kernel_options import LEAN_ENTRY, LEAN_INNER
+from xper_fx.nscd.laws.law import LawKernels
+from xper_fx.nscd.point_group import PointGroup
+from xper_fx.nscd.solvers.clusters import facing_clusters
+from xper_fx.nscd.solvers.krylov import gmres
+
+# Reach of the differences, relative to the local velocity; and to the largest one, where that is 0.
+_REACH, _LEAST = 1e-6, 1e-9
+# Shortening of D (module docstring), and change of D that counts as rounding.
+_PROXIMAL, _SAME = 1e-6, 1e-6
+# Vectors that GMRES keeps before a restart.
+_BASIS = 40
+# Share of the motion at points that springs hold, below which facing nodes do not move as one.
+_HELD = 0.75
+# Degrees of freedom of rigid bodies up to which the matrix is factored.
+_DIRECT = 6000
+# Pivot, relative to the largest entry, at which a block counts as singular.
+_SINGULAR = 1e-13
+
+_KERNEL = njit(fastmath={"contract"}, nogil=True, **LEAN_ENTRY)
+
+
+@cache
+def residual_kernel(law: LawKernels, sides: Sides):
+    """Kernel: sum over points of |S(b) - r|^2 and |r|^2, and the largest |S(b) - r|^2 / area^2."""
+    algebra = for_dimension(sides.dim, sides.components)
+    row, subtract, dot = algebra.row, algebra.subtract, algebra.dot
+    read, _ = motion(sides)
+    solve = law.solve
+
+    @_KERNEL
+    def residual(v, c, r, w_points, inverse_area, parameters, terms, details):
+        changed, total, largest = 0.0, 0.0, 0.0
+        for number in range(len(r)):
+            i = np.uintp(number)
+            old = row(r, i)
+            new, _ = solve(i, read(v, c, i), old, w_points, parameters, terms, details)
+            change = subtract(new, old)
+            size = dot(change, change)
+            changed += size
+            total += dot(old, old)
+            largest = max(largest, size * inverse_area[i] * inverse_area[i])
+        return changed, total, largest
+
+    return residual
+
+
+def residual(interactions: Interactions, velocity: np.ndarray) -> tuple[float, float, float]:
+    """What is left of the interaction problem: every point asked once, nothing changed.
+
+    Args:
+        interactions: points and their impulses r.
+        velocity: shape (num_slots * dim,), v_free + w H r.
+
+    Returns:
+        |S(b) - r| and |r| over all points of all ranks (N s), and the largest |S(b) - r| / (h area)
+        (Pa).
+    """
+    changed, total, largest = 0.0, 0.0, 0.0
+    for g in interactions.groups:
+        kernel = residual_kernel(g.kernels, g.sides)
+        x, y, z = kernel(
+            velocity, g.couplings, g.impulse, g.compliance, g.inverse_area, g.parameters, g.terms,
+            g.details,
+        )  # fmt: skip
+        changed, total, largest = changed + x, total + y, max(largest, z)
+    changed, total = agreement.total(interactions, np.array([changed, total])).tolist()
+    largest = agreement.largest(interactions, largest)
+    return np.sqrt(changed), np.sqrt(total), np.sqrt(largest) / interactions.step_size
+
+
+@njit(fastmath={"contract"}, **LEAN_INNER)
+def _stiffness(slope, w, work):
+    """work = K = -(I + D W)^-1 D, by Gauss-Jordan; False where I + D W is singular."""
+    size = len(slope)
+    for i in range(size):
+        for j in range(size):
+            total = 1.0 if i == j else 0.0
+            for x in range(size):
+                total += slope[i, x] * w[x, j]
+            work[i, j] = total
+            work[i, size + j] = -slope[i, j]
+    for p in range(size):
+        best = p
+        for i in range(p + 1, size):
+            if abs(work[i, p]) > abs(work[best, p]):
+                best = i
+        if abs(work[best, p]) <= 1e-3 * _PROXIMAL:
+            return False
+        for j in range(2 * size):
+            work[p, j], work[best, j] = work[best, j], work[p, j]
+        inverse = 1.0 / work[p, p]
+        for j in range(2 * size):
+            work[p, j] *= inverse
+        for i in range(size):
+            factor = work[i, p]
+            if i != p and factor != 0.0:
+                for j in range(2 * size):
+                    work[i, j] -= factor * work[p, j]
+    return True
+
+
+@cache
+def _tangent_kernel(law: LawKernels, sides: Sides):
+    """Kernel that takes D, K and g of every point, and marks the points whose D is another."""
+    components = sides.components
+    algebra = for_dimension(sides.dim, components)
+    row, add, subtract, unit = algebra.row, algebra.add, algebra.subtract, algebra.unit
+    dot, sym_row, sym_vector = algebra.dot, algebra.sym_row, algebra.sym_vector
+    read, _ = motion(sides)
+    solve = law.solve
+
+    @_KERNEL
+    def tangents(
+        v, c, r, w_points, parameters, terms, details, least, slopes, stiffness, source, changed,
+        w, new, work,
+    ):  # fmt: skip
+        for number in range(len(r)):
+            i = np.uintp(number)
+            old, u = row(r, i), read(v, c, i)
+            wi = sym_row(w_points, i)
+            b = subtract(u, sym_vector(wi, old))
+            reach = max(_REACH * np.sqrt(dot(b, b)), least)
+            base, _ = solve(i, u, old, w_points, parameters, terms, details)
+            factor = (1.0 - _PROXIMAL) / reach
+            largest, apart = 0.0, 0.0
+            for j in range(components):
+                moved, _ = solve(
+                    i, add(u, unit(j, reach)), old, w_points, parameters, terms, details
+                )
+                column = subtract(moved, base)
+                for x in range(components):
+                    new[x, j] = factor * column[x]
+                    largest = max(largest, abs(new[x, j]))
+                    apart = max(apart, abs(new[x, j] - slopes[i, x, j]))
+            for j in range(components):
+                x = sym_vector(wi, unit(j, 1.0))
+                for y in range(components):
+                    w[y, j] = x[y]
+            changed[i] = apart > _SAME * largest
+            if changed[i]:
+                if not _stiffness(new, w, work):
+                    for x in range(components):
+                        for y in range(components):
+                            work[x, components + y] = 0.0
+                for x in range(components):
+                    for y in range(components):
+                        slopes[i, x, y] = new[x, y]
+                        stiffness[i, x, y] = work[x, components + y]
+            missing = subtract(base, old)
+            velocity = sym_vector(wi, missing)
+            for x in range(components):
+                total = missing[x]
+                for y in range(components):
+                    total += stiffness[i, x, y] * velocity[y]
+                source[i, x] = total
+
+    return tangents
+
+
+@cache
+def _spring_kernels(sides: Sides):
+    """Kernels over the points of a group: y += H K H^T x; dr = g - K H^T x; K into the blocks."""
+    dim, components, k, arms = sides
+    turns = dim if dim == 3 else 1
+    local, world_algebra = for_dimension(dim, components), for_dimension(dim)
+    world_unit, add, times = world_algebra.unit, world_algebra.add, world_algebra.scale
+    to_local, to_global, spring = local.to_local, local.to_global, local.matrix_vector
+    read, _ = motion(sides)
+    give = point_force(sides)
+    turned_unit, moment = arm_kernels(dim)[1:] if arms else (None, None)
+
+    @njit(inline="always")
+    def column(world, x):
+        if dim == 2:
+            return world[0, x], world[1, x]
+        return world[0, x], world[1, x], world[2, x]
+
+    @njit(inline="always")
+    def force_of(world, u):
+        f = times(u[0], column(world, 0))
+        for x in range(1, dim):
+            f = add(f, times(u[x], column(world, x)))
+        return f
+
+    @_KERNEL
+    def pull(x, c, stiffness, y):
+        for number in range(len(stiffness)):
+            i = np.uintp(number)
+            give(y, c, i, to_global(c.frame, i, spring(stiffness, i, read(x, c, i))))
+
+    @_KERNEL
+    def answer(x, c, stiffness, source, change):
+        for i in range(len(stiffness)):
+            f = spring(stiffness, i, read(x, c, i))
+            for d in range(components):
+                change[i, d] = source[i, d] - f[d]
+
+    @_KERNEL
+    def mark(c, changed, cluster, marked):
+        for i in range(len(changed)):
+            if changed[i]:
+                for s in range(2):
+                    for j in range(k):
+                        marked[cluster[c.start[i, s, j] // dim]] = True
+
+    @_KERNEL
+    def turn_springs(c, i, clusters, block_offsets, marked, blocks, world):
+        # what turns: pairs of a side's rotation with itself and with its translation
+        for s in range(2):
+            node, turn = c.start[i, s, 0] // dim, c.turn[i, s] // dim
+            own = clusters.cluster[node]
+            if turn == node or not marked[own]:
+                continue
+            n = (clusters.offsets[own + 1] - clusters.offsets[own]) * dim
+            first = block_offsets[own]
+            at, beside = clusters.position[turn] * dim, clusters.position[node] * dim
+            for x in range(turns):
+                f = force_of(world, turned_unit(c, i, s, x))
+                g = moment(c, i, s, f)
+                for y in range(turns):
+                    blocks[first + (at + y) * n + at + x] += g[y]
+                for y in range(dim):
+                    blocks[first + (beside + y) * n + at + x] += f[y]
+                    transposed = moment(c, i, s, column(world, y))
+                    blocks[first + (at + x) * n + beside + y] += transposed[x]
+
+    @_KERNEL
+    def add_springs(c, stiffness, clusters, block_offsets, marked, blocks, world):
+        for i in range(len(stiffness)):
+            hit = False
+            for s in range(2):
+                for j in range(k):
+                    hit = hit or marked[clusters.cluster[c.start[i, s, j] // dim]]
+            if not hit:
+                continue
+            for x in range(dim):  # columns of frame^T K frame
+                u = to_local(c.frame, i, world_unit(x, 1.0))
+                f = to_global(c.frame, i, spring(stiffness, i, u))
+                for y in range(dim):
+                    world[y, x] = f[y]
+            for a in range(2 * k):
+                node = c.start[i, a // k, a % k] // dim
+                own = clusters.cluster[node]
+                if not marked[own]:
+                    continue
+                n = (clusters.offsets[own + 1] - clusters.offsets[own]) * dim
+                for b in range(2 * k):
+                    other = c.start[i, b // k, b % k] // dim
+                    if clusters.cluster[other] != own:
+                        continue
+                    scale = c.weights[i, a // k, a % k] * c.weights[i, b // k, b % k]
+                    if a // k != b // k:
+                        scale = -scale
+                    first = (
+                        block_offsets[own]
+                        + clusters.position[node] * dim * n + clusters.position[other] * dim
+                    )  # fmt: skip
+                    for x in range(dim):
+                        for y in range(dim):
+                            blocks[first + x * n + y] += scale * world[x, y]
+            if arms:
+                turn_springs(c, i, clusters, block_offsets, marked, blocks, world)
+
+    return pull, answer, mark, add_springs
+
+
+@_KERNEL
+def _invert(a, first, n, swaps):
+    """In-place inverse of the n x n block of `a` at `first`, pivots by rows; False if singular."""
+    scale = 0.0
+    for i in range(n * n):
+        scale = max(scale, abs(a[first + i]))
+    for p in range(n):
+        best = p
+        for i in range(p + 1, n):
+            if abs(a[first + i * n + p]) > abs(a[first + best * n + p]):
+                best = i
+        swaps[p] = best
+        pivot = a[first + best * n + p]
+        if not abs(pivot) > _SINGULAR * scale:
+            return False
+        if best != p:
+            for j in range(n):
+                x = a[first + p * n + j]
+                a[first + p * n + j] = a[first + best * n + j]
+                a[first + best * n + j] = x
+        inverse = 1.0 / pivot
+        a[first + p * n + p] = 1.0
+        for j in range(n):
+            a[first + p * n + j] *= inverse
+        for i in range(n):
+            factor = a[first + i * n + p]
+            if i != p and factor != 0.0:
+                a[first + i * n + p] = 0.0
+                for j in range(n):
+                    a[first + i * n + j] -= factor * a[first + p * n + j]
+    for p in range(n - 1, -1, -1):
+        if swaps[p] != p:
+            q = swaps[p]
+            for i in range(n):
+                x = a[first + i * n + p]
+                a[first + i * n + p] = a[first + i * n + q]
+                a[first + i * n + q] = x
+    return True
+
+
+@_KERNEL
+def _invert_bodies(data, data_offsets, sizes, fixed, starts, swaps):
+    """w^-1 in place of w; rows and columns of prescribed degrees of freedom stay zero."""
+    for b in range(len(sizes)):
+        n, first, start = sizes[b], data_offsets[b], starts[b]
+        for i in range(n):
+            if fixed[start + i]:
+                data[first + i * n + i] = 1.0
+        if not _invert(data, first, n, swaps):
+            return False
+        for i in range(n):
+            if fixed[start + i]:
+                data[first + i * n + i] = 0.0
+    return True
+
+
+def inverted_bodies(inverse: BodyInverse) -> tuple[np.ndarray, np.ndarray, bool]:
+    """Blocks of w^-1, flat as those of w.
+
+    Returns:
+        The blocks, with zero rows and columns of what is prescribed; which degrees of freedom are
+        prescribed, shape (num_slots * dim,); and whether all blocks could be inverted.
+    """
+    sizes = np.diff(inverse.node_offsets) * inverse.dim
+    starts = inverse.node_offsets[:-1] * inverse.dim
+    blocks, fixed = inverse.data.copy(), prescribed(inverse)
+    swaps = np.empty(sizes.max(), np.int64)
+    regular = _invert_bodies(blocks, inverse.data_offsets, sizes, fixed, starts, swaps)
+    return blocks, fixed, regular
+
+
+def prescribed(inverse: BodyInverse) -> np.ndarray:
+    """Which degrees of freedom nothing moves, the ground's among them; (num_slots * dim,)."""
+    sizes = np.diff(inverse.node_offsets) * inverse.dim
+    within = np.arange(sizes.sum()) - np.repeat(inverse.node_offsets[:-1] * inverse.dim, sizes)
+    diagonal = np.repeat(inverse.data_offsets[:-1], sizes) + within * np.repeat(sizes + 1, sizes)
+    return inverse.data[diagonal] == 0.0
+
+
+@cache
+def _body_product(size: int):
+    """Kernel y = w^-1 x; compiled for blocks of one size, or for any where it is 0."""
+
+    @_KERNEL
+    def multiply(data, data_offsets, sizes, starts, x, y):
+        for b in range(len(sizes)):
+            n = size if size > 0 else sizes[b]
+            first, start = np.uintp(data_offsets[b]), np.uintp(starts[b])
+            for i in range(n):
+                y[start + np.uintp(i)] = 0.0
+            # symmetric: columns are rows, whose entries are next to each other
+            for i in range(n):
+                factor = x[start + np.uintp(i)]
+                line = first + np.uintp(i * n)
+                for j in range(n):
+                    y[start + np.uintp(j)] += factor * data[line + np.uintp(j)]
+
+    return multiply
+
+
+@_KERNEL
+def _add_bodies(data, data_offsets, sizes, starts, clusters, block_offsets, marked, blocks, dim):
+    """The entries of w^-1 between nodes of one marked cluster."""
+    for b in range(len(sizes)):
+        n, node0 = sizes[b], starts[b] // dim
+        for i in range(n):
+            own = clusters.cluster[node0 + i // dim]
+            if not marked[own]:
+                continue
+            m = (clusters.offsets[own + 1] - clusters.offsets[own]) * dim
+            line = block_offsets[own] + (clusters.position[node0 + i // dim] * dim + i % dim) * m
+            for j in range(n):
+                if clusters.cluster[node0 + j // dim] == own:
+                    column = clusters.position[node0 + j // dim] * dim + j % dim
+                    blocks[line + column] += data[data_offsets[b] + i * n + j]
+
+
+@_KERNEL
+def _invert_clusters(clusters, block_offsets, marked, blocks, fixed, dim, swaps):
+    for a in range(len(marked)):
+        if not marked[a]:
+            continue
+        first = clusters.offsets[a]
+        n = (clusters.offsets[a + 1] - first) * dim
+        for i in range(n):
+            if fixed[clusters.nodes[first + i // dim] * dim + i % dim]:
+                for j in range(n):
+                    blocks[block_offsets[a] + i * n + j] = 0.0
+                    blocks[block_offsets[a] + j * n + i] = 0.0
+                blocks[block_offsets[a] + i * n + i] = 1.0
+        if not _invert(blocks, block_offsets[a], n, swaps):
+            return False
+    return True
+
+
+@cache
+def _cluster_product(dim: int):
+    """Kernel z = B r over clusters."""
+
+    @_KERNEL
+    def multiply(clusters, block_offsets, blocks, r, z):
+        for a in range(len(block_offsets) - 1):
+            first, last = clusters.offsets[a], clusters.offsets[a + 1]
+            line = np.uintp(block_offsets[a])
+            for i in range(first, last):
+                for d in range(dim):
+                    total = 0.0
+                    for j in range(first, last):
+                        at = np.uintp(clusters.nodes[j] * dim)
+                        for e in range(dim):
+                            total += blocks[line] * r[at + np.uintp(e)]
+                            line += np.uintp(1)
+                    z[clusters.nodes[i] * dim + d] = total
+
+    return multiply
+
+
+@_KERNEL
+def _clear(marked, block_offsets, blocks):
+    for a in range(len(marked)):
+        if marked[a]:
+            for i in range(block_offsets[a], block_offsets[a + 1]):
+                blocks[i] = 0.0
+
+
+@_KERNEL
+def _restrict(number, r, q):
+    for i in range(len(number)):
+        if number[i] >= 0:
+            q[number[i]] += r[i]
+
+
+@_KERNEL
+def _prolong(number, q, z):
+    for i in range(len(number)):
+        if number[i] >= 0:
+            z[i] += q[number[i]]
+
+
+def _openings(group: PointGroup, num_dofs: int) -> csc_array:
+    """H^T of points between rigid bodies, shape (num_points components, num_dofs)."""
+    c, points, dim = group.couplings, group.points, group.sides.dim
+    n, components = len(group), group.kernels.components
+    rows = np.arange(n * components).reshape(n, components, 1)
+    frame = points.frame[:, :components]
+    parts = []
+    for s, sign in enumerate((1.0, -1.0)):
+        force = sign * points.weights[:, s, 0, None, None] * frame
+        parts.append((force, c.start[:, s, 0]))
+        if dim == 2:
+            a = points.arms[:, s, None]
+            moment = (a[..., 0] * frame[..., 1] - a[..., 1] * frame[..., 0])[..., None]
+        else:
+            moment = np.cross(points.arms[:, s, None], frame)
+        parts.append((sign * moment, c.turn[:, s]))
+    entries, at = [], []
+    for values, first in parts:
+        columns = first[:, None, None] + np.arange(values.shape[2])
+        at.append(np.broadcast_arrays(rows, columns))
+        entries.append(values.ravel())
+    rows, columns = (np.concatenate([pair[i].ravel() for pair in at]) for i in range(2))
+    shape = (n * components, num_dofs)
+    return coo_array((np.concatenate(entries), (rows, columns)), shape=shape).tocsc()
+
+
+class PointTangents:
+    """D, K and g of all points of a scene, in arrays that are kept.
+
+    Args:
+        interactions: the points.
+
+    Attributes:
+        groups: of each group of points D (shape (n, m, m)), K (n, m, m), g (n, m), dr (n, m), and
+            which points' D is another than before (n,); m components.
+    """
+
+    def __init__(self, interactions: Interactions):
+        self.groups = [
+            (
+                np.full((len(g), m, m), np.inf),
+                np.zeros((len(g), m, m)),
+                np.zeros((len(g), m)),
+                np.zeros((len(g), m)),
+                np.zeros(len(g), np.bool_),
+            )
+            for g, m in ((g, g.kernels.components) for g in interactions.groups)
+        ]
+
+    def forget(self) -> None:
+        """Count every D as another, as K depends on w."""
+        for slopes, *_ in self.groups:
+            slopes[:] = np.inf
+
+    def take(self, interactions: Interactions, velocity: np.ndarray) -> None:
+        """Take D, K and g at v_free + w H r, shape (num_slots * dim,)."""
+        speed = agreement.largest(interactions, float(np.abs(velocity).max(initial=0.0)))
+        least = _LEAST * max(speed, np.finfo(float).tiny)
+        for g, (slopes, stiffness, source, _, changed) in zip(
+            interactions.groups, self.groups, strict=True
+        ):
+            m = g.kernels.components
+            _tangent_kernel(g.kernels, g.sides)(
+                velocity, g.couplings, g.impulse, g.compliance, g.parameters, g.terms, g.details,
+                least, slopes, stiffness, source, changed, *np.empty((2, m, m)),
+                np.empty((m, 2 * m)),
+            )  # fmt: skip
+
+    def mostly_held(self, interactions: Interactions) -> bool:
+        """Whether springs hold so much of the motion that facing nodes move as one."""
+        pairs = zip(interactions.groups, self.groups, strict=True)
+        held = sum(_held(slopes, g.compliance) for g, (slopes, *_) in pairs)
+        return agreement.total(interactions, held) > _HELD * interactions.dim * agreement.total(
+            interactions, len(interactions)
+        )
+
+    def spread_source(self, interactions: Interactions, total: np.ndarray) -> None:
+        """total = H g, shape (num_slots * dim,)."""
+        total[:] = 0.0
+        for g, (_, _, source, *_) in zip(interactions.groups, self.groups, strict=True):
+            spread_kernel(g.sides)(total, g.couplings, source)
+
+    def changes(self, interactions: Interactions, step: np.ndarray) -> list[np.ndarray]:
+        """dr = g - K H^T dv of each group, for dv of shape (num_slots * dim,)."""
+        for g, (_, stiffness, source, change, _) in zip(
+            interactions.groups, self.groups, strict=True
+        ):
+            answer = _spring_kernels(g.sides)[1]
+            answer(step, g.couplings, stiffness, source, change)
+        return [change for *_, change, _ in self.groups]
+
+    def saved(self, interactions: Interactions) -> dict[str, np.ndarray]:
+        """D and K of the permanent points: they stay as they are where they change little.
+
+        Returns:
+            `slopes` and `stiffness`, shape (num_points, components, components) of the widest law.
+        """
+        m = max((g.kernels.components for g in interactions.groups), default=0)
+        arrays = np.zeros((2, len(interactions), m, m))
+        for g, held in zip(interactions.groups, self.groups, strict=True):
+            own = g.kernels.components
+            arrays[:, g.indices, :own, :own] = held[:2]
+        return {"slopes": arrays[0], "stiffness": arrays[1]}
+
+    def restore(self, interactions: Interactions, saved: Mapping[str, np.ndarray]) -> None:
+        """Take what `saved` gave, for the same w."""
+        for g, (slopes, stiffness, *_) in zip(interactions.groups, self.groups, strict=True):
+            own = g.kernels.components
+            slopes[:] = saved["slopes"][g.indices, :own, :own]
+            stiffness[:] = saved["stiffness"][g.indices, :own, :own]
+
+
+class LinearisedProblem:
+    """The linearised problem of a scene; what does not depend on the state is kept.
+
+    Args:
+        interactions: the points.
+
+    Attributes:
+        regular: whether w could be inverted on the degrees of freedom that are not prescribed; if
+            not, there is nothing to solve with.
+        tangents: D, K and g of the points.
+    """
+
+    def __init__(self, interactions: Interactions):
+        self._interactions = interactions
+        inverse, dim = interactions.inverse, interactions.dim
+        self._sizes = np.diff(inverse.node_offsets) * dim
+        self._starts = inverse.node_offsets[:-1] * dim
+        num_dofs = inverse.num_slots * dim
+        rigid = interactions.bulk_inverse.num_nodes == 0
+        self._direct = rigid and num_dofs <= _DIRECT
+        self._factors = None
+        if self._direct:
+            self._openings = [_openings(g, num_dofs) for g in interactions.groups]
+        self._clusters, self._opened = facing_clusters(interactions)
+        self._block_offsets = np.concatenate(
+            [[0], np.cumsum((np.diff(self._clusters.offsets) * dim) ** 2)]
+        )
+        self._blocks = np.empty(self._block_offsets[-1])
+        self._swaps = np.empty(np.diff(self._clusters.offsets).max() * dim, np.int64)
+        self.tangents = PointTangents(interactions)
+        self._room = np.empty((_BASIS + 3, inverse.num_slots * dim))
+        self._left, self._part = np.empty((2, inverse.num_slots * dim))
+        self._data, self._fresh = None, True
+        self._renewals = interactions.renewals
+        self.renew()
+
+    def _springs(self, group: PointGroup):
+        return _spring_kernels(group.sides)
+
+    def is_of(self, interactions: Interactions) -> bool:
+        """Whether this is the problem of a scene as its contacts are now."""
+        return self._interactions is interactions and self._renewals == interactions.renewals
+
+    def renew(self) -> None:
+        """Take the present values of w."""
+        inverse = self._interactions.inverse
+        if self._data is inverse.data:
+            return
+        self._data = inverse.data
+        self._matrix, self._fixed, self.regular = inverted_bodies(inverse)
+        self._held_dofs = np.flatnonzero(self._fixed)
+        if self.regular and not self._direct:
+            self._factor_coarse()
+        self.tangents.forget()
+        self._fresh = True
+
+    def _factor_coarse(self) -> None:
+        """Factor P^T w^-1 P; what is prescribed, and clusters whose translation opens, are not."""
+        clusters, dim = self._clusters, self._interactions.dim
+        cluster = np.repeat(clusters.cluster, dim) * dim + np.tile(
+            np.arange(dim), len(clusters.cluster)
+        )
+        held = np.repeat(self._opened, dim)
+        held[cluster[self._fixed]] = True
+        number = np.where(held, -1, np.cumsum(~held) - 1)
+        self._number = number[cluster]
+        count = int(np.count_nonzero(~held))
+        self._coarse = None
+        if count == 0:
+            return
+        rows, columns = _block_pairs(self._sizes, self._starts, len(self._matrix))
+        rows, columns = self._number[rows], self._number[columns]
+        kept = (rows >= 0) & (columns >= 0)
+        matrix = coo_array(
+            (self._matrix[kept], (rows[kept], columns[kept])), shape=(count, count)
+        ).tocsc()
+        self._coarse = splu(
+            matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0,
+            options={"SymmetricMode": True},
+        )  # fmt: skip
+        self._coarse_force = np.empty(count)
+
+    def linearise(self, velocity: np.ndarray) -> None:
+        """Take D, K and g at a state; clusters whose springs are others are inverted again.
+
+        Args:
+            velocity: shape (num_slots * dim,), v_free + w H r.
+        """
+        interactions, tangents = self._interactions, self.tangents
+        dim, clusters = interactions.dim, self._clusters
+        tangents.take(interactions, velocity)
+        marked = np.zeros(len(clusters.offsets) - 1, np.bool_)
+        groups = list(zip(interactions.groups, tangents.groups, strict=True))
+        for g, (*_, changed) in groups:
+            self._springs(g)[2](g.couplings, changed, clusters.cluster, marked)
+        if self._direct:
+            if self._fresh or marked.any():
+                self._factor()
+            return
+        if self._fresh:
+            marked[:] = True
+        blocks, offsets = self._blocks, self._block_offsets
+        _clear(marked, offsets, blocks)
+        _add_bodies(
+            self._matrix, interactions.inverse.data_offsets, self._sizes, self._starts,
+            clusters, offsets, marked, blocks, dim,
+        )  # fmt: skip
+        for g, (_, stiffness, *_) in groups:
+            self._springs(g)[3](
+                g.couplings, stiffness, clusters, offsets, marked, blocks, np.empty((dim, dim))
+            )
+        self.solvable = _invert_clusters(
+            clusters, offsets, marked, blocks, self._fixed, dim, self._swaps
+        )
+        self._fresh = not self.solvable
+        self._bonded = tangents.mostly_held(interactions)
+
+    def _factor(self) -> None:
+        """Factor w^-1 + H K H^T, with ones for what is prescribed."""
+        count = len(self._fixed)
+        rows, columns = _block_pairs(self._sizes, self._starts, len(self._matrix))
+        kept = self._matrix != 0.0
+        matrix = coo_array(
+            (self._matrix[kept], (rows[kept], columns[kept])), shape=(count, count)
+        ).tocsc()
+        for openings, (_, stiffness, *_) in zip(self._openings, self.tangents.groups, strict=True):
+            n, size = len(stiffness), len(stiffness) * stiffness.shape[1]
+            springs = bsr_array((stiffness, np.arange(n), np.arange(n + 1)), shape=(size, size))
+            matrix += openings.T @ (springs @ openings)
+        free = np.where(self._fixed, 0.0, 1.0)
+        matrix = (matrix * free).tocsc() * free[:, None] + diags_array(1.0 - free)
+        try:
+            self._factors = splu(matrix.tocsc())
+        except RuntimeError:  # singular
+            self._factors = None
+        self.solvable = self._factors is not None
+        self._fresh = not self.solvable
+
+    def solve(self, step: np.ndarray, bound: float, max_iterations: int):
+        """The step of the impulses that the linearised laws ask for.
+
+        Args:
+            step: shape (num_slots * dim,), dv (m/s): a first guess, improved in place.
+            bound: norm of the momentum that may be left over (N s).
+            max_iterations: of GMRES.
+
+        Returns:
+            dr of each group (arrays of this object, overwritten next time), and iterations.
+        """
+        left, part = self._left, self._part
+        self._source(left)
+        self._apply(step, part)
+        left -= part
+        correction = self._room[0]
+        self._first(left, correction)
+        step += correction
+        self._apply(correction, part)
+        left -= part
+        iterations, _ = gmres(
+            self._apply, self._precondition, left, step, bound, max_iterations, self._room
+        )
+        return self.tangents.changes(self._interactions, step), iterations
+
+    def _source(self, total: np.ndarray) -> None:
+        """total = H g."""
+        self.tangents.spread_source(self._interactions, total)
+        _hold(self._held_dofs, total)
+
+    def _apply(self, x: np.ndarray, y: np.ndarray) -> None:
+        """y = (w^-1 + H K H^T) x."""
+        interactions = self._interactions
+        _body_product(interactions.inverse.uniform_size)(
+            self._matrix, interactions.inverse.data_offsets, self._sizes, self._starts, x, y
+        )
+        for g, (_, stiffness, *_) in zip(interactions.groups, self.tangents.groups, strict=True):
+            self._springs(g)[0](x, g.couplings, stiffness, y)
+        _hold(self._held_dofs, y)
+
+    def _cluster_solve(self, r: np.ndarray, z: np.ndarray) -> None:
+        _cluster_product(self._interactions.dim)(
+            self._clusters, self._block_offsets, self._blocks, r, z
+        )
+
+    def _first(self, r: np.ndarray, z: np.ndarray) -> None:
+        if self._direct:
+            z[:] = self._factors.solve(r)
+        else:
+            self._cluster_solve(r, z)
+
+    def _precondition(self, r: np.ndarray, z: np.ndarray) -> None:
+        self._first(r, z)
+        if not self._direct and self._coarse is not None and self._bonded:
+            q = self._coarse_force
+            q[:] = 0.0
+            _restrict(self._number, r, q)
+            _prolong(self._number, self._coarse.solve(q), z)
+
+
+@_KERNEL
+def _hold(held, x):
+    for i in held:
+        x[i] = 0.0
+
+
+@_KERNEL
+def _held(slopes, compliance):
+    """Sum of the traces of -D W_aa: of a point all components if it sticks, 0 if it is open."""
+    total, components = 0.0, slopes.shape[1]
+    for i in range(len(slopes)):
+        entry = 0
+        for x in range(components):
+            for y in range(x, components):
+                twice = slopes[i, x, y] + (slopes[i, y, x] if x != y else 0.0)
+                total -= twice * compliance[i, entry]
+                entry += 1
+    return total
+
+
+@njit
+def _block_pairs(sizes, starts, count):
+    """Row and column of each entry of the blocks."""
+    rows, columns = np.empty(count, np.int64), np.empty(count, np.int64)
+    at = 0
+    for b in range(len(sizes)):
+        for i in range(sizes[b]):
+            for j in range(sizes[b]):
+                rows[at], columns[at] = starts[b] + i, starts[b] + j
+                at += 1
+    return rows, columns

@@ -1,0 +1,40 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""What a run leaves, and what is read off it: series, checkpoints, cracks, contact forces."""
+
+from typing import TYPE_CHECKING
+
+from xper_fx.support.lazy import importer
+
+if TYPE_CHECKING:
+    from xper_fx.output.contact_forces import ContactForces as ContactForces
+    from xper_fx.output.contact_forces import find_contact_forces as find_contact_forces
+    from xper_fx.output.cracks import Cracks as Cracks
+    from xper_fx.output.cracks import broken_points as broken_points
+    from xper_fx.output.cracks import crack_panel as crack_panel
+    from xper_fx.output.cracks import find_cracks as find_cracks
+    from xper_fx.output.cracks import find_fragments as find_fragments
+    from xper_fx.output.frames import Frame as Frame
+    from xper_fx.output.frames import plot_frames as plot_frames
+    from xper_fx.output.frames import take_frame as take_frame
+    from xper_fx.output.memory import memory_by_part as memory_by_part
+    from xper_fx.output.recorder import point_coordinates as point_coordinates
+    from xper_fx.output.series import without_times as without_times
+
+_MODULE_OF = {
+    "ContactForces": "contact_forces",
+    "Cracks": "cracks",
+    "Frame": "frames",
+    "broken_points": "cracks",
+    "crack_panel": "cracks",
+    "find_contact_forces": "contact_forces",
+    "find_cracks": "cracks",
+    "find_fragments": "cracks",
+    "memory_by_part": "memory",
+    "plot_frames": "frames",
+    "point_coordinates": "recorder",
+    "take_frame": "frames",
+    "without_times": "series",
+}
+
+__all__ = list(_MODULE_OF)
+__getattr__ = importer(__name__, _MODULE_OF)

@@ -1,0 +1,112 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Checkpoints: a run in one file, from which it goes on as if it had never stopped.
+
+A checkpoint holds all that the next step depends on, and says of which scene. Arrays stand in the
+order of the parent mesh's cells and of the scene's points, which no process decides: with the same
+options the run goes on bit by bit, and other options (step, tolerance, solver) may be taken. Of
+another scene, another version or with a wrong digest it is refused, before anything is changed.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from xper_fx.output.fingerprint import differences, fingerprint
+from xper_fx.output.hdf5_tree import read_attributes, read_tree, write_tree
+from xper_fx.support.errors import CheckpointError
+from xper_fx.support.ranks import ALONE, Ranks
+from xper_fx.support.saved_rows import Rows
+from xper_fx.support.version import __version__
+
+if TYPE_CHECKING:
+    from xper_fx.simulation.simulation import Simulation
+
+# Of the file; it changes whenever what is in it does.
+FORMAT = 1
+# Differences of scenes that an error names.
+_NAMED = 6
+
+
+def save(
+    path: Path, simulation: Simulation, recording: Callable[[], Mapping] | None = None
+) -> None:
+    """Write a checkpoint, in the place of the one that is there; all ranks call it together.
+
+    Args:
+        path: the file.
+        simulation: between two steps.
+        recording: called on the first rank, gives what a recorder wants back, a tree as of
+            `tree_file.write_tree`.
+
+    Raises:
+        OSError: it cannot be written; the one that was there stays.
+    """
+    time = simulation.time
+    times = [0.0, 0.5 * time, time]
+    scene = json.dumps({"times": times, "is": fingerprint(simulation, times)})
+    # what is not divided by bodies is the same on all ranks
+    ranks = ALONE if simulation.part is None else simulation.ranks
+    tree = {"simulation": _gathered(simulation.saved(), ranks), "scene": scene}
+
+    def write() -> None:
+        tree["recording"] = recording() if recording is not None else {}
+        write_tree(path, tree, format=FORMAT, xper_fx=__version__)
+
+    simulation.team.at_root(write)
+
+
+def _gathered(tree: Mapping, ranks: Ranks) -> dict:
+    """A tree with the `Rows` of all ranks as arrays in their order."""
+    out = {}
+    for name, value in tree.items():
+        if isinstance(value, Mapping):
+            out[name] = _gathered(value, ranks)
+        elif isinstance(value, Rows):
+            out[name] = value.in_order() if ranks.alone else ranks.gather(*value)
+        else:
+            out[name] = value
+    return out
+
+
+def restore(path: Path, simulation: Simulation) -> dict:
+    """Let a simulation go on from a checkpoint.
+
+    Args:
+        path: the file.
+        simulation: of the same scene, before its first step.
+
+    Returns:
+        What the recorder wanted back.
+
+    Raises:
+        CheckpointError: the file is damaged, or of another scene or version; the simulation is
+            unchanged then.
+        FileNotFoundError: there is no such file.
+    """
+    attributes = read_attributes(path)
+    if "format" not in attributes or "xper_fx" not in attributes:
+        raise CheckpointError(
+            f"{path} is no checkpoint of xper_fx: it is an HDF5 file without its format. Put the "
+            "checkpoint in its place, or start the run from its beginning."
+        )
+    found, here = (attributes["xper_fx"], attributes["format"]), (__version__, FORMAT)
+    if found != here:
+        raise CheckpointError(
+            f"{path} was written by xper_fx {found[0]} (format {found[1]}), and this is xper_fx "
+            f"{here[0]} (format {here[1]}): go on with the version that wrote it, or start the run "
+            "from its beginning."
+        )
+    tree = read_tree(path)
+    scene = json.loads(tree["scene"])
+    differ = differences(scene["is"], fingerprint(simulation, scene["times"]))
+    if differ:
+        more = f"; and {len(differ) - _NAMED} more" if len(differ) > _NAMED else ""
+        raise CheckpointError(
+            f"{path} is of another scene: {'; '.join(differ[:_NAMED])}{more}. Restart with the "
+            "scene that it was written for, or start the run from its beginning in another folder."
+        )
+    simulation.restore(tree["simulation"])
+    return tree.get("recording", {})

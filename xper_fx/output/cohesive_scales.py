@@ -1,0 +1,65 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""The scales of a cohesive run, beside those of its mesh and its step.
+
+The *cohesive length* E' w / Rmax^2 is the size of the zone in which a crack's bonds weaken: a mesh
+that does not resolve it by several facets gives a strength that depends on the mesh. The
+*softening number* h^2 theta^2 A lmax(W) 2 Rmax / (dc - d0) is below one where a weakening bond has
+one state at the end of the step; above it may snap within a step.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from xper_fx.nscd.laws.softening import softening_numbers
+
+if TYPE_CHECKING:
+    from xper_fx.simulation.simulation import Simulation
+
+
+def cohesive_scales(simulation: Simulation) -> list[dict[str, Any]]:
+    """Scales of each cohesive law of a simulation, in the order of the laws.
+
+    Returns:
+        For each law its strength (Pa), fracture energy (J/m^2), cohesive length (m) with the
+        softest material of the scene, facets it spans (mean facet), and softening number. Nothing
+        without facing facets or if no material has a Young's modulus.
+    """
+    interactions = simulation.interactions
+    bodies = simulation.scene.bodies
+    if interactions is None or bodies is None or not len(bodies.facets):
+        return []
+    facet = float(bodies.facets.measure.mean())
+    if simulation.bulk.dim == 3:
+        facet = facet**0.5
+    isotropic = [m for m in simulation.scene.materials.values() if hasattr(m, "young")]
+    if not isotropic:
+        return []
+    modulus = min(m.young / (1.0 - m.poisson**2) for m in isotropic)
+    numbers = softening_numbers(interactions, simulation.step_size, simulation.theta)
+    scales = []
+    for law, number in zip(interactions.laws, numbers, strict=True):
+        if not hasattr(law, "softening_slope"):
+            continue
+        length = modulus * law.fracture_energy / law.strength**2
+        scales.append(
+            {
+                "strength": law.strength,
+                "fracture_energy": law.fracture_energy,
+                "cohesive_length": length,
+                "facets_in_cohesive_length": length / facet,
+                "softening_number": float(number),
+            }
+        )
+    return scales
+
+
+def cohesive_table(simulation: Simulation) -> str:
+    """The scales as text, a line for each cohesive law."""
+    return "\n".join(
+        f"bond of {scale['strength'] / 1e6:.3g} MPa, {scale['fracture_energy']:g} J/m^2: "
+        f"cohesive length {1e9 * scale['cohesive_length']:.3g} nm = "
+        f"{scale['facets_in_cohesive_length']:.2g} facets, softening number "
+        f"{scale['softening_number']:.2g}"
+        for scale in cohesive_scales(simulation)
+    )

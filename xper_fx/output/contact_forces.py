@@ -1,0 +1,78 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Where found contacts are, between which bodies, and with what force: chains of forces."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from xper_fx.simulation.simulation import Simulation
+
+
+class ContactForces(NamedTuple):
+    """The contacts that pushed in a step, one row a point.
+
+    Attributes:
+        bodies: candidate and antagonist, shape (n, 2), int. Meshed bodies have the numbers they
+            have in `Scene.bodies`, rigid ones come after them.
+        position: of the point, shape (n, dim), m; to first order in the step.
+        normal: from antagonist to candidate, shape (n, dim).
+        force: of the antagonist on the candidate, mean over the step, shape (n, dim), N (2D: N/m).
+    """
+
+    bodies: np.ndarray
+    position: np.ndarray
+    normal: np.ndarray
+    force: np.ndarray
+
+
+def find_contact_forces(simulation: Simulation) -> ContactForces:
+    """Read the contacts that searches found in the last step, those of all ranks on each.
+
+    Args:
+        simulation: after a step. Facing facets that a law joins from the start are not among its
+            contacts until their lips have parted.
+    """
+    dim, interactions = simulation.bulk.dim, simulation.interactions
+    body, place = _slots(simulation)
+    none = np.empty((0, dim))
+    parts = [ContactForces(np.empty((0, 2), int), none, none, none)]
+    for group in [] if interactions is None else interactions.contacts:
+        pushes = np.flatnonzero(group.impulse[:, 0] > 0.0)
+        points = group.points.take(pushes)
+        sides = np.einsum("nsk,nskd->nsd", points.weights, place[points.nodes])
+        if points.arms is not None:
+            sides += points.arms
+        impulse = np.einsum("nc,ncd->nd", group.impulse[pushes], points.frame)
+        parts.append(
+            ContactForces(
+                body[points.nodes[:, :, 0]],
+                sides.mean(axis=1),
+                points.frame[:, 0],
+                impulse / interactions.committed_step,
+            )
+        )
+    if interactions is not None and interactions.halo is not None:
+        everywhere = interactions.halo.ranks.comm.allgather(parts)
+        parts = [part for there in everywhere for part in there]
+    return ContactForces(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+
+
+def _slots(simulation: Simulation) -> tuple[np.ndarray, np.ndarray]:
+    """Body and present place of each slot; a rigid body's centre stands in both of its own."""
+    dim, meshed = simulation.bulk.dim, simulation.bulk.layout.body_of_node()
+    body, place = np.empty(0, int), np.empty((0, dim))
+    first_rigid = 0
+    if simulation.scene.bodies is not None:
+        first_rigid = simulation.scene.bodies.num_bodies
+        nodes = simulation.model.slot_nodes
+        x = simulation.forms.V.tabulate_dof_coordinates()[:, :dim]
+        place = (x + simulation.state.displacement.reshape(-1, dim))[nodes]
+        body = meshed[nodes]
+    if simulation.rigid is not None:
+        centre = simulation.rigid.state.position
+        numbers = first_rigid + np.arange(len(centre))
+        body = np.concatenate([body, np.repeat(numbers, 2)])
+        place = np.concatenate([place, np.repeat(centre, 2, axis=0)])
+    return body, place

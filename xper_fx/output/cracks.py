@@ -1,0 +1,122 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Where a simulation has cracked, and through what."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from xper_fx.nscd.facets import nodal_shares
+from xper_fx.output.recorder import Recorder, point_coordinates
+from xper_fx.plotting.figures import CrackPanel
+from xper_fx.simulation.simulation import Simulation
+
+# What is left of a bond that counts as broken.
+_BROKEN = 1e-3
+
+
+class Cracks(NamedTuple):
+    """Cracked parts of edges: those of points whose bond has less than 1/1000 left.
+
+    Attributes:
+        segments: end points in the reference configuration, shape (m, 2, 2), m.
+        kind: how many of the two sides are inclusion, 0, 1 or 2, shape (m,): cracks through the
+            matrix, along an interface, through an inclusion.
+    """
+
+    segments: np.ndarray
+    kind: np.ndarray
+
+
+def find_cracks(
+    simulation: Simulation, inclusion: int, ignored_facets: tuple[int, ...] = ()
+) -> Cracks:
+    """Find the cracks of a simulation in the plane; contacts and perfect bonds are none.
+
+    Args:
+        simulation: a run with nodal points.
+        inclusion: cell tag that counts as inclusion.
+        ignored_facets: tags of facets that do not count (precracks).
+    """
+    facets = simulation.scene.bodies.facets
+    number = simulation.model.points.facets_with_law
+    x = point_coordinates(simulation).reshape(len(number), -1, simulation.bulk.dim)
+    broken = broken_points(simulation, ignored_facets).reshape(x.shape[:2])
+    facet, point = np.nonzero(broken)
+    segments = _parts(x)[facet, point]
+    return Cracks(segments, (facets.materials[number[facet]] == inclusion).sum(axis=1))
+
+
+def broken_points(
+    simulation: Simulation, ignored_facets: tuple[int, ...] = ()
+) -> npt.NDArray[np.bool_]:
+    """Which points on facing facets have less than 1/1000 of their bond left.
+
+    Args:
+        simulation: a run with interactions.
+        ignored_facets: tags of facets that do not count (precracks).
+
+    Returns:
+        Shape (num_points,), in the order of `point_coordinates`; contacts and perfect bonds are
+        never broken.
+    """
+    interactions, number = simulation.interactions, simulation.model.points.facets_with_law
+    dim = simulation.bulk.dim
+    breaks = np.array(["damage" in law.kernels(dim).state_names for law in interactions.laws])
+    # lips that have parted for good have no damage any more, and it reads zero
+    broken = breaks[interactions.gather("law")] & (interactions.gather("damage") < _BROKEN)
+    # the points of walls come last
+    broken = broken[: len(point_coordinates(simulation))].reshape(len(number), -1)
+    broken[np.isin(simulation.scene.bodies.facets.tag[number], ignored_facets)] = False
+    return broken.ravel()
+
+
+def find_fragments(simulation: Simulation) -> npt.NDArray[np.int32]:
+    """Which meshed bodies bonds still hold together.
+
+    Args:
+        simulation: a run with a mesh.
+
+    Returns:
+        The fragment of each body, shape (num_bodies,): 0 is the largest by number of bodies, and so
+        on. A facet holds as long as one of its points does; contacts hold nothing.
+    """
+    bodies, number = simulation.scene.bodies, simulation.model.points.facets_with_law
+    holds = np.zeros(0, bool)
+    if len(number):
+        count = len(point_coordinates(simulation))
+        holds = ~simulation.interactions.unbonded()[:count].reshape(len(number), -1).all(axis=1)
+    pairs = bodies.facets.bodies[number[holds]].T
+    graph = coo_array((np.ones(pairs.shape[1]), tuple(pairs)), shape=(bodies.num_bodies,) * 2)
+    count, label = connected_components(graph, directed=False)
+    by_size = np.argsort(-np.bincount(label), kind="stable")
+    rank = np.empty(count, np.int32)
+    rank[by_size] = np.arange(count)
+    return rank[label]
+
+
+def _parts(x: np.ndarray) -> np.ndarray:
+    """The part of an edge that each of its points stands for, shape (num_facets, k, 2, dim)."""
+    start, end = x[:, 0], x[:, 1]
+    along = (end - start)[:, None]
+    share = nodal_shares(2, x.shape[1])[0]
+    cuts = np.array([[0.0, share], [1.0, 1.0 - share], [share, 1.0 - share]])[: x.shape[1]]
+    return start[:, None, None] + cuts[None, :, :, None] * along[:, :, None]
+
+
+def crack_panel(recorder: Recorder, cracks: Cracks, title: str) -> CrackPanel:
+    """The cracked plate or cell as it is now, for `plots.plot_cracks`."""
+    bodies = recorder.simulation.scene.bodies
+    return CrackPanel(
+        points=bodies.mesh.geometry.x[:, :2],
+        triangles=recorder.cells,
+        material=bodies.material_of_cell,
+        displacement=recorder.vertex_displacement(),
+        crack_segments=cracks.segments,
+        crack_kind=cracks.kind,
+        title=title,
+    )

@@ -1,0 +1,149 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""What a scene is, in plain words and numbers, so that two scenes can be told apart.
+
+Objects are described by their type and public fields, long arrays by a digest, functions of time by
+their values at given times, other functions by their name. A mesh is described by sums over its
+cells of a hash of each, which are the same in whatever order cells and bodies are held.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import fields, is_dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from xper_fx.bodies.meshes import facet_cells, facet_geometry_nodes
+from xper_fx.support.compat import geometry_dofmap
+
+if TYPE_CHECKING:
+    from xper_fx.bodies.explode import Bodies
+    from xper_fx.simulation.simulation import Simulation
+
+# Entries up to which an array or a list is written out.
+_SHORT = 16
+# Fields of a scene that are described by themselves.
+_APART = ("bodies", "rigid", "rigid_bodies")
+
+
+def fingerprint(simulation: Simulation, times: Sequence[float]) -> dict:
+    """Describe the scene of a simulation and what its equations are.
+
+    Args:
+        simulation: the run.
+        times: at which functions of time are read (s).
+
+    Returns:
+        Nested dictionaries and lists of what JSON has.
+    """
+    scene = simulation.scene
+    out = {f.name: _described(getattr(scene, f.name), times) for f in fields(scene)
+           if f.name not in _APART}  # fmt: skip
+    if scene.bodies is not None:
+        out["mesh"] = _mesh(scene.bodies)
+    if scene.rigid_bodies is not None:
+        out["rigid bodies"] = _described(scene.rigid_bodies, times)
+    out["scheme"] = simulation.options.scheme
+    out["theta"] = simulation.theta
+    out["inertia"] = simulation.bulk.inertia is not None
+    return json.loads(json.dumps(out))
+
+
+def differences(saved: Any, here: Any, where: str = "") -> list[str]:
+    """Say where two descriptions differ, each as "where: the one, here the other"."""
+    if isinstance(saved, dict) and isinstance(here, dict):
+        out = []
+        for name in saved | here:
+            place = f"{where}.{name}" if where else name
+            out += differences(saved.get(name), here.get(name), place)
+        return out
+    if isinstance(saved, list) and isinstance(here, list) and len(saved) == len(here):
+        pairs = enumerate(zip(saved, here, strict=True))
+        return [line for i, (a, b) in pairs for line in differences(a, b, f"{where}[{i}]")]
+    return [] if saved == here else [f"{where}: {_short(saved)}, here {_short(here)}"]
+
+
+def _short(value: Any) -> str:
+    text = "nothing" if value is None else json.dumps(value)
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+def _described(value: Any, times: Sequence[float], within: tuple[int, ...] = ()) -> Any:
+    if isinstance(value, np.generic):
+        value = value.item()
+    if value is None or isinstance(value, bool | int | float | str):
+        return value if value == value else "nan"
+    if id(value) in within:
+        return "itself"
+    within = (*within, id(value))
+    if isinstance(value, np.ndarray):
+        if value.size <= _SHORT and value.dtype != object:
+            return value.tolist()
+        return f"{value.shape} {_digest(np.ascontiguousarray(value).tobytes())}"
+    if isinstance(value, Mapping):
+        return {str(key): _described(item, times, within) for key, item in value.items()}
+    if isinstance(value, tuple) and hasattr(value, "_asdict"):
+        return _described(value._asdict(), times, within)
+    if isinstance(value, Sequence):
+        items = [_described(item, times, within) for item in value]
+        return items if len(items) <= _SHORT else f"{len(items)} {_digest(json.dumps(items))}"
+    own = {f.name for f in fields(value)} if is_dataclass(value) else getattr(value, "__dict__", {})
+    out = {
+        name: _described(getattr(value, name), times, within)
+        for name in sorted(own)
+        if not name.startswith("_")
+    }
+    if callable(value):
+        return out | _function(value, times)
+    return {"type": type(value).__name__, **out}
+
+
+def _function(function: Callable[..., Any], times: Sequence[float]) -> dict:
+    """A function of time by its values, to 12 digits; any other by its name."""
+    try:
+        values = [np.asarray(function(time), float).tolist() for time in times]
+    except Exception:  # noqa: BLE001 - a function of positions raises whatever it likes
+        return {"function": getattr(function, "__qualname__", type(function).__name__)}
+    return {"values": [np.vectorize(lambda v: f"{v:.12g}")(value).tolist() for value in values]}
+
+
+def _mesh(bodies: Bodies) -> dict:
+    mesh = bodies.mesh
+    nodes = geometry_dofmap(mesh)
+    x = np.ascontiguousarray(mesh.geometry.x[nodes], float).reshape(len(nodes), -1)
+    cell = bodies.parent_cell
+    tag = bodies.facet_tags
+    cells, local = (a[tag.indices, 0] for a in facet_cells(mesh))
+    corners = bodies.parent_vertex[facet_geometry_nodes(mesh, cells, local)]
+    return {
+        "cell": mesh.topology.cell_name(),
+        "cells": len(nodes),
+        "bodies": bodies.num_bodies,
+        "shape": _sum(cell, x.view(np.uint64)),
+        "topology": _sum(cell, bodies.parent_vertex[nodes]),
+        "body labels": _sum(cell, bodies.labels[bodies.body_of_cell]),
+        "cell tags": _sum(cell, bodies.material_of_cell),
+        "facet tags": _sum(np.sort(corners, axis=1), tag.values),
+        "lattice": None if bodies.lattice is None else bodies.lattice.tolist(),
+    }
+
+
+def _sum(*columns: np.ndarray) -> int:
+    """A sum over rows of a hash of each, the mixing of SplitMix64 (Steele et al. 2014)."""
+    total = np.zeros(len(columns[0]), np.uint64)
+    for column in columns:
+        for part in np.reshape(column, (-1, column.shape[-1])).T if column.ndim > 1 else [column]:
+            total += part.astype(np.uint64) + np.uint64(0x9E3779B97F4A7C15)
+            for shift, factor in ((30, 0xBF58476D1CE4E5B9), (27, 0x94D049BB133111EB)):
+                total ^= total >> np.uint64(shift)
+                total *= np.uint64(factor)
+            total ^= total >> np.uint64(31)
+    return int(total.sum(dtype=np.uint64))
+
+
+def _digest(content: bytes | str) -> str:
+    content = content.encode() if isinstance(content, str) else content
+    return hashlib.blake2b(content, digest_size=8).hexdigest()

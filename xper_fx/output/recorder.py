@@ -1,0 +1,474 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Writes a run into a folder: bulk and interface series, history of each step, summary.
+
+The folder holds `bulk.xdmf` (displacement, velocity, stress, body, material), `interfaces.xdmf`
+(jump, traction, damage, status, on the points of facing facets), `rigid.xdmf` (displacement,
+velocity, spin, body, group, on triangles of the rigid bodies), `history.csv`, `summary.json`,
+`checkpoint.h5`; of the series those that the scene has something for.
+
+A checkpoint holds the run, and how far its files had come. A restart takes them back to there, so
+that they go on without a step that is missing or there twice.
+
+Where several ranks simulate a scene they record it together: what is spread is gathered, and the
+first rank alone writes. Whatever goes wrong there is raised on all.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import os
+import platform
+from collections.abc import Mapping
+from contextlib import ExitStack
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from time import monotonic
+from typing import Any
+
+import dolfinx
+import numba
+import numpy as np
+
+from xper_fx.nscd.facets import facet_shapes
+from xper_fx.output.cohesive_scales import cohesive_scales
+from xper_fx.output.effects import effects_of
+from xper_fx.output.folder_lock import FolderLock
+from xper_fx.output.series import (
+    HISTORY_COLUMNS,
+    History,
+    TimeSeries,
+    prepare_folder,
+    write_summary,
+)
+from xper_fx.simulation.simulation import Simulation, StepRecord
+from xper_fx.support.compat import geometry_dofmap
+from xper_fx.support.version import __version__
+
+logger = logging.getLogger(__name__)
+
+# A run's checkpoint in its folder, and seconds between checkpoints unless others are asked for.
+CHECKPOINT, CHECKPOINT_EVERY = "checkpoint.h5", 600.0
+
+
+@dataclass(frozen=True)
+class TensileGauge:
+    """Mean strain and stress between two opposite faces that are pulled apart.
+
+    Args:
+        low, high: facet tags of the faces.
+        component: direction of the pull.
+        length: distance of the faces (m).
+        section: area of a face (m^2; 2D: m).
+    """
+
+    low: int
+    high: int
+    component: int
+    length: float
+    section: float
+
+    def read(self, simulation: Simulation) -> tuple[float, float]:
+        """Strain, and stress (Pa): half the difference of the two faces' reactions.
+
+        Both at t0 + theta h of the last step, so that their curve is of second order in h.
+        """
+        faces = (self.low, self.high)
+        u = [simulation.mean_displacement_of_reaction(tag)[self.component] for tag in faces]
+        f = [simulation.reaction(tag)[self.component] for tag in faces]
+        return (u[1] - u[0]) / self.length, 0.5 * (f[1] - f[0]) / self.section
+
+
+@dataclass(frozen=True)
+class CellGauge:
+    """Macroscopic strain and stress of a periodic cell.
+
+    Args:
+        component: "11", "22", ...: strain is Fbar_ij less the identity, stress is Pibar_ij.
+    """
+
+    component: str = "11"
+
+    def read(self, simulation: Simulation) -> tuple[float, float]:
+        """Strain, and stress (Pa)."""
+        i, j = int(self.component[0]) - 1, int(self.component[1]) - 1
+        cell = simulation.macroscopic
+        return float(cell.gradient[i, j]) - float(i == j), float(cell.stress[i, j])
+
+
+def macroscopic_columns(simulation: Simulation) -> dict[str, float]:
+    """Fbar, Pibar (Pa) and Hill-Mandel's error of a periodic cell by column name, else nothing."""
+    cell = simulation.macroscopic
+    if cell is None:
+        return {}
+    axes = range(simulation.bulk.dim)
+    columns = {f"F{i + 1}{j + 1}": float(cell.gradient[i, j]) for i in axes for j in axes}
+    columns |= {f"P{i + 1}{j + 1}": float(cell.stress[i, j]) for i in axes for j in axes}
+    return columns | {"hill_mandel": cell.hill_mandel}
+
+
+def point_coordinates(simulation: Simulation) -> np.ndarray:
+    """Reference positions of the points on facing facets, in the scene's order.
+
+    Returns:
+        Shape (num_points, dim), m; points of walls, which come last in the scene, are left out.
+    """
+    dim = simulation.bulk.dim
+    scene = simulation.scene
+    x = scene.bodies.facet_nodes(scene.order)[simulation.model.points.facets_with_law]
+    shapes = facet_shapes(dim, x.shape[1], scene.points)
+    return np.einsum("pk,fkd->fpd", shapes, x).reshape(-1, dim)
+
+
+def add_to_summary(simulation: Simulation, found: Mapping[str, Any]) -> None:
+    """Add what was found in a recorded run to its `summary.json`; all ranks call it together.
+
+    Args:
+        simulation: the run, whose recorder is closed.
+        found: what to add, as `output.write_summary` takes it.
+    """
+    path = simulation.folder / "summary.json"
+    simulation.team.at_root(lambda: write_summary(path, json.loads(path.read_text()) | found))
+
+
+class Recorder:
+    """Records a simulation; a context manager.
+
+    Args:
+        simulation: the run, before its first step.
+        folder: where to write; made if need be, tried before any work.
+        gauge: what `strain` and `stress` of the history are; 0 without.
+            A periodic cell's history has its macroscopic columns besides.
+        fields: number of times at which fields are written, spread evenly; 0 for none.
+        end_time: time of the end of the run (s).
+        parameters: what to keep in the summary of how the run was set up.
+        checkpoint_every: seconds between checkpoints, as a clock shows them; 0 for none but where
+            a step does not converge.
+        restart: whether to go on from the folder's checkpoint; from the beginning if there is none.
+            The scene must be the checkpoint's; step, tolerance, solver may be others.
+
+    Attributes:
+        folder: where it writes.
+        restarted: whether it goes on from a checkpoint.
+        strain: of the gauge, after the last step.
+
+    A write that fails raises an OSError that names the file. What was written before stays
+    readable, the simulation keeps its state, and a later `record` writes again where it can.
+
+    Raises:
+        OSError: the folder cannot be written; BlockingIOError: another run writes there.
+        CheckpointError: the checkpoint is damaged, or of another scene or version; the folder is
+            as it was then.
+        ValueError: a checkpoint interval that is negative, files that do not fit the checkpoint.
+    """
+
+    def __init__(
+        self,
+        simulation: Simulation,
+        folder: str | os.PathLike[str],
+        *,
+        end_time: float,
+        gauge: TensileGauge | CellGauge | None = None,
+        fields: int = 20,
+        parameters: Mapping[str, Any] | None = None,
+        checkpoint_every: float = CHECKPOINT_EVERY,
+        restart: bool = False,
+    ):
+        if not checkpoint_every >= 0.0:
+            raise ValueError(
+                f"checkpoint_every is a time in seconds, or 0 for none; got {checkpoint_every}."
+            )
+        self.folder = Path(folder).resolve()
+        self._at_root = simulation.team.at_root
+        self._writes = simulation.team.rank == 0
+        self._lock: FolderLock | None = None
+        self._at_root(self._take_folder)
+        self.simulation, self._gauge = simulation, gauge
+        self.checkpoint_every, self._saved_at = checkpoint_every, monotonic()
+        self._writes_fields = fields > 0
+        try:
+            before = self._restored() if restart else None
+        except BaseException:
+            self._leave_folder()
+            raise
+        self.restarted = before is not None
+        before = before or {}
+        simulation.folder = self.folder
+        simulation.save_on_failure(self.checkpoint)
+        self._parameters = dict(parameters or {})
+        columns = dict.fromkeys(HISTORY_COLUMNS)
+        columns |= simulation.ledger.as_columns() | macroscopic_columns(simulation)
+        self._every = end_time / fields if fields > 0 else np.inf
+        self._next = before.get("next_fields", 0.0)
+        self.strain = before.get("strain", 0.0)
+        if simulation.scene.bodies is not None:
+            self.cells = geometry_dofmap(simulation.scene.bodies.mesh)
+            mesh = simulation.bodies.mesh
+            # a cell's first dofs are its vertices'
+            cells = geometry_dofmap(mesh)
+            self._node = np.empty(len(mesh.geometry.x), np.int64)
+            self._node[cells] = simulation.forms.V.dofmap.list[:, : cells.shape[1]]
+        self._totals = {"steps": 0, "sweeps": 0, "largest_residual": 0.0, "restarts": 0}
+        self._totals |= before.get("totals", {})
+        self._totals["restarts"] += self.restarted
+        self._steps_before = self._totals["steps"]
+        self._bulk = self._interfaces = self._rigid = self._stress = None
+        try:
+            self._at_root(partial(self._open, tuple(columns), before))
+            if self._writes_fields and not self.restarted:
+                self._write_fields()
+        except BaseException:
+            self._leave_folder()
+            raise
+        simulation.stopwatch.owns("output", lambda: self.written)
+
+    def _restored(self) -> dict | None:
+        """Let the simulation go on from the folder's checkpoint; what `_recording` gave, if any."""
+        path = self.folder / CHECKPOINT
+        if not self.simulation.team.all(path.exists()):
+            if self.simulation.team.rank == 0:
+                logger.warning(
+                    "%s: there is no checkpoint, the run starts from its beginning", path
+                )
+            return None
+        from xper_fx.output.checkpoint import restore
+
+        before = restore(path, self.simulation)
+        if bool(before.get("series")) != self._writes_fields:
+            had, give = ("no fields", "0") if self._writes_fields else ("fields", "above 0")
+            raise ValueError(
+                f"The run in {self.folder} was recorded with {had}: restart it with fields {give}, "
+                "or start it from its beginning."
+            )
+        return before
+
+    def _recording(self) -> dict:
+        """How far the files have come, all of which are on the disk then."""
+        return {
+            "history": self._history.flush(),
+            "next_fields": self._next,
+            "strain": self.strain,
+            "totals": self._totals,
+            "series": {series.path.stem: series.seal() for series in self._series},
+        }
+
+    def checkpoint(self) -> Path:
+        """Write a checkpoint in the place of the last one; its file."""
+        from xper_fx.output.checkpoint import save
+
+        watch, path = self.simulation.stopwatch, self.folder / CHECKPOINT
+        with watch.phase("output"), watch.phase("checkpoint"):
+            save(path, self.simulation, self._recording)
+        self._saved_at = monotonic()
+        return path
+
+    def _open(self, columns: tuple[str, ...], before: Mapping) -> None:
+        """Open the files, after what `_recording` gave."""
+        if not before:
+            # it is of a run whose results are replaced now
+            (self.folder / CHECKPOINT).unlink(missing_ok=True)
+        after, simulation = before.get("series", {}), self.simulation
+        if self._writes_fields and simulation.scene.bodies is not None:
+            self._open_fields(after)
+        if self._writes_fields and simulation.rigid is not None:
+            from xper_fx.output.rigid_series import RigidSeries
+
+            path = self.folder / "rigid.xdmf"
+            self._rigid = RigidSeries(path, simulation.rigid, after.get("rigid"))
+        self._history = History(self.folder / "history.csv", columns, before.get("history"))
+
+    def _take_folder(self) -> None:
+        prepare_folder(self.folder)
+        self._lock = FolderLock(self.folder)
+
+    def _leave_folder(self) -> None:
+        if self._lock is not None:
+            self._lock.release()
+
+    def vertex_displacement(self) -> np.ndarray:
+        """Displacement of the exploded mesh's geometry nodes, shape (num_nodes, dim), m."""
+        simulation = self.simulation
+        return self._of_vertices(simulation.bulk.unknowns.expand(simulation.state.displacement))
+
+    def _of_vertices(self, nodal: np.ndarray) -> np.ndarray:
+        """Values at all bodies' geometry nodes from those of this rank's dofs."""
+        values = nodal.reshape(-1, self.simulation.bulk.dim)[self._node]
+        part = self.simulation.part
+        return values if part is None else self.simulation.ranks.gather(part.nodes, values)
+
+    def _open_fields(self, after: Mapping[str, Mapping[str, float]]) -> None:
+        simulation = self.simulation
+        mesh = simulation.scene.bodies.mesh
+        self._bulk = TimeSeries(
+            self.folder / "bulk.xdmf",
+            mesh.geometry.x[:, : mesh.geometry.dim],
+            (mesh.topology.cell_name(), self.cells),
+            after.get("bulk"),
+        )
+        if len(simulation.model.points.facets_with_law):
+            x = point_coordinates(simulation)
+            a_facet = len(x) // len(simulation.model.points.facets_with_law)
+            kind = {2: "line", 3: "triangle"}.get(a_facet, "vertex")
+            cells = np.arange(len(x)).reshape(-1, 1 if kind == "vertex" else a_facet)
+            self._interfaces = TimeSeries(
+                self.folder / "interfaces.xdmf", x, (kind, cells), after.get("interfaces")
+            )
+            self._num_interface_points = len(x)
+
+    def _write_fields(self) -> None:
+        simulation = self.simulation
+        with simulation.stopwatch.phase("output"), simulation.stopwatch.phase("fields"):
+            if simulation.scene.bodies is not None:
+                self._write_bulk()
+                if len(simulation.model.points.facets_with_law):
+                    names = ("jump", "traction", "damage", "status")
+                    fields = {name: simulation.interactions.gather(name) for name in names}
+                    self._at_root(partial(self._write_interfaces, fields))
+            if simulation.rigid is not None:
+                self._at_root(lambda: self._rigid.write(simulation.time))
+        self._next += self._every
+
+    def _write_interfaces(self, fields: Mapping[str, np.ndarray]) -> None:
+        count = self._num_interface_points
+        fields = {name: values[:count] for name, values in fields.items()}
+        self._interfaces.write(self.simulation.time, fields, {})
+
+    def cell_stress(self) -> np.ndarray:
+        """Cauchy stress of each cell, as `BulkForms.stress_evaluator` gives it (Pa)."""
+        if self._stress is None:
+            self._stress = self.simulation.forms.stress_evaluator()
+        self.simulation.displacement  # noqa: B018  brings the state into the forms
+        stress, part = self._stress(), self.simulation.part
+        return stress if part is None else self.simulation.ranks.gather(part.cells, stress)
+
+    def _write_bulk(self) -> None:
+        simulation, bodies = self.simulation, self.simulation.scene.bodies
+        velocity = self._of_vertices(simulation.velocity.x.array)
+        nodal = {"displacement": self.vertex_displacement(), "velocity": velocity}
+        cellwise = {
+            "stress": self.cell_stress(),
+            "body": bodies.body_of_cell,
+            "material": bodies.material_of_cell,
+        }
+        self._at_root(lambda: self._bulk.write(simulation.time, nodal, cellwise))
+
+    def record(self, step: StepRecord) -> tuple[float, float]:
+        """Write the line of a step, the fields when they are due, then a checkpoint when it is.
+
+        Returns:
+            Strain and stress of the gauge.
+        """
+        strain, stress = self._gauge.read(self.simulation) if self._gauge else (0.0, 0.0)
+        with self.simulation.stopwatch.phase("output"):
+            line = {
+                "step": step.step, "time": step.time, "strain": strain, "stress": stress,
+                "sweeps": step.sweeps, "residual": step.residual, **step.energies,
+                **macroscopic_columns(self.simulation),
+            }  # fmt: skip
+            self._at_root(lambda: self._history.append(**line))
+        self._totals["steps"] += 1
+        self._totals["sweeps"] += step.sweeps
+        self._totals["largest_residual"] = max(self._totals["largest_residual"], step.residual)
+        if self._writes_fields and step.time >= self._next * (1.0 - 1e-9):
+            self._write_fields()
+        self.strain = strain
+        if self.checkpoint_every > 0.0:
+            due = monotonic() - self._saved_at >= self.checkpoint_every
+            # by the clock of the first rank
+            if self.simulation.team.max(due and self._writes):
+                self.checkpoint()
+        return strain, stress
+
+    @property
+    def written(self) -> int:
+        """Bytes of the fields and of the history that this rank has put on disk, if still there."""
+        if not self._writes:
+            return 0
+        paths = [self.folder / "history.csv"]
+        for series in self._series:
+            paths += [series.path, *series.h5_paths]
+        return sum(path.stat().st_size for path in paths if path.exists())
+
+    @property
+    def _series(self) -> list[TimeSeries]:
+        rigid = None if self._rigid is None else self._rigid.series
+        return [series for series in (self._bulk, self._interfaces, rigid) if series is not None]
+
+    def close(self) -> None:
+        """Close the files; write the summary unless a restart has added nothing to its run."""
+        there = (self.folder / "summary.json").exists() if self.restarted else False
+        added = self._totals["steps"] > self._steps_before
+        summary = self._summary() if self.simulation.team.max(added or not there) else None
+
+        def finish() -> None:
+            with ExitStack() as files:
+                files.callback(self._leave_folder)
+                for file in (self._history, *self._series):
+                    files.callback(file.close)
+                if summary is not None:
+                    write_summary(self.folder / "summary.json", summary)
+
+        self._at_root(finish)
+
+    def _summary(self) -> dict[str, Any]:
+        simulation = self.simulation
+        interactions, bodies = simulation.interactions, simulation.scene.bodies
+        points = 0 if interactions is None else interactions.num_points
+        total = simulation.ranks.sum
+        summary = {
+            "parameters": self._parameters
+            | {
+                "step_size": simulation.step_size,
+                "theta": simulation.theta,
+                "scheme": simulation.options.scheme,
+                "tolerance": simulation.tolerance,
+                "relaxation": simulation.options.solve.relaxation,
+            },
+            "versions": {
+                "xper_fx": __version__,
+                "dolfinx": dolfinx.__version__,
+                "numba": numba.__version__,
+                "numpy": np.__version__,
+                "python": platform.python_version(),
+            },
+            "counts": {
+                "bodies": 0 if bodies is None else bodies.num_bodies,
+                "rigid_bodies": len(simulation.scene.rigid),
+                "points": points,
+                "dofs": simulation.bulk.num_dofs_of_all,
+                "ranks": simulation.ranks.size,
+            },
+            "effects": [effect._asdict() for effect in effects_of(simulation)],
+            "seconds": simulation.stopwatch.seconds,
+            "profile": [
+                row._asdict() | {"path": " > ".join(row.path)}
+                for row in simulation.stopwatch.rows()
+            ],
+            "bytes_per_point": total(interactions.nbytes) / points if points else 0.0,
+            "errors": {
+                "closure": simulation.ledger.closure,
+                "external_work": simulation.ledger.energies.external_work,
+                "largest_residual": self._totals["largest_residual"],
+                "estimated": simulation.estimated_error,
+            },
+            "steps": self._totals["steps"],
+            "sweeps": self._totals["sweeps"],
+            "restarts": self._totals["restarts"],
+            "time": simulation.time,
+        }
+        summary["scales"] = cohesive_scales(simulation)
+        return summary
+
+    def __enter__(self) -> Recorder:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *exception: object) -> None:
+        if kind is None:
+            self.close()
+            return
+        try:
+            self.close()
+        except (OSError, ValueError) as error:
+            # What ended the run says more.
+            logger.error("the run's summary and files could not be completed: %s", error)

@@ -1,0 +1,58 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Rigid bodies as an XDMF series: their triangles, moved by the displacement."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+
+import numpy as np
+
+from xper_fx.nscd.rigid.motion import RigidMotion, RigidState
+from xper_fx.nscd.rigid.outline import body_outlines
+from xper_fx.output.series import TimeSeries
+
+
+class RigidSeries:
+    """Writes the rigid bodies at the times asked for.
+
+    Points bear `displacement` (m) and `velocity` (m/s, of the material there), cells `spin` (rad/s;
+    a vector in 3D), `body` and `group`, the numbers of `RigidBodies`.
+
+    Args:
+        path: of the XDMF file.
+        motion: of the bodies.
+        after: as of `TimeSeries`.
+
+    Attributes:
+        series: the files.
+        outline: triangles of the bodies, as `nscd.rigid.outline` gives them.
+    """
+
+    def __init__(
+        self, path: str | os.PathLike[str], motion: RigidMotion, after: Mapping | None = None
+    ):
+        self._motion, self.outline = motion, body_outlines(motion.bodies)
+        self._start = self._positions(motion.start)
+        self.series = TimeSeries(path, self._start, ("triangle", self.outline.cells), after)
+
+    def _positions(self, state: RigidState) -> np.ndarray:
+        return self.outline.positions(state.position, state.turn.rotation)
+
+    def write(self, time: float) -> None:
+        """Add the committed state at a time (s), as `TimeSeries.write`."""
+        state = self._motion.state
+        positions = self._positions(state)
+        body, spin = self.outline.body_of_point, state.turn.spin
+        arm = positions - state.position[body]
+        if positions.shape[1] == 2:
+            turning = spin[body] * np.column_stack([-arm[:, 1], arm[:, 0]])
+            spin = spin[:, 0]
+        else:
+            turning = np.cross(spin[body], arm)
+        owner = self.outline.body_of_cell
+        self.series.write(
+            time,
+            {"displacement": positions - self._start, "velocity": state.velocity[body] + turning},
+            {"spin": spin[owner], "body": owner, "group": self._motion.bodies.group_of[owner]},
+        )

@@ -1,0 +1,701 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""What a run leaves on disk: XDMF time series, the history of each step, the summary.
+
+Everything here can be read while the run goes on and after it was killed: a step that was
+written stays readable. SI units throughout; in 2D, forces and energies are per metre of depth.
+"""
+
+import csv
+import errno
+import io
+import json
+import logging
+import math
+import os
+import tempfile
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, Self
+from xml.etree import ElementTree
+
+import h5py
+import numpy as np
+import numpy.typing as npt
+
+from xper_fx.output.folder_lock import FolderLock
+from xper_fx.support.files import explained, write_file
+
+__all__ = [
+    "HISTORY_COLUMNS",
+    "History",
+    "TIMING_KEYS",
+    "TimeSeries",
+    "prepare_folder",
+    "read_history",
+    "without_times",
+    "write_summary",
+]
+
+logger = logging.getLogger(__name__)
+
+HISTORY_COLUMNS: tuple[str, ...] = (
+    "step",
+    "time",
+    "strain",
+    "stress",
+    "sweeps",
+    "residual",
+    "external_work",
+    "kinetic",
+    "elastic",
+    "cohesive",
+    "dissipated_cohesion",
+    "dissipated_friction",
+    "dissipated_impact",
+    "dissipated_viscous",
+    "dissipated_numerical",
+    "closure",
+)
+"""Columns of ``history.csv``: time in s, strain dimensionless, stress in Pa, energies and their
+closure error in J (J/m in 2D); ``sweeps`` and ``residual`` are those of the interaction solver.
+Effects that a scene calls for add columns: dissipated_plastic; F11... and P11... of a cell."""
+
+TIMING_KEYS: tuple[str, ...] = ("seconds", "profile")
+"""Keys of ``summary.json``, at any depth, that hold times; a run made twice has all else alike."""
+
+# meshio's name (and DOLFINx's, where it differs) -> XDMF topology, nodes per cell.
+_TOPOLOGY = {
+    "vertex": ("Polyvertex", 1),
+    "point": ("Polyvertex", 1),
+    "line": ("Polyline", 2),
+    "interval": ("Polyline", 2),
+    "triangle": ("Triangle", 3),
+    "triangle6": ("Triangle_6", 6),
+    "quad": ("Quadrilateral", 4),
+    "quadrilateral": ("Quadrilateral", 4),
+    "tetra": ("Tetrahedron", 4),
+    "tetrahedron": ("Tetrahedron", 4),
+    "tetra10": ("Tetrahedron_10", 10),
+    "hexahedron": ("Hexahedron", 8),
+}
+
+_XML_HEAD = b"""<?xml version="1.0" encoding="utf-8"?>
+<Xdmf Version="3.0"><Domain>
+<Grid Name="series" GridType="Collection" CollectionType="Temporal">
+"""
+_XML_TAIL = b"</Grid></Domain></Xdmf>"
+_ROOM_OPEN = b"<?room "
+_ROOM_CLOSE = b"?>\n"
+# An overwrite inside one page of the page cache is all or nothing when the process is killed.
+_PAGE = 4096
+# libxml2 (ParaView's parser) refuses a processing instruction longer than 10 MB.
+_ROOM_SIZES = (1 << 16, 1 << 22)
+# What HDF5 may add to a file besides the numbers: for each dataset, and for the groups of a time.
+_ENTRY, _GROUPS = 4096, 16384
+
+
+def _write_all(file: io.FileIO, content: bytes) -> None:
+    """Write to an unbuffered file, which takes a part when the disk is about to be full."""
+    while content:
+        content = content[file.write(content) :]
+
+
+def _reserve(path: Path, size: int) -> None:
+    """See to it that a file can grow by `size` bytes.
+
+    HDF5 cannot be trusted with a full disk: what it has not stored stays in its cache, and the
+    file open and damaged. When it closes a file it gives back what it did not need.
+    """
+    with open(path, "r+b", buffering=0) as file:
+        end = file.seek(0, os.SEEK_END)
+        try:
+            os.posix_fallocate(file.fileno(), end, size)
+        except OSError as error:
+            # Some file systems have no such call.
+            if error.errno not in (errno.EOPNOTSUPP, errno.EINVAL, errno.ENOSYS):
+                with suppress(OSError):
+                    os.ftruncate(file.fileno(), end)
+                raise
+
+
+def _h5_with(mesh: Mapping[str, np.ndarray]) -> bytes:
+    """An HDF5 file that holds a mesh, or nothing."""
+    content = io.BytesIO()
+    with h5py.File(content, "w") as h5:
+        for name, array in mesh.items():
+            h5[f"mesh/{name}"] = array
+    return content.getvalue()
+
+
+class TimeSeries:
+    """One XDMF file and one HDF5 file beside it, with all fields at each time.
+
+    The XDMF file holds one temporal collection, as ParaView and
+    ``meshio.xdmf.TimeSeriesReader`` expect it, and names the HDF5 file relative to itself: move
+    the two together. Both are closed and complete after every :meth:`write`, so that a run
+    which is killed leaves a readable series. A kill in the middle of a write may damage the HDF5
+    file, which that library changes in place; the XDMF file never names data that were not yet
+    written. :meth:`seal` protects what was written before: its files are not opened again, and
+    the times after it stand in a new HDF5 file (``bulk.1.h5``, ``bulk.2.h5``, ...).
+
+    A write costs the same however many came before. The XDMF file ends with a processing
+    instruction that only holds room: a new time is written into the room, where readers skip it,
+    and shown by blanking the old end of the document, which lies in one page. A used-up room is
+    replaced by one as large as the document.
+
+    Args:
+        path: The XDMF file, with suffix ``.xdmf``; the HDF5 file takes the suffix ``.h5``. A
+            series that is already there is replaced.
+        points: Reference coordinates, shape (num_points, dim), dim 2 or 3, float64, m.
+        cells: Cell type (meshio's or DOLFINx's name: ``triangle``, ``tetra``, ``line``,
+            ``vertex``, ...) and connectivity, shape (num_cells, nodes per cell), VTK's order.
+        after: What :meth:`seal` gave: the series goes on after it, and what was written later is
+            dropped. None for a new series.
+
+    Raises:
+        ValueError: If the path, the points or the cells are not as said, or a file of the series
+            that shall go on is missing or cut short.
+        OSError: If the files cannot be written.
+
+    Example:
+        >>> with TimeSeries("out/bulk.xdmf", points, ("triangle", triangles)) as series:
+        ...     series.write(0.0, {"displacement": u}, {"material": tags})
+    """
+
+    def __init__(
+        self,
+        path: str | os.PathLike[str],
+        points: npt.ArrayLike,
+        cells: tuple[str, npt.ArrayLike],
+        after: Mapping[str, float] | None = None,
+    ) -> None:
+        # A later change of the current folder must not redirect the output.
+        self.path = Path(path).resolve()
+        if self.path.suffix != ".xdmf" or ":" in self.path.name:
+            raise ValueError(
+                f"A time series needs a file name that ends in '.xdmf' and has no ':', "
+                f"got '{path}'."
+            )
+        points = np.asarray(points, dtype=np.float64)
+        if points.ndim != 2 or points.shape[1] not in (2, 3):
+            raise ValueError(
+                f"Points should have shape (num_points, 2) or (num_points, 3), got {points.shape}."
+            )
+        if not np.isfinite(points).all():
+            raise ValueError(
+                f"Points should be finite, got {points[~np.isfinite(points).all(axis=1)][0]}."
+            )
+        cell_type, connectivity = cells[0], np.asarray(cells[1])
+        if cell_type not in _TOPOLOGY:
+            raise ValueError(
+                f"Unknown cell type '{cell_type}', expected one of {', '.join(_TOPOLOGY)}."
+            )
+        topology, nodes = _TOPOLOGY[cell_type]
+        if connectivity.ndim != 2 or connectivity.shape[1] != nodes:
+            raise ValueError(
+                f"Cells of type '{cell_type}' should have shape (num_cells, {nodes}), "
+                f"got {connectivity.shape}."
+            )
+        if not np.issubdtype(connectivity.dtype, np.integer):
+            raise ValueError(f"Cells should be integers, got {connectivity.dtype}.")
+        if connectivity.size and not (0 <= connectivity.min() and connectivity.max() < len(points)):
+            raise ValueError(
+                f"Cells should refer to points 0 to {len(points) - 1}, "
+                f"got {connectivity.min()} to {connectivity.max()}."
+            )
+        self._sizes = {"point": len(points), "cell": len(connectivity)}
+        self._shapes: dict[tuple[str, str], tuple[int, ...]] | None = None
+        self._num_times = 0
+        self._last_time = -math.inf
+        self._closed = False
+        self._tail = 0
+        self._xml_size = 0
+
+        self._segment, self._sealed = 0, False
+        if after is None:
+            # An XDMF file of an earlier run would describe data that the new HDF5 file lacks.
+            with explained(self.path):
+                self.path.unlink(missing_ok=True)
+            mesh = {"geometry": np.pad(points, ((0, 0), (0, 3 - points.shape[1])))}
+            mesh["topology"] = connectivity.astype(np.int64)
+            write_file(self.h5_path, _h5_with(mesh))
+        else:
+            self._go_on(after)
+        self._drop_later_segments()
+        self._grid = ElementTree.Element("Grid", Name="grid", GridType="Uniform")
+        self._item(
+            ElementTree.SubElement(
+                self._grid,
+                "Topology",
+                TopologyType=topology,
+                NumberOfElements=str(len(connectivity)),
+                NodesPerElement=str(nodes),
+            ),
+            self._h5_path(0),
+            "/mesh/topology",
+            connectivity.shape,
+            "Int",
+        )
+        self._item(
+            ElementTree.SubElement(self._grid, "Geometry", GeometryType="XYZ"),
+            self._h5_path(0),
+            "/mesh/geometry",
+            (len(points), 3),
+        )
+
+    @property
+    def h5_path(self) -> Path:
+        """The HDF5 file that is written."""
+        return self._h5_path(self._segment)
+
+    @property
+    def h5_paths(self) -> list[Path]:
+        """The HDF5 files of the series, the one that is written last."""
+        return [self._h5_path(segment) for segment in range(self._segment + 1)]
+
+    def _h5_path(self, segment: int) -> Path:
+        return self.path.with_suffix(f".{segment}.h5" if segment else ".h5")
+
+    def _drop_later_segments(self) -> None:
+        """Remove what an earlier run has left beyond the present HDF5 file."""
+        segment = self._segment + 1
+        while self._h5_path(segment).exists():
+            self._h5_path(segment).unlink()
+            segment += 1
+
+    def seal(self) -> dict[str, float]:
+        """Let nothing that follows touch what was written so far, and see it on the disk.
+
+        Returns:
+            What a new series needs to go on from here, as its `after`.
+        """
+        if not self._sealed:
+            for path in (self.h5_paths[-1], self.path):
+                if path.exists():
+                    with open(path, "rb") as file:
+                        os.fsync(file.fileno())
+            self._sealed = True
+        return {
+            "times": self._num_times,
+            "last_time": self._last_time,
+            "tail": self._tail,
+            "segment": self._segment,
+        }
+
+    def _go_on(self, after: Mapping[str, float]) -> None:
+        """Take the files back to what `seal` told of."""
+        self._segment, self._sealed = after["segment"], True
+        self._num_times, self._last_time = after["times"], after["last_time"]
+        self._tail = after["tail"]
+        for path in self.h5_paths:
+            if not path.exists():
+                raise ValueError(
+                    f"'{path}' is missing, in which the series '{self.path.name}' stands until "
+                    f"{self._last_time:g} s: put it back, or start the run from its beginning."
+                )
+        if not self._num_times:
+            self.path.unlink(missing_ok=True)
+            return
+        done = b""
+        if self.path.exists():
+            with open(self.path, "rb") as xml:
+                done = xml.read(self._tail)
+        if len(done) != self._tail or not done.startswith(_XML_HEAD):
+            raise ValueError(
+                f"'{self.path}' does not hold the {self._num_times} times until "
+                f"{self._last_time:g} s that were written to it: put it back, or start the run "
+                "from its beginning."
+            )
+        self._show(done)
+
+    def _item(
+        self,
+        parent: ElementTree.Element,
+        path: Path,
+        dataset: str,
+        shape: tuple[int, ...],
+        data_type: str = "Float",
+    ) -> None:
+        """Let an XDMF element refer to a dataset of the HDF5 file."""
+        item = ElementTree.SubElement(
+            parent,
+            "DataItem",
+            DataType=data_type,
+            Precision="8",
+            Dimensions=" ".join(map(str, shape)),
+            Format="HDF",
+        )
+        item.text = f"{path.name}:{dataset}"
+
+    def write(
+        self,
+        time: float,
+        point_data: Mapping[str, npt.ArrayLike] | None = None,
+        cell_data: Mapping[str, npt.ArrayLike] | None = None,
+    ) -> None:
+        """Add a time with all its fields; the first call fixes their names and shapes.
+
+        Fields are stored as float64: scalars of shape (n,), vectors (n, 2) or (n, 3), tensors
+        (n, 2, 2) or (n, 3, 3), n being the number of points or of cells. Vectors are padded with
+        zeros to 3 components, tensors to 9, stored row by row.
+
+        Args:
+            time: Time, s; greater than that of the call before.
+            point_data: Fields on the points, by name.
+            cell_data: Fields on the cells, by name.
+
+        Raises:
+            ValueError: If the time does not grow, a field has a shape that cannot be stored, or
+                names or shapes differ from those of the first call; nothing is written then.
+            OSError: If the files cannot be written. The times before stay readable, and a later
+                call writes again where it can.
+        """
+        if self._closed:
+            raise ValueError(f"The time series '{self.path}' is closed, open a new one.")
+        time = float(time)
+        if not self._last_time < time < math.inf:
+            raise ValueError(
+                f"Times should be finite and grow, got {time!r} s after {self._last_time!r} s."
+            )
+        fields = {
+            (centre, name): np.asarray(values, dtype=np.float64)
+            for centre, data in (("point", point_data), ("cell", cell_data))
+            for name, values in (data or {}).items()
+        }
+        for (centre, name), values in fields.items():
+            if not name or "/" in name or ":" in name or name == ".":
+                raise ValueError(
+                    f"A field needs a name without '/' and ':', got '{name}' in {centre} data."
+                )
+            num = self._sizes[centre]
+            if values.shape not in ((num,), (num, 2), (num, 3), (num, 2, 2), (num, 3, 3)):
+                raise ValueError(
+                    f"The {centre} field '{name}' should have shape ({num},), ({num}, 2 or 3) or "
+                    f"({num}, 2, 2) or ({num}, 3, 3), got {values.shape}."
+                )
+        shapes = {key: values.shape for key, values in fields.items()}
+        first = shapes if self._shapes is None else self._shapes
+        for centre, name in first.keys() | shapes.keys():
+            before, now = first.get((centre, name)), shapes.get((centre, name))
+            if before != now:
+                raise ValueError(
+                    f"The {centre} field '{name}' has shape {now or '(absent)'}, but "
+                    f"{before or '(absent)'} in the first write, which fixes the names and "
+                    "shapes: give the same fields at every time."
+                )
+
+        # HDF5 rewrites a group's list of names when one is added: short lists keep this cheap.
+        group = f"/times/{self._num_times // 100:06d}/{self._num_times % 100:02d}"
+        grid = ElementTree.Element("Grid", self._grid.attrib)
+        ElementTree.SubElement(grid, "Time", Value=repr(time))
+        grid.extend(self._grid)
+        if self._sealed:
+            write_file(self._h5_path(self._segment + 1), _h5_with({}))
+            self._segment, self._sealed = self._segment + 1, False
+        widths = (1, 3, 9)  # of scalars, vectors and tensors
+        needed = _GROUPS + sum(
+            _ENTRY + 8 * widths[values.ndim - 1] * len(values) for values in fields.values()
+        )
+        # No lock: a viewer that has the file open must not make the run fail.
+        with explained(self.h5_path):
+            _reserve(self.h5_path, needed)
+            self._store(group, fields, grid)
+        with explained(self.path):
+            self._append(
+                ElementTree.tostring(grid, encoding="utf-8", xml_declaration=False) + b"\n"
+            )
+        self._shapes = shapes
+        self._last_time = time
+        self._num_times += 1
+
+    def _store(
+        self,
+        group: str,
+        fields: Mapping[tuple[str, str], npt.NDArray[np.float64]],
+        grid: ElementTree.Element,
+    ) -> None:
+        """Write the fields of a time to the HDF5 file, and let its grid refer to them."""
+        with h5py.File(self.h5_path, "r+", locking=False) as h5:
+            if group in h5:
+                # of a write that failed in the XDMF file
+                del h5[group]
+            for (centre, name), values in fields.items():
+                kind = ("Scalar", "Vector", "Tensor")[values.ndim - 1]
+                values = np.pad(values, [(0, 0)] + [(0, 3 - size) for size in values.shape[1:]])
+                if values.ndim == 3:
+                    values = values.reshape(len(values), 9)
+                dataset = f"{group}/{centre}/{name}"
+                h5[dataset] = values
+                attribute = ElementTree.SubElement(
+                    grid,
+                    "Attribute",
+                    Name=name,
+                    AttributeType=kind,
+                    Center="Node" if centre == "point" else "Cell",
+                )
+                self._item(attribute, self.h5_path, dataset, values.shape)
+
+    def _append(self, grid: bytes) -> None:
+        """Add one grid to the collection of the XDMF file, which stays well-formed throughout."""
+        end = _XML_TAIL + _ROOM_OPEN
+        start = self._tail + len(end) if self._num_times else len(_XML_HEAD)
+        tail = start + len(grid)
+        if tail // _PAGE != (tail + len(end) - 1) // _PAGE:
+            grid += b" " * (_PAGE - tail % _PAGE)
+            tail = start + len(grid)
+        if self._num_times and tail + len(end) + len(_ROOM_CLOSE) <= self._xml_size:
+            with open(self.path, "r+b", buffering=0) as xml:
+                xml.seek(start)
+                _write_all(xml, grid + end)
+                xml.seek(self._tail)
+                _write_all(xml, b" " * len(end))
+        else:
+            done = _XML_HEAD
+            if self._num_times:
+                with open(self.path, "rb") as xml:
+                    done = xml.read(self._tail) + b" " * len(end)
+            self._show(done + grid)
+        self._tail = tail
+
+    def _show(self, done: bytes) -> None:
+        """Put a document with these grids in place, with room behind them."""
+        room = min(max(len(done), _ROOM_SIZES[0]), _ROOM_SIZES[1])
+        content = done + _XML_TAIL + _ROOM_OPEN + b" " * room + _ROOM_CLOSE
+        write_file(self.path, content)
+        self._xml_size = len(content)
+
+    def close(self) -> None:
+        """Give the spare room of the XDMF file back; no more can be written."""
+        if self._num_times and not self._closed:
+            self._closed = True
+            with explained(self.path):
+                os.truncate(self.path, self._tail + len(_XML_TAIL))
+        self._closed = True
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+class History:
+    """A table with one line a step, on disk as soon as the step is done.
+
+    Args:
+        path: The file, usually ``history.csv``; one that is there is replaced.
+        columns: Names of the columns, in their order.
+        after: Bytes of a table that is there (:meth:`flush`), after which it goes on; what was
+            written later is dropped. None for a new table.
+
+    Raises:
+        ValueError: If a column occurs twice or is not a Python identifier, or the table that is
+            there is shorter or has other columns.
+        OSError: If the file cannot be written.
+    """
+
+    def __init__(
+        self,
+        path: str | os.PathLike[str],
+        columns: Sequence[str] = HISTORY_COLUMNS,
+        after: int | None = None,
+    ) -> None:
+        self.path = Path(path).resolve()
+        self.columns = tuple(columns)
+        if len(set(self.columns)) != len(self.columns) or not all(
+            column.isidentifier() for column in self.columns
+        ):
+            raise ValueError(
+                f"Columns should be different Python identifiers, got {list(self.columns)}."
+            )
+        head = ",".join(self.columns) + "\n"
+        if after is None:
+            with explained(self.path):
+                self._file = io.FileIO(self.path, "w")
+            self._write_line(head.rstrip())
+            return
+        there = self.path.read_bytes()[:after] if self.path.exists() else b""
+        if len(there) != after or not (there.startswith(head.encode()) and there.endswith(b"\n")):
+            raise ValueError(
+                f"'{self.path}' does not begin with the {after} bytes of steps that were written "
+                "to it: put it back, or start the run from its beginning."
+            )
+        with explained(self.path):
+            os.truncate(self.path, after)
+            self._file = io.FileIO(self.path, "a")
+
+    def flush(self) -> int:
+        """See all lines on the disk; how many bytes they take."""
+        with explained(self.path):
+            os.fsync(self._file.fileno())
+        return self._file.seek(0, os.SEEK_END)
+
+    def append(self, **values: float) -> None:
+        """Write the line of one step, in full double precision.
+
+        Args:
+            **values: One number for each column: integers as such, all else as float64.
+
+        Raises:
+            ValueError: If a column is missing, unknown, or NaN; nothing is written then.
+            OSError: If the file cannot be written, or was removed; no part of the line is left.
+        """
+        missing = [column for column in self.columns if column not in values]
+        unknown = [column for column in values if column not in self.columns]
+        if missing or unknown:
+            raise ValueError(
+                f"A line of '{self.path.name}' needs each column once: "
+                f"missing {missing}, unknown {unknown}."
+            )
+        line = []
+        for column in self.columns:
+            value = values[column]
+            if isinstance(value, (int, np.integer)):
+                line.append(str(int(value)))
+                continue
+            if math.isnan(value):
+                raise ValueError(
+                    f"The column '{column}' of '{self.path.name}' is not a number: the step "
+                    "that gave it is wrong."
+                )
+            line.append(repr(float(value)))
+        self._write_line(",".join(line))
+
+    def _write_line(self, line: str) -> None:
+        """One unbuffered write: a killed run leaves whole lines, and so does a full disk."""
+        with explained(self.path):
+            if os.fstat(self._file.fileno()).st_nlink == 0:
+                raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT))
+            whole = self._file.seek(0, os.SEEK_END)
+            try:
+                _write_all(self._file, (line + "\n").encode())
+            except OSError:
+                with suppress(OSError):
+                    self._file.truncate(whole)
+                raise
+
+    def close(self) -> None:
+        """Close the file; no more can be appended."""
+        with explained(self.path):
+            self._file.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+def read_history(path: str | os.PathLike[str]) -> dict[str, npt.NDArray[np.float64]]:
+    """Read a table written by :class:`History`, bit for bit, also while the run goes on.
+
+    Args:
+        path: The file, usually ``history.csv``.
+
+    Returns:
+        For each column an array of shape (num_steps,), float64. A last line without its end, left
+        by a run that was killed, is not counted.
+
+    Raises:
+        ValueError: If a line has not one number for each column.
+        OSError: If the file cannot be read.
+    """
+    path = Path(path)
+    lines = path.read_text().splitlines(keepends=True)
+    if lines and not lines[-1].endswith("\n"):
+        logger.warning("%s: the last line is incomplete and left out", path)
+        lines.pop()
+    rows = list(csv.reader(lines))
+    if not rows:
+        raise ValueError(f"'{path}' is empty, expected a line of column names.")
+    for number, row in enumerate(rows, start=1):
+        if len(row) != len(rows[0]):
+            raise ValueError(
+                f"'{path}', line {number}: got {len(row)} values for {len(rows[0])} columns."
+            )
+    table = np.array(rows[1:], dtype=np.float64).reshape(-1, len(rows[0]))
+    return {name: table[:, column].copy() for column, name in enumerate(rows[0])}
+
+
+def _plain(value: Any, where: str) -> Any:
+    """Turn NumPy values and paths into what JSON has, and refuse what it has not."""
+    if isinstance(value, (np.ndarray, np.generic)):
+        value = value.tolist()
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item, f"{where}.{key}") for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(item, f"{where}[{number}]") for number, item in enumerate(value)]
+    if isinstance(value, os.PathLike):
+        return os.fspath(value)
+    if isinstance(value, float) and not math.isfinite(value):
+        raise ValueError(
+            f"The summary's '{where}' is {value}: give a finite number, or None if there is none."
+        )
+    if value is None or isinstance(value, (bool, int, float, str)):
+        return value
+    raise TypeError(
+        f"The summary's '{where}' is of {type(value)}: give a number, a string, an array, a list "
+        "or a mapping."
+    )
+
+
+def write_summary(path: str | os.PathLike[str], mapping: Mapping[str, Any]) -> None:
+    """Write a run's parameters and results as JSON, sorted by key, at once or not at all.
+
+    Args:
+        path: The file, usually ``summary.json``; one that is there is replaced.
+        mapping: Nested mappings and lists of numbers, strings, None, NumPy scalars and arrays.
+
+    Raises:
+        ValueError: If a number is not finite.
+        TypeError: If a value has no meaning in JSON.
+        OSError: If the file cannot be written.
+    """
+    plain = {str(key): _plain(value, str(key)) for key, value in mapping.items()}
+    text = json.dumps(plain, indent=2, sort_keys=True, allow_nan=False, ensure_ascii=False)
+    write_file(Path(path), (text + "\n").encode())
+
+
+def without_times(summary: Any) -> Any:
+    """A summary without what :data:`TIMING_KEYS` name: two runs of the same scene have it alike."""
+    if isinstance(summary, Mapping):
+        return {k: without_times(v) for k, v in summary.items() if k not in TIMING_KEYS}
+    if isinstance(summary, (list, tuple)):
+        return [without_times(item) for item in summary]
+    return summary
+
+
+def prepare_folder(path: str | os.PathLike[str]) -> Path:
+    """Create an output folder if it is missing, write a probe file into it, see that it is free.
+
+    Call it before any work. What access rights say is not asked: root may do everything on a
+    read-only or a full disk, until it tries.
+
+    Args:
+        path: The folder; its parents are created too.
+
+    Returns:
+        The folder's absolute path.
+
+    Raises:
+        OSError: If the folder cannot be created or written; the subclass tells why
+            (PermissionError, NotADirectoryError, ...; BlockingIOError if a run writes there).
+    """
+    folder = Path(path).resolve()
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder) as probe:
+            probe.write(bytes(1 << 16))
+            probe.flush()
+            # A file system may take data that it has no space for until they must be stored.
+            os.fsync(probe.fileno())
+    except OSError as error:
+        raise type(error)(
+            error.errno,
+            f"The output folder '{folder}' cannot be written ({error.strerror}): expected a "
+            "folder, or a place for a new one, with write permission and free space; give "
+            "another one or mend this",
+        ) from None
+    FolderLock(folder).release()
+    return folder

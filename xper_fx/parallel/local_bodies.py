@@ -1,0 +1,145 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""The bodies of one rank, as bodies with a mesh of their own.
+
+Bodies share no vertex, so the mesh of a rank's bodies is a mesh on one process: forms, mass,
+stiffness and inverses of a rank need no other.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from dolfinx.mesh import meshtags
+
+from xper_fx.bodies.explode import Bodies, CellFacets, FacingFacets
+from xper_fx.parallel.division import partition_bodies
+from xper_fx.support.compat import create_exploded_mesh, geometry_dofmap
+from xper_fx.support.ranks import Ranks
+
+# Share of a cell and of a facing facet in the work of a body.
+_CELL, _FACET = 1, 2
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """What a rank has of bodies that several ranks divide.
+
+    Attributes:
+        rank_of_body: shape (num_bodies of all,), int32.
+        bodies: this rank's; its `facets` and `ties` are those with both sides here.
+        body_numbers: shape (num_bodies,), which of all bodies they are.
+        cells: shape (num_cells,), cells of the whole exploded mesh.
+        nodes: shape (num_geometry_nodes,), geometry nodes of the whole exploded mesh.
+        cell_of: shape (num_cells of all,), this rank's number of each cell, -1 if it is elsewhere.
+    """
+
+    rank_of_body: np.ndarray
+    bodies: Bodies
+    body_numbers: np.ndarray
+    cells: np.ndarray
+    nodes: np.ndarray
+    cell_of: np.ndarray
+
+
+def divide(bodies: Bodies, ranks: Ranks) -> Part:
+    """Divide bodies among ranks and take this rank's.
+
+    Args:
+        bodies: all bodies, the same on every rank.
+        ranks: the ranks.
+
+    Raises:
+        ValueError: fewer bodies than ranks.
+    """
+    rank_of_body = bodies_by_rank(bodies, ranks.size)
+    return _take(bodies, ranks.comm.bcast(rank_of_body), ranks.rank)
+
+
+def bodies_by_rank(bodies: Bodies, num_ranks: int) -> np.ndarray:
+    """Rank of each body, shape (num_bodies,), by their cells and facing facets."""
+    pairs = bodies.facets.bodies
+    weights = _CELL * np.bincount(bodies.body_of_cell, minlength=bodies.num_bodies)
+    weights += _FACET * np.bincount(pairs.ravel(), minlength=bodies.num_bodies)
+    return partition_bodies(weights, pairs, np.ones(len(pairs), int), num_ranks)
+
+
+def _take(bodies: Bodies, rank_of_body: np.ndarray, rank: int) -> Part:
+    own = rank_of_body == rank
+    cells = np.flatnonzero(own[bodies.body_of_cell])
+    whole = bodies.mesh
+    tdim = whole.topology.dim
+    nodes, numbered = np.unique(geometry_dofmap(whole)[cells], return_inverse=True)
+    x = whole.geometry.x[nodes, : whole.geometry.dim]
+    mesh = create_exploded_mesh(whole, numbered.reshape(len(cells), -1), x)
+    mesh.name = whole.name
+    cell_of = np.full(len(bodies.body_of_cell), -1, np.int32)
+    cell_of[cells] = np.arange(len(cells), dtype=np.int32)
+    body_numbers = np.flatnonzero(own)
+    body_of = np.cumsum(own) - 1
+    material = bodies.material_of_cell[cells]
+    tags = meshtags(mesh, tdim, np.arange(len(cells), dtype=np.int32), material)
+    tags.name = bodies.cell_tags.name
+    nodes = nodes[mesh.geometry.input_global_indices]
+
+    def kept(facets: FacingFacets) -> FacingFacets:
+        here = np.flatnonzero(np.all(own[facets.bodies], axis=1))
+        arrays = {name: array[here] for name, array in vars(facets).items()}
+        arrays["cells"] = cell_of[arrays["cells"]]
+        arrays["bodies"] = body_of[arrays["bodies"]].astype(np.int32)
+        return FacingFacets(**arrays)
+
+    part = Bodies(
+        mesh=mesh,
+        num_bodies=len(body_numbers),
+        labels=bodies.labels[body_numbers],
+        body_of_cell=body_of[bodies.body_of_cell[cells]].astype(np.int32),
+        parent_cell=bodies.parent_cell[cells],
+        parent_vertex=bodies.parent_vertex[nodes],
+        cell_tags=tags,
+        material_of_cell=material,
+        facet_tags=_facet_tags(bodies, mesh, cells),
+        facets=kept(bodies.facets),
+        lattice=bodies.lattice,
+        ties=kept(bodies.ties),
+    )
+    return Part(rank_of_body, part, body_numbers, cells, nodes, cell_of)
+
+
+def _facet_tags(bodies: Bodies, mesh, cells: np.ndarray):
+    """Tags of the facets of some cells, which have the same facets in the same order."""
+    whole, tdim = bodies.mesh, bodies.mesh.topology.dim
+    facets_of = []
+    for m in (whole, mesh):
+        m.topology.create_connectivity(tdim, tdim - 1)
+        m.topology.create_connectivity(tdim - 1, tdim)
+        count = m.topology.index_map(tdim).size_local
+        facets_of.append(m.topology.connectivity(tdim, tdim - 1).array.reshape(count, -1))
+    tag = np.zeros(whole.topology.index_map(tdim - 1).size_local, np.int32)
+    there = tag.astype(bool)
+    tag[bodies.facet_tags.indices] = bodies.facet_tags.values
+    there[bodies.facet_tags.indices] = True
+    old, new = facets_of[0][cells], facets_of[1]
+    tagged = there[old]
+    facets, first = np.unique(new[tagged], return_index=True)
+    tags = meshtags(mesh, tdim - 1, facets.astype(np.int32), tag[old[tagged]][first])
+    tags.name = bodies.facet_tags.name
+    return tags
+
+
+def nodes_on_sides(part: Part, V, facets: FacingFacets, which: np.ndarray, side: int):
+    """Nodes of this rank's V on one side of facing facets of all bodies, shape (n, k).
+
+    Args:
+        part: the rank's part.
+        V: Lagrange space on the mesh of the part.
+        facets: facing facets of all bodies.
+        which: shape (n,), facets whose side is here.
+        side: 0 for the candidate, 1 for the antagonist.
+    """
+    one = CellFacets(
+        part.cell_of[facets.cells[which, side]][:, None],
+        facets.local_facets[which, side][:, None],
+        facets.local_vertices[which, side][:, None],
+    )
+    return part.bodies.nodes_on_facets(V, one)[:, 0]

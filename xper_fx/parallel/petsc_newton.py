@@ -1,0 +1,229 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""The linear system of Newton's method over the bodies of all ranks, by PETSc.
+
+GMRES (Saad and Schultz 1986) with the two corrections of `nscd/solvers/tangent.py`, added up:
+clusters of facing nodes, whose rows are on one rank each (`row_numbering.py`) and whose blocks are
+inverted there; and all clusters moving as one, whose matrix P^T w^-1 P is factored once for each w,
+by every rank or, if large, over all ranks by MUMPS (Amestoy et al. 2001). Both are those of one
+rank, and so is the number of iterations.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from petsc4py import PETSc
+
+from xper_fx.nscd.interactions import Interactions
+from xper_fx.nscd.solvers.clusters import facing_clusters, opened_clusters
+from xper_fx.nscd.solvers.tangent import prescribed
+from xper_fx.parallel.row_numbering import Rows, number_rows
+
+# Vectors that GMRES keeps before a restart.
+_BASIS = 40
+# Unknowns of the coarse problem up to which every rank factors the whole: one exchange a solve, in
+# place of the many of a factorisation that is spread.
+_REPLICATED = 50_000
+
+Elements = list[tuple[np.ndarray, np.ndarray]]
+"""Degrees of freedom of slots, shape (n, m), and square matrices on them, shape (n, m, m)."""
+
+
+class LinearSystem:
+    """(w^-1 + S) x = b, S the springs of the points; all ranks call everything together.
+
+    What is prescribed has a row with a one.
+
+    Args:
+        interactions: this rank's points.
+    """
+
+    def __init__(self, interactions: Interactions):
+        halo, dim = interactions.halo, interactions.dim
+        self._comm, self._dim = halo.ranks.comm, dim
+        clusters, _ = facing_clusters(interactions)
+        rows = number_rows(interactions, clusters.cluster)
+        self._sizes = rows.sizes
+        index = (rows.row[:, None] * dim + np.arange(dim)).ravel()
+        fixed = prescribed(interactions.inverse)
+        self._index = np.full(len(fixed), -1, PETSc.IntType)
+        self._index[: len(index)] = np.where(fixed[: len(index)], -1, index)
+        own = interactions.bulk_inverse.num_nodes * dim
+        self._ones = index[:own][fixed[:own]].astype(PETSc.IntType)[:, None]
+
+        sizes = (rows.sizes * dim).astype(PETSc.IntType)
+        self._count = int(sizes.sum())
+        self._matrix = self._new_matrix(self._count)
+        self._matrix.setVariableBlockSizes(sizes)
+        self._x, self._b = self._matrix.createVecs()
+        self._local = PETSc.Vec().createSeq(len(index), comm=PETSc.COMM_SELF)
+        where = PETSc.IS().createGeneral(index.astype(PETSc.IntType), comm=PETSc.COMM_SELF)
+        self._scatter = PETSc.Scatter().create(self._x, where, self._local, None)
+
+        self._preconditioner = _TwoLevel(self._prolongation(interactions, rows, fixed[:own]))
+        self._krylov = PETSc.KSP().create(self._comm)
+        self._krylov.setType(PETSc.KSP.Type.GMRES)
+        self._krylov.setGMRESRestart(_BASIS)
+        self._krylov.setPCSide(PETSc.PC.Side.RIGHT)
+        self._krylov.setInitialGuessNonzero(True)
+        self._krylov.setOperators(self._matrix)
+        pc = self._krylov.getPC()
+        pc.setType(PETSc.PC.Type.PYTHON)
+        pc.setPythonContext(self._preconditioner)
+        self._bodies: Elements = []
+
+    def _new_matrix(self, columns: int) -> PETSc.Mat:
+        """An empty matrix, with this many columns of this rank."""
+        matrix = PETSc.Mat().create(self._comm)
+        matrix.setSizes([(n, PETSc.DETERMINE) for n in (self._count, columns)])
+        matrix.setType(PETSc.Mat.Type.AIJ)
+        matrix.setUp()
+        return matrix
+
+    def _prolongation(self, interactions: Interactions, rows: Rows, fixed: np.ndarray):
+        """P, without the motions that open a point or move what is prescribed."""
+        slots, ground = len(rows.cluster), interactions.inverse.num_slots
+        labels = np.append(rows.cluster, -1 - np.arange(ground - slots))
+        compact = np.unique(labels, return_inverse=True)[1]
+        opened = opened_clusters(interactions, compact)[compact[:slots]]
+        marks = np.repeat(opened, self._dim).astype(float)
+        marks[: len(fixed)] += fixed
+        self._to_rows(marks, self._b)
+        firsts = np.cumsum(self._sizes) - self._sizes
+        marks = self._b.array.reshape(-1, self._dim)
+        held = np.add.reduceat(marks, firsts, axis=0) > 0.0 if len(firsts) else marks > 0.0
+        matrix = self._new_matrix(int(np.count_nonzero(~held)))
+        (first, _), (first_column, _) = matrix.getOwnershipRange(), matrix.getOwnershipRangeColumn()
+        number = first_column + np.cumsum(~held).reshape(held.shape) - 1
+        of_row = np.repeat(np.arange(len(self._sizes)), self._sizes)
+        kept = np.flatnonzero(~held[of_row].ravel())
+        columns = number[of_row].ravel()[kept]
+        if len(kept):
+            self._add(matrix, (first + kept)[:, None], columns[:, None], np.ones(len(kept)))
+        matrix.assemble()
+        return matrix
+
+    @staticmethod
+    def _add(matrix, rows: np.ndarray, columns: np.ndarray, values: np.ndarray) -> None:
+        """Add small matrices to a matrix; rows and columns below 0 count for nothing."""
+        matrix.setValuesRCV(
+            rows.astype(PETSc.IntType),
+            columns.astype(PETSc.IntType),
+            values.reshape(*rows.shape, columns.shape[1]),
+            addv=PETSc.InsertMode.ADD_VALUES,
+        )
+
+    def _assemble(self, matrix, elements: Elements) -> None:
+        """Sum of the bodies' blocks and of others, and ones for what is prescribed."""
+        matrix.zeroEntries()
+        for dofs, values in (*self._bodies, *elements):
+            if len(dofs):
+                where = self._index[dofs]
+                self._add(matrix, where, where, values)
+        if len(self._ones):
+            self._add(matrix, self._ones, self._ones, np.ones(len(self._ones)))
+        matrix.assemble()
+
+    def _to_rows(self, values: np.ndarray, vector) -> None:
+        """Sum what the ranks have at slots and ghosts into the rows of a vector."""
+        self._local.array[:] = values
+        vector.set(0.0)
+        self._scatter.scatter(
+            self._local, vector, PETSc.InsertMode.ADD_VALUES, PETSc.ScatterMode.REVERSE
+        )
+
+    def take_bodies(self, blocks: Elements) -> None:
+        """Take w^-1 of this rank's bodies."""
+        self._bodies = blocks
+        matrix = self._new_matrix(self._count)
+        self._assemble(matrix, [])
+        self._preconditioner.factor(matrix)
+        matrix.destroy()
+
+    def take_springs(self, springs: Elements, as_one: bool) -> bool:
+        """Take S.
+
+        Args:
+            springs: of this rank's points.
+            as_one: whether clusters moving as one shall be corrected for.
+
+        Returns:
+            Whether the block of every cluster could be inverted.
+        """
+        self._assemble(self._matrix, springs)
+        return self._preconditioner.take(self._matrix, as_one)
+
+    def solve(self, b: np.ndarray, x: np.ndarray, bound: float, max_iterations: int) -> int:
+        """Improve x until |b - A x| is within a bound.
+
+        Args:
+            b: shape (num_slots * dim,), what this rank's points add at its slots and ghosts.
+            x: shape (num_slots * dim,), at slots and ghosts: a first guess, and then the solution.
+            bound: norm of the residual to reach.
+            max_iterations: of GMRES.
+
+        Returns:
+            Iterations made.
+        """
+        n = self._local.size
+        b[:n][self._index[:n] < 0] = 0.0
+        self._to_rows(b[:n], self._b)
+        self._local.array[:] = x[:n]
+        self._scatter.scatter(
+            self._local, self._x, PETSc.InsertMode.INSERT_VALUES, PETSc.ScatterMode.REVERSE
+        )
+        self._krylov.setTolerances(rtol=0.0, atol=bound, divtol=1e300, max_it=max_iterations)
+        self._krylov.solve(self._b, self._x)
+        self._scatter.scatter(
+            self._x, self._local, PETSc.InsertMode.INSERT_VALUES, PETSc.ScatterMode.FORWARD
+        )
+        x[:n] = self._local.array
+        return self._krylov.getIterationNumber()
+
+
+class _TwoLevel:
+    """z = clusters alone + all clusters moving as one.
+
+    Args:
+        prolongation: P.
+    """
+
+    def __init__(self, prolongation):
+        self._prolongation = prolongation
+        self._clusters = PETSc.PC().create(prolongation.comm)
+        self._clusters.setType(PETSc.PC.Type.VPBJACOBI)
+        self._as_one, self._coarse = False, None
+        self._moved, _ = prolongation.createVecs()
+        self._force = self._moved.duplicate()
+
+    def factor(self, bodies) -> None:
+        """Factor P^T w^-1 P."""
+        if self._moved.getSize() == 0:
+            return
+        matrix = bodies.ptap(self._prolongation)
+        if self._coarse is not None:
+            self._coarse.destroy()
+        self._coarse = PETSc.KSP().create(bodies.comm)
+        self._coarse.setType(PETSc.KSP.Type.PREONLY)
+        self._coarse.setOperators(matrix)
+        pc = self._coarse.getPC()
+        if matrix.getSize()[0] > _REPLICATED and PETSc.Sys.hasExternalPackage("mumps"):
+            pc.setType(PETSc.PC.Type.LU)
+            pc.setFactorSolverType(PETSc.Mat.SolverType.MUMPS)
+        else:
+            pc.setType(PETSc.PC.Type.REDUNDANT)
+        self._coarse.setUp()
+
+    def take(self, matrix, as_one: bool) -> bool:
+        """Invert the clusters' blocks; whether that was possible on all ranks."""
+        self._as_one = as_one and self._coarse is not None
+        self._clusters.setOperators(matrix)
+        self._clusters.setUp()
+        return self._clusters.getFailedReason() == 0
+
+    def apply(self, pc, r, z) -> None:
+        """z = B r, as PETSc calls it."""
+        self._clusters.apply(r, z)
+        if self._as_one:
+            self._prolongation.multTranspose(r, self._force)
+            self._coarse.solve(self._force, self._moved)
+            self._prolongation.multAdd(self._moved, z, z)

@@ -1,0 +1,184 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Which rank has which rigid bodies and contacts, as bodies move.
+
+Every rank has the state of all bodies and moves all of them, by the same operations on the same
+bits: a few hundred bytes a body, and little work. The list of pairs that may touch soon is made on
+every rank, too. What costs is divided: each pair of that list is searched for contacts by one rank,
+which sweeps over them.
+
+Bodies are partitioned as a graph whose edges are the pairs of the list. A pair weighs what its
+search costs, and `_CONTACT` more for each contact found last; a body weighs what its pairs do. The
+partition is looked at anew whenever the list has been made anew. With work_r what rank r does on
+its own, cut_ab what it shares with others, of which two are swept at a time if they are of one
+phase (`ownership.phases`), and the mean of all work over the ranks, a sweep takes
+
+    cost = (max_r work_r + sum over phases of max cut_ab) / mean
+
+times what it would take if work could be divided evenly. Bodies are partitioned again where that
+has grown by `_GROWN` since the last partition: what was reached then is what can be reached, so
+that ranks do not partition again and again in vain. A partition that is no better is not taken.
+
+With fewer pairs than `_FEW` a rank messages would cost more than they save: each rank has all.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping
+
+import numpy as np
+
+from xper_fx.parallel.division import partition_bodies
+from xper_fx.parallel.ownership import owners_of_pairs, phases
+from xper_fx.parallel.rigid_halo import RigidHalo
+from xper_fx.support.ranks import Ranks
+
+logger = logging.getLogger(__name__)
+
+# Pairs a rank below which it pays not to divide them, and share of that at which divided ones are
+# put together again. A sweep visits ten thousand contacts in about the time of its messages.
+_FEW, _FEWER = 10_000, 0.5
+# Weight of a contact over that of a pair: sweeps over one search.
+_CONTACT = 10
+# Growth of the cost at which bodies are partitioned again.
+_GROWN = 0.1
+
+
+class RigidDivision:
+    """Divides rigid bodies among ranks.
+
+    Args:
+        ranks: the ranks.
+        moves: shape (num_bodies,), bool: which bodies contacts can move.
+        dim: dimension of space.
+
+    Attributes:
+        halo: what contacts have to do with other ranks, None where each rank has all.
+        rank_of_body: shape (num_bodies,), int32; bodies that do not move are on the first.
+        partitions: how often bodies have been partitioned.
+        moved: how many bodies have changed their rank since the start.
+    """
+
+    def __init__(self, ranks: Ranks, moves: np.ndarray, dim: int):
+        self.ranks, self._moves, self._dofs = ranks, moves, 2 * dim
+        self.halo: RigidHalo | None = None
+        self.rank_of_body = np.zeros(len(moves), np.int32)
+        self.partitions = self.moved = 0
+        self._contacts = np.empty((0, 2), np.int32)
+        self._reached = np.inf
+        # partition under which the contacts were found, None where each rank has all
+        self._found_by: np.ndarray | None = None
+        # whether the next list is divided, as that of a saved run was; None where nothing was saved
+        self._as_saved: bool | None = None
+
+    def own(self, pairs: np.ndarray) -> np.ndarray:
+        """Which pairs of a new list this rank searches; all ranks call it together.
+
+        Args:
+            pairs: shape (n, 2), bodies that may touch soon, the same on all ranks.
+
+        Returns:
+            Shape (n,), bool.
+        """
+        moving = pairs[self._moves[pairs].all(axis=1)]
+        as_saved, self._as_saved = self._as_saved, None
+        if not (self._are_many(moving) if as_saved is None else as_saved):
+            self.halo = None
+            return np.ones(len(pairs), bool)
+        if as_saved is None:
+            weighed, weights = self._weighed(pairs)
+            cost = self._cost(self.rank_of_body, weighed, weights)
+            if self.halo is None or cost > self._reached + _GROWN:
+                self._partition(weighed, weights, cost)
+        self.halo = RigidHalo(self.ranks, self.rank_of_body, self._moves, moving, self._dofs)
+        return self._owner(self.rank_of_body, pairs) == self.ranks.rank
+
+    def found(self, bodies: np.ndarray) -> bool:
+        """Take note of the contacts found; all ranks call it together.
+
+        Args:
+            bodies: shape (n, 2), of this rank's contacts.
+
+        Returns:
+            Whether contacts of the last step have to be told to all ranks, as others have them now.
+        """
+        self._contacts = bodies
+        before, self._found_by = self._found_by, None if self.halo is None else self.rank_of_body
+        return before is not None and before is not self._found_by
+
+    def join(self) -> None:
+        """Let each rank have all until a new list is made."""
+        self.halo = None
+
+    def saved(self) -> dict:
+        """Which rank has which bodies, whether that is used now, and what its partition reached."""
+        return {
+            "ranks": self.ranks.size,
+            "divided": int(self.halo is not None),
+            "rank_of_body": self.rank_of_body,
+            "reached": self._reached,
+        }
+
+    def restore(self, saved: Mapping) -> None:
+        """Divide the next list as `saved` tells; another number of ranks divides it anew."""
+        if saved["ranks"] == self.ranks.size:
+            self.rank_of_body, self._reached = saved["rank_of_body"], saved["reached"]
+            self._as_saved = bool(saved["divided"])
+
+    def _are_many(self, moving: np.ndarray) -> bool:
+        """Whether there is enough to divide."""
+        least = _FEW * self.ranks.size * (1.0 if self.halo is None else _FEWER)
+        enough = np.count_nonzero(self._moves) >= self.ranks.size
+        return enough and len(moving) >= max(least, 1)
+
+    def _weighed(self, pairs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Pairs and their contacts, on all ranks, and what they weigh."""
+        contacts = self._contacts
+        if self._found_by is not None:
+            contacts = np.concatenate(self.ranks.comm.allgather(contacts))
+        weights = np.repeat([1, _CONTACT], [len(pairs), len(contacts)])
+        return np.concatenate([pairs, contacts]), weights
+
+    def _owner(self, rank_of_body: np.ndarray, pairs: np.ndarray) -> np.ndarray:
+        """Rank that has each pair."""
+        return owners_of_pairs(self._sides(rank_of_body, pairs))
+
+    def _sides(self, rank_of_body: np.ndarray, pairs: np.ndarray) -> np.ndarray:
+        """Ranks of both bodies of pairs; a body that does not move is where the other one is."""
+        sides = rank_of_body[pairs]
+        return np.where(self._moves[pairs], sides, sides[:, ::-1])
+
+    def _cost(self, rank_of_body, pairs, weights) -> float:
+        size = self.ranks.size
+        sides = self._sides(rank_of_body, pairs)
+        alone = sides[:, 0] == sides[:, 1]
+        work = np.bincount(sides[alone, 0], weights[alone], size).max()
+        low, high = sides.min(axis=1), sides.max(axis=1)
+        cut = np.bincount(low * size + high, weights, size * size).reshape(size, size)
+        phase = phases(sides, size)
+        work += sum(cut[phase == p].max() for p in range(1, int(phase.max()) + 1))
+        return size * work / weights.sum()
+
+    def _partition(self, pairs, weights, cost: float) -> None:
+        count = len(self._moves)
+        moving = np.flatnonzero(self._moves)
+        number = np.cumsum(self._moves) - 1
+        of_body = np.bincount(pairs.ravel(), np.repeat(weights, 2), count)[moving]
+        both = self._moves[pairs].all(axis=1)
+
+        def part() -> np.ndarray:
+            return partition_bodies(
+                1 + of_body.astype(np.int64), number[pairs[both]], weights[both], self.ranks.size
+            )
+
+        new = self.rank_of_body.copy()
+        new[moving] = self.ranks.comm.bcast(part() if self.ranks.rank == 0 else None)
+        self.partitions += 1
+        reached = self._cost(new, pairs, weights)
+        if self.halo is None or reached < cost:
+            self.moved += int(np.count_nonzero(new != self.rank_of_body))
+            self.rank_of_body = new
+        self._reached = min(reached, cost)
+        logger.info(
+            "partition %d of rigid bodies: cost %.3g, was %.3g", self.partitions, reached, cost
+        )

@@ -1,0 +1,149 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""The interaction points of one rank, on its own nodes and on ghosts of others'.
+
+Which facets face each other is known to every rank; what number a node has only to the rank of its
+body, which tells those that have points there.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from xper_fx.bodies.explode import Bodies, FacingFacets
+from xper_fx.bodies.meshes import reference_cell
+from xper_fx.nscd.facets import facet_points, facet_shapes
+from xper_fx.nscd.points import InteractionPoints
+from xper_fx.parallel.local_bodies import Part, nodes_on_sides
+from xper_fx.parallel.ownership import owners_by_facet, owners_by_vertex, phases
+from xper_fx.support.compat import geometry_dofmap
+from xper_fx.support.ranks import Ranks
+
+
+class SharedPoints(NamedTuple):
+    """This rank's points on facing facets.
+
+    Attributes:
+        points: on this rank's nodes, then on ghosts, numbered rank by rank.
+        law_of_point: shape (num_points,).
+        numbers: shape (num_points,), facet after facet of all that have a law, on all ranks.
+        phase: shape (num_points,), as `Halo.phase`.
+        phase_of_rank: shape (num_ranks,), in which phase this rank meets each other one.
+        num_phases: how many phases there are.
+        asked: by rank, nodes of this rank that are ghosts there.
+        num_ghosts: by rank, how many of its nodes are ghosts here.
+        points_a_facet: points on each facet.
+    """
+
+    points: InteractionPoints
+    law_of_point: np.ndarray
+    numbers: np.ndarray
+    phase: np.ndarray
+    phase_of_rank: np.ndarray
+    num_phases: int
+    asked: dict[int, np.ndarray]
+    num_ghosts: dict[int, int]
+    points_a_facet: int
+
+
+def shared_points(
+    bodies: Bodies,
+    part: Part,
+    ranks: Ranks,
+    V,
+    node_of: np.ndarray,
+    num_nodes: int,
+    law_of_facet: np.ndarray,
+    rule: str,
+    by_vertex: bool,
+) -> SharedPoints:
+    """Points of the facing facets that have a law; all ranks call it together.
+
+    Args:
+        bodies: all bodies.
+        part: this rank's.
+        ranks: the ranks.
+        V: Lagrange space on this rank's mesh.
+        node_of: unknown's node of each node of V.
+        num_nodes: nodes among this rank's unknowns, those that belong to no body included; ghosts
+            are numbered after them.
+        law_of_facet: shape (num_facets,), -1 for none.
+        rule: "nodal" or "gauss".
+        by_vertex: whether all points that meet at a vertex shall be on one rank.
+    """
+    with_law = np.flatnonzero(law_of_facet >= 0)
+    facets = FacingFacets(**{name: array[with_law] for name, array in vars(bodies.facets).items()})
+    law_of_facet, me = law_of_facet[with_law], ranks.rank
+    fdim = bodies.mesh.topology.dim - 1
+    k = len(V.dofmap.dof_layout.entity_closure_dofs(fdim, 0))
+    a_facet = len(facet_shapes(fdim + 1, k, rule))
+    sides = part.rank_of_body[facets.bodies]
+    if by_vertex:
+        corners = geometry_dofmap(bodies.mesh)[facets.cells[:, :1], facets.local_vertices[:, 0]]
+        owner = owners_by_vertex(
+            facets, bodies.parent_vertex[corners], reference_cell(bodies.mesh), k,
+            part.rank_of_body,
+        )  # fmt: skip
+    else:
+        owner = np.repeat(owners_by_facet(facets, part.rank_of_body)[:, None], a_facet, axis=1)
+
+    def nodes_of(which, side):
+        return node_of[nodes_on_sides(part, V, facets, which, side)]
+
+    # tell the owners of points at this rank's bodies the nodes there
+    told = [None] * ranks.size
+    foreign = np.flatnonzero(np.any(sides == me, axis=1) & np.any(owner != me, axis=1))
+    for rank in np.setdiff1d(owner[foreign], [me]):
+        theirs = foreign[np.any(owner[foreign] == rank, axis=1)]
+        told[rank] = np.concatenate(
+            [nodes_of(theirs[sides[theirs, s] == me], s).ravel() for s in range(2)]
+        )
+    heard = ranks.comm.alltoall(told)
+
+    mine = np.flatnonzero(np.any(owner == me, axis=1))
+    nodes = np.empty((len(mine), 2, k), np.int64)
+    key = np.full(nodes.shape, -1)
+    step = 1 + max((int(h.max(initial=0)) for h in heard if h is not None), default=0)
+    for s in range(2):
+        here = sides[mine, s] == me
+        nodes[here, s] = nodes_of(mine[here], s)
+    for rank, numbers in enumerate(heard):
+        at = 0
+        for s in range(2):
+            here = np.flatnonzero(sides[mine, s] == rank) if numbers is not None else ()
+            count = len(here) * k
+            if count:
+                key[here, s] = rank * step + numbers[at : at + count].reshape(-1, k)
+                at += count
+    ghost = key >= 0
+    keys, place = np.unique(key[ghost], return_inverse=True)
+    nodes[ghost] = num_nodes + place
+    points = facet_points(nodes, facets.normal[mine], facets.measure[mine], rule)
+    own = np.flatnonzero((owner[mine] == me).ravel())
+    points = points.take(own)
+    used = np.unique(points.nodes[points.nodes >= num_nodes]) - num_nodes
+    renumbered = np.full(len(keys), -1, np.int32)
+    renumbered[used] = np.arange(len(used))
+    ghosts = points.nodes >= num_nodes
+    points.nodes[ghosts] = num_nodes + renumbered[points.nodes[ghosts] - num_nodes]
+
+    rank_of_ghost, node = np.divmod(keys[used], step)
+    wanted = [node[rank_of_ghost == rank] for rank in range(ranks.size)]
+    asked = ranks.comm.alltoall([w if len(w) else None for w in wanted])
+    phase = np.zeros(len(points), np.int64)
+    table = np.zeros((ranks.size, ranks.size), np.int64)
+    if not by_vertex:
+        table = phases(sides, ranks.size)
+        phase = np.repeat(table[sides[mine, 0], sides[mine, 1]], a_facet)[own]
+    return SharedPoints(
+        points,
+        np.repeat(law_of_facet[mine], a_facet)[own],
+        (mine[:, None] * a_facet + np.arange(a_facet)).ravel()[own],
+        phase,
+        table[me],
+        int(table.max(initial=0)),
+        {rank: nodes for rank, nodes in enumerate(asked) if nodes is not None},
+        {rank: len(w) for rank, w in enumerate(wanted) if len(w)},
+        a_facet,
+    )

@@ -1,0 +1,82 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Ties: surfaces of bodies meshed apart, whose nodes do not match, and the law between them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from xper_fx.bodies.meshes import facet_cells, midpoints_of
+from xper_fx.nscd.laws.law import Law
+from xper_fx.nscd.mortar import RULES, nonmatching_points
+from xper_fx.nscd.points import InteractionPoints
+from xper_fx.support.checks import require_integer
+
+if TYPE_CHECKING:
+    from dolfinx.fem import FunctionSpace
+
+    from xper_fx.bodies.explode import Bodies
+
+
+@dataclass(frozen=True)
+class Tie:
+    """A law between two surfaces that coincide in space and are meshed differently.
+
+    Args:
+        candidates: facet tag of the surface that bears the points: the finer one, or the softer.
+        antagonists: facet tag of the surface that the candidates lie in, all of them.
+        law: between them; any law.
+        rule: "mortar" or "nodes", see `nscd/mortar.py`. Mortar points need all antagonists
+            around a candidate node to be of one body.
+    """
+
+    candidates: int
+    antagonists: int
+    law: Law
+    rule: str = "mortar"
+
+    def __post_init__(self) -> None:
+        if self.rule not in RULES:
+            raise ValueError(f"rule should be one of {', '.join(RULES)}, got {self.rule!r}.")
+        for name in ("candidates", "antagonists"):
+            require_integer(name, getattr(self, name))
+        if self.candidates == self.antagonists:
+            raise ValueError(
+                f"candidates and antagonists are both facet tag {self.candidates}; give the two "
+                "surfaces a tag each."
+            )
+
+
+def tie_points(tie: Tie, V: FunctionSpace, bodies: Bodies) -> tuple[InteractionPoints, np.ndarray]:
+    """Points of a tie, on the nodes of a space of order 1.
+
+    Args:
+        tie: the tie.
+        V: vector Lagrange space of order 1 on `bodies.mesh`.
+        bodies: the bodies.
+
+    Returns:
+        The points, and the pairs of bodies that they join, shape (num_points, 2).
+
+    Raises:
+        ValueError: the surfaces do not fit each other (`nonmatching_points`).
+    """
+    mesh = bodies.mesh
+    dim = mesh.geometry.dim
+    cells_of_facet, local = (a[:, 0] for a in facet_cells(mesh))
+    x = V.tabulate_dof_coordinates()[:, :dim]
+    layout, dofmap = V.dofmap.dof_layout, V.dofmap.list
+    facet_dofs = np.array([layout.entity_closure_dofs(dim - 1, f) for f in range(local.max() + 1)])
+    surfaces, owners = [], []
+    for tag in (tie.candidates, tie.antagonists):
+        facets = bodies.facet_tags.find(tag)
+        cells = cells_of_facet[facets]
+        surfaces.append(dofmap[cells[:, None], facet_dofs[local[facets]]])
+        owners.append(cells)
+    inside = midpoints_of(x, dofmap[owners[0]])
+    body = np.empty(len(x), np.int64)
+    body[dofmap.ravel()] = np.repeat(bodies.body_of_cell, dofmap.shape[1])
+    points = nonmatching_points(x, *surfaces, inside, body, tie.rule)
+    return points, body[points.nodes[:, :, 0]]

@@ -1,0 +1,163 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""One attempt at a step: contacts are found, bulk and interactions solved; nothing is committed."""
+
+from __future__ import annotations
+
+import logging
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from xper_fx.bulk.state import State, StepOutcome
+from xper_fx.nscd import solvers
+from xper_fx.nscd.solvers.solver import SolveOptions, Solver
+from xper_fx.simulation.model import Model
+from xper_fx.simulation.options import SOLVERS
+
+if TYPE_CHECKING:
+    from xper_fx.nscd.rigid.motion import Prediction, RigidWork
+
+logger = logging.getLogger(__name__)
+
+# Inelastic strain of a step above which the step is cut.
+_LARGEST_FLOW = 0.05
+# Damage beyond what the opening found asks for, above which the step is cut: it came from iterates
+# on the way, and would cost no energy.
+_LARGEST_EXCESS = 0.1
+# Share of the sweeps allowed after which contacts that ranks divide are left to other solvers.
+_SWEEPS_TOGETHER = 0.1
+
+
+class StepAttempts:
+    """Attempts at the steps of a model.
+
+    Args:
+        model: what is stepped.
+
+    Attributes:
+        solver: of the interactions.
+        rigid_work: of the last attempt, None without rigid bodies.
+        rigid_reactions: impulses that drive or hold rigid bodies in the last attempt, None without
+            driven ones.
+    """
+
+    def __init__(self, model: Model):
+        self._model, self._watch = model, model.stopwatch
+        self.solver = _solver(model)
+        self.rigid_work: RigidWork | None = None
+        self.rigid_reactions: np.ndarray | None = None
+        bodies = model.scene.rigid_bodies
+        self._some_driven = bodies is not None and bool(bodies.is_prescribed.any())
+
+    def step(
+        self, state: State, size: float, tolerance: float, number: int, last_try: bool
+    ) -> StepOutcome | None:
+        """One step.
+
+        Args:
+            state: at its start, which is not changed.
+            size: h (s).
+            tolerance: of the interaction solver.
+            number: of the step, for warnings.
+            last_try: whether the step cannot be cut.
+
+        Returns:
+            The outcome, converged or not; None if the step goes too far and can be cut, or if a
+            rigid body spins too fast for it.
+        """
+        outrun = self._outruns_contacts(state, size)
+        if outrun and not last_try:
+            return None
+        outcome = self._attempt(state, size, tolerance)
+        if outcome is None:
+            return None
+        if outrun:
+            logger.warning(
+                "step %d at h = %.3g s: bodies move so far that they may pass through each other "
+                "unseen; take a smaller step", number, size,
+            )  # fmt: skip
+        if not outcome.converged:
+            return outcome
+        if not last_try and (self._flows_too_far(outcome) or self._breaks_for_nothing()):
+            return None
+        if self._breaks_for_nothing():
+            logger.warning(
+                "step %d at h = %.3g s: bonds broke that stay closed, for no energy; take a "
+                "smaller step or tolerance", number, size,
+            )  # fmt: skip
+        return outcome
+
+    def _attempt(self, state: State, size: float, tolerance: float) -> StepOutcome | None:
+        """One step with the rigid bodies; None if one of them spins too fast for it."""
+        rigid, interactions = self._model.rigid, self._model.interactions
+        options = replace(self._model.options.solve, tolerance=tolerance)
+        if rigid is None:
+            return self._interact(state, size, options, None)
+        try:
+            with self._watch.phase("rigid bodies"):
+                prediction = rigid.predict(size, self._model.scheme.theta, state.time)
+                interactions.take_rigid(prediction.start, prediction.free)
+            outcome = self._interact(state, size, options, prediction)
+            with self._watch.phase("rigid bodies"):
+                rigid.end(interactions.rigid_part(outcome.slots))
+                pushed = interactions.rigid_part(interactions.impulses())
+                self.rigid_work = rigid.work(pushed)
+                if self._some_driven:
+                    self.rigid_reactions = rigid.reactions(pushed)
+        except FloatingPointError as error:
+            logger.info("%s", error)
+            return None
+        return outcome
+
+    def _interact(
+        self, state: State, size: float, options: SolveOptions, prediction: Prediction | None
+    ) -> StepOutcome:
+        """One step with the contacts found in its middle."""
+        model = self._model
+        if model.detection is not None:
+            with self._watch.phase("contact search"):
+                model.detection.renew(
+                    model.interactions, model.slot_nodes, model.bulk, state, prediction, size,
+                    model.scheme.theta,
+                )  # fmt: skip
+        if model.division is None or model.division.halo is None:
+            return model.scheme.attempt(state, size, model.interactions, self.solver, options)
+        together = solvers.DistributedSweeps()
+        if self.solver.name != "auto":
+            return model.scheme.attempt(state, size, model.interactions, together, options)
+        few = replace(options, max_sweeps=math.ceil(_SWEEPS_TOGETHER * options.max_sweeps))
+        outcome = model.scheme.attempt(state, size, model.interactions, together, few)
+        if outcome.converged:
+            return outcome
+        # other solvers want all contacts on each rank
+        model.detection.join()
+        return self._interact(state, size, options, prediction)
+
+    def _outruns_contacts(self, state: State, size: float) -> bool:
+        """Whether bodies move so far in a step that their contacts would be missed."""
+        detection = self._model.detection
+        return detection is not None and detection.outrun(state, self._model.rigid, size)
+
+    def _flows_too_far(self, outcome: StepOutcome) -> bool:
+        """Whether a material flows by more in the step than its time integration bears."""
+        bulk, ranks = self._model.bulk, self._model.ranks
+        if not bulk.forms.flows:
+            return False
+        with self._watch.phase("flow check"):
+            displacement = bulk.unknowns.expand(outcome.state.displacement)
+            return ranks.max(bulk.forms.largest_increment(displacement)) > _LARGEST_FLOW
+
+    def _breaks_for_nothing(self) -> bool:
+        """Whether bonds were broken by iterates whose openings the step does not have."""
+        interactions = self._model.interactions
+        return interactions is not None and interactions.too_far > _LARGEST_EXCESS
+
+
+def _solver(model: Model) -> Solver:
+    """The solver that was asked for, or the one of vertices that are solved alone."""
+    if model.by_vertex:
+        return solvers.VertexBlocks() if model.part is None else solvers.DistributedSweeps()
+    asked = model.options.solver
+    return asked if isinstance(asked, Solver) else getattr(solvers, SOLVERS[asked])()

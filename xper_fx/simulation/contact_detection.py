@@ -1,0 +1,301 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Contacts of a scene: found in the middle of each step, given to the interaction layer as points.
+
+Only what the scene's contacts name is looked for, and only the searches that it calls for exist.
+
+Facing facets have permanent points, made for lips that stay near each other. Once nothing bonds
+them and they are `_FAR` of their size apart, these points retire and the search takes over, where
+a contact between the two groups is named: broken pieces meet again wherever they go.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from xper_fx.nscd.interactions import FoundPoints
+from xper_fx.nscd.laws.law import Law
+from xper_fx.nscd.points import InteractionPoints, frame_from_normal
+from xper_fx.nscd.search.contact_pairs import Contacts
+from xper_fx.support.saved_rows import Rows
+
+if TYPE_CHECKING:
+    from dolfinx.fem import FunctionSpace
+
+    from xper_fx.bulk.bulk import Bulk
+    from xper_fx.bulk.state import State
+    from xper_fx.nscd.interactions import Interactions
+    from xper_fx.nscd.rigid.motion import Prediction, RigidMotion
+    from xper_fx.nscd.search.rigid_search import RigidSearch
+    from xper_fx.parallel.rigid_partition import RigidDivision
+    from xper_fx.scene.scene import Scene
+
+# Reach of a search where the scene gives none, as a share of the smallest body or facet.
+_REACH = 1e-2
+# Gaps this small beside the coordinates are closed: a body put down on another rests from the first
+# step on, and does not fall for a step to hit it.
+_ROUNDING = 1e-12
+# Distance of two lips, relative to their size, at which their own points retire.
+_FAR = 0.25
+# Cosine of the angle that broken lips have turned by at which they retire: their own points keep
+# the normals of the start, along which they would let pieces that tumble interpenetrate.
+_TURNED = np.cos(0.2)
+
+
+class Detection:
+    """The searches that the contacts of a scene call for.
+
+    Args:
+        scene: the scene, which has contacts.
+        laws: laws of the scene's other interactions.
+        V: space of the displacements, None without a mesh.
+
+    Attributes:
+        laws: laws of all interactions: those given, and those of contacts.
+        nodes: nodes of V at which contacts may come about.
+    """
+
+    def __init__(self, scene: Scene, laws: list[Law], V: FunctionSpace | None):
+        self._scene = scene
+        self._contacts = [contact for contact in scene.contacts if contact.law is not None]
+        rigid = () if scene.rigid_bodies is None else scene.rigid_bodies.groups
+        names = [*scene.surfaces, *rigid]
+        self.laws = list(laws)
+        self._law_of_pair = np.full((len(names), len(names)), -1)
+        for contact in self._contacts:
+            if contact.law not in self.laws:
+                self.laws.append(contact.law)
+            a, b = (names.index(name) for name in contact.between)
+            self._law_of_pair[a, b] = self._law_of_pair[b, a] = self.laws.index(contact.law)
+        self._rigid = self._rigid_search(set(rigid))
+        self._division: RigidDivision | None = None
+        self._surfaces, self.nodes = None, np.zeros(0, np.int64)
+        if any(set(contact.between) & set(scene.surfaces) for contact in self._contacts):
+            self._surface_search(V)
+
+    def _reach(self, contacts, smallest: float) -> float:
+        return max((c.reach for c in contacts if c.reach is not None), default=_REACH * smallest)
+
+    def _rigid_search(self, names: set[str]) -> RigidSearch | None:
+        contacts = [c for c in self._contacts if set(c.between) <= names]
+        if not contacts:
+            return None
+        from xper_fx.nscd.search.rigid_search import RigidSearch
+
+        bodies = self._scene.rigid_bodies
+        reach = self._reach(contacts, float(bodies.shapes.bounding_radius.min()))
+        return RigidSearch(bodies, [c.between for c in contacts], reach)
+
+    def _surface_search(self, V: FunctionSpace) -> None:
+        from xper_fx.bodies.surfaces import extract_surface
+        from xper_fx.nscd.search.surface_search import SurfaceSearch
+
+        scene = self._scene
+        surface = extract_surface(scene.bodies, V, scene.surfaces)
+        self._x = V.tabulate_dof_coordinates()[:, : scene.dim].copy()
+        self._dofmap = V.dofmap.list
+        contacts = [c for c in self._contacts if set(c.between) & set(scene.surfaces)]
+        _, law_of_facet = scene.law_of_facet()
+        self._surfaces = SurfaceSearch(
+            surface,
+            self._x,
+            self._reach(contacts, float(surface.size(self._x).min())),
+            pairs=[c.between for c in contacts],
+            released=law_of_facet < 0,
+            rigid=scene.rigid_bodies,
+        )
+        self.nodes = np.unique(surface.facets)
+        self._group_of_node = np.full(surface.num_nodes, -1)
+        self._group_of_node[surface.facets] = surface.group[:, None]
+        # facing facets with points, and those among them that the search may take over
+        self._lips = np.flatnonzero(law_of_facet >= 0)
+        group = self._group_of_node[surface.bond_nodes[self._lips, :, 0]]
+        taken = np.all(group >= 0, axis=1) & (self._law_of_pair[group[:, 0], group[:, 1]] >= 0)
+        self._waiting, self._broken = np.flatnonzero(taken), np.zeros(len(taken), bool)
+        self._far = _FAR * scene.bodies.facets.measure[self._lips] ** (1.0 / (scene.dim - 1))
+        self._lip_nodes = surface.bond_nodes[self._lips]
+        self._lip_normals = _normals(self._x[self._lip_nodes])
+
+    def outrun(self, state: State, rigid: RigidMotion | None, step: float) -> bool:
+        """Whether something moves so far in a step (s) that it may pass through another unseen.
+
+        That is a rigid body by its own radius, a node by the depth that is sought behind a facet.
+        """
+        if rigid is not None:
+            radius = self._scene.rigid_bodies.shapes.bounding_radius
+            if np.any(np.linalg.norm(rigid.state.velocity, axis=1) * step > radius):
+                return True
+        if self._surfaces is None:
+            return False
+        depth = float(self._surfaces.depth.min())
+        return float(np.abs(state.velocity).max(initial=0.0)) * step > depth
+
+    def divide(self, division: RigidDivision) -> None:
+        """Search contacts of rigid bodies, of which the scene has no others, where they are."""
+        self._division = division
+        self._rigid.divide(division.own)
+
+    def join(self) -> None:
+        """Let each rank find all contacts until bodies are divided anew."""
+        self._division.join()
+        self._rigid.search_all()
+
+    @property
+    def nbytes(self) -> int:
+        """Memory of the searches' lists, in bytes."""
+        searches = [search for search in (self._rigid, self._surfaces) if search is not None]
+        return sum(search.nbytes for search in searches)
+
+    def renew(
+        self,
+        interactions: Interactions,
+        nodes: np.ndarray,
+        bulk: Bulk,
+        state: State,
+        rigid: Prediction | None,
+        step: float,
+        theta: float,
+    ) -> None:
+        """Give the interaction layer the contacts of a step.
+
+        Args:
+            interactions: the layer.
+            nodes: interacting nodes, among the unknowns, in the order of the layer's slots.
+            bulk: the meshed bodies.
+            state: of the meshed bodies, at the start of the step.
+            rigid: prediction of the rigid bodies, None without any.
+            step: h (s).
+            theta: weight of the end of the step.
+        """
+        slot = np.zeros(bulk.num_dofs // bulk.dim, np.int64)
+        slot[nodes] = np.arange(len(nodes))
+        place = (None, None) if rigid is None else (rigid.position, rigid.rotation)
+        found = []
+        if self._rigid is not None:
+            contacts = self._rigid.find(*place)
+            found.append((contacts, slot))
+            if self._division is not None:
+                if self._division.found(contacts.body):
+                    interactions.share_history(self._division.ranks)
+                interactions.halo = self._division.halo
+        if self._surfaces is not None:
+            middle = state.displacement + step * (1.0 - theta) * state.velocity
+            moved = self._x + bulk.unknowns.expand(middle).reshape(self._x.shape)
+            contacts = self._surfaces.find(moved, *place)
+            with_rigid = np.any(contacts.body >= 0, axis=1)
+            slot = slot[bulk.unknowns.node_of]
+            found += [(contacts.take(np.flatnonzero(w)), slot) for w in (~with_rigid, with_rigid)]
+        points = [
+            self._on_slots(contacts, place[0], slot_of_node, len(nodes))
+            for contacts, slot_of_node in found
+            if len(contacts)
+        ]
+        velocity = state.velocity.reshape(-1, bulk.dim)[nodes]
+        interactions.find_contacts(points, velocity, step, theta)
+
+    def _on_slots(self, contacts: Contacts, position, slot_of_node, first_rigid) -> FoundPoints:
+        """Contacts as interaction points, with their laws."""
+        rigid = contacts.body >= 0
+        nodes, weights = contacts.nodes.copy(), contacts.weights.copy()
+        group = np.empty(rigid.shape, np.int64)
+        if not np.all(rigid):
+            main = np.take_along_axis(nodes, weights.argmax(axis=2)[..., None], axis=2)[..., 0]
+            group[~rigid] = self._group_of_node[main[~rigid]]
+            nodes[~rigid] = slot_of_node[nodes[~rigid]]
+        arms = None
+        if np.any(rigid):
+            bodies = self._scene.rigid_bodies
+            group[rigid] = len(self._scene.surfaces) + bodies.group_of[contacts.body[rigid]]
+            nodes[rigid] = first_rigid + 2 * contacts.body[rigid][:, None]
+            weights[rigid, 0] = 1.0
+            arms = contacts.point[:, None] - position[contacts.body]
+            arms[~rigid] = 0.0
+        gap = contacts.gap.copy()
+        gap[np.abs(gap) <= _ROUNDING * np.abs(contacts.point).max(axis=1)] = 0.0
+        points = InteractionPoints(
+            nodes.astype(np.int32), weights, frame_from_normal(contacts.normal), contacts.area,
+            gap, arms,
+        )  # fmt: skip
+        return FoundPoints(points, self._law_of_pair[group[:, 0], group[:, 1]], contacts.key)
+
+    def release(self, interactions: Interactions, each: int, displacement: np.ndarray) -> None:
+        """After a step, let the search take over the broken lips that have parted or turned.
+
+        Args:
+            interactions: the layer, whose permanent points come facet after facet.
+            each: points on a facet.
+            displacement: at the end of the step, of all nodes of V, flat (m).
+        """
+        if self._surfaces is None or not len(self._waiting):
+            return
+        count = each * len(self._lips)
+        loose = interactions.unbonded()[:count].reshape(-1, each).all(axis=1)[self._waiting]
+        lips = self._waiting[loose]
+        if not len(lips):
+            return
+        new = lips[~self._broken[lips]]
+        if len(new):
+            self._surfaces.expose(self._lips[new])
+            self._broken[new] = True
+        jump = np.linalg.norm(interactions.gather("jump")[:count], axis=1).reshape(-1, each)
+        moved = self._x + displacement.reshape(self._x.shape)
+        normals = _normals(moved[self._lip_nodes[lips]])
+        cosines = np.einsum("lsd,lsd->ls", normals, self._lip_normals[lips])
+        turned = cosines.min(axis=1) < _TURNED
+        parted = lips[turned | (jump[lips].max(axis=1) > self._far[lips])]
+        if len(parted):
+            self._surfaces.release(self._lips[parted])
+            interactions.retire((parted[:, None] * each + np.arange(each)).ravel())
+            self._waiting = np.setdiff1d(self._waiting, parted)
+
+    def saved(self) -> dict:
+        """Lists' origins, broken lips and those that have retired."""
+        out = {}
+        if self._rigid is not None:
+            out["rigid"] = self._rigid.saved()
+        if self._division is not None:
+            out["division"] = self._division.saved()
+        if self._surfaces is not None:
+            out["surfaces"] = self._surfaces.saved(self._by_cell)
+            count = len(self._scene.bodies.facets)
+            exposed, released = np.zeros((2, count), bool)
+            exposed[self._lips[self._broken]] = True
+            released[self._lips] = self._surfaces.bonds.released[self._lips]
+            number = np.arange(count)
+            out["exposed"], out["released"] = Rows(number, exposed), Rows(number, released)
+        return out
+
+    def restore(self, saved: Mapping) -> None:
+        """Take what `saved` gave, its rows in order."""
+        if self._division is not None and "division" in saved:
+            self._division.restore(saved["division"])
+        if self._rigid is not None:
+            self._rigid.restore(saved["rigid"])
+        if self._surfaces is not None:
+            self._broken = saved["exposed"][self._lips]
+            gone = saved["released"][self._lips]
+            self._waiting = np.setdiff1d(self._waiting, np.flatnonzero(gone))
+            self._surfaces.expose(self._lips[self._broken])
+            self._surfaces.release(self._lips[gone])
+            self._surfaces.restore(saved["surfaces"], self._from_cells)
+
+    def _by_cell(self, x: np.ndarray) -> Rows:
+        """Positions of the nodes of V cell by cell."""
+        return Rows(self._scene.bodies.parent_cell, x[self._dofmap])
+
+    def _from_cells(self, saved: np.ndarray) -> np.ndarray:
+        x = np.empty_like(self._x)
+        x[self._dofmap] = saved[self._scene.bodies.parent_cell]
+        return x
+
+
+def _normals(x: np.ndarray) -> np.ndarray:
+    """Unit normals of lips with nodes at x, shape (num_lips, 2, k, dim), all turned alike."""
+    along = x[:, :, 1] - x[:, :, 0]
+    if x.shape[3] == 2:
+        normal = np.stack([along[..., 1], -along[..., 0]], axis=-1)
+    else:
+        normal = np.cross(along, x[:, :, 2] - x[:, :, 0])
+    return normal / np.linalg.norm(normal, axis=-1, keepdims=True)

@@ -1,0 +1,189 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""The energy ledger: where the work of the loads went, step by step.
+
+With v_m = (v0 + v1) / 2 and dq = q1 - q0 = h [theta v1 + (1 - theta) v0], the theta scheme gives
+exactly
+
+    d(kinetic) = (dq / h) . I - (theta - 1/2) dv . M . dv,
+
+I being the sum of all impulses of the step: external, internal, viscous, reactions, interactions.
+The macroscopic gradient of a periodic cell has no mass; its work is the mean of |Omega| Pibar at
+both ends of the step times its increment.
+
+So the ledger closes to rounding for a linear bulk, whatever breaks; `dissipated_numerical` holds
+what theta > 1/2 damps. For other materials (f0 + f1)/2 . dq is the stored energy's increment to
+second order only, and that is what `closure` then shows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from xper_fx.bulk.bulk import Bulk
+from xper_fx.bulk.state import State, StepOutcome
+from xper_fx.nscd.interactions import StepWork
+
+if TYPE_CHECKING:
+    from xper_fx.nscd.rigid.motion import RigidMotion, RigidWork
+
+
+@dataclass
+class Energies:
+    """Energies at a time and totals since the start (J; 2D: J/m).
+
+    Attributes:
+        external_work: work of loads and of prescribed motions.
+        kinetic, elastic, cohesive: energies held.
+        dissipated_cohesion, dissipated_friction, dissipated_impact, dissipated_plastic,
+        dissipated_viscous, dissipated_numerical: totals lost.
+    """
+
+    external_work: float = 0.0
+    kinetic: float = 0.0
+    elastic: float = 0.0
+    cohesive: float = 0.0
+    dissipated_cohesion: float = 0.0
+    dissipated_friction: float = 0.0
+    dissipated_impact: float = 0.0
+    dissipated_plastic: float = 0.0
+    dissipated_viscous: float = 0.0
+    dissipated_numerical: float = 0.0
+
+    @property
+    def held_and_lost(self) -> float:
+        """Sum of what is held and what was lost."""
+        return sum(vars(self).values()) - self.external_work
+
+
+class BulkEnergies(NamedTuple):
+    """What a step does in the bulk (J; 2D: J/m).
+
+    Attributes:
+        work: of the loads and prescribed motions in the step.
+        kinetic, elastic: held at its end.
+        kinetic_change, elastic_change: what they gained in the step.
+    """
+
+    work: float
+    kinetic: float
+    elastic: float
+    kinetic_change: float
+    elastic_change: float
+
+
+class EnergyLedger:
+    """Keeps the energies of a run.
+
+    Args:
+        bulk: the bulk.
+        state: state at the start.
+        theta: weight of the end of the step.
+        rigid: motion of the rigid bodies, None without any.
+    """
+
+    def __init__(self, bulk: Bulk, state: State, theta: float, rigid: RigidMotion | None = None):
+        self._bulk, self._theta = bulk, theta
+        self.energies = Energies(
+            kinetic=bulk.kinetic_energy(state.velocity) + (rigid.kinetic if rigid else 0.0),
+            elastic=bulk.elastic_energy(state.displacement, state.internal),
+        )
+        self._at_start = self.energies.held_and_lost
+
+    @property
+    def closure(self) -> float:
+        """External work minus what it became (J; 2D: J/m); zero for an exact balance."""
+        return self.energies.external_work - (self.energies.held_and_lost - self._at_start)
+
+    def bulk_energies(
+        self, before: State, outcome: StepOutcome, step: float, rigid: RigidWork | None = None
+    ) -> BulkEnergies:
+        """Energies of the bodies in a step that has converged, which is not entered yet.
+
+        Args:
+            before: state at the start of the step.
+            outcome: the step.
+            step: h (s).
+            rigid: energies of the rigid bodies, None without any.
+        """
+        after = outcome.state
+        moved = after.displacement - before.displacement
+        nodal = self._bulk.unknowns.num_nodes * self._bulk.dim
+        impulse = (outcome.force_impulse + outcome.reactions)[:nodal]
+        stresses = 0.5 * (before.internal[nodal:] + after.internal[nodal:])
+        work = self._bulk.ranks.sum(float(moved[:nodal] @ impulse) / step)
+        work += float(moved[nodal:] @ stresses)  # every rank has all of it
+        kinetic = self._bulk.kinetic_energy(after.velocity)
+        elastic = self._bulk.elastic_energy(after.displacement, after.internal)
+        if rigid is not None:
+            kinetic += rigid.kinetic
+            work += rigid.loads + rigid.prescribed
+        return BulkEnergies(
+            work, kinetic, elastic, kinetic - self.energies.kinetic, elastic - self.energies.elastic
+        )
+
+    def record(
+        self,
+        before: State,
+        outcome: StepOutcome,
+        step: float,
+        bulk: BulkEnergies,
+        work: StepWork | None,
+        rigid: RigidWork | None = None,
+    ) -> None:
+        """Enter a step that has converged, before its internal variables are committed.
+
+        Args:
+            before: state at the start of the step.
+            outcome: the step.
+            step: h (s).
+            bulk: what `bulk_energies` gave for it.
+            work: what the interactions did, None without interactions.
+            rigid: energies of the rigid bodies, None without any.
+        """
+        after, e, excess = outcome.state, self.energies, self._theta - 0.5
+        e.external_work += bulk.work
+        e.kinetic, e.elastic = bulk.kinetic, bulk.elastic
+        lost = self._bulk.forms.assemble_dissipation(self._bulk.unknowns.expand(after.displacement))
+        total = self._bulk.ranks.sum
+        e.dissipated_plastic += total(lost.get("plastic", 0.0))
+        e.dissipated_viscous += total(lost.get("viscous", 0.0))
+        if np.ndim(outcome.viscous):
+            moved = after.displacement - before.displacement
+            e.dissipated_viscous += total(float(moved @ outcome.viscous))
+        if excess > 0.0:
+            moved = after.displacement - before.displacement
+            change = after.velocity - before.velocity
+            nodal = self._bulk.unknowns.num_nodes * self._bulk.dim
+            e.dissipated_numerical += excess * float(
+                2.0 * self._bulk.kinetic_energy(change)
+                + total(moved[:nodal] @ (after.internal - before.internal)[:nodal])
+            )
+        if rigid is not None:
+            e.dissipated_numerical += rigid.scheme
+        if work is not None:
+            e.cohesive = work.stored
+            e.dissipated_cohesion += work.cohesion
+            e.dissipated_friction += work.friction
+            e.dissipated_impact += work.impact
+            e.dissipated_numerical += work.numerical
+
+    def as_columns(self) -> dict[str, float]:
+        """Energies and the closure error by column name; plasticity only where there is any."""
+        columns = vars(self.energies) | {"closure": self.closure}
+        if not self._bulk.forms.plastic:
+            del columns["dissipated_plastic"]
+        return columns
+
+    def saved(self) -> dict[str, float]:
+        """All energies, and what was held at the start."""
+        return vars(self.energies) | {"at_start": self._at_start}
+
+    def restore(self, saved: Mapping[str, float]) -> None:
+        """Take the energies from what `saved` gave."""
+        energies = dict(saved)
+        self._at_start = energies.pop("at_start")
+        self.energies = Energies(**energies)

@@ -1,0 +1,336 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""A scene made ready to be stepped: its bodies on this rank, bulk, contacts, points, energies."""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+from dolfinx import fem
+
+from xper_fx.bulk.bulk import Bulk
+from xper_fx.bulk.state import State
+from xper_fx.forms.dynamics import BulkForms
+from xper_fx.forms.loads import PrescribedDisplacement, PrescribedVelocity
+from xper_fx.nscd.interactions import Interactions
+from xper_fx.nscd.points import InteractionPoints
+from xper_fx.scene.scene import Scene
+from xper_fx.simulation.energy_ledger import EnergyLedger
+from xper_fx.simulation.not_finite import not_finite_columns
+from xper_fx.simulation.options import Options
+from xper_fx.simulation.permanent_points import ScenePoints
+from xper_fx.support.profile import Stopwatch
+from xper_fx.support.ranks import ALONE, Ranks
+
+if TYPE_CHECKING:
+    from xper_fx.bulk.explicit import ExplicitScheme
+    from xper_fx.bulk.implicit import ImplicitScheme
+    from xper_fx.bulk.rigid_only import EmptyScheme
+    from xper_fx.nscd.rigid.motion import RigidMotion
+    from xper_fx.parallel.local_bodies import Part
+    from xper_fx.parallel.rigid_partition import RigidDivision
+    from xper_fx.simulation.accuracy_control import AccuracyControl
+    from xper_fx.simulation.contact_detection import Detection
+
+logger = logging.getLogger(__name__)
+
+# Solvers of ranks that divide the bodies.
+_ON_RANKS = ("auto", "nlgs", "newton", "accelerated")
+# Steps as shares of the critical one: without a wish, and where an explicit bulk, linear so that
+# its critical step stays what it is, should be as cheap as it can.
+_BELOW_LIMIT, _AT_LIMIT = 0.7, 0.95
+# An adapted step with inertia stays below this multiple of the first: rounding leaves the mass.
+_LARGEST_GROWTH = 1e5
+
+
+class Model:
+    """What a scene and the options of a run call for.
+
+    Args:
+        scene: the scene.
+        options: of which it can be run.
+        team: ranks that have the scene; they divide its bodies or contacts where they can.
+        stopwatch: of the run.
+
+    Attributes:
+        scene, options, stopwatch: as given.
+        ranks: those that divide the bodies or their contacts: `team`, or this one alone.
+        part: what this rank has of the bodies, None if one rank has all.
+        division: of the contacts of rigid bodies, None if one rank has all.
+        bodies: this rank's meshed bodies.
+        bulk: of these.
+        rigid: motion of the rigid bodies, None without any.
+        step_size: h (s) at the start.
+        start: state at the start.
+        points: permanent points.
+        detection: searches of contacts, None if the scene names no contacts.
+        scheme: of the bulk in time.
+        interactions: all points, None if the scene has none.
+        slot_nodes: nodes, among the unknowns, in the order of the points' slots, before those of
+            rigid bodies.
+        ledger: energies.
+        control: of step and tolerances, None without an accuracy.
+
+    Raises:
+        ValueError: the scene cannot be run so.
+    """
+
+    def __init__(self, scene: Scene, options: Options, team: Ranks, stopwatch: Stopwatch):
+        self.scene, self.options, self.stopwatch = scene, options, stopwatch
+        self.ranks, self.bodies = ALONE, scene.bodies
+        self._tagged_nodes: dict[int, np.ndarray] = {}
+        self.part: Part | None = None
+        self.division: RigidDivision | None = None
+        if not team.alone:
+            self._divide(team)
+        self.bulk = self._bulk()
+        self.rigid = self._rigid_motion()
+        self.step_size = self._step_size()
+        self.start = self._start()
+        searched = any(contact.law is not None for contact in scene.contacts)
+        # a wall's points are on the rank of their body, a vertex's on that of the first body there
+        divided_walls = self.part is not None and len(scene.walls) > 0
+        self.by_vertex = (
+            options.scheme == "explicit" and scene.points == "nodal" and self.rigid is None
+            and not searched and not divided_walls
+        )  # fmt: skip
+        self.points = ScenePoints(scene, self.bulk, self._ties, self.part, self.by_vertex)
+        self.detection = self._detection() if searched else None
+        self.scheme = self._scheme()
+        with stopwatch.phase("interaction points"):
+            self.interactions = self._interactions()
+        self._account()
+        self.ledger = EnergyLedger(self.bulk, self.start, self.scheme.theta, self.rigid)
+        if wrong := not_finite_columns(self.ledger.as_columns()):
+            raise ValueError(
+                f"At the start {wrong} are not finite: initial velocities or masses are beyond "
+                "the range of floats; take other units."
+            )
+        self.control = None if options.requested.accuracy is None else self._control()
+
+    def nodes_of(self, facets: int) -> np.ndarray:
+        """Nodes of this rank's facets with a tag."""
+        if facets not in self._tagged_nodes:
+            fdim = self.bodies.mesh.topology.dim - 1
+            self._tagged_nodes[facets] = fem.locate_dofs_topological(
+                self.bulk.forms.V, fdim, self.bodies.facet_tags.find(facets)
+            )
+        return self._tagged_nodes[facets]
+
+    # Division among ranks
+
+    def _divide(self, team: Ranks) -> None:
+        """Take this rank's part of the bodies or contacts where the scene can be divided."""
+        scene, solver = self.scene, self.options.solver
+        touching = any(contact.law is not None for contact in scene.contacts)
+        if scene.bodies is None and touching and solver in ("auto", "nlgs"):
+            from xper_fx.parallel.rigid_partition import RigidDivision
+
+            self.ranks = team
+            moves = ~scene.rigid_bodies.is_prescribed.all(axis=1)
+            self.division = RigidDivision(team, moves, scene.dim)
+            return
+        whole = [
+            name
+            for name, there in (
+                ("rigid bodies", scene.rigid_bodies is not None),
+                ("contacts that are searched", len(scene.contacts) > 0),
+                ("ties", len(scene.ties) > 0),
+                ("no inertia", not self.options.inertia),
+                ("a solver for one rank", solver not in _ON_RANKS),
+                ("no facets between bodies", scene.bodies and not len(scene.bodies.facets)),
+            )
+            if there
+        ]
+        if whole:
+            if team.rank == 0:
+                logger.warning(
+                    "each of %d ranks simulates the whole scene, as it has %s", team.size,
+                    " and ".join(whole),
+                )  # fmt: skip
+            return
+        from xper_fx.parallel.local_bodies import divide
+
+        self.ranks = team
+        with self.stopwatch.phase("partition"):
+            self.part = divide(scene.bodies, team)
+        self.bodies = self.part.bodies
+
+    # Bulk
+
+    def _bulk(self) -> Bulk:
+        scene, inertia = self.scene, self.options.inertia
+        self._ties: list[tuple[InteractionPoints, np.ndarray]] = []
+        if scene.bodies is None:
+            from xper_fx.bulk.rigid_only import EmptyBulk
+
+            return EmptyBulk(scene.dim)
+        driven = PrescribedVelocity | PrescribedDisplacement
+        motions = [load for load in scene.loads if isinstance(load, driven)]
+        forces = [load for load in scene.loads if not isinstance(load, driven)]
+        with self.stopwatch.phase("forms"):
+            forms = BulkForms(self.bodies, scene.order, scene.materials, forces)
+        if scene.ties:
+            from xper_fx.scene.tie import tie_points
+
+            self._ties = [tie_points(tie, forms.V, scene.bodies) for tie in scene.ties]
+        if scene.macroscopic is None:
+            joined = () if inertia else self._joined_bodies()
+            return Bulk(forms, motions, scene.damping, inertia, joined, self.ranks)
+        from xper_fx.periodic.two_field import CellBulk
+
+        return CellBulk(forms, scene.macroscopic, inertia, self.ranks)
+
+    def _joined_bodies(self) -> np.ndarray:
+        """Pairs of bodies between which interactions act, shape (n, 2)."""
+        _, law = self.scene.law_of_facet()
+        pairs = [self.scene.bodies.facets.bodies[law >= 0], *(pair for _, pair in self._ties)]
+        return np.concatenate(pairs)
+
+    def _rigid_motion(self) -> RigidMotion | None:
+        if self.scene.rigid_bodies is None:
+            return None
+        from xper_fx.nscd.rigid.motion import RigidMotion
+
+        return RigidMotion(self.scene.rigid_bodies, self.scene.gravity)
+
+    def _step_size(self) -> float:
+        """The step asked for, or a share of the critical one.
+
+        Raises:
+            ValueError: the explicit bulk would be unstable.
+        """
+        step, explicit = self.options.requested.step, self.options.scheme == "explicit"
+        if step is not None and not explicit:
+            return float(step)
+        critical = self.bulk.critical_step()
+        if step is None:
+            at_limit = explicit and self.options.requested.adapts_step and self.bulk.linear
+            return (_AT_LIMIT if at_limit else _BELOW_LIMIT) * critical
+        if step > critical:
+            raise ValueError(
+                f"The explicit bulk is unstable at the step {step:g} s; it should be below the "
+                f'critical one, {critical:.3g} s. Take a smaller step or scheme="implicit".'
+            )
+        return float(step)
+
+    def _start(self) -> State:
+        if self.scene.bodies is None:
+            none = np.zeros(0)
+            return State(0.0, none, none, none)
+        function = fem.Function(self.bulk.forms.V)
+        given = self.scene.initial_velocity
+        if isinstance(given, Mapping):
+            for tag, field in given.items():
+                function.interpolate(
+                    _checked(field, self.scene.dim), self.bodies.cell_tags.find(tag)
+                )
+        elif given is not None:
+            function.interpolate(_checked(given, self.scene.dim))
+        unknowns, rest = self.bulk.unknowns, np.zeros(self.bulk.num_dofs)
+        velocity = rest.copy()
+        velocity.reshape(-1, unknowns.dim)[unknowns.node_of] = function.x.array.reshape(
+            -1, unknowns.dim
+        )
+        self.bulk.start(velocity, self.step_size)
+        internal = self.bulk.internal(rest)
+        if not np.all(np.isfinite(internal)):
+            raise ValueError(
+                "Internal forces at rest are not finite: a material's response should give the "
+                "stress of the start for a step of size zero."
+            )
+        return State(0.0, rest, velocity, internal, self.bulk.external(0.0))
+
+    def _scheme(self) -> EmptyScheme | ExplicitScheme | ImplicitScheme:
+        options, interacting = self.options, self.points.interacting(self.detection)
+        if self.scene.bodies is None:
+            from xper_fx.bulk.rigid_only import EmptyScheme
+
+            return EmptyScheme(self.bulk, options.theta, self.stopwatch)
+        if options.scheme == "explicit":
+            from xper_fx.bulk.explicit import ExplicitScheme
+
+            by_body = self.detection is not None or self.scene.points != "nodal"
+            return ExplicitScheme(self.bulk, interacting, self.stopwatch, by_body)
+        from xper_fx.bulk.implicit import ImplicitScheme
+
+        return ImplicitScheme(
+            self.bulk, interacting, options.theta, options.requested.newton_tolerance,
+            options.max_newton, self.stopwatch,
+        )  # fmt: skip
+
+    # Interactions
+
+    def _detection(self) -> Detection:
+        """The searches that the scene's contacts call for."""
+        from xper_fx.simulation.contact_detection import Detection
+
+        detection = Detection(self.scene, self.points.laws, getattr(self.bulk.forms, "V", None))
+        if self.division is not None:
+            detection.divide(self.division)
+        return detection
+
+    def _interactions(self) -> Interactions | None:
+        if not self.points.exist and self.rigid is None and self.detection is None:
+            return None
+        inverse = self.scheme.inverse(self.step_size, self.start.displacement)
+        self.slot_nodes = inverse.nodes
+        points, halo = self.points.on_slots(inverse)
+        velocity = self.start.velocity.reshape(-1, self.bulk.dim)[inverse.nodes]
+        if halo is not None:
+            velocity = halo.with_ghost_values(velocity)
+        laws = self.points.laws if self.detection is None else self.detection.laws
+        return Interactions(
+            points, laws, self.points.law_of_point, inverse.blocks, velocity,
+            ordering="vertices" if self.by_vertex else "tiles",
+            rigid_blocks=None if self.rigid is None else self.rigid.blocks, halo=halo,
+        )  # fmt: skip
+
+    def _control(self) -> AccuracyControl:
+        from xper_fx.nscd.laws.softening import softening_numbers
+        from xper_fx.simulation.accuracy_control import AccuracyControl
+
+        requested = self.options.requested
+        softening, base = np.inf, self.step_size
+        if self.interactions is not None:
+            number = softening_numbers(self.interactions, base, self.scheme.theta).max(initial=0.0)
+            softening = base / math.sqrt(number) if number > 0.0 else np.inf
+        held, inertia = self.ledger.energies, self.bulk.inertia is not None
+        largest = _LARGEST_GROWTH * base if inertia else np.inf
+        return AccuracyControl(
+            requested, base if inertia or not requested.adapts_step else None,
+            largest=base if self.options.scheme == "explicit" else largest,
+            softening_step=softening,
+            interacting=self.interactions is not None,
+            energy=held.kinetic + held.elastic,
+        )  # fmt: skip
+
+    def _account(self) -> None:
+        """Say which phase holds which arrays."""
+        owns, forms, interactions = self.stopwatch.owns, self.bulk.forms, self.interactions
+        owns("forms", lambda: self.bulk.nbytes)
+        if forms.has_history:
+            owns("commit", lambda: forms.history_nbytes)
+        if interactions is not None:
+            owns("interaction points", lambda: sum(g.nbytes for g in interactions.groups))
+
+
+def _checked(field: Callable[[np.ndarray], np.ndarray], dim: int) -> Callable:
+    """An initial velocity that is refused unless it gives finite numbers of the right shape."""
+
+    def values(x: np.ndarray) -> np.ndarray:
+        given = np.asarray(field(x))
+        if given.shape != (dim, x.shape[1]) or given.dtype.kind not in "biuf":
+            raise ValueError(
+                f"initial_velocity should give numbers of shape ({dim}, {x.shape[1]}) for as many "
+                f"points, got {given.dtype} of shape {given.shape}."
+            )
+        if not np.all(np.isfinite(given)):
+            where = x[:dim, ~np.isfinite(given).all(axis=0)][:, 0]
+            raise ValueError(f"initial_velocity is not finite at {where.tolist()}.")
+        return given.astype(float)
+
+    return values

@@ -1,0 +1,142 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""What a run is asked for, checked against its scene."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from xper_fx.nscd.solvers.solver import SolveOptions, Solver
+from xper_fx.scene.scene import Scene
+from xper_fx.simulation.requested_accuracy import RequestedAccuracy
+from xper_fx.support.checks import require_count, require_number
+
+# Solvers of the interactions: classes of `nscd.solvers`, imported when asked for.
+SOLVERS = {
+    "auto": "Automatic",
+    "nlgs": "NonlinearGaussSeidel",
+    "newton": "NewtonOnAllPoints",
+    "accelerated": "AcceleratedSweeps",
+    "subdomains": "BondedGradients",
+}
+
+
+@dataclass(frozen=True)
+class Options:
+    """The options of a `Simulation`, which documents them; `checked` makes them.
+
+    Attributes:
+        requested: step, tolerances and accuracy.
+        scheme: "implicit" or "explicit".
+        scheme_is_picked: whether the user left it open.
+        theta, max_newton, max_halvings, inertia, solver: as given.
+        solve: of the interactions, with the first tolerance.
+    """
+
+    requested: RequestedAccuracy
+    scheme: str
+    scheme_is_picked: bool
+    theta: float
+    solver: str | Solver
+    solve: SolveOptions
+    max_newton: int
+    max_halvings: int
+    inertia: bool
+
+    @classmethod
+    def checked(
+        cls,
+        scene: Scene,
+        requested: RequestedAccuracy,
+        *,
+        scheme: str | None,
+        theta: float,
+        solver: str | Solver,
+        solve: SolveOptions,
+        max_newton: int,
+        max_halvings: int,
+        inertia: bool,
+    ) -> Options:
+        """Options of which the scene can be run.
+
+        Raises:
+            ValueError: a number out of range, an unknown word, options that exclude each other or
+                something in the scene.
+        """
+        picked = scheme is None
+        if scheme is None:
+            explicit = requested.adapts_step and _suits_explicit(scene, theta, solver, inertia)
+            scheme = "explicit" if explicit else "implicit"
+        options = cls(
+            requested, scheme, picked, theta, solver, solve, max_newton, max_halvings, inertia
+        )
+        options._check_ranges()
+        options._check_scene(scene)
+        options._check_solver(scene)
+        return options
+
+    def _check_ranges(self) -> None:
+        theta, relaxation = self.theta, self.solve.relaxation
+        for name, value in (("theta", theta), ("relaxation", relaxation)):
+            require_number(name, value)
+        if self.scheme not in ("implicit", "explicit"):
+            raise ValueError(f'scheme should be "implicit" or "explicit", got {self.scheme!r}.')
+        if not 0.5 <= theta <= 1.0:
+            raise ValueError(f"theta should lie in [1/2, 1], got {theta}.")
+        if self.scheme == "explicit" and theta != 0.5:
+            raise ValueError(f"The explicit bulk has theta = 1/2, got {theta}.")
+        if not 0.0 < relaxation < 2.0:
+            raise ValueError(f"relaxation should lie in (0, 2), got {relaxation}.")
+        require_count("max_sweeps", self.solve.max_sweeps, 1)
+        require_count("max_newton", self.max_newton, 1)
+        require_count("max_halvings", self.max_halvings, 0)
+        if self.solve.num_threads is not None:
+            require_count("num_threads", self.solve.num_threads, 1)
+
+    def _check_scene(self, scene: Scene) -> None:
+        scheme, step = self.scheme, self.requested.step
+        if scheme == "explicit" and scene.macroscopic is not None:
+            raise ValueError(
+                "A periodic cell's macroscopic equations hold at the end of the step: take "
+                'scheme="implicit".'
+            )
+        if scene.bodies is None and (step is None or scheme == "explicit"):
+            raise ValueError(
+                "A scene of rigid bodies takes a step (s), and no scheme of the bulk: no wave "
+                f"bounds the step. Got step = {step}, {scheme!r}."
+            )
+        if self.inertia:
+            return
+        if scene.rigid_bodies is not None:
+            raise ValueError("Rigid bodies have inertia; a static run (inertia=False) has none.")
+        no_step = step is None and not self.requested.adapts_step
+        if self.theta != 1.0 or scheme == "explicit" or no_step:
+            raise ValueError(
+                "A static run (inertia=False) takes a step or an accuracy, and theta = 1 of the "
+                f'"implicit" scheme, got step = {step}, theta = {self.theta}, {scheme!r}.'
+            )
+
+    def _check_solver(self, scene: Scene) -> None:
+        solver = self.solver
+        if not isinstance(solver, Solver) and solver not in tuple(SOLVERS):
+            raise ValueError(f"solver should be one of {', '.join(SOLVERS)}, got {solver!r}.")
+        if self.scheme == "explicit" and scene.points == "nodal":
+            if solver != "auto":
+                raise ValueError(
+                    "An explicit bulk with nodal points solves each vertex alone: leave solver at "
+                    f'"auto", got {solver!r}.'
+                )
+            if scene.ties:
+                raise ValueError(
+                    "An explicit bulk with nodal points solves each vertex alone, and ties join "
+                    'several: take scheme="implicit" or points="gauss".'
+                )
+
+
+def _suits_explicit(scene: Scene, theta: float, solver: str | Solver, inertia: bool) -> bool:
+    """Whether the explicit bulk takes the scene, and longer steps would not be cheaper."""
+    if scene.bodies is None:
+        return False
+    each_cell_a_body = scene.bodies.num_bodies == len(scene.bodies.body_of_cell)
+    undamped = scene.macroscopic is None and scene.damping is None
+    nodal = scene.points == "nodal" and solver == "auto"
+    return each_cell_a_body and undamped and nodal and inertia and theta == 0.5

@@ -1,0 +1,197 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""The permanent interaction points of a scene: on facing facets, in ties, on walls."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from xper_fx.bodies.meshes import cell_measure, local_facet_vertices
+from xper_fx.nscd.facets import facet_points, join_points, no_points, nodal_shares, wall_points
+from xper_fx.nscd.points import InteractionPoints
+
+if TYPE_CHECKING:
+    from xper_fx.bulk.bulk import Bulk
+    from xper_fx.nscd.inverse_blocks import BodyInverse
+    from xper_fx.parallel.halo import Halo
+    from xper_fx.parallel.local_bodies import Part
+    from xper_fx.scene.scene import Scene
+    from xper_fx.simulation.contact_detection import Detection
+
+# Gaps this small beside the coordinates are closed.
+_ROUNDING = 1e-12
+
+
+class ScenePoints:
+    """Points on nodes among this rank's unknowns; ghosts of others' come next, the ground last.
+
+    Args:
+        scene: the scene.
+        bulk: of its meshed bodies, or an empty one.
+        ties: points of each tie and the bodies that they join (`ties.tie_points`).
+        part: what this rank has of the bodies, None if one rank has all.
+        by_vertex: whether each vertex is solved alone.
+
+    Attributes:
+        laws: of the scene's facets, ties and walls.
+        facets_with_law: shape (n,), numbers of facing facets that have points, on all ranks.
+        points_a_facet: points on each.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        bulk: Bulk,
+        ties: list[tuple[InteractionPoints, np.ndarray]],
+        part: Part | None,
+        by_vertex: bool,
+    ):
+        self._scene, self._bulk, self._part, self._by_vertex = scene, bulk, part, by_vertex
+        self.laws, self.points_a_facet, self._num_wall_points = [], 0, 0
+        self.facets_with_law = np.zeros(0, int)
+        self._shared = None
+        self._num_nodes = self._ground = bulk.num_dofs // bulk.dim
+        self._points, self._law_of_point = [], [np.zeros(0, int)]
+        if scene.bodies is not None:
+            self._take_facets()
+            for tie, (points, _) in zip(scene.ties, ties, strict=True):
+                self._take(points, tie.law)
+            self._take_walls()
+
+    @property
+    def exist(self) -> bool:
+        """Whether the scene has points; this rank may have none of them."""
+        return len(self._points) > 0
+
+    @property
+    def law_of_point(self) -> np.ndarray:
+        """Number in `laws` of each point's, shape (num_points,)."""
+        return np.concatenate(self._law_of_point)
+
+    def _take(self, points: InteractionPoints, law) -> None:
+        if law not in self.laws:
+            self.laws.append(law)
+        self._points.append(points)
+        self._law_of_point.append(np.full(len(points), self.laws.index(law)))
+
+    def _take_facets(self) -> None:
+        scene = self._scene
+        self.laws, law_of_facet = scene.law_of_facet()
+        self.facets_with_law = np.flatnonzero(law_of_facet >= 0)
+        if self._part is not None:
+            self._share_facets(law_of_facet)
+        elif len(self.facets_with_law):
+            facets = scene.bodies.facets
+            nodes = scene.bodies.facing_nodes(self._bulk.forms.V)[self.facets_with_law]
+            points = facet_points(
+                self._bulk.unknowns.node_of[nodes],
+                facets.normal[self.facets_with_law],
+                facets.measure[self.facets_with_law],
+                scene.points,
+            )
+            self.points_a_facet = len(points) // len(self.facets_with_law)
+            law = law_of_facet[self.facets_with_law]
+            self._points.append(points)
+            self._law_of_point.append(np.repeat(law, self.points_a_facet))
+
+    def _share_facets(self, law_of_facet: np.ndarray) -> None:
+        from xper_fx.parallel.shared_points import shared_points
+
+        bulk = self._bulk
+        shared = self._shared = shared_points(
+            self._scene.bodies, self._part, bulk.ranks, bulk.forms.V, bulk.unknowns.node_of,
+            self._num_nodes, law_of_facet, self._scene.points, self._by_vertex,
+        )  # fmt: skip
+        self.points_a_facet = shared.points_a_facet
+        self._ground += sum(shared.num_ghosts.values())
+        self._points.append(shared.points)
+        self._law_of_point.append(shared.law_of_point)
+
+    def _take_walls(self) -> None:
+        k = self._points[0].nodes.shape[2] if self._points else 1
+        for wall in self._scene.walls:
+            points = self._on_wall(wall, k)
+            self._num_wall_points += len(points)
+            self._take(points, wall.law)
+
+    def _on_wall(self, wall, k: int) -> InteractionPoints:
+        """Nodes of tagged facets against a plane, each with its share of the facets."""
+        V, dim = self._bulk.forms.V, self._scene.dim
+        bodies = self._scene.bodies if self._part is None else self._part.bodies
+        mesh = bodies.mesh
+        fdim = mesh.topology.dim - 1
+        mesh.topology.create_connectivity(fdim, fdim + 1)
+        mesh.topology.create_connectivity(fdim + 1, fdim)
+        cells = mesh.topology.connectivity(fdim, fdim + 1)
+        facets_of = mesh.topology.connectivity(fdim + 1, fdim)
+        x = V.tabulate_dof_coordinates()[:, :dim]
+        area = np.zeros(self._ground)
+        corners_of = local_facet_vertices(mesh).shape[1]
+        kind = {2: "interval", 3: "triangle", 4: "quadrilateral"}[corners_of]
+        for facet in bodies.facet_tags.find(wall.facets):
+            cell = cells.links(facet)[0]
+            local = int(np.flatnonzero(facets_of.links(cell) == facet)[0])
+            nodes = V.dofmap.list[cell][V.dofmap.dof_layout.entity_closure_dofs(fdim, local)]
+            corners = np.zeros((1, corners_of, 3))
+            corners[0, :, :dim] = x[nodes[:corners_of]]
+            area[nodes] += cell_measure(kind, corners) * nodal_shares(fdim + 1, len(nodes))
+        nodes = np.flatnonzero(area > 0.0)
+        normal = np.asarray(wall.normal, float) / np.linalg.norm(wall.normal)
+        away = x[nodes] - np.asarray(wall.point, float)
+        gap = away @ normal
+        # a gap of rounding would leave a body that rests on the wall without it for a step
+        size = np.abs(np.concatenate([x[nodes], away])).max(initial=0.0)
+        gap[np.abs(gap) <= _ROUNDING * size] = 0.0
+        return wall_points(nodes, area[nodes], normal, gap, self._ground, k)
+
+    def interacting(self, detection: Detection | None) -> np.ndarray:
+        """Nodes at which interactions act or contacts may come about, body by body."""
+        nodes = self._bulk.layout.nodes
+        acts = np.zeros(self._ground + 1, bool)
+        for points in self._points:
+            acts[points.nodes] = True
+        if self._shared is not None:
+            for asked in self._shared.asked.values():
+                acts[asked] = True
+        if detection is not None:
+            acts[self._bulk.unknowns.node_of[detection.nodes]] = True
+        return nodes[acts[nodes]]
+
+    def on_slots(self, inverse) -> tuple[InteractionPoints, Halo | None]:
+        """The points on slots of an inverse, and what is exchanged with other ranks.
+
+        Args:
+            inverse: one of `xper_fx.bulk.body_inverse`, of at least the `interacting` nodes.
+        """
+        slot = np.full(self._ground + 1, inverse.blocks.num_nodes)
+        slot[inverse.nodes] = np.arange(len(inverse.nodes))
+        halo = None if self._shared is None else self._halo(inverse.blocks, slot)
+        if not self._points:
+            return no_points(self._bulk.dim), halo
+        points = join_points(self._points)
+        return (
+            InteractionPoints(
+                slot[points.nodes].astype(np.int32), points.weights, points.frame, points.area,
+                points.gap,
+            ),
+            halo,
+        )  # fmt: skip
+
+    def _halo(self, blocks: BodyInverse, slot: np.ndarray) -> Halo:
+        """What is exchanged with other ranks; the slots of ghosts and ground are set."""
+        from xper_fx.parallel.halo import Halo
+
+        shared, ranks, walls = self._shared, self._bulk.ranks, self._num_wall_points
+        first = len(self.facets_with_law) * self.points_a_facet + ranks.before(walls)
+        halo = Halo(
+            ranks, blocks, {rank: slot[asked] for rank, asked in shared.asked.items()},
+            shared.phase_of_rank, shared.num_phases,
+            np.concatenate([shared.numbers, first + np.arange(walls)]),
+            np.concatenate([shared.phase, np.zeros(walls, int)]),
+        )  # fmt: skip
+        slot[self._num_nodes : -1] = np.concatenate(
+            [np.zeros(0, int), *(halo.wanted[rank] for rank in shared.num_ghosts)]
+        )
+        slot[-1] = halo.num_slots
+        return halo

@@ -1,0 +1,124 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""What can be read off a simulation between its steps."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from dolfinx import fem
+
+from xper_fx.bulk.state import State, StepOutcome
+from xper_fx.simulation.model import Model
+
+if TYPE_CHECKING:
+    from xper_fx.periodic.averages import Macroscopic
+
+
+class Readings:
+    """Displacements, velocities and reactions of a simulation's present state.
+
+    Attributes:
+        model: what is stepped.
+        state: displacement, velocity, time.
+        last: the last step's outcome, None before the first.
+    """
+
+    model: Model
+    state: State
+    last: StepOutcome | None
+    _before: State | None  # at the start of the last step
+    _last_size: float  # of the last step (s)
+    _rigid_reactions: np.ndarray | None  # impulses of the last step
+
+    def _macroscopic(
+        self, before: State | None, outcome: StepOutcome | None, size: float
+    ) -> Macroscopic | None:
+        model = self.model
+        if model.scene.macroscopic is None:
+            return None
+        from xper_fx.periodic.averages import macroscopic_state
+
+        with model.stopwatch.phase("macroscopic averages"):
+            return macroscopic_state(
+                model.bulk, before, outcome, self.state, size, model.scheme.theta
+            )
+
+    @property
+    def time(self) -> float:
+        """Time reached (s)."""
+        return self.state.time
+
+    @property
+    def displacement(self) -> fem.Function:
+        """Displacement on the exploded mesh (m)."""
+        function = self.model.bulk.forms.u
+        function.x.array[:] = self.model.bulk.unknowns.expand(self.state.displacement)
+        return function
+
+    @property
+    def velocity(self) -> fem.Function:
+        """Velocity on the exploded mesh (m/s)."""
+        function = fem.Function(self.model.bulk.forms.V, name="velocity")
+        function.x.array[:] = self.model.bulk.unknowns.expand(self.state.velocity)
+        return function
+
+    def mean_displacement(self, facets: int) -> np.ndarray:
+        """Mean displacement of the nodes of tagged facets, shape (dim,), m."""
+        return self._mean_over(facets, self.state.displacement)
+
+    def mean_displacement_of_reaction(self, facets: int) -> np.ndarray:
+        """As `mean_displacement`, at t0 + theta h of the last step, for which `reaction` stands."""
+        end = self.mean_displacement(facets)
+        if self._before is None:
+            return end
+        start, theta = self._mean_over(facets, self._before.displacement), self.model.scheme.theta
+        return theta * end + (1.0 - theta) * start
+
+    def reaction(self, facets: int) -> np.ndarray:
+        """Mean force over the last step on the prescribed dofs of tagged facets.
+
+        It stands for the time t0 + theta h, so compare it with `mean_displacement_of_reaction`.
+
+        Args:
+            facets: facet tag.
+
+        Returns:
+            Shape (dim,), N (2D: N/m), the force that the support exerts on the bodies.
+        """
+        dim = self.model.bulk.dim
+        if self.model.scene.macroscopic is not None:
+            raise ValueError("A periodic cell has no supports; read `macroscopic.stress`.")
+        if self.last is None:
+            return np.zeros(dim)
+        reactions = self.last.reactions.reshape(-1, dim)[self.model.nodes_of(facets)].sum(axis=0)
+        return self.model.ranks.sum(reactions) / self._last_size
+
+    def reaction_of(self, group: str) -> np.ndarray:
+        """Mean force over the last step that drives or holds the rigid bodies of a group.
+
+        Args:
+            group: name of the group.
+
+        Returns:
+            Shape (dim,), N (2D: N/m): on what is prescribed, zero elsewhere.
+
+        Raises:
+            ValueError: no rigid body bears the name.
+        """
+        bodies, dim = self.model.scene.rigid_bodies, self.model.bulk.dim
+        if bodies is None or group not in bodies.groups:
+            raise ValueError(f"No rigid body is of the group {group!r}.")
+        if self._rigid_reactions is None:
+            return np.zeros(dim)
+        forces = self._rigid_reactions.reshape(-1, 2, dim)[:, 0]
+        return forces[bodies.group_of == bodies.groups.index(group)].sum(axis=0)
+
+    def _mean_over(self, facets: int, displacement: np.ndarray) -> np.ndarray:
+        bulk, ranks = self.model.bulk, self.model.ranks
+        values = bulk.unknowns.expand(displacement).reshape(-1, bulk.dim)[
+            self.model.nodes_of(facets)
+        ]
+        if ranks.alone:
+            return values.mean(axis=0)
+        return ranks.sum(values.sum(axis=0)) / ranks.sum(len(values))

@@ -1,0 +1,136 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""The state of a simulation, saved and restored: what a checkpoint holds."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from xper_fx.bulk.state import State, StepOutcome
+from xper_fx.nscd.solvers.solver import Solver
+from xper_fx.simulation.course import Course
+from xper_fx.simulation.readings import Readings
+
+if TYPE_CHECKING:
+    from xper_fx.periodic.averages import Macroscopic
+
+_NONE = np.zeros(0)
+
+
+class Restartable(Readings):
+    """A simulation whose state can be saved, and which can go on from one."""
+
+    solver: Solver
+    step_number: int
+    tolerance: float
+    macroscopic: Macroscopic | None
+    _course: Course
+    _resumes: bool
+
+    def saved(self) -> dict:
+        """All that the rest of the run depends on, in nested dictionaries.
+
+        Returns:
+            By name numbers, arrays that are the same for all processes, and `Rows`; a restarted
+            run equals this one if it has the same scene and options.
+        """
+        model, by_cell = self.model, self.model.bulk.unknowns.by_cell
+        saved = {
+            "step_number": self.step_number,
+            "time": self.state.time,
+            "last_size": self._last_size,
+            "state": _forces_and_motion(self.state, by_cell),
+            "bulk": model.bulk.saved(),
+            "scheme": model.scheme.saved(),
+            "ledger": model.ledger.saved(),
+            "course": self._course.saved(),
+        }
+        if self.last is not None:
+            saved["last"] = {
+                "reactions": by_cell(self.last.reactions),
+                "impulses": by_cell(self.last.impulses),
+                "displacement_before": by_cell(self._before.displacement),
+            }
+        if self.macroscopic is not None:
+            saved["hill_mandel"] = self.macroscopic.hill_mandel
+        for name, part in _parts(self):
+            saved[name] = part.saved()
+        if self._rigid_reactions is not None:
+            saved["rigid_reactions"] = self._rigid_reactions
+        if model.interactions is not None:
+            saved["solvers"] = _solver_memories(self)
+        return saved
+
+    def restore(self, saved: Mapping) -> None:
+        """Go on where `saved` was taken, of the same scene.
+
+        Args:
+            saved: with the rows in order (`Rows.in_order`).
+        """
+        model, from_cells = self.model, self.model.bulk.unknowns.from_cells
+        state = saved.get("state", {})
+        vectors = {
+            name: state[name] if isinstance(state[name], float) else from_cells(state[name])
+            for name in state
+        }
+        self.state = State(
+            saved["time"],
+            *(vectors.get(name, _NONE) for name in ("displacement", "velocity", "internal")),
+            vectors.get("external", 0.0),
+        )
+        self.step_number, self._last_size = saved["step_number"], saved["last_size"]
+        model.bulk.restore(saved.get("bulk", {}))
+        model.scheme.restore(saved.get("scheme", {}))
+        model.ledger.restore(saved["ledger"])
+        self._course, self._resumes = Course.restored(saved["course"]), True
+        for name, part in _parts(self):
+            if name in saved:
+                part.restore(saved[name])
+        if model.control is not None:
+            self.tolerance = model.control.tolerance
+        self._rigid_reactions = saved.get("rigid_reactions")
+        if self.step_number:
+            last = saved.get("last", {})
+            before = from_cells(last.get("displacement_before", {}))
+            self._before = replace(self.state, displacement=before)
+            self.last = StepOutcome(
+                self.state, _NONE, from_cells(last.get("impulses", {})),
+                from_cells(last.get("reactions", {})), 0.0, 0.0, 0, 0.0, 0.0, 0, 0.0, True,
+            )  # fmt: skip
+        if self.macroscopic is not None:
+            here = self._macroscopic(None, None, self._last_size)
+            self.macroscopic = here._replace(hill_mandel=saved["hill_mandel"])
+        interactions = model.interactions
+        if interactions is None:
+            return
+        if model.scheme.holds(interactions.step_size):
+            inverse = model.scheme.inverse(interactions.step_size, self.state.displacement)
+            interactions.update_inverse(inverse.blocks)
+        own = f"{model.ranks.rank} of {model.ranks.size}"
+        self.solver.restore(interactions, saved.get("solvers", {}).get(own, {}))
+
+
+def _forces_and_motion(state: State, by_cell: Callable) -> dict:
+    """The vectors of a state, by name."""
+    vectors = {n: by_cell(getattr(state, n)) for n in ("displacement", "velocity", "internal")}
+    external = state.external
+    return vectors | {"external": by_cell(external) if np.ndim(external) else float(external)}
+
+
+def _solver_memories(simulation: Restartable) -> dict[str, dict]:
+    """What the solver keeps from step to step, by rank: it stands in the order of its points."""
+    ranks, memory = simulation.model.ranks, simulation.solver.saved(simulation.model.interactions)
+    memories = [memory] if ranks.alone else ranks.comm.allgather(memory)
+    return {f"{rank} of {len(memories)}": held for rank, held in enumerate(memories)}
+
+
+def _parts(simulation: Restartable) -> list[tuple[str, object]]:
+    """What there is of the parts that save themselves, in the order to restore them."""
+    parts = [
+        ("interactions", simulation.model.interactions), ("detection", simulation.model.detection),
+        ("rigid", simulation.model.rigid), ("accuracy", simulation.model.control),
+    ]  # fmt: skip
+    return [(name, part) for name, part in parts if part is not None]

@@ -1,0 +1,308 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Simulation: the time loop. It knows no law and no material by name."""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from mpi4py import MPI
+
+from xper_fx.bulk.state import State, StepOutcome
+from xper_fx.nscd.solvers.solver import SolveOptions, Solver
+from xper_fx.scene.scene import Scene
+from xper_fx.simulation.attempt import StepAttempts
+from xper_fx.simulation.course import Course
+from xper_fx.simulation.energy_ledger import BulkEnergies
+from xper_fx.simulation.model import Model
+from xper_fx.simulation.not_finite import not_finite_columns, source_of_not_finite
+from xper_fx.simulation.options import Options
+from xper_fx.simulation.requested_accuracy import RequestedAccuracy
+from xper_fx.simulation.restartable import Restartable
+from xper_fx.simulation.step_record import StepRecord
+from xper_fx.support.checks import require_number
+from xper_fx.support.errors import ConvergenceError, NotFiniteError
+from xper_fx.support.profile import Stopwatch
+from xper_fx.support.ranks import Ranks
+
+if TYPE_CHECKING:
+    pass
+
+logger = logging.getLogger(__name__)
+
+# Steps of a picked explicit bulk above which a user is told that an implicit one may be cheaper.
+_MANY_STEPS = 100_000
+# Time this small beside the end is rounding.
+_ROUNDING = 1e-12
+
+
+class Simulation(Restartable):
+    """Steps a scene through time.
+
+    Args:
+        scene: what to simulate.
+        step: h (s); 0.7 of the critical step of the explicit bulk if not given; "auto" adapts it.
+        scheme: "implicit" or "explicit" bulk; interactions are implicit with both. If not given,
+            implicit; with an adapted step explicit where each cell is a body that has mass, as
+            waves then go from body to body by sweeps, and longer steps need as many more.
+        theta: weight of the end of the step, in [1/2, 1]; the explicit bulk has 1/2.
+        accuracy: relative error asked for, in (0, 1): step and tolerances that are not given are
+            picked and adapted for it (`accuracy_control.py`). 1e-2 if only a knob is "auto".
+        tolerance: bound on the estimated relative error of the impulses, or on the violation of
+            the laws where all contacts are of rigid bodies (`nscd/solvers/nlgs.py`); 1e-3 if not
+            given; "auto" adapts it.
+        max_sweeps: sweeps after which the interaction solver gives up.
+        solver: of the interactions: "nlgs" (sweeps), "newton" (all points at once, for steps far
+            beyond the explicit limit), "accelerated" (mixed sweeps), "subdomains" (conjugate
+            gradients, where all points are perfect bonds), or "auto", which picks. An explicit
+            bulk with nodal points solves each vertex alone, and takes "auto" only. A `Solver` of
+            one's own is taken too (`nscd/solvers/solver.py`).
+        relaxation: over-relaxation of impulses where a law is linear, in (0, 2).
+        newton_tolerance: bound on the last relative Newton correction; with interactions at least
+            a hundredth of `tolerance`. 1e-8 if not given, or a thousandth of `accuracy`.
+        max_newton: Newton iterations after which a step is given up.
+        max_halvings: how often a step that does not converge, in which a material flows by more
+            than 5 % strain, in which iterates broke bonds that stay closed, or in which bodies
+            would pass through each other unseen, is cut in two.
+        inertia: False for a static run (theta = 1): bodies without mass, which motions, a
+            periodic cell's ties or interactions with bodies that are held must hold, as nothing
+            regularises the stiffness.
+        num_threads: threads of the interaction solver; all that Numba has if not given.
+        comm: ranks that simulate the scene together, each with the same scene. They divide the
+            bodies of scenes of meshed bodies that interact at their facets or with walls, and the
+            contacts of scenes of rigid bodies alone where there are enough of them
+            (`parallel/rigid_partition.py`); other scenes every rank simulates as a whole.
+            MPI.COMM_SELF if each rank has a scene of its own.
+
+    Attributes:
+        model: the scene, made ready to be stepped; `bulk`, `forms`, `rigid`, `detection`,
+            `interactions`, `scheme`, `ledger`, `ranks`, `part` and `bodies` are its.
+        team: the ranks of `comm`.
+        state: displacement, velocity, time.
+        step_number: steps made.
+        step_size: h (s) at the start.
+        tolerance: of the impulses in the next step.
+        last: outcome of the last step, None before the first.
+        macroscopic: Fbar, Pibar and Hill-Mandel's error of a periodic cell; None otherwise.
+        stopwatch: profile of the run.
+        folder: where a recorder writes, None without one.
+
+    Raises:
+        ValueError: a number out of range.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        step: float | str | None = None,
+        *,
+        accuracy: float | None = None,
+        scheme: str | None = None,
+        theta: float = 0.5,
+        tolerance: float | str | None = None,
+        max_sweeps: int = 20_000,
+        relaxation: float = 1.3,
+        solver: str | Solver = "auto",
+        newton_tolerance: float | None = None,
+        max_newton: int = 25,
+        max_halvings: int = 6,
+        inertia: bool = True,
+        num_threads: int | None = None,
+        comm: MPI.Comm = MPI.COMM_WORLD,
+    ):
+        requested = RequestedAccuracy.chosen(accuracy, step, tolerance, newton_tolerance)
+        options = Options.checked(
+            scene, requested, scheme=scheme, theta=theta, solver=solver,
+            solve=SolveOptions(requested.tolerance, max_sweeps, relaxation, num_threads),
+            max_newton=max_newton, max_halvings=max_halvings, inertia=inertia,
+        )  # fmt: skip
+        self.scene, self.team = scene, Ranks(comm)
+        self.stopwatch = Stopwatch()
+        self.folder: Path | None = None
+        with self.stopwatch.phase("set-up"):
+            model = Model(scene, options, self.team, self.stopwatch)
+        self.model = model
+        self.ranks, self.part, self.bodies = model.ranks, model.part, model.bodies
+        self.bulk, self.forms, self.rigid = model.bulk, model.bulk.forms, model.rigid
+        self.detection, self.interactions = model.detection, model.interactions
+        self.scheme, self.theta, self.ledger = model.scheme, model.scheme.theta, model.ledger
+        self.state, self.step_size, self.step_number = model.start, model.step_size, 0
+        self.tolerance = requested.tolerance
+        self.last: StepOutcome | None = None
+        self.macroscopic = self._macroscopic(None, None, self.step_size)
+        self._attempts = StepAttempts(model)
+        self._before: State | None = None
+        self._last_size = self.step_size
+        self._rigid_reactions: np.ndarray | None = None
+        self._save: Callable[[], Path] | None = None
+        self._course = Course()
+        self._resumes = False
+
+    @property
+    def options(self) -> Options:
+        """As checked; a step to come can have others (`model.options`)."""
+        return self.model.options
+
+    @property
+    def solver(self) -> Solver:
+        """Solver of the interactions."""
+        return self._attempts.solver
+
+    @property
+    def estimated_error(self) -> float | None:
+        """Relative error estimated so far; None without an accuracy asked for."""
+        return None if self.model.control is None else self.model.control.error
+
+    def steps(self, end_time: float) -> Iterator[StepRecord]:
+        """Advance to `end_time` (s), a record after each committed step.
+
+        Raises:
+            ValueError: an end that is not finite.
+            ConvergenceError: a step did not converge however often it was cut; NotFiniteError:
+                it gave NaN or infinity. The state is that of the last step.
+        """
+        if not math.isfinite(require_number("end_time", end_time)):
+            raise ValueError(f"end_time should be a finite number, got {end_time}.")
+        control = self.model.control
+        fixed = control is None or not control.adapts_step
+        course = self._course
+        resumes, self._resumes = self._resumes, False
+        if not (resumes and course.is_to(end_time, self.step_size)):
+            course = self._course = Course.planned(self.state.time, end_time, self.step_size)
+        yield from self._advance(end_time)
+        if fixed:
+            while course.left > 0:
+                course.left -= 1
+                course.pieces.append((self.step_size, 0))
+                yield from self._advance(end_time)
+            return
+        if self.options.scheme_is_picked and self.options.scheme == "explicit":
+            count = (end_time - self.state.time) / self.step_size
+            if count > _MANY_STEPS:
+                logger.warning(
+                    "%.0f explicit steps to %g s: slow loads may be cheaper with "
+                    'scheme="implicit"', count, end_time,
+                )  # fmt: skip
+        while end_time - self.state.time > _ROUNDING * abs(end_time):
+            course.pieces.append((control.size(self.state.time, end_time), 0))
+            yield from self._advance(end_time)
+
+    def _advance(self, end_time: float) -> Iterator[StepRecord]:
+        """The pieces of a step that are left to do; none if it should be shorter."""
+        pieces, most = self._course.pieces, self.options.max_halvings
+        while pieces:
+            size, halvings = pieces.pop()
+            last_try = halvings >= most
+            with self.stopwatch.phase("step"):
+                outcome = self._attempts.step(
+                    self.state, size, self.tolerance, self.step_number + 1, last_try
+                )
+                good = outcome is not None and outcome.converged
+                if good:
+                    energies = self._bulk_energies(outcome, size)
+                    if not self._accurate(size, energies, end_time) and not halvings:
+                        return
+                    record = self._commit(outcome, size, energies)
+            if good:
+                yield record
+            elif last_try:
+                self._give_up(outcome, size)
+            else:
+                logger.info(
+                    "step %d at h = %.3g s did not converge, or went too far: halved",
+                    self.step_number, size,
+                )  # fmt: skip
+                pieces += [(0.5 * size, halvings + 1)] * 2
+
+    def _bulk_energies(self, outcome: StepOutcome, size: float) -> BulkEnergies:
+        with self.stopwatch.phase("energy"):
+            energies = self.ledger.bulk_energies(
+                self.state, outcome, size, self._attempts.rigid_work
+            )
+        self._require_finite(not_finite_columns(energies._asdict()), size)
+        return energies
+
+    def _give_up(self, outcome: StepOutcome | None, size: float) -> None:
+        """Stop with the reason, the state saved."""
+        residual, newton = np.nan, np.nan
+        if outcome is not None:
+            residual, newton = outcome.residual, outcome.newton_residual
+            if self.ranks.alone:
+                source = source_of_not_finite(
+                    self.scene, self.bulk, self.interactions, self.state, outcome, size
+                )
+                self._require_finite(source, size)
+        raise ConvergenceError(
+            self.step_number + 1, self.state.time, size, residual, newton, self._save_state()
+        )
+
+    def _require_finite(self, source: str | None, size: float) -> None:
+        """Raise a NotFiniteError if something has given a number that is not finite."""
+        if source is not None:
+            raise NotFiniteError(
+                self.step_number + 1, self.state.time, size, source, self._save_state()
+            )
+
+    def _accurate(self, size: float, energies: BulkEnergies, end_time: float) -> bool:
+        """Whether the step from the present state is as accurate as asked for, if anything is."""
+        control = self.model.control
+        if control is None:
+            return True
+        good = control.accepts(self.state.time, size, energies, end_time)
+        if not good:
+            logger.info("step at %.3g s of h = %.3g s is too coarse", self.state.time, size)
+        return good
+
+    def _commit(self, outcome: StepOutcome, size: float, energies: BulkEnergies) -> StepRecord:
+        attempts, control = self._attempts, self.model.control
+        with self.stopwatch.phase("energy"):
+            work = None if self.interactions is None else self.interactions.commit(outcome.slots)
+            self.ledger.record(self.state, outcome, size, energies, work, attempts.rigid_work)
+        self._require_finite(not_finite_columns(self.ledger.as_columns()), size)
+        if self.detection is not None:
+            with self.stopwatch.phase("contact search"):
+                self.detection.release(
+                    self.interactions, self.model.points.points_a_facet,
+                    self.bulk.unknowns.expand(outcome.state.displacement),
+                )  # fmt: skip
+        if control is not None:
+            control.learn(size, energies, work, self.ledger.closure)
+            self.tolerance = control.tolerance
+        with self.stopwatch.phase("commit"):
+            self.bulk.commit(outcome.state.displacement, outcome.state.internal)
+            if self.rigid is not None:
+                self.rigid.commit()
+        self._before, self.state = self.state, outcome.state
+        self.last, self._last_size = outcome, size
+        self._rigid_reactions = attempts.rigid_reactions
+        self.macroscopic = self._macroscopic(self._before, outcome, size)
+        self.step_number += 1
+        return StepRecord(
+            self.step_number, self.state.time, size, outcome.sweeps, outcome.residual,
+            outcome.traction_change, outcome.newton_iterations, outcome.newton_residual,
+            self.ledger.as_columns(),
+        )  # fmt: skip
+
+    # Saving
+
+    def save_on_failure(self, save: Callable[[], Path] | None) -> None:
+        """Save the state where a step does not converge, before the error is raised.
+
+        Args:
+            save: saves the state and returns the file; None to save nothing.
+        """
+        self._save = save
+
+    def _save_state(self) -> Path | None:
+        self._course = Course()
+        if self._save is None:
+            return None
+        try:
+            return self._save()
+        except OSError as error:
+            logger.error("the state could not be saved: %s", error)
+            return None

@@ -1,0 +1,202 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""What a study runs and compares; `study.py` runs it."""
+
+from __future__ import annotations
+
+import hashlib
+import inspect
+import itertools
+import json
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from difflib import get_close_matches
+from math import isfinite
+from pathlib import Path
+from typing import Any
+
+from xper_fx.scene.scene import Scene
+from xper_fx.simulation.simulation import Simulation
+from xper_fx.study.process import Job
+from xper_fx.study.quantities import Quantity
+from xper_fx.support.checks import require_positive
+from xper_fx.support.version import __version__
+
+Knob = str | int | float | bool | None
+Setting = dict[str, Knob]
+AnySetting = Mapping[str, Knob]
+"""A setting as functions take it."""
+
+# Knobs of the study itself.
+_OWN = ("courant", "fields")
+
+
+def vary(default: AnySetting, knob: str, values: Iterable[Knob]) -> list[Setting]:
+    """A family of settings: one knob varied, the others as they are."""
+    return [{**default, knob: value} for value in values]
+
+
+def product(default: AnySetting, **values: Iterable[Knob]) -> list[Setting]:
+    """A family of settings: all combinations of some knobs' values, the others as they are."""
+    return [
+        {**default, **dict(zip(values, chosen, strict=True))}
+        for chosen in itertools.product(*values.values())
+    ]
+
+
+def as_text(setting: AnySetting, knobs: Sequence[str] | None = None) -> str:
+    """A setting as text, "scheme=explicit, courant=0.7"; only some knobs if they are named."""
+    chosen = setting if knobs is None else [k for k in knobs if k in setting]
+    return ", ".join(f"{knob}={value_text(setting[knob])}" for knob in chosen)
+
+
+def varied(settings: Sequence[Setting]) -> list[str]:
+    """Knobs that are not the same in all settings, in order of appearance."""
+    knobs = dict.fromkeys(knob for setting in settings for knob in setting)
+    return [k for k in knobs if len({as_text(s, [k]) for s in settings}) > 1]
+
+
+def value_text(value: Any) -> str:
+    """A knob's value as text, numbers in short."""
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+@dataclass(frozen=True)
+class Study:
+    """What to run and what to compare.
+
+    A setting is a mapping of knobs to values. Knobs are parameters of `build`, of `Simulation`
+    (one that both have goes to both), and two of the study's own: `courant`, the step over the
+    critical step of the scene's explicit bulk, and `fields`, the number of times at which fields
+    are written during the run.
+
+    Args:
+        name: of the study.
+        build: function at the top level of a module or script, which makes the scene.
+        end_time: of each run (s). Steps are shortened so that a whole number of them ends there.
+        quantities: what is compared, by name (`quantities.py`).
+        families: settings by the name of their family, each in the order in which it is drawn. A
+            setting may be in several; it is run once.
+        reference: the setting whose values count as exact; not needed if all values are known.
+        known: exact values by name of quantity; they go before the reference's.
+        check: another setting as fine as the reference; how far it is from it is how far the
+            reference is to be trusted.
+        default: the setting that is marked in figures.
+
+    Raises:
+        TypeError: a knob's value is no number, text, bool or None, or `build` cannot be imported.
+        ValueError: a knob that neither `build` nor `Simulation` has, one that `build` lacks, no
+            setting, no reference.
+    """
+
+    name: str
+    build: Callable[..., Scene]
+    end_time: float
+    quantities: Mapping[str, Quantity]
+    families: Mapping[str, Sequence[AnySetting]]
+    reference: AnySetting | None = None
+    known: Mapping[str, Any] = field(default_factory=dict)
+    check: AnySetting | None = None
+    default: AnySetting | None = None
+
+    def __post_init__(self) -> None:
+        require_positive("end_time", self.end_time)
+        if "<" in getattr(self.build, "__qualname__", "<"):
+            raise TypeError(
+                f"build is {self.build!r}; it should be a function at the top level of a module or "
+                "script, which another process can import."
+            )
+        if not self.quantities or not all(self.families.values()) or not self.families:
+            raise ValueError("A study needs at least one quantity and one setting in each family.")
+        unknown = sorted(set(self.known) - set(self.quantities))
+        if unknown:
+            raise ValueError(
+                f"known names {unknown}, which are no quantities; these are: "
+                f"{sorted(self.quantities)}."
+            )
+        lacking = [
+            name
+            for name, q in self.quantities.items()
+            if q.has_reference and name not in self.known
+        ]
+        if lacking and self.reference is None:
+            raise ValueError(
+                f"The quantities {lacking} have no reference: give the finest setting as "
+                "`reference`, or their exact values in `known`."
+            )
+        for setting in self.settings():
+            self._check(setting)
+        for name, quantity in self.quantities.items():
+            if " at 0x" in repr(quantity):
+                raise TypeError(
+                    f"The quantity {name!r} prints as {quantity!r}, which changes from run to run, "
+                    "so that results could not be found again; give it a dataclass's repr."
+                )
+
+    def settings(self) -> list[Setting]:
+        """All settings to run, each once: those of families, default, reference and check."""
+        named = (self.default, self.reference, self.check)
+        chained = [*itertools.chain(*self.families.values()), *(s for s in named if s is not None)]
+        return list({as_text(setting): setting for setting in chained}.values())
+
+    def _knobs_of(self, function: Callable) -> list[str]:
+        parameters = inspect.signature(function).parameters.values()
+        return [p.name for p in parameters if p.name not in ("self", "scene")]
+
+    def _check(self, setting: Setting) -> None:
+        """Raise unless `build` and `Simulation` can take a setting."""
+        of_build, of_run = self._knobs_of(self.build), self._knobs_of(Simulation.__init__)
+        for knob, value in setting.items():
+            if not isinstance(value, Knob):
+                raise TypeError(
+                    f"Knob {knob!r} has the value {value!r}; it should be a number, a text, a bool "
+                    "or None, which can be written into a file and compared."
+                )
+            if isinstance(value, float) and not isfinite(value):
+                raise ValueError(f"Knob {knob!r} is {value}; it should be finite.")
+            known = [*of_build, *of_run, *_OWN]
+            if knob not in known:
+                near = get_close_matches(knob, known, 1)
+                raise ValueError(
+                    f"Knob {knob!r} is neither one of {self.build.__name__} ({', '.join(of_build)})"
+                    f" nor of Simulation ({', '.join(of_run)}) nor of a study ({', '.join(_OWN)})"
+                    f"{f'; {near[0]!r}?' if near else '.'}"
+                )
+        if setting.get("courant") is not None and setting.get("step") is not None:
+            raise ValueError(f"A setting gives both courant and step, give one: {setting}.")
+        try:
+            inspect.signature(self.build).bind(**self.split(setting)[0])
+        except TypeError as error:
+            raise ValueError(
+                f"{self.build.__name__} cannot be called with {setting}: {error}."
+            ) from None
+
+    def split(self, setting: Setting) -> tuple[Setting, Setting]:
+        """Knobs of `build` and knobs of `Simulation`."""
+        of_build, of_run = self._knobs_of(self.build), self._knobs_of(Simulation.__init__)
+        return (
+            {k: v for k, v in setting.items() if k in of_build},
+            {k: v for k, v in setting.items() if k in of_run},
+        )
+
+    def job(self, setting: Setting) -> Job:
+        """What one process does."""
+        scene, simulation = self.split(setting)
+        return Job(
+            self.build, scene, simulation, setting.get("courant"), setting.get("fields") or 0,
+            self.end_time, dict(self.quantities),
+        )  # fmt: skip
+
+    def key(self, setting: Setting) -> str:
+        """Names a run by all that decides its result: settings, `build` and its source, quantities,
+        end time and the package's version. What `build` calls is not looked into: empty the folder
+        after changing that."""
+        parts = {
+            "setting": setting,
+            "build": f"{Path(inspect.getfile(self.build)).stem}.{self.build.__qualname__}",
+            "source": inspect.getsource(self.build),
+            "quantities": {name: repr(q) for name, q in self.quantities.items()},
+            "end_time": self.end_time,
+            "version": __version__,
+        }
+        text = json.dumps(parts, sort_keys=True)
+        return hashlib.sha256(text.encode()).hexdigest()[:16]

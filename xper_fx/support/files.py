@@ -1,0 +1,86 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Files written whole, and what a failed write tells: the file, the reason, what to do."""
+
+from __future__ import annotations
+
+import errno
+import os
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+_NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+_GONE = (errno.ENOENT, errno.ENOTDIR, errno.ESTALE)
+_FORBIDDEN = (errno.EACCES, errno.EPERM, errno.EROFS)
+
+
+def _advice(code: int) -> str:
+    if code in _NO_ROOM:
+        return "make room there, or write into another folder"
+    if code in _GONE:
+        return "the folder or the file was removed or renamed during the run; leave it in place"
+    if code in _FORBIDDEN:
+        return "give the folder write permission, or write into another one"
+    return "look after the disk, or write into another folder"
+
+
+@contextmanager
+def explained(path: str | os.PathLike[str]) -> Iterator[None]:
+    """Let what fails when a file is written be one OSError that says what to do.
+
+    HDF5 tells the same failure as OSError or as RuntimeError, with the reason in its text.
+
+    Args:
+        path: the file.
+
+    Raises:
+        OSError: of the subclass that the reason has (PermissionError, FileNotFoundError, ...).
+    """
+    try:
+        yield
+    except (OSError, RuntimeError) as error:
+        code, reason = getattr(error, "errno", None), str(error)
+        if code is None:
+            found = re.search(r"errno = (\d+)", reason)
+            code = int(found[1]) if found else errno.EIO
+        if found_reason := os.strerror(code):
+            reason = found_reason if code != errno.EIO else f"{found_reason}: {reason}"
+        raise OSError(
+            code,
+            f"'{os.fspath(path)}' cannot be written ({reason}). What was written before is still "
+            f"there. To go on, {_advice(code)}",
+        ) from None
+
+
+@contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """A file put in place at once: a reader finds the old content or the new, never a part.
+
+    Args:
+        path: the file.
+
+    Yields:
+        The path to write to, in the same folder; it takes the place of `path` when all went well.
+
+    Raises:
+        OSError: the file cannot be written; one that was there before stays as it was.
+    """
+    temporary = path.with_name(f".{path.name}.tmp")  # the next write takes the place of a stale one
+    with explained(path):
+        try:
+            yield temporary
+            os.replace(temporary, path)
+        finally:
+            with suppress(OSError):
+                temporary.unlink(missing_ok=True)
+
+
+def write_file(path: Path, content: bytes) -> None:
+    """Put a file in place at once.
+
+    Raises:
+        OSError: the file cannot be written; one that was there before stays as it was.
+    """
+    with replacing(path) as temporary:
+        temporary.write_bytes(content)
