@@ -29,7 +29,7 @@ import scipy.sparse as sp
 from xper_fx.bulk.body_dofs import BodyLayout
 from xper_fx.bulk.body_inverse import CellwiseInverse, ClusterInverse
 from xper_fx.bulk.rigid_motions import free_rigid_modes
-from xper_fx.nscd.interactions import Anchors
+from xper_fx.nscd.anchors import Anchors
 
 # rho beside the stiffness of the dof: soft beside what holds a body in its scene, so that few
 # iterations are needed, and not so soft that rounding of its motion as a whole hides its strain.

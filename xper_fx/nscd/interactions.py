@@ -9,39 +9,24 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
-from functools import cache
 from typing import NamedTuple
 
 import numpy as np
-import scipy.sparse as sp
 
-from xper_fx.cache import njit
-from xper_fx.nscd.algebra.small import SINGULAR, for_dimension, sym_indices
+from xper_fx.nscd.algebra.small import sym_indices
+from xper_fx.nscd.anchors import Anchors
 from xper_fx.nscd.contact_history import ContactHistory
-from xper_fx.nscd.couplings import (
-    Blocks,
-    Couplings,
-    Sides,
-    couple,
-    couple_again,
-    motion,
-    push_kernel,
-    spread_kernel,
-)
-from xper_fx.nscd.facets import join_points
+from xper_fx.nscd.couplings import push_kernel, spread_kernel
+from xper_fx.nscd.found_contacts import FoundContacts, FoundPoints
+from xper_fx.nscd.grouping import Grouping
 from xper_fx.nscd.halo_protocol import ContactHalo, PointHalo, Reductions
 from xper_fx.nscd.inverse_blocks import BodyInverse
-from xper_fx.nscd.kernel_options import LEAN_ENTRY
-from xper_fx.nscd.laws.law import ENERGIES, Law, LawKernels
-from xper_fx.nscd.ordering import (
-    Ordering,
-    bodies_of_tiles,
-    order_by_vertex,
-    order_points,
-    vertex_of_points,
-)
+from xper_fx.nscd.law_loops import evolve_loop, step_loops
+from xper_fx.nscd.laws.law import ENERGIES, Law
+from xper_fx.nscd.ordering import vertex_of_points
+from xper_fx.nscd.own_compliance import update_compliance
 from xper_fx.nscd.point_group import PointGroup
+from xper_fx.nscd.point_values import PointValues
 from xper_fx.nscd.points import InteractionPoints
 from xper_fx.support.saved_rows import Rows
 from xper_fx.support.threads import in_ranges
@@ -63,189 +48,7 @@ class StepWork(NamedTuple):
     numerical: float
 
 
-class FoundPoints(NamedTuple):
-    """Contacts that a search has found.
-
-    Attributes:
-        points: on the node slots, `gap` in the middle of the step, at x0 + h (1 - theta) v0.
-        law_of_point: shape (num_points,), index into the laws.
-        keys: shape (num_points, 2), what contacts are known by from step to step, sorted.
-    """
-
-    points: InteractionPoints
-    law_of_point: np.ndarray
-    keys: np.ndarray
-
-
-@dataclass
-class Anchors:
-    """Dofs that hold bodies which interactions alone hold (`bulk/floating_bodies.py`).
-
-    A solver may pass over them: the bodies are then on springs, and the bulk iterates until these
-    bear nothing.
-
-    Args:
-        held: w0, blocks of w with the anchors held.
-        motions: R, rigid motions that move one anchor each, shape (num_slots * dim, n).
-        load: R^T f of the forces that act on the bulk, shape (n,), N s.
-        on_springs: velocities that the load gives the anchors, part of the free velocity, shape
-            (n,), m/s.
-
-    Attributes:
-        velocity: a, what a solver that knows of anchors gives them, shape (n,), m/s.
-    """
-
-    held: BodyInverse
-    motions: sp.csc_array
-    load: np.ndarray
-    on_springs: np.ndarray
-    velocity: np.ndarray = field(init=False)
-
-    def __post_init__(self) -> None:
-        self.velocity = np.zeros(len(self.load))
-
-
-@cache
-def _step_kernels(law: LawKernels, sides: Sides):
-    """The loops over ranges of points of a law's `prepare` and `commit`."""
-    read, _ = motion(sides)
-    algebra = for_dimension(sides.dim, sides.components)
-    row, set_row, add, scale = algebra.row, algebra.set_row, algebra.add, algebra.scale
-    prepare, commit = law.prepare, law.commit
-
-    @njit(nogil=True, **LEAN_ENTRY)
-    def prepare_range(
-        first, last, jump, velocity, w, area, step, theta, parameters, state, terms, details
-    ):
-        for i in range(first, last):
-            prepare(
-                i, row(jump, i), row(velocity, i), w, area[i], step, theta, parameters, state,
-                terms, details,
-            )  # fmt: skip
-
-    @njit(nogil=True, **LEAN_ENTRY)
-    def commit_range(
-        first, last, v, c, jump, velocity, r, area, step, theta, parameters, state, terms, details,
-        energy, status,
-    ):  # fmt: skip
-        for i in range(first, last):
-            jump0, u = row(jump, i), read(v, c, i)
-            mean = add(scale(theta, u), scale(1.0 - theta, row(velocity, i)))
-            jump1 = add(jump0, scale(step, mean))
-            status[i] = commit(
-                i, jump0, jump1, u, row(r, i), area[i], step, theta, parameters, state, terms,
-                details, energy,
-            )  # fmt: skip
-            set_row(jump, i, jump1)
-            set_row(velocity, i, u)
-
-    return prepare_range, commit_range
-
-
-@cache
-def _evolve_kernel(law: LawKernels, sides: Sides):
-    """The loop over a range of points of a law's `evolve`."""
-    read, _ = motion(sides)
-    evolve = law.evolve
-
-    @njit(nogil=True, **LEAN_ENTRY)
-    def evolve_range(first, last, v, c, w, parameters, terms, details):
-        largest = least = 0.0
-        for i in range(first, last):
-            change = evolve(i, read(v, c, i), w, parameters, terms, details)
-            largest, least = max(largest, change), min(least, change)
-        return largest, -least
-
-    return evolve_range
-
-
-@njit(**LEAN_ENTRY)
-def _compliance_of_arms(c, frame, rows, cols, out, h, at):
-    """As `_compliance`, of points with arms: H_s of each component is written out for its body.
-
-    `h`, shape (components, n), and `at`, shape (n,), have room for the n columns of one side.
-    """
-    k, dim = c.start.shape[2], frame.shape[2]
-    components = frame.shape[1]
-    turns = dim if dim == 3 else 1
-    count = k * dim + turns
-    for i in range(len(out)):
-        for entry in range(len(rows)):
-            out[i, entry] = 0.0
-        for s in range(2):
-            base, n = c.body[i, s], c.size[i, s]
-            first = c.rows[i, s, 0] - (c.start[i, s, 0] - base) * n
-            for j in range(k):
-                for d in range(dim):
-                    at[j * dim + d] = c.start[i, s, j] - base + d
-                    for x in range(components):
-                        h[x, j * dim + d] = c.weights[i, s, j] * frame[i, x, d]
-            rigid = c.turn[i, s] != c.start[i, s, 0]
-            for d in range(turns):
-                at[k * dim + d] = c.turn[i, s] - base + d if rigid else 0
-                for x in range(components):
-                    e, g = (0, 1) if dim == 2 else ((d + 1) % 3, (d + 2) % 3)
-                    h[x, k * dim + d] = (
-                        c.arms[i, s, e] * frame[i, x, g] - c.arms[i, s, g] * frame[i, x, e]
-                    )
-            for entry in range(len(rows)):
-                total = 0.0
-                for a in range(count):
-                    for b in range(count):
-                        total += (
-                            h[rows[entry], a] * c.w[first + at[a] * n + at[b]] * h[cols[entry], b]
-                        )
-                out[i, entry] += total
-
-
-@njit(**LEAN_ENTRY)
-def _compliance(c, frame, rows, cols, out):
-    """W_aa = H_c^T w H_c + H_a^T w H_a at each point, packed symmetric.
-
-    Where the normal stands alone, zero if it is rounding beside the trace over all directions.
-    """
-    k, dim = c.start.shape[2], frame.shape[2]
-    for i in range(len(out)):
-        trace = 0.0
-        for entry in range(len(rows)):
-            total = 0.0
-            for s in range(2):
-                base, n = c.body[i, s], c.size[i, s]
-                for a in range(k):
-                    for b in range(k):
-                        weight = c.weights[i, s, a] * c.weights[i, s, b]
-                        column = c.start[i, s, b] - base
-                        for x in range(dim):
-                            trace += weight * c.w[c.rows[i, s, a] + x * n + column + x]
-                        for x in range(dim):
-                            fx = weight * frame[i, rows[entry], x]
-                            for y in range(dim):
-                                total += (
-                                    fx
-                                    * c.w[c.rows[i, s, a] + x * n + column + y]
-                                    * frame[i, cols[entry], y]
-                                )
-            out[i, entry] = total
-        if len(rows) == 1 and out[i, 0] <= SINGULAR * trace:
-            out[i, 0] = 0.0
-
-
-class _ContactSet(NamedTuple):
-    """Contacts in use, by law, with what tells whether a search has found the same again."""
-
-    nodes: np.ndarray
-    law_of_point: np.ndarray
-    keys: np.ndarray
-    phase: np.ndarray
-    groups: list[PointGroup]
-
-    def are(self, found: FoundPoints, phase: np.ndarray) -> bool:
-        """Whether the found contacts are these, at other places."""
-        told = (found.points.nodes, found.law_of_point, found.keys, phase)
-        return all(map(np.array_equal, self[:4], told))
-
-
-class Interactions:
+class Interactions(PointValues):
     """The interaction points of a scene and their laws.
 
     Args:
@@ -318,7 +121,6 @@ class Interactions:
         self._rigid_start = self._rigid_free = np.zeros((0, inverse.dim))
         self.bulk_inverse = inverse
         inverse = self.inverse = self._joined(inverse)
-        self._still = inverse.still()
         self.committed_step = 0.0
         self.step_size, self.theta = 0.0, 0.5
         self.too_far = 0.0
@@ -326,16 +128,15 @@ class Interactions:
         nodal = np.zeros((inverse.num_slots, self.dim))
         if initial_velocity is not None:
             nodal[: len(initial_velocity)] = initial_velocity
-        self._vertex = None
+        vertex = None
         if ordering == "vertices":
             vertex = vertex_of_points(points.nodes[:, :, 0], inverse.num_nodes + 1)
-            self._vertex = vertex.astype(np.int32)
-        self._block_of_node = inverse.block_of_node().astype(np.int32)
+            vertex = vertex.astype(np.int32)
+        self._grouping = Grouping(laws, inverse, vertex)
         phase = np.zeros(len(points), int) if halo is None else halo.phase
-        self._permanent = self._grouped(points, law_of_point, nodal, phase)
+        self._permanent = self._grouping.groups(inverse, points, law_of_point, nodal, phase)
         self.groups = self._permanent
-        self._found: list[_ContactSet] = []
-        self._history: ContactHistory | None = None
+        self._found = FoundContacts()
         self.renewals = 0
         components = [g.kernels.components for g in self.groups]
         # Points whose groups have all of their frames are put together again when asked for.
@@ -343,94 +144,6 @@ class Interactions:
         if not components or min(components) < max(components) or points.arms is not None:
             self._points = points.with_components(max(components, default=1))
         self._take_inverse(self.groups)
-
-    def _grouped(self, points, law_of_point, nodal, phase) -> list[PointGroup]:
-        by_kernels: dict[LawKernels, list[int]] = {}
-        for number in np.flatnonzero(np.bincount(law_of_point)).tolist():
-            by_kernels.setdefault(self.laws[number].kernels(self.dim), []).append(number)
-        groups = []
-        for kernels, numbers in by_kernels.items():
-            indices = np.flatnonzero(np.isin(law_of_point, numbers))
-            for number in np.unique(phase[indices]).tolist():
-                here = indices[phase[indices] == number]
-                group = self._group(kernels, points, law_of_point, here, nodal)
-                groups.append(replace(group, phase=number))
-        return groups
-
-    def _group(self, kernels, points, law_of_point, indices, nodal, like=None) -> PointGroup:
-        """A group with the start of its points; `like` has the same points as they were before."""
-        points = points.with_components(kernels.components)
-        if like is None:
-            num_blocks = len(self._still)
-            blocks = self._blocks_of(points.nodes[indices])
-            ordering = self._ordered(blocks, num_blocks, indices)
-            tile_bodies = bodies_of_tiles(ordering, blocks, num_blocks)
-            indices = indices[ordering.order]
-            points = points.take(indices)
-            couplings = couple(points, self.inverse)
-        else:
-            indices, ordering, tile_bodies = like.indices, like.ordering, like.tile_bodies
-            points = points.take(indices)
-            couplings = couple_again(like.couplings, points)
-        n, components = len(points), kernels.components
-        which = law_of_point[indices]
-        numbers = np.flatnonzero(np.bincount(which))
-        which = np.searchsorted(numbers, which)
-        laws = [self.laws[number] for number in numbers]
-        parameters = np.array([law.parameters() for law in laws]).reshape(len(laws), -1)[which]
-        state = np.array([law.initial_state() for law in laws]).reshape(len(laws), -1)[which]
-        jump = np.zeros((n, components))
-        jump[:, 0] = points.gap
-        return PointGroup(
-            kernels=kernels,
-            indices=indices.astype(np.int32),
-            points=points,
-            ordering=ordering,
-            tile_bodies=tile_bodies,
-            couplings=couplings,
-            parameters=parameters.astype(float),
-            state=state.astype(float),
-            terms=np.zeros((n, kernels.num_terms)),
-            details=np.zeros((n, kernels.num_details)),
-            compliance=np.zeros((n, components * (components + 1) // 2)),
-            inverse_area=(1.0 / points.area).astype(np.float32),
-            jump=jump,
-            velocity=points.relative(nodal),
-            impulse=np.zeros((n, components)),
-            committed_impulse=np.zeros((n, components)),
-            energy=np.zeros((n, len(kernels.energies))),
-            status=np.zeros(n, np.int8),
-            sides=Sides(self.dim, components, points.nodes.shape[2], points.arms is not None),
-            blocks=self._blocks(couplings),
-        )
-
-    def _ordered(self, blocks, num_blocks: int, indices) -> Ordering:
-        if self._vertex is None:
-            return order_points(blocks, num_blocks)
-        vertex, count = self._vertex[indices], int(self._vertex.max()) + 1
-        return order_by_vertex(blocks, num_blocks, vertex, count)
-
-    def _blocks(self, couplings: Couplings) -> Blocks:
-        """The size that the blocks of w have, all of them or those of a group's points."""
-        if self.inverse.uniform_size:
-            return Blocks(self.inverse.uniform_size, aligned=True)
-        ground = self.inverse.node_offsets[-2] * self.dim
-        sizes = np.unique(couplings.size[couplings.body != ground])
-        room = len(self.inverse.data) - self.inverse.data_offsets[-2]
-        alike = len(sizes) == 1 and sizes[0] ** 2 <= room
-        return Blocks(int(sizes[0])) if alike else Blocks()
-
-    def __len__(self) -> int:
-        return self._count
-
-    @property
-    def points(self) -> InteractionPoints:
-        """All permanent points in the scene's order, those taken out included."""
-        if self._points is not None:
-            return self._points
-        where = np.empty(self._count, np.int32)
-        where[np.concatenate([g.indices for g in self._permanent])] = np.arange(self._count)
-        return join_points([g.points for g in self._permanent]).take(where)
 
     def update_inverse(self, inverse: BodyInverse) -> None:
         """Take new values of w (same blocks) of meshed bodies; the compliances W_aa follow."""
@@ -461,16 +174,7 @@ class Interactions:
 
     def _take_inverse(self, groups: list[PointGroup]) -> None:
         for group in groups:
-            rows, cols = sym_indices(group.kernels.components)
-            group.couplings = group.couplings._replace(w=self.inverse.data)
-            arguments = group.couplings, group.points.frame, rows, cols, group.compliance
-            if group.sides.arms:
-                dim, components, k, _ = group.sides
-                columns = k * dim + (dim if dim == 3 else 1)
-                h, at = np.empty((components, columns)), np.empty(columns, np.int64)
-                _compliance_of_arms(*arguments, h, at)
-            else:
-                _compliance(*arguments)
+            update_compliance(group, self.inverse.data)
         traces = [g.compliance[:, np.equal(*sym_indices(g.kernels.components))].sum(1)
                   for g in self.groups]  # fmt: skip
         stiffness = sum(float(np.sum(t[t > 0.0] ** -2.0)) for t in traces)
@@ -480,19 +184,6 @@ class Interactions:
         stiffness, self._mass, groups, others = self._sum(np.array(counts, float)).tolist()
         self._stiffness = math.sqrt(stiffness)
         self._all_of_rigid = groups > 0 and others == 0
-
-    def _sum(self, value):
-        """Sum over all ranks."""
-        return value if self.halo is None else self.halo.ranks.sum(value)
-
-    def _whole(self, values: np.ndarray) -> np.ndarray:
-        """Of values at this rank's permanent points, shape (num_points, ...), those of all."""
-        return values if self.halo is None else self.halo.gather(values)
-
-    @property
-    def num_points(self) -> int:
-        """Number of permanent points, on all ranks."""
-        return int(self._sum(len(self)))
 
     def free_velocities(self, bulk: np.ndarray) -> np.ndarray:
         """Free velocities of all slots, flat.
@@ -528,30 +219,8 @@ class Interactions:
             theta: weight of the end of the step.
         """
         start = self._slots(bulk_velocity, self._rigid_start)
-        before, self._found = self._found, []
-        for new in found:
-            phase = np.zeros(len(new.keys), int)
-            if self.halo is not None:
-                phase = self.halo.phase_of(new.points)
-            same = next((old for old in before if old.are(new, phase)), None)
-            if same is None:
-                groups = self._grouped(new.points, new.law_of_point, start, phase)
-            else:
-                groups = [
-                    replace(
-                        self._group(
-                            g.kernels, new.points, new.law_of_point, g.indices, start, like=g
-                        ),
-                        phase=g.phase,
-                    )
-                    for g in same.groups
-                ]
-            for group in groups:
-                group.jump[:, 0] -= step * (1.0 - theta) * group.velocity[:, 0]
-                if self._history is not None:
-                    self._history.hand_on(group, new.keys)
-            known = (new.points.nodes, new.law_of_point, new.keys, phase)
-            self._found.append(_ContactSet(*known, groups))
+        opened = step * (1.0 - theta)
+        self._found.renew(found, self._grouping, self.inverse, self.halo, start, opened)
         self.groups = self._permanent + self.contacts
         self.renewals += 1
         self._take_inverse(self.contacts)
@@ -559,20 +228,7 @@ class Interactions:
     @property
     def contacts(self) -> list[PointGroup]:
         """The groups of contacts that were found."""
-        return [group for known in self._found for group in known.groups]
-
-    def unbonded(self) -> np.ndarray:
-        """Which permanent points nothing holds together, shape (num_points,).
-
-        That is where damage is complete, or whose law has no damage and no stored energy.
-        """
-        loose = np.ones(len(self), bool)
-        for g in self._permanent:
-            if "damage" in g.kernels.state_names:
-                loose[g.indices] = g.state[:, g.kernels.state_names.index("damage")] == 0.0
-            else:
-                loose[g.indices] = "impact" in g.kernels.energies
-        return self._whole(loose)
+        return self._found.groups
 
     def retire(self, indices: np.ndarray) -> None:
         """Take permanent points out, for good; what `gather` gives of them is zero.
@@ -584,31 +240,9 @@ class Interactions:
         for number, group in enumerate(self._permanent):
             kept = np.flatnonzero(~np.isin(group.indices, indices))
             if len(kept) < len(group):
-                self._permanent[number] = self._subset(group, kept)
+                self._permanent[number] = self._grouping.subset(self.inverse, group, kept)
         self.groups = self._permanent + self.contacts
         self.renewals += 1
-
-    def _subset(self, group: PointGroup, kept: np.ndarray) -> PointGroup:
-        # in the scene's order first: who retires together leaves no trace in the order of visit
-        kept = kept[np.argsort(group.indices[kept])]
-        blocks = self._blocks_of(group.points.nodes[kept])
-        ordering = order_points(blocks, len(self._still))
-        kept = kept[ordering.order]
-        points = group.points.take(kept)
-        arrays = {
-            name: np.ascontiguousarray(array[kept])
-            for name, array in vars(group).items()
-            if isinstance(array, np.ndarray)
-        }
-        return replace(
-            group, points=points, ordering=ordering, couplings=couple(points, self.inverse),
-            tile_bodies=bodies_of_tiles(ordering, blocks, len(self._still)), **arrays,
-        )  # fmt: skip
-
-    def _blocks_of(self, nodes: np.ndarray) -> np.ndarray:
-        """Blocks of both sides of points; what cannot be moved counts as the ground."""
-        blocks = self._block_of_node[nodes[:, :, 0]]
-        return np.where(self._still[blocks], len(self._still) - 1, blocks)
 
     def rounding(self, velocity: np.ndarray) -> float:
         """|r| of impulses that move the bodies by the rounding of their velocities (N s).
@@ -650,7 +284,7 @@ class Interactions:
     def prepare(self) -> None:
         """Renew the laws' constants of the step, after `update_inverse`."""
         for g in self.groups:
-            prepare, _ = _step_kernels(g.kernels, g.sides)
+            prepare, _ = step_loops(g.kernels, g.sides)
             in_ranges(
                 prepare, len(g), g.jump, g.velocity, g.compliance, g.points.area, self.step_size,
                 self.theta, g.parameters, g.state, g.terms, g.details,
@@ -669,7 +303,7 @@ class Interactions:
         for g in self.groups:
             if g.kernels.evolve is not None:
                 changes = in_ranges(
-                    _evolve_kernel(g.kernels, g.sides), len(g), velocity, g.couplings,
+                    evolve_loop(g.kernels, g.sides), len(g), velocity, g.couplings,
                     g.compliance, g.parameters, g.terms, g.details,
                 )  # fmt: skip
                 for change, too_far in changes:
@@ -715,7 +349,7 @@ class Interactions:
         """
         totals = dict.fromkeys(ENERGIES, 0.0)
         for g in self.groups:
-            _, commit = _step_kernels(g.kernels, g.sides)
+            _, commit = step_loops(g.kernels, g.sides)
             in_ranges(
                 commit, len(g), velocity, g.couplings, g.jump, g.velocity, g.impulse, g.points.area,
                 self.step_size, self.theta, g.parameters, g.state, g.terms, g.details, g.energy,
@@ -726,62 +360,8 @@ class Interactions:
                 totals[name] += total
         self.committed_step = self.step_size
         if self.renewals:
-            self._history = ContactHistory(
-                [(group, known.keys) for known in self._found for group in known.groups]
-            )
+            self._found.commit()
         return StepWork(*self._sum(np.array([totals[name] for name in StepWork._fields])).tolist())
-
-    def gather(self, name: str) -> np.ndarray:
-        """An array over the permanent points, in the scene's order.
-
-        Local vectors have `dim` columns, energies those of ENERGIES: what a law has no use for, as
-        frictionless contact for anything tangential, reads zero.
-
-        Args:
-            name: "jump" (m), "velocity" (m/s), "impulse" (N s), "traction" (Pa, opening negative
-                as it pulls the sides together), "status", "energy", "law" (index into `laws`),
-                "area" (m^2; 2D: m), or a history variable of the laws such as "damage" (NaN-free:
-                laws without it give 0).
-        """
-        return self._whole(self.local(name))
-
-    def local(self, name: str) -> np.ndarray:
-        """As `gather`, of this rank's points."""
-        if name == "traction":
-            scale = max(self.committed_step, np.finfo(float).tiny) * self.points.area
-            return self.local("impulse") / scale[:, None]
-        if name in ("law", "area"):
-            return self.law_of_point if name == "law" else self.points.area
-        widths = {"compliance": self.dim * (self.dim + 1) // 2, "energy": len(ENERGIES)}
-        widths |= dict.fromkeys(("jump", "velocity", "impulse"), self.dim)
-        if name in widths:
-            out = np.zeros((len(self), widths[name]))
-            for g in self._permanent:
-                own = getattr(g, name)
-                columns = range(own.shape[1])
-                if name == "energy":
-                    columns = [ENERGIES.index(energy) for energy in g.kernels.energies]
-                out[np.ix_(g.indices, columns)] = own
-            return out
-        out = np.zeros(len(self))
-        for g in self._permanent:
-            if name in g.kernels.state_names:
-                out[g.indices] = g.state[:, g.kernels.state_names.index(name)]
-            elif hasattr(g, name):
-                out[g.indices] = getattr(g, name)
-        return out
-
-    @property
-    def nbytes(self) -> int:
-        """Memory held by points and blocks of w, in bytes."""
-        inverse = self.inverse
-        shared = [
-            self.law_of_point, self._block_of_node, self._still, inverse.data,
-            inverse.node_offsets, inverse.data_offsets,
-        ]  # fmt: skip
-        shared += [] if self._vertex is None else [self._vertex]
-        shared += [] if self._points is None else vars(self._points).values()
-        return sum(g.nbytes for g in self.groups) + sum(a.nbytes for a in shared if a is not None)
 
     def saved(self) -> dict:
         """What the next step depends on, the inverse and what is found anew left out.
@@ -808,11 +388,11 @@ class Interactions:
             "committed_step": self.committed_step, "step_size": self.step_size,
             "theta": self.theta,
         }  # fmt: skip
-        if self._history is not None:
+        if self._found.history is not None:
             if self.halo is not None:
                 self.share_history(self.halo.ranks)
             law_of = {kernel: law for law, kernel in reversed(list(enumerate(kernels)))}
-            saved["contacts"] = self._history.saved(law_of)
+            saved["contacts"] = self._found.history.saved(law_of)
         return saved
 
     def restore(self, saved: Mapping) -> None:
@@ -830,7 +410,7 @@ class Interactions:
         self.committed_step = saved["committed_step"]
         self.step_size, self.theta = saved["step_size"], saved["theta"]
         kernels = [law.kernels(self.dim) for law in self.laws]
-        self._history = ContactHistory.restored(saved.get("contacts", {}), kernels, self.dim)
+        self._found.history = ContactHistory.restored(saved.get("contacts", {}), kernels, self.dim)
 
     def _numbers(self) -> np.ndarray:
         """Numbers of this rank's permanent points in the scene's order, shape (num_points,)."""
@@ -841,5 +421,5 @@ class Interactions:
 
         All ranks call it together.
         """
-        if self._history is not None:
-            self._history.share(ranks, [law.kernels(self.dim) for law in self.laws])
+        if self._found.history is not None:
+            self._found.history.share(ranks, [law.kernels(self.dim) for law in self.laws])

@@ -227,7 +227,7 @@ EFFECTS = (
     Effect(
         "damage",
         "a law that has it: CohesiveZone",
-        ("xper_fx.nscd.laws.cohesive_zone", "xper_fx.nscd.interactions:_evolve_kernel"),
+        ("xper_fx.nscd.laws.cohesive_zone", "xper_fx.nscd.law_loops:evolve_loop"),
         _of_laws("damage"),
         "damage and opening of each bond, constants of its curve",
         _columns("damage"),
@@ -364,7 +364,7 @@ EFFECTS = (
     Effect(
         "floating bodies",
         "Simulation(inertia=False) with bodies that interactions alone hold",
-        ("xper_fx.bulk.floating_bodies", "xper_fx.nscd.interactions:Anchors.__post_init__"),
+        ("xper_fx.bulk.floating_bodies", "xper_fx.nscd.anchors"),
         lambda s: s.bulk.floating,
         "w with the anchors held, rigid motions",
         lambda s: s.scheme.nbytes,

@@ -14,7 +14,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from xper_fx.nscd.facets import no_points
-from xper_fx.nscd.interactions import FoundPoints, Interactions
+from xper_fx.nscd.found_contacts import FoundPoints
+from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.inverse_blocks import BodyInverse
 from xper_fx.nscd.laws import SignoriniCoulomb
 from xper_fx.nscd.points import InteractionPoints, frame_from_normal

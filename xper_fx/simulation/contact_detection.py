@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from xper_fx.nscd.interactions import FoundPoints
+from xper_fx.nscd.found_contacts import FoundPoints
 from xper_fx.nscd.laws.law import Law
 from xper_fx.nscd.points import InteractionPoints, frame_from_normal
 from xper_fx.nscd.search.contact_pairs import Contacts

@@ -1,0 +1,104 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Contacts that a search has found, and what they take over from those of the step before."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from xper_fx.nscd.contact_history import ContactHistory
+from xper_fx.nscd.grouping import Grouping
+from xper_fx.nscd.halo_protocol import ContactHalo, PointHalo
+from xper_fx.nscd.inverse_blocks import BodyInverse
+from xper_fx.nscd.point_group import PointGroup
+from xper_fx.nscd.points import InteractionPoints
+
+
+class FoundPoints(NamedTuple):
+    """Contacts that a search has found.
+
+    Attributes:
+        points: on the node slots, `gap` in the middle of the step, at x0 + h (1 - theta) v0.
+        law_of_point: shape (num_points,), index into the laws.
+        keys: shape (num_points, 2), what contacts are known by from step to step, sorted.
+    """
+
+    points: InteractionPoints
+    law_of_point: np.ndarray
+    keys: np.ndarray
+
+
+class _ContactSet(NamedTuple):
+    """Contacts in use, by law, with what tells whether a search has found the same again."""
+
+    nodes: np.ndarray
+    law_of_point: np.ndarray
+    keys: np.ndarray
+    phase: np.ndarray
+    groups: list[PointGroup]
+
+    def are(self, found: FoundPoints, phase: np.ndarray) -> bool:
+        """Whether the found contacts are these, at other places."""
+        told = (found.points.nodes, found.law_of_point, found.keys, phase)
+        return all(map(np.array_equal, self[:4], told))
+
+
+class FoundContacts:
+    """The contacts in use.
+
+    Attributes:
+        history: of the contacts of the last committed step, None before the first.
+    """
+
+    def __init__(self) -> None:
+        self._sets: list[_ContactSet] = []
+        self.history: ContactHistory | None = None
+
+    @property
+    def groups(self) -> list[PointGroup]:
+        """The contacts by law."""
+        return [group for known in self._sets for group in known.groups]
+
+    def renew(
+        self,
+        found: list[FoundPoints],
+        grouping: Grouping,
+        inverse: BodyInverse,
+        halo: PointHalo | ContactHalo | None,
+        start: np.ndarray,
+        opened: float,
+    ) -> None:
+        """Put new contacts in the place of those of the last step; the known ones go on.
+
+        Args:
+            found: sets of contacts.
+            grouping: makes groups of them.
+            inverse: blocks of w.
+            halo: of ranks that divide them.
+            start: shape (num_slots, dim), velocities at the start of the step (m/s).
+            opened: time from the start of the step to when they were found (s).
+        """
+        before, self._sets = self._sets, []
+        for new in found:
+            phase = np.zeros(len(new.keys), int) if halo is None else halo.phase_of(new.points)
+            same = next((old for old in before if old.are(new, phase)), None)
+            if same is None:
+                groups = grouping.groups(inverse, new.points, new.law_of_point, start, phase)
+            else:
+                groups = [
+                    grouping.again(inverse, group, new.points, new.law_of_point, start)
+                    for group in same.groups
+                ]
+            for group in groups:
+                group.jump[:, 0] -= opened * group.velocity[:, 0]
+                if self.history is not None:
+                    self.history.hand_on(group, new.keys)
+            known = (new.points.nodes, new.law_of_point, new.keys, phase)
+            self._sets.append(_ContactSet(*known, groups))
+
+    def commit(self) -> None:
+        """Remember what the step has left of them."""
+        self.history = ContactHistory(
+            [(group, known.keys) for known in self._sets for group in known.groups]
+        )

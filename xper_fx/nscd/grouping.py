@@ -1,0 +1,170 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Interaction points sorted by law, each law's in an order of visit."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from xper_fx.nscd.couplings import Blocks, Couplings, Sides, couple, couple_again
+from xper_fx.nscd.inverse_blocks import BodyInverse
+from xper_fx.nscd.laws.law import Law, LawKernels
+from xper_fx.nscd.ordering import Ordering, bodies_of_tiles, order_by_vertex, order_points
+from xper_fx.nscd.point_group import PointGroup
+from xper_fx.nscd.points import InteractionPoints
+
+
+class Grouping:
+    """Makes groups of points.
+
+    Args:
+        laws: the laws in use.
+        inverse: blocks of w, of which the sizes count.
+        vertex: shape (num_points,), of the points where each vertex is solved alone; None where
+            points are visited in tiles of neighbouring bodies.
+    """
+
+    def __init__(self, laws: list[Law], inverse: BodyInverse, vertex: np.ndarray | None):
+        self._laws, self._dim, self._vertex = laws, inverse.dim, vertex
+        self._still = inverse.still()
+        self._block_of_node = inverse.block_of_node().astype(np.int32)
+
+    def groups(
+        self,
+        inverse: BodyInverse,
+        points: InteractionPoints,
+        law_of_point: np.ndarray,
+        nodal: np.ndarray,
+        phase: np.ndarray,
+    ) -> list[PointGroup]:
+        """Points by law.
+
+        Args:
+            inverse: blocks of w as they are now.
+            points: to be sorted.
+            law_of_point: shape (num_points,), index into the laws.
+            nodal: shape (num_slots, dim), velocities of the nodes (m/s).
+            phase: shape (num_points,), in which bodies of another rank are at a point.
+        """
+        by_kernels: dict[LawKernels, list[int]] = {}
+        for number in np.flatnonzero(np.bincount(law_of_point)).tolist():
+            by_kernels.setdefault(self._laws[number].kernels(self._dim), []).append(number)
+        groups = []
+        for kernels, numbers in by_kernels.items():
+            indices = np.flatnonzero(np.isin(law_of_point, numbers))
+            for number in np.unique(phase[indices]).tolist():
+                here = indices[phase[indices] == number]
+                group = self._group(inverse, kernels, points, law_of_point, here, nodal)
+                groups.append(replace(group, phase=number))
+        return groups
+
+    def again(
+        self,
+        inverse: BodyInverse,
+        group: PointGroup,
+        points: InteractionPoints,
+        law_of_point: np.ndarray,
+        nodal: np.ndarray,
+    ) -> PointGroup:
+        """A group at its start, of points that are those of another group at other places."""
+        made = self._group(
+            inverse, group.kernels, points, law_of_point, group.indices, nodal, like=group
+        )
+        return replace(made, phase=group.phase)
+
+    def _group(
+        self, inverse, kernels, points, law_of_point, indices, nodal, like=None
+    ) -> PointGroup:
+        """A group with the start of its points; `like` has the same points as they were before."""
+        points = points.with_components(kernels.components)
+        if like is None:
+            num_blocks = len(self._still)
+            blocks = self._blocks_of(points.nodes[indices])
+            ordering = self._ordered(blocks, num_blocks, indices)
+            tile_bodies = bodies_of_tiles(ordering, blocks, num_blocks)
+            indices = indices[ordering.order]
+            points = points.take(indices)
+            couplings = couple(points, inverse)
+        else:
+            indices, ordering, tile_bodies = like.indices, like.ordering, like.tile_bodies
+            points = points.take(indices)
+            couplings = couple_again(like.couplings, points)
+        n, components = len(points), kernels.components
+        sides = Sides(inverse.dim, components, points.nodes.shape[2], points.arms is not None)
+        which = law_of_point[indices]
+        numbers = np.flatnonzero(np.bincount(which))
+        which = np.searchsorted(numbers, which)
+        laws = [self._laws[number] for number in numbers]
+        parameters = np.array([law.parameters() for law in laws]).reshape(len(laws), -1)[which]
+        state = np.array([law.initial_state() for law in laws]).reshape(len(laws), -1)[which]
+        jump = np.zeros((n, components))
+        jump[:, 0] = points.gap
+        return PointGroup(
+            kernels=kernels,
+            indices=indices.astype(np.int32),
+            points=points,
+            ordering=ordering,
+            tile_bodies=tile_bodies,
+            couplings=couplings,
+            parameters=parameters.astype(float),
+            state=state.astype(float),
+            terms=np.zeros((n, kernels.num_terms)),
+            details=np.zeros((n, kernels.num_details)),
+            compliance=np.zeros((n, components * (components + 1) // 2)),
+            inverse_area=(1.0 / points.area).astype(np.float32),
+            jump=jump,
+            velocity=points.relative(nodal),
+            impulse=np.zeros((n, components)),
+            committed_impulse=np.zeros((n, components)),
+            energy=np.zeros((n, len(kernels.energies))),
+            status=np.zeros(n, np.int8),
+            sides=sides,
+            blocks=_block_size(inverse, couplings),
+        )
+
+    def _ordered(self, blocks, num_blocks: int, indices) -> Ordering:
+        if self._vertex is None:
+            return order_points(blocks, num_blocks)
+        vertex, count = self._vertex[indices], int(self._vertex.max()) + 1
+        return order_by_vertex(blocks, num_blocks, vertex, count)
+
+    def subset(self, inverse: BodyInverse, group: PointGroup, kept: np.ndarray) -> PointGroup:
+        """A group of the points of another one that are kept, with their history."""
+        # in the scene's order first: who retires together leaves no trace in the order of visit
+        kept = kept[np.argsort(group.indices[kept])]
+        blocks = self._blocks_of(group.points.nodes[kept])
+        ordering = order_points(blocks, len(self._still))
+        kept = kept[ordering.order]
+        points = group.points.take(kept)
+        arrays = {
+            name: np.ascontiguousarray(array[kept])
+            for name, array in vars(group).items()
+            if isinstance(array, np.ndarray)
+        }
+        return replace(
+            group, points=points, ordering=ordering, couplings=couple(points, inverse),
+            tile_bodies=bodies_of_tiles(ordering, blocks, len(self._still)), **arrays,
+        )  # fmt: skip
+
+    def _blocks_of(self, nodes: np.ndarray) -> np.ndarray:
+        """Blocks of both sides of points; what cannot be moved counts as the ground."""
+        blocks = self._block_of_node[nodes[:, :, 0]]
+        return np.where(self._still[blocks], len(self._still) - 1, blocks)
+
+    @property
+    def nbytes(self) -> int:
+        """Memory held, in bytes."""
+        vertex = 0 if self._vertex is None else self._vertex.nbytes
+        return self._still.nbytes + self._block_of_node.nbytes + vertex
+
+
+def _block_size(inverse: BodyInverse, couplings: Couplings) -> Blocks:
+    """The size that the blocks of w have, all of them or those of a group's points."""
+    if inverse.uniform_size:
+        return Blocks(inverse.uniform_size, aligned=True)
+    ground = inverse.node_offsets[-2] * inverse.dim
+    sizes = np.unique(couplings.size[couplings.body != ground])
+    room = len(inverse.data) - inverse.data_offsets[-2]
+    alike = len(sizes) == 1 and sizes[0] ** 2 <= room
+    return Blocks(int(sizes[0])) if alike else Blocks()

@@ -1,0 +1,66 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Loops of a law's step functions over the points of a group, compiled for each law."""
+
+from __future__ import annotations
+
+from functools import cache
+
+from xper_fx.cache import njit
+from xper_fx.nscd.algebra.small import for_dimension
+from xper_fx.nscd.couplings import Sides, motion
+from xper_fx.nscd.kernel_options import LEAN_ENTRY
+from xper_fx.nscd.laws.law import LawKernels
+
+
+@cache
+def step_loops(law: LawKernels, sides: Sides):
+    """The loops over ranges of points of a law's `prepare` and `commit`."""
+    read, _ = motion(sides)
+    algebra = for_dimension(sides.dim, sides.components)
+    row, set_row, add, scale = algebra.row, algebra.set_row, algebra.add, algebra.scale
+    prepare, commit = law.prepare, law.commit
+
+    @njit(nogil=True, **LEAN_ENTRY)
+    def prepare_range(
+        first, last, jump, velocity, w, area, step, theta, parameters, state, terms, details
+    ):
+        for i in range(first, last):
+            prepare(
+                i, row(jump, i), row(velocity, i), w, area[i], step, theta, parameters, state,
+                terms, details,
+            )  # fmt: skip
+
+    @njit(nogil=True, **LEAN_ENTRY)
+    def commit_range(
+        first, last, v, c, jump, velocity, r, area, step, theta, parameters, state, terms, details,
+        energy, status,
+    ):  # fmt: skip
+        for i in range(first, last):
+            jump0, u = row(jump, i), read(v, c, i)
+            mean = add(scale(theta, u), scale(1.0 - theta, row(velocity, i)))
+            jump1 = add(jump0, scale(step, mean))
+            status[i] = commit(
+                i, jump0, jump1, u, row(r, i), area[i], step, theta, parameters, state, terms,
+                details, energy,
+            )  # fmt: skip
+            set_row(jump, i, jump1)
+            set_row(velocity, i, u)
+
+    return prepare_range, commit_range
+
+
+@cache
+def evolve_loop(law: LawKernels, sides: Sides):
+    """The loop over a range of points of a law's `evolve`."""
+    read, _ = motion(sides)
+    evolve = law.evolve
+
+    @njit(nogil=True, **LEAN_ENTRY)
+    def evolve_range(first, last, v, c, w, parameters, terms, details):
+        largest = least = 0.0
+        for i in range(first, last):
+            change = evolve(i, read(v, c, i), w, parameters, terms, details)
+            largest, least = max(largest, change), min(least, change)
+        return largest, -least
+
+    return evolve_range

@@ -1,0 +1,101 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""W_aa: what a unit impulse at a point does to its own relative velocity."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from xper_fx.cache import njit
+from xper_fx.nscd.algebra.small import SINGULAR, sym_indices
+from xper_fx.nscd.kernel_options import LEAN_ENTRY
+from xper_fx.nscd.point_group import PointGroup
+
+
+def update_compliance(group: PointGroup, w: np.ndarray) -> None:
+    """Take the values of w; the compliances of a group's points follow.
+
+    Args:
+        group: of points.
+        w: `BodyInverse.data`.
+    """
+    rows, cols = sym_indices(group.kernels.components)
+    group.couplings = group.couplings._replace(w=w)
+    arguments = group.couplings, group.points.frame, rows, cols, group.compliance
+    if not group.sides.arms:
+        _compliance(*arguments)
+        return
+    dim, components, k, _ = group.sides
+    columns = k * dim + (dim if dim == 3 else 1)
+    h, at = np.empty((components, columns)), np.empty(columns, np.int64)
+    _compliance_of_arms(*arguments, h, at)
+
+
+@njit(**LEAN_ENTRY)
+def _compliance_of_arms(c, frame, rows, cols, out, h, at):
+    """As `_compliance`, of points with arms: H_s of each component is written out for its body.
+
+    `h`, shape (components, n), and `at`, shape (n,), have room for the n columns of one side.
+    """
+    k, dim = c.start.shape[2], frame.shape[2]
+    components = frame.shape[1]
+    turns = dim if dim == 3 else 1
+    count = k * dim + turns
+    for i in range(len(out)):
+        for entry in range(len(rows)):
+            out[i, entry] = 0.0
+        for s in range(2):
+            base, n = c.body[i, s], c.size[i, s]
+            first = c.rows[i, s, 0] - (c.start[i, s, 0] - base) * n
+            for j in range(k):
+                for d in range(dim):
+                    at[j * dim + d] = c.start[i, s, j] - base + d
+                    for x in range(components):
+                        h[x, j * dim + d] = c.weights[i, s, j] * frame[i, x, d]
+            rigid = c.turn[i, s] != c.start[i, s, 0]
+            for d in range(turns):
+                at[k * dim + d] = c.turn[i, s] - base + d if rigid else 0
+                for x in range(components):
+                    e, g = (0, 1) if dim == 2 else ((d + 1) % 3, (d + 2) % 3)
+                    h[x, k * dim + d] = (
+                        c.arms[i, s, e] * frame[i, x, g] - c.arms[i, s, g] * frame[i, x, e]
+                    )
+            for entry in range(len(rows)):
+                total = 0.0
+                for a in range(count):
+                    for b in range(count):
+                        total += (
+                            h[rows[entry], a] * c.w[first + at[a] * n + at[b]] * h[cols[entry], b]
+                        )
+                out[i, entry] += total
+
+
+@njit(**LEAN_ENTRY)
+def _compliance(c, frame, rows, cols, out):
+    """W_aa = H_c^T w H_c + H_a^T w H_a at each point, packed symmetric.
+
+    Where the normal stands alone, zero if it is rounding beside the trace over all directions.
+    """
+    k, dim = c.start.shape[2], frame.shape[2]
+    for i in range(len(out)):
+        trace = 0.0
+        for entry in range(len(rows)):
+            total = 0.0
+            for s in range(2):
+                base, n = c.body[i, s], c.size[i, s]
+                for a in range(k):
+                    for b in range(k):
+                        weight = c.weights[i, s, a] * c.weights[i, s, b]
+                        column = c.start[i, s, b] - base
+                        for x in range(dim):
+                            trace += weight * c.w[c.rows[i, s, a] + x * n + column + x]
+                        for x in range(dim):
+                            fx = weight * frame[i, rows[entry], x]
+                            for y in range(dim):
+                                total += (
+                                    fx
+                                    * c.w[c.rows[i, s, a] + x * n + column + y]
+                                    * frame[i, cols[entry], y]
+                                )
+            out[i, entry] = total
+        if len(rows) == 1 and out[i, 0] <= SINGULAR * trace:
+            out[i, 0] = 0.0

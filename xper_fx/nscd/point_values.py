@@ -1,0 +1,125 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""What is known of the permanent points of a scene, in the scene's order."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from xper_fx.nscd.facets import join_points
+from xper_fx.nscd.grouping import Grouping
+from xper_fx.nscd.halo_protocol import ContactHalo, PointHalo
+from xper_fx.nscd.inverse_blocks import BodyInverse
+from xper_fx.nscd.laws.law import ENERGIES
+from xper_fx.nscd.point_group import PointGroup
+from xper_fx.nscd.points import InteractionPoints
+
+
+class PointValues:
+    """Values at the interaction points of a scene, which are held law by law.
+
+    Attributes:
+        dim: 2 or 3.
+        law_of_point: shape (num_points,), index into the laws.
+        inverse: blocks of w.
+        halo: what there is to exchange with other ranks, None where one rank has all bodies.
+        committed_step: h of the last step (s).
+        groups: all points by law, permanent ones before those of contacts found.
+    """
+
+    dim: int
+    law_of_point: np.ndarray
+    inverse: BodyInverse
+    halo: PointHalo | ContactHalo | None
+    committed_step: float
+    groups: list[PointGroup]
+    _count: int
+    _permanent: list[PointGroup]
+    _points: InteractionPoints | None  # put together when asked for if None
+    _grouping: Grouping
+
+    def _sum(self, value):
+        """Sum over all ranks."""
+        return value if self.halo is None else self.halo.ranks.sum(value)
+
+    def _whole(self, values: np.ndarray) -> np.ndarray:
+        """Of values at this rank's permanent points, shape (num_points, ...), those of all."""
+        return values if self.halo is None else self.halo.gather(values)
+
+    def __len__(self) -> int:
+        return self._count
+
+    @property
+    def points(self) -> InteractionPoints:
+        """All permanent points in the scene's order, those taken out included."""
+        if self._points is not None:
+            return self._points
+        where = np.empty(self._count, np.int32)
+        where[np.concatenate([g.indices for g in self._permanent])] = np.arange(self._count)
+        return join_points([g.points for g in self._permanent]).take(where)
+
+    @property
+    def num_points(self) -> int:
+        """Number of permanent points, on all ranks."""
+        return int(self._sum(len(self)))
+
+    def unbonded(self) -> np.ndarray:
+        """Which permanent points nothing holds together, shape (num_points,).
+
+        That is where damage is complete, or whose law has no damage and no stored energy.
+        """
+        loose = np.ones(len(self), bool)
+        for g in self._permanent:
+            if "damage" in g.kernels.state_names:
+                loose[g.indices] = g.state[:, g.kernels.state_names.index("damage")] == 0.0
+            else:
+                loose[g.indices] = "impact" in g.kernels.energies
+        return self._whole(loose)
+
+    def gather(self, name: str) -> np.ndarray:
+        """An array over the permanent points, in the scene's order.
+
+        Local vectors have `dim` columns, energies those of ENERGIES: what a law has no use for, as
+        frictionless contact for anything tangential, reads zero.
+
+        Args:
+            name: "jump" (m), "velocity" (m/s), "impulse" (N s), "traction" (Pa, opening negative
+                as it pulls the sides together), "status", "energy", "law" (index into `laws`),
+                "area" (m^2; 2D: m), or a history variable of the laws such as "damage" (NaN-free:
+                laws without it give 0).
+        """
+        return self._whole(self.local(name))
+
+    def local(self, name: str) -> np.ndarray:
+        """As `gather`, of this rank's points."""
+        if name == "traction":
+            scale = max(self.committed_step, np.finfo(float).tiny) * self.points.area
+            return self.local("impulse") / scale[:, None]
+        if name in ("law", "area"):
+            return self.law_of_point if name == "law" else self.points.area
+        widths = {"compliance": self.dim * (self.dim + 1) // 2, "energy": len(ENERGIES)}
+        widths |= dict.fromkeys(("jump", "velocity", "impulse"), self.dim)
+        if name in widths:
+            out = np.zeros((len(self), widths[name]))
+            for g in self._permanent:
+                own = getattr(g, name)
+                columns = range(own.shape[1])
+                if name == "energy":
+                    columns = [ENERGIES.index(energy) for energy in g.kernels.energies]
+                out[np.ix_(g.indices, columns)] = own
+            return out
+        out = np.zeros(len(self))
+        for g in self._permanent:
+            if name in g.kernels.state_names:
+                out[g.indices] = g.state[:, g.kernels.state_names.index(name)]
+            elif hasattr(g, name):
+                out[g.indices] = getattr(g, name)
+        return out
+
+    @property
+    def nbytes(self) -> int:
+        """Memory held by points and blocks of w, in bytes."""
+        inverse = self.inverse
+        shared = [self.law_of_point, inverse.data, inverse.node_offsets, inverse.data_offsets]
+        shared += [] if self._points is None else vars(self._points).values()
+        held = sum(a.nbytes for a in shared if a is not None)
+        return held + self._grouping.nbytes + sum(g.nbytes for g in self.groups)
