@@ -184,7 +184,7 @@ def memory(heap):
         layer.inverse.data, layer.inverse.node_offsets, layer.inverse.data_offsets,
     )  # fmt: skip
     contact = sum(g.nbytes for g in layer.contacts)
-    contact += sum(a.nbytes for a in layer._found)
+    contact += sum(a.nbytes for known in layer._found._sets for a in known[:4])
     search = heap.detection._rigid.nbytes
     return sum(a.nbytes for a in body) / bodies, contact / heap.num_contacts, search / bodies
 

@@ -1,0 +1,247 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Pairs of nodes, facets, edges and rigid bodies that may touch before the lists are made anew.
+
+Lists (Verlet 1967) hold pairs no further apart than reach + skin. They are made anew when some node
+or rigid body has moved by more than skin / 2 against the middle of all motions. What bonds free is
+put into the list there is. Walls are looked at with all nodes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+
+from xper_fx.nscd.search.bonded_facets import Bonds
+from xper_fx.nscd.search.edge_edge import convex_edges
+from xper_fx.nscd.search.facet_geometry import facet_normals
+from xper_fx.nscd.search.grid import box_pairs
+from xper_fx.nscd.search.pair_list import PairList
+from xper_fx.nscd.search.rigid_side import RigidSide
+from xper_fx.nscd.search.surface import Surface
+from xper_fx.support.saved_rows import Rows
+
+# How many searches a list should serve, and bounds of the skin as shares of a facet's size.
+_SEARCHES_A_LIST = 20
+_SKIN_BOUNDS = (0.01, 0.5)
+
+
+class CandidateLists:
+    """Pairs that may touch.
+
+    Args:
+        surface: the facets.
+        bonds: what of them is exposed.
+        rigid: the rigid bodies.
+        meets: which group of the surface may touch which, shape (num_groups, num_groups), bool.
+        extent: of each facet (m): a point further from it does not touch it.
+        reach: largest gap of a contact (m).
+        self_contact: whether a body may touch itself.
+        typical_size: of a facet (m).
+
+    Attributes:
+        node_facet, rigid_facet: nodes and rigid points beside facets.
+        node_rigid, node_wall: nodes beside rigid bodies and walls, shape (n, 2).
+        edges, others: convex edges, as 3 facet + corner, and the facet beyond each.
+        edge_pairs: pairs of `edges` that may cross, shape (n, 2).
+        skin: m, of the lists in use.
+        renewals: how often lists have been made.
+        searches: how often contacts have been looked for.
+    """
+
+    def __init__(
+        self,
+        surface: Surface,
+        bonds: Bonds,
+        rigid: RigidSide,
+        meets: np.ndarray,
+        extent: np.ndarray,
+        reach: float,
+        self_contact: bool,
+        typical_size: float,
+    ):
+        self._surface, self._bonds, self._rigid = surface, bonds, rigid
+        self._meets, self._extent, self._reach = meets, extent, reach
+        self._self_contact, self._dim = self_contact, surface.dim
+        count, flat = surface.num_nodes, surface.facets.ravel()
+        self._groups_of_node = np.zeros((count, len(surface.groups)), bool)
+        self._groups_of_node[flat, np.repeat(surface.group, self._dim)] = True
+        self._body_of_node = bodies_of_nodes(surface)
+        self._normal = np.zeros((len(surface), self._dim))
+        self.node_facet = PairList(len(surface))
+        self.rigid_facet = PairList(len(surface))
+        self.node_rigid = np.empty((0, 2), np.int32)
+        self.node_wall = np.empty((0, 2), np.int32)
+        self.edges = self.others = np.empty(0, np.int64)
+        self.edge_pairs = np.empty((0, 2), np.int32)
+        self._edges_are_old = True
+        self._is_listed = np.zeros(count, bool)
+        self._old_x: np.ndarray | None = None
+        self._old_rigid: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
+        self._typical = typical_size
+        self.skin = 0.1 * self._typical
+        self.renewals = self.searches = 0
+        self._searches_at_renewal = 0
+
+    @property
+    def num_pairs(self) -> int:
+        """Pairs in the lists, walls' pairs left out."""
+        return sum(len(a) for a in self._lists)
+
+    @property
+    def nbytes(self) -> int:
+        """Memory of the lists, in bytes."""
+        return sum(a.nbytes for a in (*self._lists, self.node_wall, self.edges, self.others))
+
+    @property
+    def _lists(self) -> tuple:
+        return self.node_facet, self.rigid_facet, self.node_rigid, self.edge_pairs
+
+    def forget_edges(self) -> None:
+        """List edges anew before the next search: others are convex now."""
+        self._edges_are_old = True
+
+    def renew_if_needed(self, x: np.ndarray) -> None:
+        """Make the lists anew if something has moved too far; one more search is made with them."""
+        self._renew(x)
+        self.searches += 1
+
+    def _renew(self, x: np.ndarray) -> None:
+        if self._old_x is not None:
+            motion = self._motion(x)
+            if motion <= 0.5 * self.skin:
+                if self._edges_are_old:
+                    self._list_edges()
+                return
+            speed = motion / (self.searches - self._searches_at_renewal)
+            lowest, highest = (share * self._typical for share in _SKIN_BOUNDS)
+            self.skin = float(np.clip(2.0 * _SEARCHES_A_LIST * speed, lowest, highest))
+        self._list(x.copy(), self._rigid.state())
+
+    def _list(self, x: np.ndarray, rigid: tuple[np.ndarray, ...] | None) -> None:
+        """Make all lists for nodes at x and rigid bodies in a state of `RigidSide`."""
+        self._old_x, self._old_rigid = x, rigid
+        self._is_listed[:] = False
+        for pairs in (self.node_facet, self.rigid_facet):
+            pairs.replace(np.empty((0, 2), np.int32))
+        self.node_rigid = self.node_wall = np.empty((0, 2), np.int32)
+        self.add(np.flatnonzero(self._bonds.exposed))
+        self._list_edges()
+        self.renewals += 1
+        self._searches_at_renewal = self.searches
+
+    def saved(self, by_cell: Callable[[np.ndarray], Rows]) -> dict:
+        """See `SurfaceSearch.saved`."""
+        if self._old_x is None:
+            return {}
+        saved = {
+            "skin": self.skin,
+            "served": self.searches - self._searches_at_renewal,
+            "x": by_cell(self._old_x),
+        }
+        if self._old_rigid is not None:
+            saved |= zip(("position", "turn", "points"), self._old_rigid, strict=True)
+        return saved
+
+    def restore(self, saved: Mapping, from_cells: Callable[[np.ndarray], np.ndarray]) -> None:
+        """See `SurfaceSearch.restore`."""
+        if not saved:
+            return
+        self.skin = saved["skin"]
+        rigid = None
+        if "position" in saved:
+            rigid = saved["position"], saved["turn"], saved["points"]
+            self._rigid.points = saved["points"]
+        self._list(from_cells(saved["x"]), rigid)
+        self.searches += saved["served"]
+
+    def _motion(self, x: np.ndarray) -> float:
+        """Largest displacement since the lists were made, against the middle of all nodes'."""
+        moved = (x - self._old_x)[self._is_listed]
+        if len(moved) == 0:
+            return 0.0
+        middle = 0.5 * (moved.min(axis=0) + moved.max(axis=0))
+        moved -= middle
+        furthest = np.sqrt(np.einsum("nd,nd->n", moved, moved).max())
+        return max(float(furthest), self._rigid.motion(self._old_rigid, middle))
+
+    def add(self, fresh: np.ndarray) -> None:
+        """List what facets that are new on the surface, and their nodes, may touch."""
+        if self._old_x is None or len(fresh) == 0:
+            return
+        x, facets, rigid = self._old_x, self._surface.facets, self._rigid
+        self._edges_are_old = True
+        of_fresh = np.unique(facets[fresh])
+        new_nodes = of_fresh[~self._is_listed[of_fresh]]
+        self._is_listed[new_nodes] = True
+        nodes = np.flatnonzero(self._is_listed)
+        low, high = self._boxes(x, fresh)
+        found = [_named(box_pairs(x[nodes], x[nodes], low, high), nodes, fresh)]
+        known = np.setdiff1d(np.flatnonzero(self._bonds.exposed), fresh, assume_unique=True)
+        if len(new_nodes) and len(known):
+            low, high = self._boxes(x, known)
+            at = x[new_nodes]
+            found.append(_named(box_pairs(at, at, low, high), new_nodes, known))
+        found = np.concatenate(found)
+        node, facet = found.T
+        group = self._surface.group[facet]
+        may = (self._groups_of_node[node] & self._meets[group]).any(axis=1)
+        if not self._self_contact and len(self._surface.bond_nodes) == 0:
+            may &= self._body_of_node[node] != self._surface.body[facet]
+        self.node_facet.insert(found[may])
+
+        if not rigid.walls.size and not len(rigid.points):
+            return
+        meets = (self._groups_of_node[new_nodes] @ rigid.meets).astype(bool)
+        node, wall = np.nonzero(meets[:, rigid.walls])
+        pairs = np.stack([new_nodes[node], rigid.walls[wall]], axis=1)
+        self.node_wall = np.concatenate([self.node_wall, pairs.astype(np.int32)])
+        if not len(rigid.points):
+            return
+        position, _, points = self._old_rigid
+        solids = rigid.solids
+        beyond = (rigid.bounding[solids] + self._reach + self.skin)[:, None]
+        low, high = position[solids] - beyond, position[solids] + beyond
+        found = box_pairs(x[new_nodes], x[new_nodes], low, high)
+        found = found[meets[found[:, 0], solids[found[:, 1]]]]
+        self.node_rigid = np.concatenate([self.node_rigid, _named(found, new_nodes, solids)])
+        low, high = self._boxes(x, fresh)
+        radius = rigid.radius[:, None]
+        found = box_pairs(points - radius, points + radius, low, high)
+        point, facet = found[:, 0], fresh[found[:, 1]]
+        may = rigid.meets[self._surface.group[facet], rigid.body_of_point[point]]
+        self.rigid_facet.insert(np.stack([point, facet], axis=1)[may])
+
+    def _list_edges(self) -> None:
+        """List the pairs of convex edges that may cross (3D)."""
+        self._edges_are_old = False
+        if self._dim == 2:
+            return
+        x, facets, surface = self._old_x, self._surface.facets, self._surface
+        chosen = np.flatnonzero(self._bonds.exposed)
+        facet_normals(x, facets, chosen, self._normal)
+        edges, others = convex_edges(x, facets, chosen, self._bonds.weld, self._normal)
+        ends = x[np.stack([facets[edges // 3, edges % 3], facets[edges // 3, (edges + 1) % 3]])]
+        beyond = 0.5 * (self._extent[edges // 3] + self.skin)[:, None]
+        pairs = box_pairs(ends.min(axis=0) - beyond, ends.max(axis=0) + beyond)
+        first, second = (edges // 3)[pairs.T]
+        may = self._meets[surface.group[first], surface.group[second]]
+        if not self._self_contact:
+            may &= surface.body[first] != surface.body[second]
+        self.edges, self.others, self.edge_pairs = edges, others, pairs[may]
+
+    def _boxes(self, x: np.ndarray, facets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        corners = x[self._surface.facets[facets]]
+        beyond = (self._extent[facets] + self.skin)[:, None]
+        return corners.min(axis=1) - beyond, corners.max(axis=1) + beyond
+
+
+def bodies_of_nodes(surface: Surface) -> np.ndarray:
+    """Body of each node, shape (num_nodes,), -1 where no facet has it."""
+    body = np.full(surface.num_nodes, -1, np.int32)
+    body[surface.facets.ravel()] = np.repeat(surface.body, surface.dim)
+    return body
+
+
+def _named(pairs: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    return np.stack([first[pairs[:, 0]], second[pairs[:, 1]]], axis=1).astype(np.int32)
