@@ -12,7 +12,7 @@ from pathlib import Path
 
 from tqdm.auto import trange
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "nscd"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "shared"))
 from stacks import Stack  # noqa: E402
 
 MASSES, GAP, STEP = (1.0, 2.0, 0.5, 3.0, 1.5), 0.01, 2e-3

@@ -27,7 +27,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np  # noqa: E402
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "nscd"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "shared"))
 import problems  # noqa: E402
 
 from xper_fx.nscd import FrictionProblem  # noqa: E402

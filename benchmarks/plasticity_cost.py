@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 from dolfinx import fem
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "shared"))
 from scenes import box_bodies  # noqa: E402
 
 from xper_fx.forms import compiled  # noqa: E402

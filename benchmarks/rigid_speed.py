@@ -28,7 +28,7 @@ os.environ.setdefault("NUMBA_NUM_THREADS", "1")
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "nscd"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "shared"))
 from heaps import Heap, grains  # noqa: E402
 
 from xper_fx.nscd.solvers import AcceleratedSweeps, Automatic, NonlinearGaussSeidel  # noqa: E402

@@ -24,7 +24,7 @@ from pathlib import Path
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "nscd"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "shared"))
 from plates import crossed_plate  # noqa: E402
 
 from xper_fx.nscd.interactions import Interactions  # noqa: E402

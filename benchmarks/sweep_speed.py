@@ -31,7 +31,7 @@ import numpy as np
 
 from xper_fx.cache import njit
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "nscd"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "shared"))
 from plates import crossed_plate  # noqa: E402
 
 from xper_fx.nscd.algebra.small import for_dimension  # noqa: E402

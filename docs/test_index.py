@@ -12,10 +12,24 @@ What each file of `tests/` checks, in its own words, and its tests that say more
 
 """
 _GROUPS = {
-    "": "The package",
+    "study": "Studies",
+    "output": "Output, restart, effects",
+    "simulation": "Time loop, energies, accuracy",
+    "plotting": "Figures",
+    "scene": "Scenes",
+    "parallel": "Several ranks",
+    "periodic": "Periodic cells",
+    "bulk": "Bulk",
+    "forms": "Forms",
+    "materials": "Materials",
+    "bodies": "Bodies and meshes",
+    "nscd": "The interaction layer",
+    "support": "Support",
     "cache": "Kept kernels",
-    "nscd": "The interaction layer, without FEniCSx",
+    "demos": "Demos",
+    "published": "Published problems",
     "hard_cases": "Hard cases",
+    "project": "The project: documentation, imports, launcher",
 }
 
 

@@ -24,19 +24,19 @@ MOST_WORKERS = 4
 OTHER_TIERS = ("slow", "ranks", "docs", "demos")
 # Files that take longest, in this order: begun first, so that all workers end together.
 LONGEST = (
-    "test_parallel.py",
+    "parallel/test_parallel.py",
     "hard_cases/test_periodic_compression.py",
-    "test_effects.py",
-    "test_parallel_output.py",
-    "test_plastic_structures.py",
+    "output/test_effects.py",
+    "parallel/test_parallel_output.py",
+    "materials/test_plastic_structures.py",
     "hard_cases/test_slivers_and_masses.py",
-    "test_notched_plate.py",
-    "test_restart.py",
-    "test_periodic_interactions.py",
-    "test_impact_fragmentation.py",
-    "test_parallel_cell.py",
-    "test_parallel_solvers.py",
-    "test_body_to_body.py",
+    "demos/test_notched_plate.py",
+    "output/test_restart.py",
+    "periodic/test_periodic_interactions.py",
+    "demos/test_impact_fragmentation.py",
+    "parallel/test_parallel_cell.py",
+    "parallel/test_parallel_solvers.py",
+    "scene/test_body_to_body.py",
 )
 
 

@@ -97,7 +97,10 @@ def test_contacts_found_again_are_those_built_anew(monkeypatch):
         if not again:
             monkeypatch.setattr("xper_fx.nscd.found_contacts._ContactSet.are", lambda *_: False)
         count, grouped = [0], heap.layer._grouping.groups
-        heap.layer._grouping.groups = lambda *a, c=count, f=grouped: (c.__setitem__(0, c[0] + 1), f(*a))[1]
+        heap.layer._grouping.groups = lambda *a, c=count, f=grouped: (
+            c.__setitem__(0, c[0] + 1),
+            f(*a),
+        )[1]
         heap.advance(60, tolerance=TOLERANCE)
         ends.append(heap.motion.state.position.copy())
         built.append(count[0])

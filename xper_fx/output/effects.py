@@ -2,8 +2,8 @@
 """Which effects a scene calls for, where their code is, what they hold and what they cost.
 
 An effect that a scene does not call for is not imported, not compiled, not allocated and not
-called: `tests/test_effects.py` runs scenes with the code of all that is off taken away, and finds
-the same answer to the bit by the same calls. What is left of it in a step is a test of None.
+called: `tests/output/test_effects.py` runs scenes with the code of all that is off taken away, and
+finds the same answer to the bit by the same calls. What is left of it in a step is a test of None.
 
 `EFFECTS` is the table. An effect added later is a row more, and the tests ask for a scene that
 calls for it. Laws and materials name their effects themselves (`LawKernels.effects`,

@@ -1,0 +1,112 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""The slab of the demo, small: it breaks, its pieces meet again, the ledger closes."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "demos"))
+import impact_fragmentation as demo
+
+from xper_fx.output.contact_forces import find_contact_forces
+from xper_fx.output.cracks import broken_points, find_fragments
+
+pytestmark = pytest.mark.demos
+
+
+@pytest.fixture(scope="module")
+def broken(tmp_path_factory):
+    """A coarse slab, until the first pieces lie on the floor."""
+    out = tmp_path_factory.mktemp("impact")
+    options = (
+        f"--cells 6 --end-time 0.45 --step-size 4e-4 --fields 2 --threads 1 --quiet --out {out}"
+    )
+    return demo.main(options.split()), out
+
+
+def test_slab_breaks_into_pieces(broken):
+    result, out = broken
+    summary = json.loads((out / "summary.json").read_text())
+    simulation, fragments = result["simulation"], result["fragments"]
+    assert summary["fragments"] == len(fragments) > 5
+    assert fragments.sum() == simulation.scene.bodies.num_bodies
+    assert np.all(np.diff(fragments) <= 0)
+    # lips that the search has taken over count as broken still
+    points = len(broken_points(simulation))
+    gone = points - sum(
+        len(g) for g in simulation.interactions.groups
+        if "damage" in g.kernels.state_names
+    )  # fmt: skip
+    assert 0 < gone <= np.count_nonzero(broken_points(simulation))
+    for name in ("frames.png", "energies.png", "rigid.xdmf", "bulk.xdmf", "interfaces.xdmf"):
+        assert (out / name).stat().st_size > 0
+
+
+def test_fragments_are_what_bonds_connect(broken):
+    """Grow every fragment from its first cell by standing bonds, one after the other."""
+    simulation = broken[0]["simulation"]
+    facets = simulation.scene.bodies.facets
+    held = ~broken_points(simulation).reshape(len(facets), -1).all(axis=1)
+    fragment = find_fragments(simulation)
+    assert np.all(fragment[facets.bodies[held, 0]] == fragment[facets.bodies[held, 1]])
+    for label in range(fragment.max() + 1):
+        own = np.flatnonzero(fragment == label)
+        reached, grew = {own[0]}, True
+        while grew:
+            before = len(reached)
+            for a, b in facets.bodies[held].tolist():
+                if a in reached or b in reached:
+                    reached |= {a, b}
+            grew = len(reached) > before
+        assert reached == set(own.tolist())
+
+
+def test_pieces_meet_again(broken):
+    assert len(broken[0]["met"]) > 0
+
+
+def test_penetration_stays_small(broken):
+    # half a cell is 83 mm; deepest where lips that turned went over to the search
+    assert broken[0]["deepest"] < 0.15 * demo.THICKNESS
+
+
+def test_energy_closes(broken):
+    history = broken[0]["history"]
+    held = history["kinetic"][0] + history["external_work"][-1]
+    assert np.abs(history["closure"]).max() < 5e-3 * held
+    assert history["dissipated_cohesion"][-1] > 0.01 * held
+    assert np.all(np.diff(history["dissipated_cohesion"]) >= 0.0)
+    # a contact that leaves and is pressed back in one step may gain, of the order of the step
+    for name in ("dissipated_friction", "dissipated_impact"):
+        assert history[name][-1] > 0.01 * held
+        assert np.diff(history[name]).min() > -2e-2 * held
+
+
+def test_momentum_is_what_gravity_and_ground_give(broken):
+    """Some steps more: bonds, and contacts among pieces and ball, change no momentum."""
+    simulation = broken[0]["simulation"]
+    mass, ball = simulation.bulk.mass, simulation.rigid.bodies.mass[0]
+    weight = -demo.GRAVITY * (mass.reshape(-1, 2)[:, 1].sum() + ball)
+    first_ground = simulation.scene.bodies.num_bodies + 1
+
+    def momentum() -> np.ndarray:
+        return (mass * simulation.state.velocity).reshape(-1, 2).sum(
+            0
+        ) + simulation.rigid.momentum()
+
+    before, pushed = momentum(), 0.0
+    for step in simulation.steps(simulation.time + 10 * simulation.step_size):
+        contacts = find_contact_forces(simulation)
+        side = (contacts.bodies >= first_ground) @ np.array([-1.0, 1.0])
+        from_ground = side @ contacts.force
+        pushed += step.size * abs(from_ground[1])
+        after = momentum()
+        expected = step.size * (from_ground + (0.0, weight))
+        assert after - before == pytest.approx(expected, abs=1e-9 * np.abs(before).max())
+        before = after
+    assert pushed > 0.0

@@ -1,0 +1,168 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""A scene pays for the effects it calls for, and for no other.
+
+Each scene of `effect_scenes.py` runs in two processes: as it is, and with the code of all effects
+that it does not call for taken away. Both must give the same bits, by the same calls of Python, C
+and kernels, on arrays of the same size.
+"""
+
+import json
+import os
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import effect_scenes
+import pytest
+from on_ranks import on_ranks
+from scenes import box_bodies
+
+from xper_fx.materials import NeoHookean
+from xper_fx.nscd.laws import CohesiveZone, PerfectBond, SignoriniCoulomb, Tresca
+from xper_fx.output.effects import EFFECTS, effects_of, effects_table
+from xper_fx.scene.scene import Scene
+from xper_fx.simulation.simulation import Simulation
+
+SCRIPT = Path(effect_scenes.__file__)
+ENVIRONMENT = os.environ | {"OPENBLAS_NUM_THREADS": "1"}
+FAST = ("static", "dynamic", "closed")
+MARKS = dict.fromkeys(FAST, ()) | {"divided": pytest.mark.ranks}
+CALLED_FOR = {scene.__name__: effects for scene, effects in effect_scenes.SCENES.items()}
+
+
+def observed(scene: str, removed=()) -> dict:
+    if scene == "divided":
+        run = on_ranks(2, SCRIPT, scene, *removed)
+    else:
+        run = subprocess.run(
+            [sys.executable, SCRIPT, scene, *removed],
+            capture_output=True, text=True, env=ENVIRONMENT, check=False,
+        )  # fmt: skip
+    assert run.returncode == 0, run.stderr
+    return json.loads(run.stdout.splitlines()[-1])
+
+
+def uses(run: dict, code: str) -> str | None:
+    """How a run used a piece of code, None if it did not."""
+    module, _, name = code.partition(":")
+    if not name:
+        return "imported" if module in run["modules"] else None
+    for how in ("called", "compiled"):
+        if any(f"{one}.".startswith(f"{code}.") for one in run[how]):
+            return how
+    return None
+
+
+@pytest.mark.parametrize("effect", EFFECTS, ids=lambda e: e.name)
+def test_every_effect_has_its_proof(effect):
+    """A scene with it and a scene without, so that the proof below is not empty."""
+    with_it = [scene for scene, effects in CALLED_FOR.items() if effect.name in effects]
+    assert with_it, f"give tests/shared/effect_scenes.py a scene that calls for {effect.name!r}"
+    assert len(with_it) < len(CALLED_FOR)
+    assert effect.switch and effect.code
+
+
+def test_names_are_those_of_the_table():
+    names = [effect.name for effect in EFFECTS]
+    assert len(set(names)) == len(names)
+    assert set().union(*CALLED_FOR.values()) == set(names)
+
+
+@pytest.mark.parametrize(
+    "scene",
+    [pytest.param(scene, marks=MARKS.get(scene, pytest.mark.slow)) for scene in CALLED_FOR],
+)
+def test_a_scene_pays_for_what_it_calls_for(scene):
+    run = observed(scene)
+    assert {name for name, row in run["effects"].items() if row["on"]} == CALLED_FOR[scene]
+    on = [effect for effect in EFFECTS if effect.name in CALLED_FOR[scene]]
+    off = [effect for effect in EFFECTS if effect.name not in CALLED_FOR[scene]]
+    for effect in on:
+        assert any(uses(run, code) for code in effect.code), effect.name
+        assert (run["effects"][effect.name]["memory"] > 0) == bool(effect.holds), effect.name
+    shared = {code for effect in on for code in effect.code}
+    absent = sorted({code for effect in off for code in effect.code} - shared)
+    assert {code: uses(run, code) for code in absent} == dict.fromkeys(absent)
+    for effect in off:
+        assert run["effects"][effect.name]["memory"] == 0
+    stripped = observed(scene, absent)
+    assert run["displacement"] > 0.0
+    for what in ("digest", "costs", "held", "effects"):
+        if what == "effects":  # but for the times
+            for rows in (run[what], stripped[what]):
+                for row in rows.values():
+                    del row["seconds"]
+        assert stripped[what] == run[what], what
+
+
+LAWS = (
+    CohesiveZone(10.0, 1e-4, 1e-3),
+    CohesiveZone(10.0, 1e-4, 1e-3, friction=0.1),
+    CohesiveZone(10.0, 1e-4, 1e-3, damage="lagged"),
+    SignoriniCoulomb(),
+    SignoriniCoulomb(0.3),
+    SignoriniCoulomb(contact="position"),
+    SignoriniCoulomb(0.3, contact="position"),
+    Tresca(1e3),
+    Tresca(1e3, contact="position"),
+    PerfectBond(),
+)
+
+
+@pytest.mark.parametrize("dim", (2, 3))
+@pytest.mark.parametrize("law", LAWS, ids=repr)
+def test_what_a_law_holds_belongs_to_its_effects(law, dim):
+    """All columns, each once: the bytes of the table are those of the arrays."""
+    kernels = law.kernels(dim)
+    held = len(law.parameters()) + len(law.initial_state()) + kernels.num_terms
+    assert sum(columns for _, columns in kernels.effects) == held + kernels.num_details
+    assert len(law.initial_state()) == len(kernels.state_names)
+
+
+@dataclass(frozen=True)
+class Glue(PerfectBond):
+    """A user's law with an effect of its own."""
+
+    def kernels(self, dim):
+        return super().kernels(dim)._replace(name="my glue", effects=(("adhesion", 5),))
+
+
+@dataclass(frozen=True)
+class Rubber(NeoHookean):
+    """A user's material with an effect of its own beside one of the table."""
+
+    effects = ("finite strain", "heat")
+
+
+def two_halves(material, law):
+    bodies = box_bodies((2.0, 1.0), (2, 1), label=lambda x: x[0] > 1.0)
+    return Simulation(Scene(bodies, {1: material}, default_interaction=law), 0.1)
+
+
+def test_laws_and_materials_of_a_user_join_the_table():
+    simulation = two_halves(Rubber(young=1.0, poisson=0.3, density=1.0), Glue())
+    rows = {row.name: row for row in effects_of(simulation)}
+    assert list(rows)[-2:] == ["heat", "adhesion"]
+    # two nodes of one facet, five columns
+    assert rows["adhesion"][:3] == ("adhesion", True, 2 * 5 * 8)
+    assert rows["heat"].on and rows["finite strain"].on and not rows["perfect bond"].on
+    table = effects_table(simulation).splitlines()
+    assert "law: my glue, 2 points" in table
+    assert table[-1].startswith("off: ") and "perfect bond" in table[-1]
+    assert not any(line.startswith("perfect bond") for line in table)
+
+
+def test_phases_of_an_effect_are_read_from_the_profile():
+    simulation = effect_scenes.static()
+    rows = {row.name: row for row in effects_of(simulation)}
+    assert not rows["macroscopic control"].on
+    with simulation.stopwatch.phase("macroscopic averages"):
+        pass
+    # off: zero, whatever the clock says
+    assert effects_of(simulation) == list(rows.values())
+    cell = effect_scenes.stretched_cell()
+    list(cell.steps(2 * cell.step_size))
+    rows = {row.name: row for row in effects_of(cell)}
+    # at the start and after each step
+    assert rows["macroscopic control"].calls == 3 and rows["macroscopic control"].seconds > 0.0

@@ -1,0 +1,382 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""The documentation builds without a warning, is whole, and what it says to type can be typed.
+
+Building needs Sphinx: `XPER_FX_DOCS=1 ./fenicsx pytest tests/project/test_docs.py`; without it that
+is left out, and all else is checked.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import importlib
+import pkgutil
+import re
+import runpy
+import shlex
+import shutil
+import subprocess
+import sys
+from importlib.util import find_spec
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import xper_fx
+from xper_fx.output.effects import EFFECTS
+
+ROOT = Path(__file__).resolve().parents[2]
+DOCS = ROOT / "docs"
+
+pytestmark = pytest.mark.skipif(not DOCS.is_dir(), reason="the package is not in its checkout")
+
+# Pages that people write; the others are made at each build.
+MADE = ("gallery.md", "tests.md", "demos/", "api/generated/", "_build/")
+PAGES = [
+    path
+    for path in sorted(DOCS.rglob("*.md"))
+    if not str(path.relative_to(DOCS)).startswith(MADE) and path.name != "hard_cases.md"
+]
+WITH_CODE = [path for path in PAGES if "```python" in path.read_text()]
+NAMES = [str(path.relative_to(DOCS)) for path in WITH_CODE]
+
+
+@pytest.fixture
+def gallery(monkeypatch):
+    """The module docs/gallery.py."""
+    monkeypatch.syspath_prepend(str(DOCS))
+    return importlib.import_module("gallery")
+
+
+# -- what is built
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory):
+    """The HTML, built from a copy; warnings are errors."""
+    for name in ("sphinx", "myst_parser", "jupytext", "furo"):
+        if find_spec(name) is None:
+            pytest.skip(
+                f"{name} is missing: XPER_FX_DOCS=1 ./fenicsx pytest, or pip install .[docs]"
+            )
+    folder = tmp_path_factory.mktemp("documentation")
+    for name in ("README.md", "CHANGELOG.md", "demos", "tests", "xper_fx"):
+        (folder / name).symlink_to(ROOT / name)
+    left = shutil.ignore_patterns("_build", "generated", "demos", "gallery.md", "tests.md")
+    shutil.copytree(DOCS, folder / "docs", ignore=left)
+    command = [sys.executable, "-m", "sphinx", "-q", "-W", "--keep-going", "-b", "html"]
+    run = subprocess.run(
+        [*command, folder / "docs", folder / "html"], capture_output=True, text=True
+    )
+    assert run.returncode == 0, run.stderr
+    return folder / "html"
+
+
+@pytest.mark.docs
+def test_every_demo_has_a_page_with_its_code_and_figures(built, gallery):
+    for demo in sorted((ROOT / "demos").glob("*.py")):
+        page = (built / "demos" / f"{demo.stem}.html").read_text()
+        assert f"demos/{demo.name}" in page and "argparse" in page
+        figures = [name for f in gallery.GALLERY if f.demo == demo.stem for name in f.drawn]
+        assert figures and all(f"_images/{name}.png" in page for name in figures)
+
+
+@pytest.mark.docs
+def test_every_public_module_is_in_the_reference(built):
+    modules = [m.name for m in pkgutil.walk_packages(xper_fx.__path__, "xper_fx.")]
+    public = [name for name in modules if "._" not in name]
+    assert len(public) > 100
+    for name in public:
+        page = (built / "api" / "generated" / f"{name}.html").read_text()
+        tree = ast.parse(Path(importlib.util.find_spec(name).origin).read_text())
+        named = [
+            node.name
+            for node in tree.body
+            if isinstance(node, ast.ClassDef | ast.FunctionDef) and ast.get_docstring(node)
+        ]
+        missing = [n for n in named if n[0] != "_" and f'id="{name}.{n}"' not in page]
+        assert not missing, f"{name} lacks {missing}"
+
+
+@pytest.mark.docs
+def test_images_and_links_within_lead_somewhere(built):
+    """No image and no page that is not there, and no markup left in the text."""
+    pages = [path for path in built.rglob("*.html") if "_modules" not in path.parts]
+    assert len(pages) > 150
+    for page in pages:
+        text = page.read_text()
+        links = re.findall(r'<img[^>]*src="([^"]+)"', text)
+        links += re.findall(r'<a [^>]*href="([^"#?]+)', text)
+        for link in (link for link in links if ":" not in link):
+            assert (page.parent / link).exists(), f"{page.name}: {link}"
+        assert "system-message" not in text and "problematic" not in text, page
+        assert "{doc}" not in text and "{py:" not in text, page
+
+
+# -- figures
+
+
+def test_every_figure_is_in_the_gallery_and_on_a_page(gallery):
+    drawn = [name for figures in gallery.GALLERY for name in figures.drawn]
+    assert sorted(drawn) == sorted(path.stem for path in DOCS.glob("*.png"))
+    text = "".join(path.read_text() for path in PAGES) + (ROOT / "README.md").read_text()
+    assert all(f"{name}.png" in text for name in drawn)
+
+
+def test_figures_are_drawn_where_the_gallery_looks(gallery, tmp_path, monkeypatch):
+    """The command as it stands, but for a script that stands in for the demo."""
+    (tmp_path / "draw.py").write_text(
+        "import pathlib, sys\n"
+        "out = pathlib.Path(sys.argv[sys.argv.index('--out') + 1])\n"
+        "(out / 'a.png').write_text('drawn')\n"
+    )
+    monkeypatch.setattr(gallery, "ROOT", tmp_path)
+    figures = gallery.Figures("draw.py", "--out {out}", {"b": "a.png"}, ("A figure",), "seconds")
+    gallery.draw(figures, tmp_path / "results", tmp_path)
+    assert (tmp_path / "b.png").read_text() == "drawn"
+    assert figures.command("results/x") == "./fenicsx python3 draw.py --out results/x"
+
+
+# -- code
+
+
+def blocks(page: Path) -> list[str]:
+    """The Python code on a page."""
+    return re.findall(r"```python\n(.*?)```", page.read_text(), re.DOTALL)
+
+
+@pytest.mark.parametrize("page", WITH_CODE, ids=NAMES)
+def test_code_on_a_page_runs(page, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    names: dict = {"__name__": "__main__"}
+    for number, code in enumerate(blocks(page)):
+        exec(compile(code, f"{page.name}, block {number}", "exec"), names)
+    if page in CHECKS:
+        CHECKS[page](names, capsys.readouterr().out)
+    if page.parent.name == "tutorials":
+        drawn = {path.name for path in tmp_path.glob("*.png")}
+        assert drawn == set(re.findall(r"\{figure\} (\S+\.png)", page.read_text()))
+        assert all((page.parent / name).stat().st_size > 10_000 for name in drawn)
+        lines = [line for block in blocks(page) for line in block.splitlines() if line.strip()]
+        assert 30 <= len(lines) <= 60
+
+
+def check_a_first_run(names, printed):
+    """E' eps with the artificial compliance of the bonds, -2 % at 5 um: 108 GPa * 0.2 %."""
+    time, stress, closure = (float(x) for x in printed.splitlines()[0].split())
+    assert time >= 5e-8
+    assert abs(stress - 2.1e8) < 0.1e8
+    assert abs(closure) < 1e-10 * names["step"].energies["external_work"]
+    assert "cohesive zone with friction" in printed
+
+
+def check_the_periodic_cell(names, printed):
+    """524.7 MPa at 1 %, nothing sideways."""
+    stress = names["simulation"].macroscopic.stress
+    np.testing.assert_allclose(stress[0, 0], 524.7e6, rtol=1e-3)
+    assert abs(stress[1, 1]) < 1e-6 * stress[0, 0]
+
+
+def check_the_contact_problem(names, printed):
+    """Both corners slide to the right, the front one carries more; momentum before and after."""
+    reaction, velocity = names["result"].reaction, names["result"].velocity
+    normal, tangential = reaction[::2], reaction[1::2]
+    assert names["result"].converged
+    np.testing.assert_allclose(tangential, 0.3 * normal, rtol=1e-8)
+    np.testing.assert_allclose(normal.sum(), 0.1, rtol=1e-8)
+    np.testing.assert_allclose(velocity, [0.0, -0.17, 0.0, -0.17], atol=1e-9)
+    assert normal[1] > normal[0] > 0.0
+
+
+def check_contacts(names, printed):
+    """The disc rolls down the slope by g sin(slope) t^2 / 3; the block presses with its weight."""
+    x, y, closure = (float(x) for x in re.sub(r"[\[\]]", " ", printed.splitlines()[0]).split())
+    np.testing.assert_allclose((2.0 * x - y) / 5**0.5, 9.81 / 5**0.5 * 0.5**2 / 3.0, rtol=1e-2)
+    assert abs(closure) < 1e-10
+    pressing = names["xf"].output.find_contact_forces(names["simulation"]).force[:, 1]
+    assert pressing.sum() == pytest.approx(1000.0 * 9.81, rel=0.05)
+
+
+def check_a_material_of_ones_own(names, printed):
+    assert names["force"] == pytest.approx(names["exact"], rel=1e-9)
+
+
+def check_bodies(names, printed):
+    assert names["each_cell"].num_bodies == 64 and names["two_bodies"].num_bodies == 2
+
+
+def check_the_cracked_plate(names, printed):
+    """A straight crack through the ligament; the ledger closes, the crack costs what it must."""
+    assert names["length"] == pytest.approx(15e-3, rel=1e-6)
+    assert 1.0 < names["spent"] / names["needed"] < 1.25
+    assert abs(names["step"].energies["closure"]) < 1e-2 * names["spent"]
+    assert names["half_broken"] is not None
+
+
+def check_the_cell_with_a_particle(names, printed):
+    """524.7 MPa for the metal alone at 1 %; the particle makes it stiffer and stronger."""
+    metal, composite = names["metal"], names["composite"]
+    assert metal["stress"][-1] == pytest.approx(524.7e6, rel=1e-3)
+    assert composite["strain"][-1] == pytest.approx(metal["strain"][-1])
+    assert np.all(composite["stress"] > metal["stress"])
+    assert np.abs(composite["closure"]).max() < 1e-2 * composite["external_work"][-1]
+
+
+def check_the_grains(names, printed):
+    """All at rest: floor and walls carry the weight."""
+    assert len(names["frames"]) == 3
+    assert names["carried"] == pytest.approx(names["weight"], rel=0.02)
+    assert abs(names["step"].energies["closure"]) < 1e-2 * names["weight"]
+
+
+def check_the_fibre(names, printed):
+    """The interface breaks and the plate weakens; it is elastic before, with a stiffer fibre."""
+    weak, perfect = names["debonding"], names["perfect"]
+    assert 0.2 < names["debonded"] < 1.0
+    assert weak["stress"].max() < 0.9 * perfect["stress"].max()
+    slope = np.polyfit(perfect["strain"], perfect["stress"], 1)[0]
+    assert 3e9 / (1.0 - 0.35**2) < slope < 5e9
+
+
+CHECKS = {
+    DOCS / "start.md": check_a_first_run,
+    DOCS / "guide/periodic.md": check_the_periodic_cell,
+    DOCS / "guide/friction_problem.md": check_the_contact_problem,
+    DOCS / "guide/contact.md": check_contacts,
+    DOCS / "guide/scene.md": check_bodies,
+    DOCS / "howto/own_material.md": check_a_material_of_ones_own,
+    DOCS / "tutorials/cracked_plate.md": check_the_cracked_plate,
+    DOCS / "tutorials/periodic_cell.md": check_the_cell_with_a_particle,
+    DOCS / "tutorials/blocks_and_grains.md": check_the_grains,
+    DOCS / "tutorials/gmsh_interface.md": check_the_fibre,
+}
+
+
+def test_pages_import_the_door_alone():
+    """`import xper_fx as xf` is all that code on pages, and demos, import of the package."""
+    assert set(CHECKS) <= set(WITH_CODE)
+    code = [block for page in WITH_CODE for block in blocks(page)]
+    code += [demo.read_text() for demo in (ROOT / "demos").glob("*.py")]
+    assert len(code) > 30
+    for text in code:
+        assert re.findall(r"^[ \t]*(?:from|import) xper_fx.*$", text, re.MULTILINE) in (
+            [], ["import xper_fx as xf"]
+        )  # fmt: skip
+
+
+def test_the_table_of_effects_is_that_of_the_package():
+    page = (DOCS / "guide" / "effects.md").read_text()
+    rows = re.findall(r"^\| ([^|]+) \| ([^|]+) \| ([^|]+) \| ([^|]+) \|$", page, re.MULTILINE)
+    first = next(number for number, row in enumerate(rows) if row[0] == EFFECTS[0].name)
+    assert len(rows) >= first + len(EFFECTS)
+    for effect, (name, switch, code, holds) in zip(EFFECTS, rows[first:], strict=False):
+        assert (name, switch, holds) == (effect.name, effect.switch, effect.holds or "-")
+        assert code.count("`") == 2 * len(effect.code)
+
+
+@pytest.fixture
+def own_law(monkeypatch):
+    """The module docs/howto/own_law.py."""
+    monkeypatch.syspath_prepend(str(DOCS / "howto"))
+    return importlib.import_module("own_law")
+
+
+@pytest.mark.parametrize("steps, theta, solver", [(7, 0.5, "auto"), (200, 1.0, "newton")])
+def test_a_law_of_ones_own_spends_w(own_law, steps, theta, solver):
+    """In few steps as in many, and follows its curve: up to d0, down to df, nothing beyond."""
+    law = own_law.LinearSoftening(100.0, 10.0, 1.0)
+    curve, energies = own_law.pull_apart(law, steps, theta=theta, solver=solver)
+    assert energies["dissipated_cohesion"] == pytest.approx(1.0, rel=1e-12)
+    assert abs(energies["closure"]) < 1e-10
+    x, traction = curve.T
+    assert traction[x > 0.21] == pytest.approx(0.0, abs=1e-9)
+    if steps == 200:
+        exact = np.interp(x, [0.0, 0.1, 0.2], [0.0, 10.0, 0.0])
+        assert np.abs(traction - exact).max() < 0.2  # found 0.12, of first order in the step
+        assert traction.max() == pytest.approx(10.0, rel=0.01)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_a_law_of_ones_own_holds_a_mass_by_inertia(own_law, dim):
+    """Torn by a mass in any direction, it takes w A from its kinetic energy."""
+    from point_mass import PointMass
+
+    velocity = np.array([3.0, 0.5, 0.2][:dim])
+    mass = PointMass(own_law.LinearSoftening(100.0, 10.0, 1.0), 1.0, velocity)
+    spent = sum(mass.step(0.02).cohesion for _ in range(25))
+    assert spent == pytest.approx(1.0, rel=1e-12) and mass.damage == 0.0
+    lost = 0.5 * (velocity @ velocity - mass.velocity.ravel() @ mass.velocity.ravel())
+    assert lost == pytest.approx(1.0, rel=1e-10)
+
+
+def test_a_law_of_ones_own_refuses_what_cannot_be(own_law):
+    with pytest.raises(ValueError, match="should exceed"):
+        own_law.LinearSoftening(100.0, 10.0, 0.5)
+    with pytest.raises(ValueError, match="strength"):
+        own_law.LinearSoftening(100.0, -1.0, 1.0)
+
+
+# -- commands
+
+
+class Parsed(Exception):
+    """A script has read its command line."""
+
+
+def commands() -> list[str]:
+    """What README and pages say to type after python3, from there to the end of code."""
+    text = "\n".join(path.read_text() for path in [ROOT / "README.md", *PAGES])
+    fenced = re.compile(r"^```.*?^```", re.DOTALL | re.MULTILINE)
+    blocks = fenced.findall(text)
+    code = re.findall(r"`([^`\n]*python3 [^`\n]*)`", fenced.sub("", text))
+    code += [line for block in blocks for line in block.splitlines() if "python3 " in line]
+    found = [line.split("python3 ", 1)[1] for line in code]
+    return sorted({line for line in found if re.match(r"(demos|benchmarks|docs)/\w+", line)})
+
+
+def check_command(command: str, monkeypatch) -> None:
+    """Run a script up to the point where it has read its command line."""
+    script, *arguments = shlex.split(command)
+    path = ROOT / script
+    assert path.is_file(), command
+    if "parse_args" not in path.read_text():
+        assert not arguments, f"{script} takes no arguments: {command}"
+        return
+    own = argparse.ArgumentParser.parse_args
+
+    def parse(self, args=None, namespace=None):
+        own(self, args, namespace)
+        raise Parsed
+
+    with monkeypatch.context() as patch:
+        patch.setattr(argparse.ArgumentParser, "parse_args", parse)
+        patch.setattr(sys, "argv", [script, *arguments])
+        patch.syspath_prepend(str(path.parent))
+        with pytest.raises(Parsed):
+            runpy.run_path(str(path), run_name="__main__")
+
+
+def test_commands_on_pages_can_be_typed(monkeypatch):
+    found = commands()
+    assert len(found) > 25
+    for command in found:
+        check_command(command, monkeypatch)
+
+
+def test_commands_of_the_gallery_can_be_typed(gallery, monkeypatch):
+    for figures in gallery.GALLERY:
+        typed = figures.command(figures.folder).split("python3 ")[1]
+        check_command(typed, monkeypatch)
+
+
+def test_an_option_that_is_not_there_is_found(monkeypatch, capsys):
+    with pytest.raises(SystemExit):
+        check_command("demos/masonry_arch.py --no-such-option", monkeypatch)
+    assert "--no-such-option" in capsys.readouterr().err
+
+
+def test_files_named_on_pages_exist():
+    for page in PAGES:
+        for path in re.findall(r"(?:demos|benchmarks|tests)/[\w/]+\.py", page.read_text()):
+            assert (ROOT / path).is_file(), f"{page.name}: {path}"
