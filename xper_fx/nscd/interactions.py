@@ -9,12 +9,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from xper_fx.nscd.algebra.small import sym_indices
-from xper_fx.nscd.anchors import Anchors
 from xper_fx.nscd.contact_history import ContactHistory
 from xper_fx.nscd.couplings import push_kernel, spread_kernel
 from xper_fx.nscd.found_contacts import FoundContacts, FoundPoints
@@ -30,6 +29,9 @@ from xper_fx.nscd.point_values import PointValues
 from xper_fx.nscd.points import InteractionPoints
 from xper_fx.support.saved_rows import Rows
 from xper_fx.support.threads import in_ranges
+
+if TYPE_CHECKING:
+    from xper_fx.nscd.anchors import Anchors
 
 # Relative rounding of velocities that several points add up to.
 _ROUNDING = 4.0 * np.finfo(float).eps
