@@ -86,7 +86,7 @@ def bytes_a_visit(heap):
         c = g.couplings
         own = (
             g.terms, g.impulse, g.impulse, g.compliance, g.inverse_area, c.start, c.body, c.rows,
-            c.turn, c.frame, c.arms,
+            c.rotation_dof, c.frame, c.lever_arms,
         )  # fmt: skip
         total += sum(a.nbytes for a in own)
         count += len(g)

@@ -568,16 +568,17 @@ def report(results: xf.study.StudyResults, out: Path, figures: bool, quick: bool
     lines = [results.table(), ""]
     lines += [results.advice(quantity) for quantity in study.quantities]
     for family in study.families:
-        knobs = xf.study.varied([run.setting for run in results.members(family)])
-        if len(knobs) != 1:
+        parameters = xf.study.varied([run.setting for run in results.members(family)])
+        if len(parameters) != 1:
             continue
-        knob = knobs[0]
-        if not {type(run.setting.get(knob)) for run in results.members(family)} <= {int, float}:
+        parameter = parameters[0]
+        kinds = {type(run.setting.get(parameter)) for run in results.members(family)}
+        if not kinds <= {int, float}:
             continue
-        rates = {q: results.rate(q, family, knob) for q in study.quantities}
+        rates = {q: results.rate(q, family, parameter) for q in study.quantities}
         text = ", ".join(f"{q} {rate:.2f}" for q, rate in rates.items() if np.isfinite(rate))
         if text:
-            lines.append(f"{family}: errors go with the power of {knob}: {text}.")
+            lines.append(f"{family}: errors go with the power of {parameter}: {text}.")
     if study.name == "effects":
         found = xf.effect_prices.prices(results, list(chosen_effects(quick)))
         lines += ["", xf.effect_prices.price_table(found)]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Points on rigid bodies: H with arms, against dense matrices."""
+"""Points on rigid bodies: H with lever arms, against dense matrices."""
 
 import numpy as np
 import pytest
@@ -27,16 +27,16 @@ def cloud(dim, friction=0.3):
     normal = rng.normal(size=(12, dim))
     normal /= np.linalg.norm(normal, axis=1)[:, None]
     nodes, weights = np.zeros((12, 2, 3), np.int32), np.zeros((12, 2, 3))
-    arms = rng.normal(size=(12, 2, dim))
+    lever_arms = rng.normal(size=(12, 2, dim))
     for p in range(12):
         a, b = rng.choice(COUNT, 2, replace=False)
         nodes[p] = 3 + 2 * np.array([[a], [b]])
         weights[p, :, 0] = 1.0
         if p % 3 == 0:  # the antagonist is the meshed body
             nodes[p, 1], weights[p, 1] = (0, 1, 2), rng.dirichlet(np.ones(3))
-            arms[p, 1] = 0.0
+            lever_arms[p, 1] = 0.0
     points = InteractionPoints(
-        nodes, weights, frame_from_normal(normal), np.ones(12), np.full(12, -1e-3), arms
+        nodes, weights, frame_from_normal(normal), np.ones(12), np.full(12, -1e-3), lever_arms
     )
     layer = Interactions(
         points, [SignoriniCoulomb(friction)], np.zeros(12, int),
@@ -58,7 +58,7 @@ def dense_map(points, slots):
         for s, sign in enumerate((1.0, -1.0)):
             for node, weight in zip(points.nodes[p, s], points.weights[p, s], strict=True):
                 row[:, node] += sign * weight * np.eye(dim)
-            arm = points.arms[p, s]
+            arm = points.lever_arms[p, s]
             if arm.any():
                 if dim == 2:
                     row[:, points.nodes[p, s, 0] + 1, 0] += sign * np.array([-arm[1], arm[0]])

@@ -161,7 +161,7 @@ def test_what_is_given_stays():
     assert simulation.tolerance == 1e-7 and len(set(np.round(sizes, 9))) > 1
 
 
-def test_a_knob_left_to_auto_is_picked_for_one_percent():
+def test_an_option_left_to_auto_is_picked_for_one_percent():
     assert RequestedAccuracy.chosen(None, "auto", None, None) == (
         1e-2,
         None,
@@ -265,6 +265,6 @@ def test_the_tolerance_halves_while_impulses_leave_too_much():
         ({"tolerance": 0.0}, "tolerance"),
     ],
 )
-def test_bad_knobs_are_refused(options, message):
+def test_bad_options_are_refused(options, message):
     with pytest.raises(ValueError, match=message):
         Simulation(vibrating_bar(), **options)

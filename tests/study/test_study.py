@@ -120,7 +120,7 @@ def test_the_key_holds_what_decides_a_result():
 
 @pytest.mark.parametrize("quick", [True, False])
 def test_shipped_studies_are_sound(quick):
-    """Every knob of every setting exists: `Study` refuses others."""
+    """Every parameter of every setting exists: `Study` refuses others."""
     for make in demo.STUDIES.values():
         for study in make(quick):
             assert len(study.settings()) >= 3

@@ -19,7 +19,7 @@ class InBalance:
     settled = True
     worse = False
 
-    def look(self, inverse, velocity, previous, residual, internal, step, newton) -> None:
+    def assess(self, inverse, velocity, previous, residual, internal, step, newton) -> None:
         """Take notice of an iterate.
 
         Args:

@@ -239,7 +239,7 @@ class ImplicitScheme:
             previous, velocity = velocity, new
             with watch.phase("free velocity"):
                 residual, internal = residual_at(velocity)
-                balance.look(inverse, velocity, previous, residual, internal, step, newton)
+                balance.assess(inverse, velocity, previous, residual, internal, step, newton)
             if not converged or (exact and balance.settled):
                 break
             if exact:

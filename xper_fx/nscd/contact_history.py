@@ -53,7 +53,7 @@ class ContactHistory:
             records.setdefault((g.kernels, g.sides), []).append(record)
         self._records = {kind: _merged(parts) for kind, parts in records.items()}
 
-    def hand_on(self, group: PointGroup, keys: np.ndarray) -> None:
+    def transfer(self, group: PointGroup, keys: np.ndarray) -> None:
         """Let the contacts of a group go on where those with the same keys ended.
 
         Args:
@@ -83,9 +83,9 @@ class ContactHistory:
         self._records = {kind: _merged(parts) for kind, parts in records.items()}
 
     def saved(self, law_of: Mapping[LawKernels, int]) -> dict[str, dict[str, Rows]]:
-        """All records as `Rows` by key, by the law's number, nodes a side, whether with arms."""
+        """All records as `Rows` by key, by law, nodes a side, whether with lever arms."""
         return {
-            f"{law_of[kernels]} {sides.k} {int(sides.arms)}": {
+            f"{law_of[kernels]} {sides.k} {int(sides.lever_arms)}": {
                 name: Rows(record.keys, values) for name, values in record._asdict().items()
             }
             for (kernels, sides), record in self._records.items()
@@ -98,8 +98,8 @@ class ContactHistory:
         """The history that `saved` told of; `kernels` are those of each law."""
         history = cls([])
         for name, record in saved.items():
-            law, k, arms = map(int, name.split())
-            sides = Sides(dim, kernels[law].components, k, bool(arms))
+            law, k, lever_arms = map(int, name.split())
+            sides = Sides(dim, kernels[law].components, k, bool(lever_arms))
             history._records[kernels[law], sides] = _Record(**record)
         return history
 

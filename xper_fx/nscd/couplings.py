@@ -31,13 +31,13 @@ class Sides(NamedTuple):
         dim: dimension of space.
         components: of local vectors.
         k: nodes on a side.
-        arms: whether there are sides on rigid bodies.
+        lever_arms: whether there are sides on rigid bodies.
     """
 
     dim: int
     components: int
     k: int
-    arms: bool = False
+    lever_arms: bool = False
 
 
 class Blocks(NamedTuple):
@@ -66,9 +66,10 @@ class Couplings(NamedTuple):
         rows: shape (num_points, 2, k), entry of `w` where the node's first row starts.
         frame: shape (num_points, 1, dim), the normal, or (num_points, 3, 3).
         w: flat blocks of the inverse.
-        turn: shape (num_points, 2), first dof of a rigid side's rotation, else `start` of its first
-            node; None without arms.
-        arms: shape (num_points, 2, dim) (m), zero where a side is not rigid; None without arms.
+        rotation_dof: shape (num_points, 2), first dof of a rigid side's rotation, else `start` of
+            its first node; None without lever arms.
+        lever_arms: shape (num_points, 2, dim) (m), zero where a side is not rigid; None without
+        lever arms.
     """
 
     start: np.ndarray
@@ -78,8 +79,8 @@ class Couplings(NamedTuple):
     rows: np.ndarray
     frame: np.ndarray
     w: np.ndarray
-    turn: np.ndarray | None = None
-    arms: np.ndarray | None = None
+    rotation_dof: np.ndarray | None = None
+    lever_arms: np.ndarray | None = None
 
 
 def couple(points: InteractionPoints, inverse: BodyInverse) -> Couplings:
@@ -93,7 +94,7 @@ def couple(points: InteractionPoints, inverse: BodyInverse) -> Couplings:
     rows = inverse.data_offsets[block] + (start - body[..., None]) * size[..., None]
     small = np.int32 if max(len(inverse.data), inverse.num_slots * dim) < 2**31 else np.int64
     start, body, size, rows = (a.astype(small) for a in (start, body, size, rows))
-    turn = None if points.arms is None else np.empty(0, small)
+    turn = None if points.lever_arms is None else np.empty(0, small)
     couplings = Couplings(start, points.weights, body, size, rows, points.frame, inverse.data, turn)
     return couple_again(couplings, points)
 
@@ -102,11 +103,14 @@ def couple_again(couplings: Couplings, points: InteractionPoints) -> Couplings:
     """The couplings of points between the same nodes, which have moved."""
     # In 2D the normal alone tells the frame.
     frame = points.frame[:, :1] if points.frame.shape[1] == 2 else points.frame
-    turn = couplings.turn
+    turn = couplings.rotation_dof
     if turn is not None:
-        turn = (points.turns().astype(np.int64) * points.dim).astype(turn.dtype)
+        turn = (points.rotation_nodes().astype(np.int64) * points.dim).astype(turn.dtype)
     return couplings._replace(
-        weights=points.weights, frame=np.ascontiguousarray(frame), turn=turn, arms=points.arms
+        weights=points.weights,
+        frame=np.ascontiguousarray(frame),
+        rotation_dof=turn,
+        lever_arms=points.lever_arms,
     )
 
 
@@ -168,13 +172,13 @@ def motion(sides: Sides, blocks: Blocks = ANY_BLOCKS):
         sides: what the points are.
         blocks: what the blocks of w are; `read` does not care.
     """
-    dim, components, k, arms = sides
+    dim, components, k, lever_arms = sides
     size = blocks.size
     local, world = for_dimension(dim, components), for_dimension(dim)
     to_local, to_global = local.to_local, local.to_global
     add, subtract, times = world.add, world.subtract, world.scale
     vector = 0 < size <= _VECTOR_DOFS and not config.DISABLE_JIT
-    turned, _, moment = arm_kernels(dim) if arms else (None, None, None)
+    turned, _, moment = lever_arm_kernels(dim) if lever_arms else (None, None, None)
     turns = dim if dim == 3 else 1  # components of a rotation
     add_rows = _add_rows(dim, size) if vector else None
     add_turns = _add_rows(turns, size) if vector else None
@@ -204,7 +208,7 @@ def motion(sides: Sides, blocks: Blocks = ANY_BLOCKS):
 
     @njit(inline="always")
     def read(v, c, i):
-        if arms:
+        if lever_arms:
             candidate = add(side(v, c, i, 0), turned(v, c, i, 0))
             antagonist = add(side(v, c, i, 1), turned(v, c, i, 1))
             return to_local(c.frame, i, subtract(candidate, antagonist))
@@ -240,7 +244,7 @@ def motion(sides: Sides, blocks: Blocks = ANY_BLOCKS):
                         v[base + m] += (
                             c.w[row + m] * f0 + c.w[row + n + m] * f1 + c.w[row + n + n + m] * f2
                         )
-            if arms and c.turn[i, s] != c.start[i, s, 0]:
+            if lever_arms and c.rotation_dof[i, s] != c.start[i, s, 0]:
                 # only a rigid side, of one node, has a rotation
                 row = np.uintp(c.rows[i, s, 0]) + np.uintp(dim) * n
                 g = moment(c, i, s, times(sign, f))
@@ -306,7 +310,7 @@ def fetch_kernel(sides: Sides, blocks: Blocks):
 
 
 @cache
-def arm_kernels(dim: int):
+def lever_arm_kernels(dim: int):
     """Kernels of a side's arm a, omega in 2D having one component.
 
     `turned(v, c, i, s) -> omega x a`, `turned_unit(c, i, s, x)`, the same for the unit rotation x,
@@ -316,29 +320,29 @@ def arm_kernels(dim: int):
 
         @njit(inline="always")
         def turned(v, c, i, s):
-            omega = v[c.turn[i, s]]
-            return -omega * c.arms[i, s, 1], omega * c.arms[i, s, 0]
+            omega = v[c.rotation_dof[i, s]]
+            return -omega * c.lever_arms[i, s, 1], omega * c.lever_arms[i, s, 0]
 
         @njit(inline="always")
         def turned_unit(c, i, s, x):
-            return -c.arms[i, s, 1], c.arms[i, s, 0]
+            return -c.lever_arms[i, s, 1], c.lever_arms[i, s, 0]
 
         @njit(inline="always")
         def moment(c, i, s, f):
-            return (c.arms[i, s, 0] * f[1] - c.arms[i, s, 1] * f[0],)
+            return (c.lever_arms[i, s, 0] * f[1] - c.lever_arms[i, s, 1] * f[0],)
 
     else:
 
         @njit(inline="always")
         def turned(v, c, i, s):
-            p = c.turn[i, s]
-            a, b, d = c.arms[i, s, 0], c.arms[i, s, 1], c.arms[i, s, 2]
+            p = c.rotation_dof[i, s]
+            a, b, d = c.lever_arms[i, s, 0], c.lever_arms[i, s, 1], c.lever_arms[i, s, 2]
             x, y, z = v[p], v[p + 1], v[p + 2]
             return y * d - z * b, z * a - x * d, x * b - y * a
 
         @njit(inline="always")
         def turned_unit(c, i, s, x):
-            a, b, d = c.arms[i, s, 0], c.arms[i, s, 1], c.arms[i, s, 2]
+            a, b, d = c.lever_arms[i, s, 0], c.lever_arms[i, s, 1], c.lever_arms[i, s, 2]
             if x == 0:
                 return 0.0, -d, b
             if x == 1:
@@ -347,7 +351,7 @@ def arm_kernels(dim: int):
 
         @njit(inline="always")
         def moment(c, i, s, f):
-            a, b, d = c.arms[i, s, 0], c.arms[i, s, 1], c.arms[i, s, 2]
+            a, b, d = c.lever_arms[i, s, 0], c.lever_arms[i, s, 1], c.lever_arms[i, s, 2]
             return b * f[2] - d * f[1], d * f[0] - a * f[2], a * f[1] - b * f[0]
 
     return turned, turned_unit, moment
@@ -370,8 +374,8 @@ def push_kernel(sides: Sides, blocks: Blocks):
 @cache
 def point_force(sides: Sides):
     """Kernel `give(p, couplings, i, f)`: p += H f for the force f, in global axes, of a point."""
-    dim, _, k, arms = sides
-    moment = arm_kernels(dim)[2] if arms else None
+    dim, _, k, lever_arms = sides
+    moment = lever_arm_kernels(dim)[2] if lever_arms else None
     times = for_dimension(dim).scale
     turns = dim if dim == 3 else 1
 
@@ -386,12 +390,12 @@ def point_force(sides: Sides):
                 else:
                     p[candidate + np.uintp(d)] += c.weights[i, 0, j] * f[d]
                     p[antagonist + np.uintp(d)] -= c.weights[i, 1, j] * f[d]
-        if arms:
+        if lever_arms:
             sign = 1.0
             for s in range(2):
                 g = moment(c, i, s, times(sign, f))
                 for d in range(turns):
-                    p[c.turn[i, s] + d] += g[d]  # nothing where the side is not rigid
+                    p[c.rotation_dof[i, s] + d] += g[d]  # nothing where the side is not rigid
                 sign = -1.0
 
     return give

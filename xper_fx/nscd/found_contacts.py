@@ -93,7 +93,7 @@ class FoundContacts:
             for group in groups:
                 group.jump[:, 0] -= opened * group.velocity[:, 0]
                 if self.history is not None:
-                    self.history.hand_on(group, new.keys)
+                    self.history.transfer(group, new.keys)
             known = (new.points.nodes, new.law_of_point, new.keys, phase)
             self._sets.append(_ContactSet(*known, groups))
 

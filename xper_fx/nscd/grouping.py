@@ -91,7 +91,7 @@ class Grouping:
             points = points.take(indices)
             couplings = couple_again(like.couplings, points)
         n, components = len(points), kernels.components
-        sides = Sides(inverse.dim, components, points.nodes.shape[2], points.arms is not None)
+        sides = Sides(inverse.dim, components, points.nodes.shape[2], points.lever_arms is not None)
         which = law_of_point[indices]
         numbers = np.flatnonzero(np.bincount(which))
         which = np.searchsorted(numbers, which)

@@ -143,7 +143,7 @@ class Interactions(PointValues):
         components = [g.kernels.components for g in self.groups]
         # Points whose groups have all of their frames are put together again when asked for.
         self._points = None
-        if not components or min(components) < max(components) or points.arms is not None:
+        if not components or min(components) < max(components) or points.lever_arms is not None:
             self._points = points.with_components(max(components, default=1))
         self._take_inverse(self.groups)
 
@@ -181,7 +181,7 @@ class Interactions(PointValues):
                   for g in self.groups]  # fmt: skip
         stiffness = sum(float(np.sum(t[t > 0.0] ** -2.0)) for t in traces)
         mass = sum(float(np.sum(1.0 / t[t > 0.0])) for t in traces)
-        others = sum(not g.sides.arms or g.kernels.evolve is not None for g in self.groups)
+        others = sum(not g.sides.lever_arms or g.kernels.evolve is not None for g in self.groups)
         counts = (stiffness, mass, len(self.groups), others)
         stiffness, self._mass, groups, others = self._sum(np.array(counts, float)).tolist()
         self._stiffness = math.sqrt(stiffness)
@@ -232,7 +232,7 @@ class Interactions(PointValues):
         """The groups of contacts that were found."""
         return self._found.groups
 
-    def retire(self, indices: np.ndarray) -> None:
+    def deactivate(self, indices: np.ndarray) -> None:
         """Take permanent points out, for good; what `gather` gives of them is zero.
 
         Args:
@@ -258,11 +258,11 @@ class Interactions(PointValues):
         return _ROUNDING * speed * self._stiffness
 
     @property
-    def judged_by_velocities(self) -> bool:
+    def uses_velocity_criterion(self) -> bool:
         """Whether all points are contacts of rigid bodies (`nscd/solvers/nlgs.py`)."""
         return self._all_of_rigid
 
-    def kick(self, free: np.ndarray, velocity: np.ndarray) -> tuple[float, float]:
+    def impulse_energy_norm(self, free: np.ndarray, velocity: np.ndarray) -> tuple[float, float]:
         """|w H r| of the present impulses in the norm of the kinetic energy, and its rounding.
 
         Args:
@@ -402,7 +402,7 @@ class Interactions(PointValues):
         number = self._numbers()
         gone = np.flatnonzero(~saved["kept"][number])
         if len(gone):
-            self.retire(gone)
+            self.deactivate(gone)
         for g in self._permanent:
             for name in ("jump", "velocity", "committed_impulse", "energy", "state"):
                 own = getattr(g, name)

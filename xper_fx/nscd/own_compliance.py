@@ -21,18 +21,18 @@ def update_compliance(group: PointGroup, w: np.ndarray) -> None:
     rows, cols = sym_indices(group.kernels.components)
     group.couplings = group.couplings._replace(w=w)
     arguments = group.couplings, group.points.frame, rows, cols, group.compliance
-    if not group.sides.arms:
+    if not group.sides.lever_arms:
         _compliance(*arguments)
         return
     dim, components, k, _ = group.sides
     columns = k * dim + (dim if dim == 3 else 1)
     h, at = np.empty((components, columns)), np.empty(columns, np.int64)
-    _compliance_of_arms(*arguments, h, at)
+    _compliance_with_lever_arms(*arguments, h, at)
 
 
 @njit(**LEAN_ENTRY)
-def _compliance_of_arms(c, frame, rows, cols, out, h, at):
-    """As `_compliance`, of points with arms: H_s of each component is written out for its body.
+def _compliance_with_lever_arms(c, frame, rows, cols, out, h, at):
+    """As `_compliance`, of points with lever arms: H_s of a component is written out for its body.
 
     `h`, shape (components, n), and `at`, shape (n,), have room for the n columns of one side.
     """
@@ -51,13 +51,14 @@ def _compliance_of_arms(c, frame, rows, cols, out, h, at):
                     at[j * dim + d] = c.start[i, s, j] - base + d
                     for x in range(components):
                         h[x, j * dim + d] = c.weights[i, s, j] * frame[i, x, d]
-            rigid = c.turn[i, s] != c.start[i, s, 0]
+            rigid = c.rotation_dof[i, s] != c.start[i, s, 0]
             for d in range(turns):
-                at[k * dim + d] = c.turn[i, s] - base + d if rigid else 0
+                at[k * dim + d] = c.rotation_dof[i, s] - base + d if rigid else 0
                 for x in range(components):
                     e, g = (0, 1) if dim == 2 else ((d + 1) % 3, (d + 2) % 3)
                     h[x, k * dim + d] = (
-                        c.arms[i, s, e] * frame[i, x, g] - c.arms[i, s, g] * frame[i, x, e]
+                        c.lever_arms[i, s, e] * frame[i, x, g]
+                        - c.lever_arms[i, s, g] * frame[i, x, e]
                     )
             for entry in range(len(rows)):
                 total = 0.0

@@ -34,8 +34,8 @@ class InteractionPoints:
             nothing acts along the tangent, (num_points, 1, dim), n alone.
         area: shape (num_points,), m^2 (2D: m, per metre of depth); traction = impulse / (h area).
         gap: shape (num_points,), normal distance at the start (m).
-        arms: shape (num_points, 2, dim), of sides on rigid bodies (m), zero on the others; None if
-            no side is on a rigid body.
+        lever_arms: shape (num_points, 2, dim), of sides on rigid bodies (m), zero on the others;
+            None if no side is on a rigid body.
     """
 
     nodes: np.ndarray
@@ -43,7 +43,7 @@ class InteractionPoints:
     frame: np.ndarray
     area: np.ndarray
     gap: np.ndarray
-    arms: np.ndarray | None = None
+    lever_arms: np.ndarray | None = None
 
     @property
     def dim(self) -> int:
@@ -65,12 +65,12 @@ class InteractionPoints:
 
     def _arrays(self):
         given = (self.nodes, self.weights, self.frame, self.area, self.gap)
-        return given if self.arms is None else (*given, self.arms)
+        return given if self.lever_arms is None else (*given, self.lever_arms)
 
-    def turns(self) -> np.ndarray:
+    def rotation_nodes(self) -> np.ndarray:
         """Node of each side's rotation, or the side's own where it has no arm; (num_points, 2)."""
         first = self.nodes[:, :, 0]
-        return first if self.arms is None else first + np.any(self.arms != 0.0, axis=2)
+        return first if self.lever_arms is None else first + np.any(self.lever_arms != 0.0, axis=2)
 
     @property
     def nbytes(self) -> int:
@@ -87,8 +87,8 @@ class InteractionPoints:
             Shape (num_points, rows of the frame), candidate minus antagonist.
         """
         sides = np.einsum("psk,pskd->psd", self.weights, nodal[self.nodes])
-        if self.arms is not None:
-            sides += _cross(nodal[self.turns()], self.arms)
+        if self.lever_arms is not None:
+            sides += _cross(nodal[self.rotation_nodes()], self.lever_arms)
         return np.einsum("pij,pj->pi", self.frame, sides[:, 0] - sides[:, 1])
 
     def nodal(self, local: np.ndarray, num_nodes: int) -> np.ndarray:
@@ -105,10 +105,13 @@ class InteractionPoints:
         pushed = np.stack([world, -world], axis=1)
         signed = self.weights[..., None] * pushed[:, :, None, :]
         flat = self.nodes.ravel()
-        if self.arms is not None:
-            flat = np.concatenate([flat, self.turns().ravel()])
+        if self.lever_arms is not None:
+            flat = np.concatenate([flat, self.rotation_nodes().ravel()])
             signed = np.concatenate(
-                [signed.reshape(-1, self.dim), _moment(self.arms, pushed).reshape(-1, self.dim)]
+                [
+                    signed.reshape(-1, self.dim),
+                    _moment(self.lever_arms, pushed).reshape(-1, self.dim),
+                ]
             )
         return np.stack(
             [

@@ -42,8 +42,8 @@ def find_contact_forces(simulation: Simulation) -> ContactForces:
         pushes = np.flatnonzero(group.impulse[:, 0] > 0.0)
         points = group.points.take(pushes)
         sides = np.einsum("nsk,nskd->nsd", points.weights, place[points.nodes])
-        if points.arms is not None:
-            sides += points.arms
+        if points.lever_arms is not None:
+            sides += points.lever_arms
         impulse = np.einsum("nc,ncd->nd", group.impulse[pushes], points.frame)
         parts.append(
             ContactForces(

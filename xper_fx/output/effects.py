@@ -183,7 +183,7 @@ EFFECTS = (
         (
             "xper_fx.nscd.rigid.motion",
             "xper_fx.nscd.inverse_blocks:BodyInverse.joined",
-            "xper_fx.nscd.couplings:arm_kernels",
+            "xper_fx.nscd.couplings:lever_arm_kernels",
         ),
         lambda s: s.rigid is not None,
         "position, rotation, velocities, mass and w of each body",

@@ -37,7 +37,7 @@ class StressBalance(InBalance):
         """Whether the last iterate leaves something to correct."""
         return self.error > self._tolerance
 
-    def look(self, inverse, velocity, previous, residual, internal, step, newton) -> None:
+    def assess(self, inverse, velocity, previous, residual, internal, step, newton) -> None:
         """See `InBalance`; the inverse learns from how interactions answered."""
         bulk, before = self._bulk, self.error
         answered = velocity - previous

@@ -204,19 +204,19 @@ class Detection:
             main = np.take_along_axis(nodes, weights.argmax(axis=2)[..., None], axis=2)[..., 0]
             group[~rigid] = self._group_of_node[main[~rigid]]
             nodes[~rigid] = slot_of_node[nodes[~rigid]]
-        arms = None
+        lever_arms = None
         if np.any(rigid):
             bodies = self._scene.rigid_bodies
             group[rigid] = len(self._scene.surfaces) + bodies.group_of[contacts.body[rigid]]
             nodes[rigid] = first_rigid + 2 * contacts.body[rigid][:, None]
             weights[rigid, 0] = 1.0
-            arms = contacts.point[:, None] - position[contacts.body]
-            arms[~rigid] = 0.0
+            lever_arms = contacts.point[:, None] - position[contacts.body]
+            lever_arms[~rigid] = 0.0
         gap = contacts.gap.copy()
         gap[np.abs(gap) <= _ROUNDING * np.abs(contacts.point).max(axis=1)] = 0.0
         points = InteractionPoints(
             nodes.astype(np.int32), weights, frame_from_normal(contacts.normal), contacts.area,
-            gap, arms,
+            gap, lever_arms,
         )  # fmt: skip
         return FoundPoints(points, self._law_of_pair[group[:, 0], group[:, 1]], contacts.key)
 
@@ -247,7 +247,7 @@ class Detection:
         parted = lips[turned | (jump[lips].max(axis=1) > self._far[lips])]
         if len(parted):
             self._surfaces.release(self._lips[parted])
-            interactions.retire((parted[:, None] * each + np.arange(each)).ravel())
+            interactions.deactivate((parted[:, None] * each + np.arange(each)).ravel())
             self._waiting = np.setdiff1d(self._waiting, parted)
 
     def saved(self) -> dict:

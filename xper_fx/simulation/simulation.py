@@ -51,7 +51,8 @@ class Simulation(Restartable):
             waves then go from body to body by sweeps, and longer steps need as many more.
         theta: weight of the end of the step, in [1/2, 1]; the explicit bulk has 1/2.
         accuracy: relative error asked for, in (0, 1): step and tolerances that are not given are
-            picked and adapted for it (`accuracy_control.py`). 1e-2 if only a knob is "auto".
+            picked and adapted for it (`accuracy_control.py`). 1e-2 if only one of
+            them is "auto".
         tolerance: bound on the estimated relative error of the impulses, or on the violation of
             the laws where all contacts are of rigid bodies (`nscd/solvers/nlgs.py`); 1e-3 if not
             given; "auto" adapts it.

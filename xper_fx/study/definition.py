@@ -21,42 +21,42 @@ from xper_fx.study.quantities import Quantity
 from xper_fx.support.checks import require_positive
 from xper_fx.support.version import __version__
 
-Knob = str | int | float | bool | None
-Setting = dict[str, Knob]
-AnySetting = Mapping[str, Knob]
+Parameter = str | int | float | bool | None
+Setting = dict[str, Parameter]
+AnySetting = Mapping[str, Parameter]
 """A setting as functions take it."""
 
-# Knobs of the study itself.
+# Parameters of the study itself.
 _OWN = ("courant", "fields")
 
 
-def vary(default: AnySetting, knob: str, values: Iterable[Knob]) -> list[Setting]:
-    """A family of settings: one knob varied, the others as they are."""
-    return [{**default, knob: value} for value in values]
+def vary(default: AnySetting, parameter: str, values: Iterable[Parameter]) -> list[Setting]:
+    """A family of settings: one parameter varied, the others as they are."""
+    return [{**default, parameter: value} for value in values]
 
 
-def product(default: AnySetting, **values: Iterable[Knob]) -> list[Setting]:
-    """A family of settings: all combinations of some knobs' values, the others as they are."""
+def product(default: AnySetting, **values: Iterable[Parameter]) -> list[Setting]:
+    """A family of settings: all combinations of some parameters' values, the others as they are."""
     return [
         {**default, **dict(zip(values, chosen, strict=True))}
         for chosen in itertools.product(*values.values())
     ]
 
 
-def as_text(setting: AnySetting, knobs: Sequence[str] | None = None) -> str:
-    """A setting as text, "scheme=explicit, courant=0.7"; only some knobs if they are named."""
-    chosen = setting if knobs is None else [k for k in knobs if k in setting]
-    return ", ".join(f"{knob}={value_text(setting[knob])}" for knob in chosen)
+def as_text(setting: AnySetting, parameters: Sequence[str] | None = None) -> str:
+    """A setting as text, "scheme=explicit, courant=0.7"; only some parameters if they are named."""
+    chosen = setting if parameters is None else [k for k in parameters if k in setting]
+    return ", ".join(f"{parameter}={value_text(setting[parameter])}" for parameter in chosen)
 
 
 def varied(settings: Sequence[Setting]) -> list[str]:
-    """Knobs that are not the same in all settings, in order of appearance."""
-    knobs = dict.fromkeys(knob for setting in settings for knob in setting)
-    return [k for k in knobs if len({as_text(s, [k]) for s in settings}) > 1]
+    """Parameters that are not the same in all settings, in order of appearance."""
+    parameters = dict.fromkeys(parameter for setting in settings for parameter in setting)
+    return [k for k in parameters if len({as_text(s, [k]) for s in settings}) > 1]
 
 
 def value_text(value: Any) -> str:
-    """A knob's value as text, numbers in short."""
+    """A parameter's value as text, numbers in short."""
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
@@ -64,7 +64,7 @@ def value_text(value: Any) -> str:
 class Study:
     """What to run and what to compare.
 
-    A setting is a mapping of knobs to values. Knobs are parameters of `build`, of `Simulation`
+    A setting is a mapping of parameters to values. Parameters are those of `build`, of `Simulation`
     (one that both have goes to both), and two of the study's own: `courant`, the step over the
     critical step of the scene's explicit bulk, and `fields`, the number of times at which fields
     are written during the run.
@@ -83,9 +83,10 @@ class Study:
         default: the setting that is marked in figures.
 
     Raises:
-        TypeError: a knob's value is no number, text, bool or None, or `build` cannot be imported.
-        ValueError: a knob that neither `build` nor `Simulation` has, one that `build` lacks, no
-            setting, no reference.
+        TypeError: a parameter's value is no number, text, bool or None, or `build` cannot be
+            imported.
+        ValueError: a parameter that neither `build` nor `Simulation` has, one that `build` lacks,
+            no setting, no reference.
     """
 
     name: str
@@ -138,28 +139,28 @@ class Study:
         chained = [*itertools.chain(*self.families.values()), *(s for s in named if s is not None)]
         return list({as_text(setting): setting for setting in chained}.values())
 
-    def _knobs_of(self, function: Callable) -> list[str]:
+    def _parameters_of(self, function: Callable) -> list[str]:
         parameters = inspect.signature(function).parameters.values()
         return [p.name for p in parameters if p.name not in ("self", "scene")]
 
     def _check(self, setting: Setting) -> None:
         """Raise unless `build` and `Simulation` can take a setting."""
-        of_build, of_run = self._knobs_of(self.build), self._knobs_of(Simulation.__init__)
-        for knob, value in setting.items():
-            if not isinstance(value, Knob):
+        of_build, of_run = self._parameters_of(self.build), self._parameters_of(Simulation.__init__)
+        for parameter, value in setting.items():
+            if not isinstance(value, Parameter):
                 raise TypeError(
-                    f"Knob {knob!r} has the value {value!r}; it should be a number, a text, a bool "
-                    "or None, which can be written into a file and compared."
+                    f"Parameter {parameter!r} has the value {value!r}; it should be a number, a "
+                    "text, a bool or None, which can be written into a file and compared."
                 )
             if isinstance(value, float) and not isfinite(value):
-                raise ValueError(f"Knob {knob!r} is {value}; it should be finite.")
+                raise ValueError(f"Parameter {parameter!r} is {value}; it should be finite.")
             known = [*of_build, *of_run, *_OWN]
-            if knob not in known:
-                near = get_close_matches(knob, known, 1)
+            if parameter not in known:
+                near = get_close_matches(parameter, known, 1)
                 raise ValueError(
-                    f"Knob {knob!r} is neither one of {self.build.__name__} ({', '.join(of_build)})"
-                    f" nor of Simulation ({', '.join(of_run)}) nor of a study ({', '.join(_OWN)})"
-                    f"{f'; {near[0]!r}?' if near else '.'}"
+                    f"Parameter {parameter!r} is neither one of {self.build.__name__} "
+                    f"({', '.join(of_build)}) nor of Simulation ({', '.join(of_run)}) nor of a "
+                    f"study ({', '.join(_OWN)}){f'; {near[0]!r}?' if near else '.'}"
                 )
         if setting.get("courant") is not None and setting.get("step") is not None:
             raise ValueError(f"A setting gives both courant and step, give one: {setting}.")
@@ -171,8 +172,8 @@ class Study:
             ) from None
 
     def split(self, setting: Setting) -> tuple[Setting, Setting]:
-        """Knobs of `build` and knobs of `Simulation`."""
-        of_build, of_run = self._knobs_of(self.build), self._knobs_of(Simulation.__init__)
+        """Parameters of `build` and parameters of `Simulation`."""
+        of_build, of_run = self._parameters_of(self.build), self._parameters_of(Simulation.__init__)
         return (
             {k: v for k, v in setting.items() if k in of_build},
             {k: v for k, v in setting.items() if k in of_run},

@@ -2,7 +2,7 @@
 """The price of each effect: what it costs to switch it on, and what leaving it out does.
 
 The same scene runs with effects switched on one by one, from the plainest to all of them, and with
-all of them but one. Effects are knobs of the scene or of `Simulation`.
+all of them but one. Effects are parameters of the scene or of `Simulation`.
 """
 
 from __future__ import annotations
@@ -56,21 +56,21 @@ def effects_study(
     Args:
         name, build, end_time, quantities: of the study.
         plainest: setting with everything off.
-        effects: knobs that switch each effect on, by its name, in the order of switching on.
+        effects: parameters that switch each effect on, by its name, in the order of switching on.
 
     Raises:
-        ValueError: an effect turns a knob that the plainest setting does not name.
+        ValueError: an effect turns a parameter that the plainest setting does not name.
     """
-    for effect, knobs in effects.items():
-        unknown = sorted(set(knobs) - set(plainest))
+    for effect, parameters in effects.items():
+        unknown = sorted(set(parameters) - set(plainest))
         if unknown:
             raise ValueError(
                 f"The effect {effect!r} turns {unknown}, which the plainest setting does not name; "
                 "say there what they are when it is off."
             )
     ladder = [plainest]
-    for knobs in effects.values():
-        ladder.append(ladder[-1] | knobs)
+    for parameters in effects.values():
+        ladder.append(ladder[-1] | parameters)
     full = ladder[-1]
     return Study(
         name,
@@ -83,9 +83,9 @@ def effects_study(
     )
 
 
-def without(full: Setting, plainest: Setting, knobs: Setting) -> Setting:
-    """The full setting with some knobs as in the plainest."""
-    return full | {knob: plainest[knob] for knob in knobs}
+def without(full: Setting, plainest: Setting, parameters: Setting) -> Setting:
+    """The full setting with some parameters as in the plainest."""
+    return full | {parameter: plainest[parameter] for parameter in parameters}
 
 
 def prices(results: StudyResults, effects: Sequence[str]) -> list[Price]:

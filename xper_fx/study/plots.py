@@ -31,10 +31,11 @@ def plot_error_against_cost(
     """Draw the error of each run against what it cost, with the Pareto front.
 
     A row for each quantity, a column for each cost, or the other way round. Each family is a line
-    through its runs in the order of the family, named at each run by the knob that varies along it;
-    the front is a grey step; the default setting has a ring. Runs with `accuracy` are stars, with a
-    line up or down to the error they estimated themselves. Runs without error stand at the lower
-    edge, on the line "0". Errors in the grey band are below what the reference is good for.
+    through its runs in the order of the family, named at each run by the parameter that varies
+    along it; the front is a grey step; the default setting has a ring. Runs with `accuracy` are
+    stars, with a line up or down to the error they estimated themselves. Runs without error stand
+    at the lower edge, on the line "0". Errors in the grey band are below what the reference is good
+    for.
 
     Args:
         results: of the study.
@@ -157,12 +158,12 @@ def _draw_errors(
 def _name_runs(
     axes: Axes, members: list[Run], places: list[tuple[float, float]], colour: str, above: bool
 ) -> None:
-    """Write the value of the one knob that varies above or below each run."""
-    knobs = varied([r.setting for r in members])
-    if len(knobs) != 1:
+    """Write the value of the one parameter that varies above or below each run."""
+    parameters = varied([r.setting for r in members])
+    if len(parameters) != 1:
         return
     for run, place in zip(members, places, strict=True):
-        value = run.setting[knobs[0]]
+        value = run.setting[parameters[0]]
         text = f"{value:g}" if isinstance(value, int | float) else str(value)
         axes.annotate(
             text, place, xytext=(4, 3) if above else (4, -8), textcoords="offset points",

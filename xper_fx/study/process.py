@@ -40,8 +40,8 @@ class Job:
     """What one process does.
 
     Attributes:
-        build: makes the scene from `scene_knobs`.
-        simulation_knobs: of `Simulation`.
+        build: makes the scene from `scene_parameters`.
+        simulation_parameters: of `Simulation`.
         courant: step over the critical step of the scene's explicit bulk, None to leave it.
         fields: number of times at which fields are written while time is measured.
         end_time: s.
@@ -49,8 +49,8 @@ class Job:
     """
 
     build: Callable[..., Scene]
-    scene_knobs: Mapping[str, Any]
-    simulation_knobs: Mapping[str, Any]
+    scene_parameters: Mapping[str, Any]
+    simulation_parameters: Mapping[str, Any]
     courant: float | None
     fields: int
     end_time: float
@@ -97,8 +97,8 @@ def _measure(job: Job) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     step = _warm_up(job)
     gc.collect()
     begin = perf_counter()
-    scene = job.build(**job.scene_knobs)
-    simulation = Simulation(scene, **(dict(job.simulation_knobs) | step))
+    scene = job.build(**job.scene_parameters)
+    simulation = Simulation(scene, **(dict(job.simulation_parameters) | step))
     set_up = perf_counter() - begin
     watched = {**job.quantities, "": EnergyClosure()}
     seen: dict[str, Any] = dict.fromkeys(watched)
@@ -159,15 +159,15 @@ def _warm_up(job: Job) -> dict[str, float]:
         at the end time, so that runs compare at the same time. Nothing if the simulation picks its
         steps itself.
     """
-    knobs = dict(job.simulation_knobs)
-    scene = job.build(**job.scene_knobs)
+    parameters = dict(job.simulation_parameters)
+    scene = job.build(**job.scene_parameters)
     if job.courant is not None:
-        knobs["step"] = job.courant * Simulation(scene).bulk.critical_step()
-    simulation = Simulation(scene, **knobs)
+        parameters["step"] = job.courant * Simulation(scene).bulk.critical_step()
+    simulation = Simulation(scene, **parameters)
     size = simulation.step_size
     for _ in simulation.steps(min(_WARM_UP * size, job.end_time)):
         pass
-    if knobs.get("accuracy") is not None and knobs.get("step") is None:
+    if parameters.get("accuracy") is not None and parameters.get("step") is None:
         return {}
     return {"step": job.end_time / ceil(job.end_time / size - 1e-9)}
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Results of a study: errors, Pareto front, what tightening a knob buys, tables and files."""
+"""Results of a study: errors, Pareto front, what tightening a parameter buys, tables and files."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ COSTS = {
 }
 """What a run costs: entry of its record, and its name, unit and the unit's value in figures."""
 
-# Errors that differ by less than this share count as the same when a knob is tightened.
+# Errors that differ by less than this share count as the same when a parameter is tightened.
 _GAIN = 0.15
 
 
@@ -54,7 +54,7 @@ class Run:
     """One run of a study.
 
     Attributes:
-        setting: its knobs.
+        setting: its parameters.
         families: those it belongs to; none for a reference.
         record: what was measured: `status` ("done" or "failed" with `reason`), `seconds` of
             stepping, `cpu_seconds`, `set_up_seconds`, `peak_memory` and `array_bytes` (bytes),
@@ -93,18 +93,18 @@ class Run:
 
 
 class Saturation(NamedTuple):
-    """From which value on tightening a knob no longer lowers an error.
+    """From which value on tightening a parameter no longer lowers an error.
 
     Attributes:
-        knob: which.
-        others: the other knobs of these runs.
+        parameter: which.
+        others: the other parameters of these runs.
         value: from which on, None if every tightening still pays.
         error: there.
         tightest: the tightest value tried.
         error_at_tightest: there.
     """
 
-    knob: str
+    parameter: str
     others: Setting
     value: Any
     error: float
@@ -163,13 +163,13 @@ class StudyResults:
 
     @cached_property
     def varied(self) -> list[str]:
-        """Knobs that are not the same in all families' settings, in order of appearance."""
+        """Parameters that are not the same in all families' settings, in order of appearance."""
         return varied([run.setting for run in self.runs if run.families])
 
     def label(self, run: Run) -> str:
-        """A run by the knobs that vary."""
-        knobs = self.varied if run.families else varied([other.setting for other in self.runs])
-        return as_text(run.setting, knobs) or as_text(run.setting)
+        """A run by the parameters that vary."""
+        parameters = self.varied if run.families else varied([other.setting for other in self.runs])
+        return as_text(run.setting, parameters) or as_text(run.setting)
 
     def members(self, family: str) -> list[Run]:
         """Runs of a family, in its order."""
@@ -197,12 +197,12 @@ class StudyResults:
         chosen = pareto_front([r.cost(cost) for r in runs], errors)
         return [runs[i] for i in chosen]
 
-    def rate(self, quantity: str, family: str, knob: str) -> float:
-        """Exponent p of error ~ knob^p by least squares over a family's runs; NaN below two."""
+    def rate(self, quantity: str, family: str, parameter: str) -> float:
+        """Exponent p of error ~ parameter^p, least squares over a family's runs; NaN below two."""
         runs = [r for r in self.members(family) if r.done and r.errors[quantity] > 0.0]
-        if len({r.setting[knob] for r in runs}) < 2:
+        if len({r.setting[parameter] for r in runs}) < 2:
             return np.nan
-        x = np.log([r.setting[knob] for r in runs])
+        x = np.log([r.setting[parameter] for r in runs])
         return float(np.polyfit(x, np.log([r.errors[quantity] for r in runs]), 1)[0])
 
     # Advice
@@ -212,24 +212,24 @@ class StudyResults:
         runs = [r for r in self.candidates(quantity) if r.errors[quantity] <= error]
         return min(runs, key=lambda r: r.record[self.time], default=None)
 
-    def saturation(self, quantity: str, knob: str) -> list[Saturation]:
-        """From which value of a knob on tightening buys nothing, others equal.
+    def saturation(self, quantity: str, parameter: str) -> list[Saturation]:
+        """From which value of a parameter on tightening buys nothing, others equal.
 
         Tight is where the reference's value is; without a reference, where time is. One entry for
-        each group of three runs or more that differ in the knob alone.
+        each group of three runs or more that differ in the parameter alone.
         """
         groups: dict[str, list[Run]] = {}
         for run in self.candidates(quantity):
-            value = run.setting.get(knob)
+            value = run.setting.get(parameter)
             if isinstance(value, int | float) and not isinstance(value, bool):
-                others = {k: v for k, v in run.setting.items() if k != knob}
+                others = {k: v for k, v in run.setting.items() if k != parameter}
                 groups.setdefault(as_text(dict(sorted(others.items()))), []).append(run)
-        return [self._saturation(quantity, knob, g) for g in groups.values() if len(g) >= 3]
+        return [self._saturation(quantity, parameter, g) for g in groups.values() if len(g) >= 3]
 
-    def _saturation(self, quantity: str, knob: str, runs: list[Run]) -> Saturation:
-        runs = sorted(runs, key=lambda r: r.setting[knob])
-        values = [r.setting[knob] for r in runs]
-        finest = None if self.reference is None else self.reference.setting.get(knob)
+    def _saturation(self, quantity: str, parameter: str, runs: list[Run]) -> Saturation:
+        runs = sorted(runs, key=lambda r: r.setting[parameter])
+        values = [r.setting[parameter] for r in runs]
+        finest = None if self.reference is None else self.reference.setting.get(parameter)
         if finest is not None and not values[0] < finest < values[-1]:
             falling = finest <= values[0]
         else:
@@ -239,17 +239,19 @@ class StudyResults:
         # differences below what the reference is good for are none
         errors = np.maximum([r.errors[quantity] for r in runs], self.trust(quantity))
         last = runs[-1]
-        others = {k: v for k, v in last.setting.items() if k != knob}
+        others = {k: v for k, v in last.setting.items() if k != parameter}
         for i in range(len(runs) - 1):
             if errors[i + 1 :].min() >= (1.0 - _GAIN) * errors[i]:
-                value, error = runs[i].setting[knob], float(errors[i])
+                value, error = runs[i].setting[parameter], float(errors[i])
                 break
         else:
             value, error = None, float(errors[-1])
-        return Saturation(knob, others, value, error, last.setting[knob], float(errors[-1]))
+        return Saturation(
+            parameter, others, value, error, last.setting[parameter], float(errors[-1])
+        )
 
     def advice(self, quantity: str, targets: Sequence[float] = (0.1, 0.01, 1e-3, 1e-4)) -> str:
-        """What to take for which error, from the runs made, and which knobs buy nothing.
+        """What to take for which error, from the runs made, and which parameters buy nothing.
 
         Args:
             quantity: the error of which.
@@ -281,12 +283,12 @@ class StudyResults:
                 f"the default has {percent(self.default.errors[quantity])} in "
                 f"{self.default.record[self.time]:.2g} s"
             )
-        for knob in self.varied:
+        for parameter in self.varied:
             parts += [
-                f"{knob} tighter than {value_text(s.value)} buys nothing "
+                f"{parameter} tighter than {value_text(s.value)} buys nothing "
                 f"({percent(s.error)} there, {percent(s.error_at_tightest)} at "
                 f"{value_text(s.tightest)}; {as_text(s.others, self.varied) or 'others alike'})"
-                for s in self.saturation(quantity, knob)
+                for s in self.saturation(quantity, parameter)
                 if s.value is not None
             ]
         return f"{quantity}: " + "; ".join(parts) + "."
@@ -294,7 +296,7 @@ class StudyResults:
     # Tables and files
 
     def _rows(self) -> list[dict[str, Any]]:
-        """One mapping a run: all knobs, what was measured, errors."""
+        """One mapping a run: all parameters, what was measured, errors."""
         rows = []
         for run in self.runs:
             record = {k: v for k, v in run.record.items() if k not in ("setting", "study")}
@@ -305,7 +307,7 @@ class StudyResults:
         return rows
 
     def to_csv(self, path: str | Path) -> None:
-        """Write one line a run: knobs, what was measured, values and errors."""
+        """Write one line a run: parameters, what was measured, values and errors."""
         rows = self._rows()
         columns = list(dict.fromkeys(column for row in rows for column in row))
         with open(path, "w", newline="", encoding="utf-8") as file:

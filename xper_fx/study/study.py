@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Accuracy against time: one scene, run with its knobs turned one way and another.
+"""Accuracy against time: one scene, run with its parameters turned one way and another.
 
 A `Study` names a function that builds the scene, the settings to try, what to compare, and a
 reference: the finest setting or known values. `run_study` makes the runs one after the other, each
@@ -32,12 +32,12 @@ from mpi4py import MPI
 from tqdm.auto import tqdm
 
 from xper_fx.output.series import prepare_folder
-from xper_fx.study.definition import Knob, Setting, Study, as_text, product, varied, vary
+from xper_fx.study.definition import Parameter, Setting, Study, as_text, product, varied, vary
 from xper_fx.study.process import run_job
 from xper_fx.study.results import Run, StudyResults
 from xper_fx.support.ranks import Ranks
 
-__all__ = ["Knob", "Setting", "Study", "product", "run_study", "vary"]
+__all__ = ["Parameter", "Setting", "Study", "product", "run_study", "vary"]
 
 # Beginnings of the variables by which launchers tell a process which rank it is.
 _OF_RANKS = ("OMPI_COMM", "PMIX_", "PMI_", "PRTE_", "HYDRA_", "MPI_LOCAL")
@@ -77,11 +77,11 @@ def run_study(
 
     def make() -> None:
         prepare_folder(folder)
-        knobs = varied(settings)
+        parameters = varied(settings)
         with tqdm(list(zip(settings, paths, strict=True)), desc=study.name, unit="run",
                   disable=quiet) as bar:  # fmt: skip
             for setting, path in bar:
-                bar.set_postfix_str(as_text(setting, knobs))
+                bar.set_postfix_str(as_text(setting, parameters))
                 if not path.with_suffix(".json").exists():
                     failures[path] = _run_in_process(study, setting, path, patience)
 

@@ -29,7 +29,7 @@ _REST = 0.1
 # First sweeps, which settle what is simple, are not relaxed.
 _UNRELAXED = 8
 # The error is also computed at sweeps 16, 32, 64, ...: history, and the outlook.
-_FIRST_LOOK = 16
+_FIRST_CHECK = 16
 _LOOKS = 40
 # What a global solve costs whatever its size, in contacts.
 _ONCE = 60
@@ -130,7 +130,7 @@ def sweeps_kernel(dim: int, local: LocalSolver, relaxed: bool, symmetric: bool):
             share = limit * (last - first) / len(mu)
             rest = _REST * _REST * share / (last - first)
             worth = 4.0 * share  # change of a sweep at which the error is computed
-            look, number, previous = _FIRST_LOOK, 0, np.inf
+            next_check, number, previous = _FIRST_CHECK, 0, np.inf
             error = np.inf
             for count in range(1, max_sweeps + 1):
                 changed, visits = sweep(
@@ -141,7 +141,12 @@ def sweeps_kernel(dim: int, local: LocalSolver, relaxed: bool, symmetric: bool):
                 sweeps[c] = count
                 if not np.isfinite(changed):
                     break
-                if changed <= worth or count == look or count == max_sweeps or last == first + 1:
+                if (
+                    changed <= worth
+                    or count == next_check
+                    or count == max_sweeps
+                    or last == first + 1
+                ):
                     error = squared(first, last, offsets, columns, blocks, q, mu, r, 1.0)
                     if error <= share:
                         converged[c] = True
@@ -153,7 +158,7 @@ def sweeps_kernel(dim: int, local: LocalSolver, relaxed: bool, symmetric: bool):
                         dirty[first:last] = True
                         if rest < 1e-40 * share:
                             break
-                if count == look:
+                if count == next_check:
                     history[0, number] += error
                     # Sweeps still to come if the error goes on falling as since the last look.
                     fall = np.log(previous / error)
@@ -162,7 +167,7 @@ def sweeps_kernel(dim: int, local: LocalSolver, relaxed: bool, symmetric: bool):
                         allowed = patience * (1.0 + _ONCE / (last - first))
                         if not (0.5 * count * np.log(error / share) < allowed * fall):
                             break
-                    look, number, previous = 2 * look, number + 1, error
+                    next_check, number, previous = 2 * next_check, number + 1, error
             history[1, number] += error
         return total_visits
 
@@ -232,7 +237,7 @@ def sweep(
         converged, history,
     )  # fmt: skip
     errors = np.sqrt(history[0] + np.cumsum(history[1])) / size_q
-    looks = [(_FIRST_LOOK << k, errors[k]) for k in range(np.count_nonzero(history[0]))]
+    looks = [(_FIRST_CHECK << k, errors[k]) for k in range(np.count_nonzero(history[0]))]
     most = int(sweeps.max(initial=0))
     if not looks or looks[-1][0] < most:
         looks.append((most, errors[-1]))

@@ -38,7 +38,7 @@ _MEMORY, _PLAIN = 8, 3
 # Growth of what a sweep changes, over the least so far, at which mixing starts again.
 _GROWTH = 3.0
 # Sweeps after which |w H r| is looked at again.
-_LOOK = 8
+_CHECK_EVERY = 8
 # Relative size of a singular value of dF that is left out.
 _RANK = 1e-12
 
@@ -103,11 +103,11 @@ class AcceleratedSweeps(Solver):
         tolerance, max_sweeps = options.tolerance, options.max_sweeps
         ends = np.cumsum([0] + [g.impulse.size for g in groups])
 
-        def gather(r: np.ndarray) -> None:
+        def read_impulses(r: np.ndarray) -> None:
             for g, first, last in zip(groups, ends[:-1], ends[1:], strict=True):
                 r[first:last] = g.impulse.reshape(-1)
 
-        def put(r: np.ndarray) -> None:
+        def set_impulses(r: np.ndarray) -> None:
             for g, first, last in zip(groups, ends[:-1], ends[1:], strict=True):
                 g.impulse.reshape(-1)[:] = r[first:last]
             velocity[:] = free
@@ -121,15 +121,15 @@ class AcceleratedSweeps(Solver):
         memory = _Memory(ends[-1], summed)
         # r of the sweep, G(r), f; r and f of the sweep before; G(r) of the best sweep
         r, swept, f, old_r, old_f, best = np.zeros((6, ends[-1]))
-        gather(r)
-        put(r)
+        read_impulses(r)
+        set_impulses(r)
         floor = interactions.rounding(free) / tolerance
         least, error, restarts = np.inf, np.inf, 0
         amplification, follows = np.inf, False
-        by_velocities, kick = interactions.judged_by_velocities, 0.0
+        by_velocities, energy = interactions.uses_velocity_criterion, 0.0
         for count in range(1, max_sweeps + 1):
             sweep(interactions, passes, velocity)
-            gather(swept)
+            read_impulses(swept)
             np.subtract(swept, r, out=f)
             size, scale = length(f), max(length(swept), floor)
             change = size / scale if scale > 0.0 else size
@@ -143,10 +143,10 @@ class AcceleratedSweeps(Solver):
             follows = False
             if by_velocities:
                 left = np.sqrt(sum(p.stats[:, 0].sum() for p in passes))
-                if left <= tolerance * kick or count % _LOOK == 1:
-                    kick, rounding = interactions.kick(free, velocity)
-                    kick = max(kick, rounding / tolerance)
-                error = left / kick if kick > 0.0 else (np.inf if left > 0.0 else 0.0)
+                if left <= tolerance * energy or count % _CHECK_EVERY == 1:
+                    energy, rounding = interactions.impulse_energy_norm(free, velocity)
+                    energy = max(energy, rounding / tolerance)
+                error = left / energy if energy > 0.0 else (np.inf if left > 0.0 else 0.0)
             else:
                 error = change * amplification if change > ROUNDING else change
             if error <= tolerance:
@@ -164,14 +164,14 @@ class AcceleratedSweeps(Solver):
                 memory.forget()
                 restarts, least = restarts + 1, np.inf
                 r[:] = best
-                put(r)
+                set_impulses(r)
                 continue
             if change < least:
                 least = change
                 best[:] = swept
             old_r[:], old_f[:], follows = r, f, True
             if memory.mix(f, swept, r):
-                put(r)
+                set_impulses(r)
         refresh_ghosts(interactions, velocity)
         return SolveReport(
             False, count, error, np.inf, "accelerated", f"{restarts} restarts"

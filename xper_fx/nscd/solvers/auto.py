@@ -2,7 +2,7 @@
 """The solver that the problem at hand calls for.
 
 Sweeps (`nlgs.py`) are cheapest where few are needed: steps of a few times the explicit limit, or a
-good first guess. They start. After each spell their contraction says how many are left; where that
+good first guess. They start. After each batch their contraction says how many are left; where that
 is more than what a Newton solve costs, `newton.py` goes on from there, and falls back to sweeps by
 itself where a step does not help. Where Newton has nothing to work with (w singular along a
 direction that is not prescribed) or gives up, `accelerated.py` finishes.
@@ -33,7 +33,7 @@ from xper_fx.nscd.reductions import everywhere
 from xper_fx.nscd.solvers.nlgs import NonlinearGaussSeidel
 from xper_fx.nscd.solvers.solver import SolveOptions, Solver, SolveReport
 
-# Sweeps of the first spell, each next one twice as long.
+# Sweeps of the first batch, each next one twice as long.
 _FIRST = 12
 # Sweeps left from which Newton is cheaper: factoring and a few linear problems cost as much.
 _MANY = 75
@@ -101,10 +101,10 @@ class Automatic(Solver):
         bonded = bonded and interactions.halo is None
         if bonded and interactions.anchors is not None:
             return self._solver("subdomains").solve(interactions, velocity, options)
-        sweeps, spell = 0, _FIRST
+        sweeps, batch = 0, _FIRST
         while True:
             velocity[:] = free
-            spent = replace(options, max_sweeps=min(spell, max_sweeps - sweeps))
+            spent = replace(options, max_sweeps=min(batch, max_sweeps - sweeps))
             report = self._solver("nlgs").solve(interactions, velocity, spent)
             sweeps += report.sweeps
             finite = everywhere(interactions, np.all(np.isfinite(velocity)))
@@ -113,12 +113,12 @@ class Automatic(Solver):
             left = sweeps_left(report, tolerance)
             if left > _MANY:
                 break
-            spell *= 2
+            batch *= 2
         reason = f"{left:.0f} sweeps left after {sweeps}"
         allowed = min(max_sweeps - sweeps, max(1, int(_SHARE * max_sweeps)))
         best = "subdomains" if bonded and not interactions.inverse.uniform_size else "newton"
         next_ones = [(best, allowed), ("accelerated", max_sweeps)]
-        if interactions.judged_by_velocities:
+        if interactions.uses_velocity_criterion:
             if sum(len(g) for g in interactions.groups) >= _FEW:
                 next_ones = [("accelerated", allowed), ("nlgs", max_sweeps)]
             else:

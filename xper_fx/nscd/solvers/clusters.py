@@ -87,8 +87,8 @@ def facing_clusters(interactions: Interactions) -> tuple[Clusters, np.ndarray]:
     size = np.ones(slots, np.int64)
     ground = interactions.inverse.num_nodes
     for g in interactions.groups:
-        if g.sides.arms:
-            first, turn = g.points.nodes[:, :, 0], g.points.turns()
+        if g.sides.lever_arms:
+            first, turn = g.points.nodes[:, :, 0], g.points.rotation_nodes()
             parent[turn] = np.where(turn != first, first, parent[turn])
         else:
             _join(g.points.nodes, g.points.weights, ground, parent, size, _LARGEST)

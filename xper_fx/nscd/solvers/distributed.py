@@ -24,7 +24,7 @@ from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.ordering import mark_moved, mark_tiles
 from xper_fx.nscd.solvers.solver import SolveOptions, Solver, SolveReport
 from xper_fx.nscd.solvers.sweeps import (
-    FIRST_SPELL,
+    FIRST_BATCH,
     NEGLIGIBLE,
     REVISIT,
     ROUNDING,
@@ -50,7 +50,7 @@ class DistributedSweeps(Solver):
         """Find the impulses of the step, as `Solver.solve` says."""
         if interactions.ordering == "vertices":
             return self._solve_vertices(interactions, velocity, options)
-        if interactions.judged_by_velocities:
+        if interactions.uses_velocity_criterion:
             return _solve_by_velocities(interactions, velocity, options)
         tolerance, max_sweeps = options.tolerance, options.max_sweeps
         halo = interactions.halo
@@ -124,11 +124,11 @@ def _solve_by_velocities(
     passes = sweep_passes(interactions, velocity, options)
     free = velocity.copy()
     interactions.add_velocity(velocity)
-    size, rounding = interactions.kick(free, velocity)
+    size, rounding = interactions.impulse_energy_norm(free, velocity)
     num_tiles = max(1.0, ranks.sum(sum(len(one.marked) for one in passes)))
     moved = np.zeros(len(interactions.inverse.node_offsets) - 1, np.bool_)
     changes: list[float] = []
-    looked_at, spell, verifying = 0, FIRST_SPELL, False
+    looked_at, batch, verifying = 0, FIRST_BATCH, False
     for count in range(1, max_sweeps + 1):
         sweep(interactions, passes, velocity)
         changed, resting = ranks.sum(
@@ -144,11 +144,11 @@ def _solve_by_velocities(
             changes = [*changes[-WINDOW:], left]
         goal = max(tolerance * size, rounding)
         arrived = left <= goal and resting == 0
-        if arrived or count == looked_at + spell or not np.isfinite(left):
+        if arrived or count == looked_at + batch or not np.isfinite(left):
             # the size of the impulses' effect is looked at now and then, and before the end
             halo.everywhere.forward(velocity)
-            size, rounding = interactions.kick(free, velocity)
-            looked_at, spell = count, 2 * spell
+            size, rounding = interactions.impulse_energy_norm(free, velocity)
+            looked_at, batch = count, 2 * batch
             goal = max(tolerance * size, rounding)
             arrived = arrived and left <= goal
         if arrived:

@@ -9,7 +9,7 @@ finer the mesh and the larger the step, Newton solves the linearised problem of 
 slip more than their tangent says undo the gain of all others. A step is accepted if what is left,
 |S(b) - r| / |r| over all points, falls; else it is halved, and the rest of it is the first guess of
 the next linear problem. Where no length helps a quarter of it is taken, a few times at most; after
-that, or where many steps gain little, sweeps go on from the best impulses found for a spell, twice
+that, or where many steps gain little, sweeps go on from the best impulses found for a batch, twice
 as long each time: the user is never left with less than sweeps give.
 
 **When it stops.** The last step dr reduced the residual by R: |dr| / |R| tells the error that a
@@ -33,7 +33,7 @@ from xper_fx.nscd.solvers.sweeps import ROUNDING
 from xper_fx.nscd.solvers.tangent import LinearisedProblem, residual
 
 # Sweeps before the first Newton step: they settle what is open and what is closed.
-_SPELL = 10
+_BATCH = 10
 # Residual of a linear problem, relative to the nonlinear one's: at first, and after good progress.
 _FORCING, _TIGHT, _GOOD = 0.1, 0.02, 0.1
 # Iterations of a linear problem after which its step is taken as it is.
@@ -161,11 +161,11 @@ class NewtonOnAllPoints(Solver):
         free = velocity.copy()
         tolerance, max_sweeps = options.tolerance, options.max_sweeps
         sweeps = steps = iterations = failures = 0
-        spell = _SPELL
+        batch = _BATCH
         while True:
             velocity[:] = free
             report = self._sweeps.solve(
-                interactions, velocity, replace(options, max_sweeps=min(spell, max_sweeps - sweeps))
+                interactions, velocity, replace(options, max_sweeps=min(batch, max_sweeps - sweeps))
             )
             sweeps += report.sweeps
             converged, error, traction = report.converged, report.residual, report.traction_change
@@ -174,7 +174,7 @@ class NewtonOnAllPoints(Solver):
                 break
             problem = self.linearised.problem(interactions)
             if not problem.regular:
-                spell = max_sweeps
+                batch = max_sweeps
                 continue
             attempt = _Attempt(interactions, velocity, problem)
             converged = attempt.run(tolerance)
@@ -184,7 +184,7 @@ class NewtonOnAllPoints(Solver):
                 break
             attempt.restore()
             failures += 1
-            spell *= 2
+            batch *= 2
         reason = f"{steps} Newton steps, {iterations} iterations, {failures} times back to sweeps"
         return SolveReport(converged, sweeps, error, traction, "newton", reason)
 

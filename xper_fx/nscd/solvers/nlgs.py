@@ -48,7 +48,7 @@ from xper_fx.nscd.kernel_options import LEAN_ENTRY
 from xper_fx.nscd.ordering import mark_moved, mark_tiles
 from xper_fx.nscd.solvers.solver import SolveOptions, Solver, SolveReport
 from xper_fx.nscd.solvers.sweeps import (
-    FIRST_SPELL,
+    FIRST_BATCH,
     NEGLIGIBLE,
     REVISIT,
     ROUNDING,
@@ -60,7 +60,7 @@ from xper_fx.nscd.solvers.sweeps import (
 
 
 @njit(inline="always")
-def _put(changes, known, change):
+def _append(changes, known, change):
     """Put a change behind the known ones, of which the first makes room; how many there are."""
     if known == len(changes):
         known -= 1
@@ -121,12 +121,12 @@ def _over_groups(kernels: tuple[Callable, ...]):
 
 
 @cache
-def _spell_kernel(kernels: tuple[Callable, ...]):
+def _batch_kernel(kernels: tuple[Callable, ...]):
     """Kernel that sweeps until the error is within the tolerance, all points visited last."""
     sweep, moved_bodies, touched_tiles = _over_groups(kernels)
 
     @njit(**LEAN_ENTRY)
-    def spell(passes, moved, num_tiles, changes, tolerance, least, sweeps, max_sweeps):
+    def batch(passes, moved, num_tiles, changes, tolerance, least, sweeps, max_sweeps):
         """Whether it arrived, sweeps made so far, error, and how many of `changes` are set.
 
         Changes are relative to |r| or to `least`, whichever is larger. `changes` has room for
@@ -140,7 +140,7 @@ def _spell_kernel(kernels: tuple[Callable, ...]):
             total = max(total, least * least)
             change = np.sqrt(changed / total) if total > 0.0 else np.sqrt(changed)
             if not verifying:
-                known = _put(changes, known, change)
+                known = _append(changes, known, change)
                 factor = amplification(changes[:known])
             error = change * factor if change > ROUNDING else change
             if error <= tolerance and everywhere:
@@ -153,16 +153,16 @@ def _spell_kernel(kernels: tuple[Callable, ...]):
             touched_tiles(passes, moved)
         return False, max_sweeps, error, known
 
-    return spell
+    return batch
 
 
 @cache
-def _spell_by_velocities(kernels: tuple[Callable, ...]):
+def _batch_by_velocities(kernels: tuple[Callable, ...]):
     """Kernel that sweeps until sum dr . W_aa dr is within a goal, all points visited last."""
     sweep, moved_bodies, touched_tiles = _over_groups(kernels)
 
     @njit(**LEAN_ENTRY)
-    def spell(passes, moved, num_tiles, changes, goal, most):
+    def batch(passes, moved, num_tiles, changes, goal, most):
         """Whether it arrived, sweeps made, and how many of `changes` are set, the last ones."""
         known, verifying = 0, False
         for count in range(1, most + 1):
@@ -171,7 +171,7 @@ def _spell_by_velocities(kernels: tuple[Callable, ...]):
                 changes[0] = np.inf
                 return False, count, 1
             if not verifying:
-                known = _put(changes, known, np.sqrt(changed))
+                known = _append(changes, known, np.sqrt(changed))
             verifying = changed <= goal
             if verifying and everywhere:
                 changes[known - 1] = np.sqrt(changed)
@@ -181,7 +181,7 @@ def _spell_by_velocities(kernels: tuple[Callable, ...]):
             touched_tiles(passes, moved)
         return False, most, known
 
-    return spell
+    return batch
 
 
 def _solve_by_velocities(
@@ -190,19 +190,19 @@ def _solve_by_velocities(
     """`solve` of contacts of rigid bodies."""
     free = velocity.copy()
     interactions.add_velocity(velocity)
-    spell = _spell_by_velocities(tuple(p.kernel for p in passes))
+    batch = _batch_by_velocities(tuple(p.kernel for p in passes))
     arguments = tuple(tuple(p[1:]) for p in passes)
     num_tiles = sum(len(p.marked) for p in passes)
     moved = np.zeros(len(interactions.inverse.node_offsets) - 1, np.bool_)
-    changes, sweeps, most = np.zeros(WINDOW + 1), 0, FIRST_SPELL
-    size, rounding = interactions.kick(free, velocity)
+    changes, sweeps, most = np.zeros(WINDOW + 1), 0, FIRST_BATCH
+    size, rounding = interactions.impulse_energy_norm(free, velocity)
     while True:
         goal = max(tolerance * size, rounding)
-        arrived, count, known = spell(
+        arrived, count, known = batch(
             arguments, moved, num_tiles, changes, goal**2, min(most, max_sweeps - sweeps)
         )
         sweeps += count
-        size, rounding = interactions.kick(free, velocity)
+        size, rounding = interactions.impulse_energy_norm(free, velocity)
         left = changes[known - 1]
         residual = left / size if size > 0.0 else left
         if arrived and left <= max(tolerance * size, rounding):
@@ -231,19 +231,19 @@ class NonlinearGaussSeidel(Solver):
             return DistributedSweeps().solve(interactions, velocity, options)
         tolerance, max_sweeps = options.tolerance, options.max_sweeps
         passes = sweep_passes(interactions, velocity, options)
-        if interactions.judged_by_velocities:
+        if interactions.uses_velocity_criterion:
             return _solve_by_velocities(interactions, velocity, passes, tolerance, max_sweeps)
         interactions.add_velocity(velocity)
         if not passes:
             return SolveReport(True, 1, 0.0, 0.0)
-        spell = _spell_kernel(tuple(p.kernel for p in passes))
+        batch = _batch_kernel(tuple(p.kernel for p in passes))
         arguments = tuple(tuple(p[1:]) for p in passes)
         num_tiles = sum(len(p.marked) for p in passes)
         moved = np.zeros(len(interactions.inverse.node_offsets) - 1, np.bool_)
         least = interactions.rounding(velocity) / tolerance
         changes, sweeps, arrived = np.zeros(WINDOW + 1), 0, True
         while arrived:
-            arrived, sweeps, error, known = spell(
+            arrived, sweeps, error, known = batch(
                 arguments, moved, num_tiles, changes, tolerance, least, sweeps, max_sweeps
             )
             if arrived and interactions.evolve(velocity) <= tolerance:

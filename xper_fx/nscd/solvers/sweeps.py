@@ -25,7 +25,7 @@ WINDOW = 4
 # visited all the same every so many sweeps, and before the end.
 NEGLIGIBLE, REVISIT = 0.1, 16
 # Sweeps after which |w H r| is first looked at again, twice as many each time.
-FIRST_SPELL = 16
+FIRST_BATCH = 16
 # Tiles from which threads are taken unasked: fewer, a few dozen microseconds a sweep, never pay for
 # the kernel with threads, which takes longer to compile.
 _MANY_TILES = 8
@@ -54,7 +54,7 @@ def sweep_passes(
     passes = []
     for g in interactions.groups:
         kernel = sweep_kernel(
-            g.kernels, g.sides, g.blocks, num_threads > 1, interactions.judged_by_velocities
+            g.kernels, g.sides, g.blocks, num_threads > 1, interactions.uses_velocity_criterion
         )
         tiles = len(g.ordering.tile_offsets) - 1
         marked, stats = np.ones(tiles, np.bool_), np.zeros((tiles, 3))

@@ -38,9 +38,9 @@ from scipy.sparse import bsr_array, coo_array, csc_array, diags_array
 from scipy.sparse.linalg import splu
 
 from xper_fx.cache import njit
-from xper_fx.nscd import reductions as agreement
+from xper_fx.nscd import reductions
 from xper_fx.nscd.algebra.small import for_dimension
-from xper_fx.nscd.couplings import Sides, arm_kernels, motion, point_force, spread_kernel
+from xper_fx.nscd.couplings import Sides, lever_arm_kernels, motion, point_force, spread_kernel
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.inverse_blocks import BodyInverse
 from xper_fx.nscd.kernel_options import LEAN_ENTRY, LEAN_INNER
@@ -109,8 +109,8 @@ def residual(interactions: Interactions, velocity: np.ndarray) -> tuple[float, f
             g.details,
         )  # fmt: skip
         changed, total, largest = changed + x, total + y, max(largest, z)
-    changed, total = agreement.total(interactions, np.array([changed, total])).tolist()
-    largest = agreement.largest(interactions, largest)
+    changed, total = reductions.total(interactions, np.array([changed, total])).tolist()
+    largest = reductions.largest(interactions, largest)
     return np.sqrt(changed), np.sqrt(total), np.sqrt(largest) / interactions.step_size
 
 
@@ -206,14 +206,14 @@ def _tangent_kernel(law: LawKernels, sides: Sides):
 @cache
 def _spring_kernels(sides: Sides):
     """Kernels over the points of a group: y += H K H^T x; dr = g - K H^T x; K into the blocks."""
-    dim, components, k, arms = sides
+    dim, components, k, lever_arms = sides
     turns = dim if dim == 3 else 1
     local, world_algebra = for_dimension(dim, components), for_dimension(dim)
     world_unit, add, times = world_algebra.unit, world_algebra.add, world_algebra.scale
     to_local, to_global, spring = local.to_local, local.to_global, local.matrix_vector
     read, _ = motion(sides)
     give = point_force(sides)
-    turned_unit, moment = arm_kernels(dim)[1:] if arms else (None, None)
+    turned_unit, moment = lever_arm_kernels(dim)[1:] if lever_arms else (None, None)
 
     @njit(inline="always")
     def column(world, x):
@@ -253,7 +253,7 @@ def _spring_kernels(sides: Sides):
     def turn_springs(c, i, clusters, block_offsets, marked, blocks, world):
         # what turns: pairs of a side's rotation with itself and with its translation
         for s in range(2):
-            node, turn = c.start[i, s, 0] // dim, c.turn[i, s] // dim
+            node, turn = c.start[i, s, 0] // dim, c.rotation_dof[i, s] // dim
             own = clusters.cluster[node]
             if turn == node or not marked[own]:
                 continue
@@ -304,7 +304,7 @@ def _spring_kernels(sides: Sides):
                     for x in range(dim):
                         for y in range(dim):
                             blocks[first + x * n + y] += scale * world[x, y]
-            if arms:
+            if lever_arms:
                 turn_springs(c, i, clusters, block_offsets, marked, blocks, world)
 
     return pull, answer, mark, add_springs
@@ -500,11 +500,11 @@ def _openings(group: PointGroup, num_dofs: int) -> csc_array:
         force = sign * points.weights[:, s, 0, None, None] * frame
         parts.append((force, c.start[:, s, 0]))
         if dim == 2:
-            a = points.arms[:, s, None]
+            a = points.lever_arms[:, s, None]
             moment = (a[..., 0] * frame[..., 1] - a[..., 1] * frame[..., 0])[..., None]
         else:
-            moment = np.cross(points.arms[:, s, None], frame)
-        parts.append((sign * moment, c.turn[:, s]))
+            moment = np.cross(points.lever_arms[:, s, None], frame)
+        parts.append((sign * moment, c.rotation_dof[:, s]))
     entries, at = [], []
     for values, first in parts:
         columns = first[:, None, None] + np.arange(values.shape[2])
@@ -545,7 +545,7 @@ class PointTangents:
 
     def take(self, interactions: Interactions, velocity: np.ndarray) -> None:
         """Take D, K and g at v_free + w H r, shape (num_slots * dim,)."""
-        speed = agreement.largest(interactions, float(np.abs(velocity).max(initial=0.0)))
+        speed = reductions.largest(interactions, float(np.abs(velocity).max(initial=0.0)))
         least = _LEAST * max(speed, np.finfo(float).tiny)
         for g, (slopes, stiffness, source, _, changed) in zip(
             interactions.groups, self.groups, strict=True
@@ -561,7 +561,7 @@ class PointTangents:
         """Whether springs hold so much of the motion that facing nodes move as one."""
         pairs = zip(interactions.groups, self.groups, strict=True)
         held = sum(_held(slopes, g.compliance) for g, (slopes, *_) in pairs)
-        return agreement.total(interactions, held) > _HELD * interactions.dim * agreement.total(
+        return reductions.total(interactions, held) > _HELD * interactions.dim * reductions.total(
             interactions, len(interactions)
         )
 

@@ -42,8 +42,8 @@ from xper_fx.nscd.solvers.solver import SolveOptions, Solver, SolveReport
 _NEWTON_DOFS = 48
 # Factor by which a correction should reduce the residual; else the inverse is renewed.
 _SLOW = 0.1
-# Newton steps with a new inverse before, and sweeps of, a spell of Gauss-Seidel.
-_NEWTON_STEPS, _SPELL = 4, 4
+# Newton steps with a new inverse before, and sweeps of, a batch of Gauss-Seidel.
+_NEWTON_STEPS, _BATCH = 4, 4
 # A residual below this fraction of the bound (squared) needs no product with the inverse.
 _CLEAR = 1e-4
 _TINY = np.finfo(np.float64).tiny
@@ -510,18 +510,18 @@ def _solve_kernel(laws: tuple[LawKernels, ...], dim: int, unknowns: int):
         floor = (16.0 * np.finfo(np.float64).eps * speed) ** 2 * blocks.rounding[b]
         bound = tolerance * tolerance
         newton = blocks.inverse_offsets[b + 1] > blocks.inverse_offsets[b]
-        previous, spell, length, fresh = np.inf, 0, _SPELL, 0
+        previous, batch, length, fresh = np.inf, 0, _BATCH, 0
         if not newton:
-            spell = max_sweeps
+            batch = max_sweeps
         for count in range(1, max_sweeps + 1):
-            if spell > 0:
-                spell -= 1
+            if batch > 0:
+                batch -= 1
                 _, changed, total, largest = sweep_all(b, v, blocks, 0, groups, relax)
                 error = np.inf
                 if previous < np.inf and changed < previous:
                     rho = np.sqrt(changed / previous)
                     error = changed * max(1.0, rho / (1.0 - rho)) ** 2
-                previous = changed if spell > 0 else np.inf
+                previous = changed if batch > 0 else np.inf
                 if changed <= floor or error <= bound * total:
                     if evolve_all(b, v, groups) <= tolerance:
                         return count, min(error, changed) / max(total, floor, _TINY), largest, True
@@ -533,7 +533,7 @@ def _solve_kernel(laws: tuple[LawKernels, ...], dim: int, unknowns: int):
                 if changed > _SLOW * _SLOW * previous:
                     if fresh == _NEWTON_STEPS:
                         reset(blocks, b)
-                        spell, length, fresh, previous = length, 2 * length, 0, np.inf
+                        batch, length, fresh, previous = length, 2 * length, 0, np.inf
                         continue
                     renew_all(b, v, blocks, 0, groups, 1e-6 * speed, 1e-4 * changed)
                     fresh += 1
