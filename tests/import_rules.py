@@ -39,7 +39,7 @@ NEVER = {"forms": ("nscd", "ranks"), "nscd": ("DOLFINx", "ranks")}
 # Libraries that modules may import beside the standard one, where not all may be.
 LIBRARIES = {
     "nscd": ("numpy", "scipy", "numba"),
-    "nscd.friction.files": ("numpy", "scipy", "h5py"),
+    "nscd.friction.problem_files": ("numpy", "scipy", "h5py"),
     "support.checks": ("numpy",),
     "support.threads": ("numpy", "numba"),
     "support.lazy": (),

@@ -12,7 +12,7 @@ import scipy.linalg
 import scipy.sparse as sp
 from problems import box_stack, square_pile
 
-from xper_fx.nscd.friction.files import read, write
+from xper_fx.nscd.friction.problem_files import read, write
 
 
 def put(group, name, matrix, kind):

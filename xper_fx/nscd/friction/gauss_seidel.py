@@ -22,7 +22,7 @@ from xper_fx.cache import njit
 from xper_fx.nscd.algebra.small import for_dimension
 from xper_fx.nscd.friction.blocks import BlockProblem, row_product
 from xper_fx.nscd.friction.error import residual_kernel
-from xper_fx.nscd.local_solvers.solver import LocalSolver
+from xper_fx.nscd.local_solvers.interface import LocalSolver
 
 # A change below this fraction of a contact's share of the error wanted moves no neighbour.
 _REST = 0.1

@@ -16,10 +16,10 @@ from xper_fx.nscd.friction import (
     anderson,
     automatic,
     colored,
-    files,
     gauss_seidel,
     interior_point,
     nonsmooth_newton,
+    problem_files,
 )
 from xper_fx.nscd.friction.automatic import Course
 from xper_fx.nscd.friction.blocks import ORDERS, BlockProblem, store
@@ -126,12 +126,12 @@ class FrictionProblem:
 
     @classmethod
     def read(cls, path: str | Path) -> FrictionProblem:
-        """A problem from an `.npz` or FCLIB `.hdf5` file (`files.read`)."""
-        return cls(*files.read(path), source=str(path))
+        """A problem from an `.npz` or FCLIB `.hdf5` file (`problem_files.read`)."""
+        return cls(*problem_files.read(path), source=str(path))
 
     def write(self, path: str | Path) -> None:
         """Write an `.npz` or FCLIB `.hdf5` file."""
-        files.write(path, self.W, self.q, self.mu, self.dim, self.source or "")
+        problem_files.write(path, self.W, self.q, self.mu, self.dim, self.source or "")
 
     def __len__(self) -> int:
         return len(self.mu)

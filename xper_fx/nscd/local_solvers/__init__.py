@@ -10,8 +10,8 @@ from xper_fx.nscd.local_solvers.exact import EXACT
 from xper_fx.nscd.local_solvers.explicit_projection import EXPLICIT, explicit_applies
 from xper_fx.nscd.local_solvers.generalized_newton import NEWTON
 from xper_fx.nscd.local_solvers.graph import GRAPH
+from xper_fx.nscd.local_solvers.interface import LocalSolver
 from xper_fx.nscd.local_solvers.lcp import faceting_error, lcp_solver
-from xper_fx.nscd.local_solvers.solver import LocalSolver
 
 __all__ = [
     "LOCAL_SOLVERS",

@@ -28,7 +28,7 @@ import numpy as np
 
 from xper_fx.nscd.algebra.small import for_dimension
 from xper_fx.nscd.local_solvers import exact, graph
-from xper_fx.nscd.local_solvers.solver import INLINE_KERNEL, KERNEL, LocalSolver
+from xper_fx.nscd.local_solvers.interface import INLINE_KERNEL, KERNEL, LocalSolver
 
 _ITERATIONS = 60
 # Iterations in a row that may stay strictly inside the cone.

@@ -36,7 +36,7 @@ import numpy as np
 
 from xper_fx.nscd.algebra.small import SINGULAR
 from xper_fx.nscd.laws.signorini import NO_SLIP
-from xper_fx.nscd.local_solvers.solver import INLINE_KERNEL, KERNEL, LocalSolver
+from xper_fx.nscd.local_solvers.interface import INLINE_KERNEL, KERNEL, LocalSolver
 
 # Factors: 1 / W_NN (0: carries nothing), cos and sin of the eigenbasis, 1 / larger eigenvalue of S,
 # ratio k (0: singular), c_a, c_b, x of the visit before (0: none).

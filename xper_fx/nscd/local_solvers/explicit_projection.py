@@ -16,7 +16,7 @@ from __future__ import annotations
 import numpy as np
 
 from xper_fx.nscd.algebra.small import SINGULAR
-from xper_fx.nscd.local_solvers.solver import KERNEL, LocalSolver
+from xper_fx.nscd.local_solvers.interface import KERNEL, LocalSolver
 
 
 def explicit_applies(w: np.ndarray, tolerance: float = 1e-12) -> np.ndarray:

@@ -25,7 +25,7 @@ import numpy as np
 
 from xper_fx.nscd.algebra.small import for_dimension
 from xper_fx.nscd.local_solvers import exact
-from xper_fx.nscd.local_solvers.solver import INLINE_KERNEL, KERNEL, LocalSolver
+from xper_fx.nscd.local_solvers.interface import INLINE_KERNEL, KERNEL, LocalSolver
 
 _STEPS = 25
 _OWN = exact.NUM_FACTORS

@@ -23,7 +23,7 @@ from __future__ import annotations
 
 from xper_fx.nscd.algebra.small import SINGULAR
 from xper_fx.nscd.laws.signorini import NO_SLIP
-from xper_fx.nscd.local_solvers.solver import INLINE_KERNEL, KERNEL, LocalSolver
+from xper_fx.nscd.local_solvers.interface import INLINE_KERNEL, KERNEL, LocalSolver
 
 # Factors: 1 / W_NN (0: carries nothing), c, 1 / S (0: singular), 1 / (1 + mu c), 1 / (1 - mu c)
 # (0 where that way is no candidate).

@@ -31,7 +31,7 @@ from functools import cache
 import numpy as np
 
 from xper_fx.nscd.local_solvers import exact, graph
-from xper_fx.nscd.local_solvers.solver import INLINE_KERNEL, KERNEL, LocalSolver
+from xper_fx.nscd.local_solvers.interface import INLINE_KERNEL, KERNEL, LocalSolver
 
 # Pivots per unknown: they are about one and a half.
 _PIVOTS = 6
