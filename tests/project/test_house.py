@@ -18,7 +18,7 @@ PACKAGE = Path(__file__).resolve().parents[2] / "xper_fx"
 
 
 class Counts(NamedTuple):
-    """Of a package; functions that are compiled, or made by one with others inside, are left out."""
+    """Of a package; kernels, and functions that make kernels, are left out."""
 
     entries: int
     files: int
