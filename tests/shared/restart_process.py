@@ -11,12 +11,14 @@ import json
 import os
 import signal
 import sys
+import threading
 from collections.abc import Callable
 from functools import partial
 from itertools import count
 from pathlib import Path
 
 import numpy as np
+from tqdm import tqdm
 
 sys.path.insert(0, str(Path(__file__).parent))
 
@@ -30,6 +32,9 @@ from xper_fx.output.recorder import Recorder, TensileGauge  # noqa: E402
 from xper_fx.output.run import recorded_steps  # noqa: E402
 from xper_fx.scene.scene import Scene  # noqa: E402
 from xper_fx.simulation.simulation import Simulation  # noqa: E402
+
+# tqdm's own lock is one for all forked processes: a run killed while it holds it would stop the rest.
+tqdm.set_lock(threading.RLock())
 
 STEP, STEPS, FIELDS, KILLS = 0.02, 300, 100, 20
 ALWAYS, NEVER = 1e-9, 1e9  # seconds between checkpoints
