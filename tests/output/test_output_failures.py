@@ -177,7 +177,8 @@ def test_what_was_removed_is_noticed(tmp_path, gone):
 
 def python(code: str, *arguments, before=(), **options) -> subprocess.Popen:
     """A Python process with this package and these tests."""
-    paths = os.pathsep.join([str(REPOSITORY), str(REPOSITORY / "tests")])
+    tests = REPOSITORY / "tests"
+    paths = os.pathsep.join(map(str, (REPOSITORY, tests / "output", tests / "shared")))
     return subprocess.Popen(
         [*before, sys.executable, "-c", textwrap.dedent(code), *map(str, arguments)],
         env=os.environ | {"PYTHONPATH": paths}, stdout=subprocess.PIPE, stdin=subprocess.PIPE,

@@ -33,7 +33,7 @@ from xper_fx.output.run import recorded_steps  # noqa: E402
 from xper_fx.scene.scene import Scene  # noqa: E402
 from xper_fx.simulation.simulation import Simulation  # noqa: E402
 
-# tqdm's own lock is one for all forked processes: a run killed while it holds it would stop the rest.
+# The lock of tqdm is one for all forked processes: a run killed while it holds it stops the rest.
 tqdm.set_lock(threading.RLock())
 
 STEP, STEPS, FIELDS, KILLS = 0.02, 300, 100, 20
