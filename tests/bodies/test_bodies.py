@@ -353,6 +353,7 @@ def test_the_exploded_mesh_is_a_mesh():
     assert np.array_equal(body[A.row], body[A.col])
 
 
+@pytest.mark.slow
 def test_growth_is_linear():
     """16 times the cells may take 40 times the time, not the 256 of an O(n^2) way."""
     from time import process_time

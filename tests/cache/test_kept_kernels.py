@@ -268,6 +268,7 @@ def test_a_kernel_with_threads_and_one_that_calls_itself(kept, tmp_path):
         assert sum(module.factorial.stats.cache_hits.values()) == number
 
 
+@pytest.mark.slow
 def test_a_damaged_or_foreign_file_is_compiled_anew(kept, tmp_path, caplog):
     made(tmp_path / "a")
     (path,) = kept.glob("*.kernel")
@@ -298,6 +299,7 @@ def test_a_folder_that_cannot_be_written(kept, tmp_path, caplog, monkeypatch):
     assert {record.levelno for record in caplog.records} == {logging.INFO}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["file", "impossible", "open", "foreign"])
 def test_a_bad_folder_is_one_line_and_no_cache(tmp_path, monkeypatch, caplog, kind):
     path = tmp_path / "bad"
@@ -463,6 +465,7 @@ def test_numba_off_runs_the_python_source(tmp_path):
     np.testing.assert_allclose(source, compiled, rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_functions_are_numbered_apart():
     """Symbols of machine code that two processes have compiled are never the same."""
     script = """

@@ -337,6 +337,7 @@ def opened(tags, shift, order=1, held=HELD):
     return Simulation(scene, 1.0, theta=1.0, tolerance=1e-8, num_threads=1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shift", [0.0, 0.5])
 @pytest.mark.parametrize("tags, kind", [((1, 1), 0), ((1, 2), 1), ((2, 1), 1), ((2, 2), 2)])
 def test_cracks_are_found_on_the_candidate_s_side(tags, kind, shift):

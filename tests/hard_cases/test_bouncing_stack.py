@@ -34,6 +34,7 @@ def test_a_mass_that_leaves_is_struck_again(figure):
     assert pair.velocity == pytest.approx([-1.0, 10.0], rel=1e-11)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", [2, 5])
 def test_elastic_stack_keeps_its_energy(count, figure):
     """e = 1, 10 000 steps: energy, momentum, and gaps that never fall below h |U|."""

@@ -130,6 +130,7 @@ def thrown(scheme, solver, theta):
     return Simulation(scene, 1e-3, scheme=scheme, solver=solver, theta=theta, **options), law
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scheme, solver, theta", SCHEMES)
 def test_lips_that_part_and_close_again_at_speed(scheme, solver, theta, figure):
     """Of the speed at which the block comes back less is left, and its momentum is accounted."""

@@ -49,6 +49,7 @@ def opening(simulation) -> np.ndarray:
     return simulation.interactions.gather("jump")[here]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", [LinearElastic, NeoHookean])
 def test_opened_sheared_and_closed_again(kind, figure):
     """F11 breaks the plane, opens it, then F12 shears it open, then F11 = 0.99 presses.

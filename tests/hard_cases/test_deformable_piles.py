@@ -41,6 +41,7 @@ def test_a_brick_wall_at_position_level():
     run(brick_wall("auto", "position", max_sweeps=300), 40)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("solver", ["nlgs", "newton", "accelerated", "auto"])
 def test_a_brick_wall(solver, figure):
     """Each brick is in balance, the ground bears the weight, and nothing moves any more."""

@@ -114,6 +114,7 @@ def test_blocks_with_nearly_no_friction(scheme, solver, figure):
     assert apart < 1e-10  # thrown at 1 m/s
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("solver", ["nlgs", "newton", "accelerated", "auto"])
 @pytest.mark.parametrize("mu", [1.5, 2.0])
 def test_block_on_a_steep_incline(mu, solver, figure):

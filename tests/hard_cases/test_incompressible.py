@@ -158,6 +158,7 @@ PATHS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("path", PATHS)
 @pytest.mark.parametrize("kind", [J2SmallStrain, J2FiniteStrain])
 def test_a_cell_that_flows_by_more_than_100_percent(kind, path, figure):
@@ -197,6 +198,7 @@ def around_an_inclusion(kind) -> tuple[np.ndarray, float]:
     return np.max(worst, axis=0), simulation.forms.history()["accumulated 1"].max()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", [J2SmallStrain, J2FiniteStrain])
 def test_flow_around_a_hard_inclusion(kind, figure):
     """Mean strain of 30 %, twice that and more beside the inclusion: yield and isochoric flow."""

@@ -66,6 +66,7 @@ def test_one_body_without_any_point(scheme, solver, theta, figure):
     assert abs(simulation.ledger.closure) < 1e-12 * simulation.ledger.energies.kinetic
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scheme, solver, theta", SCHEMES)
 @pytest.mark.parametrize("between", [None, "velocity", "position", "bond"])
 def test_points_that_never_close(between, scheme, solver, theta, figure):

@@ -38,6 +38,7 @@ def plate_force(law, solver, step=1e-7, steps=40):
     return simulation.reaction(RIGHT)[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("solver", ["nlgs", "newton", "accelerated", "auto"])
 def test_stiffness_of_a_plate_tends_to_that_of_the_bonded_one(solver, figure):
     """The compliance added falls as 1 / C_N, to nothing at 1e20 Pa/m.
@@ -88,6 +89,7 @@ def torn_bar(stiffness, scheme, solver, theta):
     )  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "scheme, solver, theta",
     [("implicit", s, 0.5) for s in ("nlgs", "newton", "accelerated", "auto")]

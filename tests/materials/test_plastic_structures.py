@@ -172,6 +172,7 @@ def considere(ratio):
     return -minimize_scalar(lambda e: -stress(e), bounds=(0.0, 0.5), method="bounded").fun
 
 
+@pytest.mark.slow
 def test_a_strip_necks():
     """The force peaks between the loads of Considere of the thinnest and of the full section.
 

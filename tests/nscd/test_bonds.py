@@ -150,6 +150,7 @@ def test_shear_breaks_and_leaves_friction():
     assert abs(simulation.ledger.closure) < 1e-10 * energies.external_work
 
 
+@pytest.mark.slow
 def test_explicit_bond_opens_along_the_same_curve():
     """The explicit bulk sees the same bond: nothing limits the step but the bulk."""
     law = law_of()

@@ -47,6 +47,7 @@ def flexibility(size, columns, law):
     return 1e-12 / (simulation.reaction(RIGHT)[0] / size)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "size, law",
     [(2e-6, ZIRCALOY_BOND), (1e-6, ZIRCALOY_BOND), (5e-7, ZIRCALOY_BOND), (1e-6, SKEW)],

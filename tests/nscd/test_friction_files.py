@@ -285,6 +285,7 @@ def test_damaged_inside(tmp_path):
         read(path)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("suffix", ["npz", "hdf5"])
 def test_damaged_anywhere(tmp_path, suffix):
     """Whatever bytes change, the file is read or refused by its name: nothing else is raised."""

@@ -58,6 +58,7 @@ ONE_3D = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("reaction, velocity", ONE_3D.values(), ids=ONE_3D.keys())
 def test_block_on_a_plane(solve, reaction, velocity):
     q = np.array(velocity) - W3 @ reaction

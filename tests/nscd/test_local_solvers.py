@@ -208,6 +208,7 @@ def has_one_closed_solution(b, w, mu):
     return single
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mu", FRICTIONS)
 @pytest.mark.parametrize("status", STATUSES)
 def test_known_solution(solver, status, mu):

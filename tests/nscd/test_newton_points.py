@@ -61,6 +61,7 @@ def solved(make, solver, **options):
     return scene, free, velocity, report
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("broken", [False, True])
 @pytest.mark.parametrize("name", SOLVERS)
 def test_the_answer_is_that_of_sweeps(name, broken):

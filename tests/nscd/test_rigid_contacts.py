@@ -43,6 +43,7 @@ def heap():
     return heap
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("solver", [NonlinearGaussSeidel, AcceleratedSweeps, Automatic])
 @pytest.mark.parametrize("tolerance", [1e-2, 1e-4])
 def test_laws_hold_to_the_tolerance_at_the_stop(heap, solver, tolerance):

@@ -197,6 +197,7 @@ def test_small_cube_at_the_corner_of_a_large_one():
             assert np.ptp(contacts.point[:, :2], axis=0) == pytest.approx([side] * 2, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_mirror_images_of_contacts():
     """Which of two bodies comes first changes the sign of the normals alone."""
     rng = np.random.default_rng(1)

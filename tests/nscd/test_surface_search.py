@@ -102,6 +102,7 @@ def convex_bodies(dim, rng, count, spread):
     return assemble(*parts)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dim, count, spread", [(2, 12, 5.0), (3, 10, 3.5)])
 def test_every_contact_of_convex_bodies_is_found(dim, count, spread):
     rng = np.random.default_rng(dim)

@@ -194,6 +194,7 @@ def restored_pieces(path: Path) -> int:
     return len(read_tree(path)["simulation"]["course"]["pieces"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scene", effect_scenes.SCENES, ids=lambda scene: scene.__name__)
 def test_every_effect_restarts(scene, tmp_path):
     restarts_equal(scene, 6 * scene().step_size, tmp_path, parts=(0.49,))

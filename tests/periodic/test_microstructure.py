@@ -104,6 +104,7 @@ def test_random_points_are_in_their_seeds_grain(dim, count, weighted, seed):
     assert np.allclose(share, tessellation.volumes / periods.prod(), atol=0.05)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("dim", "count", "weighted", "seed"), RANDOM)
 def test_faces_are_where_powers_are_equal(dim, count, weighted, seed):
     """Corners have the same power to both grains of a face, and no smaller one to any other."""
@@ -228,6 +229,7 @@ def test_origin_does_not_matter(dim):
     assert places.query(np.mod(second.vertices, periods))[0].max() < 1e-12
 
 
+@pytest.mark.slow
 def test_random_seeds():
     """Reproducible; relaxed ones are more regular."""
     periods = (1e-4, 2e-4)
@@ -470,6 +472,7 @@ def test_solid_meshes(count, seed):
     assert lengths.max() < 2.2 * size
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("dim", "count"), ((2, 1), (2, 2), (2, 3), (2, 40), (3, 1), (3, 2), (3, 8))
 )
@@ -535,6 +538,7 @@ def test_cut_refuses_vertices_on_the_boundary():
     assert np.allclose(np.sort(cut.piece_volumes), [0.25] * 4 + [0.5] * 2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("motif", ([(0.3, 0.2)], [(0, 0, 0.1)], [(0, 0, 0), (0.5, 0.5, 0.5)]))
 def test_meshes_of_lattices(motif):
     """Squares, cubes and truncated octahedra; also a size larger than the grains."""
@@ -548,6 +552,7 @@ def test_meshes_of_lattices(motif):
         check_conforming(microstructure, tessellation)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dim", (2, 3))
 def test_meshes_are_reproducible(dim):
     """The same seed gives the same mesh, node for node."""
@@ -573,6 +578,7 @@ def test_meshes_do_not_depend_on_the_unit(dim):
     assert np.array_equal(first.grain, second.grain)
 
 
+@pytest.mark.slow
 def test_a_users_session_stays():
     """Model, options and session are as before, and the user's options do not change the mesh."""
     gmsh = pytest.importorskip("gmsh")

@@ -390,6 +390,7 @@ def test_law(tmp_path):
     assert legend_texts(figure) == ["normal", "tangential"]
 
 
+@pytest.mark.slow
 def test_a_fine_mesh_is_drawn_in_seconds(tmp_path):
     """80 x 80 crossed quadrilaterals, 25 600 bodies; it takes about one second."""
     panel = split_panel(80)

@@ -302,6 +302,7 @@ def end_of(world, process):
     return process.communicate(timeout=LONGEST)[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["TERM", "INT", "HUP", "USR1"])
 def test_signals_reach_the_command(either, name):
     process = start_patient(either, [name])

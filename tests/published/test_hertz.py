@@ -19,6 +19,7 @@ def slipping():
     return hertz.partial_slip(32)
 
 
+@pytest.mark.slow
 def test_line_contact_converges_to_hertz():
     """a and p0 within 1 % on 8 elements in a; pressures of first order, a of second."""
     errors = {n: hertz.normal_errors(2, n)[0] for n in (4, 8, 16)}

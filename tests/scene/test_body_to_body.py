@@ -137,6 +137,7 @@ def test_any_body_against_any_body(dim, a, b):
     assert np.abs(turned - angular).max() < bound * size
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kinds", [("rigid", "cells"), ("grains", "cells")])
 def test_explicit_bulk(kinds):
     """A facet's nodes have one block of w, though the mass is lumped."""

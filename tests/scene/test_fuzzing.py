@@ -153,6 +153,7 @@ def numbers_in(thing) -> list[float]:
     return []
 
 
+@pytest.mark.slow
 @settings(max_examples=400, **REPEATABLE)
 @given(st.data())
 def test_constructors(data):
@@ -424,6 +425,7 @@ def test_rigid_scenes(discs, floor, law, reach, gravity, step, theta, resolve):
 # Periodic cells
 
 
+@pytest.mark.slow
 @settings(max_examples=60, **REPEATABLE)
 @given(
     drive=st.dictionaries(

@@ -80,6 +80,7 @@ def test_a_cradle_of_five_balls(dim, gap):
     assert abs(last.energies["closure"]) < 1e-13 * start
 
 
+@pytest.mark.slow
 @both
 def test_a_bouncing_ball(dim):
     """Each impact returns e of the speed; heights fall by e^2, to the first order in the step."""
@@ -225,6 +226,7 @@ def test_a_free_body_turns_as_euler_says():
     assert errors[0] < 2e-3 and errors[0] / errors[1] == pytest.approx(4.0, rel=0.05)
 
 
+@pytest.mark.slow
 def test_a_heavy_top_precesses_on_its_tip():
     """Steady precession at the rate W of I1 W^2 cos(a) - I3 w3 W + m g l = 0, I1 about the tip.
 
