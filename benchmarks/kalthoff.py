@@ -120,7 +120,7 @@ class Damage(NamedTuple):
 def run(scene: Scene, end_time: float) -> tuple[Damage, Simulation]:
     """Simulate until `end_time` (s)."""
     simulation = Simulation(scene, scheme="explicit", num_threads=1)
-    number = simulation.model.points.facets_with_law
+    number = simulation.facets_with_law
     ends = point_coordinates(simulation).reshape(len(number), 2, 2)
     measure = scene.bodies.facets.measure[number]
     lost, first = np.zeros(len(number)), np.full(len(number), np.inf)

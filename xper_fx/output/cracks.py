@@ -43,7 +43,7 @@ def find_cracks(
         ignored_facets: tags of facets that do not count (precracks).
     """
     facets = simulation.scene.bodies.facets
-    number = simulation.model.points.facets_with_law
+    number = simulation.facets_with_law
     x = point_coordinates(simulation).reshape(len(number), -1, simulation.bulk.dim)
     broken = broken_points(simulation, ignored_facets).reshape(x.shape[:2])
     facet, point = np.nonzero(broken)
@@ -64,7 +64,7 @@ def broken_points(
         Shape (num_points,), in the order of `point_coordinates`; contacts and perfect bonds are
         never broken.
     """
-    interactions, number = simulation.interactions, simulation.model.points.facets_with_law
+    interactions, number = simulation.interactions, simulation.facets_with_law
     dim = simulation.bulk.dim
     breaks = np.array(["damage" in law.kernels(dim).state_names for law in interactions.laws])
     # lips that have parted for good have no damage any more, and it reads zero
@@ -85,7 +85,7 @@ def find_fragments(simulation: Simulation) -> npt.NDArray[np.int32]:
         The fragment of each body, shape (num_bodies,): 0 is the largest by number of bodies, and so
         on. A facet holds as long as one of its points does; contacts hold nothing.
     """
-    bodies, number = simulation.scene.bodies, simulation.model.points.facets_with_law
+    bodies, number = simulation.scene.bodies, simulation.facets_with_law
     holds = np.zeros(0, bool)
     if len(number):
         count = len(point_coordinates(simulation))

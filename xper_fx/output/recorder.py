@@ -116,7 +116,7 @@ def point_coordinates(simulation: Simulation) -> np.ndarray:
     """
     dim = simulation.bulk.dim
     scene = simulation.scene
-    x = scene.bodies.facet_nodes(scene.order)[simulation.model.points.facets_with_law]
+    x = scene.bodies.facet_nodes(scene.order)[simulation.facets_with_law]
     shapes = facet_shapes(dim, x.shape[1], scene.points)
     return np.einsum("pk,fkd->fpd", shapes, x).reshape(-1, dim)
 
@@ -306,9 +306,9 @@ class Recorder:
             (mesh.topology.cell_name(), self.cells),
             after.get("bulk"),
         )
-        if len(simulation.model.points.facets_with_law):
+        if len(simulation.facets_with_law):
             x = point_coordinates(simulation)
-            a_facet = len(x) // len(simulation.model.points.facets_with_law)
+            a_facet = len(x) // len(simulation.facets_with_law)
             kind = {2: "line", 3: "triangle"}.get(a_facet, "vertex")
             cells = np.arange(len(x)).reshape(-1, 1 if kind == "vertex" else a_facet)
             self._interfaces = TimeSeries(
@@ -321,7 +321,7 @@ class Recorder:
         with simulation.stopwatch.phase("output"), simulation.stopwatch.phase("fields"):
             if simulation.scene.bodies is not None:
                 self._write_bulk()
-                if len(simulation.model.points.facets_with_law):
+                if len(simulation.facets_with_law):
                     names = ("jump", "traction", "damage", "status")
                     fields = {name: simulation.interactions.gather(name) for name in names}
                     self._at_root(partial(self._write_interfaces, fields))

@@ -63,6 +63,11 @@ class Readings:
         function.x.array[:] = self.model.bulk.unknowns.expand(self.state.velocity)
         return function
 
+    @property
+    def facets_with_law(self) -> np.ndarray:
+        """Numbers of the facing facets that have interaction points, shape (n,), on all ranks."""
+        return self.model.points.facets_with_law
+
     def mean_displacement(self, facets: int) -> np.ndarray:
         """Mean displacement of the nodes of tagged facets, shape (dim,), m."""
         return self._mean_over(facets, self.state.displacement)
