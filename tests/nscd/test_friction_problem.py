@@ -316,7 +316,7 @@ def test_history_leads_to_the_error(solver, make):
         own = [k for n, k in zip(names, iterations, strict=True) if n == name]
         assert own == sorted(set(own))
     if names[-1] == "nlgs":
-        assert result.error <= errors[-1]
+        assert result.error <= (1.0 + 1e-5) * errors[-1]
     else:
         assert result.error == pytest.approx(min(errors), rel=1e-2)
 

@@ -268,7 +268,7 @@ def test_inverse_blocks_are_those_of_the_turned_inertia():
 def test_a_cube_made_of_triangles_turns_as_a_sphere_does():
     """Its moments are equal but for rounding; the bodies' own arrays are left alone."""
     cube = Polyhedron.hull(
-        Rotation.from_rotvec([1, 2, 3]).apply(Polyhedron.box((1, 1, 1)).vertices)
+        Rotation.from_rotvec([1, 2, 3]).apply(Polyhedron.box((1, 1, 1)).vertices.copy())
     )
     bodies = RigidBodies([RigidBody(cube, (0, 0, 0), "a", density=6.0, spin=(1, -2, 0.5))])
     inertia = bodies.inertia.copy()

@@ -8,7 +8,6 @@ import threading
 from collections.abc import Iterable
 from typing import Any
 
-import basix.ufl
 import numpy as np
 import numpy.typing as npt
 import ufl
@@ -129,11 +128,8 @@ def create_exploded_mesh(
         x.shape[1],
     )
     mesh_type = _cpp.mesh.Mesh_float64 if dtype == np.float64 else _cpp.mesh.Mesh_float32
-    domain = ufl.Mesh(
-        basix.ufl.element(
-            "Lagrange", parent.topology.cell_name(), 1, shape=(x.shape[1],), dtype=dtype
-        )
-    )
+    # forms ask that the domain's element is the geometry's, its variant included (0.11)
+    domain = ufl.Mesh(parent.ufl_domain().ufl_coordinate_element())
     return Mesh(mesh_type(parent.comm, topology, geometry), domain)
 
 
