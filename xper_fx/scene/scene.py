@@ -390,7 +390,7 @@ class Scene:
     def _check_ties(self) -> None:
         for tie in self.ties:
             if not all(hasattr(tie, name) for name in ("candidates", "antagonists", "law", "rule")):
-                raise TypeError(f"{tie!r} is no Tie (xper_fx/ties.py).")
+                raise TypeError(f"{tie!r} is no Tie: give xf.Tie objects.")
             _check_law(tie.law)
             cell = self.bodies.mesh.topology.cell_name()
             if self.order != 1 or cell not in ("triangle", "tetrahedron"):
