@@ -60,7 +60,7 @@ class Interactions(PointValues):
         inverse: blocks of w on the interacting nodes; `update_inverse` replaces their values.
         initial_velocity: shape (num_nodes, dim), nodal velocities at the start (m/s).
         ordering: order of visit, "tiles" of neighbouring bodies, or "vertices" for
-            `vertex_blocks.solve` (one block of w a node, one node a side).
+            `VertexBlocks` (one block of w a node, one node a side).
         rigid_blocks: shape (num_rigid, 2 dim, 2 dim), blocks of w of rigid bodies, whose nodes, two
             a body, come after the others; None without any. `take_rigid` renews them.
         halo: what there is to exchange with other ranks, whose bodies' nodes come after this
