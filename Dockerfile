@@ -12,7 +12,7 @@ ARG XPER_FX_DOCS=
 COPY fenicsx /opt/xper_fx/fenicsx
 RUN XPER_FX_DOCS=$XPER_FX_DOCS /opt/xper_fx/fenicsx python3 -c "import dolfinx" \
     && apt-get clean \
-    && rm -rf /var/lib/apt/lists/* /root/.cache
+    && rm -rf /var/lib/apt/lists/* ~/.cache
 
 COPY . /opt/xper_fx
 RUN useradd --create-home --uid 1000 xper_fx \

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from xper_fx.nscd.interactions import Interactions
-from xper_fx.nscd.solvers.solver import SolveOptions, Solver
+from xper_fx.nscd.solvers.solver import SolveOptions, Solver, SolveReport
 
 
 @dataclass
@@ -72,6 +72,10 @@ def interact(
     nodes = _as_slice(inverse.nodes)
     slots = interactions.free_velocities(free.reshape(-1, dim)[nodes])
     report = solver.solve(interactions, slots, options)
+    if not isinstance(report, SolveReport):
+        raise TypeError(
+            f"{type(solver).__name__}.solve should return a SolveReport, got {report!r}."
+        )
     impulses = np.zeros_like(free)
     impulses.reshape(-1, dim)[nodes] = interactions.impulses()[:count]
     if count == inverse.num_nodes:

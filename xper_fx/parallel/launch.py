@@ -58,7 +58,7 @@ def run_together(main: Callable[[], object]) -> None:
         except Exception:
             if comm.rank > 0:
                 time.sleep(min(_GRACE + _TURN * comm.rank, _LONGEST))
-            print(f"Rank {comm.rank} of {comm.size} failed:", file=terminal)
+            terminal.write(f"Rank {comm.rank} of {comm.size} failed:\n")
             traceback.print_exc(file=terminal)
             terminal.flush()
             comm.Abort(1)

@@ -117,7 +117,12 @@ class Options:
 
     def _check_solver(self, scene: Scene) -> None:
         solver = self.solver
-        if not isinstance(solver, Solver) and solver not in tuple(SOLVERS):
+        if not isinstance(solver, Solver | str):
+            raise TypeError(
+                f"solver should be one of {', '.join(SOLVERS)}, or an object of a class derived "
+                f"from xf.solvers.Solver, got {solver!r}."
+            )
+        if not isinstance(solver, Solver) and solver not in SOLVERS:
             raise ValueError(f"solver should be one of {', '.join(SOLVERS)}, got {solver!r}.")
         if self.scheme == "explicit" and scene.points == "nodal":
             if solver != "auto":

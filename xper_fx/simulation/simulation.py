@@ -295,7 +295,12 @@ class Simulation(Restartable):
 
         Args:
             save: saves the state and returns the file; None to save nothing.
+
+        Raises:
+            TypeError: `save` cannot be called.
         """
+        if save is not None and not callable(save):
+            raise TypeError(f"save should be a function that returns a file's path, got {save!r}.")
         self._save = save
 
     def _save_state(self) -> Path | None:

@@ -34,7 +34,7 @@ _RHO_N, _REGULAR = 0, 4
 
 _ALGEBRA = for_dimension(3)
 _add, _dot, _scale = _ALGEBRA.add, _ALGEBRA.dot, _ALGEBRA.scale
-_sym_vector, _multiply_diagonal = _ALGEBRA.sym_vector, _ALGEBRA.multiply_diagonal
+_sym_vector = _ALGEBRA.sym_vector
 _exact_prepare, _exact_solve = exact.prepare, exact.solve
 
 

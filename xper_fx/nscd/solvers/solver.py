@@ -67,7 +67,7 @@ class Solver:
         name: by which users ask for it.
     """
 
-    name: ClassVar[str]
+    name: ClassVar[str] = "own"
 
     def solve(
         self, interactions: Interactions, velocity: np.ndarray, options: SolveOptions
@@ -83,7 +83,7 @@ class Solver:
         Returns:
             The report; not converged is reported, not raised.
         """
-        raise NotImplementedError
+        raise NotImplementedError(f"{type(self).__name__} has no method `solve`.")
 
     def kept(self) -> list[object]:
         """The objects that are kept from step to step."""
