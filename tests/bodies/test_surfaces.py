@@ -8,6 +8,7 @@ import pytest
 from dolfinx import fem
 from dolfinx.mesh import CellType, create_box, create_rectangle
 from mpi4py import MPI
+from scipy.spatial.transform import Rotation
 
 from xper_fx.bodies.explode import explode
 from xper_fx.bodies.meshes import crossed_rectangle, tag_cells, tag_facets
@@ -15,6 +16,7 @@ from xper_fx.bodies.surfaces import extract_surface
 from xper_fx.nscd.rigid import Polygon, RigidBody
 from xper_fx.nscd.rigid.bodies import RigidBodies
 from xper_fx.nscd.search.surface_search import SurfaceSearch
+from xper_fx.support.compat import geometry_dofmap
 
 
 def space(bodies, order=1):
@@ -170,6 +172,30 @@ def test_a_crack_that_grows():
     assert search.renewals == 1
     assert len(np.unique(search.bonds.fragment)) == 2
     assert contacts.area.sum() == pytest.approx(1.0, abs=1e-12)
+
+
+def test_rims_of_a_crack_cross_once_its_lips_are_released():
+    """Until then the rims of both lips are one edge, which is not convex (3D)."""
+    mesh = create_box(MPI.COMM_SELF, [np.zeros(3), np.ones(3)], [2, 2, 2])
+    centre = mesh.geometry.x[geometry_dofmap(mesh)].mean(axis=1)
+    bodies = explode(mesh, (centre[:, 0] > 0.5).astype(int))
+    V = space(bodies)
+    x, surface = positions(V), extract_surface(bodies, V)
+    right = np.zeros(len(x), bool)
+    right[V.dofmap.list[bodies.body_of_cell == 1]] = True
+    turn = Rotation.from_rotvec([0.7, 0.02, 0.03])
+    search = SurfaceSearch(surface, x, 0.02)
+    search.find(x)
+    crack = np.arange(len(bodies.facets))
+    x[right] = turn.apply(x[right] - 0.5) + [0.5, 0.5, 0.52]
+    search.expose(crack)
+    search.find(x)
+    search.release(crack)
+    fresh = SurfaceSearch(surface, x, 0.02, released=np.ones(len(crack), bool))
+    found, expected = search.find(x), fresh.find(x)
+    edges = expected.key[:, 0] >> 60 == 2
+    assert edges.any()
+    assert sorted(map(tuple, found.key)) == sorted(map(tuple, expected.key))
 
 
 def test_corner_of_a_surface_on_the_corner_of_a_shape():
