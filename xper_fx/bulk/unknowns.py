@@ -52,6 +52,12 @@ class NodalUnknowns:
         """The part of N^T K N on the nodes, in blocks of dim x dim."""
         return stiffness
 
+    def whole(self, stiffness: sp.bsr_array) -> sp.csr_array:
+        """N^T K N over all unknowns, columns sorted; its pattern hangs on that of K alone."""
+        matrix = sp.csr_array(stiffness)
+        matrix.sort_indices()
+        return matrix
+
     def by_cell(self, unknowns: np.ndarray) -> dict:
         """Unknowns or forces on them in an order that no process decides.
 

@@ -176,7 +176,7 @@ class Interactions(PointValues):
 
     def _take_inverse(self, groups: list[PointGroup]) -> None:
         for group in groups:
-            update_compliance(group, self.inverse.data)
+            update_compliance(group, self.inverse)
         traces = [g.compliance[:, np.equal(*sym_indices(g.kernels.components))].sum(1)
                   for g in self.groups]  # fmt: skip
         stiffness = sum(float(np.sum(t[t > 0.0] ** -2.0)) for t in traces)

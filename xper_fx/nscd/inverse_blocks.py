@@ -23,12 +23,15 @@ class BodyInverse:
             ground's, whose first node is the ground.
         data: all blocks by rows, flat (m/s per N s).
         data_offsets: shape (num_blocks + 1,), first entry of each block in `data`.
+        diagonal: whether there is one block a node, of which `data` has the diagonal alone. Such an
+            inverse gives the compliances of points, and moves nothing.
     """
 
     dim: int
     node_offsets: np.ndarray
     data: np.ndarray
     data_offsets: np.ndarray
+    diagonal: bool = False
 
     @classmethod
     def from_uniform(cls, blocks: np.ndarray, dim: int) -> BodyInverse:
@@ -70,6 +73,13 @@ class BodyInverse:
         place = np.arange(len(diagonal)) - np.repeat(nodes[:-2] * dim, dofs)
         data[np.repeat(offsets[:-2], dofs) + place * np.repeat(dofs + 1, dofs)] = diagonal
         return cls(dim, nodes, data, offsets)
+
+    @classmethod
+    def of_nodes(cls, entries: np.ndarray, dim: int) -> BodyInverse:
+        """Diagonal, from the entries of each node, shape (num_nodes, dim)."""
+        offsets = np.arange(len(entries) + 2, dtype=np.int64)
+        data = np.append(entries.ravel(), np.zeros(dim))
+        return cls(dim, offsets, data, offsets * dim, diagonal=True)
 
     @classmethod
     def from_blocks(cls, blocks: list[np.ndarray], dim: int) -> BodyInverse:

@@ -7,19 +7,21 @@ import numpy as np
 
 from xper_fx.cache import njit
 from xper_fx.nscd.algebra.small import SINGULAR, sym_indices
+from xper_fx.nscd.inverse_blocks import BodyInverse
 from xper_fx.nscd.kernel_options import LEAN_ENTRY
 from xper_fx.nscd.point_group import PointGroup
 
 
-def update_compliance(group: PointGroup, w: np.ndarray) -> None:
-    """Take the values of w; the compliances of a group's points follow.
-
-    Args:
-        group: of points.
-        w: `BodyInverse.data`.
-    """
+def update_compliance(group: PointGroup, inverse: BodyInverse) -> None:
+    """Take the values of w; the compliances of a group's points follow."""
     rows, cols = sym_indices(group.kernels.components)
-    group.couplings = group.couplings._replace(w=w)
+    group.couplings = group.couplings._replace(w=inverse.data)
+    if inverse.diagonal:
+        nodal = inverse.data.reshape(-1, inverse.dim)[group.points.nodes]
+        w = np.einsum("psk,pskd->pd", group.points.weights**2, nodal)
+        frame = group.points.frame
+        group.compliance[:] = np.einsum("ped,pd,ped->pe", frame[:, rows], w, frame[:, cols])
+        return
     arguments = group.couplings, group.points.frame, rows, cols, group.compliance
     if not group.sides.lever_arms:
         _compliance(*arguments)

@@ -115,6 +115,20 @@ class CellUnknowns(NodalUnknowns):
         indptr = np.concatenate([[0], np.cumsum(counts)]).astype(np.int32)
         self._structure = len(unique), (unique % self.num_nodes).astype(np.int32), indptr
 
+    def whole(self, stiffness: sp.bsr_array) -> sp.csr_array:
+        """See `NodalUnknowns`: the rows and columns of G are full."""
+        fields = self.fields(np.arange(self.dim**2))
+        forces = stiffness @ fields
+        columns = self.sum_on_nodes(forces)
+        rows, width = columns.shape
+        indices = np.tile(np.arange(width), rows)
+        border = sp.csr_array((columns.ravel(), indices, np.arange(rows + 1) * width))
+        matrix = sp.block_array(
+            [[self.condense(stiffness), border], [border.T, fields.T @ forces]], format="csr"
+        )
+        matrix.sort_indices()
+        return matrix
+
     def fields(self, components: np.ndarray) -> np.ndarray:
         """Displacements of the nodes of V under unit components of G.
 

@@ -255,9 +255,12 @@ class Model:
 
             by_body = self.detection is not None or self.scene.points != "nodal"
             return ExplicitScheme(self.bulk, interacting, self.stopwatch, by_body)
-        from xper_fx.bulk.implicit import ImplicitScheme
+        if options.monolithic:
+            from xper_fx.bulk.monolithic import MonolithicScheme as Scheme
+        else:
+            from xper_fx.bulk.implicit import ImplicitScheme as Scheme
 
-        return ImplicitScheme(
+        return Scheme(
             self.bulk, interacting, options.theta, options.requested.newton_tolerance,
             options.max_newton, self.stopwatch,
         )  # fmt: skip

@@ -17,6 +17,7 @@ SOLVERS = {
     "newton": "NewtonOnAllPoints",
     "accelerated": "AcceleratedSweeps",
     "subdomains": "BondedGradients",
+    "monolithic": "Monolithic",
 }
 
 
@@ -41,6 +42,12 @@ class Options:
     max_newton: int
     max_halvings: int
     inertia: bool
+
+    @property
+    def monolithic(self) -> bool:
+        """Whether bulk and interactions are solved in one system."""
+        asked = self.solver.name if isinstance(self.solver, Solver) else self.solver
+        return asked == "monolithic"
 
     @classmethod
     def checked(

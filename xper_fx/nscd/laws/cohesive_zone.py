@@ -43,6 +43,18 @@ from xper_fx.cache import njit
 from xper_fx.nscd.algebra.small import for_dimension
 from xper_fx.nscd.kernel_options import LEAN_ENTRY, LEAN_INNER
 from xper_fx.nscd.laws.contact_solver import contact_solver
+from xper_fx.nscd.laws.damage_curve import (
+    BETA0,
+    C_N,
+    C_T,
+    D0,
+    DAMAGE,
+    DC,
+    MU,
+    OPENING_MAX,
+    damage,
+    mean_damage,
+)
 from xper_fx.nscd.laws.law import (
     COHESION,
     ENERGIES,
@@ -54,8 +66,6 @@ from xper_fx.nscd.laws.law import (
 )
 from xper_fx.support.checks import require_non_negative, require_positive, take_numbers
 
-_C_N, _C_T, _D0, _DC, _BETA0, _MU = range(6)
-_OPENING_MAX, _DAMAGE = 0, 1
 
 
 @dataclass(frozen=True)
@@ -69,8 +79,9 @@ class CohesiveZone:
         tangential_stiffness: C_T (Pa/m); C_N if not given.
         friction: Coulomb's mu of the lips; 0 compiles no friction.
         initial_damage: beta0 in (0, 1], 1 for a sound bond.
-        damage: "mean" (module docstring) or "lagged", damage frozen during the step: cheaper,
-            and spends too much energy when the step is not small beside the softening time.
+        damage: "mean" (module docstring); "lagged", damage frozen during the step: cheaper,
+            and spends too much energy when the step is not small beside the softening time; or
+            "end" (`damage_at_end.py`), which the monolithic solver takes, and static runs have.
 
     Raises:
         ValueError: a number out of range, or w <= Rmax d0 / 2: the bond would have to break
@@ -98,8 +109,10 @@ class CohesiveZone:
         require_non_negative("friction", self.friction)
         if not 0.0 < self.initial_damage <= 1.0:
             raise ValueError(f"initial_damage should lie in (0, 1], got {self.initial_damage}.")
-        if self.damage not in ("mean", "lagged"):
-            raise ValueError(f'damage should be "mean" or "lagged", got {self.damage!r}.')
+        if self.damage not in ("mean", "lagged", "end"):
+            raise ValueError(
+                f'damage should be "mean", "lagged" or "end", got {self.damage!r}.'
+            )
         least = 0.5 * self.strength * self.elastic_opening
         if self.fracture_energy <= least:
             raise ValueError(
@@ -133,6 +146,10 @@ class CohesiveZone:
 
     def kernels(self, dim: int) -> LawKernels:
         """See `Law`."""
+        if self.damage == "end":
+            from xper_fx.nscd.laws.damage_at_end import end_kernels
+
+            return end_kernels(dim, self.friction > 0.0)
         return _kernels(dim, self.friction > 0.0, self.damage == "lagged")
 
     def parameters(self) -> tuple[float, ...]:
@@ -147,39 +164,6 @@ class CohesiveZone:
     def initial_state(self) -> tuple[float, ...]:
         """Largest opening so far (m) and damage."""
         return 0.0, self.initial_damage
-
-
-@njit(**LEAN_ENTRY)
-def damage(x, d0, dc, beta0):
-    """g(x): damage of a bond opened monotonically to x (m) (Perales et al. 2010, eq. 37)."""
-    if x <= d0:
-        return beta0
-    if x >= dc:
-        return 0.0
-    y = (x - d0) / (dc - d0)
-    return beta0 * d0 / x * (1.0 - y * y)
-
-
-@njit(**LEAN_ENTRY)
-def mean_damage(x1, x0, x_max, beta, d0, dc, beta0):
-    """Mean of the damage over x^2 from x0 to x1 (m), for a bond that had reached x_max, beta.
-
-    Up to x_max the bond unloads along its secant (beta); beyond, it follows g. No difference of
-    nearly equal numbers is taken.
-    """
-    if x1 <= x_max or beta == 0.0:
-        return beta
-    start = max(x_max, d0, x0)  # below d0 the curve is still its secant
-    if x1 <= start:
-        return beta
-    top = min(x1, dc)
-    length = dc - d0
-    spent = 0.0
-    if top > start:
-        y0, y1 = (start - d0) / length, (top - d0) / length
-        spent = 2.0 * beta0 * d0 * (top - start) * (1.0 - (y1 * y1 + y1 * y0 + y0 * y0) / 3.0)
-    secant = beta * (start - x0) * (start + x0)
-    return (secant + spent) / ((x1 - x0) * (x1 + x0))
 
 
 @cache
@@ -249,14 +233,14 @@ def _kernels(dim: int, friction: bool, lagged: bool) -> LawKernels:
         if friction:
             for j in range(1, dim):
                 details[i, shift + j - 1] = (1.0 - theta) / theta * velocity[j]
-        beta = state[i, _DAMAGE]
-        reach = max(state[i, _OPENING_MAX], parameters[i, _D0]) / scaled
+        beta = state[i, DAMAGE]
+        reach = max(state[i, OPENING_MAX], parameters[i, D0]) / scaled
         terms[i, limit] = np.inf if (beta == 0.0 or lagged) else reach * reach
         details[i, start] = beta
         details[i, jump_start] = np.sqrt(opening(jump))
         details[i, h_theta] = scaled
-        details[i, k_n] = scaled * scaled * area * parameters[i, _C_N]
-        details[i, k_t] = scaled * scaled * area * parameters[i, _C_T]
+        details[i, k_n] = scaled * scaled * area * parameters[i, C_N]
+        details[i, k_t] = scaled * scaled * area * parameters[i, C_T]
         s = soften(sym_row(w, i), beta * details[i, k_n], beta * details[i, k_t])
         set_damage(i, beta, s, terms, details)
 
@@ -282,7 +266,7 @@ def _kernels(dim: int, friction: bool, lagged: bool) -> LawKernels:
             return scale(-1.0, bonded(k, p, new)), True
         if friction:
             new, impulse = with_contact(
-                new, s, k, p, -jump_h[0], shift_of(details, i), parameters[i, _MU]
+                new, s, k, p, -jump_h[0], shift_of(details, i), parameters[i, MU]
             )
         else:
             new, impulse = with_contact(new, s, k, p, -jump_h[0], (0.0,), 0.0)
@@ -294,10 +278,10 @@ def _kernels(dim: int, friction: bool, lagged: bool) -> LawKernels:
         if speed <= terms[i, limit]:
             lost = details[i, start] - details[i, mean]
             return -lost / details[i, start] if lost > 0.0 else 0.0
-        x_max = max(details[i, h_theta] * np.sqrt(terms[i, limit]), parameters[i, _D0])
+        x_max = max(details[i, h_theta] * np.sqrt(terms[i, limit]), parameters[i, D0])
         beta = mean_damage(
             details[i, h_theta] * np.sqrt(speed), details[i, jump_start], x_max,
-            details[i, start], parameters[i, _D0], parameters[i, _DC], parameters[i, _BETA0],
+            details[i, start], parameters[i, D0], parameters[i, DC], parameters[i, BETA0],
         )  # fmt: skip
         fall = details[i, mean] - beta
         if fall <= 0.0:
@@ -308,15 +292,15 @@ def _kernels(dim: int, friction: bool, lagged: bool) -> LawKernels:
 
     @njit(**LEAN_INNER)
     def commit(i, jump0, jump1, u, r, area, step, theta, parameters, state, terms, details, energy):
-        c_n, c_t = parameters[i, _C_N], parameters[i, _C_T]
-        d0, dc, beta0 = parameters[i, _D0], parameters[i, _DC], parameters[i, _BETA0]
+        c_n, c_t = parameters[i, C_N], parameters[i, C_T]
+        d0, dc, beta0 = parameters[i, D0], parameters[i, DC], parameters[i, BETA0]
         old = details[i, start]
         x1 = np.sqrt(opening(jump1))
-        reached = max(state[i, _OPENING_MAX], x1)
+        reached = max(state[i, OPENING_MAX], x1)
         new = min(old, damage(reached, d0, dc, beta0))
         beta = old
         if not lagged:
-            x_max = max(state[i, _OPENING_MAX], d0)
+            x_max = max(state[i, OPENING_MAX], d0)
             beta = mean_damage(x1, details[i, jump_start], x_max, old, d0, dc, beta0)
             beta = min(beta, details[i, mean])
             new = min(new, beta)
@@ -333,7 +317,7 @@ def _kernels(dim: int, friction: bool, lagged: bool) -> LawKernels:
         sliding = pressing
         if friction:
             size = dot(hat, hat) - hat[0] * hat[0]
-            bound = parameters[i, _MU] * hat[0]
+            bound = parameters[i, MU] * hat[0]
             sliding = pressing and size >= (1.0 - 1e-6) * bound * bound
         energy[i, STORED] = new * e1
         energy[i, COHESION] = (beta - new) * e1 + (old - beta) * e0
@@ -344,8 +328,8 @@ def _kernels(dim: int, friction: bool, lagged: bool) -> LawKernels:
             + lost_t - energy[i, FRICTION]
             + lost_n - energy[i, IMPACT]
         )  # fmt: skip
-        state[i, _OPENING_MAX] = reached
-        state[i, _DAMAGE] = new
+        state[i, OPENING_MAX] = reached
+        state[i, DAMAGE] = new
         return 2 if sliding else (1 if pressing else 0)
 
     effects = [

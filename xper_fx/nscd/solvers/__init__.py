@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from xper_fx.nscd.solvers.auto import Automatic as Automatic
     from xper_fx.nscd.solvers.distributed import DistributedSweeps as DistributedSweeps
     from xper_fx.nscd.solvers.feti import BondedGradients as BondedGradients
+    from xper_fx.nscd.solvers.monolithic import Monolithic as Monolithic
     from xper_fx.nscd.solvers.newton import NewtonOnAllPoints as NewtonOnAllPoints
     from xper_fx.nscd.solvers.nlgs import NonlinearGaussSeidel as NonlinearGaussSeidel
     from xper_fx.nscd.solvers.solver import SolveOptions as SolveOptions
@@ -22,6 +23,7 @@ _MODULE_OF = {
     "Automatic": "auto",
     "BondedGradients": "feti",
     "DistributedSweeps": "distributed",
+    "Monolithic": "monolithic",
     "NewtonOnAllPoints": "newton",
     "NonlinearGaussSeidel": "nlgs",
     "SolveOptions": "solver",

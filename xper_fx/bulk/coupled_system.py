@@ -1,0 +1,140 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+r"""The matrix of bulk and interactions together: A + H K H^T over all unknowns.
+
+A = M + C + h^2 theta^2 dF/dq is the bulk's iteration matrix, K the springs that stand for the laws
+of the points (`nscd/point_tangents.py`), H the map from impulses at points to nodes. The pattern
+does not change while the points stay, whatever opens, closes or breaks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import scipy.sparse as sp
+
+from xper_fx.bulk.sparse_direct import SparseDirect
+from xper_fx.nscd.interactions import Interactions
+
+# Difference from its transpose, relative to its entries, up to which a spring is symmetric:
+# tangents are taken by differences.
+_SYMMETRIC = 1e-5
+# Share of the bulk's diagonal that is added to it, so that bodies which nothing holds for the moment do
+# not end the iteration: what it leaves the next iteration corrects.
+_SHIFT = 1e-12
+
+
+class CoupledSystem:
+    """Matrix and factorisations for the points that there are.
+
+    Args:
+        bulk: A of some state, in compressed rows with the pattern of all states.
+        prescribed: shape (num_dofs,), bool, dofs whose motion is given.
+        dofs_of_slots: shape (num_slots * dim,), the unknown that each entry of the points'
+            velocities is, -1 for the ground's.
+        interactions: the points, None without any.
+
+    Attributes:
+        factorisations: made so far.
+    """
+
+    def __init__(
+        self,
+        bulk: sp.csr_array,
+        prescribed: np.ndarray,
+        dofs_of_slots: np.ndarray,
+        interactions: Interactions | None,
+    ):
+        self._size = bulk.shape[0]
+        self._held, self._free = np.flatnonzero(prescribed), ~prescribed
+        groups = [] if interactions is None else interactions.groups
+        self._springs = [_at_dofs(g, dofs_of_slots) for g in groups]
+        keys = [np.repeat(np.arange(self._size), np.diff(bulk.indptr)) * self._size + bulk.indices]
+        for dofs, _ in self._springs:
+            pairs = dofs[:, :, None] * self._size + dofs[:, None, :]
+            there = dofs >= 0
+            keys.append(np.where(there[:, :, None] & there[:, None, :], pairs, 0).ravel())
+        keys.append(np.arange(self._size) * (self._size + 1))
+        unique, places = np.unique(np.concatenate(keys), return_inverse=True)
+        ends = np.cumsum([len(k) for k in keys])
+        self._of_bulk = places[: ends[0]]
+        self._of_springs = [places[a:b] for a, b in zip(ends[:-2], ends[1:-1], strict=True)]
+        self._diagonal = places[ends[-2] :]
+        self._rows, self._columns = np.divmod(unique, self._size)
+        self._indptr = np.searchsorted(self._rows, np.arange(self._size + 1))
+        self._kept = self._free[self._rows] & self._free[self._columns]
+        self._solvers: dict[bool, SparseDirect] = {}
+        self._data = self._factorised = np.zeros(0)
+        self._used: SparseDirect | None = None
+        self.factorisations = 0
+
+    def take(self, bulk: sp.csr_array, stiffness: Sequence[np.ndarray]) -> None:
+        """Take the values; factorise them unless they are those of the last time.
+
+        Args:
+            bulk: A, of the pattern given.
+            stiffness: K of each group, shape (n, components, components).
+
+        Raises:
+            SingularMatrixError: they cannot be factorised.
+        """
+        data = np.bincount(self._of_bulk, bulk.data, len(self._rows))
+        shift = _SHIFT * np.abs(data[self._diagonal])
+        symmetric = True
+        for (dofs, g), where, k in zip(self._springs, self._of_springs, stiffness, strict=True):
+            entries = np.einsum("pia,pij,pjb->pab", g, k, g, optimize=True)
+            there = dofs >= 0
+            entries *= there[:, :, None] & there[:, None, :]
+            data += np.bincount(where, entries.ravel(), len(self._rows))
+            apart = np.abs(k - k.transpose(0, 2, 1)).max(axis=(1, 2), initial=0.0)
+            bound = _SYMMETRIC * np.abs(k).max(axis=(1, 2), initial=0.0)
+            symmetric = symmetric and bool(np.all(apart <= bound))
+        self._data = data
+        masked = np.where(self._kept, data, 0.0)
+        diagonal = masked[self._diagonal]
+        masked[self._diagonal] = np.where(self._free, diagonal + shift, 1.0)
+        if self._used is not None and np.array_equal(masked, self._factorised):
+            return
+        if symmetric not in self._solvers:
+            self._solvers[symmetric] = SparseDirect(self._indptr, self._columns, symmetric)
+        self._used, self._factorised = None, masked
+        self._solvers[symmetric].factorise(masked)
+        self._used = self._solvers[symmetric]
+        self.factorisations += 1
+
+    def solve(self, right: np.ndarray, given: np.ndarray) -> np.ndarray:
+        """The solution x, shape (num_dofs,).
+
+        Args:
+            right: shape (num_dofs,), of which the free dofs count.
+            given: shape (num_dofs,), x where the motion is prescribed.
+        """
+        x = np.where(self._free, 0.0, given)
+        shifted = right
+        if np.any(x):
+            product = self._data * x[self._columns]
+            shifted = right - np.bincount(self._rows, product, self._size)
+        return self._used.solve(np.where(self._free, shifted, x))
+
+    @property
+    def negative_pivots(self) -> int:
+        """Negative eigenvalues of the last matrix: 0 where the state is stable."""
+        return self._used.negative_pivots
+
+    @property
+    def nbytes(self) -> int:
+        """Memory held, factors apart, in bytes."""
+        own = (self._of_bulk, self._rows, self._columns, self._kept, self._data, self._diagonal)
+        return sum(a.nbytes for a in (*own, *self._of_springs)) + sum(
+            d.nbytes + g.nbytes for d, g in self._springs
+        )
+
+
+def _at_dofs(group, dofs_of_slots: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Unknowns at each point of a group, (n, 2 k dim), and H^T there, (n, components, 2 k dim)."""
+    points, dim = group.points, group.sides.dim
+    n = len(points)
+    slots = points.nodes[..., None].astype(np.int64) * dim + np.arange(dim)
+    signed = points.weights * np.array([1.0, -1.0])[:, None]
+    h = np.einsum("psk,pid->piskd", signed, points.frame)
+    return dofs_of_slots[slots].reshape(n, -1), h.reshape(n, points.frame.shape[1], -1)

@@ -1,0 +1,380 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+r"""Bulk and interactions in one system: semismooth Newton on the velocities of all bodies.
+
+For the velocities v of all unknowns and the impulses r of all points a step asks
+
+    R(v) + H r = 0   where motions are free,      r = S(H^T v, r)   at each point,
+
+R being the bulk's momentum balance and S a law's answer. With its springs K and sources g
+(`nscd/point_tangents.py`) each iteration solves
+
+    (A + H K H^T) dv = R + H r + H g,      dr = g - K H^T dv,
+
+A = M + C + h^2 theta^2 dF/dq, by a sparse factorisation (`coupled_system.py`). Nothing is asked of
+A: bodies that only their interactions hold, stiff bonds and no inertia at all are the same to it.
+A point that its law holds (contact, stick, a perfect bond) has a multiplier for its impulse, so
+that constraints are exact, not penalties.
+
+A step is shortened where it would raise what is left. That is taken with the laws' answers for
+impulses, so that every inequality is kept: |R + H r| over the free unknowns, and the change of the
+answers when they are asked again, which is what held points are apart, times the bulk's stiffness.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+import scipy.sparse as sp
+
+from xper_fx.bulk.bulk import Bulk
+from xper_fx.bulk.coupled_system import CoupledSystem
+from xper_fx.bulk.sparse_direct import SingularMatrixError
+from xper_fx.bulk.state import State, StepOutcome, reactions_on
+from xper_fx.bulk.step_equations import StepEquations
+from xper_fx.nscd.interactions import Interactions
+from xper_fx.nscd.inverse_blocks import BodyInverse
+from xper_fx.nscd.point_tangents import PointTangents
+from xper_fx.nscd.solvers.solver import SolveOptions, Solver
+from xper_fx.support.profile import Stopwatch
+
+logger = logging.getLogger(__name__)
+
+# Stiffness of the bulk at a point over the one that its branch is decided with: soft, so that a
+# multiplier decides, and not a gap that is yet to be closed.
+_SOFTNESS = 100.0
+# Lengths of a step that are tried, and what is left of how many iterations it may not exceed.
+_LENGTHS, _MEMORY = (1.0, 0.5, 0.25, 0.1), 3
+# Growth of what is left at which an iteration has gone astray.
+_ASTRAY = 1e9
+# Relative rounding of velocities at the ends of a spring.
+_ROUNDING = 4.0 * np.finfo(float).eps
+# Steps of differences where nothing moves yet, relative to the size of the scene a step.
+_LEAST, _SMALLEST = 1e-9, 1e-13
+
+
+class PointsOfNodes(NamedTuple):
+    """Where points find their velocities: as `xper_fx.bulk.body_inverse`, without w on the bulk."""
+
+    nodes: np.ndarray
+    num_nodes: int
+    blocks: BodyInverse
+
+
+class MonolithicScheme:
+    """Theta scheme of the bulk together with the interactions.
+
+    Args:
+        bulk: the bulk.
+        interacting: nodes at which interactions act.
+        theta: weight of the end of the step, in [1/2, 1].
+        newton_tolerance: bound on what is left, relative to the largest nodal impulse.
+        max_newton: iterations after which a step is given up.
+        stopwatch: where phases are timed.
+    """
+
+    def __init__(
+        self,
+        bulk: Bulk,
+        interacting: np.ndarray,
+        theta: float,
+        newton_tolerance: float,
+        max_newton: int,
+        stopwatch: Stopwatch,
+    ):
+        self.bulk, self.theta = bulk, theta
+        self._weight = bulk.end_weight(theta)
+        self._nodes = np.asarray(interacting)
+        self._tolerance, self._max_newton = newton_tolerance, max_newton
+        self._stopwatch = stopwatch
+        self._system: CoupledSystem | None = None
+        self._renewals = -1
+        self._compliance: tuple[float, PointsOfNodes] | None = None
+        self._linear: tuple[float, sp.csr_array] | None = None
+        x = bulk.forms.bodies.mesh.geometry.x
+        self._extent = float(np.ptp(x, axis=0).max())
+        stopwatch.owns("coupled system", lambda: self.nbytes)
+
+    # Matrices
+
+    def inverse(self, step: float, displacement: np.ndarray) -> PointsOfNodes:
+        """The nodes of the points, and compliances for a step size by which branches are told."""
+        if self._compliance is None or self._compliance[0] != step:
+            diagonal = self._matrix(step, displacement).diagonal()
+            free = ~self.bulk.layout.prescribed
+            soft = np.zeros(len(diagonal))
+            np.divide(_SOFTNESS, np.abs(diagonal), out=soft, where=free & (diagonal != 0.0))
+            entries = soft.reshape(-1, self.bulk.dim)[self._nodes]
+            blocks = BodyInverse.of_nodes(entries, self.bulk.dim)
+            found = PointsOfNodes(self._nodes, len(self.bulk.layout.nodes), blocks)
+            self._compliance = step, found
+        return self._compliance[1]
+
+    def _matrix(self, step: float, displacement: np.ndarray) -> sp.csr_array:
+        """A; its pattern is always the same."""
+        bulk = self.bulk
+        if bulk.linear and self._linear is not None and self._linear[0] == step:
+            return self._linear[1]
+        scaled = step * self.theta
+        stiffness = (bulk.stiffness if bulk.linear else bulk.tangent(displacement)).copy()
+        stiffness.data *= scaled**2
+        if bulk.damping is not None:
+            bulk.damping.add_to(stiffness, scaled)
+        matrix = bulk.unknowns.whole(stiffness)
+        rows = np.repeat(np.arange(matrix.shape[0]), np.diff(matrix.indptr))
+        if np.ndim(self._weight):
+            ratio = self._weight / self.theta
+            matrix.data *= ratio[rows] * ratio[matrix.indices]
+        if bulk.inertia is not None:
+            mass = bulk.mass
+            if bulk.damping is not None:
+                mass = mass * bulk.damping.mass_factor(scaled)
+            matrix.data[np.flatnonzero(rows == matrix.indices)] += mass
+        if bulk.linear:
+            self._linear = step, matrix
+        return matrix
+
+    def _coupled(self, matrix: sp.csr_array, interactions: Interactions | None) -> CoupledSystem:
+        """The system of the points there are."""
+        renewals = 0 if interactions is None else interactions.renewals
+        if self._system is None or renewals != self._renewals:
+            dofs_of_slots = np.zeros(0, np.int64)
+            if interactions is not None:
+                dofs_of_slots = np.full(interactions.inverse.num_slots * self.bulk.dim, -1)
+                dofs = self.bulk.layout.dofs(self._nodes)
+                dofs_of_slots[: len(dofs)] = dofs
+            self._system = CoupledSystem(
+                matrix, self.bulk.layout.prescribed, dofs_of_slots, interactions
+            )
+            self._renewals = renewals
+        return self._system
+
+    # A step
+
+    def attempt(
+        self,
+        state: State,
+        step: float,
+        interactions: Interactions | None,
+        solver: Solver,
+        options: SolveOptions,
+    ) -> StepOutcome:
+        """One step from `state`, which is not changed; see `ImplicitScheme.attempt`."""
+        bulk, watch = self.bulk, self._stopwatch
+        time = state.time + step
+        bulk.forms.set_step(step)
+        equations = StepEquations(bulk, state, step, self._weight)
+        external = bulk.external(time)
+        equations.load(external)
+        wanted = state.velocity.copy()
+        bulk.prescribe(wanted, time, step, self.theta, state.displacement, state.velocity)
+        if interactions is not None:
+            with watch.phase("interaction terms"):
+                blocks = self.inverse(step, state.displacement).blocks
+                if interactions.bulk_inverse is not blocks:
+                    interactions.update_inverse(blocks)
+                interactions.begin_step(step, self.theta)
+        newton = _Newton(self, equations, interactions, state, step, wanted)
+        converged = newton.run(self._tolerance, self._max_newton)
+        velocity, impulses = newton.velocity, newton.impulses
+        reactions = reactions_on(
+            bulk.layout.prescribed, lambda d: -(newton.residual[d] + impulses[d])
+        )
+        end = State(time, equations.displacement(velocity), velocity, newton.internal, external)
+        mean = self._weight * velocity + (1.0 - self._weight) * state.velocity
+        return StepOutcome(
+            end, newton.slots, impulses, reactions, equations.force_impulse, bulk.viscous(mean), 0,
+            newton.left, 0.0, newton.iterations, newton.left, converged,
+        )  # fmt: skip
+
+    @property
+    def nbytes(self) -> int:
+        """Memory held by matrices, factors apart, in bytes."""
+        linear = 0 if self._linear is None else 1.5 * self._linear[1].data.nbytes
+        return int(linear) + (0 if self._system is None else self._system.nbytes)
+
+    def holds(self, step: float) -> bool:
+        """As of `ImplicitScheme`: matrices are made anew from the state."""
+        return step > 0.0
+
+    def saved(self) -> dict:
+        """Nothing is kept from step to step that decides about bits."""
+        return {}
+
+    def restore(self, saved: Mapping) -> None:
+        """Nothing to restore."""
+
+
+class _Newton:
+    """The iterations of one step.
+
+    Attributes:
+        velocity: of all unknowns (m/s).
+        residual, internal: of the bulk there, without impulses (N s), and its forces (N).
+        slots: velocities of the points' nodes.
+        impulses: H r on all unknowns (N s).
+        left: what is left, relative to the largest nodal impulse.
+        iterations: made.
+    """
+
+    def __init__(self, scheme, equations, interactions, state, step, wanted):
+        self._scheme, self._equations, self._interactions = scheme, equations, interactions
+        self._step, self._wanted = step, wanted
+        self._free = ~scheme.bulk.layout.prescribed
+        self._tangents = None if interactions is None else PointTangents(interactions)
+        # without inertia the last step's velocities mean nothing for this one
+        start = state.velocity if scheme.bulk.inertia is not None else np.zeros_like(wanted)
+        self.velocity, self.slots = start.copy(), np.zeros(0)
+        self.impulses = np.zeros_like(start)
+        self.residual, self.internal = equations.residual(self.velocity)
+        self.left, self.iterations = np.inf, 0
+
+    def run(self, tolerance: float, most: int) -> bool:
+        """Whether what is left came within the tolerance."""
+        history: list[float] = []
+        reference = 0.0
+        for self.iterations in range(1, most + 1):
+            try:
+                dv, changes = self._correction()
+            except SingularMatrixError:
+                return False
+            best = None
+            start, old = self.velocity, self._old_impulses()
+            for length in _LENGTHS:
+                self._go(start + length * dv, old, changes, length)
+                merit = self._merit()
+                if best is None or merit < best[0]:
+                    best = merit, length
+                if not history or merit < max(history[-_MEMORY:]):
+                    break
+            if best[1] != length:
+                self._go(start + best[1] * dv, old, changes, best[1])
+                self._merit()
+            history.append(best[0])
+            if not np.isfinite(best[0]):
+                return False
+            reference = max(reference, self._size())
+            floor = self._floor()
+            self.left = self._most / reference if reference > 0.0 else 0.0
+            logger.debug(
+                "iteration %d: length %g, %.2e left, %d points held", self.iterations, best[1],
+                self.left, self._num_held(),
+            )  # fmt: skip
+            if self._most <= max(tolerance * reference, floor) and best[1] == 1.0:
+                if self._interactions is None:
+                    return True
+                if self._interactions.evolve(self.slots) <= tolerance:
+                    return True
+                history.clear()
+            elif best[0] > _ASTRAY * reference:
+                return False
+        return False
+
+    def _correction(self) -> tuple[np.ndarray, list[np.ndarray]]:
+        """dv of all unknowns and dr of each group."""
+        scheme, interactions, watch = self._scheme, self._interactions, self._scheme._stopwatch
+        with watch.phase("bulk matrix"):
+            displacement = self._equations.displacement(self.velocity)
+            matrix = scheme._matrix(self._step, displacement)
+        right, stiffness = self.residual, []
+        if interactions is not None:
+            with watch.phase("point tangents"):
+                self.slots = self._slots(self.velocity)
+                self._tangents.linearise(self.slots, self._least())
+                stiffness = self._tangents.stiffness
+                source = [
+                    g.impulse + s
+                    for g, s in zip(interactions.groups, self._tangents.source, strict=True)
+                ]
+                right = right + self._on_unknowns(self._tangents.spread(source))
+        with watch.phase("factorisation"):
+            system = scheme._coupled(matrix, interactions)
+            system.take(matrix, stiffness)
+        with watch.phase("solution"):
+            dv = system.solve(right, self._wanted - self.velocity)
+        if interactions is None:
+            return dv, []
+        moved = self._slots(dv).reshape(-1, interactions.dim)
+        return dv, self._tangents.changes(moved)
+
+    def _old_impulses(self) -> list[np.ndarray]:
+        groups = [] if self._interactions is None else self._interactions.groups
+        return [g.impulse.copy() for g in groups]
+
+    def _go(self, velocity, old, changes, length) -> None:
+        """Velocities and impulses at a length of the step; the laws answer there."""
+        self.velocity = velocity
+        with self._scheme._stopwatch.phase("free velocity"):
+            self.residual, self.internal = self._equations.residual(velocity)
+        if self._interactions is None:
+            return
+        self.slots = self._slots(velocity)
+        for g, before, change in zip(self._interactions.groups, old, changes, strict=True):
+            np.multiply(change, length, out=g.impulse)
+            g.impulse += before
+        with self._scheme._stopwatch.phase("point tangents"):
+            self._answer()
+            self._apart = self._answer()
+
+    def _answer(self) -> tuple[float, float]:
+        """Impulses become the laws' answers, which keep every inequality.
+
+        Returns:
+            Sum of squares and largest entry of k over the softened one times their change.
+        """
+        self._tangents.respond(self.slots)
+        total, most = 0.0, 0.0
+        for g, answer in zip(self._interactions.groups, self._tangents.response, strict=True):
+            apart = _SOFTNESS * (answer - g.impulse)
+            total += float(np.vdot(apart, apart))
+            most = max(most, float(np.abs(apart).max(initial=0.0)))
+            g.impulse[:] = answer
+        return total, most
+
+    def _merit(self) -> float:
+        """What is left; `_most` is its largest entry."""
+        total, most = 0.0, 0.0
+        self.impulses = np.zeros_like(self.velocity)
+        if self._interactions is not None:
+            self.impulses = self._on_unknowns(self._interactions.impulses())
+            total, most = self._apart
+        balance = (self.residual + self.impulses)[self._free]
+        self._most = max(most, float(np.abs(balance).max(initial=0.0)))
+        return float(np.sqrt(total + balance @ balance))
+
+    def _size(self) -> float:
+        """Largest nodal impulse."""
+        largest = self._step * np.abs(self.internal).max(initial=0.0)
+        return max(
+            float(largest), float(np.abs(self.impulses).max(initial=0.0)),
+            float(np.abs(self._equations.start).max(initial=0.0)),
+        )  # fmt: skip
+
+    def _floor(self) -> float:
+        """What rounding of velocities leaves at the stiffest spring."""
+        if self._interactions is None:
+            return 0.0
+        stiffest = 0.0
+        for k, held in zip(self._tangents.stiffness, self._tangents.held, strict=True):
+            stiffest = max(stiffest, float(np.abs(k[~held]).max(initial=0.0)))
+        return _ROUNDING * stiffest * float(np.abs(self.velocity).max(initial=0.0))
+
+    def _num_held(self) -> int:
+        return 0 if self._tangents is None else sum(int(h.sum()) for h in self._tangents.held)
+
+    def _least(self) -> float:
+        """Velocity that differences are at least taken over."""
+        speed = max(np.abs(self.slots).max(initial=0.0), np.abs(self._wanted).max(initial=0.0))
+        return max(_LEAST * float(speed), _SMALLEST * self._scheme._extent / self._step)
+
+    def _slots(self, velocity: np.ndarray) -> np.ndarray:
+        dim = self._interactions.dim
+        return self._interactions.free_velocities(velocity.reshape(-1, dim)[self._scheme._nodes])
+
+    def _on_unknowns(self, slots: np.ndarray) -> np.ndarray:
+        out = np.zeros_like(self.velocity)
+        nodes = self._scheme._nodes
+        out.reshape(-1, self._interactions.dim)[nodes] = slots[: len(nodes)]
+        return out

@@ -1,0 +1,89 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Sparse direct solution of systems that keep their pattern: MUMPS through PETSc."""
+
+from __future__ import annotations
+
+import numpy as np
+from petsc4py import PETSc
+
+# MUMPS controls: ordering (METIS where there is one, else picked), room for pivots that are put
+# off (%), no parallel root.
+_ORDERING, _ROOM, _ROOT = (7, 7), (14, 80), (13, 1)
+# MUMPS information: number of negative pivots.
+_NEGATIVE = 12
+
+
+class SingularMatrixError(ArithmeticError):
+    """A matrix that cannot be factorised."""
+
+
+class SparseDirect:
+    """Factorisations of matrices of one pattern.
+
+    Args:
+        indptr, indices: of the rows, as of `scipy.sparse.csr_array`, both triangles.
+        symmetric: whether the values will be symmetric: LDL^T, half the work of LU.
+
+    Attributes:
+        count: of factorisations so far.
+    """
+
+    def __init__(self, indptr: np.ndarray, indices: np.ndarray, symmetric: bool):
+        size = len(indptr) - 1
+        self._pattern = indptr.astype(np.int32), indices.astype(np.int32)
+        self._symmetric, self.count = symmetric, 0
+        self._data = np.zeros(len(indices))
+        self._matrix = PETSc.Mat().createAIJWithArrays(
+            (size, size), (*self._pattern, self._data), comm=PETSc.COMM_SELF
+        )
+        self._matrix.setOption(PETSc.Mat.Option.SYMMETRIC, symmetric)
+        self._solver = PETSc.KSP().create(PETSc.COMM_SELF)
+        self._solver.setOperators(self._matrix)
+        self._solver.setType("preonly")
+        preconditioner = self._solver.getPC()
+        preconditioner.setType("cholesky" if symmetric else "lu")
+        preconditioner.setFactorSolverType("mumps")
+        preconditioner.setFactorSetUpSolverType()
+        self._factor = preconditioner.getFactorMatrix()
+        for number, value in (_ORDERING, _ROOM, _ROOT):
+            self._factor.setMumpsIcntl(number, value)
+        self._x, self._b = self._matrix.createVecs()
+
+    def factorise(self, data: np.ndarray) -> None:
+        """Take new values.
+
+        Raises:
+            SingularMatrixError: they cannot be factorised.
+        """
+        self.count += 1
+        if not np.all(np.isfinite(data)):
+            raise SingularMatrixError("The matrix has entries that are not finite.")
+        self._data[:] = data
+        self._matrix.assemble()
+        self._matrix.stateIncrease()
+        self._solver.setOperators(self._matrix)
+        try:
+            self._solver.setUp()
+        except PETSc.Error as error:
+            raise SingularMatrixError("The matrix cannot be factorised.") from error
+
+    def solve(self, right: np.ndarray) -> np.ndarray:
+        """The solution for one right-hand side, shape (n,).
+
+        Raises:
+            SingularMatrixError: the factors are of no use.
+        """
+        self._b.array[:] = right
+        try:
+            self._solver.solve(self._b, self._x)
+        except PETSc.Error as error:
+            raise SingularMatrixError("The factors are of no use.") from error
+        solution = self._x.array.copy()
+        if not np.all(np.isfinite(solution)):
+            raise SingularMatrixError("The matrix is singular.")
+        return solution
+
+    @property
+    def negative_pivots(self) -> int:
+        """How many eigenvalues of the last matrix are negative; 0 where it is not symmetric."""
+        return self._factor.getMumpsInfog(_NEGATIVE) if self._symmetric else 0

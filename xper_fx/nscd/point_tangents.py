@@ -1,0 +1,197 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+r"""Springs that stand for the points' laws around a state of velocities and impulses.
+
+A law's `solve` is a map r = S(u, r), whose fixed points for a velocity u are the impulses that the
+law allows. Linearised in both,
+
+    dr = g + K' H^T dv,   K' = (I - (1 - p) S_r)^-1 S_u,   g = (I - (1 - p) S_r)^-1 (S - r).
+
+Where the law gives the impulse by itself (a bond: S_r = 0) that is its tangent. Where it holds the
+velocity (contact, stick, a perfect bond) S_r has the eigenvalue 1, the impulse is a multiplier, and
+p keeps its spring finite: 1 / p times that of the compliance W that the law was given, a proximal
+term. Each step of Newton's method then leaves some p of the error of a multiplier, and the
+constraint is exact where the iteration ends, whatever p is (Rockafellar 1976). Which branch a point
+is on S decides with W alone: it is to be soft, so that a multiplier, and not a gap that is yet to
+be closed, decides.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+
+from xper_fx.cache import njit
+from xper_fx.nscd.algebra.small import for_dimension
+from xper_fx.nscd.couplings import Sides, motion, spread_kernel
+from xper_fx.nscd.interactions import Interactions
+from xper_fx.nscd.kernel_options import LEAN_ENTRY
+from xper_fx.nscd.laws.law import LawKernels
+
+# Steps of the differences, relative to the local velocity and impulse.
+_REACH = 1e-7
+# p of the module docstring.
+_PROXIMAL = 1e-5
+# Entry of S_r above which a point is held: its impulse is a multiplier.
+_HELD = 0.5
+# Pivot of I - (1 - p) S_r that counts as zero.
+_SINGULAR = 1e-12
+
+
+@cache
+def _response_kernel(law: LawKernels, sides: Sides):
+    """Kernel: S(u, r) of every point."""
+    algebra = for_dimension(sides.dim, sides.components)
+    row, set_row = algebra.row, algebra.set_row
+    read, _ = motion(sides)
+    solve = law.solve
+
+    @njit(nogil=True, **LEAN_ENTRY)
+    def respond(v, c, r, w, parameters, terms, details, response):
+        for i in range(len(r)):
+            new, _ = solve(i, read(v, c, i), row(r, i), w, parameters, terms, details)
+            set_row(response, i, new)
+
+    return respond
+
+
+@cache
+def _tangent_kernel(law: LawKernels, sides: Sides):
+    """Kernel: S, K = -K', g and whether a point is held, of every point."""
+    components = sides.components
+    algebra = for_dimension(sides.dim, components)
+    row, set_row, add, unit = algebra.row, algebra.set_row, algebra.add, algebra.unit
+    subtract, dot = algebra.subtract, algebra.dot
+    sym_row, sym_vector = algebra.sym_row, algebra.sym_vector
+    read, _ = motion(sides)
+    solve = law.solve
+    columns = 2 * components + 1
+
+    @njit(nogil=True, **LEAN_ENTRY)
+    def tangents(
+        v, c, r, w, parameters, terms, details, least, response, stiffness, source, held, a
+    ):
+        # a: shape (components, 2 components + 1): I - (1 - p) S_r, S_u, S - r
+        for i in range(len(r)):
+            old, u = row(r, i), read(v, c, i)
+            base, _ = solve(i, u, old, w, parameters, terms, details)
+            set_row(response, i, base)
+            moved_by = sym_vector(sym_row(w, i), old)
+            size = np.sqrt(max(dot(u, u), dot(moved_by, moved_by)))
+            reach = max(_REACH * size, least)
+            w_own, count = 0.0, 0
+            for j in range(components):
+                w_own = max(w_own, dot(sym_vector(sym_row(w, i), unit(j, 1.0)), unit(j, 1.0)))
+            push = reach / w_own if w_own > 0.0 else 0.0
+            largest = 0.0
+            for j in range(components):
+                # away from where a point changes its branch: one that presses is pressed more
+                sign = 1.0 if base[j] > 0.0 else -1.0
+                new, _ = solve(
+                    i, add(u, unit(j, -sign * reach)), old, w, parameters, terms, details
+                )
+                column = subtract(new, base)
+                for x in range(components):
+                    a[x, components + j] = -sign * column[x] / reach
+                    a[x, j] = 1.0 if x == j else 0.0
+                if push > 0.0:
+                    signed = sign * push
+                    new, _ = solve(i, u, add(old, unit(j, signed)), w, parameters, terms, details)
+                    column = subtract(new, base)
+                    for x in range(components):
+                        slope = column[x] / signed
+                        largest = max(largest, abs(slope))
+                        a[x, j] -= (1.0 - _PROXIMAL) * slope
+            missing = subtract(base, old)
+            for x in range(components):
+                a[x, columns - 1] = missing[x]
+            held[i] = largest > _HELD
+            for p in range(components):
+                best = p
+                for x in range(p + 1, components):
+                    if abs(a[x, p]) > abs(a[best, p]):
+                        best = x
+                if abs(a[best, p]) < _SINGULAR:
+                    a[best, p] = _SINGULAR
+                for j in range(columns):
+                    a[p, j], a[best, j] = a[best, j], a[p, j]
+                inverse = 1.0 / a[p, p]
+                for j in range(columns):
+                    a[p, j] *= inverse
+                for x in range(components):
+                    factor = a[x, p]
+                    if x != p and factor != 0.0:
+                        for j in range(columns):
+                            a[x, j] -= factor * a[p, j]
+            for x in range(components):
+                source[i, x] = a[x, columns - 1]
+                for j in range(components):
+                    stiffness[i, x, j] = -a[x, components + j]
+
+    return tangents
+
+
+class PointTangents:
+    """The springs of all points of a scene.
+
+    Args:
+        interactions: the points, whose compliances are those of `BodyInverse.of_nodes`.
+
+    Attributes:
+        stiffness: of each group, shape (n, components, components), K (N s per m/s).
+        source: of each group, shape (n, components), g (N s).
+        response: of each group, shape (n, components), S(u, r) (N s).
+        held: of each group, shape (n,), whether the impulse is a multiplier.
+    """
+
+    def __init__(self, interactions: Interactions):
+        self._interactions = interactions
+        groups = interactions.groups
+        shapes = [(len(g), g.kernels.components) for g in groups]
+        self.stiffness = [np.zeros((*shape, shape[1])) for shape in shapes]
+        self.source = [np.zeros(shape) for shape in shapes]
+        self.response = [np.zeros(shape) for shape in shapes]
+        self.held = [np.zeros(shape[0], bool) for shape in shapes]
+
+    def linearise(self, velocity: np.ndarray, least: float) -> None:
+        """Take the springs around a state.
+
+        Args:
+            velocity: shape (num_slots * dim,), m/s; the impulses are the points'.
+            least: velocity (m/s) that differences are at least taken over.
+        """
+        for number, g in enumerate(self._interactions.groups):
+            n = g.kernels.components
+            _tangent_kernel(g.kernels, g.sides)(
+                velocity, g.couplings, g.impulse, g.compliance, g.parameters, g.terms, g.details,
+                least, self.response[number], self.stiffness[number], self.source[number],
+                self.held[number], np.empty((n, 2 * n + 1)),
+            )  # fmt: skip
+
+    def respond(self, velocity: np.ndarray) -> None:
+        """Take `response` alone."""
+        for g, response in zip(self._interactions.groups, self.response, strict=True):
+            _response_kernel(g.kernels, g.sides)(
+                velocity, g.couplings, g.impulse, g.compliance, g.parameters, g.terms, g.details,
+                response,
+            )  # fmt: skip
+
+    def changes(self, moved: np.ndarray) -> list[np.ndarray]:
+        """dr of each group, shape (n, components) (N s), where the nodes' velocities change.
+
+        Args:
+            moved: shape (num_slots, dim), change of the velocities (m/s).
+        """
+        groups = self._interactions.groups
+        return [
+            g_source - np.einsum("pij,pj->pi", k, g.points.relative(moved))
+            for g, k, g_source in zip(groups, self.stiffness, self.source, strict=True)
+        ]
+
+    def spread(self, local: list[np.ndarray]) -> np.ndarray:
+        """H x of what each group has at its points, shape (num_slots, dim)."""
+        inverse = self._interactions.inverse
+        total = np.zeros((inverse.num_slots, inverse.dim))
+        for g, values in zip(self._interactions.groups, local, strict=True):
+            spread_kernel(g.sides)(total.reshape(-1), g.couplings, values)
+        return total
