@@ -73,6 +73,7 @@ if TYPE_CHECKING:
     from xper_fx.scene.scene import Scene as Scene
     from xper_fx.scene.scene import Wall as Wall
     from xper_fx.scene.tie import Tie as Tie
+    from xper_fx.simulation.path import GrowthControl as GrowthControl
     from xper_fx.simulation.simulation import Simulation as Simulation
     from xper_fx.simulation.step_record import StepRecord as StepRecord
     from xper_fx.study import effect_prices as effect_prices
@@ -101,6 +102,7 @@ _MODULE_OF = {
     "RigidBody": "nscd.rigid",
     "Scene": "scene.scene",
     "SerialOnlyError": "bodies.meshes",
+    "GrowthControl": "simulation.path",
     "Simulation": "simulation.simulation",
     "StepRecord": "simulation.step_record",
     "Study": "study.definition",

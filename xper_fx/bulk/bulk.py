@@ -302,19 +302,22 @@ class Bulk:
         theta: float,
         displacement0: np.ndarray,
         velocity0: np.ndarray,
+        elapsed: float | None = None,
     ) -> None:
         """Set the prescribed dofs of an end-of-step velocity.
 
         A displacement given at the end of the step asks for
-        v1 = [(u(t1) - q0) / h - (1 - theta) v0] / theta.
+        v1 = [(u(t1) - q0) / h - (1 - theta) v0] / theta. Where the time that elapses is not h, as
+        on a path whose load is unknown, a velocity given moves by its value times that time.
         """
+        share = 1.0 if elapsed is None else elapsed / step
         for dofs, motion in self._motions:
             value = value_at(motion.value, time)
             if isinstance(motion, PrescribedDisplacement):
                 rate = (value - displacement0[dofs]) / step
                 velocity[dofs] = (rate - (1.0 - theta) * velocity0[dofs]) / theta
             else:
-                velocity[dofs] = value
+                velocity[dofs] = share * value
 
     def start(self, velocity: np.ndarray, step: float) -> None:
         """Set the dofs of prescribed displacements to their rate at the start.

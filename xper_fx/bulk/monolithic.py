@@ -31,9 +31,11 @@ import scipy.sparse as sp
 
 from xper_fx.bulk.bulk import Bulk
 from xper_fx.bulk.coupled_system import CoupledSystem
+from xper_fx.bulk.loading import Loading
 from xper_fx.bulk.sparse_direct import SingularMatrixError
 from xper_fx.bulk.state import State, StepOutcome, reactions_on
 from xper_fx.bulk.step_equations import StepEquations
+from xper_fx.nscd.growth import GrowthLimit
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.inverse_blocks import BodyInverse
 from xper_fx.nscd.point_tangents import PointTangents
@@ -47,6 +49,8 @@ logger = logging.getLogger(__name__)
 _SOFTNESS = 100.0
 # Lengths of a step that are tried, and what is left of how many iterations it may not exceed.
 _LENGTHS, _MEMORY = (1.0, 0.5, 0.25, 0.1), 3
+# Relative error of the growth that a step is asked for.
+_GROWN = 1e-6
 # Growth of what is left at which an iteration has gone astray.
 _ASTRAY = 1e9
 # Relative rounding of velocities at the ends of a spring.
@@ -160,29 +164,43 @@ class MonolithicScheme:
         interactions: Interactions | None,
         solver: Solver,
         options: SolveOptions,
+        growth: GrowthLimit | None = None,
+        guess: tuple[float, np.ndarray] | None = None,
     ) -> StepOutcome:
-        """One step from `state`, which is not changed; see `ImplicitScheme.attempt`."""
+        """One step from `state`, which is not changed; see `ImplicitScheme.attempt`.
+
+        With a `growth` the time at which the step ends, and so the load, is found from it; `step`
+        is then the time by which velocities are defined.
+
+        Args:
+            state, step, interactions, solver, options: as of `ImplicitScheme.attempt`.
+            growth: what the step may open, None where its end is given.
+            guess: time (s) and velocities to start from, shape (num_dofs,).
+        """
         bulk, watch = self.bulk, self._stopwatch
-        time = state.time + step
         bulk.forms.set_step(step)
         equations = StepEquations(bulk, state, step, self._weight)
-        external = bulk.external(time)
-        equations.load(external)
-        wanted = state.velocity.copy()
-        bulk.prescribe(wanted, time, step, self.theta, state.displacement, state.velocity)
+        loading = Loading(bulk, equations, state, step, self.theta)
+        if growth is not None:
+            loading.set(state.time)
         if interactions is not None:
             with watch.phase("interaction terms"):
                 blocks = self.inverse(step, state.displacement).blocks
                 if interactions.bulk_inverse is not blocks:
                     interactions.update_inverse(blocks)
                 interactions.begin_step(step, self.theta)
-        newton = _Newton(self, equations, interactions, state, step, wanted)
+        newton = _Newton(self, equations, loading, interactions, state, step, growth)
+        if guess is not None:
+            newton.start_from(*guess)
         converged = newton.run(self._tolerance, self._max_newton)
         velocity, impulses = newton.velocity, newton.impulses
         reactions = reactions_on(
             bulk.layout.prescribed, lambda d: -(newton.residual[d] + impulses[d])
         )
-        end = State(time, equations.displacement(velocity), velocity, newton.internal, external)
+        end = State(
+            loading.time, equations.displacement(velocity), velocity, newton.internal,
+            loading.external,
+        )  # fmt: skip
         mean = self._weight * velocity + (1.0 - self._weight) * state.velocity
         return StepOutcome(
             end, newton.slots, impulses, reactions, equations.force_impulse, bulk.viscous(mean), 0,
@@ -219,13 +237,14 @@ class _Newton:
         iterations: made.
     """
 
-    def __init__(self, scheme, equations, interactions, state, step, wanted):
+    def __init__(self, scheme, equations, loading, interactions, state, step, growth):
         self._scheme, self._equations, self._interactions = scheme, equations, interactions
-        self._step, self._wanted = step, wanted
+        self._loading, self._step, self._growth = loading, step, growth
         self._free = ~scheme.bulk.layout.prescribed
         self._tangents = None if interactions is None else PointTangents(interactions)
         # without inertia the last step's velocities mean nothing for this one
-        start = state.velocity if scheme.bulk.inertia is not None else np.zeros_like(wanted)
+        inert = scheme.bulk.inertia is not None
+        start = state.velocity if inert else np.zeros_like(state.displacement)
         self.velocity, self.slots = start.copy(), np.zeros(0)
         self.impulses = np.zeros_like(start)
         self.residual, self.internal = equations.residual(self.velocity)
@@ -237,20 +256,22 @@ class _Newton:
         reference = 0.0
         for self.iterations in range(1, most + 1):
             try:
-                dv, changes = self._correction()
+                correction = self._correction()
             except SingularMatrixError:
                 return False
+            if correction is None:
+                return False
             best = None
-            start, old = self.velocity, self._old_impulses()
+            start = self.velocity, self._loading.time, self._old_impulses()
             for length in _LENGTHS:
-                self._go(start + length * dv, old, changes, length)
+                self._go(start, correction, length)
                 merit = self._merit()
                 if best is None or merit < best[0]:
                     best = merit, length
                 if not history or merit < max(history[-_MEMORY:]):
                     break
             if best[1] != length:
-                self._go(start + best[1] * dv, old, changes, best[1])
+                self._go(start, correction, best[1])
                 self._merit()
             history.append(best[0])
             if not np.isfinite(best[0]):
@@ -262,7 +283,8 @@ class _Newton:
                 "iteration %d: length %g, %.2e left, %d points held", self.iterations, best[1],
                 self.left, self._num_held(),
             )  # fmt: skip
-            if self._most <= max(tolerance * reference, floor) and best[1] == 1.0:
+            small = self._most <= max(tolerance * reference, floor)
+            if small and best[1] == 1.0 and self._grown():
                 if self._interactions is None:
                     return True
                 if self._interactions.evolve(self.slots) <= tolerance:
@@ -272,9 +294,21 @@ class _Newton:
                 return False
         return False
 
-    def _correction(self) -> tuple[np.ndarray, list[np.ndarray]]:
-        """dv of all unknowns and dr of each group."""
+    def start_from(self, time: float, velocity: np.ndarray) -> None:
+        """Take a state to start from: its loads, and the laws' answers to it."""
+        none = [np.zeros_like(old) for old in self._old_impulses()]
+        self._go(
+            (self.velocity, self._loading.time, self._old_impulses()),
+            (velocity - self.velocity, time - self._loading.time, none), 1.0,
+        )  # fmt: skip
+
+    def _correction(self) -> tuple[np.ndarray, float, list[np.ndarray]] | None:
+        """Changes of all velocities, of the time, and of each group's impulses.
+
+        None if no load keeps all bonds within their growth.
+        """
         scheme, interactions, watch = self._scheme, self._interactions, self._scheme._stopwatch
+        loading, growth = self._loading, self._growth
         with watch.phase("bulk matrix"):
             displacement = self._equations.displacement(self.velocity)
             matrix = scheme._matrix(self._step, displacement)
@@ -292,25 +326,59 @@ class _Newton:
         with watch.phase("factorisation"):
             system = scheme._coupled(matrix, interactions)
             system.take(matrix, stiffness)
+        change = 0.0
         with watch.phase("solution"):
-            dv = system.solve(right, self._wanted - self.velocity)
+            dv = system.solve(right, loading.wanted - self.velocity)
+            if growth is not None:
+                force, motion = loading.rates()
+                along = system.solve(np.broadcast_to(force, dv.shape), motion)
+        if growth is not None:
+            now = self._jumps(self.velocity)
+            start, slope = self._moved(dv), self._moved(along)
+            start = [x + y for x, y in zip(now, start, strict=True)]
+            change = growth.change(now, self._tangents.held, start, slope)
+            if change is None or not np.isfinite(change):
+                return None
+            dv = dv + change * along
         if interactions is None:
-            return dv, []
+            return dv, change, []
         moved = self._slots(dv).reshape(-1, interactions.dim)
-        return dv, self._tangents.changes(moved)
+        return dv, change, self._tangents.changes(moved)
+
+    def _jumps(self, velocity: np.ndarray) -> list[np.ndarray]:
+        """Jumps of each group at the end of the step for end velocities, m."""
+        rest = self._step * (1.0 - self._scheme.theta)
+        groups, moved = self._interactions.groups, self._moved(velocity)
+        return [g.jump + rest * g.velocity + m for g, m in zip(groups, moved, strict=True)]
+
+    def _moved(self, velocity: np.ndarray) -> list[np.ndarray]:
+        """h theta H^T v of each group, m."""
+        slots = self._slots(velocity).reshape(-1, self._interactions.dim)
+        scaled = self._step * self._scheme.theta
+        return [scaled * g.points.relative(slots) for g in self._interactions.groups]
+
+    def _grown(self) -> bool:
+        """Whether the bonds have opened by what the step asks for, if it does."""
+        if self._growth is None:
+            return True
+        return abs(self._growth.left(self._jumps(self.velocity))) <= _GROWN
 
     def _old_impulses(self) -> list[np.ndarray]:
         groups = [] if self._interactions is None else self._interactions.groups
         return [g.impulse.copy() for g in groups]
 
-    def _go(self, velocity, old, changes, length) -> None:
-        """Velocities and impulses at a length of the step; the laws answer there."""
-        self.velocity = velocity
+    def _go(self, start, correction, length: float) -> None:
+        """The state at a length of a correction from a start; the laws answer there."""
+        velocity, time, old = start
+        dv, change, changes = correction
+        self.velocity = velocity + length * dv
+        if self._growth is not None:
+            self._loading.set(time + length * change)
         with self._scheme._stopwatch.phase("free velocity"):
-            self.residual, self.internal = self._equations.residual(velocity)
+            self.residual, self.internal = self._equations.residual(self.velocity)
         if self._interactions is None:
             return
-        self.slots = self._slots(velocity)
+        self.slots = self._slots(self.velocity)
         for g, before, change in zip(self._interactions.groups, old, changes, strict=True):
             np.multiply(change, length, out=g.impulse)
             g.impulse += before
@@ -366,7 +434,7 @@ class _Newton:
 
     def _least(self) -> float:
         """Velocity that differences are at least taken over."""
-        speed = max(np.abs(self.slots).max(initial=0.0), np.abs(self._wanted).max(initial=0.0))
+        speed = max(np.abs(self.slots).max(initial=0.0), np.abs(self._loading.wanted).max(initial=0.0))
         return max(_LEAST * float(speed), _SMALLEST * self._scheme._extent / self._step)
 
     def _slots(self, velocity: np.ndarray) -> np.ndarray:

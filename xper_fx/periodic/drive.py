@@ -101,7 +101,14 @@ class MacroscopicDrive:
         out[[self.place(name, dim) for name in self.stress]] = False
         return out
 
-    def rates(self, dim: int, gradient: np.ndarray, time: float, step: float) -> np.ndarray:
+    def rates(
+        self,
+        dim: int,
+        gradient: np.ndarray,
+        time: float,
+        step: float,
+        elapsed: float | None = None,
+    ) -> np.ndarray:
         """Mean rates of the driven components over a step that ends at `time`.
 
         Args:
@@ -109,18 +116,21 @@ class MacroscopicDrive:
             gradient: Fbar - I at the start of the step, column by column, shape (dim^2,).
             time: end of the step (s).
             step: h (s).
+            elapsed: time that the step takes (s), h if not given.
 
         Returns:
             Shape (dim^2,), 1/s; zero for components driven by stress. `rate` is taken in the
             middle of the step, which is of second order.
         """
         out = np.zeros(dim * dim)
+        elapsed = step if elapsed is None else elapsed
         for name, value in self.gradient.items():
             place = self.place(name, dim)
             end = value_at(value, time) - float(name[0] == name[1])
             out[place] = (end - gradient[place]) / step
         for name, value in self.rate.items():
-            out[self.place(name, dim)] = value_at(value, time - 0.5 * step)
+            mean = value_at(value, time - 0.5 * elapsed)
+            out[self.place(name, dim)] = mean * (elapsed / step)
         return out
 
     def stresses(self, dim: int, time: float) -> np.ndarray:

@@ -159,7 +159,9 @@ class CellBulk(Bulk):
         out[self.unknowns.macroscopic] = self.volume * self.drive.stresses(self.dim, time)
         return out
 
-    def prescribe(self, velocity, time, step, theta, displacement0, velocity0) -> None:
+    def prescribe(
+        self, velocity, time, step, theta, displacement0, velocity0, elapsed=None
+    ) -> None:
         """See `Bulk`: rates of the components driven by Fbar, a guess for the others.
 
         At theta = 1/2 what rings changes its sign from a step to the next, so the rate of the
@@ -170,7 +172,7 @@ class CellBulk(Bulk):
             self._guess, self._guess_from = (
                 self._guess_from[1], (time - step, velocity0[part].copy()),
             )  # fmt: skip
-        rates = self.drive.rates(self.dim, displacement0[part], time, step)
+        rates = self.drive.rates(self.dim, displacement0[part], time, step, elapsed)
         velocity[part] = np.where(self.drive.kinematic(self.dim), rates, self._guess)
 
     def commit(self, displacement, internal) -> None:

@@ -15,6 +15,7 @@ from xper_fx.nscd import solvers
 from xper_fx.nscd.solvers.solver import SolveOptions, Solver
 from xper_fx.simulation.model import Model
 from xper_fx.simulation.options import SOLVERS
+from xper_fx.simulation.path import PathFollower
 
 if TYPE_CHECKING:
     from xper_fx.nscd.rigid.motion import Prediction, RigidWork
@@ -88,6 +89,30 @@ class StepAttempts:
                 "smaller step or tolerance", number, size,
             )  # fmt: skip
         return outcome
+
+    def along_path(
+        self, state: State, size: float, path: PathFollower, end_time: float
+    ) -> StepOutcome:
+        """A static step whose load is found, or one to the end of the path.
+
+        Args:
+            state: at its start, which is not changed.
+            size: time by which velocities are defined (s).
+            path: where the run is on its path.
+            end_time: at which the path ends (s).
+        """
+        model = self._model
+        limit, to_end = path.limit(model.interactions), end_time - state.time
+        if not limit.exhausted:
+            outcome = model.scheme.attempt(
+                state, size, model.interactions, self.solver, model.options.solve, limit,
+                path.guess(state),
+            )  # fmt: skip
+            if not outcome.converged or outcome.state.time <= end_time:
+                return outcome
+        return model.scheme.attempt(
+            state, to_end, model.interactions, self.solver, model.options.solve
+        )
 
     def _attempt(self, state: State, size: float, tolerance: float) -> StepOutcome | None:
         """One step with the rigid bodies; None if one of them spins too fast for it."""

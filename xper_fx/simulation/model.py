@@ -286,6 +286,8 @@ class Model:
         if halo is not None:
             velocity = halo.with_ghost_values(velocity)
         laws = self.points.laws if self.detection is None else self.detection.laws
+        if self.options.monolithic and not self.options.inertia:
+            laws = [law.in_statics() if hasattr(law, "in_statics") else law for law in laws]
         return Interactions(
             points, laws, self.points.law_of_point, inverse.blocks, velocity,
             ordering="vertices" if self.by_vertex else "tiles",

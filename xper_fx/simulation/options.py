@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from xper_fx.nscd.solvers.solver import SolveOptions, Solver
 from xper_fx.scene.scene import Scene
+from xper_fx.simulation.path import GrowthControl
 from xper_fx.simulation.requested_accuracy import RequestedAccuracy
 from xper_fx.support.checks import require_count, require_number
 
@@ -31,6 +32,7 @@ class Options:
         scheme_is_picked: whether the user left it open.
         theta, max_newton, max_halvings, inertia, solver: as given.
         solve: of the interactions, with the first tolerance.
+        path: control of the load of a static run, None where its time is given.
     """
 
     requested: RequestedAccuracy
@@ -42,12 +44,13 @@ class Options:
     max_newton: int
     max_halvings: int
     inertia: bool
+    path: GrowthControl | None
 
     @property
     def monolithic(self) -> bool:
         """Whether bulk and interactions are solved in one system."""
         asked = self.solver.name if isinstance(self.solver, Solver) else self.solver
-        return asked == "monolithic"
+        return asked == "monolithic" or (asked == "auto" and not self.inertia)
 
     @classmethod
     def checked(
@@ -56,12 +59,13 @@ class Options:
         requested: RequestedAccuracy,
         *,
         scheme: str | None,
-        theta: float,
+        theta: float | None,
         solver: str | Solver,
         solve: SolveOptions,
         max_newton: int,
         max_halvings: int,
         inertia: bool,
+        path: GrowthControl | None,
     ) -> Options:
         """Options of which the scene can be run.
 
@@ -69,12 +73,15 @@ class Options:
             ValueError: a number out of range, an unknown word, options that exclude each other or
                 something in the scene.
         """
+        if theta is None:
+            theta = 0.5 if inertia else 1.0
         picked = scheme is None
         if scheme is None:
             explicit = requested.adapts_step and _suits_explicit(scene, theta, solver, inertia)
             scheme = "explicit" if explicit else "implicit"
         options = cls(
-            requested, scheme, picked, theta, solver, solve, max_newton, max_halvings, inertia
+            requested, scheme, picked, theta, solver, solve, max_newton, max_halvings, inertia,
+            path,
         )
         options._check_ranges()
         options._check_scene(scene)
@@ -111,6 +118,7 @@ class Options:
                 "A scene of rigid bodies takes a step (s), and no scheme of the bulk: no wave "
                 f"bounds the step. Got step = {step}, {scheme!r}."
             )
+        self._check_path()
         if self.inertia:
             return
         if scene.rigid_bodies is not None:
@@ -122,6 +130,18 @@ class Options:
                 f'"implicit" scheme, got step = {step}, theta = {self.theta}, {scheme!r}.'
             )
 
+    def _check_path(self) -> None:
+        if self.path is None:
+            return
+        if not isinstance(self.path, GrowthControl):
+            raise TypeError(f"path should be an xf.GrowthControl, got {self.path!r}.")
+        if self.inertia or not self.monolithic or self.requested.accuracy is not None:
+            raise ValueError(
+                "A path is followed in static runs with a given step by the monolithic solver: "
+                f'take inertia=False, solver="auto" and no accuracy; got inertia={self.inertia}, '
+                f"solver={self.solver!r}."
+            )
+
     def _check_solver(self, scene: Scene) -> None:
         solver = self.solver
         if not isinstance(solver, Solver | str):
@@ -131,6 +151,11 @@ class Options:
             )
         if not isinstance(solver, Solver) and solver not in SOLVERS:
             raise ValueError(f"solver should be one of {', '.join(SOLVERS)}, got {solver!r}.")
+        if self.monolithic and (scene.rigid_bodies is not None or self.scheme == "explicit"):
+            raise ValueError(
+                "The monolithic solver takes meshed bodies and an implicit bulk; leave solver at "
+                '"auto" for a scene of rigid bodies or an explicit bulk.'
+            )
         if self.scheme == "explicit" and scene.points == "nodal":
             if solver != "auto":
                 raise ValueError(

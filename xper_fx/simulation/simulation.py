@@ -21,6 +21,7 @@ from xper_fx.simulation.energy_ledger import BulkEnergies
 from xper_fx.simulation.model import Model
 from xper_fx.simulation.not_finite import not_finite_columns, source_of_not_finite
 from xper_fx.simulation.options import Options
+from xper_fx.simulation.path import GrowthControl, PathFollower
 from xper_fx.simulation.requested_accuracy import RequestedAccuracy
 from xper_fx.simulation.restartable import Restartable
 from xper_fx.simulation.step_record import StepRecord
@@ -49,7 +50,8 @@ class Simulation(Restartable):
         scheme: "implicit" or "explicit" bulk; interactions are implicit with both. If not given,
             implicit; with an adapted step explicit where each cell is a body that has mass, as
             waves then go from body to body by sweeps, and longer steps need as many more.
-        theta: weight of the end of the step, in [1/2, 1]; the explicit bulk has 1/2.
+        theta: weight of the end of the step, in [1/2, 1]. If not given 1/2, which the explicit bulk
+            has; 1 without inertia.
         accuracy: relative error asked for, in (0, 1): step and tolerances that are not given are
             picked and adapted for it (`accuracy_control.py`). 1e-2 if only one of
             them is "auto".
@@ -59,8 +61,9 @@ class Simulation(Restartable):
         max_sweeps: sweeps after which the interaction solver gives up.
         solver: of the interactions: "nlgs" (sweeps), "newton" (all points at once, for steps far
             beyond the explicit limit), "accelerated" (mixed sweeps), "subdomains" (conjugate
-            gradients, where all points are perfect bonds), or "auto", which picks. An explicit
-            bulk with nodal points solves each vertex alone, and takes "auto" only. A `Solver` of
+            gradients, where all points are perfect bonds), "monolithic" (bulk and interactions in
+            one sparse system, `bulk/monolithic.py`), or "auto", which picks: without inertia the
+            last. An explicit bulk with nodal points solves each vertex alone, and takes "auto" only. A `Solver` of
             one's own is taken too (`nscd/solvers/solver.py`).
         relaxation: over-relaxation of impulses where a law is linear, in (0, 2).
         newton_tolerance: bound on the last relative Newton correction; with interactions at least
@@ -72,6 +75,7 @@ class Simulation(Restartable):
         inertia: False for a static run (theta = 1): bodies without mass, which motions, a
             periodic cell's ties or interactions with bodies that are held must hold, as nothing
             regularises the stiffness.
+        path: how the load of a static run is found, `GrowthControl()`; None where the step tells.
         num_threads: threads of the interaction solver; all that Numba has if not given.
         comm: ranks that simulate the scene together, each with the same scene. They divide the
             bodies of scenes of meshed bodies that interact at their facets or with walls, and the
@@ -103,7 +107,7 @@ class Simulation(Restartable):
         *,
         accuracy: float | None = None,
         scheme: str | None = None,
-        theta: float = 0.5,
+        theta: float | None = None,
         tolerance: float | str | None = None,
         max_sweeps: int = 20_000,
         relaxation: float = 1.3,
@@ -112,6 +116,7 @@ class Simulation(Restartable):
         max_newton: int = 25,
         max_halvings: int = 6,
         inertia: bool = True,
+        path: GrowthControl | None = None,
         num_threads: int | None = None,
         comm: MPI.Comm = MPI.COMM_WORLD,
     ):
@@ -120,6 +125,7 @@ class Simulation(Restartable):
             scene, requested, scheme=scheme, theta=theta, solver=solver,
             solve=SolveOptions(requested.tolerance, max_sweeps, relaxation, num_threads),
             max_newton=max_newton, max_halvings=max_halvings, inertia=inertia,
+            path=path,
         )  # fmt: skip
         self.scene, self.team = scene, Ranks(comm)
         self.stopwatch = Stopwatch()
@@ -136,6 +142,7 @@ class Simulation(Restartable):
         self.last: StepOutcome | None = None
         self.macroscopic = self._macroscopic(None, None, self.step_size)
         self._attempts = StepAttempts(model)
+        self._path = None if path is None else PathFollower(path)
         self._before: State | None = None
         self._last_size = self.step_size
         self._rigid_reactions: np.ndarray | None = None
@@ -168,6 +175,9 @@ class Simulation(Restartable):
         """
         if not math.isfinite(require_number("end_time", end_time)):
             raise ValueError(f"end_time should be a finite number, got {end_time}.")
+        if self._path is not None:
+            yield from self._follow(end_time)
+            return
         control = self.model.control
         fixed = control is None or not control.adapts_step
         course = self._course
@@ -218,6 +228,22 @@ class Simulation(Restartable):
                     self.step_number, size,
                 )  # fmt: skip
                 pieces += [(0.5 * size, halvings + 1)] * 2
+
+    def _follow(self, end_time: float) -> Iterator[StepRecord]:
+        """Steps along the path until its time is the end time."""
+        size, path = self.step_size, self._path
+        while end_time - self.state.time > _ROUNDING * abs(end_time):
+            with self.stopwatch.phase("step"):
+                outcome = self._attempts.along_path(self.state, size, path, end_time)
+                good = outcome.converged
+                if good:
+                    change = outcome.state.time - self.state.time
+                    path.succeeded(change, outcome.newton_iterations)
+                    record = self._commit(outcome, size, self._bulk_energies(outcome, size))
+            if good:
+                yield record._replace(size=change)
+            elif not path.failed():
+                self._give_up(outcome, size)
 
     def _bulk_energies(self, outcome: StepOutcome, size: float) -> BulkEnergies:
         with self.stopwatch.phase("energy"):

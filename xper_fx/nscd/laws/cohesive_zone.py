@@ -34,7 +34,7 @@ one is found, and the iteration cannot cycle.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
@@ -80,8 +80,9 @@ class CohesiveZone:
         friction: Coulomb's mu of the lips; 0 compiles no friction.
         initial_damage: beta0 in (0, 1], 1 for a sound bond.
         damage: "mean" (module docstring); "lagged", damage frozen during the step: cheaper,
-            and spends too much energy when the step is not small beside the softening time; or
-            "end" (`damage_at_end.py`), which the monolithic solver takes, and static runs have.
+            and spends too much energy when the step is not small beside the softening time; "end"
+            (`damage_at_end.py`), for the monolithic solver alone; or "auto": "end" in static runs
+            of that solver, else "mean".
 
     Raises:
         ValueError: a number out of range, or w <= Rmax d0 / 2: the bond would have to break
@@ -94,7 +95,7 @@ class CohesiveZone:
     tangential_stiffness: float | None = None
     friction: float = 0.0
     initial_damage: float = 1.0
-    damage: str = "mean"
+    damage: str = "auto"
 
     def __post_init__(self) -> None:
         take_numbers(
@@ -109,9 +110,9 @@ class CohesiveZone:
         require_non_negative("friction", self.friction)
         if not 0.0 < self.initial_damage <= 1.0:
             raise ValueError(f"initial_damage should lie in (0, 1], got {self.initial_damage}.")
-        if self.damage not in ("mean", "lagged", "end"):
+        if self.damage not in ("auto", "mean", "lagged", "end"):
             raise ValueError(
-                f'damage should be "mean", "lagged" or "end", got {self.damage!r}.'
+                f'damage should be "auto", "mean", "lagged" or "end", got {self.damage!r}.'
             )
         least = 0.5 * self.strength * self.elastic_opening
         if self.fracture_energy <= least:
@@ -143,6 +144,10 @@ class CohesiveZone:
     def softening_slope(self) -> float:
         """Steepest descent of the traction curve (Pa/m): 2 Rmax / (dc - d0)."""
         return 2.0 * self.strength / (self.critical_opening - self.elastic_opening)
+
+    def in_statics(self) -> CohesiveZone:
+        """The law that a static run of the monolithic solver takes for this one."""
+        return replace(self, damage="end") if self.damage == "auto" else self
 
     def kernels(self, dim: int) -> LawKernels:
         """See `Law`."""

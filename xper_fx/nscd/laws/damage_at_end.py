@@ -59,6 +59,16 @@ from xper_fx.nscd.laws.law import (
 _SOFT = 0.01
 # Part of an impulse that is not the bond's, above which the lips press: less is rounding.
 _PRESSED = 1e-9
+# Share of the critical opening at which what is left of a bond counts for nothing.
+_SPENT = 0.999
+
+
+def _growth(parameters: np.ndarray, state: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Largest opening so far, infinite where the bond is broken, and length of the curve (m)."""
+    d0, dc = parameters[:, D0], parameters[:, DC]
+    reached = np.maximum(state[:, OPENING_MAX], d0)
+    whole = (state[:, DAMAGE] > 0.0) & (reached < _SPENT * dc)
+    return np.where(whole, reached, np.inf), dc - d0
 
 
 @cache
@@ -222,4 +232,5 @@ def end_kernels(dim: int, friction: bool) -> LawKernels:
         num_details=num_details,
         state_names=("opening_max", "damage"),
         energies=ENERGIES,
+        growth=_growth,
     )

@@ -1,0 +1,120 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+r"""How far a load may go before some bond opens further than a step may let it.
+
+Each bond has a largest opening so far, x_r, and may open by no more than g L, L a length of its
+curve and g the growth of the step. Along jumps U(s) = A + s B, s the change of the load, the
+openings of all bonds stay within their limits in an interval of s. A step that ends at one of its
+ends makes one bond at least open by exactly g L: so the load is found, whether it rises, falls, or
+the structure snaps back (Lorentz and Badel 2004, on openings in place of strains). Of the two ends
+the one nearer to the present jumps goes on along the path.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from xper_fx.nscd.interactions import Interactions
+
+
+class GrowthLimit:
+    """The limits of a step.
+
+    Args:
+        interactions: points at the start of the step.
+        growth: g, relative to the length of a bond's curve.
+        relative: bound on g L beside x_r.
+
+    Raises:
+        ValueError: no point has a law whose opening can be limited.
+    """
+
+    def __init__(self, interactions: Interactions, growth: float, relative: float):
+        self._growth = growth
+        groups = [(n, g) for n, g in enumerate(interactions.groups) if g.kernels.growth is not None]
+        if not groups:
+            raise ValueError(
+                "Growth control follows the damage of bonds, and no point of the scene has a law "
+                'whose damage is that of the end of the step: xf.laws.CohesiveZone(damage="auto").'
+            )
+        reached, length = [], []
+        for _, g in groups:
+            opened, whole = g.kernels.growth(g.parameters, g.state)
+            reached.append(opened)
+            length.append(np.minimum(whole, relative * opened))
+        self._numbers = [n for n, _ in groups]
+        self._reached = np.concatenate(reached)
+        self._length = np.concatenate(length)
+        self._area = np.concatenate([g.points.area for _, g in groups])
+        self._grows = np.flatnonzero(np.isfinite(self._reached))
+
+    @property
+    def exhausted(self) -> bool:
+        """Whether all bonds are broken."""
+        return len(self._grows) == 0
+
+    def _of(self, arrays: Sequence[np.ndarray]) -> np.ndarray:
+        return np.concatenate([arrays[n] for n in self._numbers])[self._grows]
+
+    def change(
+        self,
+        now: Sequence[np.ndarray],
+        held: Sequence[np.ndarray],
+        start: Sequence[np.ndarray],
+        slope: Sequence[np.ndarray],
+    ) -> float | None:
+        """s at the end of the interval that goes on from `now`; None if there is none.
+
+        Args:
+            now: jumps of each group at present, shape (n, components), m.
+            held: of each group, shape (n,), whether the lips are closed.
+            start, slope: A and B of each group, shape (n, components), m.
+        """
+        a, b, limit = self._of(start).copy(), self._of(slope).copy(), self._limits()
+        closed = self._of(held)
+        a[closed, 0] = b[closed, 0] = 0.0
+        low, high = _interval(a, b, limit)
+        if not low < high:
+            return None
+        roots = [s for s in (low, high) if np.isfinite(s)]
+        if not roots:
+            return None
+        present = self._of(now)
+        if not present.any():
+            return max(roots)
+        weight = self._area[self._grows, None]
+        return min(roots, key=lambda s: float((weight * (a + s * b - present) ** 2).sum()))
+
+    def left(self, now: Sequence[np.ndarray]) -> float:
+        """By how much the growth differs from the one asked for, relative."""
+        jumps = self._of(now)
+        x = np.sqrt(np.maximum(jumps[:, 0], 0.0) ** 2 + (jumps[:, 1:] ** 2).sum(1))
+        reached, length = self._reached[self._grows], self._length[self._grows]
+        return float(((x - reached) / length).max()) / self._growth - 1.0
+
+    def _limits(self) -> np.ndarray:
+        return self._reached[self._grows] + self._growth * self._length[self._grows]
+
+
+def _interval(a: np.ndarray, b: np.ndarray, limit: np.ndarray) -> tuple[float, float]:
+    """Between which s all openings of a + s b stay below their limits.
+
+    The opening counts no negative normal part; it is convex in s, so that each limit leaves an
+    interval.
+    """
+    ends = []
+    with np.errstate(all="ignore"):
+        for sign in (-1.0, 1.0):
+            whole = _root(a, b, limit, sign)
+            sheared = _root(a[:, 1:], b[:, 1:], limit, sign)
+            s = np.where(a[:, 0] + whole * b[:, 0] >= 0.0, whole, sheared)
+            moves = (b * b).sum(1) > 0.0
+            ends.append(np.where(moves & np.isfinite(s), s, sign * np.inf))
+    return float(ends[0].max()), float(ends[1].min())
+
+
+def _root(a: np.ndarray, b: np.ndarray, limit: np.ndarray, sign: float) -> np.ndarray:
+    """s where |a + s b| = limit, the smaller or the larger one by `sign`."""
+    bb, ab, aa = (b * b).sum(1), (a * b).sum(1), (a * a).sum(1)
+    return (-ab + sign * np.sqrt(ab * ab - bb * (aa - limit * limit))) / bb
