@@ -340,17 +340,20 @@ class Interactions(PointValues):
             spread(total.reshape(-1), g.couplings, g.impulse)
         return total
 
-    def commit(self, velocity: np.ndarray) -> StepWork:
+    def commit(self, velocity: np.ndarray, static: bool = False) -> StepWork:
         """End the step: jumps, damage and energies move on.
 
         Args:
             velocity: shape (num_slots * dim,), end-of-step velocities of the interacting nodes.
+            static: whether tractions do the work of their mean over the step, not of its end.
 
         Returns:
             The energies of the step.
         """
         totals = dict.fromkeys(ENERGIES, 0.0)
         for g in self.groups:
+            if static:
+                totals["numerical"] += self._work_of_change(g, velocity)
             _, commit = step_loops(g.kernels, g.sides)
             in_ranges(
                 commit, len(g), velocity, g.couplings, g.jump, g.velocity, g.impulse, g.points.area,
@@ -364,6 +367,13 @@ class Interactions(PointValues):
         if self.renewals:
             self._found.commit()
         return StepWork(*self._sum(np.array([totals[name] for name in StepWork._fields])).tolist())
+
+    def _work_of_change(self, group: PointGroup, velocity: np.ndarray) -> float:
+        """Half the work (J; 2D: J/m) in the step of what tractions have changed by."""
+        ratio = self.step_size / self.committed_step if self.committed_step > 0.0 else 1.0
+        end = group.points.relative(velocity.reshape(-1, self.dim))
+        mean = self.theta * end + (1.0 - self.theta) * group.velocity
+        return 0.5 * float(np.vdot(group.impulse - ratio * group.committed_impulse, mean))
 
     def saved(self) -> dict:
         """What the next step depends on, the inverse and what is found anew left out.

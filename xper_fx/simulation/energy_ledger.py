@@ -78,6 +78,10 @@ class BulkEnergies(NamedTuple):
 class EnergyLedger:
     """Keeps the energies of a run.
 
+    The works of a static step are those of forces that change linearly from what was in balance at
+    its start to what is at its end: of third order in the step, where the works of the forces at its
+    end, which is all that theta = 1 knows, would leave half of the elastic energy to the scheme.
+
     Args:
         bulk: the bulk.
         state: state at the start.
@@ -87,6 +91,7 @@ class EnergyLedger:
 
     def __init__(self, bulk: Bulk, state: State, theta: float, rigid: RigidMotion | None = None):
         self._bulk, self._theta = bulk, theta
+        self._static = bulk.inertia is None
         self.energies = Energies(
             kinetic=bulk.kinetic_energy(state.velocity) + (rigid.kinetic if rigid else 0.0),
             elastic=bulk.elastic_energy(state.displacement, state.internal),
@@ -99,7 +104,12 @@ class EnergyLedger:
         return self.energies.external_work - (self.energies.held_and_lost - self._at_start)
 
     def bulk_energies(
-        self, before: State, outcome: StepOutcome, step: float, rigid: RigidWork | None = None
+        self,
+        before: State,
+        outcome: StepOutcome,
+        step: float,
+        rigid: RigidWork | None = None,
+        borne: np.ndarray | float = 0.0,
     ) -> BulkEnergies:
         """Energies of the bodies in a step that has converged, which is not entered yet.
 
@@ -108,11 +118,15 @@ class EnergyLedger:
             outcome: the step.
             step: h (s).
             rigid: energies of the rigid bodies, None without any.
+            borne: loads and reactions at the start of the step that were in balance there, shape
+                (num_dofs,), N; of use in static runs.
         """
         after = outcome.state
         moved = after.displacement - before.displacement
         nodal = self._bulk.unknowns.num_nodes * self._bulk.dim
         impulse = (outcome.force_impulse + outcome.reactions)[:nodal]
+        if self._static:
+            impulse = 0.5 * (impulse + step * np.broadcast_to(borne, moved.shape)[:nodal])
         stresses = 0.5 * (before.internal[nodal:] + after.internal[nodal:])
         work = self._bulk.ranks.sum(float(moved[:nodal] @ impulse) / step)
         work += float(moved[nodal:] @ stresses)  # every rank has all of it
@@ -154,7 +168,7 @@ class EnergyLedger:
         if np.ndim(outcome.viscous):
             moved = after.displacement - before.displacement
             e.dissipated_viscous += total(float(moved @ outcome.viscous))
-        if excess > 0.0:
+        if excess > 0.0 and not self._static:
             moved = after.displacement - before.displacement
             change = after.velocity - before.velocity
             nodal = self._bulk.unknowns.num_nodes * self._bulk.dim

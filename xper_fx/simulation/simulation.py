@@ -248,10 +248,16 @@ class Simulation(Restartable):
     def _bulk_energies(self, outcome: StepOutcome, size: float) -> BulkEnergies:
         with self.stopwatch.phase("energy"):
             energies = self.ledger.bulk_energies(
-                self.state, outcome, size, self._attempts.rigid_work
+                self.state, outcome, size, self._attempts.rigid_work, self._borne()
             )
         self._require_finite(not_finite_columns(energies._asdict()), size)
         return energies
+
+    def _borne(self) -> np.ndarray | float:
+        """Loads and reactions of a static run that are in balance (N); 0 at the start of a run."""
+        if self.last is None or self.options.inertia:
+            return 0.0
+        return self.state.external + self.last.reactions / self._last_size
 
     def _give_up(self, outcome: StepOutcome | None, size: float) -> None:
         """Stop with the reason, the state saved."""
@@ -287,7 +293,9 @@ class Simulation(Restartable):
     def _commit(self, outcome: StepOutcome, size: float, energies: BulkEnergies) -> StepRecord:
         attempts, control = self._attempts, self.model.control
         with self.stopwatch.phase("energy"):
-            work = None if self.interactions is None else self.interactions.commit(outcome.slots)
+            work = None if self.interactions is None else self.interactions.commit(
+                outcome.slots, not self.options.inertia
+            )
             self.ledger.record(self.state, outcome, size, energies, work, attempts.rigid_work)
         self._require_finite(not_finite_columns(self.ledger.as_columns()), size)
         if self.detection is not None:
