@@ -13,7 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 import scipy.sparse as sp
 
-from xper_fx.bulk.sparse_direct import SparseDirect
+from xper_fx.bulk.sparse_direct import SingularMatrixError, SparseDirect
 from xper_fx.nscd.interactions import Interactions
 
 # Difference from its transpose, relative to its entries, up to which a spring is symmetric:
@@ -108,13 +108,20 @@ class CoupledSystem:
         Args:
             right: shape (num_dofs,), of which the free dofs count.
             given: shape (num_dofs,), x where the motion is prescribed.
+
+        Raises:
+            SingularMatrixError: the factors are of no use.
         """
         x = np.where(self._free, 0.0, given)
         shifted = right
         if np.any(x):
             product = self._data * x[self._columns]
             shifted = right - np.bincount(self._rows, product, self._size)
-        return self._used.solve(np.where(self._free, shifted, x))
+        try:
+            return self._used.solve(np.where(self._free, shifted, x))
+        except SingularMatrixError:
+            self._used = None
+            raise
 
     @property
     def negative_pivots(self) -> int:

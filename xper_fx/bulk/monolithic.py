@@ -46,7 +46,7 @@ logger = logging.getLogger(__name__)
 
 # Stiffness of the bulk at a point over the one that its branch is decided with: soft, so that a
 # multiplier decides, and not a gap that is yet to be closed.
-_SOFTNESS = 100.0
+_SOFTNESS = 1.0
 # Lengths of a step that are tried, and what is left of how many iterations it may not exceed.
 _LENGTHS, _MEMORY = (1.0, 0.5, 0.25, 0.1), 3
 # Relative error of the growth that a step is asked for.
@@ -55,6 +55,9 @@ _GROWN = 1e-6
 _ASTRAY = 1e9
 # Relative rounding of velocities at the ends of a spring.
 _ROUNDING = 4.0 * np.finfo(float).eps
+# What may be left beside the tolerance where corrections have come to rest: rounding of a material's
+# response that is found by iteration.
+_NOISE = 1e3
 # Steps of differences where nothing moves yet, relative to the size of the scene a step.
 _LEAST, _SMALLEST = 1e-9, 1e-13
 
@@ -283,7 +286,9 @@ class _Newton:
                 "iteration %d: length %g, %.2e left, %d points held", self.iterations, best[1],
                 self.left, self._num_held(),
             )  # fmt: skip
-            small = self._most <= max(tolerance * reference, floor)
+            small = self._most <= max(tolerance * reference, floor) or self._rests(
+                correction[0], tolerance, reference
+            )
             if small and best[1] == 1.0 and self._grown():
                 if self._interactions is None:
                     return True
@@ -336,7 +341,7 @@ class _Newton:
             now = self._jumps(self.velocity)
             start, slope = self._moved(dv), self._moved(along)
             start = [x + y for x, y in zip(now, start, strict=True)]
-            change = growth.change(now, self._tangents.held, start, slope)
+            change = growth.change(self._tangents.held, start, slope)
             if change is None or not np.isfinite(change):
                 return None
             dv = dv + change * along
@@ -411,6 +416,12 @@ class _Newton:
         balance = (self.residual + self.impulses)[self._free]
         self._most = max(most, float(np.abs(balance).max(initial=0.0)))
         return float(np.sqrt(total + balance @ balance))
+
+    def _rests(self, dv: np.ndarray, tolerance: float, reference: float) -> bool:
+        """Whether a correction is small beside the velocities, and what is left is rounding."""
+        bulk = self._scheme.bulk
+        rounding = self._most <= _NOISE * tolerance * reference
+        return rounding and bulk.norm(dv) <= tolerance * bulk.norm(self.velocity)
 
     def _size(self) -> float:
         """Largest nodal impulse."""

@@ -29,12 +29,17 @@ class SparseDirect:
     """
 
     def __init__(self, indptr: np.ndarray, indices: np.ndarray, symmetric: bool):
-        size = len(indptr) - 1
         self._pattern = indptr.astype(np.int32), indices.astype(np.int32)
         self._symmetric, self.count = symmetric, 0
+        self._make()
+
+    def _make(self) -> None:
+        """PETSc's objects; after an error they are of no more use."""
+        (indptr, indices), symmetric = self._pattern, self._symmetric
+        size = len(indptr) - 1
         self._data = np.zeros(len(indices))
         self._matrix = PETSc.Mat().createAIJWithArrays(
-            (size, size), (*self._pattern, self._data), comm=PETSc.COMM_SELF
+            (size, size), (indptr, indices, self._data), comm=PETSc.COMM_SELF
         )
         self._matrix.setOption(PETSc.Mat.Option.SYMMETRIC, symmetric)
         self._solver = PETSc.KSP().create(PETSc.COMM_SELF)
@@ -65,6 +70,7 @@ class SparseDirect:
         try:
             self._solver.setUp()
         except PETSc.Error as error:
+            self._make()
             raise SingularMatrixError("The matrix cannot be factorised.") from error
 
     def solve(self, right: np.ndarray) -> np.ndarray:
@@ -77,6 +83,7 @@ class SparseDirect:
         try:
             self._solver.solve(self._b, self._x)
         except PETSc.Error as error:
+            self._make()
             raise SingularMatrixError("The factors are of no use.") from error
         solution = self._x.array.copy()
         if not np.all(np.isfinite(solution)):

@@ -6,7 +6,8 @@ curve and g the growth of the step. Along jumps U(s) = A + s B, s the change of 
 openings of all bonds stay within their limits in an interval of s. A step that ends at one of its
 ends makes one bond at least open by exactly g L: so the load is found, whether it rises, falls, or
 the structure snaps back (Lorentz and Badel 2004, on openings in place of strains). Of the two ends
-the one nearer to the present jumps goes on along the path.
+the one goes on along the path towards which the jumps change as they did in the last step; in the
+first step the load rises.
 """
 
 from __future__ import annotations
@@ -46,7 +47,8 @@ class GrowthLimit:
         self._numbers = [n for n, _ in groups]
         self._reached = np.concatenate(reached)
         self._length = np.concatenate(length)
-        self._area = np.concatenate([g.points.area for _, g in groups])
+        # a step's end velocities have the direction of its jumps, as theta is 1
+        self._forward = [g.points.area[:, None] * g.velocity for _, g in groups]
         self._grows = np.flatnonzero(np.isfinite(self._reached))
 
     @property
@@ -59,7 +61,6 @@ class GrowthLimit:
 
     def change(
         self,
-        now: Sequence[np.ndarray],
         held: Sequence[np.ndarray],
         start: Sequence[np.ndarray],
         slope: Sequence[np.ndarray],
@@ -67,7 +68,6 @@ class GrowthLimit:
         """s at the end of the interval that goes on from `now`; None if there is none.
 
         Args:
-            now: jumps of each group at present, shape (n, components), m.
             held: of each group, shape (n,), whether the lips are closed.
             start, slope: A and B of each group, shape (n, components), m.
         """
@@ -75,16 +75,13 @@ class GrowthLimit:
         closed = self._of(held)
         a[closed, 0] = b[closed, 0] = 0.0
         low, high = _interval(a, b, limit)
-        if not low < high:
-            return None
+        if not low < high:  # on the way: no load obeys all limits, this one breaks them least
+            return 0.5 * (low + high)
         roots = [s for s in (low, high) if np.isfinite(s)]
         if not roots:
             return None
-        present = self._of(now)
-        if not present.any():
-            return max(roots)
-        weight = self._area[self._grows, None]
-        return min(roots, key=lambda s: float((weight * (a + s * b - present) ** 2).sum()))
+        forward = np.concatenate(self._forward)[self._grows]
+        return roots[-1] if np.vdot(forward, b) >= 0.0 else roots[0]
 
     def left(self, now: Sequence[np.ndarray]) -> float:
         """By how much the growth differs from the one asked for, relative."""

@@ -31,7 +31,7 @@ from xper_fx.nscd.laws.law import LawKernels
 # Steps of the differences, relative to the local velocity and impulse.
 _REACH = 1e-7
 # p of the module docstring.
-_PROXIMAL = 1e-5
+_PROXIMAL = 1e-3
 # Entry of S_r above which a point is held: its impulse is a multiplier.
 _HELD = 0.5
 # Pivot of I - (1 - p) S_r that counts as zero.

@@ -123,8 +123,10 @@ class CellUnknowns(NodalUnknowns):
         rows, width = columns.shape
         indices = np.tile(np.arange(width), rows)
         border = sp.csr_array((columns.ravel(), indices, np.arange(rows + 1) * width))
+        full = (np.repeat(np.arange(width), width), np.tile(np.arange(width), width))
+        corner = sp.coo_array(((fields.T @ forces).ravel(), full), shape=(width, width))
         matrix = sp.block_array(
-            [[self.condense(stiffness), border], [border.T, fields.T @ forces]], format="csr"
+            [[self.condense(stiffness), border], [border.T, corner]], format="csr"
         )
         matrix.sort_indices()
         return matrix

@@ -167,7 +167,10 @@ class EnergyLedger:
         e.dissipated_viscous += total(lost.get("viscous", 0.0))
         if np.ndim(outcome.viscous):
             moved = after.displacement - before.displacement
-            e.dissipated_viscous += total(float(moved @ outcome.viscous))
+            viscous = outcome.viscous
+            if self._static:
+                viscous = 0.5 * (viscous + self._bulk.viscous(before.velocity))
+            e.dissipated_viscous += total(float(moved @ viscous))
         if excess > 0.0 and not self._static:
             moved = after.displacement - before.displacement
             change = after.velocity - before.velocity

@@ -67,6 +67,7 @@ class Model:
         start: state at the start.
         points: permanent points.
         detection: searches of contacts, None if the scene names no contacts.
+        monolithic: whether bulk and interactions are solved in one system.
         scheme: of the bulk in time.
         interactions: all points, None if the scene has none.
         slot_nodes: nodes, among the unknowns, in the order of the points' slots, before those of
@@ -99,6 +100,7 @@ class Model:
         )  # fmt: skip
         self.points = ScenePoints(scene, self.bulk, self._ties, self.part, self.by_vertex)
         self.detection = self._detection() if searched else None
+        self.monolithic = options.monolithic(self.points.exist or searched)
         self.scheme = self._scheme()
         with stopwatch.phase("interaction points"):
             self.interactions = self._interactions()
@@ -255,7 +257,7 @@ class Model:
 
             by_body = self.detection is not None or self.scene.points != "nodal"
             return ExplicitScheme(self.bulk, interacting, self.stopwatch, by_body)
-        if options.monolithic:
+        if self.monolithic:
             from xper_fx.bulk.monolithic import MonolithicScheme as Scheme
         else:
             from xper_fx.bulk.implicit import ImplicitScheme as Scheme
@@ -286,7 +288,7 @@ class Model:
         if halo is not None:
             velocity = halo.with_ghost_values(velocity)
         laws = self.points.laws if self.detection is None else self.detection.laws
-        if self.options.monolithic and not self.options.inertia:
+        if self.monolithic and not self.options.inertia:
             laws = [law.in_statics() if hasattr(law, "in_statics") else law for law in laws]
         return Interactions(
             points, laws, self.points.law_of_point, inverse.blocks, velocity,

@@ -56,7 +56,7 @@ from xper_fx.nscd.laws.law import (
 )
 
 # rho beside the bond's stiffness, where that is more than the bulk's softened one.
-_SOFT = 0.01
+_SOFT = 1.0
 # Part of an impulse that is not the bond's, above which the lips press: less is rounding.
 _PRESSED = 1e-9
 # Share of the critical opening at which what is left of a bond counts for nothing.
