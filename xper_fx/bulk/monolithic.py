@@ -57,9 +57,9 @@ _ASTRAY = 1e9
 _ROUNDING = 4.0 * np.finfo(float).eps
 # What may be left beside the tolerance where corrections have come to rest: rounding of a material's
 # response that is found by iteration.
-_NOISE = 1e3
+_NOISE = 1e2
 # Steps of differences where nothing moves yet, relative to the size of the scene a step.
-_LEAST, _SMALLEST = 1e-9, 1e-13
+_LEAST, _SMALLEST = 1e-16, 1e-20
 
 
 class PointsOfNodes(NamedTuple):
