@@ -49,15 +49,15 @@ logger = logging.getLogger(__name__)
 _SOFTNESS = 1.0
 # Lengths of a step that are tried, and what is left of how many iterations it may not exceed.
 _LENGTHS, _MEMORY = (1.0, 0.5, 0.25, 0.1), 3
+# Iterations after which more may be left, and how much beside the tolerance: bonds that flip between
+# loading and unloading may go round in circles too small to matter.
+_PATIENCE, _ROUND = 7, 100.0
 # Relative error of the growth that a step is asked for.
 _GROWN = 1e-6
 # Growth of what is left at which an iteration has gone astray.
 _ASTRAY = 1e9
 # Relative rounding of velocities at the ends of a spring.
 _ROUNDING = 4.0 * np.finfo(float).eps
-# What may be left beside the tolerance where corrections have come to rest: rounding of a material's
-# response that is found by iteration.
-_NOISE = 1e2
 # Steps of differences where nothing moves yet, relative to the size of the scene a step.
 _LEAST, _SMALLEST = 1e-16, 1e-20
 
@@ -196,6 +196,8 @@ class MonolithicScheme:
         if guess is not None:
             newton.start_from(*guess)
         converged = newton.run(self._tolerance, self._max_newton)
+        if growth is not None and growth.turns_back(newton.moved()):
+            converged = False
         velocity, impulses = newton.velocity, newton.impulses
         reactions = reactions_on(
             bulk.layout.prescribed, lambda d: -(newton.residual[d] + impulses[d])
@@ -283,12 +285,11 @@ class _Newton:
             floor = self._floor()
             self.left = self._most / reference if reference > 0.0 else 0.0
             logger.debug(
-                "iteration %d: length %g, %.2e left, %d points held", self.iterations, best[1],
-                self.left, self._num_held(),
+                "iteration %d: length %g, %.2e left, growth %.1e, %d points held", self.iterations,
+                best[1], self.left, self._growth_left(), self._num_held(),
             )  # fmt: skip
-            small = self._most <= max(tolerance * reference, floor) or self._rests(
-                correction[0], tolerance, reference
-            )
+            allowed = tolerance * (1.0 if self.iterations <= _PATIENCE else _ROUND)
+            small = self._most <= max(allowed * reference, floor)
             if small and best[1] == 1.0 and self._grown():
                 if self._interactions is None:
                     return True
@@ -362,11 +363,17 @@ class _Newton:
         scaled = self._step * self._scheme.theta
         return [scaled * g.points.relative(slots) for g in self._interactions.groups]
 
+    def moved(self) -> list[np.ndarray]:
+        """Change of the jumps of each group in the step, m."""
+        groups = self._interactions.groups
+        return [j - g.jump for g, j in zip(groups, self._jumps(self.velocity), strict=True)]
+
     def _grown(self) -> bool:
         """Whether the bonds have opened by what the step asks for, if it does."""
-        if self._growth is None:
-            return True
-        return abs(self._growth.left(self._jumps(self.velocity))) <= _GROWN
+        return abs(self._growth_left()) <= _GROWN
+
+    def _growth_left(self) -> float:
+        return 0.0 if self._growth is None else self._growth.left(self._jumps(self.velocity))
 
     def _old_impulses(self) -> list[np.ndarray]:
         groups = [] if self._interactions is None else self._interactions.groups
@@ -416,12 +423,6 @@ class _Newton:
         balance = (self.residual + self.impulses)[self._free]
         self._most = max(most, float(np.abs(balance).max(initial=0.0)))
         return float(np.sqrt(total + balance @ balance))
-
-    def _rests(self, dv: np.ndarray, tolerance: float, reference: float) -> bool:
-        """Whether a correction is small beside the velocities, and what is left is rounding."""
-        bulk = self._scheme.bulk
-        rounding = self._most <= _NOISE * tolerance * reference
-        return rounding and bulk.norm(dv) <= tolerance * bulk.norm(self.velocity)
 
     def _size(self) -> float:
         """Largest nodal impulse."""

@@ -6,7 +6,7 @@ curve and g the growth of the step. Along jumps U(s) = A + s B, s the change of 
 openings of all bonds stay within their limits in an interval of s. A step that ends at one of its
 ends makes one bond at least open by exactly g L: so the load is found, whether it rises, falls, or
 the structure snaps back (Lorentz and Badel 2004, on openings in place of strains). Of the two ends
-the one goes on along the path towards which the jumps change as they did in the last step; in the
+the one goes on along the path towards which the bonds that opened in the last step open on; in the
 first step the load rises.
 """
 
@@ -17,6 +17,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from xper_fx.nscd.interactions import Interactions
+
+# An opening this near to the largest one so far grew in the last step.
+_ROUNDING = 1e-9
 
 
 class GrowthLimit:
@@ -48,7 +51,10 @@ class GrowthLimit:
         self._reached = np.concatenate(reached)
         self._length = np.concatenate(length)
         # a step's end velocities have the direction of its jumps, as theta is 1
-        self._forward = [g.points.area[:, None] * g.velocity for _, g in groups]
+        forward = np.concatenate([g.points.area[:, None] * g.velocity for _, g in groups])
+        x = _opening(np.concatenate([g.jump for _, g in groups]))
+        grew = x > (1.0 - _ROUNDING) * self._reached
+        self._forward = np.where(grew[:, None], forward, 0.0) if np.any(grew) else forward
         self._grows = np.flatnonzero(np.isfinite(self._reached))
 
     @property
@@ -56,8 +62,11 @@ class GrowthLimit:
         """Whether all bonds are broken."""
         return len(self._grows) == 0
 
+    def _all(self, arrays: Sequence[np.ndarray]) -> np.ndarray:
+        return np.concatenate([arrays[n] for n in self._numbers])
+
     def _of(self, arrays: Sequence[np.ndarray]) -> np.ndarray:
-        return np.concatenate([arrays[n] for n in self._numbers])[self._grows]
+        return self._all(arrays)[self._grows]
 
     def change(
         self,
@@ -80,18 +89,29 @@ class GrowthLimit:
         roots = [s for s in (low, high) if np.isfinite(s)]
         if not roots:
             return None
-        forward = np.concatenate(self._forward)[self._grows]
-        return roots[-1] if np.vdot(forward, b) >= 0.0 else roots[0]
+        return roots[-1] if np.vdot(self._forward[self._grows], b) >= 0.0 else roots[0]
+
+    def turns_back(self, moved: Sequence[np.ndarray]) -> bool:
+        """Whether the bonds that opened in the last step close.
+
+        Args:
+            moved: change of the jumps of each group in the step, shape (n, components), m.
+        """
+        return float(np.vdot(self._forward, self._all(moved))) < 0.0
 
     def left(self, now: Sequence[np.ndarray]) -> float:
         """By how much the growth differs from the one asked for, relative."""
-        jumps = self._of(now)
-        x = np.sqrt(np.maximum(jumps[:, 0], 0.0) ** 2 + (jumps[:, 1:] ** 2).sum(1))
+        x = _opening(self._of(now))
         reached, length = self._reached[self._grows], self._length[self._grows]
         return float(((x - reached) / length).max()) / self._growth - 1.0
 
     def _limits(self) -> np.ndarray:
         return self._reached[self._grows] + self._growth * self._length[self._grows]
+
+
+def _opening(jumps: np.ndarray) -> np.ndarray:
+    """Opening of jumps, shape (n, components): no negative normal part counts."""
+    return np.sqrt(np.maximum(jumps[:, 0], 0.0) ** 2 + (jumps[:, 1:] ** 2).sum(1))
 
 
 def _interval(a: np.ndarray, b: np.ndarray, limit: np.ndarray) -> tuple[float, float]:

@@ -41,7 +41,7 @@ import numpy as np
 
 from xper_fx.cache import njit
 from xper_fx.nscd.algebra.small import for_dimension
-from xper_fx.nscd.kernel_options import LEAN_ENTRY, LEAN_INNER
+from xper_fx.nscd.kernel_options import LEAN_INNER
 from xper_fx.nscd.laws.contact_solver import contact_solver
 from xper_fx.nscd.laws.damage_curve import (
     BETA0,
@@ -65,7 +65,6 @@ from xper_fx.nscd.laws.law import (
     LawKernels,
 )
 from xper_fx.support.checks import require_non_negative, require_positive, take_numbers
-
 
 
 @dataclass(frozen=True)
