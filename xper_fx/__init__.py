@@ -66,18 +66,18 @@ if TYPE_CHECKING:
     from xper_fx.output.series import prepare_folder as prepare_folder
     from xper_fx.output.series import read_history as read_history
     from xper_fx.parallel.launch import run_together as run_together
+    from xper_fx.periodic import MacroscopicDrive as MacroscopicDrive
     from xper_fx.periodic import microstructure as microstructure
-    from xper_fx.periodic.drive import MacroscopicDrive as MacroscopicDrive
     from xper_fx.periodic.microstructure.gmsh_session import gmsh_model as gmsh_model
-    from xper_fx.scene.contact import Contact as Contact
-    from xper_fx.scene.scene import Scene as Scene
-    from xper_fx.scene.scene import Wall as Wall
-    from xper_fx.scene.tie import Tie as Tie
-    from xper_fx.simulation.simulation import Simulation as Simulation
-    from xper_fx.simulation.step_record import StepRecord as StepRecord
+    from xper_fx.scene import Contact as Contact
+    from xper_fx.scene import Scene as Scene
+    from xper_fx.scene import Tie as Tie
+    from xper_fx.scene import Wall as Wall
+    from xper_fx.simulation import Simulation as Simulation
+    from xper_fx.simulation import StepRecord as StepRecord
+    from xper_fx.study import Study as Study
     from xper_fx.study import effect_prices as effect_prices
     from xper_fx.study import quantities as quantities
-    from xper_fx.study.definition import Study as Study
     from xper_fx.support.compat import geometry_dofmap as geometry_dofmap
     from xper_fx.support.errors import CheckpointError as CheckpointError
     from xper_fx.support.errors import ConvergenceError as ConvergenceError
@@ -88,26 +88,26 @@ _MODULE_OF = {
     "BodyForce": "forms.loads",
     "CellGauge": "output.recorder",
     "CheckpointError": "support.errors",
-    "Contact": "scene.contact",
+    "Contact": "scene",
     "ConvergenceError": "support.errors",
     "FrictionProblem": "nscd",
     "Gravity": "forms.loads",
-    "MacroscopicDrive": "periodic.drive",
+    "MacroscopicDrive": "periodic",
     "NotFiniteError": "support.errors",
     "PrescribedDisplacement": "forms.loads",
     "PrescribedVelocity": "forms.loads",
     "RayleighDamping": "forms.loads",
     "Recorder": "output.recorder",
     "RigidBody": "nscd.rigid",
-    "Scene": "scene.scene",
+    "Scene": "scene",
     "SerialOnlyError": "bodies.meshes",
-    "Simulation": "simulation.simulation",
-    "StepRecord": "simulation.step_record",
-    "Study": "study.definition",
+    "Simulation": "simulation",
+    "StepRecord": "simulation",
+    "Study": "study",
     "SurfaceTraction": "forms.loads",
     "TensileGauge": "output.recorder",
-    "Tie": "scene.tie",
-    "Wall": "scene.scene",
+    "Tie": "scene",
+    "Wall": "scene",
     "add_run_options": "output.run",
     "add_to_summary": "output.recorder",
     "cohesive_table": "output.cohesive_scales",
@@ -148,7 +148,3 @@ _NAMESPACES = {
 
 __all__ = ["__version__", *_MODULE_OF, *_NAMESPACES]
 __getattr__ = importer(__name__, _MODULE_OF, _NAMESPACES)
-
-
-def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
