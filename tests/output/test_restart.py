@@ -32,7 +32,7 @@ from xper_fx.output.recorder import Recorder, TensileGauge
 from xper_fx.output.run import add_run_options, recorded_steps
 from xper_fx.output.series import TimeSeries, read_history
 from xper_fx.output.signals import Interruption
-from xper_fx.scene.scene import Scene, Wall
+from xper_fx.scene import Scene, Wall
 from xper_fx.simulation.simulation import Simulation
 from xper_fx.support.errors import CheckpointError, ConvergenceError
 from xper_fx.support.saved_rows import Rows

@@ -8,10 +8,10 @@ from xper_fx.support.lazy import importer
 if TYPE_CHECKING:
     from xper_fx.scene.contact import Contact as Contact
     from xper_fx.scene.scene import Scene as Scene
-    from xper_fx.scene.scene import Wall as Wall
     from xper_fx.scene.tie import Tie as Tie
+    from xper_fx.scene.wall import Wall as Wall
 
-_MODULE_OF = {"Contact": "contact", "Scene": "scene", "Tie": "tie", "Wall": "scene"}
+_MODULE_OF = {"Contact": "contact", "Scene": "scene", "Tie": "tie", "Wall": "wall"}
 
 __all__ = list(_MODULE_OF)
 __getattr__ = importer(__name__, _MODULE_OF)
