@@ -57,14 +57,14 @@ if TYPE_CHECKING:
     from xper_fx.nscd.rigid import RigidBody as RigidBody
     from xper_fx.output.cohesive_scales import cohesive_table as cohesive_table
     from xper_fx.output.effects import effects_table as effects_table
+    from xper_fx.output.history import read_history as read_history
+    from xper_fx.output.output_folder import prepare_folder as prepare_folder
     from xper_fx.output.recorder import CellGauge as CellGauge
     from xper_fx.output.recorder import Recorder as Recorder
     from xper_fx.output.recorder import TensileGauge as TensileGauge
     from xper_fx.output.recorder import add_to_summary as add_to_summary
     from xper_fx.output.run import add_run_options as add_run_options
     from xper_fx.output.run import recorded_steps as recorded_steps
-    from xper_fx.output.series import prepare_folder as prepare_folder
-    from xper_fx.output.series import read_history as read_history
     from xper_fx.parallel.launch import run_together as run_together
     from xper_fx.periodic import MacroscopicDrive as MacroscopicDrive
     from xper_fx.periodic import microstructure as microstructure
@@ -120,9 +120,9 @@ _MODULE_OF = {
     "join_meshes": "bodies.join",
     "njit": "cache",
     "partition": "bodies.partition",
-    "prepare_folder": "output.series",
+    "prepare_folder": "output.output_folder",
     "read_gmsh": "bodies.meshes",
-    "read_history": "output.series",
+    "read_history": "output.history",
     "recorded_steps": "output.run",
     "run_together": "parallel.launch",
     "tag_cells": "bodies.meshes",

@@ -35,13 +35,10 @@ from xper_fx.nscd.facets import facet_shapes
 from xper_fx.output.cohesive_scales import cohesive_scales
 from xper_fx.output.effects import effects_of
 from xper_fx.output.folder_lock import FolderLock
-from xper_fx.output.series import (
-    HISTORY_COLUMNS,
-    History,
-    TimeSeries,
-    prepare_folder,
-    write_summary,
-)
+from xper_fx.output.history import HISTORY_COLUMNS, History
+from xper_fx.output.output_folder import prepare_folder
+from xper_fx.output.series import TimeSeries
+from xper_fx.output.summary import write_summary
 from xper_fx.simulation.simulation import Simulation, StepRecord
 from xper_fx.support.compat import geometry_dofmap
 from xper_fx.support.version import __version__
