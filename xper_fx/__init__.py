@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from xper_fx.bodies import meshes as meshes
     from xper_fx.bodies.explode import Bodies as Bodies
     from xper_fx.bodies.explode import explode as explode
+    from xper_fx.bodies.gmsh_session import gmsh_model as gmsh_model
     from xper_fx.bodies.join import join_meshes as join_meshes
     from xper_fx.bodies.meshes import SerialOnlyError as SerialOnlyError
     from xper_fx.bodies.meshes import crossed_rectangle as crossed_rectangle
@@ -68,7 +69,6 @@ if TYPE_CHECKING:
     from xper_fx.parallel.launch import run_together as run_together
     from xper_fx.periodic import MacroscopicDrive as MacroscopicDrive
     from xper_fx.periodic import microstructure as microstructure
-    from xper_fx.periodic.microstructure.gmsh_session import gmsh_model as gmsh_model
     from xper_fx.scene import Contact as Contact
     from xper_fx.scene import Scene as Scene
     from xper_fx.scene import Tie as Tie
@@ -115,7 +115,7 @@ _MODULE_OF = {
     "effects_table": "output.effects",
     "explode": "bodies.explode",
     "geometry_dofmap": "support.compat",
-    "gmsh_model": "periodic.microstructure.gmsh_session",
+    "gmsh_model": "bodies.gmsh_session",
     "in_rectangles": "bodies.meshes",
     "join_meshes": "bodies.join",
     "njit": "cache",
