@@ -58,11 +58,11 @@ if TYPE_CHECKING:
     from xper_fx.nscd.rigid import RigidBody as RigidBody
     from xper_fx.output.cohesive_scales import cohesive_table as cohesive_table
     from xper_fx.output.effects import effects_table as effects_table
+    from xper_fx.output.gauges import CellGauge as CellGauge
+    from xper_fx.output.gauges import TensileGauge as TensileGauge
     from xper_fx.output.history import read_history as read_history
     from xper_fx.output.output_folder import prepare_folder as prepare_folder
-    from xper_fx.output.recorder import CellGauge as CellGauge
     from xper_fx.output.recorder import Recorder as Recorder
-    from xper_fx.output.recorder import TensileGauge as TensileGauge
     from xper_fx.output.recorder import add_to_summary as add_to_summary
     from xper_fx.output.run import add_run_options as add_run_options
     from xper_fx.output.run import recorded_steps as recorded_steps
@@ -86,7 +86,7 @@ if TYPE_CHECKING:
 _MODULE_OF = {
     "Bodies": "bodies.explode",
     "BodyForce": "forms.loads",
-    "CellGauge": "output.recorder",
+    "CellGauge": "output.gauges",
     "CheckpointError": "support.errors",
     "Contact": "scene",
     "ConvergenceError": "support.errors",
@@ -105,7 +105,7 @@ _MODULE_OF = {
     "StepRecord": "simulation",
     "Study": "study",
     "SurfaceTraction": "forms.loads",
-    "TensileGauge": "output.recorder",
+    "TensileGauge": "output.gauges",
     "Tie": "scene",
     "Wall": "scene",
     "add_run_options": "output.run",
