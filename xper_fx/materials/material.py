@@ -26,7 +26,7 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple, Protocol
 
-from xper_fx.support.checks import take_numbers
+from xper_fx.support.checks import require_positive, take_numbers
 
 Expression = Any
 """An expression of UFL; its operators have no types."""
@@ -125,11 +125,6 @@ def lame(young: float, poisson: float) -> tuple[float, float]:
     return young * poisson / ((1.0 + poisson) * (1.0 - 2.0 * poisson)), mu
 
 
-def check_density(density: float) -> None:
-    """Raise ValueError unless a density (kg/m^3) is a finite number above zero."""
-    _check_above_zero("density", density)
-
-
 def take_elastic_constants(material: Any) -> None:
     """Turn `young`, `poisson` and `density` of a frozen material into floats.
 
@@ -139,8 +134,8 @@ def take_elastic_constants(material: Any) -> None:
     """
     take_numbers(material, "young", "poisson", "density")
     young, poisson = material.young, material.poisson
-    _check_above_zero("young", young)
-    check_density(material.density)
+    require_positive("young", young)
+    require_positive("density", material.density)
     if not -1.0 < poisson < 0.5:
         raise ValueError(
             f"poisson should lie strictly between -1 and 0.5, got {poisson}; for a nearly "
@@ -163,15 +158,10 @@ def take_plastic_constants(material: Any) -> None:
     """
     take_numbers(material, "yield_stress")
     take_elastic_constants(material)
-    _check_above_zero("yield_stress", material.yield_stress)
+    require_positive("yield_stress", material.yield_stress)
     if not hasattr(material.hardening, "curve"):
         raise ValueError(
             "hardening should be a law such as Linear(modulus) or Voce(saturation, rate), got "
             f"{material.hardening!r}."
         )
     material.hardening.check(material.yield_stress, lame(material.young, material.poisson)[1])
-
-
-def _check_above_zero(name: str, value: float) -> None:
-    if not (math.isfinite(value) and value > 0.0):
-        raise ValueError(f"{name} should be a finite number above zero, got {value}.")
