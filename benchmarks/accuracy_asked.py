@@ -26,7 +26,7 @@ from xper_fx.bodies.explode import explode
 from xper_fx.bodies.meshes import crossed_rectangle, in_rectangles, tag_cells
 from xper_fx.materials import LinearElastic
 from xper_fx.materials.library import HYDRIDE
-from xper_fx.output.recorder import CellGauge, TensileGauge
+from xper_fx.output.gauges import CellGauge, TensileGauge
 from xper_fx.scene.scene import Scene
 from xper_fx.study.quantities import DisplacementL2, DissipatedEnergy, PeakStress
 from xper_fx.study.study import Study, product, run_study, vary

@@ -49,7 +49,7 @@ from xper_fx.bodies.meshes import crossed_rectangle, tag_facets
 from xper_fx.forms.loads import PrescribedDisplacement
 from xper_fx.materials import LinearElastic
 from xper_fx.nscd.laws import SignoriniCoulomb
-from xper_fx.scene.scene import Scene, Wall
+from xper_fx.scene import Scene, Wall
 from xper_fx.simulation.simulation import Simulation
 
 YOUNG, DENSITY = 210e9, 7800.0

@@ -33,15 +33,15 @@ from typing import NamedTuple
 import numpy as np
 
 from xper_fx.bodies.explode import explode
+from xper_fx.bodies.gmsh_session import gmsh_model
 from xper_fx.bodies.meshes import read_gmsh, tag_facets
 from xper_fx.forms.loads import PrescribedVelocity
 from xper_fx.materials import LinearElastic
 from xper_fx.nscd.laws import CohesiveZone, SignoriniCoulomb
 from xper_fx.nscd.laws.law import COHESION
 from xper_fx.output.cohesive_scales import cohesive_table
+from xper_fx.output.output_folder import prepare_folder
 from xper_fx.output.recorder import point_coordinates
-from xper_fx.output.series import prepare_folder
-from xper_fx.periodic.microstructure.gmsh_session import gmsh_model
 from xper_fx.plotting.figures import new_figure
 from xper_fx.scene.scene import Scene
 from xper_fx.simulation.simulation import Simulation

@@ -21,8 +21,8 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[1] / "demos"))
 import notched_plate as demo  # noqa: E402
 
-from xper_fx.output.recorder import TensileGauge  # noqa: E402
-from xper_fx.output.series import prepare_folder  # noqa: E402
+from xper_fx.output.gauges import TensileGauge  # noqa: E402
+from xper_fx.output.output_folder import prepare_folder  # noqa: E402
 from xper_fx.simulation.simulation import Simulation  # noqa: E402
 
 COLUMNS = (

@@ -39,7 +39,7 @@ from xper_fx.nscd.couplings import sweep_kernel  # noqa: E402
 from xper_fx.nscd.interactions import Interactions  # noqa: E402
 from xper_fx.nscd.inverse_blocks import BodyInverse  # noqa: E402
 from xper_fx.nscd.laws import CohesiveZone  # noqa: E402
-from xper_fx.nscd.ordering import _greedy_colors  # noqa: E402
+from xper_fx.nscd.ordering import greedy_colors  # noqa: E402
 from xper_fx.nscd.points import InteractionPoints  # noqa: E402
 
 SIZE, THETA = 50e-6, 0.5
@@ -106,7 +106,7 @@ class Problem:
         g = self.group
         size, ground = g.blocks.size, len(self.scene.inverse.node_offsets) - 2
         pairs = (g.points.nodes[:, :, 0] * 2 // size).astype(np.int64)
-        color = _greedy_colors(np.arange(len(g) + 1) * 2, pairs.ravel(), ground + 1, ground)
+        color = greedy_colors(np.arange(len(g) + 1) * 2, pairs.ravel(), ground + 1, ground)
         parts = []
         for value in range(color.max() + 1):
             i = np.flatnonzero(color == value)

@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from xper_fx.bodies import meshes as meshes
     from xper_fx.bodies.explode import Bodies as Bodies
     from xper_fx.bodies.explode import explode as explode
+    from xper_fx.bodies.gmsh_session import gmsh_model as gmsh_model
     from xper_fx.bodies.join import join_meshes as join_meshes
     from xper_fx.bodies.meshes import SerialOnlyError as SerialOnlyError
     from xper_fx.bodies.meshes import crossed_rectangle as crossed_rectangle
@@ -57,28 +58,27 @@ if TYPE_CHECKING:
     from xper_fx.nscd.rigid import RigidBody as RigidBody
     from xper_fx.output.cohesive_scales import cohesive_table as cohesive_table
     from xper_fx.output.effects import effects_table as effects_table
-    from xper_fx.output.recorder import CellGauge as CellGauge
+    from xper_fx.output.gauges import CellGauge as CellGauge
+    from xper_fx.output.gauges import TensileGauge as TensileGauge
+    from xper_fx.output.history import read_history as read_history
+    from xper_fx.output.output_folder import prepare_folder as prepare_folder
     from xper_fx.output.recorder import Recorder as Recorder
-    from xper_fx.output.recorder import TensileGauge as TensileGauge
     from xper_fx.output.recorder import add_to_summary as add_to_summary
     from xper_fx.output.run import add_run_options as add_run_options
     from xper_fx.output.run import recorded_steps as recorded_steps
-    from xper_fx.output.series import prepare_folder as prepare_folder
-    from xper_fx.output.series import read_history as read_history
     from xper_fx.parallel.launch import run_together as run_together
+    from xper_fx.periodic import MacroscopicDrive as MacroscopicDrive
     from xper_fx.periodic import microstructure as microstructure
-    from xper_fx.periodic.drive import MacroscopicDrive as MacroscopicDrive
-    from xper_fx.periodic.microstructure.gmsh_session import gmsh_model as gmsh_model
-    from xper_fx.scene.contact import Contact as Contact
-    from xper_fx.scene.scene import Scene as Scene
-    from xper_fx.scene.scene import Wall as Wall
-    from xper_fx.scene.tie import Tie as Tie
-    from xper_fx.simulation.path import GrowthControl as GrowthControl
-    from xper_fx.simulation.simulation import Simulation as Simulation
-    from xper_fx.simulation.step_record import StepRecord as StepRecord
+    from xper_fx.scene import Contact as Contact
+    from xper_fx.scene import Scene as Scene
+    from xper_fx.scene import Tie as Tie
+    from xper_fx.scene import Wall as Wall
+    from xper_fx.simulation import GrowthControl as GrowthControl
+    from xper_fx.simulation import Simulation as Simulation
+    from xper_fx.simulation import StepRecord as StepRecord
+    from xper_fx.study import Study as Study
     from xper_fx.study import effect_prices as effect_prices
     from xper_fx.study import quantities as quantities
-    from xper_fx.study.definition import Study as Study
     from xper_fx.support.compat import geometry_dofmap as geometry_dofmap
     from xper_fx.support.errors import CheckpointError as CheckpointError
     from xper_fx.support.errors import ConvergenceError as ConvergenceError
@@ -87,29 +87,29 @@ if TYPE_CHECKING:
 _MODULE_OF = {
     "Bodies": "bodies.explode",
     "BodyForce": "forms.loads",
-    "CellGauge": "output.recorder",
+    "CellGauge": "output.gauges",
     "CheckpointError": "support.errors",
-    "Contact": "scene.contact",
+    "Contact": "scene",
     "ConvergenceError": "support.errors",
     "FrictionProblem": "nscd",
     "Gravity": "forms.loads",
-    "MacroscopicDrive": "periodic.drive",
+    "GrowthControl": "simulation",
+    "MacroscopicDrive": "periodic",
     "NotFiniteError": "support.errors",
     "PrescribedDisplacement": "forms.loads",
     "PrescribedVelocity": "forms.loads",
     "RayleighDamping": "forms.loads",
     "Recorder": "output.recorder",
     "RigidBody": "nscd.rigid",
-    "Scene": "scene.scene",
+    "Scene": "scene",
     "SerialOnlyError": "bodies.meshes",
-    "GrowthControl": "simulation.path",
-    "Simulation": "simulation.simulation",
-    "StepRecord": "simulation.step_record",
-    "Study": "study.definition",
+    "Simulation": "simulation",
+    "StepRecord": "simulation",
+    "Study": "study",
     "SurfaceTraction": "forms.loads",
-    "TensileGauge": "output.recorder",
-    "Tie": "scene.tie",
-    "Wall": "scene.scene",
+    "TensileGauge": "output.gauges",
+    "Tie": "scene",
+    "Wall": "scene",
     "add_run_options": "output.run",
     "add_to_summary": "output.recorder",
     "cohesive_table": "output.cohesive_scales",
@@ -117,14 +117,14 @@ _MODULE_OF = {
     "effects_table": "output.effects",
     "explode": "bodies.explode",
     "geometry_dofmap": "support.compat",
-    "gmsh_model": "periodic.microstructure.gmsh_session",
+    "gmsh_model": "bodies.gmsh_session",
     "in_rectangles": "bodies.meshes",
     "join_meshes": "bodies.join",
     "njit": "cache",
     "partition": "bodies.partition",
-    "prepare_folder": "output.series",
+    "prepare_folder": "output.output_folder",
     "read_gmsh": "bodies.meshes",
-    "read_history": "output.series",
+    "read_history": "output.history",
     "recorded_steps": "output.run",
     "run_together": "parallel.launch",
     "tag_cells": "bodies.meshes",
@@ -150,7 +150,3 @@ _NAMESPACES = {
 
 __all__ = ["__version__", *_MODULE_OF, *_NAMESPACES]
 __getattr__ = importer(__name__, _MODULE_OF, _NAMESPACES)
-
-
-def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})

@@ -21,7 +21,7 @@ from xper_fx.forms.loads import (
 )
 from xper_fx.materials import LinearElastic
 from xper_fx.nscd.laws import CohesiveZone, PerfectBond, SignoriniCoulomb
-from xper_fx.scene.scene import Scene, Wall
+from xper_fx.scene import Scene, Wall
 from xper_fx.simulation.simulation import Simulation
 
 # A bar of unit section: with nu = 0 it is one-dimensional, with wave speed c = 10 m/s.

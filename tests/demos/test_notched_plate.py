@@ -15,8 +15,8 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "demos"))
 import notched_plate as demo
 
 from xper_fx.output.cracks import find_cracks
-from xper_fx.output.recorder import TensileGauge
-from xper_fx.output.series import HISTORY_COLUMNS, read_history
+from xper_fx.output.gauges import TensileGauge
+from xper_fx.output.history import HISTORY_COLUMNS, read_history
 from xper_fx.simulation.simulation import Simulation
 
 pytestmark = pytest.mark.demos

@@ -20,8 +20,8 @@ import periodic_ductile as ductile
 from xper_fx.materials import LinearElastic
 from xper_fx.nscd.laws import CohesiveZone, PerfectBond
 from xper_fx.output.cracks import crack_panel, find_cracks
+from xper_fx.output.history import HISTORY_COLUMNS, read_history
 from xper_fx.output.recorder import Recorder
-from xper_fx.output.series import HISTORY_COLUMNS, read_history
 from xper_fx.periodic.drive import MacroscopicDrive
 from xper_fx.scene.scene import Scene
 from xper_fx.simulation.simulation import Simulation

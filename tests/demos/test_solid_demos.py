@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from xper_fx.output.series import read_history
+from xper_fx.output.history import read_history
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "demos"))
 

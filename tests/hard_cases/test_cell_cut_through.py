@@ -8,12 +8,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from cells import cell_of, cell_run
+from cells import averaged_gradient, cell_of, cell_run
 
 from xper_fx.materials import LinearElastic, NeoHookean
 from xper_fx.materials.material import lame
 from xper_fx.nscd.laws import CohesiveZone, PerfectBond
-from xper_fx.periodic.averages import averaged_gradient
 from xper_fx.periodic.drive import MacroscopicDrive
 from xper_fx.support.errors import ConvergenceError
 

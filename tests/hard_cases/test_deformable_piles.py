@@ -10,7 +10,7 @@ from scenes import BOTTOM, box_bodies, run
 from xper_fx.forms.loads import Gravity
 from xper_fx.materials import LinearElastic
 from xper_fx.nscd.laws import SignoriniCoulomb
-from xper_fx.scene.scene import Scene, Wall
+from xper_fx.scene import Scene, Wall
 from xper_fx.simulation.simulation import Simulation
 from xper_fx.support.errors import ConvergenceError
 

@@ -13,7 +13,7 @@ from xper_fx.forms.loads import Gravity
 from xper_fx.materials import LinearElastic
 from xper_fx.nscd.friction import SOLVERS, FrictionProblem
 from xper_fx.nscd.laws import SignoriniCoulomb
-from xper_fx.scene.scene import Scene, Wall
+from xper_fx.scene import Scene, Wall
 from xper_fx.simulation.simulation import Simulation
 
 SCHEMES = [("implicit", s) for s in ("nlgs", "newton", "accelerated", "auto")] + [

@@ -10,7 +10,7 @@ from scenes import BOTTOM, box_bodies, field, run
 from xper_fx.forms.loads import Gravity
 from xper_fx.materials import LinearElastic
 from xper_fx.nscd.laws import CohesiveZone, SignoriniCoulomb
-from xper_fx.scene.scene import Scene, Wall
+from xper_fx.scene import Scene, Wall
 from xper_fx.simulation.simulation import Simulation
 
 VELOCITY, GRAVITY, STEP, STEPS = np.array([3.0, 40.0]), np.array([0.5, -10.0]), 1e-3, 50

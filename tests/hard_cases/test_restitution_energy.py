@@ -29,7 +29,7 @@ from scenes import BOTTOM, EXACT, box_bodies, run
 from xper_fx.forms.loads import Gravity
 from xper_fx.materials import LinearElastic
 from xper_fx.nscd.laws import SignoriniCoulomb
-from xper_fx.scene.scene import Scene, Wall
+from xper_fx.scene import Scene, Wall
 from xper_fx.simulation.simulation import Simulation
 
 RESTITUTIONS = [0.0, 0.4, 1.0]

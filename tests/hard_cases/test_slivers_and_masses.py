@@ -12,7 +12,7 @@ from xper_fx.bodies.meshes import tag_cells
 from xper_fx.forms.loads import Gravity
 from xper_fx.materials import LinearElastic
 from xper_fx.nscd.laws import SignoriniCoulomb
-from xper_fx.scene.scene import Scene, Wall
+from xper_fx.scene import Scene, Wall
 from xper_fx.simulation.simulation import Simulation
 
 GRAVITY = 10.0

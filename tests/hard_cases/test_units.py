@@ -24,7 +24,7 @@ from xper_fx.nscd import FrictionProblem
 from xper_fx.nscd.friction.problem import SOLVERS as FRICTION_SOLVERS
 from xper_fx.nscd.laws import CohesiveZone, SignoriniCoulomb, Tresca
 from xper_fx.periodic.drive import MacroscopicDrive
-from xper_fx.scene.scene import Scene, Wall
+from xper_fx.scene import Scene, Wall
 from xper_fx.simulation.simulation import Simulation
 
 

@@ -6,13 +6,16 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+import numba
 import numpy as np
 import pytest
+import scipy.sparse as sp
 from problems import disks_on_wall, pyramid, sphere_heap
 from test_friction_problem import assert_honest, natural_errors
 
-from xper_fx.nscd.friction import SOLVERS, FrictionProblem
-from xper_fx.nscd.local_solvers import LOCAL_SOLVERS
+from xper_fx.nscd.friction import SOLVERS, FrictionProblem, colored, gauss_seidel
+from xper_fx.nscd.friction.blocks import store
+from xper_fx.nscd.local_solvers import LOCAL_SOLVERS, local_solver
 
 
 @pytest.fixture(params=SOLVERS)
@@ -213,6 +216,7 @@ WAYS = {
     "relaxation 0.7": {"relaxation": 0.7},
     "symmetric": {"symmetric": True},
     "shuffled": {"order": "shuffled"},
+    "colored": {"order": "colored"},
 }
 
 
@@ -227,6 +231,52 @@ def test_ways_of_sweeping_lead_to_the_same_velocities(options):
     assert np.abs(result.reaction - plain.reaction).max() > 0.0
     assert result.sweeps != plain.sweeps
     np.testing.assert_allclose(result.velocity, plain.velocity, atol=1e-6 * np.abs(problem.q).max())
+
+
+@pytest.fixture
+def threads():
+    """Set the number of Numba's threads, for one test."""
+    before = numba.get_num_threads()
+    yield numba.set_num_threads
+    numba.set_num_threads(before)
+
+
+@pytest.mark.skipif(numba.config.NUMBA_NUM_THREADS < 2, reason="one core")
+@pytest.mark.parametrize("relaxation", [1.0, 1.3])
+@pytest.mark.parametrize(
+    "make", [lambda: disks_on_wall(40, mu=0.3), lambda: sphere_heap(30, mu=0.3)], ids=["2D", "3D"]
+)
+def test_coloured_sweeps_are_the_serial_ones(make, relaxation, threads):
+    """Up to rounding; and the same bits whatever the number of threads."""
+    W, q, mu, dim = make()
+    problem, _, _, colors = store(W, q, mu, dim, "colored")
+    local = local_solver(dim, "graph" if dim == 2 else "exact")
+    how = {"tolerance": 1e-15, "max_sweeps": 12, "relaxation": relaxation}
+    serial = np.zeros((len(mu), dim))
+    gauss_seidel.sweep(problem, local, serial, **how)
+    found = []
+    for number in (1, 2):
+        threads(number)
+        found.append(np.zeros_like(serial))
+        report = colored.sweep(problem, colors, local, found[-1], **how)
+        assert report.sweeps == [12] and not report.converged
+    np.testing.assert_array_equal(*found)
+    assert np.abs(serial).max() > 1.0
+    np.testing.assert_allclose(found[0], serial, atol=1e-12)
+
+
+def test_contacts_of_a_colour_share_no_body():
+    """One body under a hundred others, and some apart: more colours than a word has bits."""
+    coupled = sp.random(300, 300, 0.01, random_state=1).tolil()
+    coupled[:100, :100] = 1.0
+    W = sp.kron(coupled + coupled.T + 400.0 * sp.eye(300), np.eye(2)).tocsr()
+    problem, _, places, colors = store(W, -np.ones(600), np.full(300, 0.3), 2, "colored")
+    rows = np.repeat(np.arange(300), np.diff(problem.offsets))
+    color = np.searchsorted(colors, np.arange(300), side="right")
+    apart = rows != problem.columns
+    assert apart.any() and (color[rows] != color[problem.columns])[apart].all()
+    assert sorted(places) == list(range(300))
+    assert 100 <= len(colors) - 1 < 110
 
 
 # Problems from elsewhere, if they are there.

@@ -258,7 +258,6 @@ def test_inverse_blocks_are_those_of_the_turned_inertia():
         r = prediction.rotation[i]
         mass = np.zeros((6, 6))
         mass[:3, :3], mass[3:, 3:] = 12.0 * np.eye(3), r @ np.diag(MOMENTS) @ r.T
-        assert motion.mass_blocks()[i] == pytest.approx(mass, abs=1e-13)
         free = [k for k in range(6) if k not in given]
         expected = np.zeros((6, 6))
         expected[np.ix_(free, free)] = np.linalg.inv(mass[np.ix_(free, free)])

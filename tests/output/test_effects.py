@@ -11,9 +11,13 @@ import os
 import subprocess
 import sys
 from dataclasses import dataclass
+from importlib import import_module
+from importlib.util import find_spec
+from operator import attrgetter
 from pathlib import Path
 
 import effect_scenes
+import effect_table
 import pytest
 from on_ranks import on_ranks
 from scenes import box_bodies
@@ -28,6 +32,7 @@ SCRIPT = Path(effect_scenes.__file__)
 ENVIRONMENT = os.environ | {"OPENBLAS_NUM_THREADS": "1"}
 FAST = ("static", "dynamic", "closed")
 MARKS = dict.fromkeys(FAST, ()) | {"divided": pytest.mark.ranks}
+TABLE = effect_table.read()
 CALLED_FOR = {scene.__name__: effects for scene, effects in effect_scenes.SCENES.items()}
 
 
@@ -54,19 +59,26 @@ def uses(run: dict, code: str) -> str | None:
     return None
 
 
-@pytest.mark.parametrize("effect", EFFECTS, ids=lambda e: e.name)
+@pytest.mark.parametrize("effect", TABLE, ids=lambda e: e.name)
 def test_every_effect_has_its_proof(effect):
     """A scene with it and a scene without, so that the proof below is not empty."""
     with_it = [scene for scene, effects in CALLED_FOR.items() if effect.name in effects]
     assert with_it, f"give tests/shared/effect_scenes.py a scene that calls for {effect.name!r}"
     assert len(with_it) < len(CALLED_FOR)
-    assert effect.switch and effect.code
 
 
 def test_names_are_those_of_the_table():
     names = [effect.name for effect in EFFECTS]
     assert len(set(names)) == len(names)
     assert set().union(*CALLED_FOR.values()) == set(names)
+    assert [effect.name for effect in TABLE] == names
+
+
+@pytest.mark.parametrize("code", sorted({code for effect in TABLE for code in effect.code}))
+def test_code_of_the_table_is_there(code):
+    module, _, name = code.partition(":")
+    assert not name or attrgetter(name)(import_module(module))
+    assert find_spec(module)
 
 
 @pytest.mark.parametrize(
@@ -76,11 +88,11 @@ def test_names_are_those_of_the_table():
 def test_a_scene_pays_for_what_it_calls_for(scene):
     run = observed(scene)
     assert {name for name, row in run["effects"].items() if row["on"]} == CALLED_FOR[scene]
-    on = [effect for effect in EFFECTS if effect.name in CALLED_FOR[scene]]
-    off = [effect for effect in EFFECTS if effect.name not in CALLED_FOR[scene]]
+    on = [effect for effect in TABLE if effect.name in CALLED_FOR[scene]]
+    off = [effect for effect in TABLE if effect.name not in CALLED_FOR[scene]]
     for effect in on:
         assert any(uses(run, code) for code in effect.code), effect.name
-        assert (run["effects"][effect.name]["memory"] > 0) == bool(effect.holds), effect.name
+        assert (run["effects"][effect.name]["memory"] > 0) == (effect.holds != "-"), effect.name
     shared = {code for effect in on for code in effect.code}
     absent = sorted({code for effect in off for code in effect.code} - shared)
     assert {code: uses(run, code) for code in absent} == dict.fromkeys(absent)

@@ -15,14 +15,10 @@ import h5py
 import numpy as np
 import pytest
 
-from xper_fx.output.series import (
-    HISTORY_COLUMNS,
-    History,
-    TimeSeries,
-    prepare_folder,
-    read_history,
-    write_summary,
-)
+from xper_fx.output.history import HISTORY_COLUMNS, History, read_history
+from xper_fx.output.output_folder import prepare_folder
+from xper_fx.output.series import TimeSeries
+from xper_fx.output.summary import write_summary
 
 POINTS = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]]) / 3
 TRIANGLES = np.array([[0, 1, 2], [1, 3, 2]], dtype=np.int32)

@@ -29,8 +29,11 @@ from xper_fx.forms.loads import PrescribedVelocity
 from xper_fx.materials import LinearElastic
 from xper_fx.output.checkpoint import save
 from xper_fx.output.folder_lock import FolderLock
+from xper_fx.output.history import History, read_history
+from xper_fx.output.output_folder import prepare_folder
 from xper_fx.output.recorder import Recorder
-from xper_fx.output.series import History, TimeSeries, prepare_folder, read_history, write_summary
+from xper_fx.output.series import TimeSeries
+from xper_fx.output.summary import write_summary
 from xper_fx.plotting.figures import new_figure
 from xper_fx.scene.scene import Scene
 from xper_fx.simulation.simulation import Simulation
@@ -209,7 +212,9 @@ def test_a_small_disk(tmp_path, trouble):
     from pathlib import Path
     from test_output import check, fields
     from test_output_failures import begun_series
-    from xper_fx.output.series import History, prepare_folder, read_history, write_summary
+    from xper_fx.output.history import History, read_history
+    from xper_fx.output.output_folder import prepare_folder
+    from xper_fx.output.summary import write_summary
 
     disk, trouble = Path(sys.argv[1]), sys.argv[2]
     subprocess.run(["mount", "-t", "tmpfs", "-o", "size=1m", "none", disk], check=True)
@@ -391,7 +396,7 @@ def test_a_recorder_that_could_not_be_made_lets_go(tmp_path, simulation):
 
 
 WRITES = {
-    "history": "xper_fx.output.series._write_all",
+    "history": "xper_fx.output.history.write_all",
     "fields": "xper_fx.output.series._reserve",
     "xdmf": "xper_fx.output.series.TimeSeries._append",
 }

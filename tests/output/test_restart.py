@@ -27,12 +27,14 @@ from xper_fx.forms.loads import Gravity, PrescribedVelocity
 from xper_fx.materials import LinearElastic
 from xper_fx.nscd.laws import CohesiveZone, SignoriniCoulomb
 from xper_fx.output.checkpoint import restore, save
+from xper_fx.output.gauges import TensileGauge
 from xper_fx.output.hdf5_tree import read_tree, write_tree
-from xper_fx.output.recorder import Recorder, TensileGauge
+from xper_fx.output.history import read_history
+from xper_fx.output.recorder import Recorder
 from xper_fx.output.run import add_run_options, recorded_steps
-from xper_fx.output.series import TimeSeries, read_history
+from xper_fx.output.series import TimeSeries
 from xper_fx.output.signals import Interruption
-from xper_fx.scene.scene import Scene, Wall
+from xper_fx.scene import Scene, Wall
 from xper_fx.simulation.simulation import Simulation
 from xper_fx.support.errors import CheckpointError, ConvergenceError
 from xper_fx.support.saved_rows import Rows

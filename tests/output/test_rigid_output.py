@@ -13,8 +13,8 @@ from xper_fx.materials import LinearElastic
 from xper_fx.nscd.laws import SignoriniCoulomb
 from xper_fx.nscd.rigid import Disc, Polygon, Polyhedron, RigidBody, Sphere, wall
 from xper_fx.output.contact_forces import find_contact_forces
+from xper_fx.output.history import read_history
 from xper_fx.output.recorder import Recorder
-from xper_fx.output.series import read_history
 from xper_fx.scene.contact import Contact
 from xper_fx.scene.scene import Scene
 from xper_fx.simulation.simulation import Simulation

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from on_ranks import on_ranks
 
-from xper_fx.output.series import read_history
+from xper_fx.output.history import read_history
 
 pytestmark = pytest.mark.ranks
 

@@ -5,12 +5,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from cells import ONE, cell_of, cell_run, phase, ramp
+from cells import ONE, averaged_gradient, cell_of, cell_run, phase, ramp
 from scipy.optimize import root
 
 from xper_fx.materials import LinearElastic, NeoHookean
 from xper_fx.materials.material import lame
-from xper_fx.periodic.averages import averaged_gradient
 from xper_fx.periodic.drive import MacroscopicDrive
 
 SOFT, HARD = (100.0, 0.3), (700.0, 0.2)
@@ -310,15 +309,6 @@ def test_where_a_void_lies_does_not_matter():
         )
     assert np.abs(found[1] - found[0]).max() < 1e-10
     assert np.abs(found[2] - found[0]).max() < 1e-10
-
-
-def test_the_mean_gradient_of_a_cell_with_voids_is_not_its_bulk_s():
-    """<grad u> over the bulk lacks what the void's surface adds: refused, not given wrong."""
-    bodies = cell_of((1, 1), (6, 6), hole=composite)
-    simulation = cell_run(bodies, {1: LinearElastic(*SOFT, 1.0)}, ramp(CURVED))
-    assert np.abs(simulation.macroscopic.gradient - CURVED).max() < 1e-13
-    with pytest.raises(ValueError, match="voids"):
-        averaged_gradient(simulation.bulk, simulation.state.displacement)
 
 
 def test_a_slot_carries_nothing_across():

@@ -20,7 +20,7 @@ from xper_fx.forms.loads import (
 from xper_fx.materials import LinearElastic, NeoHookean
 from xper_fx.nscd.laws import CohesiveZone, PerfectBond, SignoriniCoulomb
 from xper_fx.periodic.drive import MacroscopicDrive
-from xper_fx.scene.scene import Scene, Wall
+from xper_fx.scene import Scene, Wall
 from xper_fx.simulation.simulation import Simulation
 
 SOLID = LinearElastic(100.0, 0.3, 1.0)

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from cells import cell_of, cell_run
+from cells import averaged_gradient, cell_of, cell_run
 from scipy.optimize import brentq
 
 from xper_fx.materials import LinearElastic, NeoHookean
@@ -14,7 +14,6 @@ from xper_fx.materials.material import lame
 from xper_fx.nscd.laws import CohesiveZone, PerfectBond, SignoriniCoulomb
 from xper_fx.output.checkpoint import restore
 from xper_fx.output.recorder import Recorder
-from xper_fx.periodic.averages import averaged_gradient
 from xper_fx.periodic.drive import MacroscopicDrive
 from xper_fx.scene.scene import Scene
 from xper_fx.simulation.simulation import Simulation

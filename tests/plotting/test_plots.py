@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from xper_fx.output.series import HISTORY_COLUMNS
+from xper_fx.output.history import HISTORY_COLUMNS
 from xper_fx.plotting.figures import (
     CrackPanel,
     plot_cracks,

@@ -24,7 +24,6 @@ import numpy as np
 import pytest
 
 import xper_fx
-from xper_fx.output.effects import EFFECTS
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "docs"
@@ -263,16 +262,6 @@ def test_pages_import_the_door_alone():
         assert re.findall(r"^[ \t]*(?:from|import) xper_fx.*$", text, re.MULTILINE) in (
             [], ["import xper_fx as xf"]
         )  # fmt: skip
-
-
-def test_the_table_of_effects_is_that_of_the_package():
-    page = (DOCS / "guide" / "effects.md").read_text()
-    rows = re.findall(r"^\| ([^|]+) \| ([^|]+) \| ([^|]+) \| ([^|]+) \|$", page, re.MULTILINE)
-    first = next(number for number, row in enumerate(rows) if row[0] == EFFECTS[0].name)
-    assert len(rows) >= first + len(EFFECTS)
-    for effect, (name, switch, code, holds) in zip(EFFECTS, rows[first:], strict=False):
-        assert (name, switch, holds) == (effect.name, effect.switch, effect.holds or "-")
-        assert code.count("`") == 2 * len(effect.code)
 
 
 @pytest.fixture

@@ -1,13 +1,22 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """`import xper_fx as xf`: all public names are there, and cost nothing before they are used."""
 
+import pkgutil
 import subprocess
 import sys
+from importlib import import_module
 from pathlib import Path
 
 import pytest
 
 import xper_fx as xf
+
+# All packages that say which names are theirs.
+ROOMS = [
+    module.name
+    for module in pkgutil.walk_packages(xf.__path__, "xper_fx.")
+    if module.ispkg and hasattr(import_module(module.name), "__all__")
+] + ["xper_fx"]
 
 
 @pytest.mark.parametrize("name", xf.__all__)
@@ -17,16 +26,20 @@ def test_every_public_name_is_there(name):
     assert name in ("__version__", *xf._NAMESPACES) or thing.__name__ == name
 
 
-@pytest.mark.parametrize("namespace", [xf.plotting, xf.output], ids=["plotting", "results"])
-def test_names_gathered_from_several_modules_are_there(namespace):
-    for name in namespace.__all__:
-        assert getattr(namespace, name) is not None
+@pytest.mark.parametrize("room", ROOMS)
+def test_a_room_shows_what_it_has(room):
+    """And no name is that of a module there, which would take its place once it is imported."""
+    package = import_module(room)
+    for name in package.__all__:
+        assert name in dir(package)
+        assert getattr(package, name) is not None
+    assert "__name__" in dir(package)
+    modules = {path.stem for path in Path(package.__file__).parent.iterdir()}
+    assert modules.isdisjoint(set(package.__all__) - set(getattr(package, "_NAMESPACES", ())))
 
 
-def test_no_public_name_is_that_of_a_module():
-    """A module that is imported would take its place."""
+def test_a_namespace_of_the_door_is_the_module_of_its_name():
     modules = {path.stem for path in Path(xf.__file__).parent.iterdir()}
-    assert not modules & set(xf._MODULE_OF)
     for name in modules & set(xf._NAMESPACES):
         assert xf._NAMESPACES[name] == name
 

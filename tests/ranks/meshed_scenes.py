@@ -14,7 +14,7 @@ from xper_fx.nscd.laws import CohesiveZone, SignoriniCoulomb
 from xper_fx.output.cracks import find_fragments
 from xper_fx.output.recorder import point_coordinates
 from xper_fx.parallel.launch import run_together
-from xper_fx.scene.scene import Scene, Wall
+from xper_fx.scene import Scene, Wall
 from xper_fx.simulation.simulation import Simulation
 
 # E = 1000, rho = 1, strength 10, cohesive length 0.5 of a side.

@@ -11,7 +11,8 @@ from meshed_scenes import blocks
 from rigid_bodies import clouds
 from scenes import LEFT, RIGHT
 
-from xper_fx.output.recorder import Recorder, TensileGauge
+from xper_fx.output.gauges import TensileGauge
+from xper_fx.output.recorder import Recorder
 from xper_fx.output.run import recorded_steps
 from xper_fx.parallel import rigid_partition as rigid_division
 from xper_fx.parallel.launch import run_together

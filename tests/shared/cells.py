@@ -8,12 +8,16 @@ from collections.abc import Callable
 import basix.ufl
 import numpy as np
 import ufl
+from dolfinx import default_scalar_type, fem
 from dolfinx.mesh import create_mesh
 from scenes import COMM, mesh_of, midpoints
 
 from xper_fx.bodies.explode import EACH_CELL, Bodies, explode
 from xper_fx.bodies.meshes import tag_cells, tag_facets
+from xper_fx.forms.compiled import compiled_form
+from xper_fx.nscd.facets import facet_points
 from xper_fx.periodic.drive import MacroscopicDrive
+from xper_fx.periodic.two_field import CellBulk
 from xper_fx.scene.scene import Scene
 from xper_fx.simulation.simulation import Simulation
 from xper_fx.support.compat import geometry_dofmap
@@ -188,3 +192,34 @@ def ramp(gradient) -> MacroscopicDrive:
             for j in range(dim)
         }
     )
+
+
+def averaged_gradient(bulk: CellBulk, displacement: np.ndarray) -> np.ndarray:
+    """Fbar from its definition: the bulk's mean and the jumps on all facing facets.
+
+    Args:
+        bulk: the cell, without voids, on one rank.
+        displacement: unknowns, shape (num_dofs,), m.
+
+    Returns:
+        Shape (dim, dim); equal to `CellBulk.macroscopic_gradient` to rounding.
+    """
+    dim, V, bodies = bulk.dim, bulk.forms.V, bulk.forms.bodies
+    direction = fem.Constant(bodies.mesh, default_scalar_type(np.zeros((dim, dim))))
+    gradient = ufl.grad(ufl.TestFunction(V))
+    mean = compiled_form(ufl.inner(direction, gradient) * ufl.dx(bodies.mesh))
+    u = bulk.unknowns.expand(displacement)
+    total = np.zeros((dim, dim))
+    for i in range(dim):
+        for j in range(dim):
+            direction.value[:] = 0.0
+            direction.value[i, j] = 1.0
+            total[i, j] = fem.assemble_vector(mean).array @ u
+    if len(bodies.facets):
+        nodes = bulk.unknowns.node_of[bodies.facing_nodes(V)]
+        rule = "nodal" if nodes.shape[2] == 4 else "gauss"
+        points = facet_points(nodes, bodies.facets.normal, bodies.facets.measure, rule)
+        fluctuation = displacement[: bulk.unknowns.num_nodes * dim].reshape(-1, dim)
+        jumps = np.einsum("pij,pi->pj", points.frame, points.relative(fluctuation))
+        total += np.einsum("p,pi,pj->ij", points.area, jumps, points.frame[:, 0])
+    return np.eye(dim) + total / bulk.volume

@@ -131,7 +131,7 @@ def _falling(law, step, **options):
     """A block that falls on a wall."""
     from scenes import BOTTOM, box_bodies
 
-    from xper_fx.scene.scene import Scene, Wall
+    from xper_fx.scene import Scene, Wall
     from xper_fx.simulation.simulation import Simulation
 
     scene = Scene(

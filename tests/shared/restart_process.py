@@ -27,8 +27,9 @@ from scenes import LEFT, RIGHT, box_bodies  # noqa: E402
 from xper_fx.forms.loads import PrescribedVelocity  # noqa: E402
 from xper_fx.materials import LinearElastic  # noqa: E402
 from xper_fx.nscd.laws import CohesiveZone  # noqa: E402
+from xper_fx.output.gauges import TensileGauge  # noqa: E402
 from xper_fx.output.hdf5_tree import read_tree  # noqa: E402
-from xper_fx.output.recorder import Recorder, TensileGauge  # noqa: E402
+from xper_fx.output.recorder import Recorder  # noqa: E402
 from xper_fx.output.run import recorded_steps  # noqa: E402
 from xper_fx.scene.scene import Scene  # noqa: E402
 from xper_fx.simulation.simulation import Simulation  # noqa: E402

@@ -30,8 +30,8 @@ from xper_fx.materials import (
 from xper_fx.nscd.laws import CohesiveZone, SignoriniCoulomb
 from xper_fx.nscd.rigid import Disc, Polygon, Polyhedron, RigidBody, wall
 from xper_fx.periodic.drive import MacroscopicDrive
+from xper_fx.scene import Scene, Wall
 from xper_fx.scene.contact import Contact
-from xper_fx.scene.scene import Scene, Wall
 from xper_fx.simulation.simulation import Simulation
 
 ELASTIC = LinearElastic(young=1.0, poisson=0.3, density=1.0)

@@ -11,8 +11,8 @@ from xper_fx.forms.loads import PrescribedDisplacement, PrescribedVelocity
 from xper_fx.materials import J2SmallStrain, Linear, LinearElastic
 from xper_fx.nscd.interactions import StepWork
 from xper_fx.nscd.laws import CohesiveZone, SignoriniCoulomb
-from xper_fx.output.recorder import TensileGauge
-from xper_fx.scene.scene import Scene, Wall
+from xper_fx.output.gauges import TensileGauge
+from xper_fx.scene import Scene, Wall
 from xper_fx.simulation.accuracy_control import AccuracyControl
 from xper_fx.simulation.energy_ledger import BulkEnergies
 from xper_fx.simulation.requested_accuracy import RequestedAccuracy

@@ -24,7 +24,7 @@ from xper_fx.materials import LinearElastic, NeoHookean
 from xper_fx.nscd.laws import CohesiveZone, SignoriniCoulomb
 from xper_fx.nscd.rigid import Disc, RigidBody, wall
 from xper_fx.output.recorder import Recorder
-from xper_fx.output.series import TIMING_KEYS, without_times
+from xper_fx.output.summary import TIMING_KEYS, without_times
 from xper_fx.periodic.drive import MacroscopicDrive
 from xper_fx.scene.contact import Contact
 from xper_fx.scene.scene import Scene

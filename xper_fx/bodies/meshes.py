@@ -21,6 +21,7 @@ from dolfinx.mesh import (
 )
 from mpi4py import MPI
 
+from xper_fx.bodies.gmsh_session import gmsh_model
 from xper_fx.support.compat import coordinate_element, geometry_dofmap, gmsh_model_to_mesh
 
 __all__ = [
@@ -135,22 +136,7 @@ def read_gmsh(
     path = Path(model_or_path)
     if not path.is_file():
         raise FileNotFoundError(f"There is no file {path}.")
-    try:
-        import gmsh
-    except ImportError as error:
-        raise ImportError(
-            "Reading .msh files needs the Python module `gmsh` (pip install gmsh, or the "
-            "package python3-gmsh)."
-        ) from error
-    # a user's own session and current model are left as they were
-    foreign = bool(gmsh.isInitialized())
-    if not foreign:
-        gmsh.initialize(interruptible=False)  # or it takes SIGINT's handler away
-    current = gmsh.model.getCurrent()
-    verbosity = gmsh.option.getNumber("General.Verbosity")
-    try:
-        gmsh.option.setNumber("General.Verbosity", 1)
-        gmsh.model.add(f"xper_fx: {path}")
+    with gmsh_model(f"xper_fx: {path}", {"General.Verbosity": 1}) as gmsh:
         try:
             gmsh.merge(str(path))
             return _read_gmsh_model(gmsh.model, dim, comm, str(path))
@@ -158,14 +144,6 @@ def read_gmsh(
             raise
         except Exception as error:  # gmsh raises bare Exception
             raise ValueError(f"Gmsh cannot read {path} as a mesh: {error}") from error
-        finally:
-            gmsh.model.remove()
-    finally:
-        gmsh.option.setNumber("General.Verbosity", verbosity)
-        if foreign:
-            gmsh.model.setCurrent(current)
-        else:
-            gmsh.finalize()
 
 
 def _read_gmsh_model(

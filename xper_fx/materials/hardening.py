@@ -18,7 +18,7 @@ import numpy as np
 import ufl
 
 from xper_fx.materials.material import Expression, ToConstant
-from xper_fx.support.checks import take_numbers
+from xper_fx.support.checks import require_positive, take_numbers
 
 
 class Curve(NamedTuple):
@@ -105,9 +105,7 @@ class Voce:
         take_numbers(self, "saturation", "rate", "modulus")
         _check_modulus(self.modulus)
         for name in ("saturation", "rate"):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value > 0.0):
-                raise ValueError(f"{name} should be a finite number above zero, got {value}.")
+            require_positive(name, getattr(self, name))
 
     def check(self, yield_stress: float, shear: float) -> None:
         """See `Hardening`; K stays above zero as both sigma_0 and sigma_inf are."""

@@ -46,12 +46,10 @@ from xper_fx.materials.material import (
     Expression,
     Response,
     ToConstant,
-    check_elastic_constants,
-    check_plasticity,
     lame,
+    take_plastic_constants,
 )
 from xper_fx.materials.radial_return import radial_return
-from xper_fx.support.checks import take_numbers
 
 # Newton from the trial's x: enough for steps that double the length.
 _ITERATIONS = 6
@@ -86,10 +84,7 @@ class J2FiniteStrain:
     variables = MappingProxyType({"inverse_plastic_metric": UNIT_TENSOR, "accumulated": 0.0})
 
     def __post_init__(self) -> None:
-        take_numbers(self, "young", "poisson", "yield_stress", "density")
-        check_elastic_constants(self.young, self.poisson, self.density)
-        _, mu = lame(self.young, self.poisson)
-        check_plasticity(self.yield_stress, self.hardening, mu)
+        take_plastic_constants(self)
 
     def response(
         self, u: Expression, old: Mapping[str, Expression], step: Expression, constant: ToConstant

@@ -29,12 +29,10 @@ from xper_fx.materials.material import (
     Expression,
     Response,
     ToConstant,
-    check_elastic_constants,
-    check_plasticity,
     lame,
+    take_plastic_constants,
 )
 from xper_fx.materials.radial_return import radial_return
-from xper_fx.support.checks import take_numbers
 
 
 @dataclass(frozen=True)
@@ -64,10 +62,7 @@ class J2SmallStrain:
     variables = MappingProxyType({"plastic_strain": ZERO_TENSOR, "accumulated": 0.0})
 
     def __post_init__(self) -> None:
-        take_numbers(self, "young", "poisson", "yield_stress", "density")
-        check_elastic_constants(self.young, self.poisson, self.density)
-        _, mu = lame(self.young, self.poisson)
-        check_plasticity(self.yield_stress, self.hardening, mu)
+        take_plastic_constants(self)
 
     def response(
         self, u: Expression, old: Mapping[str, Expression], step: Expression, constant: ToConstant

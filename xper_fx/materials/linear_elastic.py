@@ -8,8 +8,7 @@ from dataclasses import dataclass, field
 import ufl
 
 from xper_fx.materials.kinematics import small_strain
-from xper_fx.materials.material import Expression, ToConstant, check_elastic_constants, lame
-from xper_fx.support.checks import take_numbers
+from xper_fx.materials.material import Expression, ToConstant, lame, take_elastic_constants
 
 
 @dataclass(frozen=True)
@@ -33,8 +32,7 @@ class LinearElastic:
     linear: bool = field(default=True, init=False)
 
     def __post_init__(self) -> None:
-        take_numbers(self, "young", "poisson", "density")
-        check_elastic_constants(self.young, self.poisson, self.density)
+        take_elastic_constants(self)
         if self.plane not in ("strain", "stress"):
             raise ValueError(f'plane should be "strain" or "stress", got {self.plane!r}.')
 

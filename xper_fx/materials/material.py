@@ -26,6 +26,8 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple, Protocol
 
+from xper_fx.support.checks import require_positive, take_numbers
+
 Expression = Any
 """An expression of UFL; its operators have no types."""
 ToConstant = Callable[[float], Expression]
@@ -123,15 +125,17 @@ def lame(young: float, poisson: float) -> tuple[float, float]:
     return young * poisson / ((1.0 + poisson) * (1.0 - 2.0 * poisson)), mu
 
 
-def check_density(density: float) -> None:
-    """Raise ValueError unless a density (kg/m^3) is a finite number above zero."""
-    _check_above_zero("density", density)
+def take_elastic_constants(material: Any) -> None:
+    """Turn `young`, `poisson` and `density` of a frozen material into floats.
 
-
-def check_elastic_constants(young: float, poisson: float, density: float) -> None:
-    """Raise ValueError unless the constants describe a stable isotropic solid."""
-    _check_above_zero("young", young)
-    check_density(density)
+    Raises:
+        ValueError: they do not describe a stable isotropic solid.
+        TypeError: one is no number.
+    """
+    take_numbers(material, "young", "poisson", "density")
+    young, poisson = material.young, material.poisson
+    require_positive("young", young)
+    require_positive("density", material.density)
     if not -1.0 < poisson < 0.5:
         raise ValueError(
             f"poisson should lie strictly between -1 and 0.5, got {poisson}; for a nearly "
@@ -145,17 +149,19 @@ def check_elastic_constants(young: float, poisson: float, density: float) -> Non
         )
 
 
-def check_plasticity(yield_stress: float, hardening: Any, shear: float) -> None:
-    """Raise ValueError unless a yield stress and its hardening suit a shear modulus (Pa)."""
-    _check_above_zero("yield_stress", yield_stress)
-    if not hasattr(hardening, "curve"):
+def take_plastic_constants(material: Any) -> None:
+    """Turn `yield_stress` and the elastic constants of a frozen material into floats.
+
+    Raises:
+        ValueError: as `take_elastic_constants`, or yield stress and `hardening` do not suit them.
+        TypeError: one is no number.
+    """
+    take_numbers(material, "yield_stress")
+    take_elastic_constants(material)
+    require_positive("yield_stress", material.yield_stress)
+    if not hasattr(material.hardening, "curve"):
         raise ValueError(
             "hardening should be a law such as Linear(modulus) or Voce(saturation, rate), got "
-            f"{hardening!r}."
+            f"{material.hardening!r}."
         )
-    hardening.check(yield_stress, shear)
-
-
-def _check_above_zero(name: str, value: float) -> None:
-    if not (math.isfinite(value) and value > 0.0):
-        raise ValueError(f"{name} should be a finite number above zero, got {value}.")
+    material.hardening.check(material.yield_stress, lame(material.young, material.poisson)[1])

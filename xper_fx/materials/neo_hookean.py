@@ -8,8 +8,7 @@ from dataclasses import dataclass, field
 import ufl
 
 from xper_fx.materials.kinematics import deformation_gradient
-from xper_fx.materials.material import Expression, ToConstant, check_elastic_constants, lame
-from xper_fx.support.checks import take_numbers
+from xper_fx.materials.material import Expression, ToConstant, lame, take_elastic_constants
 
 
 @dataclass(frozen=True)
@@ -32,8 +31,7 @@ class NeoHookean:
     effects = ("finite strain",)
 
     def __post_init__(self) -> None:
-        take_numbers(self, "young", "poisson", "density")
-        check_elastic_constants(self.young, self.poisson, self.density)
+        take_elastic_constants(self)
 
     def energy(self, u: Expression, constant: ToConstant) -> Expression:
         """See `Material`."""

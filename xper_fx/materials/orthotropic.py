@@ -15,8 +15,8 @@ import numpy as np
 import ufl
 
 from xper_fx.materials.kinematics import small_strain
-from xper_fx.materials.material import Expression, ToConstant, check_density
-from xper_fx.support.checks import require_numbers, take_numbers
+from xper_fx.materials.material import Expression, ToConstant
+from xper_fx.support.checks import require_numbers, require_positive, take_numbers
 
 
 class _Orthotropic:
@@ -24,7 +24,7 @@ class _Orthotropic:
 
     def _check(self) -> None:
         take_numbers(self, "density")
-        check_density(self.density)
+        require_positive("density", self.density)
         C = self.stiffness
         if not np.all(np.isfinite(C)):
             raise ValueError(f"The stiffness is too large for floats with {self}.")

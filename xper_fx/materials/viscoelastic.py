@@ -29,10 +29,10 @@ from xper_fx.materials.material import (
     Expression,
     Response,
     ToConstant,
-    check_elastic_constants,
     lame,
+    take_elastic_constants,
 )
-from xper_fx.support.checks import require_number, take_numbers
+from xper_fx.support.checks import require_number
 
 # Below this h / tau the coefficients of a step are summed as series, where differences of
 # exponentials would cancel; the terms leave an error under rounding.
@@ -61,8 +61,7 @@ class LinearViscoelastic:
     linear: bool = field(default=False, init=False)
 
     def __post_init__(self) -> None:
-        take_numbers(self, "young", "poisson", "density")
-        check_elastic_constants(self.young, self.poisson, self.density)
+        take_elastic_constants(self)
         try:
             pairs = [(share, time) for share, time in self.prony]
         except (TypeError, ValueError):

@@ -66,11 +66,12 @@ class Interactions(PointValues):
         halo: what there is to exchange with other ranks, whose bodies' nodes come after this
             rank's; None where one rank has all bodies. Where ranks divide contacts of rigid bodies
             alone each has the nodes of all, and contacts may be divided otherwise in another step:
-            the halo is then set before they are found. Everything that reads or moves all points
-            is then done by all ranks together.
+            the halo then comes with them. Everything that reads or moves all points is then done
+            by all ranks together.
 
     Attributes:
-        anchors: of bodies that interactions alone hold, None if there are none.
+        anchors: of bodies that interactions alone hold, None if there are none; the bulk renews
+            them before each solve.
         groups: all points by law, permanent ones before those of contacts found.
         renewals: how often contacts were found anew.
         too_far: by how much internal variables have gone further in the step than the velocities
@@ -207,7 +208,12 @@ class Interactions(PointValues):
         return slots.reshape(-1, self.dim)[first : self.inverse.num_nodes]
 
     def find_contacts(
-        self, found: list[FoundPoints], bulk_velocity: np.ndarray, step: float, theta: float
+        self,
+        found: list[FoundPoints],
+        bulk_velocity: np.ndarray,
+        step: float,
+        theta: float,
+        halo: ContactHalo | None = None,
     ) -> None:
         """Put the contacts that searches have found in the place of those of the last step.
 
@@ -219,10 +225,12 @@ class Interactions(PointValues):
                 start of the step (m/s).
             step: h (s).
             theta: weight of the end of the step.
+            halo: of ranks that divide these contacts.
         """
+        self.halo = halo
         start = self._slots(bulk_velocity, self._rigid_start)
         opened = step * (1.0 - theta)
-        self._found.renew(found, self._grouping, self.inverse, self.halo, start, opened)
+        self._found.renew(found, self._grouping, self.inverse, halo, start, opened)
         self.groups = self._permanent + self.contacts
         self.renewals += 1
         self._take_inverse(self.contacts)

@@ -21,6 +21,7 @@ from xper_fx.nscd.kernel_options import LEAN_ENTRY
 
 # Points a tile aims at: about 100 kB of point data and blocks of w.
 _TILE_POINTS = 256
+LAST_COLOR = 63
 
 
 class Ordering(NamedTuple):
@@ -37,13 +38,20 @@ class Ordering(NamedTuple):
     color_offsets: np.ndarray
 
 
-def _greedy_colors(
+def greedy_colors(
     offsets: np.ndarray, members: np.ndarray, num_members: int, ignored: int
 ) -> np.ndarray:
     """Smallest colour that no earlier item sharing a member has, item by item.
 
-    `members[offsets[i]:offsets[i + 1]]` are the members of item i. The 64th colour is shared by all
-    that found none, which the caller splits.
+    Args:
+        offsets: shape (num_items + 1,), int64.
+        members: shape (offsets[-1],), int32; `members[offsets[i]:offsets[i + 1]]` are those of
+            item i.
+        num_members: number of members there are.
+        ignored: a member that may be shared.
+
+    Returns:
+        Shape (num_items,); `LAST_COLOR` is that of all that found none, which the caller splits.
     """
     color = np.empty(len(offsets) - 1, np.int64)
     _color(offsets, members, ignored, np.zeros(num_members, np.uint64), color)
@@ -52,7 +60,7 @@ def _greedy_colors(
 
 @njit(**LEAN_ENTRY)
 def _color(offsets, members, ignored, taken, color):
-    """`_greedy_colors` into `color`; members remember the colours taken as bits of `taken`."""
+    """`greedy_colors` into `color`; members remember the colours taken as bits of `taken`."""
     one = np.uint64(1)
     for i in range(len(color)):
         used = np.uint64(0)
@@ -60,7 +68,7 @@ def _color(offsets, members, ignored, taken, color):
             if members[place] != ignored:
                 used |= taken[members[place]]
         c = 0
-        while c < 63 and (used >> np.uint64(c)) & one:
+        while c < LAST_COLOR and (used >> np.uint64(c)) & one:
             c += 1
         color[i] = c
         for place in range(offsets[i], offsets[i + 1]):
@@ -132,7 +140,7 @@ def order_by_vertex(
     """
     count = len(blocks)
     pairs = np.ascontiguousarray(blocks, dtype=np.int32)
-    color = _greedy_colors(np.arange(count + 1) * 2, pairs.ravel(), num_blocks, num_blocks - 1)
+    color = greedy_colors(np.arange(count + 1) * 2, pairs.ravel(), num_blocks, num_blocks - 1)
     sizes = np.bincount(vertex, minlength=num_vertices)
     return Ordering(
         np.lexsort((np.arange(count), color, vertex)).astype(np.int32),
@@ -158,7 +166,7 @@ def order_points(blocks: np.ndarray, num_blocks: int) -> Ordering:
         return Ordering(np.zeros(0, np.int32), zero, zero)
     blocks = np.ascontiguousarray(blocks, dtype=np.int32)
     ground = num_blocks - 1
-    point_color = _greedy_colors(np.arange(count + 1) * 2, blocks.ravel(), num_blocks, ground)
+    point_color = greedy_colors(np.arange(count + 1) * 2, blocks.ravel(), num_blocks, ground)
 
     bodies_a_tile = max(1, round(_TILE_POINTS * (num_blocks - 1) / count))
     tile = blocks.min(axis=1) // bodies_a_tile
@@ -169,8 +177,8 @@ def order_points(blocks: np.ndarray, num_blocks: int) -> Ordering:
     by_tile = by_tile.astype(np.int32)
     tile_offsets = np.concatenate([[0], np.cumsum(np.bincount(tile, minlength=num_tiles))])
     starts, touched = _touched(blocks, by_tile, tile_offsets, num_blocks, -1)
-    tile_color = _greedy_colors(starts, touched, num_blocks, ground)
-    crowded = tile_color == 63  # no colour was left: each such tile is a colour of its own
+    tile_color = greedy_colors(starts, touched, num_blocks, ground)
+    crowded = tile_color == LAST_COLOR  # no colour was left: each such tile is a colour of its own
     tile_color[crowded] += np.arange(np.count_nonzero(crowded))
 
     by_color = np.lexsort((np.arange(num_tiles), tile_color))

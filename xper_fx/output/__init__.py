@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from xper_fx.output.frames import take_frame as take_frame
     from xper_fx.output.memory import memory_by_part as memory_by_part
     from xper_fx.output.recorder import point_coordinates as point_coordinates
-    from xper_fx.output.series import without_times as without_times
+    from xper_fx.output.summary import without_times as without_times
 
 _MODULE_OF = {
     "ContactForces": "contact_forces",
@@ -33,7 +33,7 @@ _MODULE_OF = {
     "plot_frames": "frames",
     "point_coordinates": "recorder",
     "take_frame": "frames",
-    "without_times": "series",
+    "without_times": "summary",
 }
 
 __all__ = list(_MODULE_OF)

@@ -21,7 +21,6 @@ import os
 import platform
 from collections.abc import Mapping
 from contextlib import ExitStack
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from time import monotonic
@@ -35,13 +34,11 @@ from xper_fx.nscd.facets import facet_shapes
 from xper_fx.output.cohesive_scales import cohesive_scales
 from xper_fx.output.effects import effects_of
 from xper_fx.output.folder_lock import FolderLock
-from xper_fx.output.series import (
-    HISTORY_COLUMNS,
-    History,
-    TimeSeries,
-    prepare_folder,
-    write_summary,
-)
+from xper_fx.output.gauges import CellGauge, TensileGauge
+from xper_fx.output.history import HISTORY_COLUMNS, History
+from xper_fx.output.output_folder import prepare_folder
+from xper_fx.output.series import TimeSeries
+from xper_fx.output.summary import write_summary
 from xper_fx.simulation.simulation import Simulation, StepRecord
 from xper_fx.support.compat import geometry_dofmap
 from xper_fx.support.version import __version__
@@ -50,51 +47,6 @@ logger = logging.getLogger(__name__)
 
 # A run's checkpoint in its folder, and seconds between checkpoints unless others are asked for.
 CHECKPOINT, CHECKPOINT_EVERY = "checkpoint.h5", 600.0
-
-
-@dataclass(frozen=True)
-class TensileGauge:
-    """Mean strain and stress between two opposite faces that are pulled apart.
-
-    Args:
-        low, high: facet tags of the faces.
-        component: direction of the pull.
-        length: distance of the faces (m).
-        section: area of a face (m^2; 2D: m).
-    """
-
-    low: int
-    high: int
-    component: int
-    length: float
-    section: float
-
-    def read(self, simulation: Simulation) -> tuple[float, float]:
-        """Strain, and stress (Pa): half the difference of the two faces' reactions.
-
-        Both at t0 + theta h of the last step, so that their curve is of second order in h.
-        """
-        faces = (self.low, self.high)
-        u = [simulation.mean_displacement_of_reaction(tag)[self.component] for tag in faces]
-        f = [simulation.reaction(tag)[self.component] for tag in faces]
-        return (u[1] - u[0]) / self.length, 0.5 * (f[1] - f[0]) / self.section
-
-
-@dataclass(frozen=True)
-class CellGauge:
-    """Macroscopic strain and stress of a periodic cell.
-
-    Args:
-        component: "11", "22", ...: strain is Fbar_ij less the identity, stress is Pibar_ij.
-    """
-
-    component: str = "11"
-
-    def read(self, simulation: Simulation) -> tuple[float, float]:
-        """Strain, and stress (Pa)."""
-        i, j = int(self.component[0]) - 1, int(self.component[1]) - 1
-        cell = simulation.macroscopic
-        return float(cell.gradient[i, j]) - float(i == j), float(cell.stress[i, j])
 
 
 def macroscopic_columns(simulation: Simulation) -> dict[str, float]:

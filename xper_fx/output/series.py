@@ -1,68 +1,25 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""What a run leaves on disk: XDMF time series, the history of each step, the summary.
+"""Time series of fields, XDMF with HDF5 beside it.
 
-Everything here can be read while the run goes on and after it was killed: a step that was
-written stays readable. SI units throughout; in 2D, forces and energies are per metre of depth.
+They can be read while the run goes on and after it was killed: a time that was written stays
+readable.
 """
 
-import csv
 import errno
 import io
-import json
-import logging
 import math
 import os
-import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, Self
+from typing import Self
 from xml.etree import ElementTree
 
 import h5py
 import numpy as np
 import numpy.typing as npt
 
-from xper_fx.output.folder_lock import FolderLock
-from xper_fx.support.files import explained, write_file
-
-__all__ = [
-    "HISTORY_COLUMNS",
-    "History",
-    "TIMING_KEYS",
-    "TimeSeries",
-    "prepare_folder",
-    "read_history",
-    "without_times",
-    "write_summary",
-]
-
-logger = logging.getLogger(__name__)
-
-HISTORY_COLUMNS: tuple[str, ...] = (
-    "step",
-    "time",
-    "strain",
-    "stress",
-    "sweeps",
-    "residual",
-    "external_work",
-    "kinetic",
-    "elastic",
-    "cohesive",
-    "dissipated_cohesion",
-    "dissipated_friction",
-    "dissipated_impact",
-    "dissipated_viscous",
-    "dissipated_numerical",
-    "closure",
-)
-"""Columns of ``history.csv``: time in s, strain dimensionless, stress in Pa, energies and their
-closure error in J (J/m in 2D); ``sweeps`` and ``residual`` are those of the interaction solver.
-Effects that a scene calls for add columns: dissipated_plastic; F11... and P11... of a cell."""
-
-TIMING_KEYS: tuple[str, ...] = ("seconds", "profile")
-"""Keys of ``summary.json``, at any depth, that hold times; a run made twice has all else alike."""
+from xper_fx.support.files import explained, write_all, write_file
 
 # meshio's name (and DOLFINx's, where it differs) -> XDMF topology, nodes per cell.
 _TOPOLOGY = {
@@ -93,12 +50,6 @@ _PAGE = 4096
 _ROOM_SIZES = (1 << 16, 1 << 22)
 # What HDF5 may add to a file besides the numbers: for each dataset, and for the groups of a time.
 _ENTRY, _GROUPS = 4096, 16384
-
-
-def _write_all(file: io.FileIO, content: bytes) -> None:
-    """Write to an unbuffered file, which takes a part when the disk is about to be full."""
-    while content:
-        content = content[file.write(content) :]
 
 
 def _reserve(path: Path, size: int) -> None:
@@ -139,10 +90,11 @@ class TimeSeries:
     written. :meth:`seal` protects what was written before: its files are not opened again, and
     the times after it stand in a new HDF5 file (``bulk.1.h5``, ``bulk.2.h5``, ...).
 
-    A write costs the same however many came before. The XDMF file ends with a processing
-    instruction that only holds room: a new time is written into the room, where readers skip it,
-    and shown by blanking the old end of the document, which lies in one page. A used-up room is
-    replaced by one as large as the document.
+    A write costs the same however many came before; to write the XDMF file anew each time would
+    come to 70 GB after 10 000 times. The file ends with a processing instruction that only holds
+    room: a new time is written into the room, where readers skip it, and shown by blanking the old
+    end of the document, which lies in one page. A used-up room is replaced by one as large as the
+    document.
 
     Args:
         path: The XDMF file, with suffix ``.xdmf``; the HDF5 file takes the suffix ``.h5``. A
@@ -447,9 +399,9 @@ class TimeSeries:
         if self._num_times and tail + len(end) + len(_ROOM_CLOSE) <= self._xml_size:
             with open(self.path, "r+b", buffering=0) as xml:
                 xml.seek(start)
-                _write_all(xml, grid + end)
+                write_all(xml, grid + end)
                 xml.seek(self._tail)
-                _write_all(xml, b" " * len(end))
+                write_all(xml, b" " * len(end))
         else:
             done = _XML_HEAD
             if self._num_times:
@@ -478,224 +430,3 @@ class TimeSeries:
 
     def __exit__(self, *_: object) -> None:
         self.close()
-
-
-class History:
-    """A table with one line a step, on disk as soon as the step is done.
-
-    Args:
-        path: The file, usually ``history.csv``; one that is there is replaced.
-        columns: Names of the columns, in their order.
-        after: Bytes of a table that is there (:meth:`flush`), after which it goes on; what was
-            written later is dropped. None for a new table.
-
-    Raises:
-        ValueError: If a column occurs twice or is not a Python identifier, or the table that is
-            there is shorter or has other columns.
-        OSError: If the file cannot be written.
-    """
-
-    def __init__(
-        self,
-        path: str | os.PathLike[str],
-        columns: Sequence[str] = HISTORY_COLUMNS,
-        after: int | None = None,
-    ) -> None:
-        self.path = Path(path).resolve()
-        self.columns = tuple(columns)
-        if len(set(self.columns)) != len(self.columns) or not all(
-            column.isidentifier() for column in self.columns
-        ):
-            raise ValueError(
-                f"Columns should be different Python identifiers, got {list(self.columns)}."
-            )
-        head = ",".join(self.columns) + "\n"
-        if after is None:
-            with explained(self.path):
-                self._file = io.FileIO(self.path, "w")
-            self._write_line(head.rstrip())
-            return
-        there = self.path.read_bytes()[:after] if self.path.exists() else b""
-        if len(there) != after or not (there.startswith(head.encode()) and there.endswith(b"\n")):
-            raise ValueError(
-                f"'{self.path}' does not begin with the {after} bytes of steps that were written "
-                "to it: put it back, or start the run from its beginning."
-            )
-        with explained(self.path):
-            os.truncate(self.path, after)
-            self._file = io.FileIO(self.path, "a")
-
-    def flush(self) -> int:
-        """See all lines on the disk; how many bytes they take."""
-        with explained(self.path):
-            os.fsync(self._file.fileno())
-        return self._file.seek(0, os.SEEK_END)
-
-    def append(self, **values: float) -> None:
-        """Write the line of one step, in full double precision.
-
-        Args:
-            **values: One number for each column: integers as such, all else as float64.
-
-        Raises:
-            ValueError: If a column is missing, unknown, or NaN; nothing is written then.
-            OSError: If the file cannot be written, or was removed; no part of the line is left.
-        """
-        missing = [column for column in self.columns if column not in values]
-        unknown = [column for column in values if column not in self.columns]
-        if missing or unknown:
-            raise ValueError(
-                f"A line of '{self.path.name}' needs each column once: "
-                f"missing {missing}, unknown {unknown}."
-            )
-        line = []
-        for column in self.columns:
-            value = values[column]
-            if isinstance(value, (int, np.integer)):
-                line.append(str(int(value)))
-                continue
-            if math.isnan(value):
-                raise ValueError(
-                    f"The column '{column}' of '{self.path.name}' is not a number: the step "
-                    "that gave it is wrong."
-                )
-            line.append(repr(float(value)))
-        self._write_line(",".join(line))
-
-    def _write_line(self, line: str) -> None:
-        """One unbuffered write: a killed run leaves whole lines, and so does a full disk."""
-        with explained(self.path):
-            if os.fstat(self._file.fileno()).st_nlink == 0:
-                raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT))
-            whole = self._file.seek(0, os.SEEK_END)
-            try:
-                _write_all(self._file, (line + "\n").encode())
-            except OSError:
-                with suppress(OSError):
-                    self._file.truncate(whole)
-                raise
-
-    def close(self) -> None:
-        """Close the file; no more can be appended."""
-        with explained(self.path):
-            self._file.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
-
-def read_history(path: str | os.PathLike[str]) -> dict[str, npt.NDArray[np.float64]]:
-    """Read a table written by :class:`History`, bit for bit, also while the run goes on.
-
-    Args:
-        path: The file, usually ``history.csv``.
-
-    Returns:
-        For each column an array of shape (num_steps,), float64. A last line without its end, left
-        by a run that was killed, is not counted.
-
-    Raises:
-        ValueError: If a line has not one number for each column.
-        OSError: If the file cannot be read.
-    """
-    path = Path(path)
-    lines = path.read_text().splitlines(keepends=True)
-    if lines and not lines[-1].endswith("\n"):
-        logger.warning("%s: the last line is incomplete and left out", path)
-        lines.pop()
-    rows = list(csv.reader(lines))
-    if not rows:
-        raise ValueError(f"'{path}' is empty, expected a line of column names.")
-    for number, row in enumerate(rows, start=1):
-        if len(row) != len(rows[0]):
-            raise ValueError(
-                f"'{path}', line {number}: got {len(row)} values for {len(rows[0])} columns."
-            )
-    table = np.array(rows[1:], dtype=np.float64).reshape(-1, len(rows[0]))
-    return {name: table[:, column].copy() for column, name in enumerate(rows[0])}
-
-
-def _plain(value: Any, where: str) -> Any:
-    """Turn NumPy values and paths into what JSON has, and refuse what it has not."""
-    if isinstance(value, (np.ndarray, np.generic)):
-        value = value.tolist()
-    if isinstance(value, Mapping):
-        return {str(key): _plain(item, f"{where}.{key}") for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_plain(item, f"{where}[{number}]") for number, item in enumerate(value)]
-    if isinstance(value, os.PathLike):
-        return os.fspath(value)
-    if isinstance(value, float) and not math.isfinite(value):
-        raise ValueError(
-            f"The summary's '{where}' is {value}: give a finite number, or None if there is none."
-        )
-    if value is None or isinstance(value, (bool, int, float, str)):
-        return value
-    raise TypeError(
-        f"The summary's '{where}' is of {type(value)}: give a number, a string, an array, a list "
-        "or a mapping."
-    )
-
-
-def write_summary(path: str | os.PathLike[str], mapping: Mapping[str, Any]) -> None:
-    """Write a run's parameters and results as JSON, sorted by key, at once or not at all.
-
-    Args:
-        path: The file, usually ``summary.json``; one that is there is replaced.
-        mapping: Nested mappings and lists of numbers, strings, None, NumPy scalars and arrays.
-
-    Raises:
-        ValueError: If a number is not finite.
-        TypeError: If a value has no meaning in JSON.
-        OSError: If the file cannot be written.
-    """
-    plain = {str(key): _plain(value, str(key)) for key, value in mapping.items()}
-    text = json.dumps(plain, indent=2, sort_keys=True, allow_nan=False, ensure_ascii=False)
-    write_file(Path(path), (text + "\n").encode())
-
-
-def without_times(summary: Any) -> Any:
-    """A summary without what :data:`TIMING_KEYS` name: two runs of the same scene have it alike."""
-    if isinstance(summary, Mapping):
-        return {k: without_times(v) for k, v in summary.items() if k not in TIMING_KEYS}
-    if isinstance(summary, (list, tuple)):
-        return [without_times(item) for item in summary]
-    return summary
-
-
-def prepare_folder(path: str | os.PathLike[str]) -> Path:
-    """Create an output folder if it is missing, write a probe file into it, see that it is free.
-
-    Call it before any work. What access rights say is not asked: root may do everything on a
-    read-only or a full disk, until it tries.
-
-    Args:
-        path: The folder; its parents are created too.
-
-    Returns:
-        The folder's absolute path.
-
-    Raises:
-        OSError: If the folder cannot be created or written; the subclass tells why
-            (PermissionError, NotADirectoryError, ...; BlockingIOError if a run writes there).
-    """
-    folder = Path(path).resolve()
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=folder) as probe:
-            probe.write(bytes(1 << 16))
-            probe.flush()
-            # A file system may take data that it has no space for until they must be stored.
-            os.fsync(probe.fileno())
-    except OSError as error:
-        raise type(error)(
-            error.errno,
-            f"The output folder '{folder}' cannot be written ({error.strerror}): expected a "
-            "folder, or a place for a new one, with write permission and free space; give "
-            "another one or mend this",
-        ) from None
-    FolderLock(folder).release()
-    return folder

@@ -2,8 +2,9 @@
 """Which rank has which bodies: a partition of the graph of bodies by SCOTCH.
 
 A body weighs what its bulk and its points cost, a pair of bodies what is exchanged between them;
-SCOTCH (Pellegrini and Roman 1996) evens out the first and keeps the second small. DOLFINx is built
-with SCOTCH but partitions without weights, so the library is called as it is.
+SCOTCH (Pellegrini and Roman 1996) evens out the first and keeps the second small. DOLFINx's own
+`partitioner_scotch` takes neither of these weights, so the library that it is linked with is called
+as it is.
 """
 
 from __future__ import annotations

@@ -17,12 +17,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-import ufl
-from dolfinx import default_scalar_type, fem
 
 from xper_fx.bulk.state import State, StepOutcome
-from xper_fx.forms.compiled import compiled_form
-from xper_fx.nscd.facets import facet_points
 from xper_fx.periodic.two_field import CellBulk
 
 # Increment of the macroscopic gradient beside the gradient that counts as rest.
@@ -92,50 +88,3 @@ def _hill_mandel_error(
     work = max(abs(inside) + abs(fluctuation), largest * strain)
     error = abs(inside - float(moved[cell] @ asked) - fluctuation)
     return error / work if work > 0.0 else 0.0
-
-
-def averaged_gradient(bulk: CellBulk, displacement: np.ndarray) -> np.ndarray:
-    """Fbar from its definition: the bulk's mean and the jumps on all facing facets.
-
-    Args:
-        bulk: the cell.
-        displacement: unknowns, shape (num_dofs,), m.
-
-    Returns:
-        Shape (dim, dim); equal to `CellBulk.macroscopic_gradient` to rounding.
-
-    Raises:
-        ValueError: the cell has voids, over which the gradient is not defined, or its bodies are
-            divided among ranks, none of which has the jumps between two of them.
-    """
-    if not bulk.ranks.alone:
-        raise ValueError(
-            f"The bodies are divided among {bulk.ranks.size} ranks, none of which has the jumps "
-            "between two of them: read `macroscopic.gradient`, or run on one rank."
-        )
-    dim, V, bodies = bulk.dim, bulk.forms.V, bulk.forms.bodies
-    one = fem.Constant(bodies.mesh, default_scalar_type(1.0))
-    filled = fem.assemble_scalar(compiled_form(one * ufl.dx(bodies.mesh)))
-    if filled < (1.0 - 1e-6) * bulk.volume:
-        raise ValueError(
-            f"The cell fills {filled:g} of {bulk.volume:g}: the mean gradient of a cell with voids "
-            "is not that of its bulk; read `macroscopic.gradient`."
-        )
-    direction = fem.Constant(bodies.mesh, default_scalar_type(np.zeros((dim, dim))))
-    gradient = ufl.grad(ufl.TestFunction(V))
-    mean = compiled_form(ufl.inner(direction, gradient) * ufl.dx(bodies.mesh))
-    u = bulk.unknowns.expand(displacement)
-    total = np.zeros((dim, dim))
-    for i in range(dim):
-        for j in range(dim):
-            direction.value[:] = 0.0
-            direction.value[i, j] = 1.0
-            total[i, j] = fem.assemble_vector(mean).array @ u
-    if len(bodies.facets):
-        nodes = bulk.unknowns.node_of[bodies.facing_nodes(V)]
-        rule = "nodal" if nodes.shape[2] == 4 else "gauss"
-        points = facet_points(nodes, bodies.facets.normal, bodies.facets.measure, rule)
-        fluctuation = displacement[: bulk.unknowns.num_nodes * dim].reshape(-1, dim)
-        jumps = np.einsum("pij,pi->pj", points.frame, points.relative(fluctuation))
-        total += np.einsum("p,pi,pj->ij", points.area, jumps, points.frame[:, 0])
-    return np.eye(dim) + total / bulk.volume

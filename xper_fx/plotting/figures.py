@@ -570,8 +570,9 @@ def plot_energies(
     Terms that stay zero throughout, those of effects that are off, are left out.
 
     Args:
-        history: Columns of :data:`xper_fx.output.series.HISTORY_COLUMNS`, as
-            :func:`xper_fx.output.series.read_history` gives them; energies and closure in J/m (2D).
+        history: Columns of :data:`xper_fx.output.history.HISTORY_COLUMNS`, as
+            :func:`xper_fx.output.history.read_history` gives them; energies and closure in J/m
+            (2D).
         path: Where to save the figure, if at all.
         energy_unit: Name of the unit of energy and its value in J/m.
         title: Title of the figure.

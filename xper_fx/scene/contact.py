@@ -8,10 +8,18 @@ looked for between the groups that a `Contact` names, and nowhere else.
 from __future__ import annotations
 
 import math
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
 
 from xper_fx.nscd.laws.law import Law
+from xper_fx.scene.facet_laws import require_law
 from xper_fx.support.checks import take_numbers
+
+if TYPE_CHECKING:
+    from xper_fx.nscd.rigid.bodies import RigidBodies
 
 
 @dataclass(frozen=True)
@@ -46,3 +54,56 @@ class Contact:
             take_numbers(self, "reach")
             if not (math.isfinite(self.reach) and self.reach > 0.0):
                 raise ValueError(f"reach should be a positive length, got {self.reach!r}.")
+
+
+def check_contacts(
+    contacts: Sequence[Contact],
+    surfaces: Mapping[str, Sequence[int]],
+    cell_tags: Collection[int],
+    rigid_bodies: RigidBodies | None,
+) -> None:
+    """See that contacts name groups that there are, and each group is named.
+
+    Args:
+        contacts, surfaces, rigid_bodies: of the scene.
+        cell_tags: those that occur.
+
+    Raises:
+        ValueError: a group that does not exist, that two contacts join, or that none names.
+        TypeError: something that is no contact, a law that is none.
+    """
+    rigid = () if rigid_bodies is None else rigid_bodies.groups
+    for name, tags in surfaces.items():
+        if name in rigid:
+            raise ValueError(f"{name!r} names a surface and a group of rigid bodies.")
+        unknown = set(tags) - set(cell_tags)
+        if unknown or not tags:
+            raise ValueError(
+                f"The surface {name!r} needs cell tags that occur, got {list(tags)}; those "
+                f"that do: {sorted(cell_tags)}."
+            )
+    groups, named = {*rigid, *surfaces}, set()
+    for contact in contacts:
+        if not isinstance(contact, Contact):
+            raise TypeError(f"{contact!r} is no Contact.")
+        if contact.law is not None:
+            require_law(contact.law)
+        pair = tuple(sorted(contact.between))
+        if set(pair) - groups:
+            raise ValueError(
+                f"{contact.between} names groups {sorted(set(pair) - groups)}, which do not "
+                f"exist; those that do: {sorted(groups)}."
+            )
+        if pair in named:
+            raise ValueError(f"Two contacts are between {pair}; name the pair once.")
+        named.add(pair)
+    alone = groups - {name for pair in named for name in pair}
+    for name in sorted(alone & set(rigid)):
+        first = int(np.argmax(rigid_bodies.group_of == rigid.index(name)))
+        raise ValueError(
+            f"No contact names the group {name!r}, to which rigid body {first} belongs: it "
+            "would pass through everything. Name it in `contacts`, with None as a law if "
+            "nothing shall happen."
+        )
+    if alone:
+        raise ValueError(f"No contact names the surfaces {sorted(alone)}; leave them out.")

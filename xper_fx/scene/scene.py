@@ -14,24 +14,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from xper_fx.bodies.explode import Bodies
-from xper_fx.forms.loads import (
-    BodyForce,
-    Gravity,
-    PrescribedDisplacement,
-    PrescribedVelocity,
-    RayleighDamping,
-    SurfaceTraction,
-    value_at,
-)
+from xper_fx.forms.loads import Gravity, RayleighDamping
 from xper_fx.materials.material import InelasticMaterial, Material
 from xper_fx.nscd.laws.law import Law
-from xper_fx.scene.contact import Contact
-from xper_fx.support.checks import (
-    require_integer,
-    require_number,
-    require_numbers,
-    require_positive,
-)
+from xper_fx.scene.contact import Contact, check_contacts
+from xper_fx.scene.facet_laws import facet_laws
+from xper_fx.scene.load_checks import Load, check_loads, check_motions
+from xper_fx.scene.material_checks import check_materials
+from xper_fx.scene.wall import Wall
+from xper_fx.support.checks import require_integer
 
 if TYPE_CHECKING:
     from xper_fx.nscd.rigid.bodies import RigidBodies
@@ -40,25 +31,6 @@ if TYPE_CHECKING:
     from xper_fx.scene.tie import Tie
 
 Field = Callable[[np.ndarray], np.ndarray]
-Load = BodyForce | Gravity | SurfaceTraction | PrescribedVelocity | PrescribedDisplacement
-_Motion = PrescribedVelocity | PrescribedDisplacement
-
-
-@dataclass(frozen=True)
-class Wall:
-    """A fixed plane obstacle that tagged facets may touch.
-
-    Args:
-        facets: facet tag of the surface that may touch it.
-        point: a point of the plane (m).
-        normal: out of the obstacle, towards the bodies; any length.
-        law: law of contact.
-    """
-
-    facets: int
-    point: Sequence[float]
-    normal: Sequence[float]
-    law: Law
 
 
 @dataclass
@@ -136,8 +108,11 @@ class Scene:
             self._check_without_mesh()
         else:
             self._check_with_mesh()
-        self._check_loads()
-        self._check_contacts()
+        if self.damping is not None and not isinstance(self.damping, RayleighDamping):
+            raise TypeError(f"damping should be a RayleighDamping or None, got {self.damping!r}.")
+        check_loads(self.loads, self.dim, self.rigid_bodies is not None)
+        check_contacts(self.contacts, self.surfaces, self.materials, self.rigid_bodies)
+        self._separate_rigid_bodies()
 
     def _check_containers(self) -> None:
         """Mappings and lists, each with an example of what is meant."""
@@ -193,12 +168,18 @@ class Scene:
                 f"The mesh has dimension {self.dim}, the rigid bodies {self.rigid_bodies.dim}."
             )
         self._check_periodicity()
-        self._check_materials()
+        check_materials(self.materials, self.bodies.material_of_cell)
         self._check_initial_velocity()
-        self._check_walls()
-        self._check_ties()
+        for wall in self.walls:
+            if not isinstance(wall, Wall):
+                raise TypeError(f"{wall!r} is no Wall.")
+            wall.check(self.dim)
+        for tie in self.ties:
+            if not all(hasattr(tie, name) for name in ("candidates", "antagonists", "law", "rule")):
+                raise TypeError(f"{tie!r} is no Tie: give xf.Tie objects.")
+            tie.check(self.bodies, self.order)
         self._check_tags()
-        self._check_motions()
+        check_motions(self.loads, self.bodies)
         self.law_of_facet()
 
     @property
@@ -214,48 +195,10 @@ class Scene:
         given = [load.value for load in self.loads if isinstance(load, Gravity)]
         return np.sum(given, axis=0) if given else None
 
-    def _check_contacts(self) -> None:
-        rigid = () if self.rigid_bodies is None else self.rigid_bodies.groups
-        for load in self.loads if rigid else ():
-            if isinstance(load, Gravity) and any(map(callable, load.value)):
-                raise ValueError("Gravity on rigid bodies is constant, got a function of time.")
-        for name, tags in self.surfaces.items():
-            if name in rigid:
-                raise ValueError(f"{name!r} names a surface and a group of rigid bodies.")
-            unknown = set(tags) - set(self.materials)
-            if unknown or not tags:
-                raise ValueError(
-                    f"The surface {name!r} needs cell tags that occur, got {list(tags)}; those "
-                    f"that do: {sorted(self.materials)}."
-                )
-        groups, named = {*rigid, *self.surfaces}, set()
-        for contact in self.contacts:
-            if not isinstance(contact, Contact):
-                raise TypeError(f"{contact!r} is no Contact.")
-            if contact.law is not None:
-                _check_law(contact.law)
-            pair = tuple(sorted(contact.between))
-            if set(pair) - groups:
-                raise ValueError(
-                    f"{contact.between} names groups {sorted(set(pair) - groups)}, which do not "
-                    f"exist; those that do: {sorted(groups)}."
-                )
-            if pair in named:
-                raise ValueError(f"Two contacts are between {pair}; name the pair once.")
-            named.add(pair)
-        alone = groups - {name for pair in named for name in pair}
-        for name in sorted(alone & set(rigid)):
-            first = int(np.argmax(self.rigid_bodies.group_of == rigid.index(name)))
-            raise ValueError(
-                f"No contact names the group {name!r}, to which rigid body {first} belongs: it "
-                "would pass through everything. Name it in `contacts`, with None as a law if "
-                "nothing shall happen."
-            )
-        if alone:
-            raise ValueError(f"No contact names the surfaces {sorted(alone)}; leave them out.")
-        touching = [
-            c.between for c in self.contacts if c.law is not None and {*c.between} <= {*rigid}
-        ]
+    def _separate_rigid_bodies(self) -> None:
+        """Report or resolve overlaps of rigid bodies at the start."""
+        rigid = set() if self.rigid_bodies is None else {*self.rigid_bodies.groups}
+        touching = [c.between for c in self.contacts if c.law is not None and {*c.between} <= rigid]
         if touching:
             from xper_fx.scene.initial_overlaps import separate
 
@@ -285,40 +228,6 @@ class Scene:
                     f"got {getattr(self, name)!r}."
                 )
 
-    def _check_materials(self) -> None:
-        present = set(np.unique(self.bodies.material_of_cell).tolist())
-        missing, unknown = present - set(self.materials), set(self.materials) - present
-        if missing:
-            raise ValueError(
-                f"Cell tags {sorted(missing)} occur in the mesh and have no material; "
-                f"materials are given for {sorted(self.materials)}."
-            )
-        if unknown:
-            raise ValueError(
-                f"Materials are given for cell tags {sorted(unknown)}, which occur nowhere; "
-                f"tags that do: {sorted(present)}."
-            )
-        for tag, material in self.materials.items():
-            answers = hasattr(material, "energy") or hasattr(material, "response")
-            if not (hasattr(material, "density") and hasattr(material, "linear") and answers):
-                raise TypeError(
-                    f"The material of cell tag {tag} is {material!r}; it needs `density`, `linear` "
-                    "and an `energy` or a `response` (see materials/material.py)."
-                )
-            inelastic = hasattr(material, "response")
-            variables = getattr(material, "variables", None)
-            if inelastic and (material.linear or not isinstance(variables, Mapping)):
-                raise TypeError(
-                    f"The material of cell tag {tag} is {material!r}; with a `response` it needs "
-                    "`linear = False` and a mapping `variables`, empty if it has none."
-                )
-            if not inelastic and variables:
-                raise TypeError(
-                    f"The material of cell tag {tag} is {material!r}; with `variables` it needs a "
-                    "`response`, not an `energy`."
-                )
-            require_positive(f"The density of the material of cell tag {tag}", material.density)
-
     def _check_initial_velocity(self) -> None:
         given = self.initial_velocity
         if isinstance(given, Mapping):
@@ -331,79 +240,6 @@ class Scene:
         for field_ in given.values() if isinstance(given, Mapping) else (given,):
             if field_ is not None and not callable(field_):
                 raise TypeError(f"initial_velocity should be a function, got {field_!r}.")
-
-    def _check_loads(self) -> None:
-        if self.damping is not None and not isinstance(self.damping, RayleighDamping):
-            raise TypeError(f"damping should be a RayleighDamping or None, got {self.damping!r}.")
-        for load in self.loads:
-            if not isinstance(load, Load):
-                raise TypeError(f"{load!r} is no load; forms/loads.py has those there are.")
-            name, values = type(load).__name__, (load.value,)
-            if not isinstance(load, _Motion):
-                if not isinstance(load.value, Sequence | np.ndarray) or (
-                    np.shape(load.value) != (self.dim,)
-                ):
-                    raise ValueError(
-                        f"{name} has the value {load.value!r}; it should have {self.dim} "
-                        "components, one a dimension of the scene."
-                    )
-                values = load.value
-            elif not (isinstance(load.component, Integral) and 0 <= load.component < self.dim):
-                raise ValueError(
-                    f"{name} on tag {load.facets} has component {load.component}; it should be "
-                    f"0 to {self.dim - 1}."
-                )
-            for value in values:
-                start = value_at(value, 0.0) if callable(value) else value
-                if not np.isfinite(require_number(f"The value of {load}", start)):
-                    raise ValueError(f"{load} has the value {value}; it should be finite.")
-            if isinstance(load, PrescribedDisplacement) and value_at(load.value, 0.0) != 0.0:
-                raise ValueError(
-                    f"{name} on tag {load.facets} is {value_at(load.value, 0.0)} m at the start, "
-                    "where displacements are zero; give a function of time that starts at zero."
-                )
-
-    def _check_walls(self) -> None:
-        for wall in self.walls:
-            if not isinstance(wall, Wall):
-                raise TypeError(f"{wall!r} is no Wall.")
-            _check_law(wall.law)
-            for name in ("point", "normal"):
-                if np.ndim(require_numbers(f"A wall's {name}", getattr(wall, name))) != 1:
-                    raise ValueError(
-                        f"A wall's {name} should have {self.dim} components, got "
-                        f"{getattr(wall, name)!r}."
-                    )
-            if len(wall.normal) != self.dim or len(wall.point) != self.dim:
-                raise ValueError(
-                    f"A wall's point and normal should have {self.dim} components, got "
-                    f"{tuple(wall.point)} and {tuple(wall.normal)}."
-                )
-            if not np.all(np.isfinite([*wall.point, *wall.normal])):
-                raise ValueError(
-                    f"A wall's point and normal should be finite, got {tuple(wall.point)} and "
-                    f"{tuple(wall.normal)}."
-                )
-            if not np.linalg.norm(wall.normal) > 0.0:
-                raise ValueError(f"A wall's normal should not vanish, got {tuple(wall.normal)}.")
-
-    def _check_ties(self) -> None:
-        for tie in self.ties:
-            if not all(hasattr(tie, name) for name in ("candidates", "antagonists", "law", "rule")):
-                raise TypeError(f"{tie!r} is no Tie: give xf.Tie objects.")
-            _check_law(tie.law)
-            cell = self.bodies.mesh.topology.cell_name()
-            if self.order != 1 or cell not in ("triangle", "tetrahedron"):
-                raise ValueError(
-                    "Ties need triangles or tetrahedra of order 1, whose surfaces are of segments "
-                    f"or triangles; got {cell} cells of order {self.order}."
-                )
-            for facets in (tie.candidates, tie.antagonists):
-                if facets not in self.bodies.facet_tags.values:
-                    raise ValueError(
-                        f"A tie names facet tag {facets}, which occurs nowhere; tags that do: "
-                        f"{sorted(set(self.bodies.facet_tags.values.tolist()))}."
-                    )
 
     def _check_tags(self) -> None:
         present = set(self.bodies.facet_tags.values.tolist())
@@ -423,84 +259,13 @@ class Scene:
                     f"has; those that do: {sorted(between - {0})}."
                 )
 
-    def _check_motions(self) -> None:
-        """Two motions may share a node and a component only if they are the same motion."""
-        motions = [load for load in self.loads if isinstance(load, _Motion)]
-        if not motions:
-            return
-        mesh, tags = self.bodies.mesh, self.bodies.facet_tags
-        fdim = mesh.topology.dim - 1
-        mesh.topology.create_connectivity(fdim, 0)
-        vertices_of = mesh.topology.connectivity(fdim, 0)
-        vertices = {
-            tag: set(np.concatenate([vertices_of.links(f) for f in tags.find(tag)]).tolist())
-            for tag in {m.facets for m in motions}
-        }
-        for a, first in enumerate(motions):
-            for second in motions[a + 1 :]:
-                same = type(first) is type(second) and first.value == second.value
-                if first.component != second.component or same:
-                    continue
-                if vertices[first.facets] & vertices[second.facets]:
-                    raise ValueError(
-                        f"{first} and {second} prescribe the same component of the same nodes; "
-                        "let their facets be apart or give both the same value."
-                    )
-
     def law_of_facet(self) -> tuple[list[Law], np.ndarray]:
-        """The laws between bodies and, for each facing facet, its law.
-
-        Returns:
-            The distinct laws, and shape (num_facets,): index of the law, -1 where there is none.
-        """
-        facets = self.bodies.facets
-        by_pair: dict[tuple[int, int], Law | None] = {}
-        for pair, law in self.interactions.items():
-            key = tuple(sorted(pair))
-            if by_pair.get(key, law) != law:
-                raise ValueError(f"Interactions give the pair {key} two laws; name it once.")
-            by_pair[key] = law
-        pairs = np.sort(facets.materials, axis=1)
-        index = np.full(len(facets), -1)
-        laws: list[Law] = []
-
-        def number(law: Law) -> int:
-            _check_law(law)
-            if law not in laws:
-                laws.append(law)
-            return laws.index(law)
-
-        present = {tuple(p) for p in np.unique(pairs, axis=0).tolist()} if len(facets) else set()
-        unknown = set(by_pair) - present
-        if unknown:
-            raise ValueError(
-                f"Interactions name the pairs {sorted(unknown)}, which face each other nowhere; "
-                f"pairs that do: {sorted(present)}."
-            )
-        untagged = ~np.isin(facets.tag, list(self.facet_interactions))
-        for pair in sorted(present):
-            here = untagged & np.all(pairs == pair, axis=1)
-            if not np.any(here):
-                continue
-            if pair not in by_pair and self.default_interaction is None:
-                raise ValueError(
-                    f"Cells of tags {pair} face each other and have no interaction law; name the "
-                    "pair in `interactions` or give a `default_interaction`."
-                )
-            law = by_pair.get(pair, self.default_interaction)
-            if law is not None:
-                index[here] = number(law)
-        for tag, law in self.facet_interactions.items():
-            if law is not None:
-                index[facets.tag == tag] = number(law)
-        return laws, index
+        """The laws between bodies and, for each facing facet, its law (`facet_laws`)."""
+        return facet_laws(
+            self.bodies.facets, self.interactions, self.default_interaction,
+            self.facet_interactions,
+        )  # fmt: skip
 
 
 def _is_tag(tag: object) -> bool:
     return isinstance(tag, Integral)
-
-
-def _check_law(law: Law) -> None:
-    """Raise TypeError unless `law` is an interaction law."""
-    if not all(hasattr(law, name) for name in ("kernels", "parameters", "initial_state")):
-        raise TypeError(f"{law!r} is no interaction law; nscd/laws has those there are.")

@@ -12,6 +12,7 @@ from xper_fx.bodies.meshes import facet_cells, midpoints_of
 from xper_fx.nscd.laws.law import Law
 from xper_fx.nscd.mortar import RULES, nonmatching_points
 from xper_fx.nscd.points import InteractionPoints
+from xper_fx.scene.facet_laws import require_law
 from xper_fx.support.checks import require_integer
 
 if TYPE_CHECKING:
@@ -47,6 +48,31 @@ class Tie:
                 f"candidates and antagonists are both facet tag {self.candidates}; give the two "
                 "surfaces a tag each."
             )
+
+    def check(self, bodies: Bodies, order: int) -> None:
+        """See that it fits a scene.
+
+        Args:
+            bodies: the bodies.
+            order: of the Lagrange space.
+
+        Raises:
+            ValueError: cells that have no such surfaces, a facet tag that occurs nowhere.
+            TypeError: a law that is none.
+        """
+        require_law(self.law)
+        cell = bodies.mesh.topology.cell_name()
+        if order != 1 or cell not in ("triangle", "tetrahedron"):
+            raise ValueError(
+                "Ties need triangles or tetrahedra of order 1, whose surfaces are of segments "
+                f"or triangles; got {cell} cells of order {order}."
+            )
+        for facets in (self.candidates, self.antagonists):
+            if facets not in bodies.facet_tags.values:
+                raise ValueError(
+                    f"A tie names facet tag {facets}, which occurs nowhere; tags that do: "
+                    f"{sorted(set(bodies.facet_tags.values.tolist()))}."
+                )
 
 
 def tie_points(tie: Tie, V: FunctionSpace, bodies: Bodies) -> tuple[InteractionPoints, np.ndarray]:

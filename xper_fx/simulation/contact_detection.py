@@ -179,7 +179,6 @@ class Detection:
             if self._division is not None:
                 if self._division.found(contacts.body):
                     interactions.share_history(self._division.ranks)
-                interactions.halo = self._division.halo
         if self._surfaces is not None:
             middle = state.displacement + step * (1.0 - theta) * state.velocity
             moved = self._x + bulk.unknowns.expand(middle).reshape(self._x.shape)
@@ -193,7 +192,8 @@ class Detection:
             if len(contacts)
         ]
         velocity = state.velocity.reshape(-1, bulk.dim)[nodes]
-        interactions.find_contacts(points, velocity, step, theta)
+        halo = None if self._division is None else self._division.halo
+        interactions.find_contacts(points, velocity, step, theta, halo)
 
     def _on_slots(self, contacts: Contacts, position, slot_of_node, first_rigid) -> FoundPoints:
         """Contacts as interaction points, with their laws."""

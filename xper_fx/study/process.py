@@ -26,7 +26,7 @@ from numba.core.event import install_listener
 from xper_fx.cache.compiling import KIND, CompilationListener
 from xper_fx.output.effects import effects_of
 from xper_fx.output.recorder import Recorder
-from xper_fx.output.series import write_summary
+from xper_fx.output.summary import write_summary
 from xper_fx.scene.scene import Scene
 from xper_fx.simulation.simulation import Simulation
 from xper_fx.study.quantities import EnergyClosure, Quantity

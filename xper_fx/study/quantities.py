@@ -20,7 +20,8 @@ from scipy.spatial import cKDTree
 from scipy.stats import qmc
 
 from xper_fx.output.cracks import broken_points
-from xper_fx.output.recorder import CellGauge, TensileGauge, point_coordinates
+from xper_fx.output.gauges import CellGauge, TensileGauge
+from xper_fx.output.recorder import point_coordinates
 from xper_fx.simulation.simulation import Simulation, StepRecord
 
 Value = float | dict[str, npt.NDArray[np.float64]]

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.stats import spearmanr
 
-from xper_fx.output.series import write_summary
+from xper_fx.output.summary import write_summary
 from xper_fx.study.definition import Setting, Study, as_text, value_text, varied
 
 COSTS = {

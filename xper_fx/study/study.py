@@ -31,7 +31,7 @@ from pathlib import Path
 from mpi4py import MPI
 from tqdm.auto import tqdm
 
-from xper_fx.output.series import prepare_folder
+from xper_fx.output.output_folder import prepare_folder
 from xper_fx.study.definition import Parameter, Setting, Study, as_text, product, varied, vary
 from xper_fx.study.process import run_job
 from xper_fx.study.results import Run, StudyResults

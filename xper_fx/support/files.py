@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import errno
+import io
 import os
 import re
 from collections.abc import Iterator
@@ -23,6 +24,12 @@ def _advice(code: int) -> str:
     if code in _FORBIDDEN:
         return "give the folder write permission, or write into another one"
     return "look after the disk, or write into another folder"
+
+
+def write_all(file: io.FileIO, content: bytes) -> None:
+    """Write to an unbuffered file, which takes a part when the disk is about to be full."""
+    while content:
+        content = content[file.write(content) :]
 
 
 @contextmanager

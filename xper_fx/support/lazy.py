@@ -13,12 +13,15 @@ def importer(
 ) -> Callable[[str], Any]:
     """A `__getattr__` for a package, so that a scene imports the laws and materials it has alone.
 
+    The package's `dir` shows the names from now on.
+
     Args:
         package: `__name__` of the package.
         module_of: the module, within the package, of each name that it exports.
         namespaces: modules, within the package, that it exports whole, by the name they get.
     """
-    whole = namespaces or {}
+    whole, held = namespaces or {}, vars(import_module(package))
+    held["__dir__"] = lambda: sorted({*held, *module_of, *whole})
 
     def __getattr__(name: str) -> Any:
         if name in whole:

@@ -37,8 +37,8 @@ def in_ranges(work: Callable, count: int, *arguments) -> list:
     Returns:
         What `work` returned, range by range.
     """
-    threads = get_num_threads()
-    if count < _MANY or threads == 1:
+    threads = 1 if count < _MANY else get_num_threads()  # takes a lock, for all forked processes
+    if threads == 1:
         return [work(0, count, *arguments)]
     work(0, 0, *arguments)  # a kernel is compiled here, not in a thread
     ends = [count * part // threads for part in range(threads + 1)]

@@ -17,6 +17,7 @@ from scipy.sparse.csgraph import connected_components
 
 from xper_fx.cache import njit
 from xper_fx.nscd.algebra.small import sym_indices
+from xper_fx.nscd.ordering import LAST_COLOR, greedy_colors
 
 ORDERS = ("given", "shuffled", "colored")
 _SEED = 0
@@ -65,20 +66,15 @@ class Stored(NamedTuple):
     colors: np.ndarray | None
 
 
-@njit
-def _greedy_colors(indptr, indices):
-    """Smallest colour that no neighbour has yet, contact by contact."""
-    n = len(indptr) - 1
-    color = np.full(n, -1)
-    taken = np.full(n + 1, -1)  # last contact that met each colour among its neighbours
-    for a in range(n):
-        for b in indices[indptr[a] : indptr[a + 1]]:
-            if b != a and color[b] >= 0:
-                taken[color[b]] = a
-        c = 0
-        while taken[c] == a:
-            c += 1
-        color[a] = c
+def _colors(pattern: sp.csr_matrix) -> np.ndarray:
+    """Smallest colour that no earlier contact has of those with a block in common."""
+    edges = sp.triu(pattern, 1, "csr").astype(np.int32)
+    edges.data[:] = np.arange(1, edges.nnz + 1)
+    edges = edges + edges.T
+    color = greedy_colors(edges.indptr.astype(np.int64), edges.data, edges.nnz // 2 + 1, 0)
+    rest = np.flatnonzero(color == LAST_COLOR)
+    if len(rest):
+        color[rest] += _colors(pattern[rest][:, rest])
     return color
 
 
@@ -103,7 +99,7 @@ def store(W: sp.csr_matrix, q: np.ndarray, mu: np.ndarray, dim: int, order: str)
     pattern = pattern + pattern.T
     colors, rank = None, np.arange(n)
     if order == "colored":
-        label = _greedy_colors(pattern.indptr, pattern.indices)
+        label = _colors(pattern)
         colors = np.concatenate([[0], np.cumsum(np.bincount(label))])
         components = np.array([0, n])
     else:

@@ -2,9 +2,10 @@
 """Gauss-Seidel by colours: threads visit contacts that share no body at the same time.
 
 Within a colour no contact reads what another writes, so that the impulses are those of the serial
-sweep in the same order, to the last bit, whatever the number of threads. Sums over contacts, which
-decide when to stop, are made by one thread. Worth it from some thousand contacts on: each colour of
-each sweep costs the threads a meeting.
+sweep in the same order, up to rounding, and the same bits whatever the number of threads. Sums over
+contacts, which decide when to stop, are made by one thread. Each colour of each sweep costs the
+threads a meeting: two take 0.65 of the time of one at 96 000 contacts in 2D, but 1.8 times as long
+at 7000.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from numba import prange
 from xper_fx.cache import njit
 from xper_fx.nscd.friction.blocks import BlockProblem
 from xper_fx.nscd.friction.error import residual_kernel
-from xper_fx.nscd.friction.gauss_seidel import Sweeps, factors_of, visit_kernel
+from xper_fx.nscd.friction.gauss_seidel import UNRELAXED, Sweeps, factors_of, visit_kernel
 from xper_fx.nscd.local_solvers import LocalSolver
 
 # The change of a sweep at which the error is computed, in units of the error wanted; also every so
@@ -69,7 +70,8 @@ def sweep(
     each = np.empty(len(r))
     worth, history, reached, count = _WORTH * tolerance, [], False, 0
     for count in range(1, max_sweeps + 1):
-        run(colors, *matrix, problem.diagonal, factors, problem.q, problem.mu, r, relaxation, each)
+        omega = relaxation if count > UNRELAXED else 1.0
+        run(colors, *matrix, problem.diagonal, factors, problem.q, problem.mu, r, omega, each)
         change = np.sqrt(each.sum()) / size_q
         if not np.isfinite(change):
             break

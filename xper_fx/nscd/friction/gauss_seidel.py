@@ -27,7 +27,7 @@ from xper_fx.nscd.local_solvers.interface import LocalSolver
 # A change below this fraction of a contact's share of the error wanted moves no neighbour.
 _REST = 0.1
 # First sweeps, which settle what is simple, are not relaxed.
-_UNRELAXED = 8
+UNRELAXED = 8
 # The error is also computed at sweeps 16, 32, 64, ...: history, and the outlook.
 _FIRST_CHECK = 16
 _LOOKS = 40
@@ -135,7 +135,7 @@ def sweeps_kernel(dim: int, local: LocalSolver, relaxed: bool, symmetric: bool):
             for count in range(1, max_sweeps + 1):
                 changed, visits = sweep(
                     first, last, symmetric and count % 2 == 0, offsets, columns, blocks, diagonal,
-                    factors, q, mu, r, omega if count > _UNRELAXED else 1.0, dirty, rest,
+                    factors, q, mu, r, omega if count > UNRELAXED else 1.0, dirty, rest,
                 )  # fmt: skip
                 total_visits += visits
                 sweeps[c] = count

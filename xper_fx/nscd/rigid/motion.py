@@ -233,18 +233,6 @@ class RigidMotion:
             self._middle.position, turn.rotation, self._start.reshape(shape), free.reshape(shape)
         )
 
-    def mass_blocks(self) -> np.ndarray:
-        """M of each body at the last prediction, shape (n, 2 dim, 2 dim), whatever is prescribed.
-
-        The row of the unused component in 2D is zero.
-        """
-        dim = self.bodies.dim
-        blocks = np.zeros_like(self.blocks)
-        for k in range(dim):
-            blocks[:, k, k] = self.bodies.mass
-        blocks[:, dim : self._dofs, dim : self._dofs] = self._predicted().turn.inertia
-        return blocks
-
     def end(self, slots: npt.ArrayLike) -> RigidState:
         """The state at the end of the step, for velocities after the kick.
 

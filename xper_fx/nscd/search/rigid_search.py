@@ -25,7 +25,7 @@ import numpy as np
 from xper_fx.cache import njit
 from xper_fx.nscd.kernel_options import LEAN_ENTRY
 from xper_fx.nscd.rigid.bodies import RigidBodies, ShapeTables
-from xper_fx.nscd.rigid.shapes import DISC, HALF_PLANE, HALF_SPACE, SPHERE
+from xper_fx.nscd.rigid.shapes import DISC, HALF_PLANE, HALF_SPACE, SPHERE, check_positive
 from xper_fx.nscd.search.contact_buffer import Corners, collect
 from xper_fx.nscd.search.contact_pairs import Contacts, empty, join
 from xper_fx.nscd.search.coplanar import without_flats
@@ -167,11 +167,9 @@ class RigidSearch:
     """
 
     def __init__(self, bodies: RigidBodies, pairs: Sequence[tuple[str, str]], reach: float):
-        if not (np.isfinite(reach) and reach > 0.0):
-            raise ValueError(f"The reach (m) must be a finite positive number, got {reach!r}.")
+        self.reach = check_positive("The reach (m)", reach)
         tables = without_flats(bodies.shapes)
         self._tables = tables
-        self.reach = float(reach)
         self._dim = bodies.dim
         count = len(bodies)
         self._label, self._allowed = _labels(bodies, pairs)

@@ -11,8 +11,8 @@ import numpy.typing as npt
 from dolfinx.mesh import Mesh, MeshTags, meshtags
 from mpi4py import MPI
 
+from xper_fx.bodies.gmsh_session import gmsh_model
 from xper_fx.bodies.meshes import SerialOnlyError, read_gmsh
-from xper_fx.periodic.microstructure.gmsh_session import gmsh_model
 from xper_fx.periodic.microstructure.tessellation import PieceFace, Tessellation
 
 __all__ = ["Microstructure", "mesh_tessellation"]

@@ -58,8 +58,8 @@ def gmsh_model(name: str, options: Mapping[str, float]) -> Iterator[Any]:
         import gmsh
     except ImportError as error:
         raise ImportError(
-            "Meshing microstructures needs the Python module `gmsh` (pip install gmsh, or the "
-            "package python3-gmsh)."
+            "Meshes of Gmsh need the Python module `gmsh` (pip install gmsh, or the package "
+            "python3-gmsh)."
         ) from error
     foreign = bool(gmsh.isInitialized())
     if not foreign:

@@ -1,0 +1,78 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Which law is between which facets."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from xper_fx.bodies.explode import FacingFacets
+from xper_fx.nscd.laws.law import Law
+
+
+def require_law(law: Law) -> None:
+    """Raise TypeError unless `law` is an interaction law."""
+    if not all(hasattr(law, name) for name in ("kernels", "parameters", "initial_state")):
+        raise TypeError(f"{law!r} is no interaction law; nscd/laws has those there are.")
+
+
+def facet_laws(
+    facets: FacingFacets,
+    interactions: Mapping[tuple[int, int], Law | None],
+    default_interaction: Law | None,
+    facet_interactions: Mapping[int, Law | None],
+) -> tuple[list[Law], np.ndarray]:
+    """The laws between bodies and, for each facing facet, its law.
+
+    Args:
+        facets: the facing facets.
+        interactions, default_interaction, facet_interactions: as in `Scene`.
+
+    Returns:
+        The distinct laws, and shape (num_facets,): index of the law, -1 where there is none.
+
+    Raises:
+        ValueError: a pair of cell tags with two laws or none, or that occurs nowhere.
+        TypeError: a law that is none.
+    """
+    by_pair: dict[tuple[int, int], Law | None] = {}
+    for pair, law in interactions.items():
+        key = tuple(sorted(pair))
+        if by_pair.get(key, law) != law:
+            raise ValueError(f"Interactions give the pair {key} two laws; name it once.")
+        by_pair[key] = law
+    pairs = np.sort(facets.materials, axis=1)
+    index = np.full(len(facets), -1)
+    laws: list[Law] = []
+
+    def number(law: Law) -> int:
+        require_law(law)
+        if law not in laws:
+            laws.append(law)
+        return laws.index(law)
+
+    present = {tuple(p) for p in np.unique(pairs, axis=0).tolist()} if len(facets) else set()
+    unknown = set(by_pair) - present
+    if unknown:
+        raise ValueError(
+            f"Interactions name the pairs {sorted(unknown)}, which face each other nowhere; "
+            f"pairs that do: {sorted(present)}."
+        )
+    untagged = ~np.isin(facets.tag, list(facet_interactions))
+    for pair in sorted(present):
+        here = untagged & np.all(pairs == pair, axis=1)
+        if not np.any(here):
+            continue
+        if pair not in by_pair and default_interaction is None:
+            raise ValueError(
+                f"Cells of tags {pair} face each other and have no interaction law; name the "
+                "pair in `interactions` or give a `default_interaction`."
+            )
+        law = by_pair.get(pair, default_interaction)
+        if law is not None:
+            index[here] = number(law)
+    for tag, law in facet_interactions.items():
+        if law is not None:
+            index[facets.tag == tag] = number(law)
+    return laws, index

@@ -1,0 +1,101 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Whether loads fit a scene, and do not contradict each other."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from numbers import Integral
+
+import numpy as np
+
+from xper_fx.bodies.explode import Bodies
+from xper_fx.forms.loads import (
+    BodyForce,
+    Gravity,
+    PrescribedDisplacement,
+    PrescribedVelocity,
+    SurfaceTraction,
+    value_at,
+)
+from xper_fx.support.checks import require_number
+
+Motion = PrescribedVelocity | PrescribedDisplacement
+Load = BodyForce | Gravity | SurfaceTraction | Motion
+
+
+def check_loads(loads: Sequence[Load], dim: int, on_rigid: bool) -> None:
+    """See that loads have numbers, and as many as they should.
+
+    Args:
+        loads: of the scene.
+        dim: dimension of space.
+        on_rigid: whether they act on rigid bodies, too.
+
+    Raises:
+        ValueError: a wrong number of components, a value that is not finite, a displacement that
+            does not start at zero, gravity on rigid bodies that is a function of time.
+        TypeError: something that is no load.
+    """
+    for load in loads:
+        if not isinstance(load, Load):
+            raise TypeError(f"{load!r} is no load; forms/loads.py has those there are.")
+        name, values = type(load).__name__, (load.value,)
+        if not isinstance(load, Motion):
+            if not isinstance(load.value, Sequence | np.ndarray) or (
+                np.shape(load.value) != (dim,)
+            ):
+                raise ValueError(
+                    f"{name} has the value {load.value!r}; it should have {dim} "
+                    "components, one a dimension of the scene."
+                )
+            values = load.value
+        elif not (isinstance(load.component, Integral) and 0 <= load.component < dim):
+            raise ValueError(
+                f"{name} on tag {load.facets} has component {load.component}; it should be "
+                f"0 to {dim - 1}."
+            )
+        for value in values:
+            start = value_at(value, 0.0) if callable(value) else value
+            if not np.isfinite(require_number(f"The value of {load}", start)):
+                raise ValueError(f"{load} has the value {value}; it should be finite.")
+        if isinstance(load, PrescribedDisplacement) and value_at(load.value, 0.0) != 0.0:
+            raise ValueError(
+                f"{name} on tag {load.facets} is {value_at(load.value, 0.0)} m at the start, "
+                "where displacements are zero; give a function of time that starts at zero."
+            )
+    for load in loads if on_rigid else ():
+        if isinstance(load, Gravity) and any(map(callable, load.value)):
+            raise ValueError("Gravity on rigid bodies is constant, got a function of time.")
+
+
+def check_motions(loads: Sequence[Load], bodies: Bodies) -> None:
+    """See that motions which share a node and a component are the same motion.
+
+    Args:
+        loads: of the scene, motions among them.
+        bodies: the bodies.
+
+    Raises:
+        ValueError: two that are not.
+    """
+    motions = [load for load in loads if isinstance(load, Motion)]
+    if not motions:
+        return
+    mesh, tags = bodies.mesh, bodies.facet_tags
+    fdim = mesh.topology.dim - 1
+    mesh.topology.create_connectivity(fdim, 0)
+    vertices_of = mesh.topology.connectivity(fdim, 0)
+    vertices = {
+        tag: set(np.concatenate([vertices_of.links(f) for f in tags.find(tag)]).tolist())
+        for tag in {m.facets for m in motions}
+    }
+    for a, first in enumerate(motions):
+        for second in motions[a + 1 :]:
+            same = type(first) is type(second) and first.value == second.value
+            if first.component != second.component or same:
+                continue
+            if vertices[first.facets] & vertices[second.facets]:
+                raise ValueError(
+                    f"{first} and {second} prescribe the same component of the same nodes; "
+                    "let their facets be apart or give both the same value."
+                )
