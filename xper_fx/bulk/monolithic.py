@@ -49,8 +49,8 @@ logger = logging.getLogger(__name__)
 _SOFTNESS = 1.0
 # Lengths of a step that are tried, and what is left of how many iterations it may not exceed.
 _LENGTHS, _MEMORY = (1.0, 0.5, 0.25, 0.1), 3
-# Iterations after which more may be left, and how much beside the tolerance: bonds that flip between
-# loading and unloading may go round in circles too small to matter.
+# Iterations after which more may be left, and how much beside the tolerance: bonds that flip
+# between loading and unloading may go round in circles too small to matter.
 _PATIENCE, _ROUND = 7, 100.0
 # Relative error of the growth that a step is asked for.
 _GROWN = 1e-6
@@ -446,7 +446,8 @@ class _Newton:
 
     def _least(self) -> float:
         """Velocity that differences are at least taken over."""
-        speed = max(np.abs(self.slots).max(initial=0.0), np.abs(self._loading.wanted).max(initial=0.0))
+        given = self._loading.wanted
+        speed = max(np.abs(self.slots).max(initial=0.0), np.abs(given).max(initial=0.0))
         return max(_LEAST * float(speed), _SMALLEST * self._scheme._extent / self._step)
 
     def _slots(self, velocity: np.ndarray) -> np.ndarray:

@@ -79,7 +79,7 @@ def _tangent_kernel(law: LawKernels, sides: Sides):
             moved_by = sym_vector(sym_row(w, i), old)
             size = np.sqrt(max(dot(u, u), dot(moved_by, moved_by)))
             reach = max(_REACH * size, least)
-            w_own, count = 0.0, 0
+            w_own = 0.0
             for j in range(components):
                 w_own = max(w_own, dot(sym_vector(sym_row(w, i), unit(j, 1.0)), unit(j, 1.0)))
             push = reach / w_own if w_own > 0.0 else 0.0

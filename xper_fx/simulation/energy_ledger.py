@@ -78,9 +78,9 @@ class BulkEnergies(NamedTuple):
 class EnergyLedger:
     """Keeps the energies of a run.
 
-    The works of a static step are those of forces that change linearly from what was in balance at
-    its start to what is at its end: of third order in the step, where the works of the forces at its
-    end, which is all that theta = 1 knows, would leave half of the elastic energy to the scheme.
+    The works of a static step are those of forces that change linearly from what was in balance
+    at its start to what is at its end: of third order in the step. The forces at the end alone,
+    which theta = 1 knows, would leave half of the elastic energy to the scheme.
 
     Args:
         bulk: the bulk.

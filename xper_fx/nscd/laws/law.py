@@ -24,9 +24,10 @@ in m, velocities in m/s, impulses `r` in N s (positive: pushes candidate and ant
 `area` in m^2 (2D: m, per metre of depth). Over a step, jump1 = jump_h + h theta u with
 jump_h = jump0 + h (1 - theta) velocity0. Adding a law is adding one file with such a class.
 
-`growth(parameters, state) -> (reached, length)`, of all points of a group, tells how far a load may
-go (`xper_fx/nscd/growth.py`): the largest opening so far (m), infinite where no bond is left, and the
-length of the bond's curve (m). None for a law whose damage is not that of the end of the step.
+`growth(parameters, state) -> (reached, length)`, of all points of a group, tells how far a load
+may go (`xper_fx/nscd/growth.py`): the largest opening so far (m), infinite where no bond is left,
+and the length of the bond's curve (m). None for a law whose damage is not that of the end of the
+step.
 
 `name` and `effects` are for the table of effects (`xper_fx/output/effects.py`): pairs of an
 effect's name, of the table or new, and how many of a point's parameters, state, terms and details
