@@ -19,8 +19,8 @@ from xper_fx.nscd.interactions import Interactions
 # Difference from its transpose, relative to its entries, up to which a spring is symmetric:
 # tangents are taken by differences.
 _SYMMETRIC = 1e-5
-# Share of the bulk's diagonal that is added to it, so that bodies which nothing holds for the moment do
-# not end the iteration: what it leaves the next iteration corrects.
+# Share of the bulk's diagonal that is added to it, so that bodies which nothing holds for the
+# moment do not end the iteration: what it leaves the next iteration corrects.
 _SHIFT = 1e-12
 
 

@@ -6,8 +6,8 @@ curve and g the growth of the step. Along jumps U(s) = A + s B, s the change of 
 openings of all bonds stay within their limits in an interval of s. A step that ends at one of its
 ends makes one bond at least open by exactly g L: so the load is found, whether it rises, falls, or
 the structure snaps back (Lorentz and Badel 2004, on openings in place of strains). Of the two ends
-the one goes on along the path towards which the bonds that opened in the last step open on; in the
-first step the load rises.
+the one goes on along the path towards which the bonds that opened in the last step open on. In the
+first step the load rises, and iterations take the end that is nearer to the present jumps.
 """
 
 from __future__ import annotations
@@ -20,6 +20,8 @@ from xper_fx.nscd.interactions import Interactions
 
 # An opening this near to the largest one so far grew in the last step.
 _ROUNDING = 1e-9
+# Growth beside the one asked for at which an iteration goes astray.
+_ASTRAY = 10.0
 
 
 class GrowthLimit:
@@ -70,6 +72,7 @@ class GrowthLimit:
 
     def change(
         self,
+        now: Sequence[np.ndarray],
         held: Sequence[np.ndarray],
         start: Sequence[np.ndarray],
         slope: Sequence[np.ndarray],
@@ -77,6 +80,7 @@ class GrowthLimit:
         """s at the end of the interval that goes on from `now`; None if there is none.
 
         Args:
+            now: jumps of each group at present, shape (n, components), m.
             held: of each group, shape (n,), whether the lips are closed.
             start, slope: A and B of each group, shape (n, components), m.
         """
@@ -84,12 +88,19 @@ class GrowthLimit:
         closed = self._of(held)
         a[closed, 0] = b[closed, 0] = 0.0
         low, high = _interval(a, b, limit)
-        if not low < high:  # on the way: no load obeys all limits, this one breaks them least
-            return 0.5 * (low + high)
+        if not low < high:  # on the way no load may obey all limits: one that nearly does
+            middle = 0.5 * (low + high)
+            growth = self._largest(a + middle * b) if np.isfinite(middle) else np.inf
+            return middle if growth < _ASTRAY * self._growth else None
         roots = [s for s in (low, high) if np.isfinite(s)]
         if not roots:
             return None
-        return roots[-1] if np.vdot(self._forward[self._grows], b) >= 0.0 else roots[0]
+        forward, present = self._forward[self._grows], self._of(now)
+        if np.any(forward):
+            return roots[-1] if np.vdot(forward, b) >= 0.0 else roots[0]
+        if not np.any(present):
+            return roots[-1]
+        return min(roots, key=lambda s: float(((a + s * b - present) ** 2).sum()))
 
     def turns_back(self, moved: Sequence[np.ndarray]) -> bool:
         """Whether the bonds that opened in the last step close.
@@ -101,9 +112,12 @@ class GrowthLimit:
 
     def left(self, now: Sequence[np.ndarray]) -> float:
         """By how much the growth differs from the one asked for, relative."""
-        x = _opening(self._of(now))
+        return self._largest(self._of(now)) / self._growth - 1.0
+
+    def _largest(self, jumps: np.ndarray) -> float:
+        """Largest growth of the bonds that are left."""
         reached, length = self._reached[self._grows], self._length[self._grows]
-        return float(((x - reached) / length).max()) / self._growth - 1.0
+        return float(((_opening(jumps) - reached) / length).max())
 
     def _limits(self) -> np.ndarray:
         return self._reached[self._grows] + self._growth * self._length[self._grows]

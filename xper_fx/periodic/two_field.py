@@ -26,7 +26,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
+import numpy.typing as npt
 import scipy.linalg
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from xper_fx.bulk.bulk import Bulk
 from xper_fx.bulk.force_balance import InBalance
@@ -46,6 +49,7 @@ class CellBulk(Bulk):
         forms: compiled forms.
         drive: what drives the cell.
         inertia: whether the fluctuation has inertia; see `Bulk`.
+        joined: pairs of bodies between which interactions act; see `Bulk`.
         ranks: ranks that divide the cell's bodies; see `Bulk`.
 
     Attributes:
@@ -61,6 +65,7 @@ class CellBulk(Bulk):
         forms: BulkForms,
         drive: MacroscopicDrive,
         inertia: bool = True,
+        joined: npt.ArrayLike = (),
         ranks: Ranks = ALONE,
     ):
         self.drive = drive
@@ -73,7 +78,7 @@ class CellBulk(Bulk):
         self._compliance = np.zeros((len(self.free), len(self.free)))
         self._committed_compliance = self._compliance.copy()
         self._static = not inertia
-        super().__init__(forms, inertia=inertia, ranks=ranks)
+        super().__init__(forms, inertia=inertia, joined=joined, ranks=ranks)
         self._refuse_pressing_the_incompressible()
         self._rounding = self._forces_of_rounding() if len(self.free) else 0.0
 
@@ -89,22 +94,28 @@ class CellBulk(Bulk):
     def _prescribed(self) -> np.ndarray:
         out = np.zeros(self.num_dofs, bool)
         out[self.unknowns.macroscopic] = self.drive.kinematic(self.dim)
-        if self._static and len(self.unknowns.offsets) == 2:
+        if self._static:
             out[: self.dim] = True  # the translation of u#, which nothing else holds
         return out
 
     def _held_by_interactions(self, joined: np.ndarray) -> bool:
-        """See `Bulk`: one body, its translation held here, its rotations by ties.
+        """See `Bulk`: one body, or bodies joined to one; the translation is held here.
+
+        The rotations of one body are held by ties.
 
         A rotation of u# about an axis is the same at two tied nodes only if the vector between
         them is along the axis.
         """
         unknowns = self.unknowns
-        if len(unknowns.offsets) > 2:
+        num_bodies = len(unknowns.offsets) - 1
+        if num_bodies > 1:
+            graph = coo_array((np.ones(len(joined)), tuple(joined.T)), shape=2 * (num_bodies,))
+            if connected_components(graph, directed=False)[0] == 1:
+                return True
             raise ValueError(
-                f"Without inertia every body should be held, and the cell has "
-                f"{len(unknowns.offsets) - 1} bodies, which interactions alone hold: take one body "
-                "(a label for all cells) or inertia=True."
+                f"Without inertia every body should be held, and the cell has {num_bodies} bodies, "
+                "which interactions do not join to one: take one body (a label for all cells), "
+                "laws on all facets between bodies, or inertia=True."
             )
         first = np.empty((unknowns.num_nodes, self.dim))
         first[unknowns.node_of] = unknowns.position

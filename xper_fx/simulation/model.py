@@ -179,12 +179,18 @@ class Model:
             from xper_fx.scene.tie import tie_points
 
             self._ties = [tie_points(tie, forms.V, scene.bodies) for tie in scene.ties]
+        joined = () if inertia else self._joined_bodies()
         if scene.macroscopic is None:
-            joined = () if inertia else self._joined_bodies()
             return Bulk(forms, motions, scene.damping, inertia, joined, self.ranks)
         from xper_fx.periodic.two_field import CellBulk
 
-        return CellBulk(forms, scene.macroscopic, inertia, self.ranks)
+        bulk = CellBulk(forms, scene.macroscopic, inertia, joined, self.ranks)
+        if bulk.floating and not self.options.monolithic(True):
+            raise ValueError(
+                "A static run of a periodic cell of several bodies takes the monolithic solver: "
+                f'leave solver at "auto", got "{self.options.solver}".'
+            )
+        return bulk
 
     def _joined_bodies(self) -> np.ndarray:
         """Pairs of bodies between which interactions act, shape (n, 2)."""
@@ -258,7 +264,7 @@ class Model:
             by_body = self.detection is not None or self.scene.points != "nodal"
             return ExplicitScheme(self.bulk, interacting, self.stopwatch, by_body)
         if self.monolithic:
-            from xper_fx.bulk.monolithic import MonolithicScheme as Scheme
+            from xper_fx.bulk.monolithic_scheme import MonolithicScheme as Scheme
         else:
             from xper_fx.bulk.implicit import ImplicitScheme as Scheme
 

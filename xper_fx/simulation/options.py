@@ -80,7 +80,15 @@ class Options:
             explicit = requested.adapts_step and _suits_explicit(scene, theta, solver, inertia)
             scheme = "explicit" if explicit else "implicit"
         options = cls(
-            requested, scheme, picked, theta, solver, solve, max_newton, max_halvings, inertia,
+            requested,
+            scheme,
+            picked,
+            theta,
+            solver,
+            solve,
+            max_newton,
+            max_halvings,
+            inertia,
             path,
         )
         options._check_ranges()

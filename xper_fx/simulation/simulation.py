@@ -62,7 +62,7 @@ class Simulation(Restartable):
         solver: of the interactions: "nlgs" (sweeps), "newton" (all points at once, for steps far
             beyond the explicit limit), "accelerated" (mixed sweeps), "subdomains" (conjugate
             gradients, where all points are perfect bonds), "monolithic" (bulk and interactions in
-            one sparse system, `bulk/monolithic.py`), or "auto", which picks: without inertia the
+            one sparse system, `bulk/monolithic_scheme.py`), or "auto", which picks: without inertia the
             last. An explicit bulk with nodal points solves each vertex alone, and takes "auto"
             only. A `Solver` of one's own is taken too (`nscd/solvers/solver.py`).
         relaxation: over-relaxation of impulses where a law is linear, in (0, 2).
@@ -293,8 +293,10 @@ class Simulation(Restartable):
     def _commit(self, outcome: StepOutcome, size: float, energies: BulkEnergies) -> StepRecord:
         attempts, control = self._attempts, self.model.control
         with self.stopwatch.phase("energy"):
-            work = None if self.interactions is None else self.interactions.commit(
-                outcome.slots, not self.options.inertia
+            work = (
+                None
+                if self.interactions is None
+                else self.interactions.commit(outcome.slots, not self.options.inertia)
             )
             self.ledger.record(self.state, outcome, size, energies, work, attempts.rigid_work)
         self._require_finite(not_finite_columns(self.ledger.as_columns()), size)

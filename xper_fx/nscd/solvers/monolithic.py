@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""The interactions solved with the bulk, in one system (`xper_fx/bulk/monolithic.py`)."""
+"""The interactions solved with the bulk, in one system (`xper_fx/bulk/monolithic_scheme.py`)."""
 
 from __future__ import annotations
 

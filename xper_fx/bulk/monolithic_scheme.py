@@ -254,6 +254,7 @@ class _Newton:
         self.impulses = np.zeros_like(start)
         self.residual, self.internal = equations.residual(self.velocity)
         self.left, self.iterations = np.inf, 0
+        self._stiffest = 0.0
 
     def run(self, tolerance: float, most: int) -> bool:
         """Whether what is left came within the tolerance."""
@@ -318,6 +319,7 @@ class _Newton:
         with watch.phase("bulk matrix"):
             displacement = self._equations.displacement(self.velocity)
             matrix = scheme._matrix(self._step, displacement)
+            self._stiffest = float(np.abs(matrix.data).max())
         right, stiffness = self.residual, []
         if interactions is not None:
             with watch.phase("point tangents"):
@@ -342,7 +344,7 @@ class _Newton:
             now = self._jumps(self.velocity)
             start, slope = self._moved(dv), self._moved(along)
             start = [x + y for x, y in zip(now, start, strict=True)]
-            change = growth.change(self._tangents.held, start, slope)
+            change = growth.change(now, self._tangents.held, start, slope)
             if change is None or not np.isfinite(change):
                 return None
             dv = dv + change * along
@@ -433,12 +435,11 @@ class _Newton:
         )  # fmt: skip
 
     def _floor(self) -> float:
-        """What rounding of velocities leaves at the stiffest spring."""
-        if self._interactions is None:
-            return 0.0
-        stiffest = 0.0
-        for k, held in zip(self._tangents.stiffness, self._tangents.held, strict=True):
-            stiffest = max(stiffest, float(np.abs(k[~held]).max(initial=0.0)))
+        """What rounding of displacements leaves in the bulk and at the stiffest spring."""
+        stiffest = self._stiffest
+        if self._tangents is not None:
+            for k, held in zip(self._tangents.stiffness, self._tangents.held, strict=True):
+                stiffest = max(stiffest, float(np.abs(k[~held]).max(initial=0.0)))
         return _ROUNDING * stiffest * float(np.abs(self.velocity).max(initial=0.0))
 
     def _num_held(self) -> int:

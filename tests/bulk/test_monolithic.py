@@ -1,0 +1,220 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Bulk and interactions in one system: against plain forms, against the other solvers, KKT."""
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+import ufl
+from dolfinx import fem
+from scenes import BOTTOM, LEFT, RIGHT, TOP, box_bodies, field, mesh_of, run
+from scipy.sparse.linalg import spsolve
+
+import xper_fx as xf
+from xper_fx.nscd.laws import CohesiveZone, PerfectBond, SignoriniCoulomb
+
+E, LX, LY = 30e9, 0.4, 0.1
+
+
+def strip(rows, factor, loads=(), poisson=0.2, **options):
+    """Crossed triangles, each a body, bonds of `factor` E/h; held on the left."""
+    bodies = box_bodies((LX, LY), (4 * rows, rows))
+    friction = options.pop("friction", 0.0)
+    bond = CohesiveZone(factor * E * rows / LY, 1e9, 3e6, friction=friction)
+    held = options.pop("held", ((LEFT, 0), (LEFT, 1)))
+    held = [xf.PrescribedDisplacement(side, axis, 0.0) for side, axis in held]
+    material = xf.materials.LinearElastic(E, poisson, 2400.0, plane="stress")
+    return xf.Scene(
+        bodies, {1: material}, default_interaction=bond, loads=[*held, *loads], **options
+    )
+
+
+PULLED = [xf.PrescribedDisplacement(RIGHT, 0, lambda t: 1e-6 * t)]
+BENT = [xf.SurfaceTraction(RIGHT, (0.0, lambda t: -1e3 * t))]
+
+
+def static(scene, **options):
+    return xf.Simulation(scene, 1.0, inertia=False, newton_tolerance=1e-10, **options)
+
+
+@pytest.mark.parametrize("points", ["nodal", "gauss"])
+@pytest.mark.parametrize("factor", [10.0, 1000.0])
+def test_bonded_triangles_are_what_plain_forms_give(points, factor):
+    """Pulled both ways and by a body force all bonds are open, and linear springs."""
+    rows, k = 4, factor * E * 4 / LY
+    loads = [
+        xf.PrescribedDisplacement(RIGHT, 0, lambda t: 1e-6 * t),
+        xf.PrescribedDisplacement(TOP, 1, lambda t: 1e-7 * t),
+        xf.BodyForce((1e5, 0.0)),
+    ]
+    rollers = ((LEFT, 0), (BOTTOM, 1))
+    simulation = static(strip(rows, factor, loads, held=rollers, points=points))
+    (step,) = run(simulation, 1)
+    assert step.newton_iterations <= 2
+    mesh = xf.crossed_rectangle((0, 0), (LX, LY), (4 * rows, rows))
+    V = fem.functionspace(mesh, ("DG", 1, (2,)))
+    u, v = ufl.TrialFunction(V), ufl.TestFunction(V)
+    rule, degree = {"nodal": ("vertex", 1), "gauss": ("default", 2)}[points]
+    dS = ufl.Measure("dS", metadata={"quadrature_rule": rule, "quadrature_degree": degree})
+    strain = ufl.sym(ufl.grad(u))
+    stress = E / 1.2 * strain + E * 0.2 / (1 - 0.04) * ufl.tr(strain) * ufl.Identity(2)
+    form = ufl.inner(stress, ufl.grad(v)) * ufl.dx
+    form += k * ufl.inner(ufl.jump(u), ufl.jump(v)) * dS
+    matrix = fem.assemble_matrix(fem.form(form)).to_scipy().tocsr()
+    pull = ufl.as_vector([1e5, 0.0])
+    force = fem.assemble_vector(fem.form(ufl.inner(pull, v) * ufl.dx)).array
+    x, q = V.tabulate_dof_coordinates(), np.zeros(len(force))
+    known = []
+    for side, axis, value in ((0.0, 0, 0.0), (0.0, 1, 0.0), (LX, 0, 1e-6), (LY, 1, 1e-7)):
+        nodes = V.dofmap.list[np.isclose(x[V.dofmap.list, axis], side).sum(1) == 2]
+        known.append(2 * nodes[np.isclose(x[nodes, axis], side)] + axis)
+        q[known[-1]] = value
+    free = np.setdiff1d(np.arange(len(q)), np.concatenate(known))
+    q[free] = spsolve(sp.csc_array(matrix[free][:, free]), (force - matrix @ q)[free])
+    reaction = float((matrix @ q - force)[known[2]].sum())
+    assert simulation.reaction(RIGHT)[0] == pytest.approx(reaction, rel=1e-8)
+    # nodes of a place are told apart by their displacements
+    np.testing.assert_allclose(
+        np.sort(field(simulation), axis=0), np.sort(q.reshape(-1, 2), axis=0), atol=1e-8 * 1e-6
+    )
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.5])
+@pytest.mark.parametrize("loads", [PULLED, BENT], ids=["pulled", "bent"])
+@pytest.mark.parametrize("factor", [10.0, 1000.0])
+def test_closed_lips_hold_exactly(factor, loads, friction):
+    """Unilateral lips: nothing interpenetrates, what presses is closed, Coulomb's cone holds."""
+    simulation = static(strip(4, factor, loads, friction=friction))
+    (step,) = run(simulation, 1)
+    assert step.newton_iterations <= 9
+    gather = simulation.interactions.gather
+    jump, impulse = gather("jump"), gather("impulse")
+    size = np.abs(jump).max()
+    closed = impulse[:, 0] > 0.0
+    assert 40 < closed.sum() < 0.7 * len(closed)
+    assert jump[:, 0].min() > -1e-9 * size
+    assert np.abs(jump[closed, 0]).max() < 1e-9 * size
+    # what is not the bond's own pull is friction
+    area = simulation.interactions.points.area
+    beyond = impulse[:, 1] + factor * E * 4 / LY * area * jump[:, 1]
+    bound = friction * impulse[:, 0]
+    assert np.all(np.abs(beyond[closed]) <= bound[closed] + 1e-9 * np.abs(impulse).max())
+    if friction:
+        slid = closed & (np.abs(jump[:, 1]) > 1e-6 * size)
+        assert slid.sum() > 10
+        assert np.all(beyond[slid] * jump[slid, 1] <= 0.0)
+    assert abs(step.energies["closure"]) < 1e-8 * step.energies["external_work"]
+
+
+def test_stiff_bonds_are_one_body():
+    """Bonds of 1e8 E/h against the mesh that was never cut."""
+    cut = static(strip(4, 1e8, BENT))
+    scene = cut.scene
+    bodies = box_bodies((LX, LY), (16, 4), label=0)
+    one = static(xf.Scene(bodies, scene.materials, loads=scene.loads))
+    run(cut, 1)
+    run(one, 1)
+    assert np.abs(field(cut)).max() == pytest.approx(np.abs(field(one)).max(), rel=1e-6)
+
+
+def squares(count):
+    """The unit square in quadrilaterals."""
+    return mesh_of((1.0, 1.0), (count, count), "quadrilateral")
+
+
+SHEAR = {"12": 0.0, "21": 0.0}
+ELASTIC = xf.materials.LinearElastic(young=1.0, poisson=0.3, density=1.0)
+# With the mean damage of a step bonds of a bar in tension may break in more than one way.
+BOND = CohesiveZone(10.0, 5e-4, 1e-2, friction=0.3, damage="lagged")
+
+
+def moving(material=ELASTIC, bond=BOND, kind="crossed", **options):
+    lengths, cells = ((2.0, 1.0), (4, 2)) if kind == "crossed" else ((2.0, 1.0, 1.0), (2, 1, 1))
+    bodies = box_bodies(lengths, cells, kind, label=options.pop("label", None))
+    loads = [xf.PrescribedVelocity(LEFT, 0, 0.0), xf.PrescribedVelocity(RIGHT, 0, 0.02)]
+    return xf.Scene(bodies, {1: material}, loads=loads, default_interaction=bond, **options)
+
+
+def pressed():
+    """Two blocks that slide on each other, on a wall."""
+    bodies = box_bodies((2.0, 1.0), (4, 2), label=lambda x: x[1] > 0.5)
+    slide = SignoriniCoulomb(0.2, contact="position")
+    return xf.Scene(
+        bodies, {1: ELASTIC}, default_interaction=slide,
+        walls=[xf.Wall(BOTTOM, (0.0, 0.0), (0.0, 1.0), slide)],
+        loads=[xf.SurfaceTraction(TOP, (2e-3, -1e-2)), xf.BodyForce((0.0, -1e-3))],
+    )  # fmt: skip
+
+
+SCENES = {
+    "breaking plate": moving,
+    "gauss points": lambda: moving(points="gauss", label=lambda x: x[0] > 1.0),
+    "solid": lambda: moving(kind="tetrahedron"),
+    "neo-Hookean": lambda: moving(xf.materials.NeoHookean(young=1.0, poisson=0.3, density=1.0)),
+    "plastic": lambda: moving(
+        xf.materials.J2SmallStrain(
+            young=1.0, poisson=0.3, density=1.0, yield_stress=5e-3, hardening=xf.materials.Linear(0.1)
+        )
+    ),
+    "perfect bonds": lambda: moving(bond=PerfectBond()),
+    "frictional blocks": pressed,
+}
+
+
+@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("theta", [0.5, 1.0])
+def test_a_step_with_inertia_is_that_of_the_sweeps(name, theta):
+    """Any law in any bulk: the same histories as by sweeps, to their tolerance."""
+    ends = []
+    for solver in ("monolithic", "nlgs"):
+        simulation = xf.Simulation(
+            SCENES[name](), 0.2, scheme="implicit", theta=theta, solver=solver, tolerance=1e-9,
+            newton_tolerance=1e-10,
+        )  # fmt: skip
+        *_, last = run(simulation, 12)
+        ends.append((field(simulation), last.energies))
+    (ours, energies), (theirs, expected) = ends
+    assert np.abs(ours - theirs).max() < 1e-6 * np.abs(theirs).max()
+    size = max(abs(v) for v in expected.values())
+    for name, value in expected.items():
+        assert energies[name] == pytest.approx(value, abs=2e-6 * size), name
+
+
+@pytest.mark.parametrize("driven", ["gradient", "stress"])
+def test_a_cell_whose_bodies_bonds_alone_hold(driven):
+    """Squares that bonds join across the boundary too: springs in series with the solid.
+
+    Pulled along x by e (or by its stress), free of lateral strain: s = e / (1/E + 1/(K d)) for
+    squares of side d, as nu = 0.
+    """
+    young, k, strain = 2.0, 8.0, 1e-3
+    bodies = xf.explode(squares(4), lattice=(1.0, 1.0))
+    stress = strain / (1.0 / young + 1.0 / (k * 0.25))
+    gradient = {"11": lambda t: 1.0 + strain * t, "22": 1.0} | SHEAR
+    drive = {"gradient": gradient}
+    if driven == "stress":
+        del gradient["11"]
+        drive["stress"] = {"11": lambda t: stress * t}
+    scene = xf.Scene(
+        bodies, {1: xf.materials.LinearElastic(young, 0.0, 1.0)},
+        default_interaction=CohesiveZone(k, 1.0, 1.0), macroscopic=xf.MacroscopicDrive(**drive),
+    )  # fmt: skip
+    simulation = static(scene)
+    run(simulation, 1)
+    assert simulation.macroscopic.stress[0, 0] == pytest.approx(stress, rel=1e-8)
+    assert simulation.macroscopic.gradient[0, 0] - 1.0 == pytest.approx(strain, rel=1e-8)
+    bonds = simulation.interactions.gather("jump")
+    assert bonds[:, 0].max() == pytest.approx(stress / k, rel=1e-8)
+
+
+def test_a_cell_that_nothing_joins_is_refused():
+    bodies = xf.explode(squares(2), lattice=(1.0, 1.0))
+    with pytest.raises(ValueError, match="4 bodies, which interactions do not join"):
+        static(xf.Scene(
+            bodies, {1: ELASTIC}, interactions={(1, 1): None},
+            macroscopic=xf.MacroscopicDrive(gradient=dict.fromkeys(("11", "22"), 1.0) | SHEAR),
+        ))  # fmt: skip
+
+
+def test_what_it_cannot_take_is_refused():
+    with pytest.raises(ValueError, match="monolithic solver takes meshed bodies"):
+        xf.Simulation(moving(), 0.01, scheme="explicit", solver="monolithic")

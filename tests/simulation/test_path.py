@@ -1,0 +1,127 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Static runs whose load is found: a bar on its exact curve, snap-back, ledger, restart, errors."""
+
+import numpy as np
+import pytest
+from scenes import BOTTOM, LEFT, RIGHT, box_bodies
+
+import xper_fx as xf
+from xper_fx.nscd.laws import CohesiveZone
+from xper_fx.output import checkpoint
+
+E, HEIGHT = 30e9, 1.0
+BOND = CohesiveZone(1e14, 100.0, 3e6)
+
+
+def bar(length, bond=BOND, loads=None, dim=2, **options):
+    """Two elastic halves and a bond, pulled along x, without lateral strain."""
+    lengths, cells = (length, HEIGHT, HEIGHT)[:dim], (2, 1, 1)[:dim]
+    kind = "quadrilateral" if dim == 2 else "hexahedron"
+    bodies = box_bodies(lengths, cells, kind, label=lambda x: x[0] > 0.5 * length)
+    held = [(LEFT, 0), (BOTTOM, 1), (5, 2)][:dim] + ([(6, 2)] if dim == 3 else [])
+    loads = loads or [xf.PrescribedDisplacement(RIGHT, 0, lambda t: 1e-6 * t)]
+    material = xf.materials.LinearElastic(E, 0.0, 2400.0)
+    supports = [xf.PrescribedDisplacement(side, axis, 0.0) for side, axis in held]
+    supports.append(xf.PrescribedDisplacement(RIGHT, 1, 0.0))
+    return xf.Scene(
+        bodies, {1: material}, default_interaction=bond, loads=[*supports, *loads], **options
+    )
+
+
+def follow(scene, most=200, **options):
+    return xf.Simulation(scene, 1.0, inertia=False, path=xf.GrowthControl(**options))
+
+
+def on_the_curve(simulation, bond=BOND):
+    """Largest opening and the traction that the bond's curve has there."""
+    x = simulation.interactions.gather("opening_max").max()
+    y = (x - bond.elastic_opening) / (bond.critical_opening - bond.elastic_opening)
+    return x, bond.strength * (1.0 - min(max(y, 0.0), 1.0) ** 2)
+
+
+# Length at which the bar gives as much as the bond softens at most.
+CRITICAL = E / BOND.softening_slope
+
+
+@pytest.mark.parametrize("share, dim", [(0.3, 2), (20.0, 2), (200.0, 2), (20.0, 3)])
+def test_a_bar_stays_on_its_curve(share, dim):
+    """Displacement = s L / E + x, s = R (1 - y^2); beyond a critical length the bar snaps back."""
+    length = share * CRITICAL
+    simulation = follow(bar(length, dim=dim))
+    area = HEIGHT ** (dim - 1)
+    times, spent = [], []
+    for step in simulation.steps(1e6):
+        x, traction = on_the_curve(simulation)
+        if x >= 0.998 * BOND.critical_opening:
+            break
+        assert simulation.reaction(RIGHT)[0] == pytest.approx(traction * area, rel=1e-6)
+        moved = traction * length / E + x
+        assert 1e-6 * step.time == pytest.approx(moved, rel=1e-6)
+        times.append(step.time)
+        spent.append(step.energies["dissipated_cohesion"])
+        # area under the curve less what the bond holds
+        y = (x - BOND.elastic_opening) / (BOND.critical_opening - BOND.elastic_opening)
+        whole = BOND.strength * (
+            0.5 * BOND.elastic_opening
+            + (BOND.critical_opening - BOND.elastic_opening) * (y - y**3 / 3.0)
+        )
+        assert spent[-1] == pytest.approx((whole - 0.5 * traction * x) * area, rel=1e-6)
+        assert abs(step.energies["closure"]) < 1e-9 * step.energies["external_work"]
+    assert 3 < len(times) < 60
+    assert np.all(np.diff(spent) > 0.0)
+    falls = np.diff(times) < 0.0
+    assert np.any(falls) == (share > 1.0)
+
+
+def test_a_force_that_falls():
+    """Under a force the load has its peak at the strength, and goes to nothing."""
+    loads = [xf.SurfaceTraction(RIGHT, (lambda t: 1e5 * t, 0.0))]
+    soft = CohesiveZone(1e12, 100.0, 3e6)
+    simulation = follow(bar(0.5, soft, loads), growth=0.1)
+    forces = []
+    for step in simulation.steps(1e6):
+        x, traction = on_the_curve(simulation, soft)
+        if x >= 0.998 * soft.critical_opening:
+            break
+        assert 1e5 * step.time == pytest.approx(traction, rel=1e-6)
+        forces.append(1e5 * step.time)
+    assert max(forces) == pytest.approx(soft.strength, rel=2e-3)
+    assert forces[-1] < 0.9 * soft.strength
+
+
+def test_the_path_goes_to_its_end():
+    """Beyond the last bond there is no growth, and the load goes on to the end time."""
+    simulation = follow(bar(0.3 * CRITICAL))
+    *_, last = simulation.steps(1e4)
+    assert last.time == 1e4
+    assert last.energies["dissipated_cohesion"] == pytest.approx(100.0 * HEIGHT, rel=1e-6)
+    assert abs(simulation.reaction(RIGHT)[0]) < 1e-6 * BOND.strength * HEIGHT
+
+
+def test_a_path_is_restarted(tmp_path):
+    """The same bits from a state that was saved on the way."""
+    whole, first, second = (follow(bar(20.0 * CRITICAL)) for _ in range(3))
+    records = []
+    for step in whole.steps(1e6):
+        records.append(step)
+        if len(records) == 10:
+            break
+    for number, _ in enumerate(first.steps(1e6), 1):
+        if number == 5:
+            break
+    checkpoint.save(tmp_path / "state.h5", first)
+    checkpoint.restore(tmp_path / "state.h5", second)
+    for step, expected in zip(second.steps(1e6), records[5:], strict=False):
+        assert step == expected
+
+
+def test_paths_that_cannot_be_followed_are_refused():
+    with pytest.raises(ValueError, match="inertia=False"):
+        xf.Simulation(bar(1.0), 1.0, path=xf.GrowthControl())
+    with pytest.raises(TypeError, match="GrowthControl"):
+        xf.Simulation(bar(1.0), 1.0, inertia=False, path="growth")
+    with pytest.raises(ValueError, match="growth"):
+        xf.GrowthControl(growth=-1.0)
+    mean = CohesiveZone(1e14, 100.0, 3e6, damage="mean")
+    with pytest.raises(ValueError, match="no point of the scene has a law"):
+        next(follow(bar(1.0, mean)).steps(1.0))
