@@ -152,7 +152,11 @@ SCENES = {
     "neo-Hookean": lambda: moving(xf.materials.NeoHookean(young=1.0, poisson=0.3, density=1.0)),
     "plastic": lambda: moving(
         xf.materials.J2SmallStrain(
-            young=1.0, poisson=0.3, density=1.0, yield_stress=5e-3, hardening=xf.materials.Linear(0.1)
+            young=1.0,
+            poisson=0.3,
+            density=1.0,
+            yield_stress=5e-3,
+            hardening=xf.materials.Linear(0.1),
         )
     ),
     "perfect bonds": lambda: moving(bond=PerfectBond()),

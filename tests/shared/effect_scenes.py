@@ -240,6 +240,17 @@ def cut():
     return Simulation(scene, 1.0, theta=1.0, inertia=False, **solver)
 
 
+def opened():
+    """Two crossed squares, each cell a body, pulled along the path of their bonds."""
+    from xper_fx.nscd.laws import CohesiveZone
+    from xper_fx.simulation.path import GrowthControl
+    from xper_fx.simulation.simulation import Simulation
+
+    bond = CohesiveZone(10.0, 1e-3, 1e-2)
+    scene = _pulled(_elastic(), label=None, default_interaction=bond)
+    return Simulation(scene, 1.0, inertia=False, path=GrowthControl())
+
+
 def nonmatching():
     """Two squares of one and two cells an edge, tied; with inertia."""
     from scenes import LEFT, RIGHT, mesh_of
@@ -295,6 +306,9 @@ SCENES = {
     stiff: {*_POINTS, "perfect bond", "Newton on all points"},
     meeting: {*_POINTS, "unilateral contact", "impact", "contact search"},
     struck: {*_POINTS, "unilateral contact", "impact", "contact search", "rigid bodies"},
+    opened: {
+        "interactions", "unilateral contact", "cohesion", "damage", "one system", "path following",
+    },
     cut: {
         "interactions", "perfect bond", "subdomains", "floating bodies", "Newton of the bulk",
     },

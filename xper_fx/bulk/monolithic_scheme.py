@@ -24,7 +24,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
@@ -35,12 +35,14 @@ from xper_fx.bulk.loading import Loading
 from xper_fx.bulk.sparse_direct import SingularMatrixError
 from xper_fx.bulk.state import State, StepOutcome, reactions_on
 from xper_fx.bulk.step_equations import StepEquations
-from xper_fx.nscd.growth import GrowthLimit
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.inverse_blocks import BodyInverse
 from xper_fx.nscd.point_tangents import PointTangents
 from xper_fx.nscd.solvers.solver import SolveOptions, Solver
 from xper_fx.support.profile import Stopwatch
+
+if TYPE_CHECKING:
+    from xper_fx.nscd.growth import GrowthLimit
 
 logger = logging.getLogger(__name__)
 

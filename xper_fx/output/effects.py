@@ -48,11 +48,19 @@ def _of_laws(name: str) -> Effect:
 
 def _solves(*names: str) -> Callable[[Simulation], bool]:
     """Whether one of the solvers named may be called for."""
-    return lambda s: s.interactions is not None and s.solver.name in ("auto", *names)
+    return lambda s: (
+        s.interactions is not None and not s.model.monolithic
+        and s.solver.name in ("auto", *names)
+    )  # fmt: skip
 
 
 def _all_bonded(simulation: Simulation) -> bool:
     return all(g.kernels.name == "perfect bond" for g in simulation.interactions.groups)
+
+
+def _springs_of_bodies(simulation: Simulation) -> bool:
+    """Whether bodies that interactions alone hold stand on springs between iterations."""
+    return simulation.bulk.floating and not simulation.model.monolithic
 
 
 def _kept(*modules: str) -> Callable[[Simulation], int]:
@@ -92,7 +100,7 @@ EFFECTS = (
         lambda s: s.state.external.nbytes,
     ),
     Effect("finite strain", lambda s: "finite strain" in _material_effects(s)),
-    Effect("Newton of the bulk", lambda s: not s.bulk.linear or s.bulk.floating),
+    Effect("Newton of the bulk", lambda s: not s.bulk.linear or _springs_of_bodies(s)),
     Effect(
         "internal variables",
         lambda s: s.forms.has_history,
@@ -152,7 +160,14 @@ EFFECTS = (
     Effect("Newton on all points", _solves("newton"), _kept("tangent", "shared_tangent")),
     Effect("mixed sweeps", _solves("accelerated")),
     Effect("subdomains", lambda s: _solves("subdomains")(s) and _all_bonded(s), _kept("feti")),
-    Effect("floating bodies", lambda s: s.bulk.floating, lambda s: s.scheme.nbytes),
+    Effect(
+        "one system",
+        lambda s: s.model.monolithic,
+        lambda s: s.scheme.nbytes,
+        ("bulk matrix", "point tangents", "factorisation", "solution"),
+    ),
+    Effect("path following", lambda s: s.options.path is not None),
+    Effect("floating bodies", _springs_of_bodies, lambda s: s.scheme.nbytes),
     Effect("ties", lambda s: len(s.scene.ties) > 0),
     Effect("error control", lambda s: s.estimated_error is not None),
     Effect("output", lambda s: s.folder is not None, phases=("output",)),

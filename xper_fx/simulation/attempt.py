@@ -15,10 +15,10 @@ from xper_fx.nscd import solvers
 from xper_fx.nscd.solvers.solver import SolveOptions, Solver
 from xper_fx.simulation.model import Model
 from xper_fx.simulation.options import SOLVERS
-from xper_fx.simulation.path import PathFollower
 
 if TYPE_CHECKING:
     from xper_fx.nscd.rigid.motion import Prediction, RigidWork
+    from xper_fx.simulation.path import PathFollower
 
 logger = logging.getLogger(__name__)
 

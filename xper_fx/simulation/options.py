@@ -4,12 +4,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from xper_fx.nscd.solvers.solver import SolveOptions, Solver
 from xper_fx.scene.scene import Scene
-from xper_fx.simulation.path import GrowthControl
 from xper_fx.simulation.requested_accuracy import RequestedAccuracy
 from xper_fx.support.checks import require_count, require_number
+
+if TYPE_CHECKING:
+    from xper_fx.simulation.path import GrowthControl
 
 # Solvers of the interactions: classes of `nscd.solvers`, imported when asked for.
 SOLVERS = {
@@ -141,6 +144,8 @@ class Options:
     def _check_path(self) -> None:
         if self.path is None:
             return
+        from xper_fx.simulation.path import GrowthControl
+
         if not isinstance(self.path, GrowthControl):
             raise TypeError(f"path should be an xf.GrowthControl, got {self.path!r}.")
         if self.inertia or not self.monolithic(True) or self.requested.accuracy is not None:

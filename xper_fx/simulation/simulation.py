@@ -21,7 +21,6 @@ from xper_fx.simulation.energy_ledger import BulkEnergies
 from xper_fx.simulation.model import Model
 from xper_fx.simulation.not_finite import not_finite_columns, source_of_not_finite
 from xper_fx.simulation.options import Options
-from xper_fx.simulation.path import GrowthControl, PathFollower
 from xper_fx.simulation.requested_accuracy import RequestedAccuracy
 from xper_fx.simulation.restartable import Restartable
 from xper_fx.simulation.step_record import StepRecord
@@ -31,7 +30,7 @@ from xper_fx.support.profile import Stopwatch
 from xper_fx.support.ranks import Ranks
 
 if TYPE_CHECKING:
-    pass
+    from xper_fx.simulation.path import GrowthControl, PathFollower
 
 logger = logging.getLogger(__name__)
 
@@ -62,7 +61,7 @@ class Simulation(Restartable):
         solver: of the interactions: "nlgs" (sweeps), "newton" (all points at once, for steps far
             beyond the explicit limit), "accelerated" (mixed sweeps), "subdomains" (conjugate
             gradients, where all points are perfect bonds), "monolithic" (bulk and interactions in
-            one sparse system, `bulk/monolithic_scheme.py`), or "auto", which picks: without inertia the
+            one system, `bulk/monolithic_scheme.py`), or "auto", which picks: without inertia the
             last. An explicit bulk with nodal points solves each vertex alone, and takes "auto"
             only. A `Solver` of one's own is taken too (`nscd/solvers/solver.py`).
         relaxation: over-relaxation of impulses where a law is linear, in (0, 2).
@@ -142,13 +141,19 @@ class Simulation(Restartable):
         self.last: StepOutcome | None = None
         self.macroscopic = self._macroscopic(None, None, self.step_size)
         self._attempts = StepAttempts(model)
-        self._path = None if path is None else PathFollower(path)
+        self._path = None if path is None else self._follower(path)
         self._before: State | None = None
         self._last_size = self.step_size
         self._rigid_reactions: np.ndarray | None = None
         self._save: Callable[[], Path] | None = None
         self._course = Course()
         self._resumes = False
+
+    @staticmethod
+    def _follower(path: GrowthControl) -> PathFollower:
+        from xper_fx.simulation.path import PathFollower
+
+        return PathFollower(path)
 
     @property
     def options(self) -> Options:
@@ -169,12 +174,16 @@ class Simulation(Restartable):
         """Advance to `end_time` (s), a record after each committed step.
 
         Raises:
-            ValueError: an end that is not finite.
+            ValueError: an end that is not finite, or before the present time.
             ConvergenceError: a step did not converge however often it was cut; NotFiniteError:
                 it gave NaN or infinity. The state is that of the last step.
         """
         if not math.isfinite(require_number("end_time", end_time)):
             raise ValueError(f"end_time should be a finite number, got {end_time}.")
+        if end_time < self.state.time - _ROUNDING * abs(self.state.time):
+            raise ValueError(
+                f"end_time {end_time:g} s lies before the present time {self.state.time:g} s."
+            )
         if self._path is not None:
             yield from self._follow(end_time)
             return
