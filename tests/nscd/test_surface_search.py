@@ -150,7 +150,7 @@ def test_the_distance_of_two_solids_is_a_contact():
     """Nodes, facets and edges together: the smallest gap is the distance of convex solids."""
     rng = np.random.default_rng(3)
     kinds = []
-    for _ in range(40):
+    for _ in range(20):
         surface, x = convex_bodies(3, rng, 2, 0.0)
         facets, body = surface.facets, surface.body
         second = np.unique(facets[body == 1])

@@ -2,7 +2,8 @@
 """A scene pays for the effects it calls for, and for no other.
 
 Each scene of `effect_scenes.py` runs in two processes: as it is, and with the code of all effects
-that it does not call for taken away. Both must give the same bits, by the same calls of Python, C
+that it does not call for taken away. They start as forks of one that has imported libraries alone.
+Both must give the same bits, by the same calls of Python, C
 and kernels, on arrays of the same size.
 """
 
@@ -36,16 +37,26 @@ TABLE = effect_table.read()
 CALLED_FOR = {scene.__name__: effects for scene, effects in effect_scenes.SCENES.items()}
 
 
-def observed(scene: str, removed=()) -> dict:
+@pytest.fixture(scope="module")
+def observer():
+    """A process that observes scenes in forks of its own."""
+    with subprocess.Popen(
+        [sys.executable, SCRIPT], env=ENVIRONMENT, text=True,
+        stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+    ) as process:  # fmt: skip
+        yield process
+        process.stdin.close()
+
+
+def observed(observer, scene: str, removed=()) -> dict:
     if scene == "divided":
         run = on_ranks(2, SCRIPT, scene, *removed)
-    else:
-        run = subprocess.run(
-            [sys.executable, SCRIPT, scene, *removed],
-            capture_output=True, text=True, env=ENVIRONMENT, check=False,
-        )  # fmt: skip
-    assert run.returncode == 0, run.stderr
-    return json.loads(run.stdout.splitlines()[-1])
+        assert run.returncode == 0, run.stderr
+        return json.loads(run.stdout.splitlines()[-1])
+    print(json.dumps([scene, *removed]), file=observer.stdin, flush=True)
+    found = json.loads(observer.stdout.readline())
+    assert found is not None, f"{scene} has failed; see what it printed"
+    return found
 
 
 def uses(run: dict, code: str) -> str | None:
@@ -85,8 +96,8 @@ def test_code_of_the_table_is_there(code):
     "scene",
     [pytest.param(scene, marks=MARKS.get(scene, pytest.mark.slow)) for scene in CALLED_FOR],
 )
-def test_a_scene_pays_for_what_it_calls_for(scene):
-    run = observed(scene)
+def test_a_scene_pays_for_what_it_calls_for(scene, observer):
+    run = observed(observer, scene)
     assert {name for name, row in run["effects"].items() if row["on"]} == CALLED_FOR[scene]
     on = [effect for effect in TABLE if effect.name in CALLED_FOR[scene]]
     off = [effect for effect in TABLE if effect.name not in CALLED_FOR[scene]]
@@ -98,7 +109,7 @@ def test_a_scene_pays_for_what_it_calls_for(scene):
     assert {code: uses(run, code) for code in absent} == dict.fromkeys(absent)
     for effect in off:
         assert run["effects"][effect.name]["memory"] == 0
-    stripped = observed(scene, absent)
+    stripped = observed(observer, scene, absent)
     assert run["displacement"] > 0.0
     for what in ("digest", "costs", "held", "effects"):
         if what == "effects":  # but for the times

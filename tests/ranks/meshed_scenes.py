@@ -61,7 +61,7 @@ def blocks():
         bodies, {1: NeoHookean(1000.0, 0.3, 1.0)}, default_interaction=BOND, points="gauss",
         loads=loads, initial_velocity=lambda x: start(x)[:2],
     )  # fmt: skip
-    return scene, {"step": 5e-4, "tolerance": 1e-9, "scheme": "implicit"}, 20
+    return scene, {"step": 5e-4, "tolerance": 1e-9, "scheme": "implicit"}, 12
 
 
 def fall():
@@ -73,7 +73,7 @@ def fall():
         loads=[Gravity((0.0, -50.0))],
         initial_velocity=lambda x: np.stack([0.5 + 0.0 * x[0], -1.0 + 0.0 * x[0]]),
     )  # fmt: skip
-    return scene, {"step": 5e-4, "tolerance": 1e-9, "scheme": "implicit"}, 20
+    return scene, {"step": 5e-4, "tolerance": 1e-9, "scheme": "implicit"}, 12
 
 
 def plastic():
@@ -85,7 +85,7 @@ def plastic():
         bodies, {1: material}, default_interaction=BOND, loads=loads,
         damping=RayleighDamping(mass=0.5), initial_velocity=lambda x: start(x)[:2],
     )  # fmt: skip
-    return scene, {"step": 5e-4, "tolerance": 1e-9, "scheme": "implicit"}, 25
+    return scene, {"step": 5e-4, "tolerance": 1e-9, "scheme": "implicit"}, 14
 
 
 def free():

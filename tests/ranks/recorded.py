@@ -44,4 +44,5 @@ def main() -> None:
             run(folder, int(last), "rigid" in sys.argv, "restart" in sys.argv)
 
 
-run_together(main)
+if __name__ == "__main__":
+    run_together(main)

@@ -34,7 +34,7 @@ def meshed_blocks(dim, kinds):
     if not there:
         return None, {}
     lengths = (float(len(there)), 1.0, 1.0)[:dim]
-    cells = (2 * len(there), 2, 2)[:dim]
+    cells = (2 * len(there), 2) if dim == 2 else (len(there), 2, 1)
     first = there[0]
 
     def label(x):

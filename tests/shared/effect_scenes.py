@@ -5,7 +5,9 @@
 
 runs a scene and prints as JSON what was imported, called and compiled, what each step cost and
 what came out. CODE is taken away before: a "module" cannot be imported, what stands at
-"module:object" raises when it is touched.
+"module:object" raises when it is touched. Without arguments it does so for each line of its input,
+a list of these arguments as JSON, in a fork of its own: what has been imported before is not of the
+package.
 """
 
 from __future__ import annotations
@@ -16,8 +18,10 @@ import importlib.abc
 import importlib.machinery
 import inspect
 import json
+import os
 import sys
 import tempfile
+import traceback
 from collections import Counter
 from pathlib import Path
 
@@ -485,7 +489,33 @@ def observe(name: str, removed: list[str]) -> dict:
     }
 
 
+def serve() -> None:
+    """Observe what the lines of the input ask for, each in a process that starts from here."""
+    import dolfinx.fem  # noqa: F401
+    import dolfinx.mesh  # noqa: F401
+
+    assert not any(name.startswith("xper_fx") for name in sys.modules)
+    for line in sys.stdin:
+        if child := os.fork():
+            if os.waitpid(child, 0)[1]:
+                print(json.dumps(None), flush=True)
+            continue
+        status = 1
+        try:
+            name, *removed = json.loads(line)
+            print(json.dumps(observe(name, removed)), flush=True)
+            status = 0
+        except Exception:
+            traceback.print_exc()
+        finally:
+            sys.stderr.flush()
+            os._exit(status)
+
+
 if __name__ == "__main__":
+    if len(sys.argv) == 1:
+        serve()
+        sys.exit()
     from mpi4py import MPI
 
     observed = observe(sys.argv[1], sys.argv[2:])
