@@ -250,7 +250,7 @@ def opened():
     from xper_fx.simulation.path import GrowthControl
     from xper_fx.simulation.simulation import Simulation
 
-    bond = CohesiveZone(10.0, 1e-3, 1e-2)
+    bond = CohesiveZone(10.0, 1e-3, 1e-4)
     scene = _pulled(_elastic(), label=None, default_interaction=bond)
     return Simulation(scene, 1.0, inertia=False, path=GrowthControl())
 
