@@ -125,3 +125,25 @@ def test_paths_that_cannot_be_followed_are_refused():
     mean = CohesiveZone(1e14, 100.0, 3e6, damage="mean")
     with pytest.raises(ValueError, match="no point of the scene has a law"):
         next(follow(bar(1.0, mean)).steps(1.0))
+
+
+def test_a_snap_is_told(caplog):
+    """Under a displacement a long bar jumps to its broken state, with what it held."""
+    moved = [xf.PrescribedDisplacement(RIGHT, 0, lambda t: 1e-5 * t)]
+    simulation = xf.Simulation(bar(20.0 * CRITICAL, loads=moved), 25.0, inertia=False)
+    with caplog.at_level("WARNING", logger="xper_fx"):
+        *_, last = simulation.steps(100.0)
+    told = [r.message for r in caplog.records if "snaps" in r.message]
+    assert len(told) == 1 and "GrowthControl" in told[0]
+    assert last.energies["dissipated_cohesion"] == pytest.approx(100.0 * HEIGHT, rel=1e-6)
+    freed = last.energies["dissipated_numerical"]
+    # what the bar held at its peak and took up in the step, less what the bond took
+    held = 0.5 * BOND.strength * (BOND.strength / E * 20.0 * CRITICAL + 25e-5) * HEIGHT
+    assert freed == pytest.approx(held - 100.0 * HEIGHT, rel=0.01)
+
+
+def test_an_end_before_the_present_is_refused():
+    simulation = follow(bar(1.0))
+    next(simulation.steps(1e6))
+    with pytest.raises(ValueError, match="lies before the present time"):
+        next(simulation.steps(0.5 * simulation.time))

@@ -13,6 +13,7 @@ import numpy as np
 from mpi4py import MPI
 
 from xper_fx.bulk.state import State, StepOutcome
+from xper_fx.nscd.interactions import StepWork
 from xper_fx.nscd.solvers.solver import SolveOptions, Solver
 from xper_fx.scene.scene import Scene
 from xper_fx.simulation.attempt import StepAttempts
@@ -36,6 +37,21 @@ logger = logging.getLogger(__name__)
 
 # Steps of a picked explicit bulk above which a user is told that an implicit one may be cheaper.
 _MANY_STEPS = 100_000
+# Advice where a step does not converge.
+_ON_PATH = (
+    "Bonds may flip between loading and unloading: try a smaller growth of the GrowthControl, "
+    "softer bonds, or facets that resolve the cohesive zone; look at the last output first."
+)
+_UNDER_LOAD = (
+    "There may be no equilibrium at this load, or it snaps: follow its path "
+    "(path=xf.GrowthControl()), or give the bodies inertia; look at the last output first."
+)
+_OF_BULK = (
+    "The interactions converge and the bulk does not: try a smaller step, a larger max_newton, or "
+    'solver="monolithic"; look at the last output first.'
+)
+# Energy that nothing accounts for beside what a static step dissipates, above which it has snapped.
+_SNAPPED = 0.5
 # Time this small beside the end is rounding.
 _ROUNDING = 1e-12
 
@@ -147,7 +163,7 @@ class Simulation(Restartable):
         self._rigid_reactions: np.ndarray | None = None
         self._save: Callable[[], Path] | None = None
         self._course = Course()
-        self._resumes = False
+        self._resumes = self._snapped = False
 
     @staticmethod
     def _follower(path: GrowthControl) -> PathFollower:
@@ -278,9 +294,21 @@ class Simulation(Restartable):
                     self.scene, self.bulk, self.interactions, self.state, outcome, size
                 )
                 self._require_finite(source, size)
+        advice = self._advice(residual, newton)
         raise ConvergenceError(
-            self.step_number + 1, self.state.time, size, residual, newton, self._save_state()
-        )
+            self.step_number + 1, self.state.time, size, residual, newton, self._save_state(),
+            *advice,
+        )  # fmt: skip
+
+    def _advice(self, residual: float, newton: float) -> tuple[str, ...]:
+        """What may help where a step does not converge, if it is known."""
+        if self._path is not None:
+            return (_ON_PATH,)
+        if self.model.monolithic and not self.options.inertia:
+            return (_UNDER_LOAD,)
+        if residual <= self.tolerance < np.inf and newton > self.options.requested.newton_tolerance:
+            return (_OF_BULK,)
+        return ()
 
     def _require_finite(self, source: str | None, size: float) -> None:
         """Raise a NotFiniteError if something has given a number that is not finite."""
@@ -309,6 +337,8 @@ class Simulation(Restartable):
             )
             self.ledger.record(self.state, outcome, size, energies, work, attempts.rigid_work)
         self._require_finite(not_finite_columns(self.ledger.as_columns()), size)
+        if work is not None and not self.options.inertia:
+            self._tell_snap(work)
         if self.detection is not None:
             with self.stopwatch.phase("contact search"):
                 self.detection.release(
@@ -331,6 +361,17 @@ class Simulation(Restartable):
             self.step_number, self.state.time, size, outcome.sweeps, outcome.residual,
             outcome.traction_change, outcome.newton_iterations, outcome.newton_residual,
             self.ledger.as_columns(),
+        )  # fmt: skip
+
+    def _tell_snap(self, work: StepWork) -> None:
+        """Warn, once, of a static step that jumped to a state in which bonds are broken."""
+        if self._snapped or work.numerical <= _SNAPPED * work.cohesion or work.cohesion <= 0.0:
+            return
+        self._snapped = True
+        logger.warning(
+            "step %d: the load snaps: bonds dissipate %.3g J (2D: J/m) and %.3g J more are freed; "
+            "with path=xf.GrowthControl() the load is found that the structure bears",
+            self.step_number + 1, work.cohesion, work.numerical,
         )  # fmt: skip
 
     # Saving

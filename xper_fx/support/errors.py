@@ -5,6 +5,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+_ADVICE = "Try a smaller step, more sweeps or a looser tolerance; look at the last output first."
+
 
 class ConvergenceError(RuntimeError):
     """A step did not converge, and cutting it did not help.
@@ -16,6 +18,8 @@ class ConvergenceError(RuntimeError):
         residual: residual reached by the interaction solver.
         newton_residual: residual reached by Newton.
         saved: file with the state at the start of the step, None if the run has no folder.
+
+    The message ends with advice: what may help where such a step does not converge.
     """
 
     def __init__(
@@ -26,6 +30,7 @@ class ConvergenceError(RuntimeError):
         residual: float,
         newton_residual: float,
         saved: Path | None,
+        advice: str = _ADVICE,
     ):
         self.step, self.time, self.size = step, time, size
         self.residual, self.newton_residual = residual, newton_residual
@@ -33,8 +38,7 @@ class ConvergenceError(RuntimeError):
         where = f" The state before it is in {saved}." if saved else ""
         super().__init__(
             f"Step {step} at t = {time:.6g} s did not converge down to h = {size:.3g} s: residual "
-            f"{residual:.3g} of the interactions, {newton_residual:.3g} of Newton.{where} Try a "
-            "smaller step, more sweeps or a looser tolerance; look at the last output first."
+            f"{residual:.3g} of the interactions, {newton_residual:.3g} of Newton.{where} {advice}"
         )
 
 
