@@ -137,6 +137,13 @@ GALLERY = (
         "seconds",
     ),
     Figures(
+        "demos/slow_fracture.py",
+        "--out {out}",
+        {"slow_fracture": "slow_fracture.png"},
+        ("A panel of concrete, lifted slowly: load against the experiment, and the crack",),
+        "seconds",
+    ),
+    Figures(
         "benchmarks/million_points.py",
         "--results {out}/million_points.json --figure {out}/million_points.png",
         {"million_points": "million_points.png"},

@@ -27,6 +27,9 @@ _LARGEST_FLOW = 0.05
 # Damage beyond what the opening found asks for, above which the step is cut: it came from iterates
 # on the way, and would cost no energy.
 _LARGEST_EXCESS = 0.1
+# How often a step along a path that goes beyond the end is made shorter, and how far beyond it may
+# go, relative to what was left.
+_APPROACHES, _BEYOND = 5, 1e-3
 # Share of the sweeps allowed after which contacts that ranks divide are left to other solvers.
 _SWEEPS_TOGETHER = 0.1
 
@@ -93,7 +96,9 @@ class StepAttempts:
     def along_path(
         self, state: State, size: float, path: PathFollower, end_time: float
     ) -> StepOutcome:
-        """A static step whose load is found, or one to the end of the path.
+        """A static step whose load is found; without bonds that are left one to the end.
+
+        A step beyond the end is made shorter, some times; the end is not a load to be jumped to.
 
         Args:
             state: at its start, which is not changed.
@@ -101,18 +106,20 @@ class StepAttempts:
             path: where the run is on its path.
             end_time: at which the path ends (s).
         """
-        model = self._model
-        limit, to_end = path.limit(model.interactions), end_time - state.time
-        if not limit.exhausted:
+        model, options = self._model, self._model.options.solve
+        to_end = end_time - state.time
+        if path.limit(model.interactions).exhausted:
+            return model.scheme.attempt(state, to_end, model.interactions, self.solver, options)
+        for _ in range(_APPROACHES):
             outcome = model.scheme.attempt(
-                state, size, model.interactions, self.solver, model.options.solve, limit,
-                path.guess(state),
+                state, size, model.interactions, self.solver, options,
+                path.limit(model.interactions), path.guess(state),
             )  # fmt: skip
-            if not outcome.converged or outcome.state.time <= end_time:
-                return outcome
-        return model.scheme.attempt(
-            state, to_end, model.interactions, self.solver, model.options.solve
-        )
+            change = outcome.state.time - state.time
+            if not outcome.converged or change <= (1.0 + _BEYOND) * to_end:
+                break
+            path.shorten(to_end / change)
+        return outcome
 
     def _attempt(self, state: State, size: float, tolerance: float) -> StepOutcome | None:
         """One step with the rigid bodies; None if one of them spins too fast for it."""

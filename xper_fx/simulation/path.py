@@ -12,7 +12,7 @@ from xper_fx.nscd.interactions import Interactions
 from xper_fx.support.checks import require_count, require_number, require_positive
 
 # Bounds of the growth of a step beside the one asked for, and what a failure leaves of it.
-_LEAST, _MOST, _SHORTENED = 1e-4, 8.0, 0.4
+_LEAST, _MOST, _SHORTENED = 1e-4, 5.0, 0.4
 # Exponent and bounds of the change of the growth by the number of iterations.
 _EXPONENT, _SLOWEST, _FASTEST = 0.7, 0.5, 2.0
 
@@ -74,6 +74,10 @@ class PathFollower:
             return None
         share = self.growth / self._last_growth
         return state.time + share * self._last_change, share * state.velocity
+
+    def shorten(self, share: float) -> None:
+        """Take a share of the growth in the step that is made again."""
+        self._factor = max(share * self._factor, _LEAST)
 
     def succeeded(self, change: float, iterations: int) -> None:
         """A step has converged.
