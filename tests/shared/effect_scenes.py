@@ -252,7 +252,7 @@ def opened():
 
     bond = CohesiveZone(10.0, 1e-3, 1e-4)
     scene = _pulled(_elastic(), label=None, default_interaction=bond)
-    return Simulation(scene, 1.0, inertia=False, path=GrowthControl())
+    return Simulation(scene, 1.0, inertia=False, path=GrowthControl(relative=0.5))
 
 
 def nonmatching():

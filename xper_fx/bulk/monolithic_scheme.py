@@ -261,7 +261,6 @@ class _Newton:
     def run(self, tolerance: float, most: int) -> bool:
         """Whether what is left came within the tolerance."""
         history: list[float] = []
-        reference = 0.0
         for self.iterations in range(1, most + 1):
             try:
                 correction = self._correction()
@@ -284,7 +283,7 @@ class _Newton:
             history.append(best[0])
             if not np.isfinite(best[0]):
                 return False
-            reference = max(reference, self._size())
+            reference = self._size()
             floor = self._floor()
             self.left = self._most / reference if reference > 0.0 else 0.0
             logger.debug(

@@ -83,25 +83,29 @@ def _tangent_kernel(law: LawKernels, sides: Sides):
             for j in range(components):
                 w_own = max(w_own, dot(sym_vector(sym_row(w, i), unit(j, 1.0)), unit(j, 1.0)))
             push = reach / w_own if w_own > 0.0 else 0.0
-            largest = 0.0
-            for j in range(components):
-                # away from where a point changes its branch: one that presses is pressed more
-                sign = 1.0 if base[j] > 0.0 else -1.0
-                new, _ = solve(
-                    i, add(u, unit(j, -sign * reach)), old, w, parameters, terms, details
-                )
-                column = subtract(new, base)
-                for x in range(components):
-                    a[x, components + j] = -sign * column[x] / reach
-                    a[x, j] = 1.0 if x == j else 0.0
-                if push > 0.0:
-                    signed = sign * push
-                    new, _ = solve(i, u, add(old, unit(j, signed)), w, parameters, terms, details)
+            largest, total, rest = 0.0, 0.0, dot(base, base) == 0.0
+            for attempt in range(2):
+                if attempt == 1 and (total > 0.0 or not rest):
+                    break  # only a point at rest without a spring is asked whether it would close
+                for j in range(components):
+                    # away from where a point changes its branch: one that presses is pressed more
+                    sign = 1.0 if base[j] > 0.0 or attempt == 1 else -1.0
+                    new, _ = solve(
+                        i, add(u, unit(j, -sign * reach)), old, w, parameters, terms, details
+                    )
                     column = subtract(new, base)
                     for x in range(components):
-                        slope = column[x] / signed
-                        largest = max(largest, abs(slope))
-                        a[x, j] -= (1.0 - _PROXIMAL) * slope
+                        a[x, components + j] = -sign * column[x] / reach
+                        a[x, j] = 1.0 if x == j else 0.0
+                        total += abs(column[x])
+                    if push > 0.0:
+                        change = unit(j, sign * push)
+                        new, _ = solve(i, u, add(old, change), w, parameters, terms, details)
+                        column = subtract(new, base)
+                        for x in range(components):
+                            slope = sign * column[x] / push
+                            largest = max(largest, abs(slope))
+                            a[x, j] -= (1.0 - _PROXIMAL) * slope
             missing = subtract(base, old)
             for x in range(components):
                 a[x, columns - 1] = missing[x]
