@@ -224,7 +224,7 @@ def test_other_numbers():
         ({"relaxation": 2.0}, "relaxation"),
         (
             {"solver": "nlgz"},
-            "solver should be one of auto, nlgs, newton, accelerated, subdomains, monolithic, got 'nlgz'",
+            "one of auto, nlgs, newton, accelerated, subdomains, monolithic, got 'nlgz'",
         ),
         ({"solver": "newton", "scheme": "explicit"}, "leave solver at \"auto\", got 'newton'"),
         ({"max_sweeps": 0}, "max_sweeps"),

@@ -47,6 +47,11 @@ class SparseDirect:
         self._solver.setType("preonly")
         preconditioner = self._solver.getPC()
         preconditioner.setType("cholesky" if symmetric else "lu")
+        if not PETSc.Sys.hasExternalPackage("mumps"):
+            raise RuntimeError(
+                "The monolithic solver needs PETSc with MUMPS, which this PETSc was built without: "
+                'take another build, or solver="newton".'
+            )
         preconditioner.setFactorSolverType("mumps")
         preconditioner.setFactorSetUpSolverType()
         self._factor = preconditioner.getFactorMatrix()
