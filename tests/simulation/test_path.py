@@ -13,14 +13,14 @@ E, HEIGHT = 30e9, 1.0
 BOND = CohesiveZone(1e14, 100.0, 3e6)
 
 
-def bar(length, bond=BOND, loads=None, dim=2, **options):
+def bar(length, bond=BOND, loads=None, dim=2, kind=xf.materials.LinearElastic, **options):
     """Two elastic halves and a bond, pulled along x, without lateral strain."""
     lengths, cells = (length, HEIGHT, HEIGHT)[:dim], (2, 1, 1)[:dim]
-    kind = "quadrilateral" if dim == 2 else "hexahedron"
-    bodies = box_bodies(lengths, cells, kind, label=lambda x: x[0] > 0.5 * length)
+    cell = "quadrilateral" if dim == 2 else "hexahedron"
+    bodies = box_bodies(lengths, cells, cell, label=lambda x: x[0] > 0.5 * length)
     held = [(LEFT, 0), (BOTTOM, 1), (5, 2)][:dim] + ([(6, 2)] if dim == 3 else [])
     loads = loads or [xf.PrescribedDisplacement(RIGHT, 0, lambda t: 1e-6 * t)]
-    material = xf.materials.LinearElastic(E, 0.0, 2400.0)
+    material = kind(E, 0.0, 2400.0)
     supports = [xf.PrescribedDisplacement(side, axis, 0.0) for side, axis in held]
     supports.append(xf.PrescribedDisplacement(RIGHT, 1, 0.0))
     return xf.Scene(
@@ -98,9 +98,10 @@ def test_the_path_goes_to_its_end():
     assert abs(simulation.reaction(RIGHT)[0]) < 1e-6 * BOND.strength * HEIGHT
 
 
-def test_a_path_is_restarted(tmp_path):
+@pytest.mark.parametrize("kind", [xf.materials.LinearElastic, xf.materials.NeoHookean])
+def test_a_path_is_restarted(tmp_path, kind):
     """The same bits from a state that was saved on the way."""
-    whole, first, second = (follow(bar(20.0 * CRITICAL)) for _ in range(3))
+    whole, first, second = (follow(bar(20.0 * CRITICAL, kind=kind)) for _ in range(3))
     records = []
     for step in whole.steps(1e6):
         records.append(step)

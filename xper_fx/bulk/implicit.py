@@ -28,6 +28,7 @@ import scipy.sparse as sp
 from xper_fx.bulk.body_inverse import CellwiseInverse, ClusterInverse
 from xper_fx.bulk.bulk import Bulk
 from xper_fx.bulk.state import State, StepOutcome, interact, reactions_on
+from xper_fx.bulk.step_equations import StepEquations
 from xper_fx.forms.dynamics import BulkForms
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.solvers.solver import SolveOptions, Solver
@@ -188,9 +189,8 @@ class ImplicitScheme:
         bulk.forms.set_step(step)
         with watch.phase("free velocity"):
             external = bulk.external(time)
-            force_impulse = step * (theta * external + (1.0 - theta) * state.external)
-            start = force_impulse - step * (1.0 - theta) * (state.internal + bulk.viscous(v0))
-            predictor = q0 + step * (1.0 - theta) * v0
+            equations = StepEquations(bulk, state, step, theta)
+            equations.load(external)
             velocity = v0.copy()
             bulk.prescribe(velocity, time, step, self.theta, q0, v0)
         inverse = self.inverse(step, q0)
@@ -200,13 +200,8 @@ class ImplicitScheme:
                     interactions.update_inverse(inverse.blocks)
                 interactions.begin_step(step, self.theta)
 
-        def residual_at(velocity):
-            internal = bulk.internal(predictor + step * theta * velocity)
-            force = internal + bulk.viscous(velocity)
-            return start - bulk.momentum(velocity - v0) - step * theta * force, internal
-
         with watch.phase("free velocity"):
-            residual, internal = residual_at(velocity)
+            residual, internal = equations.residual(velocity)
         sweeps, error, traction, converged = 0, 0.0, 0.0, True
         impulses, slots = np.zeros_like(v0), np.zeros(0)
         newton_before, newton = np.inf, 0.0
@@ -238,7 +233,7 @@ class ImplicitScheme:
                 converged = report.converged
             previous, velocity = velocity, new
             with watch.phase("free velocity"):
-                residual, internal = residual_at(velocity)
+                residual, internal = equations.residual(velocity)
                 balance.assess(inverse, velocity, previous, residual, internal, step, newton)
             if not converged or (exact and balance.settled):
                 break
@@ -252,14 +247,14 @@ class ImplicitScheme:
             with watch.phase("free velocity"):
                 # without interactions all unknowns are corrected at once
                 solve = inverse.advance if bare else inverse.apply
-                displacement = predictor + step * theta * velocity
+                displacement = equations.displacement(velocity)
                 newton = self._correction(solve, residual + impulses, velocity, displacement, step)
                 for _ in range(_CUTS):
                     if np.isfinite(newton) and newton <= 2.0 * newton_before:
                         break
                     velocity = 0.5 * (velocity + previous)
-                    residual, internal = residual_at(velocity)
-                    displacement = predictor + step * theta * velocity
+                    residual, internal = equations.residual(velocity)
+                    displacement = equations.displacement(velocity)
                     # the impulses belong to the whole step: this is not yet the end
                     left = self._correction(
                         solve, residual + impulses, velocity, displacement, step
@@ -288,11 +283,11 @@ class ImplicitScheme:
             if not bulk.linear:
                 self._drop(step)
         reactions = reactions_on(bulk.layout.prescribed, lambda d: -(residual[d] + impulses[d]))
-        end = State(time, predictor + step * theta * velocity, velocity, internal, external)
+        end = State(time, equations.displacement(velocity), velocity, internal, external)
         mean_velocity = theta * velocity + (1.0 - theta) * v0
         return StepOutcome(
-            end, slots, impulses, reactions, force_impulse, bulk.viscous(mean_velocity), sweeps,
-            error, traction, iteration, max(newton, balance.error), converged,
+            end, slots, impulses, reactions, equations.force_impulse, bulk.viscous(mean_velocity),
+            sweeps, error, traction, iteration, max(newton, balance.error), converged,
         )  # fmt: skip
 
     def _left(self, newton: float, before: float) -> float:

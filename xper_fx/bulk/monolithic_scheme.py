@@ -100,7 +100,7 @@ class MonolithicScheme:
         self._stopwatch = stopwatch
         self._system: CoupledSystem | None = None
         self._renewals = -1
-        self._compliance: tuple[float, PointsOfNodes] | None = None
+        self._compliance: tuple[float, np.ndarray, PointsOfNodes] | None = None
         self._linear: tuple[float, sp.csr_array] | None = None
         x = bulk.forms.bodies.mesh.geometry.x
         self._extent = float(np.ptp(x, axis=0).max())
@@ -115,11 +115,15 @@ class MonolithicScheme:
             free = ~self.bulk.layout.prescribed
             soft = np.zeros(len(diagonal))
             np.divide(_SOFTNESS, np.abs(diagonal), out=soft, where=free & (diagonal != 0.0))
-            entries = soft.reshape(-1, self.bulk.dim)[self._nodes]
-            blocks = BodyInverse.of_nodes(entries, self.bulk.dim)
-            found = PointsOfNodes(self._nodes, len(self.bulk.layout.nodes), blocks)
-            self._compliance = step, found
-        return self._compliance[1]
+            self._take(step, soft)
+        return self._compliance[2]
+
+    def _take(self, step: float, compliance: np.ndarray) -> None:
+        """Take the compliance of each unknown for a step size, shape (num_dofs,), m/s per N s."""
+        entries = compliance.reshape(-1, self.bulk.dim)[self._nodes]
+        blocks = BodyInverse.of_nodes(entries, self.bulk.dim)
+        found = PointsOfNodes(self._nodes, len(self.bulk.layout.nodes), blocks)
+        self._compliance = step, compliance, found
 
     def _matrix(self, step: float, displacement: np.ndarray) -> sp.csr_array:
         """A; its pattern is always the same."""
@@ -225,11 +229,16 @@ class MonolithicScheme:
         return step > 0.0
 
     def saved(self) -> dict:
-        """Nothing is kept from step to step that decides about bits."""
-        return {}
+        """The compliances of a bulk that is not linear, which are those of the state they met."""
+        if self.bulk.linear or self._compliance is None:
+            return {}
+        step, compliance, _ = self._compliance
+        return self.bulk.unknowns.by_cell(compliance) | {"step": step}
 
     def restore(self, saved: Mapping) -> None:
-        """Nothing to restore."""
+        """Take what `saved` gave."""
+        if saved:
+            self._take(saved["step"], self.bulk.unknowns.from_cells(saved))
 
 
 class _Newton:
