@@ -159,6 +159,13 @@ GALLERY = (
         "OPENBLAS_NUM_THREADS=1",
     ),
     Figures(
+        "benchmarks/beam_delamination.py",
+        "--quick --figure {out}/beam_delamination.png",
+        {"beam_delamination": "beam_delamination.png"},
+        ("Load against displacement of three delaminated beams, and beam theory",),
+        "seconds",
+    ),
+    Figures(
         "benchmarks/crack_speed.py",
         "--figure {out}/crack_speed.png",
         {"crack_speed": "crack_speed.png"},
