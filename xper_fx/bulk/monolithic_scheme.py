@@ -198,10 +198,16 @@ class MonolithicScheme:
                 if interactions.bulk_inverse is not blocks:
                     interactions.update_inverse(blocks)
                 interactions.begin_step(step, self.theta)
-        newton = _Newton(self, equations, loading, interactions, state, step, growth)
-        if guess is not None:
-            newton.start_from(*guess)
-        converged = newton.run(self._tolerance, self._max_newton)
+        # lips that touch and bear nothing are open at first, or closed if that leads nowhere
+        for closes in (False, True):
+            newton = _Newton(self, equations, loading, interactions, state, step, growth, closes)
+            if guess is not None:
+                newton.start_from(*guess)
+            converged = newton.run(self._tolerance, self._max_newton)
+            if converged or not newton.touches:
+                break
+            loading.set(state.time + (0.0 if growth is not None else step))
+            interactions.begin_step(step, self.theta)
         if growth is not None and growth.turns_back(newton.moved()):
             converged = False
         velocity, impulses = newton.velocity, newton.impulses
@@ -251,11 +257,12 @@ class _Newton:
         impulses: H r on all unknowns (N s).
         left: what is left, relative to the largest nodal impulse.
         iterations: made.
+        touches: whether points touch at the start and bear nothing.
     """
 
-    def __init__(self, scheme, equations, loading, interactions, state, step, growth):
+    def __init__(self, scheme, equations, loading, interactions, state, step, growth, closes):
         self._scheme, self._equations, self._interactions = scheme, equations, interactions
-        self._loading, self._step, self._growth = loading, step, growth
+        self._loading, self._step, self._growth, self._closes = loading, step, growth, closes
         self._free = ~scheme.bulk.layout.prescribed
         self._tangents = None if interactions is None else PointTangents(interactions)
         # without inertia the last step's velocities mean nothing for this one
@@ -266,6 +273,8 @@ class _Newton:
         self.residual, self.internal = equations.residual(self.velocity)
         self.left, self.iterations = np.inf, 0
         self._stiffest = 0.0
+        groups = [] if interactions is None else interactions.groups
+        self.touches = any(np.any(~g.impulse.any(axis=1) & (g.jump[:, 0] <= 0.0)) for g in groups)
 
     def run(self, tolerance: float, most: int) -> bool:
         """Whether what is left came within the tolerance."""
@@ -334,7 +343,7 @@ class _Newton:
         if interactions is not None:
             with watch.phase("point tangents"):
                 self.slots = self._slots(self.velocity)
-                self._tangents.linearise(self.slots, self._least())
+                self._tangents.linearise(self.slots, self._least(), self._closes)
                 stiffness = self._tangents.stiffness
                 source = [
                     g.impulse + s

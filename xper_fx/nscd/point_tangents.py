@@ -69,7 +69,7 @@ def _tangent_kernel(law: LawKernels, sides: Sides):
 
     @njit(nogil=True, **LEAN_ENTRY)
     def tangents(
-        v, c, r, w, parameters, terms, details, least, response, stiffness, source, held, a
+        v, c, r, w, parameters, terms, details, least, closes, response, stiffness, source, held, a
     ):
         # a: shape (components, 2 components + 1): I - (1 - p) S_r, S_u, S - r
         for i in range(len(r)):
@@ -85,7 +85,7 @@ def _tangent_kernel(law: LawKernels, sides: Sides):
             push = reach / w_own if w_own > 0.0 else 0.0
             largest, total, rest = 0.0, 0.0, dot(base, base) == 0.0
             for attempt in range(2):
-                if attempt == 1 and (total > 0.0 or not rest):
+                if attempt == 1 and (total > 0.0 or not rest or not closes):
                     break  # only a point at rest without a spring is asked whether it would close
                 for j in range(components):
                     # away from where a point changes its branch: one that presses is pressed more
@@ -157,18 +157,19 @@ class PointTangents:
         self.response = [np.zeros(shape) for shape in shapes]
         self.held = [np.zeros(shape[0], bool) for shape in shapes]
 
-    def linearise(self, velocity: np.ndarray, least: float) -> None:
+    def linearise(self, velocity: np.ndarray, least: float, closes: bool) -> None:
         """Take the springs around a state.
 
         Args:
             velocity: shape (num_slots * dim,), m/s; the impulses are the points'.
             least: velocity (m/s) that differences are at least taken over.
+            closes: whether points that touch and bear nothing count as closed, not as open.
         """
         for number, g in enumerate(self._interactions.groups):
             n = g.kernels.components
             _tangent_kernel(g.kernels, g.sides)(
                 velocity, g.couplings, g.impulse, g.compliance, g.parameters, g.terms, g.details,
-                least, self.response[number], self.stiffness[number], self.source[number],
+                least, closes, self.response[number], self.stiffness[number], self.source[number],
                 self.held[number], np.empty((n, 2 * n + 1)),
             )  # fmt: skip
 
