@@ -98,6 +98,35 @@ def test_the_path_goes_to_its_end():
     assert abs(simulation.reaction(RIGHT)[0]) < 1e-6 * BOND.strength * HEIGHT
 
 
+def test_what_does_not_break_bears_on():
+    """A bar beside the bonded one, whole: its force and its work once the bond is broken."""
+    length, end = 0.3 * CRITICAL, 1e3
+    bodies = box_bodies(
+        (length, HEIGHT), (2, 2), "quadrilateral",
+        label=lambda x: np.where(x[1] < 0.5 * HEIGHT, 2, x[0] > 0.5 * length),
+        interior={7: lambda x: abs(x[1] - 0.5 * HEIGHT) < 1e-9},
+    )  # fmt: skip
+    held = [(LEFT, 0), (LEFT, 1), (RIGHT, 1)]
+    loads = [xf.PrescribedDisplacement(side, axis, 0.0) for side, axis in held]
+    loads.append(xf.PrescribedDisplacement(RIGHT, 0, lambda t: 1e-6 * t))
+    simulation = follow(xf.Scene(
+        bodies, {1: xf.materials.LinearElastic(E, 0.0, 2400.0)}, loads=loads,
+        default_interaction=BOND, facet_interactions={7: None},
+    ))  # fmt: skip
+    *_, last = simulation.steps(end)
+    assert last.time == end
+    force = E * 1e-6 * end / length * 0.5 * HEIGHT
+    assert simulation.reaction(RIGHT)[0] == pytest.approx(force, rel=1e-6)
+    assert last.energies["elastic"] == pytest.approx(0.5 * force * 1e-6 * end, rel=1e-6)
+    assert abs(last.energies["closure"]) < 1e-9 * last.energies["external_work"]
+
+
+def test_damage_of_the_end_is_refused_by_other_solvers():
+    law = CohesiveZone(1e14, 100.0, 3e6, damage="end")
+    with pytest.raises(ValueError, match='takes solver="monolithic"'):
+        xf.Simulation(bar(1.0, law), 1e-6)
+
+
 @pytest.mark.parametrize("kind", [xf.materials.LinearElastic, xf.materials.NeoHookean])
 def test_a_path_is_restarted(tmp_path, kind):
     """The same bits from a state that was saved on the way."""

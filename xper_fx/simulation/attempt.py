@@ -95,7 +95,7 @@ class StepAttempts:
 
     def along_path(
         self, state: State, size: float, path: PathFollower, end_time: float
-    ) -> StepOutcome:
+    ) -> tuple[StepOutcome, float]:
         """A static step whose load is found; without bonds that are left one to the end.
 
         A step beyond the end is made shorter, some times; the end is not a load to be jumped to.
@@ -105,11 +105,18 @@ class StepAttempts:
             size: time by which velocities are defined (s).
             path: where the run is on its path.
             end_time: at which the path ends (s).
+
+        Returns:
+            The outcome, converged or not, and the time by which its velocities are defined (s).
         """
         model, options = self._model, self._model.options.solve
+        self._find_contacts(state, size, None)
         to_end = end_time - state.time
         if path.limit(model.interactions).exhausted:
-            return model.scheme.attempt(state, to_end, model.interactions, self.solver, options)
+            outcome = model.scheme.attempt(
+                state, to_end, model.interactions, self.solver, options
+            )  # fmt: skip
+            return outcome, to_end
         for _ in range(_APPROACHES):
             outcome = model.scheme.attempt(
                 state, size, model.interactions, self.solver, options,
@@ -119,7 +126,7 @@ class StepAttempts:
             if not outcome.converged or change <= (1.0 + _BEYOND) * to_end:
                 break
             path.shorten(to_end / change)
-        return outcome
+        return outcome, size
 
     def _attempt(self, state: State, size: float, tolerance: float) -> StepOutcome | None:
         """One step with the rigid bodies; None if one of them spins too fast for it."""
@@ -148,12 +155,7 @@ class StepAttempts:
     ) -> StepOutcome:
         """One step with the contacts found in its middle."""
         model = self._model
-        if model.detection is not None:
-            with self._watch.phase("contact search"):
-                model.detection.renew(
-                    model.interactions, model.slot_nodes, model.bulk, state, prediction, size,
-                    model.scheme.theta,
-                )  # fmt: skip
+        self._find_contacts(state, size, prediction)
         if model.division is None or model.division.halo is None:
             return model.scheme.attempt(state, size, model.interactions, self.solver, options)
         together = solvers.DistributedSweeps()
@@ -166,6 +168,15 @@ class StepAttempts:
         # other solvers want all contacts on each rank
         model.detection.join()
         return self._interact(state, size, options, prediction)
+
+    def _find_contacts(self, state: State, size: float, prediction: Prediction | None) -> None:
+        model = self._model
+        if model.detection is not None:
+            with self._watch.phase("contact search"):
+                model.detection.renew(
+                    model.interactions, model.slot_nodes, model.bulk, state, prediction, size,
+                    model.scheme.theta,
+                )  # fmt: skip
 
     def _outruns_contacts(self, state: State, size: float) -> bool:
         """Whether bodies move so far in a step that their contacts would be missed."""

@@ -296,6 +296,12 @@ class Model:
         laws = self.points.laws if self.detection is None else self.detection.laws
         if self.monolithic and not self.options.inertia:
             laws = [law.in_statics() if hasattr(law, "in_statics") else law for law in laws]
+        dim = self.bulk.dim
+        if not self.monolithic and any(law.kernels(dim).growth is not None for law in laws):
+            raise ValueError(
+                'A law with the damage of the end of the step (damage="end") takes '
+                'solver="monolithic" and an implicit bulk; leave damage at "auto".'
+            )
         return Interactions(
             points, laws, self.points.law_of_point, inverse.blocks, velocity,
             ordering="vertices" if self.by_vertex else "tiles",

@@ -256,10 +256,12 @@ class Simulation(Restartable):
 
     def _follow(self, end_time: float) -> Iterator[StepRecord]:
         """Steps along the path until its time is the end time."""
-        size, path = self.step_size, self._path
+        path = self._path
         while end_time - self.state.time > _ROUNDING * abs(end_time):
             with self.stopwatch.phase("step"):
-                outcome = self._attempts.along_path(self.state, size, path, end_time)
+                outcome, size = self._attempts.along_path(
+                    self.state, self.step_size, path, end_time
+                )
                 good = outcome.converged
                 if good:
                     change = outcome.state.time - self.state.time
