@@ -33,9 +33,6 @@ class CoupledSystem:
         dofs_of_slots: shape (num_slots * dim,), the unknown that each entry of the points'
             velocities is, -1 for the ground's.
         interactions: the points, None without any.
-
-    Attributes:
-        factorisations: made so far.
     """
 
     def __init__(
@@ -66,7 +63,6 @@ class CoupledSystem:
         self._solvers: dict[bool, SparseDirect] = {}
         self._data = self._factorised = np.zeros(0)
         self._used: SparseDirect | None = None
-        self.factorisations = 0
 
     def take(self, bulk: sp.csr_array, stiffness: Sequence[np.ndarray]) -> None:
         """Take the values; factorise them unless they are those of the last time.
@@ -100,7 +96,6 @@ class CoupledSystem:
         self._used, self._factorised = None, masked
         self._solvers[symmetric].factorise(masked)
         self._used = self._solvers[symmetric]
-        self.factorisations += 1
 
     def solve(self, right: np.ndarray, given: np.ndarray) -> np.ndarray:
         """The solution x, shape (num_dofs,).
@@ -122,11 +117,6 @@ class CoupledSystem:
         except SingularMatrixError:
             self._used = None
             raise
-
-    @property
-    def negative_pivots(self) -> int:
-        """Negative eigenvalues of the last matrix: 0 where the state is stable."""
-        return self._used.negative_pivots
 
     @property
     def nbytes(self) -> int:

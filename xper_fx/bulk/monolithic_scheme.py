@@ -46,9 +46,6 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger(__name__)
 
-# Stiffness of the bulk at a point over the one that its branch is decided with: soft, so that a
-# multiplier decides, and not a gap that is yet to be closed.
-_SOFTNESS = 1.0
 # Lengths of a step that are tried, and what is left of how many iterations it may not exceed.
 _LENGTHS, _MEMORY = (1.0, 0.5, 0.25, 0.1), 3
 # Iterations after which more may be left, and how much beside the tolerance: bonds that flip
@@ -113,9 +110,9 @@ class MonolithicScheme:
         if self._compliance is None or self._compliance[0] != step:
             diagonal = self._matrix(step, displacement).diagonal()
             free = ~self.bulk.layout.prescribed
-            soft = np.zeros(len(diagonal))
-            np.divide(_SOFTNESS, np.abs(diagonal), out=soft, where=free & (diagonal != 0.0))
-            self._take(step, soft)
+            compliance = np.zeros(len(diagonal))
+            np.divide(1.0, np.abs(diagonal), out=compliance, where=free & (diagonal != 0.0))
+            self._take(step, compliance)
         return self._compliance[2]
 
     def _take(self, step: float, compliance: np.ndarray) -> None:
@@ -423,12 +420,12 @@ class _Newton:
         """Impulses become the laws' answers, which keep every inequality.
 
         Returns:
-            Sum of squares and largest entry of k over the softened one times their change.
+            Sum of squares and largest entry of their change (N s).
         """
         self._tangents.respond(self.slots)
         total, most = 0.0, 0.0
         for g, answer in zip(self._interactions.groups, self._tangents.response, strict=True):
-            apart = _SOFTNESS * (answer - g.impulse)
+            apart = answer - g.impulse
             total += float(np.vdot(apart, apart))
             most = max(most, float(np.abs(apart).max(initial=0.0)))
             g.impulse[:] = answer

@@ -9,8 +9,6 @@ from petsc4py import PETSc
 # MUMPS controls: ordering (METIS where there is one, else picked), room for pivots that are put
 # off (%), no parallel root.
 _ORDERING, _ROOM, _ROOT = (7, 7), (14, 80), (13, 1)
-# MUMPS information: number of negative pivots.
-_NEGATIVE = 12
 
 
 class SingularMatrixError(ArithmeticError):
@@ -23,14 +21,11 @@ class SparseDirect:
     Args:
         indptr, indices: of the rows, as of `scipy.sparse.csr_array`, both triangles.
         symmetric: whether the values will be symmetric: LDL^T, half the work of LU.
-
-    Attributes:
-        count: of factorisations so far.
     """
 
     def __init__(self, indptr: np.ndarray, indices: np.ndarray, symmetric: bool):
         self._pattern = indptr.astype(np.int32), indices.astype(np.int32)
-        self._symmetric, self.count = symmetric, 0
+        self._symmetric = symmetric
         self._make()
 
     def _make(self) -> None:
@@ -54,9 +49,9 @@ class SparseDirect:
             )
         preconditioner.setFactorSolverType("mumps")
         preconditioner.setFactorSetUpSolverType()
-        self._factor = preconditioner.getFactorMatrix()
+        factor = preconditioner.getFactorMatrix()
         for number, value in (_ORDERING, _ROOM, _ROOT):
-            self._factor.setMumpsIcntl(number, value)
+            factor.setMumpsIcntl(number, value)
         self._x, self._b = self._matrix.createVecs()
 
     def factorise(self, data: np.ndarray) -> None:
@@ -65,7 +60,6 @@ class SparseDirect:
         Raises:
             SingularMatrixError: they cannot be factorised.
         """
-        self.count += 1
         if not np.all(np.isfinite(data)):
             raise SingularMatrixError("The matrix has entries that are not finite.")
         self._data[:] = data
@@ -94,8 +88,3 @@ class SparseDirect:
         if not np.all(np.isfinite(solution)):
             raise SingularMatrixError("The matrix is singular.")
         return solution
-
-    @property
-    def negative_pivots(self) -> int:
-        """How many eigenvalues of the last matrix are negative; 0 where it is not symmetric."""
-        return self._factor.getMumpsInfog(_NEGATIVE) if self._symmetric else 0

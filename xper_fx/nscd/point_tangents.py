@@ -11,8 +11,8 @@ velocity (contact, stick, a perfect bond) S_r has the eigenvalue 1, the impulse 
 p keeps its spring finite: 1 / p times that of the compliance W that the law was given, a proximal
 term. Each step of Newton's method then leaves some p of the error of a multiplier, and the
 constraint is exact where the iteration ends, whatever p is (Rockafellar 1976). Which branch a point
-is on S decides with W alone: it is to be soft, so that a multiplier, and not a gap that is yet to
-be closed, decides.
+is on S decides with W alone: 1 / W is to be the stiffness of what the point stands on, so that gaps
+and impulses that are yet to be found weigh alike.
 """
 
 from __future__ import annotations

@@ -16,8 +16,9 @@ multiplier of the contact:
     rhat_N - rho (U_N1 / (h theta)) > 0:  closed,  rhat = P_C(rhat - rho u),
 
 P_C being the projection on Coulomb's disc of the normal part. Whether the lips are closed is told
-with the bond of lips that just close, r_N of an open one being a pull whatever u is. rho is soft
-(`point_tangents.py`).
+with the bond of lips that just close, r_N of an open one being a pull whatever u is. rho is the
+stiffness of the bond or the bulk at the point, the larger one: softer ones serve without friction,
+and stick and slip then change for ever.
 
 **Energy.** What damage costs is the state function of the curve, area below it less what the bond
 holds, exact at any step; the difference to the work of r_b is the scheme's and booked as numerical,
@@ -55,8 +56,6 @@ from xper_fx.nscd.laws.law import (
     LawKernels,
 )
 
-# rho beside the bond's stiffness, where that is more than the bulk's softened one.
-_SOFT = 1.0
 # Part of an impulse that is not the bond's, above which the lips press: less is rounding.
 _PRESSED = 1e-9
 # Share of the critical opening at which what is left of a bond counts for nothing.
@@ -140,11 +139,11 @@ def end_kernels(dim: int, friction: bool) -> LawKernels:
     @njit(**LEAN_INNER)
     def solve(i, u, r, w, parameters, terms, details):
         bond = bond_at(i, closing(i, u, terms), parameters, terms, details)
-        soft = _SOFT * terms[i, spring]
-        if w[i, 0] * soft < 1.0 and w[i, 0] > 0.0:
-            soft = 1.0 / w[i, 0]
+        rho = terms[i, spring]
+        if w[i, 0] * rho < 1.0 and w[i, 0] > 0.0:
+            rho = 1.0 / w[i, 0]
         hat = subtract(r, bond)
-        normal = hat[0] - soft * (terms[i, middle] + u[0])
+        normal = hat[0] - rho * (terms[i, middle] + u[0])
         if normal <= 0.0:
             return bond_at(i, u, parameters, terms, details), True
         # closed: the lips are together, and only their slip opens the bond
@@ -154,7 +153,7 @@ def end_kernels(dim: int, friction: bool) -> LawKernels:
             slip = (0.0, u[1] + details[i, shift])
         else:
             slip = (0.0, u[1] + details[i, shift], u[2] + details[i, shift + 1])
-        trial = with_normal(subtract(hat, scale(soft, slip)), 0.0)
+        trial = with_normal(subtract(hat, scale(rho, slip)), 0.0)
         size = np.sqrt(dot(trial, trial))
         bound = parameters[i, MU] * normal
         if size > bound:
