@@ -152,9 +152,14 @@ def test_paths_that_cannot_be_followed_are_refused():
         xf.Simulation(bar(1.0), 1.0, inertia=False, path="growth")
     with pytest.raises(ValueError, match="growth"):
         xf.GrowthControl(growth=-1.0)
-    mean = CohesiveZone(1e14, 100.0, 3e6, damage="mean")
+    for law in (CohesiveZone(1e14, 100.0, 3e6, damage="mean"), xf.laws.PerfectBond()):
+        with pytest.raises(ValueError, match="no point of the scene has a law"):
+            follow(bar(1.0, law))
+    whole = box_bodies((1.0, 1.0), (1, 1), label=0)
+    held = [xf.PrescribedDisplacement(LEFT, axis, 0.0) for axis in (0, 1)]
+    steel = {1: xf.materials.LinearElastic(E, 0.0, 2400.0)}
     with pytest.raises(ValueError, match="no point of the scene has a law"):
-        next(follow(bar(1.0, mean)).steps(1.0))
+        follow(xf.Scene(whole, steel, loads=held))
 
 
 def test_a_snap_is_told(caplog):

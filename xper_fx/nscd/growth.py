@@ -28,22 +28,14 @@ class GrowthLimit:
     """The limits of a step.
 
     Args:
-        interactions: points at the start of the step.
+        interactions: points at the start of the step, some of them with a law that has a `growth`.
         growth: g, relative to the length of a bond's curve.
         relative: bound on g L beside x_r.
-
-    Raises:
-        ValueError: no point has a law whose opening can be limited.
     """
 
     def __init__(self, interactions: Interactions, growth: float, relative: float):
         self._growth = growth
         groups = [(n, g) for n, g in enumerate(interactions.groups) if g.kernels.growth is not None]
-        if not groups:
-            raise ValueError(
-                "Growth control follows the damage of bonds, and no point of the scene has a law "
-                'whose damage is that of the end of the step: xf.laws.CohesiveZone(damage="auto").'
-            )
         reached, length = [], []
         for _, g in groups:
             opened, whole = g.kernels.growth(g.parameters, g.state)

@@ -104,6 +104,7 @@ class Model:
         self.scheme = self._scheme()
         with stopwatch.phase("interaction points"):
             self.interactions = self._interactions()
+        self._require_bonds_for_path()
         self._account()
         self.ledger = EnergyLedger(self.bulk, self.start, self.scheme.theta, self.rigid)
         if wrong := not_finite_columns(self.ledger.as_columns()):
@@ -307,6 +308,15 @@ class Model:
             ordering="vertices" if self.by_vertex else "tiles",
             rigid_blocks=None if self.rigid is None else self.rigid.blocks, halo=halo,
         )  # fmt: skip
+
+    def _require_bonds_for_path(self) -> None:
+        """Raise a ValueError if a path is to be followed that no bond tells."""
+        groups = [] if self.interactions is None else self.interactions.groups
+        if self.options.path is not None and all(g.kernels.growth is None for g in groups):
+            raise ValueError(
+                "Growth control follows the damage of bonds, and no point of the scene has a law "
+                'whose damage is that of the end of the step: xf.laws.CohesiveZone(damage="auto").'
+            )
 
     def _control(self) -> AccuracyControl:
         from xper_fx.nscd.laws.softening import softening_numbers
