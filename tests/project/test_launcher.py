@@ -294,10 +294,15 @@ def at_rest(process):
     return rows["State"].split()[0] == "S" and not pending
 
 
+def wait_until_at_rest(process):
+    """Between two signals bash may lose the status of a child."""
+    while not at_rest(process):
+        os.sched_yield()
+
+
 def end_of(world, process):
     """Let the command end once the launcher has handed all on, and give what it has said."""
-    while not at_rest(process.pid):  # between two signals bash may lose the status of a child
-        os.sched_yield()
+    wait_until_at_rest(process.pid)
     world.let_go("end")
     return process.communicate(timeout=LONGEST)[0]
 
@@ -351,6 +356,7 @@ def test_terminal_stays_a_terminal_and_interrupts_once(either):
         # The launcher hands this on after whatever it has made of the interruption.
         os.kill(child, getattr(signal, name))
         output += read_until(terminal, name.encode())
+    wait_until_at_rest(child)
     either.let_go("end")
     output += read_until(terminal, None)
     assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 5

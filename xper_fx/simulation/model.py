@@ -100,7 +100,7 @@ class Model:
         )  # fmt: skip
         self.points = ScenePoints(scene, self.bulk, self._ties, self.part, self.by_vertex)
         self.detection = self._detection() if searched else None
-        self.monolithic = options.monolithic(self.points.exist or searched)
+        self.monolithic = options.asks_for_one_system or self._calls_for_one_system(searched)
         self.scheme = self._scheme()
         with stopwatch.phase("interaction points"):
             self.interactions = self._interactions()
@@ -186,7 +186,7 @@ class Model:
         from xper_fx.periodic.two_field import CellBulk
 
         bulk = CellBulk(forms, scene.macroscopic, inertia, joined, self.ranks)
-        if bulk.floating and not self.options.monolithic(True):
+        if bulk.floating and not self.options.allows_one_system:
             raise ValueError(
                 "A static run of a periodic cell of several bodies takes the monolithic solver: "
                 f'leave solver at "auto", got "{self.options.solver}".'
@@ -252,6 +252,17 @@ class Model:
                 "stress of the start for a step of size zero."
             )
         return State(0.0, rest, velocity, internal, self.bulk.external(0.0))
+
+    def _calls_for_one_system(self, searched: bool) -> bool:
+        """Whether a static run is better solved in one system than by points on their bodies.
+
+        That takes bodies that only their interactions hold, or bonds that may break. Contacts
+        between bodies that are held by themselves are few unknowns beside those of the bulk.
+        """
+        if not self.options.allows_one_system or not (self.points.exist or searched):
+            return False
+        breaks = any(hasattr(law, "in_statics") for law in self.points.laws)
+        return self.bulk.floating or breaks or self.options.path is not None
 
     def _scheme(self) -> EmptyScheme | ExplicitScheme | ImplicitScheme:
         options, interacting = self.options, self.points.interacting(self.detection)

@@ -49,11 +49,16 @@ class Options:
     inertia: bool
     path: GrowthControl | None
 
-    def monolithic(self, interacting: bool) -> bool:
-        """Whether bulk and interactions, if there are any, are solved in one system."""
+    @property
+    def asks_for_one_system(self) -> bool:
+        """Whether bulk and interactions are to be solved in one system."""
         asked = self.solver.name if isinstance(self.solver, Solver) else self.solver
-        picked = asked == "auto" and interacting and not self.inertia
-        return asked == "monolithic" or picked
+        return asked == "monolithic"
+
+    @property
+    def allows_one_system(self) -> bool:
+        """Whether they may be, where the scene calls for it."""
+        return self.asks_for_one_system or (self.solver == "auto" and not self.inertia)
 
     @classmethod
     def checked(
@@ -148,7 +153,7 @@ class Options:
 
         if not isinstance(self.path, GrowthControl):
             raise TypeError(f"path should be an xf.GrowthControl, got {self.path!r}.")
-        if self.inertia or not self.monolithic(True) or self.requested.accuracy is not None:
+        if self.inertia or not self.allows_one_system or self.requested.accuracy is not None:
             raise ValueError(
                 "A path is followed in static runs with a given step by the monolithic solver: "
                 f'take inertia=False, solver="auto" and no accuracy; got inertia={self.inertia}, '
@@ -164,7 +169,7 @@ class Options:
             )
         if not isinstance(solver, Solver) and solver not in SOLVERS:
             raise ValueError(f"solver should be one of {', '.join(SOLVERS)}, got {solver!r}.")
-        if self.monolithic(False) and (scene.rigid_bodies is not None or self.scheme == "explicit"):
+        if self.asks_for_one_system and (scene.rigid_bodies is not None or self.scheme == "explicit"):
             raise ValueError(
                 "The monolithic solver takes meshed bodies and an implicit bulk; leave solver at "
                 '"auto" for a scene of rigid bodies or an explicit bulk.'
