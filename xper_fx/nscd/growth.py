@@ -56,6 +56,11 @@ class GrowthLimit:
         """Whether all bonds are broken."""
         return len(self._grows) == 0
 
+    @property
+    def begins(self) -> bool:
+        """Whether no bond has opened yet."""
+        return not np.any(self._forward)
+
     def _all(self, arrays: Sequence[np.ndarray]) -> np.ndarray:
         return np.concatenate([arrays[n] for n in self._numbers])
 
@@ -94,12 +99,15 @@ class GrowthLimit:
             return roots[-1]
         return min(roots, key=lambda s: float(((a + s * b - present) ** 2).sum()))
 
-    def turns_back(self, moved: Sequence[np.ndarray]) -> bool:
-        """Whether the bonds that opened in the last step close.
+    def turns_back(self, moved: Sequence[np.ndarray], change: float) -> bool:
+        """Whether the bonds that opened in the last step close, or the load of the first one falls.
 
         Args:
             moved: change of the jumps of each group in the step, shape (n, components), m.
+            change: of the time of the loads (s).
         """
+        if self.begins:
+            return change < 0.0
         return float(np.vdot(self._forward, self._all(moved))) < 0.0
 
     def left(self, now: Sequence[np.ndarray]) -> float:

@@ -30,8 +30,6 @@ from xper_fx.nscd.laws.law import LawKernels
 
 # Steps of the differences, relative to the local velocity and impulse.
 _REACH = 1e-7
-# p of the module docstring.
-_PROXIMAL = 1e-3
 # Entry of S_r above which a point is held: its impulse is a multiplier.
 _HELD = 0.5
 # Pivot of I - (1 - p) S_r that counts as zero.
@@ -69,7 +67,7 @@ def _tangent_kernel(law: LawKernels, sides: Sides):
 
     @njit(nogil=True, **LEAN_ENTRY)
     def tangents(
-        v, c, r, w, parameters, terms, details, least, closes, response, stiffness, source, held, a
+        v, c, r, w, parameters, terms, details, least, proximal, response, stiffness, source, held, a
     ):
         # a: shape (components, 2 components + 1): I - (1 - p) S_r, S_u, S - r
         for i in range(len(r)):
@@ -83,29 +81,25 @@ def _tangent_kernel(law: LawKernels, sides: Sides):
             for j in range(components):
                 w_own = max(w_own, dot(sym_vector(sym_row(w, i), unit(j, 1.0)), unit(j, 1.0)))
             push = reach / w_own if w_own > 0.0 else 0.0
-            largest, total, rest = 0.0, 0.0, dot(base, base) == 0.0
-            for attempt in range(2):
-                if attempt == 1 and (total > 0.0 or not rest or not closes):
-                    break  # only a point at rest without a spring is asked whether it would close
-                for j in range(components):
-                    # away from where a point changes its branch: one that presses is pressed more
-                    sign = 1.0 if base[j] > 0.0 or attempt == 1 else -1.0
-                    new, _ = solve(
-                        i, add(u, unit(j, -sign * reach)), old, w, parameters, terms, details
-                    )
+            largest = 0.0
+            for j in range(components):
+                # away from where a point changes its branch: one that presses is pressed more
+                sign = 1.0 if base[j] > 0.0 else -1.0
+                new, _ = solve(
+                    i, add(u, unit(j, -sign * reach)), old, w, parameters, terms, details
+                )
+                column = subtract(new, base)
+                for x in range(components):
+                    a[x, components + j] = -sign * column[x] / reach
+                    a[x, j] = 1.0 if x == j else 0.0
+                if push > 0.0:
+                    change = unit(j, sign * push)
+                    new, _ = solve(i, u, add(old, change), w, parameters, terms, details)
                     column = subtract(new, base)
                     for x in range(components):
-                        a[x, components + j] = -sign * column[x] / reach
-                        a[x, j] = 1.0 if x == j else 0.0
-                        total += abs(column[x])
-                    if push > 0.0:
-                        change = unit(j, sign * push)
-                        new, _ = solve(i, u, add(old, change), w, parameters, terms, details)
-                        column = subtract(new, base)
-                        for x in range(components):
-                            slope = sign * column[x] / push
-                            largest = max(largest, abs(slope))
-                            a[x, j] -= (1.0 - _PROXIMAL) * slope
+                        slope = sign * column[x] / push
+                        largest = max(largest, abs(slope))
+                        a[x, j] -= (1.0 - proximal) * slope
             missing = subtract(base, old)
             for x in range(components):
                 a[x, columns - 1] = missing[x]
@@ -157,19 +151,19 @@ class PointTangents:
         self.response = [np.zeros(shape) for shape in shapes]
         self.held = [np.zeros(shape[0], bool) for shape in shapes]
 
-    def linearise(self, velocity: np.ndarray, least: float, closes: bool) -> None:
+    def linearise(self, velocity: np.ndarray, least: float, proximal: float) -> None:
         """Take the springs around a state.
 
         Args:
             velocity: shape (num_slots * dim,), m/s; the impulses are the points'.
             least: velocity (m/s) that differences are at least taken over.
-            closes: whether points that touch and bear nothing count as closed, not as open.
+            proximal: p; 1 where the impulses are given, so that S_r does not count.
         """
         for number, g in enumerate(self._interactions.groups):
             n = g.kernels.components
             _tangent_kernel(g.kernels, g.sides)(
                 velocity, g.couplings, g.impulse, g.compliance, g.parameters, g.terms, g.details,
-                least, closes, self.response[number], self.stiffness[number], self.source[number],
+                least, proximal, self.response[number], self.stiffness[number], self.source[number],
                 self.held[number], np.empty((n, 2 * n + 1)),
             )  # fmt: skip
 

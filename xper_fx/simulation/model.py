@@ -244,7 +244,8 @@ class Model:
         velocity.reshape(-1, unknowns.dim)[unknowns.node_of] = function.x.array.reshape(
             -1, unknowns.dim
         )
-        self.bulk.start(velocity, self.step_size)
+        if self.options.inertia:
+            self.bulk.start(velocity, self.step_size)
         internal = self.bulk.internal(rest)
         if not np.all(np.isfinite(internal)):
             raise ValueError(

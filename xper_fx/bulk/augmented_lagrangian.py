@@ -1,0 +1,128 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+r"""Who is in contact, by the method of multipliers: slow and sure where Newton's goes in circles.
+
+With given impulses m in the laws' answers, a step asks
+
+    R(v) + H S(H^T v, m) = 0.
+
+Without friction, of bonds that do not soften and a bulk that is stable, that is where a convex
+function of v has its least value: each contact is a spring on one side, of the stiffness by which
+its law tells branches, and nothing goes in circles. Newton's method with a line search finds it in
+finitely many iterations (the slope along a correction, -dv . (R + H S), grows with its length, so
+that its zero is bracketed). Then m becomes S, and so on: the proximal point algorithm on the
+impulses (Rockafellar 1976), whose error falls by the ratio of that spring to the spring and the
+structure together; structures are soft. With friction or softening it is the same, without a
+theorem.
+
+It leaves an error of some 1e-4, from which a few iterations of Newton's method on velocities and
+impulses together are quadratic (`semismooth_newton.py`).
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+
+import numpy as np
+
+from xper_fx.bulk.coupled_step import CoupledStep
+from xper_fx.bulk.sparse_direct import SingularMatrixError
+
+logger = logging.getLogger(__name__)
+
+# Changes of the given impulses, and corrections for each.
+_OUTER, _INNER = 30, 60
+# Change of the impulses at which they are as good as Newton's method asks for, and error of the
+# balance for given ones, both beside the largest nodal impulse.
+_GOOD, _BALANCED = 1e-4, 1e-6
+# Part of the load at which bonds would open with which contacts are looked for in a first step.
+_LITTLE = 0.1
+# Slope at which a length is good, beside that at its start, and how many lengths are tried.
+_FLAT, _TRIED = 0.5, 12
+
+
+def find_contacts(step: CoupledStep) -> bool:
+    """Bring velocities and impulses of a step near to its solution; whether that was found.
+
+    Args:
+        step: begins at its present velocities, loads and impulses.
+    """
+    follows = step.growth is not None and not step.growth.begins
+    if step.growth is not None and not follows and not _load_a_little(step):
+        return False
+    for outer in range(1, _OUTER + 1):
+        given = step.impulses_of_points()
+        if not _balance(step, given, outer == 1, follows):
+            return False
+        answers = step.answers()
+        pairs = zip(answers, given, strict=True)
+        change = max((float(np.abs(a - m).max(initial=0.0)) for a, m in pairs), default=0.0)
+        step.set_impulses(answers)
+        logger.debug("impulses %d change by %.2e of %.2e N s", outer, change, step.size())
+        if change <= _GOOD * step.size():
+            return True
+    return False
+
+
+def _load_a_little(step: CoupledStep) -> bool:
+    """Take a part of the load at which the first bond opens, whatever is in contact."""
+    try:
+        correction = step.correction(1.0)
+    except SingularMatrixError:
+        return False
+    if correction is not None:
+        step.move(step.velocity, step.loading.time + _LITTLE * correction.time)
+    return correction is not None
+
+
+def _balance(step: CoupledStep, given: list[np.ndarray], moves: bool, follows: bool) -> bool:
+    """Find the velocities in balance with the answers to given impulses.
+
+    Args:
+        step: changed.
+        given: impulses of each group.
+        moves: whether prescribed motions are yet to be made, by a first correction of full length.
+        follows: whether the load is to be found from the growth.
+    """
+    for count in range(_INNER):
+        step.set_impulses(given)
+        try:
+            correction = step.correction(1.0, follows)
+        except SingularMatrixError:
+            return False
+        if correction is None:
+            return False
+        velocity, time, along = step.velocity, step.loading.time, correction.velocity
+
+        def slope(length: float) -> float:
+            step.move(velocity + length * along, time + length * correction.time)
+            step.impulses = step.on_unknowns(step.answers())
+            return -float(along @ step.balance())
+
+        if (moves and count == 0) or follows:
+            slope(1.0)
+        else:
+            _shorten(slope)
+        left = float(np.abs(step.balance()).max(initial=0.0))
+        if not np.isfinite(left):
+            return False
+        if left <= max(_BALANCED * step.size(), step.rounding()):
+            return True
+    return False
+
+
+def _shorten(slope: Callable[[float], float]) -> None:
+    """Go to a length at which the slope is flat: the whole one, or one within it."""
+    first, last = slope(0.0), slope(1.0)
+    low, high, at_low, at_high = 0.0, 1.0, first, last
+    for tried in range(_TRIED):
+        if first >= 0.0 or (last <= _FLAT * abs(first) and (tried == 0 or last >= 0.9 * first)):
+            return
+        length = low - at_low * (high - low) / (at_high - at_low)
+        if tried % 3 == 2:
+            length = 0.5 * (low + high)
+        last = slope(length)
+        if last > 0.0:
+            high, at_high = length, last
+        else:
+            low, at_low = length, last

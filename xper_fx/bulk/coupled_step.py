@@ -1,0 +1,261 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+r"""What the iterations of a monolithic step go through: velocities, impulses, loads, corrections.
+
+For the velocities v of all unknowns and the impulses r of all points a step asks
+
+    R(v) + H r = 0   where motions are free,      r = S(H^T v, r)   at each point,
+
+R being the bulk's momentum balance and S a law's answer. With its springs K and sources g
+(`nscd/point_tangents.py`) a correction solves
+
+    (A + H K H^T) dv = R + H r + H g,      dr = g - K H^T dv,
+
+A = M + C + h^2 theta^2 dF/dq, by a sparse factorisation (`coupled_system.py`). Nothing is asked of
+A: bodies that only their interactions hold, stiff bonds and no inertia at all are the same to it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from xper_fx.bulk.coupled_matrices import CoupledMatrices
+from xper_fx.bulk.loading import Loading
+from xper_fx.bulk.state import State
+from xper_fx.bulk.step_equations import StepEquations
+from xper_fx.nscd.interactions import Interactions
+from xper_fx.nscd.point_tangents import PointTangents
+from xper_fx.support.profile import Stopwatch
+
+if TYPE_CHECKING:
+    from xper_fx.nscd.growth import GrowthLimit
+
+# Relative rounding of velocities at the ends of a spring.
+_ROUNDING = 4.0 * np.finfo(float).eps
+# Steps of differences where nothing moves yet, relative to the size of the scene a step.
+_LEAST, _SMALLEST = 1e-16, 1e-20
+
+
+class Correction(NamedTuple):
+    """Changes that an iteration proposes.
+
+    Attributes:
+        velocity: of all unknowns, shape (num_dofs,), m/s.
+        time: of the load (s).
+        impulses: of each group, shape (n, components), N s.
+    """
+
+    velocity: np.ndarray
+    time: float
+    impulses: list[np.ndarray]
+
+
+class CoupledStep:
+    """The unknowns of one step, and what is left of its equations.
+
+    Args:
+        matrices: of the bulk and of the system.
+        equations, loading: of the step.
+        interactions: points after `begin_step`, None without any.
+        state: at the start of the step.
+        step: by which velocities are defined (s).
+        growth: what the step may open, None where its end is given.
+        stopwatch: where phases are timed.
+
+    Attributes:
+        loading, interactions, growth: as given.
+        velocity: of all unknowns (m/s).
+        residual, internal: of the bulk there, without impulses (N s), and its forces (N).
+        slots: velocities of the points' nodes.
+        impulses: H r on all unknowns (N s).
+        corrections: how many were solved for.
+    """
+
+    def __init__(
+        self,
+        matrices: CoupledMatrices,
+        equations: StepEquations,
+        loading: Loading,
+        interactions: Interactions | None,
+        state: State,
+        step: float,
+        growth: GrowthLimit | None,
+        stopwatch: Stopwatch,
+    ):
+        self._matrices, self._equations, self._stopwatch = matrices, equations, stopwatch
+        self.loading, self._step, self.growth = loading, step, growth
+        self.interactions = interactions
+        bulk = matrices.bulk
+        self._free = ~bulk.layout.prescribed
+        self._extent = float(np.ptp(bulk.forms.bodies.mesh.geometry.x, axis=0).max())
+        self._tangents = None if interactions is None else PointTangents(interactions)
+        # without inertia the last step's velocities mean nothing for this one
+        inert = bulk.inertia is not None
+        self._start = state.velocity if inert else np.zeros_like(state.displacement)
+        self._stiffest, self.corrections, self._start_time = 0.0, 0, state.time
+        self.restart()
+
+    def restart(self) -> None:
+        """Go back to where the iterations began; impulses stay as they are."""
+        self.velocity, self.slots = self._start.copy(), np.zeros(0)
+        self.impulses = np.zeros_like(self._start)
+        self.residual, self.internal = self._equations.residual(self.velocity)
+
+    # Impulses of the points
+
+    @property
+    def _groups(self) -> Sequence:
+        return [] if self.interactions is None else self.interactions.groups
+
+    def impulses_of_points(self) -> list[np.ndarray]:
+        """A copy of the impulses of each group, shape (n, components), N s."""
+        return [g.impulse.copy() for g in self._groups]
+
+    def set_impulses(self, impulses: Sequence[np.ndarray]) -> None:
+        """Take impulses of each group, shape (n, components), N s."""
+        for g, own in zip(self._groups, impulses, strict=True):
+            g.impulse[:] = own
+
+    def answers(self) -> list[np.ndarray]:
+        """S of each group for the present velocities and impulses, shape (n, components), N s.
+
+        The arrays are those of the next call, too.
+        """
+        if self._tangents is None:
+            return []
+        self.slots = self._slots(self.velocity)
+        with self._stopwatch.phase("point tangents"):
+            self._tangents.respond(self.slots)
+        return self._tangents.response
+
+    def on_unknowns(self, impulses: Sequence[np.ndarray]) -> np.ndarray:
+        """H r of impulses of each group, shape (num_dofs,), N s."""
+        out = np.zeros_like(self.velocity)
+        if self._tangents is not None:
+            slots, nodes = self._tangents.spread(impulses), self._matrices.nodes
+            out.reshape(-1, self.interactions.dim)[nodes] = slots[: len(nodes)]
+        return out
+
+    # Corrections
+
+    def correction(self, proximal: float, follows: bool = True) -> Correction | None:
+        """The correction from the present state; None if no load keeps bonds within their growth.
+
+        Args:
+            proximal: p of the springs (`nscd/point_tangents.py`), 1 where impulses are given.
+            follows: whether the load is found from the growth, if the step has one.
+
+        Raises:
+            SingularMatrixError: the system cannot be factorised.
+        """
+        matrices, interactions, watch = self._matrices, self.interactions, self._stopwatch
+        loading, growth = self.loading, self.growth if follows else None
+        self.corrections += 1
+        with watch.phase("bulk matrix"):
+            displacement = self._equations.displacement(self.velocity)
+            matrix = matrices.of_bulk(self._step, displacement)
+            self._stiffest = float(np.abs(matrix.data).max())
+        right, stiffness = self.residual, []
+        if self._tangents is not None:
+            with watch.phase("point tangents"):
+                self.slots = self._slots(self.velocity)
+                self._tangents.linearise(self.slots, self._least(), proximal)
+                stiffness = self._tangents.stiffness
+                source = [
+                    g.impulse + s for g, s in zip(self._groups, self._tangents.source, strict=True)
+                ]
+                right = right + self.on_unknowns(source)
+        with watch.phase("factorisation"):
+            system = matrices.coupled(matrix, interactions)
+            system.take(matrix, stiffness)
+        change = 0.0
+        with watch.phase("solution"):
+            dv = system.solve(right, loading.wanted - self.velocity)
+            if growth is not None:
+                force, motion = loading.rates()
+                along = system.solve(np.broadcast_to(force, dv.shape), motion)
+        if growth is not None:
+            now = self._jumps(self.velocity)
+            start, slope = self._moved(dv), self._moved(along)
+            start = [x + y for x, y in zip(now, start, strict=True)]
+            found = growth.change(now, self._tangents.held, start, slope)
+            if found is None or not np.isfinite(found):
+                return None
+            change, dv = found, dv + found * along
+        if self._tangents is None:
+            return Correction(dv, change, [])
+        moved = self._slots(dv).reshape(-1, interactions.dim)
+        return Correction(dv, change, self._tangents.changes(moved))
+
+    def move(self, velocity: np.ndarray, time: float) -> None:
+        """Take velocities and the time of the loads; the bulk answers."""
+        self.velocity = velocity
+        if self.growth is not None:
+            self.loading.set(time)
+        with self._stopwatch.phase("free velocity"):
+            self.residual, self.internal = self._equations.residual(velocity)
+
+    # What is left
+
+    def balance(self) -> np.ndarray:
+        """R + H r of the last `impulses`, zero where motions are prescribed, N s."""
+        return np.where(self._free, self.residual + self.impulses, 0.0)
+
+    def size(self) -> float:
+        """Largest nodal impulse (N s)."""
+        largest = self._step * np.abs(self.internal).max(initial=0.0)
+        return max(
+            float(largest), float(np.abs(self.impulses).max(initial=0.0)),
+            float(np.abs(self._equations.start).max(initial=0.0)),
+        )  # fmt: skip
+
+    def rounding(self) -> float:
+        """What rounding of displacements leaves in the bulk and at the stiffest spring (N s)."""
+        stiffest = self._stiffest
+        if self._tangents is not None:
+            for k, held in zip(self._tangents.stiffness, self._tangents.held, strict=True):
+                stiffest = max(stiffest, float(np.abs(k[~held]).max(initial=0.0)))
+        return _ROUNDING * stiffest * float(np.abs(self.velocity).max(initial=0.0))
+
+    def num_held(self) -> int:
+        """Points whose impulses are multipliers."""
+        return 0 if self._tangents is None else sum(int(h.sum()) for h in self._tangents.held)
+
+    def _least(self) -> float:
+        """Velocity that differences are at least taken over."""
+        given = self.loading.wanted
+        speed = max(np.abs(self.slots).max(initial=0.0), np.abs(given).max(initial=0.0))
+        return max(_LEAST * float(speed), _SMALLEST * self._extent / self._step)
+
+    # Openings
+
+    @property
+    def goes_on(self) -> bool:
+        """Whether a step along a path does not go back on it."""
+        if self.growth is None:
+            return True
+        jumps = zip(self._groups, self._jumps(self.velocity), strict=True)
+        moved = [jump - g.jump for g, jump in jumps]
+        return not self.growth.turns_back(moved, self.loading.time - self._start_time)
+
+    def growth_left(self) -> float:
+        """By how much the growth differs from the one that the step asks for, relative."""
+        return 0.0 if self.growth is None else self.growth.left(self._jumps(self.velocity))
+
+    def _jumps(self, velocity: np.ndarray) -> list[np.ndarray]:
+        """Jumps of each group at the end of the step for end velocities, m."""
+        rest = self._step * (1.0 - self._matrices.theta)
+        moved = self._moved(velocity)
+        return [g.jump + rest * g.velocity + m for g, m in zip(self._groups, moved, strict=True)]
+
+    def _moved(self, velocity: np.ndarray) -> list[np.ndarray]:
+        """h theta H^T v of each group, m."""
+        slots = self._slots(velocity).reshape(-1, self.interactions.dim)
+        scaled = self._step * self._matrices.theta
+        return [scaled * g.points.relative(slots) for g in self._groups]
+
+    def _slots(self, velocity: np.ndarray) -> np.ndarray:
+        at_nodes = velocity.reshape(-1, self.interactions.dim)[self._matrices.nodes]
+        return self.interactions.free_velocities(at_nodes)
