@@ -335,10 +335,10 @@ class Curve(NamedTuple):
     closure: float
 
 
-def delaminate(beam: Beam) -> Curve:
-    """Load a specimen until its crack has grown by `beam.growth`."""
+def delaminate(beam: Beam, scene: Scene | None = None) -> Curve:
+    """Load a specimen, held as `scene_of` says or otherwise, until its crack has grown."""
     simulation = Simulation(
-        scene_of(beam), 1.0, inertia=False, path=GrowthControl(beam.step), num_threads=1
+        scene or scene_of(beam), 1.0, inertia=False, path=GrowthControl(beam.step), num_threads=1
     )
     gauges, rows = Gauges(beam, simulation), []
     for step in simulation.steps(1e3):

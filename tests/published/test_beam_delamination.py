@@ -10,7 +10,19 @@ from pathlib import Path
 import pytest
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
-from beam_delamination import DCB, ENF, MMB, compare, delaminate
+from beam_delamination import (  # noqa: E402
+    DCB,
+    ENF,
+    MIDDLE,
+    MMB,
+    PUSHED,
+    UPPER_END,
+    compare,
+    delaminate,
+    scene_of,
+)
+
+import xper_fx as xf  # noqa: E402
 
 
 @pytest.mark.parametrize("beam", [DCB, ENF, MMB], ids=lambda b: b.kind)
@@ -45,3 +57,43 @@ def test_the_crack_takes_its_toughness(beam, peak, share):
     assert found.spent == pytest.approx(1.0, abs=3e-3)
     assert abs(found.numerical) < 1e-2
     assert abs(found.closure) < 1e-7
+
+
+@pytest.fixture(scope="module")
+def bent():
+    """The end-notched beam in short, and its curve with both arms held."""
+    beam = replace(ENF, facet=0.5e-3, growth=2e-3)
+    return beam, delaminate(beam)
+
+
+@pytest.mark.slow
+def test_lips_alone_may_carry_an_arm(bent):
+    """The lower arm is supported, the upper one lies on it: by theory both bend alike."""
+    beam, held = bent
+    scene = scene_of(beam)
+    scene = replace(scene, loads=[load for load in scene.loads if load.facets != UPPER_END])
+    lying = delaminate(beam, scene)
+    assert lying.load.max() == pytest.approx(held.load.max(), rel=2e-3)
+    assert lying.displacement[0] / lying.load[0] == pytest.approx(
+        held.displacement[0] / held.load[0], rel=2e-3
+    )
+    assert lying.dissipated[-1] == pytest.approx(held.dissipated[-1], rel=3e-2)
+    assert abs(lying.closure) < 1e-7
+
+
+@pytest.mark.slow
+def test_a_beam_that_is_moved_bears_what_one_under_a_force_does(bent):
+    """The section at mid span is lowered along a path: its reaction is the load."""
+    beam, held = bent
+    scene = scene_of(beam)
+    loads = [load for load in scene.loads if load.facets != PUSHED]
+    moved = beam.starting_load * beam.compliance(beam.crack)
+    loads.append(xf.PrescribedDisplacement(MIDDLE, 1, lambda t: -moved * t))
+    scene = replace(scene, loads=loads)
+    simulation = xf.Simulation(scene, 1.0, inertia=False, path=xf.GrowthControl(beam.step))
+    forces = []
+    for step in simulation.steps(1e3):
+        forces.append(-simulation.reaction(MIDDLE)[1])
+        if step.energies["dissipated_cohesion"] > held.dissipated[-1]:
+            break
+    assert max(forces) == pytest.approx(held.load.max(), rel=1e-2)

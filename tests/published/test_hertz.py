@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import sys
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -69,3 +70,15 @@ def test_contact_is_in_balance_with_the_top(slipping):
     np.testing.assert_allclose(now.q[slides], hertz.FRICTION * now.p[slides], rtol=1e-6)
     bound = hertz.FRICTION * now.p[now.sticks]
     assert np.all(np.abs(now.q[now.sticks]) < bound)
+
+
+@pytest.mark.slow
+def test_one_system_finds_the_same_slip(monkeypatch):
+    """Bulk and contacts in one system, whose iterations alone go round in circles here."""
+    coarse = hertz.partial_slip(8)[0]
+    made = partial(hertz.Simulation, solver="monolithic", max_halvings=0)
+    monkeypatch.setattr(hertz, "Simulation", made)
+    found = hertz.partial_slip(8)[0]
+    for one, other in zip(found, coarse, strict=True):
+        assert one.share == pytest.approx(other.share, rel=1e-5)
+        np.testing.assert_allclose(one.q, other.q, atol=1e-4 * one.p0)

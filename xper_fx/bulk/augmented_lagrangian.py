@@ -21,11 +21,10 @@ impulses together are quadratic (`semismooth_newton.py`).
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
 
 import numpy as np
 
-from xper_fx.bulk.coupled_step import CoupledStep
+from xper_fx.bulk.coupled_step import Correction, CoupledStep
 from xper_fx.bulk.sparse_direct import SingularMatrixError
 
 logger = logging.getLogger(__name__)
@@ -92,17 +91,11 @@ def _balance(step: CoupledStep, given: list[np.ndarray], moves: bool, follows: b
             return False
         if correction is None:
             return False
-        velocity, time, along = step.velocity, step.loading.time, correction.velocity
-
-        def slope(length: float) -> float:
-            step.move(velocity + length * along, time + length * correction.time)
-            step.impulses = step.on_unknowns(step.answers())
-            return -float(along @ step.balance())
-
+        line = _Line(step, correction)
         if (moves and count == 0) or follows:
-            slope(1.0)
+            line.go(1.0)
         else:
-            _shorten(slope)
+            line.shorten()
         left = float(np.abs(step.balance()).max(initial=0.0))
         if not np.isfinite(left):
             return False
@@ -111,18 +104,38 @@ def _balance(step: CoupledStep, given: list[np.ndarray], moves: bool, follows: b
     return False
 
 
-def _shorten(slope: Callable[[float], float]) -> None:
-    """Go to a length at which the slope is flat: the whole one, or one within it."""
-    first, last = slope(0.0), slope(1.0)
-    low, high, at_low, at_high = 0.0, 1.0, first, last
-    for tried in range(_TRIED):
-        if first >= 0.0 or (last <= _FLAT * abs(first) and (tried == 0 or last >= 0.9 * first)):
-            return
-        length = low - at_low * (high - low) / (at_high - at_low)
-        if tried % 3 == 2:
-            length = 0.5 * (low + high)
-        last = slope(length)
-        if last > 0.0:
-            high, at_high = length, last
-        else:
-            low, at_low = length, last
+class _Line:
+    """The states along a correction, for given impulses.
+
+    Args:
+        step: at the start of the line.
+        correction: its direction.
+    """
+
+    def __init__(self, step: CoupledStep, correction: Correction):
+        self._step, self._correction = step, correction
+        self._velocity, self._time = step.velocity, step.loading.time
+
+    def go(self, length: float) -> float:
+        """Take the state at a length; the slope of the convex function there."""
+        step, along = self._step, self._correction.velocity
+        step.move(self._velocity + length * along, self._time + length * self._correction.time)
+        step.impulses = step.on_unknowns(step.answers())
+        return -float(along @ step.balance())
+
+    def shorten(self) -> None:
+        """Go to a length at which the slope is flat: the whole one, or one within it."""
+        first, last = self.go(0.0), self.go(1.0)
+        low, high, at_low, at_high = 0.0, 1.0, first, last
+        for tried in range(_TRIED):
+            flat = abs(last) <= _FLAT * abs(first) if tried else last <= _FLAT * abs(first)
+            if flat or first >= 0.0:
+                return
+            length = low - at_low * (high - low) / (at_high - at_low)
+            if tried % 3 == 2:
+                length = 0.5 * (low + high)
+            last = self.go(length)
+            if last > 0.0:
+                high, at_high = length, last
+            else:
+                low, at_low = length, last

@@ -63,7 +63,7 @@ class MonolithicScheme:
         self._tolerance, self._max_newton = newton_tolerance, max_newton
         self._stopwatch = stopwatch
         self._compliance: tuple[float, np.ndarray, PointsOfNodes] | None = None
-        stopwatch.owns("coupled system", lambda: self._matrices.nbytes)
+        stopwatch.owns("coupled system", lambda: self.nbytes)
 
     def inverse(self, step: float, displacement: np.ndarray) -> PointsOfNodes:
         """The nodes of the points, and compliances for a step size by which branches are told."""
@@ -143,6 +143,11 @@ class MonolithicScheme:
             newton.left, 0.0, coupled.corrections, newton.left, converged,
         )  # fmt: skip
 
+    @property
+    def nbytes(self) -> int:
+        """Memory held, factors apart, in bytes."""
+        return self._matrices.nbytes
+
     def holds(self, step: float) -> bool:
         """As of `ImplicitScheme`: matrices are made anew from the state."""
         return step > 0.0
@@ -158,5 +163,3 @@ class MonolithicScheme:
         """Take what `saved` gave."""
         if saved:
             self._take(saved["step"], self.bulk.unknowns.from_cells(saved))
-
-

@@ -67,7 +67,20 @@ def _tangent_kernel(law: LawKernels, sides: Sides):
 
     @njit(nogil=True, **LEAN_ENTRY)
     def tangents(
-        v, c, r, w, parameters, terms, details, least, proximal, response, stiffness, source, held, a
+        v,
+        c,
+        r,
+        w,
+        parameters,
+        terms,
+        details,
+        least,
+        proximal,
+        response,
+        stiffness,
+        source,
+        held,
+        a,
     ):
         # a: shape (components, 2 components + 1): I - (1 - p) S_r, S_u, S - r
         for i in range(len(r)):

@@ -169,7 +169,8 @@ class Options:
             )
         if not isinstance(solver, Solver) and solver not in SOLVERS:
             raise ValueError(f"solver should be one of {', '.join(SOLVERS)}, got {solver!r}.")
-        if self.asks_for_one_system and (scene.rigid_bodies is not None or self.scheme == "explicit"):
+        refused = scene.rigid_bodies is not None or self.scheme == "explicit"
+        if self.asks_for_one_system and refused:
             raise ValueError(
                 "The monolithic solver takes meshed bodies and an implicit bulk; leave solver at "
                 '"auto" for a scene of rigid bodies or an explicit bulk.'

@@ -307,8 +307,8 @@ class Simulation(Restartable):
         """What may help where a step does not converge, if it is known."""
         if self._path is not None:
             return (_ON_PATH,)
-        if self.model.monolithic and not self.options.inertia:
-            return (_UNDER_LOAD,)
+        if self.model.monolithic:
+            return () if self.options.inertia else (_UNDER_LOAD,)
         if residual <= self.tolerance < np.inf and newton > self.options.requested.newton_tolerance:
             return (_OF_BULK,)
         return ()
