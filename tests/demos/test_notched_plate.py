@@ -74,7 +74,7 @@ def test_files_hold_what_they_promise(folder):
     assert 0.0 < summary["bytes_per_point"] < 800.0
     for name, fields in (
         ("bulk", {"displacement", "velocity", "stress", "body", "material"}),
-        ("interfaces", {"jump", "traction", "damage", "status"}),
+        ("interfaces", {"jump", "traction", "damage", "spent", "status"}),
     ):
         with meshio.xdmf.TimeSeriesReader(folder / "strong" / f"{name}.xdmf") as reader:
             points, _ = reader.read_points_cells()

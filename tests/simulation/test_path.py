@@ -66,6 +66,8 @@ def test_a_bar_stays_on_its_curve(share, dim):
             + (BOND.critical_opening - BOND.elastic_opening) * (y - y**3 / 3.0)
         )
         assert spent[-1] == pytest.approx((whole - 0.5 * traction * x) * area, rel=1e-6)
+        share = simulation.interactions.gather("spent")
+        np.testing.assert_allclose(share, spent[-1] / (100.0 * area), rtol=1e-6, atol=1e-12)
         assert abs(step.energies["closure"]) < 1e-9 * step.energies["external_work"]
     assert 3 < len(times) < 60
     assert np.all(np.diff(spent) > 0.0)
@@ -87,6 +89,23 @@ def test_a_force_that_falls():
         forces.append(1e5 * step.time)
     assert max(forces) == pytest.approx(soft.strength, rel=2e-3)
     assert forces[-1] < 0.9 * soft.strength
+
+
+@pytest.mark.parametrize("stiffness", [3e12, 3e15])
+def test_broken_is_what_has_spent_its_energy(stiffness):
+    """At 90 % the secant stiffness of the stiffer bond is 1e-4 already."""
+    simulation = follow(bar(0.3 * CRITICAL, CohesiveZone(stiffness, 100.0, 3e6)), growth=0.02)
+    for _ in simulation.steps(1e6):
+        spent = simulation.interactions.gather("spent")
+        if spent.max() > 0.9:
+            break
+    assert spent.max() < 0.99
+    left = simulation.interactions.gather("damage").max()
+    assert (left < 1e-3) == (stiffness > 1e13)
+    broken = xf.output.broken_points
+    assert not broken(simulation).any() and broken(simulation, share=0.9).all()
+    assert xf.output.find_fragments(simulation).max() == 0
+    assert xf.output.find_fragments(simulation, share=0.9).max() == 1
 
 
 def test_the_path_goes_to_its_end():

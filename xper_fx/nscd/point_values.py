@@ -84,8 +84,9 @@ class PointValues:
         Args:
             name: "jump" (m), "velocity" (m/s), "impulse" (N s), "traction" (Pa, opening negative
                 as it pulls the sides together), "status", "energy", "law" (index into `laws`),
-                "area" (m^2; 2D: m), or a history variable of the laws such as "damage" (NaN-free:
-                laws without it give 0).
+                "area" (m^2; 2D: m), "spent" (share of the fracture energy that a bond has spent, 1
+                where its lips have parted for good), or a history variable of the laws such as
+                "damage" (NaN-free: laws without it give 0).
         """
         return self._whole(self.local(name))
 
@@ -94,6 +95,8 @@ class PointValues:
         if name == "traction":
             scale = max(self.committed_step, np.finfo(float).tiny) * self.points.area
             return self.local("impulse") / scale[:, None]
+        if name == "spent":
+            return self._spent()
         if name in ("law", "area"):
             return self.law_of_point if name == "law" else self.points.area
         widths = {"compliance": self.dim * (self.dim + 1) // 2, "energy": len(ENERGIES)}
@@ -113,6 +116,18 @@ class PointValues:
                 out[g.indices] = g.state[:, g.kernels.state_names.index(name)]
             elif hasattr(g, name):
                 out[g.indices] = getattr(g, name)
+        return out
+
+    def _spent(self) -> np.ndarray:
+        """Share of the fracture energy that the bond of each of this rank's points has spent."""
+        out = np.ones(len(self))
+        for g in self._permanent:
+            names = g.kernels.state_names
+            if g.kernels.spent is not None:
+                out[g.indices] = g.kernels.spent(g.parameters, g.state)
+            else:
+                bonded = "damage" in names
+                out[g.indices] = 1.0 - g.state[:, names.index("damage")] if bonded else 0.0
         return out
 
     @property

@@ -15,12 +15,12 @@ from xper_fx.output.recorder import Recorder, point_coordinates
 from xper_fx.plotting.figures import CrackPanel
 from xper_fx.simulation.simulation import Simulation
 
-# What is left of a bond that counts as broken.
-_BROKEN = 1e-3
+# Share of its fracture energy that a broken bond has spent.
+BROKEN = 0.99
 
 
 class Cracks(NamedTuple):
-    """Cracked parts of edges: those of points whose bond has less than 1/1000 left.
+    """Cracked parts of edges: those of points whose bond is broken.
 
     Attributes:
         segments: end points in the reference configuration, shape (m, 2, 2), m.
@@ -33,7 +33,10 @@ class Cracks(NamedTuple):
 
 
 def find_cracks(
-    simulation: Simulation, inclusion: int, ignored_facets: tuple[int, ...] = ()
+    simulation: Simulation,
+    inclusion: int,
+    ignored_facets: tuple[int, ...] = (),
+    share: float = BROKEN,
 ) -> Cracks:
     """Find the cracks of a simulation in the plane; contacts and perfect bonds are none.
 
@@ -41,24 +44,29 @@ def find_cracks(
         simulation: a run with nodal points.
         inclusion: cell tag that counts as inclusion.
         ignored_facets: tags of facets that do not count (precracks).
+        share: of its fracture energy that a broken bond has spent.
     """
     facets = simulation.scene.bodies.facets
     number = simulation.facets_with_law
     x = point_coordinates(simulation).reshape(len(number), -1, simulation.bulk.dim)
-    broken = broken_points(simulation, ignored_facets).reshape(x.shape[:2])
+    broken = broken_points(simulation, ignored_facets, share).reshape(x.shape[:2])
     facet, point = np.nonzero(broken)
     segments = _parts(x)[facet, point]
     return Cracks(segments, (facets.materials[number[facet]] == inclusion).sum(axis=1))
 
 
 def broken_points(
-    simulation: Simulation, ignored_facets: tuple[int, ...] = ()
+    simulation: Simulation, ignored_facets: tuple[int, ...] = (), share: float = BROKEN
 ) -> npt.NDArray[np.bool_]:
-    """Which points on facing facets have less than 1/1000 of their bond left.
+    """At which points on facing facets the bond has spent its fracture energy, or most of it.
+
+    What is left of a bond's secant stiffness would say less: stiffer bonds have lost most of that
+    before they have spent anything.
 
     Args:
         simulation: a run with interactions.
         ignored_facets: tags of facets that do not count (precracks).
+        share: of its fracture energy that a broken bond has spent.
 
     Returns:
         Shape (num_points,), in the order of `point_coordinates`; contacts and perfect bonds are
@@ -67,19 +75,19 @@ def broken_points(
     interactions, number = simulation.interactions, simulation.facets_with_law
     dim = simulation.bulk.dim
     breaks = np.array(["damage" in law.kernels(dim).state_names for law in interactions.laws])
-    # lips that have parted for good have no damage any more, and it reads zero
-    broken = breaks[interactions.gather("law")] & (interactions.gather("damage") < _BROKEN)
+    broken = breaks[interactions.gather("law")] & (interactions.gather("spent") >= share)
     # the points of walls come last
     broken = broken[: len(point_coordinates(simulation))].reshape(len(number), -1)
     broken[np.isin(simulation.scene.bodies.facets.tag[number], ignored_facets)] = False
     return broken.ravel()
 
 
-def find_fragments(simulation: Simulation) -> npt.NDArray[np.int32]:
+def find_fragments(simulation: Simulation, share: float = BROKEN) -> npt.NDArray[np.int32]:
     """Which meshed bodies bonds still hold together.
 
     Args:
         simulation: a run with a mesh.
+        share: of its fracture energy that a broken bond has spent.
 
     Returns:
         The fragment of each body, shape (num_bodies,): 0 is the largest by number of bodies, and so
@@ -89,7 +97,9 @@ def find_fragments(simulation: Simulation) -> npt.NDArray[np.int32]:
     holds = np.zeros(0, bool)
     if len(number):
         count = len(point_coordinates(simulation))
-        holds = ~simulation.interactions.unbonded()[:count].reshape(len(number), -1).all(axis=1)
+        points = simulation.interactions
+        loose = points.unbonded() | (points.gather("spent") >= share)
+        holds = ~loose[:count].reshape(len(number), -1).all(axis=1)
     pairs = bodies.facets.bodies[number[holds]].T
     graph = coo_array((np.ones(pairs.shape[1]), tuple(pairs)), shape=(bodies.num_bodies,) * 2)
     count, label = connected_components(graph, directed=False)

@@ -2,9 +2,9 @@
 """Writes a run into a folder: bulk and interface series, history of each step, summary.
 
 The folder holds `bulk.xdmf` (displacement, velocity, stress, body, material), `interfaces.xdmf`
-(jump, traction, damage, status, on the points of facing facets), `rigid.xdmf` (displacement,
-velocity, spin, body, group, on triangles of the rigid bodies), `history.csv`, `summary.json`,
-`checkpoint.h5`; of the series those that the scene has something for.
+(jump, traction, damage, spent share of the fracture energy, status, on the points of facing
+facets), `rigid.xdmf` (displacement, velocity, spin, body, group, on triangles of the rigid bodies),
+`history.csv`, `summary.json`, `checkpoint.h5`; of the series those that the scene has something for.
 
 A checkpoint holds the run, and how far its files had come. A restart takes them back to there, so
 that they go on without a step that is missing or there twice.
@@ -274,7 +274,7 @@ class Recorder:
             if simulation.scene.bodies is not None:
                 self._write_bulk()
                 if len(simulation.facets_with_law):
-                    names = ("jump", "traction", "damage", "status")
+                    names = ("jump", "traction", "damage", "spent", "status")
                     fields = {name: simulation.interactions.gather(name) for name in names}
                     self._at_root(partial(self._write_interfaces, fields))
             if simulation.rigid is not None:

@@ -30,6 +30,7 @@ size.
 
 from __future__ import annotations
 
+import logging
 import math
 from collections import deque
 from collections.abc import Mapping
@@ -40,6 +41,8 @@ import numpy as np
 from xper_fx.nscd.interactions import StepWork
 from xper_fx.simulation.energy_ledger import BulkEnergies
 from xper_fx.simulation.requested_accuracy import IMPULSES, RequestedAccuracy
+
+logger = logging.getLogger(__name__)
 
 # Estimate over what is allowed, above which a step is taken again.
 _REJECT = 4.0
@@ -173,6 +176,7 @@ class AccuracyControl:
             if self.adapts_step and size > self._least and (self._ratio > _REJECT or turn > bound):
                 self._ratio = max(self._ratio, (turn / bound) ** 2 if bound > 0.0 else 0.0)
                 self._shorten(size)
+                logger.info("step at %.3g s of h = %.3g s is too coarse", time, size)
                 return False
         return True
 

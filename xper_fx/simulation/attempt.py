@@ -13,6 +13,8 @@ import numpy as np
 from xper_fx.bulk.state import State, StepOutcome
 from xper_fx.nscd import solvers
 from xper_fx.nscd.solvers.solver import SolveOptions, Solver
+from xper_fx.simulation.advice import FOR_NOTHING, OF_BULK, ON_PATH, UNDER_LOAD
+from xper_fx.simulation.doubts import BROKEN_FOR_NOTHING, UNSEEN, Doubts
 from xper_fx.simulation.model import Model
 from xper_fx.simulation.options import SOLVERS
 
@@ -42,6 +44,8 @@ class StepAttempts:
 
     Attributes:
         solver: of the interactions.
+        doubts: about the steps that were taken.
+        breaks_for_nothing: whether bonds broke in the last attempt whose openings it does not have.
         rigid_work: of the last attempt, None without rigid bodies.
         rigid_reactions: impulses that drive or hold rigid bodies in the last attempt, None without
             driven ones.
@@ -50,6 +54,7 @@ class StepAttempts:
     def __init__(self, model: Model):
         self._model, self._watch = model, model.stopwatch
         self.solver = _solver(model)
+        self.doubts, self.breaks_for_nothing = Doubts(), False
         self.rigid_work: RigidWork | None = None
         self.rigid_reactions: np.ndarray | None = None
         bodies = model.scene.rigid_bodies
@@ -71,6 +76,7 @@ class StepAttempts:
             The outcome, converged or not; None if the step goes too far and can be cut, or if a
             rigid body spins too fast for it.
         """
+        model, self.breaks_for_nothing = self._model, False
         outrun = self._outruns_contacts(state, size)
         if outrun and not last_try:
             return None
@@ -78,19 +84,17 @@ class StepAttempts:
         if outcome is None:
             return None
         if outrun:
-            logger.warning(
-                "step %d at h = %.3g s: bodies move so far that they may pass through each other "
-                "unseen; take a smaller step", number, size,
-            )  # fmt: skip
+            self.doubts.tell(UNSEEN, number, size)
         if not outcome.converged:
             return outcome
-        if not last_try and (self._flows_too_far(outcome) or self._breaks_for_nothing()):
+        points = model.interactions
+        self.breaks_for_nothing = points is not None and points.too_far > _LARGEST_EXCESS
+        if not last_try and (self.breaks_for_nothing or self._flows_too_far(outcome)):
             return None
-        if self._breaks_for_nothing():
-            logger.warning(
-                "step %d at h = %.3g s: bonds broke that stay closed, for no energy; take a "
-                "smaller step or tolerance", number, size,
-            )  # fmt: skip
+        if self.breaks_for_nothing:
+            if not model.options.forgiving:
+                return outcome._replace(converged=False)
+            self.doubts.tell(BROKEN_FOR_NOTHING, number, size)
         return outcome
 
     def along_path(
@@ -127,6 +131,24 @@ class StepAttempts:
                 break
             path.shorten(to_end / change)
         return outcome, size
+
+    def advice(self, residual: float, newton: float, tolerance: float) -> tuple[str, ...]:
+        """What may help after the last attempt, which did not converge; empty if nothing is known.
+
+        Args:
+            residual, newton: that the interactions and the bulk left.
+            tolerance: of the interactions.
+        """
+        options = self._model.options
+        if self.breaks_for_nothing:
+            return (FOR_NOTHING,)
+        if options.path is not None:
+            return (ON_PATH,)
+        if self._model.monolithic:
+            return () if options.inertia else (UNDER_LOAD,)
+        if residual <= tolerance < np.inf and newton > options.requested.newton_tolerance:
+            return (OF_BULK,)
+        return ()
 
     def _attempt(self, state: State, size: float, tolerance: float) -> StepOutcome | None:
         """One step with the rigid bodies; None if one of them spins too fast for it."""
@@ -191,11 +213,6 @@ class StepAttempts:
         with self._watch.phase("flow check"):
             displacement = bulk.unknowns.expand(outcome.state.displacement)
             return ranks.max(bulk.forms.largest_increment(displacement)) > _LARGEST_FLOW
-
-    def _breaks_for_nothing(self) -> bool:
-        """Whether bonds were broken by iterates whose openings the step does not have."""
-        interactions = self._model.interactions
-        return interactions is not None and interactions.too_far > _LARGEST_EXCESS
 
 
 def _solver(model: Model) -> Solver:

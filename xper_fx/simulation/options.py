@@ -33,7 +33,7 @@ class Options:
         requested: step, tolerances and accuracy.
         scheme: "implicit" or "explicit".
         scheme_is_picked: whether the user left it open.
-        theta, max_newton, max_halvings, inertia, solver: as given.
+        theta, max_newton, max_halvings, forgiving, inertia, solver: as given.
         solve: of the interactions, with the first tolerance.
         path: control of the load of a static run, None where its time is given.
     """
@@ -46,6 +46,7 @@ class Options:
     solve: SolveOptions
     max_newton: int
     max_halvings: int
+    forgiving: bool
     inertia: bool
     path: GrowthControl | None
 
@@ -72,6 +73,7 @@ class Options:
         solve: SolveOptions,
         max_newton: int,
         max_halvings: int,
+        forgiving: bool,
         inertia: bool,
         path: GrowthControl | None,
     ) -> Options:
@@ -96,6 +98,7 @@ class Options:
             solve,
             max_newton,
             max_halvings,
+            forgiving,
             inertia,
             path,
         )

@@ -45,6 +45,10 @@ class GrowthControl:
             require_positive(name, getattr(self, name))
         require_count("iterations", self.iterations, 1)
 
+    def follower(self) -> PathFollower:
+        """What a run asks for each step."""
+        return PathFollower(self)
+
 
 class PathFollower:
     """Where a run is on its path.

@@ -3,8 +3,10 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,6 +18,8 @@ from xper_fx.simulation.readings import Readings
 
 if TYPE_CHECKING:
     from xper_fx.periodic.averages import Macroscopic
+
+logger = logging.getLogger(__name__)
 
 _NONE = np.zeros(0)
 
@@ -29,6 +33,30 @@ class Restartable(Readings):
     macroscopic: Macroscopic | None
     _course: Course
     _resumes: bool
+    _save: Callable[[], Path] | None
+
+    def save_on_failure(self, save: Callable[[], Path] | None) -> None:
+        """Save the state where a step does not converge, before the error is raised.
+
+        Args:
+            save: saves the state and returns the file; None to save nothing.
+
+        Raises:
+            TypeError: `save` cannot be called.
+        """
+        if save is not None and not callable(save):
+            raise TypeError(f"save should be a function that returns a file's path, got {save!r}.")
+        self._save = save
+
+    def _save_state(self) -> Path | None:
+        self._course = Course()
+        if self._save is None:
+            return None
+        try:
+            return self._save()
+        except OSError as error:
+            logger.error("the state could not be saved: %s", error)
+            return None
 
     def saved(self) -> dict:
         """All that the rest of the run depends on, in nested dictionaries.

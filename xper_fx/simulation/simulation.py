@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,7 +13,6 @@ import numpy as np
 from mpi4py import MPI
 
 from xper_fx.bulk.state import State, StepOutcome
-from xper_fx.nscd.interactions import StepWork
 from xper_fx.nscd.solvers.solver import SolveOptions, Solver
 from xper_fx.scene.scene import Scene
 from xper_fx.simulation.attempt import StepAttempts
@@ -31,27 +30,12 @@ from xper_fx.support.profile import Stopwatch
 from xper_fx.support.ranks import Ranks
 
 if TYPE_CHECKING:
-    from xper_fx.simulation.path import GrowthControl, PathFollower
+    from xper_fx.simulation.path import GrowthControl
 
 logger = logging.getLogger(__name__)
 
 # Steps of a picked explicit bulk above which a user is told that an implicit one may be cheaper.
 _MANY_STEPS = 100_000
-# Advice where a step does not converge.
-_ON_PATH = (
-    "Bonds may flip between loading and unloading: try a smaller growth of the GrowthControl, "
-    "softer bonds, or facets that resolve the cohesive zone; look at the last output first."
-)
-_UNDER_LOAD = (
-    "There may be no equilibrium at this load, or it snaps: follow its path "
-    "(path=xf.GrowthControl()), or give the bodies inertia; look at the last output first."
-)
-_OF_BULK = (
-    "The interactions converge and the bulk does not: try a smaller step, a larger max_newton, or "
-    'solver="monolithic"; look at the last output first.'
-)
-# Energy that nothing accounts for beside what a static step dissipates, above which it has snapped.
-_SNAPPED = 0.5
 # Time this small beside the end is rounding.
 _ROUNDING = 1e-12
 
@@ -88,6 +72,9 @@ class Simulation(Restartable):
         max_halvings: how often a step that does not converge, in which a material flows by more
             than 5 % strain, in which iterates broke bonds that stay closed, or in which bodies
             would pass through each other unseen, is cut in two.
+        forgiving: whether to go on, with a warning and a count at the end, where iterates broke
+            bonds that stay closed, for no energy, however often the step was cut; else that is a
+            ConvergenceError.
         inertia: False for a static run (theta = 1): bodies without mass, which motions, a
             periodic cell's ties or interactions with bodies that are held must hold, as nothing
             regularises the stiffness.
@@ -131,6 +118,7 @@ class Simulation(Restartable):
         newton_tolerance: float | None = None,
         max_newton: int = 25,
         max_halvings: int = 6,
+        forgiving: bool = False,
         inertia: bool = True,
         path: GrowthControl | None = None,
         num_threads: int | None = None,
@@ -140,8 +128,8 @@ class Simulation(Restartable):
         options = Options.checked(
             scene, requested, scheme=scheme, theta=theta, solver=solver,
             solve=SolveOptions(requested.tolerance, max_sweeps, relaxation, num_threads),
-            max_newton=max_newton, max_halvings=max_halvings, inertia=inertia,
-            path=path,
+            max_newton=max_newton, max_halvings=max_halvings, forgiving=forgiving,
+            inertia=inertia, path=path,
         )  # fmt: skip
         self.scene, self.team = scene, Ranks(comm)
         self.stopwatch = Stopwatch()
@@ -158,19 +146,13 @@ class Simulation(Restartable):
         self.last: StepOutcome | None = None
         self.macroscopic = self._macroscopic(None, None, self.step_size)
         self._attempts = StepAttempts(model)
-        self._path = None if path is None else self._follower(path)
+        self._path = None if path is None else path.follower()
         self._before: State | None = None
         self._last_size = self.step_size
         self._rigid_reactions: np.ndarray | None = None
-        self._save: Callable[[], Path] | None = None
+        self._save = None
         self._course = Course()
-        self._resumes = self._snapped = False
-
-    @staticmethod
-    def _follower(path: GrowthControl) -> PathFollower:
-        from xper_fx.simulation.path import PathFollower
-
-        return PathFollower(path)
+        self._resumes = False
 
     @property
     def options(self) -> Options:
@@ -201,9 +183,16 @@ class Simulation(Restartable):
             raise ValueError(
                 f"end_time {end_time:g} s lies before the present time {self.state.time:g} s."
             )
-        if self._path is not None:
-            yield from self._follow(end_time)
-            return
+        try:
+            if self._path is not None:
+                yield from self._follow(end_time)
+            else:
+                yield from self._step_on(end_time)
+        finally:
+            self._attempts.doubts.sum_up()
+
+    def _step_on(self, end_time: float) -> Iterator[StepRecord]:
+        """Steps whose times are given or picked."""
         control = self.model.control
         fixed = control is None or not control.adapts_step
         course = self._course
@@ -231,20 +220,22 @@ class Simulation(Restartable):
     def _advance(self, end_time: float) -> Iterator[StepRecord]:
         """The pieces of a step that are left to do; none if it should be shorter."""
         pieces, most = self._course.pieces, self.options.max_halvings
+        control = self.model.control
         while pieces:
             size, halvings = pieces.pop()
-            last_try = halvings >= most
+            last_try, record = halvings >= most, None
             with self.stopwatch.phase("step"):
                 outcome = self._attempts.step(
                     self.state, size, self.tolerance, self.step_number + 1, last_try
                 )
-                good = outcome is not None and outcome.converged
-                if good:
+                if outcome is not None and outcome.converged:
                     energies = self._bulk_energies(outcome, size)
-                    if not self._accurate(size, energies, end_time) and not halvings:
+                    time = self.state.time
+                    good = control is None or control.accepts(time, size, energies, end_time)
+                    if not (good or halvings):
                         return
                     record = self._commit(outcome, size, energies)
-            if good:
+            if record is not None:
                 yield record
             elif last_try:
                 self._give_up(outcome, size)
@@ -263,12 +254,11 @@ class Simulation(Restartable):
                 outcome, size = self._attempts.along_path(
                     self.state, self.step_size, path, end_time
                 )
-                good = outcome.converged
-                if good:
+                if outcome.converged:
                     change = outcome.state.time - self.state.time
                     path.succeeded(change, outcome.newton_iterations)
                     record = self._commit(outcome, size, self._bulk_energies(outcome, size))
-            if good:
+            if outcome.converged:
                 yield record._replace(size=change)
             elif not path.failed():
                 self._give_up(outcome, size)
@@ -297,21 +287,11 @@ class Simulation(Restartable):
                     self.scene, self.bulk, self.interactions, self.state, outcome, size
                 )
                 self._require_finite(source, size)
-        advice = self._advice(residual, newton)
+        helps = self._attempts.advice(residual, newton, self.tolerance)
         raise ConvergenceError(
             self.step_number + 1, self.state.time, size, residual, newton, self._save_state(),
-            *advice,
+            *helps,
         )  # fmt: skip
-
-    def _advice(self, residual: float, newton: float) -> tuple[str, ...]:
-        """What may help where a step does not converge, if it is known."""
-        if self._path is not None:
-            return (_ON_PATH,)
-        if self.model.monolithic:
-            return () if self.options.inertia else (_UNDER_LOAD,)
-        if residual <= self.tolerance < np.inf and newton > self.options.requested.newton_tolerance:
-            return (_OF_BULK,)
-        return ()
 
     def _require_finite(self, source: str | None, size: float) -> None:
         """Raise a NotFiniteError if something has given a number that is not finite."""
@@ -319,16 +299,6 @@ class Simulation(Restartable):
             raise NotFiniteError(
                 self.step_number + 1, self.state.time, size, source, self._save_state()
             )
-
-    def _accurate(self, size: float, energies: BulkEnergies, end_time: float) -> bool:
-        """Whether the step from the present state is as accurate as asked for, if anything is."""
-        control = self.model.control
-        if control is None:
-            return True
-        good = control.accepts(self.state.time, size, energies, end_time)
-        if not good:
-            logger.info("step at %.3g s of h = %.3g s is too coarse", self.state.time, size)
-        return good
 
     def _commit(self, outcome: StepOutcome, size: float, energies: BulkEnergies) -> StepRecord:
         attempts, control = self._attempts, self.model.control
@@ -341,7 +311,7 @@ class Simulation(Restartable):
             self.ledger.record(self.state, outcome, size, energies, work, attempts.rigid_work)
         self._require_finite(not_finite_columns(self.ledger.as_columns()), size)
         if work is not None and not self.options.inertia:
-            self._tell_snap(work)
+            attempts.doubts.tell_snap(work, self.step_number + 1, size)
         if self.detection is not None:
             with self.stopwatch.phase("contact search"):
                 self.detection.release(
@@ -365,39 +335,3 @@ class Simulation(Restartable):
             outcome.traction_change, outcome.newton_iterations, outcome.newton_residual,
             self.ledger.as_columns(),
         )  # fmt: skip
-
-    def _tell_snap(self, work: StepWork) -> None:
-        """Warn, once, of a static step that jumped to a state in which bonds are broken."""
-        if self._snapped or work.numerical <= _SNAPPED * work.cohesion or work.cohesion <= 0.0:
-            return
-        self._snapped = True
-        logger.warning(
-            "step %d: the load snaps: bonds dissipate %.3g J (2D: J/m) and %.3g J more are freed; "
-            "with path=xf.GrowthControl() the load is found that the structure bears",
-            self.step_number + 1, work.cohesion, work.numerical,
-        )  # fmt: skip
-
-    # Saving
-
-    def save_on_failure(self, save: Callable[[], Path] | None) -> None:
-        """Save the state where a step does not converge, before the error is raised.
-
-        Args:
-            save: saves the state and returns the file; None to save nothing.
-
-        Raises:
-            TypeError: `save` cannot be called.
-        """
-        if save is not None and not callable(save):
-            raise TypeError(f"save should be a function that returns a file's path, got {save!r}.")
-        self._save = save
-
-    def _save_state(self) -> Path | None:
-        self._course = Course()
-        if self._save is None:
-            return None
-        try:
-            return self._save()
-        except OSError as error:
-            logger.error("the state could not be saved: %s", error)
-            return None

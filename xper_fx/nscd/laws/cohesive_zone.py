@@ -54,6 +54,7 @@ from xper_fx.nscd.laws.damage_curve import (
     OPENING_MAX,
     damage,
     mean_damage,
+    spent_share,
 )
 from xper_fx.nscd.laws.law import (
     COHESION,
@@ -355,4 +356,5 @@ def _kernels(dim: int, friction: bool, lagged: bool) -> LawKernels:
         num_details=num_details,
         state_names=("opening_max", "damage"),
         energies=ENERGIES,
+        spent=spent_share,
     )

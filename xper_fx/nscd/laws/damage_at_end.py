@@ -45,6 +45,7 @@ from xper_fx.nscd.laws.damage_curve import (
     OPENING_MAX,
     damage,
     dissipated,
+    spent_share,
 )
 from xper_fx.nscd.laws.law import (
     COHESION,
@@ -232,4 +233,5 @@ def end_kernels(dim: int, friction: bool) -> LawKernels:
         state_names=("opening_max", "damage"),
         energies=ENERGIES,
         growth=_growth,
+        spent=spent_share,
     )

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from xper_fx.cache import njit
 from xper_fx.nscd.kernel_options import LEAN_ENTRY
 
@@ -56,3 +58,13 @@ def dissipated(x, d0, dc, beta0):
     y = min(x - d0, length) / length
     spent = beta0 * d0 * (0.5 * d0 + length * y * (1.0 - y * y / 3.0))
     return spent - 0.5 * damage(x, d0, dc, beta0) * x * x
+
+
+def spent_share(parameters: np.ndarray, state: np.ndarray) -> np.ndarray:
+    """Share of the fracture energy that each bond has spent (`LawKernels.spent`)."""
+    d0, length = parameters[:, D0], parameters[:, DC] - parameters[:, D0]
+    y = np.clip((state[:, OPENING_MAX] - d0) / length, 0.0, 1.0)
+    # in units of beta0 d0: area under the curve, less what the bond holds, over the whole area
+    held = 0.5 * (d0 + length * y) * (1.0 - y * y)
+    share = (0.5 * d0 + length * y * (1.0 - y * y / 3.0) - held) / (0.5 * d0 + length * 2.0 / 3.0)
+    return np.where(state[:, DAMAGE] > 0.0, share, 1.0)

@@ -29,6 +29,10 @@ may go (`xper_fx/nscd/growth.py`): the largest opening so far (m), infinite wher
 and the length of the bond's curve (m). None for a law whose damage is not that of the end of the
 step.
 
+`spent(parameters, state)`, of all points of a group, gives the share of the fracture energy that
+each bond has spent, in [0, 1]. None for a law that has no bond; with a history variable "damage"
+and no `spent`, that is what is lost of it.
+
 `name` and `effects` are for the table of effects (`xper_fx/output/effects.py`): pairs of an
 effect's name, of the table or new, and how many of a point's parameters, state, terms and details
 it needs.
@@ -45,8 +49,8 @@ STORED, COHESION, FRICTION, IMPACT, NUMERICAL = range(len(ENERGIES))  # of a law
 LawKernels = namedtuple(
     "LawKernels",
     "name effects components prepare solve evolve commit num_terms num_details state_names "
-    "energies growth",
-    defaults=(None,),
+    "energies growth spent",
+    defaults=(None, None),
 )
 
 

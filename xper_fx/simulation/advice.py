@@ -1,0 +1,19 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""What may help where a step does not converge, if that is known."""
+
+ON_PATH = (
+    "Bonds may flip between loading and unloading: try a smaller growth of the GrowthControl, "
+    "softer bonds, or facets that resolve the cohesive zone; look at the last output first."
+)
+UNDER_LOAD = (
+    "There may be no equilibrium at this load, or it snaps: follow its path "
+    "(path=xf.GrowthControl()), or give the bodies inertia; look at the last output first."
+)
+FOR_NOTHING = (
+    "Iterates broke bonds that stay closed, for no energy: try a smaller step or tolerance, or "
+    "forgiving=True to go on with that; look at the last output first."
+)
+OF_BULK = (
+    "The interactions converge and the bulk does not: try a smaller step, a larger max_newton, or "
+    'solver="monolithic"; look at the last output first.'
+)

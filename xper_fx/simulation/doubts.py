@@ -1,0 +1,58 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""What a run goes on with although it may be wrong: told at the first step, counted to the end."""
+
+from __future__ import annotations
+
+import logging
+from collections import Counter
+
+from xper_fx.nscd.interactions import StepWork
+
+logger = logging.getLogger(__name__)
+
+BROKEN_FOR_NOTHING = "bonds broke that stay closed, for no energy; take a smaller step or tolerance"
+UNSEEN = "bodies move so far that they may pass through each other unseen; take a smaller step"
+_SNAPS = (
+    "the load snaps, as it frees energy that no bond takes up; with path=xf.GrowthControl() the "
+    "load is found that the structure bears"
+)
+# Energy that nothing accounts for beside what a static step dissipates, above which it has snapped.
+_SNAPPED = 0.5
+
+
+class Doubts:
+    """Doubts about the steps of a run."""
+
+    def __init__(self) -> None:
+        self._counts: Counter[str] = Counter()
+
+    def tell(self, doubt: str, number: int, size: float, detail: str = "") -> None:
+        """Warn of a step's doubt if it is the first of its kind.
+
+        Args:
+            doubt: what is doubted and what to do.
+            number: of the step.
+            size: h (s).
+            detail: of this step, to end the sentence.
+        """
+        self._counts[doubt] += 1
+        if self._counts[doubt] == 1:
+            logger.warning("step %d at h = %.3g s: %s%s", number, size, doubt, detail)
+
+    def tell_snap(self, work: StepWork, number: int, size: float) -> None:
+        """Warn of a static step that jumped to a state in which bonds are broken.
+
+        Args:
+            work: of the interactions in the step.
+            number, size: as of `tell`.
+        """
+        if work.cohesion > 0.0 and work.numerical > _SNAPPED * work.cohesion:
+            freed = f": bonds dissipate {work.cohesion:.3g} J, {work.numerical:.3g} J more is freed"
+            self.tell(_SNAPS, number, size, freed)
+
+    def sum_up(self) -> None:
+        """Warn of what was not the only step of its kind, and begin anew."""
+        for doubt, count in self._counts.items():
+            if count > 1:
+                logger.warning("%d steps: %s", count, doubt)
+        self._counts.clear()
