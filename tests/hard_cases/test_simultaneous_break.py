@@ -12,6 +12,7 @@ from xper_fx.materials import LinearElastic
 from xper_fx.nscd.laws import CohesiveZone
 from xper_fx.scene.scene import Scene
 from xper_fx.simulation.simulation import Simulation
+from xper_fx.support.errors import ConvergenceError
 
 SCHEMES = [("implicit", "nlgs"), ("implicit", "newton"), ("implicit", "auto"), ("explicit", "auto")]
 MATERIAL = LinearElastic(1e4, 0.3, 1.0)
@@ -19,7 +20,7 @@ MATERIAL = LinearElastic(1e4, 0.3, 1.0)
 W, LAW = 1e-2, CohesiveZone(1e7, 1e-2, 100.0, friction=0.3)
 
 
-def simulation_of(bodies, velocity, scheme, solver, step=1e-4):
+def simulation_of(bodies, velocity, scheme, solver, step=1e-4, forgiving=True):
     scene = Scene(
         bodies,
         {tag: MATERIAL for tag in np.unique(bodies.material_of_cell).tolist()},
@@ -27,7 +28,7 @@ def simulation_of(bodies, velocity, scheme, solver, step=1e-4):
         initial_velocity=velocity,
     )
     options = {"tolerance": 1e-10, "num_threads": 1, "max_halvings": 0}
-    return Simulation(scene, step, scheme=scheme, solver=solver, **options)
+    return Simulation(scene, step, scheme=scheme, solver=solver, forgiving=forgiving, **options)
 
 
 def mirrored(simulation, axis):
@@ -111,3 +112,15 @@ def test_a_plate(scheme, solver, step, allowed, figure):
     figure(case, "asymmetry of velocities < 1e-9", asymmetry)
     assert -allowed < spent < 1e-9
     assert moved < 1e-13 and missing < 1e-12 and asymmetry < 1e-9
+
+
+def test_bonds_that_break_for_nothing_stop_a_run(caplog):
+    """Unless asked otherwise."""
+    rate = lambda x: 4000.0 * np.stack([x[0] - 4.0, x[1] - 4.0])  # noqa: E731
+    bodies = box_bodies((8, 8), (8, 8))
+    with pytest.raises(ConvergenceError, match="broke bonds that stay closed, for no energy"):
+        run(simulation_of(bodies, rate, "implicit", "nlgs", forgiving=False), 20)
+    with caplog.at_level("WARNING", logger="xper_fx"):
+        run(simulation_of(bodies, rate, "implicit", "nlgs"), 20)
+    (told,) = (r.getMessage() for r in caplog.records)
+    assert told.startswith("step 1 at h = 0.0001 s: bonds broke that stay closed")

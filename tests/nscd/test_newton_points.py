@@ -10,6 +10,7 @@ from plates import crossed_plate
 from solving import solve
 from test_nlgs import check_velocity, dense_h, dense_w, gauss_scene, tetrahedra_scene
 
+from xper_fx.nscd.algebra.krylov import gmres
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.inverse_blocks import BodyInverse
 from xper_fx.nscd.laws import CohesiveZone, PerfectBond, SignoriniCoulomb, Tresca
@@ -23,7 +24,6 @@ from xper_fx.nscd.solvers import (
     tangent,
 )
 from xper_fx.nscd.solvers.clusters import facing_clusters
-from xper_fx.nscd.solvers.krylov import gmres
 from xper_fx.nscd.solvers.tangent import LinearisedProblem
 
 SIZE, THETA = 50e-6, 0.5

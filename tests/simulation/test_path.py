@@ -66,8 +66,8 @@ def test_a_bar_stays_on_its_curve(share, dim):
             + (BOND.critical_opening - BOND.elastic_opening) * (y - y**3 / 3.0)
         )
         assert spent[-1] == pytest.approx((whole - 0.5 * traction * x) * area, rel=1e-6)
-        share = simulation.interactions.gather("spent")
-        np.testing.assert_allclose(share, spent[-1] / (100.0 * area), rtol=1e-6, atol=1e-12)
+        of_energy = simulation.interactions.gather("spent")
+        np.testing.assert_allclose(of_energy, spent[-1] / (100.0 * area), rtol=1e-6, atol=1e-12)
         assert abs(step.energies["closure"]) < 1e-9 * step.energies["external_work"]
     assert 3 < len(times) < 60
     assert np.all(np.diff(spent) > 0.0)

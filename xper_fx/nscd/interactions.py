@@ -184,7 +184,7 @@ class Interactions(PointValues):
         mass = sum(float(np.sum(1.0 / t[t > 0.0])) for t in traces)
         others = sum(not g.sides.lever_arms or g.kernels.evolve is not None for g in self.groups)
         counts = (stiffness, mass, len(self.groups), others)
-        stiffness, self._mass, groups, others = self._sum(np.array(counts, float)).tolist()
+        stiffness, self._mass, groups, others = self.total(np.array(counts, float)).tolist()
         self._stiffness = math.sqrt(stiffness)
         self._all_of_rigid = groups > 0 and others == 0
 
@@ -262,7 +262,7 @@ class Interactions(PointValues):
         """
         speed = float(np.abs(velocity).max(initial=0.0))
         if self.halo is not None:
-            speed = self.halo.ranks.max(speed)
+            speed = self.largest(speed)
         return _ROUNDING * speed * self._stiffness
 
     @property
@@ -279,7 +279,7 @@ class Interactions(PointValues):
         Returns:
             (p . w p)^(1/2) with p = H r, and the same of the rounding of velocities; kg^(1/2) m/s.
         """
-        energy = self._sum(float(np.vdot(self._own_impulses(), velocity - free)))
+        energy = self.total(float(np.vdot(self._own_impulses(), velocity - free)))
         speed = float(np.abs(velocity).max(initial=0.0))
         return math.sqrt(max(energy, 0.0)), _ROUNDING * speed * math.sqrt(self._mass)
 
@@ -374,7 +374,7 @@ class Interactions(PointValues):
         self.committed_step = self.step_size
         if self.renewals:
             self._found.commit()
-        return StepWork(*self._sum(np.array([totals[name] for name in StepWork._fields])).tolist())
+        return StepWork(*self.total(np.array([totals[name] for name in StepWork._fields])).tolist())
 
     def _work_of_change(self, group: PointGroup, velocity: np.ndarray) -> float:
         """Half the work (J; 2D: J/m) in the step of what tractions have changed by."""

@@ -37,9 +37,24 @@ class PointValues:
     _points: InteractionPoints | None  # put together when asked for if None
     _grouping: Grouping
 
-    def _sum(self, value):
-        """Sum over all ranks."""
+    # What ranks that share points agree on, so that all of them decide alike
+
+    def total(self, value):
+        """Sum over all ranks of numbers, or of arrays of one shape; the same bits on each."""
         return value if self.halo is None else self.halo.ranks.sum(value)
+
+    def largest(self, value):
+        """Largest over all ranks of numbers, or of arrays of one shape entry by entry."""
+        return value if self.halo is None else self.halo.ranks.max(value)
+
+    def everywhere(self, condition) -> bool:
+        """Whether something holds on all ranks."""
+        return bool(condition) if self.halo is None else self.halo.ranks.all(condition)
+
+    def refresh_ghosts(self, velocity: np.ndarray) -> None:
+        """Let ghosts follow their owners; `velocity` has shape (num_slots * dim,)."""
+        if self.halo is not None:
+            self.halo.everywhere.forward(velocity)
 
     def _whole(self, values: np.ndarray) -> np.ndarray:
         """Of values at this rank's permanent points, shape (num_points, ...), those of all."""
@@ -60,7 +75,7 @@ class PointValues:
     @property
     def num_points(self) -> int:
         """Number of permanent points, on all ranks."""
-        return int(self._sum(len(self)))
+        return int(self.total(len(self)))
 
     def unbonded(self) -> np.ndarray:
         """Which permanent points nothing holds together, shape (num_points,).

@@ -4,7 +4,8 @@
 The folder holds `bulk.xdmf` (displacement, velocity, stress, body, material), `interfaces.xdmf`
 (jump, traction, damage, spent share of the fracture energy, status, on the points of facing
 facets), `rigid.xdmf` (displacement, velocity, spin, body, group, on triangles of the rigid bodies),
-`history.csv`, `summary.json`, `checkpoint.h5`; of the series those that the scene has something for.
+`history.csv`, `summary.json`, `checkpoint.h5`; of the series those that the scene has something
+for.
 
 A checkpoint holds the run, and how far its files had come. A restart takes them back to there, so
 that they go on without a step that is missing or there twice.

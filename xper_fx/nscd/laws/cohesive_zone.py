@@ -42,6 +42,7 @@ import numpy as np
 from xper_fx.cache import njit
 from xper_fx.nscd.algebra.small import for_dimension
 from xper_fx.nscd.kernel_options import LEAN_INNER
+from xper_fx.nscd.laws.contact_losses import contact_losses
 from xper_fx.nscd.laws.contact_solver import contact_solver
 from xper_fx.nscd.laws.damage_curve import (
     BETA0,
@@ -56,15 +57,7 @@ from xper_fx.nscd.laws.damage_curve import (
     mean_damage,
     spent_share,
 )
-from xper_fx.nscd.laws.law import (
-    COHESION,
-    ENERGIES,
-    FRICTION,
-    IMPACT,
-    NUMERICAL,
-    STORED,
-    LawKernels,
-)
+from xper_fx.nscd.laws.law import COHESION, ENERGIES, STORED, LawKernels
 from xper_fx.support.checks import require_non_negative, require_positive, take_numbers
 
 
@@ -178,7 +171,7 @@ def _kernels(dim: int, friction: bool, lagged: bool) -> LawKernels:
     dot, add, subtract, scale = algebra.dot, algebra.add, algebra.subtract, algebra.scale
     diagonal, sym_vector = algebra.multiply_diagonal, algebra.sym_vector
     soften = algebra.compliance_with_springs
-    contact = contact_solver(dim, friction)
+    contact, book_losses = contact_solver(dim, friction), contact_losses(dim, friction)
     num_sym = dim * (dim + 1) // 2
 
     # Columns of terms, with velocities relative to jump_h / (h theta): the squared speed beyond
@@ -317,25 +310,12 @@ def _kernels(dim: int, friction: bool, lagged: bool) -> LawKernels:
         # The lips are closed when they push harder than they would part (natural map). What rhat
         # works at an open or sticking point, or with the wrong sign, is the solver's tolerance.
         pressing = hat[0] * terms[i, soft] > u[0] + terms[i, middle]
-        lost_n = -hat[0] * moved[0] / step
-        lost_t = -(dot(hat, moved) - hat[0] * moved[0]) / step
-        sliding = pressing
-        if friction:
-            size = dot(hat, hat) - hat[0] * hat[0]
-            bound = parameters[i, MU] * hat[0]
-            sliding = pressing and size >= (1.0 - 1e-6) * bound * bound
         energy[i, STORED] = new * e1
         energy[i, COHESION] = (beta - new) * e1 + (old - beta) * e0
-        energy[i, FRICTION] = max(lost_t, 0.0) if friction and sliding else 0.0
-        energy[i, IMPACT] = max(lost_n, 0.0) if pressing else 0.0
-        energy[i, NUMERICAL] = (
-            (theta - 0.5) * beta * area * dot(moved, diagonal(c_n, c_t, moved))
-            + lost_t - energy[i, FRICTION]
-            + lost_n - energy[i, IMPACT]
-        )  # fmt: skip
         state[i, OPENING_MAX] = reached
         state[i, DAMAGE] = new
-        return 2 if sliding else (1 if pressing else 0)
+        numerical = (theta - 0.5) * beta * area * dot(moved, diagonal(c_n, c_t, moved))
+        return book_losses(i, hat, moved, step, pressing, numerical, parameters, energy)
 
     effects = [
         ("cohesion", 6 + dim + num_sym),  # C, P / k, beta_m k, W~, k

@@ -34,6 +34,7 @@ import numpy as np
 from xper_fx.cache import njit
 from xper_fx.nscd.algebra.small import for_dimension
 from xper_fx.nscd.kernel_options import LEAN_INNER
+from xper_fx.nscd.laws.contact_losses import contact_losses
 from xper_fx.nscd.laws.damage_curve import (
     BETA0,
     C_N,
@@ -47,15 +48,7 @@ from xper_fx.nscd.laws.damage_curve import (
     dissipated,
     spent_share,
 )
-from xper_fx.nscd.laws.law import (
-    COHESION,
-    ENERGIES,
-    FRICTION,
-    IMPACT,
-    NUMERICAL,
-    STORED,
-    LawKernels,
-)
+from xper_fx.nscd.laws.law import COHESION, ENERGIES, STORED, LawKernels
 
 # Part of an impulse that is not the bond's, above which the lips press: less is rounding.
 _PRESSED = 1e-9
@@ -76,7 +69,7 @@ def end_kernels(dim: int, friction: bool) -> LawKernels:
     """The kernels, with or without friction of the lips."""
     algebra = for_dimension(dim)
     dot, add, subtract, scale = algebra.dot, algebra.add, algebra.subtract, algebra.scale
-    diagonal = algebra.multiply_diagonal
+    diagonal, book_losses = algebra.multiply_diagonal, contact_losses(dim, friction)
 
     # Columns of terms, with velocities relative to jump_h / (h theta): that, P / k, and k.
     middle = 0
@@ -193,25 +186,12 @@ def end_kernels(dim: int, friction: bool) -> LawKernels:
             if opening(jump0) > 0.0:
                 stiffness = 0.5 * (stiffness + mean_stiffness(jump0, parameters, i))
             cost = area * stiffness * (dissipated(x1, d0, dc, beta0) - before)
-        lost_n = -hat[0] * moved[0] / step
-        lost_t = -(dot(hat, moved) - hat[0] * moved[0]) / step
-        sliding = pressing
-        if friction:
-            size = dot(hat, hat) - hat[0] * hat[0]
-            bound = parameters[i, MU] * hat[0]
-            sliding = pressing and size >= (1.0 - 1e-6) * bound * bound
         energy[i, STORED] = new * e1
         energy[i, COHESION] = cost
-        energy[i, FRICTION] = max(lost_t, 0.0) if friction and sliding else 0.0
-        energy[i, IMPACT] = max(lost_n, 0.0) if pressing else 0.0
-        energy[i, NUMERICAL] = (
-            -dot(bond, moved) / step - (new * e1 - old * e0) - cost
-            + lost_t - energy[i, FRICTION]
-            + lost_n - energy[i, IMPACT]
-        )  # fmt: skip
         state[i, OPENING_MAX] = max(state[i, OPENING_MAX], x1)
         state[i, DAMAGE] = new
-        return 2 if sliding else (1 if pressing else 0)
+        numerical = -dot(bond, moved) / step - (new * e1 - old * e0) - cost
+        return book_losses(i, hat, moved, step, pressing, numerical, parameters, energy)
 
     effects = [
         ("cohesion", 5 + dim),  # C, P / k, k, h theta

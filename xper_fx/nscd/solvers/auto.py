@@ -29,7 +29,6 @@ from dataclasses import replace
 import numpy as np
 
 from xper_fx.nscd.interactions import Interactions
-from xper_fx.nscd.reductions import everywhere
 from xper_fx.nscd.solvers.nlgs import NonlinearGaussSeidel
 from xper_fx.nscd.solvers.solver import SolveOptions, Solver, SolveReport
 
@@ -107,7 +106,7 @@ class Automatic(Solver):
             spent = replace(options, max_sweeps=min(batch, max_sweeps - sweeps))
             report = self._solver("nlgs").solve(interactions, velocity, spent)
             sweeps += report.sweeps
-            finite = everywhere(interactions, np.all(np.isfinite(velocity)))
+            finite = interactions.everywhere(np.all(np.isfinite(velocity)))
             if report.converged or sweeps >= max_sweeps or not finite:
                 return report._replace(sweeps=sweeps, reason=f"{sweeps} sweeps were enough")
             left = sweeps_left(report, tolerance)

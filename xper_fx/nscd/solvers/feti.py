@@ -172,7 +172,7 @@ class BondedSystem:
     """
 
     def __init__(self, interactions: Interactions, coarse_space: bool):
-        self.inverse, self.has_coarse_space = interactions.inverse, coarse_space
+        self.inverse = interactions.inverse
         self.points = interactions.groups[0].points
         self.dim = interactions.dim
         self._blocks = blocks = _Blocks(self.inverse)

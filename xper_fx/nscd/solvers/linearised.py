@@ -23,13 +23,15 @@ class Linearised:
 
     def __init__(self) -> None:
         self._problem: LinearisedProblem | SharedProblem | None = None
+        self._interactions: Interactions | None = None
+        self._renewals = -1
 
     def problem(self, interactions: Interactions) -> LinearisedProblem | SharedProblem:
         """The linearised problem of a scene: that of the last call if points and w are the same."""
-        problem = self._problem
-        if problem is not None and problem.is_of(interactions):
-            problem.renew()
-            return problem
+        if self._interactions is interactions and self._renewals == interactions.renewals:
+            self._problem.renew()
+            return self._problem
+        self._interactions, self._renewals = interactions, interactions.renewals
         kind: type[LinearisedProblem | SharedProblem] = LinearisedProblem
         if interactions.halo is not None:
             from xper_fx.nscd.solvers.shared_tangent import SharedProblem as kind

@@ -23,9 +23,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from xper_fx.nscd.algebra.krylov import norm
 from xper_fx.nscd.interactions import Interactions
-from xper_fx.nscd.reductions import everywhere, total
-from xper_fx.nscd.solvers.krylov import norm
 from xper_fx.nscd.solvers.linearised import Linearised
 from xper_fx.nscd.solvers.nlgs import NonlinearGaussSeidel
 from xper_fx.nscd.solvers.solver import SolveOptions, Solver, SolveReport
@@ -84,7 +83,7 @@ class _Attempt:
             changes, iterations = self.problem.solve(self._guess, forcing * size, _MAX_ITERATIONS)
             self.steps, self.iterations = self.steps + 1, self.iterations + iterations
             squares = sum(norm(c.reshape(-1)) ** 2 for c in changes)
-            length = np.sqrt(total(self.interactions, squares))
+            length = np.sqrt(self.interactions.total(squares))
             fraction, reached = self._advance(changes, relative)
             if fraction == 0.0:
                 return False
@@ -169,7 +168,7 @@ class NewtonOnAllPoints(Solver):
             )
             sweeps += report.sweeps
             converged, error, traction = report.converged, report.residual, report.traction_change
-            finite = everywhere(interactions, np.all(np.isfinite(velocity)))
+            finite = interactions.everywhere(np.all(np.isfinite(velocity)))
             if converged or sweeps >= max_sweeps or not finite:
                 break
             problem = self.linearised.problem(interactions)

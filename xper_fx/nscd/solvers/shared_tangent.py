@@ -17,7 +17,6 @@ import numpy as np
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.inverse_blocks import BodyInverse
 from xper_fx.nscd.point_group import PointGroup
-from xper_fx.nscd.reductions import everywhere
 from xper_fx.nscd.solvers.tangent import PointTangents, inverted_bodies
 
 
@@ -42,12 +41,7 @@ class SharedProblem:
         self._dofs = [_dofs(g.points.nodes, interactions.dim) for g in interactions.groups]
         self._data = None
         self.solvable = False
-        self._renewals = interactions.renewals
         self.renew()
-
-    def is_of(self, interactions: Interactions) -> bool:
-        """Whether this is the problem of a scene as its contacts are now."""
-        return self._interactions is interactions and self._renewals == interactions.renewals
 
     def renew(self) -> None:
         """Take the present values of w."""
@@ -57,7 +51,7 @@ class SharedProblem:
             return
         self._data = interactions.inverse.data
         blocks, _, regular = inverted_bodies(inverse)
-        self.regular = everywhere(interactions, regular)
+        self.regular = interactions.everywhere(regular)
         if self.regular:
             self._system.take_bodies(_by_size(inverse, blocks))
         self.tangents.forget()

@@ -38,7 +38,7 @@ from scipy.sparse import bsr_array, coo_array, csc_array, diags_array
 from scipy.sparse.linalg import splu
 
 from xper_fx.cache import njit
-from xper_fx.nscd import reductions
+from xper_fx.nscd.algebra.krylov import gmres
 from xper_fx.nscd.algebra.small import for_dimension
 from xper_fx.nscd.couplings import Sides, lever_arm_kernels, motion, point_force, spread_kernel
 from xper_fx.nscd.interactions import Interactions
@@ -47,7 +47,6 @@ from xper_fx.nscd.kernel_options import LEAN_ENTRY, LEAN_INNER
 from xper_fx.nscd.laws.law import LawKernels
 from xper_fx.nscd.point_group import PointGroup
 from xper_fx.nscd.solvers.clusters import facing_clusters
-from xper_fx.nscd.solvers.krylov import gmres
 
 # Reach of the differences, relative to the local velocity; and to the largest one, where that is 0.
 _REACH, _LEAST = 1e-6, 1e-9
@@ -109,8 +108,8 @@ def residual(interactions: Interactions, velocity: np.ndarray) -> tuple[float, f
             g.details,
         )  # fmt: skip
         changed, total, largest = changed + x, total + y, max(largest, z)
-    changed, total = reductions.total(interactions, np.array([changed, total])).tolist()
-    largest = reductions.largest(interactions, largest)
+    changed, total = interactions.total(np.array([changed, total])).tolist()
+    largest = interactions.largest(largest)
     return np.sqrt(changed), np.sqrt(total), np.sqrt(largest) / interactions.step_size
 
 
@@ -545,7 +544,7 @@ class PointTangents:
 
     def take(self, interactions: Interactions, velocity: np.ndarray) -> None:
         """Take D, K and g at v_free + w H r, shape (num_slots * dim,)."""
-        speed = reductions.largest(interactions, float(np.abs(velocity).max(initial=0.0)))
+        speed = interactions.largest(float(np.abs(velocity).max(initial=0.0)))
         least = _LEAST * max(speed, np.finfo(float).tiny)
         for g, (slopes, stiffness, source, _, changed) in zip(
             interactions.groups, self.groups, strict=True
@@ -561,9 +560,7 @@ class PointTangents:
         """Whether springs hold so much of the motion that facing nodes move as one."""
         pairs = zip(interactions.groups, self.groups, strict=True)
         held = sum(_held(slopes, g.compliance) for g, (slopes, *_) in pairs)
-        return reductions.total(interactions, held) > _HELD * interactions.dim * reductions.total(
-            interactions, len(interactions)
-        )
+        return interactions.total(held) > _HELD * interactions.dim * interactions.num_points
 
     def spread_source(self, interactions: Interactions, total: np.ndarray) -> None:
         """total = H g, shape (num_slots * dim,)."""
@@ -634,15 +631,10 @@ class LinearisedProblem:
         self._room = np.empty((_BASIS + 3, inverse.num_slots * dim))
         self._left, self._part = np.empty((2, inverse.num_slots * dim))
         self._data, self._fresh = None, True
-        self._renewals = interactions.renewals
         self.renew()
 
     def _springs(self, group: PointGroup):
         return _spring_kernels(group.sides)
-
-    def is_of(self, interactions: Interactions) -> bool:
-        """Whether this is the problem of a scene as its contacts are now."""
-        return self._interactions is interactions and self._renewals == interactions.renewals
 
     def renew(self) -> None:
         """Take the present values of w."""
