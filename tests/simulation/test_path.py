@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Static runs whose load is found: a bar on its exact curve, snap-back, ledger, restart, errors."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scenes import BOTTOM, LEFT, RIGHT, box_bodies
@@ -73,6 +75,10 @@ def test_a_bar_stays_on_its_curve(share, dim):
     assert np.all(np.diff(spent) > 0.0)
     falls = np.diff(times) < 0.0
     assert np.any(falls) == (share > 1.0)
+    # the load turns once, where it falls first; a long bar could bend open at one of its two points
+    turns = np.flatnonzero(np.diff(np.sign(np.diff(times))))
+    assert simulation.path.limit_points == [times[i + 1] for i in turns]
+    assert len(turns) == (share > 1.0)
 
 
 def test_a_force_that_falls():
@@ -115,6 +121,20 @@ def test_the_path_goes_to_its_end():
     assert last.time == 1e4
     assert last.energies["dissipated_cohesion"] == pytest.approx(100.0 * HEIGHT, rel=1e-6)
     assert abs(simulation.reaction(RIGHT)[0]) < 1e-6 * BOND.strength * HEIGHT
+
+
+def test_a_path_that_branches_is_told(caplog):
+    """A bar that may bend can open at either end of its bond, once it softens enough."""
+    scene = bar(20.0 * CRITICAL)
+    loads = [load for load in scene.loads if load.facets == LEFT or load.component == 0]
+    loads.append(xf.PrescribedDisplacement(LEFT, 1, 0.0))
+    simulation = follow(replace(scene, loads=loads), growth=0.05)
+    with caplog.at_level("WARNING", logger="xper_fx"):
+        for step in simulation.steps(1e6):
+            if step.energies["dissipated_cohesion"] > 20.0:
+                break
+    assert simulation.path.branches
+    assert sum("the path branches" in r.message for r in caplog.records) == 1
 
 
 def test_what_does_not_break_bears_on():

@@ -69,6 +69,10 @@ class CoupledMatrices:
             self._renewals = renewals
         return self._system
 
+    def unstable_ways(self) -> int:
+        """In how many ways the last state would move on by itself, under loads that stand still."""
+        return 0 if self._system is None else self._system.unstable_ways()
+
     @property
     def nbytes(self) -> int:
         """Memory held, factors apart, in bytes."""

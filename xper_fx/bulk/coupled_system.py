@@ -97,6 +97,10 @@ class CoupledSystem:
         self._solvers[symmetric].factorise(masked)
         self._used = self._solvers[symmetric]
 
+    def unstable_ways(self) -> int:
+        """Negative eigenvalues of the last matrix; 0 if friction makes it unsymmetric."""
+        return 0 if self._used is None else self._used.negative_pivots() or 0
+
     def solve(self, right: np.ndarray, given: np.ndarray) -> np.ndarray:
         """The solution x, shape (num_dofs,).
 

@@ -143,6 +143,10 @@ class MonolithicScheme:
             newton.left, 0.0, coupled.corrections, newton.left, converged,
         )  # fmt: skip
 
+    def unstable_ways(self) -> int:
+        """As of `CoupledMatrices`."""
+        return self._matrices.unstable_ways()
+
     @property
     def nbytes(self) -> int:
         """Memory held, factors apart, in bytes."""

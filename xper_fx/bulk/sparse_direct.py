@@ -9,6 +9,8 @@ from petsc4py import PETSc
 # MUMPS controls: ordering (METIS where there is one, else picked), room for pivots that are put
 # off (%), no parallel root.
 _ORDERING, _ROOM, _ROOT = (7, 7), (14, 80), (13, 1)
+# Number of MUMPS' information that counts negative pivots.
+_NEGATIVE = 12
 
 
 class SingularMatrixError(ArithmeticError):
@@ -71,6 +73,11 @@ class SparseDirect:
         except PETSc.Error as error:
             self._make()
             raise SingularMatrixError("The matrix cannot be factorised.") from error
+
+    def negative_pivots(self) -> int | None:
+        """Negative eigenvalues of the matrix that was factorised; None unless it is symmetric."""
+        factor = self._solver.getPC().getFactorMatrix()
+        return factor.getMumpsInfog(_NEGATIVE) if self._symmetric else None
 
     def solve(self, right: np.ndarray) -> np.ndarray:
         """The solution for one right-hand side, shape (n,).

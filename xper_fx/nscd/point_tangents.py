@@ -28,8 +28,9 @@ from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.kernel_options import LEAN_ENTRY
 from xper_fx.nscd.laws.law import LawKernels
 
-# Steps of the differences, relative to the local velocity and impulse.
-_REACH = 1e-7
+# Steps of the differences, relative to the local velocity, or to a share of the one that the
+# impulse makes: that of a bond may be far larger than its opening, where its law is curved.
+_REACH, _OF_IMPULSE = 1e-7, 3e-3
 # Entry of S_r above which a point is held: its impulse is a multiplier.
 _HELD = 0.5
 # Pivot of I - (1 - p) S_r that counts as zero.
@@ -88,7 +89,7 @@ def _tangent_kernel(law: LawKernels, sides: Sides):
             base, _ = solve(i, u, old, w, parameters, terms, details)
             set_row(response, i, base)
             moved_by = sym_vector(sym_row(w, i), old)
-            size = np.sqrt(max(dot(u, u), dot(moved_by, moved_by)))
+            size = np.sqrt(max(dot(u, u), _OF_IMPULSE * _OF_IMPULSE * dot(moved_by, moved_by)))
             reach = max(_REACH * size, least)
             w_own = 0.0
             for j in range(components):

@@ -3,14 +3,23 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping
 from dataclasses import dataclass
+
+import numpy as np
 
 from xper_fx.bulk.state import State
 from xper_fx.nscd.growth import GrowthLimit
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.support.checks import require_count, require_number, require_positive
 
+logger = logging.getLogger(__name__)
+
+_BRANCHES = (
+    "the path branches near the time %g s of the loads: the structure is unstable in %d ways "
+    "there, and small imperfections decide which it goes"
+)
 # Bounds of the growth of a step beside the one asked for, and what a failure leaves of it.
 _LEAST, _MOST, _SHORTENED = 1e-4, 5.0, 0.4
 # Exponent and bounds of the change of the growth by the number of iterations.
@@ -55,6 +64,10 @@ class PathFollower:
 
     Args:
         control: what was asked for.
+
+    Attributes:
+        limit_points: times of the loads (s) at which they turned.
+        branches: times of the loads (s) of steps with more than one unstable way to go on.
     """
 
     def __init__(self, control: GrowthControl):
@@ -62,6 +75,8 @@ class PathFollower:
         self._factor = 1.0
         self._last_growth = self._last_change = 0.0
         self._guesses = True
+        self.limit_points: list[float] = []
+        self.branches: list[float] = []
 
     @property
     def growth(self) -> float:
@@ -83,13 +98,22 @@ class PathFollower:
         """Take a share of the growth in the step that is made again."""
         self._factor = max(share * self._factor, _LEAST)
 
-    def succeeded(self, change: float, iterations: int) -> None:
+    def succeeded(self, change: float, iterations: int, start: float, ways: int) -> None:
         """A step has converged.
 
         Args:
             change: of the time in the step (s).
             iterations: of Newton's method.
+            start: time of the loads at which the step began (s).
+            ways: in which the structure would move on under loads that stand still.
         """
+        if change * self._last_change < 0.0:
+            self.limit_points.append(start)
+            logger.info("limit point: the loads turn at the time %g s", start)
+        if ways > 1:
+            if not self.branches:
+                logger.warning(_BRANCHES, start + change, ways)
+            self.branches.append(start + change)
         self._last_growth, self._last_change, self._guesses = self.growth, change, True
         share = (self._control.iterations / iterations) ** _EXPONENT
         factor = self._factor * min(max(share, _SLOWEST), _FASTEST)
@@ -108,11 +132,14 @@ class PathFollower:
         """All that the next step depends on."""
         return {
             "factor": self._factor, "last_growth": self._last_growth,
-            "last_change": self._last_change,
+            "last_change": self._last_change, "limit_points": np.array(self.limit_points),
+            "branches": np.array(self.branches),
         }  # fmt: skip
 
     def restore(self, saved: Mapping) -> None:
         """Take what `saved` gave."""
         self._factor = saved["factor"]
         self._last_growth, self._last_change = saved["last_growth"], saved["last_change"]
+        self.limit_points = saved["limit_points"].tolist()
+        self.branches = saved["branches"].tolist()
         self._guesses = True

@@ -160,6 +160,6 @@ def _parts(simulation: Restartable) -> list[tuple[str, object]]:
     parts = [
         ("interactions", simulation.model.interactions), ("detection", simulation.model.detection),
         ("rigid", simulation.model.rigid), ("accuracy", simulation.model.control),
-        ("path", simulation._path),
+        ("path", simulation.path),
     ]  # fmt: skip
     return [(name, part) for name, part in parts if part is not None]

@@ -95,6 +95,7 @@ class Simulation(Restartable):
         step_size: h (s) at the start.
         tolerance: of the impulses in the next step.
         last: outcome of the last step, None before the first.
+        path: where a run that follows its path is on it; None otherwise.
         macroscopic: Fbar, Pibar and Hill-Mandel's error of a periodic cell; None otherwise.
         stopwatch: profile of the run.
         folder: where a recorder writes, None without one.
@@ -146,7 +147,7 @@ class Simulation(Restartable):
         self.last: StepOutcome | None = None
         self.macroscopic = self._macroscopic(None, None, self.step_size)
         self._attempts = StepAttempts(model)
-        self._path = None if path is None else path.follower()
+        self.path = None if path is None else path.follower()
         self._before: State | None = None
         self._last_size = self.step_size
         self._rigid_reactions: np.ndarray | None = None
@@ -184,7 +185,7 @@ class Simulation(Restartable):
                 f"end_time {end_time:g} s lies before the present time {self.state.time:g} s."
             )
         try:
-            if self._path is not None:
+            if self.path is not None:
                 yield from self._follow(end_time)
             else:
                 yield from self._step_on(end_time)
@@ -248,15 +249,16 @@ class Simulation(Restartable):
 
     def _follow(self, end_time: float) -> Iterator[StepRecord]:
         """Steps along the path until its time is the end time."""
-        path = self._path
+        path = self.path
         while end_time - self.state.time > _ROUNDING * abs(end_time):
             with self.stopwatch.phase("step"):
                 outcome, size = self._attempts.along_path(
                     self.state, self.step_size, path, end_time
                 )
                 if outcome.converged:
-                    change = outcome.state.time - self.state.time
-                    path.succeeded(change, outcome.newton_iterations)
+                    start, ways = self.state.time, self.scheme.unstable_ways()
+                    change = outcome.state.time - start
+                    path.succeeded(change, outcome.newton_iterations, start, ways)
                     record = self._commit(outcome, size, self._bulk_energies(outcome, size))
             if outcome.converged:
                 yield record._replace(size=change)
@@ -310,7 +312,7 @@ class Simulation(Restartable):
             )
             self.ledger.record(self.state, outcome, size, energies, work, attempts.rigid_work)
         self._require_finite(not_finite_columns(self.ledger.as_columns()), size)
-        if work is not None and not self.options.inertia:
+        if work is not None and not self.options.inertia and self.path is None:
             attempts.doubts.tell_snap(work, self.step_number + 1, size)
         if self.detection is not None:
             with self.stopwatch.phase("contact search"):
