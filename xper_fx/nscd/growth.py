@@ -36,20 +36,16 @@ class GrowthLimit:
     def __init__(self, interactions: Interactions, growth: float, relative: float):
         self._growth = growth
         groups = [(n, g) for n, g in enumerate(interactions.groups) if g.kernels.growth is not None]
-        reached, length = [], []
-        for _, g in groups:
-            opened, whole = g.kernels.growth(g.parameters, g.state)
-            reached.append(opened)
-            length.append(np.minimum(whole, relative * opened))
+        known = zip(*(g.kernels.growth(g.parameters, g.state) for _, g in groups), strict=True)
+        self._reached, length, whole = (np.concatenate(list(values)) for values in known)
+        self._length = np.minimum(length, relative * self._reached)
         self._numbers = [n for n, _ in groups]
-        self._reached = np.concatenate(reached)
-        self._length = np.concatenate(length)
         # a step's end velocities have the direction of its jumps, as theta is 1
         forward = np.concatenate([g.points.area[:, None] * g.velocity for _, g in groups])
         x = _opening(np.concatenate([g.jump for _, g in groups]))
         grew = x > (1.0 - _ROUNDING) * self._reached
         self._forward = np.where(grew[:, None], forward, 0.0) if np.any(grew) else forward
-        self._grows = np.flatnonzero(np.isfinite(self._reached))
+        self._grows = np.flatnonzero(whole)
 
     @property
     def exhausted(self) -> bool:
@@ -81,10 +77,12 @@ class GrowthLimit:
             held: of each group, shape (n,), whether the lips are closed.
             start, slope: A and B of each group, shape (n, components), m.
         """
-        a, b, limit = self._of(start).copy(), self._of(slope).copy(), self._limits()
-        closed = self._of(held)
+        a, b = self._all(start), self._all(slope)
+        closed = self._all(held)
         a[closed, 0] = b[closed, 0] = 0.0
-        low, high = _interval(a, b, limit)
+        goes_on = float(np.vdot(self._forward, b))
+        a, b = a[self._grows], b[self._grows]
+        low, high = _interval(a, b, self._limits())
         if not low < high:  # on the way no load may obey all limits: one that nearly does
             middle = 0.5 * (low + high)
             growth = self._largest(a + middle * b) if np.isfinite(middle) else np.inf
@@ -92,9 +90,9 @@ class GrowthLimit:
         roots = [s for s in (low, high) if np.isfinite(s)]
         if not roots:
             return None
-        forward, present = self._forward[self._grows], self._of(now)
-        if np.any(forward):
-            return roots[-1] if np.vdot(forward, b) >= 0.0 else roots[0]
+        if not self.begins:
+            return roots[-1] if goes_on >= 0.0 else roots[0]
+        present = self._of(now)
         if not np.any(present):
             return roots[-1]
         return min(roots, key=lambda s: float(((a + s * b - present) ** 2).sum()))

@@ -26,6 +26,20 @@ def _pool() -> ThreadPoolExecutor:
 os.register_at_fork(after_in_child=_pool.cache_clear)  # threads do not survive a fork
 
 
+def worth_taking(count: int, least: int, asked: int | None = None) -> int:
+    """How many threads to take.
+
+    Args:
+        count: of the items of work.
+        least: items below which a second thread does not pay.
+        asked: threads that a user asked for, None if not.
+    """
+    if asked is not None:
+        return asked
+    # numba's function takes a lock that all forked processes share: not for few items
+    return get_num_threads() if count >= least else 1
+
+
 def in_ranges(work: Callable, count: int, *arguments) -> list:
     """Call `work(first, last, *arguments)` on ranges that make up 0 to `count`.
 
@@ -37,7 +51,7 @@ def in_ranges(work: Callable, count: int, *arguments) -> list:
     Returns:
         What `work` returned, range by range.
     """
-    threads = 1 if count < _MANY else get_num_threads()  # takes a lock, for all forked processes
+    threads = worth_taking(count, _MANY)
     if threads == 1:
         return [work(0, count, *arguments)]
     work(0, 0, *arguments)  # a kernel is compiled here, not in a thread

@@ -56,12 +56,14 @@ _PRESSED = 1e-9
 _SPENT = 0.999
 
 
-def _growth(parameters: np.ndarray, state: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Largest opening so far, infinite where the bond is broken, and length of the curve (m)."""
+def _growth(
+    parameters: np.ndarray, state: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Largest opening so far (m), length of the curve (m), and whether a bond is left."""
     d0, dc = parameters[:, D0], parameters[:, DC]
     reached = np.maximum(state[:, OPENING_MAX], d0)
     whole = (state[:, DAMAGE] > 0.0) & (reached < _SPENT * dc)
-    return np.where(whole, reached, np.inf), dc - d0
+    return reached, dc - d0, whole
 
 
 @cache

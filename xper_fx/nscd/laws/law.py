@@ -24,9 +24,9 @@ in m, velocities in m/s, impulses `r` in N s (positive: pushes candidate and ant
 `area` in m^2 (2D: m, per metre of depth). Over a step, jump1 = jump_h + h theta u with
 jump_h = jump0 + h (1 - theta) velocity0. Adding a law is adding one file with such a class.
 
-`growth(parameters, state) -> (reached, length)`, of all points of a group, tells how far a load
-may go (`xper_fx/nscd/growth.py`): the largest opening so far (m), infinite where no bond is left,
-and the length of the bond's curve (m). None for a law whose damage is not that of the end of the
+`growth(parameters, state) -> (reached, length, whole)`, of all points of a group, tells how far a
+load may go (`xper_fx/nscd/growth.py`): the largest opening so far (m), the length of the bond's
+curve (m), and whether there is a bond left. None for a law whose damage is not that of the end of the
 step.
 
 `spent(parameters, state)`, of all points of a group, gives the share of the fracture energy that

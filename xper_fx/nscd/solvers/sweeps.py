@@ -10,7 +10,6 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from numba import get_num_threads
 
 from xper_fx.cache import njit
 from xper_fx.nscd.couplings import sweep_kernel
@@ -18,6 +17,7 @@ from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.kernel_options import LEAN_ENTRY
 from xper_fx.nscd.ordering import TileBodies
 from xper_fx.nscd.solvers.solver import SolveOptions
+from xper_fx.support.threads import worth_taking
 
 # Sweeps over which the contraction is measured.
 WINDOW = 4
@@ -47,10 +47,8 @@ def sweep_passes(
     interactions: Interactions, velocity: np.ndarray, options: SolveOptions
 ) -> list[SweepPass]:
     """What a sweep consists of, all tiles marked; arguments as those of `Solver.solve`."""
-    num_threads = options.num_threads
-    if num_threads is None:
-        num_tiles = sum(len(g.ordering.tile_offsets) - 1 for g in interactions.groups)
-        num_threads = get_num_threads() if num_tiles >= _MANY_TILES else 1
+    num_tiles = sum(len(g.ordering.tile_offsets) - 1 for g in interactions.groups)
+    num_threads = worth_taking(num_tiles, _MANY_TILES, options.num_threads)
     passes = []
     for g in interactions.groups:
         kernel = sweep_kernel(

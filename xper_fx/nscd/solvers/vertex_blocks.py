@@ -27,7 +27,7 @@ from functools import cache
 from typing import NamedTuple
 
 import numpy as np
-from numba import get_num_threads, prange
+from numba import prange
 
 from xper_fx.cache import njit
 from xper_fx.nscd.algebra.small import for_dimension
@@ -37,6 +37,7 @@ from xper_fx.nscd.laws.law import LawKernels
 from xper_fx.nscd.point_group import PointGroup
 from xper_fx.nscd.points import frame_from_normal
 from xper_fx.nscd.solvers.solver import SolveOptions, Solver, SolveReport
+from xper_fx.support.threads import worth_taking
 
 # Largest number of unknowns of a vertex whose inverse is kept (18 kB).
 _NEWTON_DOFS = 48
@@ -47,6 +48,8 @@ _NEWTON_STEPS, _BATCH = 4, 4
 # A residual below this fraction of the bound (squared) needs no product with the inverse.
 _CLEAR = 1e-4
 _TINY = np.finfo(np.float64).tiny
+# Vertices from which threads are taken unasked.
+_MANY = 1000
 # Pieces of work for threads; fixed, so that nothing depends on their number.
 _CHUNKS = 64
 # Pivot of an update below which the direction is left out.
@@ -618,7 +621,8 @@ class VertexBlocks(Solver):
         serial, parallel = _solve_kernel(
             tuple(g.kernels for g in interactions.groups), interactions.dim, _unknowns(interactions)
         )
-        kernel = parallel if (options.num_threads or get_num_threads()) > 1 else serial
+        num_threads = worth_taking(len(blocks.rounding), _MANY, options.num_threads)
+        kernel = parallel if num_threads > 1 else serial
         parts = np.zeros((_CHUNKS, 8))
         speed = max(np.abs(velocity).max(), np.finfo(float).tiny)
         kernel(
