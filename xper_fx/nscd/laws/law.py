@@ -26,8 +26,8 @@ jump_h = jump0 + h (1 - theta) velocity0. Adding a law is adding one file with s
 
 `growth(parameters, state) -> (reached, length, whole)`, of all points of a group, tells how far a
 load may go (`xper_fx/nscd/growth.py`): the largest opening so far (m), the length of the bond's
-curve (m), and whether there is a bond left. None for a law whose damage is not that of the end of the
-step.
+curve (m), and whether there is a bond left. None for a law whose damage is not that of the end of
+the step.
 
 `spent(parameters, state)`, of all points of a group, gives the share of the fracture energy that
 each bond has spent, in [0, 1]. None for a law that has no bond; with a history variable "damage"
