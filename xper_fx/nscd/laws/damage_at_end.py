@@ -56,9 +56,7 @@ _PRESSED = 1e-9
 _SPENT = 0.999
 
 
-def _growth(
-    parameters: np.ndarray, state: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _growth(parameters: np.ndarray, state: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Largest opening so far (m), length of the curve (m), and whether a bond is left."""
     d0, dc = parameters[:, D0], parameters[:, DC]
     reached = np.maximum(state[:, OPENING_MAX], d0)
