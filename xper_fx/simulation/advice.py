@@ -17,3 +17,7 @@ OF_BULK = (
     "The interactions converge and the bulk does not: try a smaller step, a larger max_newton, or "
     'solver="monolithic"; look at the last output first.'
 )
+AT_POINTS = (
+    'The contacts were solved at their points: try solver="monolithic", which takes them together '
+    "with the bodies, or a looser tolerance; look at the last output first."
+)

@@ -13,7 +13,7 @@ import numpy as np
 from xper_fx.bulk.state import State, StepOutcome
 from xper_fx.nscd import solvers
 from xper_fx.nscd.solvers.solver import SolveOptions, Solver
-from xper_fx.simulation.advice import FOR_NOTHING, OF_BULK, ON_PATH, UNDER_LOAD
+from xper_fx.simulation.advice import AT_POINTS, FOR_NOTHING, OF_BULK, ON_PATH, UNDER_LOAD
 from xper_fx.simulation.doubts import BROKEN_FOR_NOTHING, UNSEEN, Doubts
 from xper_fx.simulation.model import Model
 from xper_fx.simulation.options import SOLVERS
@@ -146,6 +146,8 @@ class StepAttempts:
             return (ON_PATH,)
         if self._model.monolithic:
             return () if options.inertia else (UNDER_LOAD,)
+        if not options.inertia and self._model.interactions is not None:
+            return (AT_POINTS,)
         if residual <= tolerance < np.inf and newton > options.requested.newton_tolerance:
             return (OF_BULK,)
         return ()
