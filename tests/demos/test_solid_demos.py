@@ -47,5 +47,7 @@ def test_subdomains_find_the_field_of_one_body(tmp_path):
     assert len(rows) == 12
     assert max(float(row["error"]) for row in rows) < 1e-9
     few, many = rows[:2]  # of the static plate
-    assert int(many["with"]) < 2 * int(few["with"])
-    assert int(many["without"]) > 3 * int(few["without"])
+    # how fast they grow depends on the partition, so on SCOTCH's version
+    grown, without = (int(many[name]) / int(few[name]) for name in ("with", "without"))
+    assert without > 3.0 and grown < 0.75 * without
+    assert 2 * int(many["with"]) < int(many["without"])

@@ -10,6 +10,7 @@ from dolfinx.fem import Function
 from dolfinx.mesh import Mesh, MeshTags
 
 from xper_fx.simulation.simulation import Simulation
+from xper_fx.support.compat import geometry_dofmap
 
 # What arrays are looked for in, beside containers.
 _PACKAGES = ("xper_fx.", "scipy.sparse")
@@ -50,7 +51,7 @@ def _bytes(item: object, seen: dict[int, Any]) -> int:
     if isinstance(item, np.ndarray):
         return item.nbytes
     if isinstance(item, Mesh):
-        return item.geometry.x.nbytes + item.geometry.dofmap.nbytes
+        return item.geometry.x.nbytes + geometry_dofmap(item).nbytes
     if isinstance(item, MeshTags):
         return item.indices.nbytes + item.values.nbytes
     if isinstance(item, Function):
