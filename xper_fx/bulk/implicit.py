@@ -223,7 +223,7 @@ class ImplicitScheme:
                     with watch.phase("interaction terms"):
                         interactions.prepare()
                 if bulk.floating:
-                    interactions.anchors = inverse.anchors(residual)
+                    interactions.take_anchors(inverse.anchors(residual))
                 with watch.phase("interaction solve"):
                     new, impulses, slots, report = interact(
                         inverse, interactions, solver, free, options

@@ -154,6 +154,10 @@ class Interactions(PointValues):
         self.inverse = self._joined(inverse)
         self._take_inverse(self.groups)
 
+    def take_anchors(self, anchors: Anchors) -> None:
+        """Take what holds bodies that interactions alone hold, before each solution."""
+        self.anchors = anchors
+
     def _joined(self, inverse: BodyInverse) -> BodyInverse:
         if self._rigid_blocks is not None:
             return inverse.joined(self._rigid_blocks)
