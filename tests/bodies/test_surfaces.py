@@ -169,7 +169,7 @@ def test_a_crack_that_grows():
         assert contacts.gap == pytest.approx(1e-3, abs=1e-15)
         assert contacts.point[:, 1].max() <= 0.25 * (number + 1) + 1e-12
         assert (contacts.nodes == fresh.nodes).all()
-    assert search.renewals == 1
+    assert search.lists.renewals == 1
     assert len(np.unique(search.bonds.fragment)) == 2
     assert contacts.area.sum() == pytest.approx(1.0, abs=1e-12)
 

@@ -216,7 +216,7 @@ def test_lists_follow_rigid_bodies(dim):
         assert (mine.key == fresh.key).all()
         assert mine.gap == pytest.approx(fresh.gap, abs=1e-12)
     assert {1, 2, 3} & set(np.unique(kind(mine)))
-    assert search.renewals < 15
+    assert search.lists.renewals < 15
 
 
 def test_groups_of_rigid_bodies():

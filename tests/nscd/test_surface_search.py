@@ -251,7 +251,7 @@ def test_a_gap_slides_across_facets_without_jumps():
     assert gaps == pytest.approx(distances, abs=1e-12)
     assert np.abs(np.diff(gaps)).max() <= np.hypot(*np.diff([places, height]).max(axis=1))
     assert len(keys) == 1  # nearly plane bends: never two at once
-    assert search.renewals < 2401 / 8
+    assert search.lists.renewals < 2401 / 8
 
 
 L_SHAPE = [(0, 0), (2, 0), (2, 1), (1, 1), (1, 2), (0, 2)]
@@ -330,7 +330,7 @@ def test_lists_lose_nothing(dim):
         fresh = fresh.find(x)
         assert (mine.key == fresh.key).all()
         assert mine.gap == pytest.approx(fresh.gap, abs=1e-12)
-    assert 2 <= search.renewals <= 30
+    assert 2 <= search.lists.renewals <= 30
 
 
 def test_groups_that_may_not_touch_do_not():

@@ -9,8 +9,8 @@ from scenes import LEFT, RIGHT, box_bodies, field, nodes
 
 from xper_fx.forms.loads import PrescribedDisplacement, PrescribedVelocity
 from xper_fx.materials import J2SmallStrain, Linear, LinearElastic
-from xper_fx.nscd.interactions import StepWork
 from xper_fx.nscd.laws import CohesiveZone, SignoriniCoulomb
+from xper_fx.nscd.stepped_points import StepWork
 from xper_fx.output.gauges import TensileGauge
 from xper_fx.scene import Scene, Wall
 from xper_fx.simulation.accuracy_control import AccuracyControl

@@ -38,7 +38,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from xper_fx.nscd.interactions import StepWork
+from xper_fx.nscd.stepped_points import StepWork
 from xper_fx.simulation.energy_ledger import BulkEnergies
 from xper_fx.simulation.requested_accuracy import IMPULSES, RequestedAccuracy
 

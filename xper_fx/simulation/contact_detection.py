@@ -258,7 +258,7 @@ class Detection:
         if self._division is not None:
             out["division"] = self._division.saved()
         if self._surfaces is not None:
-            out["surfaces"] = self._surfaces.saved(self._by_cell)
+            out["surfaces"] = self._surfaces.lists.saved(self._by_cell)
             count = len(self._scene.bodies.facets)
             exposed, released = np.zeros((2, count), bool)
             exposed[self._lips[self._broken]] = True
@@ -279,7 +279,7 @@ class Detection:
             self._waiting = np.setdiff1d(self._waiting, np.flatnonzero(gone))
             self._surfaces.expose(self._lips[self._broken])
             self._surfaces.release(self._lips[gone])
-            self._surfaces.restore(saved["surfaces"], self._from_cells)
+            self._surfaces.lists.restore(saved["surfaces"], self._from_cells)
 
     def _by_cell(self, x: np.ndarray) -> Rows:
         """Positions of the nodes of V cell by cell."""

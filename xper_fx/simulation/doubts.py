@@ -6,7 +6,7 @@ from __future__ import annotations
 import logging
 from collections import Counter
 
-from xper_fx.nscd.interactions import StepWork
+from xper_fx.nscd.stepped_points import StepWork
 
 logger = logging.getLogger(__name__)
 

@@ -25,7 +25,7 @@ import numpy as np
 
 from xper_fx.bulk.bulk import Bulk
 from xper_fx.bulk.state import State, StepOutcome
-from xper_fx.nscd.interactions import StepWork
+from xper_fx.nscd.stepped_points import StepWork
 
 if TYPE_CHECKING:
     from xper_fx.nscd.rigid.motion import RigidMotion, RigidWork

@@ -114,6 +114,27 @@ class Surface:
         longest = np.linalg.norm(corner - np.roll(corner, 1, axis=1), axis=2).max(axis=1)
         return np.linalg.norm(self._crossed(corner), axis=1) / longest
 
+    def around(self, values: np.ndarray) -> np.ndarray:
+        """The largest of values of the facets that share a node with each, shape (f,)."""
+        at_node = np.zeros(self.num_nodes)
+        np.maximum.at(at_node, self.facets.ravel(), np.repeat(values, self.dim))
+        return at_node[self.facets].max(axis=1, initial=0.0)
+
+    def checked(self, x: np.ndarray) -> np.ndarray:
+        """Positions of the nodes, shape (num_nodes, dim), m.
+
+        Raises:
+            ValueError: they are not finite, or do not fit.
+        """
+        x = np.ascontiguousarray(x, dtype=float)
+        expected = (self.num_nodes, self.dim)
+        if x.shape != expected or not np.isfinite(x).all():
+            raise ValueError(
+                f"Positions should be finite and of shape {expected}, got {x.shape}"
+                + (", not all finite." if x.shape == expected else ".")
+            )
+        return x
+
     @staticmethod
     def _crossed(corner: np.ndarray) -> np.ndarray:
         return np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])

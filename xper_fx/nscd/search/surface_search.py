@@ -12,7 +12,7 @@ between its nodes, each with a node's share of the facet.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -27,7 +27,6 @@ from xper_fx.nscd.search.node_rigid import node_rigid
 from xper_fx.nscd.search.pair_list import PairList
 from xper_fx.nscd.search.rigid_side import RigidSide, may_meet
 from xper_fx.nscd.search.surface import Surface
-from xper_fx.support.saved_rows import Rows
 
 # What the first column of a key begins with. Those of rigid pairs are below 2^60.
 _NODE_FACET, _EDGE_EDGE, _NODE_RIGID, _RIGID_FACET = range(1, 5)
@@ -44,6 +43,7 @@ class SurfaceSearch:
     Attributes:
         bonds: `Bonds`: what is exposed, released, welded, and the fragments.
         depth: of each facet (m), shape (f,): a point deeper behind it does not touch it.
+        lists: pairs that are looked at, `CandidateLists`.
         reach: largest gap of a contact (m).
 
     Args:
@@ -81,12 +81,12 @@ class SurfaceSearch:
         self.bonds = Bonds(surface, released)
         self.reach = float(reach)
         self._dim = surface.dim
-        x = self._checked(x)
+        x = self.surface.checked(x)
         self._rigid = RigidSide(rigid, surface, pairs)
         meets = may_meet(surface.groups, surface.groups, pairs)
         size = surface.size(x)
         self.depth = depth * np.minimum(size, surface.thickness)
-        self._extent = np.hypot(self.reach, self._around(self.depth))
+        self._extent = np.hypot(self.reach, surface.around(self.depth))
         self.update_areas(x)
 
         count = surface.num_nodes
@@ -100,35 +100,15 @@ class SurfaceSearch:
 
         self._normal = np.zeros((len(surface), self._dim))
         self._no_radius = np.zeros(count)
-        self._lists = CandidateLists(
+        self.lists = CandidateLists(
             surface, self.bonds, self._rigid, meets, self._extent, self.reach, self_contact,
             float(np.median(size)) if len(surface) else 1.0,
         )  # fmt: skip
 
     @property
-    def skin(self) -> float:
-        """Of the lists in use (m)."""
-        return self._lists.skin
-
-    @property
-    def renewals(self) -> int:
-        """How often lists have been made."""
-        return self._lists.renewals
-
-    @property
-    def searches(self) -> int:
-        """How often contacts have been looked for."""
-        return self._lists.searches
-
-    @property
-    def num_candidates(self) -> int:
-        """Pairs in the lists, walls' pairs left out."""
-        return self._lists.num_pairs
-
-    @property
     def nbytes(self) -> int:
         """Memory of the lists, in bytes."""
-        return self._lists.nbytes
+        return self.lists.nbytes
 
     def update_areas(self, x: np.ndarray) -> None:
         """Take the nodes' areas from positions x, shape (num_nodes, dim); at first the start's."""
@@ -143,15 +123,15 @@ class SurfaceSearch:
         Raises:
             ValueError: numbers out of range.
         """
-        self._lists.add(self.bonds.expose(bonds))
+        self.lists.add(self.bonds.expose(bonds))
 
     def release(self, bonds: np.ndarray) -> None:
         """Let the lips of broken bonds meet like any facets, when the bond's law does so no more.
 
         Args, Raises: as `expose`, which it includes.
         """
-        self._lists.add(self.bonds.release(bonds))
-        self._lists.forget_edges()
+        self.lists.add(self.bonds.release(bonds))
+        self.lists.forget_edges()
 
     def find(
         self,
@@ -174,9 +154,9 @@ class SurfaceSearch:
         Raises:
             ValueError: positions that are not finite or do not fit.
         """
-        x = self._checked(x)
+        x = self.surface.checked(x)
         self._rigid.move(position, rotation)
-        lists = self._lists
+        lists = self.lists
         lists.renew_if_needed(x)
         faces = self._faces(x)
         parts = [empty(self._dim, self._dim)]
@@ -194,7 +174,7 @@ class SurfaceSearch:
 
     def _nodes_on_facets(self, faces: Faces) -> Contacts:
         point, facet, slot, weights, normal, gap, area = self._points_on_facets(
-            self._lists.node_facet, faces.x, self._no_radius, np.zeros((1, self._dim)), True, faces
+            self.lists.node_facet, faces.x, self._no_radius, np.zeros((1, self._dim)), True, faces
         )
         nodes, both = self._meshed_sides(len(point))
         nodes[:, 0] = point[:, None]
@@ -217,7 +197,7 @@ class SurfaceSearch:
     def _rigid_on_facets(self, faces: Faces) -> Contacts:
         side = self._rigid
         point, facet, slot, weights, normal, gap, area = self._points_on_facets(
-            self._lists.rigid_facet, side.points, side.radius, side.outward, False, faces
+            self.lists.rigid_facet, side.points, side.radius, side.outward, False, faces
         )
         nodes, both = self._meshed_sides(len(point))
         nodes[:, 1] = self.surface.facets[facet]
@@ -266,7 +246,7 @@ class SurfaceSearch:
             room = found
 
     def _edges_on_edges(self, faces: Faces) -> Contacts:
-        facets, lists = self.surface.facets, self._lists
+        facets, lists = self.surface.facets, self.lists
         room = len(lists.edge_pairs)
         pair, share = np.empty(room, np.int32), np.empty((room, 2))
         normal, gap, area = np.empty((room, 3)), np.empty(room), np.empty(room)
@@ -303,7 +283,7 @@ class SurfaceSearch:
         )
 
     def _nodes_on_rigid(self, faces: Faces) -> Contacts:
-        pairs = np.concatenate([self._lists.node_rigid, self._lists.node_wall])
+        pairs = np.concatenate([self.lists.node_rigid, self.lists.node_wall])
         room = len(pairs)
         pair, normal = np.empty(room, np.int32), np.empty((room, self._dim))
         gap, area = np.empty(room), np.empty(room)
@@ -351,40 +331,6 @@ class SurfaceSearch:
 
     def _meshed_sides(self, count: int) -> tuple[np.ndarray, np.ndarray]:
         return np.zeros((count, 2, self._dim), np.int32), np.zeros((count, 2, self._dim))
-
-    def saved(self, by_cell: Callable[[np.ndarray], Rows]) -> dict:
-        """What the lists in use were made from, and how long they have served.
-
-        Args:
-            by_cell: puts positions of the nodes into an order that no process decides.
-        """
-        return self._lists.saved(by_cell)
-
-    def restore(self, saved: Mapping, from_cells: Callable[[np.ndarray], np.ndarray]) -> None:
-        """Make the lists that `saved` told of, for the bonds as they are now.
-
-        Args:
-            saved: of `saved`, rows in order.
-            from_cells: takes back what `by_cell` did.
-        """
-        self._lists.restore(saved, from_cells)
-
-    def _around(self, depth: np.ndarray) -> np.ndarray:
-        """Largest depth of the facets that share a node with each."""
-        facets = self.surface.facets
-        at_node = np.zeros(self.surface.num_nodes)
-        np.maximum.at(at_node, facets.ravel(), np.repeat(depth, self._dim))
-        return at_node[facets].max(axis=1, initial=0.0)
-
-    def _checked(self, x: np.ndarray) -> np.ndarray:
-        x = np.ascontiguousarray(x, dtype=float)
-        expected = (self.surface.num_nodes, self._dim)
-        if x.shape != expected or not np.isfinite(x).all():
-            raise ValueError(
-                f"Positions should be finite and of shape {expected}, got {x.shape}"
-                + (", not all finite." if x.shape == expected else ".")
-            )
-        return x
 
 
 def _keys(kind: int, a: np.ndarray, b: np.ndarray, slot: np.ndarray) -> np.ndarray:

@@ -1,0 +1,151 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""The step of all interaction points: constants of their laws, impulses, energies.
+
+A time step is `begin_step`, one `solve` or more (Newton iterations of the bulk), and `commit`.
+Until `commit` nothing of the past is lost: a step may begin again with another size.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from xper_fx.nscd.couplings import push_kernel, spread_kernel
+from xper_fx.nscd.found_contacts import FoundContacts
+from xper_fx.nscd.law_loops import evolve_loop, step_loops
+from xper_fx.nscd.laws.law import ENERGIES
+from xper_fx.nscd.point_group import PointGroup
+from xper_fx.nscd.point_values import PointValues
+from xper_fx.support.threads import in_ranges
+
+
+class StepWork(NamedTuple):
+    """What the interactions stored and dissipated, summed over points (J; 2D: J/m).
+
+    `stored` is a state, the others are what the step added.
+    """
+
+    stored: float
+    cohesion: float
+    friction: float
+    impact: float
+    numerical: float
+
+
+class SteppedPoints(PointValues):
+    """Interaction points that are stepped.
+
+    Attributes:
+        step_size: h of the step (s).
+        theta: weight of its end.
+        renewals: how often contacts were found anew.
+        too_far: by how much internal variables have gone further in the step than the velocities
+            last given to `evolve` ask for, relative: what iterates on the way broke for nothing.
+    """
+
+    step_size: float
+    theta: float
+    renewals: int
+    too_far: float
+    _found: FoundContacts
+
+    def begin_step(self, step: float, theta: float) -> None:
+        """Set the constants of the step in every law; impulses start from the last step's."""
+        ratio = step / self.committed_step if self.committed_step > 0.0 else 1.0
+        for g in self.groups:
+            np.multiply(g.committed_impulse, ratio, out=g.impulse)
+        self.step_size, self.theta = step, theta
+        self.prepare()
+
+    def prepare(self) -> None:
+        """Renew the laws' constants of the step, after `update_inverse`."""
+        for g in self.groups:
+            prepare, _ = step_loops(g.kernels, g.sides)
+            in_ranges(
+                prepare, len(g), g.jump, g.velocity, g.compliance, g.points.area, self.step_size,
+                self.theta, g.parameters, g.state, g.terms, g.details,
+            )  # fmt: skip
+
+    def evolve(self, velocity: np.ndarray) -> float:
+        """Let the laws' internal variables follow the end velocities found.
+
+        Args:
+            velocity: shape (num_slots * dim,), m/s.
+
+        Returns:
+            The largest relative change, zero when all have arrived.
+        """
+        largest, self.too_far = 0.0, 0.0
+        for g in self.groups:
+            if g.kernels.evolve is not None:
+                changes = in_ranges(
+                    evolve_loop(g.kernels, g.sides), len(g), velocity, g.couplings,
+                    g.compliance, g.parameters, g.terms, g.details,
+                )  # fmt: skip
+                for change, too_far in changes:
+                    largest, self.too_far = max(largest, change), max(self.too_far, too_far)
+        if self.halo is not None:
+            both = self.halo.ranks.max(np.array([largest, self.too_far]))
+            largest, self.too_far = both.tolist()
+        return largest
+
+    def add_velocity(self, velocity: np.ndarray) -> None:
+        """Add w H r to `velocity`, shape (num_slots * dim,)."""
+        if self.halo is not None:
+            self.halo.clear(velocity)
+        for g in self.groups:
+            push_kernel(g.sides, g.blocks)(velocity, g.couplings, g.impulse)
+        if self.halo is not None:
+            self.halo.everywhere.add_back(velocity)
+            self.halo.everywhere.forward(velocity)
+
+    def impulses(self) -> np.ndarray:
+        """H r: impulses of the current step on the interacting nodes, shape (num_slots, dim)."""
+        total = self._own_impulses()
+        if self.halo is not None:
+            self.halo.everywhere.add_back(total.reshape(-1))
+        return total
+
+    def _own_impulses(self) -> np.ndarray:
+        """H r of this rank's points."""
+        total = np.zeros((self.inverse.num_slots, self.dim))
+        for g in self.groups:
+            spread = spread_kernel(g.sides)
+            spread(total.reshape(-1), g.couplings, g.impulse)
+        return total
+
+    def commit(self, velocity: np.ndarray, static: bool = False) -> StepWork:
+        """End the step: jumps, damage and energies move on.
+
+        Args:
+            velocity: shape (num_slots * dim,), end-of-step velocities of the interacting nodes.
+            static: whether tractions do the work of their mean over the step, not of its end.
+
+        Returns:
+            The energies of the step.
+        """
+        totals = dict.fromkeys(ENERGIES, 0.0)
+        for g in self.groups:
+            if static:
+                totals["numerical"] += self._work_of_change(g, velocity)
+            _, commit = step_loops(g.kernels, g.sides)
+            in_ranges(
+                commit, len(g), velocity, g.couplings, g.jump, g.velocity, g.impulse, g.points.area,
+                self.step_size, self.theta, g.parameters, g.state, g.terms, g.details, g.energy,
+                g.status,
+            )  # fmt: skip
+            g.committed_impulse[:] = g.impulse
+            for name, total in zip(g.kernels.energies, g.energy.sum(axis=0), strict=True):
+                totals[name] += total
+        self.committed_step = self.step_size
+        if self.renewals:
+            self._found.commit()
+        return StepWork(*self.total(np.array([totals[name] for name in StepWork._fields])).tolist())
+
+    def _work_of_change(self, group: PointGroup, velocity: np.ndarray) -> float:
+        """Half the work (J; 2D: J/m) in the step of what tractions have changed by."""
+        ratio = self.step_size / self.committed_step if self.committed_step > 0.0 else 1.0
+        end = group.points.relative(velocity.reshape(-1, self.dim))
+        mean = self.theta * end + (1.0 - self.theta) * group.velocity
+        return 0.5 * float(np.vdot(group.impulse - ratio * group.committed_impulse, mean))
