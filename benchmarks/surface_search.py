@@ -82,7 +82,7 @@ def run(name: str, bodies, released: np.ndarray, size: float) -> None:
             search.find(trembling)
 
         change = f"{processor_time(part) / old:.1f}"
-    pairs = search.num_candidates
+    pairs = search.lists.num_pairs
     print(
         f"{name:28s} {search.bonds.exposed.sum():7d} {pairs:9d} {len(contacts):9d} "
         f"{1e9 * old / pairs:10.0f} {new / old:9.1f} {change:>9s} {search.nbytes / pairs:10.0f}"
