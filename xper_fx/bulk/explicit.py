@@ -15,8 +15,6 @@ the energy ledger closes to the last term, of order (h omega)^2 and reversible.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 
 from xper_fx.bulk.body_inverse import LumpedInverse
@@ -25,9 +23,10 @@ from xper_fx.bulk.state import State, StepOutcome, interact, reactions_on
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.solvers.solver import SolveOptions, Solver
 from xper_fx.support.profile import Stopwatch
+from xper_fx.support.saved_rows import KeepsNothing
 
 
-class ExplicitScheme:
+class ExplicitScheme(KeepsNothing):
     """Central differences of the bulk with implicit interactions.
 
     Args:
@@ -112,10 +111,3 @@ class ExplicitScheme:
     def holds(self, step: float) -> bool:
         """As of `ImplicitScheme`."""
         return True
-
-    def saved(self) -> dict:
-        """Nothing: the inverse is always the same."""
-        return {}
-
-    def restore(self, saved: Mapping) -> None:
-        """Nothing to restore."""

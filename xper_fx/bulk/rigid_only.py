@@ -17,6 +17,7 @@ from xper_fx.nscd.inverse_blocks import BodyInverse
 from xper_fx.nscd.solvers.solver import SolveOptions, Solver
 from xper_fx.support.profile import Stopwatch
 from xper_fx.support.ranks import ALONE
+from xper_fx.support.saved_rows import KeepsNothing
 
 
 class NoForms:
@@ -56,7 +57,7 @@ class NoNodes:
         return np.zeros(0)
 
 
-class EmptyBulk:
+class EmptyBulk(KeepsNothing):
     """A bulk without degrees of freedom.
 
     Args:
@@ -85,13 +86,6 @@ class EmptyBulk:
     def commit(self, displacement: np.ndarray, internal: np.ndarray) -> None:
         """No internal variables to move on."""
 
-    def saved(self) -> dict:
-        """Nothing."""
-        return {}
-
-    def restore(self, saved: Mapping) -> None:
-        """Nothing to restore."""
-
 
 class _NoInverse:
     """The inverse of no matrix."""
@@ -103,7 +97,7 @@ class _NoInverse:
         self.blocks = BodyInverse.from_uniform(np.zeros((0, dim, dim)), dim)
 
 
-class EmptyScheme:
+class EmptyScheme(KeepsNothing):
     """The step of a scene whose bodies are all rigid: the interactions alone.
 
     Args:
@@ -143,10 +137,3 @@ class EmptyScheme:
     def holds(self, step: float) -> bool:
         """As of `ImplicitScheme`."""
         return True
-
-    def saved(self) -> dict:
-        """Nothing: the inverse is always the same."""
-        return {}
-
-    def restore(self, saved: Mapping) -> None:
-        """Nothing to restore."""

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -26,3 +27,14 @@ class Rows(NamedTuple):
         """The values by ascending number."""
         keys = self.number if self.number.ndim == 2 else self.number[:, None]
         return self.values[np.lexsort(keys.T[::-1])]
+
+
+class KeepsNothing:
+    """What a restarted run makes anew, so that nothing of it is saved."""
+
+    def saved(self) -> dict:
+        """Nothing."""
+        return {}
+
+    def restore(self, saved: Mapping) -> None:
+        """Nothing to restore."""
