@@ -34,6 +34,7 @@ import logging
 import math
 from collections import deque
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -59,16 +60,56 @@ _PATIENCE = 3
 _FIRST, _FINEST = 8, 64
 # Steps without damage after which bonds count as at rest.
 _REST = 20
-# What a control keeps from step to step: of step and tolerance, and of the error.
-_LEARNT = (
-    "_base", "_least", "_size", "_softening_step", "tolerance", "_same", "_tight_since", "_smooth",
-    "_ratio",
-)  # fmt: skip
-_ERROR = (
-    "_scale", "_quiet", "_left", "_pending", "_numerical", "_closure", "_work", "_power", "_missed",
-)  # fmt: skip
 # Tightest tolerance, relative to the accuracy.
 _TIGHTEST = 1e-3
+
+
+@dataclass
+class _Learnt:
+    """What the run has shown of the step and of the tolerance.
+
+    Attributes:
+        base, least, size: of the ladder of steps, of its shortest step, of the next step (s).
+        softening_step: in which a bond may snap (s).
+        tolerance: of the impulses.
+        same, tight_since: steps since the step, and the tolerance, were changed.
+        smooth, ratio: estimate over what is allowed, of steps past and of the last one.
+    """
+
+    base: float
+    least: float
+    size: float
+    softening_step: float
+    tolerance: float
+    same: int = 0
+    tight_since: int = 0
+    smooth: float = 0.0
+    ratio: float = 0.0
+
+
+@dataclass
+class _Parts:
+    """What the error is made of (J; 2D: J/m), but for `quiet`, steps without damage, and `missed`.
+
+    Attributes:
+        scale: largest energy held.
+        quiet: steps since bonds were damaged.
+        left, pending: by the time integration, by steps past and by the last one.
+        numerical, closure: by impulses, and what the ledger misses.
+        work: external.
+        power: largest external power (W; 2D: W/m).
+        missed: of a largest force, relative.
+    """
+
+    scale: float
+    quiet: int
+    left: float = 0.0
+    pending: float = 0.0
+    numerical: float = 0.0
+    closure: float = 0.0
+    work: float = 0.0
+    power: float = 0.0
+    missed: float = 0.0
 
 
 class _Rate(NamedTuple):
@@ -111,40 +152,42 @@ class AccuracyControl:
         self._accuracy = accuracy
         self.adapts_step, self._adapts_tolerance = requested.adapts_step, requested.adapts_tolerance
         self._largest = largest
-        self._softening_step = softening_step
         self._event_share = accuracy if interacting else math.sqrt(accuracy)
         self._interacting = interacting
         # what was learnt of the step and of the tolerance serves a control that starts alike
         self._starts_from = (accuracy, base or 0.0, largest, requested.tolerance)
-        self._base = self._least = self._size = 0.0
-        if base is not None:
-            self._base = self._least = self._size = base
-            self._softening_step = max(softening_step, base)
-        self.tolerance = requested.tolerance
+        first = base or 0.0
+        softest = max(softening_step, first)
+        self._learnt = _Learnt(first, first, first, softest, requested.tolerance)
+        self._parts = _Parts(energy, _REST)
         self._rates: deque[_Rate] = deque(maxlen=2)
-        self._scale, self._quiet, self._same, self._tight_since = energy, _REST, 0, 0
-        self._now, self._ratio, self._smooth = _Rate(0.0, np.zeros(3)), 0.0, 0.0
-        self._left = self._pending = self._numerical = self._closure = 0.0
-        self._work = self._power = self._missed = 0.0
+        self._now = _Rate(0.0, np.zeros(3))
+
+    @property
+    def tolerance(self) -> float:
+        """Of the impulses."""
+        return self._learnt.tolerance
 
     @property
     def error(self) -> float:
         """Relative error estimated so far."""
-        if self._scale == 0.0:
+        parts = self._parts
+        if parts.scale == 0.0:
             return 0.0
-        lost = max(self._left, abs(self._numerical), abs(self._closure)) / self._scale
-        return max(lost, self._missed)
+        lost = max(parts.left, abs(parts.numerical), abs(parts.closure)) / parts.scale
+        return max(lost, parts.missed)
 
     def size(self, time: float, end_time: float) -> float:
         """The next step (s), at most what is left to `end_time`."""
-        if self._base == 0.0:
-            self._base = self._event_share * end_time
-            self._least, self._size = self._base / _FINEST, self._base / _FIRST
+        learnt = self._learnt
+        if learnt.base == 0.0:
+            learnt.base = self._event_share * end_time
+            learnt.least, learnt.size = learnt.base / _FINEST, learnt.base / _FIRST
         events = math.sqrt(2.0) * self._event_share * end_time  # the nearest of the ladder's steps
-        most = min(self._size, self._largest, events)
-        if self._quiet < _REST:
-            most = min(most, self._softening_step)
-        size = self._base * 2.0 ** math.floor(math.log2(most / self._base) + 1e-9)
+        most = min(learnt.size, self._largest, events)
+        if self._parts.quiet < _REST:
+            most = min(most, learnt.softening_step)
+        size = learnt.base * 2.0 ** math.floor(math.log2(most / learnt.base) + 1e-9)
         left = end_time - time
         count = math.ceil(left / size - 1e-9)
         return left / count if count <= 2 else size
@@ -160,21 +203,23 @@ class AccuracyControl:
         """
         change = np.array([energies.work, energies.kinetic_change, energies.elastic_change])
         now = self._now = _Rate(time + 0.5 * size, change / size)
-        self._pending, self._ratio = 0.0, 0.0
+        learnt, parts = self._learnt, self._parts
+        parts.pending, learnt.ratio = 0.0, 0.0
         if len(self._rates) == 2:
             first, second = self._rates
             bends = (now.rate - second.rate) / (now.time - second.time)
             bends -= (second.rate - first.rate) / (second.time - first.time)
             left = size**3 / 6.0 * np.abs(bends) / (now.time - first.time)
             # kinetic and elastic energy mirror each other; amplitudes err by half as much
-            self._pending = 0.5 * float(left.max())
-            scale = max(self._scale, energies.kinetic + energies.elastic)
+            parts.pending = 0.5 * float(left.max())
+            scale = max(parts.scale, energies.kinetic + energies.elastic)
             allowed = self._accuracy * max(float(np.abs(change).sum()), scale * size / end_time)
-            self._ratio = float(left.sum()) / allowed if allowed > 0.0 else 0.0
+            learnt.ratio = float(left.sum()) / allowed if allowed > 0.0 else 0.0
             turn = float(np.abs(change - size * second.rate).sum())
             bound = _LARGEST_TURN * self._accuracy * scale
-            if self.adapts_step and size > self._least and (self._ratio > _REJECT or turn > bound):
-                self._ratio = max(self._ratio, (turn / bound) ** 2 if bound > 0.0 else 0.0)
+            coarse = learnt.ratio > _REJECT or turn > bound
+            if self.adapts_step and size > learnt.least and coarse:
+                learnt.ratio = max(learnt.ratio, (turn / bound) ** 2 if bound > 0.0 else 0.0)
                 self._shorten(size)
                 logger.info("step at %.3g s of h = %.3g s is too coarse", time, size)
                 return False
@@ -182,60 +227,63 @@ class AccuracyControl:
 
     def _shorten(self, size: float) -> None:
         """Halve as often as the estimate asks for, but not below the shortest."""
-        halvings = min(max(1, round(0.5 * math.log2(self._ratio))), 3) if self._ratio > 0.0 else 1
-        self._size = max(size * 0.5**halvings, self._least)
-        self._same, self._smooth = 0, 0.5
+        learnt = self._learnt
+        halvings = 1
+        if learnt.ratio > 0.0:
+            halvings = min(max(1, round(0.5 * math.log2(learnt.ratio))), 3)
+        learnt.size = max(size * 0.5**halvings, learnt.least)
+        learnt.same, learnt.smooth = 0, 0.5
 
     def learn(
         self, size: float, energies: BulkEnergies, work: StepWork | None, closure: float
     ) -> None:
         """Take in a step that was committed, and what the energy ledger now misses."""
-        self._closure = closure
+        learnt, parts = self._learnt, self._parts
+        parts.closure = closure
         self._rates.append(self._now)
-        self._left += self._pending
+        parts.left += parts.pending
         held = energies.kinetic + energies.elastic
-        self._work += energies.work
+        parts.work += energies.work
         if work is not None:
             held += work.stored
-            self._quiet = 0 if work.cohesion > 0.0 else self._quiet + 1
-            self._numerical += work.numerical
-        self._scale = max(self._scale, held, abs(self._work))
-        if self._interacting and abs(energies.work) / size > self._power:
-            self._power = abs(energies.work) / size
-            self._missed = 0.5 * abs(energies.work) / self._scale
+            parts.quiet = 0 if work.cohesion > 0.0 else parts.quiet + 1
+            parts.numerical += work.numerical
+        parts.scale = max(parts.scale, held, abs(parts.work))
+        if self._interacting and abs(energies.work) / size > parts.power:
+            parts.power = abs(energies.work) / size
+            parts.missed = 0.5 * abs(energies.work) / parts.scale
         self._adapt_tolerance()
-        self._same += 1
-        self._smooth += _FRESH * (self._ratio - self._smooth)
-        if self._smooth > 1.0:
+        learnt.same += 1
+        learnt.smooth += _FRESH * (learnt.ratio - learnt.smooth)
+        spare = learnt.smooth < _SPARE and learnt.same >= _PATIENCE
+        if learnt.smooth > 1.0:
             self._shorten(size)
-        elif self._smooth < _SPARE and self._same >= _PATIENCE and size > 0.99 * self._size:
-            self._size, self._same = min(2.0 * self._size, self._largest), 0
+        elif spare and size > 0.99 * learnt.size:
+            learnt.size, learnt.same = min(2.0 * learnt.size, self._largest), 0
 
     def _adapt_tolerance(self) -> None:
         if not self._adapts_tolerance:
             return
-        self._tight_since += 1
+        learnt, parts = self._learnt, self._parts
+        learnt.tight_since += 1
         share = IMPULSES * self._accuracy
-        if abs(self._numerical) > share * self._scale and self._tight_since >= _PATIENCE:
-            self.tolerance = max(0.5 * self.tolerance, _TIGHTEST * self._accuracy)
-            self._tight_since = 0
+        if abs(parts.numerical) > share * parts.scale and learnt.tight_since >= _PATIENCE:
+            learnt.tolerance = max(0.5 * learnt.tolerance, _TIGHTEST * self._accuracy)
+            learnt.tight_since = 0
 
     def saved(self) -> dict:
         """What was learnt of the step and of the tolerance, and what the error is made of."""
         return {
             "starts_from": np.array(self._starts_from),
-            "learnt": {name: getattr(self, name) for name in _LEARNT},
-            "error": {name: getattr(self, name) for name in _ERROR},
+            "learnt": vars(self._learnt),
+            "error": vars(self._parts),
             "rates": np.array([[r.time, *r.rate] for r in (*self._rates, self._now)]),
         }
 
     def restore(self, saved: Mapping) -> None:
         """Take what `saved` gave; of another accuracy, step or tolerance only the error's parts."""
-        learnt = saved["learnt"] if self._continues(saved["starts_from"]) else {}
-        for name, value in {**learnt, **saved["error"]}.items():
-            setattr(self, name, value)
+        if np.array_equal(np.array(self._starts_from), saved["starts_from"]):
+            self._learnt = _Learnt(**saved["learnt"])
+        self._parts = _Parts(**saved["error"])
         *rates, self._now = (_Rate(float(row[0]), row[1:].copy()) for row in saved["rates"])
         self._rates = deque(rates, maxlen=2)
-
-    def _continues(self, starts_from: np.ndarray) -> bool:
-        return np.array_equal(np.array(self._starts_from), starts_from)
