@@ -211,7 +211,7 @@ def test_walls_carry_the_weight(kind, lengths, cells, label, order, points):
     scene = Scene(
         box_bodies(lengths, cells, kind, label),
         {1: LinearElastic(1e4, 0.3, 1.0)},
-        default_interaction=CohesiveZone(1e5, 1e3, 1e3),
+        default_interaction=CohesiveZone(1e5, 1e3, 1e3, friction=0.3),
         walls=[Wall(BOTTOM, 0.0 * up, up, SignoriniCoulomb(0.3))],
         loads=[Gravity(down)],
         damping=RayleighDamping(mass=20.0),
@@ -276,7 +276,7 @@ def vibration(scheme, theta, bonded):
 
     The reference is the matrix exponential of the chain of masses and springs, written by hand.
     """
-    cells, law = 4, CohesiveZone(60.0, 1e6, 1e3)
+    cells, law = 4, CohesiveZone(60.0, 1e6, 1e3, friction=0.3)
     scene = Scene(
         box_bodies((LENGTH, 1), (cells, 1), "quadrilateral", None if bonded else 0),
         {1: BAR},
