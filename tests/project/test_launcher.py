@@ -295,8 +295,9 @@ def at_rest(process):
 
 
 def wait_until_at_rest(process):
-    """Between two signals bash may lose the status of a child."""
-    while not at_rest(process):
+    """Between two signals bash may lose the status of a child; not for ever, if it never rests."""
+    until = time.monotonic() + LONGEST / 10.0
+    while not at_rest(process) and time.monotonic() < until:
         os.sched_yield()
 
 
