@@ -354,10 +354,11 @@ def test_terminal_stays_a_terminal_and_interrupts_once(either):
     for name in after:  # often: two interruptions that come at once may look like one
         os.write(terminal, b"\x03")
         output += read_until(terminal, b"SIGINT")
-        # The launcher hands this on after whatever it has made of the interruption.
+        # A signal that comes just before bash waits again is handed on with the next one only.
+        wait_until_at_rest(child)
         os.kill(child, getattr(signal, name))
         output += read_until(terminal, name.encode())
-    wait_until_at_rest(child)
+        wait_until_at_rest(child)
     either.let_go("end")
     output += read_until(terminal, None)
     assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 5

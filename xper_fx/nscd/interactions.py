@@ -242,9 +242,7 @@ class Interactions(SteppedPoints):
         Args:
             velocity: shape (num_slots * dim,), m/s.
         """
-        speed = float(np.abs(velocity).max(initial=0.0))
-        if self.halo is not None:
-            speed = self.largest(speed)
+        speed = self.largest(float(np.abs(velocity).max(initial=0.0)))
         return _ROUNDING * speed * self._stiffness
 
     @property

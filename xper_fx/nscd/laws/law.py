@@ -33,6 +33,9 @@ the step.
 each bond has spent, in [0, 1]. None for a law that has no bond; with a history variable "damage"
 and no `spent`, that is what is lost of it.
 
+A law whose bonds break may have a method `in_statics()`, which gives the law that a static run
+takes for it. Such a run then solves bulk and interactions in one system.
+
 `name` and `effects` are for the table of effects (`xper_fx/output/effects.py`): pairs of an
 effect's name, of the table or new, and how many of a point's parameters, state, terms and details
 it needs.
