@@ -282,6 +282,14 @@ class Bulk:
         """Number of unknowns on all ranks."""
         return int(self.ranks.sum(self.num_dofs))
 
+    def macroscopic_motion(self, displacement, velocity) -> tuple[np.ndarray, ...]:
+        """Fbar and its rate, of a periodic cell; empty for others.
+
+        Args:
+            displacement, velocity: of all unknowns, shape (num_dofs,), m and m/s.
+        """
+        return ()
+
     def end_weight(self, theta: float) -> float | np.ndarray:
         """theta of each unknown's equation, one number if it is the same for all."""
         return theta

@@ -67,6 +67,8 @@ class CoupledMatrices:
                 dofs_of_slots[: len(dofs)] = dofs
             self._system = CoupledSystem(matrix, layout.prescribed, dofs_of_slots, interactions)
             self._renewals = renewals
+        elif interactions is not None and interactions.turns:
+            self._system.turn(interactions)
         return self._system
 
     def unstable_ways(self) -> int:

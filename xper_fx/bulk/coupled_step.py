@@ -25,6 +25,7 @@ from xper_fx.bulk.coupled_matrices import CoupledMatrices
 from xper_fx.bulk.loading import Loading
 from xper_fx.bulk.state import State
 from xper_fx.bulk.step_equations import StepEquations
+from xper_fx.bulk.turning import couples_on, turn
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.point_tangents import PointTangents
 from xper_fx.support.profile import Stopwatch
@@ -71,6 +72,7 @@ class CoupledStep:
         slots: velocities of the points' nodes.
         impulses: H r on all unknowns (N s).
         corrections: how many were solved for.
+        couples: impulses on all unknowns that come with turning frames (N s), part of `residual`.
     """
 
     def __init__(
@@ -94,14 +96,43 @@ class CoupledStep:
         # without inertia the last step's velocities mean nothing for this one
         inert = bulk.inertia is not None
         self._start = state.velocity if inert else np.zeros_like(state.displacement)
-        self._stiffest, self.corrections, self._start_time = 0.0, 0, state.time
+        self._stiffest, self.corrections, self._state = 0.0, 0, state
+        self._turns = interactions is not None and interactions.turns
+        self.couples: np.ndarray | float = 0.0
         self.restart()
 
     def restart(self) -> None:
         """Go back to where the iterations began; impulses stay as they are."""
         self.velocity, self.slots = self._start.copy(), np.zeros(0)
         self.impulses = np.zeros_like(self._start)
+        self._ask_bulk()
+
+    def _ask_bulk(self) -> None:
         self.residual, self.internal = self._equations.residual(self.velocity)
+        self.residual += self.couples
+
+    def turn(self, velocity: np.ndarray) -> float:
+        """Turn frames of points to where velocities at the end of the step lead.
+
+        Args:
+            velocity: of all unknowns (m/s).
+
+        Returns:
+            The largest change of a direction (rad); 0 where frames do not turn.
+        """
+        if not self._turns:
+            return 0.0
+        points, matrices, state = self.interactions, self._matrices, self._state
+        before = [g.points.frame.copy() for g in points.groups]
+        weight = matrices.weight
+        mean = weight * velocity + (1.0 - weight) * self._start
+        turn(points, matrices.bulk, matrices.nodes, state, mean, self._step, matrices.theta)
+        self.couples = couples_on(points, matrices.nodes, len(velocity))
+        changes = (
+            np.abs(g.points.frame - old).max(initial=0.0)
+            for g, old in zip(points.groups, before, strict=True)
+        )
+        return float(max(changes, default=0.0))
 
     # Impulses of the points
 
@@ -195,7 +226,7 @@ class CoupledStep:
         if self.growth is not None:
             self.loading.set(time)
         with self._stopwatch.phase("free velocity"):
-            self.residual, self.internal = self._equations.residual(velocity)
+            self._ask_bulk()
 
     # What is left
 
@@ -238,7 +269,7 @@ class CoupledStep:
             return True
         jumps = zip(self._groups, self._jumps(self.velocity), strict=True)
         moved = [jump - g.jump for g, jump in jumps]
-        return not self.growth.turns_back(moved, self.loading.time - self._start_time)
+        return not self.growth.turns_back(moved, self.loading.time - self._state.time)
 
     def growth_left(self) -> float:
         """By how much the growth differs from the one that the step asks for, relative."""

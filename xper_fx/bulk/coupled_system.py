@@ -15,6 +15,7 @@ import scipy.sparse as sp
 
 from xper_fx.bulk.sparse_direct import SingularMatrixError, SparseDirect
 from xper_fx.nscd.interactions import Interactions
+from xper_fx.nscd.point_group import PointGroup
 
 # Difference from its transpose, relative to its entries, up to which a spring is symmetric:
 # tangents are taken by differences.
@@ -63,6 +64,13 @@ class CoupledSystem:
         self._solvers: dict[bool, SparseDirect] = {}
         self._data = self._factorised = np.zeros(0)
         self._used: SparseDirect | None = None
+
+    def turn(self, interactions: Interactions) -> None:
+        """Take the frames that points have now."""
+        self._springs = [
+            (dofs, _relative(g))
+            for (dofs, _), g in zip(self._springs, interactions.groups, strict=True)
+        ]
 
     def take(self, bulk: sp.csr_array, stiffness: Sequence[np.ndarray]) -> None:
         """Take the values; factorise them unless they are those of the last time.
@@ -131,11 +139,16 @@ class CoupledSystem:
         )
 
 
-def _at_dofs(group, dofs_of_slots: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _at_dofs(group: PointGroup, dofs_of_slots: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Unknowns at each point of a group, (n, 2 k dim), and H^T there, (n, components, 2 k dim)."""
     points, dim = group.points, group.sides.dim
     n = len(points)
     slots = points.nodes[..., None].astype(np.int64) * dim + np.arange(dim)
-    signed = points.weights * np.array([1.0, -1.0])[:, None]
-    h = np.einsum("psk,pid->piskd", signed, points.frame)
-    return dofs_of_slots[slots].reshape(n, -1), h.reshape(n, points.frame.shape[1], -1)
+    return dofs_of_slots[slots].reshape(n, -1), _relative(group)
+
+
+def _relative(group: PointGroup) -> np.ndarray:
+    """H^T at the points of a group, shape (n, components, 2 k dim)."""
+    frame = group.points.frame
+    signed = group.points.weights * np.array([1.0, -1.0])[:, None]
+    return np.einsum("psk,pid->piskd", signed, frame).reshape(*frame.shape[:2], -1)

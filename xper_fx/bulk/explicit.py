@@ -20,6 +20,7 @@ import numpy as np
 from xper_fx.bulk.body_inverse import LumpedInverse
 from xper_fx.bulk.bulk import Bulk
 from xper_fx.bulk.state import State, StepOutcome, interact, reactions_on
+from xper_fx.bulk.turning import couples_on, turn
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.solvers.solver import SolveOptions, Solver
 from xper_fx.support.profile import Stopwatch
@@ -80,11 +81,18 @@ class ExplicitScheme(KeepsNothing):
         sweeps, error, traction, converged = 0, 0.0, 0.0, True
         if interactions is not None:
             with watch.phase("interaction terms"):
+                if interactions.turns:
+                    turn(interactions, bulk, inverse.nodes, state, v0, step, self.theta)
                 interactions.begin_step(step, self.theta)
             with watch.phase("interaction solve"):
                 velocity, impulses, slots, report = interact(
                     inverse, interactions, solver, free, options
                 )
+            if interactions.turns:
+                with watch.phase("turning frames"):
+                    impulses += couples_on(interactions, inverse.nodes, len(impulses))
+                    velocity = free + inverse.apply(impulses)
+                    interactions.move_bulk(slots, velocity.reshape(-1, bulk.dim)[inverse.nodes])
             sweeps, error, traction, converged = report[1], report[2], report[3], report[0]
         reactions = reactions_on(
             bulk.layout.prescribed,

@@ -29,6 +29,7 @@ from xper_fx.bulk.body_inverse import CellwiseInverse, ClusterInverse
 from xper_fx.bulk.bulk import Bulk
 from xper_fx.bulk.state import State, StepOutcome, interact, reactions_on
 from xper_fx.bulk.step_equations import StepEquations
+from xper_fx.bulk.turning import couples_on, turn
 from xper_fx.forms.dynamics import BulkForms
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.solvers.solver import SolveOptions, Solver
@@ -198,6 +199,9 @@ class ImplicitScheme:
             with watch.phase("interaction terms"):
                 if interactions.bulk_inverse is not inverse.blocks:
                     interactions.update_inverse(inverse.blocks)
+                turns = interactions.turns
+                if turns:
+                    turn(interactions, bulk, inverse.nodes, state, v0, step, self.theta)
                 interactions.begin_step(step, self.theta)
 
         with watch.phase("free velocity"):
@@ -215,12 +219,18 @@ class ImplicitScheme:
             with watch.phase("free velocity"):
                 corrected = balance.missing
                 advance = inverse.advance if bare or corrected else inverse.apply
+                if not bare and turns:
+                    couples = couples_on(interactions, inverse.nodes, len(residual))
+                    residual = residual + couples
                 free = velocity + advance(residual)
             if bare:
                 new = free
             else:
                 if iteration > 1:  # what an earlier iterate damaged is whole again
                     with watch.phase("interaction terms"):
+                        if turns:
+                            mean = theta * velocity + (1.0 - theta) * v0
+                            turn(interactions, bulk, inverse.nodes, state, mean, step, self.theta)
                         interactions.prepare()
                 if bulk.floating:
                     interactions.take_anchors(inverse.anchors(residual))
@@ -228,6 +238,8 @@ class ImplicitScheme:
                     new, impulses, slots, report = interact(
                         inverse, interactions, solver, free, options
                     )
+                if turns:
+                    impulses += couples
                 sweeps += report.sweeps
                 error, traction = report.residual, report.traction_change
                 converged = report.converged

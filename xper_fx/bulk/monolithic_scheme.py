@@ -29,6 +29,10 @@ if TYPE_CHECKING:
     from xper_fx.nscd.growth import GrowthLimit
 
 
+# How often frames follow the bodies in a step, and change of a direction (rad) that is none.
+_TURNS, _TURNED = 20, 1e-9
+
+
 class PointsOfNodes(NamedTuple):
     """Where points find their velocities: as `xper_fx.bulk.body_inverse`, without w on the bulk."""
 
@@ -113,25 +117,29 @@ class MonolithicScheme:
                 blocks = self.inverse(step, state.displacement).blocks
                 if interactions.bulk_inverse is not blocks:
                     interactions.update_inverse(blocks)
-                interactions.begin_step(step, self.theta)
         coupled = CoupledStep(
             self._matrices, equations, loading, interactions, state, step, growth, watch
         )
         newton = SemismoothNewton(coupled)
-        if guess is not None:
-            newton.start_from(*guess)
-        converged = newton.run(self._tolerance, self._max_newton) and coupled.goes_on
-        if not converged and interactions is not None:
-            loading.set(state.time + (0.0 if growth is not None else step))
-            interactions.begin_step(step, self.theta)
+
+        def begin() -> None:
+            if interactions is not None:
+                with watch.phase("interaction terms"):
+                    coupled.turn(coupled.velocity if guess is None else guess[1])
+                    interactions.begin_step(step, self.theta)
             coupled.restart()
             if guess is not None:
                 newton.start_from(*guess)
-            found = find_contacts(coupled)
-            converged = found and newton.run(self._tolerance, self._max_newton) and coupled.goes_on
-        velocity, impulses = coupled.velocity, coupled.impulses
+
+        begin()
+        converged = self._solve(coupled, newton)
+        if not converged and interactions is not None:
+            loading.set(state.time + (0.0 if growth is not None else step))
+            begin()
+            converged = find_contacts(coupled) and self._solve(coupled, newton)
+        velocity, impulses = coupled.velocity, coupled.impulses + coupled.couples
         reactions = reactions_on(
-            bulk.layout.prescribed, lambda d: -(coupled.residual[d] + impulses[d])
+            bulk.layout.prescribed, lambda d: -(coupled.residual[d] + coupled.impulses[d])
         )
         end = State(
             loading.time, equations.displacement(velocity), velocity, coupled.internal,
@@ -142,6 +150,17 @@ class MonolithicScheme:
             end, coupled.slots, impulses, reactions, equations.force_impulse, bulk.viscous(mean), 0,
             newton.left, 0.0, coupled.corrections, newton.left, converged,
         )  # fmt: skip
+
+    def _solve(self, coupled: CoupledStep, newton: SemismoothNewton) -> bool:
+        """Whether the step was solved, with frames that turn as its bodies do."""
+        for _ in range(_TURNS):
+            if not (newton.run(self._tolerance, self._max_newton) and coupled.goes_on):
+                return False
+            if coupled.turn(coupled.velocity) <= _TURNED:
+                return True
+            coupled.interactions.prepare()
+            coupled.move(coupled.velocity, coupled.loading.time)
+        return False
 
     def unstable_ways(self) -> int:
         """As of `CoupledMatrices`."""

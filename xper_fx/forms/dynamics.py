@@ -42,6 +42,7 @@ class BulkForms:
         V: vector Lagrange space on `bodies.mesh`.
         u: displacement the forms are evaluated at (m).
         linear: whether every material's energy is quadratic.
+        finite_strain: whether a material names that effect.
         step: h (s) as the forms have it, None where no material asks for it.
 
     Raises:
@@ -61,6 +62,9 @@ class BulkForms:
         self.V = fem.functionspace(mesh, ("Lagrange", order, (dim,)))
         self.u = fem.Function(self.V, name="displacement")
         self.linear = all(m.linear for m in self.materials.values())
+        self.finite_strain = any(
+            "finite strain" in getattr(m, "effects", ()) for m in self.materials.values()
+        )
         simplex = mesh.topology.cell_name() in ("triangle", "tetrahedron")
         self._degree = 2 * (order - 1) if simplex else 2 * order
         self._dx = ufl.Measure(

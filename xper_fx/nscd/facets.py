@@ -13,6 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from xper_fx.nscd.lips import Lips, facet_lips, join_lips, still_lips
 from xper_fx.nscd.points import InteractionPoints, frame_from_normal
 
 # Shares of the facet at its nodes. The quadratic triangle takes the diagonal of its mass matrix:
@@ -135,6 +136,21 @@ def facet_points(
     )
 
 
+def with_lips(
+    points: InteractionPoints, nodes: np.ndarray, x: np.ndarray, rule: str
+) -> InteractionPoints:
+    """Points of `facet_points` whose frames turn with their facets.
+
+    Args:
+        points: facet after facet.
+        nodes: shape (num_facets, 2, k), as of `facet_points`.
+        x: shape (num_facets, k, dim), positions of the nodes (m).
+        rule: "nodal" or "gauss".
+    """
+    shapes = facet_shapes(points.dim, nodes.shape[2], rule)
+    return replace(points, lips=facet_lips(nodes, x, points.frame, shapes))
+
+
 def wall_points(
     nodes: np.ndarray, area: np.ndarray, normal: np.ndarray, gap: np.ndarray, ground: int, k: int
 ) -> InteractionPoints:
@@ -176,7 +192,20 @@ def join_points(parts: list[InteractionPoints]) -> InteractionPoints:
         *(
             np.concatenate([getattr(part, name) for part in parts])
             for name in ("nodes", "weights", "frame", "area", "gap")
-        )
+        ),
+        lips=_joined_lips(parts),
+    )
+
+
+def _joined_lips(parts: list[InteractionPoints]) -> Lips | None:
+    """The lips of several sets of points; where some have none their frames stay as they are."""
+    if all(part.lips is None for part in parts):
+        return None
+    return join_lips(
+        [
+            still_lips(part.nodes[:, :, :1], part.frame) if part.lips is None else part.lips
+            for part in parts
+        ]
     )
 
 

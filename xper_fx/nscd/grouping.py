@@ -13,6 +13,7 @@ from xper_fx.nscd.laws.law import Law, LawKernels
 from xper_fx.nscd.ordering import Ordering, bodies_of_tiles, order_by_vertex, order_points
 from xper_fx.nscd.point_group import PointGroup
 from xper_fx.nscd.points import InteractionPoints
+from xper_fx.nscd.turning_frames import TurningFrames
 
 
 class Grouping:
@@ -96,10 +97,15 @@ class Grouping:
         numbers = np.flatnonzero(np.bincount(which))
         which = np.searchsorted(numbers, which)
         laws = [self._laws[number] for number in numbers]
-        parameters = np.array([law.parameters() for law in laws]).reshape(len(laws), -1)[which]
-        state = np.array([law.initial_state() for law in laws]).reshape(len(laws), -1)[which]
+        parameters = np.array([law.parameters() for law in laws], float)
+        parameters = parameters.reshape(len(laws), -1)[which]
+        state = np.array([law.initial_state() for law in laws], float)
+        state = state.reshape(len(laws), -1)[which]
         jump = np.zeros((n, components))
         jump[:, 0] = points.gap
+        turning = None
+        if points.lips is not None:
+            turning = TurningFrames.of(points.lips, kernels, parameters, state)
         return PointGroup(
             kernels=kernels,
             indices=indices.astype(np.int32),
@@ -107,8 +113,8 @@ class Grouping:
             ordering=ordering,
             tile_bodies=tile_bodies,
             couplings=couplings,
-            parameters=parameters.astype(float),
-            state=state.astype(float),
+            parameters=parameters,
+            state=state,
             terms=np.zeros((n, kernels.num_terms)),
             details=np.zeros((n, kernels.num_details)),
             compliance=np.zeros((n, components * (components + 1) // 2)),
@@ -121,6 +127,7 @@ class Grouping:
             status=np.zeros(n, np.int8),
             sides=sides,
             blocks=_block_size(inverse, couplings),
+            turning=turning,
         )
 
     def _ordered(self, blocks, num_blocks: int, indices) -> Ordering:
@@ -144,7 +151,8 @@ class Grouping:
         }
         return replace(
             group, points=points, ordering=ordering, couplings=couple(points, inverse),
-            tile_bodies=bodies_of_tiles(ordering, blocks, len(self._still)), **arrays,
+            tile_bodies=bodies_of_tiles(ordering, blocks, len(self._still)),
+            turning=None if group.turning is None else group.turning.take(kept), **arrays,
         )  # fmt: skip
 
     def _blocks_of(self, nodes: np.ndarray) -> np.ndarray:

@@ -21,6 +21,7 @@ from xper_fx.nscd.own_compliance import update_compliance
 from xper_fx.nscd.point_group import PointGroup
 from xper_fx.nscd.points import InteractionPoints
 from xper_fx.nscd.stepped_points import SteppedPoints
+from xper_fx.nscd.turning_frames import LipMotion
 from xper_fx.support.saved_rows import Rows
 
 if TYPE_CHECKING:
@@ -160,6 +161,7 @@ class Interactions(SteppedPoints):
     def _take_inverse(self, groups: list[PointGroup]) -> None:
         for group in groups:
             update_compliance(group, self.inverse)
+        self._find_uneven()
         traces = [g.compliance[:, np.equal(*sym_indices(g.kernels.components))].sum(1)
                   for g in self.groups]  # fmt: skip
         stiffness = sum(float(np.sum(t[t > 0.0] ** -2.0)) for t in traces)
@@ -169,6 +171,47 @@ class Interactions(SteppedPoints):
         stiffness, self._mass, groups, others = self.total(np.array(counts, float)).tolist()
         self._stiffness = math.sqrt(stiffness)
         self._all_of_rigid = groups > 0 and others == 0
+
+    def _find_uneven(self) -> None:
+        """Find the turning points whose compliance hangs on their frame."""
+        turning = [g for g in self._permanent if g.turning is not None]
+        if turning:
+            even = self.inverse.even_nodes()
+            self._uneven = {
+                id(g): np.flatnonzero(~even[g.points.nodes].all(axis=(1, 2))) for g in turning
+            }
+
+    def lip_motion(
+        self,
+        displacement: np.ndarray,
+        velocity: np.ndarray,
+        mean: np.ndarray,
+        gradient: np.ndarray | None = None,
+        rate: np.ndarray | None = None,
+    ) -> LipMotion:
+        """What `turn` wants, from the interacting nodes of meshed bodies.
+
+        Args:
+            displacement, velocity, mean: shape (num_nodes, dim), see `LipMotion`.
+            gradient, rate: of a periodic cell, see `LipMotion`.
+        """
+        at_slots = []
+        for nodal in (displacement, velocity, mean)[: 2 if mean is velocity else 3]:
+            at_slots.append(np.zeros(self.inverse.num_slots * self.dim))
+            self.move_bulk(at_slots[-1], nodal)
+        if gradient is None:
+            gradient, rate = np.eye(self.dim), np.zeros((self.dim, self.dim))
+        return LipMotion(at_slots[0], at_slots[1], at_slots[-1], gradient, rate)
+
+    def move_bulk(self, values: np.ndarray, nodal: np.ndarray) -> None:
+        """Give values of meshed bodies to their slots and to those of ghosts.
+
+        Args:
+            values: shape (num_slots * dim,), changed.
+            nodal: shape (num_nodes, dim), of the interacting nodes of meshed bodies.
+        """
+        values.reshape(-1, self.dim)[: len(nodal)] = nodal
+        self.refresh_ghosts(values)
 
     def free_velocities(self, bulk: np.ndarray) -> np.ndarray:
         """Free velocities of all slots, flat.
@@ -234,6 +277,7 @@ class Interactions(SteppedPoints):
             if len(kept) < len(group):
                 self._permanent[number] = self._grouping.subset(self.inverse, group, kept)
         self.groups = self._permanent + self.contacts
+        self._find_uneven()
         self.renewals += 1
 
     def rounding(self, velocity: np.ndarray) -> float:

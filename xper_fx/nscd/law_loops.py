@@ -13,11 +13,18 @@ from xper_fx.nscd.laws.law import LawKernels
 
 
 @cache
-def step_loops(law: LawKernels, sides: Sides):
-    """The loops over ranges of points of a law's `prepare` and `commit`."""
+def step_loops(law: LawKernels, sides: Sides, turns: bool):
+    """The loops over ranges of points of a law's `prepare` and `commit`.
+
+    Args:
+        law: of the points.
+        sides: what they are.
+        turns: whether jumps lose what the spin of the points' frames adds to their rates.
+    """
     read, _ = motion(sides)
     algebra = for_dimension(sides.dim, sides.components)
     row, set_row, add, scale = algebra.row, algebra.set_row, algebra.add, algebra.scale
+    subtract = algebra.subtract
     prepare, commit = law.prepare, law.commit
 
     @njit(nogil=True, **LEAN_ENTRY)
@@ -33,11 +40,13 @@ def step_loops(law: LawKernels, sides: Sides):
     @njit(nogil=True, **LEAN_ENTRY)
     def commit_range(
         first, last, v, c, jump, velocity, r, area, step, theta, parameters, state, terms, details,
-        energy, status,
+        energy, status, spin,
     ):  # fmt: skip
         for i in range(first, last):
             jump0, u = row(jump, i), read(v, c, i)
             mean = add(scale(theta, u), scale(1.0 - theta, row(velocity, i)))
+            if turns:
+                mean = subtract(mean, row(spin, i))
             jump1 = add(jump0, scale(step, mean))
             status[i] = commit(
                 i, jump0, jump1, u, row(r, i), area[i], step, theta, parameters, state, terms,

@@ -33,6 +33,7 @@ from scipy.spatial import cKDTree
 
 from xper_fx.cache import njit
 from xper_fx.nscd.facets import nodal_shares
+from xper_fx.nscd.lips import Lips, along_tangents, facet_derivatives
 from xper_fx.nscd.points import InteractionPoints, frame_from_normal
 
 RULES = ("mortar", "nodes")
@@ -52,6 +53,7 @@ def nonmatching_points(
     inside: np.ndarray,
     body: np.ndarray,
     rule: str = "mortar",
+    turns: bool = False,
 ) -> InteractionPoints:
     """Points on the nodes of the candidates, against the antagonists.
 
@@ -62,6 +64,7 @@ def nonmatching_points(
         inside: a point within the cell of each candidate, which tells where it is, (num, dim).
         body: body of each node, shape (num_nodes,).
         rule: "mortar" or "nodes".
+        turns: whether frames turn with the surfaces.
 
     Returns:
         One point a candidate node, in ascending order of nodes; without gap.
@@ -100,13 +103,55 @@ def nonmatching_points(
     sides = np.stack([np.repeat(nodes[:, None], k, axis=1), others], axis=1)
     own = np.zeros((len(nodes), k))
     own[:, 0] = 1.0
+    frame = frame_from_normal(turned)
+    lips = None
+    if turns:
+        nearest = np.take_along_axis(others, np.abs(share).argmax(axis=1)[:, None], axis=1)[:, 0]
+        sides_of = ((nodes, candidates), (nearest, antagonists))
+        lips = _lips_around([_around(x, at, facets, frame) for at, facets in sides_of], frame)
     return InteractionPoints(
         np.ascontiguousarray(sides, np.int32),
         np.stack([own, share], axis=1),
-        frame_from_normal(turned),
+        frame,
         area,
         np.zeros(len(nodes)),
+        lips=lips,
     )
+
+
+def _around(x, at, facets, frame) -> tuple[np.ndarray, np.ndarray]:
+    """Nodes of all facets around a node at each point, and the area-weighted mean of their G."""
+    dim = x.shape[1]
+    corners = facets.ravel()
+    order, count = np.argsort(corners, kind="stable"), np.bincount(corners, minlength=len(x))
+    number = count[at]
+    point = np.repeat(np.arange(len(at)), number)
+    place = np.arange(len(point)) - np.repeat(np.cumsum(number) - number, number)
+    facet = order[(np.cumsum(count) - count)[at][point] + place] // dim
+    here = x[facets[facet]]
+    own = facet_derivatives(dim, dim, np.zeros((1, dim)))[0]
+    along = np.einsum("ka,nkd->nad", own, here)
+    measure = np.sqrt(np.linalg.det(np.einsum("nad,nbd->nab", along, along)))
+    share = measure / np.bincount(point, measure)[point]
+    gradient = along_tangents(np.tile(own, (len(point), 1, 1)), here, frame[point, 1:])
+    gradient *= share[:, None, None]
+    where = np.repeat(point, dim), facets[facet].ravel()
+    rows = [
+        _by_rows(sp.coo_array((gradient[:, :, a].ravel(), where), shape=(len(at), len(x))).tocsr())
+        for a in range(dim - 1)
+    ]
+    return rows[0][0], np.stack([values for _, values in rows], axis=2)
+
+
+def _lips_around(sides, frame) -> Lips:
+    """Lips of points whose sides have facets of their own: nodes and G of each side."""
+    k = max(nodes.shape[1] for nodes, _ in sides)
+    nodes = [np.pad(n, ((0, 0), (0, k - n.shape[1])), mode="edge") for n, _ in sides]
+    gradients = [np.pad(g, ((0, 0), (0, k - g.shape[1]), (0, 0))) for _, g in sides]
+    return Lips(
+        np.stack(nodes, axis=1).astype(np.int32), np.stack(gradients, axis=1),
+        np.ascontiguousarray(frame[:, 1:]),
+    )  # fmt: skip
 
 
 def _outward(x, facets, inside):

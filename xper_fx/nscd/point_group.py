@@ -11,6 +11,7 @@ from xper_fx.nscd.couplings import Blocks, Couplings, Sides
 from xper_fx.nscd.laws.law import LawKernels
 from xper_fx.nscd.ordering import Ordering, TileBodies
 from xper_fx.nscd.points import InteractionPoints
+from xper_fx.nscd.turning_frames import TurningFrames
 
 
 @dataclass
@@ -29,6 +30,7 @@ class PointGroup:
         status: shape (n,), int8: 0 open, 1 closed or bonded and sticking, 2 sliding.
         sides, blocks: what kernels over the points are compiled for.
         phase: in which bodies of another rank are at the points, 0 if none are.
+        turning: what they need to turn with their lips, None where they do not.
     """
 
     kernels: LawKernels
@@ -52,6 +54,7 @@ class PointGroup:
     sides: Sides
     blocks: Blocks
     phase: int = 0
+    turning: TurningFrames | None = None
 
     def __len__(self) -> int:
         return len(self.indices)
@@ -63,7 +66,8 @@ class PointGroup:
             self.indices, self.parameters, self.state, self.terms, self.details, self.compliance,
             self.inverse_area, self.jump, self.velocity, self.impulse, self.committed_impulse,
             self.energy, self.status, *self.ordering, *self.tile_bodies, *self.couplings,
-            *vars(self.points).values(),
+            *(a for a in vars(self.points).values() if isinstance(a, np.ndarray)),
+            *(self.turning or ()),
         )  # fmt: skip
         kept = {id(a): a for a in own if a is not None and a is not self.couplings.w}
         return sum(a.nbytes for a in kept.values())

@@ -19,8 +19,12 @@ point: the side moves with v + omega x a, and an impulse f on it turns the body 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
+
+if TYPE_CHECKING:
+    from xper_fx.nscd.lips import Lips
 
 
 @dataclass(frozen=True)
@@ -36,6 +40,8 @@ class InteractionPoints:
         gap: shape (num_points,), normal distance at the start (m).
         lever_arms: shape (num_points, 2, dim), of sides on rigid bodies (m), zero on the others;
             None if no side is on a rigid body.
+        lips: facets on both sides, with which frames turn (`nscd/turning_frames.py`); None where
+            frames stay what they are.
     """
 
     nodes: np.ndarray
@@ -44,6 +50,7 @@ class InteractionPoints:
     area: np.ndarray
     gap: np.ndarray
     lever_arms: np.ndarray | None = None
+    lips: Lips | None = None
 
     @property
     def dim(self) -> int:
@@ -57,6 +64,7 @@ class InteractionPoints:
         """The points at `indices`, in that order."""
         return InteractionPoints(
             *(np.ascontiguousarray(a[indices]) for a in self._arrays()),
+            lips=None if self.lips is None else self.lips.take(indices),
         )
 
     def with_components(self, components: int) -> InteractionPoints:
@@ -75,7 +83,8 @@ class InteractionPoints:
     @property
     def nbytes(self) -> int:
         """Memory held, in bytes."""
-        return sum(a.nbytes for a in self._arrays())
+        lips = 0 if self.lips is None else self.lips.nbytes
+        return sum(a.nbytes for a in self._arrays()) + lips
 
     def relative(self, nodal: np.ndarray) -> np.ndarray:
         """H^T v: relative vectors in the local frame.

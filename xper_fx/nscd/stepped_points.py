@@ -15,9 +15,23 @@ from xper_fx.nscd.couplings import push_kernel, spread_kernel
 from xper_fx.nscd.found_contacts import FoundContacts
 from xper_fx.nscd.law_loops import evolve_loop, step_loops
 from xper_fx.nscd.laws.law import ENERGIES
+from xper_fx.nscd.own_compliance import update_compliance
 from xper_fx.nscd.point_group import PointGroup
 from xper_fx.nscd.point_values import PointValues
+from xper_fx.nscd.turning_frames import (
+    FacetFlippedError,
+    LipMotion,
+    TurningFrames,
+    couple_loop,
+    settle_loop,
+    turn_loop,
+)
 from xper_fx.support.threads import in_ranges
+
+
+def _shares_of_spin(step: float, theta: float) -> tuple[float, float]:
+    """What laws are given of a spin s: velocities less the first times s, jumps the second."""
+    return (1.0 / (1.0 - theta), 0.0) if theta < 1.0 else (0.0, step)
 
 
 class StepWork(NamedTuple):
@@ -49,6 +63,64 @@ class SteppedPoints(PointValues):
     renewals: int
     too_far: float
     _found: FoundContacts
+    _motion: LipMotion
+    _uneven: dict[int, np.ndarray]
+
+    @property
+    def turns(self) -> bool:
+        """Whether frames of points turn with their bodies."""
+        return any(g.turning is not None for g in self._permanent)
+
+    def turn(self, motion: LipMotion, step: float, theta: float) -> None:
+        """Turn frames with their lips, before `begin_step` or `prepare`.
+
+        Args:
+            motion: of the slots.
+            step: h (s).
+            theta: weight of the end of the step.
+
+        Raises:
+            FacetFlippedError: a facet has no normal any more, or the opposite one.
+        """
+        self._motion = motion
+        inverse, shift = _shares_of_spin(step, theta)
+        flipped = 0
+        for g in self._permanent:
+            if g.turning is None:
+                continue
+            first = in_ranges(
+                turn_loop(g.sides), len(g), g.couplings, g.points.gap, g.points.frame, g.turning,
+                motion, step * theta, inverse, shift, g.jump, g.velocity,
+            )  # fmt: skip
+            wrong = [i for i in first if i >= 0]
+            if wrong:
+                flipped = 1 + int(self._numbers()[g.indices[wrong[0]]])
+            elif len(uneven := self._uneven[id(g)]):
+                update_compliance(g, self.inverse, uneven)
+        if flipped := int(self.largest(flipped)):
+            raise FacetFlippedError(flipped - 1)
+
+    def _settle(self, group: PointGroup, turning: TurningFrames, velocity: np.ndarray) -> float:
+        """What frames that turned add to the numerical energy of the step (J; 2D: J/m)."""
+        inverse, shift = _shares_of_spin(self.step_size, self.theta)
+        return sum(
+            in_ranges(
+                settle_loop(group.kernels, group.sides), len(group), velocity, group.couplings,
+                turning, self._motion, self.theta, inverse, shift, group.jump, group.velocity,
+                group.impulse, group.points.area, group.parameters, group.state, group.energy,
+            )
+        )  # fmt: skip
+
+    def couples(self) -> np.ndarray:
+        """Impulses on the nodes of the couples that come with turning frames, (num_slots, dim)."""
+        total = np.zeros((self.inverse.num_slots, self.dim))
+        for g in self._permanent:
+            if g.turning is not None:
+                add_couples = couple_loop(g.sides)
+                add_couples(total.reshape(-1), g.couplings, g.turning, g.impulse)
+        if self.halo is not None:
+            self.halo.everywhere.add_back(total.reshape(-1))
+        return total
 
     def begin_step(self, step: float, theta: float) -> None:
         """Set the constants of the step in every law; impulses start from the last step's."""
@@ -61,7 +133,7 @@ class SteppedPoints(PointValues):
     def prepare(self) -> None:
         """Renew the laws' constants of the step, after `update_inverse`."""
         for g in self.groups:
-            prepare, _ = step_loops(g.kernels, g.sides)
+            prepare, _ = step_loops(g.kernels, g.sides, g.turning is not None)
             in_ranges(
                 prepare, len(g), g.jump, g.velocity, g.compliance, g.points.area, self.step_size,
                 self.theta, g.parameters, g.state, g.terms, g.details,
@@ -129,11 +201,15 @@ class SteppedPoints(PointValues):
         for g in self.groups:
             if static:
                 totals["numerical"] += self._work_of_change(g, velocity)
-            _, commit = step_loops(g.kernels, g.sides)
+            spin = None
+            if g.turning is not None:
+                totals["numerical"] += self._settle(g, g.turning, velocity)
+                spin = g.turning.spin
+            _, commit = step_loops(g.kernels, g.sides, spin is not None)
             in_ranges(
                 commit, len(g), velocity, g.couplings, g.jump, g.velocity, g.impulse, g.points.area,
                 self.step_size, self.theta, g.parameters, g.state, g.terms, g.details, g.energy,
-                g.status,
+                g.status, spin,
             )  # fmt: skip
             g.committed_impulse[:] = g.impulse
             for name, total in zip(g.kernels.energies, g.energy.sum(axis=0), strict=True):

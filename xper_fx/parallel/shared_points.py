@@ -13,7 +13,7 @@ import numpy as np
 
 from xper_fx.bodies.explode import Bodies, FacingFacets
 from xper_fx.bodies.meshes import reference_cell
-from xper_fx.nscd.facets import facet_points, facet_shapes
+from xper_fx.nscd.facets import facet_points, facet_shapes, with_lips
 from xper_fx.nscd.points import InteractionPoints
 from xper_fx.parallel.local_bodies import Part, nodes_on_sides
 from xper_fx.parallel.ownership import owners_by_facet, owners_by_vertex, phases
@@ -57,6 +57,7 @@ def shared_points(
     law_of_facet: np.ndarray,
     rule: str,
     by_vertex: bool,
+    turns: bool,
 ) -> SharedPoints:
     """Points of the facing facets that have a law; all ranks call it together.
 
@@ -71,6 +72,7 @@ def shared_points(
         law_of_facet: shape (num_facets,), -1 for none.
         rule: "nodal" or "gauss".
         by_vertex: whether all points that meet at a vertex shall be on one rank.
+        turns: whether the points' frames turn with their facets.
     """
     with_law = np.flatnonzero(law_of_facet >= 0)
     facets = FacingFacets(**{name: array[with_law] for name, array in vars(bodies.facets).items()})
@@ -120,13 +122,18 @@ def shared_points(
     keys, place = np.unique(key[ghost], return_inverse=True)
     nodes[ghost] = num_nodes + place
     points = facet_points(nodes, facets.normal[mine], facets.measure[mine], rule)
+    if turns:
+        order = 1 if k == facets.local_vertices.shape[2] else 2
+        points = with_lips(points, nodes, bodies.facet_nodes(order)[with_law[mine]], rule)
     own = np.flatnonzero((owner[mine] == me).ravel())
     points = points.take(own)
-    used = np.unique(points.nodes[points.nodes >= num_nodes]) - num_nodes
+    named = [points.nodes] if points.lips is None else [points.nodes, points.lips.nodes]
+    used = np.unique(np.concatenate([n[n >= num_nodes] for n in named])) - num_nodes
     renumbered = np.full(len(keys), -1, np.int32)
     renumbered[used] = np.arange(len(used))
-    ghosts = points.nodes >= num_nodes
-    points.nodes[ghosts] = num_nodes + renumbered[points.nodes[ghosts] - num_nodes]
+    for there in named:
+        ghosts = there >= num_nodes
+        there[ghosts] = num_nodes + renumbered[there[ghosts] - num_nodes]
 
     rank_of_ghost, node = np.divmod(keys[used], step)
     wanted = [node[rank_of_ghost == rank] for rank in range(ranks.size)]

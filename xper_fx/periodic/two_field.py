@@ -160,6 +160,11 @@ class CellBulk(Bulk):
         columns = displacement[self.unknowns.macroscopic].reshape(self.dim, self.dim)
         return np.eye(self.dim) + columns.T
 
+    def macroscopic_motion(self, displacement, velocity) -> tuple[np.ndarray, ...]:
+        """See `Bulk`."""
+        rate = self.macroscopic_gradient(velocity) - np.eye(self.dim)
+        return self.macroscopic_gradient(displacement), rate
+
     def macroscopic_stress(self, internal: np.ndarray) -> np.ndarray:
         """Pibar = int Pi dx / |Omega|, shape (dim, dim), Pa."""
         return internal[self.unknowns.macroscopic].reshape(self.dim, self.dim).T / self.volume

@@ -75,13 +75,16 @@ class Tie:
                 )
 
 
-def tie_points(tie: Tie, V: FunctionSpace, bodies: Bodies) -> tuple[InteractionPoints, np.ndarray]:
+def tie_points(
+    tie: Tie, V: FunctionSpace, bodies: Bodies, turns: bool
+) -> tuple[InteractionPoints, np.ndarray]:
     """Points of a tie, on the nodes of a space of order 1.
 
     Args:
         tie: the tie.
         V: vector Lagrange space of order 1 on `bodies.mesh`.
         bodies: the bodies.
+        turns: whether frames turn with the surfaces.
 
     Returns:
         The points, and the pairs of bodies that they join, shape (num_points, 2).
@@ -104,5 +107,5 @@ def tie_points(tie: Tie, V: FunctionSpace, bodies: Bodies) -> tuple[InteractionP
     inside = midpoints_of(x, dofmap[owners[0]])
     body = np.empty(len(x), np.int64)
     body[dofmap.ravel()] = np.repeat(bodies.body_of_cell, dofmap.shape[1])
-    points = nonmatching_points(x, *surfaces, inside, body, tie.rule)
+    points = nonmatching_points(x, *surfaces, inside, body, tie.rule, turns)
     return points, body[points.nodes[:, :, 0]]

@@ -1,6 +1,10 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """What may help where a step does not converge, if that is known."""
 
+from __future__ import annotations
+
+import numpy as np
+
 ON_PATH = (
     "Bonds may flip between loading and unloading: try a smaller growth of the GrowthControl, "
     "softer bonds, or facets that resolve the cohesive zone; look at the last output first."
@@ -21,3 +25,12 @@ AT_POINTS = (
     'The contacts were solved at their points: try solver="monolithic", which takes them together '
     "with the bodies, or a looser tolerance; look at the last output first."
 )
+
+
+def flipped(place: np.ndarray) -> str:
+    """Of the facet at a place (m), whose lips have no normal any more."""
+    where = ", ".join(f"{x:.6g}" for x in place)
+    return (
+        f"The facet at ({where}) flips or degenerates in the step: the cells beside it are crushed "
+        "or tear apart; look at the last output there, and take a smaller step or stiffer contact."
+    )

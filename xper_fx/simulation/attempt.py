@@ -13,10 +13,19 @@ import numpy as np
 from xper_fx.bulk.state import State, StepOutcome
 from xper_fx.nscd import solvers
 from xper_fx.nscd.solvers.solver import SolveOptions, Solver
-from xper_fx.simulation.advice import AT_POINTS, FOR_NOTHING, OF_BULK, ON_PATH, UNDER_LOAD
-from xper_fx.simulation.doubts import BROKEN_FOR_NOTHING, UNSEEN, Doubts
+from xper_fx.nscd.turning_frames import FacetFlippedError
+from xper_fx.simulation.advice import (
+    AT_POINTS,
+    FOR_NOTHING,
+    OF_BULK,
+    ON_PATH,
+    UNDER_LOAD,
+    flipped,
+)
+from xper_fx.simulation.doubts import BROKEN_FOR_NOTHING, TURNED, UNSEEN, Doubts
 from xper_fx.simulation.model import Model
 from xper_fx.simulation.options import SOLVERS
+from xper_fx.simulation.turned_bonds import LARGEST_TURN, TurnedBond
 
 if TYPE_CHECKING:
     from xper_fx.nscd.rigid.motion import Prediction, RigidWork
@@ -32,6 +41,8 @@ _LARGEST_EXCESS = 0.1
 # How often a step along a path that goes beyond the end is made shorter, and how far beyond it may
 # go, relative to what was left.
 _APPROACHES, _BEYOND = 5, 1e-3
+# Explicit steps after which bonds are looked at that should not turn.
+_LOOKS_EVERY = 50
 # Share of the sweeps allowed after which contacts that ranks divide are left to other solvers.
 _SWEEPS_TOGETHER = 0.1
 
@@ -55,6 +66,7 @@ class StepAttempts:
         self._model, self._watch = model, model.stopwatch
         self.solver = _solver(model)
         self.doubts, self.breaks_for_nothing = Doubts(), False
+        self._flipped: int | None = None
         self.rigid_work: RigidWork | None = None
         self.rigid_reactions: np.ndarray | None = None
         bodies = model.scene.rigid_bodies
@@ -80,7 +92,13 @@ class StepAttempts:
         outrun = self._outruns_contacts(state, size)
         if outrun and not last_try:
             return None
-        outcome = self._attempt(state, size, tolerance)
+        self._flipped = None
+        try:
+            outcome = self._attempt(state, size, tolerance)
+        except FacetFlippedError as error:
+            logger.info("%s", error)
+            self._flipped = error.point
+            return None
         if outcome is None:
             return None
         if outrun:
@@ -140,6 +158,8 @@ class StepAttempts:
             tolerance: of the interactions.
         """
         options = self._model.options
+        if self._flipped is not None:
+            return (flipped(self._model.points.place(self._flipped)),)
         if self.breaks_for_nothing:
             return (FOR_NOTHING,)
         if options.path is not None:
@@ -151,6 +171,30 @@ class StepAttempts:
         if residual <= tolerance < np.inf and newton > options.requested.newton_tolerance:
             return (OF_BULK,)
         return ()
+
+    def turned_bond(self, state: State, number: int, size: float) -> TurnedBond | None:
+        """The bond that has turned beyond what small strain bears, None if none has.
+
+        Steps of an explicit bulk are too short for each to be looked at.
+
+        Args:
+            state: at the end of a step.
+            number: of the step.
+            size: h (s).
+        """
+        model = self._model
+        if model.bond_turns is None or (
+            model.options.scheme == "explicit" and number % _LOOKS_EVERY
+        ):
+            return None
+        displacement = model.bulk.unknowns.expand(state.displacement)
+        bond = model.bond_turns.largest(model.interactions, displacement)
+        if bond is None or bond.angle <= LARGEST_TURN:
+            return None
+        if model.options.forgiving:
+            self.doubts.tell(TURNED, number, size)
+            return None
+        return bond
 
     def _attempt(self, state: State, size: float, tolerance: float) -> StepOutcome | None:
         """One step with the rigid bodies; None if one of them spins too fast for it."""

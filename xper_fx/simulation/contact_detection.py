@@ -19,6 +19,7 @@ from xper_fx.nscd.found_contacts import FoundPoints
 from xper_fx.nscd.laws.law import Law
 from xper_fx.nscd.points import InteractionPoints, frame_from_normal
 from xper_fx.nscd.search.contact_pairs import Contacts
+from xper_fx.simulation.turned_bonds import lip_normals
 from xper_fx.support.saved_rows import Rows
 
 if TYPE_CHECKING:
@@ -39,9 +40,10 @@ _REACH = 1e-2
 _ROUNDING = 1e-12
 # Distance of two lips, relative to their size, at which their own points retire.
 _FAR = 0.25
-# Cosine of the angle that broken lips have turned by at which they retire: their own points keep
-# the normals of the start, along which they would let pieces that tumble interpenetrate.
-_TURNED = np.cos(0.2)
+# Cosine of the angle that broken lips have turned by at which they retire where frames do not turn:
+# along the normals of the start they would let pieces that tumble interpenetrate. Where frames do,
+# cosine of the angle between the lips.
+_TURNED, _SKEW = np.cos(0.2), 0.5
 
 
 class Detection:
@@ -116,7 +118,7 @@ class Detection:
         self._waiting, self._broken = np.flatnonzero(taken), np.zeros(len(taken), bool)
         self._far = _FAR * scene.bodies.facets.measure[self._lips] ** (1.0 / (scene.dim - 1))
         self._lip_nodes = surface.bond_nodes[self._lips]
-        self._lip_normals = _normals(self._x[self._lip_nodes])
+        self._lip_normals = lip_normals(self._x[self._lip_nodes])
 
     def outrun(self, state: State, rigid: RigidMotion | None, step: float) -> bool:
         """Whether something moves so far in a step (s) that it may pass through another unseen.
@@ -241,9 +243,12 @@ class Detection:
             self._broken[new] = True
         jump = np.linalg.norm(interactions.gather("jump")[:count], axis=1).reshape(-1, each)
         moved = self._x + displacement.reshape(self._x.shape)
-        normals = _normals(moved[self._lip_nodes[lips]])
-        cosines = np.einsum("lsd,lsd->ls", normals, self._lip_normals[lips])
-        turned = cosines.min(axis=1) < _TURNED
+        normals = lip_normals(moved[self._lip_nodes[lips]])
+        if interactions.turns:
+            turned = np.einsum("ld,ld->l", normals[:, 0], normals[:, 1]) < _SKEW
+        else:
+            cosines = np.einsum("lsd,lsd->ls", normals, self._lip_normals[lips])
+            turned = cosines.min(axis=1) < _TURNED
         parted = lips[turned | (jump[lips].max(axis=1) > self._far[lips])]
         if len(parted):
             self._surfaces.release(self._lips[parted])
@@ -289,13 +294,3 @@ class Detection:
         x = np.empty_like(self._x)
         x[self._dofmap] = saved[self._scene.bodies.parent_cell]
         return x
-
-
-def _normals(x: np.ndarray) -> np.ndarray:
-    """Unit normals of lips with nodes at x, shape (num_lips, 2, k, dim), all turned alike."""
-    along = x[:, :, 1] - x[:, :, 0]
-    if x.shape[3] == 2:
-        normal = np.stack([along[..., 1], -along[..., 0]], axis=-1)
-    else:
-        normal = np.cross(along, x[:, :, 2] - x[:, :, 0])
-    return normal / np.linalg.norm(normal, axis=-1, keepdims=True)

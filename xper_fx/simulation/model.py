@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from xper_fx.parallel.rigid_partition import RigidDivision
     from xper_fx.simulation.accuracy_control import AccuracyControl
     from xper_fx.simulation.contact_detection import Detection
+    from xper_fx.simulation.turned_bonds import BondTurns
 
 logger = logging.getLogger(__name__)
 
@@ -70,6 +71,7 @@ class Model:
         monolithic: whether bulk and interactions are solved in one system.
         scheme: of the bulk in time.
         interactions: all points, None if the scene has none.
+        bond_turns: by how much bonds have turned that should not; None where they may.
         slot_nodes: nodes, among the unknowns, in the order of the points' slots, before those of
             rigid bodies.
         ledger: energies.
@@ -104,6 +106,7 @@ class Model:
         self.scheme = self._scheme()
         with stopwatch.phase("interaction points"):
             self.interactions = self._interactions()
+        self.bond_turns = self._bond_turns()
         self._require_bonds_for_path()
         self._account()
         self.ledger = EnergyLedger(self.bulk, self.start, self.scheme.theta, self.rigid)
@@ -179,7 +182,9 @@ class Model:
         if scene.ties:
             from xper_fx.scene.tie import tie_points
 
-            self._ties = [tie_points(tie, forms.V, scene.bodies) for tie in scene.ties]
+            self._ties = [
+                tie_points(tie, forms.V, scene.bodies, forms.finite_strain) for tie in scene.ties
+            ]
         joined = () if inertia else self._joined_bodies()
         if scene.macroscopic is None:
             return Bulk(forms, motions, scene.damping, inertia, joined, self.ranks)
@@ -319,6 +324,18 @@ class Model:
             points, laws, self.points.law_of_point, inverse.blocks, velocity,
             ordering="vertices" if self.by_vertex else "tiles",
             rigid_blocks=None if self.rigid is None else self.rigid.blocks, halo=halo,
+        )  # fmt: skip
+
+    def _bond_turns(self) -> BondTurns | None:
+        """How far bonds have turned, where their frames do not turn with them."""
+        points, scene = self.points, self.scene
+        if not len(points.facets_with_law) or self.interactions.turns:
+            return None
+        from xper_fx.simulation.turned_bonds import BondTurns
+
+        return BondTurns(
+            scene.bodies, self.part, self.ranks.rank, self.bulk.forms.V, points.facets_with_law,
+            points.points_a_facet,
         )  # fmt: skip
 
     def _require_bonds_for_path(self) -> None:

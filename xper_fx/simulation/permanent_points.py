@@ -3,12 +3,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from xper_fx.bodies.meshes import cell_measure, local_facet_vertices
-from xper_fx.nscd.facets import facet_points, join_points, no_points, nodal_shares, wall_points
+from xper_fx.nscd.facets import (
+    facet_points,
+    join_points,
+    no_points,
+    nodal_shares,
+    wall_points,
+    with_lips,
+)
 from xper_fx.nscd.points import InteractionPoints
 
 if TYPE_CHECKING:
@@ -51,6 +59,7 @@ class ScenePoints:
         self.laws, self.points_a_facet, self._num_wall_points = [], 0, 0
         self.facets_with_law = np.zeros(0, int)
         self._shared = None
+        self._turns = scene.bodies is not None and bulk.forms.finite_strain
         self._num_nodes = self._ground = bulk.num_dofs // bulk.dim
         self._points, self._law_of_point = [], [np.zeros(0, int)]
         if scene.bodies is not None:
@@ -90,6 +99,9 @@ class ScenePoints:
                 facets.measure[self.facets_with_law],
                 scene.points,
             )
+            if self._turns:
+                x = scene.bodies.facet_nodes(scene.order)[self.facets_with_law]
+                points = with_lips(points, self._bulk.unknowns.node_of[nodes], x, scene.points)
             self.points_a_facet = len(points) // len(self.facets_with_law)
             law = law_of_facet[self.facets_with_law]
             self._points.append(points)
@@ -101,7 +113,7 @@ class ScenePoints:
         bulk = self._bulk
         shared = self._shared = shared_points(
             self._scene.bodies, self._part, bulk.ranks, bulk.forms.V, bulk.unknowns.node_of,
-            self._num_nodes, law_of_facet, self._scene.points, self._by_vertex,
+            self._num_nodes, law_of_facet, self._scene.points, self._by_vertex, self._turns,
         )  # fmt: skip
         self.points_a_facet = shared.points_a_facet
         self._ground += sum(shared.num_ghosts.values())
@@ -145,12 +157,26 @@ class ScenePoints:
         gap[np.abs(gap) <= _ROUNDING * size] = 0.0
         return wall_points(nodes, area[nodes], normal, gap, self._ground, k)
 
+    def place(self, point: int) -> np.ndarray:
+        """Where a point's facet was at the start, shape (dim,), m; NaN of ties and walls.
+
+        Args:
+            point: its number in the scene's order.
+        """
+        dim, count = self._scene.dim, len(self.facets_with_law) * self.points_a_facet
+        if point >= count:
+            return np.full(dim, np.nan)
+        facet = self.facets_with_law[point // self.points_a_facet]
+        return self._scene.bodies.facets.midpoint[facet]
+
     def interacting(self, detection: Detection | None) -> np.ndarray:
         """Nodes at which interactions act or contacts may come about, body by body."""
         nodes = self._bulk.layout.nodes
         acts = np.zeros(self._ground + 1, bool)
         for points in self._points:
             acts[points.nodes] = True
+            if points.lips is not None:
+                acts[points.lips.nodes] = True
         if self._shared is not None:
             for asked in self._shared.asked.values():
                 acts[asked] = True
@@ -170,13 +196,11 @@ class ScenePoints:
         if not self._points:
             return no_points(self._bulk.dim), halo
         points = join_points(self._points)
-        return (
-            InteractionPoints(
-                slot[points.nodes].astype(np.int32), points.weights, points.frame, points.area,
-                points.gap,
-            ),
-            halo,
-        )  # fmt: skip
+        lips = points.lips
+        if lips is not None:
+            lips = replace(lips, nodes=slot[lips.nodes].astype(np.int32))
+        nodes = slot[points.nodes].astype(np.int32)
+        return replace(points, nodes=nodes, lips=lips), halo
 
     def _halo(self, blocks: BodyInverse, slot: np.ndarray) -> Halo:
         """What is exchanged with other ranks; the slots of ghosts and ground are set."""

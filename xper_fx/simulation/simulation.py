@@ -25,7 +25,7 @@ from xper_fx.simulation.requested_accuracy import RequestedAccuracy
 from xper_fx.simulation.restartable import Restartable
 from xper_fx.simulation.step_record import StepRecord
 from xper_fx.support.checks import require_number
-from xper_fx.support.errors import ConvergenceError, NotFiniteError
+from xper_fx.support.errors import ConvergenceError, NotFiniteError, SmallStrainError
 from xper_fx.support.profile import Stopwatch
 from xper_fx.support.ranks import Ranks
 
@@ -304,6 +304,10 @@ class Simulation(Restartable):
 
     def _commit(self, outcome: StepOutcome, size: float, energies: BulkEnergies) -> StepRecord:
         attempts, control = self._attempts, self.model.control
+        if turned := attempts.turned_bond(outcome.state, self.step_number + 1, size):
+            raise SmallStrainError(
+                self.step_number + 1, self.state.time, size, *turned, self._save_state()
+            )
         with self.stopwatch.phase("energy"):
             work = (
                 None

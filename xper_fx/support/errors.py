@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from pathlib import Path
 
 _ADVICE = "Try a smaller step, more sweeps or a looser tolerance; look at the last output first."
@@ -44,6 +46,33 @@ class ConvergenceError(RuntimeError):
 
 class CheckpointError(ValueError):
     """A checkpoint cannot be restarted from: it is damaged, or of another scene or version."""
+
+
+class SmallStrainError(ConvergenceError):
+    """Bonds have turned beyond what materials at small strain bear.
+
+    Attributes:
+        angle: that the bond that has turned most has turned by (rad).
+
+    Args:
+        where: its facet was at the start (m).
+    """
+
+    def __init__(
+        self, step: int, time: float, size: float, angle: float, where: Sequence, saved: Path | None
+    ):
+        self.step, self.time, self.size, self.angle = step, time, size, angle
+        self.residual = self.newton_residual = float("nan")
+        self.saved = saved
+        place = ", ".join(f"{x:.6g}" for x in where)
+        state = f" The state before it is in {saved}." if saved else ""
+        RuntimeError.__init__(
+            self,
+            f"In step {step} at t = {time:.6g} s the bond at ({place}) has turned by "
+            f"{math.degrees(angle):.3g} degrees. Materials at small strain are stressed by a "
+            "rotation, and their bonds keep the directions of the start: take a material at finite "
+            f"strain (NeoHookean), or forgiving=True to go on with that.{state}",
+        )
 
 
 class NotFiniteError(ConvergenceError):

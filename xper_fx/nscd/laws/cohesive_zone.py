@@ -317,6 +317,11 @@ def _kernels(dim: int, friction: bool, lagged: bool) -> LawKernels:
         numerical = (theta - 0.5) * beta * area * dot(moved, diagonal(c_n, c_t, moved))
         return book_losses(i, hat, moved, step, pressing, numerical, parameters, energy)
 
+    @njit(inline="always")
+    def stored(i, jump, area, parameters, state):
+        tractions = diagonal(parameters[i, C_N], parameters[i, C_T], jump)
+        return 0.5 * area * state[i, DAMAGE] * dot(jump, tractions)
+
     effects = [
         ("cohesion", 6 + dim + num_sym),  # C, P / k, beta_m k, W~, k
         ("damage", 10),  # d0, dc, beta0, state, limit, mean to h_theta
@@ -337,4 +342,5 @@ def _kernels(dim: int, friction: bool, lagged: bool) -> LawKernels:
         state_names=("opening_max", "damage"),
         energies=ENERGIES,
         spent=spent_share,
+        stored=stored,
     )

@@ -193,6 +193,11 @@ def end_kernels(dim: int, friction: bool) -> LawKernels:
         numerical = -dot(bond, moved) / step - (new * e1 - old * e0) - cost
         return book_losses(i, hat, moved, step, pressing, numerical, parameters, energy)
 
+    @njit(inline="always")
+    def stored(i, jump, area, parameters, state):
+        tractions = diagonal(parameters[i, C_N], parameters[i, C_T], jump)
+        return 0.5 * area * state[i, DAMAGE] * dot(jump, tractions)
+
     effects = [
         ("cohesion", 5 + dim),  # C, P / k, k, h theta
         ("damage", 7),  # d0, dc, beta0, state, damage and largest opening at the start
@@ -214,4 +219,5 @@ def end_kernels(dim: int, friction: bool) -> LawKernels:
         energies=ENERGIES,
         growth=_growth,
         spent=spent_share,
+        stored=stored,
     )

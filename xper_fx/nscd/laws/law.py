@@ -36,6 +36,10 @@ and no `spent`, that is what is lost of it.
 A law whose bonds break may have a method `in_statics()`, which gives the law that a static run
 takes for it. Such a run then solves bulk and interactions in one system.
 
+`stored(i, jump, area, parameters, state)` gives the energy (J; 2D: J/m) that a point holds with a
+jump, that of the column "stored" after `commit`: at finite strain, where frames turn, jumps are
+read anew in each step (`nscd/turning_frames.py`). None for a law that stores nothing.
+
 `name` and `effects` are for the table of effects (`xper_fx/output/effects.py`): pairs of an
 effect's name, of the table or new, and how many of a point's parameters, state, terms and details
 it needs.
@@ -52,8 +56,8 @@ STORED, COHESION, FRICTION, IMPACT, NUMERICAL = range(len(ENERGIES))  # of a law
 LawKernels = namedtuple(
     "LawKernels",
     "name effects components prepare solve evolve commit num_terms num_details state_names "
-    "energies growth spent",
-    defaults=(None, None),
+    "energies growth spent stored",
+    defaults=(None, None, None),
 )
 
 

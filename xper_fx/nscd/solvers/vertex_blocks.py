@@ -114,13 +114,25 @@ def _set_identities(inverse, offsets, sizes):
                 inverse[offsets[b] + j * (sizes[b] + 1)] = 1.0
 
 
+def _vertices(interactions: Interactions) -> np.ndarray:
+    """The vertex of each point, group by group."""
+    offsets = [g.ordering.tile_offsets for g in interactions.groups]
+    return np.concatenate([np.repeat(np.arange(len(o) - 1), np.diff(o)) for o in offsets])
+
+
+def _frames(interactions: Interactions) -> np.ndarray:
+    """Frames of all points, vertex by vertex; the group's own array where there is but one."""
+    unknowns, groups = _unknowns(interactions), interactions.groups
+    frames = [_frame(g, unknowns) for g in groups]
+    if len(groups) == 1:
+        return np.ascontiguousarray(frames[0])
+    return np.concatenate(frames)[np.argsort(_vertices(interactions), kind="stable")]
+
+
 def build(interactions: Interactions) -> _Blocks:
     """The vertices' arrays of a scene."""
     unknowns, groups = _unknowns(interactions), interactions.groups
-    vertex = np.concatenate(
-        [np.repeat(np.arange(len(g.ordering.tile_offsets) - 1), np.diff(g.ordering.tile_offsets))
-         for g in groups]
-    )  # fmt: skip
+    vertex = _vertices(interactions)
     order = np.argsort(vertex, kind="stable")
 
     def gathered(arrays):
@@ -142,7 +154,7 @@ def build(interactions: Interactions) -> _Blocks:
     return _Blocks(
         offsets=offsets,
         start=np.ascontiguousarray(gathered([g.couplings.start for g in groups])[:, :, 0]),
-        frame=np.ascontiguousarray(gathered([_frame(g, unknowns) for g in groups])),
+        frame=_frames(interactions),
         residual=np.zeros((_CHUNKS * widest, unknowns)),
         correction=np.zeros((_CHUNKS * widest, unknowns)),
         inverse=inverse,
@@ -611,6 +623,8 @@ class VertexBlocks(Solver):
             return SolveReport(True, 0, 0.0, 0.0)
         if self._blocks is None:
             self._blocks = build(interactions)
+        elif interactions.turns:
+            self._blocks = self._blocks._replace(frame=_frames(interactions))
         blocks = self._blocks
         arrays = tuple(
             array

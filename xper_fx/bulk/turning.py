@@ -1,0 +1,57 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""What a time scheme does where frames of points turn with their bodies.
+
+See `nscd/turning_frames.py` for the equations.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from xper_fx.bulk.bulk import Bulk
+from xper_fx.bulk.state import State
+from xper_fx.nscd.interactions import Interactions
+
+
+def turn(
+    interactions: Interactions,
+    bulk: Bulk,
+    nodes: np.ndarray,
+    state: State,
+    mean: np.ndarray,
+    step: float,
+    theta: float,
+) -> None:
+    """Turn frames to where a step looks, q0 + h theta v_theta.
+
+    Args:
+        interactions: the points.
+        bulk: the bodies.
+        nodes: the points' nodes, in the order of their slots.
+        state: at the start of the step.
+        mean: v_theta as far as it is known, shape (num_dofs,), m/s.
+        step: h (s).
+        theta: weight of the end of the step.
+
+    Raises:
+        FacetFlippedError: see `Interactions.turn`.
+    """
+
+    def at_nodes(values):
+        return values.reshape(-1, bulk.dim)[nodes]
+
+    velocity = at_nodes(state.velocity)
+    motion = interactions.lip_motion(
+        at_nodes(state.displacement),
+        velocity,
+        velocity if mean is state.velocity else at_nodes(mean),
+        *bulk.macroscopic_motion(state.displacement, mean),
+    )
+    interactions.turn(motion, step, theta)
+
+
+def couples_on(interactions: Interactions, nodes: np.ndarray, num_dofs: int) -> np.ndarray:
+    """Impulses of the couples on all dofs, shape (num_dofs,), N s."""
+    out = np.zeros(num_dofs)
+    out.reshape(-1, interactions.dim)[nodes] = interactions.couples()[: len(nodes)]
+    return out

@@ -1,0 +1,204 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""The geometry of turning frames at one point, for use inside kernels (`turning_frames.py`)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+
+from xper_fx.cache import njit
+from xper_fx.nscd.algebra.small import for_dimension
+
+
+class LipKernels(NamedTuple):
+    """Functions on vectors of space as tuples; there are dim - 1 tangents.
+
+    Attributes:
+        tangents: `(v, nodes, gradient, i)`, sums over both lips of G v / 2.
+        pushed: `(F, t, i)`, F t of each tangent.
+        measure: `(a)`, of the surface that the tangents span.
+        frame: `(a)`, rows n, t1 (, t2).
+        arms: `(a)`, b_alpha.
+        turned: `(rates, arms, n, d)`, omega x d.
+        forces: `(f, d, arms, n)`, h_alpha of the couple -d x f.
+        apart: `(v, c, i)`, of the candidate from the antagonist.
+        local: `(frame, x)`, components in a frame.
+        arms_at, normal_at: `(array, i)`, those of point i.
+    """
+
+    tangents: Callable
+    pushed: Callable
+    measure: Callable
+    frame: Callable
+    arms: Callable
+    turned: Callable
+    forces: Callable
+    apart: Callable
+    local: Callable
+    arms_at: Callable
+    normal_at: Callable
+
+
+@cache
+def lip_kernels(dim: int) -> LipKernels:
+    """The functions in a dimension."""
+    world = for_dimension(dim)
+    add, scale, dot = world.add, world.scale, world.dot
+
+    if dim == 2:
+
+        @njit(inline="always")
+        def tangents(v, nodes, gradient, i):
+            x, y = 0.0, 0.0
+            for s in range(2):
+                for j in range(nodes.shape[2]):
+                    p, g = 2 * nodes[i, s, j], gradient[i, s, j, 0]
+                    x += g * v[p]
+                    y += g * v[p + 1]
+            return ((0.5 * x, 0.5 * y),)
+
+        @njit(inline="always")
+        def pushed(F, t, i):
+            x, y = t[i, 0, 0], t[i, 0, 1]
+            return ((F[0, 0] * x + F[0, 1] * y, F[1, 0] * x + F[1, 1] * y),)
+
+        @njit(inline="always")
+        def measure(a):
+            return np.sqrt(dot(a[0], a[0]))
+
+        @njit(inline="always")
+        def frame(a):
+            t = scale(1.0 / measure(a), a[0])
+            return (t[1], -t[0]), t
+
+        @njit(inline="always")
+        def arms(a):
+            c = 1.0 / dot(a[0], a[0])
+            return ((-c * a[0][1], c * a[0][0]),)
+
+        @njit(inline="always")
+        def turned(rates, b, n, d):
+            omega = dot(b[0], rates[0])
+            return -omega * d[1], omega * d[0]
+
+        @njit(inline="always")
+        def forces(f, d, b, n):
+            return (scale(d[1] * f[0] - d[0] * f[1], b[0]),)
+
+        @njit(inline="always")
+        def apart(v, c, i):
+            x, y = 0.0, 0.0
+            for j in range(c.start.shape[2]):
+                p, q = c.start[i, 0, j], c.start[i, 1, j]
+                own, other = c.weights[i, 0, j], c.weights[i, 1, j]
+                x += own * v[p] - other * v[q]
+                y += own * v[p + 1] - other * v[q + 1]
+            return x, y
+
+        @njit(inline="always")
+        def local(axes, x):
+            return dot(axes[0], x), dot(axes[1], x)
+
+        @njit(inline="always")
+        def arms_at(arms, i):
+            return ((arms[i, 0, 0], arms[i, 0, 1]),)
+
+        @njit(inline="always")
+        def normal_at(frame, i):
+            return frame[i, 0, 0], frame[i, 0, 1]
+
+    else:
+
+        @njit(inline="always")
+        def cross(a, b):
+            return (
+                a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0],
+            )  # fmt: skip
+
+        @njit(inline="always")
+        def tangents(v, nodes, gradient, i):
+            first, second = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+            for s in range(2):
+                for j in range(nodes.shape[2]):
+                    p = 3 * nodes[i, s, j]
+                    x = (0.5 * v[p], 0.5 * v[p + 1], 0.5 * v[p + 2])
+                    first = add(first, scale(gradient[i, s, j, 0], x))
+                    second = add(second, scale(gradient[i, s, j, 1], x))
+            return first, second
+
+        @njit(inline="always")
+        def product(F, x):
+            return (
+                F[0, 0] * x[0] + F[0, 1] * x[1] + F[0, 2] * x[2],
+                F[1, 0] * x[0] + F[1, 1] * x[1] + F[1, 2] * x[2],
+                F[2, 0] * x[0] + F[2, 1] * x[1] + F[2, 2] * x[2],
+            )
+
+        @njit(inline="always")
+        def pushed(F, t, i):
+            return (
+                product(F, (t[i, 0, 0], t[i, 0, 1], t[i, 0, 2])),
+                product(F, (t[i, 1, 0], t[i, 1, 1], t[i, 1, 2])),
+            )
+
+        @njit(inline="always")
+        def measure(a):
+            n = cross(a[0], a[1])
+            return np.sqrt(dot(n, n))
+
+        @njit(inline="always")
+        def frame(a):
+            n = scale(1.0 / measure(a), cross(a[0], a[1]))
+            t = scale(1.0 / np.sqrt(dot(a[0], a[0])), a[0])
+            return n, t, cross(n, t)
+
+        @njit(inline="always")
+        def arms(a):
+            c = 1.0 / measure(a)
+            return scale(c, a[1]), scale(-c, a[0])
+
+        @njit(inline="always")
+        def turned(rates, b, n, d):
+            drill = 0.5 * (dot(b[0], rates[0]) + dot(b[1], rates[1]))
+            omega = scale(drill, n)
+            omega = add(omega, scale(-dot(n, rates[0]), b[0]))
+            omega = add(omega, scale(-dot(n, rates[1]), b[1]))
+            return cross(omega, d)
+
+        @njit(inline="always")
+        def forces(f, d, b, n):
+            m = cross(f, d)
+            drill = 0.5 * dot(n, m)
+            return (
+                add(scale(drill, b[0]), scale(-dot(b[0], m), n)),
+                add(scale(drill, b[1]), scale(-dot(b[1], m), n)),
+            )
+
+        @njit(inline="always")
+        def apart(v, c, i):
+            x = (0.0, 0.0, 0.0)
+            for j in range(c.start.shape[2]):
+                p, q = c.start[i, 0, j], c.start[i, 1, j]
+                x = add(x, scale(c.weights[i, 0, j], (v[p], v[p + 1], v[p + 2])))
+                x = add(x, scale(-c.weights[i, 1, j], (v[q], v[q + 1], v[q + 2])))
+            return x
+
+        @njit(inline="always")
+        def local(axes, x):
+            return dot(axes[0], x), dot(axes[1], x), dot(axes[2], x)
+
+        @njit(inline="always")
+        def arms_at(arms, i):
+            first = (arms[i, 0, 0], arms[i, 0, 1], arms[i, 0, 2])
+            return first, (arms[i, 1, 0], arms[i, 1, 1], arms[i, 1, 2])
+
+        @njit(inline="always")
+        def normal_at(frame, i):
+            return frame[i, 0, 0], frame[i, 0, 1], frame[i, 0, 2]
+
+    return LipKernels(
+        tangents, pushed, measure, frame, arms, turned, forces, apart, local, arms_at, normal_at
+    )

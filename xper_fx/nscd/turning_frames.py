@@ -1,0 +1,329 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+r"""Frames that turn with the lips of their points.
+
+A step looks at the middle q_m = q0 + h theta v_theta, v_theta = theta v1 + (1 - theta) v0, or what
+is known of it. With a_alpha the tangents of the middle of both lips there (`lips.py`), d the vector
+from the antagonist to the candidate, omega the spin of the lips, and F the rows n, t1 (, t2),
+
+    2D  t = a / |a|,   omega = b . adot,   b = J a / |a|^2,
+    3D  n = a1 x a2 / |a1 x a2|,   t1 = a1 / |a1|,   t2 = n x t1,
+        omega = sum_alpha [n (b_alpha . adot_alpha) / 2 - b_alpha (n . adot_alpha)],
+
+with J the turn by +90 degrees and b_alpha = n x a^alpha of the dual basis. Jumps U = F d are read
+from the positions anew in each step: carried along they would drift. Their rate is
+U' = F (d' - omega x d), so that the forces f = F^T r on the candidate and -f on the antagonist come
+with the couple m = -d x f on the lips, which does the work of the frame's spin:
+
+    r . U' = f . d' + m . omega.
+
+Half of it acts on each lip: h_alpha = m b_alpha (2D), or b_alpha (n . m) / 2 - n (b_alpha . m), is
+the force of the tangent a_alpha, and node j gets G_j,alpha h_alpha / 2. Forces and couple have no
+resultant moment in q_m; with theta = 1/2 and q_m = q0 + h v0 / 2, where an explicit bulk's forces
+act, angular momentum is kept to rounding, as q1 x M v1 - q0 x M v0 = q_m x M (v1 - v0).
+
+The map H of a solver stays that of the lips alone, and the couple is given to the bodies after it
+(explicit), or with the residual of the next iteration (implicit). Then, over a step,
+
+- an open bond whose energy does not hang on the direction of the jump has U0 = F_m d0 and
+  U1 = F_m d1: its opening is that of the lips, and a fracture spends what its curve says;
+- any other point has U0 = F(q0) d0 and U1 = U0 + h [F_m d' - s], s = F_m (omega x d_m), which is
+  F(q1) d1 to third order. Its law takes s from the velocities known when the step begins, as
+  velocity0 - s / (1 - theta) (theta = 1: U0 - h s), and from those found when it ends.
+
+What the stored energy e gains when the next step reads the jump anew, e(U0) - e(U1 of the last
+step), and the work of the couple that the first kind of point does not see, are booked as
+numerical. Areas stay those of the reference configuration: A e(U) is then a potential.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+
+from xper_fx.cache import njit
+from xper_fx.nscd.algebra.small import for_dimension
+from xper_fx.nscd.couplings import Sides
+from xper_fx.nscd.kernel_options import LEAN_ENTRY
+from xper_fx.nscd.laws.law import STORED, LawKernels
+from xper_fx.nscd.lip_kernels import lip_kernels
+from xper_fx.nscd.lips import Lips
+
+# Normal opening beside the whole one below which a point counts as closed.
+_CLOSED = 1e-3
+# Measure of a facet, relative to the one at the start, below which it has no normal.
+_FLAT = 1e-6
+# Difference of energies, relative, that is rounding.
+_ALIKE = 1e-12
+
+
+class FacetFlippedError(FloatingPointError):
+    """The lips of a point have no normal in the middle of the step, or the opposite one.
+
+    Attributes:
+        point: number of the point in the scene's order.
+    """
+
+    def __init__(self, point: int):
+        self.point = point
+        super().__init__(f"the facet of interaction point {point} flips or degenerates in a step")
+
+
+class LipMotion(NamedTuple):
+    """How the nodes of lips move in a step, arrays over the slots, flat.
+
+    Attributes:
+        displacement: q0 (m).
+        velocity: v0 (m/s).
+        mean: v_theta as far as it is known (m/s).
+        gradient, rate: shape (dim, dim), Fbar at q0 and its rate in v_theta (1/s), of a periodic
+            cell, whose nodes move with the fluctuation; else the identity and zero.
+    """
+
+    displacement: np.ndarray
+    velocity: np.ndarray
+    mean: np.ndarray
+    gradient: np.ndarray
+    rate: np.ndarray
+
+
+class TurningFrames(NamedTuple):
+    """What the points of a group need besides to turn.
+
+    Attributes:
+        nodes, gradient, tangent: of their lips.
+        jump: d_m, shape (n, dim), m.
+        arms: b_alpha, shape (n, dim - 1, dim), 1/m.
+        spin: s, shape (n, components), m/s, zero where a point is of the first kind.
+        by_spin: shape (n,), which points are of the second kind.
+        isotropic: shape (n,), whether the energy hangs on the length of an open jump alone.
+    """
+
+    nodes: np.ndarray
+    gradient: np.ndarray
+    tangent: np.ndarray
+    jump: np.ndarray
+    arms: np.ndarray
+    spin: np.ndarray
+    by_spin: np.ndarray
+    isotropic: np.ndarray
+
+    @classmethod
+    def of(cls, lips: Lips, kernels: LawKernels, parameters, state) -> TurningFrames:
+        """At the start of a run, of points with a law's parameters and state."""
+        n, _, dim = lips.tangent.shape
+        isotropic = np.ones(n, bool)
+        if kernels.stored is not None:
+            _isotropy(kernels, dim)(parameters, state, isotropic)
+        return cls(
+            lips.nodes, lips.gradient, lips.tangent, np.zeros((n, dim)),
+            np.zeros_like(lips.tangent), np.zeros((n, kernels.components)), np.zeros(n, bool),
+            isotropic,
+        )  # fmt: skip
+
+    def take(self, indices: np.ndarray) -> TurningFrames:
+        """Those of the points at `indices`, in that order."""
+        return TurningFrames(*(np.ascontiguousarray(array[indices]) for array in self))
+
+
+@cache
+def _isotropy(law: LawKernels, dim: int):
+    """Kernel: whether a unit jump along the normal stores what one along the tangent does."""
+    unit, stored = for_dimension(dim, law.components).unit, law.stored
+    along = min(1, law.components - 1)
+
+    @njit(**LEAN_ENTRY)
+    def isotropy(parameters, state, isotropic):
+        for i in range(len(isotropic)):
+            a = stored(i, unit(0, 1.0), 1.0, parameters, state)
+            b = stored(i, unit(along, 1.0), 1.0, parameters, state)
+            isotropic[i] = abs(a - b) <= _ALIKE * abs(a)
+
+    return isotropy
+
+
+@cache
+def turn_loop(sides: Sides):
+    """The loop over a range of points that gives them frames, jumps and velocities of a step.
+
+    It returns the first point whose facet flips, or -1.
+    """
+    dim, components, _, _ = sides
+    own, world, lips = for_dimension(dim, components), for_dimension(dim), lip_kernels(dim)
+    set_row, subtract, scale = own.set_row, own.subtract, own.scale
+    add_world, scale_world, set_world = world.add, world.scale, world.set_row
+    dot_world = world.dot
+    tangents, pushed, measure, frame_of, arms_of, turned, _, apart, local = lips[:9]
+
+    @njit(inline="always")
+    def plus(a, factor, b):
+        """a + factor b of each tangent."""
+        if dim == 2:
+            return (add_world(a[0], scale_world(factor, b[0])),)
+        return (
+            add_world(a[0], scale_world(factor, b[0])), add_world(a[1], scale_world(factor, b[1])),
+        )  # fmt: skip
+
+    @njit(inline="always")
+    def own_part(x):
+        return (x[0],) if components == 1 else x
+
+    @njit(nogil=True, **LEAN_ENTRY)
+    def turn_range(
+        first, last, c, gap, frame, turning, motion, reach, inverse, shift, jump, velocity
+    ):
+        q0, mean = motion.displacement, motion.mean
+        nodes, gradient = turning.nodes, turning.gradient
+        for i in range(first, last):
+            start = plus(
+                pushed(motion.gradient, turning.tangent, i), 1.0, tangents(q0, nodes, gradient, i)
+            )
+            rates = plus(
+                pushed(motion.rate, turning.tangent, i), 1.0, tangents(mean, nodes, gradient, i)
+            )
+            a = plus(start, reach, rates)
+            if not (measure(a) > _FLAT and measure(start) > _FLAT):
+                return i
+            axes, axes0, arms = frame_of(a), frame_of(start), arms_of(a)
+            if dot_world(axes[0], axes0[0]) <= 0.0:
+                return i
+            for e in range(dim):
+                for x in range(components):
+                    frame[i, x, e] = axes[x][e]
+                for x in range(c.frame.shape[1]):
+                    c.frame[i, x, e] = axes[x][e]
+                for x in range(dim - 1):
+                    turning.arms[i, x, e] = arms[x][e]
+            d0 = apart(q0, c, i)
+            d = add_world(d0, scale_world(reach, apart(mean, c, i)))
+            set_world(turning.jump, i, d)
+            fast = own_part(local(axes, apart(motion.velocity, c, i)))
+            here = local(axes0, d0)
+            closed = here[0] <= _CLOSED * np.sqrt(dot_world(d0, d0))
+            by_spin = closed or not turning.isotropic[i]
+            turning.by_spin[i] = by_spin
+            if by_spin:
+                spin = own_part(local(axes, turned(rates, arms, axes[0], d)))
+                at_start = own_part(here)
+                fast = subtract(fast, scale(inverse, spin))
+            else:
+                spin = scale(0.0, fast)
+                at_start = own_part(local(axes, d0))
+            set_row(turning.spin, i, spin)
+            at_start = subtract(at_start, scale(shift, spin))
+            set_row(jump, i, at_start)
+            jump[i, 0] += gap[i]
+            set_row(velocity, i, fast)
+        return -1
+
+    return turn_range
+
+
+@cache
+def _gained(law: LawKernels):
+    """Kernel: what a point stores when its jump is read anew beyond what it did (J; 2D: J/m)."""
+    stored = law.stored
+    if stored is None:
+
+        @njit(inline="always")
+        def gained(i, jump, area, parameters, state, energy):
+            return 0.0
+
+    else:
+
+        @njit(inline="always")
+        def gained(i, jump, area, parameters, state, energy):
+            return stored(i, jump, area, parameters, state) - energy[i, STORED]
+
+    return gained
+
+
+@cache
+def settle_loop(law: LawKernels, sides: Sides):
+    """The loop over a range of points before a step is committed.
+
+    Jumps and velocities of the start come to be without the spin that laws were given, the spin
+    is that of the velocities found. It returns what is booked as numerical (J; 2D: J/m).
+    """
+    dim, components, _, _ = sides
+    own, world, lips = for_dimension(dim, components), for_dimension(dim), lip_kernels(dim)
+    row, set_row, add, scale, dot = own.row, own.set_row, own.add, own.scale, own.dot
+    add_world, scale_world, row_world = world.add, world.scale, world.row
+    tangents, pushed, turned, to_local = lips.tangents, lips.pushed, lips.turned, own.to_local
+    arms_at, normal_at = lips.arms_at, lips.normal_at
+    gained = _gained(law)
+
+    @njit(inline="always")
+    def mixed(theta, end, start, macroscopic):
+        """theta end + (1 - theta) start + macroscopic of each tangent."""
+        if dim == 2:
+            return (
+                add_world(
+                    macroscopic[0],
+                    add_world(scale_world(theta, end[0]), scale_world(1.0 - theta, start[0])),
+                ),
+            )
+        return (
+            add_world(
+                macroscopic[0],
+                add_world(scale_world(theta, end[0]), scale_world(1.0 - theta, start[0])),
+            ),
+            add_world(
+                macroscopic[1],
+                add_world(scale_world(theta, end[1]), scale_world(1.0 - theta, start[1])),
+            ),
+        )
+
+    @njit(nogil=True, **LEAN_ENTRY)
+    def settle_range(
+        first, last, end, c, turning, motion, theta, inverse, shift, jump, velocity, r, area,
+        parameters, state, energy,
+    ):  # fmt: skip
+        nodes, gradient = turning.nodes, turning.gradient
+        booked = 0.0
+        for i in range(first, last):
+            spin = row(turning.spin, i)
+            if turning.by_spin[i]:
+                set_row(velocity, i, add(row(velocity, i), scale(inverse, spin)))
+                set_row(jump, i, add(row(jump, i), scale(shift, spin)))
+            rates = mixed(
+                theta, tangents(end, nodes, gradient, i),
+                tangents(motion.velocity, nodes, gradient, i),
+                pushed(motion.rate, turning.tangent, i),
+            )  # fmt: skip
+            arms, n = arms_at(turning.arms, i), normal_at(c.frame, i)
+            away = turned(rates, arms, n, row_world(turning.jump, i))
+            spin = to_local(c.frame, i, away)
+            if turning.by_spin[i]:
+                set_row(turning.spin, i, spin)
+            else:
+                booked += dot(row(r, i), spin)
+            booked -= gained(i, row(jump, i), area[i], parameters, state, energy)
+        return booked
+
+    return settle_range
+
+
+@cache
+def couple_loop(sides: Sides):
+    """The loop over points that adds the impulses of their couples to those of the nodes."""
+    dim, components, _, _ = sides
+    own, world, lips = for_dimension(dim, components), for_dimension(dim), lip_kernels(dim)
+    row, to_global, row_world, forces = own.row, own.to_global, world.row, lips.forces
+    arms_at, normal_at = lips.arms_at, lips.normal_at
+
+    @njit(**LEAN_ENTRY)
+    def add_couples(p, c, turning, r):
+        nodes, gradient = turning.nodes, turning.gradient
+        for i in range(len(r)):
+            f, d = to_global(c.frame, i, row(r, i)), row_world(turning.jump, i)
+            h = forces(f, d, arms_at(turning.arms, i), normal_at(c.frame, i))
+            for s in range(2):
+                for j in range(nodes.shape[2]):
+                    for x in range(dim - 1):
+                        g = 0.5 * gradient[i, s, j, x]
+                        for e in range(dim):
+                            p[dim * nodes[i, s, j] + e] += g * h[x][e]
+
+    return add_couples

@@ -1,0 +1,92 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Bonds that turn beyond what small strain bears.
+
+Materials at small strain are stressed by a rotation, by E alpha^2 / 2 for an angle alpha, and their
+bonds keep the frames of the start.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from xper_fx.bodies.explode import Bodies
+    from xper_fx.nscd.interactions import Interactions
+    from xper_fx.parallel.local_bodies import Part
+
+# Angle (rad) that bonds may turn by at small strain.
+LARGEST_TURN = np.radians(5.0)
+
+
+class TurnedBond(NamedTuple):
+    """The bond that has turned most.
+
+    Attributes:
+        angle: that it has turned by (rad).
+        midpoint: of its facet at the start (m).
+    """
+
+    angle: float
+    midpoint: np.ndarray
+
+
+class BondTurns:
+    """The angles by which facets with a law have turned.
+
+    Args:
+        bodies: all bodies.
+        part: what this rank has of them, None if it has all.
+        rank: this one.
+        V: space of the displacements on this rank.
+        facets: numbers of the facing facets with a law, which have points.
+        each: points on a facet.
+    """
+
+    def __init__(
+        self, bodies: Bodies, part: Part | None, rank: int, V, facets: np.ndarray, each: int
+    ):
+        self._each, self._midpoint = each, bodies.facets.midpoint[facets]
+        self._here = np.arange(len(facets))
+        if part is None:
+            nodes = bodies.facing_nodes(V)[facets, :1]
+        else:
+            from xper_fx.parallel.local_bodies import nodes_on_sides
+
+            candidate = part.rank_of_body[bodies.facets.bodies[facets, 0]]
+            self._here = np.flatnonzero(candidate == rank)
+            nodes = nodes_on_sides(part, V, bodies.facets, facets[self._here], 0)[:, None]
+        self._nodes = nodes
+        self._x = V.tabulate_dof_coordinates()[:, : bodies.mesh.geometry.dim]
+        self._normal = lip_normals(self._x[nodes])[:, 0]
+
+    def largest(self, interactions: Interactions, displacement: np.ndarray) -> TurnedBond | None:
+        """The bond that has turned most, on any rank; None if none is left.
+
+        Args:
+            interactions: the points, those on facets first.
+            displacement: of all nodes of V on this rank, flat (m).
+        """
+        each = self._each
+        loose = interactions.unbonded()[: each * len(self._midpoint)].reshape(-1, each)
+        bonded = ~loose[self._here].all(axis=1)
+        moved = (self._x + displacement.reshape(self._x.shape))[self._nodes[bonded]]
+        cosine = np.einsum("fd,fd->f", lip_normals(moved)[:, 0], self._normal[bonded])
+        least = float(interactions.largest(-cosine.min(initial=np.inf)))
+        if least == -np.inf:
+            return None
+        mine = np.full(self._midpoint.shape[1], -np.inf)
+        if len(cosine) and -cosine.min() == least:
+            mine = self._midpoint[self._here[bonded]][np.argmin(cosine)]
+        return TurnedBond(float(np.arccos(np.clip(-least, -1.0, 1.0))), interactions.largest(mine))
+
+
+def lip_normals(x: np.ndarray) -> np.ndarray:
+    """Unit normals of lips with nodes at x, shape (num_lips, 2, k, dim), all turned alike."""
+    along = x[:, :, 1] - x[:, :, 0]
+    if x.shape[3] == 2:
+        normal = np.stack([along[..., 1], -along[..., 0]], axis=-1)
+    else:
+        normal = np.cross(along, x[:, :, 2] - x[:, :, 0])
+    return normal / np.linalg.norm(normal, axis=-1, keepdims=True)
