@@ -2,8 +2,7 @@
 """Plates of bonded cells turned by 90 degrees and spun: no stress, no damage, momenta kept.
 
 Materials at finite strain; a small-strain material is stressed by rotation, and is not asked.
-Each cell is a body: what turns must turn the bonds with it. With C_N = C_T the bond pulls along
-its jump, whatever the frame, so that a bonded pair of nodes feels no torque.
+Each cell is a body: what turns must turn the bonds with it (`nscd/turning_frames.py`).
 """
 
 from __future__ import annotations
@@ -100,7 +99,9 @@ def spinning(bond, scheme) -> Simulation:
         initial_velocity=lambda x: SPIN * np.stack([0.5 - x[1], x[0] - 0.5]),
     )
     step = None if scheme == "explicit" else 0.02 / SPIN
-    return Simulation(scene, step, scheme=scheme, tolerance=1e-11, num_threads=1)
+    # lips that are closed and stick in a ring converge slowly
+    tolerance = 1e-11 if bond == "perfect" else 1e-7
+    return Simulation(scene, step, scheme=scheme, tolerance=tolerance, num_threads=1)
 
 
 def angular_momentum(simulation) -> float:
@@ -110,27 +111,20 @@ def angular_momentum(simulation) -> float:
     return float(np.sum(x[:, 0] * momentum[:, 1] - x[:, 1] * momentum[:, 0]))
 
 
-FRAMES = pytest.mark.xfail(
-    strict=True,
-    reason="the angular momentum is off by 7e-5; suspected: local frames keep their reference "
-    "orientation, so that an opening that has turned is taken for contact",
-)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "bond, scheme",
     [
         ("perfect", "explicit"), ("perfect", "implicit"), ("cohesive", "implicit"),
-        pytest.param("cohesive", "explicit", marks=FRAMES),
+        ("cohesive", "explicit"),
     ],
 )  # fmt: skip
 def test_free_spin(bond, scheme, figure):
     """One turn at a tenth of the speed of sound, so that it stretches and swings.
 
     Central differences keep the angular momentum exactly: forces are those of mid-step, where
-    sum x x f = 0, and an open bond of C_N = C_T pulls along its mid-step jump. Theta = 1/2 takes
-    the mean of the forces at both ends and keeps it to second order.
+    sum x x f = 0, and bonds bring the couple that goes with their jumps. Theta = 1/2 takes the mean
+    of the forces at both ends and keeps it to second order.
     """
     simulation = spinning(bond, scheme)
     start, energy = angular_momentum(simulation), simulation.ledger.energies.kinetic

@@ -92,6 +92,17 @@ def ductile_cells():
     return Simulation(_pulled(material, 0.05, None), 0.1, **ONE)
 
 
+def spinning_cells():
+    """Bonds that turn with their cells until they break, explicit; C_N unlike C_T, friction."""
+    scene = Scene(
+        box_bodies((2.0, 1.0), (4, 2)),
+        {1: SVK},
+        default_interaction=CohesiveZone(10.0, 1e-4, 1e-2, 8.0, friction=0.3),
+        initial_velocity=lambda x: 0.3 * np.stack([0.5 - x[1], x[0] - 1.0]),
+    )
+    return Simulation(scene, scheme="explicit", **ONE)
+
+
 def viscoelastic_bar():
     """Prony series beside a bond that breaks."""
     material = LinearViscoelastic(young=1.0, poisson=0.3, prony=[(0.5, 1.0)], density=1.0)
@@ -214,6 +225,7 @@ SCENES = {
     cut_steps: (4.0, "cut"),
     ductile_bar: (3.0, "flown"),
     ductile_cells: (2.0, "flown"),
+    spinning_cells: (4.0, "broken"),
     viscoelastic_bar: (4.0, "broken"),
     solid_bar: (4.0, "broken"),
     cell: (2.0, "broken"),

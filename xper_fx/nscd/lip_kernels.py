@@ -21,7 +21,7 @@ class LipKernels(NamedTuple):
         pushed: `(F, t, i)`, F t of each tangent.
         measure: `(a)`, of the surface that the tangents span.
         frame: `(a)`, rows n, t1 (, t2).
-        arms: `(a)`, b_alpha.
+        arms: `(a, frame)`, b (2D), or b_1, b_2, c_1, c_2.
         turned: `(rates, arms, n, d)`, omega x d.
         forces: `(f, d, arms, n)`, h_alpha of the couple -d x f.
         apart: `(v, c, i)`, of the candidate from the antagonist.
@@ -75,7 +75,7 @@ def lip_kernels(dim: int) -> LipKernels:
             return (t[1], -t[0]), t
 
         @njit(inline="always")
-        def arms(a):
+        def arms(a, axes):
             c = 1.0 / dot(a[0], a[0])
             return ((-c * a[0][1], c * a[0][0]),)
 
@@ -151,18 +151,25 @@ def lip_kernels(dim: int) -> LipKernels:
 
         @njit(inline="always")
         def frame(a):
+            # the rotation of the polar decomposition of a1, a2 in the axes e1 = a1 / |a1|, n x e1
             n = scale(1.0 / measure(a), cross(a[0], a[1]))
-            t = scale(1.0 / np.sqrt(dot(a[0], a[0])), a[0])
+            length = np.sqrt(dot(a[0], a[0]))
+            e1 = scale(1.0 / length, a[0])
+            e2 = cross(n, e1)
+            x, y = length + dot(a[1], e2), dot(a[1], e1)
+            c = 1.0 / np.sqrt(x * x + y * y)
+            t = add(scale(c * x, e1), scale(-c * y, e2))
             return n, t, cross(n, t)
 
         @njit(inline="always")
-        def arms(a):
+        def arms(a, axes):
             c = 1.0 / measure(a)
-            return scale(c, a[1]), scale(-c, a[0])
+            drill = 1.0 / (dot(axes[1], a[0]) + dot(axes[2], a[1]))
+            return scale(c, a[1]), scale(-c, a[0]), scale(drill, axes[2]), scale(-drill, axes[1])
 
         @njit(inline="always")
         def turned(rates, b, n, d):
-            drill = 0.5 * (dot(b[0], rates[0]) + dot(b[1], rates[1]))
+            drill = dot(b[2], rates[0]) + dot(b[3], rates[1])
             omega = scale(drill, n)
             omega = add(omega, scale(-dot(n, rates[0]), b[0]))
             omega = add(omega, scale(-dot(n, rates[1]), b[1]))
@@ -171,10 +178,10 @@ def lip_kernels(dim: int) -> LipKernels:
         @njit(inline="always")
         def forces(f, d, b, n):
             m = cross(f, d)
-            drill = 0.5 * dot(n, m)
+            drill = dot(n, m)
             return (
-                add(scale(drill, b[0]), scale(-dot(b[0], m), n)),
-                add(scale(drill, b[1]), scale(-dot(b[1], m), n)),
+                add(scale(drill, b[2]), scale(-dot(b[0], m), n)),
+                add(scale(drill, b[3]), scale(-dot(b[1], m), n)),
             )
 
         @njit(inline="always")
@@ -192,8 +199,12 @@ def lip_kernels(dim: int) -> LipKernels:
 
         @njit(inline="always")
         def arms_at(arms, i):
-            first = (arms[i, 0, 0], arms[i, 0, 1], arms[i, 0, 2])
-            return first, (arms[i, 1, 0], arms[i, 1, 1], arms[i, 1, 2])
+            return (
+                (arms[i, 0, 0], arms[i, 0, 1], arms[i, 0, 2]),
+                (arms[i, 1, 0], arms[i, 1, 1], arms[i, 1, 2]),
+                (arms[i, 2, 0], arms[i, 2, 1], arms[i, 2, 2]),
+                (arms[i, 3, 0], arms[i, 3, 1], arms[i, 3, 2]),
+            )
 
         @njit(inline="always")
         def normal_at(frame, i):

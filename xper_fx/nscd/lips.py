@@ -42,6 +42,20 @@ class Lips:
         return self.nodes.nbytes + self.gradient.nbytes + self.tangent.nbytes
 
 
+def start_frames(tangent: np.ndarray, rows: int) -> np.ndarray:
+    """Frames at the start from their tangents, shape (num_points, rows, dim).
+
+    Args:
+        tangent: shape (num_points, dim - 1, dim), unit.
+        rows: how many of n, t1 (, t2).
+    """
+    if tangent.shape[2] == 2:
+        normal = np.stack([tangent[:, 0, 1], -tangent[:, 0, 0]], axis=1)
+    else:
+        normal = np.cross(tangent[:, 0], tangent[:, 1])
+    return np.ascontiguousarray(np.concatenate([normal[:, None], tangent], axis=1)[:, :rows])
+
+
 def still_lips(nodes: np.ndarray, frame: np.ndarray) -> Lips:
     """Of points whose frames do not turn.
 

@@ -6,17 +6,18 @@ is known of it. With a_alpha the tangents of the middle of both lips there (`lip
 from the antagonist to the candidate, omega the spin of the lips, and F the rows n, t1 (, t2),
 
     2D  t = a / |a|,   omega = b . adot,   b = J a / |a|^2,
-    3D  n = a1 x a2 / |a1 x a2|,   t1 = a1 / |a1|,   t2 = n x t1,
-        omega = sum_alpha [n (b_alpha . adot_alpha) / 2 - b_alpha (n . adot_alpha)],
+    3D  n = a1 x a2 / |a1 x a2|,   (t1, t2) the rotation of the polar decomposition of (a1, a2),
+        omega = sum_alpha [n (c_alpha . adot_alpha) - b_alpha (n . adot_alpha)],
+        c1 = t2 / (t1 . a1 + t2 . a2),   c2 = -t1 / (t1 . a1 + t2 . a2),
 
-with J the turn by +90 degrees and b_alpha = n x a^alpha of the dual basis. Jumps U = F d are read
-from the positions anew in each step: carried along they would drift. Their rate is
-U' = F (d' - omega x d), so that the forces f = F^T r on the candidate and -f on the antagonist come
-with the couple m = -d x f on the lips, which does the work of the frame's spin:
+with J the turn by +90 degrees and b_alpha = n x a^alpha of the dual basis; then F' = -F (omega x).
+Jumps U = F d are read from the positions anew in each step: carried along they would drift. Their
+rate is U' = F (d' - omega x d), so that the forces f = F^T r on the candidate and -f on the
+antagonist come with the couple m = -d x f on the lips, which does the work of the frame's spin:
 
     r . U' = f . d' + m . omega.
 
-Half of it acts on each lip: h_alpha = m b_alpha (2D), or b_alpha (n . m) / 2 - n (b_alpha . m), is
+Half of it acts on each lip: h_alpha = m b (2D), or c_alpha (n . m) - n (b_alpha . m), is
 the force of the tangent a_alpha, and node j gets G_j,alpha h_alpha / 2. Forces and couple have no
 resultant moment in q_m; with theta = 1/2 and q_m = q0 + h v0 / 2, where an explicit bulk's forces
 act, angular momentum is kept to rounding, as q1 x M v1 - q0 x M v0 = q_m x M (v1 - v0).
@@ -94,7 +95,7 @@ class TurningFrames(NamedTuple):
     Attributes:
         nodes, gradient, tangent: of their lips.
         jump: d_m, shape (n, dim), m.
-        arms: b_alpha, shape (n, dim - 1, dim), 1/m.
+        arms: b, shape (n, 1, 2), or b_1, b_2, c_1, c_2, shape (n, 4, 3), 1/m.
         spin: s, shape (n, components), m/s, zero where a point is of the first kind.
         by_spin: shape (n,), which points are of the second kind.
         isotropic: shape (n,), whether the energy hangs on the length of an open jump alone.
@@ -118,7 +119,8 @@ class TurningFrames(NamedTuple):
             _isotropy(kernels, dim)(parameters, state, isotropic)
         return cls(
             lips.nodes, lips.gradient, lips.tangent, np.zeros((n, dim)),
-            np.zeros_like(lips.tangent), np.zeros((n, kernels.components)), np.zeros(n, bool),
+            np.zeros((n, 1 if dim == 2 else 4, dim)), np.zeros((n, kernels.components)),
+            np.zeros(n, bool),
             isotropic,
         )  # fmt: skip
 
@@ -185,7 +187,8 @@ def turn_loop(sides: Sides):
             a = plus(start, reach, rates)
             if not (measure(a) > _FLAT and measure(start) > _FLAT):
                 return i
-            axes, axes0, arms = frame_of(a), frame_of(start), arms_of(a)
+            axes, axes0 = frame_of(a), frame_of(start)
+            arms = arms_of(a, axes)
             if dot_world(axes[0], axes0[0]) <= 0.0:
                 return i
             for e in range(dim):
@@ -193,19 +196,18 @@ def turn_loop(sides: Sides):
                     frame[i, x, e] = axes[x][e]
                 for x in range(c.frame.shape[1]):
                     c.frame[i, x, e] = axes[x][e]
-                for x in range(dim - 1):
+                for x in range(len(arms)):
                     turning.arms[i, x, e] = arms[x][e]
             d0 = apart(q0, c, i)
             d = add_world(d0, scale_world(reach, apart(mean, c, i)))
             set_world(turning.jump, i, d)
             fast = own_part(local(axes, apart(motion.velocity, c, i)))
-            here = local(axes0, d0)
-            closed = here[0] <= _CLOSED * np.sqrt(dot_world(d0, d0))
+            closed = dot_world(axes[0], d) <= _CLOSED * np.sqrt(dot_world(d, d))
             by_spin = closed or not turning.isotropic[i]
             turning.by_spin[i] = by_spin
             if by_spin:
                 spin = own_part(local(axes, turned(rates, arms, axes[0], d)))
-                at_start = own_part(here)
+                at_start = own_part(local(axes0, d0))
                 fast = subtract(fast, scale(inverse, spin))
             else:
                 spin = scale(0.0, fast)

@@ -331,11 +331,16 @@ class Model:
         points, scene = self.points, self.scene
         if not len(points.facets_with_law) or self.interactions.turns:
             return None
+        _, law = scene.law_of_facet()
+        bonds = ["damage" in one.kernels(scene.dim).state_names for one in points.laws]
+        breaks = np.array(bonds)[law[points.facets_with_law]]
+        if not breaks.any():
+            return None
         from xper_fx.simulation.turned_bonds import BondTurns
 
         return BondTurns(
             scene.bodies, self.part, self.ranks.rank, self.bulk.forms.V, points.facets_with_law,
-            points.points_a_facet,
+            breaks, points.points_a_facet,
         )  # fmt: skip
 
     def _require_bonds_for_path(self) -> None:

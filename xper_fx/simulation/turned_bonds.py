@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from xper_fx.parallel.local_bodies import Part
 
 # Angle (rad) that bonds may turn by at small strain.
-LARGEST_TURN = np.radians(5.0)
+LARGEST_TURN = np.radians(10.0)
 
 
 class TurnedBond(NamedTuple):
@@ -33,7 +33,7 @@ class TurnedBond(NamedTuple):
 
 
 class BondTurns:
-    """The angles by which facets with a law have turned.
+    """The angles by which facets with bonds that may break have turned.
 
     Args:
         bodies: all bodies.
@@ -41,38 +41,45 @@ class BondTurns:
         rank: this one.
         V: space of the displacements on this rank.
         facets: numbers of the facing facets with a law, which have points.
+        breaks: shape (num_facets with a law,), whether their bonds may break.
         each: points on a facet.
     """
 
     def __init__(
-        self, bodies: Bodies, part: Part | None, rank: int, V, facets: np.ndarray, each: int
+        self,
+        bodies: Bodies,
+        part: Part | None,
+        rank: int,
+        V,
+        facets: np.ndarray,
+        breaks: np.ndarray,
+        each: int,
     ):
-        self._each, self._midpoint = each, bodies.facets.midpoint[facets]
-        self._here = np.arange(len(facets))
+        self._midpoint = bodies.facets.midpoint[facets]
+        self._here = np.flatnonzero(breaks)
         if part is None:
-            nodes = bodies.facing_nodes(V)[facets, :1]
+            nodes = bodies.facing_nodes(V)[facets[self._here], 0]
         else:
             from xper_fx.parallel.local_bodies import nodes_on_sides
 
             candidate = part.rank_of_body[bodies.facets.bodies[facets, 0]]
-            self._here = np.flatnonzero(candidate == rank)
-            nodes = nodes_on_sides(part, V, bodies.facets, facets[self._here], 0)[:, None]
+            self._here = np.flatnonzero(breaks & (candidate == rank))
+            nodes = nodes_on_sides(part, V, bodies.facets, facets[self._here], 0)
         self._nodes = nodes
+        self._points = self._here[:, None] * each + np.arange(each)
         self._x = V.tabulate_dof_coordinates()[:, : bodies.mesh.geometry.dim]
-        self._normal = lip_normals(self._x[nodes])[:, 0]
+        self._normal = lip_normals(self._x[nodes])
 
     def largest(self, interactions: Interactions, displacement: np.ndarray) -> TurnedBond | None:
-        """The bond that has turned most, on any rank; None if none is left.
+        """The sound bond that has turned most, on any rank; None if none is left.
 
         Args:
             interactions: the points, those on facets first.
             displacement: of all nodes of V on this rank, flat (m).
         """
-        each = self._each
-        loose = interactions.unbonded()[: each * len(self._midpoint)].reshape(-1, each)
-        bonded = ~loose[self._here].all(axis=1)
+        bonded = ~interactions.unbonded()[self._points].any(axis=1)
         moved = (self._x + displacement.reshape(self._x.shape))[self._nodes[bonded]]
-        cosine = np.einsum("fd,fd->f", lip_normals(moved)[:, 0], self._normal[bonded])
+        cosine = np.einsum("fd,fd->f", lip_normals(moved), self._normal[bonded])
         least = float(interactions.largest(-cosine.min(initial=np.inf)))
         if least == -np.inf:
             return None
@@ -83,10 +90,10 @@ class BondTurns:
 
 
 def lip_normals(x: np.ndarray) -> np.ndarray:
-    """Unit normals of lips with nodes at x, shape (num_lips, 2, k, dim), all turned alike."""
-    along = x[:, :, 1] - x[:, :, 0]
-    if x.shape[3] == 2:
+    """Unit normals of lips with nodes at x, shape (..., k, dim), all turned alike."""
+    along = x[..., 1, :] - x[..., 0, :]
+    if x.shape[-1] == 2:
         normal = np.stack([along[..., 1], -along[..., 0]], axis=-1)
     else:
-        normal = np.cross(along, x[:, :, 2] - x[:, :, 0])
+        normal = np.cross(along, x[..., 2, :] - x[..., 0, :])
     return normal / np.linalg.norm(normal, axis=-1, keepdims=True)

@@ -1,0 +1,296 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Bonds that turn with their bodies are as strong, as tough and as closed as if they had not.
+
+Two blocks spin freely, slowly beside their speed of sound, and are then pulled apart or
+pressed by tractions that turn with them. A bond with C_N = C_T spends its fracture energy to
+rounding whatever it has turned by.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scenes import LEFT, RIGHT, box_bodies, field, mesh_of, nodes, run, side_tags
+
+from xper_fx.bodies.explode import EACH_CELL, explode
+from xper_fx.forms.loads import Gravity, SurfaceTraction
+from xper_fx.materials import LinearElastic, NeoHookean, SaintVenantKirchhoff
+from xper_fx.nscd.laws import CohesiveZone, PerfectBond
+from xper_fx.scene.scene import Scene
+from xper_fx.simulation.simulation import Simulation
+from xper_fx.support.errors import ConvergenceError, SmallStrainError
+
+YOUNG, STRENGTH, ENERGY, SPIN = 100.0, 1.0, 0.02, 0.05
+
+
+def spinning_blocks(angle, pull, ramp, tangential=None, scheme="explicit"):
+    """Two blocks, bonded; at an angle (degrees) tractions begin to grow.
+
+    Args:
+        angle: turned by before.
+        pull: largest traction (Pa).
+        ramp: time in which the traction grows (s).
+        tangential: C_T.
+        scheme: of the bulk.
+    """
+    start = np.radians(angle) / SPIN
+
+    def traction(t, component, sign):
+        along = SPIN * t
+        growth = np.clip((t - start) / ramp, 0.0, 1.0)
+        return sign * pull * growth * (np.cos(along), np.sin(along))[component]
+
+    loads = [
+        SurfaceTraction(
+            side, tuple(lambda t, c=c, s=sign: traction(t, c, s) for c in range(2))
+        )
+        for side, sign in ((RIGHT, 1.0), (LEFT, -1.0))
+    ]  # fmt: skip
+    scene = Scene(
+        box_bodies((2, 1), (4, 2), label=lambda x: x[0] > 1),
+        {1: NeoHookean(YOUNG, 0.3, 1.0)},
+        default_interaction=CohesiveZone(1000.0, ENERGY, STRENGTH, tangential, friction=0.3),
+        loads=loads,
+        initial_velocity=lambda x: SPIN * np.stack([0.5 - x[1], x[0] - 1.0]),
+    )
+    step = None if scheme == "explicit" else 0.05
+    simulation = Simulation(scene, step, scheme=scheme, tolerance=1e-9, num_threads=1)
+    return simulation, start, start + ramp
+
+
+@pytest.mark.parametrize(
+    "angle, scheme",
+    [
+        (180, "explicit"), (90, "explicit"),
+        pytest.param(720, "explicit", marks=pytest.mark.slow),
+        pytest.param(180, "implicit", marks=pytest.mark.slow),
+    ],
+)  # fmt: skip
+def test_strength_and_energy_after_turning(angle, scheme, figure):
+    """Pulled apart: the bond bears its strength and spends w."""
+    simulation, _, end = spinning_blocks(angle, 1.5, 40.0, scheme=scheme)
+    interactions, peak = simulation.interactions, 0.0
+    for record in simulation.steps(end):  # noqa: B007 - the last is looked at
+        peak = max(peak, np.abs(interactions.gather("traction")[:, 0]).max())
+        if interactions.gather("damage").max() == 0.0:
+            break
+    spent = record.energies["dissipated_cohesion"] / ENERGY - 1.0
+    what = f"bond turned by {angle} degrees, {scheme}"
+    figure(what, "energy spent beside w: error < 1e-11", abs(spent))
+    figure(what, "peak traction beside the strength: error < 1e-4", abs(peak / STRENGTH - 1.0))
+    assert interactions.gather("damage").max() == 0.0
+    assert abs(spent) < 1e-11
+    assert abs(peak / STRENGTH - 1.0) < 1e-4
+    assert abs(record.energies["dissipated_numerical"]) < 1e-3 * ENERGY
+
+
+@pytest.mark.parametrize("tangential", [None, 400.0])
+@pytest.mark.parametrize("angle", [90, 180])
+def test_contact_after_turning(angle, tangential):
+    """Pressed by three times the strength: no damage, nothing spent, lips closed."""
+    simulation, start, end = spinning_blocks(angle, -3.0, 2.0, tangential)
+    least = 0.0
+    for record in simulation.steps(end):
+        if record.time > start:
+            least = min(least, simulation.interactions.gather("jump")[:, 0].min())
+    traction = simulation.interactions.gather("traction")[:, 0]
+    assert np.mean(traction) == pytest.approx(3.0, rel=0.05)  # the last ramp still rings
+    assert simulation.interactions.gather("damage").min() == 1.0
+    assert record.energies["dissipated_cohesion"] == 0.0
+    assert least > -1e-10
+    assert abs(record.energies["dissipated_numerical"]) < 1e-7
+
+
+SPUN = {
+    "2D nodal": ((1, 1), (1, 1), "crossed", 1, "nodal"),
+    "2D Gauss": ((1, 1), (1, 1), "crossed", 1, "gauss"),
+    "2D quadratic": ((1, 1), (1, 1), "crossed", 2, "nodal"),
+    "2D quadrilaterals": ((1, 1), (2, 2), "quadrilateral", 1, "nodal"),
+    "3D tetrahedra": ((1, 1, 1), (1, 1, 1), "tetrahedron", 1, "nodal"),
+    "3D Gauss": ((1, 1, 1), (1, 1, 1), "tetrahedron", 1, "gauss"),
+    "3D quadratic": ((1, 1, 1), (1, 1, 1), "tetrahedron", 2, "gauss"),
+    "3D hexahedra": ((1, 1, 1), (2, 1, 1), "hexahedron", 1, "nodal"),
+}
+
+
+def momenta(simulation):
+    """Linear momentum, and the angular one about the origin."""
+    x, v = nodes(simulation) + field(simulation), field(simulation, "velocity")
+    p = simulation.bulk.mass.reshape(v.shape) * v
+    turning = np.cross(x, p) if x.shape[1] == 3 else x[:, 0] * p[:, 1] - x[:, 1] * p[:, 0]
+    return p.sum(axis=0), turning.sum(axis=0)
+
+
+@pytest.mark.parametrize("kind", SPUN)
+@pytest.mark.parametrize("tangential", [None, 300.0])
+def test_momenta_are_kept_to_rounding(kind, tangential, figure):
+    """Bonded cells that spin fast, an explicit bulk: a quarter turn, bonds that open and close."""
+    lengths, cells, shape, order, points = SPUN[kind]
+    dim = len(lengths)
+    omega = np.sqrt(YOUNG) / 10.0 * np.array([0.3, -0.2, 1.0])
+    centre = 0.5 * np.ones((dim, 1))
+
+    def velocity(x):
+        if dim == 2:
+            return omega[2] * np.stack([-(x[1] - 0.5), x[0] - 0.5])
+        return np.cross(omega, (x - centre).T).T
+
+    scene = Scene(
+        box_bodies(lengths, cells, shape),
+        {1: SaintVenantKirchhoff(YOUNG, 0.3, 1.0)},
+        default_interaction=CohesiveZone(1000.0, 0.5, 8.0, tangential, friction=0.3),
+        initial_velocity=velocity,
+        order=order,
+        points=points,
+    )
+    simulation = Simulation(scene, scheme="explicit", tolerance=1e-7, num_threads=1)
+    linear, angular = momenta(simulation)
+    size = np.linalg.norm(angular)
+    opened = 0.0
+    for record in simulation.steps(0.5 * np.pi / np.linalg.norm(omega)):  # noqa: B007 - the last
+        now, turned = momenta(simulation)
+        assert np.abs(now - linear).max() < 1e-13 * size
+        error = np.abs(turned - angular).max() / size
+        assert error < 1e-13
+        opened = max(opened, np.abs(simulation.interactions.gather("jump")).max())
+    assert opened > 1e-5
+    figure(f"momenta, {kind}, C_T = {tangential}", "angular momentum error < 1e-13", error)
+    assert abs(record.energies["dissipated_numerical"]) < 1e-4 * size
+
+
+def test_what_is_booked_as_numerical_falls_with_the_step(figure):
+    """C_N unlike C_T: three turns; the energy of jumps read anew is of higher order than two."""
+    booked = []
+    for share in (1.0, 0.5):
+        scene = Scene(
+            box_bodies((1, 1), (2, 2)),
+            {1: NeoHookean(YOUNG, 0.3, 1.0)},
+            default_interaction=CohesiveZone(1000.0, 0.5, 8.0, 300.0),
+            initial_velocity=lambda x: np.stack([0.5 - x[1], x[0] - 0.5]),
+        )
+        critical = Simulation(scene, scheme="explicit").step_size
+        simulation = Simulation(scene, share * critical, tolerance=1e-10, num_threads=1)
+        *_, record = simulation.steps(6.0 * np.pi)
+        kinetic = simulation.ledger.energies.kinetic
+        booked.append(abs(record.energies["dissipated_numerical"]) / kinetic)
+        assert np.all(simulation.interactions.gather("damage") == 1.0)
+    figure("three turns, C_N unlike C_T", "booked as numerical < 1e-5 of the energy", booked[0])
+    assert booked[0] < 1e-5
+    assert booked[1] < 0.25 * booked[0]
+
+
+ANGLE = np.radians(37.0)
+TURN = np.array([[np.cos(ANGLE), -np.sin(ANGLE)], [np.sin(ANGLE), np.cos(ANGLE)]])
+TURN_IN_SPACE = np.array([[2.0, -1.0, 2.0], [2.0, 2.0, -1.0], [-1.0, 2.0, 2.0]]) / 3.0
+
+
+def breaking_box(dim, R, wind, scheme, bond):
+    """A box of cells that is torn and sheared by tractions and gravity, seen in turned axes.
+
+    Args:
+        dim: 2 or 3.
+        R: the whole scene is turned by it.
+        wind: velocity of all at the start, in the turned axes (m/s).
+        scheme: of the bulk.
+        bond: law between cells.
+    """
+    lengths, cells = (2.0, 1.0, 1.0)[:dim], (2, 1, 1)[:dim]
+    mesh = mesh_of(lengths, cells, "crossed" if dim == 2 else "tetrahedron")
+    tags = side_tags(mesh, lengths)
+    mesh.geometry.x[:, :dim] = mesh.geometry.x[:, :dim] @ R.T
+    pulls = (np.array([7.0, 3.0, 2.0]), np.array([-7.0, 1.0, 0.5]))
+    loads = [
+        SurfaceTraction(side, tuple(R @ pull[:dim]))
+        for side, pull in zip((RIGHT, LEFT), pulls, strict=True)
+    ]
+    weight = R @ np.array([0.3, -1.0, 0.7])[:dim]
+    fast = R @ np.array([0.5, -0.2, 0.3])[:dim]
+
+    def velocity(x):
+        inside = R.T @ x[:dim]
+        return np.outer(fast, inside[0] * inside[1]) + np.asarray(wind)[:, None]
+
+    scene = Scene(
+        explode(mesh, EACH_CELL, None, tags),
+        {1: NeoHookean(YOUNG, 0.3, 1.0)},
+        default_interaction=bond,
+        loads=[*loads, Gravity(tuple(weight))],
+        initial_velocity=velocity,
+    )
+    step = None if scheme == "explicit" else 0.01
+    tight = {"tolerance": 1e-12, "newton_tolerance": 1e-13}
+    return Simulation(scene, step, scheme=scheme, **tight, num_threads=1)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize("scheme", ["explicit", "implicit"])
+@pytest.mark.parametrize("tangential", [None, 300.0])
+def test_turned_or_moving_scenes_have_the_same_history(dim, scheme, tangential, figure):
+    """The whole scene turned by 37 degrees (3D: 60 about a diagonal), or in steady motion."""
+    bond = CohesiveZone(1000.0, 0.3, 5.0, tangential)
+    still, R = np.zeros(dim), TURN if dim == 2 else TURN_IN_SPACE
+    wind = np.array([0.7, -0.4, 0.5])[:dim]
+    plain = breaking_box(dim, np.eye(dim), still, scheme, bond)
+    turned = breaking_box(dim, R, still, scheme, bond)
+    moving = breaking_box(dim, np.eye(dim), wind, scheme, bond)
+    steps = 60
+    records = [run(simulation, steps)[-1] for simulation in (plain, turned, moving)]
+    damage = plain.interactions.gather("damage")
+    assert damage.min() < 0.5
+    size = np.abs(field(plain)).max()
+    apart = np.abs(field(turned) - field(plain) @ R.T).max() / size
+    carried = field(moving) - wind * records[2].time
+    steady = np.abs(carried - field(plain)).max() / size
+    what = f"frame indifference, {dim}D, {scheme}, C_T = {tangential}"
+    figure(what, "turned, displacement < 1e-9", apart)
+    figure(what, "moving, displacement < 1e-9", steady)
+    assert apart < 1e-9
+    assert steady < 1e-9
+    for name in ("elastic", "cohesive", "dissipated_cohesion"):
+        energies = [record.energies[name] for record in records]
+        assert energies == pytest.approx([energies[0]] * 3, rel=1e-7, abs=1e-12)
+
+
+def test_a_facet_that_flips_ends_the_run_and_is_named():
+    """A block that collapses through its centre within any step: no normal is left."""
+    scene = Scene(
+        box_bodies((1, 1), (1, 1)),
+        {1: SaintVenantKirchhoff(YOUNG, 0.3, 1.0)},
+        default_interaction=PerfectBond(),
+        initial_velocity=lambda x: 1e5 * np.stack([0.5 - x[0], 0.5 - x[1]]),
+    )
+    simulation = Simulation(scene, scheme="explicit", num_threads=1)
+    with pytest.raises(ConvergenceError, match=r"facet at \(0\.\d+, 0\.\d+\) flips"):
+        run(simulation, 1)
+
+
+def small_strain(forgiving=False, scheme="implicit"):
+    scene = Scene(
+        box_bodies((1, 1), (1, 1)),
+        {1: LinearElastic(YOUNG, 0.3, 1.0)},
+        default_interaction=CohesiveZone(1000.0, 0.5, 8.0),
+        initial_velocity=lambda x: np.stack([0.5 - x[1], x[0] - 0.5]),
+    )
+    step = None if scheme == "explicit" else 0.02
+    return Simulation(scene, step, scheme=scheme, forgiving=forgiving, num_threads=1)
+
+
+@pytest.mark.parametrize("scheme", ["explicit", "implicit"])
+def test_small_strain_stops_where_bonds_turn(scheme):
+    """A free block that spins: after some 10 degrees an error with angle, bond and cure."""
+    simulation = small_strain(scheme=scheme)
+    with pytest.raises(SmallStrainError, match=r"degrees.*NeoHookean") as caught:
+        list(simulation.steps(3.0))
+    most = np.radians(10.0) + (10 if scheme == "explicit" else 1) * simulation.step_size
+    assert np.radians(10.0) < caught.value.angle < most
+    assert "(0." in str(caught.value)
+    assert simulation.time == pytest.approx(caught.value.angle, abs=2.0 * simulation.step_size)
+
+
+def test_small_strain_may_go_on(caplog):
+    """With forgiving=True it is told once and counted."""
+    simulation = small_strain(forgiving=True)
+    run(simulation, 15)
+    told = [r.getMessage() for r in caplog.records if "bonds turn beyond" in r.getMessage()]
+    assert len(told) == 2
+    assert int(told[1].split()[0]) == 7  # from 0.16 to 0.3 rad

@@ -1,0 +1,185 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Frames that turn with their lips, the spin and the couple, against differences and statics."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from xper_fx.nscd.facets import facet_points, facet_shapes, with_lips
+from xper_fx.nscd.interactions import Interactions
+from xper_fx.nscd.inverse_blocks import BodyInverse
+from xper_fx.nscd.laws import CohesiveZone
+from xper_fx.nscd.lips import facet_derivatives
+from xper_fx.nscd.points import frame_from_normal
+from xper_fx.nscd.turning_frames import FacetFlippedError
+
+SEGMENT = np.array([[0.3, -0.2], [1.1, 0.7]])
+TRIANGLE = np.array([[0.1, 0.0, 0.2], [1.3, 0.2, -0.1], [0.4, 0.9, 0.5]])
+SQUARE = np.array([[0.0, 0.0, 0.1], [1.0, 0.1, -0.1], [0.1, 1.2, 0.0], [1.2, 1.1, 0.2]])
+FACETS = {
+    "segment": SEGMENT,
+    "quadratic segment": np.concatenate([SEGMENT, SEGMENT.mean(axis=0)[None]]),
+    "triangle": TRIANGLE,
+    "quadratic triangle": np.concatenate(
+        [TRIANGLE, [TRIANGLE[[1, 2]].mean(0), TRIANGLE[[0, 2]].mean(0), TRIANGLE[[0, 1]].mean(0)]]
+    ),
+    "quadrilateral": SQUARE,
+}
+RULES = [(name, rule) for name in FACETS for rule in ("nodal", "gauss") if (name, rule) != (
+    "quadrilateral", "gauss")]  # fmt: skip
+LAW = CohesiveZone(1e3, 0.5, 8.0, 400.0, friction=0.3)
+
+
+def normal_of(x):
+    if x.shape[1] == 2:
+        t = x[1] - x[0]
+        n = np.array([t[1], -t[0]])
+    elif len(x) == 4:
+        n = np.cross(x[3] - x[0], x[2] - x[1])
+    else:
+        n = np.cross(x[1] - x[0], x[2] - x[0])
+    return n / np.linalg.norm(n)
+
+
+class Facet:
+    """The points of a facing facet between two bodies, on nodes of their own."""
+
+    def __init__(self, name, rule):
+        self.x = FACETS[name]
+        k, self.dim = self.x.shape
+        nodes = np.arange(2 * k).reshape(1, 2, k)
+        points = facet_points(nodes, normal_of(self.x)[None], np.ones(1), rule)
+        points = with_lips(points, nodes, self.x[None], rule)
+        inverse = BodyInverse.from_uniform(
+            np.repeat(np.eye(self.dim)[None], 2 * k, axis=0) / 0.7, self.dim
+        )
+        self.shapes = facet_shapes(self.dim, k, rule)
+        law = np.zeros(len(points), int)
+        self.layer = Interactions(points, [LAW], law, inverse)
+        self.group = self.layer.groups[0]
+        self.both = np.concatenate([self.x, self.x])
+
+    def turn(self, displacement, velocity, reach=0.0, theta=0.5):
+        """Frames after the step 2 reach at the velocity, whose middle lies at the reach."""
+        motion = self.layer.lip_motion(displacement, velocity, velocity)
+        self.layer.turn(motion, reach / theta, theta)
+        return self.group.points.frame.copy()
+
+    def random(self, seed, size):
+        return size * np.random.default_rng(seed).standard_normal(self.both.shape)
+
+
+def rotation(dim, seed=3):
+    q, _ = np.linalg.qr(np.random.default_rng(seed).standard_normal((dim, dim)))
+    q[:, 0] *= np.linalg.det(q)
+    return q
+
+
+@pytest.mark.parametrize("name", FACETS)
+def test_derivatives_of_shape_functions(name):
+    """Sums over nodes of the derivatives times positions are the sides of a facet; of 1, zero."""
+    x = FACETS[name]
+    k, dim = x.shape
+    derivatives = facet_derivatives(dim, k, np.eye(k))
+    assert np.abs(derivatives.sum(axis=1)).max() < 1e-14
+    along = np.einsum("pka,kd->pad", derivatives, x)
+    if len(x) == 4:
+        sides = np.stack([x[1] - x[0] + x[3] - x[2], x[2] - x[0] + x[3] - x[1]]) / 2
+    else:
+        sides = x[1:dim] - x[0]
+    assert np.abs(along - sides).max() < 1e-14
+
+
+@pytest.mark.parametrize("k, dim", [(3, 2), (6, 3)])
+def test_derivatives_of_quadratic_fields(k, dim):
+    """The derivatives at each node of u = s^2 (and s t) are 2 s (t and s)."""
+    corners = np.concatenate([np.zeros((1, dim - 1)), np.eye(dim - 1)])
+    pairs = [(0, 1)] if dim == 2 else [(1, 2), (0, 2), (0, 1)]
+    s = np.concatenate([corners, [corners[list(p)].mean(axis=0) for p in pairs]])
+    got = np.einsum("pka,k->pa", facet_derivatives(dim, k, np.eye(k)), s[:, 0] ** 2)
+    assert got[:, 0] == pytest.approx(2.0 * s[:, 0], abs=1e-14)
+    if dim == 3:
+        mixed = np.einsum("pka,k->pa", facet_derivatives(dim, k, np.eye(k)), s[:, 0] * s[:, 1])
+        assert mixed == pytest.approx(s[:, ::-1], abs=1e-14)
+
+
+@pytest.mark.parametrize("name, rule", RULES)
+def test_frames_are_those_given_until_lips_move(name, rule):
+    """Without displacements F is that of the points; a rotation of all turns it as a whole."""
+    facet = Facet(name, rule)
+    still = np.zeros_like(facet.both)
+    start = frame_from_normal(normal_of(facet.x)[None])[0]
+    assert np.abs(facet.turn(still, still) - start).max() < 1e-14
+    R = rotation(facet.dim)
+    turned = facet.both @ R.T - facet.both
+    assert np.abs(facet.turn(turned, still) - start @ R.T).max() < 1e-14
+
+
+@pytest.mark.parametrize("name, rule", RULES)
+def test_spin_is_the_rate_of_the_frame(name, rule):
+    """s = F (omega x d) is -F' d, with F' by differences of frames."""
+    facet = Facet(name, rule)
+    u, v, eps = facet.random(1, 0.2), facet.random(2, 1.0), 1e-6
+    before, after = facet.turn(u - eps * v, 0 * v), facet.turn(u + eps * v, 0 * v)
+    rate = (after - before) / (2.0 * eps)
+    facet.turn(u, v)
+    turning = facet.group.turning
+    turning.by_spin[:] = True
+    facet.layer.begin_step(1e-3, 0.5)
+    facet.layer._settle(facet.group, turning, v.ravel().copy())
+    expected = -np.einsum("pid,pd->pi", rate, turning.jump)
+    assert turning.spin == pytest.approx(expected, abs=1e-8)
+
+
+@pytest.mark.parametrize("name, rule", RULES)
+def test_forces_and_couple_have_no_moment(name, rule):
+    """f at the candidate, -f at the antagonist and the couple's forces: no resultant, no moment."""
+    facet = Facet(name, rule)
+    u, v, reach = facet.random(4, 0.1), facet.random(5, 0.3), 0.05
+    facet.turn(u, v, reach)
+    group = facet.group
+    group.impulse[:] = np.random.default_rng(6).standard_normal(group.impulse.shape)
+    forces, couples = facet.layer.impulses()[:-1], facet.layer.couples()[:-1]
+    middle = facet.both + u + reach * v
+    assert np.abs(couples.sum(axis=0)).max() < 1e-13
+    cross = np.cross if facet.dim == 3 else lambda a, b: a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
+    moments = [cross(middle, p).sum(axis=0) for p in (forces, couples)]
+    assert np.abs(moments[0]).max() > 1e-3
+    assert np.abs(moments[0] + moments[1]).max() < 1e-13
+
+
+@pytest.mark.parametrize("name, rule", RULES)
+def test_the_couple_does_the_work_of_the_spin(name, rule):
+    """H r . v + couple . v = r . (F B v - s) for any velocities."""
+    facet = Facet(name, rule)
+    u, v = facet.random(7, 0.1), facet.random(8, 1.0)
+    facet.turn(u, v)
+    group, turning = facet.group, facet.group.turning
+    group.impulse[:] = np.random.default_rng(9).standard_normal(group.impulse.shape)
+    power = float(np.vdot((facet.layer.impulses() + facet.layer.couples())[:-1], v))
+    turning.by_spin[:] = True
+    facet.layer.begin_step(1e-3, 0.5)
+    group.impulse[:] = np.random.default_rng(9).standard_normal(group.impulse.shape)
+    facet.layer._settle(group, turning, np.concatenate([v, np.zeros((1, facet.dim))]).ravel())
+    relative = group.points.relative(np.concatenate([v, np.zeros((1, facet.dim))]))
+    assert power == pytest.approx(float(np.vdot(group.impulse, relative - turning.spin)), rel=1e-12)
+
+
+def test_a_facet_that_flips_is_named():
+    """Lips turned by more than 90 degrees within half a step have no frame."""
+    facet = Facet("segment", "nodal")
+    still = np.zeros_like(facet.both)
+    velocity = -2.0 * (facet.both - facet.x.mean(axis=0))  # through a point, and out again
+    with pytest.raises(FacetFlippedError, match="point 0"):
+        facet.turn(still, velocity, reach=1.0)
+
+
+def test_points_that_are_taken_keep_their_lips():
+    """A part of the points has the facets of that part."""
+    points = replace(Facet("triangle", "nodal").layer.points)
+    part = points.take(np.array([2, 0]))
+    assert np.array_equal(part.lips.nodes, points.lips.nodes[[2, 0]])
+    assert np.array_equal(part.lips.gradient, points.lips.gradient[[2, 0]])
