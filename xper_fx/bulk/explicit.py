@@ -19,7 +19,7 @@ import numpy as np
 
 from xper_fx.bulk.body_inverse import LumpedInverse
 from xper_fx.bulk.bulk import Bulk
-from xper_fx.bulk.state import State, StepOutcome, interact, reactions_on
+from xper_fx.bulk.state import State, StepOutcome, at_nodes, interact, reactions_on
 from xper_fx.bulk.turning import couples_on, turn
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.solvers.solver import SolveOptions, Solver
@@ -92,7 +92,7 @@ class ExplicitScheme(KeepsNothing):
                 with watch.phase("turning frames"):
                     impulses += couples_on(interactions, inverse.nodes, len(impulses))
                     velocity = free + inverse.apply(impulses)
-                    interactions.move_bulk(slots, velocity.reshape(-1, bulk.dim)[inverse.nodes])
+                    interactions.move_bulk(slots, at_nodes(velocity, inverse.nodes, bulk.dim))
             sweeps, error, traction, converged = report[1], report[2], report[3], report[0]
         reactions = reactions_on(
             bulk.layout.prescribed,

@@ -9,7 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from xper_fx.cache import njit
 from xper_fx.nscd.interactions import Interactions
+from xper_fx.nscd.kernel_options import LEAN_ENTRY
 from xper_fx.nscd.solvers.solver import SolveOptions, Solver, SolveReport
 
 
@@ -68,19 +70,17 @@ def interact(
     Returns:
         End velocities and H r on all dofs, velocities of the interacting nodes, solver's report.
     """
-    dim, count = interactions.dim, len(inverse.nodes)
-    nodes = _as_slice(inverse.nodes)
-    slots = interactions.free_velocities(free.reshape(-1, dim)[nodes])
+    dim, nodes = interactions.dim, inverse.nodes
+    slots = interactions.free_velocities(at_nodes(free, nodes, dim))
     report = solver.solve(interactions, slots, options)
     if not isinstance(report, SolveReport):
         raise TypeError(
             f"{type(solver).__name__}.solve should return a SolveReport, got {report!r}."
         )
-    impulses = np.zeros_like(free)
-    impulses.reshape(-1, dim)[nodes] = interactions.impulses()[:count]
-    if count == inverse.num_nodes:
+    impulses = on_nodes(interactions.impulses(), nodes, len(free))
+    if len(nodes) == inverse.num_nodes:
         velocity = free.copy()
-        velocity.reshape(-1, dim)[nodes] = slots.reshape(-1, dim)[:count]
+        put_on_nodes(slots.reshape(-1, dim), nodes, velocity)
     else:
         velocity = inverse.apply(impulses)
         velocity += free
@@ -89,11 +89,32 @@ def interact(
     return velocity, impulses, slots, report
 
 
-def _as_slice(nodes: np.ndarray) -> np.ndarray | slice:
-    """Nodes that are numbered without a gap, as those of single cells are, without a list."""
-    if len(nodes) and np.all(nodes[1:] - nodes[:-1] == 1):
-        return slice(int(nodes[0]), int(nodes[-1]) + 1)
-    return nodes
+def at_nodes(values: np.ndarray, nodes: np.ndarray, dim: int) -> np.ndarray:
+    """Of values on all dofs those of some nodes, shape (num_nodes, dim)."""
+    return np.take(values.reshape(-1, dim), nodes, axis=0)
+
+
+def on_nodes(values: np.ndarray, nodes: np.ndarray, num_dofs: int) -> np.ndarray:
+    """Values of some nodes on all dofs, zero elsewhere, shape (num_dofs,).
+
+    Args:
+        values: shape (at least num_nodes, dim), those of the nodes first.
+        nodes: shape (num_nodes,).
+        num_dofs: dofs that there are.
+    """
+    out = np.zeros(num_dofs)
+    put_on_nodes(values, nodes, out)
+    return out
+
+
+@njit(**LEAN_ENTRY)
+def put_on_nodes(values, nodes, out):
+    """Write values of some nodes, shape (at least num_nodes, dim), into those of all dofs."""
+    dim = values.shape[1]
+    for i in range(len(nodes)):
+        first = nodes[i] * dim
+        for d in range(dim):
+            out[first + d] = values[i, d]
 
 
 def reactions_on(prescribed: np.ndarray, impulse: Callable[[np.ndarray], np.ndarray]):

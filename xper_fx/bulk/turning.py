@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from xper_fx.bulk.bulk import Bulk
-from xper_fx.bulk.state import State
+from xper_fx.bulk.state import State, at_nodes, on_nodes
 from xper_fx.nscd.interactions import Interactions
 
 
@@ -37,14 +37,11 @@ def turn(
         FacetFlippedError: see `Interactions.turn`.
     """
 
-    def at_nodes(values):
-        return values.reshape(-1, bulk.dim)[nodes]
-
-    velocity = at_nodes(state.velocity)
+    velocity = at_nodes(state.velocity, nodes, bulk.dim)
     motion = interactions.lip_motion(
-        at_nodes(state.displacement),
+        at_nodes(state.displacement, nodes, bulk.dim),
         velocity,
-        velocity if mean is state.velocity else at_nodes(mean),
+        velocity if mean is state.velocity else at_nodes(mean, nodes, bulk.dim),
         *bulk.macroscopic_motion(state.displacement, mean),
     )
     interactions.turn(motion, step, theta)
@@ -52,6 +49,4 @@ def turn(
 
 def couples_on(interactions: Interactions, nodes: np.ndarray, num_dofs: int) -> np.ndarray:
     """Impulses of the couples on all dofs, shape (num_dofs,), N s."""
-    out = np.zeros(num_dofs)
-    out.reshape(-1, interactions.dim)[nodes] = interactions.couples()[: len(nodes)]
-    return out
+    return on_nodes(interactions.couples(), nodes, num_dofs)

@@ -12,6 +12,9 @@ import numpy as np
 from xper_fx.cache import njit
 from xper_fx.nscd.algebra.small import for_dimension
 
+# Measure of a facet, beside that at the start, of which it should be the square at least.
+_FLAT = 1e-12
+
 
 class LipKernels(NamedTuple):
     """Functions on vectors of space as tuples; there are dim - 1 tangents.
@@ -19,7 +22,8 @@ class LipKernels(NamedTuple):
     Attributes:
         tangents: `(v, nodes, gradient, i)`, sums over both lips of G v / 2.
         pushed: `(F, t, i)`, F t of each tangent.
-        measure: `(a)`, of the surface that the tangents span.
+        flips: `(start, a)`, whether the surface that the tangents span has no normal, or one that
+            is opposite to that of others.
         frame: `(a)`, rows n, t1 (, t2).
         arms: `(a, frame)`, b (2D), or b_1, b_2, c_1, c_2.
         turned: `(rates, arms, n, d)`, omega x d.
@@ -31,7 +35,7 @@ class LipKernels(NamedTuple):
 
     tangents: Callable
     pushed: Callable
-    measure: Callable
+    flips: Callable
     frame: Callable
     arms: Callable
     turned: Callable
@@ -66,12 +70,12 @@ def lip_kernels(dim: int) -> LipKernels:
             return ((F[0, 0] * x + F[0, 1] * y, F[1, 0] * x + F[1, 1] * y),)
 
         @njit(inline="always")
-        def measure(a):
-            return np.sqrt(dot(a[0], a[0]))
+        def flips(start, a):
+            return not dot(start[0], a[0]) > _FLAT
 
         @njit(inline="always")
         def frame(a):
-            t = scale(1.0 / measure(a), a[0])
+            t = scale(1.0 / np.sqrt(dot(a[0], a[0])), a[0])
             return (t[1], -t[0]), t
 
         @njit(inline="always")
@@ -145,14 +149,14 @@ def lip_kernels(dim: int) -> LipKernels:
             )
 
         @njit(inline="always")
-        def measure(a):
-            n = cross(a[0], a[1])
-            return np.sqrt(dot(n, n))
+        def flips(start, a):
+            return not dot(cross(start[0], start[1]), cross(a[0], a[1])) > _FLAT
 
         @njit(inline="always")
         def frame(a):
             # the rotation of the polar decomposition of a1, a2 in the axes e1 = a1 / |a1|, n x e1
-            n = scale(1.0 / measure(a), cross(a[0], a[1]))
+            n = cross(a[0], a[1])
+            n = scale(1.0 / np.sqrt(dot(n, n)), n)
             length = np.sqrt(dot(a[0], a[0]))
             e1 = scale(1.0 / length, a[0])
             e2 = cross(n, e1)
@@ -163,7 +167,8 @@ def lip_kernels(dim: int) -> LipKernels:
 
         @njit(inline="always")
         def arms(a, axes):
-            c = 1.0 / measure(a)
+            n = cross(a[0], a[1])
+            c = 1.0 / np.sqrt(dot(n, n))
             drill = 1.0 / (dot(axes[1], a[0]) + dot(axes[2], a[1]))
             return scale(c, a[1]), scale(-c, a[0]), scale(drill, axes[2]), scale(-drill, axes[1])
 
@@ -211,5 +216,5 @@ def lip_kernels(dim: int) -> LipKernels:
             return frame[i, 0, 0], frame[i, 0, 1], frame[i, 0, 2]
 
     return LipKernels(
-        tangents, pushed, measure, frame, arms, turned, forces, apart, local, arms_at, normal_at
+        tangents, pushed, flips, frame, arms, turned, forces, apart, local, arms_at, normal_at
     )

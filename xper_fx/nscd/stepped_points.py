@@ -64,6 +64,7 @@ class SteppedPoints(PointValues):
     too_far: float
     _found: FoundContacts
     _motion: LipMotion
+    _couples: np.ndarray
     _uneven: dict[int, np.ndarray]
 
     @property
@@ -111,6 +112,11 @@ class SteppedPoints(PointValues):
             )
         )  # fmt: skip
 
+    def _work_of_couples(self, velocity: np.ndarray) -> float:
+        """Work in the step of what `couples` gave last (J; 2D: J/m), on this rank's slots."""
+        mean = self.theta * velocity + (1.0 - self.theta) * self._motion.velocity
+        return float(np.vdot(self._couples, mean))
+
     def couples(self) -> np.ndarray:
         """Impulses on the nodes of the couples that come with turning frames, (num_slots, dim)."""
         total = np.zeros((self.inverse.num_slots, self.dim))
@@ -118,6 +124,7 @@ class SteppedPoints(PointValues):
             if g.turning is not None:
                 add_couples = couple_loop(g.sides)
                 add_couples(total.reshape(-1), g.couplings, g.turning, g.impulse)
+        self._couples = total.reshape(-1).copy()
         if self.halo is not None:
             self.halo.everywhere.add_back(total.reshape(-1))
         return total
@@ -198,6 +205,8 @@ class SteppedPoints(PointValues):
             The energies of the step.
         """
         totals = dict.fromkeys(ENERGIES, 0.0)
+        if self.turns:
+            totals["numerical"] -= self._work_of_couples(velocity)
         for g in self.groups:
             if static:
                 totals["numerical"] += self._work_of_change(g, velocity)

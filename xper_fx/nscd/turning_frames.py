@@ -53,8 +53,6 @@ from xper_fx.nscd.lips import Lips
 
 # Normal opening beside the whole one below which a point counts as closed.
 _CLOSED = 1e-3
-# Measure of a facet, relative to the one at the start, below which it has no normal.
-_FLAT = 1e-6
 # Difference of energies, relative, that is rounding.
 _ALIKE = 1e-12
 
@@ -156,7 +154,7 @@ def turn_loop(sides: Sides):
     set_row, subtract, scale = own.set_row, own.subtract, own.scale
     add_world, scale_world, set_world = world.add, world.scale, world.set_row
     dot_world = world.dot
-    tangents, pushed, measure, frame_of, arms_of, turned, _, apart, local = lips[:9]
+    tangents, pushed, flips, frame_of, arms_of, turned, _, apart, local = lips[:9]
 
     @njit(inline="always")
     def plus(a, factor, b):
@@ -185,12 +183,10 @@ def turn_loop(sides: Sides):
                 pushed(motion.rate, turning.tangent, i), 1.0, tangents(mean, nodes, gradient, i)
             )
             a = plus(start, reach, rates)
-            if not (measure(a) > _FLAT and measure(start) > _FLAT):
+            if flips(start, a):
                 return i
-            axes, axes0 = frame_of(a), frame_of(start)
+            axes = frame_of(a)
             arms = arms_of(a, axes)
-            if dot_world(axes[0], axes0[0]) <= 0.0:
-                return i
             for e in range(dim):
                 for x in range(components):
                     frame[i, x, e] = axes[x][e]
@@ -202,12 +198,13 @@ def turn_loop(sides: Sides):
             d = add_world(d0, scale_world(reach, apart(mean, c, i)))
             set_world(turning.jump, i, d)
             fast = own_part(local(axes, apart(motion.velocity, c, i)))
-            closed = dot_world(axes[0], d) <= _CLOSED * np.sqrt(dot_world(d, d))
+            opening = dot_world(axes[0], d)
+            closed = opening <= 0.0 or opening * opening <= _CLOSED * _CLOSED * dot_world(d, d)
             by_spin = closed or not turning.isotropic[i]
             turning.by_spin[i] = by_spin
             if by_spin:
                 spin = own_part(local(axes, turned(rates, arms, axes[0], d)))
-                at_start = own_part(local(axes0, d0))
+                at_start = own_part(local(frame_of(start), d0))
                 fast = subtract(fast, scale(inverse, spin))
             else:
                 spin = scale(0.0, fast)
@@ -246,7 +243,8 @@ def settle_loop(law: LawKernels, sides: Sides):
     """The loop over a range of points before a step is committed.
 
     Jumps and velocities of the start come to be without the spin that laws were given, the spin
-    is that of the velocities found. It returns what is booked as numerical (J; 2D: J/m).
+    is that of the velocities found. It returns, of points of the second kind, what is booked as
+    numerical less what their couples worked against it (J; 2D: J/m).
     """
     dim, components, _, _ = sides
     own, world, lips = for_dimension(dim, components), for_dimension(dim), lip_kernels(dim)
@@ -285,10 +283,11 @@ def settle_loop(law: LawKernels, sides: Sides):
         nodes, gradient = turning.nodes, turning.gradient
         booked = 0.0
         for i in range(first, last):
+            if not turning.by_spin[i]:
+                continue
             spin = row(turning.spin, i)
-            if turning.by_spin[i]:
-                set_row(velocity, i, add(row(velocity, i), scale(inverse, spin)))
-                set_row(jump, i, add(row(jump, i), scale(shift, spin)))
+            set_row(velocity, i, add(row(velocity, i), scale(inverse, spin)))
+            set_row(jump, i, add(row(jump, i), scale(shift, spin)))
             rates = mixed(
                 theta, tangents(end, nodes, gradient, i),
                 tangents(motion.velocity, nodes, gradient, i),
@@ -297,10 +296,8 @@ def settle_loop(law: LawKernels, sides: Sides):
             arms, n = arms_at(turning.arms, i), normal_at(c.frame, i)
             away = turned(rates, arms, n, row_world(turning.jump, i))
             spin = to_local(c.frame, i, away)
-            if turning.by_spin[i]:
-                set_row(turning.spin, i, spin)
-            else:
-                booked += dot(row(r, i), spin)
+            set_row(turning.spin, i, spin)
+            booked -= dot(row(r, i), spin)
             booked -= gained(i, row(jump, i), area[i], parameters, state, energy)
         return booked
 
