@@ -14,7 +14,7 @@ from xper_fx.nscd.inverse_blocks import BodyInverse
 from xper_fx.nscd.laws import CohesiveZone
 from xper_fx.nscd.lips import facet_derivatives
 from xper_fx.nscd.points import frame_from_normal
-from xper_fx.nscd.turning_frames import FacetFlippedError
+from xper_fx.nscd.stepped_points import FacetFlippedError
 
 SEGMENT = np.array([[0.3, -0.2], [1.1, 0.7]])
 TRIANGLE = np.array([[0.1, 0.0, 0.2], [1.3, 0.2, -0.1], [0.4, 0.9, 0.5]])

@@ -285,6 +285,24 @@ def nonmatching():
     return Simulation(scene, 0.1, tolerance=1e-10, num_threads=1, solver="nlgs")
 
 
+def spun():
+    """Cells that spin, each on its bonds."""
+    from scenes import box_bodies
+
+    from xper_fx.materials import NeoHookean
+    from xper_fx.nscd.laws import PerfectBond
+    from xper_fx.scene.scene import Scene
+    from xper_fx.simulation.simulation import Simulation
+
+    scene = Scene(
+        box_bodies((1.0, 1.0), (2, 2)),
+        {1: NeoHookean(young=1.0, poisson=0.3, density=1.0)},
+        default_interaction=PerfectBond(),
+        initial_velocity=lambda x: 0.1 * np.stack([0.5 - x[1], x[0] - 0.5]),
+    )
+    return Simulation(scene, scheme="explicit", num_threads=1)
+
+
 # Which effects each calls for.
 _PERIODIC = {"periodicity", "macroscopic control"}
 _POINTS = {"inertia", "interactions"}
@@ -317,6 +335,10 @@ SCENES = {
         "interactions", "perfect bond", "subdomains", "floating bodies", "Newton of the bulk",
     },
     nonmatching: {*_POINTS, "perfect bond", "ties"},
+    spun: {
+        *_POINTS, "perfect bond", "finite strain", "Newton of the bulk", "turning frames",
+        "explicit bulk", "vertex problems",
+    },
 }  # fmt: skip
 
 

@@ -25,7 +25,6 @@ from xper_fx.bulk.coupled_matrices import CoupledMatrices
 from xper_fx.bulk.loading import Loading
 from xper_fx.bulk.state import State
 from xper_fx.bulk.step_equations import StepEquations
-from xper_fx.bulk.turning import couples_on, turn
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.point_tangents import PointTangents
 from xper_fx.support.profile import Stopwatch
@@ -122,6 +121,8 @@ class CoupledStep:
         """
         if not self._turns:
             return 0.0
+        from xper_fx.bulk.turning import couples_on, turn
+
         points, matrices, state = self.interactions, self._matrices, self._state
         before = [g.points.frame.copy() for g in points.groups]
         weight = matrices.weight

@@ -20,7 +20,6 @@ import numpy as np
 from xper_fx.bulk.body_inverse import LumpedInverse
 from xper_fx.bulk.bulk import Bulk
 from xper_fx.bulk.state import State, StepOutcome, at_nodes, interact, reactions_on
-from xper_fx.bulk.turning import couples_on, turn
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.solvers.solver import SolveOptions, Solver
 from xper_fx.support.profile import Stopwatch
@@ -82,6 +81,8 @@ class ExplicitScheme(KeepsNothing):
         if interactions is not None:
             with watch.phase("interaction terms"):
                 if interactions.turns:
+                    from xper_fx.bulk.turning import couples_on, turn
+
                     turn(interactions, bulk, inverse.nodes, state, v0, step, self.theta)
                 interactions.begin_step(step, self.theta)
             with watch.phase("interaction solve"):

@@ -29,7 +29,6 @@ from xper_fx.bulk.body_inverse import CellwiseInverse, ClusterInverse
 from xper_fx.bulk.bulk import Bulk
 from xper_fx.bulk.state import State, StepOutcome, interact, reactions_on
 from xper_fx.bulk.step_equations import StepEquations
-from xper_fx.bulk.turning import couples_on, turn
 from xper_fx.forms.dynamics import BulkForms
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.solvers.solver import SolveOptions, Solver
@@ -201,6 +200,8 @@ class ImplicitScheme:
                     interactions.update_inverse(inverse.blocks)
                 turns = interactions.turns
                 if turns:
+                    from xper_fx.bulk.turning import couples_on, turn
+
                     turn(interactions, bulk, inverse.nodes, state, v0, step, self.theta)
                 interactions.begin_step(step, self.theta)
 

@@ -10,11 +10,14 @@ integrate a smooth traction more accurately, and oscillate when bonds are stiff 
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from xper_fx.nscd.lips import Lips, facet_lips, join_lips, still_lips
 from xper_fx.nscd.points import InteractionPoints, frame_from_normal
+
+if TYPE_CHECKING:
+    from xper_fx.nscd.lips import Lips
 
 # Shares of the facet at its nodes. The quadratic triangle takes the diagonal of its mass matrix:
 # the exact rule would leave its vertices without any.
@@ -147,6 +150,8 @@ def with_lips(
         x: shape (num_facets, k, dim), positions of the nodes (m).
         rule: "nodal" or "gauss".
     """
+    from xper_fx.nscd.lips import facet_lips
+
     shapes = facet_shapes(points.dim, nodes.shape[2], rule)
     return replace(points, lips=facet_lips(nodes, x, points.frame, shapes))
 
@@ -201,6 +206,8 @@ def _joined_lips(parts: list[InteractionPoints]) -> Lips | None:
     """The lips of several sets of points; where some have none their frames stay as they are."""
     if all(part.lips is None for part in parts):
         return None
+    from xper_fx.nscd.lips import join_lips, still_lips
+
     return join_lips(
         [
             still_lips(part.nodes[:, :, :1], part.frame) if part.lips is None else part.lips

@@ -13,7 +13,6 @@ from xper_fx.nscd.laws.law import Law, LawKernels
 from xper_fx.nscd.ordering import Ordering, bodies_of_tiles, order_by_vertex, order_points
 from xper_fx.nscd.point_group import PointGroup
 from xper_fx.nscd.points import InteractionPoints
-from xper_fx.nscd.turning_frames import TurningFrames
 
 
 class Grouping:
@@ -105,6 +104,8 @@ class Grouping:
         jump[:, 0] = points.gap
         turning = None
         if points.lips is not None:
+            from xper_fx.nscd.turning_frames import TurningFrames
+
             turning = TurningFrames.of(points.lips, kernels, parameters, state)
         return PointGroup(
             kernels=kernels,

@@ -21,11 +21,11 @@ from xper_fx.nscd.own_compliance import update_compliance
 from xper_fx.nscd.point_group import PointGroup
 from xper_fx.nscd.points import InteractionPoints
 from xper_fx.nscd.stepped_points import SteppedPoints
-from xper_fx.nscd.turning_frames import LipMotion
 from xper_fx.support.saved_rows import Rows
 
 if TYPE_CHECKING:
     from xper_fx.nscd.anchors import Anchors
+    from xper_fx.nscd.turning_frames import LipMotion
 
 # Relative rounding of velocities that several points add up to.
 _ROUNDING = 4.0 * np.finfo(float).eps
@@ -195,6 +195,8 @@ class Interactions(SteppedPoints):
             displacement, velocity, mean: shape (num_nodes, dim), see `LipMotion`.
             gradient, rate: of a periodic cell, see `LipMotion`.
         """
+        from xper_fx.nscd.turning_frames import LipMotion
+
         at_slots = []
         for nodal in (displacement, velocity, mean)[: 2 if mean is velocity else 3]:
             at_slots.append(np.zeros(self.inverse.num_slots * self.dim))

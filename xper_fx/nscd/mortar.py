@@ -27,14 +27,18 @@ traces no kinks but those that the meshes share, and lock.
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 import scipy.sparse as sp
 from scipy.spatial import cKDTree
 
 from xper_fx.cache import njit
 from xper_fx.nscd.facets import nodal_shares
-from xper_fx.nscd.lips import Lips, along_tangents, facet_derivatives
 from xper_fx.nscd.points import InteractionPoints, frame_from_normal
+
+if TYPE_CHECKING:
+    from xper_fx.nscd.lips import Lips
 
 RULES = ("mortar", "nodes")
 """Rules of `nonmatching_points`."""
@@ -121,6 +125,8 @@ def nonmatching_points(
 
 def _around(x, at, facets, frame) -> tuple[np.ndarray, np.ndarray]:
     """Nodes of all facets around a node at each point, and the area-weighted mean of their G."""
+    from xper_fx.nscd.lips import along_tangents, facet_derivatives
+
     dim = x.shape[1]
     corners = facets.ravel()
     order, count = np.argsort(corners, kind="stable"), np.bincount(corners, minlength=len(x))
@@ -145,6 +151,8 @@ def _around(x, at, facets, frame) -> tuple[np.ndarray, np.ndarray]:
 
 def _lips_around(sides, frame) -> Lips:
     """Lips of points whose sides have facets of their own: nodes and G of each side."""
+    from xper_fx.nscd.lips import Lips
+
     k = max(nodes.shape[1] for nodes, _ in sides)
     nodes = [np.pad(n, ((0, 0), (0, k - n.shape[1])), mode="edge") for n, _ in sides]
     gradients = [np.pad(g, ((0, 0), (0, k - g.shape[1]), (0, 0))) for _, g in sides]

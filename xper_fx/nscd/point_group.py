@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,7 +12,9 @@ from xper_fx.nscd.couplings import Blocks, Couplings, Sides
 from xper_fx.nscd.laws.law import LawKernels
 from xper_fx.nscd.ordering import Ordering, TileBodies
 from xper_fx.nscd.points import InteractionPoints
-from xper_fx.nscd.turning_frames import TurningFrames
+
+if TYPE_CHECKING:
+    from xper_fx.nscd.turning_frames import TurningFrames
 
 
 @dataclass

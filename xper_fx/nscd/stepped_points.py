@@ -7,7 +7,7 @@ Until `commit` nothing of the past is lost: a step may begin again with another 
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -18,20 +18,27 @@ from xper_fx.nscd.laws.law import ENERGIES
 from xper_fx.nscd.own_compliance import update_compliance
 from xper_fx.nscd.point_group import PointGroup
 from xper_fx.nscd.point_values import PointValues
-from xper_fx.nscd.turning_frames import (
-    FacetFlippedError,
-    LipMotion,
-    TurningFrames,
-    couple_loop,
-    settle_loop,
-    turn_loop,
-)
 from xper_fx.support.threads import in_ranges
+
+if TYPE_CHECKING:
+    from xper_fx.nscd.turning_frames import LipMotion, TurningFrames
 
 
 def _shares_of_spin(step: float, theta: float) -> tuple[float, float]:
     """What laws are given of a spin s: velocities less the first times s, jumps the second."""
     return (1.0 / (1.0 - theta), 0.0) if theta < 1.0 else (0.0, step)
+
+
+class FacetFlippedError(FloatingPointError):
+    """The lips of a point have no normal in the middle of the step, or the opposite one.
+
+    Attributes:
+        point: number of the point in the scene's order.
+    """
+
+    def __init__(self, point: int):
+        self.point = point
+        super().__init__(f"the facet of interaction point {point} flips or degenerates in a step")
 
 
 class StepWork(NamedTuple):
@@ -83,6 +90,8 @@ class SteppedPoints(PointValues):
         Raises:
             FacetFlippedError: a facet has no normal any more, or the opposite one.
         """
+        from xper_fx.nscd.turning_frames import turn_loop
+
         self._motion = motion
         inverse, shift = _shares_of_spin(step, theta)
         flipped = 0
@@ -103,6 +112,8 @@ class SteppedPoints(PointValues):
 
     def _settle(self, group: PointGroup, turning: TurningFrames, velocity: np.ndarray) -> float:
         """What frames that turned add to the numerical energy of the step (J; 2D: J/m)."""
+        from xper_fx.nscd.turning_frames import settle_loop
+
         inverse, shift = _shares_of_spin(self.step_size, self.theta)
         return sum(
             in_ranges(
@@ -119,6 +130,8 @@ class SteppedPoints(PointValues):
 
     def couples(self) -> np.ndarray:
         """Impulses on the nodes of the couples that come with turning frames, (num_slots, dim)."""
+        from xper_fx.nscd.turning_frames import couple_loop
+
         total = np.zeros((self.inverse.num_slots, self.dim))
         for g in self._permanent:
             if g.turning is not None:

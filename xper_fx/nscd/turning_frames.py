@@ -57,18 +57,6 @@ _CLOSED = 1e-3
 _ALIKE = 1e-12
 
 
-class FacetFlippedError(FloatingPointError):
-    """The lips of a point have no normal in the middle of the step, or the opposite one.
-
-    Attributes:
-        point: number of the point in the scene's order.
-    """
-
-    def __init__(self, point: int):
-        self.point = point
-        super().__init__(f"the facet of interaction point {point} flips or degenerates in a step")
-
-
 class LipMotion(NamedTuple):
     """How the nodes of lips move in a step, arrays over the slots, flat.
 

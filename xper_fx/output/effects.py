@@ -85,6 +85,12 @@ def _bytes_within(item: object) -> int:
     return sum(map(_bytes_within, vars(item).values())) if hasattr(item, "__dict__") else 0
 
 
+def _turning_bytes(simulation: Simulation) -> int:
+    """Bytes of what points have to turn with their lips."""
+    held = [g.turning for g in simulation.interactions.groups if g.turning is not None]
+    return _bytes_within([list(turning) for turning in held])
+
+
 def _initial_stiffness(simulation: Simulation) -> int:
     """Bytes of K0, which a bulk that is not linear keeps for its damping."""
     bulk = simulation.bulk
@@ -112,8 +118,14 @@ EFFECTS = (
     Effect(
         "interactions",
         lambda s: s.interactions is not None,
-        lambda s: s.interactions.nbytes - sum(_law_effects(s).values()),
+        lambda s: s.interactions.nbytes - sum(_law_effects(s).values()) - _turning_bytes(s),
         ("interaction points", "interaction terms", "interaction solve"),
+    ),
+    Effect(
+        "turning frames",
+        lambda s: s.interactions is not None and s.interactions.turns,
+        _turning_bytes,
+        ("turning frames",),
     ),
     Effect(
         "rigid bodies",

@@ -350,6 +350,7 @@ class Recorder:
 
     def close(self) -> None:
         """Close the files; write the summary unless a restart has added nothing to its run."""
+        self.simulation.save_on_failure(None)
         there = (self.folder / "summary.json").exists() if self.restarted else False
         added = self._totals["steps"] > self._steps_before
         summary = self._summary() if self.simulation.team.max(added or not there) else None

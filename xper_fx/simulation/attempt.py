@@ -13,7 +13,7 @@ import numpy as np
 from xper_fx.bulk.state import State, StepOutcome
 from xper_fx.nscd import solvers
 from xper_fx.nscd.solvers.solver import SolveOptions, Solver
-from xper_fx.nscd.turning_frames import FacetFlippedError
+from xper_fx.nscd.stepped_points import FacetFlippedError
 from xper_fx.simulation.advice import (
     AT_POINTS,
     FOR_NOTHING,

@@ -52,6 +52,8 @@ from typing import Protocol
 
 ENERGIES = ("stored", "cohesion", "friction", "impact", "numerical")
 STORED, COHESION, FRICTION, IMPACT, NUMERICAL = range(len(ENERGIES))  # of a law that has them all
+# Difference of the squares of friction and its bound, relative, at which a contact slides.
+SLIDES = 1e-6
 
 LawKernels = namedtuple(
     "LawKernels",

@@ -41,7 +41,6 @@ from xper_fx.nscd.couplings import Blocks, Couplings, Sides, motion
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.kernel_options import LEAN_ENTRY
 from xper_fx.nscd.laws.law import LawKernels
-from xper_fx.nscd.lips import start_frames
 from xper_fx.nscd.point_group import PointGroup
 from xper_fx.nscd.points import frame_from_normal
 from xper_fx.nscd.solvers.solver import SolveOptions, Solver, SolveReport
@@ -62,6 +61,8 @@ _MANY = 1000
 _CHUNKS = 64
 # Pivot of an update below which the direction is left out.
 _SINGULAR = 1e-12
+# Component of a vector, relative to its length, that comes from rounding as it is turned.
+_ROUNDING = 1e-14
 # Slopes are multiplied by this: sticking contacts in a closed ring are redundant.
 _REGULAR = 1.0 - 1e-7
 
@@ -114,6 +115,8 @@ def _frame(group: PointGroup, unknowns: int, at_start: bool) -> np.ndarray:
     """Frames of a group's points as the others of the scene have them, now or at the start."""
     frame = group.couplings.frame
     if at_start and group.turning is not None:
+        from xper_fx.nscd.lips import start_frames
+
         frame = start_frames(group.turning.tangent, frame.shape[1])
     return frame_from_normal(frame[:, 0]) if frame.shape[1] < unknowns == 3 else frame
 
@@ -232,6 +235,16 @@ def _group_kernels(law: LawKernels, dim: int, unknowns: int, alone: bool, turns:
     to_start, to_now = algebra.to_local, algebra.to_global
 
     @njit(inline="always")
+    def without_rounding(x):
+        """A vector whose components that are rounding of its turn are zero: open points stay so."""
+        least = _ROUNDING * np.sqrt(dot(x, x))
+        a = x[0] if abs(x[0]) > least else 0.0
+        b = x[1] if abs(x[1]) > least else 0.0
+        if dim == 2:
+            return a, b
+        return a, b, x[2] if abs(x[2]) > least else 0.0
+
+    @njit(inline="always")
     def slopes_at_start(tilt, p, slopes):
         """Columns of G T G^T for those of T."""
         if dim == 2:
@@ -309,7 +322,7 @@ def _group_kernels(law: LawKernels, dim: int, unknowns: int, alone: bool, turns:
         for i in range(tiles[b], tiles[b + 1]):
             change = row(blocks.correction, position)
             if turns:
-                change = to_now(blocks.tilt, blocks.offsets[b] + position, change)
+                change = without_rounding(to_now(blocks.tilt, blocks.offsets[b] + position, change))
             set_row(r, i, add(row(r, i), change))
             push(v, c, i, change)
             position += 1
