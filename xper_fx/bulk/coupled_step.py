@@ -71,6 +71,7 @@ class CoupledStep:
         slots: velocities of the points' nodes.
         impulses: H r on all unknowns (N s).
         corrections: how many were solved for.
+        turns: whether frames of points turn with the bodies.
         couples: impulses on all unknowns that come with turning frames (N s), part of `residual`.
     """
 
@@ -96,7 +97,7 @@ class CoupledStep:
         inert = bulk.inertia is not None
         self._start = state.velocity if inert else np.zeros_like(state.displacement)
         self._stiffest, self.corrections, self._state = 0.0, 0, state
-        self._turns = interactions is not None and interactions.turns
+        self.turns = interactions is not None and interactions.turns
         self.couples: np.ndarray | float = 0.0
         self.restart()
 
@@ -119,7 +120,7 @@ class CoupledStep:
         Returns:
             The largest change of a direction (rad); 0 where frames do not turn.
         """
-        if not self._turns:
+        if not self.turns:
             return 0.0
         from xper_fx.bulk.turning import couples_on, turn
 

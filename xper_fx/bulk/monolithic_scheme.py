@@ -7,6 +7,7 @@ from the contacts that `augmented_lagrangian.py` finds.
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -23,6 +24,7 @@ from xper_fx.bulk.step_equations import StepEquations
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.inverse_blocks import BodyInverse
 from xper_fx.nscd.solvers.solver import SolveOptions, Solver
+from xper_fx.nscd.stepped_points import FacetFlippedError
 from xper_fx.support.profile import Stopwatch
 
 if TYPE_CHECKING:
@@ -30,7 +32,12 @@ if TYPE_CHECKING:
 
 
 # How often frames follow the bodies in a step, and change of a direction (rad) that is none.
-_TURNS, _TURNED = 20, 1e-9
+_TURNS, _TURNED = 20, 1e-7
+# What may be left before frames follow for the first time, and what of it before the next ones.
+_FIRST, _LESS = 1e-3, 1e-3
+
+
+logger = logging.getLogger(__name__)
 
 
 class PointsOfNodes(NamedTuple):
@@ -125,7 +132,10 @@ class MonolithicScheme:
         def begin() -> None:
             if interactions is not None:
                 with watch.phase("interaction terms"):
-                    coupled.turn(coupled.velocity if guess is None else guess[1])
+                    try:
+                        coupled.turn(coupled.velocity if guess is None else guess[1])
+                    except FacetFlippedError:  # the guess leads too far
+                        coupled.turn(coupled.velocity)
                     interactions.begin_step(step, self.theta)
             coupled.restart()
             if guess is not None:
@@ -152,12 +162,22 @@ class MonolithicScheme:
         )  # fmt: skip
 
     def _solve(self, coupled: CoupledStep, newton: SemismoothNewton) -> bool:
-        """Whether the step was solved, with frames that turn as its bodies do."""
+        """Whether the step was solved, with frames that turn as its bodies do.
+
+        Each time that frames have followed the bodies what is left is less, and asked to be less.
+        """
+        asked = max(self._tolerance, _FIRST) if coupled.turns else self._tolerance
         for _ in range(_TURNS):
-            if not (newton.run(self._tolerance, self._max_newton) and coupled.goes_on):
+            if not newton.run(asked, self._max_newton):
                 return False
-            if coupled.turn(coupled.velocity) <= _TURNED:
-                return True
+            try:
+                turned = coupled.turn(coupled.velocity)
+            except FacetFlippedError as error:
+                logger.info("%s", error)
+                return False
+            if turned <= _TURNED and asked <= self._tolerance:
+                return coupled.goes_on
+            asked = max(self._tolerance, _LESS * asked)
             coupled.interactions.prepare()
             coupled.move(coupled.velocity, coupled.loading.time)
         return False
