@@ -173,10 +173,11 @@ class Interactions(SteppedPoints):
         self._all_of_rigid = groups > 0 and others == 0
 
     def _find_uneven(self) -> None:
-        """Find the turning points whose compliance hangs on their frame."""
+        """Find the turning points whose compliance hangs on their frame; None if w is not diagonal."""
         turning = [g for g in self._permanent if g.turning is not None]
-        if turning:
-            even = self.inverse.even_nodes()
+        even = self.inverse.even_nodes() if turning else None
+        self._uneven = None
+        if even is not None:
             self._uneven = {
                 id(g): np.flatnonzero(~even[g.points.nodes].all(axis=(1, 2))) for g in turning
             }

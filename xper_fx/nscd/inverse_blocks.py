@@ -144,20 +144,20 @@ class BodyInverse:
         """Whether a block cannot be moved (prescribed, the ground's), shape (num_blocks,)."""
         return np.add.reduceat(np.abs(self.data), self.data_offsets[:-1]) == 0.0
 
-    def even_nodes(self) -> np.ndarray:
-        """Which slots an impulse moves along itself, whatever its direction, and no other one.
+    def even_nodes(self) -> np.ndarray | None:
+        """Which slots an impulse moves along itself, whatever its direction.
 
         Returns:
-            Shape (num_slots,), bool; all False where blocks are not of one size.
+            Shape (num_slots,), bool; None where w is not diagonal, or not held so.
         """
-        n, dim = self.uniform_size, self.dim
+        n = self.uniform_size
         if self.diagonal or n == 0:
-            return np.zeros(self.num_slots, bool)
+            return None
         blocks = self.data.reshape(-1, n, n)
         diagonal = np.einsum("bii->bi", blocks)
-        nodal = diagonal.reshape(-1, dim)
         if np.count_nonzero(blocks) > np.count_nonzero(diagonal):
-            return np.zeros(self.num_slots, bool)
+            return None
+        nodal = diagonal.reshape(-1, self.dim)
         return np.all(nodal == nodal[:, :1], axis=1)
 
     def block_of_node(self) -> np.ndarray:

@@ -40,12 +40,12 @@ def step_loops(law: LawKernels, sides: Sides, turns: bool):
     @njit(nogil=True, **LEAN_ENTRY)
     def commit_range(
         first, last, v, c, jump, velocity, r, area, step, theta, parameters, state, terms, details,
-        energy, status, spin,
+        energy, status, spin, by_spin,
     ):  # fmt: skip
         for i in range(first, last):
             jump0, u = row(jump, i), read(v, c, i)
             mean = add(scale(theta, u), scale(1.0 - theta, row(velocity, i)))
-            if turns:
+            if turns and by_spin[i]:
                 mean = subtract(mean, row(spin, i))
             jump1 = add(jump0, scale(step, mean))
             status[i] = commit(

@@ -12,6 +12,8 @@ import numpy as np
 from xper_fx.cache import njit
 from xper_fx.nscd.algebra.small import for_dimension
 
+# Square of the measure of the middle of two lips, beside that at the start, where they fold.
+_FOLDED = 0.5
 # Measure of a facet, beside that at the start, of which it should be the square at least.
 _FLAT = 1e-12
 
@@ -24,6 +26,7 @@ class LipKernels(NamedTuple):
         pushed: `(F, t, i)`, F t of each tangent.
         flips: `(start, a)`, whether the surface that the tangents span has no normal, or one that
             is opposite to that of others.
+        folded: `(a)`, whether lips stand at more than a right angle to each other.
         frame: `(a)`, rows n, t1 (, t2).
         arms: `(a, frame)`, b (2D), or b_1, b_2, c_1, c_2.
         turned: `(rates, arms, n, d)`, omega x d.
@@ -44,6 +47,7 @@ class LipKernels(NamedTuple):
     local: Callable
     arms_at: Callable
     normal_at: Callable
+    folded: Callable
 
 
 @cache
@@ -72,6 +76,10 @@ def lip_kernels(dim: int) -> LipKernels:
         @njit(inline="always")
         def flips(start, a):
             return not dot(start[0], a[0]) > _FLAT
+
+        @njit(inline="always")
+        def folded(a):
+            return dot(a[0], a[0]) < _FOLDED
 
         @njit(inline="always")
         def frame(a):
@@ -153,6 +161,11 @@ def lip_kernels(dim: int) -> LipKernels:
             return not dot(cross(start[0], start[1]), cross(a[0], a[1])) > _FLAT
 
         @njit(inline="always")
+        def folded(a):
+            n = cross(a[0], a[1])
+            return dot(n, n) < _FOLDED
+
+        @njit(inline="always")
         def frame(a):
             # the rotation of the polar decomposition of a1, a2 in the axes e1 = a1 / |a1|, n x e1
             n = cross(a[0], a[1])
@@ -216,5 +229,6 @@ def lip_kernels(dim: int) -> LipKernels:
             return frame[i, 0, 0], frame[i, 0, 1], frame[i, 0, 2]
 
     return LipKernels(
-        tangents, pushed, flips, frame, arms, turned, forces, apart, local, arms_at, normal_at
-    )
+        tangents, pushed, flips, frame, arms, turned, forces, apart, local, arms_at, normal_at,
+        folded,
+    )  # fmt: skip

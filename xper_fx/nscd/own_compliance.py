@@ -12,16 +12,8 @@ from xper_fx.nscd.kernel_options import LEAN_ENTRY
 from xper_fx.nscd.point_group import PointGroup
 
 
-def update_compliance(
-    group: PointGroup, inverse: BodyInverse, which: np.ndarray | None = None
-) -> None:
-    """Take the values of w; the compliances of a group's points follow.
-
-    Args:
-        group: the points.
-        inverse: blocks of w.
-        which: numbers of those that are to follow; all if not given.
-    """
+def update_compliance(group: PointGroup, inverse: BodyInverse) -> None:
+    """Take the values of w; the compliances of a group's points follow."""
     rows, cols = sym_indices(group.kernels.components)
     group.couplings = group.couplings._replace(w=inverse.data)
     if inverse.diagonal:
@@ -30,8 +22,7 @@ def update_compliance(
         frame = group.points.frame
         group.compliance[:] = np.einsum("ped,pd,ped->pe", frame[:, rows], w, frame[:, cols])
         return
-    which = np.arange(len(group)) if which is None else which
-    arguments = which, group.couplings, group.points.frame, rows, cols, group.compliance
+    arguments = group.couplings, group.points.frame, rows, cols, group.compliance
     if not group.sides.lever_arms:
         _compliance(*arguments)
         return
@@ -41,8 +32,30 @@ def update_compliance(
     _compliance_with_lever_arms(*arguments, h, at)
 
 
+def update_diagonal(group: PointGroup, which: np.ndarray) -> None:
+    """Renew the compliances of some points, whose frames have turned, where w is diagonal."""
+    rows, cols = sym_indices(group.kernels.components)
+    _of_diagonal(which, group.couplings, group.points.frame, rows, cols, group.compliance)
+
+
 @njit(**LEAN_ENTRY)
-def _compliance_with_lever_arms(which, c, frame, rows, cols, out, h, at):
+def _of_diagonal(which, c, frame, rows, cols, out):
+    k, dim = c.start.shape[2], frame.shape[2]
+    for i in which:
+        for entry in range(len(rows)):
+            out[i, entry] = 0.0
+        for s in range(2):
+            n = c.size[i, s]
+            for j in range(k):
+                first = c.rows[i, s, j] + c.start[i, s, j] - c.body[i, s]
+                for d in range(dim):
+                    own = c.weights[i, s, j] ** 2 * c.w[first + d * (n + 1)]
+                    for entry in range(len(rows)):
+                        out[i, entry] += own * frame[i, rows[entry], d] * frame[i, cols[entry], d]
+
+
+@njit(**LEAN_ENTRY)
+def _compliance_with_lever_arms(c, frame, rows, cols, out, h, at):
     """As `_compliance`, of points with lever arms: H_s of a component is written out for its body.
 
     `h`, shape (components, n), and `at`, shape (n,), have room for the n columns of one side.
@@ -51,7 +64,7 @@ def _compliance_with_lever_arms(which, c, frame, rows, cols, out, h, at):
     components = frame.shape[1]
     turns = dim if dim == 3 else 1
     count = k * dim + turns
-    for i in which:
+    for i in range(len(out)):
         for entry in range(len(rows)):
             out[i, entry] = 0.0
         for s in range(2):
@@ -82,13 +95,13 @@ def _compliance_with_lever_arms(which, c, frame, rows, cols, out, h, at):
 
 
 @njit(**LEAN_ENTRY)
-def _compliance(which, c, frame, rows, cols, out):
+def _compliance(c, frame, rows, cols, out):
     """W_aa = H_c^T w H_c + H_a^T w H_a at each point, packed symmetric.
 
     Where the normal stands alone, zero if it is rounding beside the trace over all directions.
     """
     k, dim = c.start.shape[2], frame.shape[2]
-    for i in which:
+    for i in range(len(out)):
         trace = 0.0
         for entry in range(len(rows)):
             total = 0.0

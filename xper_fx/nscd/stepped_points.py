@@ -14,14 +14,23 @@ import numpy as np
 from xper_fx.nscd.couplings import push_kernel, spread_kernel
 from xper_fx.nscd.found_contacts import FoundContacts
 from xper_fx.nscd.law_loops import evolve_loop, step_loops
-from xper_fx.nscd.laws.law import ENERGIES
-from xper_fx.nscd.own_compliance import update_compliance
+from xper_fx.nscd.laws.law import ENERGIES, LawKernels
+from xper_fx.nscd.own_compliance import update_compliance, update_diagonal
 from xper_fx.nscd.point_group import PointGroup
 from xper_fx.nscd.point_values import PointValues
 from xper_fx.support.threads import in_ranges
 
 if TYPE_CHECKING:
     from xper_fx.nscd.turning_frames import LipMotion, TurningFrames
+
+
+def _damage(kernels: LawKernels) -> int:
+    """Column of the damage in the state of points, or what `turning_frames.py` has in its place."""
+    from xper_fx.nscd.turning_frames import LASTING, LOOSE
+
+    if "damage" in kernels.state_names:
+        return kernels.state_names.index("damage")
+    return LOOSE if "impact" in kernels.energies else LASTING
 
 
 def _shares_of_spin(step: float, theta: float) -> tuple[float, float]:
@@ -72,7 +81,7 @@ class SteppedPoints(PointValues):
     _found: FoundContacts
     _motion: LipMotion
     _couples: np.ndarray
-    _uneven: dict[int, np.ndarray]
+    _uneven: dict[int, np.ndarray] | None
 
     @property
     def turns(self) -> bool:
@@ -99,14 +108,17 @@ class SteppedPoints(PointValues):
             if g.turning is None:
                 continue
             first = in_ranges(
-                turn_loop(g.sides), len(g), g.couplings, g.points.gap, g.points.frame, g.turning,
-                motion, step * theta, inverse, shift, g.jump, g.velocity,
+                turn_loop(g.sides), len(g), g.couplings, g.points.gap, g.points.area,
+                g.points.frame, g.turning, motion, step * theta, inverse, shift,
+                g.kernels.no_jump, g.state, _damage(g.kernels), g.jump, g.velocity,
             )  # fmt: skip
             wrong = [i for i in first if i >= 0]
             if wrong:
                 flipped = 1 + int(self._numbers()[g.indices[wrong[0]]])
-            elif len(uneven := self._uneven[id(g)]):
-                update_compliance(g, self.inverse, uneven)
+            elif self._uneven is None:
+                update_compliance(g, self.inverse)
+            else:
+                update_diagonal(g, self._uneven[id(g)])
         if flipped := int(self.largest(flipped)):
             raise FacetFlippedError(flipped - 1)
 
@@ -125,8 +137,8 @@ class SteppedPoints(PointValues):
 
     def _work_of_couples(self, velocity: np.ndarray) -> float:
         """Work in the step of what `couples` gave last (J; 2D: J/m), on this rank's slots."""
-        mean = self.theta * velocity + (1.0 - self.theta) * self._motion.velocity
-        return float(np.vdot(self._couples, mean))
+        start, end = np.vdot(self._couples, self._motion.velocity), np.vdot(self._couples, velocity)
+        return float(self.theta * end + (1.0 - self.theta) * start)
 
     def couples(self) -> np.ndarray:
         """Impulses on the nodes of the couples that come with turning frames, (num_slots, dim)."""
@@ -134,7 +146,7 @@ class SteppedPoints(PointValues):
 
         total = np.zeros((self.inverse.num_slots, self.dim))
         for g in self._permanent:
-            if g.turning is not None:
+            if g.turning is not None and not g.kernels.no_jump:
                 add_couples = couple_loop(g.sides)
                 add_couples(total.reshape(-1), g.couplings, g.turning, g.impulse)
         self._couples = total.reshape(-1).copy()
@@ -223,15 +235,15 @@ class SteppedPoints(PointValues):
         for g in self.groups:
             if static:
                 totals["numerical"] += self._work_of_change(g, velocity)
-            spin = None
+            spin, by_spin = None, None
             if g.turning is not None:
                 totals["numerical"] += self._settle(g, g.turning, velocity)
-                spin = g.turning.spin
+                spin, by_spin = g.turning.spin, g.turning.by_spin
             _, commit = step_loops(g.kernels, g.sides, spin is not None)
             in_ranges(
                 commit, len(g), velocity, g.couplings, g.jump, g.velocity, g.impulse, g.points.area,
                 self.step_size, self.theta, g.parameters, g.state, g.terms, g.details, g.energy,
-                g.status, spin,
+                g.status, spin, by_spin,
             )  # fmt: skip
             g.committed_impulse[:] = g.impulse
             for name, total in zip(g.kernels.energies, g.energy.sum(axis=0), strict=True):

@@ -31,6 +31,9 @@ The map H of a solver stays that of the lips alone, and the couple is given to t
   F(q1) d1 to third order. Its law takes s from the velocities known when the step begins, as
   velocity0 - s / (1 - theta) (theta = 1: U0 - h s), and from those found when it ends.
 
+- lips that nothing bonds and that have slid or folded so far that they do not face each other keep
+  the frame that they had, without couple.
+
 What the stored energy e gains when the next step reads the jump anew, e(U0) - e(U1 of the last
 step), and the work of the couple that the first kind of point does not see, are booked as
 numerical. Areas stay those of the reference configuration: A e(U) is then a potential.
@@ -51,6 +54,11 @@ from xper_fx.nscd.laws.law import STORED, LawKernels
 from xper_fx.nscd.lip_kernels import lip_kernels
 from xper_fx.nscd.lips import Lips
 
+# In the place of the column of a damage: of points that nothing bonds, and of bonds that last.
+LOOSE, LASTING = -1, -2
+# Jump of lips that nothing bonds, beside the size of a point's share of its facet, beyond which
+# they do not face each other any more.
+_FAR = 0.1
 # Normal opening beside the whole one below which a point counts as closed.
 _CLOSED = 1e-3
 # Difference of energies, relative, that is rounding.
@@ -82,7 +90,7 @@ class TurningFrames(NamedTuple):
         nodes, gradient, tangent: of their lips.
         jump: d_m, shape (n, dim), m.
         arms: b, shape (n, 1, 2), or b_1, b_2, c_1, c_2, shape (n, 4, 3), 1/m.
-        spin: s, shape (n, components), m/s, zero where a point is of the first kind.
+        spin: s, shape (n, components), m/s, of points of the second kind.
         by_spin: shape (n,), which points are of the second kind.
         isotropic: shape (n,), whether the energy hangs on the length of an open jump alone.
     """
@@ -142,6 +150,7 @@ def turn_loop(sides: Sides):
     set_row, subtract, scale = own.set_row, own.subtract, own.scale
     add_world, scale_world, set_world = world.add, world.scale, world.set_row
     dot_world = world.dot
+    to_local, folded = own.to_local, lips.folded
     tangents, pushed, flips, frame_of, arms_of, turned, _, apart, local = lips[:9]
 
     @njit(inline="always")
@@ -159,8 +168,9 @@ def turn_loop(sides: Sides):
 
     @njit(nogil=True, **LEAN_ENTRY)
     def turn_range(
-        first, last, c, gap, frame, turning, motion, reach, inverse, shift, jump, velocity
-    ):
+        first, last, c, gap, area, frame, turning, motion, reach, inverse, shift, no_jump, state,
+        damage, jump, velocity,
+    ):  # fmt: skip
         q0, mean = motion.displacement, motion.mean
         nodes, gradient = turning.nodes, turning.gradient
         for i in range(first, last):
@@ -171,7 +181,22 @@ def turn_loop(sides: Sides):
                 pushed(motion.rate, turning.tangent, i), 1.0, tangents(mean, nodes, gradient, i)
             )
             a = plus(start, reach, rates)
-            if flips(start, a):
+            d0 = apart(q0, c, i)
+            d = add_world(d0, scale_world(reach, apart(mean, c, i)))
+            flipped = flips(start, a)
+            if damage == LOOSE or (damage >= 0 and state[i, damage] == 0.0):
+                far = _FAR * (area[i] if dim == 2 else np.sqrt(area[i]))
+                if flipped or dot_world(d, d) > far * far or folded(a):
+                    # lips that no longer face each other: the frame stays what it is
+                    for x in range(turning.arms.shape[1]):
+                        for e in range(dim):
+                            turning.arms[i, x, e] = 0.0
+                    turning.by_spin[i] = False
+                    set_row(jump, i, to_local(c.frame, i, d0))
+                    jump[i, 0] += gap[i]
+                    set_row(velocity, i, to_local(c.frame, i, apart(motion.velocity, c, i)))
+                    continue
+            if flipped:
                 return i
             axes = frame_of(a)
             arms = arms_of(a, axes)
@@ -182,23 +207,20 @@ def turn_loop(sides: Sides):
                     c.frame[i, x, e] = axes[x][e]
                 for x in range(len(arms)):
                     turning.arms[i, x, e] = arms[x][e]
-            d0 = apart(q0, c, i)
-            d = add_world(d0, scale_world(reach, apart(mean, c, i)))
             set_world(turning.jump, i, d)
             fast = own_part(local(axes, apart(motion.velocity, c, i)))
             opening = dot_world(axes[0], d)
             closed = opening <= 0.0 or opening * opening <= _CLOSED * _CLOSED * dot_world(d, d)
-            by_spin = closed or not turning.isotropic[i]
+            by_spin = not no_jump and (closed or not turning.isotropic[i])
             turning.by_spin[i] = by_spin
             if by_spin:
                 spin = own_part(local(axes, turned(rates, arms, axes[0], d)))
+                set_row(turning.spin, i, spin)
                 at_start = own_part(local(frame_of(start), d0))
+                at_start = subtract(at_start, scale(shift, spin))
                 fast = subtract(fast, scale(inverse, spin))
             else:
-                spin = scale(0.0, fast)
                 at_start = own_part(local(axes, d0))
-            set_row(turning.spin, i, spin)
-            at_start = subtract(at_start, scale(shift, spin))
             set_row(jump, i, at_start)
             jump[i, 0] += gap[i]
             set_row(velocity, i, fast)

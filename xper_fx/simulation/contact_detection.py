@@ -40,10 +40,9 @@ _REACH = 1e-2
 _ROUNDING = 1e-12
 # Distance of two lips, relative to their size, at which their own points retire.
 _FAR = 0.25
-# Cosine of the angle that broken lips have turned by at which they retire where frames do not turn:
-# along the normals of the start they would let pieces that tumble interpenetrate. Where frames do,
-# cosine of the angle between the lips.
-_TURNED, _SKEW = np.cos(0.2), 0.5
+# Cosine of the angle between broken lips and the frames of their own points at which they retire:
+# along other normals than theirs pieces that tumble would interpenetrate.
+_TURNED = np.cos(0.2)
 
 
 class Detection:
@@ -119,6 +118,8 @@ class Detection:
         self._far = _FAR * scene.bodies.facets.measure[self._lips] ** (1.0 / (scene.dim - 1))
         self._lip_nodes = surface.bond_nodes[self._lips]
         self._lip_normals = lip_normals(self._x[self._lip_nodes])
+        own = scene.bodies.facets.normal[self._lips]
+        self._side = np.sign(np.einsum("ld,ld->l", own, self._lip_normals[:, 0]))
 
     def outrun(self, state: State, rigid: RigidMotion | None, step: float) -> bool:
         """Whether something moves so far in a step (s) that it may pass through another unseen.
@@ -243,12 +244,10 @@ class Detection:
             self._broken[new] = True
         jump = np.linalg.norm(interactions.gather("jump")[:count], axis=1).reshape(-1, each)
         moved = self._x + displacement.reshape(self._x.shape)
-        normals = lip_normals(moved[self._lip_nodes[lips]])
+        normals, framed = lip_normals(moved[self._lip_nodes[lips]]), self._lip_normals[lips]
         if interactions.turns:
-            turned = np.einsum("ld,ld->l", normals[:, 0], normals[:, 1]) < _SKEW
-        else:
-            cosines = np.einsum("lsd,lsd->ls", normals, self._lip_normals[lips])
-            turned = cosines.min(axis=1) < _TURNED
+            framed = (self._side[:, None] * interactions.points.frame[:count:each, 0])[lips, None]
+        turned = np.einsum("lsd,lsd->ls", normals, framed).min(axis=1) < _TURNED
         parted = lips[turned | (jump[lips].max(axis=1) > self._far[lips])]
         if len(parted):
             self._surfaces.release(self._lips[parted])

@@ -40,6 +40,8 @@ takes for it. Such a run then solves bulk and interactions in one system.
 jump, that of the column "stored" after `commit`: at finite strain, where frames turn, jumps are
 read anew in each step (`nscd/turning_frames.py`). None for a law that stores nothing.
 
+`no_jump` says that the law leaves no jump, so that frames that turn bring no couple.
+
 `name` and `effects` are for the table of effects (`xper_fx/output/effects.py`): pairs of an
 effect's name, of the table or new, and how many of a point's parameters, state, terms and details
 it needs.
@@ -52,14 +54,15 @@ from typing import Protocol
 
 ENERGIES = ("stored", "cohesion", "friction", "impact", "numerical")
 STORED, COHESION, FRICTION, IMPACT, NUMERICAL = range(len(ENERGIES))  # of a law that has them all
-# Difference of the squares of friction and its bound, relative, at which a contact slides.
-SLIDES = 1e-6
+# Difference of the squares of friction and its bound, relative, at which a contact slides: impulses
+# have the tolerance of the solver.
+SLIDES = 1e-2
 
 LawKernels = namedtuple(
     "LawKernels",
     "name effects components prepare solve evolve commit num_terms num_details state_names "
-    "energies growth spent stored",
-    defaults=(None, None, None),
+    "energies growth spent stored no_jump",
+    defaults=(None, None, None, False),
 )
 
 

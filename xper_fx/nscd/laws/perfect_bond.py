@@ -128,4 +128,5 @@ def _kernels(dim: int) -> LawKernels:
         num_details=0,
         state_names=(),
         energies=("numerical",),
+        no_jump=True,
     )

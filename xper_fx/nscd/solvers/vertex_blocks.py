@@ -184,10 +184,17 @@ def build(interactions: Interactions) -> _Blocks:
 
 @cache
 def _tilt_kernel(dim: int):
-    """Kernel: `tilt` of all vertices for the frames of now."""
+    """Kernel: `tilt` of all vertices for the frames of now; `apart` has room for 3 x 3 numbers."""
+
+    @njit(inline="always")
+    def along(frame, i, x, p, z):
+        return (
+            frame[i, x, 0] * frame[p, z, 0] + frame[i, x, 1] * frame[p, z, 1]
+            + frame[i, x, 2] * frame[p, z, 2]
+        )  # fmt: skip
 
     @njit(**LEAN_ENTRY)
-    def tilt_all(offsets, start, now, tilt):
+    def tilt_all(offsets, start, now, tilt, apart):
         for b in range(len(offsets) - 1):
             p = offsets[b]
             for i in range(p, offsets[b + 1]):
@@ -200,16 +207,20 @@ def _tilt_kernel(dim: int):
                     tilt[i, 0, 0] = c * x + s * y
                     tilt[i, 0, 1] = c * y - s * x
                     continue
-                for x in range(3):
+                # F_p F_i^T, then K_i K_p^T times it
+                for z in range(3):
                     for y in range(3):
-                        total = 0.0
-                        for z in range(3):
-                            then, other = 0.0, 0.0
-                            for e in range(3):
-                                then += start[i, x, e] * start[p, z, e]
-                                other += now[p, z, e] * now[i, y, e]
-                            total += then * other
-                        tilt[i, x, y] = total
+                        apart[z, y] = (
+                            now[p, z, 0] * now[i, y, 0]
+                            + now[p, z, 1] * now[i, y, 1]
+                            + now[p, z, 2] * now[i, y, 2]
+                        )
+                for x in range(3):
+                    a = along(start, i, x, p, 0)
+                    b = along(start, i, x, p, 1)
+                    c = along(start, i, x, p, 2)
+                    for y in range(3):
+                        tilt[i, x, y] = a * apart[0, y] + b * apart[1, y] + c * apart[2, y]
 
     return tilt_all
 
@@ -714,7 +725,8 @@ class VertexBlocks(Solver):
         blocks, turns = self._blocks, interactions.turns
         if turns:
             now = _frames(interactions, at_start=False)
-            _tilt_kernel(interactions.dim)(blocks.offsets, blocks.frame, now, blocks.tilt)
+            tilt_all = _tilt_kernel(interactions.dim)
+            tilt_all(blocks.offsets, blocks.frame, now, blocks.tilt, np.empty((3, 3)))
         arrays = tuple(
             array
             for g in interactions.groups
