@@ -173,7 +173,7 @@ class Interactions(SteppedPoints):
         self._all_of_rigid = groups > 0 and others == 0
 
     def _find_uneven(self) -> None:
-        """Find the turning points whose compliance hangs on their frame; None if w is not diagonal."""
+        """Find the turning points whose compliance hangs on their frame; None: w has blocks."""
         turning = [g for g in self._permanent if g.turning is not None]
         even = self.inverse.even_nodes() if turning else None
         self._uneven = None
@@ -330,6 +330,11 @@ class Interactions(SteppedPoints):
             for name in widths:
                 own = getattr(g, name)
                 arrays[name][g.indices, : own.shape[1]] = own
+        if self.turns:  # lips that face each other no more keep a frame of some time
+            arrays["frame"] = np.zeros((len(self), components, self.dim))
+            for g in self._permanent:
+                frame = g.points.frame
+                arrays["frame"][g.indices, : frame.shape[1]] = frame
         saved = {name: Rows(number, values) for name, values in arrays.items()}
         saved |= {
             "committed_step": self.committed_step, "step_size": self.step_size,
@@ -354,6 +359,9 @@ class Interactions(SteppedPoints):
                 own[:] = saved[name][number[g.indices], : own.shape[1]]
             g.impulse[:] = g.committed_impulse
             g.status[:] = saved["status"][number[g.indices]]
+            if g.turning is not None:
+                g.points.frame[:] = saved["frame"][number[g.indices], : g.points.frame.shape[1]]
+                g.couplings.frame[:] = g.points.frame[:, : g.couplings.frame.shape[1]]
         self.committed_step = saved["committed_step"]
         self.step_size, self.theta = saved["step_size"], saved["theta"]
         kernels = [law.kernels(self.dim) for law in self.laws]

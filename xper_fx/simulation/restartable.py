@@ -136,7 +136,8 @@ class Restartable(Readings):
             return
         if model.scheme.holds(interactions.step_size):
             inverse = model.scheme.inverse(interactions.step_size, self.state.displacement)
-            interactions.update_inverse(inverse.blocks)
+            if interactions.bulk_inverse is not inverse.blocks:
+                interactions.update_inverse(inverse.blocks)
         own = f"{model.ranks.rank} of {model.ranks.size}"
         self.solver.restore(interactions, saved.get("solvers", {}).get(own, {}))
 

@@ -8,7 +8,11 @@ from functools import cache
 from xper_fx.cache import njit
 from xper_fx.nscd.algebra.small import for_dimension
 from xper_fx.nscd.laws.damage_curve import MU
-from xper_fx.nscd.laws.law import FRICTION, IMPACT, NUMERICAL, SLIDES
+from xper_fx.nscd.laws.law import FRICTION, IMPACT, NUMERICAL
+
+# Difference of the squares of friction and its bound, relative, at which lips slide: impulses have
+# the tolerance of the solver.
+_SLIDES = 2e-3
 
 
 @cache
@@ -35,7 +39,7 @@ def contact_losses(dim: int, friction: bool):
         if friction:
             size = dot(hat, hat) - hat[0] * hat[0]
             bound = parameters[i, MU] * hat[0]
-            sliding = pressing and size >= (1.0 - SLIDES) * bound * bound
+            sliding = pressing and size >= (1.0 - _SLIDES) * bound * bound
         energy[i, FRICTION] = max(lost_t, 0.0) if friction and sliding else 0.0
         energy[i, IMPACT] = max(lost_n, 0.0) if pressing else 0.0
         energy[i, NUMERICAL] = (

@@ -54,9 +54,6 @@ from typing import Protocol
 
 ENERGIES = ("stored", "cohesion", "friction", "impact", "numerical")
 STORED, COHESION, FRICTION, IMPACT, NUMERICAL = range(len(ENERGIES))  # of a law that has them all
-# Difference of the squares of friction and its bound, relative, at which a contact slides: impulses
-# have the tolerance of the solver.
-SLIDES = 1e-2
 
 LawKernels = namedtuple(
     "LawKernels",

@@ -38,7 +38,7 @@ from xper_fx.cache import njit
 from xper_fx.nscd.algebra.small import for_dimension
 from xper_fx.nscd.kernel_options import LEAN_INNER
 from xper_fx.nscd.laws.contact_solver import contact_solver
-from xper_fx.nscd.laws.law import SLIDES, LawKernels
+from xper_fx.nscd.laws.law import LawKernels
 from xper_fx.support.checks import require_non_negative, take_numbers
 
 # Columns of terms; all but the first are there with friction alone.
@@ -198,7 +198,7 @@ def contact_kernels(dim: int, friction: bool, contact: str) -> LawKernels:
         if r[0] <= 0.0 and size == 0.0:
             return 0
         limit = terms[i, _MU] * r[0] + terms[i, _BOUND]
-        return 2 if size >= (1.0 - SLIDES) * limit * limit else 1
+        return 2 if size >= (1.0 - 1e-12) * limit * limit else 1
 
     effects = [("unilateral contact", 1)]
     if impact:
