@@ -27,9 +27,6 @@
 #
 # **Limitation.** Where the coarse slab cracks depends on its mesh.
 #
-# **Limitation.** Cohesive bonds keep their directions of the start. In a piece that has turned, the
-# normal and tangential openings of the bonds that still hold are exchanged by degrees.
-#
 # **Limitation.** A penetration stays: mostly the approach of one step, more where lips that have
 # turned go over from their bond to the search. Each run prints the deepest penetration.
 

@@ -166,6 +166,13 @@ GALLERY = (
         "seconds",
     ),
     Figures(
+        "benchmarks/elastica_peel.py",
+        "--quick --figure {out}/elastica_peel.png",
+        {"elastica_peel": "elastica_peel.png"},
+        ("A strip peeled at three angles: load, and energy release rate of the elastica",),
+        "minutes",
+    ),
+    Figures(
         "benchmarks/crack_speed.py",
         "--figure {out}/crack_speed.png",
         {"crack_speed": "crack_speed.png"},

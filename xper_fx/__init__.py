@@ -83,6 +83,7 @@ if TYPE_CHECKING:
     from xper_fx.support.errors import CheckpointError as CheckpointError
     from xper_fx.support.errors import ConvergenceError as ConvergenceError
     from xper_fx.support.errors import NotFiniteError as NotFiniteError
+    from xper_fx.support.errors import SmallStrainError as SmallStrainError
 
 _MODULE_OF = {
     "Bodies": "bodies.explode",
@@ -104,6 +105,7 @@ _MODULE_OF = {
     "Scene": "scene",
     "SerialOnlyError": "bodies.meshes",
     "Simulation": "simulation",
+    "SmallStrainError": "support.errors",
     "StepRecord": "simulation",
     "Study": "study",
     "SurfaceTraction": "forms.loads",

@@ -195,6 +195,10 @@ def _kernels(dim: int) -> LawKernels:
         energy[i, 2] -= dot(push, moved) / step
         return 2 if push[0] > 0.0 else 0
 
+    @xf.njit(inline="always")
+    def stored(i, jump, area, parameters, state):
+        return 0.5 * area * parameters[i, K] * state[i, DAMAGE] * dot(jump, jump)
+
     return LawKernels(
         name="linear softening",
         effects=(("linear softening", dim + 2 + num_sym + dim + 6 + 3 + 2),),
@@ -207,6 +211,7 @@ def _kernels(dim: int) -> LawKernels:
         num_details=dim + 6,
         state_names=("opening_max", "damage"),
         energies=("stored", "cohesion", "numerical"),
+        stored=stored,
     )
 
 

@@ -13,10 +13,14 @@ import pytest
 from scenes import LEFT, RIGHT, box_bodies, field, mesh_of, nodes, run, side_tags
 
 from xper_fx.bodies.explode import EACH_CELL, explode
+from xper_fx.bodies.join import join_meshes
+from xper_fx.bodies.meshes import tag_facets
 from xper_fx.forms.loads import Gravity, SurfaceTraction
 from xper_fx.materials import LinearElastic, NeoHookean, SaintVenantKirchhoff
-from xper_fx.nscd.laws import CohesiveZone, PerfectBond
+from xper_fx.nscd.laws import CohesiveZone, PerfectBond, SignoriniCoulomb
 from xper_fx.scene.scene import Scene
+from xper_fx.scene.tie import Tie
+from xper_fx.scene.wall import Wall
 from xper_fx.simulation.simulation import Simulation
 from xper_fx.support.errors import ConvergenceError, SmallStrainError
 
@@ -294,3 +298,82 @@ def test_small_strain_may_go_on(caplog):
     told = [r.getMessage() for r in caplog.records if "bonds turn beyond" in r.getMessage()]
     assert len(told) == 2
     assert int(told[1].split()[0]) == 7  # from 0.16 to 0.3 rad
+
+
+def grain_on_a_slope():
+    """A disc of cells that rolls down a slope on a wall that stands across it."""
+    radius, slope, speed = 0.05, np.radians(20.0), 1.5
+    mesh = mesh_of((2, 2), (8, 8))
+    x = mesh.geometry.x
+    u, v = x[:, 0] - 1.0, x[:, 1] - 1.0
+    x[:, 0] = radius * u * np.sqrt(1.0 - 0.5 * v * v)
+    x[:, 1] = radius * v * np.sqrt(1.0 - 0.5 * u * u)
+    outside = {1: lambda x: np.abs(np.hypot(x[0], x[1]) - radius) < 0.02 * radius}
+    up = np.array([np.sin(slope), np.cos(slope)])
+    down = np.array([np.cos(slope), -np.sin(slope)])
+    walls = [
+        Wall(1, tuple(-radius * up), tuple(up), SignoriniCoulomb(0.6)),
+        Wall(1, tuple((1.0 + 0.1 * np.pi) * radius * down), tuple(-down), SignoriniCoulomb(0.3)),
+    ]
+    scene = Scene(
+        explode(mesh, EACH_CELL, facet_tags=tag_facets(mesh, outside)),
+        {1: NeoHookean(1e8, 0.2, 2000.0)},
+        default_interaction=CohesiveZone(1e12, 2.0, 2e5, friction=0.4),
+        walls=walls,
+        loads=[Gravity((0.0, -9.81))],
+        initial_velocity=lambda x: speed * down[:, None] + speed / radius * np.stack([x[1], -x[0]]),
+    )
+    return Simulation(scene, scheme="explicit", num_threads=1), speed / radius
+
+
+@pytest.mark.slow
+def test_a_grain_rolls_and_breaks(figure):
+    """Its bonds turn with it; it breaks when it hits the wall; the energies are closed."""
+    simulation, spin = grain_on_a_slope()
+    kinetic = simulation.ledger.energies.kinetic
+    bonds = slice(0, 736)
+    *_, record = simulation.steps(9e-3)
+    assert simulation.interactions.gather("damage")[bonds].min() == 1.0
+    frame = simulation.interactions.points.frame[0]
+    start = simulation.scene.bodies.facets.normal[0]
+    turned = np.arccos(np.clip(frame[0] @ start, -1.0, 1.0))
+    assert turned == pytest.approx(spin * 9e-3, abs=0.02)
+    assert abs(record.energies["closure"]) < 1e-6 * kinetic
+    *_, record = simulation.steps(12.5e-3)
+    energies = record.energies
+    broken = np.mean(simulation.interactions.gather("damage")[bonds] == 0.0)
+    figure("rolling grain that breaks", "energy error < 1e-3", abs(energies["closure"]) / kinetic)
+    assert broken > 0.1
+    assert energies["dissipated_cohesion"] > 0.02 * kinetic
+    assert abs(energies["closure"]) < 1e-3 * kinetic
+    assert abs(energies["dissipated_numerical"]) < 1e-2 * kinetic
+
+
+def test_tied_meshes_turn_with_their_surfaces():
+    """Two meshes that do not match, bonded with C_N unlike C_T, spin: momenta, no damage."""
+    meshes = [mesh_of((1.0, 1.0), (n, n)) for n in (2, 3)]
+    meshes[1].geometry.x[:, 0] += 1.0
+    tags = [
+        tag_facets(mesh, {tag: lambda x: np.abs(x[0] - 1.0) < 1e-9})
+        for mesh, tag in zip(meshes, (7, 8), strict=True)
+    ]
+    joined = join_meshes(meshes, facet_tags=tags)
+    scene = Scene(
+        explode(joined.mesh, joined.part, facet_tags=joined.facet_tags),
+        {1: NeoHookean(YOUNG, 0.3, 1.0)},
+        ties=[Tie(8, 7, CohesiveZone(1000.0, 0.5, 8.0, 300.0))],
+        initial_velocity=lambda x: np.stack([0.5 - x[1], x[0] - 1.0]),
+        points="gauss",
+    )
+    simulation = Simulation(scene, scheme="explicit", tolerance=1e-10, num_threads=1)
+    linear, angular = momenta(simulation)
+    for record in simulation.steps(0.5 * np.pi):  # noqa: B007 - the last is looked at
+        now, turned = momenta(simulation)
+        assert np.abs(now - linear).max() < 1e-13 * angular
+        assert abs(turned - angular) < 1e-12 * angular
+    normals = simulation.interactions.points.frame[:, 0]
+    angles = np.arctan2(normals[:, 1], normals[:, 0])
+    assert angles == pytest.approx(0.5 * np.pi, abs=0.05)
+    assert simulation.interactions.gather("damage").min() == 1.0
+    kinetic = simulation.ledger.energies.kinetic
+    assert abs(record.energies["dissipated_numerical"]) < 1e-5 * kinetic

@@ -15,6 +15,7 @@ from xper_fx.nscd.laws import CohesiveZone
 from xper_fx.nscd.lips import facet_derivatives
 from xper_fx.nscd.points import frame_from_normal
 from xper_fx.nscd.stepped_points import FacetFlippedError
+from xper_fx.nscd.turning_frames import TurningFrames
 
 SEGMENT = np.array([[0.3, -0.2], [1.1, 0.7]])
 TRIANGLE = np.array([[0.1, 0.0, 0.2], [1.3, 0.2, -0.1], [0.4, 0.9, 0.5]])
@@ -175,6 +176,14 @@ def test_a_facet_that_flips_is_named():
     velocity = -2.0 * (facet.both - facet.x.mean(axis=0))  # through a point, and out again
     with pytest.raises(FacetFlippedError, match="point 0"):
         facet.turn(still, velocity, reach=1.0)
+
+
+def test_a_law_that_does_not_tell_its_energy_is_refused():
+    """Where frames turn, a law that stores energy has to have `stored`."""
+    kernels = LAW.kernels(2)._replace(stored=None)
+    lips = Facet("segment", "nodal").layer.points.lips
+    with pytest.raises(ValueError, match=r"stores energy.*LawKernels\.stored"):
+        TurningFrames.of(lips, kernels, np.zeros((2, 6)), np.zeros((2, 2)))
 
 
 def test_points_that_are_taken_keep_their_lips():

@@ -106,7 +106,16 @@ class TurningFrames(NamedTuple):
 
     @classmethod
     def of(cls, lips: Lips, kernels: LawKernels, parameters, state) -> TurningFrames:
-        """At the start of a run, of points with a law's parameters and state."""
+        """At the start of a run, of points with a law's parameters and state.
+
+        Raises:
+            ValueError: a law that stores energy and does not tell it.
+        """
+        if kernels.stored is None and "stored" in kernels.energies:
+            raise ValueError(
+                f'The law "{kernels.name}" stores energy and does not tell it: at finite strain, '
+                "where frames turn, its kernels need `stored` (`LawKernels.stored`)."
+            )
         n, _, dim = lips.tangent.shape
         isotropic = np.ones(n, bool)
         if kernels.stored is not None:

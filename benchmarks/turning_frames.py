@@ -1,0 +1,127 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""What frames that turn cost an explicit step, and what they keep over many turns.
+
+    ./fenicsx python3 benchmarks/turning_frames.py [--cells 40 8] [--turns 30]
+
+Cost: a plate and a box of neo-Hookean cells on bonds that hold, pulled slowly, are stepped by turns
+with frames that turn and with frames that stay, one thread. They stay where no material names the
+effect "finite strain". The ratio is the median over pairs of batches.
+
+Drift: a square of bonded cells spins freely for many turns, with C_N unlike C_T: errors of momentum
+and energy, and what was booked as numerical.
+"""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import dataclass
+from time import perf_counter
+
+import numpy as np
+from dolfinx.mesh import CellType, create_box
+from mpi4py import MPI
+
+import xper_fx as xf
+from xper_fx.bodies.explode import EACH_CELL
+from xper_fx.bodies.meshes import crossed_rectangle, tag_facets
+
+BATCH, PAIRS = 10, 12
+LOWER, UPPER = 1, 2
+
+
+@dataclass(frozen=True)
+class Unnamed(xf.materials.NeoHookean):
+    """A neo-Hookean material that does not say that it is one: frames stay."""
+
+    effects = ()
+
+
+def pulled(dim: int, cells: int, material) -> xf.Simulation:
+    """A plate or a box whose bonds hold."""
+    if dim == 2:
+        mesh = crossed_rectangle((0.0, 0.0), (1.0, 1.0), (cells, cells), MPI.COMM_SELF)
+    else:
+        corners = [np.zeros(3), np.ones(3)]
+        mesh = create_box(MPI.COMM_SELF, corners, [cells] * 3, CellType.tetrahedron)
+    tags = tag_facets(
+        mesh, {LOWER: lambda x: np.isclose(x[1], 0.0), UPPER: lambda x: np.isclose(x[1], 1.0)}
+    )
+    scene = xf.Scene(
+        xf.explode(mesh, EACH_CELL, facet_tags=tags),
+        {1: material(100.0, 0.3, 1.0)},
+        default_interaction=xf.laws.CohesiveZone(1e5, 1e-3, 2.0, friction=0.05),
+        loads=[
+            xf.PrescribedVelocity(UPPER, 1, 3e-3),
+            xf.PrescribedVelocity(LOWER, 1, -3e-3),
+        ],
+    )
+    simulation = xf.Simulation(scene, scheme="explicit", num_threads=1, forgiving=True)
+    advance(simulation)
+    return simulation
+
+
+def advance(simulation: xf.Simulation) -> float:
+    """Time of a step (s), the mean of a batch."""
+    start = perf_counter()
+    list(simulation.steps(simulation.time + BATCH * simulation.step_size))
+    return (perf_counter() - start) / BATCH
+
+
+def cost(dim: int, cells: int) -> str:
+    """One line."""
+    kept, turning = (pulled(dim, cells, kind) for kind in (Unnamed, xf.materials.NeoHookean))
+    times = np.array([(advance(kept), advance(turning)) for _ in range(PAIRS)])
+    ratio = np.median(times[:, 1] / times[:, 0])
+    without, with_frames = 1e3 * np.median(times, axis=0)
+    return (
+        f"{dim}D, {len(kept.interactions)} points: {without:.1f} ms a step with frames that stay, "
+        f"{with_frames:.1f} ms with frames that turn, ratio {ratio:.2f}"
+    )
+
+
+def drift(turns: int) -> str:
+    """One line."""
+    spin = 1.0
+    scene = xf.Scene(
+        xf.explode(crossed_rectangle((0.0, 0.0), (1.0, 1.0), (3, 3), MPI.COMM_SELF), EACH_CELL),
+        {1: xf.materials.NeoHookean(100.0, 0.3, 1.0)},
+        default_interaction=xf.laws.CohesiveZone(1000.0, 0.5, 8.0, 300.0),
+        initial_velocity=lambda x: spin * np.stack([0.5 - x[1], x[0] - 0.5]),
+    )
+    simulation = xf.Simulation(scene, scheme="explicit", num_threads=1)
+    x = simulation.forms.V.tabulate_dof_coordinates()[:, :2]
+    mass = simulation.bulk.mass[::2]
+
+    def momentum() -> float:
+        place = x + simulation.state.displacement.reshape(-1, 2)
+        p = mass[:, None] * simulation.state.velocity.reshape(-1, 2)
+        return float(np.sum(place[:, 0] * p[:, 1] - place[:, 1] * p[:, 0]))
+
+    start, kinetic = momentum(), simulation.ledger.energies.kinetic
+    worst = total = 0.0
+    for record in simulation.steps(2.0 * np.pi * turns / spin):
+        energies = record.energies
+        worst = max(worst, abs(momentum() / start - 1.0))
+        held = energies["kinetic"] + energies["elastic"] + energies["cohesive"]
+        total = max(total, abs(held / kinetic - 1.0))
+    numerical = energies["dissipated_numerical"] / kinetic
+    return (
+        f"{turns} turns, {simulation.step_number} steps: angular momentum off by {worst:.1e}, "
+        f"energy held by {total:.1e} (contact takes {energies['dissipated_impact'] / kinetic:.1e}), "
+        f"booked as numerical {numerical:.1e}"
+    )
+
+
+def main() -> None:
+    """Run and report."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--cells", type=int, nargs=2, default=[40, 8], help="a side, in 2D and 3D")
+    parser.add_argument("--turns", type=int, default=30)
+    arguments = parser.parse_args()
+    for dim, cells in zip((2, 3), arguments.cells, strict=True):
+        print(cost(dim, cells), flush=True)
+    print(drift(arguments.turns))
+
+
+if __name__ == "__main__":
+    main()
