@@ -25,7 +25,7 @@ from xper_fx.simulation.advice import (
 from xper_fx.simulation.doubts import BROKEN_FOR_NOTHING, TURNED, UNSEEN, Doubts
 from xper_fx.simulation.model import Model
 from xper_fx.simulation.options import SOLVERS
-from xper_fx.simulation.turned_bonds import LARGEST_TURN, TurnedBond
+from xper_fx.simulation.turned_bonds import FEW, TurnedBonds
 
 if TYPE_CHECKING:
     from xper_fx.nscd.rigid.motion import Prediction, RigidWork
@@ -172,10 +172,10 @@ class StepAttempts:
             return (OF_BULK,)
         return ()
 
-    def turned_bond(self, state: State, number: int, size: float) -> TurnedBond | None:
-        """The bond that has turned beyond what small strain bears, None if none has.
+    def turned_bonds(self, state: State, number: int, size: float) -> TurnedBonds | None:
+        """The bonds that have turned beyond what small strain bears, if they are not few.
 
-        Steps of an explicit bulk are too short for each to be looked at.
+        Few are told. Steps of an explicit bulk are too short for each to be looked at.
 
         Args:
             state: at the end of a step.
@@ -188,13 +188,11 @@ class StepAttempts:
         ):
             return None
         displacement = model.bulk.unknowns.expand(state.displacement)
-        bond = model.bond_turns.largest(model.interactions, displacement)
-        if bond is None or bond.angle <= LARGEST_TURN:
-            return None
-        if model.options.forgiving:
+        bonds = model.bond_turns.beyond(model.interactions, displacement)
+        if bonds is not None and (model.options.forgiving or bonds.share <= FEW):
             self.doubts.tell(TURNED, number, size)
             return None
-        return bond
+        return bonds
 
     def _attempt(self, state: State, size: float, tolerance: float) -> StepOutcome | None:
         """One step with the rigid bodies; None if one of them spins too fast for it."""

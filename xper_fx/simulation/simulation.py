@@ -304,7 +304,7 @@ class Simulation(Restartable):
 
     def _commit(self, outcome: StepOutcome, size: float, energies: BulkEnergies) -> StepRecord:
         attempts, control = self._attempts, self.model.control
-        if turned := attempts.turned_bond(outcome.state, self.step_number + 1, size):
+        if turned := attempts.turned_bonds(outcome.state, self.step_number + 1, size):
             raise SmallStrainError(
                 self.step_number + 1, self.state.time, size, *turned, self._save_state()
             )

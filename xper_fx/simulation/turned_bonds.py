@@ -16,20 +16,23 @@ if TYPE_CHECKING:
     from xper_fx.nscd.interactions import Interactions
     from xper_fx.parallel.local_bodies import Part
 
-# Angle (rad) that bonds may turn by at small strain.
-LARGEST_TURN = np.radians(10.0)
+# Angle (rad) that bonds may turn by at small strain, and share of them that may turn further: single
+# cells that tumble among debris decide nothing.
+LARGEST_TURN, FEW = np.radians(10.0), 1e-2
 
 
-class TurnedBond(NamedTuple):
-    """The bond that has turned most.
+class TurnedBonds(NamedTuple):
+    """The sound bonds that have turned too far.
 
     Attributes:
-        angle: that it has turned by (rad).
+        angle: that the one that has turned most has turned by (rad).
         midpoint: of its facet at the start (m).
+        share: of all bonds of the scene that may break.
     """
 
     angle: float
     midpoint: np.ndarray
+    share: float
 
 
 class BondTurns:
@@ -56,7 +59,7 @@ class BondTurns:
         each: int,
     ):
         self._midpoint = bodies.facets.midpoint[facets]
-        self._here = np.flatnonzero(breaks)
+        self._here, self._count = np.flatnonzero(breaks), int(np.sum(breaks))
         if part is None:
             nodes = bodies.facing_nodes(V)[facets[self._here], 0]
         else:
@@ -70,23 +73,25 @@ class BondTurns:
         self._x = V.tabulate_dof_coordinates()[:, : bodies.mesh.geometry.dim]
         self._normal = lip_normals(self._x[nodes])
 
-    def largest(self, interactions: Interactions, displacement: np.ndarray) -> TurnedBond | None:
-        """The sound bond that has turned most, on any rank; None if none is left.
+    def beyond(self, interactions: Interactions, displacement: np.ndarray) -> TurnedBonds | None:
+        """The bonds that have spent nothing and have turned too far, None if there are none.
 
         Args:
             interactions: the points, those on facets first.
             displacement: of all nodes of V on this rank, flat (m).
         """
-        bonded = ~interactions.unbonded()[self._points].any(axis=1)
-        moved = (self._x + displacement.reshape(self._x.shape))[self._nodes[bonded]]
-        cosine = np.einsum("fd,fd->f", lip_normals(moved), self._normal[bonded])
-        least = float(interactions.largest(-cosine.min(initial=np.inf)))
-        if least == -np.inf:
+        sound = np.all(interactions.gather("spent")[self._points] == 0.0, axis=1)
+        moved = (self._x + displacement.reshape(self._x.shape))[self._nodes[sound]]
+        cosine = np.einsum("fd,fd->f", lip_normals(moved), self._normal[sound])
+        turned = int(interactions.total(int(np.sum(cosine < np.cos(LARGEST_TURN)))))
+        if not turned:
             return None
-        mine = np.full(self._midpoint.shape[1], -np.inf)
+        least = float(interactions.largest(-cosine.min(initial=np.inf)))
+        place = np.full(self._midpoint.shape[1], -np.inf)
         if len(cosine) and -cosine.min() == least:
-            mine = self._midpoint[self._here[bonded]][np.argmin(cosine)]
-        return TurnedBond(float(np.arccos(np.clip(-least, -1.0, 1.0))), interactions.largest(mine))
+            place = self._midpoint[self._here[sound]][np.argmin(cosine)]
+        angle = float(np.arccos(np.clip(-least, -1.0, 1.0)))
+        return TurnedBonds(angle, interactions.largest(place), turned / self._count)
 
 
 def lip_normals(x: np.ndarray) -> np.ndarray:

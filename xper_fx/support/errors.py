@@ -56,11 +56,13 @@ class SmallStrainError(ConvergenceError):
 
     Args:
         where: its facet was at the start (m).
+        share: of the bonds that have turned too far.
     """
 
     def __init__(
-        self, step: int, time: float, size: float, angle: float, where: Sequence, saved: Path | None
-    ):
+        self, step: int, time: float, size: float, angle: float, where: Sequence, share: float,
+        saved: Path | None,
+    ):  # fmt: skip
         self.step, self.time, self.size, self.angle = step, time, size, angle
         self.residual = self.newton_residual = float("nan")
         self.saved = saved
@@ -69,9 +71,10 @@ class SmallStrainError(ConvergenceError):
         RuntimeError.__init__(
             self,
             f"In step {step} at t = {time:.6g} s the bond at ({place}) has turned by "
-            f"{math.degrees(angle):.3g} degrees. Materials at small strain are stressed by a "
-            "rotation, and their bonds keep the directions of the start: take a material at finite "
-            f"strain (NeoHookean), or forgiving=True to go on with that.{state}",
+            f"{math.degrees(angle):.3g} degrees, and with it {100.0 * share:.3g} % of the bonds too "
+            "far for small strain: its materials are stressed by a rotation, and bonds keep the "
+            "directions of the start. Take a material at finite strain (NeoHookean), or "
+            f"forgiving=True to go on with that.{state}",
         )
 
 
