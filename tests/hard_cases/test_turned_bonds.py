@@ -285,7 +285,7 @@ def test_small_strain_stops_where_bonds_turn(scheme):
     simulation = small_strain(scheme=scheme)
     with pytest.raises(SmallStrainError, match=r"degrees.*NeoHookean") as caught:
         list(simulation.steps(3.0))
-    most = np.radians(10.0) + (10 if scheme == "explicit" else 1) * simulation.step_size
+    most = np.radians(10.0) + (40 if scheme == "explicit" else 1) * simulation.step_size
     assert np.radians(10.0) < caught.value.angle < most
     assert "(0." in str(caught.value)
     assert simulation.time == pytest.approx(caught.value.angle, abs=2.0 * simulation.step_size)

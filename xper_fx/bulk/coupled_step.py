@@ -71,6 +71,7 @@ class CoupledStep:
         slots: velocities of the points' nodes.
         impulses: H r on all unknowns (N s).
         corrections: how many were solved for.
+        start: velocities that iterations begin from (m/s).
         turns: whether frames of points turn with the bodies.
         couples: impulses on all unknowns that come with turning frames (N s), part of `residual`.
     """
@@ -95,7 +96,7 @@ class CoupledStep:
         self._tangents = None if interactions is None else PointTangents(interactions)
         # without inertia the last step's velocities mean nothing for this one
         inert = bulk.inertia is not None
-        self._start = state.velocity if inert else np.zeros_like(state.displacement)
+        self.start = state.velocity if inert else np.zeros_like(state.displacement)
         self._stiffest, self.corrections, self._state = 0.0, 0, state
         self.turns = interactions is not None and interactions.turns
         self.couples: np.ndarray | float = 0.0
@@ -103,8 +104,8 @@ class CoupledStep:
 
     def restart(self) -> None:
         """Go back to where the iterations began; impulses stay as they are."""
-        self.velocity, self.slots = self._start.copy(), np.zeros(0)
-        self.impulses = np.zeros_like(self._start)
+        self.velocity, self.slots = self.start.copy(), np.zeros(0)
+        self.impulses = np.zeros_like(self.start)
         self._ask_bulk()
 
     def _ask_bulk(self) -> None:
@@ -127,7 +128,7 @@ class CoupledStep:
         points, matrices, state = self.interactions, self._matrices, self._state
         before = [g.points.frame.copy() for g in points.groups]
         weight = matrices.weight
-        mean = weight * velocity + (1.0 - weight) * self._start
+        mean = weight * velocity + (1.0 - weight) * self.start
         turn(points, matrices.bulk, matrices.nodes, state, mean, self._step, matrices.theta)
         self.couples = couples_on(points, matrices.nodes, len(velocity))
         changes = (

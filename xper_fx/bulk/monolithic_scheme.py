@@ -33,6 +33,8 @@ if TYPE_CHECKING:
 
 # How often frames follow the bodies in a step, and change of a direction (rad) that is none.
 _TURNS, _TURNED = 20, 1e-7
+# What may be left beside what is asked where the iteration goes in circles while frames follow.
+_CIRCLES = 100.0
 # What may be left before frames follow for the first time, and what of it before the next ones.
 _FIRST, _LESS = 1e-3, 1e-3
 
@@ -133,9 +135,9 @@ class MonolithicScheme:
             if interactions is not None:
                 with watch.phase("interaction terms"):
                     try:
-                        coupled.turn(coupled.velocity if guess is None else guess[1])
+                        coupled.turn(coupled.start if guess is None else guess[1])
                     except FacetFlippedError:  # the guess leads too far
-                        coupled.turn(coupled.velocity)
+                        coupled.turn(coupled.start)
                     interactions.begin_step(step, self.theta)
             coupled.restart()
             if guess is not None:
@@ -168,7 +170,8 @@ class MonolithicScheme:
         """
         asked = max(self._tolerance, _FIRST) if coupled.turns else self._tolerance
         for _ in range(_TURNS):
-            if not newton.run(asked, self._max_newton):
+            found = newton.run(asked, self._max_newton)
+            if not found and not (coupled.turns and newton.left <= _CIRCLES * asked):
                 return False
             try:
                 turned = coupled.turn(coupled.velocity)

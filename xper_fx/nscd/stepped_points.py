@@ -146,7 +146,7 @@ class SteppedPoints(PointValues):
 
         total = np.zeros((self.inverse.num_slots, self.dim))
         for g in self._permanent:
-            if g.turning is not None and not g.kernels.no_jump:
+            if g.turning is not None:
                 add_couples = couple_loop(g.sides)
                 add_couples(total.reshape(-1), g.couplings, g.turning, g.impulse)
         self._couples = total.reshape(-1).copy()

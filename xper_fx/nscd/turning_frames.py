@@ -32,7 +32,7 @@ The map H of a solver stays that of the lips alone, and the couple is given to t
   velocity0 - s / (1 - theta) (theta = 1: U0 - h s), and from those found when it ends.
 
 - lips that nothing bonds and that have slid or folded so far that they do not face each other keep
-  the frame that they had, without couple.
+  the frame that they had, without couple, whose arm their jump would be: debris is stable then.
 
 What the stored energy e gains when the next step reads the jump anew, e(U0) - e(U1 of the last
 step), and the work of the couple that the first kind of point does not see, are booked as
@@ -175,6 +175,13 @@ def turn_loop(sides: Sides):
     def own_part(x):
         return (x[0],) if components == 1 else x
 
+    @njit(inline="always")
+    def forget_arms(arms, i):
+        """No couple at a point."""
+        for x in range(arms.shape[1]):
+            for e in range(dim):
+                arms[i, x, e] = 0.0
+
     @njit(nogil=True, **LEAN_ENTRY)
     def turn_range(
         first, last, c, gap, area, frame, turning, motion, reach, inverse, shift, no_jump, state,
@@ -193,18 +200,16 @@ def turn_loop(sides: Sides):
             d0 = apart(q0, c, i)
             d = add_world(d0, scale_world(reach, apart(mean, c, i)))
             flipped = flips(start, a)
-            if damage == LOOSE or (damage >= 0 and state[i, damage] == 0.0):
-                far = _FAR * (area[i] if dim == 2 else np.sqrt(area[i]))
-                if flipped or dot_world(d, d) > far * far or folded(a):
-                    # lips that no longer face each other: the frame stays what it is
-                    for x in range(turning.arms.shape[1]):
-                        for e in range(dim):
-                            turning.arms[i, x, e] = 0.0
-                    turning.by_spin[i] = False
-                    set_row(jump, i, to_local(c.frame, i, d0))
-                    jump[i, 0] += gap[i]
-                    set_row(velocity, i, to_local(c.frame, i, apart(motion.velocity, c, i)))
-                    continue
+            loose = damage == LOOSE or (damage >= 0 and state[i, damage] == 0.0)
+            far = _FAR * (area[i] if dim == 2 else np.sqrt(area[i]))
+            if loose and (flipped or dot_world(d, d) > far * far or folded(a)):
+                # lips that no longer face each other: the frame stays what it is
+                forget_arms(turning.arms, i)
+                turning.by_spin[i] = False
+                set_row(jump, i, to_local(c.frame, i, d0))
+                jump[i, 0] += gap[i]
+                set_row(velocity, i, to_local(c.frame, i, apart(motion.velocity, c, i)))
+                continue
             if flipped:
                 return i
             axes = frame_of(a)

@@ -42,7 +42,7 @@ _LARGEST_EXCESS = 0.1
 # go, relative to what was left.
 _APPROACHES, _BEYOND = 5, 1e-3
 # Explicit steps after which bonds are looked at that should not turn.
-_LOOKS_EVERY = 10
+_LOOKS_EVERY = 40
 # Share of the sweeps allowed after which contacts that ranks divide are left to other solvers.
 _SWEEPS_TOGETHER = 0.1
 

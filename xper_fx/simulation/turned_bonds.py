@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     from xper_fx.nscd.interactions import Interactions
     from xper_fx.parallel.local_bodies import Part
 
-# Angle (rad) that bonds may turn by at small strain, and share of them that may turn further: single
-# cells that tumble among debris decide nothing.
+# Angle (rad) that bonds may turn by at small strain, and share of them that may turn further:
+# single cells that tumble among debris decide nothing.
 LARGEST_TURN, FEW = np.radians(10.0), 1e-2
 
 
@@ -80,16 +80,19 @@ class BondTurns:
             interactions: the points, those on facets first.
             displacement: of all nodes of V on this rank, flat (m).
         """
-        sound = np.all(interactions.gather("spent")[self._points] == 0.0, axis=1)
-        moved = (self._x + displacement.reshape(self._x.shape))[self._nodes[sound]]
-        cosine = np.einsum("fd,fd->f", lip_normals(moved), self._normal[sound])
-        turned = int(interactions.total(int(np.sum(cosine < np.cos(LARGEST_TURN)))))
+        moved = np.take(self._x + displacement.reshape(self._x.shape), self._nodes, axis=0)
+        cosine = np.einsum("fd,fd->f", lip_normals(moved), self._normal)
+        far = cosine < np.cos(LARGEST_TURN)
+        if interactions.everywhere(not far.any()):
+            return None
+        far &= np.all(interactions.gather("spent")[self._points] == 0.0, axis=1)
+        turned = int(interactions.total(int(far.sum())))
         if not turned:
             return None
-        least = float(interactions.largest(-cosine.min(initial=np.inf)))
+        least = float(interactions.largest(-cosine[far].min(initial=np.inf)))
         place = np.full(self._midpoint.shape[1], -np.inf)
-        if len(cosine) and -cosine.min() == least:
-            place = self._midpoint[self._here[sound]][np.argmin(cosine)]
+        if far.any() and -cosine[far].min() == least:
+            place = self._midpoint[self._here[far]][np.argmin(cosine[far])]
         angle = float(np.arccos(np.clip(-least, -1.0, 1.0)))
         return TurnedBonds(angle, interactions.largest(place), turned / self._count)
 

@@ -71,7 +71,7 @@ class SmallStrainError(ConvergenceError):
         RuntimeError.__init__(
             self,
             f"In step {step} at t = {time:.6g} s the bond at ({place}) has turned by "
-            f"{math.degrees(angle):.3g} degrees, and with it {100.0 * share:.3g} % of the bonds too "
+            f"{math.degrees(angle):.3g} degrees, {100.0 * share:.3g} % of the bonds too "
             "far for small strain: its materials are stressed by a rotation, and bonds keep the "
             "directions of the start. Take a material at finite strain (NeoHookean), or "
             f"forgiving=True to go on with that.{state}",
