@@ -91,7 +91,7 @@ class ExplicitScheme(KeepsNothing):
                 )
             if interactions.turns:
                 with watch.phase("turning frames"):
-                    impulses += couples_on(interactions, inverse.nodes, len(impulses))
+                    impulses += couples_on(interactions, inverse.nodes, len(impulses), True)
                     velocity = free + inverse.apply(impulses)
                     interactions.move_bulk(slots, at_nodes(velocity, inverse.nodes, bulk.dim))
             sweeps, error, traction, converged = report[1], report[2], report[3], report[0]

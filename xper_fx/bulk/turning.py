@@ -47,6 +47,8 @@ def turn(
     interactions.turn(motion, step, theta)
 
 
-def couples_on(interactions: Interactions, nodes: np.ndarray, num_dofs: int) -> np.ndarray:
-    """Impulses of the couples on all dofs, shape (num_dofs,), N s."""
-    return on_nodes(interactions.couples(), nodes, num_dofs)
+def couples_on(
+    interactions: Interactions, nodes: np.ndarray, num_dofs: int, of_gaps: bool = False
+) -> np.ndarray:
+    """Impulses of the couples on all dofs, shape (num_dofs,), N s; see `Interactions.couples`."""
+    return on_nodes(interactions.couples(of_gaps), nodes, num_dofs)

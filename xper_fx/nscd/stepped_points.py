@@ -140,13 +140,17 @@ class SteppedPoints(PointValues):
         start, end = np.vdot(self._couples, self._motion.velocity), np.vdot(self._couples, velocity)
         return float(self.theta * end + (1.0 - self.theta) * start)
 
-    def couples(self) -> np.ndarray:
-        """Impulses on the nodes of the couples that come with turning frames, (num_slots, dim)."""
+    def couples(self, of_gaps: bool = False) -> np.ndarray:
+        """Impulses on the nodes of the couples that come with turning frames, (num_slots, dim).
+
+        Args:
+            of_gaps: whether bonds that leave no jump count, with what the tolerance leaves of it.
+        """
         from xper_fx.nscd.turning_frames import couple_loop
 
         total = np.zeros((self.inverse.num_slots, self.dim))
         for g in self._permanent:
-            if g.turning is not None:
+            if g.turning is not None and (of_gaps or not g.kernels.no_jump):
                 add_couples = couple_loop(g.sides)
                 add_couples(total.reshape(-1), g.couplings, g.turning, g.impulse)
         self._couples = total.reshape(-1).copy()
