@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 
 # How often frames follow the bodies in a step, and change of a direction (rad) that is none.
-_TURNS, _TURNED = 20, 1e-7
+_TURNS, _TURNED = 20, 1e-6
 # What may be left beside what is asked where the iteration goes in circles while frames follow.
 _CIRCLES = 100.0
 # What may be left before frames follow for the first time, and what of it before the next ones.

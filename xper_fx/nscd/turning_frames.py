@@ -202,7 +202,7 @@ def turn_loop(sides: Sides):
             flipped = flips(start, a)
             loose = damage == LOOSE or (damage >= 0 and state[i, damage] == 0.0)
             far = _FAR * (area[i] if dim == 2 else np.sqrt(area[i]))
-            if loose and (flipped or dot_world(d, d) > far * far or folded(a)):
+            if loose and (flipped or dot_world(d0, d0) > far * far or folded(start)):
                 # lips that no longer face each other: the frame stays what it is
                 forget_arms(turning.arms, i)
                 turning.by_spin[i] = False
