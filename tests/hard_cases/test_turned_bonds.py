@@ -378,3 +378,27 @@ def test_tied_meshes_turn_with_their_surfaces():
     assert simulation.interactions.gather("damage").min() == 1.0
     kinetic = simulation.ledger.energies.kinetic
     assert abs(record.energies["dissipated_numerical"]) < 1e-5 * kinetic
+
+
+def test_slid_lips_that_their_bodies_have_left_are_told(caplog):
+    """Two loose blocks, pressed and slid, that turn on without a search: a warning, once."""
+
+    def pressing(t, component, sign):
+        along, across = (np.cos(0.5 * t), np.sin(0.5 * t)), (-np.sin(0.5 * t), np.cos(0.5 * t))
+        return sign * (-along[component] + (0.6 if t < 0.5 else 0.0) * across[component])
+
+    loads = [
+        SurfaceTraction(side, tuple(lambda t, c=c, s=s: pressing(t, c, s) for c in range(2)))
+        for side, s in ((RIGHT, 1.0), (LEFT, -1.0))
+    ]
+    scene = Scene(
+        box_bodies((2, 1), (4, 2), label=lambda x: x[0] > 1),
+        {1: NeoHookean(YOUNG, 0.3, 1.0)},
+        default_interaction=SignoriniCoulomb(0.1, contact="position"),
+        loads=loads,
+        initial_velocity=lambda x: 0.5 * np.stack([0.5 - x[1], x[0] - 1.0]),
+    )
+    simulation = Simulation(scene, scheme="explicit", num_threads=1)
+    list(simulation.steps(1.6))
+    told = [r.getMessage() for r in caplog.records if "name a contact" in r.getMessage()]
+    assert len(told) == 1

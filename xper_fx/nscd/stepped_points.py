@@ -122,6 +122,18 @@ class SteppedPoints(PointValues):
         if flipped := int(self.largest(flipped)):
             raise FacetFlippedError(flipped - 1)
 
+    def num_strayed(self) -> int:
+        """Points that press, on all ranks, whose lips have turned away from the frame they keep."""
+        from xper_fx.nscd.turning_frames import count_strayed
+
+        count, displacement = 0, self._motion.displacement.reshape(-1, self.dim)
+        for g in self._permanent:
+            if g.turning is not None and not g.kernels.no_jump:
+                pressing = np.flatnonzero((g.impulse[:, 0] > 0.0) & (g.status > 0))
+                normal = g.couplings.frame[pressing, 0]
+                count += count_strayed(g.turning.take(pressing), normal, displacement)
+        return int(self.total(count))
+
     def _settle(self, group: PointGroup, turning: TurningFrames, velocity: np.ndarray) -> float:
         """What frames that turned add to the numerical energy of the step (J; 2D: J/m)."""
         from xper_fx.nscd.turning_frames import settle_loop

@@ -52,13 +52,15 @@ from xper_fx.nscd.couplings import Sides
 from xper_fx.nscd.kernel_options import LEAN_ENTRY
 from xper_fx.nscd.laws.law import STORED, LawKernels
 from xper_fx.nscd.lip_kernels import lip_kernels
-from xper_fx.nscd.lips import Lips
+from xper_fx.nscd.lips import Lips, start_frames
 
 # In the place of the column of a damage: of points that nothing bonds, and of bonds that last.
 LOOSE, LASTING = -1, -2
 # Jump of lips that nothing bonds, beside the size of a point's share of its facet, beyond which
 # they do not face each other any more.
 _FAR = 0.1
+# Angle (rad) between lips and a frame that they have left.
+_STRAYED = 0.2
 # Normal opening beside the whole one below which a point counts as closed.
 _CLOSED = 1e-3
 # Difference of energies, relative, that is rounding.
@@ -130,6 +132,22 @@ class TurningFrames(NamedTuple):
     def take(self, indices: np.ndarray) -> TurningFrames:
         """Those of the points at `indices`, in that order."""
         return TurningFrames(*(np.ascontiguousarray(array[indices]) for array in self))
+
+
+def count_strayed(turning: TurningFrames, normal: np.ndarray, displacement: np.ndarray) -> int:
+    """How many of some points keep a frame while their lips have turned on.
+
+    Args:
+        turning: the points.
+        normal: n of their frames, shape (n, dim).
+        displacement: of the slots, shape (num_slots, dim), m.
+    """
+    moved = displacement[turning.nodes]
+    a = turning.tangent + 0.5 * np.einsum("psja,psjd->pad", turning.gradient, moved)
+    now = start_frames(a / np.linalg.norm(a, axis=2, keepdims=True), 1)[:, 0]
+    now /= np.linalg.norm(now, axis=1, keepdims=True)
+    kept = ~turning.arms.any(axis=(1, 2))
+    return int(np.sum(kept & (np.einsum("pd,pd->p", now, normal) < np.cos(_STRAYED))))
 
 
 @cache

@@ -22,7 +22,7 @@ from xper_fx.simulation.advice import (
     UNDER_LOAD,
     flipped,
 )
-from xper_fx.simulation.doubts import BROKEN_FOR_NOTHING, TURNED, UNSEEN, Doubts
+from xper_fx.simulation.doubts import BROKEN_FOR_NOTHING, STRAYED, TURNED, UNSEEN, Doubts
 from xper_fx.simulation.model import Model
 from xper_fx.simulation.options import SOLVERS
 from xper_fx.simulation.turned_bonds import FEW, TurnedBonds
@@ -183,9 +183,13 @@ class StepAttempts:
             size: h (s).
         """
         model = self._model
-        if model.bond_turns is None or (
-            model.options.scheme == "explicit" and number % _LOOKS_EVERY
-        ):
+        if model.options.scheme == "explicit" and number % _LOOKS_EVERY:
+            return None
+        if model.bond_turns is None:
+            points = model.interactions
+            if model.detection is None and points is not None and points.turns:
+                if points.num_strayed():
+                    self.doubts.tell(STRAYED, number, size)
             return None
         displacement = model.bulk.unknowns.expand(state.displacement)
         bonds = model.bond_turns.beyond(model.interactions, displacement)

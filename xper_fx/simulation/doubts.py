@@ -12,6 +12,10 @@ logger = logging.getLogger(__name__)
 
 BROKEN_FOR_NOTHING = "bonds broke that stay closed, for no energy; take a smaller step or tolerance"
 UNSEEN = "bodies move so far that they may pass through each other unseen; take a smaller step"
+STRAYED = (
+    "broken lips that have slid press along the directions that they had, and their bodies have "
+    "turned on; name a contact between the bodies' surfaces (Scene(contacts=...))"
+)
 TURNED = "bonds turn beyond what small strain bears; take a material at finite strain"
 _SNAPS = (
     "the load snaps, as it frees energy that no bond takes up; with path=xf.GrowthControl() the "
