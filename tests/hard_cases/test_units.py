@@ -80,7 +80,9 @@ def answer(simulation, records, units: Units) -> dict[str, np.ndarray]:
     if simulation.interactions is not None:
         gather = simulation.interactions.gather
         out["impulses"] = gather("impulse") / units.impulse(dim)
-        out["damage"], out["status"] = gather("damage"), gather("status").astype(float)
+        size = np.linalg.norm(out["impulses"], axis=1)
+        acts = size > 1e-12 * size.max()  # the status of what is rounding is none
+        out["damage"], out["status"] = gather("damage"), acts * gather("status").astype(float)
     if simulation.macroscopic is not None:
         out["gradient"] = simulation.macroscopic.gradient
         out["stress"] = simulation.macroscopic.stress / units.stress
