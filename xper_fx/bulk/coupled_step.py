@@ -123,19 +123,27 @@ class CoupledStep:
         """
         if not self.turns:
             return 0.0
-        from xper_fx.bulk.turning import couples_on, turn
+        from xper_fx.bulk.turning import turn
 
         points, matrices, state = self.interactions, self._matrices, self._state
         before = [g.points.frame.copy() for g in points.groups]
         weight = matrices.weight
         mean = weight * velocity + (1.0 - weight) * self.start
         turn(points, matrices.bulk, matrices.nodes, state, mean, self._step, matrices.theta)
-        self.couples = couples_on(points, matrices.nodes, len(velocity))
+        self.take_couples()
         changes = (
             np.abs(g.points.frame - old).max(initial=0.0)
             for g, old in zip(points.groups, before, strict=True)
         )
         return float(max(changes, default=0.0))
+
+    def take_couples(self) -> None:
+        """Take the couples of the present impulses, where frames turn."""
+        if self.turns:
+            from xper_fx.bulk.turning import couples_on
+
+            nodes, count = self._matrices.nodes, len(self.velocity)
+            self.couples = couples_on(self.interactions, nodes, count)
 
     # Impulses of the points
 

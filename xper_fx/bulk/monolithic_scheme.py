@@ -139,6 +139,8 @@ class MonolithicScheme:
                     except FacetFlippedError:  # the guess leads too far
                         coupled.turn(coupled.start)
                     interactions.begin_step(step, self.theta)
+                    # those of impulses that an attempt before has left may be astray
+                    coupled.take_couples()
             coupled.restart()
             if guess is not None:
                 newton.start_from(*guess)

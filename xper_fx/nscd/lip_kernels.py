@@ -24,6 +24,7 @@ class LipKernels(NamedTuple):
     Attributes:
         tangents: `(v, nodes, gradient, i)`, sums over both lips of G v / 2.
         pushed: `(F, t, i)`, F t of each tangent.
+        plus: `(a, factor, b)`, a + factor b of each tangent.
         flips: `(start, a)`, whether the surface that the tangents span has no normal, or one that
             is opposite to that of others.
         folded: `(a)`, whether lips stand at more than a right angle to each other.
@@ -38,6 +39,7 @@ class LipKernels(NamedTuple):
 
     tangents: Callable
     pushed: Callable
+    plus: Callable
     flips: Callable
     frame: Callable
     arms: Callable
@@ -72,6 +74,10 @@ def lip_kernels(dim: int) -> LipKernels:
         def pushed(F, t, i):
             x, y = t[i, 0, 0], t[i, 0, 1]
             return ((F[0, 0] * x + F[0, 1] * y, F[1, 0] * x + F[1, 1] * y),)
+
+        @njit(inline="always")
+        def plus(a, factor, b):
+            return (add(a[0], scale(factor, b[0])),)
 
         @njit(inline="always")
         def flips(start, a):
@@ -157,6 +163,10 @@ def lip_kernels(dim: int) -> LipKernels:
             )
 
         @njit(inline="always")
+        def plus(a, factor, b):
+            return add(a[0], scale(factor, b[0])), add(a[1], scale(factor, b[1]))
+
+        @njit(inline="always")
         def flips(start, a):
             return not dot(cross(start[0], start[1]), cross(a[0], a[1])) > _FLAT
 
@@ -229,6 +239,7 @@ def lip_kernels(dim: int) -> LipKernels:
             return frame[i, 0, 0], frame[i, 0, 1], frame[i, 0, 2]
 
     return LipKernels(
-        tangents, pushed, flips, frame, arms, turned, forces, apart, local, arms_at, normal_at,
-        folded,
+        tangents=tangents, pushed=pushed, plus=plus, flips=flips, folded=folded, frame=frame,
+        arms=arms, turned=turned, forces=forces, apart=apart, local=local, arms_at=arms_at,
+        normal_at=normal_at,
     )  # fmt: skip

@@ -29,8 +29,7 @@ The map H of a solver stays that of the lips alone, and the couple is given to t
   U1 = F_m d1: its opening is that of the lips, and a fracture spends what its curve says;
 - any other point has U0 = F(q0) d0 and U1 = U0 + h [F_m d' - s], s = F_m (omega x d_m), which is
   F(q1) d1 to third order. Its law takes s from the velocities known when the step begins, as
-  velocity0 - s / (1 - theta) (theta = 1: U0 - h s), and from those found when it ends.
-
+  velocity0 - s / (1 - theta) (theta = 1: U0 - h s), and from those found when it ends;
 - lips that nothing bonds and that have slid or folded so far that they do not face each other keep
   the frame that they had, without couple, whose arm their jump would be: debris is stable then.
 
@@ -176,18 +175,10 @@ def turn_loop(sides: Sides):
     own, world, lips = for_dimension(dim, components), for_dimension(dim), lip_kernels(dim)
     set_row, subtract, scale = own.set_row, own.subtract, own.scale
     add_world, scale_world, set_world = world.add, world.scale, world.set_row
-    dot_world = world.dot
-    to_local, folded = own.to_local, lips.folded
-    tangents, pushed, flips, frame_of, arms_of, turned, _, apart, local = lips[:9]
-
-    @njit(inline="always")
-    def plus(a, factor, b):
-        """a + factor b of each tangent."""
-        if dim == 2:
-            return (add_world(a[0], scale_world(factor, b[0])),)
-        return (
-            add_world(a[0], scale_world(factor, b[0])), add_world(a[1], scale_world(factor, b[1])),
-        )  # fmt: skip
+    dot_world, to_local = world.dot, own.to_local
+    tangents, pushed, plus, apart = lips.tangents, lips.pushed, lips.plus, lips.apart
+    flips, folded, turned = lips.flips, lips.folded, lips.turned
+    frame_of, arms_of, local = lips.frame, lips.arms, lips.local
 
     @njit(inline="always")
     def own_part(x):
@@ -291,31 +282,10 @@ def settle_loop(law: LawKernels, sides: Sides):
     dim, components, _, _ = sides
     own, world, lips = for_dimension(dim, components), for_dimension(dim), lip_kernels(dim)
     row, set_row, add, scale, dot = own.row, own.set_row, own.add, own.scale, own.dot
-    add_world, scale_world, row_world = world.add, world.scale, world.row
-    tangents, pushed, turned, to_local = lips.tangents, lips.pushed, lips.turned, own.to_local
+    row_world, to_local, plus = world.row, own.to_local, lips.plus
+    tangents, pushed, turned = lips.tangents, lips.pushed, lips.turned
     arms_at, normal_at = lips.arms_at, lips.normal_at
     gained = _gained(law)
-
-    @njit(inline="always")
-    def mixed(theta, end, start, macroscopic):
-        """theta end + (1 - theta) start + macroscopic of each tangent."""
-        if dim == 2:
-            return (
-                add_world(
-                    macroscopic[0],
-                    add_world(scale_world(theta, end[0]), scale_world(1.0 - theta, start[0])),
-                ),
-            )
-        return (
-            add_world(
-                macroscopic[0],
-                add_world(scale_world(theta, end[0]), scale_world(1.0 - theta, start[0])),
-            ),
-            add_world(
-                macroscopic[1],
-                add_world(scale_world(theta, end[1]), scale_world(1.0 - theta, start[1])),
-            ),
-        )
 
     @njit(nogil=True, **LEAN_ENTRY)
     def settle_range(
@@ -330,11 +300,10 @@ def settle_loop(law: LawKernels, sides: Sides):
             spin = row(turning.spin, i)
             set_row(velocity, i, add(row(velocity, i), scale(inverse, spin)))
             set_row(jump, i, add(row(jump, i), scale(shift, spin)))
-            rates = mixed(
-                theta, tangents(end, nodes, gradient, i),
-                tangents(motion.velocity, nodes, gradient, i),
-                pushed(motion.rate, turning.tangent, i),
-            )  # fmt: skip
+            rates = plus(
+                pushed(motion.rate, turning.tangent, i), theta, tangents(end, nodes, gradient, i)
+            )
+            rates = plus(rates, 1.0 - theta, tangents(motion.velocity, nodes, gradient, i))
             arms, n = arms_at(turning.arms, i), normal_at(c.frame, i)
             away = turned(rates, arms, n, row_world(turning.jump, i))
             spin = to_local(c.frame, i, away)
