@@ -169,6 +169,25 @@ def test_the_couple_does_the_work_of_the_spin(name, rule):
     assert power == pytest.approx(float(np.vdot(group.impulse, relative - turning.spin)), rel=1e-12)
 
 
+@pytest.mark.parametrize("name", ["segment", "triangle"])
+def test_energy_gained_by_reading_jumps_anew_is_booked(name):
+    """What a bond of C_N unlike C_T holds with F(q0) d0 beyond what it held is numerical, less."""
+    facet = Facet(name, "nodal")
+    u, still = facet.random(10, 1e-2), np.zeros_like(facet.both)
+    facet.turn(u, still)
+    facet.layer.begin_step(1e-3, 0.5)
+    group, held = facet.group, 1e-4
+    group.impulse[:], group.energy[:, 0] = 0.0, held
+    stiffness = np.array([LAW.normal_stiffness, *[LAW.tangential_stiffness] * (facet.dim - 1)])
+    k = len(facet.x)
+    jump = np.einsum("pid,pd->pi", group.points.frame, (u[:k] - u[k:])[facet.group.indices])
+    energy = 0.5 * group.points.area * (jump**2 @ stiffness)
+    assert np.all(group.turning.by_spin)
+    booked = facet.layer._settle(group, group.turning, np.zeros((2 * k + 1) * facet.dim))
+    assert booked == pytest.approx(-np.sum(energy - held), rel=1e-12)
+    assert energy.min() > 10.0 * held
+
+
 def test_a_facet_that_flips_is_named():
     """Lips turned by more than 90 degrees within half a step have no frame."""
     facet = Facet("segment", "nodal")
