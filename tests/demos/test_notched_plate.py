@@ -67,7 +67,9 @@ def test_strong_has_fallen_while_weak_holds(folder):
 
 def test_files_hold_what_they_promise(folder):
     history = read_history(folder / "strong" / "history.csv")
-    assert tuple(history) == HISTORY_COLUMNS
+    assert set(history) == {*HISTORY_COLUMNS, "shadow"}
+    # the default run: an explicit bulk, whose ledger closes at each step
+    assert np.abs(history["closure"]).max() <= 1e-10 * history["external_work"][-1]
     summary = json.loads((folder / "strong" / "summary.json").read_text())
     assert summary["counts"]["bodies"] == 1600
     assert summary["counts"]["points"] == 2 * (3 * 1600 - 80) // 2

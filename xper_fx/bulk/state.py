@@ -39,6 +39,8 @@ class StepOutcome(NamedTuple):
         sweeps, residual, traction_change: of the interaction solver, over all iterations.
         newton_iterations, newton_residual: of the bulk; 1 and 0 when it is linear.
         converged: whether both are within their tolerances.
+        shadow: at the start and at the end of the step, what the energy that the scheme conserves
+            has beside the physical one (J; 2D: J/m); zero but for `bulk/explicit.py`.
     """
 
     state: State
@@ -53,6 +55,7 @@ class StepOutcome(NamedTuple):
     newton_iterations: int
     newton_residual: float
     converged: bool
+    shadow: tuple[float, float] = (0.0, 0.0)
 
 
 def interact(

@@ -65,6 +65,7 @@ _ENERGY_TERMS = {
     "kinetic": ("kinetic", "#56B4E9"),
     "elastic": ("elastic", "#0072B2"),
     "cohesive": ("cohesive, stored", "#009E73"),
+    "shadow": ("shadow of central differences", "#332288"),
     "dissipated_cohesion": ("dissipated by cracking", "#D55E00"),
     "dissipated_friction": ("dissipated by friction", "#E69F00"),
     "dissipated_impact": ("dissipated by impacts", "#CC79A7"),
@@ -587,7 +588,7 @@ def plot_energies(
         ValueError: If a column is missing.
         ImportError: If matplotlib is missing.
     """
-    terms = [t for t in _ENERGY_TERMS if t in history or t != "dissipated_plastic"]
+    terms = [t for t in _ENERGY_TERMS if t in history or t not in ("dissipated_plastic", "shadow")]
     needed = (against, "external_work", *terms, "closure")
     missing = [column for column in needed if column not in history]
     if missing:

@@ -11,7 +11,8 @@ The macroscopic gradient of a periodic cell has no mass; its work is the mean of
 both ends of the step times its increment.
 
 So the ledger closes to rounding for a linear bulk, whatever breaks; `dissipated_numerical` holds
-what theta > 1/2 damps. For other materials (f0 + f1)/2 . dq is the stored energy's increment to
+what theta > 1/2 damps. An explicit bulk holds `shadow` beside the physical energies, and conserves
+the sum (`bulk/explicit.py`). For other materials (f0 + f1)/2 . dq is the stored energy's increment to
 second order only, and that is what `closure` then shows.
 """
 
@@ -38,6 +39,7 @@ class Energies:
     Attributes:
         external_work: work of loads and of prescribed motions.
         kinetic, elastic, cohesive: energies held.
+        shadow: what the energy that an explicit bulk conserves has beside these.
         dissipated_cohesion, dissipated_friction, dissipated_impact, dissipated_plastic,
         dissipated_viscous, dissipated_numerical: totals lost.
     """
@@ -46,6 +48,7 @@ class Energies:
     kinetic: float = 0.0
     elastic: float = 0.0
     cohesive: float = 0.0
+    shadow: float = 0.0
     dissipated_cohesion: float = 0.0
     dissipated_friction: float = 0.0
     dissipated_impact: float = 0.0
@@ -87,16 +90,20 @@ class EnergyLedger:
         state: state at the start.
         theta: weight of the end of the step.
         rigid: motion of the rigid bodies, None without any.
+        explicit: whether the bulk is explicit.
     """
 
-    def __init__(self, bulk: Bulk, state: State, theta: float, rigid: RigidMotion | None = None):
-        self._bulk, self._theta = bulk, theta
+    def __init__(
+        self, bulk: Bulk, state: State, theta: float, rigid: RigidMotion | None, explicit: bool
+    ):
+        self._bulk, self._theta, self._explicit = bulk, theta, explicit
         self._static = bulk.inertia is None
         self.energies = Energies(
             kinetic=bulk.kinetic_energy(state.velocity) + (rigid.kinetic if rigid else 0.0),
             elastic=bulk.elastic_energy(state.displacement, state.internal),
         )
         self._at_start = self.energies.held_and_lost
+        self._began = False
 
     @property
     def closure(self) -> float:
@@ -159,6 +166,7 @@ class EnergyLedger:
             rigid: energies of the rigid bodies, None without any.
         """
         after, e, excess = outcome.state, self.energies, self._theta - 0.5
+        self._take_shadow(*outcome.shadow)
         e.external_work += bulk.work
         e.kinetic, e.elastic = bulk.kinetic, bulk.elastic
         lost = self._bulk.forms.assemble_dissipation(self._bulk.unknowns.expand(after.displacement))
@@ -188,19 +196,35 @@ class EnergyLedger:
             e.dissipated_impact += work.impact
             e.dissipated_numerical += work.numerical
 
+    def _take_shadow(self, start: float, end: float) -> None:
+        """Hold what the scheme conserves beside the physical energies (J; 2D: J/m).
+
+        Args:
+            start, end: of the step; another one at the start than was held comes of another size of
+                the step, but for the first, which there is no step before.
+        """
+        if not self._began:
+            self._began = True
+            self._at_start += start
+        else:
+            self.energies.dissipated_numerical += self.energies.shadow - start
+        self.energies.shadow = end
+
     def as_columns(self) -> dict[str, float]:
-        """Energies and the closure error by column name; plasticity only where there is any."""
+        """Energies and the closure error by column name; of effects only those that there are."""
         columns = vars(self.energies) | {"closure": self.closure}
         if not self._bulk.forms.plastic:
             del columns["dissipated_plastic"]
+        if not self._explicit:
+            del columns["shadow"]
         return columns
 
     def saved(self) -> dict[str, float]:
-        """All energies, and what was held at the start."""
-        return vars(self.energies) | {"at_start": self._at_start}
+        """All energies, what was held at the start, and whether a step was entered."""
+        return vars(self.energies) | {"at_start": self._at_start, "began": float(self._began)}
 
     def restore(self, saved: Mapping[str, float]) -> None:
         """Take the energies from what `saved` gave."""
         energies = dict(saved)
-        self._at_start = energies.pop("at_start")
+        self._at_start, self._began = energies.pop("at_start"), bool(energies.pop("began"))
         self.energies = Energies(**energies)

@@ -109,7 +109,9 @@ class Model:
         self.bond_turns = self._bond_turns()
         self._require_bonds_for_path()
         self._account()
-        self.ledger = EnergyLedger(self.bulk, self.start, self.scheme.theta, self.rigid)
+        self.ledger = EnergyLedger(
+            self.bulk, self.start, self.scheme.theta, self.rigid, options.scheme == "explicit"
+        )
         if wrong := not_finite_columns(self.ledger.as_columns()):
             raise ValueError(
                 f"At the start {wrong} are not finite: initial velocities or masses are beyond "
