@@ -25,7 +25,7 @@ import periodic_ductile as ductile
 from xper_fx.bodies.explode import explode
 from xper_fx.bodies.meshes import crossed_rectangle, in_rectangles, tag_cells
 from xper_fx.materials import LinearElastic
-from xper_fx.materials.library import HYDRIDE
+from xper_fx.materials.library import DENSITY, HYDRIDE
 from xper_fx.output.gauges import CellGauge, TensileGauge
 from xper_fx.scene.scene import Scene
 from xper_fx.study.quantities import DisplacementL2, DissipatedEnergy, PeakStress
@@ -45,7 +45,7 @@ def ductile_cell() -> Scene:
     bodies = explode(
         mesh, np.zeros(1600, int), cell_tags=cells, lattice=(ductile.SIZE, ductile.SIZE)
     )
-    hard = LinearElastic(HYDRIDE.young, HYDRIDE.poisson, ductile.DENSITY)
+    hard = LinearElastic(HYDRIDE.young, HYDRIDE.poisson, DENSITY)
     materials = {ductile.MATRIX: ductile.matrix(False), ductile.INCLUSION: hard}
     return Scene(bodies, materials, macroscopic=ductile.drive(1.0, "free"))
 

@@ -176,6 +176,7 @@ def run(scene: xf.Scene, folder: Path, options: argparse.Namespace, title: str) 
         "lengths": final.crack_lengths(),
         "early": early,
         "final": final,
+        "verdict": simulation.verdict(),
     }
 
 
@@ -240,7 +241,10 @@ def draw(results: list[dict], folder: Path) -> None:
     )
     for r in results:
         name = r["title"].split()[0]
-        xf.plotting.plot_energies(r["history"], folder / f"energies_{name}.png", title=r["title"])
+        note = r["verdict"].text if r["verdict"] else ""
+        xf.plotting.plot_energies(
+            r["history"], folder / f"energies_{name}.png", title=r["title"], note=note
+        )
 
 
 # ## Command line

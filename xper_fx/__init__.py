@@ -56,7 +56,6 @@ if TYPE_CHECKING:
     from xper_fx.nscd import rigid as rigid
     from xper_fx.nscd import solvers as solvers
     from xper_fx.nscd.rigid import RigidBody as RigidBody
-    from xper_fx.output.cohesive_scales import cohesive_table as cohesive_table
     from xper_fx.output.effects import effects_table as effects_table
     from xper_fx.output.gauges import CellGauge as CellGauge
     from xper_fx.output.gauges import TensileGauge as TensileGauge
@@ -76,6 +75,7 @@ if TYPE_CHECKING:
     from xper_fx.simulation import GrowthControl as GrowthControl
     from xper_fx.simulation import Simulation as Simulation
     from xper_fx.simulation import StepRecord as StepRecord
+    from xper_fx.simulation.cohesive_scales import cohesive_table as cohesive_table
     from xper_fx.study import Study as Study
     from xper_fx.study import effect_prices as effect_prices
     from xper_fx.study import quantities as quantities
@@ -114,7 +114,7 @@ _MODULE_OF = {
     "Wall": "scene",
     "add_run_options": "output.run",
     "add_to_summary": "output.recorder",
-    "cohesive_table": "output.cohesive_scales",
+    "cohesive_table": "simulation.cohesive_scales",
     "crossed_rectangle": "bodies.meshes",
     "effects_table": "output.effects",
     "explode": "bodies.explode",

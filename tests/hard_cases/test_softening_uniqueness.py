@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Bonds that soften, at steps from a tenth to a hundred times that of a unique answer.
 
-The softening number (`xper_fx/output/cohesive_scales.py`) is below one where a weakening bond has
+The softening number (`simulation/cohesive_scales.py`) is below one where a weakening bond has
 one state at the end of the step. It is set here by w at one step and one shape of the curve, dc =
 1.1875 d0: steep.
 """
@@ -15,8 +15,8 @@ from scenes import box_bodies, run
 
 from xper_fx.materials import LinearElastic
 from xper_fx.nscd.laws import CohesiveZone
-from xper_fx.output.cohesive_scales import cohesive_scales
 from xper_fx.scene.scene import Scene
+from xper_fx.simulation.cohesive_scales import cohesive_scales
 from xper_fx.simulation.simulation import Simulation
 
 ZIRCALOY, STRENGTH, SIZE = LinearElastic(99e9, 0.325, 7800.0), 5e7, 1e-3

@@ -32,7 +32,6 @@ import numba
 import numpy as np
 
 from xper_fx.nscd.facets import facet_shapes
-from xper_fx.output.cohesive_scales import cohesive_scales
 from xper_fx.output.effects import effects_of
 from xper_fx.output.folder_lock import FolderLock
 from xper_fx.output.gauges import CellGauge, TensileGauge
@@ -40,6 +39,7 @@ from xper_fx.output.history import HISTORY_COLUMNS, History
 from xper_fx.output.output_folder import prepare_folder
 from xper_fx.output.series import TimeSeries
 from xper_fx.output.summary import write_summary
+from xper_fx.simulation.cohesive_scales import cohesive_scales
 from xper_fx.simulation.simulation import Simulation, StepRecord
 from xper_fx.support.compat import geometry_dofmap
 from xper_fx.support.version import __version__
@@ -412,6 +412,9 @@ class Recorder:
             "time": simulation.time,
         }
         summary["scales"] = cohesive_scales(simulation)
+        verdict = simulation.verdict()
+        if verdict is not None:
+            summary["verdict"] = verdict._asdict() | {"text": verdict.text}
         return summary
 
     def __enter__(self) -> Recorder:

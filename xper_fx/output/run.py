@@ -98,6 +98,9 @@ def recorded_steps(
                     file=sys.stderr,
                 )
                 raise SystemExit(128 + number)
+        found = simulation.verdict()
+        if found is not None and found.reached and not quiet:  # else a warning has told
+            tqdm.write(f"{title}: {found.text}")
         if recorder.restarted and not made:
             logger.warning("%s: complete until %g s, there is nothing left to do", title, first)
         elif recorder.checkpoint_every > 0.0:

@@ -11,6 +11,7 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from textwrap import wrap
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -74,6 +75,8 @@ _ENERGY_TERMS = {
     "dissipated_numerical": ("dissipated by the scheme", "#777777"),
 }
 
+# Letters in a line of a note below a figure.
+_NOTE_WIDTH = 120
 # Width of a letter in the figure of a profile, beside the width of the figure.
 _LETTER = 0.01
 
@@ -565,6 +568,7 @@ def plot_energies(
     energy_unit: tuple[str, float] = ("mJ/m", 1e-3),
     title: str = "",
     against: str = "strain",
+    note: str = "",
 ) -> "Figure":
     """Draw the energy ledger against strain or time, and its closure error below.
 
@@ -578,6 +582,7 @@ def plot_energies(
         energy_unit: Name of the unit of energy and its value in J/m.
         title: Title of the figure.
         against: "strain" or "time".
+        note: A sentence below the figure, such as the verdict of the run.
 
     Returns:
         The figure: upper panel the terms, lower panel the absolute closure error divided by the
@@ -631,6 +636,8 @@ def plot_energies(
         lower.set_ylabel("|closure| / work" if by_strain else "|closure| / energy")
         lower.set_xlabel("strain (%)" if by_strain else "time (s)")
         lower.margins(x=0.0)
+        if note:
+            figure.supxlabel("\n".join(wrap(note, _NOTE_WIDTH)), fontsize=7, x=0.02, ha="left")
 
     return new_figure(path, draw, (6.4, 4.4), nrows=2, sharex=True, height_ratios=(3, 1))
 

@@ -115,6 +115,13 @@ class StepAttempts:
             self.doubts.tell(BROKEN_FOR_NOTHING, number, size)
         return outcome
 
+    def probe(self, state: State, size: float, tolerance: float) -> StepOutcome | None:
+        """A step that is not kept, whatever it does; see `_attempt`."""
+        try:
+            return self._attempt(state, size, tolerance)
+        except FacetFlippedError:
+            return None
+
     def along_path(
         self, state: State, size: float, path: PathFollower, end_time: float
     ) -> tuple[StepOutcome, float]:

@@ -12,8 +12,8 @@ both ends of the step times its increment.
 
 So the ledger closes to rounding for a linear bulk, whatever breaks; `dissipated_numerical` holds
 what theta > 1/2 damps. An explicit bulk holds `shadow` beside the physical energies, and conserves
-the sum (`bulk/explicit.py`). For other materials (f0 + f1)/2 . dq is the stored energy's increment to
-second order only, and that is what `closure` then shows.
+the sum (`bulk/explicit.py`). For other materials (f0 + f1)/2 . dq is the stored energy's increment
+to second order only, and that is what `closure` then shows.
 """
 
 from __future__ import annotations
@@ -69,6 +69,8 @@ class BulkEnergies(NamedTuple):
         work: of the loads and prescribed motions in the step.
         kinetic, elastic: held at its end.
         kinetic_change, elastic_change: what they gained in the step.
+        plastic, viscous, damped: dissipated in the step by the bulk and, above theta = 1/2, by the
+            scheme.
     """
 
     work: float
@@ -76,6 +78,9 @@ class BulkEnergies(NamedTuple):
     elastic: float
     kinetic_change: float
     elastic_change: float
+    plastic: float = 0.0
+    viscous: float = 0.0
+    damped: float = 0.0
 
 
 class EnergyLedger:
@@ -142,53 +147,49 @@ class EnergyLedger:
         if rigid is not None:
             kinetic += rigid.kinetic
             work += rigid.loads + rigid.prescribed
-        return BulkEnergies(
-            work, kinetic, elastic, kinetic - self.energies.kinetic, elastic - self.energies.elastic
-        )
-
-    def record(
-        self,
-        before: State,
-        outcome: StepOutcome,
-        step: float,
-        bulk: BulkEnergies,
-        work: StepWork | None,
-        rigid: RigidWork | None = None,
-    ) -> None:
-        """Enter a step that has converged, before its internal variables are committed.
-
-        Args:
-            before: state at the start of the step.
-            outcome: the step.
-            step: h (s).
-            bulk: what `bulk_energies` gave for it.
-            work: what the interactions did, None without interactions.
-            rigid: energies of the rigid bodies, None without any.
-        """
-        after, e, excess = outcome.state, self.energies, self._theta - 0.5
-        self._take_shadow(*outcome.shadow)
-        e.external_work += bulk.work
-        e.kinetic, e.elastic = bulk.kinetic, bulk.elastic
-        lost = self._bulk.forms.assemble_dissipation(self._bulk.unknowns.expand(after.displacement))
         total = self._bulk.ranks.sum
-        e.dissipated_plastic += total(lost.get("plastic", 0.0))
-        e.dissipated_viscous += total(lost.get("viscous", 0.0))
+        lost = self._bulk.forms.assemble_dissipation(self._bulk.unknowns.expand(after.displacement))
+        viscous = total(lost.get("viscous", 0.0))
         if np.ndim(outcome.viscous):
-            moved = after.displacement - before.displacement
-            viscous = outcome.viscous
+            force = outcome.viscous
             if self._static:
-                viscous = 0.5 * (viscous + self._bulk.viscous(before.velocity))
-            e.dissipated_viscous += total(float(moved @ viscous))
+                force = 0.5 * (force + self._bulk.viscous(before.velocity))
+            viscous += total(float(moved @ force))
+        return BulkEnergies(
+            work, kinetic, elastic, kinetic - self.energies.kinetic,
+            elastic - self.energies.elastic, total(lost.get("plastic", 0.0)), viscous,
+            self._damped(before, outcome, rigid),
+        )  # fmt: skip
+
+    def _damped(self, before: State, outcome: StepOutcome, rigid: RigidWork | None) -> float:
+        """What the scheme takes in a step above theta = 1/2 (J; 2D: J/m)."""
+        after, excess = outcome.state, self._theta - 0.5
+        damped = 0.0 if rigid is None else rigid.scheme
         if excess > 0.0 and not self._static:
             moved = after.displacement - before.displacement
             change = after.velocity - before.velocity
             nodal = self._bulk.unknowns.num_nodes * self._bulk.dim
-            e.dissipated_numerical += excess * float(
-                2.0 * self._bulk.kinetic_energy(change)
-                + total(moved[:nodal] @ (after.internal - before.internal)[:nodal])
+            strained = moved[:nodal] @ (after.internal - before.internal)[:nodal]
+            damped += excess * float(
+                2.0 * self._bulk.kinetic_energy(change) + self._bulk.ranks.sum(strained)
             )
-        if rigid is not None:
-            e.dissipated_numerical += rigid.scheme
+        return damped
+
+    def record(self, outcome: StepOutcome, bulk: BulkEnergies, work: StepWork | None) -> None:
+        """Enter a step that has converged.
+
+        Args:
+            outcome: the step.
+            bulk: what `bulk_energies` gave for it.
+            work: what the interactions did, None without interactions.
+        """
+        e = self.energies
+        self._take_shadow(*outcome.shadow)
+        e.external_work += bulk.work
+        e.kinetic, e.elastic = bulk.kinetic, bulk.elastic
+        e.dissipated_plastic += bulk.plastic
+        e.dissipated_viscous += bulk.viscous
+        e.dissipated_numerical += bulk.damped
         if work is not None:
             e.cohesive = work.stored
             e.dissipated_cohesion += work.cohesion

@@ -357,6 +357,7 @@ class Model:
     def _control(self) -> AccuracyControl:
         from xper_fx.nscd.laws.softening import softening_numbers
         from xper_fx.simulation.accuracy_control import AccuracyControl
+        from xper_fx.simulation.error_estimate import ErrorEstimate
 
         requested = self.options.requested
         softening, base = np.inf, self.step_size
@@ -364,13 +365,21 @@ class Model:
             number = softening_numbers(self.interactions, base, self.scheme.theta).max(initial=0.0)
             softening = base / math.sqrt(number) if number > 0.0 else np.inf
         held, inertia = self.ledger.energies, self.bulk.inertia is not None
+        interacting = self.interactions is not None
+        estimate = ErrorEstimate(
+            held.kinetic + held.elastic,
+            doubles=self.detection is None
+            and self.options.scheme != "explicit"  # twice its step may be unstable
+            and (self.bulk.forms.plastic or (interacting and not inertia)),
+            supported=self.ranks.max(bool(self.bulk.layout.prescribed.any())) > 0,
+            lag=1.0 - self.scheme.theta,
+            ranks=self.ranks,
+        )
         largest = _LARGEST_GROWTH * base if inertia else np.inf
         return AccuracyControl(
             requested, base if inertia or not requested.adapts_step else None,
             largest=base if self.options.scheme == "explicit" else largest,
-            softening_step=softening,
-            interacting=self.interactions is not None,
-            energy=held.kinetic + held.elastic,
+            softening_step=softening, interacting=interacting, estimate=estimate,
         )  # fmt: skip
 
     def _account(self) -> None:

@@ -31,6 +31,7 @@ from xper_fx.support.ranks import Ranks
 
 if TYPE_CHECKING:
     from xper_fx.simulation.path import GrowthControl
+    from xper_fx.simulation.verdict import Verdict
 
 logger = logging.getLogger(__name__)
 
@@ -154,6 +155,7 @@ class Simulation(Restartable):
         self._save = None
         self._course = Course()
         self._resumes = False
+        self._judged = ""
 
     @property
     def options(self) -> Options:
@@ -168,7 +170,7 @@ class Simulation(Restartable):
     @property
     def estimated_error(self) -> float | None:
         """Relative error estimated so far; None without an accuracy asked for."""
-        return None if self.model.control is None else self.model.control.error
+        return None if self.model.control is None else self.model.control.estimate.error
 
     def steps(self, end_time: float) -> Iterator[StepRecord]:
         """Advance to `end_time` (s), a record after each committed step.
@@ -189,8 +191,27 @@ class Simulation(Restartable):
                 yield from self._follow(end_time)
             else:
                 yield from self._step_on(end_time)
+            self._judge()
         finally:
             self._attempts.doubts.sum_up()
+
+    def verdict(self) -> Verdict | None:
+        """What accuracy was asked for, what was reached, what limits it; None if none was."""
+        if self.model.control is None:
+            return None
+        from xper_fx.simulation.verdict import verdict
+
+        return verdict(self)
+
+    def _judge(self) -> None:
+        """Tell once if an end is reached at which the accuracy asked for is not."""
+        asked, error = self.options.requested.accuracy, self.estimated_error
+        if error is None or self._judged == "missed" or (self._judged and error <= asked):
+            return
+        found = self.verdict()
+        self._judged = "reached" if found.reached else "missed"
+        if self.team.rank == 0:
+            logger.log(logging.INFO if found.reached else logging.WARNING, "%s", found.text)
 
     def _step_on(self, end_time: float) -> Iterator[StepRecord]:
         """Steps whose times are given or picked."""
@@ -225,6 +246,9 @@ class Simulation(Restartable):
         while pieces:
             size, halvings = pieces.pop()
             last_try, record = halvings >= most, None
+            doubling = None if control is None else control.estimate.doubling
+            if doubling is not None and doubling.is_due:
+                doubling.begin(size, self._twice(size, end_time))
             with self.stopwatch.phase("step"):
                 outcome = self._attempts.step(
                     self.state, size, self.tolerance, self.step_number + 1, last_try
@@ -246,6 +270,17 @@ class Simulation(Restartable):
                     self.step_number, size,
                 )  # fmt: skip
                 pieces += [(0.5 * size, halvings + 1)] * 2
+
+    def _twice(self, size: float, end_time: float) -> BulkEnergies | None:
+        """Energies of a step of twice the size, which is not kept; None if it does not converge."""
+        long = 2.0 * size
+        if self.state.time + long > end_time:
+            return None
+        with self.stopwatch.phase("step"), self.stopwatch.phase("doubled step"):
+            outcome = self._attempts.probe(self.state, long, self.tolerance)
+            if outcome is None or not outcome.converged:
+                return None
+            return self.ledger.bulk_energies(self.state, outcome, long, None, self._borne())
 
     def _follow(self, end_time: float) -> Iterator[StepRecord]:
         """Steps along the path until its time is the end time."""
@@ -314,7 +349,7 @@ class Simulation(Restartable):
                 if self.interactions is None
                 else self.interactions.commit(outcome.slots, not self.options.inertia)
             )
-            self.ledger.record(self.state, outcome, size, energies, work, attempts.rigid_work)
+            self.ledger.record(outcome, energies, work)
         self._require_finite(not_finite_columns(self.ledger.as_columns()), size)
         if work is not None and not self.options.inertia and self.path is None:
             attempts.doubts.tell_snap(work, self.step_number + 1, size)
@@ -325,7 +360,7 @@ class Simulation(Restartable):
                     self.bulk.unknowns.expand(outcome.state.displacement),
                 )  # fmt: skip
         if control is not None:
-            control.learn(size, energies, work, self.ledger.closure)
+            control.learn(size, energies, work, self.ledger.closure, outcome)
             self.tolerance = control.tolerance
         with self.stopwatch.phase("commit"):
             self.bulk.commit(outcome.state.displacement, outcome.state.internal)

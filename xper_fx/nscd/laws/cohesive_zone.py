@@ -28,7 +28,7 @@ and b~ = u - W~ [r + beta_m k (P / k + u)] turn it into plain contact, dU = b~ +
 beta_m is the fixed point of a map that only falls: it starts from the damage at the start of the
 step; each time the interactions are solved with it, `evolve` lowers it to the mean that the new
 opening asks for. So of the states that a step may admit (beyond the softening number of
-`xper_fx/output/cohesive_scales.py` a bond may or may not snap within the step) the least damaged
+`simulation/cohesive_scales.py` a bond may or may not snap within the step) the least damaged
 one is found, and the iteration cannot cycle.
 """
 

@@ -1,0 +1,420 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""How far the error that a run estimates can be believed: estimated over true, scene by scene.
+
+    OPENBLAS_NUM_THREADS=1 ./fenicsx python3 benchmarks/estimate_coverage.py [--only NAME]
+
+Each scene is run with an accuracy asked for and compared with a run whose settings are far finer:
+external work, elastic and kinetic energy and each dissipation at the end (over the largest energy
+held), the largest force of the supports (relative), the motion of all nodes and bodies at the end
+(over the largest of the run, in the L2 norm). The true error is the largest of these; the table
+says which that is.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parent))
+sys.path.insert(0, str(Path(__file__).parent.parent / "demos"))
+
+import accuracy_asked
+import accuracy_cost
+import notched_plate as plate
+
+import xper_fx as xf
+
+LEFT, RIGHT, BOTTOM, TOP = 1, 2, 3, 4
+ASKED = (1e-2, 1e-3)
+# An estimate is believed within this factor of the true error, or where both are this small beside
+# what was asked for.
+WITHIN, LITTLE = 3.0, 0.1
+# A bar of unit modulus, density and wave speed.
+ELASTIC = xf.materials.LinearElastic(1.0, 0.0, 1.0)
+
+
+@dataclass(frozen=True)
+class Case:
+    """A scene, how it is run, and how finely its reference is.
+
+    Args:
+        build: makes the scene.
+        end_time: s.
+        fine: options of the reference.
+        options: of the runs that ask for an accuracy.
+        force: facet tag or name of a rigid group whose reaction counts, None for none.
+        motion: whether the motion at the end counts; not where bodies fly about.
+    """
+
+    build: Callable[[], xf.Scene]
+    end_time: float
+    fine: dict
+    options: dict = field(default_factory=dict)
+    force: int | str | None = None
+    motion: bool = True
+
+
+def rectangle(size, cells, whole=True, label=None, material=None, shape="crossed"):
+    """Bodies of a rectangle with its four sides tagged; in one piece, by label, or each cell."""
+    from dolfinx.mesh import CellType, create_rectangle
+    from mpi4py import MPI
+
+    width, height = size
+    if shape == "crossed":
+        mesh = xf.crossed_rectangle((0.0, 0.0), size, cells)
+    else:
+        mesh = create_rectangle(MPI.COMM_SELF, [(0.0, 0.0), size], cells, CellType.quadrilateral)
+    sides = {
+        LEFT: lambda x: x[0] < 1e-9 * width,
+        RIGHT: lambda x: x[0] > (1 - 1e-9) * width,
+        BOTTOM: lambda x: x[1] < 1e-9 * height,
+        TOP: lambda x: x[1] > (1 - 1e-9) * height,
+    }
+    count = mesh.topology.index_map(2).size_local
+    labels = np.zeros(count, int) if whole else None
+    if label is not None:
+        centre = mesh.geometry.x[mesh.geometry.dofmap].mean(axis=1)
+        labels = label(centre.T).astype(int)
+    tags = None if material is None else xf.tag_cells(mesh, material, 1)
+    return xf.explode(mesh, labels, facet_tags=xf.tag_facets(mesh, sides), cell_tags=tags)
+
+
+def vibrating(material) -> xf.Scene:
+    """A bar in its first mode."""
+    return xf.Scene(
+        rectangle((1.0, 0.1), (20, 2)),
+        {1: material},
+        loads=[xf.PrescribedVelocity(LEFT, 0, 0.0), xf.PrescribedVelocity(LEFT, 1, 0.0)],
+        initial_velocity=lambda x: np.array([1e-3 * np.sin(np.pi * x[0] / 2), 0.0 * x[0]]),
+    )
+
+
+def bending() -> xf.Scene:
+    """A neo-Hookean strip that swings far."""
+    return xf.Scene(
+        rectangle((1.0, 0.1), (20, 2)),
+        {1: xf.materials.NeoHookean(1.0, 0.3, 1.0)},
+        loads=[xf.PrescribedVelocity(LEFT, i, 0.0) for i in (0, 1)],
+        initial_velocity=lambda x: np.array([0.0 * x[0], 0.05 * x[0] ** 2]),
+    )
+
+
+def pulled_bond() -> xf.Scene:
+    """Two halves held together by a bond, pulled apart."""
+    return xf.Scene(
+        rectangle((2.0, 0.5), (8, 2), label=lambda x: x[0] > 1.0),
+        {1: ELASTIC},
+        default_interaction=xf.laws.CohesiveZone(1e3, 1e-4, 1e-2),
+        loads=[xf.PrescribedVelocity(LEFT, 0, -1e-3), xf.PrescribedVelocity(RIGHT, 0, 1e-3)],
+        initial_velocity=lambda x: np.array([1e-3 * (x[0] - 1.0), 0.0 * x[0]]),
+    )
+
+
+def bouncing_bar() -> xf.Scene:
+    """A bar that falls on a wall and flies on."""
+    return xf.Scene(
+        rectangle((1.0, 0.1), (10, 1)),
+        {1: ELASTIC},
+        walls=[xf.Wall(LEFT, (-0.1, 0.0), (1.0, 0.0), xf.laws.SignoriniCoulomb())],
+        initial_velocity=lambda x: np.array([-1e-2 + 0.0 * x[0], 0.0 * x[0]]),
+    )
+
+
+def plastic_plate(rate: float) -> xf.Scene:
+    """A plate with a soft half, pulled."""
+    materials = {
+        tag: xf.materials.J2SmallStrain(1.0, 0.3, strength, xf.materials.Linear(0.05), 1.0)
+        for tag, strength in ((1, 2e-3), (2, 1e-3))
+    }
+    bodies = rectangle((1.0, 1.0), (4, 4), material={2: lambda x: x[0] + x[1] < 1.0})
+    pull = xf.PrescribedDisplacement(RIGHT, 0, lambda t: rate * t)
+    hold = [xf.PrescribedDisplacement(LEFT, i, lambda t: 0.0 * t) for i in (0, 1)]
+    return xf.Scene(bodies, materials, loads=[pull, *hold])
+
+
+def plastic_cycle() -> xf.Scene:
+    """The same, pulled, sheared and pushed back: the path of the strains turns."""
+    materials = {1: xf.materials.J2SmallStrain(1.0, 0.3, 1e-3, xf.materials.Linear(0.05), 1.0)}
+    turn = [
+        xf.PrescribedDisplacement(RIGHT, 0, lambda t: 5e-3 * np.sin(np.pi * t)),
+        xf.PrescribedDisplacement(RIGHT, 1, lambda t: 5e-3 * (1.0 - np.cos(np.pi * t))),
+    ]
+    hold = [xf.PrescribedDisplacement(LEFT, i, 0.0) for i in (0, 1)]
+    return xf.Scene(rectangle((1.0, 1.0), (4, 4)), materials, loads=[*turn, *hold])
+
+
+def sliding_block() -> xf.Scene:
+    """A rigid block thrown on a floor, which friction stops."""
+    block = xf.rigid.Polygon([(-0.5, -0.25), (0.5, -0.25), (0.5, 0.25), (-0.5, 0.25)])
+    return xf.Scene(
+        rigid=[
+            xf.rigid.wall((0, 0), (0, 1), "floor"),
+            xf.RigidBody(block, (0.0, 0.25), "block", density=1000.0, velocity=(2.0, 0.0)),
+        ],
+        contacts=[xf.Contact(("block", "floor"), xf.laws.SignoriniCoulomb(0.3))],
+        loads=[xf.Gravity((0.0, -9.81))],
+    )
+
+
+def rocking_block() -> xf.Scene:
+    """A rigid block pushed on its floor that rocks."""
+    block = xf.rigid.Polygon([(-0.25, -1.0), (0.25, -1.0), (0.25, 1.0), (-0.25, 1.0)])
+    return xf.Scene(
+        rigid=[
+            xf.rigid.wall((0, 0), (0, 1), "floor"),
+            xf.RigidBody(
+                block, (0.0, 1.0), "block", density=1000.0, velocity=(0.4, 0.1), spin=-0.4
+            ),
+        ],
+        contacts=[xf.Contact(("block", "floor"), xf.laws.SignoriniCoulomb(0.7))],
+        loads=[xf.Gravity((0.0, -9.81))],
+    )
+
+
+def falling_discs() -> xf.Scene:
+    """Twenty rigid discs that fall into a box."""
+    random = np.random.default_rng(1)
+    law = xf.laws.SignoriniCoulomb(0.3)
+    discs = [
+        xf.RigidBody(
+            xf.rigid.Disc(0.04 + 0.01 * random.random()),
+            (0.12 * (k % 5) + 0.02 * random.random(), 0.1 + 0.12 * (k // 5)),
+            "discs",
+            density=2000.0,
+        )
+        for k in range(20)
+    ]
+    box = [
+        xf.rigid.wall((0, 0), (0, 1), "box"),
+        xf.rigid.wall((-0.1, 0), (1, 0), "box"),
+        xf.rigid.wall((0.65, 0), (-1, 0), "box"),
+    ]
+    return xf.Scene(
+        rigid=box + discs,
+        contacts=[xf.Contact(("discs", "discs"), law), xf.Contact(("discs", "box"), law)],
+        loads=[xf.Gravity((0.0, -9.81))],
+    )
+
+
+def soft_block() -> xf.Scene:
+    """A soft block that falls on a rigid floor."""
+    block = rectangle((1.0, 1.0), (3, 3))
+    return xf.Scene(
+        block,
+        {1: xf.materials.LinearElastic(1e6, 0.3, 1000.0)},
+        walls=[xf.Wall(BOTTOM, (0.0, -0.01), (0.0, 1.0), xf.laws.SignoriniCoulomb(0.4))],
+        loads=[xf.Gravity((0.0, -9.81))],
+    )
+
+
+def pulled_plate() -> xf.Scene:
+    """A plate of bonded triangles torn slowly, without inertia."""
+    law = xf.laws.CohesiveZone(1e3, 2e-4, 5e-3)
+    return xf.Scene(
+        rectangle((1.0, 1.0), (2, 2), label=lambda x: x[1] > 0.5),
+        {1: ELASTIC},
+        default_interaction=law,
+        loads=[
+            xf.PrescribedDisplacement(BOTTOM, 0, 0.0),
+            xf.PrescribedDisplacement(BOTTOM, 1, 0.0),
+            xf.PrescribedDisplacement(TOP, 0, 0.0),
+            xf.PrescribedDisplacement(TOP, 1, lambda t: 0.04 * t),
+        ],
+    )
+
+
+def smoothly_pulled() -> xf.Scene:
+    """A plastic plate whose pull begins smoothly, with inertia."""
+    scene = plastic_plate(0.0)
+    pull = xf.PrescribedDisplacement(RIGHT, 0, lambda t: 1e-4 * t**2)
+    return xf.Scene(scene.bodies, scene.materials, loads=[pull, *scene.loads[1:]])
+
+
+def solid_block() -> xf.Scene:
+    """A soft block of tetrahedra that is thrown on a wall, obliquely."""
+    from dolfinx.mesh import create_unit_cube
+    from mpi4py import MPI
+
+    mesh = create_unit_cube(MPI.COMM_SELF, 2, 2, 2)
+    tags = xf.tag_facets(mesh, {BOTTOM: lambda x: x[2] < 1e-9})
+    count = mesh.topology.index_map(3).size_local
+    return xf.Scene(
+        xf.explode(mesh, np.zeros(count, int), facet_tags=tags),
+        {1: xf.materials.LinearElastic(1e6, 0.3, 1000.0)},
+        walls=[xf.Wall(BOTTOM, (0, 0, -0.02), (0, 0, 1), xf.laws.SignoriniCoulomb(0.3))],
+        initial_velocity=lambda x: np.array([0.3 + 0 * x[0], 0.1 + 0 * x[0], -1.0 + 0 * x[0]]),
+    )
+
+
+def sheared_block() -> xf.Scene:
+    """A block pressed on a wall, then sheared, without inertia."""
+    return accuracy_cost.sheared_block(6, 1)
+
+
+STATIC = {"theta": 1.0, "inertia": False}
+GAUGE_END = 0.0075 * plate.SIZE / (2.0 * plate.SPEED)
+
+
+def cases() -> dict[str, Case]:
+    """All scenes by name."""
+    printed = 0.004 * plate.SIZE / (2.0 * plate.SPEED)
+    return {
+        "elastic bar": Case(lambda: vibrating(ELASTIC), 8.0, {"step": 1e-3}, force=LEFT),
+        "elastic bar, theta = 1": Case(
+            lambda: vibrating(ELASTIC), 8.0, {"step": 1e-3}, {"theta": 1.0}, LEFT
+        ),
+        "neo-Hookean strip": Case(bending, 40.0, {"step": 0.01}, force=LEFT),
+        "bond": Case(pulled_bond, 15.0, {"step": 2e-3, "tolerance": 1e-6}, force=RIGHT),
+        "resolved plate": Case(
+            lambda: accuracy_cost.resolved_plate(20),
+            GAUGE_END,
+            {"courant": 0.2, "scheme": "explicit", "tolerance": 1e-7},
+            force=plate.RIGHT,
+        ),
+        "resolved plate, implicit": Case(
+            lambda: accuracy_cost.resolved_plate(20),
+            GAUGE_END,
+            {"courant": 0.2, "scheme": "explicit", "tolerance": 1e-7},
+            {"scheme": "implicit"},
+            plate.RIGHT,
+        ),
+        "printed plate": Case(
+            lambda: plate.notched_plate(20, "strong"),
+            printed,
+            {"courant": 0.2, "scheme": "explicit", "tolerance": 1e-7},
+            force=plate.RIGHT,
+        ),
+        "bar on a wall": Case(bouncing_bar, 15.0, {"step": 1e-3, "tolerance": 1e-6}),
+        "block on a wall": Case(soft_block, 0.25, {"step": 5e-5, "tolerance": 1e-6}),
+        "plastic plate, static": Case(
+            lambda: plastic_plate(1e-2), 1.0, {"step": 1e-3}, STATIC, RIGHT
+        ),
+        "plastic cycle, static": Case(plastic_cycle, 2.0, {"step": 2e-3}, STATIC, RIGHT),
+        "plastic plate": Case(lambda: plastic_plate(1e-3), 10.0, {"step": 5e-3}, force=RIGHT),
+        "plastic plate, explicit": Case(
+            lambda: plastic_plate(1e-3),
+            10.0,
+            {"courant": 0.1, "scheme": "explicit"},
+            {"scheme": "explicit"},
+            RIGHT,
+        ),
+        "plastic plate, smooth start": Case(smoothly_pulled, 10.0, {"step": 5e-3}, force=RIGHT),
+        "viscoelastic bar": Case(
+            lambda: vibrating(
+                xf.materials.LinearViscoelastic(1.0, 0.2, ((0.3, 1.0), (0.3, 10.0)), 1.0)
+            ),
+            8.0,
+            {"step": 2e-3},
+            force=LEFT,
+        ),
+        "tetrahedra on a wall": Case(solid_block, 0.15, {"step": 5e-5, "tolerance": 1e-6}),
+        "sheared block, static": Case(
+            sheared_block, 2.0, {"step": 5e-3, "tolerance": 1e-7}, STATIC, accuracy_cost.TOP
+        ),
+        "ductile cell, static": Case(accuracy_asked.ductile_cell, 0.02, {"step": 2e-5}, STATIC),
+        "torn plate, static": Case(
+            pulled_plate, 1.0, {"step": 1e-3, "tolerance": 1e-8}, STATIC, TOP
+        ),
+        "sliding block": Case(sliding_block, 1.0, {"step": 1e-4}, {"step": 1e-2}),
+        "rocking block": Case(rocking_block, 2.0, {"step": 5e-5}, {"step": 5e-3}),
+        "falling discs": Case(
+            falling_discs, 0.6, {"step": 2e-5, "tolerance": 1e-5}, {"step": 2e-3}, motion=False
+        ),
+    }
+
+
+def run(case: Case, options: dict) -> dict:
+    """What a run gives: energies, largest force, motion at the end; its estimate."""
+    scene, options = case.build(), dict(options)
+    if "courant" in options:
+        options["step"] = options.pop("courant") * xf.Simulation(scene).bulk.critical_step()
+        options["step"] = case.end_time / np.ceil(case.end_time / options["step"])
+    simulation = xf.Simulation(scene, num_threads=1, **options)
+    force, held, steps = 0.0, 0.0, 0
+    start, moved, motion = None, 0.0, np.zeros(0)
+    if case.motion:
+        start = positions(simulation)
+    for step in simulation.steps(case.end_time):
+        e, steps = step.energies, steps + 1
+        held = max(held, abs(e["external_work"]), e["kinetic"] + e["elastic"] + e["cohesive"])
+        if isinstance(case.force, str):
+            force = max(force, float(np.linalg.norm(simulation.reaction_of(case.force))))
+        elif case.force is not None:
+            force = max(force, float(np.linalg.norm(simulation.reaction(case.force))))
+        if case.motion:
+            motion = positions(simulation) - start
+            moved = max(moved, float(np.linalg.norm(motion)))
+    energies = {k: v for k, v in step.energies.items() if k not in ("closure", "shadow")}
+    control = simulation.model.control
+    return {
+        "energies": energies, "held": held, "force": force, "motion": motion, "moved": moved,
+        "steps": steps, "estimated": simulation.estimated_error,
+        "parts": None if control is None else control.estimate.errors,
+    }  # fmt: skip
+
+
+def positions(simulation: xf.Simulation) -> np.ndarray:
+    """Displacements of all nodes and positions of all rigid bodies (m)."""
+    if simulation.rigid is None:
+        return simulation.state.displacement.copy()
+    return np.concatenate([simulation.state.displacement, simulation.rigid.state.position.ravel()])
+
+
+def errors(found: dict, fine: dict) -> dict[str, float]:
+    """Relative errors by quantity."""
+    out = {
+        name: abs(found["energies"][name] - value) / fine["held"]
+        for name, value in fine["energies"].items()
+        if name in found["energies"]
+    }
+    if fine["force"] > 0.0:
+        out["largest force"] = abs(found["force"] - fine["force"]) / fine["force"]
+    if len(fine["motion"]):
+        off = np.linalg.norm(found["motion"] - fine["motion"])
+        out["motion"] = float(off) / fine["moved"]
+    return out
+
+
+def main() -> None:
+    """Run the scenes and print the table."""
+    parser = argparse.ArgumentParser(description="Estimated over true errors.")
+    parser.add_argument("--only", default="", help="scenes whose name has this")
+    only = parser.parse_args().only
+    print("| scene | asked | true | of | estimated | over true | steps |\n" + "|---" * 7 + "|")
+    believed = []
+    for name, case in cases().items():
+        if only not in name:
+            continue
+        fine = run(case, {k: v for k, v in case.options.items() if k in STATIC} | case.fine)
+        for asked in ASKED:
+            options = dict(case.options)
+            if "step" in options:
+                options["step"] *= asked / ASKED[0]
+            found = run(case, options | {"accuracy": asked})
+            all_errors = errors(found, fine)
+            worst = max(all_errors, key=all_errors.get)
+            true = all_errors[worst]
+            ratio = found["estimated"] / true
+            little = max(true, found["estimated"]) < LITTLE * asked
+            believed.append(little or 1.0 / WITHIN <= ratio <= WITHIN)
+            print(
+                f"| {name} | {asked:g} | {true:.1e} | {worst} | {found['estimated']:.1e} | "
+                f"{ratio:.2f} | {found['steps']} |",
+                flush=True,
+            )
+            if only:
+                print({k: f"{v:.1e}" for k, v in all_errors.items()})
+                print({k: f"{v:.1e}" for k, v in found["parts"].items()})
+    print(
+        f"\nwithin a factor of {WITHIN:g}, or both below {LITTLE:g} of what was asked for: "
+        f"{sum(believed)} of {len(believed)} runs"
+    )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,131 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+r"""How well a mesh resolves the stress of the bulk: recovery of the stress at the vertices.
+
+The stress of linear simplices jumps from cell to cell; its mean over the cells that meet at a
+vertex, weighted by their measures, is one order better there. The distance of the two,
+
+    eta^2 = sum over cells int (s* - s) : C^-1 (s* - s) / int s* : C^-1 s*,
+
+estimates the error in the energy norm (Zienkiewicz and Zhu 1987). s* is linear in a cell, and means
+are taken over cells of one material that hang together around the vertex: in one body, or joined by
+bonds that have not spent their fracture energy. Energies err by eta^2.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from dolfinx import fem
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from xper_fx.bodies.explode import Bodies
+from xper_fx.support.compat import geometry_dofmap
+
+if TYPE_CHECKING:
+    from xper_fx.simulation.simulation import Simulation
+
+# Share of its fracture energy that a broken bond has spent.
+_BROKEN = 0.99
+# Effects of laws that join their lips.
+_OF_BONDS = {"cohesion", "perfect bond"}
+# Cells whose stress is constant, of linear displacements.
+_SIMPLICES = ("triangle", "tetrahedron")
+
+
+def bulk_resolution(simulation: Simulation) -> float | None:
+    """eta: the relative error of the stresses in the energy norm, at the present state.
+
+    Args:
+        simulation: a run of simplices of order 1 whose materials have Young's moduli.
+
+    Returns:
+        0 without stress; None where the estimate does not hold.
+    """
+    bodies, forms = simulation.scene.bodies, simulation.forms
+    if bodies is None or simulation.scene.order != 1:
+        return None
+    materials = simulation.scene.materials
+    elastic = all(hasattr(m, "young") and hasattr(m, "poisson") for m in materials.values())
+    if bodies.mesh.topology.cell_name() not in _SIMPLICES or not elastic:
+        return None
+    simulation.displacement  # noqa: B018  brings the state into the forms
+    stress, part = forms.stress_evaluator()(), simulation.part
+    if part is not None:
+        stress = simulation.ranks.gather(part.cells, stress)
+    measure = _measures(bodies)
+    group = _groups(bodies, _joined(simulation))
+    size = np.bincount(group.ravel(), np.repeat(measure, group.shape[1]))
+    recovered = np.empty((len(size), 9))
+    for k in range(9):
+        weighted = np.repeat(measure * stress.reshape(-1, 9)[:, k], group.shape[1])
+        recovered[:, k] = np.bincount(group.ravel(), weighted, len(size))
+    recovered /= np.where(size > 0.0, size, 1.0)[:, None]
+    at_vertices = recovered.reshape(-1, 3, 3)[group]
+    tags = bodies.material_of_cell
+    young, poisson = (
+        np.array([getattr(materials[t], name) for t in tags]) for name in ("young", "poisson")
+    )
+    distance = _energy(at_vertices - stress[:, None], measure, young, poisson)
+    energy = _energy(at_vertices, measure, young, poisson)
+    return float(np.sqrt(distance / energy)) if energy > 0.0 else 0.0
+
+
+def _measures(bodies: Bodies) -> np.ndarray:
+    """Area or volume of each cell, shape (num_cells,)."""
+    corners = bodies.mesh.geometry.x[geometry_dofmap(bodies.mesh)]
+    dim = bodies.mesh.geometry.dim
+    edges = (corners[:, 1:] - corners[:, :1])[:, :dim, :dim]
+    return np.abs(np.linalg.det(edges)) / (2.0 if dim == 2 else 6.0)
+
+
+def _joined(simulation: Simulation) -> np.ndarray:
+    """Facing facets whose bonds hold, shape (n,); contacts and broken ones do not."""
+    number = simulation.facets_with_law
+    if simulation.interactions is None or not len(number):
+        return np.zeros(0, int)
+    points = simulation.model.points.points_a_facet * len(number)
+    spent = simulation.interactions.gather("spent")[:points].reshape(len(number), -1)
+    laws, law = simulation.scene.law_of_facet()
+    effects = [{name for name, _ in one.kernels(simulation.bulk.dim).effects} for one in laws]
+    bonds = np.array([bool(names & _OF_BONDS) for names in effects])
+    return number[(spent < _BROKEN).any(axis=1) & bonds[law[number]]]
+
+
+def _groups(bodies: Bodies, joined: np.ndarray) -> np.ndarray:
+    """Number of the mean that each cell's vertices take part in, shape (num_cells, num_vertices).
+
+    Args:
+        bodies: the exploded mesh.
+        joined: facing facets across which means go on.
+    """
+    V = fem.functionspace(bodies.mesh, ("Lagrange", 1))
+    facing = bodies.facing_nodes(V)[joined]
+    nodes = len(V.tabulate_dof_coordinates())
+    one, other = facing[:, 0].ravel(), facing[:, 1].ravel()
+    graph = coo_array((np.ones(len(one)), (one, other)), shape=(nodes, nodes))
+    _, cluster = connected_components(graph, directed=False)
+    pairs = cluster[V.dofmap.list].astype(np.int64)
+    _, material = np.unique(bodies.material_of_cell, return_inverse=True)
+    pairs = pairs * (material.max() + 1) + material[:, None]
+    return np.unique(pairs, return_inverse=True)[1].reshape(pairs.shape)
+
+
+def _energy(
+    stress: np.ndarray, measure: np.ndarray, young: np.ndarray, poisson: np.ndarray
+) -> float:
+    """int s : C^-1 s over cells in which s is linear (2 J; 2D: 2 J/m).
+
+    Args:
+        stress: at the vertices, shape (num_cells, n, 3, 3), Pa.
+        measure, young, poisson: of the cells, shape (num_cells,).
+    """
+    n = stress.shape[1]
+    # int l_i l_j = measure (1 + delta_ij) / (n (n + 1))
+    total = stress.sum(axis=1)
+    squares = (stress**2).sum(axis=(1, 2, 3)) + (total**2).sum(axis=(1, 2))
+    traces = np.trace(stress, axis1=2, axis2=3)
+    pressures = (traces**2).sum(axis=1) + traces.sum(axis=1) ** 2
+    density = ((1.0 + poisson) * squares - poisson * pressures) / young
+    return float((measure * density).sum() / (n * (n + 1)))

@@ -1,0 +1,248 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""What a run shows of its own error, as it goes.
+
+The error is that of global quantities: energies, work, largest force, motion, relative to the
+largest energy held or to the largest force. What makes it, by name:
+
+- **time step**: with P = dE/dt of the external work, the kinetic and the elastic energy, a scheme
+  of second order leaves about h^3 |P''| / 12 a step. P'' comes from three steps. Energy that an
+  impact takes at once is no power and is left out;
+- **material**: `step_doubling.py`, for materials with a history and static paths with interactions;
+- **tolerance**: what impulses leave of wrong sign (`StepWork.numerical`), or `_OF_IMPULSES` times
+  the mean error that the solver left of the impulses themselves, whichever is more: tractions that
+  err by a share shift what bonds bear and spend by some of it;
+- **impacts** happen somewhere within a step: the energy that turns its way in that time, summed,
+  which cannot exceed all there is;
+- **damping** by theta above 1/2;
+- **closure** of the energy ledger;
+- **events**: a largest force between the ends of steps. It lies in the step up to the largest that
+  is seen or in that after it, and exceeds it by about a third of what the force grows by in the one
+  or falls by in the other, whichever is less: a smooth largest one is of second order. One that
+  still grows at the end lags by 1 - theta of a step, as forces are means over steps. The force is
+  that of the supports, or else the external power.
+
+`benchmarks/estimate_coverage.py` compares them with true errors.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from xper_fx.bulk.state import StepOutcome
+from xper_fx.nscd.stepped_points import StepWork
+from xper_fx.simulation.energy_ledger import BulkEnergies
+from xper_fx.simulation.step_doubling import StepDoubling
+from xper_fx.support.ranks import Ranks
+
+# Steps without damage after which bonds count as at rest.
+REST = 20
+# Error of global quantities over that of the impulses.
+_OF_IMPULSES = 3.0
+# Energy that an impact takes of the largest held, and what its time errs by, in steps.
+_AN_IMPACT, _OF_IMPACTS = 1e-6, 1.0
+# Error of global quantities over what materials leave within steps: stresses that err go on to.
+_OF_MATERIALS = 2.0
+# Work of the loads, relative to the largest energy, below which its power is no force to be missed.
+_LITTLE_WORK = 1e-3
+
+
+def changes(energies: BulkEnergies) -> np.ndarray:
+    """External work, gains of kinetic and elastic energy in a step (J; 2D: J/m), shape (3,)."""
+    return np.array([energies.work, energies.kinetic_change, energies.elastic_change])
+
+
+@dataclass
+class _Parts:
+    """What the error is made of (J; 2D: J/m), but for `quiet`, steps without damage, and `missed`.
+
+    Attributes:
+        scale: largest energy held.
+        quiet: steps since bonds were damaged.
+        left: by the time integration.
+        numerical, closure, damped: by impulses, what the ledger misses, by theta above 1/2.
+        work, worked: external, and the sum of its sizes.
+        impulses, steps: sum of the errors of the impulses (relative), steps made.
+        force, last_force, growth: largest force seen (N, or W), that of the last step, and by how
+            much it grew in the step of the largest.
+        missed: of a largest force, relative.
+        impacts: by the times of impacts.
+    """
+
+    scale: float
+    quiet: int = REST
+    left: float = 0.0
+    numerical: float = 0.0
+    closure: float = 0.0
+    damped: float = 0.0
+    work: float = 0.0
+    worked: float = 0.0
+    impulses: float = 0.0
+    steps: int = 0
+    force: float = 0.0
+    last_force: float = 0.0
+    growth: float = 0.0
+    missed: float = 0.0
+    impacts: float = 0.0
+
+
+class _Rate(NamedTuple):
+    """Rates of external work, kinetic and elastic energy (W; 2D: W/m) at the middle of a step."""
+
+    time: float
+    rate: np.ndarray
+
+
+class ErrorEstimate:
+    """Estimates the relative error of a run.
+
+    Args:
+        energy: energy held at the start (J; 2D: J/m).
+        doubles: whether steps are compared with those of twice the size now and then.
+        supported: whether supports bear forces, so that the largest of them is watched.
+        lag: time by which the mean force of a step lags behind its end, in steps.
+        ranks: that simulate the scene.
+
+    Attributes:
+        doubling: compares steps with those of twice the size, None where that is not called for.
+    """
+
+    def __init__(self, energy: float, doubles: bool, supported: bool, lag: float, ranks: Ranks):
+        self.doubling = StepDoubling() if doubles else None
+        self._supported, self._lag, self._ranks = supported, lag, ranks
+        self._parts = _Parts(energy)
+        self._rates: deque[_Rate] = deque(maxlen=2)
+        self._now = _Rate(0.0, np.zeros(3))
+
+    @property
+    def error(self) -> float:
+        """Relative error so far: the sum of `errors`."""
+        return sum(self.errors.values())
+
+    @property
+    def errors(self) -> dict[str, float]:
+        """Relative errors so far, by what makes them."""
+        parts = self._parts
+        scale = parts.scale or np.inf
+        impulses = _OF_IMPULSES * parts.impulses / max(parts.steps, 1)
+        watched = self._supported or parts.worked > _LITTLE_WORK * scale
+        within = 0.0 if self.doubling is None else _OF_MATERIALS * self.doubling.error
+        return {
+            "time step": parts.left / scale,
+            "material": within / scale,
+            "tolerance": max(self.numerical, impulses),
+            "impacts": parts.impacts / (scale + parts.impacts),
+            "damping": abs(parts.damped) / scale,
+            "closure": abs(parts.closure) / scale,
+            "events": parts.missed if watched else 0.0,
+        }
+
+    @property
+    def numerical(self) -> float:
+        """Energy of wrong sign that the impulses left so far, relative to the largest held."""
+        return abs(self._parts.numerical) / (self._parts.scale or np.inf)
+
+    @property
+    def quiet(self) -> int:
+        """Steps since bonds were damaged."""
+        return self._parts.quiet
+
+    def scale_with(self, energies: BulkEnergies) -> float:
+        """The largest energy held (J; 2D: J/m), a step's included that is not taken yet."""
+        return max(self._parts.scale, energies.kinetic + energies.elastic)
+
+    def see(self, time: float, size: float, change: np.ndarray) -> tuple[float, float]:
+        """Look at a step that may not be kept.
+
+        Args:
+            time: at its start (s).
+            size: h (s).
+            change: `changes` of its energies.
+
+        Returns:
+            What it leaves, all energies together, and by how much they turn from their last rates
+            (J; 2D: J/m); zero in the first steps.
+        """
+        self._now = _Rate(time + 0.5 * size, change / size)
+        if len(self._rates) < 2:
+            return 0.0, 0.0
+        turn = float(np.abs(change - size * self._rates[-1].rate).sum())
+        return float(self._left(size).sum()), turn
+
+    def _left(self, size: float) -> np.ndarray:
+        """What the last step leaves of each energy (J; 2D: J/m), shape (3,)."""
+        if len(self._rates) < 2:
+            return np.zeros(3)
+        (first, second), now = self._rates, self._now
+        bends = (now.rate - second.rate) / (now.time - second.time)
+        bends -= (second.rate - first.rate) / (second.time - first.time)
+        return size**3 / 6.0 * np.abs(bends) / (now.time - first.time)
+
+    def take(
+        self,
+        size: float,
+        energies: BulkEnergies,
+        work: StepWork | None,
+        closure: float,
+        outcome: StepOutcome,
+    ) -> None:
+        """Take in a step that was committed, the last that was seen.
+
+        Args:
+            size: h (s).
+            energies: of the bulk.
+            work: of the interactions, None without.
+            closure: what the energy ledger now misses (J; 2D: J/m).
+            outcome: of the step.
+        """
+        parts = self._parts
+        held = energies.kinetic + energies.elastic
+        if work is not None:
+            held += work.stored
+            parts.quiet = 0 if work.cohesion > 0.0 else parts.quiet + 1
+            parts.numerical += work.numerical
+            self._now.rate[1] += (work.impact + work.friction) / size
+            parts.impulses += min(outcome.residual, 1.0)
+            if work.impact > _AN_IMPACT * parts.scale and self._rates:
+                turn = size * np.abs(self._now.rate - self._rates[-1].rate)
+                parts.impacts += _OF_IMPACTS * float(turn.max())
+        # kinetic and elastic energy mirror each other; amplitudes err by half as much
+        parts.left += 0.5 * float(self._left(size).max())
+        self._rates.append(self._now)
+        parts.steps += 1
+        parts.work += energies.work
+        parts.worked += abs(energies.work)
+        parts.closure = closure
+        parts.damped += energies.damped
+        parts.scale = max(parts.scale, held, abs(parts.work))
+        force = abs(energies.work)
+        if self._supported:
+            force = self._ranks.sum(float(outcome.reactions @ outcome.reactions)) ** 0.5
+        self._watch(force / size)
+
+    def _watch(self, force: float) -> None:
+        parts = self._parts
+        if force > parts.force:
+            parts.growth, parts.force = force - parts.last_force, force
+            parts.missed = self._lag * parts.growth / force
+        elif parts.last_force == parts.force > 0.0:
+            parts.missed = min(parts.growth, parts.force - force) / (3.0 * parts.force)
+        parts.last_force = force
+
+    def saved(self) -> dict:
+        """What the error is made of."""
+        rates = [[r.time, *r.rate] for r in (*self._rates, self._now)]
+        saved = {"parts": vars(self._parts), "rates": np.array(rates)}
+        return saved if self.doubling is None else saved | {"doubling": self.doubling.saved()}
+
+    def restore(self, saved: Mapping) -> None:
+        """Take what `saved` gave."""
+        self._parts = _Parts(**saved["parts"])
+        *rates, self._now = (_Rate(float(row[0]), row[1:].copy()) for row in saved["rates"])
+        self._rates = deque(rates, maxlen=2)
+        if self.doubling is not None and "doubling" in saved:
+            self.doubling.restore(saved["doubling"])

@@ -1,0 +1,97 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""The verdict of a run: what was asked for, what was reached, what limits it, what to turn."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+from xper_fx.simulation.bulk_resolution import bulk_resolution
+from xper_fx.simulation.cohesive_scales import cohesive_scales
+
+if TYPE_CHECKING:
+    from xper_fx.simulation.simulation import Simulation
+
+# What makes the error (`error_estimate.py`), in words, and what makes it less.
+_CAUSES = {
+    "time step": ("the time step", "a shorter step"),
+    "material": ("plastic flow or friction within a step", "a shorter step"),
+    "tolerance": ("the tolerance of the impulses", "a tighter tolerance"),
+    "impacts": ("the times of impacts", "a shorter step"),
+    "damping": ("what theta above 1/2 damps", "theta = 1/2"),
+    "closure": ("the energy balance", "a shorter step"),
+    "events": ("a largest force between steps", "a shorter step"),
+}
+# Where the step is as short as it goes: below 0.7 of the critical step of the mesh.
+_AT_THE_FLOOR = "smoother loads, or the waves resolved by a finer mesh"
+# Share of what was asked for from which a part of the error is named.
+_WORTH_NAMING = 0.25
+# Facets that a cohesive length must span for results that do not depend on the mesh.
+_FACETS = 3.0
+
+
+class Verdict(NamedTuple):
+    """The verdict of a run.
+
+    Attributes:
+        asked, estimated: relative errors of global quantities.
+        reached: whether the estimate is within what was asked for.
+        parts: of the estimate by what makes them, largest first.
+        bulk: error of the bulk's stresses in the energy norm at the end (`bulk_resolution.py`),
+            None where it is not known; energies err by its square.
+        facets: that the shortest cohesive length of bonds that have weakened spans, None without.
+        limits: what limits the run and what to turn, a sentence's part each, largest first.
+    """
+
+    asked: float
+    estimated: float
+    reached: bool
+    parts: dict[str, float]
+    bulk: float | None
+    facets: float | None
+    limits: tuple[str, ...]
+
+    @property
+    def text(self) -> str:
+        """All of it in one line."""
+        said = f"accuracy: {self.asked:g} asked, {self.estimated:.2g} estimated"
+        said += ", reached" if self.reached else ", NOT reached"
+        return said + "".join(f"; {limit}" for limit in self.limits)
+
+
+def verdict(simulation: Simulation) -> Verdict | None:
+    """The verdict of a run so far; None where no accuracy was asked for."""
+    control = simulation.model.control
+    if control is None:
+        return None
+    asked = simulation.options.requested.accuracy
+    parts = dict(sorted(control.estimate.errors.items(), key=lambda part: -part[1]))
+    limits = []
+    for name, part in parts.items():
+        if part > _WORTH_NAMING * asked:
+            cause, cure = _CAUSES[name]
+            if cure == "a shorter step" and control.at_floor:
+                cure = _AT_THE_FLOOR
+            limits.append(f"{cause} {part:.1g} ({cure})")
+    bulk, facets = bulk_resolution(simulation), _facets(simulation)
+    mesh_is_fine = True
+    if facets is not None and facets < _FACETS:
+        mesh_is_fine = False
+        limits.append(
+            f"a cohesive length spans {facets:.2g} facets, so that cracks depend on the mesh "
+            f"({_FACETS:g} wanted: a finer mesh or a larger fracture energy)"
+        )
+    if bulk is not None and bulk**2 > asked:
+        mesh_is_fine = False
+        limits.append(f"the mesh leaves {bulk**2:.1g} of the elastic energy (a finer mesh)")
+    error = control.estimate.error
+    return Verdict(
+        asked, error, error <= asked and mesh_is_fine, parts, bulk, facets, tuple(limits)
+    )
+
+
+def _facets(simulation: Simulation) -> float | None:
+    """Facets in the shortest cohesive length of bonds, once some have spent energy."""
+    if simulation.ledger.energies.dissipated_cohesion <= 0.0:
+        return None
+    lengths = [scale["facets_in_cohesive_length"] for scale in cohesive_scales(simulation)]
+    return min(lengths, default=None)
