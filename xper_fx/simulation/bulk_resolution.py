@@ -13,18 +13,14 @@ bonds that have not spent their fracture energy. Energies err by eta^2.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from dolfinx import fem
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from xper_fx.bodies.explode import Bodies
+from xper_fx.simulation.readings import Readings
 from xper_fx.support.compat import geometry_dofmap
-
-if TYPE_CHECKING:
-    from xper_fx.simulation.simulation import Simulation
 
 # Share of its fracture energy that a broken bond has spent.
 _BROKEN = 0.99
@@ -34,7 +30,7 @@ _OF_BONDS = {"cohesion", "perfect bond"}
 _SIMPLICES = ("triangle", "tetrahedron")
 
 
-def bulk_resolution(simulation: Simulation) -> float | None:
+def bulk_resolution(simulation: Readings) -> float | None:
     """eta: the relative error of the stresses in the energy norm, at the present state.
 
     Args:
@@ -43,17 +39,17 @@ def bulk_resolution(simulation: Simulation) -> float | None:
     Returns:
         0 without stress; None where the estimate does not hold.
     """
-    bodies, forms = simulation.scene.bodies, simulation.forms
-    if bodies is None or simulation.scene.order != 1:
+    model = simulation.model
+    bodies, materials = model.scene.bodies, model.scene.materials
+    if bodies is None or model.scene.order != 1:
         return None
-    materials = simulation.scene.materials
     elastic = all(hasattr(m, "young") and hasattr(m, "poisson") for m in materials.values())
     if bodies.mesh.topology.cell_name() not in _SIMPLICES or not elastic:
         return None
     simulation.displacement  # noqa: B018  brings the state into the forms
-    stress, part = forms.stress_evaluator()(), simulation.part
+    stress, part = model.bulk.forms.stress_evaluator()(), model.part
     if part is not None:
-        stress = simulation.ranks.gather(part.cells, stress)
+        stress = model.ranks.gather(part.cells, stress)
     measure = _measures(bodies)
     group = _groups(bodies, _joined(simulation))
     size = np.bincount(group.ravel(), np.repeat(measure, group.shape[1]))
@@ -80,7 +76,7 @@ def _measures(bodies: Bodies) -> np.ndarray:
     return np.abs(np.linalg.det(edges)) / (2.0 if dim == 2 else 6.0)
 
 
-def _joined(simulation: Simulation) -> np.ndarray:
+def _joined(simulation: Readings) -> np.ndarray:
     """Facing facets whose bonds hold, shape (n,); contacts and broken ones do not."""
     number = simulation.facets_with_law
     if simulation.interactions is None or not len(number):

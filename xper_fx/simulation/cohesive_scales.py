@@ -9,15 +9,13 @@ one state at the end of the step; above it may snap within a step.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from xper_fx.nscd.laws.softening import softening_numbers
-
-if TYPE_CHECKING:
-    from xper_fx.simulation.simulation import Simulation
+from xper_fx.simulation.readings import Readings
 
 
-def cohesive_scales(simulation: Simulation) -> list[dict[str, Any]]:
+def cohesive_scales(simulation: Readings) -> list[dict[str, Any]]:
     """Scales of each cohesive law of a simulation, in the order of the laws.
 
     Returns:
@@ -25,18 +23,18 @@ def cohesive_scales(simulation: Simulation) -> list[dict[str, Any]]:
         softest material of the scene, facets it spans (mean facet), and softening number. Nothing
         without facing facets or if no material has a Young's modulus.
     """
-    interactions = simulation.interactions
-    bodies = simulation.scene.bodies
+    model = simulation.model
+    interactions, bodies = model.interactions, model.scene.bodies
     if interactions is None or bodies is None or not len(bodies.facets):
         return []
     facet = float(bodies.facets.measure.mean())
-    if simulation.bulk.dim == 3:
+    if model.bulk.dim == 3:
         facet = facet**0.5
-    isotropic = [m for m in simulation.scene.materials.values() if hasattr(m, "young")]
+    isotropic = [m for m in model.scene.materials.values() if hasattr(m, "young")]
     if not isotropic:
         return []
     modulus = min(m.young / (1.0 - m.poisson**2) for m in isotropic)
-    numbers = softening_numbers(interactions, simulation.step_size, simulation.theta)
+    numbers = softening_numbers(interactions, model.step_size, model.scheme.theta)
     scales = []
     for law, number in zip(interactions.laws, numbers, strict=True):
         if not hasattr(law, "softening_slope"):
@@ -54,7 +52,7 @@ def cohesive_scales(simulation: Simulation) -> list[dict[str, Any]]:
     return scales
 
 
-def cohesive_table(simulation: Simulation) -> str:
+def cohesive_table(simulation: Readings) -> str:
     """The scales as text, a line for each cohesive law."""
     return "\n".join(
         f"bond of {scale['strength'] / 1e6:.3g} MPa, {scale['fracture_energy']:g} J/m^2: "

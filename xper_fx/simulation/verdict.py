@@ -3,13 +3,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from xper_fx.simulation.bulk_resolution import bulk_resolution
 from xper_fx.simulation.cohesive_scales import cohesive_scales
-
-if TYPE_CHECKING:
-    from xper_fx.simulation.simulation import Simulation
+from xper_fx.simulation.readings import Readings
 
 # What makes the error (`error_estimate.py`), in words, and what makes it less.
 _CAUSES = {
@@ -58,12 +56,12 @@ class Verdict(NamedTuple):
         return said + "".join(f"; {limit}" for limit in self.limits)
 
 
-def verdict(simulation: Simulation) -> Verdict | None:
+def verdict(simulation: Readings) -> Verdict | None:
     """The verdict of a run so far; None where no accuracy was asked for."""
     control = simulation.model.control
     if control is None:
         return None
-    asked = simulation.options.requested.accuracy
+    asked = simulation.model.options.requested.accuracy
     parts = dict(sorted(control.estimate.errors.items(), key=lambda part: -part[1]))
     limits = []
     for name, part in parts.items():
@@ -89,9 +87,9 @@ def verdict(simulation: Simulation) -> Verdict | None:
     )
 
 
-def _facets(simulation: Simulation) -> float | None:
+def _facets(simulation: Readings) -> float | None:
     """Facets in the shortest cohesive length of bonds, once some have spent energy."""
-    if simulation.ledger.energies.dissipated_cohesion <= 0.0:
+    if simulation.model.ledger.energies.dissipated_cohesion <= 0.0:
         return None
     lengths = [scale["facets_in_cohesive_length"] for scale in cohesive_scales(simulation)]
     return min(lengths, default=None)
