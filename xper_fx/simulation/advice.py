@@ -26,6 +26,12 @@ AT_POINTS = (
     "with the bodies, or a looser tolerance; look at the last output first."
 )
 
+CONTRADICTORY = (
+    "Perfect bonds or contacts contradict each other, or what is prescribed on both their sides, "
+    "and their impulses grow without bound: look at what is prescribed and at the initial "
+    "velocities of driven nodes that face each other."
+)
+
 
 def flipped(place: np.ndarray) -> str:
     """Of the facet at a place (m), whose lips have no normal any more."""

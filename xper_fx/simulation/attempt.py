@@ -16,6 +16,7 @@ from xper_fx.nscd.solvers.solver import SolveOptions, Solver
 from xper_fx.nscd.stepped_points import FacetFlippedError
 from xper_fx.simulation.advice import (
     AT_POINTS,
+    CONTRADICTORY,
     FOR_NOTHING,
     OF_BULK,
     ON_PATH,
@@ -175,8 +176,9 @@ class StepAttempts:
             return () if options.inertia else (UNDER_LOAD,)
         if not options.inertia and self._model.interactions is not None:
             return (AT_POINTS,)
-        if residual <= tolerance < np.inf and newton > options.requested.newton_tolerance:
-            return (OF_BULK,)
+        if residual <= tolerance < np.inf:
+            bulk = newton > options.requested.newton_tolerance
+            return (OF_BULK if bulk else CONTRADICTORY,)
         return ()
 
     def turned_bonds(self, state: State, number: int, size: float) -> TurnedBonds | None:

@@ -4,7 +4,7 @@ r"""How well a mesh resolves the stress of the bulk: recovery of the stress at t
 The stress of linear simplices jumps from cell to cell; its mean over the cells that meet at a
 vertex, weighted by their measures, is one order better there. The distance of the two,
 
-    eta^2 = sum over cells int (s* - s) : C^-1 (s* - s) / int s* : C^-1 s*,
+    eta^2 = d / (d + sum int s : C^-1 s),    d = sum int (s* - s) : C^-1 (s* - s)  over the cells,
 
 estimates the error in the energy norm (Zienkiewicz and Zhu 1987). s* is linear in a cell, and means
 are taken over cells of one material that hang together around the vertex: in one body, or joined by
@@ -63,8 +63,9 @@ def bulk_resolution(simulation: Readings) -> float | None:
     young, poisson = (
         np.array([getattr(materials[t], name) for t in tags]) for name in ("young", "poisson")
     )
-    distance = _energy(at_vertices - stress[:, None], measure, young, poisson)
-    energy = _energy(at_vertices, measure, young, poisson)
+    cells = (measure, young, poisson)
+    distance = _energy(at_vertices - stress[:, None], *cells)
+    energy = distance + _energy(np.broadcast_to(stress[:, None], at_vertices.shape), *cells)
     return float(np.sqrt(distance / energy)) if energy > 0.0 else 0.0
 
 

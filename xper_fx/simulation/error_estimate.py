@@ -227,7 +227,8 @@ class ErrorEstimate:
     def _watch(self, force: float) -> None:
         parts = self._parts
         if force > parts.force:
-            parts.growth, parts.force = force - parts.last_force, force
+            before = parts.last_force if parts.steps > 1 else force
+            parts.growth, parts.force = force - before, force
             parts.missed = self._lag * parts.growth / force
         elif parts.last_force == parts.force > 0.0:
             parts.missed = min(parts.growth, parts.force - force) / (3.0 * parts.force)

@@ -84,7 +84,7 @@ class _Attempt:
             self.steps, self.iterations = self.steps + 1, self.iterations + iterations
             squares = sum(norm(c.reshape(-1)) ** 2 for c in changes)
             length = np.sqrt(self.interactions.total(squares))
-            fraction, reached = self._advance(changes, relative)
+            fraction, reached = self._advance(changes, size, relative)
             if fraction == 0.0:
                 return False
             amplification = max(1.0, length / size)
@@ -100,8 +100,12 @@ class _Attempt:
         impulse = max(impulse, self._floor)
         return size, size / impulse if impulse > 0.0 else size, traction
 
-    def _advance(self, changes: list[np.ndarray], relative: float):
-        """Go along dr as far as the residual falls; the fraction of it, and the residual there."""
+    def _advance(self, changes: list[np.ndarray], size: float, relative: float):
+        """Go along dr as far as |S(b) - r| falls; the fraction of it, and the residual there.
+
+        Relative to |r| it would fall too along what impulses leave undetermined, as perfect bonds
+        around a vertex do, and impulses would grow without bound.
+        """
         groups = self.interactions.groups
         before, start, push = self._before, self._start, self._push
         start[:] = self.velocity
@@ -122,8 +126,8 @@ class _Attempt:
         fraction = 1.0
         for _ in range(_HALVINGS):
             reached = go(fraction)
-            if reached[1] < (1.0 - _DECREASE) * relative or (
-                self.steps == 1 and reached[1] < _LEAP * relative
+            if reached[0] < (1.0 - _DECREASE) * size or (
+                self.steps == 1 and reached[1] < _LEAP * relative and reached[0] < _LEAP * size
             ):
                 return fraction, reached
             fraction *= 0.5

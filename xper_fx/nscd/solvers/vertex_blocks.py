@@ -637,7 +637,8 @@ def _solve_kernel(laws: tuple[LawKernels, ...], dim: int, unknowns: int, turns: 
                 previous = changed if batch > 0 else np.inf
                 if changed <= floor or error <= bound * total:
                     if evolve_all(b, v, groups) <= tolerance:
-                        return count, min(error, changed) / max(total, floor, _TINY), largest, True
+                        left = 0.0 if changed <= floor else min(error, changed) / max(total, _TINY)
+                        return count, left, largest, True
                     previous = np.inf
                 continue
             _, changed, total, largest = evaluate_all(b, v, blocks, 0, groups)
@@ -656,7 +657,8 @@ def _solve_kernel(laws: tuple[LawKernels, ...], dim: int, unknowns: int, turns: 
                     correct_all(b, v, blocks, 0, groups)
                     continue
             if evolve_all(b, v, groups) <= tolerance:
-                return count, error / max(total, floor, _TINY), largest, True
+                left = 0.0 if changed <= floor else error / max(total, _TINY)
+                return count, left, largest, True
             previous, fresh = np.inf, 0
         return max_sweeps, changed / max(total, floor, _TINY), largest, False
 
