@@ -18,8 +18,8 @@ so that v.M.v / 2 + q.K.q / 2 + S is conserved, the shadow energy of central dif
 Lubich and Wanner 2003 have its like for all such schemes). S is of order (h omega)^2 beside the
 elastic energy and reversible. Both forces are known at either end of a step: f(q_m) and f(q0) give
 S0, f(q1) and f(q_m) give S1. The energy ledger holds it, and closes to rounding; where a step is
-longer than the one before, S0 is not the last step's S1, and the ledger books the difference as
-numerical. For other materials S closes to second order, as their energies do.
+longer than the one before S is another, and the ledger books the difference as numerical. For other
+materials S closes to second order, as their energies do.
 """
 
 from __future__ import annotations

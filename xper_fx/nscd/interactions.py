@@ -304,7 +304,8 @@ class Interactions(SteppedPoints):
             free, velocity: shape (num_slots * dim,), before and after the impulses (m/s).
         """
         speed = self.largest(max(np.abs(v).max(initial=0.0) for v in (free, velocity)))
-        pushed = self.largest(max(np.abs(g.impulse).max(initial=0.0) for g in self.groups))
+        pushed = max((np.abs(g.impulse).max(initial=0.0) for g in self.groups), default=0.0)
+        pushed = self.largest(float(pushed))
         return bool(pushed > _LOST * self._mass * speed)
 
     @property

@@ -31,6 +31,9 @@ from xper_fx.nscd.stepped_points import StepWork
 if TYPE_CHECKING:
     from xper_fx.nscd.rigid.motion import RigidMotion, RigidWork
 
+# Relative difference of steps that is rounding.
+_SAME = 1e-9
+
 
 @dataclass
 class Energies:
@@ -108,7 +111,7 @@ class EnergyLedger:
             elastic=bulk.elastic_energy(state.displacement, state.internal),
         )
         self._at_start = self.energies.held_and_lost
-        self._began = False
+        self._last_step = 0.0
 
     @property
     def closure(self) -> float:
@@ -175,16 +178,19 @@ class EnergyLedger:
             )
         return damped
 
-    def record(self, outcome: StepOutcome, bulk: BulkEnergies, work: StepWork | None) -> None:
+    def record(
+        self, outcome: StepOutcome, step: float, bulk: BulkEnergies, work: StepWork | None
+    ) -> None:
         """Enter a step that has converged.
 
         Args:
             outcome: the step.
+            step: h (s).
             bulk: what `bulk_energies` gave for it.
             work: what the interactions did, None without interactions.
         """
         e = self.energies
-        self._take_shadow(*outcome.shadow)
+        self._take_shadow(*outcome.shadow, step)
         e.external_work += bulk.work
         e.kinetic, e.elastic = bulk.kinetic, bulk.elastic
         e.dissipated_plastic += bulk.plastic
@@ -197,18 +203,21 @@ class EnergyLedger:
             e.dissipated_impact += work.impact
             e.dissipated_numerical += work.numerical
 
-    def _take_shadow(self, start: float, end: float) -> None:
-        """Hold what the scheme conserves beside the physical energies (J; 2D: J/m).
+    def _take_shadow(self, start: float, end: float, step: float) -> None:
+        """Hold what the scheme conserves beside the physical energies.
+
+        It goes with the square of the step: another step than the one before makes it another.
 
         Args:
-            start, end: of the step; another one at the start than was held comes of another size of
-                the step, but for the first, which there is no step before.
+            start, end: of the step (J; 2D: J/m).
+            step: h (s).
         """
-        if not self._began:
-            self._began = True
+        if self._last_step == 0.0:
             self._at_start += start
-        else:
-            self.energies.dissipated_numerical += self.energies.shadow - start
+        elif abs(step - self._last_step) > _SAME * step:
+            share = 1.0 - (step / self._last_step) ** 2
+            self.energies.dissipated_numerical += share * self.energies.shadow
+        self._last_step = step
         self.energies.shadow = end
 
     def as_columns(self) -> dict[str, float]:
@@ -221,11 +230,11 @@ class EnergyLedger:
         return columns
 
     def saved(self) -> dict[str, float]:
-        """All energies, what was held at the start, and whether a step was entered."""
-        return vars(self.energies) | {"at_start": self._at_start, "began": float(self._began)}
+        """All energies, what was held at the start, and the last step."""
+        return vars(self.energies) | {"at_start": self._at_start, "last_step": self._last_step}
 
     def restore(self, saved: Mapping[str, float]) -> None:
         """Take the energies from what `saved` gave."""
         energies = dict(saved)
-        self._at_start, self._began = energies.pop("at_start"), bool(energies.pop("began"))
+        self._at_start, self._last_step = energies.pop("at_start"), energies.pop("last_step")
         self.energies = Energies(**energies)

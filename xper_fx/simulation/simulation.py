@@ -349,7 +349,7 @@ class Simulation(Restartable):
                 if self.interactions is None
                 else self.interactions.commit(outcome.slots, not self.options.inertia)
             )
-            self.ledger.record(outcome, energies, work)
+            self.ledger.record(outcome, size, energies, work)
         self._require_finite(not_finite_columns(self.ledger.as_columns()), size)
         if work is not None and not self.options.inertia and self.path is None:
             attempts.doubts.tell_snap(work, self.step_number + 1, size)
