@@ -23,6 +23,7 @@ import pytest
 from on_ranks import on_ranks
 from scenes import box_bodies
 
+from xper_fx.forms.loads import Gravity
 from xper_fx.materials import NeoHookean
 from xper_fx.nscd.laws import CohesiveZone, PerfectBond, SignoriniCoulomb, Tresca
 from xper_fx.output.effects import EFFECTS, effects_of, effects_table
@@ -131,6 +132,19 @@ LAWS = (
     Tresca(1e3, contact="position"),
     PerfectBond(),
 )
+
+
+@pytest.mark.parametrize("scheme", ["implicit", "explicit"])
+def test_loads_of_either_scheme_are_in_the_table(scheme):
+    """An explicit bulk keeps no external forces in its state."""
+    scene = Scene(
+        box_bodies((1.0, 1.0), (1, 1), label=0),
+        {1: NeoHookean(1.0, 0.3, 1.0)},
+        loads=[Gravity((0.0, -1.0))],
+    )
+    simulation = Simulation(scene, scheme=scheme)
+    next(simulation.steps(simulation.step_size))
+    assert "external forces" in [effect.name for effect in effects_of(simulation) if effect.on]
 
 
 @pytest.mark.parametrize("dim", (2, 3))

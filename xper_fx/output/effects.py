@@ -103,7 +103,7 @@ EFFECTS = (
     Effect(
         "external forces",
         lambda s: s.forms.external is not None,
-        lambda s: s.state.external.nbytes,
+        lambda s: np.asarray(s.state.external).nbytes,
     ),
     Effect("finite strain", lambda s: "finite strain" in _material_effects(s)),
     Effect("Newton of the bulk", lambda s: not s.bulk.linear or _springs_of_bodies(s)),
