@@ -330,7 +330,7 @@ def explode(
 
     Raises:
         SerialOnlyError: the mesh is spread over several processes.
-        TypeError: `bodies`, `cell_tags` or `facet_tags` is of the wrong type.
+        TypeError: `bodies`, `cell_tags`, `facet_tags` or `voids` is of the wrong type.
         ValueError: labels or tags do not fit the mesh; a cell is degenerate; a facet is shared
             by three cells; two cells overlap at a facet; the geometry is not first order; facets
             of a periodic cell's boundary have no translate.
@@ -343,6 +343,8 @@ def explode(
     parent_facet_tag = _facet_tag_array(facet_tags, mesh)
     cells_of_facet = facet_cells(mesh)
     meeting = _meeting_cells(mesh, cells_of_facet, parent_facet_tag[1])
+    if not np.iterable(voids):
+        raise TypeError(f"voids should be a list of facet tags, got {voids!r}.")
     if len(voids) and lattice is None:
         raise ValueError(
             f"voids is {list(voids)} without a lattice; they are those of a periodic cell."

@@ -24,7 +24,11 @@ def value_at(value: Value, time: float) -> float:
         ValueError: the load's function gives a number that is not finite.
         TypeError: it gives no number.
     """
-    given = value(time) if callable(value) else value
+    try:
+        given = value(time) if callable(value) else value
+    except Exception as error:
+        error.add_note(f"A load is a number or a function of time (s), called with t = {time}.")
+        raise
     if not isinstance(given, Real):
         given = np.asarray(given)
         if given.size != 1 or given.dtype.kind not in "biuf":

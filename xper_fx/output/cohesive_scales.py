@@ -9,12 +9,11 @@ one state at the end of the step; above it may snap within a step.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from xper_fx.nscd.laws.softening import softening_numbers
-
-if TYPE_CHECKING:
-    from xper_fx.simulation.simulation import Simulation
+from xper_fx.simulation.simulation import Simulation
+from xper_fx.support.checks import require_kind
 
 
 def cohesive_scales(simulation: Simulation) -> list[dict[str, Any]]:
@@ -55,7 +54,12 @@ def cohesive_scales(simulation: Simulation) -> list[dict[str, Any]]:
 
 
 def cohesive_table(simulation: Simulation) -> str:
-    """The scales as text, a line for each cohesive law."""
+    """The scales as text, a line for each cohesive law.
+
+    Raises:
+        TypeError: no simulation.
+    """
+    require_kind("simulation", simulation, Simulation)
     return "\n".join(
         f"bond of {scale['strength'] / 1e6:.3g} MPa, {scale['fracture_energy']:g} J/m^2: "
         f"cohesive length {1e9 * scale['cohesive_length']:.3g} nm = "

@@ -121,6 +121,9 @@ class MacroscopicDrive:
         Returns:
             Shape (dim^2,), 1/s; zero for components driven by stress. `rate` is taken in the
             middle of the step, which is of second order.
+
+        Raises:
+            ValueError: the cell would have no length, or less, along an axis.
         """
         out = np.zeros(dim * dim)
         elapsed = step if elapsed is None else elapsed
@@ -131,6 +134,14 @@ class MacroscopicDrive:
         for name, value in self.rate.items():
             mean = value_at(value, time - 0.5 * elapsed)
             out[self.place(name, dim)] = mean * (elapsed / step)
+        for i in "123"[:dim]:
+            place = self.place(i + i, dim)
+            length = 1.0 + gradient[place] + step * out[place]
+            if not length > 0.0:
+                raise ValueError(
+                    f"F{i}{i} is driven to {length:.3g} at t = {time:g} s, and a cell has no "
+                    "length below 0; look at the sign and the size of the drive and at the time."
+                )
         return out
 
     def stresses(self, dim: int, time: float) -> np.ndarray:

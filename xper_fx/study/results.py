@@ -27,6 +27,9 @@ COSTS = {
 }
 """What a run costs: entry of its record, and its name, unit and the unit's value in figures."""
 
+TIMES = ("seconds", "cpu_seconds")
+"""What counts as time."""
+
 # Errors that differ by less than this share count as the same when a parameter is tightened.
 _GAIN = 0.15
 
@@ -127,8 +130,8 @@ class StudyResults:
     """
 
     def __init__(self, study: Study, runs: Sequence[Run], time: str = "seconds"):
-        if time not in ("seconds", "cpu_seconds"):
-            raise ValueError(f'time should be "seconds" or "cpu_seconds", got {time!r}.')
+        if time not in TIMES:
+            raise ValueError(f"time should be one of {', '.join(TIMES)}, got {time!r}.")
         self.study, self.runs, self.time = study, list(runs), time
         self.reference = self._run_of(study.reference)
         if self.reference is not None and not self.reference.done:

@@ -48,6 +48,7 @@ class Polyhedron(Cornered):
 
     Raises:
         ValueError: not finite, open, not convex, a warped or inverted face, an unused vertex.
+        TypeError: faces that are no lists.
     """
 
     vertices: npt.ArrayLike
@@ -66,6 +67,10 @@ class Polyhedron(Cornered):
             raise ValueError(f"Vertex {bad} of a polyhedron is not finite: {vertices[bad]}.")
         vertices.flags.writeable = False
         object.__setattr__(self, "vertices", vertices)
+        if not np.iterable(self.faces) or not all(np.iterable(face) for face in self.faces):
+            raise TypeError(
+                f"The faces of a polyhedron should be lists of vertex numbers, got {self.faces!r}."
+            )
         faces = tuple(np.asarray(face).tolist() for face in self.faces)
         object.__setattr__(self, "faces", tuple(tuple(face) for face in faces))
         self._check_loops()
