@@ -463,7 +463,7 @@ def scenes() -> list[Misuse]:
             lambda: of_cell(loads=[xf.Gravity((0.0, -9.81))]),
         ),
         "a cell squeezed to nothing": (
-            "F11|gradient|turned|volume",
+            "volume",
             lambda: steps_of(
                 of_cell(
                     xf.MacroscopicDrive(

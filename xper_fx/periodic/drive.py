@@ -123,7 +123,7 @@ class MacroscopicDrive:
             middle of the step, which is of second order.
 
         Raises:
-            ValueError: the cell would have no length, or less, along an axis.
+            ValueError: the cell would have no volume, or be inside out.
         """
         out = np.zeros(dim * dim)
         elapsed = step if elapsed is None else elapsed
@@ -134,15 +134,19 @@ class MacroscopicDrive:
         for name, value in self.rate.items():
             mean = value_at(value, time - 0.5 * elapsed)
             out[self.place(name, dim)] = mean * (elapsed / step)
-        for i in "123"[:dim]:
-            place = self.place(i + i, dim)
-            length = 1.0 + gradient[place] + step * out[place]
-            if not length > 0.0:
-                raise ValueError(
-                    f"F{i}{i} is driven to {length:.3g} at t = {time:g} s, and a cell has no "
-                    "length below 0; look at the sign and the size of the drive and at the time."
-                )
+        self._require_volume(np.eye(dim) + (gradient + step * out).reshape(dim, dim).T, time)
         return out
+
+    def _require_volume(self, end: np.ndarray, time: float) -> None:
+        """Raise a ValueError if Fbar turns the cell inside out.
+
+        Stretches that follow from stresses are taken as at the start of the step.
+        """
+        if all(i == j for i, j in self.stress) and not np.linalg.det(end) > 0.0:
+            raise ValueError(
+                f"Fbar is driven to {end.tolist()} at t = {time:g} s, where the cell has no volume "
+                "or is inside out; look at the signs and sizes in the drive and at the time."
+            )
 
     def stresses(self, dim: int, time: float) -> np.ndarray:
         """Pibar of the components driven by it, column by column, shape (dim^2,), Pa."""
