@@ -578,6 +578,7 @@ def test_options_of_a_command_line():
 def usual_handlers():
     """What Python does at a signal, whatever a test before or the shell has chosen."""
     usual = {signal.SIGTERM: signal.SIG_DFL, signal.SIGINT: signal.default_int_handler}
+    usual[signal.SIGHUP] = signal.SIG_DFL
     before = {number: signal.signal(number, handler) for number, handler in usual.items()}
     yield
     for number, handler in before.items():
@@ -593,6 +594,11 @@ def test_signals_are_noted_once_and_only_within(usual_handlers):
         with pytest.raises(KeyboardInterrupt):
             signal.raise_signal(signal.SIGINT)
     assert [signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGINT)] == before
+
+    signal.signal(signal.SIGHUP, signal.SIG_IGN)  # as `nohup` does
+    with Interruption() as interruption:
+        signal.raise_signal(signal.SIGHUP)
+        assert interruption.number == 0
 
     def elsewhere():
         with Interruption():
@@ -622,7 +628,7 @@ def processes(tmp_path_factory):
 def test_twenty_kills_lose_nothing_but_the_last_steps(processes):
     folder, found = processes
     killed = found["killed"]
-    assert killed["statuses"] == [-signal.SIGPROF] * 20 and killed["last"] == 0
+    assert killed["statuses"] == [-signal.SIGKILL] * 20 and killed["last"] == 0
     saved, reached = np.array(killed["saved"]), np.array(killed["reached"])
     assert np.all(np.diff(saved) >= 0) and np.all(reached >= saved)
     assert len(np.unique(saved)) > 5 and np.count_nonzero(reached > saved) > 5
@@ -643,13 +649,15 @@ def assert_same(one, other) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("name", "status"), [("terminated", 143), ("interrupted", 130)])
+@pytest.mark.parametrize(
+    ("name", "status"), [("terminated", 143), ("interrupted", 130), ("hung_up", 129)]
+)
 def test_a_signal_ends_a_run_that_can_go_on(processes, name, status):
     folder, found = processes
     assert found[name] == found[name] | {"status": status, "saved": True, "after": 0}
     assert 5 <= found[name]["steps"] < 300
     log = (folder / f"{name}.log").read_text()
-    signal_name = {143: "SIGTERM", 130: "SIGINT"}[status]
+    signal_name = signal.Signals(status - 128).name
     assert f"bar: ended by {signal_name} at" in log and "--restart" in log
     same_files(folder / "whole", folder / name)
 
