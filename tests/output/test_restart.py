@@ -414,6 +414,29 @@ def test_rigid_bodies_go_on_too(tmp_path):
     same_files(tmp_path / "whole", tmp_path / "run", ("rigid",))
 
 
+@pytest.mark.parametrize(
+    ("how", "words"),
+    [
+        ({"shape": (1 << 37,), "chunks": (1 << 16,)}, "'bulk/huge' declares 1099511627776 bytes"),
+        ({"shape": (1 << 37,), "chunks": (1 << 16,), "compression": "gzip"}, "declares 1099511"),
+        ({"shape": (1,), "external": [("/etc/hostname", 0, 8)]}, "'bulk/huge' .* external files"),
+        (h5py.ExternalLink("other.h5", "x"), "'/bulk/huge' is a link into another file"),
+    ],
+)
+def test_a_file_holds_what_it_declares(tmp_path, how, words):
+    """Before a byte of it is allocated, or another file opened."""
+    path = tmp_path / "c.h5"
+    write_tree(path, {"bulk": {"a": np.zeros(10_000)}})
+    read_tree(path)
+    with h5py.File(path, "a") as file:
+        if isinstance(how, dict):
+            file["bulk"].create_dataset("huge", dtype="f8", **how)
+        else:
+            file["bulk/huge"] = how
+    with pytest.raises(CheckpointError, match=words):
+        read_tree(path)
+
+
 def test_a_damaged_last_file_loses_nothing_older(whole, folder):
     """A kill within a write may leave the HDF5 file unreadable; the sealed ones are not opened."""
     assert (folder / "bulk.1.h5").exists()

@@ -334,9 +334,11 @@ def steps() -> list[Misuse]:
             lambda: advanced(lambda s: s.reaction(1), of_cell()),
         ),
         "saving by a number": ("function & 3", lambda: run_of().save_on_failure(3)),
-        "cracks of an inclusion that is not there": (
-            "inclusion & 7",
-            lambda: advanced(lambda s: o.find_cracks(s, 7)),
+        "cracks of a scene without inclusion": (
+            "",
+            lambda: advanced(
+                lambda s: RIGHT if len(o.find_cracks(s, 7).kind) == 0 else None,
+            ),
         ),
         "cracks of a word": (
             "inclusion & hydride",

@@ -90,6 +90,28 @@ def run_of_plate(**changes):
     return xf.Simulation(of_plate(**changes), 1e-5, num_threads=1)
 
 
+def near_block(height):
+    """A disc of radius 0.3 above or in `block`, which is 1 m high."""
+    ball = xf.RigidBody(xf.rigid.Disc(0.3), (0.5, height), "ball", density=1e3)
+    return of_block(
+        surfaces={"block": (1,)}, rigid=[ball], contacts=[xf.Contact(("block", "ball"), TOUCH)]
+    )
+
+
+def blocks(height):
+    """A block above or in another one, which is 1 m high."""
+    lower, upper = mesh_of((1, 1), (2, 2)), mesh_of((1, 1), (2, 2))
+    upper.geometry.x[:, :2] += (0.05, height)
+    tags = [xf.tag_cells(lower, {}, 1), xf.tag_cells(upper, {}, 2)]
+    joined = xf.join_meshes([lower, upper], tags)
+    return xf.Scene(
+        xf.explode(joined.mesh, joined.part, joined.cell_tags),
+        {1: SOLID, 2: SOLID},
+        surfaces={"lower": (1,), "upper": (2,)},
+        contacts=[xf.Contact(("lower", "upper"), TOUCH)],
+    )
+
+
 class NoKernels:
     """A law that says nothing."""
 
@@ -401,6 +423,11 @@ def scenes() -> list[Misuse]:
                 )
             ),
         ),
+        "a disc that cuts a block": ("overlap & apart", lambda: steps_of(near_block(1.15))),
+        "a disc inside of a block": ("rigid body 0 & apart", lambda: steps_of(near_block(0.5))),
+        "a disc on a block": ("", lambda: _quiet(lambda: steps_of(near_block(1.3)))),
+        "blocks that overlap": ("bodies 0 and 1 & apart", lambda: steps_of(blocks(0.9))),
+        "blocks that touch": ("", lambda: _quiet(lambda: steps_of(blocks(1.0)))),
         "walls for a rigid scene": (
             "walls & mesh",
             lambda: of_discs(disc(), walls=[xf.Wall(1, (0, 0), (0, 1), TOUCH)]),

@@ -11,8 +11,6 @@ from itertools import combinations_with_replacement
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from xper_fx.bodies.meshes import (
     cell_measure,
@@ -52,6 +50,10 @@ def scene_doubts(scene: Scene, step: float | None) -> Iterator[str]:
             yield from _wall_doubts(scene, wall)
         yield from _tractions_in_cracks(scene)
         size = _body_sizes(scene)
+        if scene.surfaces:
+            from xper_fx.scene.mesh_overlaps import mesh_overlaps
+
+            yield from mesh_overlaps(scene)
         yield from _units(scene, size.min(), step)
         yield from _soft_bonds(scene, size)
 
@@ -91,13 +93,10 @@ def _groups(scene: Scene) -> tuple[dict[str, bool], dict[str, bool]]:
 
 def _is_in_pieces(scene: Scene, tags) -> bool:
     """Whether some bodies of cell tags are joined by no facing facets with a law."""
-    bodies = scene.bodies
-    _, law = scene.law_of_facet()
-    pairs = bodies.facets.bodies[law >= 0].T
-    graph = coo_array((np.ones(pairs.shape[1]), tuple(pairs)), shape=(bodies.num_bodies,) * 2)
-    _, piece = connected_components(graph, directed=False)
-    own = np.isin(bodies.material_of_cell, list(tags))
-    return len(np.unique(piece[bodies.body_of_cell[own]])) > 1
+    from xper_fx.scene.mesh_overlaps import pieces_of_bodies
+
+    own = np.isin(scene.bodies.material_of_cell, list(tags))
+    return len(np.unique(pieces_of_bodies(scene)[scene.bodies.body_of_cell[own]])) > 1
 
 
 def _degrees(scene: Scene) -> Iterator[str]:
