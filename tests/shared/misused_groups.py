@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import misused_late as late
 import misused_runs as runs
 import misused_scenes as scenes
 import misused_tools as tools
@@ -23,4 +24,7 @@ GROUPS = {
     "friction": tools.friction,
     "studies": tools.studies,
     "figures": tools.figures,
+    "shapes": late.shapes,
+    "results": late.studied,
+    "late": late.late,
 }

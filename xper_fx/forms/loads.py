@@ -14,6 +14,9 @@ import numpy as np
 
 from xper_fx.support.checks import require_non_negative
 
+# Sizes of loads from which on their works are beyond the range of floats.
+_LARGEST = 1e150
+
 Value = float | Callable[[float], float]
 
 
@@ -35,8 +38,11 @@ def value_at(value: Value, time: float) -> float:
             raise TypeError(f"A load is {given!r} at t = {time} s; it should be a number.")
         given = given.item()
     number = float(given)
-    if not np.isfinite(number):
-        raise ValueError(f"A load is {number} at t = {time} s; it should be a finite number.")
+    if not abs(number) < _LARGEST:
+        raise ValueError(
+            f"A load is {number} at t = {time} s; it should be a finite number, whose square is "
+            "within the range of floats."
+        )
     return number
 
 

@@ -36,6 +36,8 @@ logger = logging.getLogger(__name__)
 
 # Steps of a picked explicit bulk above which a user is told that an implicit one may be cheaper.
 _MANY_STEPS = 100_000
+# Steps of a given size that hardly anyone waits for.
+_TOO_MANY = 10**9
 # Time this small beside the end is rounding.
 _ROUNDING = 1e-12
 
@@ -210,6 +212,11 @@ class Simulation(Restartable):
         resumes, self._resumes = self._resumes, False
         if not (resumes and course.is_to(end_time, self.step_size)):
             course = self._course = Course.planned(self.state.time, end_time, self.step_size)
+        if fixed and course.left > _TOO_MANY:
+            logger.warning(
+                "%.3g steps of %.3g s to %g s: look at the units of step and end_time",
+                course.left, self.step_size, end_time,
+            )  # fmt: skip
         yield from self._advance(end_time)
         if fixed:
             while course.left > 0:
