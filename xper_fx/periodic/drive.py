@@ -138,11 +138,15 @@ class MacroscopicDrive:
         return out
 
     def _require_volume(self, end: np.ndarray, time: float) -> None:
-        """Raise a ValueError if Fbar turns the cell inside out.
+        """Raise a ValueError if what is driven of Fbar turns the cell inside out.
 
-        Stretches that follow from stresses are taken as at the start of the step.
+        Stretches that follow from stresses are not driven, and taken as 1.
         """
-        if all(i == j for i, j in self.stress) and not np.linalg.det(end) > 0.0:
+        if any(i != j for i, j in self.stress):
+            return
+        for i, j in self.stress:
+            end[int(i) - 1, int(j) - 1] = 1.0
+        if not np.linalg.det(end) > 0.0:
             raise ValueError(
                 f"Fbar is driven to {end.tolist()} at t = {time:g} s, where the cell has no volume "
                 "or is inside out; look at the signs and sizes in the drive and at the time."
