@@ -148,8 +148,9 @@ class MacroscopicDrive:
             end[int(i) - 1, int(j) - 1] = 1.0
         if not np.linalg.det(end) > 0.0:
             raise ValueError(
-                f"Fbar is driven to {np.round(end, 6).tolist()} at t = {time:g} s, where the cell has no volume "
-                "or is inside out; look at the signs and sizes in the drive and at the time."
+                f"Fbar is driven to {np.round(end, 6).tolist()} at t = {time:g} s, where the cell "
+                "has no volume or is inside out; look at the signs and sizes in the drive and at "
+                "the time."
             )
 
     def stresses(self, dim: int, time: float) -> np.ndarray:
