@@ -49,13 +49,12 @@ def scene_doubts(scene: Scene, step: float | None) -> Iterator[str]:
         for wall in scene.walls:
             yield from _wall_doubts(scene, wall)
         yield from _tractions_in_cracks(scene)
-        size = _body_sizes(scene)
         if scene.surfaces:
             from xper_fx.scene.mesh_overlaps import mesh_overlaps
 
             yield from mesh_overlaps(scene)
-        yield from _units(scene, size.min(), step)
-        yield from _soft_bonds(scene, size)
+        yield from _units(scene, step)
+        yield from _soft_bonds(scene)
 
 
 def _undecided_pairs(scene: Scene) -> Iterator[str]:
@@ -153,7 +152,7 @@ def _body_sizes(scene: Scene) -> np.ndarray:
     return np.bincount(scene.bodies.body_of_cell, volume) ** (1.0 / scene.dim)
 
 
-def _units(scene: Scene, size: float, step: float | None) -> Iterator[str]:
+def _units(scene: Scene, step: float | None) -> Iterator[str]:
     """Waves faster than in any solid, or a step in which they go nowhere."""
     elastic = {t: m for t, m in scene.materials.items() if hasattr(m, "young")}
     speeds = {t: float(np.max(m.young) / m.density) ** 0.5 for t, m in elastic.items()}
@@ -167,7 +166,13 @@ def _units(scene: Scene, size: float, step: float | None) -> Iterator[str]:
             f"{np.max(material.young):.3g} Pa and its density {material.density:.3g} kg/m^3; look "
             "at the units"
         )
-    elif step is not None and step * min(speeds.values()) < _SHORTEST * size:
+        return
+    way = np.inf if step is None else step * min(speeds.values())
+    # bodies are no larger than all of them
+    if way > _SHORTEST * np.ptp(scene.bodies.mesh.geometry.x, axis=0).max():
+        return
+    size = float(_body_sizes(scene).min())
+    if way < _SHORTEST * size:
         crossing = size / min(speeds.values())
         yield (
             f"the step of {step:.3g} s is short beside the {crossing:.3g} s that a wave takes "
@@ -175,13 +180,20 @@ def _units(scene: Scene, size: float, step: float | None) -> Iterator[str]:
         )
 
 
-def _soft_bonds(scene: Scene, size: np.ndarray) -> Iterator[str]:
+def _soft_bonds(scene: Scene) -> Iterator[str]:
     """Cohesive laws softer than the bodies that they join."""
+    given = (*scene.interactions.values(), *scene.facet_interactions.values())
+    given = [law for law in (*given, scene.default_interaction) if hasattr(law, "normal_stiffness")]
+    moduli = [np.max(m.young) for m in scene.materials.values() if hasattr(m, "young")]
+    if not given or not moduli or not len(scene.bodies.facets):
+        return
+    # bodies are as large as their facets
+    shortest = float(scene.bodies.facets.measure.min()) ** (1.0 / (scene.dim - 1))
+    if min(law.normal_stiffness for law in given) * shortest > _SOFT * min(moduli):
+        return
+    size = _body_sizes(scene)
     laws, law_of_facet = scene.law_of_facet()
     suspects = [i for i, law in enumerate(laws) if hasattr(law, "normal_stiffness")]
-    moduli = [np.max(m.young) for m in scene.materials.values() if hasattr(m, "young")]
-    if not suspects or not moduli:
-        return
     for number in suspects:
         joined = scene.bodies.facets.bodies[law_of_facet == number]
         if not len(joined):
