@@ -536,6 +536,14 @@ def records() -> list[Misuse]:
         "restart from a file with external storage": ("external", lambda: _from(_external)),
         "restart from a file with an external link": ("external|link", lambda: _from(_linked)),
         "restart from a file with a soft link": ("damaged", lambda: _from(_soft)),
+        "restart with fields that were cut": ("bulk.h5 & cut short", lambda: _of_fields(b"x")),
+        "restart with fields of no HDF5": ("bulk.h5 & damaged", lambda: _of_fields(bytes(9999))),
+        "a summary of None": ("found & None", lambda: xf.add_to_summary(_recorded_run(), None)),
+        "a summary with NaN": ("nan", lambda: xf.add_to_summary(_recorded_run(), {"a": NAN})),
+        "a summary of a damaged file": (
+            "summary.json & no summary",
+            lambda: xf.add_to_summary(_recorded_run("{"), {"a": 1}),
+        ),
         "restart from a folder": ("checkpoint", lambda: _from(_a_folder)),
         "recorded steps of a simulation": (
             "Recorder & Simulation",
@@ -624,6 +632,20 @@ def _from(change):
     path = where / "checkpoint.h5"
     change(path)
     return recorder(folder=where, restart=True)
+
+
+def _of_fields(content):
+    """A restart with fields that something was done to."""
+    where = recorded(fields=3).folder
+    (where / "bulk.h5").write_bytes(content)
+    return recorder(folder=where, fields=3, restart=True)
+
+
+def _recorded_run(summary=None):
+    writing = recorded()
+    if summary is not None:
+        (writing.folder / "summary.json").write_text(summary)
+    return writing.simulation
 
 
 def _another(path):

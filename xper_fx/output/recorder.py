@@ -95,13 +95,25 @@ def add_to_summary(simulation: Simulation, found: Mapping[str, Any]) -> None:
         found: what to add, as `output.write_summary` takes it.
 
     Raises:
-        ValueError: a run that was not recorded.
+        ValueError: a run that was not recorded, a file that is no summary, numbers that are not
+            finite.
+        TypeError: no simulation, no mapping, something that has no meaning in JSON.
+        OSError: the summary cannot be read or written.
     """
     require_kind("simulation", simulation, Simulation)
     if simulation.folder is None:
         raise ValueError("The simulation was not recorded, so that there is no summary to add to.")
+    require_kind("found", found, Mapping)
     path = simulation.folder / "summary.json"
-    simulation.team.at_root(lambda: write_summary(path, json.loads(path.read_text()) | found))
+
+    def add() -> None:
+        try:
+            before = json.loads(path.read_text())
+        except json.JSONDecodeError as error:
+            raise ValueError(f"'{path}' is no summary of a run: {error}.") from None
+        write_summary(path, before | dict(found))
+
+    simulation.team.at_root(add)
 
 
 class Recorder:
