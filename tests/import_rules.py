@@ -41,6 +41,7 @@ LIBRARIES = {
     "nscd": ("numpy", "scipy", "numba"),
     "nscd.friction.problem_files": ("numpy", "scipy", "h5py"),
     "support.checks": ("numpy",),
+    "support.hdf5_checks": ("h5py",),
     "support.threads": ("numpy", "numba"),
     "support.lazy": (),
     "cache": ("numpy", "numba", "llvmlite"),

@@ -50,7 +50,7 @@ def test_crossed_rectangle():
         ((0, 0), (1, -1), (2, 2), ValueError, "empty or not finite"),
         ((0, 0), (1, np.inf), (2, 2), ValueError, "empty or not finite"),
         ((0, np.nan), (1, 1), (2, 2), ValueError, "empty or not finite"),
-        ((0, 0, 0), (1, 1, 1), (2, 2), ValueError, "two pairs"),
+        ((0, 0, 0), (1, 1, 1), (2, 2), ValueError, "`lower` should be a pair"),
         ((0, 0), (1, 1), (2, 0), ValueError, "at least 1"),
         ((0, 0), (1, 1), (2, 2.0), TypeError, "two integers"),
         ((0, 0), (1, 1), (2, 2, 2), TypeError, "two integers"),

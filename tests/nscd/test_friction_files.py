@@ -307,6 +307,37 @@ def test_damaged_anywhere(tmp_path, suffix):
     assert refused > 100
 
 
+@pytest.mark.parametrize(
+    ("how", "words"),
+    [
+        ({"shape": (1 << 37,), "chunks": (1 << 16,)}, "vectors/q' declares 1099511627776 bytes"),
+        ({"shape": (2,), "external": [("/etc/hostname", 0, 16)]}, "vectors/q' .* external files"),
+        (h5py.ExternalLink("other.h5", "q"), "vectors/q' is a link into another file"),
+    ],
+)
+def test_a_file_holds_what_it_declares(tmp_path, how, words):
+    path = tmp_path / "p.hdf5"
+    write(path, *box_stack(1))
+    with h5py.File(path, "a") as file:
+        del file["fclib_local/vectors/q"]
+        if isinstance(how, dict):
+            file["fclib_local/vectors"].create_dataset("q", dtype="f8", **how)
+        else:
+            file["fclib_local/vectors/q"] = how
+    with pytest.raises(ValueError, match=words):
+        read(path)
+
+
+def test_compressed_zeros_are_no_lie(tmp_path):
+    """A thousandfold is what gzip makes of them."""
+    path = tmp_path / "p.hdf5"
+    write(path, *box_stack(1))
+    with h5py.File(path, "a") as file:
+        file.create_dataset("zeros", data=np.zeros(4_000_000), compression="gzip")
+    assert path.stat().st_size < 100_000
+    assert len(read(path)[2]) == len(box_stack(1)[2])
+
+
 def test_neither_one_nor_the_other(tmp_path):
     with pytest.raises(FileNotFoundError, match=re.escape(str(tmp_path / "none.npz"))):
         read(tmp_path / "none.npz")

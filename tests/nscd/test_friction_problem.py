@@ -366,8 +366,9 @@ def test_the_tolerance_asked_for_is_reached(solver):
 
 BAD = {
     "solver": ({"solver": "nsgs"}, "solver.*" + ", ".join(SOLVERS) + ".*'nsgs'"),
-    "local solver": ({"local_solver": "exact"}, "'exact'.*dimension 2.*explicit, graph"),
+    "local solver": ({"local_solver": "exact"}, "local_solver.*explicit, graph.*'exact'"),
     "facets of another": ({"local_solver": "graph", "facets": 8}, "'graph'.*facets"),
+    "symmetric": ({"solver": "nlgs", "symmetric": "no"}, "symmetric should be True.*'no'"),
     "order": ({"order": "random"}, "order.*given, shuffled.*'random'"),
     "tolerance 0": ({"tolerance": 0.0}, "tolerance.*between 0 and 1, got 0"),
     "tolerance 2": ({"tolerance": 2.0}, "tolerance.*between 0 and 1, got 2"),
@@ -394,6 +395,20 @@ def test_refused(options, message):
     assert len(problem.q) == 24
     with pytest.raises(ValueError, match=message):
         problem.solve(**options)
+
+
+@pytest.mark.parametrize("facets", [2, 10**9])
+def test_facets_of_the_cone_are_countable(facets):
+    problem = FrictionProblem(np.eye(3), np.array([-1.0, 0.0, 0.0]), 0.3, 3)
+    with pytest.raises(ValueError, match=f"facets should lie between 3 and 1000, got {facets}"):
+        problem.solve(local_solver="lcp", facets=facets)
+
+
+@pytest.mark.parametrize("scale", [1e307, 1e-310])
+def test_numbers_at_the_very_end_of_the_floats_are_refused(scale):
+    """The sum of two such is infinite, or the rest of a division zero."""
+    with pytest.raises(ValueError, match="W has entries up to .* range of floats"):
+        FrictionProblem(scale * np.eye(2), np.array([-1.0, 0.2]), 0.3, 2)
 
 
 def test_what_a_problem_is_made_of_is_checked():

@@ -11,7 +11,8 @@ from pathlib import Path
 
 import xper_fx.nscd
 
-BELOW = [f"xper_fx.support.{name}" for name in ("lazy", "checks", "saved_rows", "threads")]
+_OF_SUPPORT = ("lazy", "checks", "hdf5_checks", "saved_rows", "threads")
+BELOW = [f"xper_fx.support.{name}" for name in _OF_SUPPORT]
 FOLDER = Path(xper_fx.nscd.__file__).parent
 
 

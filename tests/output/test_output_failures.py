@@ -29,6 +29,7 @@ from xper_fx.forms.loads import PrescribedVelocity
 from xper_fx.materials import LinearElastic
 from xper_fx.output.checkpoint import save
 from xper_fx.output.folder_lock import FolderLock
+from xper_fx.output.gauges import CellGauge, TensileGauge
 from xper_fx.output.history import History, read_history
 from xper_fx.output.output_folder import prepare_folder
 from xper_fx.output.recorder import Recorder
@@ -306,6 +307,7 @@ def test_files_open_elsewhere(tmp_path):
 HOLD = """
 import sys
 from xper_fx.output.folder_lock import FolderLock
+from xper_fx.output.gauges import CellGauge, TensileGauge
 lock = FolderLock(sys.argv[1])
 print("held", flush=True)
 input()
@@ -393,6 +395,27 @@ def test_a_recorder_that_could_not_be_made_lets_go(tmp_path, simulation):
     told(caught, tmp_path / "history.csv", errno.EISDIR)
     (tmp_path / "history.csv").rmdir()
     Recorder(simulation, tmp_path, end_time=1.0).close()
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"end_time": 0.0}, "end_time .* got 0"),
+        ({"fields": 2.5}, "fields should be an integer, got 2.5"),
+        ({"gauge": "11"}, "gauge .* got '11'"),
+        ({"gauge": CellGauge()}, "CellGauge reads a periodic cell"),
+        ({"gauge": TensileGauge(LEFT, 88, 0, 1.0, 1.0)}, "`high` is facet tag 88, .* nowhere"),
+        ({"gauge": TensileGauge(LEFT, RIGHT, 2, 1.0, 1.0)}, "component 2; it should be 0 to 1"),
+        ({"parameters": {"a": {"b": object}}}, "parameters.a.b"),
+        ({"restart": "no"}, "restart .* 'no'"),
+        ({"folder": ""}, "folder should be a path, got ''"),
+    ],
+)
+def test_a_recorder_is_asked_for_what_it_can_record(tmp_path, simulation, given, words):
+    """Before anything is written."""
+    with pytest.raises((TypeError, ValueError), match=words):
+        Recorder(simulation, **({"folder": tmp_path, "end_time": 1.0} | given))
+    assert not list(tmp_path.iterdir())
 
 
 WRITES = {

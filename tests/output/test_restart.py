@@ -414,6 +414,29 @@ def test_rigid_bodies_go_on_too(tmp_path):
     same_files(tmp_path / "whole", tmp_path / "run", ("rigid",))
 
 
+@pytest.mark.parametrize(
+    ("how", "words"),
+    [
+        ({"shape": (1 << 37,), "chunks": (1 << 16,)}, "'bulk/huge' declares 1099511627776 bytes"),
+        ({"shape": (1 << 37,), "chunks": (1 << 16,), "compression": "gzip"}, "declares 1099511"),
+        ({"shape": (1,), "external": [("/etc/hostname", 0, 8)]}, "'bulk/huge' .* external files"),
+        (h5py.ExternalLink("other.h5", "x"), "'/bulk/huge' is a link into another file"),
+    ],
+)
+def test_a_file_holds_what_it_declares(tmp_path, how, words):
+    """Before a byte of it is allocated, or another file opened."""
+    path = tmp_path / "c.h5"
+    write_tree(path, {"bulk": {"a": np.zeros(10_000)}})
+    read_tree(path)
+    with h5py.File(path, "a") as file:
+        if isinstance(how, dict):
+            file["bulk"].create_dataset("huge", dtype="f8", **how)
+        else:
+            file["bulk/huge"] = how
+    with pytest.raises(CheckpointError, match=words):
+        read_tree(path)
+
+
 def test_a_damaged_last_file_loses_nothing_older(whole, folder):
     """A kill within a write may leave the HDF5 file unreadable; the sealed ones are not opened."""
     assert (folder / "bulk.1.h5").exists()
@@ -578,6 +601,7 @@ def test_options_of_a_command_line():
 def usual_handlers():
     """What Python does at a signal, whatever a test before or the shell has chosen."""
     usual = {signal.SIGTERM: signal.SIG_DFL, signal.SIGINT: signal.default_int_handler}
+    usual[signal.SIGHUP] = signal.SIG_DFL
     before = {number: signal.signal(number, handler) for number, handler in usual.items()}
     yield
     for number, handler in before.items():
@@ -593,6 +617,11 @@ def test_signals_are_noted_once_and_only_within(usual_handlers):
         with pytest.raises(KeyboardInterrupt):
             signal.raise_signal(signal.SIGINT)
     assert [signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGINT)] == before
+
+    signal.signal(signal.SIGHUP, signal.SIG_IGN)  # as `nohup` does
+    with Interruption() as interruption:
+        signal.raise_signal(signal.SIGHUP)
+        assert interruption.number == 0
 
     def elsewhere():
         with Interruption():
@@ -622,7 +651,7 @@ def processes(tmp_path_factory):
 def test_twenty_kills_lose_nothing_but_the_last_steps(processes):
     folder, found = processes
     killed = found["killed"]
-    assert killed["statuses"] == [-signal.SIGPROF] * 20 and killed["last"] == 0
+    assert killed["statuses"] == [-signal.SIGKILL] * 20 and killed["last"] == 0
     saved, reached = np.array(killed["saved"]), np.array(killed["reached"])
     assert np.all(np.diff(saved) >= 0) and np.all(reached >= saved)
     assert len(np.unique(saved)) > 5 and np.count_nonzero(reached > saved) > 5
@@ -643,13 +672,15 @@ def assert_same(one, other) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("name", "status"), [("terminated", 143), ("interrupted", 130)])
+@pytest.mark.parametrize(
+    ("name", "status"), [("terminated", 143), ("interrupted", 130), ("hung_up", 129)]
+)
 def test_a_signal_ends_a_run_that_can_go_on(processes, name, status):
     folder, found = processes
     assert found[name] == found[name] | {"status": status, "saved": True, "after": 0}
     assert 5 <= found[name]["steps"] < 300
     log = (folder / f"{name}.log").read_text()
-    signal_name = {143: "SIGTERM", 130: "SIGINT"}[status]
+    signal_name = signal.Signals(status - 128).name
     assert f"bar: ended by {signal_name} at" in log and "--restart" in log
     same_files(folder / "whole", folder / name)
 

@@ -258,3 +258,18 @@ def test_no_law_across_the_boundary(cells):
         Scene(cells, {1: SOLID}, macroscopic=DRIVE)
     with pytest.raises(ValueError, match="facet tag 5, which no facet between two bodies"):
         scene_of(cells, facet_interactions={5: PerfectBond()})
+
+
+@pytest.mark.parametrize(
+    "drive",
+    [
+        {"rate": {"11": -10.0}, "gradient": less("11")},
+        {"rate": {"11": -10.0}, "gradient": less("11", "22"), "stress": {"22": 0.0}},
+        {"gradient": less("11") | {"11": lambda t: 1.0 - 10.0 * t}},
+    ],
+)
+def test_a_cell_is_not_driven_inside_out(cell, drive):
+    simulation = Simulation(scene_of(cell, MacroscopicDrive(**drive)), 0.06, num_threads=1)
+    with pytest.raises(ValueError, match=r"Fbar is driven to \[\[-0.2.* at t = 0.12 s.*inside out"):
+        list(simulation.steps(0.3))
+    assert simulation.time == pytest.approx(0.06)

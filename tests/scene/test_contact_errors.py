@@ -34,6 +34,12 @@ def within(group="discs"):
             r"groups \['floor'\], which do not exist; those that do: \['discs'\]",
         ),
         ({"rigid": [disc((0, 0))], "contacts": 2 * within()}, "name the pair once"),
+        ({"rigid": 2 * [disc((0, 0))], "contacts": within()}, "bodies 0 and 1 are the same object"),
+        ({"rigid": [disc((0, 0))], "contacts": within(), "order": 2}, "no order, got 2"),
+        (
+            {"rigid": [disc((0, 0))], "contacts": within(), "default_interaction": LAW},
+            "no default_interaction; leave it out",
+        ),
         (
             {"rigid": [disc((0, 0))], "contacts": within(), "loads": [BodyForce((0, 1))]},
             "only gravity acts on rigid bodies",

@@ -90,6 +90,10 @@ SCENES = {
     "two laws": (
         {"interactions": {(1, 2): BOND, (2, 1): SignoriniCoulomb()}}, ValueError, "two laws",
     ),
+    "law class": ({"default_interaction": CohesiveZone}, TypeError, r"class.*CohesiveZone\("),
+    "material class": (
+        {"materials": {1: SOLID, 2: LinearElastic}}, TypeError, r"tag 2 is the class LinearEl",
+    ),
     "no law object": ({"default_interaction": "glue"}, TypeError, "'glue' is no interaction law"),
     "unknown facet of a law": ({"facet_interactions": {77: BOND}}, ValueError, "facet tag 77"),
     "outer facet of a law": ({"facet_interactions": {TOP: BOND}}, ValueError, f"tag {TOP}, which"),
@@ -264,3 +268,48 @@ def test_a_step_at_which_rounding_hides_the_mass_is_refused():
         next(Simulation(scene([]), 1e8).steps(1e8))
     held = [PrescribedVelocity(tag, i, 0.0) for tag in (LEFT, RIGHT) for i in (0, 1)]
     next(Simulation(scene(held), 1e8).steps(1e8))
+
+
+def test_nothing_acts_on_facets_inside_of_a_body():
+    """Not silently: a traction there would be left out of the forms."""
+    inside = box_bodies(
+        (2, 2), (2, 2), label=0, interior={NOTCH: lambda x: np.abs(x[0] - 1.0) < 1e-9}
+    )
+    for item in ({"loads": [SurfaceTraction(NOTCH, (1.0, 0.0))]},
+                 {"walls": [Wall(NOTCH, (1, 0), (1, 0), BOND)]}):  # fmt: skip
+        with pytest.raises(ValueError, match=f"tag {NOTCH}, of whose 2 facets 2 lie inside"):
+            Scene(inside, {1: SOLID}, **item)
+
+
+class Own:
+    """A law whose kernels and numbers are given."""
+
+    def __init__(self, kernels=None, numbers=(), state=()):
+        self._given = kernels, numbers, state
+
+    def kernels(self, dim):
+        return self._given[0]
+
+    def parameters(self):
+        return self._given[1]
+
+    def initial_state(self):
+        return self._given[2]
+
+
+KERNELS = BOND.kernels(2)
+
+
+@pytest.mark.parametrize(
+    ("law", "error", "words"),
+    [
+        (Own(), TypeError, "Own gives None for its kernels.*LawKernels"),
+        (Own((1, 2)), TypeError, r"Own gives \(1, 2\) for its kernels"),
+        (Own(KERNELS, None), TypeError, r"Own.parameters\(\) should be numbers, got None"),
+        (Own(KERNELS, 3.0), ValueError, r"gives 3.0 for parameters\(\)"),
+        (Own(KERNELS, (), (1.0,)), ValueError, r"initial_state\(\); .* one for each of \[\]"),
+    ],
+)
+def test_what_a_law_of_ones_own_gives(bodies, law, error, words):
+    with pytest.raises(error, match=words):
+        Simulation(scene_with(bodies, default_interaction=law), 1e-3, num_threads=1)

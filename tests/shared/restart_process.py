@@ -39,6 +39,7 @@ tqdm.set_lock(threading.RLock())
 
 STEP, STEPS, FIELDS, KILLS = 0.02, 300, 100, 20
 ALWAYS, NEVER = 1e-9, 1e9  # seconds between checkpoints
+GOES_ON = 12  # steps that a run makes at most between what it says and its death
 
 
 def run(folder: Path, at_step: Callable[[], object] | None = None, **options) -> None:
@@ -91,10 +92,56 @@ def lines(folder: Path) -> int:
     return path.read_bytes().count(b"\n") - 1 if path.exists() else 0
 
 
-def killed_in(seconds: float) -> None:
-    """Let the kernel kill this process once it has worked so long, however busy the machine is."""
-    signal.signal(signal.SIGPROF, signal.SIG_DFL)
-    signal.setitimer(signal.ITIMER_PROF, seconds)
+def calls_of(work: Callable[[], object]) -> int:
+    """Functions that are called, and left, in some work."""
+    calls = 0
+
+    def note(*_) -> None:
+        nonlocal calls
+        calls += 1
+
+    sys.setprofile(note)
+    try:
+        work()
+    finally:
+        sys.setprofile(None)
+    return calls
+
+
+def killed_after(calls: int) -> None:
+    """Let this process kill itself once it has called so many functions."""
+    left = count(calls, -1)
+
+    def note(*_) -> None:
+        if next(left) <= 0:
+            os.kill(os.getpid(), signal.SIGKILL)
+
+    sys.setprofile(note)
+
+
+def killed_at(folder: Path, step: int, **options) -> int:
+    """Kill a run that says that it has made a step and goes on, for some steps at most; its status.
+
+    The moment is any, however busy the machine is.
+    """
+    told, telling = os.pipe()
+    never, _open = os.pipe()
+    steps = count(1)
+
+    def tell() -> None:
+        made = next(steps)
+        if made == step:
+            os.write(telling, b"!")
+        elif made == step + GOES_ON:
+            os.read(never, 1)
+
+    child = start(folder, at_step=tell, **options)
+    os.read(told, 1)
+    os.kill(child, signal.SIGKILL)
+    status = status_of(child)
+    for end in (told, telling, never, _open):
+        os.close(end)
+    return status
 
 
 def at(number: int, then: Callable[[], object]) -> Callable[[], object]:
@@ -103,7 +150,7 @@ def at(number: int, then: Callable[[], object]) -> Callable[[], object]:
     return lambda: then() if next(steps) == number else None
 
 
-def kill_often(folder: Path, setup: float) -> dict:
+def kill_often(folder: Path, setup: int) -> dict:
     """Kill a run at random moments, restart it each time, and let the last one end.
 
     Every third is killed before its first step. Of the others every second has written lines that
@@ -111,18 +158,17 @@ def kill_often(folder: Path, setup: float) -> dict:
 
     Args:
         folder: of the run.
-        setup: time of work that a run takes before its first step (s).
+        setup: functions that are called in a run before its first step.
     """
     rng = np.random.default_rng(8)
     reached, saved, statuses = [], [], []
     for number in range(KILLS):
         options = {"restart": True, "checkpoint_every": NEVER if number % 2 else ALWAYS}
         if number % 3 == 2:
-            child = start(folder, partial(killed_in, rng.uniform(0.1, 0.9) * setup), **options)
+            calls = int(rng.uniform(0.1, 0.9) * setup)
+            statuses.append(status_of(start(folder, partial(killed_after, calls), **options)))
         else:
-            soon = partial(killed_in, rng.uniform(1e-4, 6e-3))
-            child = start(folder, at_step=at(rng.integers(1, 40), soon), **options)
-        statuses.append(status_of(child))
+            statuses.append(killed_at(folder, int(rng.integers(1, 40)), **options))
         reached.append(lines(folder))
         path = folder / "checkpoint.h5"
         saved.append(read_tree(path)["simulation"]["step_number"] if path.exists() else 0)
@@ -161,14 +207,17 @@ def handles(process: int, number: int) -> bool:
 
 if __name__ == "__main__":
     where = Path(sys.argv[1])
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)  # `nohup` ignores it
     run(where / "whole")
     complete = start(where / "whole", restart=True)
-    _, status, used = os.wait4(complete, 0)
     result = {
-        "complete": os.waitstatus_to_exitcode(status),
-        "killed": kill_often(where / "killed", used.ru_utime + used.ru_stime),
+        "complete": status_of(complete),
+        "killed": kill_often(
+            where / "killed", calls_of(lambda: run(where / "whole", restart=True))
+        ),
         "terminated": signalled(where / "terminated", signal.SIGTERM),
         "interrupted": signalled(where / "interrupted", signal.SIGINT),
+        "hung_up": signalled(where / "hung_up", signal.SIGHUP),
         "twice": signalled(where / "twice", signal.SIGTERM, 2),
     }
     print(json.dumps(result))

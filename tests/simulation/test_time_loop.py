@@ -106,3 +106,22 @@ def test_a_solver_that_gives_no_report_is_named():
 def test_only_a_function_saves_on_failure():
     with pytest.raises(TypeError, match=r"returns a file's path, got 'checkpoint\.h5'"):
         bonded().save_on_failure("checkpoint.h5")
+
+
+def test_steps_that_were_left_are_refused():
+    """One that was left is forgotten; it cannot go on when another has begun."""
+    simulation = bonded()
+    first = simulation.steps(4e-3)
+    next(first)
+    second = simulation.steps(3e-3)
+    next(second)
+    with pytest.raises(RuntimeError, match="steps.. to 0.004 s were left: others have begun"):
+        next(first)
+    assert [record.step for record in second] == [3] and simulation.time == pytest.approx(3e-3)
+
+
+@pytest.mark.parametrize("read", ["reaction", "mean_displacement"])
+@pytest.mark.parametrize(("tag", "error"), [(77, ValueError), ("left", TypeError)])
+def test_a_tag_that_occurs_nowhere_is_not_read(read, tag, error):
+    with pytest.raises(error, match=f"{tag}"):
+        getattr(bonded(), read)(tag)

@@ -31,6 +31,7 @@ from xper_fx.bodies.meshes import (
     midpoints_of,
     reference_cell,
 )
+from xper_fx.support.checks import require_kind
 from xper_fx.support.compat import create_exploded_mesh, geometry_dofmap
 
 __all__ = ["EACH_CELL", "Bodies", "FacingFacets", "explode"]
@@ -161,7 +162,12 @@ class Bodies:
 
         Returns:
             Shape (num_facing_facets, nodes of a facet, dim), m; nodes as in `facing_nodes`.
+
+        Raises:
+            ValueError: another degree.
         """
+        if degree not in (1, 2):
+            raise ValueError(f"degree should be 1 or 2, got {degree!r}.")
         facets, cell = self.facets, reference_cell(self.mesh)
         corners = geometry_dofmap(self.mesh)[facets.cells[:, :1], facets.local_vertices[:, 0]]
         x = self.mesh.geometry.x[corners, : self.mesh.geometry.dim]
@@ -280,6 +286,7 @@ class Bodies:
 
     def _checked_degree(self, V: FunctionSpace) -> int:
         """Return the order of a continuous Lagrange space of order 1 or 2 on `mesh`, or raise."""
+        require_kind("V", V, FunctionSpace)
         if V.mesh.topology._cpp_object is not self.mesh.topology._cpp_object:
             raise ValueError(
                 "V is on another mesh than these bodies; build it as "
@@ -330,7 +337,7 @@ def explode(
 
     Raises:
         SerialOnlyError: the mesh is spread over several processes.
-        TypeError: `bodies`, `cell_tags` or `facet_tags` is of the wrong type.
+        TypeError: `bodies`, `cell_tags`, `facet_tags` or `voids` is of the wrong type.
         ValueError: labels or tags do not fit the mesh; a cell is degenerate; a facet is shared
             by three cells; two cells overlap at a facet; the geometry is not first order; facets
             of a periodic cell's boundary have no translate.
@@ -343,6 +350,8 @@ def explode(
     parent_facet_tag = _facet_tag_array(facet_tags, mesh)
     cells_of_facet = facet_cells(mesh)
     meeting = _meeting_cells(mesh, cells_of_facet, parent_facet_tag[1])
+    if not np.iterable(voids):
+        raise TypeError(f"voids should be a list of facet tags, got {voids!r}.")
     if len(voids) and lattice is None:
         raise ValueError(
             f"voids is {list(voids)} without a lattice; they are those of a periodic cell."

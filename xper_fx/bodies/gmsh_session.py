@@ -7,6 +7,8 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
 
+from xper_fx.support.checks import require_kind, require_number
+
 __all__ = ["gmsh_model"]
 
 # What a user's session or configuration might have set, and what would change a mesh.
@@ -53,7 +55,13 @@ def gmsh_model(name: str, options: Mapping[str, float]) -> Iterator[Any]:
 
     Raises:
         ImportError: the Python module `gmsh` is missing.
+        TypeError: a name that is no text, options that are no numbers by name.
+        ValueError: an option that Gmsh has not.
     """
+    require_kind("name", name, str)
+    require_kind("options", options, Mapping)
+    for option, value in options.items():
+        require_number(f"The option {option!r} of Gmsh", value)
     try:
         import gmsh
     except ImportError as error:
@@ -66,9 +74,13 @@ def gmsh_model(name: str, options: Mapping[str, float]) -> Iterator[Any]:
         # or it takes SIGINT's handler away
         gmsh.initialize(readConfigFiles=False, interruptible=False)
     current = gmsh.model.getCurrent()
-    wanted = {**_DEFAULTS, **options}
-    before = {option: gmsh.option.getNumber(option) for option in wanted}
+    wanted, before = {**_DEFAULTS, **options}, {}
     try:
+        for option in wanted:
+            try:
+                before[option] = gmsh.option.getNumber(option)
+            except Exception:  # gmsh raises bare Exception
+                raise ValueError(f"Gmsh has no option {option!r} that is a number.") from None
         for option, value in wanted.items():
             gmsh.option.setNumber(option, value)
         gmsh.model.add(name)

@@ -11,6 +11,7 @@ import numpy.typing as npt
 from dolfinx.mesh import Mesh, MeshTags, meshtags
 
 from xper_fx.bodies.meshes import check_mesh, facet_cells
+from xper_fx.support.checks import require_kind
 from xper_fx.support.compat import create_exploded_mesh, geometry_dofmap
 
 __all__ = ["JoinedMesh", "join_meshes"]
@@ -50,9 +51,10 @@ def join_meshes(
         The mesh, the part of each cell, and the tags.
 
     Raises:
+        TypeError: something that is no mesh, or no tags.
         ValueError: no meshes, several kinds of cells, or tags that do not fit the meshes.
     """
-    meshes = list(meshes)
+    meshes = list(meshes) if np.iterable(meshes) else [meshes]
     if not meshes:
         raise ValueError("meshes is empty; expected at least one mesh.")
     for mesh in meshes:
@@ -100,12 +102,15 @@ def _one_a_mesh(
     tags: Sequence[MeshTags | None] | None, meshes: Sequence[Mesh], dim: int, name: str
 ) -> list[MeshTags | None]:
     """Tags of each mesh, checked."""
+    if tags is not None and not np.iterable(tags):
+        raise TypeError(f"{name} should be a list with one entry a mesh, got {tags!r}.")
     tags = [None] * len(meshes) if tags is None else list(tags)
     if len(tags) != len(meshes):
         raise ValueError(f"{name} has {len(tags)} entries for {len(meshes)} meshes; give one each.")
     for number, (mesh, given) in enumerate(zip(meshes, tags, strict=True)):
         if given is None:
             continue
+        require_kind(f"{name}[{number}]", given, MeshTags)
         if given.dim != dim or given.topology is not mesh.topology._cpp_object:
             raise ValueError(
                 f"{name}[{number}] should tag entities of dimension {dim} of meshes[{number}]; it "

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import logging
+import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,7 @@ from dolfinx.mesh import (
 from mpi4py import MPI
 
 from xper_fx.bodies.gmsh_session import gmsh_model
+from xper_fx.support.checks import require_numbers
 from xper_fx.support.compat import coordinate_element, geometry_dofmap, gmsh_model_to_mesh
 
 __all__ = [
@@ -79,23 +81,33 @@ def crossed_rectangle(
         The mesh, `4 * cells[0] * cells[1]` triangles.
 
     Raises:
-        TypeError: `cells` are not integers.
-        ValueError: the rectangle is empty or not finite, or a number of cells is below 1.
+        TypeError: corners that are no numbers, `cells` that are not integers.
+        ValueError: the rectangle is empty or not finite, or a number of cells is below 1 or so
+            large that cells cannot be counted in 32 bits.
     """
-    corners = np.array([lower, upper], dtype=np.float64)
-    if corners.shape != (2, 2):
-        raise ValueError(
-            f"Corners should be two pairs (x, y), got lower = {lower!r}, upper = {upper!r}."
-        )
+    corners = np.zeros((2, 2))
+    for row, (name, corner) in enumerate((("lower", lower), ("upper", upper))):
+        values = require_numbers(f"The corner `{name}`", corner)
+        if values.shape != (2,):
+            raise ValueError(f"The corner `{name}` should be a pair (x, y), got {corner!r}.")
+        corners[row] = values
     if not np.all(np.isfinite(corners)) or not np.all(corners[1] > corners[0]):
         raise ValueError(
             f"The rectangle from {tuple(lower)} to {tuple(upper)} is empty or not finite; "
             "expected lower < upper in x and in y."
         )
-    if len(cells) != 2 or not all(isinstance(n, int | np.integer) for n in cells):
+    if not isinstance(cells, Sequence | np.ndarray) or len(cells) != 2:
         raise TypeError(f"cells should be two integers, got {cells!r}.")
+    for n in cells:
+        if not isinstance(n, int | np.integer) or isinstance(n, bool):
+            raise TypeError(f"cells should be two integers, got {cells!r}.")
     if min(cells) < 1:
         raise ValueError(f"cells is {tuple(cells)}; expected at least 1 along x and along y.")
+    if 4 * math.prod(map(int, cells)) >= 2**31:
+        raise ValueError(
+            f"cells is {tuple(cells)}, {4 * math.prod(map(int, cells)):.3g} triangles; expected "
+            "fewer than 2^31."
+        )
     return create_rectangle(
         comm,
         list(corners),
@@ -123,6 +135,7 @@ def read_gmsh(
 
     Raises:
         ImportError: the Python module `gmsh` is missing.
+        TypeError: neither a model nor a path.
         FileNotFoundError: there is no such file.
         SerialOnlyError: `comm` has several processes.
         ValueError: the mesh is empty, of another dimension, of higher order, of several cell
@@ -132,6 +145,10 @@ def read_gmsh(
     if dim not in (2, 3):
         raise ValueError(f"dim is {dim!r}; expected 2 or 3.")
     if not isinstance(model_or_path, str | Path):
+        if not hasattr(model_or_path, "mesh"):
+            raise TypeError(
+                f"Expected `gmsh.model` or the path of a .msh file, got {model_or_path!r}."
+            )
         return _read_gmsh_model(model_or_path, dim, comm, "The Gmsh model")
     path = Path(model_or_path)
     if not path.is_file():
@@ -217,7 +234,7 @@ def tag_cells(mesh: Mesh, predicates: Mapping[int, Predicate], default: int = 1)
         TypeError: a tag is no int32, or a predicate does not return booleans.
         ValueError: two tags claim one cell; a predicate returns another shape.
     """
-    _check_serial(mesh.comm)
+    check_mesh(mesh, geometry=False)
     _check_tag(default)
     midpoints = midpoints_of(mesh.geometry.x, geometry_dofmap(mesh)).T
     num_cells = midpoints.shape[1]
@@ -235,9 +252,13 @@ def in_rectangles(rectangles: npt.ArrayLike) -> Predicate:
         rectangles: x0, y0, x1, y1 of each, shape (n, 4), m; n may be zero.
 
     Raises:
+        TypeError: no numbers.
         ValueError: another shape, or a rectangle without area.
     """
-    corners = np.asarray(rectangles, dtype=np.float64).reshape(-1, 4)
+    corners = require_numbers("rectangles", rectangles)
+    if corners.size and corners.shape[-1:] != (4,):
+        raise ValueError(f"rectangles should have shape (n, 4), got {corners.shape}.")
+    corners = corners.reshape(-1, 4)
     x0, y0, x1, y1 = corners.T[:, :, np.newaxis]
     if not (np.all(x0 < x1) and np.all(y0 < y1)):
         raise ValueError("Rectangles should have x0 < x1 and y0 < y1.")
@@ -294,7 +315,15 @@ def _evaluate(
     predicate: Predicate, tag: int, points: npt.NDArray[np.float64]
 ) -> npt.NDArray[np.bool_]:
     """Return what a predicate says of points, shape (3, n), or raise if that is no answer."""
-    says = np.asarray(predicate(points))
+    if not callable(predicate):
+        raise TypeError(
+            f"The predicate of tag {tag} is {predicate!r}; expected a function of points."
+        )
+    try:
+        says = np.asarray(predicate(points))
+    except Exception as error:
+        error.add_note(f"The predicate of tag {tag} was called with points of {points.shape}.")
+        raise
     if says.dtype != np.bool_:
         raise TypeError(f"The predicate of tag {tag} returned {says.dtype}; expected bool.")
     if says.shape != (points.shape[1],):
@@ -313,6 +342,11 @@ def _apply(
     entity: str,
 ) -> npt.NDArray[np.int32]:
     """Write the tags of the entities that fit into `tag`; return which entities were claimed."""
+    if not isinstance(predicates, Mapping):
+        raise TypeError(
+            "predicates should be a mapping from tags to functions, such as "
+            f"{{1: lambda x: x[0] > 0}}, got {predicates!r}."
+        )
     for t in predicates:
         _check_tag(t)
     claimed = np.zeros(len(tag), dtype=bool)
@@ -524,8 +558,13 @@ def cell_measure(cell: str, x: npt.NDArray[np.float64]) -> npt.NDArray[np.float6
 
     Returns:
         Shape (num_cells,).
+
+    Raises:
+        ValueError: no such cell.
     """
-    kind = getattr(basix.CellType, cell)
+    kind = getattr(basix.CellType, cell, None)
+    if kind is None:
+        raise ValueError(f'There are no cells {cell!r}; take a name such as "triangle".')
     element = basix.create_element(basix.ElementFamily.P, kind, 1)
     points, weights = basix.make_quadrature(kind, 3)
     gradients = element.tabulate(1, points)[1:, :, :, 0]

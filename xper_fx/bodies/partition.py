@@ -21,6 +21,7 @@ from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import connected_components
 
 from xper_fx.bodies.meshes import check_mesh, facet_cells
+from xper_fx.support.checks import require_positive
 
 __all__ = ["partition"]
 
@@ -44,13 +45,15 @@ def partition(mesh: Mesh, count: int, imbalance: float = 1.2) -> npt.NDArray[np.
         together by facets. The same mesh gives the same labels.
 
     Raises:
-        TypeError: `count` is no integer.
-        ValueError: fewer subdomains than pieces of the mesh or more than cells, or the bound on
-            the imbalance cannot be kept.
+        TypeError: `count` is no integer, `imbalance` no number.
+        ValueError: an imbalance below 1, fewer subdomains than pieces of the mesh or more than
+            cells, or the bound on the imbalance cannot be kept.
     """
     check_mesh(mesh)
     if isinstance(count, bool) or not isinstance(count, int | np.integer):
         raise TypeError(f"count is {count!r}; expected an integer number of subdomains.")
+    if not require_positive("imbalance", imbalance) >= 1.0:
+        raise ValueError(f"imbalance should be 1 or more, got {imbalance}.")
     graph = _dual_graph(mesh)
     num_cells = graph.shape[0]
     pieces, piece = connected_components(graph, directed=False)

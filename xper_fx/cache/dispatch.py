@@ -64,7 +64,12 @@ def njit(function: Callable | None = None, **options) -> Callable:
 
     Returns:
         The compiled function, or with `NUMBA_DISABLE_JIT=1` the function itself.
+
+    Raises:
+        TypeError: no function.
     """
+    if function is not None and not callable(function):
+        raise TypeError(f"njit compiles a function, got {function!r}.")
     if function is None:
         return lambda given: njit(given, **options)
     kernel = numba.njit(**(INHERITED | options))(function)

@@ -15,6 +15,7 @@ All derivatives are UFL's. What a scene does not call for has no form.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import basix
 import numpy as np
@@ -47,6 +48,7 @@ class BulkForms:
 
     Raises:
         ValueError: a material's internal variables and its response do not fit.
+        TypeError: a material's energy or response is none.
     """
 
     def __init__(
@@ -76,7 +78,7 @@ class BulkForms:
         self._respond()
         test, trial = ufl.TestFunction(self.V), ufl.TrialFunction(self.V)
         energies = [
-            m.energy(self.u, self._constant) * self._dx(t)
+            _checked_energy(t, m.energy(self.u, self._constant)) * self._dx(t)
             for t, m in self._items()
             if t not in self._responses
         ]
@@ -317,6 +319,20 @@ class BulkForms:
             return out
 
         return evaluate
+
+
+def _checked_energy(tag: int, energy: Any) -> Any:
+    """A material's energy density, unless it is none."""
+    try:
+        scalar = ufl.as_ufl(energy).ufl_shape == ()
+    except (ValueError, TypeError):
+        scalar = False
+    if not scalar:
+        raise TypeError(
+            f"The energy of the material of cell tag {tag} gives {energy!r}; it should be a scalar "
+            "in UFL (J/m^3), see materials/material.py."
+        )
+    return energy
 
 
 def _check_response(tag: int, response: Response) -> None:

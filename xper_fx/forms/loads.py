@@ -14,6 +14,9 @@ import numpy as np
 
 from xper_fx.support.checks import require_non_negative
 
+# Sizes of loads from which on their works are beyond the range of floats.
+_LARGEST = 1e150
+
 Value = float | Callable[[float], float]
 
 
@@ -24,15 +27,22 @@ def value_at(value: Value, time: float) -> float:
         ValueError: the load's function gives a number that is not finite.
         TypeError: it gives no number.
     """
-    given = value(time) if callable(value) else value
+    try:
+        given = value(time) if callable(value) else value
+    except Exception as error:
+        error.add_note(f"A load is a number or a function of time (s), called with t = {time}.")
+        raise
     if not isinstance(given, Real):
         given = np.asarray(given)
         if given.size != 1 or given.dtype.kind not in "biuf":
             raise TypeError(f"A load is {given!r} at t = {time} s; it should be a number.")
         given = given.item()
     number = float(given)
-    if not np.isfinite(number):
-        raise ValueError(f"A load is {number} at t = {time} s; it should be a finite number.")
+    if not abs(number) < _LARGEST:
+        raise ValueError(
+            f"A load is {number} at t = {time} s; it should be a finite number, whose square is "
+            "within the range of floats."
+        )
     return number
 
 

@@ -152,7 +152,13 @@ class Orthotropic(_Orthotropic):
         compliance = np.diag(np.concatenate([1.0 / E, 1.0 / np.asarray(self.shear)[::-1]]))
         for nu, (i, j) in zip(self.poisson, _SHEARS[::-1], strict=True):
             compliance[i, j] = compliance[j, i] = -nu / E[i]
-        return np.linalg.inv(compliance)
+        try:
+            return np.linalg.inv(compliance)
+        except np.linalg.LinAlgError:
+            raise ValueError(
+                f"The compliance is singular with young {self.young} and poisson {self.poisson}: "
+                "nu_12^2 should be below E1 / E2, and so on; take smaller poisson."
+            ) from None
 
 
 def rotation_matrix(rotation: float | Sequence[Sequence[float]]) -> np.ndarray:

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from xper_fx.simulation.simulation import Simulation
+from xper_fx.support.checks import require_kind
 
 
 class ContactForces(NamedTuple):
@@ -33,7 +34,11 @@ def find_contact_forces(simulation: Simulation) -> ContactForces:
     Args:
         simulation: after a step. Facing facets that a law joins from the start are not among its
             contacts until their lips have parted.
+
+    Raises:
+        TypeError: no simulation.
     """
+    require_kind("simulation", simulation, Simulation)
     dim, interactions = simulation.bulk.dim, simulation.interactions
     body, place = _slots(simulation)
     none = np.empty((0, dim))

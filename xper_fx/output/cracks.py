@@ -14,6 +14,7 @@ from xper_fx.nscd.facets import nodal_shares
 from xper_fx.output.recorder import Recorder, point_coordinates
 from xper_fx.plotting.figures import CrackPanel
 from xper_fx.simulation.simulation import Simulation
+from xper_fx.support.checks import require_integer, require_kind, require_number
 
 # Share of its fracture energy that a broken bond has spent.
 BROKEN = 0.99
@@ -42,10 +43,19 @@ def find_cracks(
 
     Args:
         simulation: a run with nodal points.
-        inclusion: cell tag that counts as inclusion.
+        inclusion: cell tag that counts as inclusion; a scene may be without.
         ignored_facets: tags of facets that do not count (precracks).
         share: of its fracture energy that a broken bond has spent.
+
+    Raises:
+        ValueError: a scene without interacting facets in the plane, a tag that occurs nowhere, a
+            share out of (0, 1].
+        TypeError: no simulation, something that is no number.
     """
+    _check(simulation, ignored_facets, share)
+    require_integer("inclusion", inclusion)
+    if simulation.scene.dim != 2:
+        raise ValueError("Cracks are segments in the plane, and the scene is in space.")
     facets = simulation.scene.bodies.facets
     number = simulation.facets_with_law
     x = point_coordinates(simulation).reshape(len(number), -1, simulation.bulk.dim)
@@ -71,7 +81,11 @@ def broken_points(
     Returns:
         Shape (num_points,), in the order of `point_coordinates`; contacts and perfect bonds are
         never broken.
+
+    Raises:
+        ValueError, TypeError: as `find_cracks`.
     """
+    _check(simulation, ignored_facets, share)
     interactions, number = simulation.interactions, simulation.facets_with_law
     dim = simulation.bulk.dim
     breaks = np.array(["damage" in law.kernels(dim).state_names for law in interactions.laws])
@@ -92,7 +106,15 @@ def find_fragments(simulation: Simulation, share: float = BROKEN) -> npt.NDArray
     Returns:
         The fragment of each body, shape (num_bodies,): 0 is the largest by number of bodies, and so
         on. A facet holds as long as one of its points does; contacts hold nothing.
+
+    Raises:
+        ValueError: a scene without a mesh, a share out of (0, 1].
+        TypeError: no simulation, something that is no number.
     """
+    require_kind("simulation", simulation, Simulation)
+    if simulation.scene.bodies is None:
+        raise ValueError("Fragments are of meshed bodies, and the scene has no mesh.")
+    _check_share(share)
     bodies, number = simulation.scene.bodies, simulation.facets_with_law
     holds = np.zeros(0, bool)
     if len(number):
@@ -109,6 +131,24 @@ def find_fragments(simulation: Simulation, share: float = BROKEN) -> npt.NDArray
     return rank[label]
 
 
+def _check(simulation: Simulation, ignored_facets: tuple[int, ...], share: float) -> None:
+    require_kind("simulation", simulation, Simulation)
+    scene = simulation.scene
+    if scene.bodies is None or not len(simulation.facets_with_law):
+        raise ValueError("Cracks are of facets with interactions, and the scene has none.")
+    _check_share(share)
+    if not np.iterable(ignored_facets):
+        raise TypeError(f"ignored_facets should be a tuple of tags, got {ignored_facets!r}.")
+    unknown = set(ignored_facets) - set(scene.bodies.facet_tags.values.tolist())
+    if unknown:
+        raise ValueError(f"ignored_facets names {sorted(unknown)}, which occur nowhere.")
+
+
+def _check_share(share: float) -> None:
+    if not 0.0 < require_number("share", share) <= 1.0:
+        raise ValueError(f"share should lie in (0, 1], got {share}.")
+
+
 def _parts(x: np.ndarray) -> np.ndarray:
     """The part of an edge that each of its points stands for, shape (num_facets, k, 2, dim)."""
     start, end = x[:, 0], x[:, 1]
@@ -119,7 +159,9 @@ def _parts(x: np.ndarray) -> np.ndarray:
 
 
 def crack_panel(recorder: Recorder, cracks: Cracks, title: str) -> CrackPanel:
-    """The cracked plate or cell as it is now, for `plots.plot_cracks`."""
+    """The cracked plate or cell as it is now, for `plotting.plot_cracks`."""
+    require_kind("recorder", recorder, Recorder)
+    require_kind("cracks", cracks, Cracks)
     bodies = recorder.simulation.scene.bodies
     return CrackPanel(
         points=bodies.mesh.geometry.x[:, :2],

@@ -15,14 +15,13 @@ gets a row.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from xper_fx.nscd.interactions import Interactions
-
-if TYPE_CHECKING:
-    from xper_fx.simulation.simulation import Simulation
+from xper_fx.simulation.simulation import Simulation
+from xper_fx.support.checks import require_kind
 
 
 class Effect(NamedTuple):
@@ -251,7 +250,12 @@ def effects_of(simulation: Simulation) -> list[EffectRow]:
 
 
 def effects_table(simulation: Simulation) -> str:
-    """The table as text, what is on first; then the laws in use, and what is off."""
+    """The table as text, what is on first; then the laws in use, and what is off.
+
+    Raises:
+        TypeError: no simulation.
+    """
+    require_kind("simulation", simulation, Simulation)
     lines = [f"{'effect':<26}{'memory':>12}{'time':>12}{'calls':>10}"]
     rows = effects_of(simulation)
     for row in rows:

@@ -15,6 +15,7 @@ from xper_fx.nscd.rigid.outline import body_outlines
 from xper_fx.output.contact_forces import find_contact_forces
 from xper_fx.output.recorder import Recorder
 from xper_fx.plotting.figures import new_figure
+from xper_fx.support.checks import require_count, require_kind, require_numbers, require_vector
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -53,8 +54,21 @@ def take_frame(recorder: Recorder, values: npt.ArrayLike, title: str) -> Frame:
         recorder: of a simulation in the plane with a mesh of triangles.
         values: what colours the cells, shape (num_cells,).
         title: of the picture.
+
+    Raises:
+        TypeError: no recorder, values that are no numbers.
+        ValueError: a scene that is no mesh of triangles, another number of values than cells.
     """
+    require_kind("recorder", recorder, Recorder)
     simulation = recorder.simulation
+    mesh = None if simulation.scene.bodies is None else simulation.scene.bodies.mesh
+    if mesh is None or mesh.topology.cell_name() != "triangle":
+        raise ValueError("A frame is of a mesh of triangles, which the scene has not.")
+    values = require_numbers("values", values)
+    if values.shape != (len(recorder.cells),):
+        raise ValueError(
+            f"values should be one a cell, shape ({len(recorder.cells)},), got {values.shape}."
+        )
     bodies = simulation.scene.bodies
     cells = (bodies.mesh.geometry.x[:, :2] + recorder.vertex_displacement())[recorder.cells]
     middles, rigid = _middles(cells, bodies.body_of_cell), np.empty((0, 3, 2))
@@ -70,7 +84,7 @@ def take_frame(recorder: Recorder, values: npt.ArrayLike, title: str) -> Frame:
     forces = np.repeat(np.linalg.norm(contacts.force, axis=1), 2)
     # a wall has no middle
     ended = np.isfinite(chains).all(axis=(1, 2))
-    return Frame(title, cells, np.asarray(values, float), rigid, chains[ended], forces[ended])
+    return Frame(title, cells, values, rigid, chains[ended], forces[ended])
 
 
 def _middles(cells: np.ndarray, body: np.ndarray) -> np.ndarray:
@@ -108,14 +122,21 @@ def plot_frames(
         The figure.
 
     Raises:
-        ValueError: no frames.
+        ValueError: no frames, a window without size, a number out of range.
+        TypeError: something that is no frame or no number.
         ImportError: matplotlib is missing.
     """
     if not frames:
         raise ValueError("There are no frames to draw.")
-    columns = min(columns, len(frames))
+    for frame in frames:
+        require_kind("A frame", frame, Frame)
+    columns = min(require_count("columns", columns, 1), len(frames))
     rows = -(-len(frames) // columns)
-    left, right, bottom, top = window
+    left, right, bottom, top = require_vector("window", window, (4,))
+    if not (left < right and bottom < top):
+        raise ValueError(f"window should have left < right and bottom < top, got {window!r}.")
+    if limits is not None:
+        limits = require_vector("limits", limits, (2,))
     width = 10.0 / columns
     height = width * (top - bottom) / (right - left) + 0.3
     kinds = label is None

@@ -18,6 +18,7 @@ import numpy as np
 
 from xper_fx.support.errors import CheckpointError
 from xper_fx.support.files import explained, replacing
+from xper_fx.support.hdf5_checks import require_own_content
 
 
 def write_tree(path: Path, tree: Mapping, **attributes: str | int) -> None:
@@ -69,7 +70,7 @@ def read_tree(path: Path) -> dict:
     """The tree of a file: floats, integers, strings and arrays.
 
     Raises:
-        CheckpointError: the file is damaged.
+        CheckpointError: the file is damaged, or takes values from other files.
         FileNotFoundError: it is not there.
     """
     leaves = {}
@@ -81,6 +82,13 @@ def read_tree(path: Path) -> dict:
 
     with _opened(path) as h5:
         digest = h5.attrs.get("digest")
+        try:
+            require_own_content(path, h5)
+        except ValueError as error:
+            raise CheckpointError(
+                f"{error} Put a copy of the checkpoint in its place, or start the run from its "
+                "beginning."
+            ) from None
         try:
             h5.visititems(read)
         except (OSError, RuntimeError, KeyError) as error:

@@ -19,6 +19,7 @@ from typing import Self
 import numpy as np
 import numpy.typing as npt
 
+from xper_fx.support.checks import require_path
 from xper_fx.support.files import explained, write_all
 
 logger = logging.getLogger(__name__)
@@ -166,10 +167,14 @@ def read_history(path: str | os.PathLike[str]) -> dict[str, npt.NDArray[np.float
 
     Raises:
         ValueError: If a line has not one number for each column.
+        TypeError: If the path is none.
         OSError: If the file cannot be read.
     """
-    path = Path(path)
-    lines = path.read_text().splitlines(keepends=True)
+    path = require_path("path", path)
+    try:
+        lines = path.read_text().splitlines(keepends=True)
+    except UnicodeDecodeError as error:
+        raise ValueError(f"'{path}' is no table of a history, but no text: {error}.") from None
     if lines and not lines[-1].endswith("\n"):
         logger.warning("%s: the last line is incomplete and left out", path)
         lines.pop()
@@ -181,5 +186,13 @@ def read_history(path: str | os.PathLike[str]) -> dict[str, npt.NDArray[np.float
             raise ValueError(
                 f"'{path}', line {number}: got {len(row)} values for {len(rows[0])} columns."
             )
-    table = np.array(rows[1:], dtype=np.float64).reshape(-1, len(rows[0]))
+    table = np.array([_numbers(path, n, row) for n, row in enumerate(rows[1:], start=2)])
+    table = table.reshape(-1, len(rows[0]))
     return {name: table[:, column].copy() for column, name in enumerate(rows[0])}
+
+
+def _numbers(path: Path, number: int, row: Sequence[str]) -> list[float]:
+    try:
+        return [float(value) for value in row]
+    except ValueError as error:
+        raise ValueError(f"'{path}', line {number}: expected numbers, {error}.") from None

@@ -10,6 +10,7 @@ from dolfinx.fem import Function
 from dolfinx.mesh import Mesh, MeshTags
 
 from xper_fx.simulation.simulation import Simulation
+from xper_fx.support.checks import require_kind
 from xper_fx.support.compat import geometry_dofmap
 
 # What arrays are looked for in, beside containers.
@@ -26,7 +27,11 @@ def memory_by_part(simulation: Simulation) -> dict[str, int]:
         By part: "bodies" (mesh, tags, facing facets), "inverse" (w), "bulk" (masses, stiffness,
         forms), "interactions" (points with their history), "solver" (what the solver keeps from
         step to step), "state" (the last two states and the last step).
+
+    Raises:
+        TypeError: no simulation.
     """
+    require_kind("simulation", simulation, Simulation)
     held = simulation.interactions
     parts = {
         "bodies": simulation.scene,

@@ -6,6 +6,7 @@ import tempfile
 from pathlib import Path
 
 from xper_fx.output.folder_lock import FolderLock
+from xper_fx.support.checks import require_path
 
 
 def prepare_folder(path: str | os.PathLike[str]) -> Path:
@@ -21,10 +22,11 @@ def prepare_folder(path: str | os.PathLike[str]) -> Path:
         The folder's absolute path.
 
     Raises:
+        TypeError: If the path is none.
         OSError: If the folder cannot be created or written; the subclass tells why
             (PermissionError, NotADirectoryError, ...; BlockingIOError if a run writes there).
     """
-    folder = Path(path).resolve()
+    folder = require_path("folder", path).resolve()
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder) as probe:

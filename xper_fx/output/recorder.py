@@ -34,13 +34,21 @@ import numpy as np
 from xper_fx.nscd.facets import facet_shapes
 from xper_fx.output.effects import effects_of
 from xper_fx.output.folder_lock import FolderLock
-from xper_fx.output.gauges import CellGauge, TensileGauge
+from xper_fx.output.gauges import CellGauge, TensileGauge, require_gauge
 from xper_fx.output.history import HISTORY_COLUMNS, History
 from xper_fx.output.output_folder import prepare_folder
 from xper_fx.output.series import TimeSeries
-from xper_fx.output.summary import write_summary
+from xper_fx.output.summary import plain, write_summary
 from xper_fx.simulation.cohesive_scales import cohesive_scales
 from xper_fx.simulation.simulation import Simulation, StepRecord
+from xper_fx.support.checks import (
+    require_count,
+    require_flag,
+    require_kind,
+    require_number,
+    require_path,
+    require_positive,
+)
 from xper_fx.support.compat import geometry_dofmap
 from xper_fx.support.version import __version__
 
@@ -66,7 +74,12 @@ def point_coordinates(simulation: Simulation) -> np.ndarray:
 
     Returns:
         Shape (num_points, dim), m; points of walls, which come last in the scene, are left out.
+
+    Raises:
+        ValueError: a scene without a mesh.
     """
+    if simulation.scene.bodies is None:
+        raise ValueError("A scene without a mesh has no facets that points could be on.")
     dim = simulation.bulk.dim
     scene = simulation.scene
     x = scene.bodies.facet_nodes(scene.order)[simulation.facets_with_law]
@@ -80,9 +93,27 @@ def add_to_summary(simulation: Simulation, found: Mapping[str, Any]) -> None:
     Args:
         simulation: the run, whose recorder is closed.
         found: what to add, as `output.write_summary` takes it.
+
+    Raises:
+        ValueError: a run that was not recorded, a file that is no summary, numbers that are not
+            finite.
+        TypeError: no simulation, no mapping, something that has no meaning in JSON.
+        OSError: the summary cannot be read or written.
     """
+    require_kind("simulation", simulation, Simulation)
+    if simulation.folder is None:
+        raise ValueError("The simulation was not recorded, so that there is no summary to add to.")
+    require_kind("found", found, Mapping)
     path = simulation.folder / "summary.json"
-    simulation.team.at_root(lambda: write_summary(path, json.loads(path.read_text()) | found))
+
+    def add() -> None:
+        try:
+            before = json.loads(path.read_text())
+        except json.JSONDecodeError as error:
+            raise ValueError(f"'{path}' is no summary of a run: {error}.") from None
+        write_summary(path, before | dict(found))
+
+    simulation.team.at_root(add)
 
 
 class Recorder:
@@ -113,7 +144,9 @@ class Recorder:
         OSError: the folder cannot be written; BlockingIOError: another run writes there.
         CheckpointError: the checkpoint is damaged, or of another scene or version; the folder is
             as it was then.
-        ValueError: a checkpoint interval that is negative, files that do not fit the checkpoint.
+        ValueError: a number out of range, a gauge or parameters that cannot be recorded, files that
+            do not fit the checkpoint.
+        TypeError: something of another kind than is expected.
     """
 
     def __init__(
@@ -128,11 +161,26 @@ class Recorder:
         checkpoint_every: float = CHECKPOINT_EVERY,
         restart: bool = False,
     ):
-        if not checkpoint_every >= 0.0:
+        require_kind("simulation", simulation, Simulation)
+        if not require_number("checkpoint_every", checkpoint_every) >= 0.0:
             raise ValueError(
                 f"checkpoint_every is a time in seconds, or 0 for none; got {checkpoint_every}."
             )
-        self.folder = Path(folder).resolve()
+        require_positive("end_time", end_time)
+        if end_time < simulation.time:
+            raise ValueError(
+                f"end_time {end_time:g} s lies before the present time {simulation.time:g} s."
+            )
+        require_count("fields", fields, 0)
+        require_flag("restart", restart)
+        if gauge is not None:
+            require_gauge(gauge)
+            if hasattr(gauge, "check"):
+                gauge.check(simulation)
+        if parameters is not None:
+            require_kind("parameters", parameters, Mapping)
+            plain(parameters, "parameters")
+        self.folder = require_path("folder", folder).resolve()
         self._at_root = simulation.team.at_root
         self._writes = simulation.team.rank == 0
         self._lock: FolderLock | None = None
@@ -311,7 +359,11 @@ class Recorder:
 
         Returns:
             Strain and stress of the gauge.
+
+        Raises:
+            TypeError: no record of a step.
         """
+        require_kind("step", step, StepRecord)
         strain, stress = self._gauge.read(self.simulation) if self._gauge else (0.0, 0.0)
         with self.simulation.stopwatch.phase("output"):
             line = {

@@ -7,6 +7,7 @@ import logging
 import sys
 from argparse import ArgumentParser
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from signal import Signals
 
@@ -17,6 +18,7 @@ from xper_fx.output.signals import Interruption
 from xper_fx.plotting.figures import plot_profile
 from xper_fx.simulation.options import SOLVERS
 from xper_fx.simulation.step_record import StepRecord
+from xper_fx.support.checks import require_kind, require_positive
 from xper_fx.support.profile import profile_table
 
 logger = logging.getLogger(__name__)
@@ -35,6 +37,8 @@ def add_run_options(parser: ArgumentParser, out: Path, accuracy: float | None = 
         out: default of the folder for results.
         accuracy: default of the accuracy asked for, None for none.
     """
+    if not callable(getattr(parser, "add_argument", None)):
+        raise TypeError(f"parser should be an ArgumentParser, got {parser!r}.")
     add = parser.add_argument
     add(
         "--accuracy", type=float, default=accuracy,
@@ -61,8 +65,8 @@ def recorded_steps(
 ) -> Iterator[tuple[StepRecord, float]]:
     """Advance a recorder's simulation, writing each step; close the recorder at the end.
 
-    On SIGTERM or SIGINT the run ends after the present step, with a checkpoint; a second signal
-    ends it at once.
+    On SIGTERM, SIGINT or SIGHUP (the terminal is closed) the run ends after the present step, with
+    a checkpoint; a second signal ends it at once.
 
     Args:
         recorder: records the simulation.
@@ -75,9 +79,12 @@ def recorded_steps(
         Each step and the strain of the gauge after it.
 
     Raises:
+        TypeError, ValueError: no recorder, an end time that is not above zero.
         ConvergenceError: as `Simulation.steps`; what was written stays.
         SystemExit: a signal came; its status is 128 and the signal's number.
     """
+    require_kind("recorder", recorder, Recorder)
+    require_positive("end_time", end_time)
     simulation, interruption = recorder.simulation, Interruption()
     made, first = 0, simulation.time
     bar = tqdm(total=end_time, initial=first, desc=title, bar_format=_BAR, disable=quiet)
@@ -91,12 +98,13 @@ def recorded_steps(
             number = int(simulation.team.max(interruption.number))
             if number:
                 path = recorder.checkpoint()
-                tqdm.write(
-                    f"{title}: ended by {Signals(number).name} at {simulation.time:.6g} s, saved "
-                    f"in {path}; the same command with --restart (Recorder(restart=True)) goes on "
-                    "from there",
-                    file=sys.stderr,
-                )
+                with suppress(OSError):  # the terminal may be gone
+                    tqdm.write(
+                        f"{title}: ended by {Signals(number).name} at {simulation.time:.6g} s, "
+                        f"saved in {path}; the same command with --restart "
+                        "(Recorder(restart=True)) goes on from there",
+                        file=sys.stderr,
+                    )
                 raise SystemExit(128 + number)
         found = simulation.verdict()
         if found is not None and found.reached and not quiet:  # else a warning has told

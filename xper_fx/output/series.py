@@ -246,6 +246,14 @@ class TimeSeries:
                     f"'{path}' is missing, in which the series '{self.path.name}' stands until "
                     f"{self._last_time:g} s: put it back, or start the run from its beginning."
                 )
+            try:
+                h5py.File(path, "r", locking=False).close()
+            except OSError as error:
+                raise ValueError(
+                    f"'{path}', in which the series '{self.path.name}' stands until "
+                    f"{self._last_time:g} s, was cut short or damaged ({error}): put it back, or "
+                    "start the run from its beginning."
+                ) from None
         if not self._num_times:
             self.path.unlink(missing_ok=True)
             return

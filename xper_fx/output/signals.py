@@ -9,9 +9,10 @@ from types import FrameType
 
 
 class Interruption:
-    """While it is entered, the first SIGTERM or SIGINT is noted; the second acts as it always did.
+    """While it is entered, the first SIGTERM, SIGINT or SIGHUP is noted; the second acts as ever.
 
-    Elsewhere than in the main thread, where Python gives no signals, nothing is changed.
+    A signal that is ignored stays so: `nohup` ignores SIGHUP. Elsewhere than in the main thread,
+    where Python gives no signals, nothing is changed.
 
     Attributes:
         number: of the signal that came, 0 before.
@@ -23,7 +24,9 @@ class Interruption:
 
     def __enter__(self) -> Interruption:
         if threading.current_thread() is threading.main_thread():
-            for number in (signal.SIGTERM, signal.SIGINT):
+            for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
+                if signal.getsignal(number) is signal.SIG_IGN:
+                    continue
                 self._before[number] = signal.signal(number, self._note)
         return self
 

@@ -16,14 +16,19 @@ TIMING_KEYS: tuple[str, ...] = ("seconds", "profile")
 """Keys of ``summary.json``, at any depth, that hold times; a run made twice has all else alike."""
 
 
-def _plain(value: Any, where: str) -> Any:
-    """Turn NumPy values and paths into what JSON has, and refuse what it has not."""
+def plain(value: Any, where: str) -> Any:
+    """Turn NumPy values and paths into what JSON has, and refuse what it has not.
+
+    Args:
+        value: to be written.
+        where: its name, for messages.
+    """
     if isinstance(value, (np.ndarray, np.generic)):
         value = value.tolist()
     if isinstance(value, Mapping):
-        return {str(key): _plain(item, f"{where}.{key}") for key, item in value.items()}
+        return {str(key): plain(item, f"{where}.{key}") for key, item in value.items()}
     if isinstance(value, (list, tuple)):
-        return [_plain(item, f"{where}[{number}]") for number, item in enumerate(value)]
+        return [plain(item, f"{where}[{number}]") for number, item in enumerate(value)]
     if isinstance(value, os.PathLike):
         return os.fspath(value)
     if isinstance(value, float) and not math.isfinite(value):
@@ -50,8 +55,8 @@ def write_summary(path: str | os.PathLike[str], mapping: Mapping[str, Any]) -> N
         TypeError: If a value has no meaning in JSON.
         OSError: If the file cannot be written.
     """
-    plain = {str(key): _plain(value, str(key)) for key, value in mapping.items()}
-    text = json.dumps(plain, indent=2, sort_keys=True, allow_nan=False, ensure_ascii=False)
+    content = {str(key): plain(value, str(key)) for key, value in mapping.items()}
+    text = json.dumps(content, indent=2, sort_keys=True, allow_nan=False, ensure_ascii=False)
     write_file(Path(path), (text + "\n").encode())
 
 

@@ -43,7 +43,12 @@ def run_together(main: Callable[[], object]) -> None:
 
     Args:
         main: the script.
+
+    Raises:
+        TypeError: no function.
     """
+    if not callable(main):
+        raise TypeError(f"main should be a function without arguments, got {main!r}.")
     comm = MPI.COMM_WORLD
     if comm.size == 1:
         _run_alone(main)

@@ -121,6 +121,9 @@ class MacroscopicDrive:
         Returns:
             Shape (dim^2,), 1/s; zero for components driven by stress. `rate` is taken in the
             middle of the step, which is of second order.
+
+        Raises:
+            ValueError: the cell would have no volume, or be inside out.
         """
         out = np.zeros(dim * dim)
         elapsed = step if elapsed is None else elapsed
@@ -131,7 +134,24 @@ class MacroscopicDrive:
         for name, value in self.rate.items():
             mean = value_at(value, time - 0.5 * elapsed)
             out[self.place(name, dim)] = mean * (elapsed / step)
+        self._require_volume(np.eye(dim) + (gradient + step * out).reshape(dim, dim).T, time)
         return out
+
+    def _require_volume(self, end: np.ndarray, time: float) -> None:
+        """Raise a ValueError if what is driven of Fbar turns the cell inside out.
+
+        Stretches that follow from stresses are not driven, and taken as 1.
+        """
+        if any(i != j for i, j in self.stress):
+            return
+        for i, j in self.stress:
+            end[int(i) - 1, int(j) - 1] = 1.0
+        if not np.linalg.det(end) > 0.0:
+            raise ValueError(
+                f"Fbar is driven to {np.round(end, 6).tolist()} at t = {time:g} s, where the cell "
+                "has no volume or is inside out; look at the signs and sizes in the drive and at "
+                "the time."
+            )
 
     def stresses(self, dim: int, time: float) -> np.ndarray:
         """Pibar of the components driven by it, column by column, shape (dim^2,), Pa."""

@@ -10,13 +10,26 @@ import itertools
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from textwrap import wrap
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
+from xper_fx.plotting.figure_checks import (
+    checked_mesh,
+    checked_segments,
+    checked_unit,
+    require_mapping,
+)
+from xper_fx.support.checks import (
+    require_count,
+    require_kind,
+    require_number,
+    require_numbers,
+    require_path,
+    require_vector,
+)
 from xper_fx.support.files import write_file
 from xper_fx.support.profile import OTHER
 
@@ -96,32 +109,22 @@ def new_figure(
         raise ImportError(
             "Figures need matplotlib, which is not installed: pip install 'xper_fx[plot]'."
         ) from error
+    if path is not None:
+        path = require_path("path", path)
+        known = Figure().canvas.get_supported_filetypes()
+        if path.suffix and path.suffix[1:].lower() not in known:
+            raise ValueError(
+                f"'{path}' names the format {path.suffix!r}; expected one of {', '.join(known)}."
+            )
     with rc_context(_STYLE):
         figure = Figure(figsize=size, layout=layout)
         draw(figure, figure.subplots(**subplots))
         if path is not None:
-            path, image = Path(path), io.BytesIO()
+            image = io.BytesIO()
             path = path if path.suffix else path.with_name(f"{path.name}.png")
             figure.savefig(image, dpi=160, format=path.suffix[1:])
             write_file(path, image.getvalue())
     return figure
-
-
-def _check_mesh(
-    points: npt.ArrayLike, triangles: npt.ArrayLike, material: npt.ArrayLike
-) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.integer], npt.NDArray[np.integer]]:
-    """Return the mesh as arrays, or say which of them does not fit."""
-    points, triangles, material = (np.asarray(array) for array in (points, triangles, material))
-    if points.ndim != 2 or points.shape[1] not in (2, 3):
-        raise ValueError(f"Points should have shape (num_points, 2 or 3), got {points.shape}.")
-    if triangles.ndim != 2 or triangles.shape[1] != 3:
-        raise ValueError(f"Triangles should have shape (num_cells, 3), got {triangles.shape}.")
-    if material.shape != triangles.shape[:1]:
-        raise ValueError(
-            f"Material should have shape ({len(triangles)},), one tag a triangle, "
-            f"got {material.shape}."
-        )
-    return points[:, :2].astype(np.float64), triangles, material
 
 
 def _draw_materials(
@@ -178,12 +181,12 @@ def plot_microstructure(
         The figure.
 
     Raises:
-        ValueError: If the shapes do not fit.
+        ValueError, TypeError: If shapes do not fit, or something is no number.
         ImportError: If matplotlib is missing.
     """
-    points, triangles, material = _check_mesh(points, triangles, material)
-    unit, scale = length_unit
-    precrack = np.asarray(precrack_segments, dtype=np.float64).reshape(-1, 2, 2) / scale
+    points, triangles, material = checked_mesh(points, triangles, material)
+    unit, scale = checked_unit("length_unit", length_unit)
+    precrack = checked_segments("precrack_segments", precrack_segments) / scale
 
     def draw(figure: "Figure", axes: "Axes") -> None:
         from matplotlib.collections import LineCollection
@@ -247,12 +250,14 @@ def plot_grains(
         The figure.
 
     Raises:
-        ValueError: If the shapes do not fit.
+        ValueError, TypeError: If shapes do not fit, or something is no number.
         ImportError: If matplotlib is missing.
     """
-    points, triangles, grain = _check_mesh(points, triangles, grain)
+    points, triangles, grain = checked_mesh(points, triangles, grain)
     hard = np.asarray(hard, dtype=bool)
-    unit, scale = length_unit
+    if hard.shape != grain.shape:
+        raise ValueError(f"hard should have shape {grain.shape}, got {hard.shape}.")
+    unit, scale = checked_unit("length_unit", length_unit)
     corners = points[triangles] / scale
     # a shade for each grain that neighbours in number do not share
     shade = 0.3 + 0.5 * ((0.6180339887 * grain) % 1.0)
@@ -332,13 +337,21 @@ class CrackPanel:
 
         Returns:
             The panel of `copies` x `copies` cells.
+
+        Raises:
+            ValueError, TypeError: If shapes do not fit, or something is no number.
         """
-        points, triangles, material = _check_mesh(self.points, self.triangles, self.material)
+        lattice, gradient = (
+            require_vector(name, given, (2, 2))
+            for name, given in (("lattice", lattice), ("gradient", gradient))
+        )
+        require_count("copies", copies, 1)
+        points, triangles, material = checked_mesh(self.points, self.triangles, self.material)
         displacement = np.asarray(self.displacement, dtype=np.float64)[:, :2]
         segments = np.asarray(self.crack_segments, dtype=np.float64).reshape(-1, 2, 2)
         steps = np.stack(np.meshgrid(*2 * [np.arange(copies)], indexing="ij"), axis=-1)
-        shifts = steps.reshape(-1, 2) @ np.asarray(lattice, dtype=np.float64)
-        stretch = shifts @ (np.asarray(gradient) - np.eye(2)).T
+        shifts = steps.reshape(-1, 2) @ lattice
+        stretch = shifts @ (gradient - np.eye(2)).T
         return CrackPanel(
             points=np.concatenate([points + shift for shift in shifts]),
             triangles=np.concatenate([triangles + k * len(points) for k in range(len(shifts))]),
@@ -364,7 +377,7 @@ class CrackPanel:
         """
         from matplotlib.tri import Triangulation
 
-        points, triangles, _ = _check_mesh(self.points, self.triangles, self.material)
+        points, triangles, _ = checked_mesh(self.points, self.triangles, self.material)
         displacement = np.asarray(self.displacement, dtype=np.float64)[:, :2]
         segments = np.asarray(self.crack_segments, dtype=np.float64).reshape(-1, 2, 2)
         if not len(segments):
@@ -428,20 +441,28 @@ def plot_cracks(
         The figure.
 
     Raises:
-        ValueError: If shapes do not fit, or a crack is not on the mesh.
+        ValueError, TypeError: If shapes do not fit, a crack is not on the mesh, or something is
+            no number.
         ImportError: If matplotlib is missing.
     """
+    if not isinstance(panels, Sequence):
+        require_kind("A panel", panels, CrackPanel)
     panels = [panels] if isinstance(panels, CrackPanel) else list(panels)
     if not panels:
         raise ValueError("Cracks need at least one panel, got none.")
-    unit, scale = length_unit
+    unit, scale = checked_unit("length_unit", length_unit)
+    if not np.isfinite(require_number("magnification", magnification)):
+        raise ValueError(f"magnification should be a finite number, got {magnification}.")
     for panel in panels:
-        points, _, _ = _check_mesh(panel.points, panel.triangles, panel.material)
+        require_kind("A panel", panel, CrackPanel)
+        points, _, _ = checked_mesh(panel.points, panel.triangles, panel.material)
         shapes = [np.shape(panel.displacement), np.shape(panel.crack_kind)]
         if shapes[0] not in ((len(points), 2), (len(points), 3)):
             raise ValueError(
                 f"Displacement should have shape ({len(points)}, 2 or 3), got {shapes[0]}."
             )
+        if not np.isfinite(require_numbers("displacement", panel.displacement)).all():
+            raise ValueError("displacement should be finite, got NaN or infinity.")
         if np.shape(panel.crack_segments) != (*shapes[1], 2, 2) and np.size(panel.crack_segments):
             raise ValueError(
                 f"Crack segments should have shape (m, 2, 2) and kinds (m,), "
@@ -455,7 +476,8 @@ def plot_cracks(
         from matplotlib.lines import Line2D
 
         for panel, axes in zip(panels, row[0], strict=True):
-            points, triangles, material = _check_mesh(panel.points, panel.triangles, panel.material)
+            mesh = checked_mesh(panel.points, panel.triangles, panel.material)
+            points, triangles, material = mesh
             moved = points + magnification * np.asarray(panel.displacement)[:, :2]
             materials = _draw_materials(
                 axes,
@@ -529,10 +551,19 @@ def plot_curves(
         The figure.
 
     Raises:
-        ValueError: If strain and stress differ in length.
+        ValueError, TypeError: If there is no curve, strain and stress differ in length, or
+            something is no number.
         ImportError: If matplotlib is missing.
     """
-    for label, strain, stress, *_ in curves:
+    if not isinstance(curves, Sequence) or not len(curves):
+        raise ValueError(f"curves should be a list with at least one curve, got {curves!r}.")
+    checked_unit("stress_unit", stress_unit)
+    for curve in curves:
+        if not isinstance(curve, Sequence) or not 3 <= len(curve) <= 4:
+            raise ValueError(f"A curve should be (label, strain, stress), got {curve!r}.")
+        label, strain, stress, *_ = curve
+        for values in (strain, stress):
+            require_numbers(f"The curve '{label}'", values)
         if np.ndim(strain) != 1 or np.shape(strain) != np.shape(stress):
             raise ValueError(
                 f"The curve '{label}' needs as many strains as stresses, "
@@ -590,15 +621,21 @@ def plot_energies(
         largest sum of terms so far.
 
     Raises:
-        ValueError: If a column is missing.
+        ValueError, TypeError: If there is no step, a column is missing, or it is no history.
         ImportError: If matplotlib is missing.
     """
+    require_mapping("history", history, "as read_history(path) gives it")
+    if against not in ("strain", "time"):
+        raise ValueError(f'against should be "strain" or "time", got {against!r}.')
+    checked_unit("energy_unit", energy_unit)
     terms = [t for t in _ENERGY_TERMS if t in history or t not in ("dissipated_plastic", "shadow")]
     needed = (against, "external_work", *terms, "closure")
     missing = [column for column in needed if column not in history]
     if missing:
         raise ValueError(f"The history lacks {missing}, needed for the energies.")
     data = {column: np.asarray(history[column], dtype=np.float64) for column in needed}
+    if not len(data["closure"]):
+        raise ValueError("The history has no step yet, so that there is nothing to draw.")
     by_strain = against == "strain"
     x = 100 * data["strain"] if by_strain else data[against]
 
@@ -665,12 +702,18 @@ def plot_law(
         The figure.
 
     Raises:
-        ValueError: If openings and tractions differ in length.
+        ValueError, TypeError: If there is none, openings and tractions differ in length, or
+            something is no number.
         ImportError: If matplotlib is missing.
     """
-    opening = np.asarray(opening, dtype=np.float64)
+    opening = require_numbers("opening", opening)
+    checked_unit("length_unit", length_unit)
+    checked_unit("stress_unit", stress_unit)
     curves = traction if isinstance(traction, Mapping) else {"": traction}
+    if not opening.size or not curves:
+        raise ValueError("A law needs at least one opening and its traction, got none.")
     for label, values in curves.items():
+        require_numbers("traction", values)
         if opening.ndim != 1 or np.shape(values) != opening.shape:
             raise ValueError(
                 f"The law{f' {label}' if label else ''} needs as many tractions as openings, "
@@ -718,8 +761,11 @@ def plot_profile(
         The figure.
 
     Raises:
+        ValueError: If there are no rows.
         ImportError: If matplotlib is missing.
     """
+    if not isinstance(rows, Sequence) or not len(rows):
+        raise ValueError(f"rows should be those of a profile, `stopwatch.rows()`, got {rows!r}.")
     depth = max(len(row.path) for row in rows)
     top = dict.fromkeys(row.path[0] for row in rows)
     colours = dict(zip(top, itertools.cycle(COLOURS[:-1]), strict=False))

@@ -37,6 +37,7 @@ class Contact:
 
     Raises:
         ValueError: not two names, a reach that is not positive and finite.
+        TypeError: a law that is none, a reach that is no number.
     """
 
     between: tuple[str, str]
@@ -50,6 +51,8 @@ class Contact:
             or not all(isinstance(name, str) for name in self.between)
         ):
             raise ValueError(f"A contact is between two groups, got {self.between!r}.")
+        if self.law is not None:
+            require_law(self.law)
         if self.reach is not None:
             take_numbers(self, "reach")
             if not (math.isfinite(self.reach) and self.reach > 0.0):
@@ -70,7 +73,7 @@ def check_contacts(
 
     Raises:
         ValueError: a group that does not exist, that two contacts join, or that none names.
-        TypeError: something that is no contact, a law that is none.
+        TypeError: something that is no contact.
     """
     rigid = () if rigid_bodies is None else rigid_bodies.groups
     for name, tags in surfaces.items():
@@ -86,8 +89,6 @@ def check_contacts(
     for contact in contacts:
         if not isinstance(contact, Contact):
             raise TypeError(f"{contact!r} is no Contact.")
-        if contact.law is not None:
-            require_law(contact.law)
         pair = tuple(sorted(contact.between))
         if set(pair) - groups:
             raise ValueError(

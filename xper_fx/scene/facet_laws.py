@@ -8,13 +8,39 @@ from collections.abc import Mapping
 import numpy as np
 
 from xper_fx.bodies.explode import FacingFacets
-from xper_fx.nscd.laws.law import Law
+from xper_fx.nscd.laws.law import Law, LawKernels
+from xper_fx.support.checks import require_numbers
 
 
 def require_law(law: Law) -> None:
     """Raise TypeError unless `law` is an interaction law."""
+    if isinstance(law, type):
+        raise TypeError(
+            f"{law.__name__} is a class and no interaction law: give an object of it, "
+            f"{law.__name__}(...)."
+        )
     if not all(hasattr(law, name) for name in ("kernels", "parameters", "initial_state")):
         raise TypeError(f"{law!r} is no interaction law; nscd/laws has those there are.")
+
+
+def require_kernels(law: Law, dim: int) -> None:
+    """Raise TypeError unless what a law's methods give can be worked with."""
+    name, kernels = type(law).__name__, law.kernels(dim)
+    if not isinstance(kernels, LawKernels):
+        raise TypeError(
+            f"The law {name} gives {kernels!r} for its kernels; `kernels(dim)` should return "
+            "LawKernels (xper_fx/nscd/laws/law.py)."
+        )
+    for what, names in (("parameters", None), ("initial_state", kernels.state_names)):
+        given = getattr(law, what)()
+        if require_numbers(f"{name}.{what}()", given).ndim != 1 or (
+            names is not None and len(given) != len(names)
+        ):
+            wanted = "" if names is None else f", one for each of {list(names)}"
+            raise ValueError(
+                f"The law {name} gives {given!r} for {what}(); it should be a tuple of "
+                f"numbers{wanted}."
+            )
 
 
 def facet_laws(

@@ -9,6 +9,7 @@ from numbers import Integral
 import numpy as np
 
 from xper_fx.bodies.explode import Bodies
+from xper_fx.bodies.meshes import facet_cells
 from xper_fx.forms.loads import (
     BodyForce,
     Gravity,
@@ -17,6 +18,7 @@ from xper_fx.forms.loads import (
     SurfaceTraction,
     value_at,
 )
+from xper_fx.scene.wall import Wall
 from xper_fx.support.checks import require_number
 
 Motion = PrescribedVelocity | PrescribedDisplacement
@@ -41,8 +43,10 @@ def check_loads(loads: Sequence[Load], dim: int, on_rigid: bool) -> None:
             raise TypeError(f"{load!r} is no load; forms/loads.py has those there are.")
         name, values = type(load).__name__, (load.value,)
         if not isinstance(load, Motion):
-            if not isinstance(load.value, Sequence | np.ndarray) or (
-                np.shape(load.value) != (dim,)
+            if (
+                not isinstance(load.value, Sequence | np.ndarray)
+                or len(load.value) != dim
+                or any(np.ndim(value) for value in load.value)
             ):
                 raise ValueError(
                     f"{name} has the value {load.value!r}; it should have {dim} "
@@ -99,3 +103,26 @@ def check_motions(loads: Sequence[Load], bodies: Bodies) -> None:
                     f"{first} and {second} prescribe the same component of the same nodes; "
                     "let their facets be apart or give both the same value."
                 )
+
+
+def check_outer(loads: Sequence[Load], walls: Sequence[Wall], bodies: Bodies) -> None:
+    """See that tractions and walls are on facets that have a side without the same body.
+
+    Args:
+        loads, walls: of the scene, whose tags occur.
+        bodies: the bodies.
+
+    Raises:
+        ValueError: a tag of facets inside of bodies, where nothing can act.
+    """
+    items = [*walls, *(load for load in loads if isinstance(load, SurfaceTraction))]
+    if not items:
+        return
+    inside = facet_cells(bodies.mesh)[0][:, 1] >= 0
+    for item in items:
+        facets = bodies.facet_tags.find(item.facets)
+        if count := int(inside[facets].sum()):
+            raise ValueError(
+                f"{type(item).__name__} names facet tag {item.facets}, of whose {len(facets)} "
+                f"facets {count} lie inside of a body, where it cannot act; tag outer facets only."
+            )

@@ -38,7 +38,12 @@ def check_materials(
             f"tags that do: {sorted(present)}."
         )
     for tag, material in materials.items():
-        answers = hasattr(material, "energy") or hasattr(material, "response")
+        answers = any(callable(getattr(material, name, None)) for name in ("energy", "response"))
+        if isinstance(material, type):
+            raise TypeError(
+                f"The material of cell tag {tag} is the class {material.__name__}: give an object "
+                f"of it, {material.__name__}(...)."
+            )
         if not (hasattr(material, "density") and hasattr(material, "linear") and answers):
             raise TypeError(
                 f"The material of cell tag {tag} is {material!r}; it needs `density`, `linear` "

@@ -7,7 +7,7 @@ Everything is checked here, before any work.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from numbers import Integral
 from typing import TYPE_CHECKING
 
@@ -19,10 +19,10 @@ from xper_fx.materials.material import InelasticMaterial, Material
 from xper_fx.nscd.laws.law import Law
 from xper_fx.scene.contact import Contact, check_contacts
 from xper_fx.scene.facet_laws import facet_laws
-from xper_fx.scene.load_checks import Load, check_loads, check_motions
+from xper_fx.scene.load_checks import Load, check_loads, check_motions, check_outer
 from xper_fx.scene.material_checks import check_materials
 from xper_fx.scene.wall import Wall
-from xper_fx.support.checks import require_integer
+from xper_fx.support.checks import require_flag, require_integer
 
 if TYPE_CHECKING:
     from xper_fx.nscd.rigid.bodies import RigidBodies
@@ -73,6 +73,7 @@ class Scene:
         ValueError: a tag without material or law, a tag that occurs nowhere, an order or a rule
             that does not exist, a rigid body that no contact names, rigid bodies that overlap.
         TypeError: something that is no material, law or load.
+        AttributeError: an attribute is set later; `dataclasses.replace` makes another scene.
     """
 
     bodies: Bodies | None = None
@@ -96,6 +97,7 @@ class Scene:
 
     def __post_init__(self) -> None:
         self._check_containers()
+        require_flag("resolve_overlaps", self.resolve_overlaps)
         if not isinstance(self.order, Integral) or self.order not in (1, 2):
             raise ValueError(f"order should be 1 or 2, got {self.order}.")
         if not isinstance(self.points, str) or self.points not in ("nodal", "gauss"):
@@ -113,6 +115,25 @@ class Scene:
         check_loads(self.loads, self.dim, self.rigid_bodies is not None)
         check_contacts(self.contacts, self.surfaces, self.materials, self.rigid_bodies)
         self._separate_rigid_bodies()
+        self._fix()
+
+    def _fix(self) -> None:
+        """Keep lists and mappings of one's own, and let no attribute be set any more."""
+        for item in fields(self):
+            given = getattr(self, item.name)
+            if isinstance(given, list):
+                object.__setattr__(self, item.name, tuple(given))
+            elif isinstance(given, dict):
+                object.__setattr__(self, item.name, dict(given))
+        object.__setattr__(self, "_is_fixed", True)
+
+    def __setattr__(self, name: str, value: object) -> None:
+        if getattr(self, "_is_fixed", False):
+            raise AttributeError(
+                f"A scene is checked when it is made and does not change, got {name} = {value!r}; "
+                f"make another one: dataclasses.replace(scene, {name}=...)."
+            )
+        object.__setattr__(self, name, value)
 
     def _check_containers(self) -> None:
         """Mappings and lists, each with an example of what is meant."""
@@ -146,11 +167,13 @@ class Scene:
         if self.rigid_bodies is None:
             raise ValueError("A scene needs bodies: an exploded mesh, rigid bodies, or both.")
         for name in (
-            "materials", "interactions", "facet_interactions", "walls", "damping",
-            "initial_velocity", "macroscopic", "surfaces",
+            "materials", "interactions", "default_interaction", "facet_interactions", "walls",
+            "ties", "damping", "initial_velocity", "macroscopic", "surfaces",
         ):  # fmt: skip
             if getattr(self, name):
                 raise ValueError(f"A scene without a mesh has no {name}; leave it out.")
+        if self.order != 1:
+            raise ValueError(f"A scene without a mesh has no order, got {self.order}.")
         for load in self.loads:
             if not isinstance(load, Gravity):
                 raise ValueError(
@@ -180,6 +203,7 @@ class Scene:
             tie.check(self.bodies, self.order)
         self._check_tags()
         check_motions(self.loads, self.bodies)
+        check_outer(self.loads, self.walls, self.bodies)
         self.law_of_facet()
 
     @property

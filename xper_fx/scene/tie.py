@@ -31,6 +31,10 @@ class Tie:
         law: between them; any law.
         rule: "mortar" or "nodes", see `nscd/mortar.py`. Mortar points need all antagonists
             around a candidate node to be of one body.
+
+    Raises:
+        ValueError: another rule, one tag for both surfaces.
+        TypeError: a law that is none, a tag that is no integer.
     """
 
     candidates: int
@@ -41,6 +45,7 @@ class Tie:
     def __post_init__(self) -> None:
         if self.rule not in RULES:
             raise ValueError(f"rule should be one of {', '.join(RULES)}, got {self.rule!r}.")
+        require_law(self.law)
         for name in ("candidates", "antagonists"):
             require_integer(name, getattr(self, name))
         if self.candidates == self.antagonists:
@@ -58,9 +63,7 @@ class Tie:
 
         Raises:
             ValueError: cells that have no such surfaces, a facet tag that occurs nowhere.
-            TypeError: a law that is none.
         """
-        require_law(self.law)
         cell = bodies.mesh.topology.cell_name()
         if order != 1 or cell not in ("triangle", "tetrahedron"):
             raise ValueError(

@@ -23,7 +23,14 @@ from xper_fx.simulation.advice import (
     UNDER_LOAD,
     flipped,
 )
-from xper_fx.simulation.doubts import BROKEN_FOR_NOTHING, STRAYED, TURNED, UNSEEN, Doubts
+from xper_fx.simulation.doubts import (
+    BROKEN_FOR_NOTHING,
+    OVERLAP,
+    STRAYED,
+    TURNED,
+    UNSEEN,
+    Doubts,
+)
 from xper_fx.simulation.model import Model
 from xper_fx.simulation.options import SOLVERS
 from xper_fx.simulation.turned_bonds import FEW, TurnedBonds
@@ -104,6 +111,9 @@ class StepAttempts:
             return None
         if outrun:
             self.doubts.tell(UNSEEN, number, size)
+        if number == 1 and model.detection is not None:
+            if deepest := model.detection.overlap(model.interactions, state, model.rigid, size):
+                self.doubts.tell(OVERLAP, number, size, f": by {deepest:.3g} m")
         if not outcome.converged:
             return outcome
         points = model.interactions

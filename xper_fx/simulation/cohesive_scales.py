@@ -13,6 +13,7 @@ from typing import Any
 
 from xper_fx.nscd.laws.softening import softening_numbers
 from xper_fx.simulation.readings import Readings
+from xper_fx.support.checks import require_kind
 
 
 def cohesive_scales(simulation: Readings) -> list[dict[str, Any]]:
@@ -53,7 +54,12 @@ def cohesive_scales(simulation: Readings) -> list[dict[str, Any]]:
 
 
 def cohesive_table(simulation: Readings) -> str:
-    """The scales as text, a line for each cohesive law."""
+    """The scales as text, a line for each cohesive law.
+
+    Raises:
+        TypeError: no simulation.
+    """
+    require_kind("simulation", simulation, Readings)
     return "\n".join(
         f"bond of {scale['strength'] / 1e6:.3g} MPa, {scale['fracture_energy']:g} J/m^2: "
         f"cohesive length {1e9 * scale['cohesive_length']:.3g} nm = "

@@ -38,6 +38,8 @@ _REACH = 1e-2
 # Gaps this small beside the coordinates are closed: a body put down on another rests from the first
 # step on, and does not fall for a step to hit it.
 _ROUNDING = 1e-12
+# Depth of an overlap that coordinates may leave, as a share of the depth that is sought.
+_LITTLE = 1e-2
 # Distance of two lips, relative to their size, at which their own points retire.
 _FAR = 0.25
 # Cosine of the angle between broken lips and the frames of their own points at which they retire:
@@ -134,6 +136,20 @@ class Detection:
             return False
         depth = float(self._surfaces.depth.min())
         return float(np.abs(state.velocity).max(initial=0.0)) * step > depth
+
+    def overlap(
+        self, interactions: Interactions, state: State, rigid: RigidMotion | None, step: float
+    ) -> float:
+        """Depth by which surfaces overlap (m) beyond what a step (s) may bring; 0 for little."""
+        if self._surfaces is None:
+            return 0.0
+        speed = float(np.abs(state.velocity).max(initial=0.0))
+        if rigid is not None:
+            speed += float(np.abs(rigid.state.velocity).max(initial=0.0))
+        gaps = [float(group.points.gap.min(initial=0.0)) for group in interactions.contacts]
+        deepest = -min(gaps, default=0.0)
+        little = _LITTLE * float(self._surfaces.depth.min()) + 2.0 * speed * step
+        return deepest if deepest > little else 0.0
 
     def divide(self, division: RigidDivision) -> None:
         """Search contacts of rigid bodies, of which the scene has no others, where they are."""

@@ -16,6 +16,7 @@ STRAYED = (
     "broken lips that have slid press along the directions that they had, and their bodies have "
     "turned on; name a contact between the bodies' surfaces (Scene(contacts=...))"
 )
+OVERLAP = "bodies overlap at the start; place them apart"
 TURNED = "bonds turn beyond what small strain bears; take a material at finite strain"
 _SNAPS = (
     "the load snaps, as it frees energy that no bond takes up; with path=xf.GrowthControl() the "

@@ -17,7 +17,9 @@ from xper_fx.forms.dynamics import BulkForms
 from xper_fx.forms.loads import PrescribedDisplacement, PrescribedVelocity
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.points import InteractionPoints
+from xper_fx.scene.facet_laws import require_kernels
 from xper_fx.scene.scene import Scene
+from xper_fx.scene.scene_doubts import scene_doubts
 from xper_fx.simulation.energy_ledger import EnergyLedger
 from xper_fx.simulation.not_finite import not_finite_columns
 from xper_fx.simulation.options import Options
@@ -83,6 +85,9 @@ class Model:
 
     def __init__(self, scene: Scene, options: Options, team: Ranks, stopwatch: Stopwatch):
         self.scene, self.options, self.stopwatch = scene, options, stopwatch
+        step = options.requested.step
+        for doubt in scene_doubts(scene, step) if team.rank == 0 else ():
+            logger.warning("%s", doubt)
         self.ranks, self.bodies = ALONE, scene.bodies
         self._tagged_nodes: dict[int, np.ndarray] = {}
         self.part: Part | None = None
@@ -102,6 +107,8 @@ class Model:
         )  # fmt: skip
         self.points = ScenePoints(scene, self.bulk, self._ties, self.part, self.by_vertex)
         self.detection = self._detection() if searched else None
+        for law in (self.points if self.detection is None else self.detection).laws:
+            require_kernels(law, scene.dim)
         self.monolithic = options.asks_for_one_system or self._calls_for_one_system(searched)
         self.scheme = self._scheme()
         with stopwatch.phase("interaction points"):

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from xper_fx.nscd.solvers.solver import SolveOptions, Solver
 from xper_fx.scene.scene import Scene
 from xper_fx.simulation.requested_accuracy import RequestedAccuracy
-from xper_fx.support.checks import require_count, require_number
+from xper_fx.support.checks import require_count, require_flag, require_kind, require_number
 
 if TYPE_CHECKING:
     from xper_fx.simulation.path import GrowthControl
@@ -82,7 +82,9 @@ class Options:
         Raises:
             ValueError: a number out of range, an unknown word, options that exclude each other or
                 something in the scene.
+            TypeError: no scene, something that is no number.
         """
+        require_kind("scene", scene, Scene)
         if theta is None:
             theta = 0.5 if inertia else 1.0
         picked = scheme is None
@@ -108,22 +110,17 @@ class Options:
         return options
 
     def _check_ranges(self) -> None:
-        theta, relaxation = self.theta, self.solve.relaxation
-        for name, value in (("theta", theta), ("relaxation", relaxation)):
-            require_number(name, value)
+        theta = require_number("theta", self.theta)
+        require_flag("inertia", self.inertia)
+        require_flag("forgiving", self.forgiving)
         if self.scheme not in ("implicit", "explicit"):
             raise ValueError(f'scheme should be "implicit" or "explicit", got {self.scheme!r}.')
         if not 0.5 <= theta <= 1.0:
             raise ValueError(f"theta should lie in [1/2, 1], got {theta}.")
         if self.scheme == "explicit" and theta != 0.5:
             raise ValueError(f"The explicit bulk has theta = 1/2, got {theta}.")
-        if not 0.0 < relaxation < 2.0:
-            raise ValueError(f"relaxation should lie in (0, 2), got {relaxation}.")
-        require_count("max_sweeps", self.solve.max_sweeps, 1)
         require_count("max_newton", self.max_newton, 1)
         require_count("max_halvings", self.max_halvings, 0)
-        if self.solve.num_threads is not None:
-            require_count("num_threads", self.solve.num_threads, 1)
 
     def _check_scene(self, scene: Scene) -> None:
         scheme, step = self.scheme, self.requested.step

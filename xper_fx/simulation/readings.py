@@ -10,6 +10,7 @@ from dolfinx import fem
 
 from xper_fx.bulk.state import State, StepOutcome
 from xper_fx.simulation.model import Model
+from xper_fx.support.checks import require_integer
 
 if TYPE_CHECKING:
     from xper_fx.periodic.averages import Macroscopic
@@ -52,6 +53,7 @@ class Readings:
     @property
     def displacement(self) -> fem.Function:
         """Displacement on the exploded mesh (m)."""
+        self._require_mesh("displacement")
         function = self.model.bulk.forms.u
         function.x.array[:] = self.model.bulk.unknowns.expand(self.state.displacement)
         return function
@@ -59,6 +61,7 @@ class Readings:
     @property
     def velocity(self) -> fem.Function:
         """Velocity on the exploded mesh (m/s)."""
+        self._require_mesh("velocity")
         function = fem.Function(self.model.bulk.forms.V, name="velocity")
         function.x.array[:] = self.model.bulk.unknowns.expand(self.state.velocity)
         return function
@@ -69,7 +72,11 @@ class Readings:
         return self.model.points.facets_with_law
 
     def mean_displacement(self, facets: int) -> np.ndarray:
-        """Mean displacement of the nodes of tagged facets, shape (dim,), m."""
+        """Mean displacement of the nodes of tagged facets, shape (dim,), m.
+
+        Raises:
+            ValueError, TypeError: a tag that occurs nowhere.
+        """
         return self._mean_over(facets, self.state.displacement)
 
     def mean_displacement_of_reaction(self, facets: int) -> np.ndarray:
@@ -90,10 +97,14 @@ class Readings:
 
         Returns:
             Shape (dim,), N (2D: N/m), the force that the support exerts on the bodies.
+
+        Raises:
+            ValueError, TypeError: a tag that occurs nowhere, a periodic cell.
         """
         dim = self.model.bulk.dim
         if self.model.scene.macroscopic is not None:
             raise ValueError("A periodic cell has no supports; read `macroscopic.stress`.")
+        self._require_tag(facets)
         if self.last is None:
             return np.zeros(dim)
         reactions = self.last.reactions.reshape(-1, dim)[self.model.nodes_of(facets)].sum(axis=0)
@@ -120,6 +131,7 @@ class Readings:
         return forces[bodies.group_of == bodies.groups.index(group)].sum(axis=0)
 
     def _mean_over(self, facets: int, displacement: np.ndarray) -> np.ndarray:
+        self._require_tag(facets)
         bulk, ranks = self.model.bulk, self.model.ranks
         values = bulk.unknowns.expand(displacement).reshape(-1, bulk.dim)[
             self.model.nodes_of(facets)
@@ -127,3 +139,20 @@ class Readings:
         if ranks.alone:
             return values.mean(axis=0)
         return ranks.sum(values.sum(axis=0)) / ranks.sum(len(values))
+
+    def _require_mesh(self, what: str) -> None:
+        if self.model.scene.bodies is None:
+            raise ValueError(
+                f"A scene of rigid bodies without a mesh has no {what} to read; `rigid.state` has "
+                "theirs, `reaction_of(group)` their supports' forces."
+            )
+
+    def _require_tag(self, facets: int) -> None:
+        self._require_mesh(f"facet tag {facets!r}")
+        require_integer("A facet tag", facets)
+        tags = self.model.scene.bodies.facet_tags.values
+        if facets not in tags:
+            raise ValueError(
+                f"There is no facet tag {facets}; tags that there are: "
+                f"{sorted(set(tags.tolist()))}."
+            )

@@ -97,7 +97,15 @@ class Restartable(Readings):
 
         Args:
             saved: with the rows in order (`Rows.in_order`).
+
+        Raises:
+            ValueError: not what `saved` gave.
         """
+        lacking = {"time", "step_number", "last_size", "ledger", "course"} - set(saved)
+        if lacking:
+            raise ValueError(
+                f"What is restored is what `saved()` gave, and lacks {sorted(lacking)}."
+            )
         model, from_cells = self.model, self.model.bulk.unknowns.from_cells
         state = saved.get("state", {})
         vectors = {

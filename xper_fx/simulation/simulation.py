@@ -24,7 +24,7 @@ from xper_fx.simulation.options import Options
 from xper_fx.simulation.requested_accuracy import RequestedAccuracy
 from xper_fx.simulation.restartable import Restartable
 from xper_fx.simulation.step_record import StepRecord
-from xper_fx.support.checks import require_number
+from xper_fx.support.checks import require_kind, require_number
 from xper_fx.support.errors import ConvergenceError, NotFiniteError, SmallStrainError
 from xper_fx.support.profile import Stopwatch
 from xper_fx.support.ranks import Ranks
@@ -37,6 +37,8 @@ logger = logging.getLogger(__name__)
 
 # Steps of a picked explicit bulk above which a user is told that an implicit one may be cheaper.
 _MANY_STEPS = 100_000
+# Steps of a given size that hardly anyone waits for.
+_TOO_MANY = 10**9
 # Time this small beside the end is rounding.
 _ROUNDING = 1e-12
 
@@ -102,7 +104,9 @@ class Simulation(Restartable):
         folder: where a recorder writes, None without one.
 
     Raises:
-        ValueError: a number out of range.
+        ValueError: a number out of range, options that exclude each other or something in the
+            scene.
+        TypeError: something of another kind than is expected.
     """
 
     def __init__(
@@ -126,6 +130,7 @@ class Simulation(Restartable):
         num_threads: int | None = None,
         comm: MPI.Comm = MPI.COMM_WORLD,
     ):
+        require_kind("comm", comm, MPI.Comm)
         requested = RequestedAccuracy.chosen(accuracy, step, tolerance, newton_tolerance)
         options = Options.checked(
             scene, requested, scheme=scheme, theta=theta, solver=solver,
@@ -156,6 +161,7 @@ class Simulation(Restartable):
         self._course = Course()
         self._resumes = False
         self._judged = ""
+        self._stepping: object = None
 
     @property
     def options(self) -> Options:
@@ -177,6 +183,7 @@ class Simulation(Restartable):
 
         Raises:
             ValueError: an end that is not finite, or before the present time.
+            RuntimeError: it is asked for a step after another `steps` has begun.
             ConvergenceError: a step did not converge however often it was cut; NotFiniteError:
                 it gave NaN or infinity. The state is that of the last step.
         """
@@ -186,11 +193,16 @@ class Simulation(Restartable):
             raise ValueError(
                 f"end_time {end_time:g} s lies before the present time {self.state.time:g} s."
             )
+        self._stepping = this = object()
+        advance = self._step_on if self.path is None else self._follow
         try:
-            if self.path is not None:
-                yield from self._follow(end_time)
-            else:
-                yield from self._step_on(end_time)
+            for record in advance(end_time):
+                yield record
+                if self._stepping is not this:
+                    raise RuntimeError(
+                        f"These steps() to {end_time:g} s were left: others have begun, and the "
+                        "simulation has one time. Take one after the other."
+                    )
             self._judge()
         finally:
             self._attempts.doubts.sum_up()
@@ -221,6 +233,11 @@ class Simulation(Restartable):
         resumes, self._resumes = self._resumes, False
         if not (resumes and course.is_to(end_time, self.step_size)):
             course = self._course = Course.planned(self.state.time, end_time, self.step_size)
+        if fixed and course.left > _TOO_MANY:
+            logger.warning(
+                "%.3g steps of %.3g s to %g s: look at the units of step and end_time",
+                course.left, self.step_size, end_time,
+            )  # fmt: skip
         yield from self._advance(end_time)
         if fixed:
             while course.left > 0:

@@ -18,7 +18,7 @@ from xper_fx.scene.scene import Scene
 from xper_fx.simulation.simulation import Simulation
 from xper_fx.study.process import Job
 from xper_fx.study.quantities import Quantity
-from xper_fx.support.checks import require_positive
+from xper_fx.support.checks import require_count, require_kind, require_positive
 from xper_fx.support.version import __version__
 
 Parameter = str | int | float | bool | None
@@ -31,16 +31,34 @@ _OWN = ("courant", "fields")
 
 
 def vary(default: AnySetting, parameter: str, values: Iterable[Parameter]) -> list[Setting]:
-    """A family of settings: one parameter varied, the others as they are."""
+    """A family of settings: one parameter varied, the others as they are.
+
+    Raises:
+        TypeError: values that are no list, a default that is no mapping.
+    """
+    require_kind("default", default, Mapping)
+    _require_values("values", values)
     return [{**default, parameter: value} for value in values]
 
 
 def product(default: AnySetting, **values: Iterable[Parameter]) -> list[Setting]:
-    """A family of settings: all combinations of some parameters' values, the others as they are."""
+    """A family of settings: all combinations of some parameters' values, the others as they are.
+
+    Raises:
+        TypeError: values that are no list, a default that is no mapping.
+    """
+    require_kind("default", default, Mapping)
+    for name, chosen in values.items():
+        _require_values(name, chosen)
     return [
         {**default, **dict(zip(values, chosen, strict=True))}
         for chosen in itertools.product(*values.values())
     ]
+
+
+def _require_values(name: str, values: Any) -> None:
+    if isinstance(values, str) or not isinstance(values, Iterable):
+        raise TypeError(f"{name} should be a list of values, got {values!r}.")
 
 
 def as_text(setting: AnySetting, parameters: Sequence[str] | None = None) -> str:
@@ -83,8 +101,8 @@ class Study:
         default: the setting that is marked in figures.
 
     Raises:
-        TypeError: a parameter's value is no number, text, bool or None, or `build` cannot be
-            imported.
+        TypeError: a parameter's value is no number, text, bool or None, `build` cannot be
+            imported, or something is of another kind than is expected.
         ValueError: a parameter that neither `build` nor `Simulation` has, one that `build` lacks,
             no setting, no reference.
     """
@@ -101,6 +119,29 @@ class Study:
 
     def __post_init__(self) -> None:
         require_positive("end_time", self.end_time)
+        if not isinstance(self.name, str) or not self.name:
+            raise TypeError(f"name should be a text, got {self.name!r}.")
+        for name in ("quantities", "families", "known"):
+            require_kind(name, getattr(self, name), Mapping)
+        for name, quantity in self.quantities.items():
+            methods = ("observe", "value", "error", "has_reference")
+            whole = all(hasattr(quantity, method) for method in methods)
+            if isinstance(quantity, type) or not whole or not isinstance(name, str):
+                raise TypeError(
+                    f"quantities should be objects of xf.quantities by name, got {quantity!r} for "
+                    f"{name!r}."
+                )
+        for name, family in self.families.items():
+            if not isinstance(family, Sequence) or not all(isinstance(s, Mapping) for s in family):
+                raise TypeError(
+                    f"families should be lists of settings by name, got {family!r} for {name!r}."
+                )
+        for name in ("reference", "check", "default"):
+            if getattr(self, name) is not None:
+                require_kind(name, getattr(self, name), Mapping)
+        for name, value in self.known.items():
+            if isinstance(value, float) and not isfinite(value):
+                raise ValueError(f"known should be finite, got {value} for {name!r}.")
         if "<" in getattr(self.build, "__qualname__", "<"):
             raise TypeError(
                 f"build is {self.build!r}; it should be a function at the top level of a module or "
@@ -162,6 +203,10 @@ class Study:
                     f"({', '.join(of_build)}) nor of Simulation ({', '.join(of_run)}) nor of a "
                     f"study ({', '.join(_OWN)}){f'; {near[0]!r}?' if near else '.'}"
                 )
+        if setting.get("courant") is not None:
+            require_positive("courant", setting["courant"])
+        if setting.get("fields") is not None:
+            require_count("fields", setting["fields"], 0)
         if setting.get("courant") is not None and setting.get("step") is not None:
             raise ValueError(f"A setting gives both courant and step, give one: {setting}.")
         try:

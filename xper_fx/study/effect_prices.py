@@ -15,6 +15,7 @@ from xper_fx.scene.scene import Scene
 from xper_fx.study.quantities import Quantity
 from xper_fx.study.results import StudyResults, percent
 from xper_fx.study.study import Setting, Study
+from xper_fx.support.checks import require_kind
 
 SWITCHED_ON, LEFT_OUT = "switched on one by one", "one left out"
 _PLAINEST = "plainest"
@@ -59,8 +60,10 @@ def effects_study(
         effects: parameters that switch each effect on, by its name, in the order of switching on.
 
     Raises:
+        TypeError: effects that are no mapping.
         ValueError: an effect turns a parameter that the plainest setting does not name.
     """
+    require_kind("effects", effects, Mapping)
     for effect, parameters in effects.items():
         unknown = sorted(set(parameters) - set(plainest))
         if unknown:
@@ -97,7 +100,11 @@ def prices(results: StudyResults, effects: Sequence[str]) -> list[Price]:
 
     Returns:
         The plainest scene, then one entry for each effect.
+
+    Raises:
+        TypeError: no results.
     """
+    require_kind("results", results, StudyResults)
     ladder, left_out = results.members(SWITCHED_ON), results.members(LEFT_OUT)
     time, nan = results.time, float("nan")
     first = ladder[0].cost(time)

@@ -20,9 +20,10 @@ from scipy.spatial import cKDTree
 from scipy.stats import qmc
 
 from xper_fx.output.cracks import broken_points
-from xper_fx.output.gauges import CellGauge, TensileGauge
+from xper_fx.output.gauges import CellGauge, TensileGauge, require_gauge
 from xper_fx.output.recorder import point_coordinates
 from xper_fx.simulation.simulation import Simulation, StepRecord
+from xper_fx.support.checks import require_count, require_positive
 
 Value = float | dict[str, npt.NDArray[np.float64]]
 
@@ -83,6 +84,9 @@ class PeakStress:
     gauge: TensileGauge | CellGauge
     has_reference: ClassVar[bool] = True
 
+    def __post_init__(self) -> None:
+        require_gauge(self.gauge)
+
     def observe(self, simulation: Simulation, step: StepRecord, seen: float | None) -> float:
         """The largest so far."""
         stress = self.gauge.read(simulation)[1]
@@ -110,6 +114,17 @@ class DissipatedEnergy:
     until: float | None = None
     terms: tuple[str, ...] = ()
     has_reference: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        if self.until is not None:
+            require_positive("until", self.until)
+        if isinstance(self.terms, str) or not all(
+            isinstance(term, str) and term.startswith("dissipated") for term in self.terms
+        ):
+            raise ValueError(
+                "terms should be columns of the ledger such as ('dissipated_cohesion',), got "
+                f"{self.terms!r}."
+            )
 
     def observe(
         self, simulation: Simulation, step: StepRecord, seen: tuple[float, float] | None
@@ -156,6 +171,9 @@ class CrackPattern:
     ignored_facets: tuple[int, ...] = ()
     has_reference: ClassVar[bool] = True
 
+    def __post_init__(self) -> None:
+        require_positive("radius", self.radius)
+
     def observe(self, simulation: Simulation, step: StepRecord, seen: None) -> None:
         """Nothing before the end."""
 
@@ -199,6 +217,9 @@ class DisplacementL2:
 
     samples: int = 4096
     has_reference: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        require_count("samples", self.samples, 1)
 
     def observe(self, simulation: Simulation, step: StepRecord, seen: None) -> None:
         """Nothing before the end."""
@@ -257,6 +278,9 @@ class Penetration:
 
     length: float
     has_reference: ClassVar[bool] = False
+
+    def __post_init__(self) -> None:
+        require_positive("length", self.length)
 
     def observe(self, simulation: Simulation, step: StepRecord, seen: float | None) -> float:
         """The deepest so far (m)."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import csv
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from math import floor, log10
@@ -18,6 +18,7 @@ from scipy.stats import spearmanr
 
 from xper_fx.output.summary import write_summary
 from xper_fx.study.definition import Setting, Study, as_text, value_text, varied
+from xper_fx.support.checks import require_non_negative, require_path
 
 COSTS = {
     "seconds": ("wall time", "s", 1.0),
@@ -26,6 +27,9 @@ COSTS = {
     "array_bytes": ("memory of arrays", "MB", 1e6),
 }
 """What a run costs: entry of its record, and its name, unit and the unit's value in figures."""
+
+TIMES = ("seconds", "cpu_seconds")
+"""What counts as time."""
 
 # Errors that differ by less than this share count as the same when a parameter is tightened.
 _GAIN = 0.15
@@ -127,8 +131,8 @@ class StudyResults:
     """
 
     def __init__(self, study: Study, runs: Sequence[Run], time: str = "seconds"):
-        if time not in ("seconds", "cpu_seconds"):
-            raise ValueError(f'time should be "seconds" or "cpu_seconds", got {time!r}.')
+        if time not in TIMES:
+            raise ValueError(f"time should be one of {', '.join(TIMES)}, got {time!r}.")
         self.study, self.runs, self.time = study, list(runs), time
         self.reference = self._run_of(study.reference)
         if self.reference is not None and not self.reference.done:
@@ -172,16 +176,31 @@ class StudyResults:
         return as_text(run.setting, parameters) or as_text(run.setting)
 
     def members(self, family: str) -> list[Run]:
-        """Runs of a family, in its order."""
+        """Runs of a family, in its order.
+
+        Raises:
+            ValueError: no such family.
+        """
+        _require_known("family", family, self.study.families)
         return [self._run_of(setting) for setting in self.study.families[family]]
 
     def candidates(self, quantity: str) -> list[Run]:
-        """Runs to choose from: done, in a family, and not the reference for this quantity."""
+        """Runs to choose from: done, in a family, and not the reference for this quantity.
+
+        Raises:
+            ValueError: no such quantity.
+        """
+        _require_known("quantity", quantity, self.study.quantities)
         left_out = self.reference if self._is_compared(quantity) else None
         return [run for run in self.runs if run.done and run.families and run is not left_out]
 
     def trust(self, quantity: str) -> float:
-        """How far the check is from the reference: below, errors say nothing; 0 without one."""
+        """How far the check is from the reference: below, errors say nothing; 0 without one.
+
+        Raises:
+            ValueError: no such quantity.
+        """
+        _require_known("quantity", quantity, self.study.quantities)
         run = self._run_of(self.study.check)
         if run is None or not self._is_compared(quantity):
             return 0.0
@@ -191,24 +210,43 @@ class StudyResults:
         """The Pareto front in one of `COSTS` (the time if None), from cheap to dear.
 
         Errors below what the reference is good for count as equal.
+
+        Raises:
+            ValueError: no such quantity or cost.
         """
+        _require_known("cost", cost or self.time, COSTS)
         runs, cost, trust = self.candidates(quantity), cost or self.time, self.trust(quantity)
         errors = [max(r.errors[quantity], trust) for r in runs]
         chosen = pareto_front([r.cost(cost) for r in runs], errors)
         return [runs[i] for i in chosen]
 
     def rate(self, quantity: str, family: str, parameter: str) -> float:
-        """Exponent p of error ~ parameter^p, least squares over a family's runs; NaN below two."""
+        """Exponent p of error ~ parameter^p, least squares over a family's runs; NaN below two.
+
+        Raises:
+            ValueError: no such quantity, family or parameter.
+        """
+        _require_known("quantity", quantity, self.study.quantities)
+        self._require_parameter(parameter)
         runs = [r for r in self.members(family) if r.done and r.errors[quantity] > 0.0]
         if len({r.setting[parameter] for r in runs}) < 2:
             return np.nan
         x = np.log([r.setting[parameter] for r in runs])
         return float(np.polyfit(x, np.log([r.errors[quantity] for r in runs]), 1)[0])
 
+    def _require_parameter(self, parameter: str) -> None:
+        known = dict.fromkeys(name for run in self.runs for name in run.setting)
+        _require_known("parameter", parameter, known)
+
     # Advice
 
     def cheapest(self, quantity: str, error: float) -> Run | None:
-        """The fastest run with an error of at most `error`."""
+        """The fastest run with an error of at most `error`.
+
+        Raises:
+            TypeError, ValueError: no such quantity, an error that is no number, zero or above.
+        """
+        require_non_negative("error", error)
         runs = [r for r in self.candidates(quantity) if r.errors[quantity] <= error]
         return min(runs, key=lambda r: r.record[self.time], default=None)
 
@@ -217,7 +255,11 @@ class StudyResults:
 
         Tight is where the reference's value is; without a reference, where time is. One entry for
         each group of three runs or more that differ in the parameter alone.
+
+        Raises:
+            ValueError: no such quantity or parameter.
         """
+        self._require_parameter(parameter)
         groups: dict[str, list[Run]] = {}
         for run in self.candidates(quantity):
             value = run.setting.get(parameter)
@@ -256,7 +298,12 @@ class StudyResults:
         Args:
             quantity: the error of which.
             targets: errors asked for, from large to small.
+
+        Raises:
+            TypeError, ValueError: no such quantity, targets that are no errors.
         """
+        for target in targets:
+            require_non_negative("A target", target)
         trust, parts, chosen = self.trust(quantity), [], {}
         below = [t for t in targets if t < trust]
         for target in targets:
@@ -307,7 +354,12 @@ class StudyResults:
         return rows
 
     def to_csv(self, path: str | Path) -> None:
-        """Write one line a run: parameters, what was measured, values and errors."""
+        """Write one line a run: parameters, what was measured, values and errors.
+
+        Raises:
+            TypeError: no path.
+        """
+        path = require_path("path", path)
         rows = self._rows()
         columns = list(dict.fromkeys(column for row in rows for column in row))
         with open(path, "w", newline="", encoding="utf-8") as file:
@@ -316,7 +368,12 @@ class StudyResults:
             writer.writerows(rows)
 
     def to_json(self, path: str | Path) -> None:
-        """Write runs, front and advice."""
+        """Write runs, front and advice.
+
+        Raises:
+            TypeError: no path.
+        """
+        path = require_path("path", path)
         quantities = list(self.study.quantities)
         write_summary(
             path,
@@ -356,6 +413,11 @@ class StudyResults:
 
     def _is(self, run: Run, which: str) -> bool:
         return run.setting == getattr(self.study, which)
+
+
+def _require_known(what: str, name: Any, known: Iterable[str]) -> None:
+    if name not in (known := list(known)):
+        raise ValueError(f"There is no {what} {name!r}; there are {', '.join(map(str, known))}.")
 
 
 def percent(error: float) -> str:

@@ -34,7 +34,8 @@ from tqdm.auto import tqdm
 from xper_fx.output.output_folder import prepare_folder
 from xper_fx.study.definition import Parameter, Setting, Study, as_text, product, varied, vary
 from xper_fx.study.process import run_job
-from xper_fx.study.results import Run, StudyResults
+from xper_fx.study.results import TIMES, Run, StudyResults
+from xper_fx.support.checks import require_kind, require_path, require_positive
 from xper_fx.support.ranks import Ranks
 
 __all__ = ["Parameter", "Setting", "Study", "product", "run_study", "vary"]
@@ -67,11 +68,17 @@ def run_study(
         All runs.
 
     Raises:
+        TypeError, ValueError: no study, no folder, another word for the time, no patience.
         OSError: the folder cannot be written.
         RuntimeError: the reference's run failed.
     """
+    require_kind("study", study, Study)
+    folder = require_path("folder", folder).resolve()
+    if time not in TIMES:
+        raise ValueError(f"time should be one of {', '.join(TIMES)}, got {time!r}.")
+    if patience is not None:
+        require_positive("patience", patience)
     team, settings = Ranks(MPI.COMM_WORLD), study.settings()
-    folder = Path(folder).resolve()
     paths = [folder / study.key(setting) for setting in settings]
     failures: dict[Path, str | None] = {}
 

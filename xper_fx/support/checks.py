@@ -1,13 +1,18 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Checks of the numbers a user gives: what was given, what was expected."""
+"""Checks of what a user gives: what was given, what was expected."""
 
 from __future__ import annotations
 
 import math
+import os
 from numbers import Integral, Real
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+# Letters of what is given above which a message names its class alone.
+_LONG = 80
 
 
 def require_number(name: str, value: Any) -> float:
@@ -17,7 +22,7 @@ def require_number(name: str, value: Any) -> float:
         TypeError: no real number.
         ValueError: an integer beyond the range of floats.
     """
-    if not isinstance(value, Real):
+    if not isinstance(value, Real) or isinstance(value, bool):
         raise TypeError(f"{name} should be a number, got {value!r}.")
     try:
         return float(value)
@@ -66,7 +71,7 @@ def require_count(name: str, value: Any, least: int) -> int:
 
 def require_integer(name: str, value: Any) -> None:
     """Raise TypeError unless a value is an integer."""
-    if not isinstance(value, Integral):
+    if not isinstance(value, Integral) or isinstance(value, bool):
         raise TypeError(f"{name} should be an integer, got {value!r}.")
 
 
@@ -90,6 +95,65 @@ def require_numbers(name: str, values: Any) -> np.ndarray:
         array = np.array(values)
     except ValueError:  # lists of different lengths
         array = np.array(None)
-    if array.dtype.kind not in "biuf" and array.size:
-        raise TypeError(f"{name} should be numbers, got {values!r}.")
+    if array.dtype.kind not in "iuf" and array.size:
+        raise TypeError(f"{name} should be numbers, got {_said(values)}.")
     return array.astype(float)
+
+
+def require_vector(name: str, values: Any, shape: tuple[int, ...]) -> np.ndarray:
+    """The values as a new array of finite floats of a shape.
+
+    Raises:
+        TypeError: something that is no array of real numbers.
+        ValueError: another shape, or a number that is not finite.
+    """
+    array = require_numbers(name, values)
+    if array.shape != shape or not np.isfinite(array).all():
+        raise ValueError(
+            f"{name} should be finite numbers of shape {shape}, got {_said(values)} of shape "
+            f"{array.shape}."
+        )
+    return array
+
+
+def require_flag(name: str, value: Any) -> bool:
+    """The value as a bool.
+
+    Raises:
+        TypeError: neither True nor False.
+    """
+    if not isinstance(value, bool | np.bool_):
+        raise TypeError(f"{name} should be True or False, got {value!r}.")
+    return bool(value)
+
+
+def require_kind(name: str, value: Any, *kinds: type) -> None:
+    """Raise TypeError unless a value is of one of some classes."""
+    if isinstance(value, kinds):
+        return
+    wanted = " or ".join(f"a {kind.__name__}" for kind in kinds)
+    if isinstance(value, type):
+        raise TypeError(
+            f"{name} should be {wanted}, got the class {value.__name__}: make an object of it, "
+            f"{value.__name__}(...)."
+        )
+    raise TypeError(f"{name} should be {wanted}, got {_said(value)}.")
+
+
+def _said(value: Any) -> str:
+    given = repr(value)
+    return given if len(given) < _LONG else f"a {type(value).__name__}"
+
+
+def require_path(name: str, value: Any) -> Path:
+    """The value as a path.
+
+    Raises:
+        TypeError: neither a text nor a path.
+        ValueError: an empty text.
+    """
+    if not isinstance(value, str | os.PathLike):
+        raise TypeError(f"{name} should be a path, got {value!r}.")
+    if not os.fspath(value):
+        raise ValueError(f'{name} should be a path, got {value!r}; "." is the present folder.')
+    return Path(value)

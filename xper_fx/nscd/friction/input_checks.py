@@ -17,6 +17,8 @@ SparseOrDense: TypeAlias = sp.spmatrix | sp.sparray | npt.ArrayLike
 _ASYMMETRY = 1e-2
 # Smallest eigenvalue of a diagonal block, relative to its largest: real data go down to 1e-8.
 _DEFINITE = 1e-13
+# Smallest size of the largest entry, and one over the largest: sums of some stay floats.
+_SMALLEST = 1e-300
 
 
 def checked(
@@ -75,6 +77,13 @@ def checked(
             f"{file}mu should be finite and not negative, got {mu[bad[0]]} at contact {bad[0]}."
         )
     _require_finite(W, dim, file)
+    for name, values in (("W", W.data), ("q", q)):
+        largest = np.abs(values).max(initial=0.0)
+        if largest > 0.0 and not _SMALLEST < largest < 1.0 / _SMALLEST:
+            raise ValueError(
+                f"{file}{name} has entries up to {largest:.3g}, at the end of the range of floats; "
+                "take other units."
+            )
     _require_symmetric(W, dim, file)
     _require_definite_blocks(W, dim, file)
     return W, q, mu

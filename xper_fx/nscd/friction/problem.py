@@ -26,7 +26,13 @@ from xper_fx.nscd.friction.blocks import ORDERS, BlockProblem, store
 from xper_fx.nscd.friction.error import Errors, measure
 from xper_fx.nscd.friction.input_checks import SparseOrDense, checked
 from xper_fx.nscd.friction.sparse_system import Elimination
-from xper_fx.nscd.local_solvers import explicit_applies, local_solver, requires_diagonal
+from xper_fx.nscd.local_solvers import (
+    LOCAL_SOLVERS,
+    explicit_applies,
+    local_solver,
+    requires_diagonal,
+)
+from xper_fx.support.checks import require_vector
 
 _GLOBAL = {
     "newton": nonsmooth_newton.solve,
@@ -34,6 +40,8 @@ _GLOBAL = {
     "interior_point": interior_point.solve,
 }
 SOLVERS = ("auto", "nlgs", "anderson", *_GLOBAL)
+# Facets of the cone beyond which a local problem is solved otherwise.
+_MOST_FACETS = 1000
 _DEFAULT_LOCAL = {2: "graph", 3: "exact"}
 
 
@@ -155,16 +163,12 @@ class FrictionProblem:
 
         Raises:
             ValueError: another shape, or impulses that are not finite.
+        TypeError: no numbers.
         """
         return self._measure(self._impulses("reaction", reaction))[1]
 
     def _impulses(self, name: str, value) -> np.ndarray:
-        value = np.ascontiguousarray(value, dtype=float)
-        if value.shape != self.q.shape or not np.isfinite(value).all():
-            raise ValueError(
-                f"{name} should be finite and have shape {self.q.shape}, got {value.shape}."
-            )
-        return value
+        return np.ascontiguousarray(require_vector(name, value, self.q.shape))
 
     def _measure(self, reaction: np.ndarray) -> tuple[np.ndarray, Errors]:
         return measure(self.W, self.q, self.mu, self.dim, reaction, self._mean_diagonal)
@@ -250,6 +254,9 @@ class FrictionProblem:
         )  # fmt: skip
 
     def _local(self, name: str, facets: int | None, stored: BlockProblem, places: np.ndarray):
+        known = ("auto", *LOCAL_SOLVERS[self.dim])
+        if name not in known:
+            raise ValueError(f"local_solver should be one of {', '.join(known)}, got {name!r}.")
         if name == "auto":
             name = _DEFAULT_LOCAL[self.dim]
         local = local_solver(self.dim, name, **({} if facets is None else {"facets": facets}))
@@ -273,11 +280,14 @@ class FrictionProblem:
             ("relaxation", relaxation, Real, "a number"),
             ("max_sweeps", max_sweeps, Integral, "an integer"),
             ("facets", 8 if facets is None else facets, Integral, "an integer"),
+            ("symmetric", symmetric, bool | np.bool_, "True or False"),
         ):
             if not isinstance(value, kind):
                 raise ValueError(f"{name} should be {wanted}, got {value!r}.")
         if not 0.0 < tolerance < 1.0:
             raise ValueError(f"tolerance should lie between 0 and 1, got {tolerance}.")
+        if facets is not None and not 3 <= facets <= _MOST_FACETS and self.dim == 3:
+            raise ValueError(f"facets should lie between 3 and {_MOST_FACETS}, got {facets}.")
         if not max_sweeps >= 1:
             raise ValueError(f"max_sweeps should be 1 or more, got {max_sweeps}.")
         if not 0.0 < relaxation < 2.0:

@@ -15,6 +15,8 @@ K = [[M, G], [G^T, 0]], which is the Schur complement on G without forming it:
 
 from __future__ import annotations
 
+import math
+import tokenize
 import zipfile
 import zlib
 from pathlib import Path
@@ -25,6 +27,8 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
 from xper_fx.nscd.friction.input_checks import SparseOrDense
+from xper_fx.support.checks import require_path
+from xper_fx.support.hdf5_checks import require_own_content
 
 # Right-hand sides solved at a time: bounds the dense part of a condensation.
 _COLUMNS = 256
@@ -32,8 +36,8 @@ _COLUMNS = 256
 _SINGULAR = 1e-14
 # What NumPy, zipfile and h5py raise on the bytes of a damaged file (found by flipping some).
 _DAMAGE = (
-    OSError, EOFError, KeyError, MemoryError, RuntimeError, TypeError, ValueError,
-    zipfile.BadZipFile, zlib.error,
+    OSError, EOFError, KeyError, MemoryError, RuntimeError, SyntaxError, TypeError, ValueError,
+    tokenize.TokenError, zipfile.BadZipFile, zlib.error,
 )  # fmt: skip
 
 
@@ -50,10 +54,11 @@ def read(path: str | Path) -> tuple[sp.csr_matrix, np.ndarray, np.ndarray, int]:
 
     Raises:
         FileNotFoundError: no such file.
+        TypeError: no path.
         ValueError: another suffix, or a file that is truncated or not in its format; names the file
             and the entry.
     """
-    path = Path(path)
+    path = require_path("path", path)
     reader = {".npz": _read_npz, ".hdf5": _read_fclib, ".h5": _read_fclib}.get(_suffix(path))
     if not path.is_file():
         raise FileNotFoundError(f"{path}: no such file.")
@@ -79,9 +84,10 @@ def write(
         source: where the problem came from, kept in the file.
 
     Raises:
+        TypeError: no path.
         ValueError: another suffix.
     """
-    path = Path(path)
+    path = require_path("path", path)
     suffix = _suffix(path)
     W = sp.csr_matrix(W, dtype=np.float64)
     W.sum_duplicates()
@@ -144,6 +150,8 @@ class _Entries:
         if name not in self:
             raise self.error(name, "is missing")
         try:
+            if isinstance(self.store, np.lib.npyio.NpzFile):
+                self._require_room(name)
             value = self.store[name][()]
         except _DAMAGE as error:
             raise self.damaged(name, error) from error
@@ -154,6 +162,19 @@ class _Entries:
         if bad.size:
             raise self.error(name, f"is not finite at {bad[0]}: {value.ravel()[bad[0]]}")
         return value
+
+    def _require_room(self, name: str) -> None:
+        """Raise a ValueError if an `.npz` entry declares more than it holds."""
+        info = self.store.zip.getinfo(f"{name}.npy")
+        with self.store.zip.open(info) as file:
+            version = np.lib.format.read_magic(file)
+            read = np.lib.format.read_array_header_2_0
+            if version == (1, 0):
+                read = np.lib.format.read_array_header_1_0
+            shape, _, dtype = read(file)
+        declared = math.prod(shape) * dtype.itemsize
+        if declared > info.file_size:
+            raise ValueError(f"it declares {declared} bytes and holds {info.file_size}")
 
     def integer(self, name: str) -> int:
         value = self.array(name)
@@ -265,6 +286,7 @@ def _read_fclib(path: Path):
     except _DAMAGE as error:
         raise ValueError(f"{path}: not a readable HDF5 file, or truncated ({error}).") from error
     with file:
+        require_own_content(path, file)
         entries = _Entries(path, file)
         if "fclib_local" in entries:
             return _local(entries)

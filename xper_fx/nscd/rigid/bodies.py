@@ -141,8 +141,14 @@ class RigidBodies:
         bodies = list(bodies)
         if not bodies:
             raise ValueError("RigidBodies needs at least one body.")
+        first_of = {id(body): number for number, body in reversed(list(enumerate(bodies)))}
         resolved: list[ResolvedBody] = []
         for number, body in enumerate(bodies):
+            if first_of[id(body)] != number:
+                raise ValueError(
+                    f"Rigid bodies {first_of[id(body)]} and {number} are the same object, so that "
+                    "they would be in one place twice; make a RigidBody for each."
+                )
             try:
                 resolved.append(resolve(body))
             except (TypeError, ValueError) as error:

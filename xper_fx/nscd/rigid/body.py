@@ -162,8 +162,10 @@ def resolve(body: RigidBody) -> ResolvedBody:
     """
     if not isinstance(body, RigidBody):
         raise TypeError(f"Expected a RigidBody, got {type(body).__name__}.")
-    if not hasattr(body.shape, "kind"):
-        raise TypeError(f"Its shape must be one of this package, got {body.shape!r}.")
+    if isinstance(body.shape, type) or not hasattr(body.shape, "kind"):
+        raise TypeError(
+            f"Its shape must be one of this package, such as Disc(1.0), got {body.shape!r}."
+        )
     if not isinstance(body.group, str) or not body.group:
         raise ValueError(f"It needs the name of a group (a string), got {body.group!r}.")
     dim = body.shape.dim

@@ -18,6 +18,8 @@ from xper_fx.nscd.rigid.shapes import DISC, HALF_PLANE, HALF_SPACE, SPHERE, chec
 
 # Thickness of a slab over its half width.
 _SLAB = 0.05
+# Segments of a circle that a file or figure still holds.
+_MOST_SEGMENTS = 10_000
 
 
 class Outline(NamedTuple):
@@ -128,10 +130,15 @@ def body_outlines(bodies: RigidBodies, segments: int = 24) -> Outline:
 
     Returns:
         The triangles. A wall reaches, from its point, as far as the bodies do at time 0.
+
+    Raises:
+        ValueError: segments out of range, or no whole number of them.
     """
     check_positive("The number of segments of a circle", segments)
-    if segments < 3 or segments != int(segments):
-        raise ValueError(f"A circle has at least 3 segments, got {segments!r}.")
+    if not 3 <= segments <= _MOST_SEGMENTS or segments != int(segments):
+        raise ValueError(
+            f"The segments of a circle should be 3 to {_MOST_SEGMENTS}, got {segments!r}."
+        )
     segments = int(segments)
     tables, n = bodies.shapes, len(bodies)
     templates = {DISC: _disc(segments)} if bodies.dim == 2 else {SPHERE: _sphere(segments)}

@@ -21,8 +21,10 @@ import numpy.typing as npt
 
 from xper_fx.nscd.rigid.polytope import Cornered
 from xper_fx.nscd.rigid.shapes import POLYGON, MassProperties, check_positive
-from xper_fx.support.checks import require_numbers
+from xper_fx.support.checks import require_count, require_numbers, require_vector
 
+# Sides of a polygon that a search of contacts still bears.
+_MOST_SIDES = 10_000
 # Sine of a turn to the wrong side that still counts as straight.
 _STRAIGHT = 1e-10
 
@@ -97,13 +99,25 @@ class Polygon(Cornered):
 
     @classmethod
     def box(cls, lengths: Sequence[float]) -> Polygon:
-        """A rectangle about the origin with sides `lengths`, shape (2,), m."""
-        x, y = (0.5 * check_positive("A side of a rectangle (m)", length) for length in lengths)
+        """A rectangle about the origin with sides `lengths`, shape (2,), m.
+
+        Raises:
+            TypeError, ValueError: other than two lengths above zero.
+        """
+        sides = require_vector("The side lengths of a rectangle (m)", lengths, (2,))
+        x, y = (0.5 * check_positive("A side of a rectangle (m)", length) for length in sides)
         return cls([[-x, -y], [x, -y], [x, y], [-x, y]])
 
     @classmethod
     def regular(cls, sides: int, radius: float) -> Polygon:
-        """A regular polygon about the origin, its first vertex at (radius, 0), m."""
+        """A regular polygon about the origin, its first vertex at (radius, 0), m.
+
+        Raises:
+            TypeError, ValueError: sides that are no integer from 3 to 10000, no radius above zero.
+        """
+        if require_count("sides", sides, 3) > _MOST_SIDES:
+            raise ValueError(f"sides should be at most {_MOST_SIDES}, got {sides}.")
+        radius = check_positive("The radius of a polygon (m)", radius)
         angle = 2.0 * np.pi * np.arange(sides) / sides
         return cls(radius * np.column_stack([np.cos(angle), np.sin(angle)]))
 

@@ -25,7 +25,7 @@ from scipy.spatial import ConvexHull
 
 from xper_fx.nscd.rigid.polytope import Cornered
 from xper_fx.nscd.rigid.shapes import POLYHEDRON, MassProperties, check_positive
-from xper_fx.support.checks import require_numbers
+from xper_fx.support.checks import require_numbers, require_vector
 
 # Height above a face, relative to the size of the polyhedron, that still counts as in its plane.
 _FLAT = 1e-9
@@ -48,6 +48,7 @@ class Polyhedron(Cornered):
 
     Raises:
         ValueError: not finite, open, not convex, a warped or inverted face, an unused vertex.
+        TypeError: faces that are no lists.
     """
 
     vertices: npt.ArrayLike
@@ -66,6 +67,10 @@ class Polyhedron(Cornered):
             raise ValueError(f"Vertex {bad} of a polyhedron is not finite: {vertices[bad]}.")
         vertices.flags.writeable = False
         object.__setattr__(self, "vertices", vertices)
+        if not np.iterable(self.faces) or not all(np.iterable(face) for face in self.faces):
+            raise TypeError(
+                f"The faces of a polyhedron should be lists of vertex numbers, got {self.faces!r}."
+            )
         faces = tuple(np.asarray(face).tolist() for face in self.faces)
         object.__setattr__(self, "faces", tuple(tuple(face) for face in faces))
         self._check_loops()
@@ -150,8 +155,13 @@ class Polyhedron(Cornered):
 
     @classmethod
     def box(cls, lengths: Sequence[float]) -> Polyhedron:
-        """A box about the origin with sides `lengths`, shape (3,), m."""
-        half = [0.5 * check_positive("A side of a box (m)", length) for length in lengths]
+        """A box about the origin with sides `lengths`, shape (3,), m.
+
+        Raises:
+            TypeError, ValueError: other than three lengths above zero.
+        """
+        sides = require_vector("The side lengths of a box (m)", lengths, (3,))
+        half = [0.5 * check_positive("A side of a box (m)", length) for length in sides]
         corners = np.array([[i, j, k] for k in (-1, 1) for j in (-1, 1) for i in (-1, 1)]) * half
         return cls(
             corners,
@@ -163,9 +173,10 @@ class Polyhedron(Cornered):
         """The convex hull of points, shape (n, 3), m; triangles of one plane make one face.
 
         Raises:
+            TypeError: no numbers.
             ValueError: fewer than four points, or all in a plane.
         """
-        points = np.array(points, float)
+        points = require_numbers("The points of a hull", points)
         if points.ndim != 2 or points.shape[1] != 3 or len(points) < 4:
             raise ValueError(
                 f"A hull takes points of shape (n, 3) with n >= 4, got {points.shape}."

@@ -53,6 +53,7 @@ from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.inverse_blocks import BodyInverse
 from xper_fx.nscd.laws.perfect_bond import PerfectBond
 from xper_fx.nscd.solvers.solver import SolveOptions, Solver, SolveReport
+from xper_fx.support.checks import require_flag
 
 # Weight of D beside the jumps, and the least ratio of stiffnesses that it tells apart.
 _LITTLE, _LEAST_RATIO = 1e-3, 1e-6
@@ -319,12 +320,15 @@ class BondedGradients(Solver):
 
     Args:
         coarse_space: False for iterations whose number grows with that of the bodies.
+
+    Raises:
+        TypeError: neither True nor False.
     """
 
     name = "subdomains"
 
     def __init__(self, coarse_space: bool = True):
-        self._coarse_space = coarse_space
+        self._coarse_space = require_flag("coarse_space", coarse_space)
         self._system: BondedSystem | None = None
 
     def solve(

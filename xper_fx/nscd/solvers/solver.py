@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 import numpy as np
 
+from xper_fx.support.checks import require_count, require_number, require_positive
+
 if TYPE_CHECKING:
     from xper_fx.nscd.interactions import Interactions
 
@@ -29,12 +31,24 @@ class SolveOptions:
             locally linear, in (0, 2).
         num_threads: threads to use; if not given all that Numba has, or one where points are few.
             Results do not depend on it beyond the rounding of the residual.
+
+    Raises:
+        ValueError: a number out of range.
+        TypeError: something that is no number.
     """
 
     tolerance: float = 1e-4
     max_sweeps: int = 10_000
     relaxation: float = 1.0
     num_threads: int | None = None
+
+    def __post_init__(self) -> None:
+        require_positive("tolerance", self.tolerance)
+        require_count("max_sweeps", self.max_sweeps, 1)
+        if not 0.0 < require_number("relaxation", self.relaxation) < 2.0:
+            raise ValueError(f"relaxation should lie in (0, 2), got {self.relaxation}.")
+        if self.num_threads is not None:
+            require_count("num_threads", self.num_threads, 1)
 
 
 class SolveReport(NamedTuple):

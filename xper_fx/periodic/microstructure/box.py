@@ -7,6 +7,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
+from xper_fx.support.checks import require_numbers
+
 __all__ = ["checked_periods", "near_pairs", "wrapped"]
 
 
@@ -14,9 +16,10 @@ def checked_periods(periods: npt.ArrayLike) -> npt.NDArray[np.float64]:
     """Return the edges of a box as an array, shape (dim,), m.
 
     Raises:
+        TypeError: no numbers.
         ValueError: they are not two or three, not finite or not positive.
     """
-    box = np.array(periods, dtype=np.float64)
+    box = require_numbers("periods", periods)
     if box.shape not in ((2,), (3,)):
         raise ValueError(f"periods has shape {box.shape}; expected two or three lengths.")
     if not np.all(np.isfinite(box)) or not np.all(box > 0):

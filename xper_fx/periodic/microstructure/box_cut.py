@@ -16,6 +16,7 @@ from xper_fx.periodic.microstructure.tessellation import (
     counterclockwise,
     fills_the_box,
 )
+from xper_fx.support.checks import require_kind
 
 __all__ = ["cut_by_box"]
 
@@ -41,8 +42,10 @@ def cut_by_box(tessellation: Tessellation, keep_origin: bool = False) -> Tessell
         is. The seeds are moved with the grains.
 
     Raises:
+        TypeError: no tessellation.
         ValueError: a vertex lies on the box's boundary; the grains are cut already.
     """
+    require_kind("tessellation", tessellation, Tessellation)
     if tessellation.is_cut:
         raise ValueError("The grains are cut by the box already.")
     spacing = (tessellation.periods.prod() / tessellation.num_grains) ** (1 / tessellation.dim)

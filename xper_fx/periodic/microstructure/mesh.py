@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,9 +15,12 @@ from mpi4py import MPI
 from xper_fx.bodies.gmsh_session import gmsh_model
 from xper_fx.bodies.meshes import SerialOnlyError, read_gmsh
 from xper_fx.periodic.microstructure.tessellation import PieceFace, Tessellation
+from xper_fx.support.checks import require_kind, require_positive
 
 __all__ = ["Microstructure", "mesh_tessellation"]
 
+# Cells that no machine meshes.
+_MOST_CELLS = 1e9
 # A vertex of the tessellation and the periods by which it is moved.
 _Corner = tuple[int, tuple[int, ...]]
 
@@ -67,9 +71,9 @@ def mesh_tessellation(
     Raises:
         ImportError: the Python module `gmsh` is missing.
         SerialOnlyError: `comm` has several processes.
-        TypeError: phases are no integers.
-        ValueError: the size is not positive and finite; there is not one phase for each grain; a
-            phase does not fit into 32 bits.
+        TypeError: phases are no integers, the size is no number, or there is no tessellation.
+        ValueError: the size is not positive and finite, or so small that cells are too many; there
+            is not one phase for each grain; a phase does not fit into 32 bits.
         RuntimeError: Gmsh failed.
     """
     if comm.size > 1:
@@ -77,8 +81,14 @@ def mesh_tessellation(
             f"comm has {comm.size} processes; microstructures are meshed on one for now: give "
             "MPI.COMM_SELF, or run on one process."
         )
-    if not np.isfinite(size) or size <= 0:
-        raise ValueError(f"size is {size!r}; expected a positive length in m.")
+    require_kind("tessellation", tessellation, Tessellation)
+    size = require_positive("size", size)
+    cells = math.prod(float(period) / size for period in tessellation.periods)
+    if not cells < _MOST_CELLS:
+        raise ValueError(
+            f"size is {size:g} m, which makes about {cells:.2g} cells in the box of "
+            f"{tessellation.periods.tolist()} m; expected fewer than {_MOST_CELLS:.0e}."
+        )
     phase_of_grain = _checked_phase(phase, tessellation.num_grains)
     dim = tessellation.dim
     unit = 2.0 ** np.rint(np.log2(tessellation.periods.prod() / tessellation.num_grains) / dim)

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import numpy.typing as npt
 
@@ -10,6 +12,10 @@ from xper_fx.periodic.microstructure.box import checked_periods
 from xper_fx.periodic.microstructure.tessellation import tessellate
 
 __all__ = ["random_seeds"]
+
+# Seeds that can be cut into grains in the memory of a machine, and Lloyd's steps, long after which
+# nothing moves any more.
+_MOST_SEEDS, _MOST_STEPS = 10_000_000, 10_000
 
 
 def random_seeds(
@@ -33,19 +39,21 @@ def random_seeds(
 
     Raises:
         TypeError: `count`, `seed` or `relaxation` is no integer.
-        ValueError: one of them is too small; a period is not positive.
+        ValueError: one of them is too small or too large; a period is not positive.
         RuntimeError: as `tessellate`; relaxation may lead very few seeds in 3D to a cubic lattice,
             at which rounding decides the topology.
     """
-    for name, value, least in (
-        ("count", count, 1),
-        ("seed", seed, 0),
-        ("relaxation", relaxation, 0),
+    for name, value, least, most in (
+        ("count", count, 1, _MOST_SEEDS),
+        ("seed", seed, 0, math.inf),
+        ("relaxation", relaxation, 0, _MOST_STEPS),
     ):
         if isinstance(value, bool) or not isinstance(value, int | np.integer):
             raise TypeError(f"{name} is {value!r}; expected an integer.")
         if value < least:
             raise ValueError(f"{name} is {value}; expected at least {least}.")
+        if value > most:
+            raise ValueError(f"{name} is {value}; expected at most {most}.")
     box = checked_periods(periods)
     seeds = np.random.default_rng(seed).random((count, len(box))) * box
     for _ in range(relaxation):

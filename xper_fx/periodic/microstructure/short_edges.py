@@ -22,6 +22,7 @@ import numpy as np
 import numpy.typing as npt
 
 from xper_fx.periodic.microstructure.tessellation import Tessellation, tessellate
+from xper_fx.support.checks import require_count, require_kind, require_non_negative
 
 __all__ = ["lengthen_short_edges"]
 
@@ -47,14 +48,16 @@ def lengthen_short_edges(
         A tessellation whose shortest edge is at least `length`; the same one if it has that.
 
     Raises:
+        TypeError: no tessellation, something that is no number.
         ValueError: the length is negative or not finite, or was not reached; grains are cut; with
             weights, a grain vanished.
         RuntimeError: as `tessellate`.
     """
+    require_kind("tessellation", tessellation, Tessellation)
+    require_count("max_steps", max_steps, 1)
     if tessellation.is_cut:
         raise ValueError("The grains are cut by the box; lengthen their edges before that.")
-    if not np.isfinite(length) or length < 0:
-        raise ValueError(f"length is {length!r}; expected a length in m, 0 or more.")
+    length = require_non_negative("length", length)
     spacing = (tessellation.periods.prod() / tessellation.num_grains) ** (1 / tessellation.dim)
     improved = tessellation
     longest = improved.shortest_edge

@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from xper_fx.periodic.microstructure.box import checked_periods, near_pairs, wrapped
 from xper_fx.periodic.microstructure.power_diagram import DiagramVertices, diagram_vertices
+from xper_fx.support.checks import require_kind, require_numbers
 
 __all__ = [
     "Face",
@@ -235,13 +236,13 @@ def _checked(
 ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], npt.NDArray[np.float64]]:
     """Return wrapped seeds, periods and weights as arrays, or raise."""
     box = checked_periods(periods)
-    points = np.array(seeds, dtype=np.float64)
+    points = require_numbers("seeds", seeds)
     if points.ndim != 2 or points.shape[1] != len(box) or len(points) == 0:
         raise ValueError(
             f"seeds has shape {points.shape}; expected (n, {len(box)}), n at least 1, a row for "
             f"each seed and a column for each of the {len(box)} periods."
         )
-    power = np.zeros(len(points)) if weights is None else np.array(weights, dtype=np.float64)
+    power = np.zeros(len(points)) if weights is None else require_numbers("weights", weights)
     if power.shape != (len(points),):
         raise ValueError(
             f"weights has shape {power.shape}; expected one for each of the {len(points)} seeds, "
@@ -369,10 +370,11 @@ def nearest_grains(
         Grains by distance, shape (count,).
 
     Raises:
-        TypeError: `count` is no integer.
+        TypeError: `count` is no integer, the point no numbers, or there is no tessellation.
         ValueError: the point is of another dimension or not finite; there are too few grains.
     """
-    x = np.array(point, dtype=np.float64)
+    require_kind("tessellation", tessellation, Tessellation)
+    x = require_numbers("point", point)
     if x.shape != (tessellation.dim,) or not np.all(np.isfinite(x)):
         raise ValueError(f"point is {point!r}; expected {tessellation.dim} finite coordinates.")
     if isinstance(count, bool) or not isinstance(count, int | np.integer):

@@ -1,0 +1,120 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""What is doubted about scenes that may be meant, and that sound scenes are left alone."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from misused_scenes import BOND, TOUCH, blocks, disc, near_block, of_block, of_discs, of_plate
+from scenes import BOTTOM
+
+import xper_fx as xf
+from xper_fx.scene.scene_doubts import scene_doubts
+
+FLOOR = xf.rigid.wall((0.0, -1.0), (0.0, 1.0), "floor")
+ROOF = xf.rigid.wall((0.0, 9.0), (0.0, -1.0), "roof")
+
+
+def doubts(scene, step=1e-5):
+    return list(scene_doubts(scene, step))
+
+
+def walled(point, normal):
+    return of_block(walls=[xf.Wall(BOTTOM, point, normal, TOUCH)])
+
+
+def bonded(stiffness):
+    return of_plate(default_interaction=xf.laws.CohesiveZone(stiffness, 1e4, 1.0))
+
+
+def of_material(young, density):
+    return of_block(materials={1: xf.materials.LinearElastic(young, 0.3, density)})
+
+
+ON_FLOOR = [("discs", "floor")]
+
+
+@pytest.mark.parametrize(
+    "scene",
+    [
+        lambda: of_discs(disc(), FLOOR, ROOF, pairs=[*ON_FLOOR, ("discs", "roof")]),
+        lambda: of_discs(disc(), disc((3.0, 0.0)), FLOOR, pairs=[*ON_FLOOR, ("discs", "discs")]),
+        lambda: of_discs(disc(angle=6.2), FLOOR, pairs=ON_FLOOR),
+        lambda: walled((0.0, 0.0), (0.0, 1.0)),
+        lambda: walled((0.0, -0.5), (0.1, 3.0)),
+        lambda: walled((0.0, 1e-6), (0.0, 1.0)),
+        lambda: bonded(1e12),
+        lambda: near_block(1.3),
+        lambda: blocks(1.0),
+        of_plate,
+    ],
+)
+def test_sound_scenes_are_left_alone(scene):
+    assert doubts(scene()) == []
+
+
+@pytest.mark.parametrize(
+    ("scene", "words"),
+    [
+        (
+            lambda: of_discs(
+                disc(), disc((3, 0)), disc((6, 0), "b"), FLOOR, pairs=[*ON_FLOOR, ("b", "floor")]
+            ),
+            "groups ('b', 'discs'), ('discs', 'discs'): .* xf.Contact(('b', 'discs'), law)",
+        ),
+        (lambda: of_discs(disc(angle=45.0), FLOOR, pairs=ON_FLOOR), "rigid body 0 is 45 rad"),
+        (lambda: walled((0.0, 0.0), (0.0, -1.0)), "tag 3 look along the normal (0.0, -1.0)"),
+        (lambda: walled((0.0, 0.25), (0.0, 2.0)), "tag 3 lie up to 0.25 m inside"),
+        (lambda: bonded(1e7), "1e+07 Pa/m of a cohesive law is soft"),
+        (lambda: of_material(1e11, 7.8e-9), "3.6e+09 m/s"),
+        (lambda: of_material(1.0, 1e-3), "step of 1e-12 s is short beside the 0.0316 s"),
+        (lambda: near_block(0.5), "rigid body 0 lies in the meshed body 0"),
+        (lambda: blocks(0.9), "meshed bodies 0 and 1 overlap at [0."),
+    ],
+)
+def test_each_doubt_is_one_sentence(scene, words):
+    (told,) = doubts(scene(), 1e-12 if "1e-12" in words else 1e-5)
+    parts = words.split(" .* ")
+    assert all(part in told for part in parts), told
+
+
+def test_what_is_decided_is_not_doubted():
+    """None as a law says that bodies pass through each other."""
+    scene = of_discs(disc(), disc((3.0, 0.0)), FLOOR, pairs=ON_FLOOR)
+    assert len(doubts(scene)) == 1
+    decided = replace(scene, contacts=[*scene.contacts, xf.Contact(("discs", "discs"), None)])
+    assert doubts(decided) == []
+
+
+def test_pieces_of_a_surface():
+    """Bodies of one surface are to be decided where no law joins them."""
+    ball = disc((1.0, 4.0), "ball")
+    contacts = [xf.Contact(("plate", "ball"), TOUCH)]
+    given = {"surfaces": {"plate": (1, 2)}, "rigid": [ball], "contacts": contacts}
+    assert doubts(of_plate(**given)) == []
+    (told,) = doubts(of_plate(interactions={(1, 2): None}, **given))
+    assert "('plate', 'plate')" in told
+    assert doubts(of_plate(default_interaction=None, interactions={
+        (1, 1): BOND, (2, 2): BOND, (1, 2): TOUCH}, **given)) == []  # fmt: skip
+
+
+def test_doubts_are_told_once_before_the_first_step(caplog):
+    simulation = xf.Simulation(walled((0.0, 0.0), (0.0, -1.0)), 1e-5, num_threads=1)
+    assert [record.levelname for record in caplog.records] == ["WARNING"]
+    list(simulation.steps(3e-5))
+    assert len(caplog.records) == 1
+
+
+def test_a_scene_keeps_what_it_was_given():
+    """Lists and mappings are its own; attributes are not set."""
+    solid = xf.materials.LinearElastic(1e9, 0.3, 1e3)
+    materials, loads = {1: solid}, [xf.Gravity((0.0, -1.0))]
+    scene = of_block(materials=materials, loads=loads)
+    materials[1] = None
+    loads.append(3.0)
+    assert scene.materials == {1: solid} and len(scene.loads) == 1
+    with pytest.raises(AttributeError, match=r"does not change.*replace\(scene, loads"):
+        scene.loads = []
+    assert np.array_equal(replace(scene, loads=[]).bodies.labels, scene.bodies.labels)

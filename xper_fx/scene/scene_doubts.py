@@ -1,0 +1,208 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""What a scene may not mean: told once, as a warning, before the first step.
+
+Each of these has a meaning, so that it is no error; most often it is a slip.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import combinations_with_replacement
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from xper_fx.bodies.meshes import (
+    cell_measure,
+    facet_cells,
+    facet_geometry_nodes,
+    midpoints_of,
+)
+from xper_fx.forms.loads import SurfaceTraction
+from xper_fx.support.compat import geometry_dofmap
+
+if TYPE_CHECKING:
+    from xper_fx.scene.scene import Scene
+    from xper_fx.scene.wall import Wall
+
+# Pairs that a warning names.
+_NAMED = 5
+# Depth behind a wall beside the length of a facet, and stiffness of bonds beside that of their
+# bodies, at which a scene is doubted.
+_BEHIND, _SOFT = 1e-3, 0.1
+# Speed (m/s) that no wave in a solid reaches, and a step beside the time in which a wave crosses
+# the smallest body.
+_FASTEST, _SHORTEST = 1e5, 1e-5
+
+
+def scene_doubts(scene: Scene, step: float | None) -> Iterator[str]:
+    """Sentences that say what is doubted and what to do.
+
+    Args:
+        scene: checked.
+        step: h (s) that is asked for, None if it is picked.
+    """
+    yield from _undecided_pairs(scene)
+    if scene.rigid_bodies is not None:
+        yield from _degrees(scene)
+    if scene.bodies is not None:
+        for wall in scene.walls:
+            yield from _wall_doubts(scene, wall)
+        yield from _tractions_in_cracks(scene)
+        if scene.surfaces:
+            from xper_fx.scene.mesh_overlaps import mesh_overlaps
+
+            yield from mesh_overlaps(scene)
+        yield from _units(scene, step)
+        yield from _soft_bonds(scene)
+
+
+def _undecided_pairs(scene: Scene) -> Iterator[str]:
+    """Groups that can meet, and no contact says what happens then."""
+    free, several = _groups(scene)
+    named = {tuple(sorted(contact.between)) for contact in scene.contacts}
+    undecided = [
+        (a, b)
+        for a, b in combinations_with_replacement(sorted(free), 2)
+        if (a, b) not in named and (free[a] or free[b]) and (a != b or several[a])
+    ]
+    if undecided:
+        a, b = undecided[0]
+        names = ", ".join(map(repr, undecided[:_NAMED]))
+        more = f" and {len(undecided) - _NAMED} more" if len(undecided) > _NAMED else ""
+        yield (
+            f"no contact is between the groups {names}{more}: their bodies pass through each "
+            f"other; add xf.Contact({(a, b)!r}, law) to `contacts`, with None as a law if they may"
+        )
+
+
+def _groups(scene: Scene) -> tuple[dict[str, bool], dict[str, bool]]:
+    """By name, whether bodies of a group can move, and whether it has several that are apart."""
+    free, several = {}, {}
+    if scene.rigid_bodies is not None:
+        bodies = scene.rigid_bodies
+        moves = ~bodies.is_prescribed.all(axis=1)
+        for number, name in enumerate(bodies.groups):
+            own = bodies.group_of == number
+            free[name], several[name] = bool(moves[own].any()), int(own.sum()) > 1
+    for name, tags in scene.surfaces.items():
+        free[name], several[name] = True, _is_in_pieces(scene, tags)
+    return free, several
+
+
+def _is_in_pieces(scene: Scene, tags) -> bool:
+    """Whether some bodies of cell tags are joined by no facing facets with a law."""
+    from xper_fx.scene.mesh_overlaps import pieces_of_bodies
+
+    own = np.isin(scene.bodies.material_of_cell, list(tags))
+    return len(np.unique(pieces_of_bodies(scene)[scene.bodies.body_of_cell[own]])) > 1
+
+
+def _degrees(scene: Scene) -> Iterator[str]:
+    """Angles that were hardly meant in radians."""
+    bodies = scene.rigid_bodies
+    if bodies.dim != 2:
+        return
+    large = np.flatnonzero(np.abs(bodies.rotation) > 2.0 * np.pi)
+    if len(large):
+        yield (
+            f"the angle of rigid body {large[0]} is {bodies.rotation[large[0]]:g} rad, more than a "
+            f"turn ({len(large)} such in all); angles are in radians: numpy.deg2rad(degrees)"
+        )
+
+
+def _wall_doubts(scene: Scene, wall: Wall) -> Iterator[str]:
+    """A wall that looks away from its facets, or that they are in."""
+    mesh = scene.bodies.mesh
+    cells, local = (each[:, 0] for each in facet_cells(mesh))
+    facets = scene.bodies.facet_tags.find(wall.facets)
+    nodes = facet_geometry_nodes(mesh, cells[facets], local[facets])
+    x, dim = mesh.geometry.x, scene.dim
+    normal = np.asarray(wall.normal, float) / np.linalg.norm(wall.normal)
+    out = midpoints_of(x, nodes) - midpoints_of(x, geometry_dofmap(mesh)[cells[facets]])
+    if np.all(out[:, :dim] @ normal > 0.0):
+        yield (
+            f"all facets of tag {wall.facets} look along the normal {tuple(wall.normal)} of their "
+            "wall; it should point out of the obstacle, towards the bodies: turn it round"
+        )
+        return
+    depth = -float(((x[nodes][..., :dim] - np.asarray(wall.point, float)) @ normal).min())
+    if depth > _BEHIND * np.ptp(x[nodes], axis=1).max():
+        yield (
+            f"facets of tag {wall.facets} lie up to {depth:.3g} m inside of their wall at the "
+            "start; move the bodies or the wall"
+        )
+
+
+def _tractions_in_cracks(scene: Scene) -> Iterator[str]:
+    """Tractions on both lips between two bodies."""
+    between = set(scene.bodies.facets.tag.tolist())
+    for load in scene.loads:
+        if isinstance(load, SurfaceTraction) and load.facets in between:
+            yield (
+                f"a SurfaceTraction is on facet tag {load.facets} between bodies: the same vector "
+                "acts on both lips; tag outer facets if that is not meant"
+            )
+
+
+def _body_sizes(scene: Scene) -> np.ndarray:
+    """Volume^(1/dim) of each body, shape (num_bodies,), m."""
+    mesh = scene.bodies.mesh
+    volume = cell_measure(mesh.topology.cell_name(), mesh.geometry.x[geometry_dofmap(mesh)])
+    return np.bincount(scene.bodies.body_of_cell, volume) ** (1.0 / scene.dim)
+
+
+def _units(scene: Scene, step: float | None) -> Iterator[str]:
+    """Waves faster than in any solid, or a step in which they go nowhere."""
+    elastic = {t: m for t, m in scene.materials.items() if hasattr(m, "young")}
+    speeds = {t: float(np.max(m.young) / m.density) ** 0.5 for t, m in elastic.items()}
+    if not speeds:
+        return
+    tag = max(speeds, key=speeds.get)
+    if speeds[tag] > _FASTEST:
+        material = elastic[tag]
+        yield (
+            f"waves in the material of cell tag {tag} go at {speeds[tag]:.2g} m/s, as its young is "
+            f"{np.max(material.young):.3g} Pa and its density {material.density:.3g} kg/m^3; look "
+            "at the units"
+        )
+        return
+    way = np.inf if step is None else step * min(speeds.values())
+    # bodies are no larger than all of them
+    if way > _SHORTEST * np.ptp(scene.bodies.mesh.geometry.x, axis=0).max():
+        return
+    size = float(_body_sizes(scene).min())
+    if way < _SHORTEST * size:
+        crossing = size / min(speeds.values())
+        yield (
+            f"the step of {step:.3g} s is short beside the {crossing:.3g} s that a wave takes "
+            f"through the smallest body, {size:.3g} m wide; look at the units"
+        )
+
+
+def _soft_bonds(scene: Scene) -> Iterator[str]:
+    """Cohesive laws softer than the bodies that they join."""
+    given = (*scene.interactions.values(), *scene.facet_interactions.values())
+    given = [law for law in (*given, scene.default_interaction) if hasattr(law, "normal_stiffness")]
+    moduli = [np.max(m.young) for m in scene.materials.values() if hasattr(m, "young")]
+    if not given or not moduli or not len(scene.bodies.facets):
+        return
+    # bodies are as large as their facets
+    shortest = float(scene.bodies.facets.measure.min()) ** (1.0 / (scene.dim - 1))
+    if min(law.normal_stiffness for law in given) * shortest > _SOFT * min(moduli):
+        return
+    size = _body_sizes(scene)
+    laws, law_of_facet = scene.law_of_facet()
+    suspects = [i for i, law in enumerate(laws) if hasattr(law, "normal_stiffness")]
+    for number in suspects:
+        joined = scene.bodies.facets.bodies[law_of_facet == number]
+        if not len(joined):
+            continue
+        length, stiffness = float(size[joined].max()), laws[number].normal_stiffness
+        if stiffness * length < _SOFT * min(moduli):
+            yield (
+                f"the normal_stiffness {stiffness:.3g} Pa/m of a cohesive law is soft: over its "
+                f"bodies of up to {length:.3g} m that is {stiffness * length:.3g} Pa beside a "
+                f"Young's modulus of {min(moduli):.3g} Pa, so that bonds decide the stiffness of "
+                "the whole; look at the units, or take some 10 E / size"
+            )
