@@ -6,6 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from plates import crossed_plate
+from point_mass import PointMass
 from solving import solve
 
 from xper_fx.nscd.algebra.small import sym_indices
@@ -377,6 +378,22 @@ def test_amplification_of_a_geometric_series_is_what_is_left():
     assert amplification(np.array(changes)) == pytest.approx(rho / (1 - rho), rel=1e-6)
     assert amplification(np.full(6, 1e-3)) == np.inf
     assert amplification(np.array([0.0, 1e-3])) == np.inf  # tiles at rest that others moved
+
+
+@pytest.mark.parametrize("masses", [[np.inf], [np.inf, np.inf]])
+def test_points_between_bodies_that_are_driven(masses):
+    """Nothing that impulses do calls for another visit: it comes all the same."""
+    velocity = np.zeros((len(masses), 2))
+    velocity[0, 0] = 0.5 * BOND.elastic_opening / STEP
+    bond = PointMass(BOND, masses, velocity, area=1e-6)
+    for count in (1, 2, 3):
+        bond.step(STEP)
+        assert bond.report.converged and bond.report.sweeps < 100
+        pull = -bond.impulse[0] / (STEP * 1e-6)
+        if count < 3:  # elastic still, with the opening at the middle of the step
+            middle = (count - 0.5) * 0.5 * BOND.elastic_opening
+            assert pull == pytest.approx(BOND.normal_stiffness * middle, rel=1e-9)
+    assert 0.0 < bond.damage < 1.0
 
 
 def test_warm_start_from_the_answer_is_immediate():
