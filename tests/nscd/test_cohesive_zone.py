@@ -14,6 +14,7 @@ from scipy.integrate import quad
 
 from xper_fx.nscd.laws import CohesiveZone
 from xper_fx.nscd.laws.cohesive_zone import damage, mean_damage
+from xper_fx.nscd.point_tangents import PointTangents
 
 # Zircaloy-4 (Perales et al. 2010, section 4.2.1).
 C_N, W, R_MAX = 2e18, 0.5, 1e9
@@ -334,10 +335,41 @@ def test_broken_lips_end_a_step_closed_or_with_the_speed_that_nothing_changes(
     group.state[:] = (2 * DC, 0.0)
     group.jump[0, 0] = gap * D0
     force = bond.masses[0] * (free - approach) * unit / step
-    bond.step(step, [[force, 0.0]])
+    energies = bond.step(step, [[force, 0.0]])
     closing = -(gap * D0 + step * (1.0 - theta) * approach * unit) / (step * theta)
     assert bond.velocity[0, 0] == pytest.approx(max(free * unit, closing), abs=1e-9 * unit)
     assert bond.jump[0] >= -1e-9 * D0
+    # what closing lips stop is an impact, not the scheme's
+    lost = bond.impulse[0] * (gap * D0 - bond.jump[0]) / step
+    size = bond.masses[0] * unit**2
+    assert lost >= -1e-9 * size
+    assert energies.impact == pytest.approx(lost, abs=1e-8 * size)
+    assert abs(energies.numerical) <= 1e-8 * size
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize("steps", [1, 7])
+@pytest.mark.parametrize("c_t", [1e18, 8e18])
+@pytest.mark.parametrize("angle", [0.0, 40.0, 90.0])
+def test_damage_of_the_end_spends_what_its_direction_costs(angle, c_t, steps, dim):
+    """Along one direction the energy is that of the curve, C_N and C_T weighed as U.C.U does."""
+    law = zircaloy(tangential_stiffness=c_t, damage="end")
+    c, s = np.cos(np.radians(angle)), np.sin(np.radians(angle))
+    direction = np.array([c, s] if dim == 2 else [c, 0.6 * s, 0.8 * s])
+    bond = PointMass(law, np.inf, np.zeros(dim), area=AREA, theta=1.0)
+    (group,), step = bond.interactions.groups, 1e-10
+    total = 0.0
+    for _ in range(steps):
+        velocity = np.zeros((2, dim))
+        velocity[0] = bond.frame.T @ direction * (1.1 * law.critical_opening / steps / step)
+        bond.interactions.begin_step(step, 1.0)
+        answers = PointTangents(bond.interactions)
+        answers.respond(velocity.ravel())
+        group.impulse[:] = answers.response[0]
+        total += bond.interactions.commit(velocity.ravel()).cohesion
+    assert bond.damage == 0.0
+    whole = 0.5 * W * (1.0 / C_N + 1.0 / c_t)
+    assert total == pytest.approx(AREA * (c_t + (C_N - c_t) * c * c) * whole, rel=1e-9)
 
 
 @pytest.mark.parametrize("damage", ["mean", "lagged"])

@@ -14,6 +14,7 @@ from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.inverse_blocks import BodyInverse
 from xper_fx.nscd.laws import CohesiveZone, PerfectBond, SignoriniCoulomb
 from xper_fx.nscd.points import InteractionPoints, frame_from_normal
+from xper_fx.nscd.solvers import AcceleratedSweeps, NonlinearGaussSeidel
 from xper_fx.nscd.solvers.sweeps import amplification
 
 SIZE, STEP, THETA = 5e-6, 3e-11, 0.5
@@ -169,6 +170,34 @@ def test_compliance_of_a_point_is_dense(dim, k):
         np.testing.assert_allclose(
             packed[p], block[rows, cols], rtol=0, atol=1e-13 * np.abs(block).max()
         )
+
+
+@pytest.mark.parametrize("k", [1, 2, 3])
+@pytest.mark.parametrize("dim", [2, 3])
+def test_compliance_of_a_diagonal_is_dense(dim, k):
+    """Points on several nodes, each with a w of its own: weights count twice."""
+    rng = np.random.default_rng(6)
+    entries = rng.uniform(1.0, 3.0, (16, dim))
+    inverse = BodyInverse.of_nodes(entries, dim)
+    first = np.array([0, 1, 2, 0, 3])
+    second = np.array([1, 2, 3, 2, 4])  # the last on the ground
+    nodes = np.zeros((5, 2, k), np.int32)
+    for p in range(5):
+        nodes[p, 0] = 4 * first[p] + rng.permutation(4)[:k]
+        nodes[p, 1] = 16 if second[p] == 4 else 4 * second[p] + rng.permutation(4)[:k]
+    normal = rng.normal(size=(5, dim))
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    points = InteractionPoints(
+        nodes, rng.dirichlet(np.ones(k), size=(5, 2)), frame_from_normal(normal), np.ones(5),
+        np.zeros(5),
+    )  # fmt: skip
+    scene = Interactions(points, [BOND], np.zeros(5, int), inverse)
+    h = dense_h(points, inverse.num_slots)
+    w = (h.T * np.append(entries.ravel(), np.zeros(dim))) @ h
+    rows, cols = sym_indices(dim)
+    for own, p in zip(scene.groups[0].compliance, scene.groups[0].indices, strict=True):
+        block = w[p * dim : (p + 1) * dim, p * dim : (p + 1) * dim]
+        np.testing.assert_allclose(own, block[rows, cols], atol=1e-13)
 
 
 def gauss_scene(k, law, uniform):
@@ -378,6 +407,17 @@ def test_amplification_of_a_geometric_series_is_what_is_left():
     assert amplification(np.array(changes)) == pytest.approx(rho / (1 - rho), rel=1e-6)
     assert amplification(np.full(6, 1e-3)) == np.inf
     assert amplification(np.array([0.0, 1e-3])) == np.inf  # tiles at rest that others moved
+
+
+@pytest.mark.parametrize("solver", [NonlinearGaussSeidel, AcceleratedSweeps])
+def test_impulses_that_are_rounding_are_not_sought(solver):
+    """Bodies that fly side by side at 1 km/s push each other by the rounding of velocities."""
+    scene, free = plate_scene(5, BOND, step=3e-10, speed=0.0)
+    rng = np.random.default_rng(2)
+    moving = scene.inverse.num_nodes * 2
+    free[:moving] = 1e3 * (1.0 + np.finfo(float).eps * rng.integers(-1, 2, moving))
+    report = solve(scene, free, solver, tolerance=1e-9, num_threads=1)
+    assert report.converged and report.sweeps <= 3
 
 
 @pytest.mark.parametrize("masses", [[np.inf], [np.inf, np.inf]])

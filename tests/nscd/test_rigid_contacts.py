@@ -46,16 +46,18 @@ def heap():
 @pytest.mark.slow
 @pytest.mark.parametrize("solver", [NonlinearGaussSeidel, AcceleratedSweeps, Automatic])
 @pytest.mark.parametrize("tolerance", [1e-2, 1e-4])
-def test_laws_hold_to_the_tolerance_at_the_stop(heap, solver, tolerance):
+@pytest.mark.parametrize("guess", [0.5, 1e6])
+def test_laws_hold_to_the_tolerance_at_the_stop(heap, solver, tolerance, guess):
     heap.search()
     for g in heap.layer.groups:
-        g.impulse[:] *= 0.5  # a poor first guess
+        g.impulse[:] *= guess  # a poor one
     free = heap.free_velocity()
     velocity = free.copy()
     report = solve(heap.layer, velocity, solver, tolerance=tolerance, num_threads=1)
     assert report.converged and report.residual <= tolerance
     found = violation(heap.layer, free, velocity)
-    assert 0.01 * report.residual < found < 3.0 * tolerance
+    assert found < (3.0 if guess < 1.0 else 10.0) * tolerance
+    assert guess > 1.0 or found > 0.01 * report.residual
     assert max(g.impulse[:, 0].min() for g in heap.layer.groups) >= 0.0
 
 

@@ -119,17 +119,18 @@ def test_frames_are_those_given_until_lips_move(name, rule):
     assert np.abs(facet.turn(turned, still) - start @ R.T).max() < 1e-14
 
 
+@pytest.mark.parametrize("theta", [0.5, 0.7, 1.0])
 @pytest.mark.parametrize("name, rule", RULES)
-def test_spin_is_the_rate_of_the_frame(name, rule):
+def test_spin_is_the_rate_of_the_frame(name, rule, theta):
     """s = F (omega x d) is -F' d, with F' by differences of frames."""
     facet = Facet(name, rule)
     u, v, eps = facet.random(1, 0.2), facet.random(2, 1.0), 1e-6
     before, after = facet.turn(u - eps * v, 0 * v), facet.turn(u + eps * v, 0 * v)
     rate = (after - before) / (2.0 * eps)
-    facet.turn(u, v)
+    facet.turn(u, v, theta=theta)
     turning = facet.group.turning
     turning.by_spin[:] = True
-    facet.layer.begin_step(1e-3, 0.5)
+    facet.layer.begin_step(1e-3, theta)
     facet.layer._settle(facet.group, turning, v.ravel().copy())
     expected = -np.einsum("pid,pd->pi", rate, turning.jump)
     assert turning.spin == pytest.approx(expected, abs=1e-8)
