@@ -16,6 +16,7 @@ from xper_fx.nscd.laws import CohesiveZone, PerfectBond, SignoriniCoulomb
 from xper_fx.nscd.points import InteractionPoints, frame_from_normal
 from xper_fx.nscd.solvers import AcceleratedSweeps, NonlinearGaussSeidel
 from xper_fx.nscd.solvers.sweeps import amplification
+from xper_fx.support.saved_rows import Rows
 
 SIZE, STEP, THETA = 5e-6, 3e-11, 0.5
 BOND = CohesiveZone(2e18, 0.5, 1e9)
@@ -449,6 +450,32 @@ def test_warm_start_from_the_answer_is_immediate():
     scene.commit(velocity)
     scene.begin_step(0.5 * STEP, THETA)
     np.testing.assert_array_equal(flat_impulses(scene), 0.5 * before)
+
+
+def test_a_saved_layer_goes_on_as_it_was():
+    """Jumps, velocities, histories, impulses and their step, into points just made."""
+    scene, free = mixed_scene()
+    velocity = free.copy()
+    solve(scene, velocity, tolerance=1e-6, num_threads=1)
+    scene.commit(velocity)
+    saved = {n: v.in_order() if isinstance(v, Rows) else v for n, v in scene.saved().items()}
+    again, _ = mixed_scene()
+    names = ("jump", "velocity", "impulse", "status", "energy", "damage", "opening_max")
+    assert not np.array_equal(again.gather("jump"), scene.gather("jump"))
+    again.restore(saved)
+    for name in names:
+        np.testing.assert_array_equal(again.gather(name), scene.gather(name), err_msg=name)
+    for step in (STEP, 0.5 * STEP):  # impulses of the last step, scaled to the next one's size
+        for layer in (scene, again):
+            layer.begin_step(step, THETA)
+        assert flat_impulses(scene).any()
+        np.testing.assert_array_equal(flat_impulses(again), flat_impulses(scene))
+    answers = []
+    for layer in (scene, again):
+        velocity = free.copy()
+        solve(layer, velocity, tolerance=1e-6, num_threads=1)
+        answers.append((velocity, *layer.commit(velocity, static=True)))
+    np.testing.assert_equal(answers[0], answers[1])
 
 
 def test_not_converged_is_reported():
