@@ -478,6 +478,23 @@ def test_a_saved_layer_goes_on_as_it_was():
     np.testing.assert_equal(answers[0], answers[1])
 
 
+def test_the_change_of_traction_is_that_of_the_last_sweep():
+    """The largest |dr| / (h area) of a point, from impulses before and after that sweep."""
+    options = {"tolerance": 1e-4, "num_threads": 1}
+    found = []
+    for fewer in (0, 1):
+        scene, free = plate_scene(5, BOND, step=3e-10, speed=1e-3)
+        if fewer:
+            options["max_sweeps"] = report.sweeps - 1  # noqa: F821 - of the first round
+        report = solve(scene, free, **options)
+        assert report.converged == (not fewer)
+        found.append((report.traction_change, scene.gather("impulse")))
+    change = np.linalg.norm(found[0][1] - found[1][1], axis=1)
+    expected = (change / (scene.step_size * scene.gather("area"))).max()
+    assert expected > 0.0
+    assert found[0][0] == pytest.approx(expected, rel=1e-5)
+
+
 def test_not_converged_is_reported():
     scene, free = mixed_scene()
     report = solve(scene, free, tolerance=1e-12, max_sweeps=3, num_threads=1)
