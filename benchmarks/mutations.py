@@ -17,7 +17,8 @@ The score is the share of caught ones among those that were caught or survived. 
 where every survivor is explained and every entry applies. With `--out` the results are written to
 `mutations.csv`.
 
-Kernels are kept as ever (`XPER_FX_CACHE`): only what a mutation touches is compiled again.
+Kernels are kept as ever (`XPER_FX_CACHE`): only what a mutation touches is compiled again, and what
+was compiled of broken code gives way in time.
 """
 
 from __future__ import annotations
