@@ -10,7 +10,7 @@ from dolfinx import fem
 from scenes import box_bodies, mesh_of, midpoints
 
 from xper_fx.bodies.explode import EACH_CELL, explode
-from xper_fx.bodies.lattice import check_volume, checked_lattice, match_facets
+from xper_fx.bodies.lattice import check_volume, checked_lattice, match_facets, translates
 from xper_fx.bodies.meshes import tag_facets
 from xper_fx.support.compat import geometry_dofmap
 
@@ -391,3 +391,13 @@ def test_cells_keep_their_place(by_cell):
     bodies = explode(mesh, labels, lattice=(2, 1))
     parent = mesh.geometry.x[geometry_dofmap(mesh)][bodies.parent_cell]
     assert np.array_equal(bodies.mesh.geometry.x[geometry_dofmap(bodies.mesh)], parent)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_points_that_coincide_are_no_translates_of_each_other(dim):
+    """Two points at one place each have the third as their translate."""
+    lattice = np.diag([2.0, 1.0, 3.0][:dim])
+    points = np.zeros((4, dim))
+    points[2] = lattice[0]
+    points[3] = 0.3
+    np.testing.assert_array_equal(translates(points, lattice, 1e-9), [[0, 2], [1, 2]])

@@ -14,6 +14,7 @@ from scenes import EXACT, LEFT, RIGHT, box_bodies, field, nodes, run
 from scipy.linalg import eigh, expm
 
 from xper_fx.forms.loads import (
+    BodyForce,
     Gravity,
     PrescribedDisplacement,
     PrescribedVelocity,
@@ -364,3 +365,36 @@ def test_prescribed_displacement_is_met_and_does_not_ring(theta):
         assert u[x == 1.0] == pytest.approx(0.3 * record.time + 0.1 * record.time**2, rel=1e-12)
         if theta == 0.5:
             assert v[x == 1.0] == pytest.approx(0.3 + 0.2 * record.time, rel=1e-12)
+
+
+@pytest.mark.parametrize("theta", [0.5, 0.7, 1.0])
+@pytest.mark.parametrize("solver", ["nlgs", "monolithic"])
+def test_loads_count_with_theta_at_the_end_of_a_step(theta, solver):
+    """A free block under a force that grows: v1 - v0 = h [theta f1 + (1 - theta) f0] / rho."""
+    force = [lambda t: 3.0 * t**2, lambda t: 1.0 - t]
+    scene = Scene(
+        box_bodies((1.0, 1.0), (1, 1), "quadrilateral", 0), {1: LinearElastic(1e3, 0.3, 2.0)},
+        loads=[BodyForce(force)],
+    )  # fmt: skip
+    simulation = Simulation(scene, 0.1, scheme="implicit", theta=theta, solver=solver)
+    expected = np.zeros(2)
+    for count in range(4):
+        start, end = (np.array([f(0.1 * k) for f in force]) for k in (count, count + 1))
+        expected += 0.1 * (theta * end + (1.0 - theta) * start) / 2.0
+        run(simulation, 1)
+        np.testing.assert_allclose(field(simulation, "velocity"), [expected] * 4, rtol=1e-9)
+
+
+def test_loads_count_in_the_middle_of_an_explicit_step():
+    """A free block under a force that grows: v1 - v0 = h f(t0 + h / 2) / rho."""
+    force = [lambda t: 3.0 * t**2, lambda t: 1.0 - t]
+    scene = Scene(
+        box_bodies((1.0, 1.0), (1, 1), "quadrilateral", 0), {1: LinearElastic(1.0, 0.3, 2.0)},
+        loads=[BodyForce(force)],
+    )  # fmt: skip
+    simulation = Simulation(scene, 0.1, scheme="explicit")
+    expected = np.zeros(2)
+    for count in range(4):
+        expected += 0.1 * np.array([f(0.1 * (count + 0.5)) for f in force]) / 2.0
+        run(simulation, 1)
+        np.testing.assert_allclose(field(simulation, "velocity"), [expected] * 4, rtol=1e-12)

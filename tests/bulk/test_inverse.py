@@ -6,6 +6,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import scipy.sparse as sp
+import ufl
+from dolfinx import fem
 from scenes import BOTTOM, LEFT, box_bodies
 
 from xper_fx.bulk.body_inverse import CellwiseInverse, ClusterInverse, LumpedInverse
@@ -108,3 +110,14 @@ def test_lumped_mass_is_positive_and_whole(problem):
     volume = 2.0
     assert bulk.mass.min() > 0.0
     assert bulk.mass.sum() == pytest.approx(bulk.dim * volume, rel=1e-12)
+
+
+def test_lumped_mass_is_shared_as_the_consistent_one(problem):
+    """Of all nodes of cells of one size in proportion to int N_i^2."""
+    bulk, _, _ = problem
+    V = bulk.forms.V
+    u, v = ufl.TrialFunction(V), ufl.TestFunction(V)
+    consistent = fem.assemble_matrix(fem.form(ufl.inner(u, v) * ufl.dx)).to_scipy().diagonal()
+    # one factor for all makes it whole, as all cells are of one size and shape
+    expected = consistent * (bulk.mass.sum() / consistent.sum())
+    np.testing.assert_allclose(bulk.mass, expected, rtol=1e-10)

@@ -105,6 +105,25 @@ def test_closed_lips_hold_exactly(factor, loads, friction):
     assert abs(step.energies["closure"]) < 1e-8 * step.energies["external_work"]
 
 
+@pytest.mark.parametrize("friction", [0.0, 0.3])
+def test_lips_that_were_open_close_where_they_meet(friction):
+    """Pulled, then pressed, then pulled again: the gap counts, not the motion of the step alone."""
+    bodies = box_bodies((1.0, 1.0), (2, 1), "quadrilateral", label=lambda x: x[0] > 0.5)
+    soft = CohesiveZone(E, 1e3, 3e6, friction=friction)  # gives as much as the bar
+    path = ([0.0, 1.0, 2.0, 3.0, 4.0], [0.0, 1e-6, 1e-7, -1e-6, 1e-6])
+    loads = [xf.PrescribedDisplacement(LEFT, 0, 0.0), xf.PrescribedDisplacement(BOTTOM, 1, 0.0)]
+    loads.append(xf.PrescribedDisplacement(RIGHT, 0, lambda t: np.interp(t, *path)))
+    material = xf.materials.LinearElastic(E, 0.0, 2400.0)
+    simulation = static(xf.Scene(bodies, {1: material}, default_interaction=soft, loads=loads))
+    for count in (1, 2, 3, 4):
+        run(simulation, 1)
+        moved = path[1][count]
+        jump = simulation.interactions.gather("jump")[:, 0]
+        np.testing.assert_allclose(jump, max(0.5 * moved, 0.0), atol=1e-15)
+        force = E * (0.5 * moved if moved > 0.0 else moved)
+        assert simulation.reaction(RIGHT)[0] == pytest.approx(force, rel=1e-8)
+
+
 def test_stiff_bonds_are_one_body():
     """Bonds of 1e8 E/h against the mesh that was never cut."""
     cut = static(strip(4, 1e8, BENT))

@@ -9,15 +9,16 @@ from xper_fx.nscd.inverse_blocks import BodyInverse
 from xper_fx.nscd.laws import SignoriniCoulomb
 from xper_fx.nscd.points import InteractionPoints, frame_from_normal
 from xper_fx.nscd.solvers import NewtonOnAllPoints, NonlinearGaussSeidel, SolveOptions
+from xper_fx.nscd.solvers.tangent import LinearisedProblem
 
 COUNT, STEP = 5, 1e-2
 
 
-def cloud(dim, friction=0.3):
-    """Rigid bodies that point at each other at random, and a meshed body of three nodes."""
+def cloud(dim, friction=0.3, meshed=3):
+    """Rigid bodies that point at each other at random, and a meshed body of three nodes or none."""
     rng = np.random.default_rng(7)
-    mesh = rng.normal(size=(3 * dim, 3 * dim))
-    mesh = 0.1 * mesh @ mesh.T + np.eye(3 * dim)
+    mesh = rng.normal(size=(meshed * dim, meshed * dim))
+    mesh = 0.1 * mesh @ mesh.T + np.eye(meshed * dim)
     turns = 1 if dim == 2 else 3
     rigid = np.zeros((COUNT, 2 * dim, 2 * dim))
     for block in rigid:
@@ -30,9 +31,9 @@ def cloud(dim, friction=0.3):
     lever_arms = rng.normal(size=(12, 2, dim))
     for p in range(12):
         a, b = rng.choice(COUNT, 2, replace=False)
-        nodes[p] = 3 + 2 * np.array([[a], [b]])
+        nodes[p] = meshed + 2 * np.array([[a], [b]])
         weights[p, :, 0] = 1.0
-        if p % 3 == 0:  # the antagonist is the meshed body
+        if meshed and p % 3 == 0:  # the antagonist is the meshed body
             nodes[p, 1], weights[p, 1] = (0, 1, 2), rng.dirichlet(np.ones(3))
             lever_arms[p, 1] = 0.0
     points = InteractionPoints(
@@ -40,12 +41,12 @@ def cloud(dim, friction=0.3):
     )
     layer = Interactions(
         points, [SignoriniCoulomb(friction)], np.zeros(12, int),
-        BodyInverse.from_blocks([mesh], dim), rigid_blocks=rigid,
+        BodyInverse.from_blocks([mesh] if meshed else [], dim), rigid_blocks=rigid,
     )  # fmt: skip
     w = np.zeros((layer.inverse.num_slots * dim,) * 2)
-    w[: 3 * dim, : 3 * dim] = mesh
+    w[: meshed * dim, : meshed * dim] = mesh
     for b, block in enumerate(rigid):
-        first = (3 + 2 * b) * dim
+        first = (meshed + 2 * b) * dim
         w[first : first + 2 * dim, first : first + 2 * dim] = block
     return layer, points, w, rng
 
@@ -114,3 +115,35 @@ def test_sweeps_and_newton_find_impulses_that_obey_the_law(dim, friction):
         assert np.all(np.linalg.norm(push, axis=1) <= bound + 1e-8)
         power = np.einsum("pi,pi->p", push, slip)
         np.testing.assert_allclose(power, -bound * np.linalg.norm(slip, axis=1), atol=1e-6)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize("friction", [0.0, 0.3])
+def test_newton_of_rigid_bodies_takes_the_step_of_dense_matrices(dim, friction):
+    """(w^-1 + H K H^T) dv = H g and dr = g - K H^T dv, with K and g of the points."""
+    layer, points, w, rng = cloud(dim, friction, meshed=0)
+    h = dense_map(points, layer.inverse.num_slots)
+    layer.begin_step(STEP, 0.5)
+    (group,) = layer.groups
+    group.impulse[:] = np.abs(rng.normal(size=group.impulse.shape))
+    v = rng.normal(size=w.shape[0])
+    layer.add_velocity(v)
+    problem = LinearisedProblem(layer)
+    problem.linearise(v)
+    ((_, stiffness, source, *_),) = problem.tangents.groups
+    components = stiffness.shape[1]
+    h = h.reshape(12, dim, -1)[group.indices, :components].reshape(12 * components, -1)
+    springs = np.zeros((12 * components,) * 2)
+    for i, block in enumerate(stiffness):
+        own = slice(i * components, (i + 1) * components)
+        springs[own, own] = block
+    moves = w.diagonal() != 0.0
+    matrix = np.linalg.inv(w[np.ix_(moves, moves)]) + (h.T @ springs @ h)[np.ix_(moves, moves)]
+    expected = np.zeros(len(w))
+    expected[moves] = np.linalg.solve(matrix, (h.T @ source.ravel())[moves])
+    step = np.zeros_like(v)
+    (change,), _ = problem.solve(step, 1e-12, 0)  # by its factors alone, no iteration
+    np.testing.assert_allclose(step, expected, atol=1e-9 * np.abs(expected).max())
+    np.testing.assert_allclose(
+        change.ravel(), source.ravel() - springs @ h @ expected, atol=1e-8 * np.abs(source).max()
+    )

@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scenes import BOTTOM, TOP, box_bodies
+from scenes import BOTTOM, LEFT, RIGHT, TOP, box_bodies
 
-from xper_fx.forms.loads import PrescribedDisplacement
-from xper_fx.materials import LinearElastic
+from xper_fx.forms.loads import PrescribedDisplacement, PrescribedVelocity
+from xper_fx.materials import LinearElastic, NeoHookean, SaintVenantKirchhoff
 from xper_fx.nscd.laws import CohesiveZone
 from xper_fx.scene.scene import Scene
 from xper_fx.simulation.simulation import Simulation
@@ -85,6 +85,29 @@ def test_breaking_spends_w_whatever_the_step(steps):
     )
     assert rows[-1, -1] == 0.0
     assert simulation.ledger.energies.dissipated_cohesion == pytest.approx(W * WIDTH, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    "kind, speed, step", [(SaintVenantKirchhoff, 0.2, 0.5), (NeoHookean, 0.3, 1.0)]
+)
+def test_breaking_soft_bodies_spends_w_though_newton_iterates(kind, speed, step):
+    """What an iterate that opens too far would break is whole again in the next one."""
+    law = CohesiveZone(10.0, 2e-2, 1e-1)
+    scene = Scene(
+        box_bodies((2.0, 1.0), (2, 1), label=lambda x: x[0] > 1.0),
+        {1: kind(young=1.0, poisson=0.3, density=1.0)},
+        default_interaction=law,
+        loads=[PrescribedVelocity(side, axis, value)
+               for side, axis, value in ((LEFT, 0, 0.0), (BOTTOM, 1, 0.0), (RIGHT, 0, speed))],
+    )  # fmt: skip
+    options = {"theta": 1.0, "scheme": "implicit", "solver": "nlgs", "tolerance": 1e-8}
+    simulation = Simulation(scene, step, num_threads=1, **options)
+    iterations = []
+    while simulation.interactions.gather("damage").any():
+        (record,) = simulation.steps(simulation.time + step)
+        iterations.append(record.newton_iterations)
+    assert len(iterations) < 8 and min(iterations) > 4
+    assert simulation.ledger.energies.dissipated_cohesion == pytest.approx(2e-2, rel=1e-7)
 
 
 def test_lagged_damage_overspends():

@@ -7,11 +7,14 @@ import itertools
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from point_mass import PointMass
 from scipy.integrate import quad
 
 from xper_fx.nscd.laws import CohesiveZone
 from xper_fx.nscd.laws.cohesive_zone import damage, mean_damage
+from xper_fx.nscd.point_tangents import PointTangents
 
 # Zircaloy-4 (Perales et al. 2010, section 4.2.1).
 C_N, W, R_MAX = 2e18, 0.5, 1e9
@@ -236,6 +239,7 @@ def prescribed(law, path, step=1e-10, dim=2, theta=1.0):
     for target in path:
         bond.velocity[:] = (np.asarray(target) - at) / step
         works.append(bond.step(step))
+        assert bond.report.converged
         at = np.asarray(target)
         np.testing.assert_allclose(bond.jump, at, rtol=0, atol=1e-24)
         tractions.append(bond.impulse / (step * AREA))
@@ -262,6 +266,110 @@ def test_unloading_and_reloading_along_the_secant():
     assert np.abs(works[2:, 1]).max() <= 1e-14 * SPENT
     assert bond.damage == pytest.approx(beta, rel=1e-12)
     assert bond.opening_max == pytest.approx(opened, rel=1e-14)
+
+
+def secant_of(x0, reached, x1):
+    """Mean damage of opening from x0 to x1, by quadrature: a secant up to `reached`, then g."""
+    beta = damage(reached, D0, DC, 1.0)
+    spent = quad(lambda x: x * damage(x, D0, DC, 1.0), reached, x1, epsabs=0.0)[0]
+    return (0.5 * beta * (reached**2 - x0**2) + spent) / (0.5 * (x1**2 - x0**2))
+
+
+@settings(max_examples=30, deadline=None, derandomize=True)
+@given(
+    reached=st.floats(1.05, 1.6), back=st.floats(0.0, 0.9), again=st.floats(1.0, 1.7),
+    theta=st.sampled_from([0.5, 0.7, 1.0]),
+)  # fmt: skip
+def test_beyond_its_largest_opening_a_bond_goes_on_from_there(reached, back, again, theta):
+    """Opened, unloaded and opened further in one step: the secant counts, not the curve again."""
+    opened, x0, x1 = reached * D0, back * reached * D0, min(again * reached, 1.74) * D0
+    beta = damage(opened, D0, DC, 1.0)
+    down = np.linspace(opened, x0, 4)[1:]
+    path = np.concatenate([np.linspace(0.0, opened, 6)[1:], down])
+    bond, _, works = prescribed(zircaloy(), np.stack([path, 0 * path], axis=1))
+    assert bond.opening_max == pytest.approx(opened, rel=1e-12)
+    assert bond.damage == pytest.approx(beta, rel=1e-12)
+    before = works[:, 1].sum()
+    mean = secant_of(x0, opened, x1)
+    step, bond.theta = 1e-10, theta
+    start = bond.velocity[0, 0]
+    bond.velocity[0, 0] = ((x1 - x0) / step - (1.0 - theta) * start) / theta
+    energies = bond.step(step)
+    assert bond.jump[0] == pytest.approx(x1, rel=1e-9)
+    pull = mean * C_N * (theta * x1 + (1.0 - theta) * x0) * AREA * step
+    assert -bond.impulse[0] == pytest.approx(pull, rel=1e-8)
+    # two ways lead to one damage: what it cost hangs on the largest opening alone
+    straight, _, costs = prescribed(zircaloy(), [[x1, 0.0]])
+    assert bond.damage == pytest.approx(straight.damage, rel=1e-9)
+    assert before + energies.cohesion == pytest.approx(costs[0, 1], rel=1e-8, abs=1e-12 * SPENT)
+
+
+@pytest.mark.parametrize("damage", ["mean", "lagged"])
+@pytest.mark.parametrize("dim", [2, 3])
+def test_lips_driven_into_each_other_do_not_damage_their_bond(dim, damage):
+    """Where both sides are prescribed nothing keeps them apart; only what opens a bond weakens it.
+
+    With a slip, too: its part alone counts.
+    """
+    slip = [0.5 * D0] + [0.0] * (dim - 2)
+    path = [[-0.5 * DC, *np.zeros(dim - 1)], [-2.0 * DC, *slip], [0.0, *slip], [-DC, *slip]]
+    bond, tractions, works = prescribed(zircaloy(damage=damage), path, dim=dim)
+    assert bond.damage == 1.0
+    assert bond.opening_max == pytest.approx(0.5 * D0, rel=1e-12)
+    assert np.all(works[:, 1] == 0.0)
+    np.testing.assert_allclose(tractions[1:, 1], -C_N * 0.5 * D0, rtol=1e-12)
+
+
+@settings(max_examples=60, deadline=None, derandomize=True)
+@given(
+    gap=st.floats(0.0, 2.0), approach=st.floats(-2.0, 2.0), free=st.floats(-2.0, 2.0),
+    theta=st.sampled_from([0.5, 0.6, 1.0]), damage=st.sampled_from(["mean", "lagged"]),
+)  # fmt: skip
+def test_broken_lips_end_a_step_closed_or_with_the_speed_that_nothing_changes(
+    gap, approach, free, theta, damage
+):
+    """v1 = max(v_free, -gap_middle / (h theta)): also where they part, but too late to be apart."""
+    step, unit = 1e-10, D0 / 1e-10
+    bond = PointMass(zircaloy(damage=damage), 1e-8, [approach * unit, 0.0], area=AREA, theta=theta)
+    group = bond.interactions.groups[0]
+    group.state[:] = (2 * DC, 0.0)
+    group.jump[0, 0] = gap * D0
+    force = bond.masses[0] * (free - approach) * unit / step
+    energies = bond.step(step, [[force, 0.0]])
+    closing = -(gap * D0 + step * (1.0 - theta) * approach * unit) / (step * theta)
+    assert bond.velocity[0, 0] == pytest.approx(max(free * unit, closing), abs=1e-9 * unit)
+    assert bond.jump[0] >= -1e-9 * D0
+    # what closing lips stop is an impact, not the scheme's
+    lost = bond.impulse[0] * (gap * D0 - bond.jump[0]) / step
+    size = bond.masses[0] * unit**2
+    assert lost >= -1e-9 * size
+    assert energies.impact == pytest.approx(lost, abs=1e-8 * size)
+    assert abs(energies.numerical) <= 1e-8 * size
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize("steps", [1, 7])
+@pytest.mark.parametrize("c_t", [1e18, 8e18])
+@pytest.mark.parametrize("angle", [0.0, 40.0, 90.0])
+def test_damage_of_the_end_spends_what_its_direction_costs(angle, c_t, steps, dim):
+    """Along one direction the energy is that of the curve, C_N and C_T weighed as U.C.U does."""
+    law = zircaloy(tangential_stiffness=c_t, damage="end")
+    c, s = np.cos(np.radians(angle)), np.sin(np.radians(angle))
+    direction = np.array([c, s] if dim == 2 else [c, 0.6 * s, 0.8 * s])
+    bond = PointMass(law, np.inf, np.zeros(dim), area=AREA, theta=1.0)
+    (group,), step = bond.interactions.groups, 1e-10
+    total = 0.0
+    for _ in range(steps):
+        velocity = np.zeros((2, dim))
+        velocity[0] = bond.frame.T @ direction * (1.1 * law.critical_opening / steps / step)
+        bond.interactions.begin_step(step, 1.0)
+        answers = PointTangents(bond.interactions)
+        answers.respond(velocity.ravel())
+        group.impulse[:] = answers.response[0]
+        total += bond.interactions.commit(velocity.ravel()).cohesion
+    assert bond.damage == 0.0
+    whole = 0.5 * W * (1.0 / C_N + 1.0 / c_t)
+    assert total == pytest.approx(AREA * (c_t + (C_N - c_t) * c * c) * whole, rel=1e-9)
 
 
 @pytest.mark.parametrize("damage", ["mean", "lagged"])

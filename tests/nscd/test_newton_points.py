@@ -155,6 +155,24 @@ def test_the_step_is_that_of_the_dense_linearised_problem(dim):
     np.testing.assert_allclose(step.ravel(), expected, atol=1e-3 * np.abs(expected).max())
 
 
+def test_the_residual_is_told_as_impulse_and_as_traction():
+    """|S(b) - r| of all points, |r|, and the largest of a point over h times its area."""
+    scene, velocity = tetrahedra_scene(CohesiveZone(2e18, 0.5, 1e9, friction=0.3))
+    solve(scene, velocity, tolerance=1e-12, max_sweeps=2, num_threads=1)
+    missing, tractions = [], []
+    (group,) = scene.groups
+    u = group.points.relative(velocity.reshape(-1, 3))
+    arguments = group.compliance, group.parameters, group.terms, group.details
+    for i in range(len(group)):
+        answer, _ = group.kernels.solve(i, tuple(u[i]), tuple(group.impulse[i]), *arguments)
+        missing.append(np.linalg.norm(np.array(answer) - group.impulse[i]))
+        tractions.append(missing[-1] / (scene.step_size * group.points.area[i]))
+    size, impulse, traction = tangent.residual(scene, velocity)
+    assert size == pytest.approx(np.linalg.norm(missing), rel=1e-12)
+    assert impulse == pytest.approx(np.linalg.norm(group.impulse), rel=1e-12)
+    assert traction == pytest.approx(max(tractions), rel=1e-6)
+
+
 def test_iterations_do_not_grow_with_the_mesh():
     """An intact plate far beyond the explicit limit: as many iterations with 16 times the cells."""
     counts = []

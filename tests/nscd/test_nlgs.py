@@ -6,6 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from plates import crossed_plate
+from point_mass import PointMass
 from solving import solve
 
 from xper_fx.nscd.algebra.small import sym_indices
@@ -13,7 +14,9 @@ from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.inverse_blocks import BodyInverse
 from xper_fx.nscd.laws import CohesiveZone, PerfectBond, SignoriniCoulomb
 from xper_fx.nscd.points import InteractionPoints, frame_from_normal
+from xper_fx.nscd.solvers import AcceleratedSweeps, NonlinearGaussSeidel
 from xper_fx.nscd.solvers.sweeps import amplification
+from xper_fx.support.saved_rows import Rows
 
 SIZE, STEP, THETA = 5e-6, 3e-11, 0.5
 BOND = CohesiveZone(2e18, 0.5, 1e9)
@@ -168,6 +171,34 @@ def test_compliance_of_a_point_is_dense(dim, k):
         np.testing.assert_allclose(
             packed[p], block[rows, cols], rtol=0, atol=1e-13 * np.abs(block).max()
         )
+
+
+@pytest.mark.parametrize("k", [1, 2, 3])
+@pytest.mark.parametrize("dim", [2, 3])
+def test_compliance_of_a_diagonal_is_dense(dim, k):
+    """Points on several nodes, each with a w of its own: weights count twice."""
+    rng = np.random.default_rng(6)
+    entries = rng.uniform(1.0, 3.0, (16, dim))
+    inverse = BodyInverse.of_nodes(entries, dim)
+    first = np.array([0, 1, 2, 0, 3])
+    second = np.array([1, 2, 3, 2, 4])  # the last on the ground
+    nodes = np.zeros((5, 2, k), np.int32)
+    for p in range(5):
+        nodes[p, 0] = 4 * first[p] + rng.permutation(4)[:k]
+        nodes[p, 1] = 16 if second[p] == 4 else 4 * second[p] + rng.permutation(4)[:k]
+    normal = rng.normal(size=(5, dim))
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    points = InteractionPoints(
+        nodes, rng.dirichlet(np.ones(k), size=(5, 2)), frame_from_normal(normal), np.ones(5),
+        np.zeros(5),
+    )  # fmt: skip
+    scene = Interactions(points, [BOND], np.zeros(5, int), inverse)
+    h = dense_h(points, inverse.num_slots)
+    w = (h.T * np.append(entries.ravel(), np.zeros(dim))) @ h
+    rows, cols = sym_indices(dim)
+    for own, p in zip(scene.groups[0].compliance, scene.groups[0].indices, strict=True):
+        block = w[p * dim : (p + 1) * dim, p * dim : (p + 1) * dim]
+        np.testing.assert_allclose(own, block[rows, cols], atol=1e-13)
 
 
 def gauss_scene(k, law, uniform):
@@ -379,6 +410,33 @@ def test_amplification_of_a_geometric_series_is_what_is_left():
     assert amplification(np.array([0.0, 1e-3])) == np.inf  # tiles at rest that others moved
 
 
+@pytest.mark.parametrize("solver", [NonlinearGaussSeidel, AcceleratedSweeps])
+def test_impulses_that_are_rounding_are_not_sought(solver):
+    """Bodies that fly side by side at 1 km/s push each other by the rounding of velocities."""
+    scene, free = plate_scene(5, BOND, step=3e-10, speed=0.0)
+    rng = np.random.default_rng(2)
+    moving = scene.inverse.num_nodes * 2
+    free[:moving] = 1e3 * (1.0 + np.finfo(float).eps * rng.integers(-1, 2, moving))
+    report = solve(scene, free, solver, tolerance=1e-9, num_threads=1)
+    assert report.converged and report.sweeps <= 3
+
+
+@pytest.mark.parametrize("masses", [[np.inf], [np.inf, np.inf]])
+def test_points_between_bodies_that_are_driven(masses):
+    """Nothing that impulses do calls for another visit: it comes all the same."""
+    velocity = np.zeros((len(masses), 2))
+    velocity[0, 0] = 0.5 * BOND.elastic_opening / STEP
+    bond = PointMass(BOND, masses, velocity, area=1e-6)
+    for count in (1, 2, 3):
+        bond.step(STEP)
+        assert bond.report.converged and bond.report.sweeps < 100
+        pull = -bond.impulse[0] / (STEP * 1e-6)
+        if count < 3:  # elastic still, with the opening at the middle of the step
+            middle = (count - 0.5) * 0.5 * BOND.elastic_opening
+            assert pull == pytest.approx(BOND.normal_stiffness * middle, rel=1e-9)
+    assert 0.0 < bond.damage < 1.0
+
+
 def test_warm_start_from_the_answer_is_immediate():
     scene, free = mixed_scene()
     velocity = free.copy()
@@ -392,6 +450,49 @@ def test_warm_start_from_the_answer_is_immediate():
     scene.commit(velocity)
     scene.begin_step(0.5 * STEP, THETA)
     np.testing.assert_array_equal(flat_impulses(scene), 0.5 * before)
+
+
+def test_a_saved_layer_goes_on_as_it_was():
+    """Jumps, velocities, histories, impulses and their step, into points just made."""
+    scene, free = mixed_scene()
+    velocity = free.copy()
+    solve(scene, velocity, tolerance=1e-6, num_threads=1)
+    scene.commit(velocity)
+    saved = {n: v.in_order() if isinstance(v, Rows) else v for n, v in scene.saved().items()}
+    again, _ = mixed_scene()
+    names = ("jump", "velocity", "impulse", "status", "energy", "damage", "opening_max")
+    assert not np.array_equal(again.gather("jump"), scene.gather("jump"))
+    again.restore(saved)
+    for name in names:
+        np.testing.assert_array_equal(again.gather(name), scene.gather(name), err_msg=name)
+    for step in (STEP, 0.5 * STEP):  # impulses of the last step, scaled to the next one's size
+        for layer in (scene, again):
+            layer.begin_step(step, THETA)
+        assert flat_impulses(scene).any()
+        np.testing.assert_array_equal(flat_impulses(again), flat_impulses(scene))
+    answers = []
+    for layer in (scene, again):
+        velocity = free.copy()
+        solve(layer, velocity, tolerance=1e-6, num_threads=1)
+        answers.append((velocity, *layer.commit(velocity, static=True)))
+    np.testing.assert_equal(answers[0], answers[1])
+
+
+def test_the_change_of_traction_is_that_of_the_last_sweep():
+    """The largest |dr| / (h area) of a point, from impulses before and after that sweep."""
+    options = {"tolerance": 1e-4, "num_threads": 1}
+    found = []
+    for fewer in (0, 1):
+        scene, free = plate_scene(5, BOND, step=3e-10, speed=1e-3)
+        if fewer:
+            options["max_sweeps"] = report.sweeps - 1  # noqa: F821 - of the first round
+        report = solve(scene, free, **options)
+        assert report.converged == (not fewer)
+        found.append((report.traction_change, scene.gather("impulse")))
+    change = np.linalg.norm(found[0][1] - found[1][1], axis=1)
+    expected = (change / (scene.step_size * scene.gather("area"))).max()
+    assert expected > 0.0
+    assert found[0][0] == pytest.approx(expected, rel=1e-5)
 
 
 def test_not_converged_is_reported():

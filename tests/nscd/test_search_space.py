@@ -94,6 +94,21 @@ def test_cubes_turned_by_an_eighth_keep_four_of_eight_corners():
     assert len(np.unique(keys, axis=0)) == 4
 
 
+@pytest.mark.parametrize("direction", np.arange(0.0, 360.0, 15.0))
+def test_of_many_corners_the_deepest_is_kept(direction):
+    """Of the eight corners of an octagon four are kept, the lowest of a tilted cube among them."""
+    tilt, a = 2e-3, np.radians(direction)
+    turn = Rotation.from_rotvec([0.0, 0.0, np.pi / 4])
+    lean = Rotation.from_rotvec(tilt * np.array([np.cos(a), np.sin(a), 0.0]))
+    contacts = find([CUBE, CUBE], [[0, 0, 0], [0, 0, 1.0]], [Rotation.identity(), lean * turn])
+    assert len(contacts) == 4
+    corner = 0.5 * (np.sqrt(2.0) - 1.0)
+    ring = [(x, y) for x in (-0.5, 0.5) for y in (-corner, corner)]
+    ring += [(y, x) for x, y in ring]
+    heights = tilt * np.array([y * np.cos(a) - x * np.sin(a) for x, y in ring])
+    assert contacts.gap.min() == pytest.approx(heights.min(), abs=1e-2 * tilt)
+
+
 def test_keys_stay_while_cubes_slide_rock_and_line_up():
     keys = []
     for shift in np.linspace(-0.3, -0.1, 50):

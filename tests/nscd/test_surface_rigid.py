@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from surfaces import assemble, block, rectangle
+from surfaces import assemble, block, loop, rectangle
 from test_surface_search import kind, on_segment
 
 from xper_fx.nscd.rigid import Disc, Polygon, Polyhedron, RigidBodies, RigidBody, Sphere, wall
@@ -45,6 +45,35 @@ def test_a_block_on_walls(gap):
     assert contacts.gap == pytest.approx(gap, abs=1e-14)
     assert contacts.area.sum() == pytest.approx(3.0, abs=1e-12)
     assert contacts.normal == pytest.approx(normals[contacts.body[:, 1]], abs=1e-14)
+
+
+def test_a_rigid_corner_above_a_facet_is_no_corner_of_its_nodes():
+    """The node beside it is not the foremost of its surface towards the corner."""
+    beside = RigidBody(SQUARE, (0.6, 0.51), "a", density=1.0)  # its corners at x = 0.1 and 1.1
+    *_, contacts = searched([rectangle((-2, -1), (2, 0), (2, 1, 2, 1))], [beside], 0.2)
+    assert (kind(contacts) == RIGID_FACET).all() and len(contacts) == 2
+    assert contacts.gap == pytest.approx(0.01, abs=1e-12)
+    # above a ridge it is: there the node and the corner meet
+    ridge = loop([(-1, -1), (1, -1), (0, 0)])
+    above = RigidBody(SQUARE, (0.0, 0.01 + np.sqrt(0.5)), "a", angle=np.pi / 4, density=1.0)
+    *_, contacts = searched([ridge], [above], 0.2)
+    assert NODE_RIGID in kind(contacts)
+    assert contacts.gap.min() == pytest.approx(0.01, abs=1e-12)
+
+
+@pytest.mark.parametrize("facing", [True, False])
+def test_a_node_is_not_pushed_across_a_rigid_body(facing):
+    """Just below the top of a square: a facet that looks down leaves by the top, else nothing."""
+    facet = np.array([[1, 0]] if not facing else [[0, 1]])
+    edge = np.array([(-0.1, 0.0), (0.1, 0.0)]), facet
+    square = RigidBody(SQUARE, (0.0, -0.45), "a", density=1.0)
+    *_, contacts = searched([edge], [square], 0.02)
+    nodes = of_kind(contacts, NODE_RIGID)
+    if facing:
+        assert nodes.gap == pytest.approx([-0.05, -0.05], abs=1e-12)
+        assert nodes.normal == pytest.approx(np.array([[0.0, 1.0]] * 2), abs=1e-12)
+    else:
+        assert len(nodes) == 0
 
 
 def test_a_disc_touches_nodes_and_what_is_between():

@@ -6,8 +6,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+from numba import njit
 from surfaces import assemble, block, hull, loop, rectangle
 
+from xper_fx.nscd.search.edge_edge import convex_edges
+from xper_fx.nscd.search.facet_geometry import closest_weights
 from xper_fx.nscd.search.surface_search import SurfaceSearch
 
 NODE_FACET, EDGE_EDGE = 1, 2
@@ -86,6 +91,30 @@ def convex_contacts(search, x):
                     gap, f = max(ways)
                     found[node, body] = (gap, normal[f])
     return found
+
+
+@njit
+def closest_point(p, x, facets, weights):
+    return closest_weights(p, x, facets, 0, weights, 0)
+
+
+PLACES = st.integers(-8, 8)
+
+
+@settings(max_examples=300, deadline=None, derandomize=True)
+@given(st.lists(st.tuples(PLACES, PLACES, PLACES), min_size=4, max_size=4))
+def test_the_closest_point_of_a_triangle(points):
+    """Of any triangle, obtuse and thin ones too: against its edges one by one."""
+    *x, p = np.array(points, float)
+    x = np.array(x)
+    normal = np.cross(x[1] - x[0], x[2] - x[0])
+    assume(np.linalg.norm(normal) > 1e-9)
+    expected, _ = closest_on_triangle(p, x, normal / np.linalg.norm(normal))
+    weights = np.empty((1, 3))
+    square, _ = closest_point(p, x, np.arange(3)[None], weights)
+    assert square == pytest.approx(((p - expected) ** 2).sum(), abs=1e-9)
+    assert weights[0] @ x == pytest.approx(expected, abs=1e-6)
+    assert weights.min() >= -1e-9 and weights.sum() == pytest.approx(1.0, abs=1e-12)
 
 
 def convex_bodies(dim, rng, count, spread):
@@ -272,6 +301,120 @@ def test_both_walls_of_a_pocket_touch_a_corner(dx, dy):
     assert mine.normal[1 - across] == pytest.approx([1, 0], abs=1e-14)
     lever = sides(mine, x)
     assert lever[:, 0] - lever[:, 1] == pytest.approx(mine.gap[:, None] * mine.normal, abs=1e-14)
+
+
+@settings(max_examples=150, deadline=None, derandomize=True)
+@given(st.integers(-59, 11), st.integers(-59, 11))
+def test_walls_of_a_pocket_go_on_behind_each_other_by_their_own_depths(right, up):
+    """A floor sought to 0.05 m and a side of half a metre, sought to 0.02 m: who touches a corner.
+
+    Behind the other wall by at most its own depth and that of the other, and not deeper behind
+    itself than that.
+    """
+    reach, floor, side = 0.01, 0.05, 0.02
+    dx, dy = 1e-3 * (right + 0.5), 1e-3 * (up + 0.5)
+    notched = loop([(0, 0), (2, 0), (2, 1), (1, 1), (1, 1.4), (0, 1.4)])
+    surface, x = assemble(notched, rectangle((1 + dx, 1 + dy), (1.3, 1.3)))
+    search = SurfaceSearch(surface, x, reach, depth=0.05)
+    assert search.depth[2] == pytest.approx(floor) and search.depth[3] == pytest.approx(side)
+    contacts = search.find(x)
+    mine = contacts.take(np.flatnonzero(contacts.nodes[:, 0, 0] == len(notched[0])))
+    found = {
+        int(np.argmax(n)): g
+        for n, g in zip(mine.normal, mine.gap, strict=True)
+        if n.max() > 1.0 - 1e-9  # else it is the corner itself
+    }
+
+    def touches(height, own, behind, others):
+        """Height over a wall, and by how much over the other one."""
+        if not -own <= height <= reach:
+            return False
+        if behind >= 0.0:
+            return True
+        return -behind <= min(own, others) and -height <= others
+
+    expected = {}
+    if touches(dx, side, dy, floor):
+        expected[0] = dx
+    if touches(dy, floor, dx, side):
+        expected[1] = dy
+    assert found == pytest.approx(expected, abs=1e-13)
+
+
+def test_a_corner_is_told_from_outside_by_the_angles_of_its_facets():
+    """An apex, one of whose four sides is cut into many slivers: these count as one."""
+    slivers, height = 40, 3.0
+    rim = [(1.0, -1.0), (1.0, 1.0)] + [(-1.0, y) for y in np.linspace(1.0, -1.0, slivers + 1)]
+    base = np.column_stack([np.array(rim), np.full(len(rim), -height)])
+    points = np.concatenate([np.zeros((1, 3)), base])
+    around = 1 + np.arange(len(rim))
+    sides = [(0, a, b) for a, b in zip(around, np.roll(around, -1), strict=True)]
+    floor = [(1, b, a) for a, b in zip(around[1:-1], around[2:], strict=True)]
+    pyramid = points, np.array(sides + floor)
+    steep = np.array([height, 0.0, 1.0]) / np.hypot(height, 1.0)  # normal of the side at x = 1
+    assert outward_normals(*pyramid)[0] == pytest.approx(steep)
+    n = 0.9 * steep + 0.1 * np.array([0.0, 0.0, 1.0])
+    n /= np.linalg.norm(n)
+    across = np.array([[0.0, 1.0, 0.0], np.cross(n, [0.0, 1.0, 0.0])])
+    tip, distance = 0.02 * n, 0.02
+    probe = tip + np.array([0.0 * n, n + across[0], n - across[0] + across[1], n - across.sum(0)])
+    surface, x = assemble(pyramid, hull(probe))
+    tip_node = int(np.linalg.norm(x - tip, axis=1).argmin())
+    contacts = SurfaceSearch(surface, x, 0.05).find(x)
+    mine = contacts.take(np.flatnonzero(contacts.nodes[:, 0, 0] == tip_node))
+    assert len(mine) == 1
+    assert mine.gap[0] == pytest.approx(distance, rel=1e-9)
+    assert mine.normal[0] == pytest.approx(n, abs=1e-9)
+
+
+def roof(size, height, along):
+    """A body below a ridge at a height, along x (0) or y (1); upside down where size is < 0."""
+    ridge = [(-1.0, 0.0, 0.0), (1.0, 0.0, 0.0)]
+    corners = np.array(ridge + [(i, j, -1.0) for i in (-1.0, 1.0) for j in (-1.0, 1.0)])
+    corners[:, 2] *= np.sign(size)
+    if along == 1:
+        corners = corners[:, [1, 0, 2]]
+    return hull(abs(size) * corners + [0.0, 0.0, height])
+
+
+@pytest.mark.parametrize("gap", [0.02, 1e-6, -1e-6, -0.03])
+@pytest.mark.parametrize("size", [1.0, 0.4])
+def test_ridges_that_cross_touch_in_one_point_apart_or_not(gap, size):
+    """Their area is that of the smaller body, their normal leads from one to the other."""
+    surface, x = assemble(roof(1.0, 0.0, 0), roof(-size, gap, 1))
+    contacts = SurfaceSearch(surface, x, 0.05).find(x)
+    crossed = contacts.take(np.flatnonzero(kind(contacts) == EDGE_EDGE))
+    assert len(crossed) == 1
+    assert crossed.gap[0] == pytest.approx(gap, abs=1e-12)
+    assert np.abs(crossed.normal[0]) == pytest.approx([0.0, 0.0, 1.0], abs=1e-12)
+    lever = sides(crossed, x)[0]
+    assert lever[0] - lever[1] == pytest.approx(gap * crossed.normal[0], abs=1e-12)
+    slope = np.sqrt(2.0) * size**2  # area of half of a roof's plane, which hull cuts in two
+    assert crossed.area[0] == pytest.approx(slope / 3.0, rel=1e-12)
+
+
+def test_edges_of_a_hollow_are_not_convex():
+    """Of a notched prism the reflex edge is left out, and so are the diagonals of its sides."""
+    outline = np.array(L_SHAPE, float)
+    count = len(outline)
+    x = np.concatenate([np.column_stack([outline, np.full(count, z)]) for z in (0.0, 1.0)])
+    caps = np.array([(0, 1, 2), (0, 2, 3), (0, 3, 4), (0, 4, 5)])
+    i = np.arange(count)
+    j = np.roll(i, -1)
+    walls = np.concatenate([np.stack([i, j, j + count], 1), np.stack([i, j + count, i + count], 1)])
+    facets = np.concatenate([caps[:, ::-1], caps + count, walls])
+    normal = outward_normals(x, facets)
+    edges, others = convex_edges(
+        x, facets, np.arange(len(facets)), np.arange(len(x), dtype=np.int32), normal
+    )
+    ends = np.sort(np.stack([facets[edges // 3, edges % 3], facets[edges // 3, (edges + 1) % 3]]).T)
+    found = {tuple(e) for e in ends.tolist()}
+    outer = {tuple(sorted((a + z, b + z))) for a, b in zip(i, j, strict=True) for z in (0, count)}
+    upright = {(a, a + count) for a in i if a != 3}  # 3 is the reflex corner
+    assert len(edges) == len(found)
+    assert found == {tuple(map(int, e)) for e in outer | upright}
+    for own, other in zip(edges // 3, others, strict=True):
+        assert np.dot(normal[own], normal[other]) == pytest.approx(0.0, abs=1e-12)
 
 
 def test_convex_corners_touch_once_a_side():

@@ -119,17 +119,18 @@ def test_frames_are_those_given_until_lips_move(name, rule):
     assert np.abs(facet.turn(turned, still) - start @ R.T).max() < 1e-14
 
 
+@pytest.mark.parametrize("theta", [0.5, 0.7, 1.0])
 @pytest.mark.parametrize("name, rule", RULES)
-def test_spin_is_the_rate_of_the_frame(name, rule):
+def test_spin_is_the_rate_of_the_frame(name, rule, theta):
     """s = F (omega x d) is -F' d, with F' by differences of frames."""
     facet = Facet(name, rule)
     u, v, eps = facet.random(1, 0.2), facet.random(2, 1.0), 1e-6
     before, after = facet.turn(u - eps * v, 0 * v), facet.turn(u + eps * v, 0 * v)
     rate = (after - before) / (2.0 * eps)
-    facet.turn(u, v)
+    facet.turn(u, v, theta=theta)
     turning = facet.group.turning
     turning.by_spin[:] = True
-    facet.layer.begin_step(1e-3, 0.5)
+    facet.layer.begin_step(1e-3, theta)
     facet.layer._settle(facet.group, turning, v.ravel().copy())
     expected = -np.einsum("pid,pd->pi", rate, turning.jump)
     assert turning.spin == pytest.approx(expected, abs=1e-8)
@@ -186,6 +187,30 @@ def test_energy_gained_by_reading_jumps_anew_is_booked(name):
     booked = facet.layer._settle(group, group.turning, np.zeros((2 * k + 1) * facet.dim))
     assert booked == pytest.approx(-np.sum(energy - held), rel=1e-12)
     assert energy.min() > 10.0 * held
+
+
+@pytest.mark.parametrize("theta", [0.5, 0.7, 1.0])
+@pytest.mark.parametrize("name, rule", RULES)
+def test_what_forces_and_couples_work_is_what_is_booked(name, rule, theta):
+    """(H r + couple) . v_theta is what the points lose: held, dissipated, numerical, all together.
+
+    The velocities found are those that frames were turned with, and other ones.
+    """
+    step, held = 0.05, 0.3
+    for seed in (12, 13):
+        facet = Facet(name, rule)
+        layer, group = facet.layer, facet.group
+        u, start, end = facet.random(11, 0.05), facet.random(12, 0.3), facet.random(seed, 0.3)
+        mean = theta * end + (1.0 - theta) * start
+        layer.turn(layer.lip_motion(u, start, mean), step, theta)
+        layer.begin_step(step, theta)
+        group.impulse[:] = np.random.default_rng(14).standard_normal(group.impulse.shape)
+        group.energy[:, 0], before = held, held * len(group)
+        given = np.vdot((layer.impulses() + layer.couples())[:-1], mean)
+        work = layer.commit(np.concatenate([end, np.zeros((1, facet.dim))]).ravel())
+        assert abs(np.vdot(layer.couples()[:-1], mean)) > 1e-4
+        booked = work.stored - before + sum(work[1:])
+        assert given + booked == pytest.approx(0.0, abs=1e-12 * abs(before))
 
 
 def test_a_facet_that_flips_is_named():

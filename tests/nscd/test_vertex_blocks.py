@@ -6,6 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from plates import crossed_plate
+from scipy.spatial.transform import Rotation
 from solving import solve
 
 from xper_fx.nscd.interactions import Interactions
@@ -148,10 +149,34 @@ def test_one_product_brings_the_elastic_answer():
     points, x, inverse, _ = plate()
     zero = np.zeros(len(points), int)
     stiff = [CohesiveZone(2e21, 0.5, 1e9)]
-    free = velocities(x, [[1e5, 0], [0, 1e5]], 0.0, steps=12)
-    _, reports = run(points, inverse, stiff, zero, free, by_vertex=True, tolerance=1e-6)
+    centre = np.repeat(x.reshape(-1, 3, 2).mean(axis=1), 3, axis=0)
+    free = [1e3 * (1.0 + 0.2 * np.sin(k)) * centre for k in range(12)]  # all bonds open
+    history, reports = run(
+        points, inverse, stiff, zero, free, by_vertex=True, step=1e-11, tolerance=1e-6
+    )
     assert all(r.converged for r in reports)
-    assert reports[-1].sweeps <= 3
+    impulses = np.array([np.linalg.norm(r, axis=1) for _, r, *_ in history])
+    assert np.all(impulses > 0.0) and np.all(np.ptp(impulses, axis=0) > 0.0)
+    assert max(r.sweeps for r in reports[2:]) <= 3
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_the_inverse_turns_with_its_vertex(dim):
+    """K_i K_p^T F_p F_i^T for frames of the start and of now, its first row alone in 2D."""
+    offsets = np.array([0, 3, 4, 6])
+    if dim == 2:
+        angles = np.random.default_rng(1).uniform(0.0, 6.0, (2, 6))
+        start, now = np.stack([np.cos(angles), np.sin(angles)], axis=-1)[:, :, None]
+        whole = [np.stack([f[:, 0], f[:, 0] @ [[0, 1], [-1, 0]]], axis=1) for f in (start, now)]
+    else:
+        start, now = whole = Rotation.random(12, random_state=4).as_matrix().reshape(2, 6, 3, 3)
+    tilt = np.zeros_like(start)
+    vertex_blocks._tilt_kernel(dim)(offsets, start, now, tilt, np.empty((3, 3)))
+    K, F = whole
+    for first, last in zip(offsets[:-1], offsets[1:], strict=True):
+        for i in range(first, last):
+            expected = K[i] @ K[first].T @ F[first] @ F[i].T
+            np.testing.assert_allclose(tilt[i], expected[: len(tilt[i])], atol=1e-14)
 
 
 def test_one_thread_and_two_agree_bitwise():

@@ -143,24 +143,43 @@ def state_of(simulation) -> dict[str, np.ndarray]:
     return out
 
 
+def readings(simulation) -> dict[str, np.ndarray]:
+    """What a run tells of its last step."""
+    scene = simulation.model.scene
+    out = {"tolerance": simulation.tolerance}
+    if simulation.macroscopic is not None:
+        out |= simulation.macroscopic._asdict()
+    elif scene.bodies is not None:
+        for tag in np.unique(scene.bodies.facet_tags.values).tolist():
+            out[f"reaction {tag}"] = simulation.reaction(tag)
+            out[f"moved {tag}"] = simulation.mean_displacement(tag)
+            out[f"moved for the reaction {tag}"] = simulation.mean_displacement_of_reaction(tag)
+    if scene.rigid_bodies is not None:
+        for group in scene.rigid_bodies.groups:
+            out[f"reaction of {group}"] = simulation.reaction_of(group)
+    return {name: np.copy(value) for name, value in out.items()}
+
+
 def restarts_equal(make, end: float, folder: Path, parts=(1 / 3, 2 / 3)) -> tuple:
     """Restart a run from two of its checkpoints, each of which must go on as the run did.
 
     Returns:
         The run, its records and the steps after which it was saved.
     """
-    whole, records, saved = make(), [], []
+    whole, records, saved, told = make(), [], [], {}
     for record in whole.steps(end):
         records.append(record)
         if len(saved) < len(parts) and record.time >= parts[len(saved)] * end:
             save(folder / f"{record.step}.h5", whole)
             saved.append(record.step)
+            told[record.step] = readings(whole)
     assert len(saved) == len(parts) and saved[-1] < len(records)
     expected = state_of(whole)
     for step in saved:
         again = make()
         restore(folder / f"{step}.h5", again)
         assert again.step_number == step and again.time == records[step - 1].time
+        np.testing.assert_equal(readings(again), told[step])
         assert list(again.steps(end)) == records[step:]
         found = state_of(again)
         assert found.keys() == expected.keys()
@@ -200,6 +219,21 @@ def restored_pieces(path: Path) -> int:
 @pytest.mark.parametrize("scene", effect_scenes.SCENES, ids=lambda scene: scene.__name__)
 def test_every_effect_restarts(scene, tmp_path):
     restarts_equal(scene, 6 * scene().step_size, tmp_path, parts=(0.49,))
+
+
+def test_the_tolerance_that_was_picked_is_taken(tmp_path):
+    """The next step after a restart is solved to what the run had found it to need."""
+    run = restart_scenes.explicit_plate()
+    for record in run.steps(0.5):
+        if record.step == 3:
+            break
+    save(tmp_path / "run.h5", run)
+    tree = read_tree(tmp_path / "run.h5")["simulation"]
+    tree["accuracy"]["learnt"]["tolerance"] = 0.25 * run.tolerance
+    again = restart_scenes.explicit_plate()
+    assert again.tolerance != 0.25 * run.tolerance
+    again.restore(tree)
+    assert again.tolerance == 0.25 * run.tolerance
 
 
 # -- what a checkpoint is

@@ -441,3 +441,43 @@ def test_one_label_is_one_body():
         answer(composite_cell(cells=(3, 3), label=5))
         - answer(composite_cell(cells=(3, 3), label=ONE))
     ).max() == pytest.approx(0.0, abs=1e-15)
+
+
+@pytest.mark.parametrize("theta", (0.5, 0.7, 1.0))
+def test_a_linear_cell_under_stresses_takes_one_iteration(theta):
+    """The border of the iteration matrix is the derivative, whatever the stresses are."""
+    drive = MacroscopicDrive(
+        gradient={"11": lambda t: 1.0 + 0.01 * t, "21": 0.0},
+        stress={"22": lambda t: 3.0 * t, "12": lambda t: 1.0 * t},
+    )
+    iterations = []
+    simulation = cell_run(
+        cell_of((2.0, 1.0), (4, 2), label=0, material=phase(SHARE, 2.0, 0)), materials(), drive,
+        step=0.25, steps=4, theta=theta, inertia=True,
+        check=lambda _, record: iterations.append(record.newton_iterations),
+    )  # fmt: skip
+    assert iterations == [1, 1, 1, 1]
+    assert simulation.macroscopic.stress[1, 1] == pytest.approx(3.0, abs=1e-10)
+    assert simulation.macroscopic.stress[0, 1] == pytest.approx(1.0, abs=1e-10)
+
+
+@pytest.mark.parametrize("lengths, cells, kind", [
+    ((2.0, 1.0), (2, 1), "crossed"), ((1.0, 2.0, 0.5), (1, 1, 1), "tetrahedron"),
+])  # fmt: skip
+def test_fields_are_the_motions_of_macroscopic_gradients(lengths, cells, kind):
+    """Column by column G_ij moves nodes by X_j along i, which is what unknowns expand to."""
+    drive = ramp(np.eye(len(lengths)))
+    bodies = cell_of(lengths, cells, kind, label=0)
+    bulk = cell_run(bodies, {1: LinearElastic(*SOFT, 1.0)}, drive, steps=0).bulk
+    unknowns, dim = bulk.unknowns, len(lengths)
+    fields = unknowns.fields(np.arange(dim * dim))
+    for component in range(dim * dim):
+        one = np.zeros(bulk.num_dofs)
+        one[unknowns.macroscopic.start + component] = 1.0
+        np.testing.assert_array_equal(unknowns.expand(one), fields[:, component])
+        gradient = np.zeros((dim, dim))
+        gradient[component % dim, component // dim] = 1.0
+        moved = fields[:, component].reshape(-1, dim)
+        np.testing.assert_allclose(moved, unknowns.position @ gradient.T, atol=1e-15)
+        found = bulk.macroscopic_gradient(one) - np.eye(dim)
+        np.testing.assert_array_equal(found, gradient)

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from cells import averaged_gradient, cell_of, cell_run
@@ -14,6 +16,7 @@ from xper_fx.materials.material import lame
 from xper_fx.nscd.laws import CohesiveZone, PerfectBond, SignoriniCoulomb
 from xper_fx.output.checkpoint import restore
 from xper_fx.output.recorder import Recorder
+from xper_fx.periodic.averages import macroscopic_state
 from xper_fx.periodic.drive import MacroscopicDrive
 from xper_fx.scene.scene import Scene
 from xper_fx.simulation.simulation import Simulation
@@ -287,6 +290,59 @@ def test_a_step_given_up_leaves_nothing_behind():
     )  # fmt: skip
     assert simulation.step_number > 4  # some were given up: so tight a tolerance is rounding here
     assert simulation.macroscopic.stress[1, 1] == pytest.approx(2.0, abs=1e-9)
+
+
+def test_what_a_cell_has_learnt_is_kept_by_commits_and_restarts():
+    """A step that fails falls back to the compliance of the last commit, after a restart too."""
+    drive = MacroscopicDrive(
+        rate={"11": 0.05}, gradient={"12": 0.0, "21": 0.0}, stress={"22": lambda t: 0.1 * t}
+    )
+
+    def cell(steps):
+        return cell_run(
+            stack(), {1: LinearElastic(*SOLID, 1.0)}, drive, LAW, steps=steps, step=0.1, theta=1.0,
+            tolerance=1e-6,
+        )  # fmt: skip
+
+    bulk = cell(4).bulk
+    learnt = bulk.saved()["committed_compliance"].copy()
+    assert np.abs(learnt).max() > 0.0
+    np.testing.assert_array_equal(bulk.saved()["compliance"], learnt)
+    bulk.saved()["compliance"][:] = 7.0  # as an attempt at a step would
+    saved = {name: np.copy(value) for name, value in bulk.saved().items()}
+    bulk.forget()
+    np.testing.assert_array_equal(bulk.saved()["compliance"], learnt)
+    other = cell(0).bulk
+    assert not other.saved()["compliance"].any()
+    other.restore(saved)
+    np.testing.assert_array_equal(other.saved()["compliance"], 7.0 + 0.0 * learnt)
+    other.forget()
+    np.testing.assert_array_equal(other.saved()["compliance"], learnt)
+
+
+def test_the_error_of_hills_lemma_sees_stresses_that_are_not_those_asked_for():
+    """By the work that the stress missing would have done, beside that inside."""
+    material = {1: LinearElastic(*SOLID, LIGHT)}
+    drive = MacroscopicDrive(gradient={"11": lambda t: 1.0 + 0.01 * t, "12": 0.0, "21": 0.0},
+                             stress={"22": lambda t: 3.0 * t})  # fmt: skip
+    simulation = cell_run(
+        cell_of((LENGTH, HEIGHT), (4, 2), label=0), material, drive, step=0.5, steps=1, theta=1.0
+    )
+    before = simulation.state
+    list(simulation.steps(1.0))
+    outcome, bulk = simulation.last, simulation.bulk
+    cell = bulk.unknowns.macroscopic
+    moved = outcome.state.displacement - before.displacement
+    inside = abs(moved @ outcome.state.internal)
+    for missing in (0.0, 0.5, -2.0):
+        external = outcome.state.external.copy()
+        external[cell.start + bulk.free] += bulk.volume * missing
+        other = outcome._replace(state=replace(outcome.state, external=external))
+        found = macroscopic_state(bulk, before, other, other.state, 0.5, 1.0).hill_mandel
+        work = bulk.volume * abs(missing * moved[cell][bulk.free][0])
+        least = work / (inside + bulk.largest_stress * bulk.volume * np.abs(moved[cell]).max())
+        assert least - 1e-9 <= found <= work / inside + 1e-9
+        assert (found > 1e-3) == (missing != 0.0)
 
 
 def grains(shift):

@@ -65,6 +65,13 @@ def cohesive_bar():
     return Simulation(scene, 0.1, theta=0.6, **ONE)
 
 
+def newton_bar():
+    """Newton on all points of a linear bulk whose steps adapt: springs belong to a step's w."""
+    stiff = CohesiveZone(1e4, 1e-4, 1e-2, friction=0.3)
+    scene = _pulled(ELASTIC, 0.05, None, default_interaction=stiff)
+    return Simulation(scene, accuracy=1e-2, scheme="implicit", solver="newton", **ONE)
+
+
 def finite_strain_bar():
     """The inverse of a nonlinear bulk is kept as long as it serves; steps adapt; it breaks."""
     return Simulation(_pulled(SVK, 0.2), accuracy=1e-2, scheme="implicit", **ONE)
@@ -221,6 +228,7 @@ def at_rest():
 SCENES = {
     explicit_plate: (1.5, "broken"),
     cohesive_bar: (2.0, "broken"),
+    newton_bar: (0.6, "broken"),
     finite_strain_bar: (2.0, "broken"),
     cut_steps: (4.0, "cut"),
     ductile_bar: (3.0, "flown"),

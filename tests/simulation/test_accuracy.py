@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import copy
 import logging
 
 import numpy as np
@@ -270,6 +271,33 @@ def test_the_tolerance_halves_while_impulses_leave_too_much():
     quiet = control(1e-2)
     feed(quiet, lambda t: (0.0, 1.0, 0.0), 50, work=NO_WORK._replace(numerical=1e-5))
     assert quiet.tolerance == pytest.approx(1e-3)
+
+
+def test_what_a_control_has_learnt_is_restored_field_by_field():
+    """Nothing of it is what a new control starts with; of another start only the error's parts."""
+    wrong = NO_WORK._replace(numerical=-1e-3, cohesion=1e-3)
+    one = control(1e-2, softening_step=4.5, interacting=True)
+    feed(one, lambda t: (1e-3 * t, 1.0 - 1e-3 * t**2, 1e-3 * t**2), 5, work=wrong)
+    saved = copy.deepcopy(one.saved())
+    fresh = control(1e-2, softening_step=4.5, interacting=True).saved()
+    assert saved["learnt"]["tight_since"] > 0 and saved["learnt"]["tolerance"] < 1e-3
+    parts = saved["estimate"]["parts"]
+    for part, new in ((saved["learnt"], fresh["learnt"]), (parts, fresh["estimate"]["parts"])):
+        differs = [name for name, value in part.items() if value != new[name]]
+        assert len(differs) >= len(part) - 7, differs
+    again = control(1e-2, softening_step=4.5, interacting=True)
+    again.restore(saved)
+    assert again.saved()["learnt"] == saved["learnt"]
+    assert again.saved()["estimate"]["parts"] == parts
+    np.testing.assert_array_equal(again.saved()["estimate"]["rates"], saved["estimate"]["rates"])
+    # both go on alike, the next halving of the tolerance included
+    ends = [feed(c, lambda t: (0.0, 1.0 + 1e-3 * t, 0.0), 3, size=1.0, work=wrong)
+            and (c.tolerance, c.estimate.error) for c in (one, again)]  # fmt: skip
+    assert ends[0] == ends[1] and ends[0][0] < saved["learnt"]["tolerance"]
+    other = control(1e-3, softening_step=4.5, interacting=True)
+    other.restore(saved)
+    assert other.saved()["learnt"] == control(1e-3, softening_step=4.5).saved()["learnt"]
+    assert other.saved()["estimate"]["parts"] == parts
 
 
 # What the error is made of

@@ -180,6 +180,10 @@ def test_a_path_is_restarted(tmp_path, kind):
             break
     checkpoint.save(tmp_path / "state.h5", first)
     checkpoint.restore(tmp_path / "state.h5", second)
+    np.testing.assert_equal(second.path.saved(), first.path.saved())
+    guesses = [simulation.path.guess(simulation.state) for simulation in (first, second)]
+    assert guesses[0][0] == guesses[1][0] != first.time
+    np.testing.assert_array_equal(guesses[0][1], guesses[1][1])
     for step, expected in zip(second.steps(1e6), records[5:], strict=False):
         assert step == expected
 

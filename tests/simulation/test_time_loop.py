@@ -3,7 +3,7 @@
 
 import numpy as np
 import pytest
-from scenes import LEFT, RIGHT, box_bodies
+from scenes import LEFT, RIGHT, box_bodies, field, nodes
 
 import xper_fx as xf
 
@@ -81,6 +81,32 @@ def test_a_contact_acts_from_the_step_in_whose_middle_it_is_closed(gap, theta):
     assert (simulation.rigid.state.position[0, 1] - radius) / (step * speed) == pytest.approx(
         end, abs=1e-9
     )
+
+
+@pytest.mark.parametrize("theta", [0.5, 0.7, 1.0])
+@pytest.mark.parametrize("gap", [2.4, 2.9])
+def test_a_meshed_body_touches_from_the_step_in_whose_middle_it_is_closed(gap, theta):
+    """The same of a block of one cell, whose nodes are looked for at x0 + h (1 - theta) v0."""
+    speed, step = 1.0, 1e-3
+    scene = xf.Scene(
+        box_bodies((1.0, 1.0), (1, 1), "quadrilateral", label=0),
+        {1: xf.materials.LinearElastic(1e-9, 0.0, 1.0)},
+        initial_velocity=lambda x: np.stack([0.0 * x[0], 0.0 * x[0] - speed]),
+        surfaces={"block": (1,)},
+        rigid=[xf.rigid.wall((0.0, -gap * step * speed), (0.0, 1.0), "wall")],
+        contacts=[xf.Contact(("block", "wall"), xf.laws.SignoriniCoulomb(0.0))],
+    )
+    simulation = xf.Simulation(
+        scene, step, scheme="implicit", theta=theta, tolerance=1e-12, num_threads=1
+    )
+    for _ in simulation.steps(8 * step):
+        pass
+    middle = gap - (1.0 - theta) - np.arange(8)
+    end = middle[middle <= 0.0][0]
+    lowest = nodes(simulation)[:, 1] < 0.5
+    moved = field(simulation)[lowest, 1] / (step * speed)
+    np.testing.assert_allclose(field(simulation, "velocity")[lowest, 1], 0.0, atol=1e-9)
+    np.testing.assert_allclose(moved + gap, end, atol=1e-6)
 
 
 class Silent(xf.solvers.Solver):

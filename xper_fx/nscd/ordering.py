@@ -277,10 +277,11 @@ def mark_moved(moved, tile_bodies, stats, threshold):
 
 @njit(inline="always")
 def mark_tiles(marked, tile_bodies, moved):
-    """Mark the tiles that touch a body that moved."""
+    """Mark the tiles that touch a body that moved, and those between bodies that nothing moves."""
     for tile in range(len(marked)):
-        marked[tile] = False
-        for place in range(tile_bodies.offsets[tile], tile_bodies.offsets[tile + 1]):
+        first, last = tile_bodies.offsets[tile], tile_bodies.offsets[tile + 1]
+        marked[tile] = first == last  # else no body would ever call for its last visit
+        for place in range(first, last):
             if moved[tile_bodies.blocks[place]]:
                 marked[tile] = True
                 break
