@@ -14,8 +14,8 @@ import numpy as np
 
 from xper_fx.support.checks import require_non_negative
 
-# Sizes of loads from which on their works are beyond the range of floats.
-_LARGEST = 1e150
+# Sizes of loads from which on steps give nothing but infinity.
+_LARGEST = 1e250
 
 Value = float | Callable[[float], float]
 
@@ -40,8 +40,8 @@ def value_at(value: Value, time: float) -> float:
     number = float(given)
     if not abs(number) < _LARGEST:
         raise ValueError(
-            f"A load is {number} at t = {time} s; it should be a finite number, whose square is "
-            "within the range of floats."
+            f"A load is {number} at t = {time} s; it should be a finite number, well within the "
+            "range of floats."
         )
     return number
 

@@ -22,6 +22,8 @@ from xper_fx.scene.wall import Wall
 from xper_fx.support.checks import require_number
 
 Motion = PrescribedVelocity | PrescribedDisplacement
+# Forces from which on their works are infinite.
+_LARGEST = 1e150
 Load = BodyForce | Gravity | SurfaceTraction | Motion
 
 
@@ -62,6 +64,11 @@ def check_loads(loads: Sequence[Load], dim: int, on_rigid: bool) -> None:
             start = value_at(value, 0.0) if callable(value) else value
             if not np.isfinite(require_number(f"The value of {load}", start)):
                 raise ValueError(f"{load} has the value {value}; it should be finite.")
+            if not isinstance(load, Motion) and abs(start) > _LARGEST:
+                raise ValueError(
+                    f"{load} has the value {value}, whose square is beyond the range of floats; "
+                    "it should be finite and below 1e150."
+                )
         if isinstance(load, PrescribedDisplacement) and value_at(load.value, 0.0) != 0.0:
             raise ValueError(
                 f"{name} on tag {load.facets} is {value_at(load.value, 0.0)} m at the start, "
