@@ -14,7 +14,7 @@ from xper_fx.forms.loads import PrescribedDisplacement, PrescribedVelocity
 from xper_fx.materials import LinearElastic
 from xper_fx.nscd.laws import CohesiveZone, SignoriniCoulomb
 from xper_fx.scene.scene import Scene
-from xper_fx.simulation.bulk_resolution import bulk_resolution
+from xper_fx.simulation.bulk_resolution import _energy, bulk_resolution
 from xper_fx.simulation.simulation import Simulation
 
 MATERIAL = LinearElastic(2.0, 0.3, 1.0)
@@ -62,6 +62,19 @@ def test_bending_of_a_plate(cells):
                 else:
                     strained += value
     assert found == pytest.approx(np.sqrt(exact / strained), rel=0.25)
+
+
+def test_energy_of_linear_stresses():
+    """Of a pressure p: 3 (1 - 2 nu) p^2 / E; of a stress that is linear, by quadrature."""
+    young, poisson = np.array([2.0]), np.array([0.3])
+    pressure = np.broadcast_to(np.eye(3), (1, 4, 3, 3))
+    expected = 3.0 * (1.0 - 0.6) / 2.0
+    assert _energy(pressure, np.ones(1), young, poisson) == pytest.approx(expected)
+    # a triangle whose s_xy is its first barycentric coordinate: int l^2 = 1 / 6 of its measure
+    shear = np.zeros((1, 3, 3, 3))
+    shear[0, 0, 0, 1] = shear[0, 0, 1, 0] = 1.0
+    expected = 0.5 * 2.0 * (1.0 + 0.3) / 2.0 / 6.0
+    assert _energy(shear, np.array([0.5]), young, poisson) == pytest.approx(expected)
 
 
 def test_first_order_in_space():
