@@ -98,6 +98,17 @@ def free():
     return scene, {"step": 2e-3, "tolerance": 1e-11, "scheme": "implicit"}, 20
 
 
+def strips():
+    """Four strips whose bonds turn with them: of four ranks one has no points."""
+    loads, start = stretched(1.0)
+    bodies = box_bodies((1, 1), (8, 2), label=lambda x: (4.0 * x[0]).astype(int))
+    scene = Scene(
+        bodies, {1: NeoHookean(1000.0, 0.3, 1.0)}, default_interaction=BOND,
+        loads=loads, initial_velocity=lambda x: start(x)[:2],
+    )  # fmt: skip
+    return scene, {"step": 5e-4, "tolerance": 1e-10, "scheme": "implicit"}, 10
+
+
 def space():
     loads, start = stretched(1.0)
     bodies = box_bodies((1, 1, 1), (2, 2, 2), kind="tetrahedron")
@@ -107,7 +118,7 @@ def space():
     return scene, {"step": 1e-3, "tolerance": 1e-10, "scheme": "implicit"}, 10
 
 
-SCENES = {f.__name__: f for f in (explicit, quadratic, blocks, fall, plastic, free, space)}
+SCENES = {f.__name__: f for f in (explicit, quadratic, blocks, fall, plastic, free, strips, space)}
 
 
 def run(name: str) -> dict[str, np.ndarray]:

@@ -120,6 +120,7 @@ class Interactions(SteppedPoints):
         phase = np.zeros(len(points), int) if halo is None else halo.phase
         self._permanent = self._grouping.groups(inverse, points, law_of_point, nodal, phase)
         self.groups = self._permanent
+        self._turns = bool(self.largest(any(g.turning is not None for g in self._permanent)))
         self._found = FoundContacts()
         self.renewals = 0
         components = [g.kernels.components for g in self.groups]

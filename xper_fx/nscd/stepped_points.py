@@ -85,8 +85,8 @@ class SteppedPoints(PointValues):
 
     @property
     def turns(self) -> bool:
-        """Whether frames of points turn with their bodies."""
-        return any(g.turning is not None for g in self._permanent)
+        """Whether frames of points turn with their bodies, on whichever rank."""
+        return self._turns
 
     def turn(self, motion: LipMotion, step: float, theta: float) -> None:
         """Turn frames with their lips, before `begin_step` or `prepare`.
