@@ -19,8 +19,9 @@ _CAUSES = {
     "closure": ("the energy balance", "a shorter step"),
     "events": ("a largest force between steps", "a shorter step"),
 }
-# Where the step is as short as it goes: below 0.7 of the critical step of the mesh.
-_AT_THE_FLOOR = "smoother loads, or the waves resolved by a finer mesh"
+# Where the step is as short as the control goes, 0.7 of the critical step of the mesh.
+_AT_THE_FLOOR = {"time step": "smoother loads, or the waves resolved by a finer mesh"}
+_BY_HAND = "a shorter step, given by hand"
 # Share of what was asked for from which a part of the error is named.
 _WORTH_NAMING = 0.25
 # Facets that a cohesive length must span for results that do not depend on the mesh.
@@ -68,7 +69,7 @@ def verdict(simulation: Readings) -> Verdict | None:
         if part > _WORTH_NAMING * asked:
             cause, cure = _CAUSES[name]
             if cure == "a shorter step" and control.at_floor:
-                cure = _AT_THE_FLOOR
+                cure = _AT_THE_FLOOR.get(name, _BY_HAND)
             limits.append(f"{cause} {part:.1g} ({cure})")
     bulk, facets = bulk_resolution(simulation), _facets(simulation)
     mesh_is_fine = True
