@@ -103,9 +103,10 @@ class StepAttempts:
         self._flipped = None
         try:
             outcome = self._attempt(state, size, tolerance)
-        except FacetFlippedError as error:
+        except FloatingPointError as error:
             logger.info("%s", error)
-            self._flipped = error.point
+            if isinstance(error, FacetFlippedError):
+                self._flipped = error.point
             return None
         if outcome is None:
             return None
@@ -130,7 +131,7 @@ class StepAttempts:
         """A step that is not kept, whatever it does; see `_attempt`."""
         try:
             return self._attempt(state, size, tolerance)
-        except FacetFlippedError:
+        except FloatingPointError:
             return None
 
     def along_path(
