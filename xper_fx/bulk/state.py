@@ -75,15 +75,11 @@ def interact(
     """
     dim, nodes = interactions.dim, inverse.nodes
     slots = interactions.free_velocities(at_nodes(free, nodes, dim))
-    start = slots.copy()
     report = solver.solve(interactions, slots, options)
     if not isinstance(report, SolveReport):
         raise TypeError(
             f"{type(solver).__name__}.solve should return a SolveReport, got {report!r}."
         )
-    if report.converged and interactions.ordering != "vertices":
-        contradictory = interactions.impulses_are_lost(start, slots)
-        report = report._replace(converged=not contradictory)
     impulses = on_nodes(interactions.impulses(), nodes, len(free))
     if len(nodes) == inverse.num_nodes:
         velocity = free.copy()

@@ -29,8 +29,6 @@ if TYPE_CHECKING:
 
 # Relative rounding of velocities that several points add up to.
 _ROUNDING = 4.0 * np.finfo(float).eps
-# Impulse over the momentum of all bodies above which works are lost in rounding.
-_LOST = 1e8
 
 
 class Interactions(SteppedPoints):
@@ -294,20 +292,6 @@ class Interactions(SteppedPoints):
         """
         speed = self.largest(float(np.abs(velocity).max(initial=0.0)))
         return _ROUNDING * speed * self._stiffness
-
-    def impulses_are_lost(self, free: np.ndarray, velocity: np.ndarray) -> bool:
-        """Whether impulses are so large beside what moves that their works are rounding.
-
-        They grow so along what leaves all bodies where they are, if perfect bonds or contacts
-        contradict each other: no relative residual tells it.
-
-        Args:
-            free, velocity: shape (num_slots * dim,), before and after the impulses (m/s).
-        """
-        speed = self.largest(max(np.abs(v).max(initial=0.0) for v in (free, velocity)))
-        pushed = max((np.abs(g.impulse).max(initial=0.0) for g in self.groups), default=0.0)
-        pushed = self.largest(float(pushed))
-        return bool(pushed > _LOST * self._mass * speed)
 
     @property
     def uses_velocity_criterion(self) -> bool:

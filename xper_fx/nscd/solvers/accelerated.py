@@ -24,7 +24,7 @@ from xper_fx.nscd.algebra.anderson_mixing import AndersonMixing
 from xper_fx.nscd.algebra.krylov import norm
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.solvers.solver import SolveOptions, Solver, SolveReport
-from xper_fx.nscd.solvers.sweeps import ROUNDING, sweep, sweep_passes
+from xper_fx.nscd.solvers.sweeps import ROUNDING, RUNAWAY, sweep, sweep_passes
 
 # Sweeps remembered, and plain sweeps before any is mixed.
 _MEMORY, _PLAIN = 8, 3
@@ -67,7 +67,7 @@ class AcceleratedSweeps(Solver):
         read_impulses(r)
         set_impulses(r)
         floor = interactions.rounding(free) / tolerance
-        least, error, restarts = np.inf, np.inf, 0
+        least, error, restarts, first = np.inf, np.inf, 0, 0.0
         amplification, follows = np.inf, False
         by_velocities, energy = interactions.uses_velocity_criterion, 0.0
         for count in range(1, max_sweeps + 1):
@@ -92,6 +92,9 @@ class AcceleratedSweeps(Solver):
                 error = left / energy if energy > 0.0 else (np.inf if left > 0.0 else 0.0)
             else:
                 error = change * amplification if change > ROUNDING else change
+            first = first or scale
+            if error <= tolerance and scale > RUNAWAY * first:
+                break
             if error <= tolerance:
                 interactions.refresh_ghosts(velocity)
                 if interactions.evolve(velocity) <= tolerance:

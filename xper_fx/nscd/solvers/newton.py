@@ -28,7 +28,7 @@ from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.solvers.linearised import Linearised
 from xper_fx.nscd.solvers.nlgs import NonlinearGaussSeidel
 from xper_fx.nscd.solvers.solver import SolveOptions, Solver, SolveReport
-from xper_fx.nscd.solvers.sweeps import ROUNDING
+from xper_fx.nscd.solvers.sweeps import ROUNDING, RUNAWAY
 from xper_fx.nscd.solvers.tangent import LinearisedProblem, residual
 
 # Sweeps before the first Newton step: they settle what is open and what is closed.
@@ -59,6 +59,7 @@ class _Attempt:
         self._before = [np.empty_like(g.impulse) for g in interactions.groups]
         self._best = [g.impulse.copy() for g in interactions.groups]
         self._least, self._left_over, self._floor = np.inf, _BLIND_STEPS, 0.0
+        self._first = self._now = 0.0  # |r|
         self._start, self._push, self._guess = np.zeros((3, len(velocity)))
 
     def run(self, tolerance: float) -> bool:
@@ -71,6 +72,8 @@ class _Attempt:
         while True:
             self.error = relative * amplification if relative > ROUNDING else relative
             if self.error <= tolerance:
+                if self._now > RUNAWAY * self._first:
+                    return False
                 if self.interactions.evolve(self.velocity) <= tolerance:
                     return True
                 size, relative, self.traction = self._residual()
@@ -97,7 +100,8 @@ class _Attempt:
     def _residual(self) -> tuple[float, float, float]:
         """|S(b) - r|, the same relative to |r|, and as a traction."""
         size, impulse, traction = residual(self.interactions, self.velocity)
-        impulse = max(impulse, self._floor)
+        impulse = self._now = max(impulse, self._floor)
+        self._first = self._first or impulse
         return size, size / impulse if impulse > 0.0 else size, traction
 
     def _advance(self, changes: list[np.ndarray], size: float, relative: float):

@@ -31,6 +31,9 @@ FIRST_BATCH = 16
 _MANY_TILES = 8
 # Relative change of the impulses that is rounding.
 ROUNDING = 16.0 * np.finfo(float).eps
+# Growth of all impulses since the first sweep beyond which a small relative error means nothing:
+# they run away along what moves no body, as of perfect bonds that contradict each other.
+RUNAWAY = 1e6
 
 
 class SweepPass(NamedTuple):
