@@ -13,7 +13,8 @@ from point_mass import PointMass
 from scipy.integrate import quad
 
 from xper_fx.nscd.laws import CohesiveZone
-from xper_fx.nscd.laws.cohesive_zone import damage, mean_damage
+from xper_fx.nscd.laws.curves import Parabolic
+from xper_fx.nscd.laws.damage_curve import damage_functions
 from xper_fx.nscd.point_tangents import PointTangents
 
 # Zircaloy-4 (Perales et al. 2010, section 4.2.1).
@@ -21,6 +22,7 @@ C_N, W, R_MAX = 2e18, 0.5, 1e9
 # By hand: d0 = Rmax / C_N, dc = (3/2)(0.5 nm + 0.5 nm / 6).
 D0, DC = 5e-10, 8.75e-10
 AREA = 1e-6
+damage, mean_damage, _, _ = damage_functions(Parabolic.functions)
 STEPS = [1e-11, 1e-10, 3e-10, 1e-9]
 SPENT = W * AREA
 
@@ -44,19 +46,19 @@ def test_openings_by_hand():
 
 @pytest.mark.parametrize("beta0", [1.0, 0.4])
 def test_damage_is_equation_37(beta0):
-    assert damage(0.0, D0, DC, beta0) == beta0
-    assert damage(D0, D0, DC, beta0) == beta0
+    assert damage(0.0, (D0, DC), beta0) == beta0
+    assert damage(D0, (D0, DC), beta0) == beta0
     # half way down: y = 1/2, x = 6.875e-10, g = beta0 (5 / 6.875)(3 / 4)
-    assert damage(6.875e-10, D0, DC, beta0) == pytest.approx(beta0 * 0.5454545454545454, rel=1e-13)
-    assert damage(DC, D0, DC, beta0) == 0.0
-    assert damage(1.0, D0, DC, beta0) == 0.0
+    assert damage(6.875e-10, (D0, DC), beta0) == pytest.approx(beta0 * 0.5454545454545454, rel=1e-13)
+    assert damage(DC, (D0, DC), beta0) == 0.0
+    assert damage(1.0, (D0, DC), beta0) == 0.0
 
 
 @pytest.mark.parametrize("c_t", [2e18, 1e18, 8e18])
 def test_peak_and_area_of_the_opening_curve(c_t):
     law = zircaloy(tangential_stiffness=c_t)
     d0, dc = law.elastic_opening, law.critical_opening
-    traction = lambda x: damage(x, d0, dc, 1.0) * C_N * x  # noqa: E731
+    traction = lambda x: damage(x, (d0, dc), 1.0) * C_N * x  # noqa: E731
     x = np.linspace(0.0, 1.1 * dc, 4001)
     ratio = 0.5 * (1.0 + C_N / c_t)
     # equal stiffnesses: exactly Rmax and w
@@ -84,10 +86,10 @@ def test_peak_and_area_of_the_opening_curve(c_t):
 )
 def test_mean_damage_against_quadrature(x0, x1, x_max):
     beta0 = 0.8
-    beta = damage(max(x_max, D0), D0, DC, beta0)
+    beta = damage(max(x_max, D0), (D0, DC), beta0)
 
     def path(x):
-        return beta if x <= x_max else min(beta, damage(x, D0, DC, beta0))
+        return beta if x <= x_max else min(beta, damage(x, (D0, DC), beta0))
 
     if x1 <= x0:
         expected = beta
@@ -100,24 +102,24 @@ def test_mean_damage_against_quadrature(x0, x1, x_max):
             if path(0.5 * (a + b) * D0) > 0.0
         )
         expected = 2.0 * integral / ((x1 / D0) ** 2 - (x0 / D0) ** 2)
-    got = mean_damage(x1, x0, x_max, beta, D0, DC, beta0)
+    got = mean_damage(x1, x0, x_max, beta, (D0, DC), beta0)
     assert got == pytest.approx(expected, rel=1e-11, abs=1e-14)
 
 
 def test_mean_damage_of_a_broken_bond_is_zero():
-    assert mean_damage(2 * DC, 0.0, DC, 0.0, D0, DC, 1.0) == 0.0
+    assert mean_damage(2 * DC, 0.0, DC, 0.0, (D0, DC), 1.0) == 0.0
 
 
 def test_mean_damage_of_a_vanishing_increment_does_not_cancel():
     for x0 in (D0, 1.2 * D0, 1.7 * D0):
-        beta = damage(x0, D0, DC, 1.0)
+        beta = damage(x0, (D0, DC), 1.0)
         for increment in 10.0 ** np.arange(-15.0, -3.0):
             x1 = x0 * (1.0 + increment)
-            mean = mean_damage(x1, x0, x0, beta, D0, DC, 1.0)
-            ends = 0.5 * (beta + damage(x1, D0, DC, 1.0))
+            mean = mean_damage(x1, x0, x0, beta, (D0, DC), 1.0)
+            ends = 0.5 * (beta + damage(x1, (D0, DC), 1.0))
             # a difference of energies would be off by 1e-16 / increment here
             assert mean == pytest.approx(ends, abs=20.0 * increment**2 + 2e-15)
-            assert damage(x1, D0, DC, 1.0) - 2e-15 <= mean <= beta + 2e-15
+            assert damage(x1, (D0, DC), 1.0) - 2e-15 <= mean <= beta + 2e-15
 
 
 # -- one bond
@@ -249,7 +251,7 @@ def prescribed(law, path, step=1e-10, dim=2, theta=1.0):
 def test_traction_follows_the_curve_when_the_jump_is_prescribed():
     x = np.linspace(0.0, 1.1 * DC, 1101)[1:]
     _, tractions, works = prescribed(zircaloy(), np.stack([x, 0 * x], axis=1))
-    curve = np.array([-damage(v, D0, DC, 1.0) * C_N * v for v in x])
+    curve = np.array([-damage(v, (D0, DC), 1.0) * C_N * v for v in x])
     np.testing.assert_allclose(tractions[:, 0], curve, atol=0.01 * R_MAX)
     assert -tractions[:, 0].min() == pytest.approx(R_MAX, rel=5e-3)
     assert np.all(tractions[:, 1] == 0.0)
@@ -261,7 +263,7 @@ def test_unloading_and_reloading_along_the_secant():
     down = np.linspace(opened, 0.0, 8)[1:]
     x = np.concatenate([[0.5 * D0, opened], down, down[::-1], [opened]])
     bond, tractions, works = prescribed(zircaloy(), np.stack([x, 0 * x], axis=1))
-    beta = damage(opened, D0, DC, 1.0)
+    beta = damage(opened, (D0, DC), 1.0)
     np.testing.assert_allclose(tractions[2:, 0], -beta * C_N * x[2:], rtol=1e-10, atol=1e-3)
     assert np.abs(works[2:, 1]).max() <= 1e-14 * SPENT
     assert bond.damage == pytest.approx(beta, rel=1e-12)
@@ -270,8 +272,8 @@ def test_unloading_and_reloading_along_the_secant():
 
 def secant_of(x0, reached, x1):
     """Mean damage of opening from x0 to x1, by quadrature: a secant up to `reached`, then g."""
-    beta = damage(reached, D0, DC, 1.0)
-    spent = quad(lambda x: x * damage(x, D0, DC, 1.0), reached, x1, epsabs=0.0)[0]
+    beta = damage(reached, (D0, DC), 1.0)
+    spent = quad(lambda x: x * damage(x, (D0, DC), 1.0), reached, x1, epsabs=0.0)[0]
     return (0.5 * beta * (reached**2 - x0**2) + spent) / (0.5 * (x1**2 - x0**2))
 
 
@@ -283,7 +285,7 @@ def secant_of(x0, reached, x1):
 def test_beyond_its_largest_opening_a_bond_goes_on_from_there(reached, back, again, theta):
     """Opened, unloaded and opened further in one step: the secant counts, not the curve again."""
     opened, x0, x1 = reached * D0, back * reached * D0, min(again * reached, 1.74) * D0
-    beta = damage(opened, D0, DC, 1.0)
+    beta = damage(opened, (D0, DC), 1.0)
     down = np.linspace(opened, x0, 4)[1:]
     path = np.concatenate([np.linspace(0.0, opened, 6)[1:], down])
     bond, _, works = prescribed(zircaloy(), np.stack([path, 0 * path], axis=1))

@@ -56,6 +56,19 @@ def require_non_negative(name: str, value: Any) -> float:
     return number
 
 
+def require_between(name: str, value: Any, low: float, high: float) -> float:
+    """The value as a float.
+
+    Raises:
+        TypeError: no real number.
+        ValueError: not between two numbers, or one of them.
+    """
+    number = require_number(name, value)
+    if not low < number < high:
+        raise ValueError(f"{name} should lie in ({low:g}, {high:g}), got {value}.")
+    return number
+
+
 def require_count(name: str, value: Any, least: int) -> int:
     """The value as an int.
 

@@ -3,12 +3,15 @@ r"""Frictional cohesive zone (Perales et al. 2010, eqs 33-37; the curve of LMGC9
 
 The stress R between the lips is Rhat - Rcoh with Rcoh = beta C U pulling them together,
 C = diag(C_N, C_T, C_T), and Rhat obeying Signorini-Coulomb at position level. Damage beta falls
-from beta0 to 0 with the largest opening reached, x = sqrt(<U_N>+^2 + |U_T|^2):
+from beta0 to 0 with the largest opening reached, x = sqrt(<U_N>+^2 + |U_T|^2), along a curve of
+`curves/`, beta = beta0 g(x). That of the paper is
 
-    g(x) = beta0                                             x <= d0
-         = beta0 (d0 / x) (1 - ((x - d0) / (dc - d0))^2)     d0 < x < dc
-         = 0                                                 x >= dc
-    d0 = (Rmax / 2)(1 / C_N + 1 / C_T),   dc = (3/2)(w / Rmax + d0 / 6).
+    g(x) = 1                                           x <= d0
+         = (d0 / x) (1 - ((x - d0) / (dc - d0))^2)     d0 < x < dc
+         = 0                                           x >= dc
+    d0 = (Rmax / 2)(1 / C_N + 1 / C_T),   dc = (3/2)(w / Rmax + d0 / 6),
+
+and any other one has the stiffness k = Rmax / d0, the strength Rmax and the area w.
 
 **Over a step** the cohesive stress is a secant one, with a single mean damage,
 
@@ -34,39 +37,26 @@ one is found, and the iteration cannot cycle.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from functools import cache
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
-from xper_fx.cache import njit
-from xper_fx.nscd.algebra.small import for_dimension
-from xper_fx.nscd.kernel_options import LEAN_INNER
-from xper_fx.nscd.laws.contact_losses import contact_losses
-from xper_fx.nscd.laws.contact_solver import contact_solver
-from xper_fx.nscd.laws.damage_curve import (
-    BETA0,
-    C_N,
-    C_T,
-    D0,
-    DAMAGE,
-    DC,
-    MU,
-    OPENING_MAX,
-    damage,
-    mean_damage,
-    spent_share,
-)
-from xper_fx.nscd.laws.law import COHESION, ENERGIES, STORED, LawKernels
-from xper_fx.support.checks import require_non_negative, require_positive, take_numbers
+from xper_fx.nscd.laws.bond import Bond
+from xper_fx.nscd.laws.curves.curve import Curve
+from xper_fx.nscd.laws.curves.parabolic import Parabolic
+from xper_fx.nscd.laws.parameters import refuse_where, take_parameters
+from xper_fx.nscd.laws.weakening import Weakening, one_curve
 
 
 @dataclass(frozen=True)
-class CohesiveZone:
+class CohesiveZone(Bond):
     """Bond that weakens, breaks, and leaves unilateral contact with friction.
 
+    Parameters are numbers or fields (`xper_fx/nscd/laws/fields.py`).
+
     Args:
-        normal_stiffness: C_N (Pa/m).
+        normal_stiffness: C_N (Pa/m); None with a curve that has a stiffness of its own.
         fracture_energy: w (J/m^2), the area under the normal curve when C_N = C_T.
         strength: Rmax (Pa), the largest normal stress.
         tangential_stiffness: C_T (Pa/m); C_N if not given.
@@ -76,271 +66,119 @@ class CohesiveZone:
             and spends too much energy when the step is not small beside the softening time; "end"
             (`damage_at_end.py`), for the monolithic solver alone; or "auto": "end" in static runs
             of that solver, else "mean".
+        curve: how traction falls with the opening, of `xper_fx/nscd/laws/curves`.
 
     Raises:
         ValueError: a number out of range, or w <= Rmax d0 / 2: the bond would have to break
             before its peak.
     """
 
-    normal_stiffness: float
-    fracture_energy: float
-    strength: float
-    tangential_stiffness: float | None = None
-    friction: float = 0.0
-    initial_damage: float = 1.0
+    normal_stiffness: Any
+    fracture_energy: Any
+    strength: Any
+    tangential_stiffness: Any = None
+    friction: Any = 0.0
+    initial_damage: Any = 1.0
     damage: str = "auto"
+    curve: Curve = field(default_factory=Parabolic)
 
     def __post_init__(self) -> None:
-        take_numbers(
-            self, "normal_stiffness", "fracture_energy", "strength", "friction", "initial_damage"
+        self._check_damage()
+        self._check_curve()
+        optional = ("normal_stiffness", "tangential_stiffness")
+        given = [name for name in optional if getattr(self, name) is not None]
+        known = take_parameters(
+            self,
+            positive=(*given, "fracture_energy", "strength"),
+            non_negative=("friction",),
+            shares=("initial_damage",),
         )
-        require_positive("normal_stiffness", self.normal_stiffness)
-        require_positive("fracture_energy", self.fracture_energy)
-        require_positive("strength", self.strength)
-        if self.tangential_stiffness is not None:
-            take_numbers(self, "tangential_stiffness")
-            require_positive("tangential_stiffness", self.tangential_stiffness)
-        require_non_negative("friction", self.friction)
-        if not 0.0 < self.initial_damage <= 1.0:
-            raise ValueError(f"initial_damage should lie in (0, 1], got {self.initial_damage}.")
-        if self.damage not in ("auto", "mean", "lagged", "end"):
-            raise ValueError(
-                f'damage should be "auto", "mean", "lagged" or "end", got {self.damage!r}.'
+        if known:
+            self._check_shape()
+
+    def _check_curve(self) -> None:
+        curve = self.curve
+        if isinstance(curve, type) or not hasattr(curve, "own_stiffness"):
+            raise TypeError(
+                f"curve should be one of xper_fx.laws.curves, as Linear(), got {curve!r}."
             )
-        least = 0.5 * self.strength * self.elastic_opening
-        if self.fracture_energy <= least:
+        free = curve.own_stiffness(1.0, 1.0) is None
+        if free and self.normal_stiffness is None:
+            raise ValueError(f"normal_stiffness (Pa/m) is missing; {curve!r} leaves it free.")
+        if not free and self.normal_stiffness is not None:
             raise ValueError(
-                f"fracture_energy {self.fracture_energy:g} J/m^2 should exceed Rmax d0 / 2 = "
-                f"{least:g} J/m^2, the energy at the peak; raise it or the stiffness, or lower the "
-                f"strength {self.strength:g} Pa."
+                f"{curve!r} has a stiffness of its own, told by strength and fracture_energy: "
+                f"give normal_stiffness=None, got {self.normal_stiffness!r}."
             )
-        if not (self.elastic_opening > 0.0 and np.isfinite(self.critical_opening)):
-            raise ValueError(
-                f"The strength {self.strength:g} Pa, the stiffness {self.normal_stiffness:g} Pa/m "
-                f"and the fracture_energy {self.fracture_energy:g} J/m^2 give openings d0 = "
-                f"{self.elastic_opening:g} m and dc = {self.critical_opening:g} m, beyond the "
-                "range of floats; take other units."
+
+    def _check_shape(self) -> None:
+        w, strength, d0, dc = (
+            self.fracture_energy, self.strength, self.elastic_opening, self.critical_opening,
+        )  # fmt: skip
+        least = 0.5 * strength * d0
+        refuse_where(
+            w <= least,
+            lambda at: (
+                f"fracture_energy {at(w):g} J/m^2 should exceed Rmax d0 / 2 = {at(least):g} J/m^2, "
+                "the energy at the peak; raise it or the stiffness, or lower the strength "
+                f"{at(strength):g} Pa."
+            ),
+        )
+        shape = self.shape()
+        ordered = np.isfinite(dc) & (dc > 0.0)
+        if self.normal_stiffness is not None:
+            ordered = ordered & (d0 > 0.0)
+        refuse_where(
+            ~ordered,
+            lambda at: (
+                f"The strength {at(strength):g} Pa, the stiffness {at(self.stiffnesses()[0]):g} "
+                f"Pa/m and the fracture_energy {at(w):g} J/m^2 give openings d0 = {at(d0):g} m and "
+                f"dc = {at(dc):g} m, beyond the range of floats; take other units."
+            ),
+        )
+        for knee in shape[2:3]:
+            refuse_where(
+                (knee <= d0) & (d0 > 0.0),
+                lambda at: (
+                    f"The curve {self.curve!r} bends at {at(knee):g} m, before the bond weakens, "
+                    f"d0 = {at(d0):g} m: raise the fracture_energy {at(w):g} J/m^2 or the stiffness, "
+                    f"or lower the strength {at(strength):g} Pa."
+                ),
             )
 
     @property
-    def elastic_opening(self) -> float:
+    def elastic_opening(self) -> Any:
         """d0 (m), the opening at which damage starts."""
-        c_t = self.tangential_stiffness or self.normal_stiffness
-        return 0.5 * self.strength * (1.0 / self.normal_stiffness + 1.0 / c_t)
+        return self.shape()[0]
 
     @property
-    def critical_opening(self) -> float:
+    def critical_opening(self) -> Any:
         """dc (m), the opening at which the bond is broken."""
-        return 1.5 * (self.fracture_energy / self.strength + self.elastic_opening / 6.0)
+        return self.shape()[1]
 
     @property
-    def softening_slope(self) -> float:
-        """Steepest descent of the traction curve (Pa/m): 2 Rmax / (dc - d0)."""
-        return 2.0 * self.strength / (self.critical_opening - self.elastic_opening)
+    def softening_slope(self) -> Any:
+        """Steepest descent of the traction curve (Pa/m)."""
+        return self.curve.steepest(self.shape(), self._stiffness)
 
-    def in_statics(self) -> CohesiveZone:
-        """The law that a static run of the monolithic solver takes for this one."""
-        return replace(self, damage="end") if self.damage == "auto" else self
+    @property
+    def _stiffness(self) -> Any:
+        """k (Pa/m) of the curve, Rmax / d0."""
+        c_n, c_t = self.stiffnesses()
+        return c_n if c_t is c_n else 2.0 / (1.0 / c_n + 1.0 / c_t)
 
-    def kernels(self, dim: int) -> LawKernels:
-        """See `Law`."""
-        if self.damage == "end":
-            from xper_fx.nscd.laws.damage_at_end import end_kernels
+    def weakening(self) -> Weakening:
+        """See `Bond`."""
+        return one_curve(self.curve.functions, len(self.shape()), self._rubs)
 
-            return end_kernels(dim, self.friction > 0.0)
-        return _kernels(dim, self.friction > 0.0, self.damage == "lagged")
+    def stiffnesses(self) -> tuple:
+        """C_N and C_T (Pa/m)."""
+        c_n, c_t = self.normal_stiffness, self.tangential_stiffness
+        if c_n is None:
+            c_n = self.curve.own_stiffness(self.strength, self.fracture_energy)
+        return c_n, c_n if c_t is None else c_t
 
-    def parameters(self) -> tuple[float, ...]:
-        """C_N, C_T (Pa/m), d0, dc (m), beta0; with friction mu."""
-        c_t = self.tangential_stiffness or self.normal_stiffness
-        bond = (
-            self.normal_stiffness, c_t, self.elastic_opening, self.critical_opening,
-            self.initial_damage,
-        )  # fmt: skip
-        return (*bond, self.friction) if self.friction > 0.0 else bond
-
-    def initial_state(self) -> tuple[float, ...]:
-        """Largest opening so far (m) and damage."""
-        return 0.0, self.initial_damage
-
-
-@cache
-def _kernels(dim: int, friction: bool, lagged: bool) -> LawKernels:
-    algebra = for_dimension(dim)
-    sym_row = algebra.sym_row
-    dot, add, subtract, scale = algebra.dot, algebra.add, algebra.subtract, algebra.scale
-    diagonal, sym_vector = algebra.multiply_diagonal, algebra.sym_vector
-    soften = algebra.compliance_with_springs
-    contact, book_losses = contact_solver(dim, friction), contact_losses(dim, friction)
-    num_sym = dim * (dim + 1) // 2
-
-    # Columns of terms, with velocities relative to jump_h / (h theta): the squared speed beyond
-    # which damage grows, jump_h / (h theta), P / k, beta_m k, and the packed W~.
-    limit, middle = 0, 1
-    push = middle + dim
-    spring = push + dim
-    soft = spring + 2
-    num_terms = soft + num_sym
-    # Columns of details.
-    mean, start, jump_start, h_theta, k_n, k_t, shift = range(7)
-    num_details = shift + dim - 1 if friction else shift
-
-    @njit(inline="always")
-    def opening(jump):
-        x = max(jump[0], 0.0) ** 2 + jump[1] * jump[1]
-        if dim == 3:
-            x += jump[2] * jump[2]
-        return x
-
-    @njit(inline="always")
-    def part(terms, i, first):
-        if dim == 2:
-            return terms[i, first], terms[i, first + 1]
-        return terms[i, first], terms[i, first + 1], terms[i, first + 2]
-
-    @njit(inline="always")
-    def shift_of(details, i):
-        if dim == 2:
-            return (details[i, shift],)
-        return details[i, shift], details[i, shift + 1]
-
-    @njit(inline="always")
-    def compliance_of(terms, i):
-        if dim == 2:
-            return terms[i, soft], terms[i, soft + 1], terms[i, soft + 2]
-        return (
-            terms[i, soft], terms[i, soft + 1], terms[i, soft + 2],
-            terms[i, soft + 3], terms[i, soft + 4], terms[i, soft + 5],
-        )  # fmt: skip
-
-    @njit(inline="always")
-    def set_damage(i, beta, s, terms, details):
-        details[i, mean] = beta
-        terms[i, spring] = beta * details[i, k_n]
-        terms[i, spring + 1] = beta * details[i, k_t]
-        for j in range(num_sym):
-            terms[i, soft + j] = s[j]
-
-    @njit(**LEAN_INNER)
-    def prepare(i, jump, velocity, w, area, step, theta, parameters, state, terms, details):
-        scaled = step * theta
-        for j in range(dim):
-            jump_h = jump[j] + step * (1.0 - theta) * velocity[j]
-            terms[i, middle + j] = jump_h / scaled
-            terms[i, push + j] = ((1.0 - theta) * jump[j] + theta * jump_h) / (scaled * theta)
-        if friction:
-            for j in range(1, dim):
-                details[i, shift + j - 1] = (1.0 - theta) / theta * velocity[j]
-        beta = state[i, DAMAGE]
-        reach = max(state[i, OPENING_MAX], parameters[i, D0]) / scaled
-        terms[i, limit] = np.inf if (beta == 0.0 or lagged) else reach * reach
-        details[i, start] = beta
-        details[i, jump_start] = np.sqrt(opening(jump))
-        details[i, h_theta] = scaled
-        details[i, k_n] = scaled * scaled * area * parameters[i, C_N]
-        details[i, k_t] = scaled * scaled * area * parameters[i, C_T]
-        s = soften(sym_row(w, i), beta * details[i, k_n], beta * details[i, k_t])
-        set_damage(i, beta, s, terms, details)
-
-    @njit(inline="always")
-    def bonded(k, p, u):
-        """Impulse beta_m (P + k u) with which the bond pulls the lips together."""
-        return diagonal(k[0], k[1], add(p, u))
-
-    @njit(inline="always")
-    def with_contact(free, s, k, p, least, slipped, mu):
-        """Velocity and impulse when the bond alone would let the lips interpenetrate."""
-        hat, _ = contact(free, s, least, slipped, mu, 0.0)
-        new = add(free, sym_vector(s, hat))
-        return new, subtract(hat, bonded(k, p, new))
-
-    @njit(inline="always")
-    def solve(i, u, r, w, parameters, terms, details):
-        jump_h, p = part(terms, i, middle), part(terms, i, push)
-        k = (terms[i, spring], terms[i, spring + 1])
-        s = compliance_of(terms, i)
-        new = subtract(u, sym_vector(s, add(r, bonded(k, p, u))))
-        if new[0] >= -jump_h[0]:
-            return scale(-1.0, bonded(k, p, new)), True
-        if friction:
-            new, impulse = with_contact(
-                new, s, k, p, -jump_h[0], shift_of(details, i), parameters[i, MU]
-            )
-        else:
-            new, impulse = with_contact(new, s, k, p, -jump_h[0], (0.0,), 0.0)
-        return impulse, r[0] > 0.0 and impulse[0] > 0.0
-
-    @njit(inline="always")
-    def evolve(i, u, w, parameters, terms, details):
-        speed = opening(add(part(terms, i, middle), u))
-        if speed <= terms[i, limit]:
-            lost = details[i, start] - details[i, mean]
-            return -lost / details[i, start] if lost > 0.0 else 0.0
-        x_max = max(details[i, h_theta] * np.sqrt(terms[i, limit]), parameters[i, D0])
-        beta = mean_damage(
-            details[i, h_theta] * np.sqrt(speed), details[i, jump_start], x_max,
-            details[i, start], parameters[i, D0], parameters[i, DC], parameters[i, BETA0],
-        )  # fmt: skip
-        fall = details[i, mean] - beta
-        if fall <= 0.0:
-            return fall / details[i, start]
-        s = soften(sym_row(w, i), beta * details[i, k_n], beta * details[i, k_t])
-        set_damage(i, beta, s, terms, details)
-        return fall / details[i, start]
-
-    @njit(**LEAN_INNER)
-    def commit(i, jump0, jump1, u, r, area, step, theta, parameters, state, terms, details, energy):
-        c_n, c_t = parameters[i, C_N], parameters[i, C_T]
-        d0, dc, beta0 = parameters[i, D0], parameters[i, DC], parameters[i, BETA0]
-        old = details[i, start]
-        x1 = np.sqrt(opening(jump1))
-        reached = max(state[i, OPENING_MAX], x1)
-        new = min(old, damage(reached, d0, dc, beta0))
-        beta = old
-        if not lagged:
-            x_max = max(state[i, OPENING_MAX], d0)
-            beta = mean_damage(x1, details[i, jump_start], x_max, old, d0, dc, beta0)
-            beta = min(beta, details[i, mean])
-            new = min(new, beta)
-        k = (beta * details[i, k_n], beta * details[i, k_t])
-        hat = add(r, bonded(k, part(terms, i, push), u))
-        moved = subtract(jump1, jump0)
-        e0 = 0.5 * area * dot(jump0, diagonal(c_n, c_t, jump0))
-        e1 = 0.5 * area * dot(jump1, diagonal(c_n, c_t, jump1))
-        # The lips are closed when they push harder than they would part (natural map). What rhat
-        # works at an open or sticking point, or with the wrong sign, is the solver's tolerance.
-        pressing = hat[0] * terms[i, soft] > u[0] + terms[i, middle]
-        energy[i, STORED] = new * e1
-        energy[i, COHESION] = (beta - new) * e1 + (old - beta) * e0
-        state[i, OPENING_MAX] = reached
-        state[i, DAMAGE] = new
-        numerical = (theta - 0.5) * beta * area * dot(moved, diagonal(c_n, c_t, moved))
-        return book_losses(i, hat, moved, step, pressing, numerical, parameters, energy)
-
-    @njit(inline="always")
-    def stored(i, jump, area, parameters, state):
-        tractions = diagonal(parameters[i, C_N], parameters[i, C_T], jump)
-        return 0.5 * area * state[i, DAMAGE] * dot(jump, tractions)
-
-    effects = [
-        ("cohesion", 6 + dim + num_sym),  # C, P / k, beta_m k, W~, k
-        ("damage", 10),  # d0, dc, beta0, state, limit, mean to h_theta
-        ("unilateral contact", dim),  # jump_h / (h theta)
-    ]
-    if friction:
-        effects += [("friction", dim)]  # mu, shift
-    return LawKernels(
-        name="cohesive zone with friction" if friction else "cohesive zone",
-        effects=tuple(effects),
-        components=dim,
-        prepare=prepare,
-        solve=solve,
-        evolve=None if lagged else evolve,
-        commit=commit,
-        num_terms=num_terms,
-        num_details=num_details,
-        state_names=("opening_max", "damage"),
-        energies=ENERGIES,
-        spent=spent_share,
-        stored=stored,
-    )
+    def shape(self) -> tuple:
+        """d0, dc (m), and what else the curve has."""
+        numbers = self._stiffness, self.strength, self.fracture_energy
+        return self.curve.shape(*numbers, *self.curve.constants)

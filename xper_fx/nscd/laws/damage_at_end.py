@@ -39,16 +39,13 @@ from xper_fx.nscd.laws.damage_curve import (
     BETA0,
     C_N,
     C_T,
-    D0,
     DAMAGE,
-    DC,
     MU,
     OPENING_MAX,
-    damage,
-    dissipated,
-    spent_share,
+    damage_functions,
 )
-from xper_fx.nscd.laws.law import COHESION, ENERGIES, STORED, LawKernels
+from xper_fx.nscd.laws.law import COHESION, ENERGIES, STORED, Columns, LawKernels
+from xper_fx.nscd.laws.weakening import Weakening
 
 # Part of an impulse that is not the bond's, above which the lips press: less is rounding.
 _PRESSED = 1e-9
@@ -56,29 +53,36 @@ _PRESSED = 1e-9
 _SPENT = 0.999
 
 
-def _growth(parameters: np.ndarray, state: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Largest opening so far (m), length of the curve (m), and whether a bond is left."""
-    d0, dc = parameters[:, D0], parameters[:, DC]
-    reached = np.maximum(state[:, OPENING_MAX], d0)
-    whole = (state[:, DAMAGE] > 0.0) & (reached < _SPENT * dc)
-    return reached, dc - d0, whole
-
-
 @cache
-def end_kernels(dim: int, friction: bool) -> LawKernels:
-    """The kernels, with or without friction of the lips."""
+def end_kernels(dim: int, friction: bool, weakening: Weakening) -> LawKernels:
+    """The kernels, with or without friction of the lips; see `mean_kernels`."""
     algebra = for_dimension(dim)
     dot, add, subtract, scale = algebra.dot, algebra.add, algebra.subtract, algebra.scale
     diagonal, book_losses = algebra.multiply_diagonal, contact_losses(dim, friction)
 
-    # Columns of terms, with velocities relative to jump_h / (h theta): that, P / k, and k.
-    middle = 0
-    push = middle + dim
-    spring = push + dim
-    num_terms = spring + 2
-    # Columns of details: damage and largest opening at the start, h theta, slip at the start.
-    start, reach, h_theta, shift = range(4)
-    num_details = shift + dim - 1 if friction else shift
+    shape, reach = weakening.shape, weakening.reach
+    limit, lengths = weakening.limit, weakening.lengths
+    damage, _, dissipated, _ = damage_functions(weakening.curve)
+
+    terms_of, details_of, others = Columns(), Columns(), Columns()
+    others.take("cohesion", 2)  # C
+    others.take("damage", 3 + weakening.num_columns)  # beta0, shape, state
+    # Velocities are relative to jump_h / (h theta).
+    middle = terms_of.take("unilateral contact", dim)  # jump_h / (h theta)
+    push = terms_of.take("cohesion", dim)  # P / k
+    spring = terms_of.take("cohesion", 2)  # k
+    start = details_of.take("damage")  # damage at the start
+    safe = details_of.take("damage")  # opening up to which it stays
+    h_theta = details_of.take("cohesion")
+    if friction:
+        others.take("friction")  # mu
+        shift = details_of.take("friction", dim - 1)  # slip at the start
+
+    def growth(parameters: np.ndarray, state: np.ndarray):
+        d0, dc = lengths(parameters)
+        reached = np.maximum(state[:, OPENING_MAX], d0)
+        whole = (state[:, DAMAGE] > 0.0) & (reached < _SPENT * dc)
+        return reached, dc - d0, whole
 
     @njit(inline="always")
     def part(terms, i, first):
@@ -104,24 +108,26 @@ def end_kernels(dim: int, friction: bool) -> LawKernels:
         terms[i, spring] = scaled * scaled * area * parameters[i, C_N]
         terms[i, spring + 1] = scaled * scaled * area * parameters[i, C_T]
         details[i, start] = state[i, DAMAGE]
-        details[i, reach] = max(state[i, OPENING_MAX], parameters[i, D0])
+        details[i, safe] = limit(i, parameters, state)
         details[i, h_theta] = scaled
         if friction:
             for j in range(1, dim):
                 details[i, shift + j - 1] = (1.0 - theta) / theta * velocity[j]
 
     @njit(inline="always")
-    def damage_at(i, x, parameters, details):
-        if x <= details[i, reach] or details[i, start] == 0.0:
+    def damage_at(i, jump, parameters, details):
+        """Damage with a jump (m)."""
+        x = opening(jump)
+        if x <= details[i, safe] or details[i, start] == 0.0:
             return details[i, start]
-        fresh = damage(x, parameters[i, D0], parameters[i, DC], parameters[i, BETA0])
+        fresh = damage(x, shape(i, jump, parameters), parameters[i, BETA0])
         return min(details[i, start], fresh)
 
     @njit(inline="always")
     def bond_at(i, u, parameters, terms, details):
         """The bond's impulse."""
-        x = details[i, h_theta] * opening(add(part(terms, i, middle), u))
-        beta = damage_at(i, x, parameters, details)
+        jump = scale(details[i, h_theta], add(part(terms, i, middle), u))
+        beta = damage_at(i, jump, parameters, details)
         k = (beta * terms[i, spring], beta * terms[i, spring + 1])
         return scale(-1.0, diagonal(k[0], k[1], add(part(terms, i, push), u)))
 
@@ -166,26 +172,26 @@ def end_kernels(dim: int, friction: bool) -> LawKernels:
     @njit(**LEAN_INNER)
     def commit(i, jump0, jump1, u, r, area, step, theta, parameters, state, terms, details, energy):
         c_n, c_t = parameters[i, C_N], parameters[i, C_T]
-        d0, dc, beta0 = parameters[i, D0], parameters[i, DC], parameters[i, BETA0]
         bond = bond_at(i, closing(i, u, terms), parameters, terms, details)
-        jump = add(part(terms, i, middle), u)
+        jump = scale(details[i, h_theta], add(part(terms, i, middle), u))
         pressing = r[0] - bond[0] > _PRESSED * np.sqrt(dot(r, r))
         if pressing:
             jump = with_normal(jump, 0.0)
         else:
             bond = bond_at(i, u, parameters, terms, details)
         hat, moved = subtract(r, bond), subtract(jump1, jump0)
-        x1, old = details[i, h_theta] * opening(jump), details[i, start]
-        new = damage_at(i, x1, parameters, details)
+        x1, old = opening(jump), details[i, start]
+        new = damage_at(i, jump, parameters, details)
         e0 = 0.5 * area * dot(jump0, diagonal(c_n, c_t, jump0))
         e1 = 0.5 * area * dot(jump1, diagonal(c_n, c_t, jump1))
         cost = 0.0
         if new < old:
-            before = dissipated(details[i, reach], d0, dc, beta0)
+            p, beta0 = shape(i, jump, parameters), parameters[i, BETA0]
+            before = dissipated(reach(details[i, safe], old / beta0, p), p, beta0)
             stiffness = mean_stiffness(jump, parameters, i)
             if opening(jump0) > 0.0:
                 stiffness = 0.5 * (stiffness + mean_stiffness(jump0, parameters, i))
-            cost = area * stiffness * (dissipated(x1, d0, dc, beta0) - before)
+            cost = area * stiffness * (dissipated(x1, p, beta0) - before)
         energy[i, STORED] = new * e1
         energy[i, COHESION] = cost
         state[i, OPENING_MAX] = max(state[i, OPENING_MAX], x1)
@@ -198,26 +204,19 @@ def end_kernels(dim: int, friction: bool) -> LawKernels:
         tractions = diagonal(parameters[i, C_N], parameters[i, C_T], jump)
         return 0.5 * area * state[i, DAMAGE] * dot(jump, tractions)
 
-    effects = [
-        ("cohesion", 5 + dim),  # C, P / k, k, h theta
-        ("damage", 7),  # d0, dc, beta0, state, damage and largest opening at the start
-        ("unilateral contact", dim),  # jump_h / (h theta)
-    ]
-    if friction:
-        effects += [("friction", dim)]  # mu, shift
     return LawKernels(
         name="cohesive zone with friction" if friction else "cohesive zone",
-        effects=tuple(effects),
+        effects=Columns.effects(others, terms_of, details_of),
         components=dim,
         prepare=prepare,
         solve=solve,
         evolve=None,
         commit=commit,
-        num_terms=num_terms,
-        num_details=num_details,
+        num_terms=terms_of.count,
+        num_details=details_of.count,
         state_names=("opening_max", "damage"),
         energies=ENERGIES,
-        growth=_growth,
-        spent=spent_share,
+        growth=growth,
+        spent=weakening.spent,
         stored=stored,
     )

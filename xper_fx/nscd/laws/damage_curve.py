@@ -1,70 +1,84 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""The damage of a cohesive zone as a function of its opening, and what it has dissipated."""
+"""The damage of a bond over a step, and what it has dissipated, for any curve of `curves/`."""
 
 from __future__ import annotations
 
-import numpy as np
+from collections import namedtuple
+from functools import cache
 
 from xper_fx.cache import njit
 from xper_fx.nscd.kernel_options import LEAN_ENTRY
+from xper_fx.nscd.laws.curves.curve import CurveFunctions
 
-# Columns of a cohesive zone's parameters and state.
-C_N, C_T, D0, DC, BETA0, MU = range(6)
+# Columns of a bond's parameters and state; mu is there with friction alone, and the shape of the
+# curve, d0 and dc first, comes after it.
+C_N, C_T, BETA0, MU = range(4)
 OPENING_MAX, DAMAGE = 0, 1
 
+# Halvings of an interval of openings.
+_HALVINGS = 60
 
-@njit(**LEAN_ENTRY)
-def damage(x, d0, dc, beta0):
-    """g(x): damage of a bond opened monotonically to x (m) (Perales et al. 2010, eq. 37)."""
-    if x <= d0:
-        return beta0
-    if x >= dc:
-        return 0.0
-    y = (x - d0) / (dc - d0)
-    return beta0 * d0 / x * (1.0 - y * y)
+DamageFunctions = namedtuple("DamageFunctions", "damage mean_damage dissipated opening_with")
 
 
-@njit(**LEAN_ENTRY)
-def mean_damage(x1, x0, x_max, beta, d0, dc, beta0):
-    """Mean of the damage over x^2 from x0 to x1 (m), for a bond that had reached x_max, beta.
-
-    Up to x_max the bond unloads along its secant (beta); beyond, it follows g. No difference of
-    nearly equal numbers is taken.
-    """
-    if x1 <= x_max or beta == 0.0:
-        return beta
-    start = max(x_max, d0, x0)  # below d0 the curve is still its secant
-    if x1 <= start:
-        return beta
-    top = min(x1, dc)
-    length = dc - d0
-    spent = 0.0
-    if top > start:
-        y0, y1 = (start - d0) / length, (top - d0) / length
-        spent = 2.0 * beta0 * d0 * (top - start) * (1.0 - (y1 * y1 + y1 * y0 + y0 * y0) / 3.0)
-    secant = beta * (start - x0) * (start + x0)
-    return (secant + spent) / ((x1 - x0) * (x1 + x0))
+def shape_column(friction: bool) -> int:
+    """The first column of the shape of a bond's curve among its parameters."""
+    return MU + 1 if friction else MU
 
 
-@njit(**LEAN_ENTRY)
-def dissipated(x, d0, dc, beta0):
-    """What a bond of unit stiffness has dissipated that was opened to x (m): m^2.
+@cache
+def damage_functions(curve: CurveFunctions) -> DamageFunctions:
+    """The compiled functions of a curve."""
+    fall, area = curve
 
-    The area under its curve less what it holds, int_0^x g s ds - g(x) x^2 / 2.
-    """
-    if x <= d0:
-        return 0.0
-    length = dc - d0
-    y = min(x - d0, length) / length
-    spent = beta0 * d0 * (0.5 * d0 + length * y * (1.0 - y * y / 3.0))
-    return spent - 0.5 * damage(x, d0, dc, beta0) * x * x
+    @njit(**LEAN_ENTRY)
+    def damage(x, p, beta0):
+        """Damage of a bond opened monotonically to x (m)."""
+        if x <= p[0]:
+            return beta0
+        return 0.0 if x >= p[1] else beta0 * fall(x, p)
 
+    @njit(**LEAN_ENTRY)
+    def mean_damage(x1, x0, x_max, beta, p, beta0):
+        """Mean of the damage over x^2 from x0 to x1 (m), for a bond that had reached x_max, beta.
 
-def spent_share(parameters: np.ndarray, state: np.ndarray) -> np.ndarray:
-    """Share of the fracture energy that each bond has spent (`LawKernels.spent`)."""
-    d0, length = parameters[:, D0], parameters[:, DC] - parameters[:, D0]
-    y = np.clip((state[:, OPENING_MAX] - d0) / length, 0.0, 1.0)
-    # in units of beta0 d0: area under the curve, less what the bond holds, over the whole area
-    held = 0.5 * (d0 + length * y) * (1.0 - y * y)
-    share = (0.5 * d0 + length * y * (1.0 - y * y / 3.0) - held) / (0.5 * d0 + length * 2.0 / 3.0)
-    return np.where(state[:, DAMAGE] > 0.0, share, 1.0)
+        Up to x_max the bond unloads along its secant (beta); beyond, it follows its curve. No
+        difference of nearly equal numbers is taken.
+        """
+        if x1 <= x_max or beta == 0.0:
+            return beta
+        start = max(x_max, p[0], x0)  # below d0 the curve is still its secant
+        if x1 <= start:
+            return beta
+        top = min(x1, p[1])
+        spent = 2.0 * beta0 * area(start, top, p) if top > start else 0.0
+        secant = beta * (start - x0) * (start + x0)
+        return (secant + spent) / ((x1 - x0) * (x1 + x0))
+
+    @njit(**LEAN_ENTRY)
+    def dissipated(x, p, beta0):
+        """What a bond of unit stiffness has dissipated that was opened to x (m): m^2.
+
+        The area under its curve less what it holds, int_0^x g s ds - g(x) x^2 / 2.
+        """
+        if x <= p[0]:
+            return 0.0
+        top = min(x, p[1])
+        spent = beta0 * (0.5 * p[0] * p[0] + area(p[0], top, p))
+        return spent - 0.5 * damage(x, p, beta0) * x * x
+
+    @njit(**LEAN_ENTRY)
+    def opening_with(share, p):
+        """The opening (m) at which g has fallen to a share; d0 of 1, dc of 0."""
+        low, high = p[0], p[1]
+        if share >= 1.0:
+            return low
+        for _ in range(_HALVINGS):
+            middle = 0.5 * (low + high)
+            if fall(middle, p) > share:
+                low = middle
+            else:
+                high = middle
+        return high
+
+    return DamageFunctions(damage, mean_damage, dissipated, opening_with)

@@ -44,7 +44,11 @@ read anew in each step (`nscd/turning_frames.py`). None for a law that stores no
 
 `name` and `effects` are for the table of effects (`xper_fx/output/effects.py`): pairs of an
 effect's name, of the table or new, and how many of a point's parameters, state, terms and details
-it needs.
+it needs; `Columns` counts them.
+
+A law whose bonds weaken may have `strength` (Pa), `fracture_energy` (J/m^2) and `softening_slope`,
+the steepest descent of its traction (Pa/m): what resolves it is told from them
+(`simulation/cohesive_scales.py`), and which step leaves it one state (`nscd/laws/softening.py`).
 """
 
 from __future__ import annotations
@@ -61,6 +65,34 @@ LawKernels = namedtuple(
     "energies growth spent stored no_jump",
     defaults=(None, None, None, False),
 )
+
+
+class Columns:
+    """Columns of an array over points, taken one after the other, each for an effect.
+
+    Attributes:
+        count: how many are taken.
+    """
+
+    def __init__(self):
+        self.count = 0
+        self._of: dict[str, int] = {}
+
+    def take(self, effect: str, number: int = 1) -> int:
+        """The first of some columns for an effect."""
+        first = self.count
+        self.count += number
+        self._of[effect] = self._of.get(effect, 0) + number
+        return first
+
+    @staticmethod
+    def effects(*arrays: Columns) -> tuple[tuple[str, int], ...]:
+        """What several arrays hold for each effect (`LawKernels.effects`)."""
+        total: dict[str, int] = {}
+        for array in arrays:
+            for effect, number in array._of.items():
+                total[effect] = total.get(effect, 0) + number
+        return tuple(total.items())
 
 
 class Law(Protocol):

@@ -1,0 +1,71 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""What laws of bonds share: their kernels, parameters and history."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any, Self
+
+import numpy as np
+
+from xper_fx.nscd.laws.law import LawKernels
+from xper_fx.nscd.laws.weakening import Weakening
+
+_DAMAGE = ("auto", "mean", "lagged", "end")
+
+
+class Bond:
+    """A law whose lips are bonded by springs that weaken, then touch and rub.
+
+    A class of it is a frozen dataclass with `friction`, `initial_damage` and `damage`, and the
+    three methods at the end.
+    """
+
+    friction: Any
+    initial_damage: Any
+    damage: str
+
+    def _check_damage(self) -> None:
+        if self.damage not in _DAMAGE:
+            wanted = ", ".join(f'"{name}"' for name in _DAMAGE[:-1])
+            raise ValueError(f'damage should be {wanted} or "{_DAMAGE[-1]}", got {self.damage!r}.')
+
+    @property
+    def _rubs(self) -> bool:
+        return bool(np.any(self.friction))
+
+    def in_statics(self) -> Self:
+        """The law that a static run of the monolithic solver takes for this one."""
+        return replace(self, damage="end") if self.damage == "auto" else self
+
+    def kernels(self, dim: int) -> LawKernels:
+        """See `Law`."""
+        weakening = self.weakening()
+        if self.damage == "end":
+            from xper_fx.nscd.laws.damage_at_end import end_kernels
+
+            return end_kernels(dim, self._rubs, weakening)
+        from xper_fx.nscd.laws.bond_kernels import mean_kernels
+
+        return mean_kernels(dim, self._rubs, self.damage == "lagged", weakening)
+
+    def parameters(self) -> tuple:
+        """C_N, C_T (Pa/m), beta0; with friction mu; what `weakening` has."""
+        bond = (*self.stiffnesses(), self.initial_damage)
+        return (*bond, self.friction, *self.shape()) if self._rubs else (*bond, *self.shape())
+
+    def initial_state(self) -> tuple:
+        """Largest opening so far (m) and damage."""
+        return 0.0, self.initial_damage
+
+    def weakening(self) -> Weakening:
+        """How openings weaken the bond, compiled."""
+        raise NotImplementedError
+
+    def stiffnesses(self) -> tuple:
+        """C_N and C_T (Pa/m)."""
+        raise NotImplementedError
+
+    def shape(self) -> tuple:
+        """The parameters that the weakening takes."""
+        raise NotImplementedError

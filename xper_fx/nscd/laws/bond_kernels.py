@@ -1,0 +1,220 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Kernels of bonds whose damage over a step is its mean, as `cohesive_zone.py` derives them."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+
+from xper_fx.cache import njit
+from xper_fx.nscd.algebra.small import for_dimension
+from xper_fx.nscd.kernel_options import LEAN_INNER
+from xper_fx.nscd.laws.contact_losses import contact_losses
+from xper_fx.nscd.laws.contact_solver import contact_solver
+from xper_fx.nscd.laws.damage_curve import (
+    BETA0,
+    C_N,
+    C_T,
+    DAMAGE,
+    MU,
+    OPENING_MAX,
+    damage_functions,
+)
+from xper_fx.nscd.laws.law import COHESION, ENERGIES, STORED, Columns, LawKernels
+from xper_fx.nscd.laws.weakening import Weakening
+
+
+@cache
+def mean_kernels(dim: int, friction: bool, lagged: bool, weakening: Weakening) -> LawKernels:
+    """The kernels, with or without friction of the lips.
+
+    Args:
+        dim: dimension of space.
+        friction: whether lips rub.
+        lagged: whether damage is frozen during a step.
+        weakening: how openings weaken the bond.
+    """
+    algebra = for_dimension(dim)
+    sym_row = algebra.sym_row
+    dot, add, subtract, scale = algebra.dot, algebra.add, algebra.subtract, algebra.scale
+    diagonal, sym_vector = algebra.multiply_diagonal, algebra.sym_vector
+    soften = algebra.compliance_with_springs
+    contact, book_losses = contact_solver(dim, friction), contact_losses(dim, friction)
+    num_sym = dim * (dim + 1) // 2
+
+    shape, reach = weakening.shape, weakening.reach
+    first_limit = weakening.limit
+    damage, mean_damage, _, _ = damage_functions(weakening.curve)
+
+    terms_of, details_of, others = Columns(), Columns(), Columns()
+    others.take("cohesion", 2)  # C
+    others.take("damage", 3 + weakening.num_columns)  # beta0, shape, state
+    # Velocities are relative to jump_h / (h theta).
+    limit = terms_of.take("damage")  # squared speed beyond which damage may grow
+    middle = terms_of.take("unilateral contact", dim)  # jump_h / (h theta)
+    push = terms_of.take("cohesion", dim)  # P / k
+    spring = terms_of.take("cohesion", 2)  # beta_m k
+    soft = terms_of.take("cohesion", num_sym)  # packed W~
+    mean, start, jump_start, h_theta = (details_of.take("damage") for _ in range(4))
+    k_n, k_t = details_of.take("cohesion"), details_of.take("cohesion")
+    if friction:
+        others.take("friction")  # mu
+        shift = details_of.take("friction", dim - 1)
+
+    @njit(inline="always")
+    def opening(jump):
+        x = max(jump[0], 0.0) ** 2 + jump[1] * jump[1]
+        if dim == 3:
+            x += jump[2] * jump[2]
+        return x
+
+    @njit(inline="always")
+    def part(terms, i, first):
+        if dim == 2:
+            return terms[i, first], terms[i, first + 1]
+        return terms[i, first], terms[i, first + 1], terms[i, first + 2]
+
+    @njit(inline="always")
+    def shift_of(details, i):
+        if dim == 2:
+            return (details[i, shift],)
+        return details[i, shift], details[i, shift + 1]
+
+    @njit(inline="always")
+    def compliance_of(terms, i):
+        if dim == 2:
+            return terms[i, soft], terms[i, soft + 1], terms[i, soft + 2]
+        return (
+            terms[i, soft], terms[i, soft + 1], terms[i, soft + 2],
+            terms[i, soft + 3], terms[i, soft + 4], terms[i, soft + 5],
+        )  # fmt: skip
+
+    @njit(inline="always")
+    def set_damage(i, beta, s, terms, details):
+        details[i, mean] = beta
+        terms[i, spring] = beta * details[i, k_n]
+        terms[i, spring + 1] = beta * details[i, k_t]
+        for j in range(num_sym):
+            terms[i, soft + j] = s[j]
+
+    @njit(**LEAN_INNER)
+    def prepare(i, jump, velocity, w, area, step, theta, parameters, state, terms, details):
+        scaled = step * theta
+        for j in range(dim):
+            jump_h = jump[j] + step * (1.0 - theta) * velocity[j]
+            terms[i, middle + j] = jump_h / scaled
+            terms[i, push + j] = ((1.0 - theta) * jump[j] + theta * jump_h) / (scaled * theta)
+        if friction:
+            for j in range(1, dim):
+                details[i, shift + j - 1] = (1.0 - theta) / theta * velocity[j]
+        beta = state[i, DAMAGE]
+        safe = first_limit(i, parameters, state) / scaled
+        terms[i, limit] = np.inf if (beta == 0.0 or lagged) else safe * safe
+        details[i, start] = beta
+        details[i, jump_start] = np.sqrt(opening(jump))
+        details[i, h_theta] = scaled
+        details[i, k_n] = scaled * scaled * area * parameters[i, C_N]
+        details[i, k_t] = scaled * scaled * area * parameters[i, C_T]
+        s = soften(sym_row(w, i), beta * details[i, k_n], beta * details[i, k_t])
+        set_damage(i, beta, s, terms, details)
+
+    @njit(inline="always")
+    def bonded(k, p, u):
+        """Impulse beta_m (P + k u) with which the bond pulls the lips together."""
+        return diagonal(k[0], k[1], add(p, u))
+
+    @njit(inline="always")
+    def with_contact(free, s, k, p, least, slipped, mu):
+        """Velocity and impulse when the bond alone would let the lips interpenetrate."""
+        hat, _ = contact(free, s, least, slipped, mu, 0.0)
+        new = add(free, sym_vector(s, hat))
+        return new, subtract(hat, bonded(k, p, new))
+
+    @njit(inline="always")
+    def solve(i, u, r, w, parameters, terms, details):
+        jump_h, p = part(terms, i, middle), part(terms, i, push)
+        k = (terms[i, spring], terms[i, spring + 1])
+        s = compliance_of(terms, i)
+        new = subtract(u, sym_vector(s, add(r, bonded(k, p, u))))
+        if new[0] >= -jump_h[0]:
+            return scale(-1.0, bonded(k, p, new)), True
+        if friction:
+            new, impulse = with_contact(
+                new, s, k, p, -jump_h[0], shift_of(details, i), parameters[i, MU]
+            )
+        else:
+            new, impulse = with_contact(new, s, k, p, -jump_h[0], (0.0,), 0.0)
+        return impulse, r[0] > 0.0 and impulse[0] > 0.0
+
+    @njit(inline="always")
+    def mean_of(i, velocity, parameters, terms, details):
+        """Mean damage of a step with a velocity relative to -jump_h / (h theta)."""
+        p, old = shape(i, velocity, parameters), details[i, start]
+        beta0 = parameters[i, BETA0]
+        x_max = reach(details[i, h_theta] * np.sqrt(terms[i, limit]), old / beta0, p)
+        x1 = details[i, h_theta] * np.sqrt(opening(velocity))
+        return mean_damage(x1, details[i, jump_start], x_max, old, p, beta0)
+
+    @njit(inline="always")
+    def evolve(i, u, w, parameters, terms, details):
+        speed = opening(add(part(terms, i, middle), u))
+        if speed <= terms[i, limit]:
+            lost = details[i, start] - details[i, mean]
+            return -lost / details[i, start] if lost > 0.0 else 0.0
+        beta = mean_of(i, add(part(terms, i, middle), u), parameters, terms, details)
+        fall = details[i, mean] - beta
+        if fall <= 0.0:
+            return fall / details[i, start]
+        s = soften(sym_row(w, i), beta * details[i, k_n], beta * details[i, k_t])
+        set_damage(i, beta, s, terms, details)
+        return fall / details[i, start]
+
+    @njit(**LEAN_INNER)
+    def commit(i, jump0, jump1, u, r, area, step, theta, parameters, state, terms, details, energy):
+        c_n, c_t = parameters[i, C_N], parameters[i, C_T]
+        old, beta0, p = details[i, start], parameters[i, BETA0], shape(i, jump1, parameters)
+        x1 = np.sqrt(opening(jump1))
+        reached = max(state[i, OPENING_MAX], x1)
+        new = min(old, damage(x1, p, beta0))
+        beta = old
+        if not lagged:
+            x_max = reach(first_limit(i, parameters, state), old / beta0, p)
+            beta = mean_damage(x1, details[i, jump_start], x_max, old, p, beta0)
+            beta = min(beta, details[i, mean])
+            new = min(new, beta)
+        k = (beta * details[i, k_n], beta * details[i, k_t])
+        hat = add(r, bonded(k, part(terms, i, push), u))
+        moved = subtract(jump1, jump0)
+        e0 = 0.5 * area * dot(jump0, diagonal(c_n, c_t, jump0))
+        e1 = 0.5 * area * dot(jump1, diagonal(c_n, c_t, jump1))
+        # The lips are closed when they push harder than they would part (natural map). What rhat
+        # works at an open or sticking point, or with the wrong sign, is the solver's tolerance.
+        pressing = hat[0] * terms[i, soft] > u[0] + terms[i, middle]
+        energy[i, STORED] = new * e1
+        energy[i, COHESION] = (beta - new) * e1 + (old - beta) * e0
+        state[i, OPENING_MAX] = reached
+        state[i, DAMAGE] = new
+        numerical = (theta - 0.5) * beta * area * dot(moved, diagonal(c_n, c_t, moved))
+        return book_losses(i, hat, moved, step, pressing, numerical, parameters, energy)
+
+    @njit(inline="always")
+    def stored(i, jump, area, parameters, state):
+        tractions = diagonal(parameters[i, C_N], parameters[i, C_T], jump)
+        return 0.5 * area * state[i, DAMAGE] * dot(jump, tractions)
+
+    return LawKernels(
+        name="cohesive zone with friction" if friction else "cohesive zone",
+        effects=Columns.effects(others, terms_of, details_of),
+        components=dim,
+        prepare=prepare,
+        solve=solve,
+        evolve=None if lagged else evolve,
+        commit=commit,
+        num_terms=terms_of.count,
+        num_details=details_of.count,
+        state_names=("opening_max", "damage"),
+        energies=ENERGIES,
+        spent=weakening.spent,
+        stored=stored,
+    )

@@ -1,0 +1,121 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Parameters of laws: a number each, or a field that differs from point to point.
+
+A law is made with numbers and fields. Where its points are known, each field has become an array of
+numbers, a `PointArray`, and the law is made again with these: so its checks and its arithmetic are
+written once, for numbers and arrays alike, and run where the numbers are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from typing import Any
+
+import numpy as np
+
+from xper_fx.support.checks import require_number, require_numbers
+
+
+class PointArray(np.ndarray):
+    """Numbers of a parameter at the points of a law, shape (num_points,)."""
+
+
+class EntryError(ValueError):
+    """A number of an array is wrong.
+
+    Attributes:
+        entry: its index.
+    """
+
+    def __init__(self, message: str, entry: int):
+        self.entry = entry
+        super().__init__(message)
+
+
+class Values:
+    """An array over facets or points as a parameter; equal to itself alone.
+
+    Attributes:
+        values: shape (num_facets,) or (num_points,).
+    """
+
+    def __init__(self, values: np.ndarray):
+        self.values = values
+
+    def __repr__(self) -> str:
+        low, high = self.values.min(initial=np.inf), self.values.max(initial=-np.inf)
+        return f"<{len(self.values)} values, {low:.6g} to {high:.6g}>"
+
+
+def is_field(value: Any) -> bool:
+    """Whether a parameter differs from point to point and is not known yet."""
+    return callable(value) or isinstance(value, Values) or hasattr(value, "sample")
+
+
+def take_parameters(
+    law: Any,
+    positive: Iterable[str] = (),
+    non_negative: Iterable[str] = (),
+    shares: Iterable[str] = (),
+) -> bool:
+    """Check parameters of a law, in its `__post_init__`; lists and arrays become fields.
+
+    Args:
+        law: a frozen dataclass.
+        positive, non_negative: names of parameters above zero, or not below it.
+        shares: names of parameters in (0, 1].
+
+    Returns:
+        Whether all are known. Fields are not: with them the law goes without further checks until
+        it is made again.
+
+    Raises:
+        TypeError: a parameter that is neither a number nor a field.
+        ValueError: a number out of range.
+    """
+    checks = (
+        (positive, lambda x: (x > 0.0) & np.isfinite(x), "a finite number above zero"),
+        (non_negative, lambda x: (x >= 0.0) & np.isfinite(x), "a finite number, zero or above"),
+        (shares, lambda x: (x > 0.0) & (x <= 1.0), "in (0, 1]"),
+    )
+    known = True
+    for names, is_right, wanted in checks:
+        for name in names:
+            value = _taken(name, getattr(law, name))
+            object.__setattr__(law, name, value)
+            if is_field(value):
+                known = False
+                continue
+            refuse_where(
+                ~is_right(np.asarray(value)),
+                lambda at, n=name, v=value, w=wanted: f"{n} should be {w}, got {at(v)}.",
+            )
+    return known
+
+
+def _taken(name: str, value: Any) -> Any:
+    if is_field(value) or isinstance(value, PointArray):
+        return value
+    if isinstance(value, list | tuple | np.ndarray) and np.ndim(value):
+        array = require_numbers(name, value)
+        if array.ndim != 1:
+            raise ValueError(f"{name} should be one number a facet or point, got {array.shape}.")
+        return Values(array)
+    return require_number(name, value)
+
+
+def refuse_where(bad: Any, message: Callable[[Callable[[Any], Any]], str]) -> None:
+    """Raise a ValueError if a condition holds, somewhere if it is an array.
+
+    Args:
+        bad: the condition, of one law's numbers.
+        message: gives the text; it takes a function that gives of an array the first entry that is
+            bad, and any number as it is.
+    """
+    if not np.any(bad):
+        return
+    if np.ndim(bad) == 0:
+        raise ValueError(message(lambda value: value))
+    entry = int(np.argmax(bad))
+    pick = lambda value: float(np.broadcast_to(value, np.shape(bad))[entry])  # noqa: E731
+    raise EntryError(message(pick), entry)
