@@ -4,7 +4,9 @@
 `import xper_fx as xf` gives all public names, each imported when it is first asked for: scenes and
 runs by name, and namespaces of what there are several of.
 
-    xf.laws            interaction laws: CohesiveZone, SignoriniCoulomb, Tresca, PerfectBond
+    xf.laws            interaction laws: CohesiveZone, CohesiveCurve, MixedMode, PerfectBond,
+                       SignoriniCoulomb, Tresca; xf.laws.curves, along which bonds weaken;
+                       xf.fields, parameters that differ from point to point
     xf.materials       materials of the bulk; xf.library has measured constants, xf.kinematics
                        strains in UFL for materials of one's own
     xf.loads           loads, which are public names of their own as well
@@ -55,6 +57,7 @@ if TYPE_CHECKING:
     from xper_fx.nscd import laws as laws
     from xper_fx.nscd import rigid as rigid
     from xper_fx.nscd import solvers as solvers
+    from xper_fx.nscd.laws import fields as fields
     from xper_fx.nscd.rigid import RigidBody as RigidBody
     from xper_fx.output.effects import effects_table as effects_table
     from xper_fx.output.gauges import CellGauge as CellGauge
@@ -134,6 +137,7 @@ _MODULE_OF = {
 }
 _NAMESPACES = {
     "effect_prices": "study.effect_prices",
+    "fields": "nscd.laws.fields",
     "kinematics": "materials.kinematics",
     "laws": "nscd.laws",
     "library": "materials.library",

@@ -49,7 +49,8 @@ def test_damage_is_equation_37(beta0):
     assert damage(0.0, (D0, DC), beta0) == beta0
     assert damage(D0, (D0, DC), beta0) == beta0
     # half way down: y = 1/2, x = 6.875e-10, g = beta0 (5 / 6.875)(3 / 4)
-    assert damage(6.875e-10, (D0, DC), beta0) == pytest.approx(beta0 * 0.5454545454545454, rel=1e-13)
+    half_way = damage(6.875e-10, (D0, DC), beta0)
+    assert half_way == pytest.approx(beta0 * 0.5454545454545454, rel=1e-13)
     assert damage(DC, (D0, DC), beta0) == 0.0
     assert damage(1.0, (D0, DC), beta0) == 0.0
 

@@ -93,13 +93,8 @@ class Grouping:
         n, components = len(points), kernels.components
         sides = Sides(inverse.dim, components, points.nodes.shape[2], points.lever_arms is not None)
         which = law_of_point[indices]
-        numbers = np.flatnonzero(np.bincount(which))
-        which = np.searchsorted(numbers, which)
-        laws = [self._laws[number] for number in numbers]
-        parameters = np.array([law.parameters() for law in laws], float)
-        parameters = parameters.reshape(len(laws), -1)[which]
-        state = np.array([law.initial_state() for law in laws], float)
-        state = state.reshape(len(laws), -1)[which]
+        parameters = self._rows("parameters", which, law_of_point, indices)
+        state = self._rows("initial_state", which, law_of_point, indices)
         jump = np.zeros((n, components))
         jump[:, 0] = points.gap
         turning = None
@@ -130,6 +125,28 @@ class Grouping:
             blocks=_block_size(inverse, couplings),
             turning=turning,
         )
+
+    def _rows(self, what: str, which, law_of_point, indices) -> np.ndarray:
+        """What a method of the laws gives for each of some points, numbers or arrays over points.
+
+        Args:
+            what: the method.
+            which: shape (n,), law of each.
+            law_of_point: shape (num_points,), of all.
+            indices: shape (n,), of the points among all.
+        """
+        rows = np.zeros((len(which), 0))
+        for number in np.flatnonzero(np.bincount(which)).tolist():
+            given = getattr(self._laws[number], what)()
+            here = np.flatnonzero(which == number)
+            if rows.shape[1] != len(given):
+                rows = np.zeros((len(which), len(given)))
+            if any(map(np.ndim, given)):
+                place = np.searchsorted(np.flatnonzero(law_of_point == number), indices[here])
+                given = [values[place] if np.ndim(values) else values for values in given]
+            for column, values in enumerate(given):
+                rows[here, column] = values
+        return rows
 
     def _ordered(self, blocks, num_blocks: int, indices) -> Ordering:
         if self._vertex is None:

@@ -54,7 +54,7 @@ def _solves(*names: str) -> Callable[[Simulation], bool]:
 
 
 def _all_bonded(simulation: Simulation) -> bool:
-    return all(g.kernels.name == "perfect bond" for g in simulation.interactions.groups)
+    return all(g.kernels.no_jump for g in simulation.interactions.groups)
 
 
 def _springs_of_bodies(simulation: Simulation) -> bool:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
+from functools import cached_property
 from numbers import Integral
 from typing import TYPE_CHECKING
 
@@ -285,6 +286,11 @@ class Scene:
 
     def law_of_facet(self) -> tuple[list[Law], np.ndarray]:
         """The laws between bodies and, for each facing facet, its law (`facet_laws`)."""
+        laws, index = self._facet_laws
+        return list(laws), index
+
+    @cached_property
+    def _facet_laws(self) -> tuple[list[Law], np.ndarray]:
         return facet_laws(
             self.bodies.facets, self.interactions, self.default_interaction,
             self.facet_interactions,

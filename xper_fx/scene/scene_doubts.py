@@ -19,6 +19,7 @@ from xper_fx.bodies.meshes import (
     midpoints_of,
 )
 from xper_fx.forms.loads import SurfaceTraction
+from xper_fx.nscd.laws.parameters import fields_of
 from xper_fx.support.compat import geometry_dofmap
 
 if TYPE_CHECKING:
@@ -193,12 +194,14 @@ def _soft_bonds(scene: Scene) -> Iterator[str]:
         return
     size = _body_sizes(scene)
     laws, law_of_facet = scene.law_of_facet()
-    suspects = [i for i, law in enumerate(laws) if hasattr(law, "normal_stiffness")]
+    suspects = [
+        i for i, law in enumerate(laws) if hasattr(law, "stiffnesses") and not fields_of(law)
+    ]
     for number in suspects:
         joined = scene.bodies.facets.bodies[law_of_facet == number]
         if not len(joined):
             continue
-        length, stiffness = float(size[joined].max()), laws[number].normal_stiffness
+        length, stiffness = float(size[joined].max()), laws[number].stiffnesses()[0]
         if stiffness * length < _SOFT * min(moduli):
             yield (
                 f"the normal_stiffness {stiffness:.3g} Pa/m of a cohesive law is soft: over its "

@@ -24,8 +24,6 @@ from xper_fx.support.compat import geometry_dofmap
 
 # Share of its fracture energy that a broken bond has spent.
 _BROKEN = 0.99
-# Effects of laws that join their lips.
-_OF_BONDS = {"cohesion", "perfect bond"}
 # Cells whose stress is constant, of linear displacements.
 _SIMPLICES = ("triangle", "tetrahedron")
 
@@ -85,8 +83,8 @@ def _joined(simulation: Readings) -> np.ndarray:
     points = simulation.model.points.points_a_facet * len(number)
     spent = simulation.interactions.gather("spent")[:points].reshape(len(number), -1)
     laws, law = simulation.scene.law_of_facet()
-    effects = [{name for name, _ in one.kernels(simulation.bulk.dim).effects} for one in laws]
-    bonds = np.array([bool(names & _OF_BONDS) for names in effects])
+    kernels = [one.kernels(simulation.bulk.dim) for one in laws]
+    bonds = np.array([k.no_jump or "stored" in k.energies for k in kernels])
     return number[(spent < _BROKEN).any(axis=1) & bonds[law[number]]]
 
 

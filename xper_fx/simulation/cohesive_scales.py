@@ -11,6 +11,8 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from xper_fx.nscd.laws.softening import softening_numbers
 from xper_fx.simulation.readings import Readings
 from xper_fx.support.checks import require_kind
@@ -21,7 +23,8 @@ def cohesive_scales(simulation: Readings) -> list[dict[str, Any]]:
 
     Returns:
         For each law its strength (Pa), fracture energy (J/m^2), cohesive length (m) with the
-        softest material of the scene, facets it spans (mean facet), and softening number. Nothing
+        softest material of the scene, facets it spans (mean facet), and softening number; of fields
+        those of the point whose cohesive length is the shortest. Nothing
         without facing facets or if no material has a Young's modulus.
     """
     model = simulation.model
@@ -40,11 +43,19 @@ def cohesive_scales(simulation: Readings) -> list[dict[str, Any]]:
     for law, number in zip(interactions.laws, numbers, strict=True):
         if not hasattr(law, "softening_slope"):
             continue
-        length = modulus * law.fracture_energy / law.strength**2
+        lengths = np.atleast_1d(modulus * law.fracture_energy / law.strength**2)
+        if not len(lengths):
+            continue
+        shortest = int(np.argmin(lengths))
+        length = float(lengths[shortest])
+        strength, energy = (
+            float(np.broadcast_to(values, lengths.shape)[shortest])
+            for values in (law.strength, law.fracture_energy)
+        )
         scales.append(
             {
-                "strength": law.strength,
-                "fracture_energy": law.fracture_energy,
+                "strength": strength,
+                "fracture_energy": energy,
                 "cohesive_length": length,
                 "facets_in_cohesive_length": length / facet,
                 "softening_number": float(number),

@@ -16,6 +16,7 @@ from xper_fx.bulk.state import State
 from xper_fx.forms.dynamics import BulkForms
 from xper_fx.forms.loads import PrescribedDisplacement, PrescribedVelocity
 from xper_fx.nscd.interactions import Interactions
+from xper_fx.nscd.laws.parameters import fields_of
 from xper_fx.nscd.points import InteractionPoints
 from xper_fx.scene.facet_laws import require_kernels
 from xper_fx.scene.scene import Scene
@@ -321,6 +322,10 @@ class Model:
         if halo is not None:
             velocity = halo.with_ghost_values(velocity)
         laws = self.points.laws if self.detection is None else self.detection.laws
+        if any(map(fields_of, laws)):
+            from xper_fx.simulation.law_fields import laws_at_points
+
+            laws = laws_at_points(laws, self.points, self.scene)
         if self.monolithic and not self.options.inertia:
             laws = [law.in_statics() if hasattr(law, "in_statics") else law for law in laws]
         dim = self.bulk.dim

@@ -78,6 +78,24 @@ class ScenePoints:
         """Number in `laws` of each point's, shape (num_points,)."""
         return np.concatenate(self._law_of_point)
 
+    def on_facets(self) -> tuple[np.ndarray, np.ndarray]:
+        """Number of this rank's points among those on facing facets of all ranks, and their law."""
+        if not self.points_a_facet:
+            return np.zeros(0, int), np.zeros(0, int)
+        count = len(self._points[0])
+        numbers = np.arange(count) if self._shared is None else self._shared.numbers
+        return numbers, self._law_of_point[1]
+
+    def apart_from_facets(self) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+        """Position, normal (shape (n, dim)) and area of the points of each tie and wall."""
+        dim = self._scene.dim
+        at = np.zeros((self._ground + 1, dim))
+        at[self._bulk.unknowns.node_of] = self._bulk.forms.V.tabulate_dof_coordinates()[:, :dim]
+        return [
+            (np.einsum("pk,pkd->pd", p.weights[:, 0], at[p.nodes[:, 0]]), p.frame[:, 0], p.area)
+            for p in self._points[1 if self.points_a_facet else 0 :]
+        ]
+
     def _take(self, points: InteractionPoints, law) -> None:
         if law not in self.laws:
             self.laws.append(law)

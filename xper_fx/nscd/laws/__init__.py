@@ -6,19 +6,26 @@ from typing import TYPE_CHECKING
 from xper_fx.support.lazy import importer
 
 if TYPE_CHECKING:
+    from xper_fx.nscd.laws import curves as curves
+    from xper_fx.nscd.laws.cohesive_curve import CohesiveCurve as CohesiveCurve
     from xper_fx.nscd.laws.cohesive_zone import CohesiveZone as CohesiveZone
     from xper_fx.nscd.laws.law import Law as Law
+    from xper_fx.nscd.laws.mixed_mode import MixedMode as MixedMode
     from xper_fx.nscd.laws.perfect_bond import PerfectBond as PerfectBond
     from xper_fx.nscd.laws.signorini_coulomb import SignoriniCoulomb as SignoriniCoulomb
     from xper_fx.nscd.laws.signorini_coulomb import Tresca as Tresca
 
 _MODULE_OF = {
+    "CohesiveCurve": "cohesive_curve",
     "CohesiveZone": "cohesive_zone",
     "Law": "law",
+    "MixedMode": "mixed_mode",
     "PerfectBond": "perfect_bond",
     "SignoriniCoulomb": "signorini_coulomb",
     "Tresca": "signorini_coulomb",
 }
 
-__all__ = list(_MODULE_OF)
-__getattr__ = importer(__name__, _MODULE_OF)
+_NAMESPACES = {"curves": "curves"}
+
+__all__ = [*_MODULE_OF, *_NAMESPACES]
+__getattr__ = importer(__name__, _MODULE_OF, _NAMESPACES)

@@ -136,13 +136,13 @@ class CohesiveZone(Bond):
                 f"dc = {at(dc):g} m, beyond the range of floats; take other units."
             ),
         )
-        for knee in shape[2:3]:
+        for knee in (shape[number] for number in self.curve.knees):
             refuse_where(
-                (knee <= d0) & (d0 > 0.0),
-                lambda at: (
+                knee <= d0,
+                lambda at, knee=knee: (
                     f"The curve {self.curve!r} bends at {at(knee):g} m, before the bond weakens, "
-                    f"d0 = {at(d0):g} m: raise the fracture_energy {at(w):g} J/m^2 or the stiffness, "
-                    f"or lower the strength {at(strength):g} Pa."
+                    f"d0 = {at(d0):g} m: raise the fracture_energy {at(w):g} J/m^2 or the "
+                    f"stiffness, or lower the strength {at(strength):g} Pa."
                 ),
             )
 
@@ -169,7 +169,8 @@ class CohesiveZone(Bond):
 
     def weakening(self) -> Weakening:
         """See `Bond`."""
-        return one_curve(self.curve.functions, len(self.shape()), self._rubs)
+        count = len(self.curve.shape(1.0, 1.0, 1.0, *self.curve.constants))
+        return one_curve(self.curve.functions, count, self._rubs)
 
     def stiffnesses(self) -> tuple:
         """C_N and C_T (Pa/m)."""

@@ -46,6 +46,9 @@ read anew in each step (`nscd/turning_frames.py`). None for a law that stores no
 effect's name, of the table or new, and how many of a point's parameters, state, terms and details
 it needs; `Columns` counts them.
 
+A law that calls `take_parameters` (`nscd/laws/parameters.py`) in its `__post_init__` takes fields
+for its parameters (`nscd/laws/fields.py`).
+
 A law whose bonds weaken may have `strength` (Pa), `fracture_energy` (J/m^2) and `softening_slope`,
 the steepest descent of its traction (Pa/m): what resolves it is told from them
 (`simulation/cohesive_scales.py`), and which step leaves it one state (`nscd/laws/softening.py`).
@@ -54,7 +57,7 @@ the steepest descent of its traction (Pa/m): what resolves it is told from them
 from __future__ import annotations
 
 from collections import namedtuple
-from typing import Protocol
+from typing import Any, Protocol
 
 ENERGIES = ("stored", "cohesion", "friction", "impact", "numerical")
 STORED, COHESION, FRICTION, IMPACT, NUMERICAL = range(len(ENERGIES))  # of a law that has them all
@@ -74,7 +77,7 @@ class Columns:
         count: how many are taken.
     """
 
-    def __init__(self):
+    def __init__(self) -> None:
         self.count = 0
         self._of: dict[str, int] = {}
 
@@ -101,8 +104,8 @@ class Law(Protocol):
     def kernels(self, dim: int) -> LawKernels:
         """The compiled law; equal results (by identity) mean points may share a sweep."""
 
-    def parameters(self) -> tuple[float, ...]:
-        """The numbers of this instance that its kernels read, in SI units."""
+    def parameters(self) -> tuple[Any, ...]:
+        """What the kernels read, in SI units: numbers, or arrays over the points of the law."""
 
-    def initial_state(self) -> tuple[float, ...]:
+    def initial_state(self) -> tuple[Any, ...]:
         """History of a point at the start of a run, in the order of `state_names`."""

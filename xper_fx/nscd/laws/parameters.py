@@ -57,6 +57,8 @@ def take_parameters(
     positive: Iterable[str] = (),
     non_negative: Iterable[str] = (),
     shares: Iterable[str] = (),
+    positive_pairs: Iterable[str] = (),
+    numbers: str | None = None,
 ) -> bool:
     """Check parameters of a law, in its `__post_init__`; lists and arrays become fields.
 
@@ -64,6 +66,8 @@ def take_parameters(
         law: a frozen dataclass.
         positive, non_negative: names of parameters above zero, or not below it.
         shares: names of parameters in (0, 1].
+        positive_pairs: names of pairs of parameters above zero.
+        numbers: name of a mapping of any parameters.
 
     Returns:
         Whether all are known. Fields are not: with them the law goes without further checks until
@@ -74,23 +78,58 @@ def take_parameters(
         ValueError: a number out of range.
     """
     checks = (
-        (positive, lambda x: (x > 0.0) & np.isfinite(x), "a finite number above zero"),
+        (positive, _is_positive, "a finite number above zero"),
         (non_negative, lambda x: (x >= 0.0) & np.isfinite(x), "a finite number, zero or above"),
-        (shares, lambda x: (x > 0.0) & (x <= 1.0), "in (0, 1]"),
+        (shares, lambda x: (x > 0.0) & (x <= 1.0), "a number in (0, 1]"),
     )
-    known = True
+    fields = []
     for names, is_right, wanted in checks:
         for name in names:
             value = _taken(name, getattr(law, name))
             object.__setattr__(law, name, value)
             if is_field(value):
-                known = False
-                continue
-            refuse_where(
-                ~is_right(np.asarray(value)),
-                lambda at, n=name, v=value, w=wanted: f"{n} should be {w}, got {at(v)}.",
-            )
-    return known
+                fields.append(name)
+            else:
+                _require(name, value, is_right, wanted)
+    for name in positive_pairs:
+        pair = _pair(name, getattr(law, name))
+        object.__setattr__(law, name, pair)
+        if any(map(is_field, pair)):
+            fields.append(name)
+        for place, value in enumerate(pair):
+            if not is_field(value):
+                _require(f"{name}[{place}]", value, _is_positive, "a finite number above zero")
+    if numbers is not None:
+        values = {name: _taken(name, value) for name, value in getattr(law, numbers).items()}
+        object.__setattr__(law, numbers, values)
+        if any(map(is_field, values.values())):
+            fields.append(numbers)
+    object.__setattr__(law, "_fields", tuple(fields))
+    return not fields
+
+
+def _is_positive(x: np.ndarray) -> np.ndarray:
+    return (x > 0.0) & np.isfinite(x)
+
+
+def _require(name: str, value: Any, is_right: Callable[..., Any], wanted: str) -> None:
+    refuse_where(
+        ~is_right(np.asarray(value)), lambda at: f"{name} should be {wanted}, got {at(value)}."
+    )
+
+
+def _pair(name: str, value: Any) -> tuple[Any, Any]:
+    if not isinstance(value, list | tuple) or len(value) != 2:
+        raise TypeError(
+            f"{name} should be a pair, of pure opening and of pure shear, got {value!r}."
+        )
+    first, second = (_taken(f"{name}[{place}]", item) for place, item in enumerate(value))
+    return first, second
+
+
+def fields_of(law: Any) -> tuple[str, ...]:
+    """Names of the parameters of a law that are fields, or pairs and mappings with some."""
+    return getattr(law, "_fields", ())
 
 
 def _taken(name: str, value: Any) -> Any:

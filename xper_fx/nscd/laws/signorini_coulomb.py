@@ -33,13 +33,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
+from typing import Any
+
+import numpy as np
 
 from xper_fx.cache import njit
 from xper_fx.nscd.algebra.small import for_dimension
 from xper_fx.nscd.kernel_options import LEAN_INNER
 from xper_fx.nscd.laws.contact_solver import contact_solver
 from xper_fx.nscd.laws.law import LawKernels
-from xper_fx.support.checks import require_non_negative, take_numbers
+from xper_fx.nscd.laws.parameters import refuse_where, take_parameters
 
 # Columns of terms; all but the first are there with friction alone.
 _V_MIN, _MU, _BOUND, _SHIFT = 0, 1, 2, 3
@@ -50,6 +53,8 @@ _IMPACT_WORK, _FRICTION_WORK = 0, 1  # columns of energy
 class SignoriniCoulomb:
     """Contact without penetration, with Coulomb friction.
 
+    Parameters are numbers or fields (`xper_fx/nscd/laws/fields.py`).
+
     Args:
         friction: Coulomb's mu >= 0; with 0 a point has no tangential component at all.
         restitution: Newton's e in [0, 1], dU_N+ = -e dU_N- (velocity level only).
@@ -59,20 +64,19 @@ class SignoriniCoulomb:
         ValueError: mu negative or not finite, e outside [0, 1], restitution at position level.
     """
 
-    friction: float = 0.0
-    restitution: float = 0.0
+    friction: Any = 0.0
+    restitution: Any = 0.0
     contact: str = "velocity"
 
     def __post_init__(self) -> None:
-        take_numbers(self, "friction", "restitution")
-        require_non_negative("friction", self.friction)
-        _check_contact(self.contact, self.restitution)
+        if take_parameters(self, non_negative=("friction", "restitution")):
+            _check_contact(self.contact, self.restitution)
 
     def kernels(self, dim: int) -> LawKernels:
         """See `Law`."""
-        return contact_kernels(dim, self.friction > 0.0, self.contact)
+        return contact_kernels(dim, bool(np.any(self.friction)), self.contact)
 
-    def parameters(self) -> tuple[float, ...]:
+    def parameters(self) -> tuple:
         """See `_parameters`."""
         return _parameters(self.contact, self.restitution, self.friction, 0.0)
 
@@ -85,6 +89,8 @@ class SignoriniCoulomb:
 class Tresca:
     """Contact without penetration, with a fixed bound on the tangential stress.
 
+    Parameters are numbers or fields (`xper_fx/nscd/laws/fields.py`).
+
     Args:
         bound: largest tangential stress (Pa) while the point is closed.
         restitution: Newton's e in [0, 1] (velocity level only).
@@ -94,20 +100,19 @@ class Tresca:
         ValueError: bound negative or not finite, e outside [0, 1], restitution at position level.
     """
 
-    bound: float
-    restitution: float = 0.0
+    bound: Any
+    restitution: Any = 0.0
     contact: str = "velocity"
 
     def __post_init__(self) -> None:
-        take_numbers(self, "bound", "restitution")
-        require_non_negative("bound", self.bound)
-        _check_contact(self.contact, self.restitution)
+        if take_parameters(self, non_negative=("bound", "restitution")):
+            _check_contact(self.contact, self.restitution)
 
     def kernels(self, dim: int) -> LawKernels:
         """See `Law`."""
-        return contact_kernels(dim, self.bound > 0.0, self.contact)
+        return contact_kernels(dim, bool(np.any(self.bound)), self.contact)
 
-    def parameters(self) -> tuple[float, ...]:
+    def parameters(self) -> tuple:
         """See `_parameters`."""
         return _parameters(self.contact, self.restitution, 0.0, self.bound)
 
@@ -116,10 +121,10 @@ class Tresca:
         return _initial_state(self.contact)
 
 
-def _parameters(contact: str, restitution: float, mu: float, bound: float) -> tuple[float, ...]:
+def _parameters(contact: str, restitution: Any, mu: Any, bound: Any) -> tuple:
     """Newton's e at velocity level; with friction Coulomb's mu and Tresca's bound (Pa)."""
     impact = (restitution,) if contact == "velocity" else ()
-    return (*impact, mu, bound) if mu > 0.0 or bound > 0.0 else impact
+    return (*impact, mu, bound) if np.any(mu) or np.any(bound) else impact
 
 
 def _initial_state(contact: str) -> tuple[float, ...]:
@@ -127,12 +132,14 @@ def _initial_state(contact: str) -> tuple[float, ...]:
     return (0.0,) if contact == "velocity" else ()
 
 
-def _check_contact(contact: str, restitution: float) -> None:
+def _check_contact(contact: str, restitution: Any) -> None:
     if contact not in ("velocity", "position"):
         raise ValueError(f'contact should be "velocity" or "position", got {contact!r}.')
-    if not 0.0 <= restitution <= 1.0:
-        raise ValueError(f"Newton's restitution should lie in [0, 1], got {restitution}.")
-    if contact == "position" and restitution > 0.0:
+    refuse_where(
+        np.asarray(restitution) > 1.0,
+        lambda at: f"Newton's restitution should lie in [0, 1], got {at(restitution)}.",
+    )
+    if contact == "position" and np.any(restitution):
         raise ValueError(
             f"Restitution {restitution} is a velocity jump: use contact='velocity' with it."
         )

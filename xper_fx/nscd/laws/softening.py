@@ -20,9 +20,10 @@ def softening_numbers(interactions: Interactions, step: float, theta: float) -> 
         step: h (s).
         theta: weight of the end of the step.
     """
-    slopes = [getattr(law, "softening_slope", 0.0) for law in interactions.laws]
-    if not any(slopes):
-        return np.zeros(len(slopes))
+    slopes = [np.asarray(getattr(law, "softening_slope", 0.0)) for law in interactions.laws]
+    most = np.zeros(len(slopes))
+    if not any(map(np.any, slopes)):
+        return most
     dim = interactions.dim
     compliance = np.zeros((len(interactions), dim, dim))
     rows, cols = sym_indices(dim)
@@ -30,8 +31,9 @@ def softening_numbers(interactions: Interactions, step: float, theta: float) -> 
     compliance[:, rows, cols] = packed
     compliance[:, cols, rows] = packed
     largest = np.linalg.eigvalsh(compliance)[:, -1] * interactions.points.area
-    most = np.zeros(len(slopes))
-    np.maximum.at(most, interactions.law_of_point, largest)
+    for number, slope in enumerate(slopes):
+        here = largest[interactions.law_of_point == number]
+        most[number] = (here * slope).max(initial=0.0)
     if interactions.halo is not None:
         most = interactions.halo.ranks.max(most)
-    return (step * theta) ** 2 * most * slopes
+    return (step * theta) ** 2 * most

@@ -41,6 +41,8 @@ Weakening = namedtuple("Weakening", "num_columns curve shape limit reach spent l
 def take_columns(first: int, count: int):
     """The compiled function `take(i, array)`: columns of a row as a tuple."""
     zeros = (0.0,) * count
+    if not count:
+        return njit(**LEAN_INNER)(lambda i, array: ())
 
     @njit(**LEAN_INNER)
     def take(i, array):

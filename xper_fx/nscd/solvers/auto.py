@@ -96,7 +96,7 @@ class Automatic(Solver):
         free = velocity.copy()
         tolerance, max_sweeps = options.tolerance, options.max_sweeps
         # conjugate gradients on perfect bonds are for one rank
-        bonded = [g.kernels.name for g in interactions.groups] == ["perfect bond"]
+        bonded = [g.kernels.no_jump for g in interactions.groups] == [True]
         bonded = bonded and interactions.halo is None
         if bonded and interactions.anchors is not None:
             return self._solver("subdomains").solve(interactions, velocity, options)

@@ -51,7 +51,6 @@ from scipy.sparse.linalg import splu
 
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.inverse_blocks import BodyInverse
-from xper_fx.nscd.laws.perfect_bond import PerfectBond
 from xper_fx.nscd.solvers.solver import SolveOptions, Solver, SolveReport
 from xper_fx.support.checks import require_flag
 
@@ -311,8 +310,7 @@ class CoarseSpace:
 
 def all_bonded(interactions: Interactions) -> bool:
     """Whether every point is a perfect bond."""
-    groups = interactions.groups
-    return len(groups) == 1 and all(isinstance(law, PerfectBond) for law in interactions.laws)
+    return [g.kernels.no_jump for g in interactions.groups] == [True]
 
 
 class BondedGradients(Solver):

@@ -59,6 +59,7 @@ class Petersson:
     knee_traction: float = 1.0 / 3.0
     knee_opening: float = 0.8
     functions: ClassVar = CurveFunctions(_fall, _area)
+    knees: ClassVar = (2,)
 
     def __post_init__(self) -> None:
         take_numbers(self, "knee_traction", "knee_opening")
@@ -95,6 +96,7 @@ class Trapezoidal:
 
     plateau: float = 0.5
     functions: ClassVar = CurveFunctions(_fall, _area)
+    knees: ClassVar = (2,)
 
     def __post_init__(self) -> None:
         take_numbers(self, "plateau")

@@ -28,6 +28,9 @@ class Curve(Protocol):
     functions: CurveFunctions
     """The compiled `fall` and `area`, those of all objects of the class."""
 
+    knees: tuple[int, ...]
+    """Which numbers of a shape are openings between d0 and dc at which the slope jumps."""
+
     def own_stiffness(self, strength: Values, energy: Values) -> Values | None:
         """k (Pa/m) where strength and energy tell it, None where it is free."""
 

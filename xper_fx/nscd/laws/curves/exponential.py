@@ -35,6 +35,7 @@ class Exponential:
 
     constants: ClassVar = ()
     functions: ClassVar = CurveFunctions(_fall, _area)
+    knees: ClassVar = ()
 
     def own_stiffness(self, strength, energy) -> None:
         """The stiffness is free."""
@@ -80,6 +81,7 @@ class XuNeedleman:
 
     constants: ClassVar = ()
     functions: ClassVar = CurveFunctions(_fall_of_xu_needleman, _area_of_xu_needleman)
+    knees: ClassVar = ()
 
     def own_stiffness(self, strength, energy):
         """e s / l (Pa/m)."""

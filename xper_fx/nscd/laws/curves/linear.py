@@ -27,6 +27,7 @@ class Linear:
 
     constants: ClassVar = ()
     functions: ClassVar = CurveFunctions(_fall, _area)
+    knees: ClassVar = ()
 
     def own_stiffness(self, strength, energy) -> None:
         """The stiffness is free."""

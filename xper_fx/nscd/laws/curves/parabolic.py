@@ -30,6 +30,7 @@ class Parabolic:
 
     constants: ClassVar = ()
     functions: ClassVar = CurveFunctions(_fall, _area)
+    knees: ClassVar = ()
 
     def own_stiffness(self, strength, energy) -> None:
         """The stiffness is free."""

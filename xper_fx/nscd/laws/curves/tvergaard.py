@@ -36,6 +36,7 @@ class Tvergaard:
 
     constants: ClassVar = ()
     functions: ClassVar = CurveFunctions(_fall, _area)
+    knees: ClassVar = ()
 
     def own_stiffness(self, strength, energy):
         """(27/4) s / dc (Pa/m)."""
