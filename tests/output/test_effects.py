@@ -25,7 +25,15 @@ from scenes import box_bodies
 
 from xper_fx.forms.loads import Gravity
 from xper_fx.materials import NeoHookean
-from xper_fx.nscd.laws import CohesiveZone, PerfectBond, SignoriniCoulomb, Tresca
+from xper_fx.nscd.laws import (
+    CohesiveCurve,
+    CohesiveZone,
+    MixedMode,
+    PerfectBond,
+    SignoriniCoulomb,
+    Tresca,
+)
+from xper_fx.nscd.laws.curves import Petersson
 from xper_fx.output.effects import EFFECTS, effects_of, effects_table
 from xper_fx.scene.scene import Scene
 from xper_fx.simulation.simulation import Simulation
@@ -124,6 +132,9 @@ LAWS = (
     CohesiveZone(10.0, 1e-4, 1e-3),
     CohesiveZone(10.0, 1e-4, 1e-3, friction=0.1),
     CohesiveZone(10.0, 1e-4, 1e-3, damage="lagged"),
+    CohesiveZone(10.0, 1e-4, 1e-3, damage="end", friction=0.1, curve=Petersson()),
+    MixedMode(10.0, (1e-3, 2e-3), (1e-4, 2e-4), 2.0, friction=0.1),
+    CohesiveCurve(([0.0, 1e-4, 1e-1], [0.0, 1e-3, 0.0]), friction=0.1),
     SignoriniCoulomb(),
     SignoriniCoulomb(0.3),
     SignoriniCoulomb(contact="position"),

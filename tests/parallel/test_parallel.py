@@ -20,9 +20,9 @@ from xper_fx.support.ranks import Ranks
 sys.path.insert(0, str(Path(__file__).parents[1] / "ranks"))
 import meshed_scenes
 
-SCENES = ("explicit", "quadratic", "blocks", "fall", "plastic", "free", "space")
+SCENES = ("explicit", "quadratic", "blocks", "fall", "plastic", "free", "space", "uneven")
 # Scenes whose points do not push each other at the end in more ways than one.
-UNIQUE = ("blocks", "plastic", "free", "space")
+UNIQUE = ("blocks", "plastic", "free", "space", "uneven")
 
 
 def grid(n):

@@ -10,7 +10,8 @@ from scenes import BOTTOM, LEFT, RIGHT, box_bodies
 from xper_fx.forms.loads import Gravity, PrescribedVelocity, RayleighDamping
 from xper_fx.materials import J2SmallStrain, LinearElastic, NeoHookean
 from xper_fx.materials.hardening import Linear
-from xper_fx.nscd.laws import CohesiveZone, SignoriniCoulomb
+from xper_fx.nscd.laws import CohesiveZone, MixedMode, SignoriniCoulomb
+from xper_fx.nscd.laws.fields import Weibull
 from xper_fx.output.cracks import find_fragments
 from xper_fx.output.recorder import point_coordinates
 from xper_fx.parallel.launch import run_together
@@ -118,7 +119,25 @@ def space():
     return scene, {"step": 1e-3, "tolerance": 1e-10, "scheme": "implicit"}, 10
 
 
-SCENES = {f.__name__: f for f in (explicit, quadratic, blocks, fall, plastic, free, strips, space)}
+def uneven():
+    """Random strengths a facet, arrays, modes apart."""
+    loads, start = stretched(1.0)
+    bodies = box_bodies((1, 1), (6, 6))
+    strength = Weibull(10.0, 12.0, seed=2)
+    bond = MixedMode(
+        2e4, (strength, 14.0), (np.linspace(0.05, 0.06, len(bodies.facets)), 0.08), 2.0,
+        friction=lambda x: 0.2 + 0.2 * x[0],
+    )  # fmt: skip
+    scene = Scene(
+        bodies, {1: ELASTIC}, default_interaction=bond, loads=loads,
+        initial_velocity=lambda x: start(x)[:2],
+    )  # fmt: skip
+    return scene, {"scheme": "explicit", "tolerance": 1e-12}, 40
+
+
+SCENES = {
+    f.__name__: f for f in (explicit, quadratic, blocks, fall, plastic, free, strips, space, uneven)
+}
 
 
 def run(name: str) -> dict[str, np.ndarray]:

@@ -165,6 +165,13 @@ def bonded():
     return _interacting(CohesiveZone(10.0, 1e-4, 1e-3), "nlgs")
 
 
+def uneven():
+    from xper_fx.nscd.laws import MixedMode
+    from xper_fx.nscd.laws.fields import Weibull
+
+    return _interacting(MixedMode(10.0, (Weibull(1e-3, 9.0, 1), 2e-3), (1e-4, 2e-4), 2.0), "nlgs")
+
+
 def closed():
     from xper_fx.nscd.laws import SignoriniCoulomb
 
@@ -322,6 +329,7 @@ SCENES = {
         "vertex problems",
     },
     bonded: {*_POINTS, "unilateral contact", "cohesion", "damage"},
+    uneven: {*_POINTS, "unilateral contact", "cohesion", "damage", "mixed modes", "fields"},
     divided: {*_POINTS, "unilateral contact", "cohesion", "damage", "several ranks"},
     closed: {*_POINTS, "unilateral contact", "friction", "mixed sweeps"},
     solid: {*_POINTS, "perfect bond", "three dimensions"},

@@ -12,6 +12,7 @@ from scenes import BOTTOM, LEFT, RIGHT, TOP, box_bodies
 
 from xper_fx.bodies.explode import explode
 from xper_fx.bodies.meshes import crossed_rectangle
+from xper_fx.cache import njit
 from xper_fx.forms.loads import (
     Gravity,
     PrescribedDisplacement,
@@ -27,7 +28,8 @@ from xper_fx.materials import (
     LinearViscoelastic,
     SaintVenantKirchhoff,
 )
-from xper_fx.nscd.laws import CohesiveZone, SignoriniCoulomb
+from xper_fx.nscd.laws import CohesiveCurve, CohesiveZone, SignoriniCoulomb
+from xper_fx.nscd.laws.fields import Lognormal
 from xper_fx.nscd.rigid import Disc, Polygon, Polyhedron, RigidBody, wall
 from xper_fx.periodic.drive import MacroscopicDrive
 from xper_fx.scene import Scene, Wall
@@ -108,6 +110,21 @@ def spinning_cells():
         initial_velocity=lambda x: 0.3 * np.stack([0.5 - x[1], x[0] - 1.0]),
     )
     return Simulation(scene, scheme="explicit", **ONE)
+
+
+@njit
+def _falls(x, strength, length):
+    return strength * np.exp(-x / length)
+
+
+def uneven_plate():
+    """A curve of one's own with a correlated strength, explicit; it breaks."""
+    bond = CohesiveCurve(
+        _falls, {"strength": Lognormal(1e-2, 0.2, 0.5, seed=3), "length": 0.01}, end=0.1,
+        normal_stiffness=10.0, friction=np.linspace(0.1, 0.5, 42),
+    )  # fmt: skip
+    return Simulation(_pulled(ELASTIC, 0.05, None, default_interaction=bond), 0.05,
+                      scheme="explicit", **ONE)  # fmt: skip
 
 
 def viscoelastic_bar():
@@ -234,6 +251,7 @@ SCENES = {
     ductile_bar: (3.0, "flown"),
     ductile_cells: (2.0, "flown"),
     spinning_cells: (4.0, "broken"),
+    uneven_plate: (4.0, "broken"),
     viscoelastic_bar: (4.0, "broken"),
     solid_bar: (4.0, "broken"),
     cell: (2.0, "broken"),

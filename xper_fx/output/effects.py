@@ -20,6 +20,7 @@ from typing import NamedTuple
 import numpy as np
 
 from xper_fx.nscd.interactions import Interactions
+from xper_fx.nscd.laws.parameters import fields_of
 from xper_fx.simulation.simulation import Simulation
 from xper_fx.support.checks import require_kind
 
@@ -141,10 +142,12 @@ EFFECTS = (
     Effect("walls", lambda s: len(s.scene.walls) > 0),
     _of_laws("cohesion"),
     _of_laws("damage"),
+    _of_laws("mixed modes"),
     _of_laws("unilateral contact"),
     _of_laws("impact"),
     _of_laws("friction"),
     _of_laws("perfect bond"),
+    Effect("fields", lambda s: any(map(fields_of, s.model.points.laws))),
     Effect(
         "periodicity",
         lambda s: s.scene.macroscopic is not None,

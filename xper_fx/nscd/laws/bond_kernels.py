@@ -49,7 +49,9 @@ def mean_kernels(dim: int, friction: bool, lagged: bool, weakening: Weakening) -
 
     terms_of, details_of, others = Columns(), Columns(), Columns()
     others.take("cohesion", 2)  # C
-    others.take("damage", 3 + weakening.num_columns)  # beta0, shape, state
+    others.take("damage", 3)  # beta0, state
+    for effect, count in weakening.effects:
+        others.take(effect, count)
     # Velocities are relative to jump_h / (h theta).
     limit = terms_of.take("damage")  # squared speed beyond which damage may grow
     middle = terms_of.take("unilateral contact", dim)  # jump_h / (h theta)

@@ -252,7 +252,7 @@ def _functions(traction, num_kinks: int) -> CurveFunctions:
 
     @njit(**LEAN_INNER)
     def fall(x, p):
-        return min(1.0, traction_of(x, p) / (p[2] * x))
+        return max(0.0, min(1.0, traction_of(x, p) / (p[2] * x)))
 
     @njit(**LEAN_INNER)
     def area(a, b, p):

@@ -66,7 +66,9 @@ def end_kernels(dim: int, friction: bool, weakening: Weakening) -> LawKernels:
 
     terms_of, details_of, others = Columns(), Columns(), Columns()
     others.take("cohesion", 2)  # C
-    others.take("damage", 3 + weakening.num_columns)  # beta0, shape, state
+    others.take("damage", 3)  # beta0, state
+    for effect, count in weakening.effects:
+        others.take(effect, count)
     # Velocities are relative to jump_h / (h theta).
     middle = terms_of.take("unilateral contact", dim)  # jump_h / (h theta)
     push = terms_of.take("cohesion", dim)  # P / k

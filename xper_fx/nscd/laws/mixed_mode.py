@@ -256,4 +256,5 @@ def _modes_apart(
         stiffness, strength, energy = parameters[:, C_N], columns[_S_N], columns[_G_I]
         return curve.shape(stiffness, strength, energy, *columns[_CONSTANTS:])[:2]
 
-    return Weakening(num_columns, functions, shape, limit, reach, spent, lengths)
+    effects = (("mixed modes", num_columns),)
+    return Weakening(effects, functions, shape, limit, reach, spent, lengths)

@@ -11,6 +11,7 @@
         opening (m) from which the bond weakens along the curve p, `share` being what is left of its
         damage beside beta0
 
+`effects` are those of the columns that it has among the parameters of a point, with their numbers;
 and, of all points of a group, `spent(parameters, state)` (`LawKernels.spent`) and
 `lengths(parameters) -> (d0, dc)`, m, of the curve that the growth of a load is measured by.
 """
@@ -34,7 +35,7 @@ from xper_fx.nscd.laws.damage_curve import (
     shape_column,
 )
 
-Weakening = namedtuple("Weakening", "num_columns curve shape limit reach spent lengths")
+Weakening = namedtuple("Weakening", "effects curve shape limit reach spent lengths")
 
 
 @cache
@@ -88,4 +89,4 @@ def one_curve(curve: CurveFunctions, num_columns: int, friction: bool) -> Weaken
     def lengths(parameters: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return parameters[:, first], parameters[:, first + 1]
 
-    return Weakening(num_columns, curve, shape, limit, reach, spent, lengths)
+    return Weakening((("damage", num_columns),), curve, shape, limit, reach, spent, lengths)
