@@ -2,6 +2,7 @@
 """Scenes of meshed bodies, run by all ranks together; the first writes what came out."""
 
 import sys
+from dataclasses import fields
 
 import numpy as np
 from mpi4py import MPI
@@ -11,7 +12,7 @@ from xper_fx.forms.loads import Gravity, PrescribedVelocity, RayleighDamping
 from xper_fx.materials import J2SmallStrain, LinearElastic, NeoHookean
 from xper_fx.materials.hardening import Linear
 from xper_fx.nscd.laws import CohesiveZone, SignoriniCoulomb
-from xper_fx.output.cracks import find_fragments
+from xper_fx.output.fragments import Fragments, measure_fragments
 from xper_fx.output.recorder import point_coordinates
 from xper_fx.parallel.launch import run_together
 from xper_fx.scene import Scene, Wall
@@ -19,6 +20,7 @@ from xper_fx.simulation.simulation import Simulation
 
 # E = 1000, rho = 1, strength 10, cohesive length 0.5 of a side.
 ELASTIC = LinearElastic(1000.0, 0.3, 1.0)
+PIECES = [field.name for field in fields(Fragments) if field.name not in ("time", "fragment")]
 BOND = CohesiveZone(2e4, 0.05, 10.0, friction=0.3)
 CONTACT = SignoriniCoulomb(0.4)
 
@@ -143,11 +145,13 @@ def run(name: str) -> dict[str, np.ndarray]:
         for key, value in now.items():
             history.setdefault(key, []).append(value)
     interactions = simulation.interactions
-    fields = {key: interactions.gather(key) for key in ("impulse", "jump", "damage", "traction")}
+    found = {key: interactions.gather(key) for key in ("impulse", "jump", "damage", "traction")}
     count = len(point_coordinates(simulation))
-    fields |= {"law": interactions.gather("law"), "fragment": find_fragments(simulation)}
+    pieces = measure_fragments(simulation)
+    found |= {"law": interactions.gather("law"), "fragment": pieces.fragment}
+    found |= {f"piece_{name}": getattr(pieces, name) for name in PIECES}
     here = {"points": np.array([interactions.num_points, len(interactions), count])}
-    return {k: np.array(v) for k, v in history.items()} | fields | here | {"start": start}
+    return {k: np.array(v) for k, v in history.items()} | found | here | {"start": start}
 
 
 def main() -> None:
