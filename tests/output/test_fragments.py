@@ -11,6 +11,7 @@ import pytest
 from scenes import box_bodies, nodes, run
 
 import xper_fx as xf
+from xper_fx.materials.hardening import Linear
 from xper_fx.nscd.laws import CohesiveZone, PerfectBond, SignoriniCoulomb
 from xper_fx.output.connectivity import find_fragments
 from xper_fx.output.fragments import measure_fragments
@@ -135,11 +136,16 @@ def test_what_stretches_is_vibration():
     assert found.spin == pytest.approx(SPIN[::-1], rel=1e-12)
 
 
-@pytest.mark.parametrize("material", [
-    LINEAR, NEO_HOOKEAN, xf.materials.J2SmallStrain(
-        YOUNG, 0.3, 6.0, xf.materials.hardening.Linear(50.0), DENSITY
-    ),
-])  # fmt: skip
+HARDENING = Linear(50.0)
+MATERIALS = {
+    "linear": LINEAR,
+    "neo-Hookean": NEO_HOOKEAN,
+    "plastic": xf.materials.J2SmallStrain(YOUNG, 0.3, 6.0, HARDENING, DENSITY),
+    "viscous": xf.materials.LinearViscoelastic(YOUNG, 0.3, [(0.5, 1e-3)], DENSITY),
+}
+
+
+@pytest.mark.parametrize("material", MATERIALS.values(), ids=MATERIALS)
 def test_energy_is_stored_in_the_piece_that_is_stretched(material):
     """The short piece is twice as long: its lengths, and the ledger's energy, are all its own."""
     simulation = strip(2, "crossed", material=material)
@@ -156,6 +162,16 @@ def test_energy_is_stored_in_the_piece_that_is_stretched(material):
     assert found.lengths[1] == pytest.approx(sorted([2.0 * (1.0 + amount), 1.0])[::-1], rel=1e-12)
     assert found.volume[1] == pytest.approx(2.0 * (1.0 + amount), rel=1e-12)
     assert found.mass[1] == pytest.approx(2.0 * DENSITY, rel=1e-12)
+
+
+def test_sizes_are_of_the_volume_and_centres_of_the_mass():
+    """One half is three times as dense."""
+    bodies = box_bodies((2, 1), (2, 1), "quadrilateral", 0, material={2: lambda x: x[0] > 0.99})
+    dense = xf.materials.LinearElastic(YOUNG, 0.3, 3.0 * DENSITY)
+    found = measure_fragments(xf.Simulation(xf.Scene(bodies, {1: LINEAR, 2: dense}), 1e-3))
+    assert found.mass == pytest.approx([4.0 * DENSITY], rel=1e-12)
+    assert found.centre == pytest.approx(np.array([[1.25, 0.5]]), rel=1e-12)
+    assert found.lengths == pytest.approx(np.array([[2.0, 1.0]]), rel=1e-12)
 
 
 # Which bonds are broken
@@ -231,6 +247,44 @@ def test_bonds_that_a_run_breaks_have_dissipated_what_its_ledger_says():
     assert len(measure_fragments(simulation, share=1e-6)) >= len(found)
 
 
+@pytest.mark.parametrize("name", ["plastic", "viscous"])
+def test_elastic_energy_is_that_of_the_committed_state(name):
+    """After steps that flow or relax the ledger has told the energy at their end."""
+    start = {tag: lambda x: np.stack([0.5 * x[0], 0.0 * x[0]]) for tag in (1, 2)}
+    simulation = strip(2, "crossed", material=MATERIALS[name], start=start)
+    run(simulation, 20)
+    energies = simulation.ledger.energies
+    lost = {"plastic": energies.dissipated_plastic, "viscous": energies.dissipated_viscous}
+    assert lost[name] > 0.01 * energies.elastic > 0.0
+    found = measure_fragments(simulation)
+    assert found.elastic.sum() == pytest.approx(energies.elastic, rel=1e-9)
+    assert found.elastic.min() > 0.0
+
+
+def test_ties_hold_and_break_as_facets_do():
+    """Two boxes meshed apart, of nodes that do not match, and the cohesive zone between them."""
+    meshes, tags = [], []
+    for side, cells in enumerate(((2, 2), (3, 3))):
+        mesh = xf.crossed_rectangle((side, 0.0), (side + 1.0, 1.0), cells)
+        meshes.append(mesh)
+        tags.append(xf.tag_facets(mesh, {11 + side: lambda x: np.abs(x[0] - 1.0) < 1e-9}))
+    joined = xf.join_meshes(meshes, facet_tags=tags)
+    scene = xf.Scene(
+        xf.explode(joined.mesh, joined.part, facet_tags=joined.facet_tags), {1: LINEAR},
+        ties=[xf.Tie(12, 11, BOND)],
+    )  # fmt: skip
+    simulation = xf.Simulation(scene, 1e-3, num_threads=1)
+    assert find_fragments(simulation).tolist() == [0, 0]
+    count = simulation.interactions.num_points
+    damage(simulation, np.arange(count - 1))
+    assert find_fragments(simulation).tolist() == [0, 0]
+    damage(simulation, [count - 1])
+    found = measure_fragments(simulation)
+    assert found.fragment.tolist() == [0, 1]
+    half = 0.5 * BOND.fracture_energy
+    assert found.border == pytest.approx([half, half], rel=1e-12)
+
+
 # Rigid bodies
 
 
@@ -292,6 +346,30 @@ def test_rigid_bodies_in_space_and_those_that_adhesion_joins():
     kinetic = (found.translation + found.rotation + found.vibration).sum()
     assert kinetic == pytest.approx(motion.kinetic, rel=1e-12)
     assert found.vibration[0] > 1e-3 * kinetic
+
+
+@pytest.mark.parametrize("glued", ["bricks", "plate"])
+def test_glue_joins_bricks_but_not_through_a_plate_without_mass(glued):
+    """Two bricks drawn upright and turned by a quarter, end to end on a plate that is driven."""
+    brick, plate = xf.rigid.Polygon.box((1.0, 2.0)), xf.rigid.Polygon.box((6.0, 1.0))
+    turned = {"angle": 0.5 * np.pi, "density": 1.0}
+    rigid = [
+        xf.RigidBody(brick, (0.0, 0.5), "bricks", **turned),
+        xf.RigidBody(brick, (2.0, 0.5), "bricks", **turned),
+        xf.RigidBody(plate, (1.0, -0.5), "plate", prescribed=dict.fromkeys(range(3), 0.0)),
+    ]
+    law = {"bricks": SignoriniCoulomb(), "plate": SignoriniCoulomb()}
+    law[glued] = CohesiveZone(1e3, 1.0, 10.0)
+    contacts = [xf.Contact(("bricks", other), law[other]) for other in law]
+    simulation = xf.Simulation(xf.Scene(rigid=rigid, contacts=contacts), 1e-4, num_threads=1)
+    run(simulation, 1)
+    found = measure_fragments(simulation)
+    if glued == "plate":
+        assert found.fragment.tolist() == [0, 1, -1]
+    else:
+        assert found.fragment.tolist() == [0, 0, -1]
+        assert found.lengths[0] == pytest.approx([4.0, 1.0], rel=1e-9)
+        assert found.centre[0] == pytest.approx([1.0, 0.5], rel=1e-9)
 
 
 # Files
