@@ -150,8 +150,8 @@ def measure_fragments(simulation: Simulation, share: float = BROKEN) -> Fragment
 
     Which bonds are broken, and in which order fragments come, says `find_fragments`. Rigid bodies
     are a fragment each unless contacts whose law is a bond join them. What bonds have dissipated is
-    the share that they have spent of their fracture energy, that of the normal curve; contacts that
-    were found are left out of it.
+    the share that they have spent of their law's `fracture_energy`, exact for cohesive zones of
+    equal stiffnesses; contacts that were found are left out of it.
 
     Args:
         simulation: a run.
