@@ -177,18 +177,19 @@ def test_sizes_are_of_the_volume_and_centres_of_the_mass():
 # Which bonds are broken
 
 
-def bonded(lengths=(3, 1), cells=(3, 1), kind="quadrilateral", **options):
+def bonded(lengths=(3, 1), cells=(3, 1), kind="quadrilateral", bond=BOND, **options):
     bodies = box_bodies(lengths, cells, kind, label=lambda x: x[0] + 10 * (x[1] > 1.0))
     return xf.Simulation(
-        xf.Scene(bodies, {1: LINEAR}, default_interaction=BOND, **options), 1e-3, num_threads=1
+        xf.Scene(bodies, {1: LINEAR}, default_interaction=bond, **options), 1e-3, num_threads=1
     )
 
 
 def damage(simulation, points):
     """Break the bonds of points."""
     for group in simulation.interactions.groups:
-        here = np.isin(group.indices, points)
-        group.state[here, group.kernels.state_names.index("damage")] = 0.0
+        if "damage" in group.kernels.state_names:
+            here = np.isin(group.indices, points)
+            group.state[here, group.kernels.state_names.index("damage")] = 0.0
 
 
 def test_a_facet_holds_as_long_as_one_of_its_points_does():
@@ -203,6 +204,20 @@ def test_a_facet_holds_as_long_as_one_of_its_points_does():
     half = 0.5 * BOND.fracture_energy
     assert found.border == pytest.approx([half, half], rel=1e-12)
     assert not found.inside.any()
+
+
+def test_bonds_that_differ_from_place_to_place_cost_what_they_are_there():
+    """Fracture energy and soundness are fields; the wall's points are of another law."""
+    bond = CohesiveZone(
+        2e4, lambda x: 0.05 * x[0], 10.0, initial_damage=lambda x: np.where(x[0] > 1.5, 0.5, 1.0)
+    )
+    wall = xf.Wall(3, (0.0, -1.0), (0.0, 1.0), SignoriniCoulomb())
+    simulation = bonded(bond=bond, walls=[wall])
+    damage(simulation, [0, 1, 2, 3])  # at x = 1 and x = 2
+    found = measure_fragments(simulation)
+    assert found.fragment.tolist() == [0, 1, 2]
+    first, second = 0.5 * 0.05, 0.5 * 0.5 * 0.10
+    assert found.border == pytest.approx([first, first + second, second], rel=1e-12)
 
 
 def test_cracks_that_cut_nothing_off_are_inside():

@@ -20,7 +20,7 @@ from xper_fx.support.ranks import Ranks
 sys.path.insert(0, str(Path(__file__).parents[1] / "ranks"))
 import meshed_scenes
 
-SCENES = ("explicit", "quadratic", "blocks", "fall", "plastic", "free", "space")
+SCENES = ("explicit", "scattered", "quadratic", "blocks", "fall", "plastic", "free", "space")
 # Scenes whose points do not push each other at the end in more ways than one.
 UNIQUE = ("blocks", "plastic", "free", "space")
 

@@ -2,7 +2,7 @@
 """Scenes of meshed bodies, run by all ranks together; the first writes what came out."""
 
 import sys
-from dataclasses import fields
+from dataclasses import fields, replace
 
 import numpy as np
 from mpi4py import MPI
@@ -43,6 +43,13 @@ def explicit():
         initial_velocity=lambda x: start(x)[:2],
     )  # fmt: skip
     return scene, {"scheme": "explicit", "tolerance": 1e-12}, 60
+
+
+def scattered():
+    """As `explicit`, bonds of other strength and energy from place to place."""
+    scene, options, steps = explicit()
+    bond = CohesiveZone(2e4, lambda x: 0.03 + 0.04 * x[1], lambda x: 8.0 + 4.0 * x[0])
+    return replace(scene, default_interaction=bond), options, steps
 
 
 def quadratic():
@@ -120,7 +127,10 @@ def space():
     return scene, {"step": 1e-3, "tolerance": 1e-10, "scheme": "implicit"}, 10
 
 
-SCENES = {f.__name__: f for f in (explicit, quadratic, blocks, fall, plastic, free, strips, space)}
+SCENES = {
+    f.__name__: f
+    for f in (explicit, scattered, quadratic, blocks, fall, plastic, free, strips, space)
+}
 
 
 def run(name: str) -> dict[str, np.ndarray]:

@@ -56,7 +56,7 @@ class PointValues:
         if self.halo is not None:
             self.halo.everywhere.forward(velocity)
 
-    def _whole(self, values: np.ndarray) -> np.ndarray:
+    def whole(self, values: np.ndarray) -> np.ndarray:
         """Of values at this rank's permanent points, shape (num_points, ...), those of all."""
         return values if self.halo is None else self.halo.gather(values)
 
@@ -85,7 +85,7 @@ class PointValues:
         loose = np.ones(len(self), bool)
         for g in self._permanent:
             loose[g.indices] = g.unbonded()
-        return self._whole(loose)
+        return self.whole(loose)
 
     def gather(self, name: str) -> np.ndarray:
         """An array over the permanent points, in the scene's order.
@@ -100,7 +100,7 @@ class PointValues:
                 where its lips have parted for good), or a history variable of the laws such as
                 "damage" (NaN-free: laws without it give 0).
         """
-        return self._whole(self.local(name))
+        return self.whole(self.local(name))
 
     def local(self, name: str) -> np.ndarray:
         """As `gather`, of this rank's points."""

@@ -150,8 +150,8 @@ def measure_fragments(simulation: Simulation, share: float = BROKEN) -> Fragment
 
     Which bonds are broken, and in which order fragments come, says `find_fragments`. Rigid bodies
     are a fragment each unless contacts whose law is a bond join them. What bonds have dissipated is
-    the share that they have spent of their law's `fracture_energy`, exact for cohesive zones of
-    equal stiffnesses; contacts that were found are left out of it.
+    the share that they have spent of their law's `fracture_energy`, exact for bonds whose energy
+    does not hang on the direction of their jump; contacts that were found are left out of it.
 
     Args:
         simulation: a run.
@@ -306,14 +306,15 @@ def _dissipated(
     if not len(pairs):
         return np.zeros(count), np.zeros(count)
     points = simulation.interactions
-    law, area, spent = (points.gather(name)[: len(pairs)] for name in ("law", "area", "spent"))
-    energy = np.zeros(len(pairs))
+    law, energy = points.local("law"), np.zeros(len(points))
     for number, one in enumerate(points.laws):
         names, own = one.kernels(points.dim).state_names, law == number
         if "damage" in names and own.any():
+            # a number, or an array over this rank's points of the law
             sound = one.initial_state()[names.index("damage")]
             energy[own] = np.multiply(sound, getattr(one, "fracture_energy", np.nan))
-    energy *= area * spent
+    energy *= points.local("area") * points.local("spent")
+    energy = points.whole(energy)[: len(pairs)]
     sides = fragment[pairs]
     within = sides[:, 0] == sides[:, 1]
     half = np.repeat(0.5 * energy[~within], 2)
