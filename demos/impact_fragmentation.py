@@ -13,7 +13,7 @@
 #
 # - let a rigid body strike a mesh whose cells are bodies bonded by a cohesive law
 # - name contacts between groups, so that broken pieces meet again far from where they parted
-# - count fragments, and find contacts between cells that were no neighbours
+# - measure fragments, and find contacts between cells that were no neighbours
 #
 # A slab lies on two rigid supports; a rigid disc falls on its middle. The slab breaks, and its
 # pieces fall between the supports, strike each other, the supports and the floor, and pile up.
@@ -116,6 +116,7 @@ def run(scene: xf.Scene, options: argparse.Namespace) -> dict:
         options.out,
         end_time=options.end_time,
         fields=options.fields,
+        fragments=True,
         parameters=vars(options),
         checkpoint_every=options.checkpoint_every,
         restart=options.restart,
@@ -125,7 +126,7 @@ def run(scene: xf.Scene, options: argparse.Namespace) -> dict:
     count, frames = scene.bodies.num_bodies, []
 
     def picture() -> None:
-        fragment = xf.output.find_fragments(simulation)
+        fragment = xf.output.find_fragments(simulation)[scene.bodies.body_of_cell]
         frames.append(xf.output.take_frame(recorder, fragment, f"{1e3 * simulation.time:.0f} ms"))
 
     picture()
@@ -142,20 +143,26 @@ def run(scene: xf.Scene, options: argparse.Namespace) -> dict:
         "simulation": simulation,
         "history": xf.read_history(options.out / "history.csv"),
         "frames": frames,
-        "fragments": np.bincount(xf.output.find_fragments(simulation)),
+        "fragments": xf.output.measure_fragments(simulation),
         "met": met,
         "deepest": deepest,
     }
 
 
+def pieces(result: dict) -> np.ndarray:
+    """Rows of the table of fragments that are pieces of the slab, the ball left out."""
+    count = result["simulation"].scene.bodies.num_bodies
+    return np.unique(result["fragments"].fragment[:count])
+
+
 def report(result: dict, options: argparse.Namespace) -> None:
     """Say how many pieces there are, who met whom, where the energy went."""
-    history, fragments = result["history"], result["fragments"]
+    history, table, rows = result["history"], result["fragments"], pieces(result)
     last = {name: column[-1] for name, column in history.items()}
     found = {
-        "fragments": len(fragments),
-        "cells_in_the_largest": int(fragments[0]),
-        "single_cells": int(np.count_nonzero(fragments == 1)),
+        "fragments": len(rows),
+        "cells_in_the_largest": int(table.bodies[rows[0]]),
+        "single_cells": int(np.count_nonzero(table.bodies[rows] == 1)),
         "pairs_that_met_apart": len(result["met"]),
         "deepest_penetration": result["deepest"],
         "largest_closure": float(np.abs(history["closure"]).max()),
@@ -166,7 +173,7 @@ def report(result: dict, options: argparse.Namespace) -> None:
         if name.startswith("dissipated")
     )
     tqdm.write(
-        f"\n{found['fragments']} fragments of {fragments.sum()} cells, the largest of "
+        f"\n{found['fragments']} fragments of {table.bodies[rows].sum()} cells, the largest of "
         f"{found['cells_in_the_largest']}, {found['single_cells']} of one cell; "
         f"{found['pairs_that_met_apart']} pairs of cells met that were no neighbours; deepest "
         f"penetration {1e3 * result['deepest']:.2f} mm"
@@ -182,7 +189,9 @@ def report(result: dict, options: argparse.Namespace) -> None:
 
 
 def draw(result: dict, out: Path) -> None:
-    """Six times, coloured by fragment, and the energies."""
+    """Six times, coloured by fragment, sizes of the pieces, and the energies."""
+    table, rows = result["fragments"], pieces(result)
+    xf.plotting.plot_fragments({"": (table.diameter[rows], table.mass[rows])}, out / "sizes.png")
     xf.output.plot_frames(result["frames"], out / "frames.png", window=WINDOW)
     xf.plotting.plot_energies(result["history"], out / "energies.png", ("J/m", 1.0), against="time")
 

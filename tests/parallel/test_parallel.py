@@ -20,7 +20,9 @@ from xper_fx.support.ranks import Ranks
 sys.path.insert(0, str(Path(__file__).parents[1] / "ranks"))
 import meshed_scenes
 
-SCENES = ("explicit", "quadratic", "blocks", "fall", "plastic", "free", "space", "uneven")
+SCENES = (
+    "explicit", "scattered", "quadratic", "blocks", "fall", "plastic", "free", "space", "uneven",
+)  # fmt: skip
 # Scenes whose points do not push each other at the end in more ways than one.
 UNIQUE = ("blocks", "plastic", "free", "space", "uneven")
 
@@ -168,6 +170,10 @@ def test_ranks_agree(found, name, count):
         scale = max(np.abs(a).max(), 1e-2)
         assert np.abs(a - b)[before].max(initial=0.0) <= 1e-8 * scale, key
         assert np.abs(a - b).max() <= 1e-6 * scale, key
+    for key in meshed_scenes.PIECES:
+        a, b = one[f"piece_{key}"], several[f"piece_{key}"]
+        scale = max(np.abs(a).max(), 1e-2)
+        assert a.shape == b.shape and np.abs(a - b).max() <= 1e-6 * scale, key
     for key in ("jump", "damage"):
         assert np.abs(one[key] - several[key]).max() <= 1e-7 * np.abs(one[key]).max(), key
     if name in UNIQUE:
@@ -185,6 +191,22 @@ def test_momentum_and_energy_are_exact(found, count):
     lost = free["dissipated_friction"][-1] + free["dissipated_impact"][-1]
     assert lost > 0.01 * free["kinetic"][0]
     assert np.abs(free["closure"]).max() <= 1e-12 * free["kinetic"][0]
+
+
+@pytest.mark.ranks
+@pytest.mark.parametrize("count", [1, 2, 4])
+@pytest.mark.parametrize("name", SCENES)
+def test_fragments_of_all_ranks_add_up(found, name, count):
+    """Masses lumped and stored and lost energies, whoever has the bodies."""
+    run = found[count][name]
+    kinetic = sum(run[f"piece_{part}"] for part in ("translation", "rotation", "vibration"))
+    assert kinetic.sum() == pytest.approx(run["kinetic"][-1], rel=1e-11)
+    assert run["piece_elastic"].sum() == pytest.approx(run["elastic"][-1], rel=1e-9)
+    lost = run["piece_border"].sum() + run["piece_inside"].sum()
+    assert lost == pytest.approx(run["dissipated_cohesion"][-1], rel=2e-3, abs=1e-12)
+    moved = run["piece_mass"][:, None] * run["piece_velocity"]
+    size = np.abs(moved).max()
+    assert moved.sum(axis=0) == pytest.approx(run["momentum"][-1], abs=1e-12 * size)
 
 
 @pytest.mark.ranks

@@ -11,7 +11,7 @@ from on_ranks import on_ranks
 
 pytestmark = pytest.mark.ranks
 
-OF_TWO = ("bricks", "clouds", "falling", "shear")
+OF_TWO = ("bricks", "clouds", "falling", "shear", "glued")
 OF_THREE = ("bricks", "hard_bricks")
 SCENES = {1: (*OF_TWO, "hard_bricks"), 2: OF_TWO, 3: OF_THREE}
 several = pytest.mark.parametrize("count", [2, 3])
@@ -61,6 +61,23 @@ def test_energies_are_those_of_one_rank_and_closed(found, scene, count):
     scale = np.abs(expected).max()
     np.testing.assert_allclose(energies, expected, rtol=0, atol=1e-8 * scale)
     assert np.abs(energies[:, -1]).max() < 1e-12 * scale
+
+
+@scenes
+def test_fragments_are_those_of_one_rank(found, scene, count):
+    """Glue joins bodies on whichever rank its contact is; momenta are not summed over ranks."""
+    alone, together = found(1), found(count)
+    fragment = together[f"{scene}/fragment"]
+    np.testing.assert_array_equal(fragment, alone[f"{scene}/fragment"])
+    if scene == "glued":
+        assert fragment.tolist() == [3] * 4 + [2] * 5 + [1] * 6 + [0] * 7
+    else:
+        bodies = np.sort(fragment[fragment >= 0])
+        assert bodies.tolist() == [*range(len(bodies))]
+    dim = together[f"{scene}/position"].shape[1]
+    if scene in ("clouds", "glued"):  # all bodies have mass
+        whole = together[f"{scene}/momenta"][:dim]
+        assert together[f"{scene}/sum_of_momenta"] == pytest.approx(whole, rel=1e-12)
 
 
 def test_free_clouds_keep_their_momenta(found):

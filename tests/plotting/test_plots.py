@@ -19,6 +19,7 @@ from xper_fx.plotting.figures import (
     plot_law,
     plot_microstructure,
 )
+from xper_fx.plotting.fragment_figure import plot_fragments
 
 pytest.importorskip("matplotlib")
 from matplotlib.collections import LineCollection, PolyCollection
@@ -446,3 +447,28 @@ def test_wrong_shapes_are_refused():
         plot_energies({k: v for k, v in history().items() if k != "closure"})
     with pytest.raises(ValueError, match="tractions as openings"):
         plot_law(np.zeros(3), np.zeros(4))
+
+
+def test_fragments_are_counted_from_the_largest_and_sieved_from_the_smallest(tmp_path):
+    """Of four pieces two are of one size."""
+    diameter, mass = np.array([4e-3, 1e-3, 2e-3, 2e-3]), np.array([16.0, 1.0, 4.0, 3.0])
+    figure = plot_fragments(
+        {"plate": (diameter, mass)}, tmp_path / "sizes.png", length_unit=("mm", 1e-3), classes=5
+    )
+    counted, sieved = figure.axes
+    assert counted.get_xscale() == counted.get_yscale() == sieved.get_xscale() == "log"
+    (number,) = counted.lines
+    # steps: all four at 1 mm, three from there to 2 mm, one from there to 4 mm, then none
+    assert number.get_xdata() == pytest.approx([1.0, 2.0, 4.0, 4.0])
+    assert number.get_ydata() == pytest.approx([4.0, 3.0, 1.0, 0.5])
+    assert number.get_drawstyle() == "steps-pre"
+    (passing,) = sieved.lines
+    assert passing.get_xdata()[1:-1] == pytest.approx([1.0, 2.0, 2.0, 4.0])
+    assert passing.get_ydata() == pytest.approx(np.array([0, 1, 5, 8, 24, 24]) / 24)
+    (classes,) = sieved.patches
+    share, edges, _ = classes.get_data()
+    assert share.sum() == pytest.approx(1.0)
+    assert edges[1:] / edges[:-1] == pytest.approx((edges[-1] / edges[0]) ** (1 / 5))
+    for size, part in ((1.0, 1 / 24), (2.0, 7 / 24), (4.0, 16 / 24)):
+        assert share[np.searchsorted(edges, size) - 1] == pytest.approx(part)
+    assert imread(tmp_path / "sizes.png")[..., :3].std() > 0.05

@@ -242,11 +242,22 @@ def check_the_fibre(names, printed):
     assert 3e9 / (1.0 - 0.35**2) < slope < 5e9
 
 
+def check_the_output(names, printed):
+    """The plate is whole: one fragment of its mass and sides, which a map shows."""
+    found, folder = names["found"], Path(names["folder"])
+    assert found.bodies.tolist() == [16] and "1 fragments" in printed
+    assert found.mass == pytest.approx([1200.0 * 1e-6], rel=1e-12)
+    assert found.lengths[0] == pytest.approx([1e-3, 1e-3], rel=1e-3)
+    for name in ("fragments.csv", "sizes.png", "map.png"):
+        assert (folder / name).stat().st_size > 100
+
+
 CHECKS = {
     DOCS / "start.md": check_a_first_run,
     DOCS / "guide/periodic.md": check_the_periodic_cell,
     DOCS / "guide/friction_problem.md": check_the_contact_problem,
     DOCS / "guide/contact.md": check_contacts,
+    DOCS / "guide/output.md": check_the_output,
     DOCS / "guide/scene.md": check_bodies,
     DOCS / "howto/own_material.md": check_a_material_of_ones_own,
     DOCS / "tutorials/cracked_plate.md": check_the_cracked_plate,

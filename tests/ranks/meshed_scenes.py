@@ -2,6 +2,7 @@
 """Scenes of meshed bodies, run by all ranks together; the first writes what came out."""
 
 import sys
+from dataclasses import fields, replace
 
 import numpy as np
 from mpi4py import MPI
@@ -12,7 +13,7 @@ from xper_fx.materials import J2SmallStrain, LinearElastic, NeoHookean
 from xper_fx.materials.hardening import Linear
 from xper_fx.nscd.laws import CohesiveZone, MixedMode, SignoriniCoulomb
 from xper_fx.nscd.laws.fields import Weibull
-from xper_fx.output.cracks import find_fragments
+from xper_fx.output.fragments import Fragments, measure_fragments
 from xper_fx.output.recorder import point_coordinates
 from xper_fx.parallel.launch import run_together
 from xper_fx.scene import Scene, Wall
@@ -20,6 +21,7 @@ from xper_fx.simulation.simulation import Simulation
 
 # E = 1000, rho = 1, strength 10, cohesive length 0.5 of a side.
 ELASTIC = LinearElastic(1000.0, 0.3, 1.0)
+PIECES = [field.name for field in fields(Fragments) if field.name not in ("time", "fragment")]
 BOND = CohesiveZone(2e4, 0.05, 10.0, friction=0.3)
 CONTACT = SignoriniCoulomb(0.4)
 
@@ -42,6 +44,13 @@ def explicit():
         initial_velocity=lambda x: start(x)[:2],
     )  # fmt: skip
     return scene, {"scheme": "explicit", "tolerance": 1e-12}, 60
+
+
+def scattered():
+    """As `explicit`, bonds of other strength and energy from place to place."""
+    scene, options, steps = explicit()
+    bond = CohesiveZone(2e4, lambda x: 0.03 + 0.04 * x[1], lambda x: 8.0 + 4.0 * x[0])
+    return replace(scene, default_interaction=bond), options, steps
 
 
 def quadratic():
@@ -136,7 +145,8 @@ def uneven():
 
 
 SCENES = {
-    f.__name__: f for f in (explicit, quadratic, blocks, fall, plastic, free, strips, space, uneven)
+    f.__name__: f
+    for f in (explicit, scattered, quadratic, blocks, fall, plastic, free, strips, space, uneven)
 }
 
 
@@ -162,11 +172,13 @@ def run(name: str) -> dict[str, np.ndarray]:
         for key, value in now.items():
             history.setdefault(key, []).append(value)
     interactions = simulation.interactions
-    fields = {key: interactions.gather(key) for key in ("impulse", "jump", "damage", "traction")}
+    found = {key: interactions.gather(key) for key in ("impulse", "jump", "damage", "traction")}
     count = len(point_coordinates(simulation))
-    fields |= {"law": interactions.gather("law"), "fragment": find_fragments(simulation)}
+    pieces = measure_fragments(simulation)
+    found |= {"law": interactions.gather("law"), "fragment": pieces.fragment}
+    found |= {f"piece_{name}": getattr(pieces, name) for name in PIECES}
     here = {"points": np.array([interactions.num_points, len(interactions), count])}
-    return {k: np.array(v) for k, v in history.items()} | fields | here | {"start": start}
+    return {k: np.array(v) for k, v in history.items()} | found | here | {"start": start}
 
 
 def main() -> None:

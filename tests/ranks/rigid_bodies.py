@@ -9,9 +9,10 @@ import numpy as np
 from mpi4py import MPI
 
 from xper_fx.forms.loads import Gravity
-from xper_fx.nscd.laws import SignoriniCoulomb
+from xper_fx.nscd.laws import CohesiveZone, SignoriniCoulomb
 from xper_fx.nscd.rigid import Disc, Polygon, RigidBody, Sphere, wall
 from xper_fx.output.contact_forces import find_contact_forces
+from xper_fx.output.fragments import measure_fragments
 from xper_fx.parallel import rigid_partition as rigid_division
 from xper_fx.parallel.launch import run_together
 from xper_fx.scene.contact import Contact
@@ -121,8 +122,23 @@ def shear() -> Simulation:
     return Simulation(scene, 2e-2, tolerance=1e-9, num_threads=1)
 
 
+def glued() -> Simulation:
+    """Rows of four to seven discs that glue joins, flying their ways; too far apart to meet."""
+    bodies = [
+        RigidBody(
+            Disc(RADIUS), (2.0 * RADIUS * i, j), "discs", velocity=(0.1 * j, 0.2), density=1000.0
+        )
+        for j in range(4)
+        for i in range(4 + j)
+    ]  # fmt: skip
+    law = CohesiveZone(1e9, 10.0, 1e5)
+    scene = Scene(rigid=bodies, contacts=[Contact(("discs", "discs"), law)])
+    return Simulation(scene, 1e-5, tolerance=1e-11, num_threads=1)
+
+
 SCENES = {"clouds": (clouds, 0.16), "falling": (falling, 0.1), "bricks": (bricks, 0.02),
-          "shear": (shear, 0.8), "hard_bricks": (hard_bricks, 0.02)}  # fmt: skip
+          "shear": (shear, 0.8), "glued": (glued, 1e-4),
+          "hard_bricks": (hard_bricks, 0.02)}  # fmt: skip
 
 
 def results(name: str) -> dict[str, np.ndarray]:
@@ -138,9 +154,13 @@ def results(name: str) -> dict[str, np.ndarray]:
         division = simulation.model.division
         away.add(division is not None and division.halo is None)
     state = motion.state
+    pieces = measure_fragments(simulation)
+    moved = pieces.mass[:, None] * pieces.velocity
     every = simulation.team.comm.allgather((state.position, state.velocity, state.turn.spin))
     return {
         "start": start,
+        "fragment": pieces.fragment,
+        "sum_of_momenta": moved.sum(axis=0),
         "momenta": np.concatenate([motion.momentum(), motion.angular_momentum()]),
         "position": state.position,
         "velocity": state.velocity,

@@ -377,9 +377,19 @@ def steps() -> list[Misuse]:
             lambda: advanced(lambda s: o.find_cracks(s, 1), of_block()),
         ),
         "broken points of a scene": ("Simulation & Scene", lambda: o.broken_points(of_plate())),
-        "fragments of rigid bodies": (
-            "mesh|bodies",
-            lambda: advanced(lambda s: o.find_fragments(s), of_discs(disc())),
+        "fragments of a scene": ("Simulation & Scene", lambda: o.find_fragments(of_plate())),
+        "measured fragments of None": ("Simulation & None", lambda: o.measure_fragments(None)),
+        "measured fragments of a cell": (
+            "cell & find_fragments",
+            lambda: advanced(lambda s: o.measure_fragments(s), of_cell()),
+        ),
+        "measured fragments with a share of 2": (
+            "share & 2",
+            lambda: advanced(lambda s: o.measure_fragments(s, 2)),
+        ),
+        "fragments into a number": (
+            "path & 3",
+            lambda: advanced(lambda s: o.measure_fragments(s).to_csv(3)),
         ),
         "fragments with a share of -1": (
             "share & -1",
@@ -493,6 +503,7 @@ def records() -> list[Misuse]:
             "parameters|summary & nan",
             lambda: recorder(parameters={"a": NAN}),
         ),
+        "fragments of a word": ("fragments & yes", lambda: recorder(fragments="yes")),
         "restart of a word": ("restart & no", lambda: recorder(restart="no")),
         "an end before the present": ("end_time & before", lambda: _late()),
         "an unknown keyword of a recorder": ("gauges", lambda: recorder(gauges=None)),

@@ -732,6 +732,14 @@ def figures() -> list[Misuse]:
                 np.eye(2), np.eye(2), -1
             ),
         ),
+        "no fragments": ("fragments", lambda: p.plot_fragments({})),
+        "fragments of a list": ("sizes & mapping", lambda: p.plot_fragments([ramp, ramp])),
+        "fragments without masses": ("mass & a", lambda: p.plot_fragments({"a": ramp})),
+        "fragments of no size": ("diameter & 0", lambda: p.plot_fragments({"a": ([0.0], [1.0])})),
+        "fragments with fewer masses": (
+            "mass & shapes",
+            lambda: p.plot_fragments({"a": ([1.0, 2.0], [1.0])}),
+        ),
         "no curves": ("curve", lambda: p.plot_curves([])),
         "curves of None": ("curve & None", lambda: p.plot_curves(None)),
         "a curve without stress": ("curve & label", lambda: p.plot_curves([("a", ramp)])),

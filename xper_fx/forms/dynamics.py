@@ -94,6 +94,7 @@ class BulkForms:
         self.tangent = compiled_form(ufl.derivative(force, self.u, trial))
         self._dissipations = self._dissipation_forms()
         self._increments = self._increment_expressions()
+        self._cell_energy: tuple[fem.Form, np.ndarray] | None = None
         self._loads: list[tuple[fem.Constant, Sequence]] = []
         self.external = self._external_form(forces, test)
 
@@ -207,6 +208,32 @@ class BulkForms:
         """
         self.u.x.array[:] = displacement
         return fem.assemble_scalar(self.energy)
+
+    def cell_energies(self, displacement: np.ndarray) -> np.ndarray:
+        """Stored energy of each cell at a displacement that was committed.
+
+        Returns:
+            Shape (num_cells,), J (2D: J/m).
+        """
+        if self._cell_energy is None:
+            constants = fem.functionspace(self.bodies.mesh, ("DG", 0))
+            test = ufl.TestFunction(constants)
+            density = {
+                t: self._responses[t].energy
+                if t in self._responses
+                else m.energy(self.u, self._constant)
+                for t, m in self._items()
+            }
+            form = compiled_form(sum(e * test * self._dx(t) for t, e in density.items()))
+            self._cell_energy = form, constants.dofmap.list[:, 0]
+        form, dof_of_cell = self._cell_energy
+        step = None if self.step is None else float(self.step.value)
+        self.set_step(0.0)
+        self.u.x.array[:] = displacement
+        energies = fem.assemble_vector(form).array[dof_of_cell]
+        if step is not None:
+            self.set_step(step)
+        return energies
 
     def assemble_dissipation(self, displacement: np.ndarray) -> dict[str, float]:
         """Energy dissipated in the bulk from the committed state to a displacement.

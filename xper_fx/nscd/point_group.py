@@ -62,6 +62,23 @@ class PointGroup:
     def __len__(self) -> int:
         return len(self.indices)
 
+    def unbonded(self) -> np.ndarray:
+        """Which points nothing holds together, shape (n,).
+
+        That is where damage is complete, or all of them if the law has no damage and knows impacts.
+        """
+        if "damage" in self.kernels.state_names:
+            return self.state[:, self.kernels.state_names.index("damage")] == 0.0
+        return np.full(len(self), "impact" in self.kernels.energies)
+
+    def spent(self) -> np.ndarray:
+        """Share of its fracture energy that the bond of each point has spent, shape (n,)."""
+        if self.kernels.spent is not None:
+            return self.kernels.spent(self.parameters, self.state)
+        if "damage" in self.kernels.state_names:
+            return 1.0 - self.state[:, self.kernels.state_names.index("damage")]
+        return np.zeros(len(self))
+
     @property
     def nbytes(self) -> int:
         """Memory held, in bytes, blocks of w (shared with the other groups) not counted."""

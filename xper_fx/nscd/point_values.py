@@ -56,7 +56,7 @@ class PointValues:
         if self.halo is not None:
             self.halo.everywhere.forward(velocity)
 
-    def _whole(self, values: np.ndarray) -> np.ndarray:
+    def whole(self, values: np.ndarray) -> np.ndarray:
         """Of values at this rank's permanent points, shape (num_points, ...), those of all."""
         return values if self.halo is None else self.halo.gather(values)
 
@@ -84,11 +84,8 @@ class PointValues:
         """
         loose = np.ones(len(self), bool)
         for g in self._permanent:
-            if "damage" in g.kernels.state_names:
-                loose[g.indices] = g.state[:, g.kernels.state_names.index("damage")] == 0.0
-            else:
-                loose[g.indices] = "impact" in g.kernels.energies
-        return self._whole(loose)
+            loose[g.indices] = g.unbonded()
+        return self.whole(loose)
 
     def gather(self, name: str) -> np.ndarray:
         """An array over the permanent points, in the scene's order.
@@ -103,7 +100,7 @@ class PointValues:
                 where its lips have parted for good), or a history variable of the laws such as
                 "damage" (NaN-free: laws without it give 0).
         """
-        return self._whole(self.local(name))
+        return self.whole(self.local(name))
 
     def local(self, name: str) -> np.ndarray:
         """As `gather`, of this rank's points."""
@@ -111,7 +108,10 @@ class PointValues:
             scale = max(self.committed_step, np.finfo(float).tiny) * self.points.area
             return self.local("impulse") / scale[:, None]
         if name == "spent":
-            return self._spent()
+            spent = np.ones(len(self))
+            for g in self._permanent:
+                spent[g.indices] = g.spent()
+            return spent
         if name in ("law", "area"):
             return self.law_of_point if name == "law" else self.points.area
         widths = {"compliance": self.dim * (self.dim + 1) // 2, "energy": len(ENERGIES)}
@@ -131,18 +131,6 @@ class PointValues:
                 out[g.indices] = g.state[:, g.kernels.state_names.index(name)]
             elif hasattr(g, name):
                 out[g.indices] = getattr(g, name)
-        return out
-
-    def _spent(self) -> np.ndarray:
-        """Share of the fracture energy that the bond of each of this rank's points has spent."""
-        out = np.ones(len(self))
-        for g in self._permanent:
-            names = g.kernels.state_names
-            if g.kernels.spent is not None:
-                out[g.indices] = g.kernels.spent(g.parameters, g.state)
-            else:
-                bonded = "damage" in names
-                out[g.indices] = 1.0 - g.state[:, names.index("damage")] if bonded else 0.0
         return out
 
     @property

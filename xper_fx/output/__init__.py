@@ -1,18 +1,20 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""What a run leaves, and what is read off it: series, checkpoints, cracks, contact forces."""
+"""What a run leaves, and what is read off it: series, checkpoints, cracks, fragments, forces."""
 
 from typing import TYPE_CHECKING
 
 from xper_fx.support.lazy import importer
 
 if TYPE_CHECKING:
+    from xper_fx.output.connectivity import find_fragments as find_fragments
     from xper_fx.output.contact_forces import ContactForces as ContactForces
     from xper_fx.output.contact_forces import find_contact_forces as find_contact_forces
     from xper_fx.output.cracks import Cracks as Cracks
     from xper_fx.output.cracks import broken_points as broken_points
     from xper_fx.output.cracks import crack_panel as crack_panel
     from xper_fx.output.cracks import find_cracks as find_cracks
-    from xper_fx.output.cracks import find_fragments as find_fragments
+    from xper_fx.output.fragments import Fragments as Fragments
+    from xper_fx.output.fragments import measure_fragments as measure_fragments
     from xper_fx.output.frames import Frame as Frame
     from xper_fx.output.frames import plot_frames as plot_frames
     from xper_fx.output.frames import take_frame as take_frame
@@ -23,12 +25,14 @@ if TYPE_CHECKING:
 _MODULE_OF = {
     "ContactForces": "contact_forces",
     "Cracks": "cracks",
+    "Fragments": "fragments",
     "Frame": "frames",
     "broken_points": "cracks",
     "crack_panel": "cracks",
     "find_contact_forces": "contact_forces",
     "find_cracks": "cracks",
-    "find_fragments": "cracks",
+    "find_fragments": "connectivity",
+    "measure_fragments": "fragments",
     "memory_by_part": "memory",
     "plot_frames": "frames",
     "point_coordinates": "recorder",

@@ -40,7 +40,7 @@ def find_contact_forces(simulation: Simulation) -> ContactForces:
     """
     require_kind("simulation", simulation, Simulation)
     dim, interactions = simulation.bulk.dim, simulation.interactions
-    body, place = _slots(simulation)
+    body, place = slot_places(simulation)
     none = np.empty((0, dim))
     parts = [ContactForces(np.empty((0, 2), int), none, none, none)]
     for group in [] if interactions is None else interactions.contacts:
@@ -64,8 +64,12 @@ def find_contact_forces(simulation: Simulation) -> ContactForces:
     return ContactForces(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
 
-def _slots(simulation: Simulation) -> tuple[np.ndarray, np.ndarray]:
-    """Body and present place of each slot; a rigid body's centre stands in both of its own."""
+def slot_places(simulation: Simulation) -> tuple[np.ndarray, np.ndarray]:
+    """Body and present place of each slot; a rigid body's centre stands in both of its own.
+
+    Returns:
+        Numbers as those of `ContactForces.bodies`, shape (num_slots,); (num_slots, dim), m.
+    """
     dim, meshed = simulation.bulk.dim, simulation.bulk.layout.body_of_node()
     body, place = np.empty(0, int), np.empty((0, dim))
     first_rigid = 0

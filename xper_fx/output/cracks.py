@@ -7,17 +7,13 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from xper_fx.nscd.facets import nodal_shares
+from xper_fx.output.connectivity import BROKEN, require_share
 from xper_fx.output.recorder import Recorder, point_coordinates
 from xper_fx.plotting.figures import CrackPanel
 from xper_fx.simulation.simulation import Simulation
-from xper_fx.support.checks import require_integer, require_kind, require_number
-
-# Share of its fracture energy that a broken bond has spent.
-BROKEN = 0.99
+from xper_fx.support.checks import require_integer, require_kind
 
 
 class Cracks(NamedTuple):
@@ -96,57 +92,17 @@ def broken_points(
     return broken.ravel()
 
 
-def find_fragments(simulation: Simulation, share: float = BROKEN) -> npt.NDArray[np.int32]:
-    """Which meshed bodies bonds still hold together.
-
-    Args:
-        simulation: a run with a mesh.
-        share: of its fracture energy that a broken bond has spent.
-
-    Returns:
-        The fragment of each body, shape (num_bodies,): 0 is the largest by number of bodies, and so
-        on. A facet holds as long as one of its points does; contacts hold nothing.
-
-    Raises:
-        ValueError: a scene without a mesh, a share out of (0, 1].
-        TypeError: no simulation, something that is no number.
-    """
-    require_kind("simulation", simulation, Simulation)
-    if simulation.scene.bodies is None:
-        raise ValueError("Fragments are of meshed bodies, and the scene has no mesh.")
-    _check_share(share)
-    bodies, number = simulation.scene.bodies, simulation.facets_with_law
-    holds = np.zeros(0, bool)
-    if len(number):
-        count = len(point_coordinates(simulation))
-        points = simulation.interactions
-        loose = points.unbonded() | (points.gather("spent") >= share)
-        holds = ~loose[:count].reshape(len(number), -1).all(axis=1)
-    pairs = bodies.facets.bodies[number[holds]].T
-    graph = coo_array((np.ones(pairs.shape[1]), tuple(pairs)), shape=(bodies.num_bodies,) * 2)
-    count, label = connected_components(graph, directed=False)
-    by_size = np.argsort(-np.bincount(label), kind="stable")
-    rank = np.empty(count, np.int32)
-    rank[by_size] = np.arange(count)
-    return rank[label]
-
-
 def _check(simulation: Simulation, ignored_facets: tuple[int, ...], share: float) -> None:
     require_kind("simulation", simulation, Simulation)
     scene = simulation.scene
     if scene.bodies is None or not len(simulation.facets_with_law):
         raise ValueError("Cracks are of facets with interactions, and the scene has none.")
-    _check_share(share)
+    require_share(share)
     if not np.iterable(ignored_facets):
         raise TypeError(f"ignored_facets should be a tuple of tags, got {ignored_facets!r}.")
     unknown = set(ignored_facets) - set(scene.bodies.facet_tags.values.tolist())
     if unknown:
         raise ValueError(f"ignored_facets names {sorted(unknown)}, which occur nowhere.")
-
-
-def _check_share(share: float) -> None:
-    if not 0.0 < require_number("share", share) <= 1.0:
-        raise ValueError(f"share should lie in (0, 1], got {share}.")
 
 
 def _parts(x: np.ndarray) -> np.ndarray:

@@ -20,7 +20,7 @@ import json
 import logging
 import os
 import platform
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
@@ -125,6 +125,9 @@ class Recorder:
         gauge: what `strain` and `stress` of the history are; 0 without.
             A periodic cell's history has its macroscopic columns besides.
         fields: number of times at which fields are written, spread evenly; 0 for none.
+        fragments: whether cells of `bulk.xdmf` and `rigid.xdmf` bear their `fragment`, as
+            `output.find_fragments` gives it at that time, and the history its number of
+            `fragments`; bonds are looked at in each step then.
         end_time: time of the end of the run (s).
         parameters: what to keep in the summary of how the run was set up.
         checkpoint_every: seconds between checkpoints, as a clock shows them; 0 for none but where
@@ -157,6 +160,7 @@ class Recorder:
         end_time: float,
         gauge: TensileGauge | CellGauge | None = None,
         fields: int = 20,
+        fragments: bool = False,
         parameters: Mapping[str, Any] | None = None,
         checkpoint_every: float = CHECKPOINT_EVERY,
         restart: bool = False,
@@ -172,6 +176,7 @@ class Recorder:
                 f"end_time {end_time:g} s lies before the present time {simulation.time:g} s."
             )
         require_count("fields", fields, 0)
+        require_flag("fragments", fragments)
         require_flag("restart", restart)
         if gauge is not None:
             require_gauge(gauge)
@@ -188,6 +193,11 @@ class Recorder:
         self.simulation, self._gauge = simulation, gauge
         self.checkpoint_every, self._saved_at = checkpoint_every, monotonic()
         self._writes_fields = fields > 0
+        self._find_fragments: Callable[[Simulation], np.ndarray] | None = None
+        if fragments:
+            from xper_fx.output.connectivity import find_fragments
+
+            self._find_fragments = find_fragments
         try:
             before = self._restored() if restart else None
         except BaseException:
@@ -200,6 +210,8 @@ class Recorder:
         self._parameters = dict(parameters or {})
         columns = dict.fromkeys(HISTORY_COLUMNS)
         columns |= simulation.ledger.as_columns() | macroscopic_columns(simulation)
+        if fragments:
+            columns["fragments"] = None
         self._every = end_time / fields if fields > 0 else np.inf
         self._next = before.get("next_fields", 0.0)
         self.strain = before.get("strain", 0.0)
@@ -242,6 +254,12 @@ class Recorder:
                 f"The run in {self.folder} was recorded with {had}: restart it with fields {give}, "
                 "or start it from its beginning."
             )
+        had = bool(before.get("fragments", False))
+        if had != (self._find_fragments is not None):
+            raise ValueError(
+                f"The run in {self.folder} was recorded with fragments={had}: restart it so, or "
+                "start it from its beginning."
+            )
         return before
 
     def _recording(self) -> dict:
@@ -252,6 +270,7 @@ class Recorder:
             "strain": self.strain,
             "totals": self._totals,
             "series": {series.path.stem: series.seal() for series in self._series},
+            "fragments": self._find_fragments is not None,
         }
 
     def checkpoint(self) -> Path:
@@ -320,14 +339,17 @@ class Recorder:
     def _write_fields(self) -> None:
         simulation = self.simulation
         with simulation.stopwatch.phase("output"), simulation.stopwatch.phase("fields"):
+            fragment = None
+            if self._find_fragments is not None:
+                fragment = self._find_fragments(simulation)
             if simulation.scene.bodies is not None:
-                self._write_bulk()
+                self._write_bulk(fragment)
                 if len(simulation.facets_with_law):
                     names = ("jump", "traction", "damage", "spent", "status")
                     fields = {name: simulation.interactions.gather(name) for name in names}
                     self._at_root(partial(self._write_interfaces, fields))
             if simulation.rigid is not None:
-                self._at_root(lambda: self._rigid.write(simulation.time))
+                self._at_root(lambda: self._rigid.write(simulation.time, fragment))
         self._next += self._every
 
     def _write_interfaces(self, fields: Mapping[str, np.ndarray]) -> None:
@@ -343,7 +365,7 @@ class Recorder:
         stress, part = self._stress(), self.simulation.part
         return stress if part is None else self.simulation.ranks.gather(part.cells, stress)
 
-    def _write_bulk(self) -> None:
+    def _write_bulk(self, fragment: np.ndarray | None) -> None:
         simulation, bodies = self.simulation, self.simulation.scene.bodies
         velocity = self._of_vertices(simulation.velocity.x.array)
         nodal = {"displacement": self.vertex_displacement(), "velocity": velocity}
@@ -352,6 +374,8 @@ class Recorder:
             "body": bodies.body_of_cell,
             "material": bodies.material_of_cell,
         }
+        if fragment is not None:
+            cellwise["fragment"] = fragment[bodies.body_of_cell]
         self._at_root(lambda: self._bulk.write(simulation.time, nodal, cellwise))
 
     def record(self, step: StepRecord) -> tuple[float, float]:
@@ -371,6 +395,8 @@ class Recorder:
                 "sweeps": step.sweeps, "residual": step.residual, **step.energies,
                 **macroscopic_columns(self.simulation),
             }  # fmt: skip
+            if self._find_fragments is not None:
+                line["fragments"] = int(self._find_fragments(self.simulation).max()) + 1
             self._at_root(lambda: self._history.append(**line))
         self._totals["steps"] += 1
         self._totals["sweeps"] += step.sweeps

@@ -17,7 +17,7 @@ class RigidSeries:
     """Writes the rigid bodies at the times asked for.
 
     Points bear `displacement` (m) and `velocity` (m/s, of the material there), cells `spin` (rad/s;
-    a vector in 3D), `body` and `group`, the numbers of `RigidBodies`.
+    a vector in 3D), `body` and `group`, the numbers of `RigidBodies`, and `fragment` if asked for.
 
     Args:
         path: of the XDMF file.
@@ -39,8 +39,13 @@ class RigidSeries:
     def _positions(self, state: RigidState) -> np.ndarray:
         return self.outline.positions(state.position, state.turn.rotation)
 
-    def write(self, time: float) -> None:
-        """Add the committed state at a time (s), as `TimeSeries.write`."""
+    def write(self, time: float, fragment: np.ndarray | None = None) -> None:
+        """Add the committed state, as `TimeSeries.write`.
+
+        Args:
+            time: s.
+            fragment: of each body, rigid ones last; None leaves the field out.
+        """
         state = self._motion.state
         positions = self._positions(state)
         body, spin = self.outline.body_of_point, state.turn.spin
@@ -51,8 +56,15 @@ class RigidSeries:
         else:
             turning = np.cross(spin[body], arm)
         owner = self.outline.body_of_cell
+        cellwise = {
+            "spin": spin[owner],
+            "body": owner,
+            "group": self._motion.bodies.group_of[owner],
+        }
+        if fragment is not None:
+            cellwise["fragment"] = fragment[len(fragment) - len(state.position) + owner]
         self.series.write(
             time,
             {"displacement": positions - self._start, "velocity": state.velocity[body] + turning},
-            {"spin": spin[owner], "body": owner, "group": self._motion.bodies.group_of[owner]},
+            cellwise,
         )

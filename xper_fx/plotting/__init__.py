@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Figures with Matplotlib: cracks, curves, energies, grains, laws, profiles."""
+"""Figures with Matplotlib: cracks, curves, energies, fragments, grains, laws, profiles."""
 
 from typing import TYPE_CHECKING
 
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from xper_fx.plotting.figures import plot_law as plot_law
     from xper_fx.plotting.figures import plot_microstructure as plot_microstructure
     from xper_fx.plotting.figures import plot_profile as plot_profile
+    from xper_fx.plotting.fragment_figure import plot_fragments as plot_fragments
 
 _MODULE_OF = {
     "COLOURS": "figures",
@@ -24,6 +25,7 @@ _MODULE_OF = {
     "plot_cracks": "figures",
     "plot_curves": "figures",
     "plot_energies": "figures",
+    "plot_fragments": "fragment_figure",
     "plot_grains": "figures",
     "plot_law": "figures",
     "plot_microstructure": "figures",

@@ -62,10 +62,12 @@ class ScenePoints:
         self._turns = scene.bodies is not None and bulk.forms.finite_strain
         self._num_nodes = self._ground = bulk.num_dofs // bulk.dim
         self._points, self._law_of_point = [], [np.zeros(0, int)]
+        self._tied: list[np.ndarray] = []
         if scene.bodies is not None:
             self._take_facets()
-            for tie, (points, _) in zip(scene.ties, ties, strict=True):
+            for tie, (points, pairs) in zip(scene.ties, ties, strict=True):
                 self._take(points, tie.law)
+                self._tied.append(pairs)
             self._take_walls()
 
     @property
@@ -95,6 +97,17 @@ class ScenePoints:
             (np.einsum("pk,pkd->pd", p.weights[:, 0], at[p.nodes[:, 0]]), p.frame[:, 0], p.area)
             for p in self._points[1 if self.points_a_facet else 0 :]
         ]
+
+    def bodies_of_points(self) -> np.ndarray:
+        """Candidate and antagonist of the points on facets and in ties, on all ranks.
+
+        Returns:
+            Shape (num_points, 2), int; points of walls, which come last in the scene, are left out.
+        """
+        if self._scene.bodies is None:
+            return np.zeros((0, 2), int)
+        pairs = self._scene.bodies.facets.bodies[self.facets_with_law]
+        return np.concatenate([np.repeat(pairs, self.points_a_facet, axis=0), *self._tied])
 
     def _take(self, points: InteractionPoints, law) -> None:
         if law not in self.laws:

@@ -1,0 +1,108 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Which bodies bonds still hold together.
+
+Two bodies hang together as long as one of the points between them holds. So a facet is broken when
+the bonds of all its points are: the search of contacts frees lips by the same rule, and a facet
+with a sound point still carries load. A point holds nothing where its bond has spent its share of
+the fracture energy or is damaged throughout, and where its law knows contact alone.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from xper_fx.bodies.meshes import cell_measure
+from xper_fx.output.contact_forces import slot_places
+from xper_fx.simulation.simulation import Simulation
+from xper_fx.support.checks import require_kind, require_number
+from xper_fx.support.compat import geometry_dofmap
+
+# Share of its fracture energy that a broken bond has spent.
+BROKEN = 0.99
+# Masses that differ by less, relative to that of all bodies, are equal.
+_EQUAL_DIGITS = 12
+
+
+def require_share(share: float) -> None:
+    """Raise a ValueError unless a share lies in (0, 1], a TypeError unless it is a number."""
+    if not 0.0 < require_number("share", share) <= 1.0:
+        raise ValueError(f"share should lie in (0, 1], got {share}.")
+
+
+def find_fragments(simulation: Simulation, share: float = BROKEN) -> npt.NDArray[np.int32]:
+    """Which bodies bonds still hold together; all ranks call it together.
+
+    Facing facets and ties hold as long as one of their points does, contacts that were found only
+    where their law is a bond.
+
+    Args:
+        simulation: a run.
+        share: of its fracture energy that a broken bond has spent.
+
+    Returns:
+        The fragment of each body, shape (num_bodies,), meshed bodies first, then rigid ones. 0 is
+        the heaviest, and so on; of equal ones (to 12 digits of the mass of all) the one with the
+        smaller number of a body comes first. Rigid bodies without mass, such as walls, belong to
+        none, -1.
+
+    Raises:
+        ValueError: a share out of (0, 1].
+        TypeError: no simulation, something that is no number.
+    """
+    require_kind("simulation", simulation, Simulation)
+    require_share(share)
+    mass = _masses(simulation)
+    pairs = _held_pairs(simulation, share)
+    pairs = pairs[(mass[pairs] > 0.0).all(axis=1)]
+    graph = coo_array((np.ones(len(pairs)), tuple(pairs.T)), shape=2 * (len(mass),))
+    _, label = connected_components(graph, directed=False)
+    _, first, label = np.unique(label, return_index=True, return_inverse=True)
+    weight = np.bincount(label, mass)
+    weight = np.round(weight / max(weight.sum(), np.finfo(float).tiny), _EQUAL_DIGITS)
+    rank = np.empty(len(weight), np.int32)
+    rank[np.lexsort((first, -weight))] = np.arange(len(weight))
+    return np.where(mass > 0.0, rank[label], np.int32(-1))
+
+
+def _masses(simulation: Simulation) -> np.ndarray:
+    """Mass of each body, meshed ones first, shape (num_bodies,), kg (2D: kg/m)."""
+    bodies, parts = simulation.scene.bodies, []
+    if bodies is not None:
+        mesh = bodies.mesh
+        measure = cell_measure(mesh.topology.cell_name(), mesh.geometry.x[geometry_dofmap(mesh)])
+        for tag, material in simulation.scene.materials.items():
+            measure[bodies.material_of_cell == tag] *= material.density
+        parts.append(np.bincount(bodies.body_of_cell, measure, minlength=bodies.num_bodies))
+    if simulation.rigid is not None:
+        parts.append(simulation.rigid.bodies.mass)
+    return np.concatenate(parts)
+
+
+def _held_pairs(simulation: Simulation, share: float) -> np.ndarray:
+    """Pairs of bodies between which a point holds, shape (n, 2)."""
+    points, pairs = simulation.interactions, simulation.model.points.bodies_of_points()
+    if len(pairs):
+        loose = points.unbonded() | (points.gather("spent") >= share)
+        pairs = pairs[~loose[: len(pairs)]]
+    if not any(_is_bond(contact.law, simulation.bulk.dim) for contact in simulation.scene.contacts):
+        return pairs
+    body, _ = slot_places(simulation)
+    found = [np.zeros((0, 2), int)]
+    for group in points.contacts:
+        holds = ~(group.unbonded() | (group.spent() >= share))
+        found.append(body[group.points.nodes[holds, :, 0]])
+    everywhere = [np.concatenate(found)]
+    if points.halo is not None:
+        everywhere = points.halo.ranks.comm.allgather(everywhere[0])
+    return np.concatenate([pairs, *everywhere])
+
+
+def _is_bond(law, dim: int) -> bool:
+    """Whether a law may hold its two sides together."""
+    if law is None:
+        return False
+    kernels = law.kernels(dim)
+    return "damage" in kernels.state_names or "impact" not in kernels.energies
