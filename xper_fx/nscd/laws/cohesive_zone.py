@@ -104,7 +104,7 @@ class CohesiveZone(Bond):
             )
         free = curve.own_stiffness(1.0, 1.0) is None
         if free and self.normal_stiffness is None:
-            raise ValueError(f"normal_stiffness (Pa/m) is missing; {curve!r} leaves it free.")
+            raise ValueError(f"normal_stiffness is None (Pa/m), and {curve!r} leaves it free.")
         if not free and self.normal_stiffness is not None:
             raise ValueError(
                 f"{curve!r} has a stiffness of its own, told by strength and fracture_energy: "

@@ -89,16 +89,14 @@ def take_parameters(
             object.__setattr__(law, name, value)
             if is_field(value):
                 fields.append(name)
-            else:
-                _require(name, value, is_right, wanted)
+            _require(name, value, is_right, wanted)
     for name in positive_pairs:
         pair = _pair(name, getattr(law, name))
         object.__setattr__(law, name, pair)
         if any(map(is_field, pair)):
             fields.append(name)
         for place, value in enumerate(pair):
-            if not is_field(value):
-                _require(f"{name}[{place}]", value, _is_positive, "a finite number above zero")
+            _require(f"{name}[{place}]", value, _is_positive, "a finite number above zero")
     if numbers is not None:
         values = {name: _taken(name, value) for name, value in getattr(law, numbers).items()}
         object.__setattr__(law, numbers, values)
@@ -113,6 +111,15 @@ def _is_positive(x: np.ndarray) -> np.ndarray:
 
 
 def _require(name: str, value: Any, is_right: Callable[..., Any], wanted: str) -> None:
+    """Check a number, or an array; other fields are checked where their values are."""
+    if isinstance(value, Values):
+        bad = np.flatnonzero(~is_right(value.values))
+        if len(bad):
+            raise ValueError(
+                f"{name} should be {wanted}, got {value.values[bad[0]]}, entry {bad[0]}."
+            )
+    if is_field(value):
+        return
     refuse_where(
         ~is_right(np.asarray(value)), lambda at: f"{name} should be {wanted}, got {at(value)}."
     )
@@ -137,8 +144,11 @@ def _taken(name: str, value: Any) -> Any:
         return value
     if isinstance(value, list | tuple | np.ndarray) and np.ndim(value):
         array = require_numbers(name, value)
-        if array.ndim != 1:
-            raise ValueError(f"{name} should be one number a facet or point, got {array.shape}.")
+        if array.ndim != 1 or len(array) < 2:
+            raise ValueError(
+                f"{name} should be a number, or an array with one for each facet or point, got an "
+                f"array of shape {array.shape}."
+            )
         return Values(array)
     return require_number(name, value)
 
