@@ -279,3 +279,18 @@ def kinked(x, strength):
 def test_bad_curves_are_refused(make, words):
     with pytest.raises((TypeError, ValueError), match=words):
         make()
+
+
+@pytest.mark.parametrize("curve", FREE, ids=repr)
+def test_the_opening_of_a_damage_is_found(curve):
+    """The inverse of g, from the first loss to the last."""
+    damage, _, _, opening_with = damage_functions(curve.functions)
+    shape = tuple(map(float, zone(curve).shape()))
+    assert opening_with(1.0, shape) == shape[0]
+    assert opening_with(0.0, shape) == shape[1]
+    for share in (1.0 - 1e-12, 0.999, 0.7, 0.2, 1e-2, 1e-4, 1e-8):
+        x = opening_with(share, shape)
+        if x < shape[1]:
+            assert damage(x, shape, 1.0) == pytest.approx(share, rel=1e-9)
+        else:
+            assert damage(shape[1] * (1.0 - 1e-9), shape, 1.0) >= share

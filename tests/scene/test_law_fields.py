@@ -247,6 +247,17 @@ def test_fields_of_pairs_and_of_the_values_of_a_curve():
     np.testing.assert_allclose(2e4 * d0, want * np.exp(-d0 / 0.005), rtol=1e-8)
 
 
+def test_a_law_without_a_stiffness_given_runs():
+    bodies = box_bodies((1, 1), (4, 3))
+    own = xf.laws.CohesiveZone(None, 0.05, 10.0, curve=curves.Tvergaard())
+    rows = points_of(scene_with(own, bodies))
+    np.testing.assert_allclose(rows[:, 0], 6.75 * 10.0 / (16 * 0.05 / 90.0), rtol=1e-14)
+    soft = law(normal_stiffness=lambda x: 2e3 + x[0])
+    np.testing.assert_allclose(
+        points_of(scene_with(soft, bodies))[:, 0], 2e3 + positions(bodies)[:, 0], rtol=1e-14
+    )
+
+
 # -- bad input
 
 
@@ -256,7 +267,7 @@ def test_fields_of_pairs_and_of_the_values_of_a_curve():
         (lambda x: np.where(x[0] > 0.6, -1.0, 10.0), "above zero, got -1.0. This is facet"),
         (lambda x: np.where(x[0] > 0.6, np.nan, 10.0), r"strength is nan at facet \d+, at \(0.6"),
         (np.ones(7), "strength has 7 values; it should have one for each of the 65 facing facets"),
-        (np.ones((2, 65)), r"array of shape \(2, 65\)"),
+        (np.ones((2, 65)), r"of shape \(2, 65\)"),
         (np.r_[np.ones(64), -1.0], "above zero, got -1.0, entry 64"),
         (lambda y, z: 1.0, r"strength is a function of \(y, z\); it should take some of x"),
         (lambda x: x, r"of shape \(3, 130\) for 130 points"),

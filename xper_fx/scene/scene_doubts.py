@@ -23,6 +23,7 @@ from xper_fx.nscd.laws.parameters import fields_of
 from xper_fx.support.compat import geometry_dofmap
 
 if TYPE_CHECKING:
+    from xper_fx.nscd.laws.law import Law
     from xper_fx.scene.scene import Scene
     from xper_fx.scene.wall import Wall
 
@@ -181,22 +182,25 @@ def _units(scene: Scene, step: float | None) -> Iterator[str]:
         )
 
 
+def _has_known_stiffness(law: Law | None) -> bool:
+    """Whether a law is one of bonds whose parameters are numbers."""
+    return hasattr(law, "stiffnesses") and not fields_of(law)
+
+
 def _soft_bonds(scene: Scene) -> Iterator[str]:
     """Cohesive laws softer than the bodies that they join."""
     given = (*scene.interactions.values(), *scene.facet_interactions.values())
-    given = [law for law in (*given, scene.default_interaction) if hasattr(law, "normal_stiffness")]
+    given = [law for law in (*given, scene.default_interaction) if _has_known_stiffness(law)]
     moduli = [np.max(m.young) for m in scene.materials.values() if hasattr(m, "young")]
     if not given or not moduli or not len(scene.bodies.facets):
         return
     # bodies are as large as their facets
     shortest = float(scene.bodies.facets.measure.min()) ** (1.0 / (scene.dim - 1))
-    if min(law.normal_stiffness for law in given) * shortest > _SOFT * min(moduli):
+    if min(law.stiffnesses()[0] for law in given) * shortest > _SOFT * min(moduli):
         return
     size = _body_sizes(scene)
     laws, law_of_facet = scene.law_of_facet()
-    suspects = [
-        i for i, law in enumerate(laws) if hasattr(law, "stiffnesses") and not fields_of(law)
-    ]
+    suspects = [i for i, law in enumerate(laws) if _has_known_stiffness(law)]
     for number in suspects:
         joined = scene.bodies.facets.bodies[law_of_facet == number]
         if not len(joined):

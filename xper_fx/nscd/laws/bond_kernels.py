@@ -153,9 +153,10 @@ def mean_kernels(dim: int, friction: bool, lagged: bool, weakening: Weakening) -
     def mean_of(i, velocity, parameters, terms, details):
         """Mean damage of a step with a velocity relative to -jump_h / (h theta)."""
         p, old = shape(i, velocity, parameters), details[i, start]
-        beta0 = parameters[i, BETA0]
+        beta0, x1 = parameters[i, BETA0], details[i, h_theta] * np.sqrt(opening(velocity))
+        if damage(x1, p, beta0) >= old:
+            return old
         x_max = reach(details[i, h_theta] * np.sqrt(terms[i, limit]), old / beta0, p)
-        x1 = details[i, h_theta] * np.sqrt(opening(velocity))
         return mean_damage(x1, details[i, jump_start], x_max, old, p, beta0)
 
     @njit(inline="always")
@@ -175,16 +176,16 @@ def mean_kernels(dim: int, friction: bool, lagged: bool, weakening: Weakening) -
     @njit(**LEAN_INNER)
     def commit(i, jump0, jump1, u, r, area, step, theta, parameters, state, terms, details, energy):
         c_n, c_t = parameters[i, C_N], parameters[i, C_T]
-        old, beta0, p = details[i, start], parameters[i, BETA0], shape(i, jump1, parameters)
-        x1 = np.sqrt(opening(jump1))
-        reached = max(state[i, OPENING_MAX], x1)
-        new = min(old, damage(x1, p, beta0))
-        beta = old
-        if not lagged:
-            x_max = reach(first_limit(i, parameters, state), old / beta0, p)
-            beta = mean_damage(x1, details[i, jump_start], x_max, old, p, beta0)
-            beta = min(beta, details[i, mean])
-            new = min(new, beta)
+        old, beta = details[i, start], details[i, mean]
+        x1, safe, new = np.sqrt(opening(jump1)), first_limit(i, parameters, state), beta
+        if x1 > safe and old > 0.0:
+            p, beta0 = shape(i, jump1, parameters), parameters[i, BETA0]
+            at_end = damage(x1, p, beta0)
+            if at_end < old and not lagged:
+                x_max = reach(safe, old / beta0, p)
+                mean_of_step = mean_damage(x1, details[i, jump_start], x_max, old, p, beta0)
+                beta = min(beta, mean_of_step)
+            new = min(beta, at_end)
         k = (beta * details[i, k_n], beta * details[i, k_t])
         hat = add(r, bonded(k, part(terms, i, push), u))
         moved = subtract(jump1, jump0)
@@ -195,7 +196,7 @@ def mean_kernels(dim: int, friction: bool, lagged: bool, weakening: Weakening) -
         pressing = hat[0] * terms[i, soft] > u[0] + terms[i, middle]
         energy[i, STORED] = new * e1
         energy[i, COHESION] = (beta - new) * e1 + (old - beta) * e0
-        state[i, OPENING_MAX] = reached
+        state[i, OPENING_MAX] = max(state[i, OPENING_MAX], x1)
         state[i, DAMAGE] = new
         numerical = (theta - 0.5) * beta * area * dot(moved, diagonal(c_n, c_t, moved))
         return book_losses(i, hat, moved, step, pressing, numerical, parameters, energy)

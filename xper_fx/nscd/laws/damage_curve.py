@@ -15,8 +15,9 @@ from xper_fx.nscd.laws.curves.curve import CurveFunctions
 C_N, C_T, BETA0, MU = range(4)
 OPENING_MAX, DAMAGE = 0, 1
 
-# Halvings of an interval of openings.
-_HALVINGS = 60
+# Iterations for an opening, and what counts as none left.
+_ITERATIONS = 60
+_ROUNDING = 1e-15
 
 DamageFunctions = namedtuple("DamageFunctions", "damage mean_damage dissipated opening_with")
 
@@ -69,16 +70,28 @@ def damage_functions(curve: CurveFunctions) -> DamageFunctions:
 
     @njit(**LEAN_ENTRY)
     def opening_with(share, p):
-        """The opening (m) at which g has fallen to a share; d0 of 1, dc of 0."""
+        """The opening (m) at which g has fallen to a share, for d0 > 0; d0 of 1, dc of 0."""
         low, high = p[0], p[1]
-        if share >= 1.0:
+        above, below = low * (1.0 - share), high * (fall(high, p) - share)
+        if above <= 0.0:
             return low
-        for _ in range(_HALVINGS):
-            middle = 0.5 * (low + high)
-            if fall(middle, p) > share:
-                low = middle
+        if below >= 0.0:
+            return high
+        # regula falsi on x (g - share), which is straight where the traction is (Illinois' rule)
+        side = 0
+        for _ in range(_ITERATIONS):
+            x = (low * below - high * above) / (below - above)
+            left = x * (fall(x, p) - share)
+            if left > 0.0:
+                low, above = x, left
+                below *= 0.5 if side == 1 else 1.0
+                side = 1
             else:
-                high = middle
-        return high
+                high, below = x, left
+                above *= 0.5 if side == -1 else 1.0
+                side = -1
+            if abs(left) <= _ROUNDING * share * x or high - low <= _ROUNDING * high:
+                return x
+        return x
 
     return DamageFunctions(damage, mean_damage, dissipated, opening_with)

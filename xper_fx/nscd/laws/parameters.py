@@ -146,8 +146,8 @@ def _taken(name: str, value: Any) -> Any:
         array = require_numbers(name, value)
         if array.ndim != 1 or len(array) < 2:
             raise ValueError(
-                f"{name} should be a number, or an array with one for each facet or point, got an "
-                f"array of shape {array.shape}."
+                f"{name} should be a number, or an array with one for each facet or point, got "
+                f"{str(value)[:60]} of shape {array.shape}."
             )
         return Values(array)
     return require_number(name, value)

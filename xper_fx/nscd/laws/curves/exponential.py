@@ -11,12 +11,14 @@ import numpy as np
 from xper_fx.cache import njit
 from xper_fx.nscd.kernel_options import LEAN_INNER
 from xper_fx.nscd.laws.curves.curve import CurveFunctions
-from xper_fx.nscd.laws.curves.quadrature import panel_sum
+from xper_fx.nscd.laws.curves.quadrature import gauss_sum
 
 # Lengths of the curve after which it ends: what is left of the traction is 6e-6 of the strength
 # (Xu and Needleman: 5e-6). The area up to there is w.
 _END = 12.0
 _END_OF_XU_NEEDLEMAN = 16.0
+# Length over l below which five points of Gauss integrate to rounding.
+_SHORT = 0.1
 
 
 @njit(**LEAN_INNER)
@@ -64,12 +66,16 @@ def _moment(x, p):
     return x * np.exp(-x / p[2])
 
 
-_sum_of_moments = panel_sum(_moment)
+_short_sum = gauss_sum(_moment, 5)
 
 
 @njit(**LEAN_INNER)
 def _area_of_xu_needleman(a, b, p):
-    return _sum_of_moments(a, b, p[2], p)
+    y, h = a / p[2], (b - a) / p[2]
+    if h < _SHORT:  # differences would cancel
+        return _short_sum(a, b, p)
+    left = np.exp(-h)
+    return p[2] * p[2] * np.exp(-y) * ((1.0 + y) * (1.0 - left) - h * left)
 
 
 @dataclass(frozen=True)

@@ -16,22 +16,35 @@ import numpy as np
 from xper_fx.cache import njit
 from xper_fx.nscd.kernel_options import LEAN_INNER
 
-_NODES, _WEIGHTS = (tuple(values) for values in np.polynomial.legendre.leggauss(10))
+_POINTS = 10
+
+
+@cache
+def gauss_sum(function, points: int):
+    """The compiled integral `sum(a, b, p)` of a compiled `function(x, p)` by Gauss's rule."""
+    nodes, weights = (tuple(values) for values in np.polynomial.legendre.leggauss(points))
+
+    @njit(**LEAN_INNER)
+    def integral(a, b, p):
+        middle, half, total = 0.5 * (a + b), 0.5 * (b - a), 0.0
+        for node, weight in zip(nodes, weights):  # noqa: B905  not known to the compiler
+            total += weight * function(middle + node * half, p)
+        return half * total
+
+    return integral
 
 
 @cache
 def panel_sum(function):
-    """The compiled integral `sum(a, b, length, p)` of a compiled `function(x, p)`."""
+    """The compiled integral `sum(a, b, length, p)` of a compiled `function(x, p)` by panels."""
+    on_panel = gauss_sum(function, _POINTS)
 
     @njit(**LEAN_INNER)
     def panels(a, b, length, p):
         count = max(1, int(np.ceil((b - a) / length)))
-        half = 0.5 * (b - a) / count
-        total = 0.0
+        width, total = (b - a) / count, 0.0
         for k in range(count):
-            middle = a + (2 * k + 1) * half
-            for node, weight in zip(_NODES, _WEIGHTS):  # noqa: B905  not known to the compiler
-                total += weight * function(middle + node * half, p)
-        return half * total
+            total += on_panel(a + k * width, a + (k + 1) * width, p)
+        return total
 
     return panels
