@@ -29,8 +29,10 @@ from xper_fx.nscd.laws import (
     CohesiveCurve,
     CohesiveZone,
     MixedMode,
+    MohrCoulomb,
     PerfectBond,
     SignoriniCoulomb,
+    SlipWeakening,
     Tresca,
 )
 from xper_fx.nscd.laws.curves import Petersson
@@ -141,6 +143,10 @@ LAWS = (
     SignoriniCoulomb(0.3, contact="position"),
     Tresca(1e3),
     Tresca(1e3, contact="position"),
+    SlipWeakening(0.5, 0.3, 1e-3),
+    SlipWeakening(0.5, 0.3, 1e-3, contact="position"),
+    MohrCoulomb(0.5, 1e5, 1e4, 1e-3),
+    MohrCoulomb(0.5, 1e5, 1e4, 1e-3, contact="position"),
     PerfectBond(),
 )
 

@@ -79,15 +79,17 @@ class FoundContacts:
             start: shape (num_slots, dim), velocities at the start of the step (m/s).
             opened: time from the start of the step to when they were found (s).
         """
-        before, self._sets = self._sets, []
+        before, self._sets, later = self._sets, [], self.history is not None
         for new in found:
             phase = np.zeros(len(new.keys), int) if halo is None else halo.phase_of(new.points)
             same = next((old for old in before if old.are(new, phase)), None)
             if same is None:
-                groups = grouping.groups(inverse, new.points, new.law_of_point, start, phase)
+                groups = grouping.groups(
+                    inverse, new.points, new.law_of_point, start, phase, later
+                )
             else:
                 groups = [
-                    grouping.again(inverse, group, new.points, new.law_of_point, start)
+                    grouping.again(inverse, group, new.points, new.law_of_point, start, later)
                     for group in same.groups
                 ]
             for group in groups:

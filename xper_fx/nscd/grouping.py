@@ -37,6 +37,7 @@ class Grouping:
         law_of_point: np.ndarray,
         nodal: np.ndarray,
         phase: np.ndarray,
+        later: bool = False,
     ) -> list[PointGroup]:
         """Points by law.
 
@@ -46,6 +47,7 @@ class Grouping:
             law_of_point: shape (num_points,), index into the laws.
             nodal: shape (num_slots, dim), velocities of the nodes (m/s).
             phase: shape (num_points,), in which bodies of another rank are at a point.
+            later: whether they come about after the start (`law.py`).
         """
         by_kernels: dict[LawKernels, list[int]] = {}
         for number in np.flatnonzero(np.bincount(law_of_point)).tolist():
@@ -55,7 +57,7 @@ class Grouping:
             indices = np.flatnonzero(np.isin(law_of_point, numbers))
             for number in np.unique(phase[indices]).tolist():
                 here = indices[phase[indices] == number]
-                group = self._group(inverse, kernels, points, law_of_point, here, nodal)
+                group = self._group(inverse, kernels, points, law_of_point, here, nodal, later)
                 groups.append(replace(group, phase=number))
         return groups
 
@@ -66,15 +68,16 @@ class Grouping:
         points: InteractionPoints,
         law_of_point: np.ndarray,
         nodal: np.ndarray,
+        later: bool,
     ) -> PointGroup:
         """A group at its start, of points that are those of another group at other places."""
         made = self._group(
-            inverse, group.kernels, points, law_of_point, group.indices, nodal, like=group
+            inverse, group.kernels, points, law_of_point, group.indices, nodal, later, group
         )
         return replace(made, phase=group.phase)
 
     def _group(
-        self, inverse, kernels, points, law_of_point, indices, nodal, like=None
+        self, inverse, kernels, points, law_of_point, indices, nodal, later, like=None
     ) -> PointGroup:
         """A group with the start of its points; `like` has the same points as they were before."""
         points = points.with_components(kernels.components)
@@ -94,7 +97,8 @@ class Grouping:
         sides = Sides(inverse.dim, components, points.nodes.shape[2], points.lever_arms is not None)
         which = law_of_point[indices]
         parameters = self._rows("parameters", which, law_of_point, indices)
-        state = self._rows("initial_state", which, law_of_point, indices)
+        born = "later_state" if later else "initial_state"
+        state = self._rows(born, which, law_of_point, indices)
         jump = np.zeros((n, components))
         jump[:, 0] = points.gap
         turning = None
@@ -137,7 +141,8 @@ class Grouping:
         """
         rows = np.zeros((len(which), 0))
         for number in np.flatnonzero(np.bincount(which)).tolist():
-            given = getattr(self._laws[number], what)()
+            law = self._laws[number]
+            given = getattr(law, what, law.initial_state)()
             here = np.flatnonzero(which == number)
             if rows.shape[1] != len(given):
                 rows = np.zeros((len(which), len(given)))

@@ -14,14 +14,18 @@ if TYPE_CHECKING:
     from xper_fx.nscd.laws.perfect_bond import PerfectBond as PerfectBond
     from xper_fx.nscd.laws.signorini_coulomb import SignoriniCoulomb as SignoriniCoulomb
     from xper_fx.nscd.laws.signorini_coulomb import Tresca as Tresca
+    from xper_fx.nscd.laws.weakening_friction import MohrCoulomb as MohrCoulomb
+    from xper_fx.nscd.laws.weakening_friction import SlipWeakening as SlipWeakening
 
 _MODULE_OF = {
     "CohesiveCurve": "cohesive_curve",
     "CohesiveZone": "cohesive_zone",
     "Law": "law",
     "MixedMode": "mixed_mode",
+    "MohrCoulomb": "weakening_friction",
     "PerfectBond": "perfect_bond",
     "SignoriniCoulomb": "signorini_coulomb",
+    "SlipWeakening": "weakening_friction",
     "Tresca": "signorini_coulomb",
 }
 

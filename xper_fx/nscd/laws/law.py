@@ -29,6 +29,9 @@ load may go (`xper_fx/nscd/growth.py`): the largest opening so far (m), the leng
 curve (m), and whether there is a bond left. None for a law whose damage is not that of the end of
 the step.
 
+A law may have a method `later_state()`, the history of a contact that a search finds after the
+first step; it is `initial_state()` otherwise.
+
 `spent(parameters, state)`, of all points of a group, gives the share of the fracture energy that
 each bond has spent, in [0, 1]. None for a law that has no bond; with a history variable "damage"
 and no `spent`, that is what is lost of it.

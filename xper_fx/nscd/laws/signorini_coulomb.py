@@ -70,7 +70,7 @@ class SignoriniCoulomb:
 
     def __post_init__(self) -> None:
         if take_parameters(self, non_negative=("friction", "restitution")):
-            _check_contact(self.contact, self.restitution)
+            check_contact(self.contact, self.restitution)
 
     def kernels(self, dim: int) -> LawKernels:
         """See `Law`."""
@@ -106,7 +106,7 @@ class Tresca:
 
     def __post_init__(self) -> None:
         if take_parameters(self, non_negative=("bound", "restitution")):
-            _check_contact(self.contact, self.restitution)
+            check_contact(self.contact, self.restitution)
 
     def kernels(self, dim: int) -> LawKernels:
         """See `Law`."""
@@ -132,7 +132,8 @@ def _initial_state(contact: str) -> tuple[float, ...]:
     return (0.0,) if contact == "velocity" else ()
 
 
-def _check_contact(contact: str, restitution: Any) -> None:
+def check_contact(contact: str, restitution: Any) -> None:
+    """Raise a ValueError unless level and restitution of a contact go together."""
     if contact not in ("velocity", "position"):
         raise ValueError(f'contact should be "velocity" or "position", got {contact!r}.')
     refuse_where(
