@@ -84,9 +84,7 @@ class FoundContacts:
             phase = np.zeros(len(new.keys), int) if halo is None else halo.phase_of(new.points)
             same = next((old for old in before if old.are(new, phase)), None)
             if same is None:
-                groups = grouping.groups(
-                    inverse, new.points, new.law_of_point, start, phase, later
-                )
+                groups = grouping.groups(inverse, new.points, new.law_of_point, start, phase, later)
             else:
                 groups = [
                     grouping.again(inverse, group, new.points, new.law_of_point, start, later)
