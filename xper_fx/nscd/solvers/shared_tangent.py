@@ -61,10 +61,8 @@ class SharedProblem:
         interactions, tangents = self._interactions, self.tangents
         tangents.take(interactions, velocity)
         springs = [
-            (dofs, _springs(g, stiffness))
-            for g, dofs, (_, stiffness, *_) in zip(
-                interactions.groups, self._dofs, tangents.groups, strict=True
-            )
+            (dofs, _springs(g, own.stiffness))
+            for g, dofs, own in zip(interactions.groups, self._dofs, tangents.groups, strict=True)
         ]
         coarse = tangents.mostly_held(interactions)
         self.solvable = self._system.take_springs(springs, coarse)
