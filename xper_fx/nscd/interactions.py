@@ -163,6 +163,10 @@ class Interactions(SteppedPoints):
         for group in groups:
             update_compliance(group, self.inverse)
         self._find_uneven()
+        self._add_up()
+
+    def _add_up(self) -> None:
+        """Add up over the points of all ranks what their compliances and kinds tell."""
         traces = [g.compliance[:, np.equal(*sym_indices(g.kernels.components))].sum(1)
                   for g in self.groups]  # fmt: skip
         stiffness = sum(float(np.sum(t[t > 0.0] ** -2.0)) for t in traces)
@@ -290,6 +294,8 @@ class Interactions(SteppedPoints):
         Args:
             velocity: shape (num_slots * dim,), m/s.
         """
+        if self._stiffness is None:
+            self._add_up()
         speed = self.largest(float(np.abs(velocity).max(initial=0.0)))
         return _ROUNDING * speed * self._stiffness
 
