@@ -39,7 +39,6 @@ class SharedProblem:
         self._system = interactions.halo.linear_system(interactions)
         self._right = np.empty(interactions.inverse.num_slots * interactions.dim)
         self._dofs = [_dofs(g.points.nodes, interactions.dim) for g in interactions.groups]
-        self._data = None
         self.solvable = False
         self.renew()
 
@@ -47,9 +46,6 @@ class SharedProblem:
         """Take the present values of w."""
         interactions = self._interactions
         inverse = interactions.bulk_inverse
-        if self._data is interactions.inverse.data:
-            return
-        self._data = interactions.inverse.data
         blocks, _, regular = inverted_bodies(inverse)
         self.regular = interactions.everywhere(regular)
         if self.regular:

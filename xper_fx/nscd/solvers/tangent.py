@@ -690,7 +690,6 @@ class LinearisedProblem:
         self.tangents = PointTangents(interactions)
         self._room = np.empty((_BASIS + 3, inverse.num_slots * dim))
         self._left, self._part = np.empty((2, inverse.num_slots * dim))
-        self._data, self._fresh = None, True
         self.renew()
 
     def _springs(self, group: PointGroup):
@@ -699,9 +698,6 @@ class LinearisedProblem:
     def renew(self) -> None:
         """Take the present values of w."""
         inverse = self._interactions.inverse
-        if self._data is inverse.data:
-            return
-        self._data = inverse.data
         self._matrix, self._fixed, self.regular = inverted_bodies(inverse)
         self._held_dofs = np.flatnonzero(self._fixed)
         if self.regular and not self._direct:
