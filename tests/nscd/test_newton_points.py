@@ -24,6 +24,7 @@ from xper_fx.nscd.solvers import (
     tangent,
 )
 from xper_fx.nscd.solvers.clusters import facing_clusters
+from xper_fx.nscd.solvers.linearised import Linearised
 from xper_fx.nscd.solvers.tangent import LinearisedProblem
 
 SIZE, THETA = 50e-6, 0.5
@@ -185,6 +186,24 @@ def test_iterations_do_not_grow_with_the_mesh():
         _, iterations = problem.solve(np.zeros_like(velocity), 1e-3 * size, 200)
         counts.append(iterations)
     assert counts[1] <= 1.6 * counts[0] and counts[1] <= 30, counts
+
+
+def test_what_is_kept_belongs_to_the_w_of_the_last_step():
+    """Once another w came nothing is kept, or saved: a restarted run knows but the last."""
+    scene, velocity = plate_step(3, 30, False)
+    known, w = Linearised(), scene.bulk_inverse
+    assert known.saved(scene) == {}
+    known.problem(scene).linearise(velocity)
+    slopes = known.saved(scene)["linearised"]["slopes"]
+    assert np.all(np.isfinite(slopes)) and known.problem(scene) is known.problem(scene)
+    assert np.array_equal(known.saved(scene)["linearised"]["slopes"], slopes)
+    for inverse in (plate_step(3, 10, False)[0].bulk_inverse, w):
+        scene.update_inverse(inverse)
+        assert known.saved(scene) == {}
+    known.problem(scene)
+    assert np.all(np.isinf(known.saved(scene)["linearised"]["slopes"]))
+    known.problem(scene).linearise(velocity)
+    assert np.array_equal(known.saved(scene)["linearised"]["slopes"], slopes)
 
 
 def test_the_safeguard_saves_newton_from_cycling(monkeypatch):

@@ -11,7 +11,7 @@ import pytest
 from xper_fx.nscd.facets import facet_points, facet_shapes, with_lips
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.inverse_blocks import BodyInverse
-from xper_fx.nscd.laws import CohesiveZone
+from xper_fx.nscd.laws import CohesiveZone, SignoriniCoulomb
 from xper_fx.nscd.lips import facet_derivatives
 from xper_fx.nscd.points import frame_from_normal
 from xper_fx.nscd.stepped_points import FacetFlippedError
@@ -48,7 +48,7 @@ def normal_of(x):
 class Facet:
     """The points of a facing facet between two bodies, on nodes of their own."""
 
-    def __init__(self, name, rule):
+    def __init__(self, name, rule, law=LAW):
         self.x = FACETS[name]
         k, self.dim = self.x.shape
         nodes = np.arange(2 * k).reshape(1, 2, k)
@@ -58,8 +58,7 @@ class Facet:
             np.repeat(np.eye(self.dim)[None], 2 * k, axis=0) / 0.7, self.dim
         )
         self.shapes = facet_shapes(self.dim, k, rule)
-        law = np.zeros(len(points), int)
-        self.layer = Interactions(points, [LAW], law, inverse)
+        self.layer = Interactions(points, [law], np.zeros(len(points), int), inverse)
         self.group = self.layer.groups[0]
         self.both = np.concatenate([self.x, self.x])
 
@@ -211,6 +210,20 @@ def test_what_forces_and_couples_work_is_what_is_booked(name, rule, theta):
         assert abs(np.vdot(layer.couples()[:-1], mean)) > 1e-4
         booked = work.stored - before + sum(work[1:])
         assert given + booked == pytest.approx(0.0, abs=1e-12 * abs(before))
+
+
+def test_rounding_hangs_on_no_frame_of_an_earlier_step():
+    """A restarted run knows none: of a law of the normal, between bodies that are not alike."""
+    facet = Facet("segment", "nodal", SignoriniCoulomb(0.0))
+    layer, still = facet.layer, np.zeros_like(facet.both)
+    layer.update_inverse(BodyInverse.from_uniform(np.tile(np.diag([1.0, 4.0]), (4, 1, 1)), 2))
+    velocity = np.ones(layer.inverse.num_slots * 2)
+    at_start = layer.rounding(velocity)
+    facet.turn(facet.both @ rotation(2).T - facet.both, still)
+    layer.begin_step(1e-3, 0.5)
+    found = layer.rounding(velocity)
+    layer.update_inverse(layer.bulk_inverse)
+    assert layer.rounding(velocity) == found != at_start
 
 
 def test_a_facet_that_flips_is_named():

@@ -236,6 +236,17 @@ def test_the_tolerance_that_was_picked_is_taken(tmp_path):
     assert again.tolerance == 0.25 * run.tolerance
 
 
+def test_an_inverse_of_a_stiff_iterate_is_made_again(tmp_path, monkeypatch):
+    """That of a step is refused where stiffness hides the mass; one renewed on the way is not."""
+    run = restart_scenes.turning_cells()
+    next(run.steps(1.0))
+    save(tmp_path / "run.h5", run)
+    again = restart_scenes.turning_cells()
+    monkeypatch.setattr("xper_fx.bulk.implicit._HIDDEN", 0.0)
+    restore(tmp_path / "run.h5", again)
+    assert again.model.scheme.holds(again.step_size)
+
+
 # -- what a checkpoint is
 
 

@@ -79,6 +79,18 @@ def finite_strain_bar():
     return Simulation(_pulled(SVK, 0.2), accuracy=1e-2, scheme="implicit", **ONE)
 
 
+def turning_cells():
+    """Newton on all points whose bonds turn with their cells; it breaks."""
+    scene = Scene(
+        box_bodies((2.0, 1.0), (4, 2), "quadrilateral"),
+        {1: SVK},
+        default_interaction=CohesiveZone(1e3, 1e-3, 3e-2, friction=0.3),
+        loads=[PrescribedVelocity(LEFT, 0, 0.0)],
+        initial_velocity=lambda x: 0.1 * np.stack([0.5 - x[1], x[0] - 1.0]),
+    )
+    return Simulation(scene, 0.2, solver="newton", **ONE)
+
+
 def cut_steps():
     """So few iterations are allowed that steps are cut, and cut again."""
     loads = [PrescribedDisplacement(TOP, 1, lambda t: 0.05 * t**2)]
@@ -247,6 +259,7 @@ SCENES = {
     cohesive_bar: (2.0, "broken"),
     newton_bar: (0.6, "broken"),
     finite_strain_bar: (2.0, "broken"),
+    turning_cells: (3.0, "broken"),
     cut_steps: (4.0, "cut"),
     ductile_bar: (3.0, "flown"),
     ductile_cells: (2.0, "flown"),

@@ -382,5 +382,6 @@ class ImplicitScheme:
             if forms.has_history:
                 forms.restore_by_cell(kept["history"][forms.bodies.parent_cell])
             forms.set_step(kept["form_step"])
-            self.inverse(kept["step"], self.bulk.unknowns.from_cells(kept))
+            # renewed: at an iterate cells may have been stiffer than a new run's step is let be
+            self.inverse(kept["step"], self.bulk.unknowns.from_cells(kept), renew=True)
         forms.restore_by_cell(present)

@@ -55,6 +55,7 @@ class Interactions(SteppedPoints):
             them before each solve.
         groups: all points by law, permanent ones before those of contacts found.
         renewals: how often contacts were found anew.
+        exchanges: how often w of meshed bodies was exchanged for another.
 
     Raises:
         ValueError: a law index out of range, arrays whose lengths disagree, an unknown ordering,
@@ -120,7 +121,7 @@ class Interactions(SteppedPoints):
         self.groups = self._permanent
         self._turns = bool(self.largest(any(g.turning is not None for g in self._permanent)))
         self._found = FoundContacts()
-        self.renewals = 0
+        self.renewals = self.exchanges = 0
         components = [g.kernels.components for g in self.groups]
         # Points whose groups have all of their frames are put together again when asked for.
         self._points = None
@@ -132,6 +133,7 @@ class Interactions(SteppedPoints):
         """Take new values of w (same blocks) of meshed bodies; the compliances W_aa follow."""
         self.bulk_inverse = inverse
         self.inverse = self._joined(inverse)
+        self.exchanges += 1
         self._take_inverse(self.groups)
 
     def take_anchors(self, anchors: Anchors) -> None:
@@ -163,6 +165,10 @@ class Interactions(SteppedPoints):
         for group in groups:
             update_compliance(group, self.inverse)
         self._find_uneven()
+        self._add_up()
+
+    def _add_up(self) -> None:
+        """Add up over the points of all ranks what their compliances and kinds tell."""
         traces = [g.compliance[:, np.equal(*sym_indices(g.kernels.components))].sum(1)
                   for g in self.groups]  # fmt: skip
         stiffness = sum(float(np.sum(t[t > 0.0] ** -2.0)) for t in traces)
@@ -290,6 +296,8 @@ class Interactions(SteppedPoints):
         Args:
             velocity: shape (num_slots * dim,), m/s.
         """
+        if self._stiffness is None:
+            self._add_up()
         speed = self.largest(float(np.abs(velocity).max(initial=0.0)))
         return _ROUNDING * speed * self._stiffness
 

@@ -82,6 +82,7 @@ class SteppedPoints(PointValues):
     _motion: LipMotion
     _couples: np.ndarray
     _uneven: dict[int, np.ndarray] | None
+    _stiffness: float | None
 
     @property
     def turns(self) -> bool:
@@ -176,6 +177,8 @@ class SteppedPoints(PointValues):
         for g in self.groups:
             np.multiply(g.committed_impulse, ratio, out=g.impulse)
         self.step_size, self.theta = step, theta
+        if self.turns:  # it is that of frames of a step before, which a restarted run does not know
+            self._stiffness = None
         self.prepare()
 
     def prepare(self) -> None:

@@ -1,6 +1,10 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """The linearised problem of a scene, kept from call to call.
 
+What it keeps of the points belongs to the w of the last step, the only one that a restarted run
+knows. Where another w came since the last call, as of steps of another size that sweeps alone have
+solved, nothing is kept, although the w of that call may have come back.
+
 That of points which several ranks share is imported where there are such points.
 """
 
@@ -24,12 +28,14 @@ class Linearised:
     def __init__(self) -> None:
         self._problem: LinearisedProblem | SharedProblem | None = None
         self._interactions: Interactions | None = None
-        self._renewals = -1
+        self._renewals = self._exchanges = -1
 
     def problem(self, interactions: Interactions) -> LinearisedProblem | SharedProblem:
         """The linearised problem of a scene: that of the last call if points and w are the same."""
+        exchanges, self._exchanges = self._exchanges, interactions.exchanges
         if self._interactions is interactions and self._renewals == interactions.renewals:
-            self._problem.renew()
+            if exchanges != interactions.exchanges:
+                self._problem.renew()
             return self._problem
         self._interactions, self._renewals = interactions, interactions.renewals
         kind: type[LinearisedProblem | SharedProblem] = LinearisedProblem
@@ -45,7 +51,7 @@ class Linearised:
     def saved(self, interactions: Interactions) -> dict[str, dict[str, np.ndarray]]:
         """What the problem keeps from step to step, if there is one and it is kept."""
         # contacts that are found make the problem a new one in each step
-        if self._problem is None or interactions.renewals:
+        if self._exchanges != interactions.exchanges or interactions.renewals:
             return {}
         return {"linearised": self._problem.tangents.saved(interactions)}
 

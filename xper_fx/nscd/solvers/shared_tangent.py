@@ -39,7 +39,6 @@ class SharedProblem:
         self._system = interactions.halo.linear_system(interactions)
         self._right = np.empty(interactions.inverse.num_slots * interactions.dim)
         self._dofs = [_dofs(g.points.nodes, interactions.dim) for g in interactions.groups]
-        self._data = None
         self.solvable = False
         self.renew()
 
@@ -47,9 +46,6 @@ class SharedProblem:
         """Take the present values of w."""
         interactions = self._interactions
         inverse = interactions.bulk_inverse
-        if self._data is interactions.inverse.data:
-            return
-        self._data = interactions.inverse.data
         blocks, _, regular = inverted_bodies(inverse)
         self.regular = interactions.everywhere(regular)
         if self.regular:
@@ -61,10 +57,8 @@ class SharedProblem:
         interactions, tangents = self._interactions, self.tangents
         tangents.take(interactions, velocity)
         springs = [
-            (dofs, _springs(g, stiffness))
-            for g, dofs, (_, stiffness, *_) in zip(
-                interactions.groups, self._dofs, tangents.groups, strict=True
-            )
+            (dofs, _springs(g, own.stiffness))
+            for g, dofs, own in zip(interactions.groups, self._dofs, tangents.groups, strict=True)
         ]
         coarse = tangents.mostly_held(interactions)
         self.solvable = self._system.take_springs(springs, coarse)

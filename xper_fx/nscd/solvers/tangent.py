@@ -32,6 +32,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import cache
+from typing import NamedTuple
 
 import numpy as np
 from scipy.sparse import bsr_array, coo_array, csc_array, diags_array
@@ -50,7 +51,7 @@ from xper_fx.nscd.solvers.clusters import facing_clusters
 
 # Reach of the differences, relative to the local velocity; and to the largest one, where that is 0.
 _REACH, _LEAST = 1e-6, 1e-9
-# Shortening of D (module docstring), and change of D that counts as rounding.
+# Shortening of D (module docstring), and change of D, or of K by a turn, that counts as rounding.
 _PROXIMAL, _SAME = 1e-6, 1e-6
 # Vectors that GMRES keeps before a restart.
 _BASIS = 40
@@ -203,6 +204,39 @@ def _tangent_kernel(law: LawKernels, sides: Sides):
 
 
 @cache
+def _turn_kernel(sides: Sides):
+    """Kernel that marks points whose K a turn has changed, and renews frames of the marked ones.
+
+    A direction that is held is a million times as stiff as one that is free, so that a small turn
+    of both counts.
+    """
+    local, world = for_dimension(sides.dim, sides.components), for_dimension(sides.dim)
+    to_local, to_global, spring = local.to_local, local.to_global, local.matrix_vector
+    unit, subtract, dot = world.unit, world.subtract, world.dot
+
+    @njit(inline="always")
+    def column(frame, stiffness, i, x):
+        return to_global(frame, i, spring(stiffness, i, to_local(frame, i, unit(x, 1.0))))
+
+    @_KERNEL
+    def follow(now, stiffness, frame, changed):
+        for i in range(len(changed)):
+            apart, size = 0.0, 0.0
+            for x in range(now.shape[2]):
+                old = column(frame, stiffness, i, x)
+                turned = subtract(column(now, stiffness, i, x), old)
+                apart, size = apart + dot(turned, turned), size + dot(old, old)
+            if apart > _SAME * _SAME * size:
+                changed[i] = True
+            if changed[i]:
+                for x in range(now.shape[1]):
+                    for d in range(now.shape[2]):
+                        frame[i, x, d] = now[i, x, d]
+
+    return follow
+
+
+@cache
 def _spring_kernels(sides: Sides):
     """Kernels over the points of a group: y += H K H^T x; dr = g - K H^T x; K into the blocks."""
     dim, components, k, lever_arms = sides
@@ -270,7 +304,7 @@ def _spring_kernels(sides: Sides):
                     blocks[first + (at + x) * n + beside + y] += transposed[x]
 
     @_KERNEL
-    def add_springs(c, stiffness, clusters, block_offsets, marked, blocks, world):
+    def add_springs(c, frame, stiffness, clusters, block_offsets, marked, blocks, world):
         for i in range(len(stiffness)):
             hit = False
             for s in range(2):
@@ -279,8 +313,8 @@ def _spring_kernels(sides: Sides):
             if not hit:
                 continue
             for x in range(dim):  # columns of frame^T K frame
-                u = to_local(c.frame, i, world_unit(x, 1.0))
-                f = to_global(c.frame, i, spring(stiffness, i, u))
+                u = to_local(frame, i, world_unit(x, 1.0))
+                f = to_global(frame, i, spring(stiffness, i, u))
                 for y in range(dim):
                     world[y, x] = f[y]
             for a in range(2 * k):
@@ -514,6 +548,38 @@ def _openings(group: PointGroup, num_dofs: int) -> csc_array:
     return coo_array((np.concatenate(entries), (rows, columns)), shape=shape).tocsc()
 
 
+class GroupTangents(NamedTuple):
+    """D, K and g of the n points of a group, of m components each.
+
+    Attributes:
+        slopes: D, shape (n, m, m).
+        stiffness: K, shape (n, m, m).
+        source: g, shape (n, m).
+        change: dr, shape (n, m).
+        changed: which points' D, or K in the axes of space, is another than before, shape (n,).
+        frame: of when that was last so, shape as `Couplings.frame`, which it is where points do not
+            turn. Blocks of clusters are made with it, and not with the frame of now: a block whose
+            springs are what they were stays, and what is saved is all that it is made of.
+    """
+
+    slopes: np.ndarray
+    stiffness: np.ndarray
+    source: np.ndarray
+    change: np.ndarray
+    changed: np.ndarray
+    frame: np.ndarray
+
+    @classmethod
+    def of(cls, group: PointGroup) -> GroupTangents:
+        """Of points whose D is not known."""
+        n, m = len(group), group.kernels.components
+        frame = group.couplings.frame
+        return cls(
+            np.full((n, m, m), np.inf), np.zeros((n, m, m)), np.zeros((n, m)), np.zeros((n, m)),
+            np.zeros(n, np.bool_), frame if group.turning is None else frame.copy(),
+        )  # fmt: skip
+
+
 class PointTangents:
     """D, K and g of all points of a scene, in arrays that are kept.
 
@@ -521,81 +587,75 @@ class PointTangents:
         interactions: the points.
 
     Attributes:
-        groups: of each group of points D (shape (n, m, m)), K (n, m, m), g (n, m), dr (n, m), and
-            which points' D is another than before (n,); m components.
+        groups: those of each group of points.
     """
 
     def __init__(self, interactions: Interactions):
-        self.groups = [
-            (
-                np.full((len(g), m, m), np.inf),
-                np.zeros((len(g), m, m)),
-                np.zeros((len(g), m)),
-                np.zeros((len(g), m)),
-                np.zeros(len(g), np.bool_),
-            )
-            for g, m in ((g, g.kernels.components) for g in interactions.groups)
-        ]
+        self.groups = [GroupTangents.of(g) for g in interactions.groups]
 
     def forget(self) -> None:
         """Count every D as another, as K depends on w."""
-        for slopes, *_ in self.groups:
-            slopes[:] = np.inf
+        for own in self.groups:
+            own.slopes[:] = np.inf
 
     def take(self, interactions: Interactions, velocity: np.ndarray) -> None:
         """Take D, K and g at v_free + w H r, shape (num_slots * dim,)."""
         speed = interactions.largest(float(np.abs(velocity).max(initial=0.0)))
         least = _LEAST * max(speed, np.finfo(float).tiny)
-        for g, (slopes, stiffness, source, _, changed) in zip(
-            interactions.groups, self.groups, strict=True
-        ):
+        for g, own in zip(interactions.groups, self.groups, strict=True):
             m = g.kernels.components
             _tangent_kernel(g.kernels, g.sides)(
                 velocity, g.couplings, g.impulse, g.compliance, g.parameters, g.terms, g.details,
-                least, slopes, stiffness, source, changed, *np.empty((2, m, m)),
+                least, own.slopes, own.stiffness, own.source, own.changed, *np.empty((2, m, m)),
                 np.empty((m, 2 * m)),
             )  # fmt: skip
+            if g.turning is not None:
+                follow = _turn_kernel(g.sides)
+                follow(g.couplings.frame, own.stiffness, own.frame, own.changed)
 
     def mostly_held(self, interactions: Interactions) -> bool:
         """Whether springs hold so much of the motion that facing nodes move as one."""
         pairs = zip(interactions.groups, self.groups, strict=True)
-        held = sum(_held(slopes, g.compliance) for g, (slopes, *_) in pairs)
+        held = sum(_held(own.slopes, g.compliance) for g, own in pairs)
         return interactions.total(held) > _HELD * interactions.dim * interactions.num_points
 
     def spread_source(self, interactions: Interactions, total: np.ndarray) -> None:
         """total = H g, shape (num_slots * dim,)."""
         total[:] = 0.0
-        for g, (_, _, source, *_) in zip(interactions.groups, self.groups, strict=True):
-            spread_kernel(g.sides)(total, g.couplings, source)
+        for g, own in zip(interactions.groups, self.groups, strict=True):
+            spread_kernel(g.sides)(total, g.couplings, own.source)
 
     def changes(self, interactions: Interactions, step: np.ndarray) -> list[np.ndarray]:
         """dr = g - K H^T dv of each group, for dv of shape (num_slots * dim,)."""
-        for g, (_, stiffness, source, change, _) in zip(
-            interactions.groups, self.groups, strict=True
-        ):
+        for g, own in zip(interactions.groups, self.groups, strict=True):
             answer = _spring_kernels(g.sides)[1]
-            answer(step, g.couplings, stiffness, source, change)
-        return [change for *_, change, _ in self.groups]
+            answer(step, g.couplings, own.stiffness, own.source, own.change)
+        return [own.change for own in self.groups]
 
     def saved(self, interactions: Interactions) -> dict[str, np.ndarray]:
         """D and K of the permanent points: they stay as they are where they change little.
 
         Returns:
-            `slopes` and `stiffness`, shape (num_points, components, components) of the widest law.
+            `slopes` and `stiffness`, shape (num_points, components, components) of the widest law;
+            `frame`, shape (num_points, rows, dim), where points turn.
         """
         m = max((g.kernels.components for g in interactions.groups), default=0)
-        arrays = np.zeros((2, len(interactions), m, m))
-        for g, held in zip(interactions.groups, self.groups, strict=True):
-            own = g.kernels.components
-            arrays[:, g.indices, :own, :own] = held[:2]
-        return {"slopes": arrays[0], "stiffness": arrays[1]}
+        arrays = {name: np.zeros((len(interactions), m, m)) for name in ("slopes", "stiffness")}
+        if interactions.turns:
+            rows = max((own.frame.shape[1] for own in self.groups), default=0)
+            arrays["frame"] = np.zeros((len(interactions), rows, interactions.dim))
+        for g, own in zip(interactions.groups, self.groups, strict=True):
+            for name, array in arrays.items():
+                held = getattr(own, name)
+                array[g.indices, : held.shape[1], : held.shape[2]] = held
+        return arrays
 
     def restore(self, interactions: Interactions, saved: Mapping[str, np.ndarray]) -> None:
         """Take what `saved` gave, for the same w."""
-        for g, (slopes, stiffness, *_) in zip(interactions.groups, self.groups, strict=True):
-            own = g.kernels.components
-            slopes[:] = saved["slopes"][g.indices, :own, :own]
-            stiffness[:] = saved["stiffness"][g.indices, :own, :own]
+        for g, own in zip(interactions.groups, self.groups, strict=True):
+            for name, array in saved.items():
+                held = getattr(own, name)
+                held[:] = array[g.indices, : held.shape[1], : held.shape[2]]
 
 
 class LinearisedProblem:
@@ -630,7 +690,6 @@ class LinearisedProblem:
         self.tangents = PointTangents(interactions)
         self._room = np.empty((_BASIS + 3, inverse.num_slots * dim))
         self._left, self._part = np.empty((2, inverse.num_slots * dim))
-        self._data, self._fresh = None, True
         self.renew()
 
     def _springs(self, group: PointGroup):
@@ -639,9 +698,6 @@ class LinearisedProblem:
     def renew(self) -> None:
         """Take the present values of w."""
         inverse = self._interactions.inverse
-        if self._data is inverse.data:
-            return
-        self._data = inverse.data
         self._matrix, self._fixed, self.regular = inverted_bodies(inverse)
         self._held_dofs = np.flatnonzero(self._fixed)
         if self.regular and not self._direct:
@@ -686,8 +742,8 @@ class LinearisedProblem:
         tangents.take(interactions, velocity)
         marked = np.zeros(len(clusters.offsets) - 1, np.bool_)
         groups = list(zip(interactions.groups, tangents.groups, strict=True))
-        for g, (*_, changed) in groups:
-            self._springs(g)[2](g.couplings, changed, clusters.cluster, marked)
+        for g, own in groups:
+            self._springs(g)[2](g.couplings, own.changed, clusters.cluster, marked)
         if self._direct:
             if self._fresh or marked.any():
                 self._factor()
@@ -700,10 +756,11 @@ class LinearisedProblem:
             self._matrix, interactions.inverse.data_offsets, self._sizes, self._starts,
             clusters, offsets, marked, blocks, dim,
         )  # fmt: skip
-        for g, (_, stiffness, *_) in groups:
+        for g, own in groups:
             self._springs(g)[3](
-                g.couplings, stiffness, clusters, offsets, marked, blocks, np.empty((dim, dim))
-            )
+                g.couplings, own.frame, own.stiffness, clusters, offsets, marked, blocks,
+                np.empty((dim, dim)),
+            )  # fmt: skip
         self.solvable = _invert_clusters(
             clusters, offsets, marked, blocks, self._fixed, dim, self._swaps
         )
@@ -718,9 +775,9 @@ class LinearisedProblem:
         matrix = coo_array(
             (self._matrix[kept], (rows[kept], columns[kept])), shape=(count, count)
         ).tocsc()
-        for openings, (_, stiffness, *_) in zip(self._openings, self.tangents.groups, strict=True):
-            n, size = len(stiffness), len(stiffness) * stiffness.shape[1]
-            springs = bsr_array((stiffness, np.arange(n), np.arange(n + 1)), shape=(size, size))
+        for openings, own in zip(self._openings, self.tangents.groups, strict=True):
+            n, size = len(own.stiffness), own.source.size
+            springs = bsr_array((own.stiffness, np.arange(n), np.arange(n + 1)), shape=(size, size))
             matrix += openings.T @ (springs @ openings)
         free = np.where(self._fixed, 0.0, 1.0)
         matrix = (matrix * free).tocsc() * free[:, None] + diags_array(1.0 - free)
@@ -767,8 +824,8 @@ class LinearisedProblem:
         _body_product(interactions.inverse.uniform_size)(
             self._matrix, interactions.inverse.data_offsets, self._sizes, self._starts, x, y
         )
-        for g, (_, stiffness, *_) in zip(interactions.groups, self.tangents.groups, strict=True):
-            self._springs(g)[0](x, g.couplings, stiffness, y)
+        for g, own in zip(interactions.groups, self.tangents.groups, strict=True):
+            self._springs(g)[0](x, g.couplings, own.stiffness, y)
         _hold(self._held_dofs, y)
 
     def _cluster_solve(self, r: np.ndarray, z: np.ndarray) -> None:
