@@ -23,7 +23,7 @@ def test_a_panel_cracks_along_its_path(tmp_path):
     # elastic at first; found: 74.4 kN/mm
     assert load[1] / time[1] == pytest.approx(74.4, rel=0.02)
     assert 8.0 < load[peak] < 11.0
-    assert 0.15 < time[peak] < 0.25
+    assert 0.12 < time[peak] < 0.2
     assert time[-1] == pytest.approx(0.5, rel=0.02) and load[-1] < 0.5 * load[peak]
     assert np.all(np.diff(dissipated) > -1e-9)
     # no more than a crack through the ligament, 250 mm by 100 mm, by facets up to twice its length

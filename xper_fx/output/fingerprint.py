@@ -83,6 +83,8 @@ def _described(value: Any, times: Sequence[float], within: tuple[int, ...] = ())
         if value.size <= _SHORT and value.dtype != object:
             return value.tolist()
         return f"{value.shape} {_digest(np.ascontiguousarray(value).tobytes())}"
+    if hasattr(value, "py_func"):
+        return {"kernel": _content(value)}
     if isinstance(value, Mapping):
         return {str(key): _described(item, times, within) for key, item in value.items()}
     if isinstance(value, tuple) and hasattr(value, "_asdict"):
@@ -99,6 +101,16 @@ def _described(value: Any, times: Sequence[float], within: tuple[int, ...] = ())
     if callable(value):
         return out | _function(value, times)
     return {"type": type(value).__name__, **out}
+
+
+def _content(kernel: Any) -> str:
+    """Digest of what a kernel computes, whether it is compiled yet or not; its name if unknown."""
+    from xper_fx.cache.content import UnknownContentError, digest
+
+    try:
+        return digest(kernel)
+    except UnknownContentError:
+        return kernel.py_func.__qualname__
 
 
 def _function(function: Callable[..., Any], times: Sequence[float]) -> dict:
