@@ -87,6 +87,17 @@ def feed(control, energies, count: int, size=None, end_time=1e9, work=None) -> l
     return sizes
 
 
+def test_the_shortest_step_is_taken_if_it_is_longer_by_rounding():
+    """As half of what is left to the end time may be; taken again it would be no shorter."""
+    least, end_time = 0.13672280850784632, 5.605635148821699
+    shortest, coarse = control(base=least), BulkEnergies(1.0, 1.0, 0.0, 1.0, 0.0)
+    feed(shortest, lambda t: (1e-3 * t, 1e-3 * t, 0.0), 2, size=least)
+    size = shortest.size(5.332189531806004, end_time)
+    assert least < size < (1.0 + 1e-12) * least
+    assert not shortest.accepts(5.0, 2.0 * least, coarse, end_time)
+    assert shortest.accepts(5.332189531806004, size, coarse, end_time)
+
+
 # What comes out
 
 

@@ -54,6 +54,8 @@ _FRESH = 0.5
 _PATIENCE = 3
 # A static run starts with this part of its longest step, and its shortest is that part.
 _FIRST, _FINEST = 8, 64
+# Difference of steps, relative, that is rounding, as of what is left to the end time.
+_ALIKE = 1e-9
 # Tightest tolerance, relative to the accuracy.
 _TIGHTEST = 1e-3
 
@@ -145,9 +147,9 @@ class AccuracyControl:
         most = min(learnt.size, self._largest, events)
         if self.estimate.quiet < REST:
             most = min(most, learnt.softening_step)
-        size = learnt.base * 2.0 ** math.floor(math.log2(most / learnt.base) + 1e-9)
+        size = learnt.base * 2.0 ** math.floor(math.log2(most / learnt.base) + _ALIKE)
         left = end_time - time
-        count = math.ceil(left / size - 1e-9)
+        count = math.ceil(left / size - _ALIKE)
         return left / count if count <= 2 else size
 
     def accepts(self, time: float, size: float, energies: BulkEnergies, end_time: float) -> bool:
@@ -167,7 +169,7 @@ class AccuracyControl:
         learnt.ratio = left / self._allowed
         bound = _LARGEST_TURN * self._accuracy * scale
         coarse = learnt.ratio > _REJECT or turn > bound
-        if self.adapts_step and size > learnt.least and coarse:
+        if self.adapts_step and size > (1.0 + _ALIKE) * learnt.least and coarse:
             learnt.ratio = max(learnt.ratio, (turn / bound) ** 2 if bound > 0.0 else 0.0)
             self._shorten(size)
             logger.info("step at %.3g s of h = %.3g s is too coarse", time, size)
