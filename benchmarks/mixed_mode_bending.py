@@ -3,10 +3,10 @@
 
     ./fenicsx python3 benchmarks/mixed_mode_bending.py [--shares 0 0.2 0.5 0.8 1] [--length 0.25]
 
-Two arms of a carbon laminate (AS4/PEEK: G_I 969, G_II 1719 J/m^2, strengths 80 and 100 MPa, exponent
-2.284 of Benzeggagh and Kenane; Reeder and Crews 1990, Camanho and Davila 2002) joined by a
-`MixedMode` bond but for a crack of 33.7 mm. A lever of length c pulls the end of the upper arm up by
-P c / L and pushes it down in the middle by P (1 + c / L); c tells the share of shear B. Without
+Two arms of a carbon laminate (AS4/PEEK: G_I 969, G_II 1719 J/m^2, strengths 80 and 100 MPa,
+exponent 2.284 of Benzeggagh and Kenane; Reeder and Crews 1990, Camanho and Davila 2002) joined by a
+`MixedMode` bond but for a crack of 33.7 mm. A lever of length c pulls the end of the upper arm up
+by P c / L and pushes it down in the middle by P (1 + c / L); c tells the share of shear B. Without
 lever the ends are pulled apart (B = 0), or the middle alone is pushed (B = 1). The load is followed
 along the crack's path in static steps (`path=xf.GrowthControl()`).
 
@@ -141,9 +141,7 @@ def specimen(
         loads.append(xf.PrescribedDisplacement(UPPER_END, 1, 0.0))
     if middle:
         loads.append(xf.SurfaceTraction(MIDDLE, (0.0, lambda t: -middle * load(t) / (2.0 * size))))
-    laminate = xf.materials.Orthotropic(
-        (E1, E2, E2), (NU12, NU12, NU23), (G12, G12, G23), 1600.0
-    )
+    laminate = xf.materials.Orthotropic((E1, E2, E2), (NU12, NU12, NU23), (G12, G12, G23), 1600.0)
     return xf.Scene(
         xf.explode(mesh, arm.astype(int), None, tags), {1: laminate}, default_interaction=bond,
         facet_interactions={CRACKED: None}, loads=loads, order=2,

@@ -89,7 +89,10 @@ def panel(facet: float) -> xf.Bodies:
 # bonds may open in it; a step in which the crack grows may need less displacement than the last.
 
 
-CURVES = {"petersson": xf.laws.curves.Petersson(), "parabolic": xf.laws.curves.Parabolic()}
+CURVES: dict[str, xf.laws.curves.Curve] = {
+    "petersson": xf.laws.curves.Petersson(),
+    "parabolic": xf.laws.curves.Parabolic(),
+}
 
 
 def lift(facet: float, displacement: float = 1.0, curve: str = "petersson"):

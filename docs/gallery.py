@@ -166,6 +166,13 @@ GALLERY = (
         "seconds",
     ),
     Figures(
+        "benchmarks/mixed_mode_bending.py",
+        "--out {out}",
+        {"mixed_mode_bending": "mixed_mode_bending.png"},
+        ("A laminate bent in mixed mode, from opening to shear: load, and beam theory",),
+        "seconds",
+    ),
+    Figures(
         "benchmarks/elastica_peel.py",
         "--quick --figure {out}/elastica_peel.png",
         {"elastica_peel": "elastica_peel.png"},
