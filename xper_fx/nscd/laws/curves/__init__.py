@@ -8,7 +8,6 @@ from xper_fx.support.lazy import importer
 if TYPE_CHECKING:
     from xper_fx.nscd.laws.curves.bilinear import Petersson as Petersson
     from xper_fx.nscd.laws.curves.bilinear import Trapezoidal as Trapezoidal
-    from xper_fx.nscd.laws.curves.curve import Curve as Curve
     from xper_fx.nscd.laws.curves.exponential import Exponential as Exponential
     from xper_fx.nscd.laws.curves.exponential import XuNeedleman as XuNeedleman
     from xper_fx.nscd.laws.curves.linear import Linear as Linear
@@ -16,7 +15,6 @@ if TYPE_CHECKING:
     from xper_fx.nscd.laws.curves.tvergaard import Tvergaard as Tvergaard
 
 _MODULE_OF = {
-    "Curve": "curve",
     "Exponential": "exponential",
     "Linear": "linear",
     "Parabolic": "parabolic",
