@@ -490,3 +490,47 @@ def test_bad_numbers_are_refused(options, words):
     numbers = {"normal_stiffness": C_N, "fracture_energy": W, "strength": R_MAX} | options
     with pytest.raises(ValueError, match=words):
         CohesiveZone(**numbers)
+
+
+@pytest.mark.parametrize("damage", ["mean", "lagged"])
+@pytest.mark.parametrize("dim", [2, 3])
+def test_friction_that_grows_is_that_of_the_broken_part(dim, damage):
+    """Pressed lips that are sheared apart: the traction is that of the bond and mu (1 - beta)."""
+    law = zircaloy(friction=0.5, friction_grows=True, damage=damage)
+    pressure, steps = 2e8, 400
+    velocity = np.zeros(dim)
+    velocity[1] = 1.0
+    bond = PointMass(law, 1e9 * SPENT, velocity, area=AREA, theta=1.0)
+    force = np.zeros(dim)
+    force[0] = -pressure * AREA
+    step, friction = 1.2 * DC / steps, 0.0
+    for _ in range(steps):
+        energies = bond.step(step, force)
+        assert energies.friction >= 0.0
+        friction += energies.friction
+        beta, x = bond.damage, bond.jump[1]
+        got = -bond.impulse[1] / (step * AREA)
+        wanted = beta * C_N * x + 0.5 * (1.0 - beta) * pressure
+        assert got == pytest.approx(wanted, rel=0.03, abs=0.02 * R_MAX)
+    assert bond.damage == 0.0
+    # mu sigma times the integral of 1 - g over the slip
+    slip = bond.jump[1]
+    lost = quad(lambda x: 1.0 - damage_of(x), 0.0, slip, points=[D0, DC], epsabs=0.0)[0]
+    assert friction == pytest.approx(0.5 * pressure * AREA * lost, rel=0.02)
+
+
+def damage_of(x):
+    return damage(x, (D0, DC), 1.0)
+
+
+def test_friction_that_grows_is_the_same_once_all_is_broken():
+    whole, growing = (zircaloy(friction=0.4, friction_grows=grows) for grows in (False, True))
+    ends = []
+    for law in (whole, growing):
+        bond = PointMass(law, 1e-9, [0.0, 3.0], area=AREA, theta=1.0)
+        for _ in range(30):
+            bond.step(1e-10, [0.0, 1e3])
+        assert bond.damage == 0.0
+        energies = bond.step(1e-10, [-1.0, 0.0])
+        ends.append(energies.friction / (bond.velocity[0, 1] * 1e-10))
+    assert ends[0] == pytest.approx(ends[1], rel=1e-2)

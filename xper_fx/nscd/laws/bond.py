@@ -8,8 +8,10 @@ from typing import Any, Self
 
 import numpy as np
 
+from xper_fx.nscd.laws.friction_of_lips import Friction
 from xper_fx.nscd.laws.law import LawKernels
 from xper_fx.nscd.laws.weakening import Weakening
+from xper_fx.support.checks import require_flag
 
 _DAMAGE = ("auto", "mean", "lagged", "end")
 
@@ -17,15 +19,17 @@ _DAMAGE = ("auto", "mean", "lagged", "end")
 class Bond:
     """A law whose lips are bonded by springs that weaken, then touch and rub.
 
-    A class of it is a frozen dataclass with `friction`, `initial_damage` and `damage`, and the
-    three methods at the end.
+    A class of it is a frozen dataclass with `friction`, `friction_grows`, `initial_damage` and
+    `damage`, and the three methods at the end.
     """
 
     friction: Any
+    friction_grows: bool
     initial_damage: Any
     damage: str
 
-    def _check_damage(self) -> None:
+    def _check_options(self) -> None:
+        require_flag("friction_grows", self.friction_grows)
         if self.damage not in _DAMAGE:
             wanted = ", ".join(f'"{name}"' for name in _DAMAGE[:-1])
             raise ValueError(f'damage should be {wanted} or "{_DAMAGE[-1]}", got {self.damage!r}.')
@@ -33,6 +37,12 @@ class Bond:
     @property
     def _rubs(self) -> bool:
         return bool(np.any(self.friction))
+
+    @property
+    def _friction(self) -> Friction:
+        if not self._rubs:
+            return Friction.NONE
+        return Friction.GROWING if self.friction_grows else Friction.WHOLE
 
     def in_statics(self) -> Self:
         """The law that a static run of the monolithic solver takes for this one."""
@@ -44,10 +54,10 @@ class Bond:
         if self.damage == "end":
             from xper_fx.nscd.laws.damage_at_end import end_kernels
 
-            return end_kernels(dim, self._rubs, weakening)
+            return end_kernels(dim, self._friction, weakening)
         from xper_fx.nscd.laws.bond_kernels import mean_kernels
 
-        return mean_kernels(dim, self._rubs, self.damage == "lagged", weakening)
+        return mean_kernels(dim, self._friction, self.damage == "lagged", weakening)
 
     def parameters(self) -> tuple:
         """C_N, C_T (Pa/m), beta0; with friction mu; what `weakening` has."""

@@ -17,21 +17,21 @@ from xper_fx.nscd.laws.damage_curve import (
     C_N,
     C_T,
     DAMAGE,
-    MU,
     OPENING_MAX,
     damage_functions,
 )
+from xper_fx.nscd.laws.friction_of_lips import Friction, friction_by_damage
 from xper_fx.nscd.laws.law import COHESION, ENERGIES, STORED, Columns, LawKernels
 from xper_fx.nscd.laws.weakening import Weakening
 
 
 @cache
-def mean_kernels(dim: int, friction: bool, lagged: bool, weakening: Weakening) -> LawKernels:
-    """The kernels, with or without friction of the lips.
+def mean_kernels(dim: int, friction: Friction, lagged: bool, weakening: Weakening) -> LawKernels:
+    """The kernels of a bond.
 
     Args:
         dim: dimension of space.
-        friction: whether lips rub.
+        friction: of the lips.
         lagged: whether damage is frozen during a step.
         weakening: how openings weaken the bond.
     """
@@ -40,7 +40,8 @@ def mean_kernels(dim: int, friction: bool, lagged: bool, weakening: Weakening) -
     dot, add, subtract, scale = algebra.dot, algebra.add, algebra.subtract, algebra.scale
     diagonal, sym_vector = algebra.multiply_diagonal, algebra.sym_vector
     soften = algebra.compliance_with_springs
-    contact, book_losses = contact_solver(dim, friction), contact_losses(dim, friction)
+    rubs, friction_of = friction is not Friction.NONE, friction_by_damage(friction)
+    contact, book_losses = contact_solver(dim, rubs), contact_losses(dim, rubs)
     num_sym = dim * (dim + 1) // 2
 
     shape, reach = weakening.shape, weakening.reach
@@ -60,7 +61,7 @@ def mean_kernels(dim: int, friction: bool, lagged: bool, weakening: Weakening) -
     soft = terms_of.take("cohesion", num_sym)  # packed W~
     mean, start, jump_start, h_theta = (details_of.take("damage") for _ in range(4))
     k_n, k_t = details_of.take("cohesion"), details_of.take("cohesion")
-    if friction:
+    if rubs:
         others.take("friction")  # mu
         shift = details_of.take("friction", dim - 1)
 
@@ -107,7 +108,7 @@ def mean_kernels(dim: int, friction: bool, lagged: bool, weakening: Weakening) -
             jump_h = jump[j] + step * (1.0 - theta) * velocity[j]
             terms[i, middle + j] = jump_h / scaled
             terms[i, push + j] = ((1.0 - theta) * jump[j] + theta * jump_h) / (scaled * theta)
-        if friction:
+        if rubs:
             for j in range(1, dim):
                 details[i, shift + j - 1] = (1.0 - theta) / theta * velocity[j]
         beta = state[i, DAMAGE]
@@ -141,9 +142,15 @@ def mean_kernels(dim: int, friction: bool, lagged: bool, weakening: Weakening) -
         new = subtract(u, sym_vector(s, add(r, bonded(k, p, u))))
         if new[0] >= -jump_h[0]:
             return scale(-1.0, bonded(k, p, new)), True
-        if friction:
+        if rubs:
             new, impulse = with_contact(
-                new, s, k, p, -jump_h[0], shift_of(details, i), parameters[i, MU]
+                new,
+                s,
+                k,
+                p,
+                -jump_h[0],
+                shift_of(details, i),
+                friction_of(i, details[i, mean], parameters),
             )
         else:
             new, impulse = with_contact(new, s, k, p, -jump_h[0], (0.0,), 0.0)
@@ -199,7 +206,8 @@ def mean_kernels(dim: int, friction: bool, lagged: bool, weakening: Weakening) -
         state[i, OPENING_MAX] = max(state[i, OPENING_MAX], x1)
         state[i, DAMAGE] = new
         numerical = (theta - 0.5) * beta * area * dot(moved, diagonal(c_n, c_t, moved))
-        return book_losses(i, hat, moved, step, pressing, numerical, parameters, energy)
+        mu = friction_of(i, beta, parameters)
+        return book_losses(i, hat, moved, step, pressing, numerical, mu, energy)
 
     @njit(inline="always")
     def stored(i, jump, area, parameters, state):
@@ -207,7 +215,7 @@ def mean_kernels(dim: int, friction: bool, lagged: bool, weakening: Weakening) -
         return 0.5 * area * state[i, DAMAGE] * dot(jump, tractions)
 
     return LawKernels(
-        name="cohesive zone with friction" if friction else "cohesive zone",
+        name="cohesive zone with friction" if rubs else "cohesive zone",
         effects=Columns.effects(others, terms_of, details_of),
         components=dim,
         prepare=prepare,

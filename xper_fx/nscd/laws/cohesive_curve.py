@@ -70,7 +70,7 @@ class CohesiveCurve(Bond):
             function of the values that gives them; of a table none are needed.
         friction: Coulomb's mu of the lips.
         initial_damage: beta0 in (0, 1].
-        damage: as of `CohesiveZone`.
+        damage, friction_grows: as of `CohesiveZone`.
 
     Raises:
         TypeError: a traction that is neither compiled nor a table.
@@ -87,9 +87,10 @@ class CohesiveCurve(Bond):
     friction: Any = 0.0
     initial_damage: Any = 1.0
     damage: str = "auto"
+    friction_grows: bool = False
 
     def __post_init__(self) -> None:
-        self._check_damage()
+        self._check_options()
         self._take_traction()
         stiffnesses = ["normal_stiffness"]
         if self.tangential_stiffness is not None:

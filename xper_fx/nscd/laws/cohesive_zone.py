@@ -67,6 +67,8 @@ class CohesiveZone(Bond):
             (`damage_at_end.py`), for the monolithic solver alone; or "auto": "end" in static runs
             of that solver, else "mean".
         curve: how traction falls with the opening, of `xper_fx/nscd/laws/curves`.
+        friction_grows: whether mu grows from 0 to `friction` as the bond weakens, mu (1 - beta /
+            beta0), as what is bonded does not rub; else lips rub from the start.
 
     Raises:
         ValueError: a number out of range, or w <= Rmax d0 / 2: the bond would have to break
@@ -80,10 +82,11 @@ class CohesiveZone(Bond):
     friction: Any = 0.0
     initial_damage: Any = 1.0
     damage: str = "auto"
+    friction_grows: bool = False
     curve: Curve = field(default_factory=Parabolic)
 
     def __post_init__(self) -> None:
-        self._check_damage()
+        self._check_options()
         self._check_curve()
         optional = ("normal_stiffness", "tangential_stiffness")
         given = [name for name in optional if getattr(self, name) is not None]

@@ -7,7 +7,6 @@ from functools import cache
 
 from xper_fx.cache import njit
 from xper_fx.nscd.algebra.small import for_dimension
-from xper_fx.nscd.laws.damage_curve import MU
 from xper_fx.nscd.laws.law import FRICTION, IMPACT, NUMERICAL
 
 # Difference of the squares of friction and its bound, relative, at which lips slide: impulses have
@@ -17,11 +16,11 @@ _SLIDES = 2e-3
 
 @cache
 def contact_losses(dim: int, friction: bool):
-    """The function that books them, for laws with the parameters of `damage_curve.py`."""
+    """The function that books them, with or without friction."""
     dot = for_dimension(dim).dot
 
     @njit(inline="always")
-    def book(i, hat, moved, step, pressing, numerical, parameters, energy):
+    def book(i, hat, moved, step, pressing, numerical, mu, energy):
         """Book friction, impact and numerical energy of a step; returns the status.
 
         Args:
@@ -31,14 +30,15 @@ def contact_losses(dim: int, friction: bool):
             step: h (s).
             pressing: whether the lips are closed.
             numerical: energy of the bond that nothing else takes up (J).
-            parameters, energy: of the law.
+            mu: friction of the lips (not read without friction).
+            energy: of the law.
         """
         lost_n = -hat[0] * moved[0] / step
         lost_t = -(dot(hat, moved) - hat[0] * moved[0]) / step
         sliding = pressing
         if friction:
             size = dot(hat, hat) - hat[0] * hat[0]
-            bound = parameters[i, MU] * hat[0]
+            bound = mu * hat[0]
             sliding = pressing and size >= (1.0 - _SLIDES) * bound * bound
         energy[i, FRICTION] = max(lost_t, 0.0) if friction and sliding else 0.0
         energy[i, IMPACT] = max(lost_n, 0.0) if pressing else 0.0

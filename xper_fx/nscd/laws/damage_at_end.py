@@ -40,10 +40,10 @@ from xper_fx.nscd.laws.damage_curve import (
     C_N,
     C_T,
     DAMAGE,
-    MU,
     OPENING_MAX,
     damage_functions,
 )
+from xper_fx.nscd.laws.friction_of_lips import Friction, friction_by_damage
 from xper_fx.nscd.laws.law import COHESION, ENERGIES, STORED, Columns, LawKernels
 from xper_fx.nscd.laws.weakening import Weakening
 
@@ -54,11 +54,12 @@ _SPENT = 0.999
 
 
 @cache
-def end_kernels(dim: int, friction: bool, weakening: Weakening) -> LawKernels:
-    """The kernels, with or without friction of the lips; see `mean_kernels`."""
+def end_kernels(dim: int, friction: Friction, weakening: Weakening) -> LawKernels:
+    """The kernels of a bond; see `mean_kernels`."""
     algebra = for_dimension(dim)
     dot, add, subtract, scale = algebra.dot, algebra.add, algebra.subtract, algebra.scale
-    diagonal, book_losses = algebra.multiply_diagonal, contact_losses(dim, friction)
+    rubs, friction_of = friction is not Friction.NONE, friction_by_damage(friction)
+    diagonal, book_losses = algebra.multiply_diagonal, contact_losses(dim, rubs)
 
     shape, reach = weakening.shape, weakening.reach
     limit, lengths = weakening.limit, weakening.lengths
@@ -76,7 +77,7 @@ def end_kernels(dim: int, friction: bool, weakening: Weakening) -> LawKernels:
     start = details_of.take("damage")  # damage at the start
     safe = details_of.take("damage")  # opening up to which it stays
     h_theta = details_of.take("cohesion")
-    if friction:
+    if rubs:
         others.take("friction")  # mu
         shift = details_of.take("friction", dim - 1)  # slip at the start
 
@@ -112,7 +113,7 @@ def end_kernels(dim: int, friction: bool, weakening: Weakening) -> LawKernels:
         details[i, start] = state[i, DAMAGE]
         details[i, safe] = limit(i, parameters, state)
         details[i, h_theta] = scaled
-        if friction:
+        if rubs:
             for j in range(1, dim):
                 details[i, shift + j - 1] = (1.0 - theta) / theta * velocity[j]
 
@@ -138,6 +139,11 @@ def end_kernels(dim: int, friction: bool, weakening: Weakening) -> LawKernels:
         """The velocity with which the lips would just close."""
         return with_normal(u, -terms[i, middle])
 
+    @njit(inline="always")
+    def damage_closing(i, u, parameters, terms, details):
+        jump = scale(details[i, h_theta], add(part(terms, i, middle), closing(i, u, terms)))
+        return damage_at(i, jump, parameters, details)
+
     @njit(**LEAN_INNER)
     def solve(i, u, r, w, parameters, terms, details):
         bond = bond_at(i, closing(i, u, terms), parameters, terms, details)
@@ -149,7 +155,7 @@ def end_kernels(dim: int, friction: bool, weakening: Weakening) -> LawKernels:
         if normal <= 0.0:
             return bond_at(i, u, parameters, terms, details), True
         # closed: the lips are together, and only their slip opens the bond
-        if not friction:
+        if not rubs:
             return with_normal(bond, bond[0] + normal), True
         if dim == 2:
             slip = (0.0, u[1] + details[i, shift])
@@ -157,7 +163,8 @@ def end_kernels(dim: int, friction: bool, weakening: Weakening) -> LawKernels:
             slip = (0.0, u[1] + details[i, shift], u[2] + details[i, shift + 1])
         trial = with_normal(subtract(hat, scale(rho, slip)), 0.0)
         size = np.sqrt(dot(trial, trial))
-        bound = parameters[i, MU] * normal
+        beta = damage_closing(i, u, parameters, terms, details)
+        bound = friction_of(i, beta, parameters) * normal
         if size > bound:
             trial = scale(bound / size, trial)
         return add(bond, with_normal(trial, normal)), True
@@ -199,7 +206,8 @@ def end_kernels(dim: int, friction: bool, weakening: Weakening) -> LawKernels:
         state[i, OPENING_MAX] = max(state[i, OPENING_MAX], x1)
         state[i, DAMAGE] = new
         numerical = -dot(bond, moved) / step - (new * e1 - old * e0) - cost
-        return book_losses(i, hat, moved, step, pressing, numerical, parameters, energy)
+        mu = friction_of(i, new, parameters)
+        return book_losses(i, hat, moved, step, pressing, numerical, mu, energy)
 
     @njit(inline="always")
     def stored(i, jump, area, parameters, state):
@@ -207,7 +215,7 @@ def end_kernels(dim: int, friction: bool, weakening: Weakening) -> LawKernels:
         return 0.5 * area * state[i, DAMAGE] * dot(jump, tractions)
 
     return LawKernels(
-        name="cohesive zone with friction" if friction else "cohesive zone",
+        name="cohesive zone with friction" if rubs else "cohesive zone",
         effects=Columns.effects(others, terms_of, details_of),
         components=dim,
         prepare=prepare,

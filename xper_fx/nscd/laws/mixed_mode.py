@@ -78,7 +78,7 @@ class MixedMode(Bond):
         tangential_stiffness: C_T (Pa/m); C_N if not given.
         friction: Coulomb's mu of the lips.
         initial_damage: beta0 in (0, 1].
-        damage: as of `CohesiveZone`.
+        damage, friction_grows: as of `CohesiveZone`.
         curve: of `xper_fx/nscd/laws/curves`, one whose stiffness is free.
 
     Raises:
@@ -95,10 +95,11 @@ class MixedMode(Bond):
     friction: Any = 0.0
     initial_damage: Any = 1.0
     damage: str = "auto"
+    friction_grows: bool = False
     curve: Curve = field(default_factory=Linear)
 
     def __post_init__(self) -> None:
-        self._check_damage()
+        self._check_options()
         if self.criterion not in _CRITERIA:
             wanted = " or ".join(f'"{name}"' for name in _CRITERIA)
             raise ValueError(f"criterion should be {wanted}, got {self.criterion!r}.")
