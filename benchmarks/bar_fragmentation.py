@@ -45,7 +45,7 @@ and with 1000, 2000, 4000, 8000 cells (2 seeds, of 4000 5; 4 to 90 cells in a pi
 | 1e5 | 92, 97, 107, 118 +- 4 | 132, 133, 133, 135 +- 2 | 164, 162, 157, 148 +- 1 |
 | 1e6 | 22.0, 23.7, 25.8, 26.9 +- 0.7 | 30.7, 31.0, 31.7, 30.6 +- 1.0 | 37.6, 36.5, 35.9 |
 
-The formula with 2 / 3 is met within 4 % where strengths scatter by 1 / 300 (6 % on the other meshes)
+The formula with 2 / 3 is met within 4 % where strengths scatter by 1 / 300 (6 % on other meshes)
 and within 25 % for the other two from 4000 cells on. The scatter moves the mean by 36 to 47 %,
 which no formula in x alone can have. That of Zhou (2006a) is met by the homogeneous bar alone,
 within 8 % up to 1e5 /s and 29 % at 1e6, and on these meshes only: without scatter all bonds weaken
