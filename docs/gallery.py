@@ -187,6 +187,13 @@ GALLERY = (
         "long",
     ),
     Figures(
+        "benchmarks/bar_fragmentation.py",
+        "--figure {out}/bar_fragmentation.png",
+        {"bar_fragmentation": "bar_fragmentation.png"},
+        ("Pieces of a stretching bar: mean size against rate, and the distribution of sizes",),
+        "minutes",
+    ),
+    Figures(
         "benchmarks/kalthoff.py",
         "--facet 1e-3 --out {out}",
         {"kalthoff": "kalthoff.png"},
