@@ -79,7 +79,9 @@ def test_neo_hookean(cut, across, figure):
         wide = brentq(balance, 1.0, 2.0, xtol=1e-15)
     F, inverse = np.diag([PRESSED, wide]), np.diag([1.0 / PRESSED, 1.0 / wide])
     exact = MU * (F - inverse) + LAM * np.log(PRESSED * wide) * inverse
-    state, bound = simulation.macroscopic, 3.0 * GIVE if law is STIFF else 1e-9
+    # the tolerance bounds velocities: by which iterate it takes, stresses are 1e-14 to 2e-8 off
+    bound = 1e-9 if cut == "connected" else 3.0 * GIVE if law is STIFF else 1e-7
+    state = simulation.macroscopic
     error = np.abs(state.stress - exact).max() / np.abs(exact).max()
     case = f"pressed to half, neo-Hookean, {cut}, {across}"
     figure(case, f"stress error < {bound:.0e}", error)

@@ -259,8 +259,12 @@ class CoupledStep:
         if self._tangents is not None:
             for k, held in zip(self._tangents.stiffness, self._tangents.held, strict=True):
                 stiffest = max(stiffest, float(np.abs(k[~held]).max(initial=0.0)))
+        return _ROUNDING * stiffest * float(np.abs(self.velocity).max(initial=0.0))
+
+    def noise(self) -> float:
+        """Nodal impulses (N s) that rounding of displacements gives: less of them is none."""
         moved = float(np.abs(self._state.displacement).max(initial=0.0)) / self._step
-        return _ROUNDING * stiffest * max(moved, float(np.abs(self.velocity).max(initial=0.0)))
+        return _ROUNDING * self._stiffest * moved
 
     def num_held(self) -> int:
         """Points whose impulses are multipliers."""

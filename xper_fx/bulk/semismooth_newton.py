@@ -86,7 +86,7 @@ class SemismoothNewton:
                 self.left, step.growth_left(), step.num_held(),
             )  # fmt: skip
             allowed = tolerance * (1.0 if count <= _PATIENCE else _ROUND)
-            small = self._most <= max(allowed * reference, floor)
+            small = self._most <= max(allowed * reference, floor) or reference <= step.noise()
             if small and best[1] == 1.0 and abs(step.growth_left()) <= _GROWN:
                 if step.interactions is None or step.interactions.evolve(step.slots) <= tolerance:
                     return True
