@@ -279,7 +279,7 @@ def draw(runs: dict[Bar, Pieces], path: Path) -> None:
             spread = [1e6 * np.ptp(one) / 2.0 for one in sizes]
             left.errorbar(
                 rates, mean, spread, fmt="o", ms=4, mfc="none", c=colour, capsize=2,
-                label=f"run, strength +- {100 * scatter:.1g} %",
+                label=f"run, strength +- {percent(scatter)} %",
             )  # fmt: skip
         # The lowest third is the legend's.
         low = 2e5 * SIZE * zhou_a(ends[1] / RATE)
@@ -299,7 +299,7 @@ def draw(runs: dict[Bar, Pieces], path: Path) -> None:
         right.plot(ratio, rayleigh(ratio), "k--", lw=1, label="Rayleigh")
         right.set(xlabel="size / mean size", ylabel="share of pieces that are shorter")
         right.set(xlim=(0.0, 3.0), ylim=(0.0, 1.0))
-        right.legend(title=f"strength +- {100 * shown:.1g} %", fontsize=7, title_fontsize=7)
+        right.legend(title=f"strength +- {percent(shown)} %", fontsize=7, title_fontsize=7)
 
     new_figure(path, fill, (7.2, 3.4), ncols=2)
 
@@ -307,6 +307,11 @@ def draw(runs: dict[Bar, Pieces], path: Path) -> None:
 def means(runs: dict[Bar, Pieces], rate: float, scatter: float) -> npt.NDArray[np.float64]:
     """Mean sizes of the seeds (m)."""
     return np.array([p.mean for b, p in runs.items() if (b.rate, b.scatter) == (rate, scatter)])
+
+
+def percent(share: float) -> str:
+    """Two digits of a share, in per cent."""
+    return f"{float(f'{100 * share:.2g}'):g}"
 
 
 def row(bars: dict[Bar, Pieces], seconds: float) -> str:
