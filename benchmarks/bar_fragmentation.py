@@ -5,17 +5,18 @@
 
 A bar, |x| <= L / 2, stretches with the velocity e x (rate e) from t = 0, its ends driven at their
 first speed, until bonds break at the strength s = 300 MPa and waves unload what is between them.
-E = 275 GPa, rho = 2750 kg/m^3, w = 100 J/m^2 (Zhou, Molinari and Ramesh 2006a). With c^2 = E / rho,
+E = 275 GPa, rho = 2750 kg/m^3, w = 100 J/m^2, as the code DynFrag1D (R. Dantas) has them. With
+c^2 = E / rho,
 
     s0 = E w / s^2 = 305.6 um,   t0 = s0 / c = 30.6 ns,   e0 = s / (E t0) = 3.57e4 /s,
 
 sizes over s0 hang on x = e / e0 and on what disturbs the bar. Published mean sizes:
 
 - 4.5 / (1 + 4.5 x^(2/3)). Zhou, Molinari and Ramesh (2006b) propose an "empirical formula" for the
-  ring of Mott, and the code DynFrag1D (R. Dantas) once gave this one as theirs, with the sign of
-  the exponent wrong. The paper itself was not at hand: the source is doubtful;
-- 4.5 / (1 + 0.77 x^(1/4) + 5.4 x^(3/4)), Zhou, Molinari and Ramesh (2006a); the present DynFrag1D
-  has it, and compares it with bars of these numbers;
+  ring of Mott, and DynFrag1D once had this one as theirs, of 2006, with the sign of the exponent
+  wrong. The papers themselves were not at hand: the source is doubtful;
+- 4.5 / (1 + 0.77 x^(1/4) + 5.4 x^(3/4)), which DynFrag1D has now, as Zhou, Molinari and Ramesh's of
+  2006: the paper on material properties (2006a) is meant, as far as one can tell;
 - (24 w / (rho e^2))^(1/3), Grady (1982): kinetic energy about the centre of a piece pays for it;
 - (4 / x) sinh(arsinh(3 x / 2) / 3) s0, Glenn and Chudnovsky (1986): strain energy pays too.
 
@@ -58,7 +59,7 @@ pieces at 1e5 /s, by 10 % from 2000 to 8000 cells. Glenn and Chudnovsky's sizes 
 too large, Grady's 2.6 to 5.1 times.
 
 Bonds 10 times softer or stiffer moved means by at most 4 %, half the step or half the bar by 2 %
-(1 / 300). Waiting 10 t0 instead of 3 made 7 % more pieces at 1e4 /s, where vibrating pieces still
+(2 seeds). Waiting 10 t0 instead of 3 made 7 % more pieces at 1e4 /s, where vibrating pieces still
 break 28 t0 after the peak, and at most 1 % more at 1e5 and 1e6. Energies close to 2e-8 of what
 bonds spent. Sizes deviate from their mean by 0.31 to 0.41 of it at all rates, scatters and meshes.
 Rayleigh's distribution, which Zhou, Molinari and Ramesh (2006b) report for the ring, has 0.52: here
