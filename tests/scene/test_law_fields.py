@@ -258,6 +258,20 @@ def test_a_law_without_a_stiffness_given_runs():
     )
 
 
+def test_friction_that_is_zero_somewhere_is_friction():
+    """Kernels hang on what is given, not on the values that a rank happens to have."""
+    nowhere = law(friction=lambda x: 0.0 * x[0])
+    simulation = xf.Simulation(scene_with(nowhere), 1e-4)
+    names = [group.kernels.name for group in simulation.interactions.groups]
+    assert names == ["cohesive zone with friction"]
+    wall = xf.Wall(
+        BOTTOM, point=(0.0, 0.0), normal=(0.0, 1.0),
+        law=xf.laws.SignoriniCoulomb(friction=lambda x: 0.0 * x[0]),
+    )  # fmt: skip
+    simulation = xf.Simulation(scene_with(law(), walls=[wall]), 1e-4)
+    assert {g.kernels.components for g in simulation.interactions.groups} == {2}
+
+
 # -- bad input
 
 

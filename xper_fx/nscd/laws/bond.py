@@ -6,10 +6,9 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any, Self
 
-import numpy as np
-
 from xper_fx.nscd.laws.friction_of_lips import Friction
 from xper_fx.nscd.laws.law import LawKernels
+from xper_fx.nscd.laws.parameters import acts
 from xper_fx.nscd.laws.weakening import Weakening
 from xper_fx.support.checks import require_flag
 
@@ -36,7 +35,7 @@ class Bond:
 
     @property
     def _rubs(self) -> bool:
-        return bool(np.any(self.friction))
+        return acts(self.friction)
 
     @property
     def _friction(self) -> Friction:

@@ -134,6 +134,14 @@ def _pair(name: str, value: Any) -> tuple[Any, Any]:
     return first, second
 
 
+def acts(value: Any) -> bool:
+    """Whether what a parameter stands for is compiled: it is not zero, or a field.
+
+    A field counts whatever its values are, for all ranks to have the same kernels.
+    """
+    return is_field(value) or isinstance(value, PointArray) or bool(value)
+
+
 def fields_of(law: Any) -> tuple[str, ...]:
     """Names of the parameters of a law that are fields, or pairs and mappings with some."""
     return getattr(law, "_fields", ())

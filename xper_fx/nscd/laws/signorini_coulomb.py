@@ -42,7 +42,7 @@ from xper_fx.nscd.algebra.small import for_dimension
 from xper_fx.nscd.kernel_options import LEAN_INNER
 from xper_fx.nscd.laws.contact_solver import contact_solver
 from xper_fx.nscd.laws.law import LawKernels
-from xper_fx.nscd.laws.parameters import refuse_where, take_parameters
+from xper_fx.nscd.laws.parameters import acts, refuse_where, take_parameters
 
 # Columns of terms; all but the first are there with friction alone.
 _V_MIN, _MU, _BOUND, _SHIFT = 0, 1, 2, 3
@@ -74,7 +74,7 @@ class SignoriniCoulomb:
 
     def kernels(self, dim: int) -> LawKernels:
         """See `Law`."""
-        return contact_kernels(dim, bool(np.any(self.friction)), self.contact)
+        return contact_kernels(dim, acts(self.friction), self.contact)
 
     def parameters(self) -> tuple:
         """See `_parameters`."""
@@ -110,7 +110,7 @@ class Tresca:
 
     def kernels(self, dim: int) -> LawKernels:
         """See `Law`."""
-        return contact_kernels(dim, bool(np.any(self.bound)), self.contact)
+        return contact_kernels(dim, acts(self.bound), self.contact)
 
     def parameters(self) -> tuple:
         """See `_parameters`."""
@@ -124,7 +124,7 @@ class Tresca:
 def _parameters(contact: str, restitution: Any, mu: Any, bound: Any) -> tuple:
     """Newton's e at velocity level; with friction Coulomb's mu and Tresca's bound (Pa)."""
     impact = (restitution,) if contact == "velocity" else ()
-    return (*impact, mu, bound) if np.any(mu) or np.any(bound) else impact
+    return (*impact, mu, bound) if acts(mu) or acts(bound) else impact
 
 
 def _initial_state(contact: str) -> tuple[float, ...]:
