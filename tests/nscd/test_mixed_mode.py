@@ -166,6 +166,26 @@ def test_shear_breaks_what_opening_has_worn():
     assert spent / AREA == pytest.approx(G_II * (dc - x) / (dc - d0), rel=1e-3)
 
 
+@pytest.mark.parametrize("steps", [3, 60])
+def test_a_worn_bond_weakens_in_another_direction_below_its_largest_opening(steps):
+    """Sheared to 23 um, then opened to 16 um: of the curve of opening less is left there."""
+    point = PointMass(bond(curve=curves.Linear()), 1e14, [0.0, 1.0], area=AREA, theta=1.0)
+    for _ in range(50):
+        point.step(23e-6 / 50)
+    worn = point.damage
+    d0, dc = S_T / C_T, 2 * G_II / S_T
+    assert worn == pytest.approx(d0 / 23e-6 * (dc - 23e-6) / (dc - d0), rel=1e-9)
+    point.velocity[:] = [0.0, -1.0]
+    for _ in range(50):
+        point.step(23e-6 / 50)
+    point.velocity[:] = [1.0, 0.0]
+    spent = sum(point.step(16e-6 / steps)[1] for _ in range(steps))
+    d0, dc = S_N / C_N, 2 * G_I / S_N
+    assert point.damage == pytest.approx(d0 / 16e-6 * (dc - 16e-6) / (dc - d0), rel=1e-6)
+    onset = d0 * dc / (worn * (dc - d0) + d0)
+    assert spent / AREA == pytest.approx(G_I * (16e-6 - onset) / (dc - d0), rel=1e-6)
+
+
 @pytest.mark.parametrize(
     ("options", "words"),
     [

@@ -151,6 +151,34 @@ def test_contacts_that_come_about_later_are_broken():
     assert torn[-1] > resting[-1] + 1e-3
 
 
+def test_a_block_that_slides_onto_a_joint_is_not_glued():
+    """Of a contact that is found closed, in mid-run, the cohesion is gone."""
+    corners = [(-0.5, 0.0), (0.5, 0.0), (0.5, 1.0), (-0.5, 1.0)]
+    held = {dof: 0.0 for dof in range(3)}
+
+    def floor(first, last, group):
+        sides = [(first, -1.0), (last, -1.0), (last, 0.0), (first, 0.0)]
+        return xf.RigidBody(xf.rigid.Polygon(sides), None, group, prescribed=held)
+
+    block = xf.RigidBody(
+        xf.rigid.Polygon(corners), (-0.7, 0.5), "block", mass=100.0, velocity=(1.0, 0.0)
+    )
+    smooth, joint = xf.laws.SignoriniCoulomb(), xf.laws.MohrCoulomb(0.05, 1e5, 0.0, 1e-3)
+    scene = xf.Scene(
+        rigid=[floor(-3.0, 0.0, "smooth"), floor(-0.1, 3.0, "rough"), block],
+        loads=[xf.Gravity((0.0, -10.0))],
+        contacts=[
+            xf.Contact(("smooth", "block"), smooth), xf.Contact(("rough", "block"), joint),
+            xf.Contact(("smooth", "rough"), None),
+        ],
+    )  # fmt: skip
+    simulation = xf.Simulation(scene, 1e-3)
+    for _ in simulation.steps(0.4):
+        pass
+    # found 0.9986: friction of what rests on the joint; 0.91 where it was glued
+    assert 0.99 < simulation.rigid.state.velocity[2, 0] < 0.9995
+
+
 @pytest.mark.parametrize(
     ("make", "words"),
     [
