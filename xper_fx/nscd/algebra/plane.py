@@ -75,6 +75,13 @@ def compliance_with_springs(w, kn, kt):
 
 
 @njit(inline="always")
+def sym_solve(s, x):
+    """S^-1 x, by Cramer's rule."""
+    inverse = 1.0 / (s[0] * s[2] - s[1] * s[1])
+    return (s[2] * x[0] - s[1] * x[1]) * inverse, (s[0] * x[1] - s[1] * x[0]) * inverse
+
+
+@njit(inline="always")
 def to_local(frame, i, x):
     """Components along n and t, t being n turned by +90 degrees; only n is read."""
     n0, n1 = frame[i, 0, 0], frame[i, 0, 1]

@@ -95,6 +95,23 @@ def compliance_with_springs(w, kn, kt):
 
 
 @njit(inline="always")
+def sym_solve(s, x):
+    """S^-1 x, by Cramer's rule."""
+    c0 = s[3] * s[5] - s[4] * s[4]
+    c1 = s[2] * s[4] - s[1] * s[5]
+    c2 = s[1] * s[4] - s[2] * s[3]
+    c3 = s[0] * s[5] - s[2] * s[2]
+    c4 = s[1] * s[2] - s[0] * s[4]
+    c5 = s[0] * s[3] - s[1] * s[1]
+    inverse = 1.0 / (s[0] * c0 + s[1] * c1 + s[2] * c2)
+    return (
+        (c0 * x[0] + c1 * x[1] + c2 * x[2]) * inverse,
+        (c1 * x[0] + c3 * x[1] + c4 * x[2]) * inverse,
+        (c2 * x[0] + c4 * x[1] + c5 * x[2]) * inverse,
+    )
+
+
+@njit(inline="always")
 def to_local(frame, i, x):
     return (
         frame[i, 0, 0] * x[0] + frame[i, 0, 1] * x[1] + frame[i, 0, 2] * x[2],

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from xper_fx.nscd.laws.law import Law as Law
     from xper_fx.nscd.laws.mixed_mode import MixedMode as MixedMode
     from xper_fx.nscd.laws.perfect_bond import PerfectBond as PerfectBond
+    from xper_fx.nscd.laws.rigid_cohesive_zone import RigidCohesiveZone as RigidCohesiveZone
     from xper_fx.nscd.laws.signorini_coulomb import SignoriniCoulomb as SignoriniCoulomb
     from xper_fx.nscd.laws.signorini_coulomb import Tresca as Tresca
     from xper_fx.nscd.laws.weakening_friction import MohrCoulomb as MohrCoulomb
@@ -24,6 +25,7 @@ _MODULE_OF = {
     "MixedMode": "mixed_mode",
     "MohrCoulomb": "weakening_friction",
     "PerfectBond": "perfect_bond",
+    "RigidCohesiveZone": "rigid_cohesive_zone",
     "SignoriniCoulomb": "signorini_coulomb",
     "SlipWeakening": "weakening_friction",
     "Tresca": "signorini_coulomb",

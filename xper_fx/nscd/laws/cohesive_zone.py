@@ -49,6 +49,12 @@ from xper_fx.nscd.laws.parameters import refuse_where, take_parameters
 from xper_fx.nscd.laws.weakening import Weakening, one_curve
 
 
+def check_curve(curve: Any) -> None:
+    """Raise a TypeError unless something is a curve of `curves/`, or like them."""
+    if isinstance(curve, type) or not hasattr(curve, "own_stiffness"):
+        raise TypeError(f"curve should be one of xper_fx.laws.curves, as Linear(), got {curve!r}.")
+
+
 @dataclass(frozen=True)
 class CohesiveZone(Bond):
     """Bond that weakens, breaks, and leaves unilateral contact with friction.
@@ -101,10 +107,7 @@ class CohesiveZone(Bond):
 
     def _check_curve(self) -> None:
         curve = self.curve
-        if isinstance(curve, type) or not hasattr(curve, "own_stiffness"):
-            raise TypeError(
-                f"curve should be one of xper_fx.laws.curves, as Linear(), got {curve!r}."
-            )
+        check_curve(curve)
         free = curve.own_stiffness(1.0, 1.0) is None
         if free and self.normal_stiffness is None:
             raise ValueError(f"normal_stiffness is None (Pa/m), and {curve!r} leaves it free.")

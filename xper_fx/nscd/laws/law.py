@@ -45,6 +45,9 @@ read anew in each step (`nscd/turning_frames.py`). None for a law that stores no
 
 `no_jump` says that the law leaves no jump, so that frames that turn bring no couple.
 
+`rigid` has what is asked of bonds that have no compliance while they are sound
+(`rigid_kernels.RigidKernels`); None for all other laws.
+
 `name` and `effects` are for the table of effects (`xper_fx/output/effects.py`): pairs of an
 effect's name, of the table or new, and how many of a point's parameters, state, terms and details
 it needs; `Columns` counts them.
@@ -68,8 +71,8 @@ STORED, COHESION, FRICTION, IMPACT, NUMERICAL = range(len(ENERGIES))  # of a law
 LawKernels = namedtuple(
     "LawKernels",
     "name effects components prepare solve evolve commit num_terms num_details state_names "
-    "energies growth spent stored no_jump",
-    defaults=(None, None, None, False),
+    "energies growth spent stored no_jump rigid",
+    defaults=(None, None, None, False, None),
 )
 
 

@@ -1,0 +1,142 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Initially rigid bonds, one at a time."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from point_mass import PointMass
+
+import xper_fx as xf
+
+curves = xf.laws.curves
+W, S, AREA = 100.0, 3e6, 1e-2
+SPENT = W * AREA
+CURVES = (
+    curves.Linear(), curves.Parabolic(), curves.Petersson(), curves.Trapezoidal(),
+    curves.Exponential(),
+)  # fmt: skip
+each_curve = pytest.mark.parametrize("curve", CURVES, ids=repr)
+
+
+def law(curve=CURVES[0], **options):
+    return xf.laws.RigidCohesiveZone(S, W, curve=curve, **options)
+
+
+@each_curve
+@pytest.mark.parametrize(
+    ("steps", "theta"), [(0.2, 0.5), (3.0, 0.5), (3.0, 0.8), (3.0, 1.0), (200.0, 0.5)]
+)
+@pytest.mark.parametrize("angle", [0.0, 1.0, np.pi / 2])
+def test_a_bond_torn_by_inertia_spends_its_energy_at_any_step(curve, steps, theta, angle):
+    """W of its energy is lost by a mass, whatever step, theta and direction."""
+    bond = PointMass(
+        law(curve), 8.0 * SPENT, [np.cos(angle), np.sin(angle)], area=AREA, theta=theta
+    )
+    before, total, length = bond.kinetic, np.zeros(5), W / S
+    for _ in range(8 + int(1.5 * steps * law(curve).critical_opening / length)):
+        energies = np.array(bond.step(length / steps))
+        assert energies[1] >= -1e-14 * SPENT
+        total += energies
+    assert bond.damage == 0.0
+    assert total[1] == pytest.approx(SPENT, rel=1e-12)
+    if theta == 0.5:
+        assert before - bond.kinetic == pytest.approx(SPENT, rel=1e-10)
+
+
+def test_in_space_a_bond_spends_its_energy_in_any_direction():
+    for velocity in ([1.0, 0.0, 0.0], [0.6, 0.0, 0.8], [0.0, -0.8, 0.6], [0.3, 0.2, -0.1]):
+        bond = PointMass(law(), 80.0 * SPENT, velocity, area=AREA)
+        total = sum(bond.step(W / S / 7.0)[1] for _ in range(160))
+        assert bond.damage == 0.0
+        assert total == pytest.approx(SPENT, rel=1e-12)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_a_sound_bond_does_not_move_up_to_its_strength(dim):
+    direction = np.array([0.6, 0.8, 0.0])[:dim]
+    bond = PointMass(law(), 2.0, np.zeros(dim), area=AREA)
+    force = S * AREA * direction
+    for share in (0.5, -0.3, 1.0 - 1e-9):
+        bond.step(1e-6, share * force)
+        assert np.all(bond.velocity == 0.0) or np.abs(bond.velocity).max() < 1e-20
+        assert np.abs(bond.jump).max() < 1e-25
+        assert bond.impulse == pytest.approx(-share * force * 1e-6, rel=1e-12)
+        assert bond.damage == 1.0
+    bond.step(1e-6, 1.0001 * force)
+    assert 0.0 < bond.interactions.gather("spent")[0] < 1e-4
+    assert bond.jump @ direction > 0.0
+
+
+def test_under_pressure_friction_helps_the_bond():
+    """|R_T| <= s + mu |R_N| before it slips; then s is lost, and friction stays."""
+    mu, pressed = 0.5, 4.0 * S * AREA
+    bond = PointMass(law(friction=mu), 2.0, [0.0, 0.0], area=AREA)
+    bound = S * AREA + mu * pressed
+    bond.step(1e-6, [-pressed, 0.999999 * bound])
+    assert np.abs(bond.jump).max() < 1e-25
+    for _ in range(400):
+        work = bond.step(1e-6, [-pressed, 1.01 * bound])
+        assert bond.jump[0] == pytest.approx(0.0, abs=1e-20)
+        assert work[2] >= 0.0 and work[1] >= 0.0
+    assert bond.damage == 0.0
+    assert bond.impulse == pytest.approx([1e-6 * pressed, -1e-6 * mu * pressed], rel=1e-9)
+    grows = PointMass(law(friction=mu, friction_grows=True), 2.0, [0.0, 0.0], area=AREA)
+    grows.step(1e-6, [-pressed, 1.001 * S * AREA])
+    assert grows.jump[1] > 0.0
+
+
+def test_the_peak_tends_to_the_strength_with_the_step():
+    """Under a rising load no mean traction is above the strength, nor below what a step adds."""
+    rate = 3.3e13
+    for h in (2e-9, 1e-9, 5e-10):
+        bond = PointMass(law(), 1e-3, [0.0, 0.0], area=AREA)
+        peak, n = 0.0, 0
+        while bond.damage == 1.0:
+            n += 1
+            bond.step(h, [rate * n * h * AREA, 0.0])
+            peak = max(peak, -bond.impulse[0] / (h * AREA))
+        assert 0.0 <= 1.0 - peak / S <= rate * h / S
+
+
+def test_unloading_follows_the_secant_and_what_is_left_is_spent():
+    dc = law().critical_opening
+    driven, total, h = PointMass(law(), np.inf, [0.0, 0.0], area=AREA), np.zeros(5), 1e-3
+    for opening in (0.25 * dc, 0.5 * dc, 0.2 * dc, 0.4 * dc, 1.1 * dc):
+        before = driven.interactions.gather("velocity")[0, 0]
+        driven.velocity[0, 0] = 2.0 * (opening - driven.jump[0]) / h - before
+        total += driven.step(h)
+        if opening == 0.2 * dc:
+            # mean of the secant's tractions at both ends
+            mean = S * 0.5 * (0.5 + 0.2)
+            assert driven.impulse[0] / (h * AREA) == pytest.approx(-mean, rel=1e-8)
+    assert driven.damage == 0.0
+    assert total[1] == pytest.approx(SPENT, rel=1e-12)
+
+
+def test_random_loads_dissipate_at_every_step():
+    rng = np.random.default_rng(5)
+    bond = PointMass(law(friction=0.4), 2.0 * SPENT, [0.0, 0.0], area=AREA)
+    dc = law().critical_opening
+    for _ in range(400):
+        bond.velocity += rng.normal(size=2) * 0.3
+        energies = np.array(bond.step(dc * rng.choice([0.03, 0.2, 0.7])))
+        assert energies[1:4].min() >= -1e-12 * SPENT
+        assert energies[4] >= -1e-9 * SPENT
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: xf.laws.RigidCohesiveZone(0.0, W), "strength should be a finite number above"),
+        (lambda: xf.laws.RigidCohesiveZone(np.inf, W), "strength should be a finite number"),
+        (lambda: xf.laws.RigidCohesiveZone(S, -1.0), "fracture_energy should be"),
+        (lambda: law(curves.XuNeedleman()), "stiffness of its own"),
+        (lambda: law(curves.Linear), "curve should be one of"),
+        (lambda: law(friction_grows=1), "friction_grows"),
+        (lambda: xf.laws.RigidCohesiveZone(1e300, 1e-300), "beyond the range of floats"),
+    ],
+)
+def test_bad_input_is_refused(make, words):
+    with pytest.raises((TypeError, ValueError), match=words):
+        make()

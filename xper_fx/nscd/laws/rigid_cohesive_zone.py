@@ -1,0 +1,132 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+r"""Initially rigid cohesive zone: lips that are one until no admissible traction holds them.
+
+The law is set-valued at the start (Doyen, Ern and Piperno 2013): while the bond is sound,
+
+    U = 0   and   R in the set of tractions that it bears,
+
+which is |R| <= s, s the strength, and under pressure |R_T| <= s + mu |R_N|. What no such traction
+holds together opens and follows a curve of `curves/` that starts at the strength: damage, mean
+traction of a step, unloading along the secant, contact and friction are those of
+`cohesive_zone.py`, and a bond spends exactly its fracture energy whatever the step.
+
+**The kernels** work with y = U_theta / (h theta^2), U_theta = theta U1 + (1 - theta) U0, which a
+sound bond leaves exactly zero, where velocities are differences of nearly equal numbers. With
+z = U0 / (h theta^2), b = u - W r and beta k the secant stiffness times h^2 theta^2 A,
+
+    y = b + z + (1 - theta) / theta u0 + W r,   r = rhat - beta k y,   U1 = h theta [y - (1 - theta) z].
+
+beta is the mean damage over the step, for which y is found at each visit: s = 1 / (1 + k beta w) in
+(0, 1], w the mean compliance, is a fixed point of s -> 1 / (1 + k w beta(y(s))), which only rises:
+from the damage at the start upwards the least damaged state is met first. Where the step is so long
+that the bond has several (a softening number above 1), that one is taken.
+
+The curve has a stiffness after all, of an opening of 1e-9 w / s at the strength: numbers of
+`curve.py` then serve as they are, elastic part included, and w stays exact. No bond is ever seen
+with it, as one that would open by less is held.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
+
+import numpy as np
+
+from xper_fx.nscd.laws.bond import Bond
+from xper_fx.nscd.laws.cohesive_zone import check_curve
+from xper_fx.nscd.laws.curves.curve import Curve
+from xper_fx.nscd.laws.curves.linear import Linear
+from xper_fx.nscd.laws.law import LawKernels
+from xper_fx.nscd.laws.parameters import refuse_where, take_parameters
+from xper_fx.nscd.laws.weakening import Weakening, one_curve
+
+# Opening of a bond at its strength, over w / s: nothing.
+_ELASTIC = 1e-9
+
+
+@dataclass(frozen=True)
+class RigidCohesiveZone(Bond):
+    """Bond without compliance, that weakens, breaks, and leaves contact with friction.
+
+    With an explicit bulk, nodal points and each cell a body, facets that hold cost no more than
+    the elements of one mesh (`nscd/splitting`); other runs carry a point on each from the start.
+
+    Parameters are numbers or fields (`xper_fx/nscd/laws/fields.py`).
+
+    Args:
+        strength: s (Pa), the largest traction in whatever direction.
+        fracture_energy: w (J/m^2), the area under the curve.
+        friction: Coulomb's mu of the lips; 0 compiles no friction.
+        friction_grows: whether mu grows from 0 to `friction` as the bond weakens.
+        curve: how traction falls with the opening, of `xper_fx/nscd/laws/curves`; one that has no
+            stiffness of its own.
+
+    Raises:
+        ValueError: a number out of range, a curve that starts with a stiffness of its own.
+    """
+
+    strength: Any
+    fracture_energy: Any
+    friction: Any = 0.0
+    friction_grows: bool = False
+    curve: Curve = field(default_factory=Linear)
+    initial_damage: ClassVar[float] = 1.0
+    damage: ClassVar[str] = "mean"
+
+    def __post_init__(self) -> None:
+        self._check_options()
+        check_curve(self.curve)
+        if self.curve.own_stiffness(1.0, 1.0) is not None:
+            raise ValueError(
+                f"{self.curve!r} rises with a stiffness of its own, and an initially rigid bond "
+                "has none: take a curve that starts at the strength, as Linear(), or CohesiveZone."
+            )
+        known = take_parameters(
+            self, positive=("strength", "fracture_energy"), non_negative=("friction",)
+        )
+        if known:
+            stiffness, _ = self.stiffnesses()
+            refuse_where(
+                ~(np.isfinite(stiffness) & (stiffness > 0.0)),
+                lambda at: (
+                    f"The strength {at(self.strength):g} Pa and the fracture_energy "
+                    f"{at(self.fracture_energy):g} J/m^2 give openings beyond the range of floats; "
+                    "take other units."
+                ),
+            )
+
+    def kernels(self, dim: int) -> LawKernels:
+        """See `Law`."""
+        from xper_fx.nscd.laws.rigid_kernels import rigid_kernels
+
+        return rigid_kernels(dim, self._friction, self.weakening())
+
+    def in_statics(self) -> RigidCohesiveZone:
+        """The law that a static run takes for this one."""
+        return self
+
+    @property
+    def critical_opening(self) -> Any:
+        """dc (m), the opening at which the bond is broken."""
+        return self.shape()[1]
+
+    @property
+    def softening_slope(self) -> Any:
+        """Steepest descent of the traction curve (Pa/m)."""
+        return self.curve.steepest(self.shape(), self.stiffnesses()[0])
+
+    def weakening(self) -> Weakening:
+        """See `Bond`."""
+        count = len(self.curve.shape(1.0, 1.0, 1.0, *self.curve.constants))
+        return one_curve(self.curve.functions, count, self._rubs)
+
+    def stiffnesses(self) -> tuple:
+        """C_N and C_T (Pa/m), next to rigid."""
+        stiffness = self.strength * self.strength / (_ELASTIC * self.fracture_energy)
+        return stiffness, stiffness
+
+    def shape(self) -> tuple:
+        """d0, dc (m), and what else the curve has."""
+        numbers = self.stiffnesses()[0], self.strength, self.fracture_energy
+        return self.curve.shape(*numbers, *self.curve.constants)

@@ -1,0 +1,322 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Kernels of initially rigid bonds, as `rigid_cohesive_zone.py` derives them.
+
+Beside the kernels of any law (`law.py`) there are those of `RigidKernels`, for points i that are
+rigid still, or may be:
+
+    bears(i, r, scale, parameters) -> bool
+        whether a bond bears an impulse r; `scale` is h A
+    held(i, u, r, w, parameters, terms, details) -> bool
+        whether nothing opens that has velocity u with impulse r
+    insist(i, details)
+        from now on in this step, of the states that the bond may have take the most damaged
+"""
+
+from __future__ import annotations
+
+from collections import namedtuple
+from functools import cache
+
+import numpy as np
+
+from xper_fx.cache import njit
+from xper_fx.nscd.algebra.small import for_dimension
+from xper_fx.nscd.kernel_options import LEAN_ENTRY, LEAN_INNER
+from xper_fx.nscd.laws.contact_losses import contact_losses
+from xper_fx.nscd.laws.contact_solver import contact_solver
+from xper_fx.nscd.laws.damage_curve import (
+    BETA0,
+    C_N,
+    C_T,
+    DAMAGE,
+    OPENING_MAX,
+    damage_functions,
+)
+from xper_fx.nscd.laws.friction_of_lips import Friction, friction_by_damage
+from xper_fx.nscd.laws.law import COHESION, ENERGIES, STORED, Columns, LawKernels
+from xper_fx.nscd.laws.weakening import Weakening
+
+RigidKernels = namedtuple("RigidKernels", "bears held insist")
+
+# Iterations for the mean damage: monotone ones, then with a bracket.
+_MONOTONE, _MOST = 40, 200
+# Error of s, relative, and a difference of neighbouring floats.
+_CLOSE, _NEIGHBOURS = 1e-14, 4e-16
+# Excess of a traction over the strength, relative, that is rounding.
+_ROUNDING = 1e-12
+
+
+@cache
+def rigid_kernels(dim: int, friction: Friction, weakening: Weakening) -> LawKernels:
+    """The kernels of a bond; see `bond_kernels.mean_kernels`."""
+    algebra = for_dimension(dim)
+    dot, add, subtract, scale = algebra.dot, algebra.add, algebra.subtract, algebra.scale
+    sym_row, sym_vector, sym_solve = algebra.sym_row, algebra.sym_vector, algebra.sym_solve
+    soften, diagonal = algebra.compliance_with_springs, algebra.multiply_diagonal
+    rubs, friction_of = friction is not Friction.NONE, friction_by_damage(friction)
+    contact, book_losses = contact_solver(dim, rubs), contact_losses(dim, rubs)
+    num_sym = dim * (dim + 1) // 2
+    shape, reach, first_limit = weakening.shape, weakening.reach, weakening.limit
+    damage, mean_damage, _, _ = damage_functions(weakening.curve)
+
+    terms_of, details_of, others = Columns(), Columns(), Columns()
+    others.take("cohesion", 2)  # C
+    others.take("damage", 3)  # beta0, state
+    for effect, count in weakening.effects:
+        others.take(effect, count)
+    push = terms_of.take("cohesion", dim)  # P
+    start_at = terms_of.take("cohesion", dim)  # z
+    old, jump_start, limit, rigid, greedy = (details_of.take("damage") for _ in range(5))
+    h_theta, past, spring = (details_of.take("cohesion") for _ in range(3))
+    compliance = details_of.take("cohesion", num_sym)
+    if rubs:
+        others.take("friction")  # mu
+
+    @njit(inline="always")
+    def opening(jump):
+        x = max(jump[0], 0.0) ** 2 + jump[1] * jump[1]
+        if dim == 3:
+            x += jump[2] * jump[2]
+        return np.sqrt(x)
+
+    @njit(inline="always")
+    def part(columns, i, first):
+        if dim == 2:
+            return columns[i, first], columns[i, first + 1]
+        return columns[i, first], columns[i, first + 1], columns[i, first + 2]
+
+    @njit(inline="always")
+    def along_tangent(x):
+        return (x[1],) if dim == 2 else (x[1], x[2])
+
+    @njit(inline="always")
+    def mean_of(w):
+        return 0.5 * (w[0] + w[2]) if dim == 2 else (w[0] + w[3] + w[5]) / 3.0
+
+    @njit(inline="always")
+    def stiffened(k, w):
+        """I + k W."""
+        if dim == 2:
+            return 1.0 + k * w[0], k * w[1], 1.0 + k * w[2]
+        return 1.0 + k * w[0], k * w[1], k * w[2], 1.0 + k * w[3], k * w[4], 1.0 + k * w[5]
+
+    @njit(**LEAN_INNER)
+    def prepare(i, jump, velocity, w, area, step, theta, parameters, state, terms, details):
+        scaled = step * theta
+        for j in range(dim):
+            z = jump[j] / (scaled * theta)
+            terms[i, start_at + j] = z
+            terms[i, push + j] = z + (1.0 - theta) / theta * velocity[j]
+        details[i, old] = state[i, DAMAGE]
+        details[i, jump_start] = opening(jump)
+        details[i, limit] = first_limit(i, parameters, state)
+        details[i, rigid] = 1.0 if state[i, OPENING_MAX] == 0.0 else 0.0
+        details[i, greedy] = 0.0
+        details[i, h_theta] = scaled
+        details[i, past] = 1.0 - theta
+        details[i, spring] = scaled * scaled * area * parameters[i, C_N]
+        for j in range(num_sym):
+            details[i, compliance + j] = w[i, j]
+
+    @njit(**LEAN_ENTRY)
+    def bears(i, r, scale_of, parameters):
+        pull = scale(-1.0 / scale_of, r)
+        share = 1.0
+        if pull[0] < 0.0:
+            rubbed = -friction_of(i, parameters[i, BETA0], parameters) * pull[0]
+            sheared = np.sqrt(dot(pull, pull) - pull[0] * pull[0])
+            share = max(0.0, 1.0 - rubbed / sheared) if sheared > 0.0 else 0.0
+        jump = diagonal(1.0 / parameters[i, C_N], share / parameters[i, C_T], pull)
+        return opening(jump) <= shape(i, jump, parameters)[0] * (1.0 + _ROUNDING)
+
+    @njit(inline="always")
+    def holding(i, b, w, terms, details):
+        """The impulse that leaves no jump at the end of the step."""
+        y = scale(details[i, past], part(terms, i, start_at))
+        return sym_solve(w, subtract(y, add(b, part(terms, i, push))))
+
+    @njit(**LEAN_INNER)
+    def held(i, u, r, w, parameters, terms, details):
+        if details[i, rigid] == 0.0:
+            return False
+        w_i = sym_row(w, i)
+        hold = holding(i, subtract(u, sym_vector(w_i, r)), w_i, terms, details)
+        area = details[i, spring] / (details[i, h_theta] ** 2 * parameters[i, C_N])
+        return bears(i, hold, details[i, h_theta] / (1.0 - details[i, past]) * area, parameters)
+
+    @njit(inline="always")
+    def respond(i, beta, free, w, parameters, terms, details):
+        """y, and the impulse of the contact, for a mean damage; `free` is y without any impulse."""
+        z, k = part(terms, i, start_at), beta * details[i, spring]
+        y = sym_solve(stiffened(k, w), free)
+        least = details[i, past] * z[0]
+        if y[0] >= least:
+            return y, scale(0.0, y)
+        soft = soften(w, k, k)
+        mu = friction_of(i, beta, parameters) if rubs else 0.0
+        slipped = scale(-1.0, z)
+        hat, _ = contact(y, soft, least, along_tangent(slipped), mu, 0.0)
+        y = add(y, sym_vector(soft, hat))
+        return y, hat
+
+    @njit(inline="always")
+    def mean_after(i, y, parameters, terms, details):
+        """Mean damage of a step that ends with y."""
+        scaled, beta = details[i, h_theta], details[i, old]
+        z = part(terms, i, start_at)
+        jump = scale(scaled, subtract(y, scale(details[i, past], z)))
+        p, beta0 = shape(i, jump, parameters), parameters[i, BETA0]
+        x_max = reach(details[i, limit], beta / beta0, p)
+        return mean_damage(opening(jump), details[i, jump_start], x_max, beta, p, beta0)
+
+    @njit(**LEAN_INNER)
+    def following(i, s, kappa, free, w, parameters, terms, details):
+        """The mean damage after the step that is found with s."""
+        y, _ = respond(i, (1.0 / s - 1.0) / kappa, free, w, parameters, terms, details)
+        return mean_after(i, y, parameters, terms, details)
+
+    @njit(**LEAN_INNER)
+    def most_damaged(i, kappa, free, w, parameters, terms, details):
+        """The mean damage at the largest s, from above."""
+        s, beta = 1.0, 0.0
+        for _ in range(_MOST):
+            beta = following(i, s, kappa, free, w, parameters, terms, details)
+            new = 1.0 / (1.0 + kappa * beta)
+            if s - new <= _CLOSE * s:
+                break
+            s = new
+        return beta
+
+    @njit(**LEAN_INNER)
+    def least_damaged(i, kappa, snaps, free, w, parameters, terms, details):
+        """The mean damage at the smallest s, from that of the start; monotone, then bracketed."""
+        low = 1.0 / (1.0 + kappa * details[i, old])
+        beta = following(i, low, kappa, free, w, parameters, terms, details)
+        above = 1.0 / (1.0 + kappa * beta) - low
+        if above <= _CLOSE * low:
+            return beta
+        s, high, below = low + above, 1.0, 0.0
+        if snaps:
+            for _ in range(_MONOTONE):
+                beta = following(i, s, kappa, free, w, parameters, terms, details)
+                error = 1.0 / (1.0 + kappa * beta) - s
+                if abs(error) <= _CLOSE * s:
+                    return beta
+                if error < 0.0:
+                    high, below = s, error
+                    break
+                further = s + error
+                if above > error:  # secant, no shorter than the fixed point's step
+                    further = max(further, min(1.0, s + (s - low) * error / (above - error)))
+                low, above, s = s, error, further
+        if below == 0.0:
+            beta = following(i, 1.0, kappa, free, w, parameters, terms, details)
+            below = 1.0 / (1.0 + kappa * beta) - 1.0
+            if below == 0.0:
+                return beta
+        # Illinois
+        side = 0
+        for _ in range(_MOST):
+            s = (low * below - high * above) / (below - above)
+            if not low < s < high:
+                s = 0.5 * (low + high)
+            beta = following(i, s, kappa, free, w, parameters, terms, details)
+            error = 1.0 / (1.0 + kappa * beta) - s
+            if abs(error) <= _CLOSE * s or high - low <= _NEIGHBOURS * high:
+                break
+            if error > 0.0:
+                low, above = s, error
+                below *= 0.5 if side == 1 else 1.0
+                side = 1
+            else:
+                high, below = s, error
+                above *= 0.5 if side == -1 else 1.0
+                side = -1
+        return beta
+
+    @njit(**LEAN_INNER)
+    def mean_of_step(i, free, w, parameters, terms, details):
+        """Mean damage of the step, from `free`, y without any impulse."""
+        kappa = details[i, spring] * mean_of(w)
+        if details[i, old] == 0.0 or kappa == 0.0:
+            return mean_after(i, free, parameters, terms, details)
+        if details[i, greedy] == 1.0:
+            return most_damaged(i, kappa, free, w, parameters, terms, details)
+        p = shape(i, free, parameters)
+        snaps = kappa * p[0] > 0.5 * p[1]
+        return least_damaged(i, kappa, snaps, free, w, parameters, terms, details)
+
+    @njit(**LEAN_INNER)
+    def solve(i, u, r, w, parameters, terms, details):
+        w_i = sym_row(w, i)
+        if held(i, u, r, w, parameters, terms, details):
+            return holding(i, subtract(u, sym_vector(w_i, r)), w_i, terms, details), True
+        free = add(subtract(u, sym_vector(w_i, r)), part(terms, i, push))
+        beta = mean_of_step(i, free, w_i, parameters, terms, details)
+        y, hat = respond(i, beta, free, w_i, parameters, terms, details)
+        return subtract(hat, scale(beta * details[i, spring], y)), False
+
+    @njit(**LEAN_INNER)
+    def commit(i, jump0, jump1, u, r, area, step, theta, parameters, state, terms, details, energy):
+        for j in range(len(ENERGIES)):
+            energy[i, j] = 0.0
+        if details[i, rigid] == 1.0:
+            w = part_of_compliance(i, details)
+            hold = holding(i, subtract(u, sym_vector(w, r)), w, terms, details)
+            if bears(i, hold, step * area, parameters):
+                return 1
+        x1, beta0 = opening(jump1), parameters[i, BETA0]
+        p = shape(i, jump1, parameters)
+        x_max = reach(details[i, limit], details[i, old] / beta0, p)
+        beta = mean_damage(x1, details[i, jump_start], x_max, details[i, old], p, beta0)
+        new = min(beta, damage(max(x1, x_max), p, beta0))
+        moved = subtract(jump1, jump0)
+        e0 = 0.5 * area * parameters[i, C_N] * dot(jump0, jump0)
+        e1 = 0.5 * area * parameters[i, C_N] * dot(jump1, jump1)
+        y = add(u, part(terms, i, push))
+        hat = add(r, scale(beta * details[i, spring], y))
+        closed = hat[0] * mean_of(part_of_compliance(i, details))
+        pressing = closed > u[0] + terms[i, push] - details[i, past] * terms[i, start_at]
+        energy[i, STORED] = new * e1
+        energy[i, COHESION] = (beta - new) * e1 + (details[i, old] - beta) * e0
+        state[i, OPENING_MAX] = max(state[i, OPENING_MAX], x1)
+        state[i, DAMAGE] = new
+        numerical = (theta - 0.5) * beta * area * parameters[i, C_N] * dot(moved, moved)
+        mu = friction_of(i, beta, parameters)
+        return book_losses(i, hat, moved, step, pressing, numerical, mu, energy)
+
+    @njit(inline="always")
+    def part_of_compliance(i, details):
+        if dim == 2:
+            return (
+                details[i, compliance], details[i, compliance + 1], details[i, compliance + 2]
+            )  # fmt: skip
+        return (
+            details[i, compliance], details[i, compliance + 1], details[i, compliance + 2],
+            details[i, compliance + 3], details[i, compliance + 4], details[i, compliance + 5],
+        )  # fmt: skip
+
+    @njit(**LEAN_INNER)
+    def insist(i, details):
+        details[i, greedy] = 1.0
+
+    @njit(inline="always")
+    def stored(i, jump, area, parameters, state):
+        return 0.5 * area * state[i, DAMAGE] * parameters[i, C_N] * dot(jump, jump)
+
+    return LawKernels(
+        name="initially rigid bond with friction" if rubs else "initially rigid bond",
+        effects=Columns.effects(others, terms_of, details_of),
+        components=dim,
+        prepare=prepare,
+        solve=solve,
+        evolve=None,
+        commit=commit,
+        num_terms=terms_of.count,
+        num_details=details_of.count,
+        state_names=("opening_max", "damage"),
+        energies=ENERGIES,
+        spent=weakening.spent,
+        stored=stored,
+        rigid=RigidKernels(bears, held, insist),
+    )
