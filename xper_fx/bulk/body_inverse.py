@@ -23,7 +23,13 @@ _BATCH = 1024
 
 
 class _OnBodies:
-    """An inverse to which no border is added."""
+    """An inverse to which no border is added.
+
+    Attributes:
+        is_nodal: whether an impulse moves no other node than that on which it acts.
+    """
+
+    is_nodal = False
 
     def advance(self, residual: np.ndarray) -> np.ndarray:
         """Newton's increment of all velocities, shape (num_dofs,)."""
@@ -149,6 +155,8 @@ class LumpedInverse(_OnBodies):
         by_body: whether the blocks are those of bodies, as sides with several nodes need, all of
             which lie in one block. Every node has a block otherwise.
     """
+
+    is_nodal = True
 
     def __init__(
         self, layout: BodyLayout, mass: np.ndarray, interacting: np.ndarray, by_body: bool = False

@@ -53,6 +53,8 @@ class AnchoredInverse:
         ValueError: the interactions of a body leave it free to turn.
     """
 
+    is_nodal = False
+
     def __init__(self, layout: BodyLayout, x: np.ndarray, interacting: np.ndarray):
         self._dim = layout.dim
         self._dofs, self._motions = _anchored_motions(layout, x, interacting)

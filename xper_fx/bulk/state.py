@@ -81,7 +81,7 @@ def interact(
             f"{type(solver).__name__}.solve should return a SolveReport, got {report!r}."
         )
     impulses = on_nodes(interactions.impulses(), nodes, len(free))
-    if len(nodes) == inverse.num_nodes:
+    if len(nodes) == inverse.num_nodes or inverse.is_nodal:
         velocity = free.copy()
         put_on_nodes(slots.reshape(-1, dim), nodes, velocity)
     else:

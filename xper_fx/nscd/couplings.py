@@ -99,6 +99,25 @@ def couple(points: InteractionPoints, inverse: BodyInverse) -> Couplings:
     return couple_again(couplings, points)
 
 
+def couple_nodes(nodes: np.ndarray, inverse: BodyInverse) -> Couplings:
+    """Couplings of points with one node a side, each of which has a block of w.
+
+    Args:
+        nodes: shape (num_points, 2, 1).
+        inverse: one block a node.
+
+    Returns:
+        Those between the nodes, whose weights and frames are none yet (`couple_again`).
+    """
+    dim = inverse.dim
+    small = np.int32 if len(inverse.data) < 2**31 else np.int64
+    start = (nodes * dim).astype(small)
+    size = np.full(start.shape[:2], dim, small)
+    none = np.zeros((0, 2, 1)), np.zeros((0, 1, dim))
+    rows = (nodes.astype(np.int64) * dim * dim).astype(small)
+    return Couplings(start, none[0], start[:, :, 0].copy(), size, rows, none[1], inverse.data)
+
+
 def couple_again(couplings: Couplings, points: InteractionPoints) -> Couplings:
     """The couplings of points between the same nodes, which have moved."""
     # In 2D the normal alone tells the frame.

@@ -4,15 +4,34 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
-from xper_fx.nscd.couplings import Blocks, Couplings, Sides, couple, couple_again
+from xper_fx.nscd.couplings import Blocks, Couplings, Sides, couple, couple_again, couple_nodes
 from xper_fx.nscd.inverse_blocks import BodyInverse
 from xper_fx.nscd.laws.law import Law, LawKernels
-from xper_fx.nscd.ordering import Ordering, bodies_of_tiles, order_by_vertex, order_points
+from xper_fx.nscd.ordering import (
+    NO_ORDER,
+    NO_TILES,
+    Ordering,
+    TileBodies,
+    bodies_of_tiles,
+    order_by_vertex,
+    order_points,
+)
+from xper_fx.nscd.own_compliance import update_compliance
 from xper_fx.nscd.point_group import PointGroup
 from xper_fx.nscd.points import InteractionPoints
+
+
+class _Like(NamedTuple):
+    """What of a group `Grouping._group` keeps."""
+
+    indices: np.ndarray
+    ordering: Ordering
+    tile_bodies: TileBodies
+    couplings: Couplings
 
 
 class Grouping:
@@ -38,6 +57,7 @@ class Grouping:
         nodal: np.ndarray,
         phase: np.ndarray,
         later: bool = False,
+        left_out: frozenset[int] = frozenset(),
     ) -> list[PointGroup]:
         """Points by law.
 
@@ -48,9 +68,12 @@ class Grouping:
             nodal: shape (num_slots, dim), velocities of the nodes (m/s).
             phase: shape (num_points,), in which bodies of another rank are at a point.
             later: whether they come about after the start (`law.py`).
+            left_out: laws whose points are in no group.
         """
         by_kernels: dict[LawKernels, list[int]] = {}
         for number in np.flatnonzero(np.bincount(law_of_point)).tolist():
+            if number in left_out:
+                continue
             by_kernels.setdefault(self._laws[number].kernels(self._dim), []).append(number)
         groups = []
         for kernels, numbers in by_kernels.items():
@@ -60,6 +83,28 @@ class Grouping:
                 group = self._group(inverse, kernels, points, law_of_point, here, nodal, later)
                 groups.append(replace(group, phase=number))
         return groups
+
+    def as_given(
+        self,
+        inverse: BodyInverse,
+        kernels: LawKernels,
+        points: InteractionPoints,
+        law_of_point: np.ndarray,
+        indices: np.ndarray,
+    ) -> PointGroup:
+        """A group of some points of one law's kernels at rest, in their order.
+
+        Args:
+            inverse, kernels, points, law_of_point: as of `groups`.
+            indices: shape (n,), numbers of the points.
+        """
+        like = _Like(
+            indices, NO_ORDER, NO_TILES, couple_nodes(points.nodes[indices], inverse)
+        )  # fmt: skip
+        still = np.zeros((inverse.num_slots, inverse.dim))
+        group = self._group(inverse, kernels, points, law_of_point, indices, still, False, like)
+        update_compliance(group, inverse)
+        return group
 
     def again(
         self,

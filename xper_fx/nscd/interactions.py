@@ -49,8 +49,12 @@ class Interactions(SteppedPoints):
             alone each has the nodes of all, and contacts may be divided otherwise in another step:
             the halo then comes with them. Everything that reads or moves all points is then done
             by all ranks together.
+        splits: whether initially rigid bonds get points where they may open, and not before, as
+            `splitting/` has it; of points ordered by vertices.
 
     Attributes:
+        fused: what the vertices are that initially rigid bonds hold; None where all bonds have
+            points.
         anchors: of bodies that interactions alone hold, None if there are none; the bulk renews
             them before each solve.
         groups: all points by law, permanent ones before those of contacts found.
@@ -72,6 +76,7 @@ class Interactions(SteppedPoints):
         ordering: str = "tiles",
         rigid_blocks: np.ndarray | None = None,
         halo: PointHalo | ContactHalo | None = None,
+        splits: bool = False,
     ):
         law_of_point = np.asarray(law_of_point)
         if len(law_of_point) != len(points):
@@ -117,7 +122,11 @@ class Interactions(SteppedPoints):
             vertex = vertex.astype(np.int32)
         self._grouping = Grouping(laws, inverse, vertex)
         phase = np.zeros(len(points), int) if halo is None else halo.phase
-        self._permanent = self._grouping.groups(inverse, points, law_of_point, nodal, phase)
+        rigid = [n for n, law in enumerate(laws) if splits and law.kernels(self.dim).rigid]
+        self._permanent = self._grouping.groups(
+            inverse, points, law_of_point, nodal, phase, left_out=frozenset(rigid)
+        )
+        self.fused = self._fused(points, vertex, nodal) if rigid else None
         self.groups = self._permanent
         self._turns = bool(self.largest(any(g.turning is not None for g in self._permanent)))
         self._found = FoundContacts()
@@ -125,9 +134,33 @@ class Interactions(SteppedPoints):
         components = [g.kernels.components for g in self.groups]
         # Points whose groups have all of their frames are put together again when asked for.
         self._points = None
-        if not components or min(components) < max(components) or points.lever_arms is not None:
+        alike = components and min(components) == max(components) and self.fused is None
+        if not alike or points.lever_arms is not None:
             self._points = points.with_components(max(components, default=1))
         self._take_inverse(self.groups)
+
+    def _fused(self, points: InteractionPoints, vertex: np.ndarray, nodal: np.ndarray):
+        """The vertices that initially rigid bonds hold; their points become those of groups."""
+        from xper_fx.nscd.splitting.fused_points import FusedPoints
+
+        fused = FusedPoints(
+            points, vertex, self.laws, self.law_of_point, self.inverse, self._permanent,
+            lambda kernels, indices: self._grouping.as_given(
+                self.inverse, kernels, points, self.law_of_point, indices
+            ),
+        )  # fmt: skip
+        fused.require_one_velocity(nodal)
+        self._permanent = fused.groups
+        return fused
+
+    def wake(self, vertices: np.ndarray) -> None:
+        """Give whole vertices the points of their bonds, within a step.
+
+        Args:
+            vertices: their numbers.
+        """
+        for group in self.fused.wake(vertices):
+            self._prepare(group)
 
     def update_inverse(self, inverse: BodyInverse) -> None:
         """Take new values of w (same blocks) of meshed bodies; the compliances W_aa follow."""

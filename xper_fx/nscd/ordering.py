@@ -252,6 +252,12 @@ class TileBodies(NamedTuple):
     blocks: np.ndarray
 
 
+_NONE = np.zeros(1, np.int64)
+# Of points that no sweep goes through.
+NO_ORDER = Ordering(np.zeros(0, np.int32), _NONE, _NONE)
+NO_TILES = TileBodies(_NONE, _NONE)
+
+
 def bodies_of_tiles(ordering: Ordering, blocks: np.ndarray, num_blocks: int) -> TileBodies:
     """The bodies that each tile touches.
 

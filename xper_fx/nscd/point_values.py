@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from xper_fx.nscd.facets import join_points
@@ -12,6 +14,9 @@ from xper_fx.nscd.inverse_blocks import BodyInverse
 from xper_fx.nscd.laws.law import ENERGIES
 from xper_fx.nscd.point_group import PointGroup
 from xper_fx.nscd.points import InteractionPoints
+
+if TYPE_CHECKING:
+    from xper_fx.nscd.splitting.fused_points import FusedPoints
 
 
 class PointValues:
@@ -36,6 +41,7 @@ class PointValues:
     _permanent: list[PointGroup]
     _points: InteractionPoints | None  # put together when asked for if None
     _grouping: Grouping
+    fused: FusedPoints | None
 
     # What ranks that share points agree on, so that all of them decide alike
 
@@ -64,6 +70,11 @@ class PointValues:
         return self._count
 
     @property
+    def _asleep(self) -> np.ndarray:
+        """Permanent points that have no arrays as they are sound and rigid (`splitting/`)."""
+        return np.zeros(0, int) if self.fused is None else self.fused.asleep
+
+    @property
     def points(self) -> InteractionPoints:
         """All permanent points in the scene's order, those taken out included."""
         if self._points is not None:
@@ -83,6 +94,7 @@ class PointValues:
         That is where damage is complete, or whose law has no damage and no stored energy.
         """
         loose = np.ones(len(self), bool)
+        loose[self._asleep] = False
         for g in self._permanent:
             loose[g.indices] = g.unbonded()
         return self.whole(loose)
@@ -109,6 +121,7 @@ class PointValues:
             return self.local("impulse") / scale[:, None]
         if name == "spent":
             spent = np.ones(len(self))
+            spent[self._asleep] = 0.0
             for g in self._permanent:
                 spent[g.indices] = g.spent()
             return spent
@@ -126,6 +139,7 @@ class PointValues:
                 out[np.ix_(g.indices, columns)] = own
             return out
         out = np.zeros(len(self))
+        out[self._asleep] = name in ("damage", "status")
         for g in self._permanent:
             if name in g.kernels.state_names:
                 out[g.indices] = g.state[:, g.kernels.state_names.index(name)]
@@ -140,4 +154,5 @@ class PointValues:
         shared = [self.law_of_point, inverse.data, inverse.node_offsets, inverse.data_offsets]
         shared += [] if self._points is None else vars(self._points).values()
         held = sum(a.nbytes for a in shared if a is not None)
+        held += 0 if self.fused is None else self.fused.nbytes
         return held + self._grouping.nbytes + sum(g.nbytes for g in self.groups)

@@ -184,11 +184,14 @@ class SteppedPoints(PointValues):
     def prepare(self) -> None:
         """Renew the laws' constants of the step, after `update_inverse`."""
         for g in self.groups:
-            prepare, _ = step_loops(g.kernels, g.sides, g.turning is not None)
-            in_ranges(
-                prepare, len(g), g.jump, g.velocity, g.compliance, g.points.area, self.step_size,
-                self.theta, g.parameters, g.state, g.terms, g.details,
-            )  # fmt: skip
+            self._prepare(g)
+
+    def _prepare(self, g: PointGroup) -> None:
+        prepare, _ = step_loops(g.kernels, g.sides, g.turning is not None)
+        in_ranges(
+            prepare, len(g), g.jump, g.velocity, g.compliance, g.points.area, self.step_size,
+            self.theta, g.parameters, g.state, g.terms, g.details,
+        )  # fmt: skip
 
     def evolve(self, velocity: np.ndarray) -> float:
         """Let the laws' internal variables follow the end velocities found.
@@ -225,6 +228,8 @@ class SteppedPoints(PointValues):
 
     def impulses(self) -> np.ndarray:
         """H r: impulses of the current step on the interacting nodes, shape (num_slots, dim)."""
+        if self.fused is not None:
+            return self.fused.impulses
         total = self._own_impulses()
         if self.halo is not None:
             self.halo.everywhere.add_back(total.reshape(-1))

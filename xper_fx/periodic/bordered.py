@@ -57,6 +57,8 @@ class BorderedInverse:
         blocks, nodes, num_nodes: see `xper_fx.bulk.body_inverse`.
     """
 
+    is_nodal = False
+
     def __init__(
         self,
         bodies: CellwiseInverse | ClusterInverse,

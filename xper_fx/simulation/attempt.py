@@ -285,6 +285,10 @@ class StepAttempts:
 
 def _solver(model: Model) -> Solver:
     """The solver that was asked for, or the one of vertices that are solved alone."""
+    if model.interactions is not None and model.interactions.fused is not None:
+        from xper_fx.nscd.splitting.splitting_vertices import SplittingVertices
+
+        return SplittingVertices()
     if model.by_vertex:
         return solvers.VertexBlocks() if model.part is None else solvers.DistributedSweeps()
     asked = model.options.solver

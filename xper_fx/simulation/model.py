@@ -338,6 +338,7 @@ class Model:
             points, laws, self.points.law_of_point, inverse.blocks, velocity,
             ordering="vertices" if self.by_vertex else "tiles",
             rigid_blocks=None if self.rigid is None else self.rigid.blocks, halo=halo,
+            splits=self.by_vertex and self.part is None and points.lips is None,
         )  # fmt: skip
 
     def _bond_turns(self) -> BondTurns | None:

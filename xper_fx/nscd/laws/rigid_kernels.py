@@ -6,10 +6,10 @@ rigid still, or may be:
 
     bears(i, r, scale, parameters) -> bool
         whether a bond bears an impulse r; `scale` is h A
-    held(i, u, r, w, parameters, terms, details) -> bool
+    held(i, u, r, parameters, terms, details) -> bool
         whether nothing opens that has velocity u with impulse r
-    insist(i, details)
-        from now on in this step, of the states that the bond may have take the most damaged
+    insist(i, u, parameters, terms, details)
+        from now on in this step the bond is no sounder than velocity u leaves it
 """
 
 from __future__ import annotations
@@ -44,6 +44,9 @@ _MONOTONE, _MOST = 40, 200
 _CLOSE, _NEIGHBOURS = 1e-14, 4e-16
 # Excess of a traction over the strength, relative, that is rounding.
 _ROUNDING = 1e-12
+# What is added to compliances to tell the impulse that holds, relative, and where both lips are
+# driven: whatever parts them opens the bond.
+_REGULAR, _DRIVEN = 1e-12, 1e-200
 
 
 @cache
@@ -56,6 +59,7 @@ def rigid_kernels(dim: int, friction: Friction, weakening: Weakening) -> LawKern
     rubs, friction_of = friction is not Friction.NONE, friction_by_damage(friction)
     contact, book_losses = contact_solver(dim, rubs), contact_losses(dim, rubs)
     num_sym = dim * (dim + 1) // 2
+    diagonal_of = (0, 2) if dim == 2 else (0, 3, 5)
     shape, reach, first_limit = weakening.shape, weakening.reach, weakening.limit
     damage, mean_damage, _, _ = damage_functions(weakening.curve)
 
@@ -66,7 +70,7 @@ def rigid_kernels(dim: int, friction: Friction, weakening: Weakening) -> LawKern
         others.take(effect, count)
     push = terms_of.take("cohesion", dim)  # P
     start_at = terms_of.take("cohesion", dim)  # z
-    old, jump_start, limit, rigid, greedy = (details_of.take("damage") for _ in range(5))
+    old, jump_start, limit, rigid, soundest = (details_of.take("damage") for _ in range(5))
     h_theta, past, spring = (details_of.take("cohesion") for _ in range(3))
     compliance = details_of.take("cohesion", num_sym)
     if rubs:
@@ -84,6 +88,17 @@ def rigid_kernels(dim: int, friction: Friction, weakening: Weakening) -> LawKern
         if dim == 2:
             return columns[i, first], columns[i, first + 1]
         return columns[i, first], columns[i, first + 1], columns[i, first + 2]
+
+    @njit(inline="always")
+    def part_of_compliance(i, details):
+        if dim == 2:
+            return (
+                details[i, compliance], details[i, compliance + 1], details[i, compliance + 2]
+            )  # fmt: skip
+        return (
+            details[i, compliance], details[i, compliance + 1], details[i, compliance + 2],
+            details[i, compliance + 3], details[i, compliance + 4], details[i, compliance + 5],
+        )  # fmt: skip
 
     @njit(inline="always")
     def along_tangent(x):
@@ -111,12 +126,14 @@ def rigid_kernels(dim: int, friction: Friction, weakening: Weakening) -> LawKern
         details[i, jump_start] = opening(jump)
         details[i, limit] = first_limit(i, parameters, state)
         details[i, rigid] = 1.0 if state[i, OPENING_MAX] == 0.0 else 0.0
-        details[i, greedy] = 0.0
+        details[i, soundest] = state[i, DAMAGE]
         details[i, h_theta] = scaled
         details[i, past] = 1.0 - theta
         details[i, spring] = scaled * scaled * area * parameters[i, C_N]
+        w_i = sym_row(w, i)
+        least = max(_REGULAR * mean_of(w_i), _DRIVEN)
         for j in range(num_sym):
-            details[i, compliance + j] = w[i, j]
+            details[i, compliance + j] = w_i[j] + (least if j in diagonal_of else 0.0)
 
     @njit(**LEAN_ENTRY)
     def bears(i, r, scale_of, parameters):
@@ -130,17 +147,17 @@ def rigid_kernels(dim: int, friction: Friction, weakening: Weakening) -> LawKern
         return opening(jump) <= shape(i, jump, parameters)[0] * (1.0 + _ROUNDING)
 
     @njit(inline="always")
-    def holding(i, b, w, terms, details):
+    def holding(i, u, r, terms, details):
         """The impulse that leaves no jump at the end of the step."""
-        y = scale(details[i, past], part(terms, i, start_at))
-        return sym_solve(w, subtract(y, add(b, part(terms, i, push))))
+        w = part_of_compliance(i, details)
+        free = add(subtract(u, sym_vector(w, r)), part(terms, i, push))
+        return sym_solve(w, subtract(scale(details[i, past], part(terms, i, start_at)), free))
 
     @njit(**LEAN_INNER)
-    def held(i, u, r, w, parameters, terms, details):
-        if details[i, rigid] == 0.0:
+    def held(i, u, r, parameters, terms, details):
+        if details[i, rigid] == 0.0 or details[i, soundest] < details[i, old]:
             return False
-        w_i = sym_row(w, i)
-        hold = holding(i, subtract(u, sym_vector(w_i, r)), w_i, terms, details)
+        hold = holding(i, u, r, terms, details)
         area = details[i, spring] / (details[i, h_theta] ** 2 * parameters[i, C_N])
         return bears(i, hold, details[i, h_theta] / (1.0 - details[i, past]) * area, parameters)
 
@@ -176,25 +193,13 @@ def rigid_kernels(dim: int, friction: Friction, weakening: Weakening) -> LawKern
         return mean_after(i, y, parameters, terms, details)
 
     @njit(**LEAN_INNER)
-    def most_damaged(i, kappa, free, w, parameters, terms, details):
-        """The mean damage at the largest s, from above."""
-        s, beta = 1.0, 0.0
-        for _ in range(_MOST):
-            beta = following(i, s, kappa, free, w, parameters, terms, details)
-            new = 1.0 / (1.0 + kappa * beta)
-            if s - new <= _CLOSE * s:
-                break
-            s = new
-        return beta
-
-    @njit(**LEAN_INNER)
     def least_damaged(i, kappa, snaps, free, w, parameters, terms, details):
         """The mean damage at the smallest s, from that of the start; monotone, then bracketed."""
-        low = 1.0 / (1.0 + kappa * details[i, old])
+        low = 1.0 / (1.0 + kappa * details[i, soundest])
         beta = following(i, low, kappa, free, w, parameters, terms, details)
         above = 1.0 / (1.0 + kappa * beta) - low
         if above <= _CLOSE * low:
-            return beta
+            return min(beta, details[i, soundest])
         s, high, below = low + above, 1.0, 0.0
         if snaps:
             for _ in range(_MONOTONE):
@@ -238,19 +243,19 @@ def rigid_kernels(dim: int, friction: Friction, weakening: Weakening) -> LawKern
     def mean_of_step(i, free, w, parameters, terms, details):
         """Mean damage of the step, from `free`, y without any impulse."""
         kappa = details[i, spring] * mean_of(w)
-        if details[i, old] == 0.0 or kappa == 0.0:
+        if details[i, soundest] == 0.0:
+            return 0.0
+        if kappa == 0.0:
             return mean_after(i, free, parameters, terms, details)
-        if details[i, greedy] == 1.0:
-            return most_damaged(i, kappa, free, w, parameters, terms, details)
         p = shape(i, free, parameters)
         snaps = kappa * p[0] > 0.5 * p[1]
         return least_damaged(i, kappa, snaps, free, w, parameters, terms, details)
 
     @njit(**LEAN_INNER)
     def solve(i, u, r, w, parameters, terms, details):
+        if held(i, u, r, parameters, terms, details):
+            return holding(i, u, r, terms, details), True
         w_i = sym_row(w, i)
-        if held(i, u, r, w, parameters, terms, details):
-            return holding(i, subtract(u, sym_vector(w_i, r)), w_i, terms, details), True
         free = add(subtract(u, sym_vector(w_i, r)), part(terms, i, push))
         beta = mean_of_step(i, free, w_i, parameters, terms, details)
         y, hat = respond(i, beta, free, w_i, parameters, terms, details)
@@ -260,11 +265,8 @@ def rigid_kernels(dim: int, friction: Friction, weakening: Weakening) -> LawKern
     def commit(i, jump0, jump1, u, r, area, step, theta, parameters, state, terms, details, energy):
         for j in range(len(ENERGIES)):
             energy[i, j] = 0.0
-        if details[i, rigid] == 1.0:
-            w = part_of_compliance(i, details)
-            hold = holding(i, subtract(u, sym_vector(w, r)), w, terms, details)
-            if bears(i, hold, step * area, parameters):
-                return 1
+        if held(i, u, r, parameters, terms, details):
+            return 1
         x1, beta0 = opening(jump1), parameters[i, BETA0]
         p = shape(i, jump1, parameters)
         x_max = reach(details[i, limit], details[i, old] / beta0, p)
@@ -285,20 +287,10 @@ def rigid_kernels(dim: int, friction: Friction, weakening: Weakening) -> LawKern
         mu = friction_of(i, beta, parameters)
         return book_losses(i, hat, moved, step, pressing, numerical, mu, energy)
 
-    @njit(inline="always")
-    def part_of_compliance(i, details):
-        if dim == 2:
-            return (
-                details[i, compliance], details[i, compliance + 1], details[i, compliance + 2]
-            )  # fmt: skip
-        return (
-            details[i, compliance], details[i, compliance + 1], details[i, compliance + 2],
-            details[i, compliance + 3], details[i, compliance + 4], details[i, compliance + 5],
-        )  # fmt: skip
-
     @njit(**LEAN_INNER)
-    def insist(i, details):
-        details[i, greedy] = 1.0
+    def insist(i, u, parameters, terms, details):
+        beta = mean_after(i, add(u, part(terms, i, push)), parameters, terms, details)
+        details[i, soundest] = min(details[i, soundest], beta)
 
     @njit(inline="always")
     def stored(i, jump, area, parameters, state):

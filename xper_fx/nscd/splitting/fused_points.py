@@ -1,0 +1,161 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Which vertices of a scene are whole, and the points of those that are not."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from xper_fx.nscd.inverse_blocks import BodyInverse
+from xper_fx.nscd.laws.law import Law
+from xper_fx.nscd.point_group import PointGroup
+from xper_fx.nscd.points import InteractionPoints
+from xper_fx.nscd.splitting.growing import GrowingGroup
+from xper_fx.nscd.splitting.vertex_graphs import VertexGraphs, vertex_graphs
+
+# Difference of velocities, relative to the largest, that is rounding.
+_ROUNDING = 1e-12
+
+
+class FusedPoints:
+    """The vertices of a scene with initially rigid bonds.
+
+    A vertex all of whose bonds are rigid still is whole: no arrays of its points exist. One that
+    may open has all its points, those of its sound bonds too.
+
+    Args:
+        points: all points of the scene.
+        vertex: shape (num_points,), where they are.
+        laws: the laws in use, and `law_of_point`, shape (num_points,).
+        inverse: one block a node.
+        still: groups of all points of other laws.
+        make: makes a group of an initially rigid law from its kernels and numbers of points.
+
+    Attributes:
+        graphs: of the vertices.
+        groups: those of other laws, then those of initially rigid ones, which grow.
+        group_of: shape (num_bonds,), which of the groups a bond belongs to.
+        rows: shape (num_bonds,), int32, place of each bond's point in its group, or -1.
+        tables, table_rows: parameters of the bonds of each group, and the row of each bond there.
+        whole: shape (num_vertices,), bool.
+        split: those that are not, in the order in which they came.
+        impulses: shape (num_slots, dim), of the step on each slot (N s).
+        failed: shape (num_vertices,), room for vertices that do not hold.
+    """
+
+    def __init__(
+        self,
+        points: InteractionPoints,
+        vertex: np.ndarray,
+        laws: Sequence[Law],
+        law_of_point: np.ndarray,
+        inverse: BodyInverse,
+        still: list[PointGroup],
+        make: Callable[[object, np.ndarray], PointGroup],
+    ):
+        self._make, self._num_still = make, len(still)
+        kernels = [law.kernels(inverse.dim) for law in laws]
+        rigid = list(dict.fromkeys(k for k in kernels if k.rigid is not None))
+        group_of_law = np.array([rigid.index(k) if k in rigid else -1 for k in kernels])
+        group_of_point = group_of_law[law_of_point] + len(still)
+        for number, group in enumerate(still):
+            group_of_point[group.indices] = number
+        strength = np.zeros(len(points))
+        for number, law in enumerate(laws):
+            if kernels[number].rigid is not None:
+                strength[law_of_point == number] = law.strength
+        graphs = self.graphs = vertex_graphs(points, vertex, group_of_point, strength, inverse)
+        self.group_of = group_of_point[graphs.point].astype(np.int8)
+        self.rows = np.full(len(graphs.point), -1, np.int32)
+        row = np.full(len(points), -1, np.int32)
+        for group in still:
+            row[group.indices] = np.arange(len(group), dtype=np.int32)
+        self.rows[:] = row[graphs.point]
+        self._take_tables(laws, kernels, rigid, law_of_point, still)
+        some = [np.flatnonzero(group_of_law[law_of_point] == n)[:1] for n in range(len(rigid))]
+        self._growing = [
+            GrowingGroup(make(k, one)) for k, one in zip(rigid, some, strict=True)
+        ]  # fmt: skip
+        self.groups = still + [g.group for g in self._growing]
+        self.whole = np.ones(graphs.num_vertices, bool)
+        self.split = np.zeros(0, np.int32)
+        self.impulses = np.zeros((inverse.num_slots, inverse.dim))
+        self.failed = np.zeros(graphs.num_vertices, np.int32)
+        other = np.unique(vertex[group_of_law[law_of_point] < 0])
+        if len(other):
+            self.wake(other.astype(np.int32))
+
+    def _take_tables(self, laws, kernels, rigid, law_of_point, still) -> None:
+        """Parameters of rigid bonds: a row a law, or a row a point where they differ."""
+        tables: list[list[np.ndarray]] = [[] for _ in rigid]
+        sizes, row = [0] * len(rigid), np.zeros(len(law_of_point), np.int32)
+        for number, law in enumerate(laws):
+            if kernels[number].rigid is None:
+                continue
+            group, here = rigid.index(kernels[number]), np.flatnonzero(law_of_point == number)
+            columns = np.broadcast_arrays(*map(np.atleast_1d, law.parameters()))
+            several = len(columns[0]) > 1
+            row[here] = sizes[group] + (np.arange(len(here)) if several else 0)
+            tables[group].append(np.column_stack(columns).astype(float))
+            sizes[group] += len(columns[0])
+        self.table_rows = row[self.graphs.point]
+        self.tables = tuple(
+            [np.zeros((0, 1)) for _ in still] + [np.concatenate(table) for table in tables]
+        )
+
+    def wake(self, vertices: np.ndarray) -> list[PointGroup]:
+        """Give vertices the arrays of all their points.
+
+        Args:
+            vertices: whole ones.
+
+        Returns:
+            The groups that have grown.
+        """
+        graphs, grown = self.graphs, []
+        self.whole[vertices] = False
+        self.split = np.concatenate([self.split, vertices])
+        counts = graphs.bond_offsets[vertices + 1] - graphs.bond_offsets[vertices]
+        ends = np.cumsum(counts)
+        first = np.repeat(graphs.bond_offsets[vertices] - (ends - counts), counts)
+        bonds = np.arange(len(first)) + first
+        for number, growing in enumerate(self._growing):
+            of_group = bonds[self.group_of[bonds] == self._num_still + number]
+            if len(of_group):
+                made = self._make(growing.group.kernels, graphs.point[of_group])
+                self.rows[of_group] = growing.take_in(made)
+                self.groups[self._num_still + number] = growing.group
+                grown.append(growing.group)
+        return grown
+
+    def require_one_velocity(self, nodal: np.ndarray) -> None:
+        """Raise a ValueError if cells that a vertex joins start with velocities of their own.
+
+        Args:
+            nodal: shape (num_slots, dim), velocities at the start (m/s).
+        """
+        graphs = self.graphs
+        rigid = graphs.least > 0.0
+        first = graphs.corner_offsets[:-1].repeat(np.diff(graphs.bond_offsets))
+        sides = graphs.corner[first[:, None] + graphs.sides]
+        jump = np.abs(nodal[sides[:, 0]] - nodal[sides[:, 1]]).max(axis=1, initial=0.0) * rigid
+        driven = np.any(graphs.compliance[sides] == 0.0, axis=(1, 2))
+        jump[driven] = 0.0
+        if np.any(jump > _ROUNDING * np.abs(nodal).max(initial=0.0)):
+            raise ValueError(
+                "Initially rigid bonds join cells that move apart at the start, by "
+                f"{jump.max():g} m/s: take an initial_velocity that is continuous there."
+            )
+
+    @property
+    def asleep(self) -> np.ndarray:
+        """Numbers of the points of whole vertices, which have no arrays."""
+        return self.graphs.point[self.rows < 0]
+
+    @property
+    def nbytes(self) -> int:
+        """Memory held, in bytes, that of the groups left out."""
+        own = (self.rows, self.group_of, self.table_rows, self.whole, self.split, self.impulses)
+        tables = (*self.tables, self.failed)
+        return self.graphs.nbytes + sum(array.nbytes for array in (*own, *tables))
