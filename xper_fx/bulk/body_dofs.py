@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
@@ -35,6 +36,11 @@ class BodyLayout:
         """Whether all bodies have the same number of nodes, few enough to invert at once."""
         sizes = np.diff(self.offsets)
         return bool(np.all(sizes == sizes[0])) and int(sizes[0]) * self.dim <= 96
+
+    @cached_property
+    def prescribed_dofs(self) -> np.ndarray:
+        """Numbers of the prescribed dofs."""
+        return np.flatnonzero(self.prescribed)
 
     def body_of_node(self) -> np.ndarray:
         """Body of each node, shape (num_nodes,)."""

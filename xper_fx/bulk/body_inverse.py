@@ -154,6 +154,9 @@ class LumpedInverse(_OnBodies):
         interacting: nodes at which interactions act, in the order the layer shall use.
         by_body: whether the blocks are those of bodies, as sides with several nodes need, all of
             which lie in one block. Every node has a block otherwise.
+
+    Attributes:
+        in_order: whether the interacting nodes are all that there are, in the bulk's order.
     """
 
     is_nodal = True
@@ -164,6 +167,7 @@ class LumpedInverse(_OnBodies):
         self._w = np.where(layout.prescribed, 0.0, 1.0 / mass)
         self.nodes = interacting
         self.num_nodes = len(layout.nodes)
+        self.in_order = np.array_equal(interacting, np.arange(self.num_nodes))
         sizes = np.ones(len(interacting), np.int64)
         if by_body:
             sizes = np.bincount(layout.body_of_node()[interacting])

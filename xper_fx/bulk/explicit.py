@@ -105,7 +105,7 @@ class ExplicitScheme(KeepsNothing):
                     interactions.move_bulk(slots, at_nodes(velocity, inverse.nodes, bulk.dim))
             sweeps, error, traction, converged = report[1], report[2], report[3], report[0]
         reactions = reactions_on(
-            bulk.layout.prescribed,
+            bulk.layout,
             lambda d: bulk.mass[d] * (velocity[d] - v0[d]) - impulse[d] - impulses[d],
         )
         displacement = 0.5 * step * velocity

@@ -315,7 +315,7 @@ class ImplicitScheme:
             bulk.forget()
             if not bulk.linear:
                 self._drop(step)
-        reactions = reactions_on(bulk.layout.prescribed, lambda d: -(residual[d] + impulses[d]))
+        reactions = reactions_on(bulk.layout, lambda d: -(residual[d] + impulses[d]))
         end = State(time, equations.displacement(velocity), velocity, internal, external)
         mean_velocity = theta * velocity + (1.0 - theta) * v0
         return StepOutcome(

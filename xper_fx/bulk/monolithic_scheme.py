@@ -153,7 +153,7 @@ class MonolithicScheme:
             converged = find_contacts(coupled) and self._solve(coupled, newton)
         velocity, impulses = coupled.velocity, coupled.impulses + coupled.couples
         reactions = reactions_on(
-            bulk.layout.prescribed, lambda d: -(coupled.residual[d] + coupled.impulses[d])
+            bulk.layout, lambda d: -(coupled.residual[d] + coupled.impulses[d])
         )
         end = State(
             loading.time, equations.displacement(velocity), velocity, coupled.internal,

@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from xper_fx.bulk.body_dofs import BodyLayout
 from xper_fx.cache import njit
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.kernel_options import LEAN_ENTRY
@@ -74,12 +75,16 @@ def interact(
         End velocities and H r on all dofs, velocities of the interacting nodes, solver's report.
     """
     dim, nodes = interactions.dim, inverse.nodes
-    slots = interactions.free_velocities(at_nodes(free, nodes, dim))
+    in_order = inverse.is_nodal and inverse.in_order
+    at_start = free.reshape(-1, dim) if in_order else at_nodes(free, nodes, dim)
+    slots = interactions.free_velocities(at_start)
     report = solver.solve(interactions, slots, options)
     if not isinstance(report, SolveReport):
         raise TypeError(
             f"{type(solver).__name__}.solve should return a SolveReport, got {report!r}."
         )
+    if in_order:
+        return slots[: len(free)], interactions.impulses().ravel()[: len(free)], slots, report
     impulses = on_nodes(interactions.impulses(), nodes, len(free))
     if len(nodes) == inverse.num_nodes or inverse.is_nodal:
         velocity = free.copy()
@@ -120,13 +125,13 @@ def put_on_nodes(values, nodes, out):
             out[first + d] = values[i, d]
 
 
-def reactions_on(prescribed: np.ndarray, impulse: Callable[[np.ndarray], np.ndarray]):
-    """Impulses of the supports, zero on what is free.
+def reactions_on(layout: BodyLayout, impulse: Callable[[np.ndarray], np.ndarray]):
+    """Impulses of the supports, zero on what is free, shape (num_dofs,).
 
     Args:
-        prescribed: shape (num_dofs,), bool.
+        layout: of the bodies.
         impulse: gives those of some dofs.
     """
-    out, dofs = np.zeros(len(prescribed)), np.flatnonzero(prescribed)
+    out, dofs = np.zeros(len(layout.prescribed)), layout.prescribed_dofs
     out[dofs] = impulse(dofs)
     return out

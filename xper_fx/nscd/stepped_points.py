@@ -229,7 +229,7 @@ class SteppedPoints(PointValues):
     def impulses(self) -> np.ndarray:
         """H r: impulses of the current step on the interacting nodes, shape (num_slots, dim)."""
         if self.fused is not None:
-            return self.fused.impulses
+            return self.fused.impulses.copy()
         total = self._own_impulses()
         if self.halo is not None:
             self.halo.everywhere.add_back(total.reshape(-1))

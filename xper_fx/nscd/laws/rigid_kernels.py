@@ -193,13 +193,29 @@ def rigid_kernels(dim: int, friction: Friction, weakening: Weakening) -> LawKern
         return mean_after(i, y, parameters, terms, details)
 
     @njit(**LEAN_INNER)
+    def most_damaged(i, low, kappa, free, w, parameters, terms, details):
+        """The mean damage at the largest s, from above; that at `low` if there is none above it."""
+        s = 1.0
+        for _ in range(_MOST):
+            beta = following(i, s, kappa, free, w, parameters, terms, details)
+            new = 1.0 / (1.0 + kappa * beta)
+            if new <= low:
+                break
+            if s - new <= _CLOSE * s:
+                return beta
+            s = new
+        return details[i, soundest]
+
+    @njit(**LEAN_INNER)
     def least_damaged(i, kappa, snaps, free, w, parameters, terms, details):
         """The mean damage at the smallest s, from that of the start; monotone, then bracketed."""
         low = 1.0 / (1.0 + kappa * details[i, soundest])
         beta = following(i, low, kappa, free, w, parameters, terms, details)
         above = 1.0 / (1.0 + kappa * beta) - low
+        if above < -_CLOSE * low:
+            return most_damaged(i, low, kappa, free, w, parameters, terms, details)
         if above <= _CLOSE * low:
-            return min(beta, details[i, soundest])
+            return beta
         s, high, below = low + above, 1.0, 0.0
         if snaps:
             for _ in range(_MONOTONE):

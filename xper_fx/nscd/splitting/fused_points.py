@@ -40,7 +40,8 @@ class FusedPoints:
         tables, table_rows: parameters of the bonds of each group, and the row of each bond there.
         whole: shape (num_vertices,), bool.
         split: those that are not, in the order in which they came.
-        impulses: shape (num_slots, dim), of the step on each slot (N s).
+        impulses: shape (num_slots, dim), of the step on each slot (N s); zero where a vertex is
+            whole and not driven, whose bonds' impulses nobody asks for.
         failed: shape (num_vertices,), room for vertices that do not hold.
     """
 

@@ -568,6 +568,34 @@ def _whole_kernel(laws: tuple[LawKernels, ...], dim: int):
     """Whole vertices: `move_whole(v, impulses, step, ground, g, work, whole, rows, tables, ...)`."""
     gather, partition, _, form, sources, put, least_flow, _ = _vertex_kernels(dim)
     bear_all = _chain(laws, dim)[5]
+    world = for_dimension(dim)
+    add, scale, subtract, dot = world.add, world.scale, world.subtract, world.dot
+
+    @njit(**_INLINED)
+    def at(v, slot):
+        first = slot * dim
+        if dim == 2:
+            return v[first], v[first + 1]
+        return v[first], v[first + 1], v[first + 2]
+
+    @njit(**_INLINED)
+    def holds_easily(b, v, step, g):
+        """Move a vertex that nothing drives if every flow along a tree is borne."""
+        first, last = g.corner_offsets[b], g.corner_offsets[b + 1]
+        momentum = scale(0.0, at(v, g.corner[first]))
+        for c in range(first, last):
+            momentum = add(momentum, scale(g.mass[c], at(v, g.corner[c])))
+        mean, total = scale(g.compliance_of_vertex[b], momentum), 0.0
+        for c in range(first, last):
+            given = scale(g.mass[c], subtract(mean, at(v, g.corner[c])))
+            total += dot(given, given)
+        # (sum |s|)^2 <= k sum |s|^2
+        if 0.25 * (last - first) * total > (step * g.weakest[b]) ** 2:
+            return False
+        for c in range(first, last):
+            for d in range(dim):
+                v[g.corner[c] * dim + d] = mean[d]
+        return True
 
     @njit(**ENTRY)
     def move_whole(v, impulses, step, ground, g, work, whole, rows, group_of, tables, failed):
@@ -576,16 +604,16 @@ def _whole_kernel(laws: tuple[LawKernels, ...], dim: int):
         for b in range(len(whole)):
             if not whole[b]:
                 continue
+            if g.compliance_of_vertex[b] > 0.0 and holds_easily(b, v, step, g):
+                continue
             k = gather(b, v, g, work)
             first, last = g.bond_offsets[b], g.bond_offsets[b + 1]
-            least = np.inf
-            for q in range(first, last):
-                work.fused[q - first] = True
-                least = min(least, g.least[q])
+            for q in range(last - first):
+                work.fused[q] = True
             for c in range(k):
                 work.cluster[c] = 0
             form(b, k, g, work)
-            if sources(b, k, g, work) > step * least:
+            if sources(b, k, g, work) > step * g.weakest[b]:
                 least_flow(b, k, g, work)
                 if not bear_all(b, g, work, 0, rows, step, tables, group_of):
                     failed[count] = b

@@ -28,6 +28,10 @@ class VertexGraphs(NamedTuple):
         least: shape (num_bonds,), smallest force that a rigid bond may not bear, N; zero where a
             bond is not initially rigid.
         compliance: shape (num_slots, dim), 1 / m of each slot, zero where it is driven.
+        mass: shape (num_corners,), of each corner that is not driven (kg; 2D: kg/m).
+        compliance_of_vertex: shape (num_vertices,), one over the mass of all its corners; zero
+            where one of them is driven.
+        weakest: shape (num_vertices,), smallest of `least`.
     """
 
     corner_offsets: np.ndarray
@@ -39,6 +43,9 @@ class VertexGraphs(NamedTuple):
     area: np.ndarray
     least: np.ndarray
     compliance: np.ndarray
+    mass: np.ndarray
+    compliance_of_vertex: np.ndarray
+    weakest: np.ndarray
 
     @property
     def num_vertices(self) -> int:
@@ -77,16 +84,28 @@ def vertex_graphs(
     corners, sides = np.unique(keys.ravel(), return_inverse=True)
     corner_offsets = np.searchsorted(corners, np.arange(count + 1) * inverse.num_slots)
     local = sides.reshape(-1, 2) - corner_offsets[at][:, None]
-    size = dim * dim
+    corner = (corners % inverse.num_slots).astype(np.int32)
     diagonal = np.arange(dim) * (dim + 1)
+    compliance = np.ascontiguousarray(inverse.data.reshape(-1, dim * dim)[:, diagonal])
+    driven = np.any(compliance[corner] == 0.0, axis=1)
+    mass = np.divide(1.0, compliance[corner, 0], out=np.zeros(len(corner)), where=~driven)
+    first = corner_offsets[:-1]
+    whole_mass = np.where(
+        np.logical_or.reduceat(driven, first), np.inf, np.add.reduceat(mass, first)
+    )
+    bond_offsets = np.concatenate([[0], np.cumsum(np.bincount(at, minlength=count))])
+    least = strength[order] * points.area[order]
     return VertexGraphs(
         corner_offsets=corner_offsets,
-        bond_offsets=np.concatenate([[0], np.cumsum(np.bincount(at, minlength=count))]),
-        corner=(corners % inverse.num_slots).astype(np.int32),
+        bond_offsets=bond_offsets,
+        corner=corner,
         sides=np.ascontiguousarray(local, np.int16),
         point=order.astype(np.int32),
         normal=np.ascontiguousarray(points.frame[order, 0]),
         area=points.area[order],
-        least=strength[order] * points.area[order],
-        compliance=np.ascontiguousarray(inverse.data.reshape(-1, size)[:, diagonal]),
+        least=least,
+        compliance=compliance,
+        mass=mass,
+        compliance_of_vertex=1.0 / whole_mass,
+        weakest=np.minimum.reduceat(least, bond_offsets[:-1]),
     )
