@@ -372,6 +372,9 @@ class Interactions(SteppedPoints):
             for name in widths:
                 own = getattr(g, name)
                 arrays[name][g.indices, : own.shape[1]] = own
+        if self.fused is not None:
+            arrays["kept"][self.fused.asleep] = True
+            arrays["split"] = self.fused.turn_of_points()
         if self.turns:  # lips that face each other no more keep a frame of some time
             arrays["frame"] = np.zeros((len(self), components, self.dim))
             for g in self._permanent:
@@ -395,6 +398,8 @@ class Interactions(SteppedPoints):
         gone = np.flatnonzero(~saved["kept"][number])
         if len(gone):
             self.deactivate(gone)
+        if self.fused is not None:
+            self.fused.split_again(saved["split"][number])
         for g in self._permanent:
             for name in ("jump", "velocity", "committed_impulse", "energy", "state"):
                 own = getattr(g, name)

@@ -8,8 +8,9 @@ rigid still, or may be:
         whether a bond bears an impulse r; `scale` is h A
     held(i, u, r, parameters, terms, details) -> bool
         whether nothing opens that has velocity u with impulse r
-    insist(i, u, parameters, terms, details)
-        from now on in this step the bond is no sounder than velocity u leaves it
+    insist(i, u, for_good, parameters, terms, details)
+        from now on in this step, of the states that the bond may have, the most damaged one is
+        taken if velocity u breaks it; with `for_good` the bond is no sounder than u leaves it
 """
 
 from __future__ import annotations
@@ -70,7 +71,7 @@ def rigid_kernels(dim: int, friction: Friction, weakening: Weakening) -> LawKern
         others.take(effect, count)
     push = terms_of.take("cohesion", dim)  # P
     start_at = terms_of.take("cohesion", dim)  # z
-    old, jump_start, limit, rigid, soundest = (details_of.take("damage") for _ in range(5))
+    old, jump_start, limit, rigid, soundest, snapped = (details_of.take("damage") for _ in range(6))
     h_theta, past, spring = (details_of.take("cohesion") for _ in range(3))
     compliance = details_of.take("cohesion", num_sym)
     if rubs:
@@ -127,6 +128,7 @@ def rigid_kernels(dim: int, friction: Friction, weakening: Weakening) -> LawKern
         details[i, limit] = first_limit(i, parameters, state)
         details[i, rigid] = 1.0 if state[i, OPENING_MAX] == 0.0 else 0.0
         details[i, soundest] = state[i, DAMAGE]
+        details[i, snapped] = 0.0
         details[i, h_theta] = scaled
         details[i, past] = 1.0 - theta
         details[i, spring] = scaled * scaled * area * parameters[i, C_N]
@@ -157,6 +159,8 @@ def rigid_kernels(dim: int, friction: Friction, weakening: Weakening) -> LawKern
     def held(i, u, r, parameters, terms, details):
         if details[i, rigid] == 0.0 or details[i, soundest] < details[i, old]:
             return False
+        if details[i, snapped] == 1.0:
+            return False
         hold = holding(i, u, r, terms, details)
         area = details[i, spring] / (details[i, h_theta] ** 2 * parameters[i, C_N])
         return bears(i, hold, details[i, h_theta] / (1.0 - details[i, past]) * area, parameters)
@@ -177,11 +181,15 @@ def rigid_kernels(dim: int, friction: Friction, weakening: Weakening) -> LawKern
         return y, hat
 
     @njit(inline="always")
+    def jump_after(i, y, terms, details):
+        """Jump at the end of a step that ends with y (m)."""
+        at_start = scale(details[i, past], part(terms, i, start_at))
+        return scale(details[i, h_theta], subtract(y, at_start))
+
+    @njit(inline="always")
     def mean_after(i, y, parameters, terms, details):
         """Mean damage of a step that ends with y."""
-        scaled, beta = details[i, h_theta], details[i, old]
-        z = part(terms, i, start_at)
-        jump = scale(scaled, subtract(y, scale(details[i, past], z)))
+        beta, jump = details[i, old], jump_after(i, y, terms, details)
         p, beta0 = shape(i, jump, parameters), parameters[i, BETA0]
         x_max = reach(details[i, limit], beta / beta0, p)
         return mean_damage(opening(jump), details[i, jump_start], x_max, beta, p, beta0)
@@ -193,18 +201,16 @@ def rigid_kernels(dim: int, friction: Friction, weakening: Weakening) -> LawKern
         return mean_after(i, y, parameters, terms, details)
 
     @njit(**LEAN_INNER)
-    def most_damaged(i, low, kappa, free, w, parameters, terms, details):
-        """The mean damage at the largest s, from above; that at `low` if there is none above it."""
+    def most_damaged(i, kappa, free, w, parameters, terms, details):
+        """The mean damage at the largest s, from above, and no more than the bond may have."""
         s = 1.0
         for _ in range(_MOST):
             beta = following(i, s, kappa, free, w, parameters, terms, details)
             new = 1.0 / (1.0 + kappa * beta)
-            if new <= low:
-                break
             if s - new <= _CLOSE * s:
-                return beta
+                break
             s = new
-        return details[i, soundest]
+        return min(beta, details[i, soundest])
 
     @njit(**LEAN_INNER)
     def least_damaged(i, kappa, snaps, free, w, parameters, terms, details):
@@ -212,10 +218,8 @@ def rigid_kernels(dim: int, friction: Friction, weakening: Weakening) -> LawKern
         low = 1.0 / (1.0 + kappa * details[i, soundest])
         beta = following(i, low, kappa, free, w, parameters, terms, details)
         above = 1.0 / (1.0 + kappa * beta) - low
-        if above < -_CLOSE * low:
-            return most_damaged(i, low, kappa, free, w, parameters, terms, details)
         if above <= _CLOSE * low:
-            return beta
+            return min(beta, details[i, soundest])
         s, high, below = low + above, 1.0, 0.0
         if snaps:
             for _ in range(_MONOTONE):
@@ -263,6 +267,8 @@ def rigid_kernels(dim: int, friction: Friction, weakening: Weakening) -> LawKern
             return 0.0
         if kappa == 0.0:
             return mean_after(i, free, parameters, terms, details)
+        if details[i, snapped] == 1.0:
+            return most_damaged(i, kappa, free, w, parameters, terms, details)
         p = shape(i, free, parameters)
         snaps = kappa * p[0] > 0.5 * p[1]
         return least_damaged(i, kappa, snaps, free, w, parameters, terms, details)
@@ -304,9 +310,15 @@ def rigid_kernels(dim: int, friction: Friction, weakening: Weakening) -> LawKern
         return book_losses(i, hat, moved, step, pressing, numerical, mu, energy)
 
     @njit(**LEAN_INNER)
-    def insist(i, u, parameters, terms, details):
-        beta = mean_after(i, add(u, part(terms, i, push)), parameters, terms, details)
-        details[i, soundest] = min(details[i, soundest], beta)
+    def insist(i, u, for_good, parameters, terms, details):
+        y = add(u, part(terms, i, push))
+        if for_good:
+            beta = mean_after(i, y, parameters, terms, details)
+            details[i, soundest] = min(details[i, soundest], beta)
+            return
+        jump = jump_after(i, y, terms, details)
+        if opening(jump) >= shape(i, jump, parameters)[1]:
+            details[i, snapped] = 1.0
 
     @njit(inline="always")
     def stored(i, jump, area, parameters, state):

@@ -130,6 +130,21 @@ class FusedPoints:
                 grown.append(growing.group)
         return grown
 
+    def turn_of_points(self) -> np.ndarray:
+        """Place in `split` of each point's vertex, or -1, shape (num_points,)."""
+        of_vertex = np.full(self.graphs.num_vertices, -1)
+        of_vertex[self.split] = np.arange(len(self.split))
+        turn = np.empty(len(self.graphs.point), np.int64)
+        turn[self.graphs.point] = np.repeat(of_vertex, np.diff(self.graphs.bond_offsets))
+        return turn
+
+    def split_again(self, turn: np.ndarray) -> None:
+        """Let vertices be split as they were when `turn_of_points` gave `turn`."""
+        of_vertex = turn[self.graphs.point[self.graphs.bond_offsets[:-1]]]
+        order = np.argsort(of_vertex, kind="stable")
+        split = order[of_vertex[order] >= 0]
+        self.wake(split[len(self.split) :].astype(np.int32))
+
     def require_one_velocity(self, nodal: np.ndarray) -> None:
         """Raise a ValueError if cells that a vertex joins start with velocities of their own.
 

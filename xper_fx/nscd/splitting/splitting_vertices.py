@@ -42,8 +42,9 @@ _TOLERANCE = 1e-11
 # Sweeps before the first Newton steps, and after each batch of them, early and late.
 _FIRST, _BATCH, _LONG_BATCH, _EARLY = 8, 4, 25, 8
 _NEWTON_STEPS = 6
-# Sweeps after which to give up, and after which bonds that snap to and fro are damaged one way only.
-_MOST, _SNAPS = 400, 24
+# Sweeps after which to give up, after which bonds that broke once stay broken, and after which none
+# is sounder than it was.
+_MOST, _SNAPS, _SETTLES = 400, 24, 100
 # How often what opens is looked for.
 _ROUNDS = 4
 # Impulses smaller than this share of what stops the parts are of no account.
@@ -368,7 +369,7 @@ def _group_kernels(law: LawKernels, dim: int):
         return max(np.sqrt(dot(r, r)), stop)
 
     @njit(**LEAN_INNER)
-    def sweep(b, g, work, group, rows, snaps, arrays, group_of):
+    def sweep(b, g, work, group, rows, count, arrays, group_of):
         """Visit active bonds; returns the largest change and the largest impulse."""
         frame, impulse, compliance, area, jump, velocity, parameters, state, terms, details = arrays
         first, worst, big = g.bond_offsets[b], 0.0, 0.0
@@ -383,8 +384,9 @@ def _group_kernels(law: LawKernels, dim: int):
             push(q, g, work, to_global(frame, i, change))
             worst = max(worst, np.sqrt(dot(change, change)))
             big = max(big, scale_of(i, u, new, compliance))
-            if rigid and snaps:
-                insist(i, relative(q, i, g, work, arrays), parameters, terms, details)
+            if rigid and count > _SNAPS:
+                u = relative(q, i, g, work, arrays)
+                insist(i, u, count > _SETTLES, parameters, terms, details)
         return worst, big
 
     @njit(**LEAN_INNER)
@@ -497,10 +499,10 @@ def _chain(laws: tuple[LawKernels, ...], dim: int):
             begin_2(b, g, work, group + 1, rows, step, groups[1:], group_of)
 
     @njit(**_INLINED)
-    def sweep_all(b, g, work, group, rows, snaps, groups, group_of):
-        worst, big = sweep(b, g, work, group, rows, snaps, groups[0], group_of)
+    def sweep_all(b, g, work, group, rows, count, groups, group_of):
+        worst, big = sweep(b, g, work, group, rows, count, groups[0], group_of)
         if not last:
-            x, y = sweep_2(b, g, work, group + 1, rows, snaps, groups[1:], group_of)
+            x, y = sweep_2(b, g, work, group + 1, rows, count, groups[1:], group_of)
             worst, big = max(worst, x), max(big, y)
         return worst, big
 
@@ -642,7 +644,7 @@ def _split_kernel(laws: tuple[LawKernels, ...], dim: int):
         while count < most:
             for _ in range(batch):
                 count += 1
-                worst, big = sweep(b, g, work, 0, rows, count > _SNAPS, groups, group_of)
+                worst, big = sweep(b, g, work, 0, rows, count, groups, group_of)
                 error = worst / big if big > 0.0 else 0.0
                 if error <= _TOLERANCE:
                     return count, error
