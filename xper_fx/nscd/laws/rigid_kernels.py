@@ -34,7 +34,14 @@ from xper_fx.nscd.laws.damage_curve import (
     damage_functions,
 )
 from xper_fx.nscd.laws.friction_of_lips import Friction, friction_by_damage
-from xper_fx.nscd.laws.law import COHESION, ENERGIES, STORED, Columns, LawKernels
+from xper_fx.nscd.laws.law import (
+    COHESION,
+    ENERGIES,
+    NUMERICAL,
+    STORED,
+    Columns,
+    LawKernels,
+)
 from xper_fx.nscd.laws.weakening import Weakening
 
 RigidKernels = namedtuple("RigidKernels", "bears held insist")
@@ -124,9 +131,10 @@ def rigid_kernels(dim: int, friction: Friction, weakening: Weakening) -> LawKern
             terms[i, start_at + j] = z
             terms[i, push + j] = z + (1.0 - theta) / theta * velocity[j]
         details[i, old] = state[i, DAMAGE]
-        details[i, jump_start] = opening(jump)
         details[i, limit] = first_limit(i, parameters, state)
-        details[i, rigid] = 1.0 if state[i, OPENING_MAX] == 0.0 else 0.0
+        sound = state[i, OPENING_MAX] == 0.0
+        details[i, rigid] = 1.0 if sound else 0.0
+        details[i, jump_start] = 0.0 if sound else opening(jump)
         details[i, soundest] = state[i, DAMAGE]
         details[i, snapped] = 0.0
         details[i, h_theta] = scaled
@@ -285,9 +293,10 @@ def rigid_kernels(dim: int, friction: Friction, weakening: Weakening) -> LawKern
 
     @njit(**LEAN_INNER)
     def commit(i, jump0, jump1, u, r, area, step, theta, parameters, state, terms, details, energy):
-        for j in range(len(ENERGIES)):
-            energy[i, j] = 0.0
         if held(i, u, r, parameters, terms, details):
+            for j in range(len(ENERGIES)):
+                energy[i, j] = 0.0
+            energy[i, NUMERICAL] = -dot(r, subtract(jump1, jump0)) / step  # of the tolerance
             return 1
         x1, beta0 = opening(jump1), parameters[i, BETA0]
         p = shape(i, jump1, parameters)
@@ -301,11 +310,14 @@ def rigid_kernels(dim: int, friction: Friction, weakening: Weakening) -> LawKern
         hat = add(r, scale(beta * details[i, spring], y))
         closed = hat[0] * mean_of(part_of_compliance(i, details))
         pressing = closed > u[0] + terms[i, push] - details[i, past] * terms[i, start_at]
-        energy[i, STORED] = new * e1
-        energy[i, COHESION] = (beta - new) * e1 + (details[i, old] - beta) * e0
         state[i, OPENING_MAX] = max(state[i, OPENING_MAX], x1)
         state[i, DAMAGE] = new
         numerical = (theta - 0.5) * beta * area * parameters[i, C_N] * dot(moved, moved)
+        if details[i, rigid] == 1.0:  # a jump that tolerances have left holds nothing
+            numerical -= beta * e0
+            e0 = 0.0
+        energy[i, STORED] = new * e1
+        energy[i, COHESION] = (beta - new) * e1 + (details[i, old] - beta) * e0
         mu = friction_of(i, beta, parameters)
         return book_losses(i, hat, moved, step, pressing, numerical, mu, energy)
 
@@ -322,6 +334,8 @@ def rigid_kernels(dim: int, friction: Friction, weakening: Weakening) -> LawKern
 
     @njit(inline="always")
     def stored(i, jump, area, parameters, state):
+        if state[i, OPENING_MAX] == 0.0:
+            return 0.0
         return 0.5 * area * state[i, DAMAGE] * parameters[i, C_N] * dot(jump, jump)
 
     return LawKernels(
