@@ -59,8 +59,8 @@ def test_a_sound_bond_does_not_move_up_to_its_strength(dim):
     force = S * AREA * direction
     for share in (0.5, -0.3, 1.0 - 1e-9):
         bond.step(1e-6, share * force)
-        assert np.all(bond.velocity == 0.0) or np.abs(bond.velocity).max() < 1e-20
-        assert np.abs(bond.jump).max() < 1e-25
+        assert np.abs(bond.velocity).max() < 1e-17
+        assert np.abs(bond.jump).max() < 1e-22
         assert bond.impulse == pytest.approx(-share * force * 1e-6, rel=1e-12)
         assert bond.damage == 1.0
     bond.step(1e-6, 1.0001 * force)
@@ -74,10 +74,10 @@ def test_under_pressure_friction_helps_the_bond():
     bond = PointMass(law(friction=mu), 2.0, [0.0, 0.0], area=AREA)
     bound = S * AREA + mu * pressed
     bond.step(1e-6, [-pressed, 0.999999 * bound])
-    assert np.abs(bond.jump).max() < 1e-25
+    assert np.abs(bond.jump).max() < 1e-22
     for _ in range(400):
         work = bond.step(1e-6, [-pressed, 1.01 * bound])
-        assert bond.jump[0] == pytest.approx(0.0, abs=1e-20)
+        assert bond.jump[0] == pytest.approx(0.0, abs=1e-7)
         assert work[2] >= 0.0 and work[1] >= 0.0
     assert bond.damage == 0.0
     assert bond.impulse == pytest.approx([1e-6 * pressed, -1e-6 * mu * pressed], rel=1e-9)
@@ -97,6 +97,24 @@ def test_the_peak_tends_to_the_strength_with_the_step():
             bond.step(h, [rate * n * h * AREA, 0.0])
             peak = max(peak, -bond.impulse[0] / (h * AREA))
         assert 0.0 <= 1.0 - peak / S <= rate * h / S
+
+
+@pytest.mark.parametrize("restitution", [0.0, 0.4, 1.0])
+def test_broken_lips_rebound_by_their_restitution(restitution):
+    bond = PointMass(law(restitution=restitution), 8.0 * SPENT, [1.0, 0.3], area=AREA)
+    while bond.damage > 0.0:
+        bond.step(1e-5)
+    bond.velocity[0, 0] = speed = -0.8
+    total = np.zeros(5)
+    before = bond.kinetic
+    bond.step(0.0 + 1e-5)  # the jump in velocity is not of the step before
+    while bond.velocity[0, 0] < -1e-9:
+        total += bond.step(1e-5)
+    assert bond.velocity[0] == pytest.approx([-restitution * speed, 0.28], abs=0.02)
+    assert before - bond.kinetic == pytest.approx(total[3], rel=1e-9, abs=1e-9 * SPENT)
+    assert total[3] == pytest.approx(
+        0.5 * bond.masses[0] * (1.0 - restitution**2) * speed**2, abs=1e-9 * SPENT
+    )
 
 
 def test_unloading_follows_the_secant_and_what_is_left_is_spent():
@@ -134,6 +152,7 @@ def test_random_loads_dissipate_at_every_step():
         (lambda: law(curves.XuNeedleman()), "stiffness of its own"),
         (lambda: law(curves.Linear), "curve should be one of"),
         (lambda: law(friction_grows=1), "friction_grows"),
+        (lambda: law(restitution=1.5), r"restitution should lie in \[0, 1\]"),
         (lambda: xf.laws.RigidCohesiveZone(1e300, 1e-300), "beyond the range of floats"),
     ],
 )

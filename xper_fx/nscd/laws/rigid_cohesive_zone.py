@@ -21,6 +21,10 @@ beta is the mean damage over the step, for which y is found at each visit: s = 1
 from the damage at the start upwards the least damaged state is met first. Where the step is so long
 that the bond has several (a softening number above 1), that one is taken.
 
+**Lips that close again** touch at position level while something bonds them, as in
+`cohesive_zone.py`, and at velocity level once nothing does, with Newton's restitution, as in
+`signorini_coulomb.py`: a piece that strikes another rebounds by e, whatever the step.
+
 The curve has a stiffness after all, of an opening of 1e-9 w / s at the strength: numbers of
 `curve.py` then serve as they are, elastic part included, and w stays exact. No bond is ever seen
 with it, as one that would open by less is held.
@@ -37,8 +41,10 @@ from xper_fx.nscd.laws.bond import Bond
 from xper_fx.nscd.laws.cohesive_zone import check_curve
 from xper_fx.nscd.laws.curves.curve import Curve
 from xper_fx.nscd.laws.curves.linear import Linear
+from xper_fx.nscd.laws.damage_curve import shape_column
 from xper_fx.nscd.laws.law import LawKernels
 from xper_fx.nscd.laws.parameters import refuse_where, take_parameters
+from xper_fx.nscd.laws.signorini_coulomb import check_contact
 from xper_fx.nscd.laws.weakening import Weakening, one_curve
 
 # Opening of a bond at its strength, over w / s: nothing.
@@ -59,6 +65,7 @@ class RigidCohesiveZone(Bond):
         fracture_energy: w (J/m^2), the area under the curve.
         friction: Coulomb's mu of the lips; 0 compiles no friction.
         friction_grows: whether mu grows from 0 to `friction` as the bond weakens.
+        restitution: Newton's e in [0, 1] of lips that nothing bonds any more.
         curve: how traction falls with the opening, of `xper_fx/nscd/laws/curves`; one that has no
             stiffness of its own.
 
@@ -70,6 +77,7 @@ class RigidCohesiveZone(Bond):
     fracture_energy: Any
     friction: Any = 0.0
     friction_grows: bool = False
+    restitution: Any = 0.0
     curve: Curve = field(default_factory=Linear)
     initial_damage: ClassVar[float] = 1.0
     damage: ClassVar[str] = "mean"
@@ -83,9 +91,12 @@ class RigidCohesiveZone(Bond):
                 "has none: take a curve that starts at the strength, as Linear(), or CohesiveZone."
             )
         known = take_parameters(
-            self, positive=("strength", "fracture_energy"), non_negative=("friction",)
+            self,
+            positive=("strength", "fracture_energy"),
+            non_negative=("friction", "restitution"),
         )
         if known:
+            check_contact("velocity", self.restitution)
             stiffness, _ = self.stiffnesses()
             refuse_where(
                 ~(np.isfinite(stiffness) & (stiffness > 0.0)),
@@ -100,7 +111,16 @@ class RigidCohesiveZone(Bond):
         """See `Law`."""
         from xper_fx.nscd.laws.rigid_kernels import rigid_kernels
 
-        return rigid_kernels(dim, self._friction, self.weakening())
+        restitution = shape_column(self._rubs) + self._num_columns
+        return rigid_kernels(dim, self._friction, self.weakening(), restitution)
+
+    def parameters(self) -> tuple:
+        """Those of any bond, and Newton's e."""
+        return (*super().parameters(), self.restitution)
+
+    def initial_state(self) -> tuple:
+        """Those of any bond, and the normal impulse of the last step (N s) once it is broken."""
+        return (*super().initial_state(), 0.0)
 
     def in_statics(self) -> RigidCohesiveZone:
         """The law that a static run takes for this one."""
@@ -118,8 +138,11 @@ class RigidCohesiveZone(Bond):
 
     def weakening(self) -> Weakening:
         """See `Bond`."""
-        count = len(self.curve.shape(1.0, 1.0, 1.0, *self.curve.constants))
-        return one_curve(self.curve.functions, count, self._rubs)
+        return one_curve(self.curve.functions, self._num_columns, self._rubs)
+
+    @property
+    def _num_columns(self) -> int:
+        return len(self.curve.shape(1.0, 1.0, 1.0, *self.curve.constants))
 
     def stiffnesses(self) -> tuple:
         """C_N and C_T (Pa/m), next to rigid."""

@@ -34,9 +34,12 @@ from xper_fx.nscd.laws.damage_curve import (
     damage_functions,
 )
 from xper_fx.nscd.laws.friction_of_lips import Friction, friction_by_damage
+from xper_fx.nscd.laws.impact import least_speed
 from xper_fx.nscd.laws.law import (
     COHESION,
     ENERGIES,
+    FRICTION,
+    IMPACT,
     NUMERICAL,
     STORED,
     Columns,
@@ -45,6 +48,8 @@ from xper_fx.nscd.laws.law import (
 from xper_fx.nscd.laws.weakening import Weakening
 
 RigidKernels = namedtuple("RigidKernels", "bears held insist")
+PUSHED = 2  # column of the state, after those of all bonds
+
 
 # Iterations for the mean damage: monotone ones, then with a bracket.
 _MONOTONE, _MOST = 40, 200
@@ -52,14 +57,23 @@ _MONOTONE, _MOST = 40, 200
 _CLOSE, _NEIGHBOURS = 1e-14, 4e-16
 # Excess of a traction over the strength, relative, that is rounding.
 _ROUNDING = 1e-12
+# Difference of the squares of friction and its bound, relative, at which lips slide.
+_SLIDES = 1e-12
 # What is added to compliances to tell the impulse that holds, relative, and where both lips are
 # driven: whatever parts them opens the bond.
 _REGULAR, _DRIVEN = 1e-12, 1e-200
 
 
 @cache
-def rigid_kernels(dim: int, friction: Friction, weakening: Weakening) -> LawKernels:
-    """The kernels of a bond; see `bond_kernels.mean_kernels`."""
+def rigid_kernels(
+    dim: int, friction: Friction, weakening: Weakening, restitution: int
+) -> LawKernels:
+    """The kernels of a bond; see `bond_kernels.mean_kernels`.
+
+    Args:
+        dim, friction, weakening: as there.
+        restitution: column of Newton's e among the parameters.
+    """
     algebra = for_dimension(dim)
     dot, add, subtract, scale = algebra.dot, algebra.add, algebra.subtract, algebra.scale
     sym_row, sym_vector, sym_solve = algebra.sym_row, algebra.sym_vector, algebra.sym_solve
@@ -78,11 +92,14 @@ def rigid_kernels(dim: int, friction: Friction, weakening: Weakening) -> LawKern
         others.take(effect, count)
     push = terms_of.take("cohesion", dim)  # P
     start_at = terms_of.take("cohesion", dim)  # z
+    closed_at = terms_of.take("unilateral contact")  # least y_N
     old, jump_start, limit, rigid, soundest, snapped = (details_of.take("damage") for _ in range(6))
     h_theta, past, spring = (details_of.take("cohesion") for _ in range(3))
     compliance = details_of.take("cohesion", num_sym)
+    others.take("impact", 2)  # Newton's e, impulse of the last step
     if rubs:
         others.take("friction")  # mu
+        slip = terms_of.take("friction", dim - 1)  # what y_T is less than the slip
 
     @njit(inline="always")
     def opening(jump):
@@ -109,8 +126,10 @@ def rigid_kernels(dim: int, friction: Friction, weakening: Weakening) -> LawKern
         )  # fmt: skip
 
     @njit(inline="always")
-    def along_tangent(x):
-        return (x[1],) if dim == 2 else (x[1], x[2])
+    def slipped(i, terms):
+        if not rubs:
+            return (0.0,)
+        return (terms[i, slip],) if dim == 2 else (terms[i, slip], terms[i, slip + 1])
 
     @njit(inline="always")
     def mean_of(w):
@@ -130,6 +149,17 @@ def rigid_kernels(dim: int, friction: Friction, weakening: Weakening) -> LawKern
             z = jump[j] / (scaled * theta)
             terms[i, start_at + j] = z
             terms[i, push + j] = z + (1.0 - theta) / theta * velocity[j]
+        broken = state[i, DAMAGE] == 0.0
+        if broken:
+            gap = jump[0] + step * (1.0 - theta) * velocity[0]
+            pushed = w[i, 0] * state[i, PUSHED]
+            least = least_speed(gap, velocity[0], step, pushed, parameters[i, restitution])
+            terms[i, closed_at] = least + terms[i, push]
+        else:
+            terms[i, closed_at] = (1.0 - theta) * terms[i, start_at]
+        if rubs:
+            for j in range(1, dim):
+                terms[i, slip + j - 1] = -terms[i, push + j if broken else start_at + j]
         details[i, old] = state[i, DAMAGE]
         details[i, limit] = first_limit(i, parameters, state)
         sound = state[i, OPENING_MAX] == 0.0
@@ -176,15 +206,13 @@ def rigid_kernels(dim: int, friction: Friction, weakening: Weakening) -> LawKern
     @njit(inline="always")
     def respond(i, beta, free, w, parameters, terms, details):
         """y, and the impulse of the contact, for a mean damage; `free` is y without any impulse."""
-        z, k = part(terms, i, start_at), beta * details[i, spring]
+        k = beta * details[i, spring]
         y = sym_solve(stiffened(k, w), free)
-        least = details[i, past] * z[0]
-        if y[0] >= least:
+        if y[0] >= terms[i, closed_at]:
             return y, scale(0.0, y)
         soft = soften(w, k, k)
         mu = friction_of(i, beta, parameters) if rubs else 0.0
-        slipped = scale(-1.0, z)
-        hat, _ = contact(y, soft, least, along_tangent(slipped), mu, 0.0)
+        hat, _ = contact(y, soft, terms[i, closed_at], slipped(i, terms), mu, 0.0)
         y = add(y, sym_vector(soft, hat))
         return y, hat
 
@@ -292,12 +320,28 @@ def rigid_kernels(dim: int, friction: Friction, weakening: Weakening) -> LawKern
         return subtract(hat, scale(beta * details[i, spring], y)), False
 
     @njit(**LEAN_INNER)
+    def book_impact(i, r, moved, step, parameters, energy):
+        """Energies of lips that nothing bonds; returns their status."""
+        for j in range(len(ENERGIES)):
+            energy[i, j] = 0.0
+        energy[i, IMPACT] = -r[0] * moved[0] / step
+        energy[i, FRICTION] = (r[0] * moved[0] - dot(r, moved)) / step
+        if r[0] <= 0.0:
+            return 0
+        bound = friction_of(i, 0.0, parameters) * r[0]
+        return 2 if dot(r, r) - r[0] * r[0] >= (1.0 - _SLIDES) * bound * bound else 1
+
+    @njit(**LEAN_INNER)
     def commit(i, jump0, jump1, u, r, area, step, theta, parameters, state, terms, details, energy):
         if held(i, u, r, parameters, terms, details):
             for j in range(len(ENERGIES)):
                 energy[i, j] = 0.0
             energy[i, NUMERICAL] = -dot(r, subtract(jump1, jump0)) / step  # of the tolerance
             return 1
+        state[i, PUSHED] = 0.0
+        if details[i, old] == 0.0:
+            state[i, PUSHED] = r[0]
+            return book_impact(i, r, subtract(jump1, jump0), step, parameters, energy)
         x1, beta0 = opening(jump1), parameters[i, BETA0]
         p = shape(i, jump1, parameters)
         x_max = reach(details[i, limit], details[i, old] / beta0, p)
@@ -348,7 +392,7 @@ def rigid_kernels(dim: int, friction: Friction, weakening: Weakening) -> LawKern
         commit=commit,
         num_terms=terms_of.count,
         num_details=details_of.count,
-        state_names=("opening_max", "damage"),
+        state_names=("opening_max", "damage", "pushed"),
         energies=ENERGIES,
         spent=weakening.spent,
         stored=stored,

@@ -1,0 +1,157 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Scenes whose cells are one mesh until initially rigid bonds between them let go."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scenes import LEFT, RIGHT, box_bodies
+
+import xper_fx as xf
+
+ELASTIC = xf.materials.LinearElastic(young=1.0, poisson=0.3, density=1.0)
+W, S = 1e-4, 1e-2
+BOND = xf.laws.RigidCohesiveZone(S, W, friction=0.3)
+BRITTLE = xf.laws.RigidCohesiveZone(S, 0.1 * W, friction=0.3)
+UNBREAKABLE = xf.laws.RigidCohesiveZone(1e3, 1e3)
+ONE = {"num_threads": 1, "scheme": "explicit"}
+BOXES = {
+    2: ("crossed", (2.0, 1.0), (4, 2)),
+    3: ("tetrahedron", (2.0, 1.0, 1.0), (2, 1, 1)),
+}
+in_both = pytest.mark.parametrize("dim", [2, 3])
+
+
+def box(dim, law=BOND, label=None, **options):
+    kind, lengths, cells = BOXES[dim]
+    bodies = box_bodies(lengths, options.pop("cells", cells), kind, label=label)
+    return xf.Scene(bodies, {1: ELASTIC}, default_interaction=law, **options)
+
+
+def pulled(dim, speed=0.05, **options):
+    loads = [xf.PrescribedVelocity(LEFT, 0, 0.0), xf.PrescribedVelocity(RIGHT, 0, speed)]
+    return box(dim, loads=loads, **options)
+
+
+def flying_apart(x):
+    """A field that tears a body apart and makes it spin."""
+    rest = 0.0 * x[0]
+    return np.array([0.04 * np.sin(2.0 * x[0]) - 0.005 * x[1], 0.005 * x[0], rest])
+
+
+def at_nodes(simulation):
+    """Positions and displacements of the nodes of V."""
+    V, dim = simulation.forms.V, simulation.bulk.dim
+    u = simulation.bulk.unknowns.expand(simulation.state.displacement).reshape(-1, dim)
+    return V.tabulate_dof_coordinates()[:, :dim], u
+
+
+@in_both
+def test_whole_vertices_are_nodes_of_finite_elements(dim):
+    """The exploded mesh moves as the same mesh in one piece does, to rounding, without a point."""
+    exploded = xf.Simulation(pulled(dim, 0.01, law=UNBREAKABLE), **ONE)
+    step = exploded.step_size
+    one = xf.Simulation(pulled(dim, 0.01, law=None, label=0), step, **ONE)
+    for simulation in (exploded, one):
+        list(simulation.steps(60 * step))
+    x, u = at_nodes(exploded)
+    x1, u1 = at_nodes(one)
+    place = np.array([np.argmin(np.sum((x1 - p) ** 2, axis=1)) for p in x])
+    assert np.abs(u).max() > 1e-3
+    assert np.abs(u - u1[place]).max() < 1e-14 * np.abs(u).max() * 60
+    assert all(len(group) == 0 for group in exploded.interactions.groups)
+    for p in np.unique(x, axis=0):  # to the bit
+        assert len(np.unique(u[np.all(x == p, axis=1)], axis=0)) == 1
+    energies = [s.ledger.energies for s in (exploded, one)]
+    assert energies[0].external_work == pytest.approx(energies[1].external_work, rel=1e-12)
+
+
+@in_both
+def test_a_body_that_breaks_in_flight_keeps_its_momenta_and_its_energy(dim):
+    simulation = xf.Simulation(
+        box(dim, BRITTLE, initial_velocity=lambda x: flying_apart(x)[:dim]), **ONE
+    )  # fmt: skip
+    mass = simulation.bulk.mass.reshape(-1, dim)
+    x, _ = at_nodes(simulation)
+
+    def momenta():
+        p = mass * simulation.state.velocity.reshape(-1, dim)
+        turning = x[:, 0] * p[:, 1] - x[:, 1] * p[:, 0]
+        return np.append(p.sum(axis=0), turning.sum())
+
+    start, kinetic = momenta(), simulation.ledger.energies.kinetic
+    for _ in simulation.steps(4.0):
+        e = simulation.ledger.energies
+        assert abs(simulation.ledger.closure) < 1e-13 * kinetic
+    assert np.abs(momenta() - start).max() < 1e-13 * np.abs(start).max()
+    spent, area = (simulation.interactions.gather(n) for n in ("spent", "area"))
+    assert min(map(np.count_nonzero, (spent > 0.99, spent < 0.99, spent == 0.0))) > 2
+    assert e.dissipated_cohesion == pytest.approx(BRITTLE.fracture_energy * (spent @ area), rel=1e-12)
+    assert abs(e.dissipated_numerical) < 1e-3 * e.dissipated_cohesion
+
+
+def test_a_bar_breaks_at_its_strength():
+    """Uniform stretching: no stress above s, and the first crack within a step of it."""
+    rate, modulus = 0.02, 1.0 / (1.0 - 0.3**2)
+    loads = [xf.PrescribedVelocity(LEFT, 0, -rate), xf.PrescribedVelocity(RIGHT, 0, rate)]
+    scene = box(2, loads=loads, initial_velocity=lambda x: rate * np.array([x[0] - 1.0, 0 * x[0]]))
+    simulation = xf.Simulation(scene, **ONE)
+    for record in simulation.steps(2.0):
+        if len(simulation.interactions.fused.split):
+            break
+    confined = (1.0 - 0.3) / ((1.0 + 0.3) * (1.0 - 0.6))  # before waves of the sides arrive
+    stress = rate * record.time * modulus, rate * record.time * confined
+    assert stress[0] < 1.3 * S
+    assert stress[1] > S - 2.0 * rate * simulation.step_size * confined
+
+
+def test_bonds_at_a_driven_face_break_too():
+    """The cells of the last column alone are weak: vertices whose corners are partly driven."""
+    weak = lambda x: np.where(x[0] > 1.6, 1.0, 100.0) * S  # noqa: E731
+    law = xf.laws.RigidCohesiveZone(weak, W)
+    simulation = xf.Simulation(pulled(2, speed=0.2, law=law), **ONE)
+    for _ in simulation.steps(3.0):
+        pass
+    spent, graphs = simulation.interactions.gather("spent"), simulation.interactions.fused.graphs
+    driven = graphs.point[np.repeat(graphs.compliance_of_vertex == 0.0, np.diff(graphs.bond_offsets))]
+    assert np.count_nonzero(spent[driven] > 0.99) > 1
+    work = simulation.ledger.energies.external_work
+    assert abs(simulation.ledger.closure) < 1e-12 * work
+
+
+def test_rigid_bonds_beside_other_laws():
+    """A vertex where contact, springs and rigid bonds meet is solved as one."""
+    other = xf.laws.CohesiveZone(50.0, W, S, friction=0.3)
+    bodies = box_bodies((2.0, 1.0), (4, 2), "crossed", material={2: lambda x: x[0] < 1.0})
+    loads = [xf.PrescribedVelocity(LEFT, 0, -0.05), xf.PrescribedVelocity(RIGHT, 0, 0.05)]
+    scene = xf.Scene(
+        bodies, {1: ELASTIC, 2: ELASTIC}, loads=loads,
+        interactions={(1, 1): BOND, (1, 2): xf.laws.SignoriniCoulomb(0.3), (2, 2): other},
+    )  # fmt: skip
+    simulation = xf.Simulation(scene, **ONE)
+    list(simulation.steps(6.0))
+    e = simulation.ledger.energies
+    assert abs(simulation.ledger.closure) < 1e-12 * e.external_work
+    assert e.dissipated_cohesion >= 0.0
+
+
+@pytest.mark.parametrize("solver", ["nlgs", "newton", "monolithic"])
+def test_other_schemes_take_the_law_with_a_point_on_each_facet(solver):
+    """One bond between two bodies, implicit: it spends w, and the ledger closes."""
+    scene = pulled(2, speed=0.05, label=lambda x: x[0] > 1.0)
+    simulation = xf.Simulation(scene, 0.05, scheme="implicit", solver=solver, num_threads=1)
+    list(simulation.steps(10.0))
+    e = simulation.ledger.energies
+    assert simulation.interactions.fused is None
+    assert e.dissipated_cohesion == pytest.approx(W, rel=1e-6)
+    assert abs(simulation.ledger.closure) < 1e-10 * e.external_work
+
+
+def test_cells_that_move_apart_at_the_start_are_refused():
+    bodies = box_bodies((2.0, 1.0), (4, 2), "crossed", material={2: lambda x: x[0] < 1.0})
+    scene = xf.Scene(
+        bodies, {1: ELASTIC, 2: ELASTIC}, default_interaction=BOND,
+        initial_velocity={1: lambda x: np.array([1.0 + 0 * x[0], 0 * x[0]])},
+    )  # fmt: skip
+    with pytest.raises(ValueError, match="move apart at the start, by 1 m/s.*continuous"):
+        xf.Simulation(scene, **ONE)
