@@ -156,6 +156,7 @@ class LumpedInverse(_OnBodies):
             which lie in one block. Every node has a block otherwise.
 
     Attributes:
+        diagonal: of w, shape (num_dofs,), zero where motions are prescribed.
         in_order: whether the interacting nodes are all that there are, in the bulk's order.
     """
 
@@ -164,7 +165,7 @@ class LumpedInverse(_OnBodies):
     def __init__(
         self, layout: BodyLayout, mass: np.ndarray, interacting: np.ndarray, by_body: bool = False
     ):
-        self._w = np.where(layout.prescribed, 0.0, 1.0 / mass)
+        self.diagonal = np.where(layout.prescribed, 0.0, 1.0 / mass)
         self.nodes = interacting
         self.num_nodes = len(layout.nodes)
         self.in_order = np.array_equal(interacting, np.arange(self.num_nodes))
@@ -172,14 +173,14 @@ class LumpedInverse(_OnBodies):
         if by_body:
             sizes = np.bincount(layout.body_of_node()[interacting])
             sizes = sizes[sizes > 0]
-        own = self._w[layout.dofs(interacting)]
+        own = self.diagonal[layout.dofs(interacting)]
         self.blocks = BodyInverse.from_diagonal(own, sizes, layout.dim)
 
     def apply(self, residual: np.ndarray) -> np.ndarray:
         """W r, shape (num_dofs,)."""
-        return self._w * residual
+        return self.diagonal * residual
 
     @property
     def nbytes(self) -> int:
         """Memory held, in bytes."""
-        return self._w.nbytes + self.blocks.data.nbytes
+        return self.diagonal.nbytes + self.blocks.data.nbytes
