@@ -82,6 +82,10 @@ def composite(cells: int, inclusions: list[tuple]) -> xf.Bodies:
 
 # ## Materials and bonds
 #
+# The bonds of the paper are springs that weaken. `--bonds rigid` takes bonds of the same strengths
+# and energies that hold the cells together as one mesh until no admissible traction can: the
+# intact plate has its full stiffness, and what does not crack costs no more than finite elements.
+#
 # At small strain the hydride is linear with the same constants; `--finite-strain` makes both phases
 # neo-Hookean. The resolved variant multiplies every fracture energy by one factor, which scales
 # the cohesive lengths by the same and leaves ratios, and so He and Hutchinson's criterion, alone.
@@ -97,8 +101,8 @@ def materials(finite_strain: bool, homogeneous: bool) -> dict:
     return {MATRIX: both[MATRIX]} if homogeneous else both
 
 
-def bonds(interface: str, toughening: float, homogeneous: bool) -> dict:
-    """Cohesive law of each pair of cell tags."""
+def bonds(interface: str, toughening: float, homogeneous: bool, rigid: bool) -> dict:
+    """Cohesive law of each pair of cell tags; `rigid` bonds have no stiffness but the same w."""
     laws = {
         (MATRIX, MATRIX): xf.library.ZIRCALOY_BOND,
         (MATRIX, INCLUSION): xf.library.INTERFACE_BONDS[interface],
@@ -108,6 +112,11 @@ def bonds(interface: str, toughening: float, homogeneous: bool) -> dict:
         pair: replace(law, fracture_energy=toughening * law.fracture_energy)
         for pair, law in laws.items()
     }
+    if rigid:
+        laws = {
+            pair: xf.laws.RigidCohesiveZone(law.strength, law.fracture_energy, law.friction)
+            for pair, law in laws.items()
+        }
     return {(MATRIX, MATRIX): laws[MATRIX, MATRIX]} if homogeneous else laws
 
 
@@ -119,12 +128,13 @@ def notched_plate(
     homogeneous: bool = False,
     toughening: float = 1.0,
     layout: str = "bands",
+    rigid: bool = False,
 ) -> xf.Scene:
     """The scene; `interface` is "weak" or "strong"."""
     return xf.Scene(
         composite(cells, [] if homogeneous else LAYOUTS[layout]),
         materials(finite_strain, homogeneous),
-        interactions=bonds(interface, toughening, homogeneous),
+        interactions=bonds(interface, toughening, homogeneous, rigid),
         facet_interactions={
             NOTCH: xf.laws.SignoriniCoulomb(xf.library.FRICTION, contact="position")
         },
@@ -259,6 +269,7 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     add("--layout", choices=tuple(LAYOUTS), default="bands", help="of the inclusions")
     add("--homogeneous", action="store_true", help="no inclusions")
     add("--resolved", action="store_true", help="cohesive length of at least 4 facets")
+    add("--bonds", choices=("elastic", "rigid"), default="elastic", help="before they weaken")
     add("--finite-strain", action="store_true", help="neo-Hookean phases")
     add("--scheme", choices=("implicit", "explicit"), help="of the bulk")
     add("--step-size", type=float, help="h in s (default: picked)")
@@ -306,6 +317,7 @@ def main(arguments: list[str] | None = None) -> list[dict]:
             homogeneous=options.homogeneous,
             toughening=toughening() if options.resolved else 1.0,
             layout=options.layout,
+            rigid=options.bonds == "rigid",
         )
         title = name if options.homogeneous else f"{name} interface"
         results.append(run(scene, options.out / name, options, title))

@@ -238,6 +238,15 @@ def struck():
     return _meeting(rigid=[disc])
 
 
+def split():
+    """Two crossed squares whose cells are one mesh until bonds let go."""
+    from xper_fx.nscd.laws import RigidCohesiveZone
+    from xper_fx.simulation.simulation import Simulation
+
+    scene = _pulled(_elastic(), 0.5, label=None, default_interaction=RigidCohesiveZone(1e-3, 1e-6))
+    return Simulation(scene, scheme="explicit", num_threads=1)
+
+
 def cut():
     """Two crossed squares, their cells in four subdomains of which two float."""
     from xper_fx.nscd.laws import PerfectBond
@@ -336,6 +345,10 @@ SCENES = {
     stiff: {*_POINTS, "perfect bond", "Newton on all points"},
     meeting: {*_POINTS, "unilateral contact", "impact", "contact search"},
     struck: {*_POINTS, "unilateral contact", "impact", "contact search", "rigid bodies"},
+    split: {
+        *_POINTS, "unilateral contact", "cohesion", "damage", "impact", "explicit bulk",
+        "vertices that split",
+    },
     opened: {
         "interactions", "unilateral contact", "cohesion", "damage", "one system", "path following",
     },

@@ -28,7 +28,7 @@ from xper_fx.materials import (
     LinearViscoelastic,
     SaintVenantKirchhoff,
 )
-from xper_fx.nscd.laws import CohesiveCurve, CohesiveZone, SignoriniCoulomb
+from xper_fx.nscd.laws import CohesiveCurve, CohesiveZone, RigidCohesiveZone, SignoriniCoulomb
 from xper_fx.nscd.laws.fields import Lognormal
 from xper_fx.nscd.rigid import Disc, Polygon, Polyhedron, RigidBody, wall
 from xper_fx.periodic.drive import MacroscopicDrive
@@ -58,6 +58,12 @@ def _pulled(material, speed, label=_halves, kind="crossed", **options):
 def explicit_plate():
     """Each cell a body, vertex blocks, adapted steps and tolerance; it breaks."""
     return Simulation(_pulled(ELASTIC, 0.05, None), accuracy=1e-2, **ONE)
+
+
+def splitting_plate():
+    """Vertices that split one after the other; lips close again."""
+    rigid = RigidCohesiveZone(1e-2, 1e-5, friction=0.3)
+    return Simulation(_pulled(ELASTIC, 0.05, None, default_interaction=rigid), accuracy=1e-2, **ONE)
 
 
 def cohesive_bar():
@@ -256,6 +262,7 @@ def at_rest():
 
 SCENES = {
     explicit_plate: (1.5, "broken"),
+    splitting_plate: (1.5, "broken"),
     cohesive_bar: (2.0, "broken"),
     newton_bar: (0.6, "broken"),
     finite_strain_bar: (2.0, "broken"),

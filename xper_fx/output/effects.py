@@ -21,6 +21,7 @@ import numpy as np
 
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.laws.parameters import fields_of
+from xper_fx.nscd.point_group import PointGroup
 from xper_fx.simulation.simulation import Simulation
 from xper_fx.support.checks import require_kind
 
@@ -118,7 +119,10 @@ EFFECTS = (
     Effect(
         "interactions",
         lambda s: s.interactions is not None,
-        lambda s: s.interactions.nbytes - sum(_law_effects(s).values()) - _turning_bytes(s),
+        lambda s: (
+            s.interactions.nbytes - sum(_law_effects(s).values()) - _turning_bytes(s)
+            - (0 if s.interactions.fused is None else s.interactions.fused.nbytes)
+        ),
         ("interaction points", "interaction terms", "interaction solve"),
     ),
     Effect(
@@ -168,8 +172,14 @@ EFFECTS = (
     Effect("several ranks", lambda s: not s.ranks.alone, lambda s: s.interactions.halo.nbytes),
     Effect(
         "vertex problems",
-        lambda s: s.interactions is not None and s.interactions.ordering == "vertices",
+        lambda s: s.interactions is not None and s.interactions.ordering == "vertices"
+        and s.interactions.fused is None,
         _kept("vertex_blocks"),
+    ),
+    Effect(
+        "vertices that split",
+        lambda s: s.interactions is not None and s.interactions.fused is not None,
+        lambda s: s.interactions.fused.nbytes,
     ),
     Effect("Newton on all points", _solves("newton"), _kept("tangent", "shared_tangent")),
     Effect("mixed sweeps", _solves("accelerated")),
@@ -252,6 +262,14 @@ def effects_of(simulation: Simulation) -> list[EffectRow]:
     ]
 
 
+def _how_many(simulation: Simulation, group: PointGroup) -> str:
+    """The points of a group, and how many there may be at most."""
+    fused = simulation.interactions.fused
+    if fused is None or group.kernels.rigid is None:
+        return f"{len(group)} points"
+    return f"{len(group)} points, of {fused.most(group)} that there may be"
+
+
 def effects_table(simulation: Simulation) -> str:
     """The table as text, what is on first; then the laws in use, and what is off.
 
@@ -267,6 +285,6 @@ def effects_table(simulation: Simulation) -> str:
             time = f"{row.seconds:.2f} s" if row.calls else "-"
             lines.append(f"{row.name:<26}{memory:>12}{time:>12}{row.calls or '-':>10}")
     groups = simulation.interactions.groups if simulation.interactions is not None else []
-    lines += [f"law: {group.kernels.name}, {len(group)} points" for group in groups]
+    lines += [f"law: {group.kernels.name}, {_how_many(simulation, group)}" for group in groups]
     lines.append("off: " + ", ".join(row.name for row in rows if not row.on))
     return "\n".join(lines)

@@ -164,6 +164,11 @@ class FusedPoints:
                 f"{jump.max():g} m/s: take an initial_velocity that is continuous there."
             )
 
+    def most(self, group: PointGroup) -> int:
+        """Number of points that one of the groups may have."""
+        number = next(n for n, other in enumerate(self.groups) if other is group)
+        return int(np.count_nonzero(self.group_of == number))
+
     @property
     def asleep(self) -> np.ndarray:
         """Numbers of the points of whole vertices, which have no arrays."""
