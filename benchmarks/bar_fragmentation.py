@@ -137,7 +137,7 @@ class Bar(NamedTuple):
         scatter: half the range of strengths over s.
         seed: of the strengths.
         longest: length unless `ENOUGH` pieces are shorter (m).
-        stiffness: of bonds, over E / cell.
+        stiffness: of bonds, over E / cell; infinite for initially rigid ones.
         courant: the step over cell / c.
     """
 
@@ -171,12 +171,14 @@ def scene_of(bar: Bar) -> xf.Scene:
     )
     ends = {LEFT: lambda x: x[0] < small - half, RIGHT: lambda x: x[0] > half - small}
     spread = bar.scatter * STRENGTH
-    bond = xf.laws.CohesiveZone(
-        bar.stiffness * YOUNG / bar.cell,
-        FRACTURE_ENERGY,
-        xf.fields.Uniform(STRENGTH - spread, STRENGTH + spread, bar.seed),
-        curve=xf.laws.curves.Linear(),
-    )
+    strength = xf.fields.Uniform(STRENGTH - spread, STRENGTH + spread, bar.seed)
+    if np.isinf(bar.stiffness):
+        bond = xf.laws.RigidCohesiveZone(strength, FRACTURE_ENERGY)
+    else:
+        stiffness = bar.stiffness * YOUNG / bar.cell
+        bond = xf.laws.CohesiveZone(
+            stiffness, FRACTURE_ENERGY, strength, curve=xf.laws.curves.Linear()
+        )
     return xf.Scene(
         xf.explode(mesh, facet_tags=xf.tag_facets(mesh, ends)),
         {1: xf.materials.LinearElastic(YOUNG, 0.0, DENSITY)},
@@ -344,7 +346,7 @@ def main(options: list[str] | None = None) -> None:
     add("--cells", type=int, nargs="+", default=[4000], help="along the bar; the last is drawn")
     add("--seeds", type=int, default=5, help="runs of each bar (default 5)")
     add("--longest", type=float, default=LONGEST, help="bar (m)")
-    add("--stiffness", type=float, default=STIFFNESS, help="of bonds over E / cell (default 100)")
+    add("--stiffness", type=float, default=STIFFNESS, help="of bonds over E / cell (default 100; inf: rigid)")
     add("--courant", type=float, default=COURANT, help="step over cell / c (default 0.5)")
     add("--still", type=float, default=STILL, help="time without a new piece over t0 (default 3)")
     add("--quick", action="store_true", help="2000 cells, two seeds")
