@@ -249,7 +249,7 @@ def rigid_kernels(
         return min(beta, details[i, soundest])
 
     @njit(**LEAN_INNER)
-    def least_damaged(i, kappa, snaps, free, w, parameters, terms, details):
+    def least_damaged(i, kappa, free, w, parameters, terms, details):
         """The mean damage at the smallest s, from that of the start; monotone, then bracketed."""
         low = 1.0 / (1.0 + kappa * details[i, soundest])
         beta = following(i, low, kappa, free, w, parameters, terms, details)
@@ -257,19 +257,18 @@ def rigid_kernels(
         if above <= _CLOSE * low:
             return min(beta, details[i, soundest])
         s, high, below = low + above, 1.0, 0.0
-        if snaps:
-            for _ in range(_MONOTONE):
-                beta = following(i, s, kappa, free, w, parameters, terms, details)
-                error = 1.0 / (1.0 + kappa * beta) - s
-                if abs(error) <= _CLOSE * s:
-                    return beta
-                if error < 0.0:
-                    high, below = s, error
-                    break
-                further = s + error
-                if above > error:  # secant, no shorter than the fixed point's step
-                    further = max(further, min(1.0, s + (s - low) * error / (above - error)))
-                low, above, s = s, error, further
+        for _ in range(_MONOTONE):
+            beta = following(i, s, kappa, free, w, parameters, terms, details)
+            error = 1.0 / (1.0 + kappa * beta) - s
+            if abs(error) <= _CLOSE * s:
+                return beta
+            if error < 0.0:
+                high, below = s, error
+                break
+            further = s + error
+            if above > error:  # secant, no shorter than the fixed point's step
+                further = max(further, min(1.0, s + (s - low) * error / (above - error)))
+            low, above, s = s, error, further
         if below == 0.0:
             beta = following(i, 1.0, kappa, free, w, parameters, terms, details)
             below = 1.0 / (1.0 + kappa * beta) - 1.0
@@ -305,9 +304,7 @@ def rigid_kernels(
             return mean_after(i, free, parameters, terms, details)
         if details[i, snapped] == 1.0:
             return most_damaged(i, kappa, free, w, parameters, terms, details)
-        p = shape(i, free, parameters)
-        snaps = kappa * p[0] > 0.5 * p[1]
-        return least_damaged(i, kappa, snaps, free, w, parameters, terms, details)
+        return least_damaged(i, kappa, free, w, parameters, terms, details)
 
     @njit(**LEAN_INNER)
     def solve(i, u, r, w, parameters, terms, details):

@@ -8,6 +8,9 @@ the vertex with these sources. The set-valued law asks for one whose tractions a
 
 - Each flow that follows a tree has |p_f| <= sum_c |s_c| / 2: below the weakest bond, nothing else
   need be looked at.
+- The flow along a tree of shortest ways from one corner, with what it takes to make the sum of
+  (p_f / l_f)^2 along each ring as small as can be, l_f the weakest impulse of each bond, costs some
+  ten operations a bond; if all |p_f| <= l_f, the vertex holds. In the plane it is the next one.
 - The flow of least sum of (p_f / l_f)^2, l_f the weakest impulse of each bond, is that of the
   potentials of a Laplacian with weights l_f^2, as in a network of resistors. If all bonds bear it,
   the vertex holds.

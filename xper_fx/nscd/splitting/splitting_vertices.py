@@ -45,6 +45,8 @@ _NEWTON_STEPS = 6
 # Sweeps after which to give up, after which bonds that broke once stay broken, and after which none
 # is sounder than it was.
 _MOST, _SNAPS, _SETTLES = 400, 24, 100
+# How often flows are eased along all rings of a vertex: in the plane there is but one.
+_EASINGS = 3
 # How often what opens is looked for.
 _ROUNDS = 4
 # Impulses smaller than this share of what stops the parts are of no account.
@@ -580,9 +582,56 @@ def _whole_kernel(laws: tuple[LawKernels, ...], dim: int):
             return v[first], v[first + 1]
         return v[first], v[first + 1], v[first + 2]
 
+    @njit(**LEAN_INNER)
+    def flow_along_tree(b, v, step, mean, g, work):
+        """Whether the flow along the vertex's tree, eased along its rings, is weak enough."""
+        first, last = g.corner_offsets[b], g.corner_offsets[b + 1]
+        low, flow, source = g.bond_offsets[b], work.flow, work.source
+        for c in range(first, last):
+            given = scale(g.mass[c], subtract(mean, at(v, g.corner[c])))
+            for d in range(dim):
+                source[c - first, d] = given[d]
+        for q in range(g.bond_offsets[b + 1] - low):
+            for d in range(dim):
+                flow[q, d] = 0.0
+        for n in range(first, last - 1):
+            c, q, up = g.tree[n, 0], g.tree[n, 1], g.tree[n, 2]
+            if c < 0:
+                return False
+            sign = 1.0 if g.sides[low + q, 0] == c else -1.0
+            for d in range(dim):
+                flow[q, d] = sign * source[c, d]
+                source[up, d] += source[c, d]
+        for _ in range(_EASINGS):
+            for m in range(g.ring_offsets[b], g.ring_offsets[b + 1]):
+                start = g.ring_ends[m - 1] if m > 0 else 0
+                total, x, y, z = 0.0, 0.0, 0.0, 0.0
+                for n in range(start, g.ring_ends[m]):
+                    q = g.ring[n, 0]
+                    weight = 1.0 / (g.least[low + q] * g.least[low + q])
+                    total += weight
+                    weight *= g.ring[n, 1]
+                    x += weight * flow[q, 0]
+                    y += weight * flow[q, 1]
+                    if dim == 3:
+                        z += weight * flow[q, 2]
+                for n in range(start, g.ring_ends[m]):
+                    q, share = g.ring[n, 0], g.ring[n, 1] / total
+                    flow[q, 0] -= share * x
+                    flow[q, 1] -= share * y
+                    if dim == 3:
+                        flow[q, 2] -= share * z
+        for q in range(g.bond_offsets[b + 1] - low):
+            size = flow[q, 0] ** 2 + flow[q, 1] ** 2
+            if dim == 3:
+                size += flow[q, 2] ** 2
+            if size > (step * g.least[low + q]) ** 2:
+                return False
+        return True
+
     @njit(**_INLINED)
-    def holds_easily(b, v, step, g):
-        """Move a vertex that nothing drives if every flow along a tree is borne."""
+    def holds_easily(b, v, step, g, work):
+        """Move a vertex that nothing drives if a flow is borne that is soon found."""
         first, last = g.corner_offsets[b], g.corner_offsets[b + 1]
         momentum = scale(0.0, at(v, g.corner[first]))
         for c in range(first, last):
@@ -593,7 +642,8 @@ def _whole_kernel(laws: tuple[LawKernels, ...], dim: int):
             total += dot(given, given)
         # (sum |s|)^2 <= k sum |s|^2
         if 0.25 * (last - first) * total > (step * g.weakest[b]) ** 2:
-            return False
+            if not flow_along_tree(b, v, step, mean, g, work):
+                return False
         for c in range(first, last):
             for d in range(dim):
                 v[g.corner[c] * dim + d] = mean[d]
@@ -606,7 +656,7 @@ def _whole_kernel(laws: tuple[LawKernels, ...], dim: int):
         for b in range(len(whole)):
             if not whole[b]:
                 continue
-            if g.compliance_of_vertex[b] > 0.0 and holds_easily(b, v, step, g):
+            if g.compliance_of_vertex[b] > 0.0 and holds_easily(b, v, step, g, work):
                 continue
             k = gather(b, v, g, work)
             first, last = g.bond_offsets[b], g.bond_offsets[b + 1]

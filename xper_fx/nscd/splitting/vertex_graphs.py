@@ -11,7 +11,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from xper_fx.cache import njit
 from xper_fx.nscd.inverse_blocks import BodyInverse
+from xper_fx.nscd.kernel_options import ENTRY
 from xper_fx.nscd.points import InteractionPoints
 
 
@@ -32,6 +34,13 @@ class VertexGraphs(NamedTuple):
         compliance_of_vertex: shape (num_vertices,), one over the mass of all its corners; zero
             where one of them is driven.
         weakest: shape (num_vertices,), smallest of `least`.
+        tree: shape (num_corners, 3), the corners of a vertex, those farthest from its first one
+            first: corner, the bond on the shortest way there, and the corner beyond it; the first
+            corner itself comes last.
+        ring_offsets: shape (num_vertices + 1,), first ring of each vertex.
+        ring_ends: shape (num_rings,), one beyond the last entry of each ring in `ring`.
+        ring: shape (n, 2), bonds that close a ring of corners, counted in the vertex, and 1 where
+            one goes round from antagonist to candidate, -1 elsewhere.
     """
 
     corner_offsets: np.ndarray
@@ -46,6 +55,10 @@ class VertexGraphs(NamedTuple):
     mass: np.ndarray
     compliance_of_vertex: np.ndarray
     weakest: np.ndarray
+    tree: np.ndarray
+    ring_offsets: np.ndarray
+    ring_ends: np.ndarray
+    ring: np.ndarray
 
     @property
     def num_vertices(self) -> int:
@@ -95,11 +108,12 @@ def vertex_graphs(
     )
     bond_offsets = np.concatenate([[0], np.cumsum(np.bincount(at, minlength=count))])
     least = strength[order] * points.area[order]
+    sides = np.ascontiguousarray(local, np.int16)
     return VertexGraphs(
         corner_offsets=corner_offsets,
         bond_offsets=bond_offsets,
         corner=corner,
-        sides=np.ascontiguousarray(local, np.int16),
+        sides=sides,
         point=order.astype(np.int32),
         normal=np.ascontiguousarray(points.frame[order, 0]),
         area=points.area[order],
@@ -108,4 +122,79 @@ def vertex_graphs(
         mass=mass,
         compliance_of_vertex=1.0 / whole_mass,
         weakest=np.minimum.reduceat(least, bond_offsets[:-1]),
+        **_trees_and_rings(corner_offsets, bond_offsets, sides),
     )
+
+
+def _trees_and_rings(corner_offsets, bond_offsets, sides) -> dict[str, np.ndarray]:
+    """`tree` and the rings of `VertexGraphs`: one for each bond that is not of the tree."""
+    corners, bonds = int(corner_offsets[-1]), int(bond_offsets[-1])
+    tree = np.zeros((corners, 3), np.int16)
+    rings = np.zeros(len(bond_offsets), np.int64)
+    room = 0
+    while True:  # rings seldom have more entries than three a bond
+        room += 3 * bonds
+        ends, ring = np.zeros(bonds, np.int64), np.zeros((room, 2), np.int16)
+        count = _find_rings(corner_offsets, bond_offsets, sides, tree, rings, ends, ring)
+        if count >= 0:
+            break
+    return {
+        "tree": tree, "ring_offsets": rings, "ring_ends": ends[: rings[-1]].copy(),
+        "ring": ring[:count].copy(),
+    }  # fmt: skip
+
+
+@njit(**ENTRY)
+def _find_rings(corner_offsets, bond_offsets, sides, tree, rings, ends, ring):
+    """Fills what comes last; returns the number of entries of `ring`, -1 if it has no room."""
+    widest = 0
+    for b in range(len(corner_offsets) - 1):
+        widest = max(widest, corner_offsets[b + 1] - corner_offsets[b])
+    depth, up = np.empty(widest, np.int64), np.empty(widest, np.int64)
+    by, queue = np.empty(widest, np.int64), np.empty(widest, np.int64)
+    count = number = 0
+    for b in range(len(corner_offsets) - 1):
+        first, k = corner_offsets[b], corner_offsets[b + 1] - corner_offsets[b]
+        low, high = bond_offsets[b], bond_offsets[b + 1]
+        for c in range(k):
+            depth[c] = -1
+        depth[0], up[0], by[0], queue[0] = 0, -1, -1, 0
+        found, at = 1, 0
+        while at < found:
+            c = queue[at]
+            at += 1
+            for q in range(low, high):
+                for s in range(2):
+                    if sides[q, s] == c and depth[sides[q, 1 - s]] < 0:
+                        other = sides[q, 1 - s]
+                        depth[other], up[other], by[other] = depth[c] + 1, c, q - low
+                        queue[found] = other
+                        found += 1
+        for n in range(k):  # a corner that nothing joins to the first is not of the tree
+            c = queue[k - 1 - n] if k - 1 - n < found else -1
+            tree[first + n, 0] = c
+            tree[first + n, 1] = by[c] if c >= 0 else -1
+            tree[first + n, 2] = up[c] if c >= 0 else -1
+        for q in range(low, high):
+            c, a = sides[q, 0], sides[q, 1]
+            if depth[c] < 0 or by[c] == q - low or by[a] == q - low:
+                continue
+            if count + 2 * k + 1 > len(ring):
+                return -1
+            ring[count, 0], ring[count, 1] = q - low, 1
+            count += 1
+            # from the candidate back to the antagonist, up to where both ways meet
+            while c != a:
+                if depth[c] >= depth[a]:
+                    ring[count, 0] = by[c]
+                    ring[count, 1] = 1 if sides[low + by[c], 0] == up[c] else -1
+                    c = up[c]
+                else:
+                    ring[count, 0] = by[a]
+                    ring[count, 1] = 1 if sides[low + by[a], 0] == a else -1
+                    a = up[a]
+                count += 1
+            ends[number] = count
+            number += 1
+        rings[b + 1] = number
+    return count
