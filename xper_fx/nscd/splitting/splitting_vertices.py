@@ -30,7 +30,7 @@ import numpy as np
 from xper_fx.cache import njit
 from xper_fx.nscd.algebra.small import for_dimension
 from xper_fx.nscd.interactions import Interactions
-from xper_fx.nscd.kernel_options import ENTRY, LEAN_INNER
+from xper_fx.nscd.kernel_options import LEAN_ENTRY, LEAN_INNER
 from xper_fx.nscd.laws.law import LawKernels
 from xper_fx.nscd.splitting.fused_points import FusedPoints
 from xper_fx.nscd.splitting.holding import flow_kernel, local_flow
@@ -649,7 +649,7 @@ def _whole_kernel(laws: tuple[LawKernels, ...], dim: int):
                 v[g.corner[c] * dim + d] = mean[d]
         return True
 
-    @njit(**ENTRY)
+    @njit(**LEAN_ENTRY)
     def move_whole(v, impulses, step, ground, g, work, whole, rows, group_of, tables, failed):
         """Move whole vertices; returns how many do not hold, first of `failed`."""
         count = 0
@@ -763,7 +763,7 @@ def _split_kernel(laws: tuple[LawKernels, ...], dim: int):
                 break
         return k, sweeps, error
 
-    @njit(**ENTRY)
+    @njit(**LEAN_ENTRY)
     def solve_split(
         v, impulses, step, ground, g, work, split, rows, group_of, tables, arrays, tolerance
     ):
