@@ -346,7 +346,7 @@ def main(options: list[str] | None = None) -> None:
     add("--cells", type=int, nargs="+", default=[4000], help="along the bar; the last is drawn")
     add("--seeds", type=int, default=5, help="runs of each bar (default 5)")
     add("--longest", type=float, default=LONGEST, help="bar (m)")
-    add("--stiffness", type=float, default=STIFFNESS, help="of bonds over E / cell (default 100; inf: rigid)")
+    add("--stiffness", type=float, default=STIFFNESS, help="of bonds, cell / E (default 100; inf)")
     add("--courant", type=float, default=COURANT, help="step over cell / c (default 0.5)")
     add("--still", type=float, default=STILL, help="time without a new piece over t0 (default 3)")
     add("--quick", action="store_true", help="2000 cells, two seeds")

@@ -15,19 +15,19 @@
 # - mesh a plate with an interior line, the notch, whose lips are free
 # - follow the tip of a crack, its speed, and where it branches
 #
-# The plate is a benchmark of dynamic fracture (Song, Wang and Belytschko 2008, among others): 100 mm
-# x 40 mm of glass, plane strain, a notch from the left edge to the middle, and a tension of 1 MPa
-# that acts from the start on both long edges. Published simulations have the crack start after some
-# 10 us, branch after 30 to 40 us, and stay below 60 % of the speed of Rayleigh's waves, here
-# c_R = 2119 m/s.
+# The plate is a benchmark of dynamic fracture (Song, Wang and Belytschko 2008, among others):
+# 100 mm x 40 mm of glass, plane strain, a notch from the left edge to the middle, and a tension of
+# 1 MPa that acts from the start on both long edges. Published simulations have the crack start
+# after some 10 us, branch after 30 to 40 us, and stay below 60 % of the speed of Rayleigh's waves,
+# here c_R = 2119 m/s.
 #
-# Until it cracks the plate is a mesh of ordinary finite elements, without a point or an unknown more.
-# Where the tractions of a vertex leave what its bonds bear, its cells part there; the bonds soften
-# along a straight line, spend the fracture energy exactly, and leave lips that touch and rub.
+# Until it cracks the plate is a mesh of ordinary finite elements, without a point more. Where no
+# tractions that the bonds of a vertex bear would hold its cells together, they part; the bonds
+# soften along a straight line, spend the fracture energy exactly, and leave lips that touch and
+# rub.
 #
-# **Limitation.** Cracks follow facets, so that the path is longer than a straight one, by some 10 %
-# on these meshes, and costs as much more. When and where a crack branches differs from mesh to mesh;
-# `--seed` shifts the nodes.
+# **Limitation.** Cracks follow facets, so that a path is longer than a straight one, and costs as
+# much more. When and where a crack branches differs from mesh to mesh; `--seed` shifts the nodes.
 
 import argparse
 from pathlib import Path
@@ -80,13 +80,13 @@ def plate(facet: float, seed: int) -> xf.Bodies:
 
 def scene(facet: float, bonds: str, seed: int = 0) -> xf.Scene:
     """The plate under tension; `bonds` are "rigid" or "elastic"."""
+    law: Any
     if bonds == "rigid":
         law = xf.laws.RigidCohesiveZone(STRENGTH, TOUGHNESS, FRICTION)
     else:
-        law = xf.laws.CohesiveZone(
-            20.0 * YOUNG / facet, TOUGHNESS, STRENGTH, friction=FRICTION,
-            curve=xf.laws.curves.Linear(),
-        )  # fmt: skip
+        linear: Any = xf.laws.curves.Linear()
+        stiffness = 20.0 * YOUNG / facet
+        law = xf.laws.CohesiveZone(stiffness, TOUGHNESS, STRENGTH, friction=FRICTION, curve=linear)
     return xf.Scene(
         plate(facet, seed),
         {1: xf.materials.LinearElastic(YOUNG, POISSON, DENSITY)},
@@ -135,9 +135,7 @@ def run(options: argparse.Namespace) -> dict[str, Any]:
         restart=options.restart,
     )  # fmt: skip
     track = []
-    bar = xf.recorded_steps(
-        recorder, options.end_time, "branching", options.quiet, options.profile
-    )
+    bar = xf.recorded_steps(recorder, options.end_time, "branching", options.quiet, options.profile)
     for record, _ in bar:
         if record.step % options.every == 0:
             track.append(crack(simulation, options.facet))
@@ -200,9 +198,7 @@ def draw(result: dict[str, Any], out: Path) -> None:
     axes.set(xlabel="time (us)", ylabel="speed of the tip over c_R", ylim=(0.0, 1.0))
     figure.savefig(out / "speed.png", dpi=150)
     plt.close(figure)
-    xf.plotting.plot_energies(
-        result["history"], out / "energies.png", ("J/m", 1.0), against="time"
-    )
+    xf.plotting.plot_energies(result["history"], out / "energies.png", ("J/m", 1.0), against="time")
 
 
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:

@@ -101,9 +101,9 @@ def materials(finite_strain: bool, homogeneous: bool) -> dict:
     return {MATRIX: both[MATRIX]} if homogeneous else both
 
 
-def bonds(interface: str, toughening: float, homogeneous: bool, rigid: bool) -> dict:
+def bonds(interface: str, toughening: float, homogeneous: bool, rigid: bool = False) -> dict:
     """Cohesive law of each pair of cell tags; `rigid` bonds have no stiffness but the same w."""
-    laws = {
+    laws: dict = {
         (MATRIX, MATRIX): xf.library.ZIRCALOY_BOND,
         (MATRIX, INCLUSION): xf.library.INTERFACE_BONDS[interface],
         (INCLUSION, INCLUSION): xf.library.HYDRIDE_BOND,

@@ -74,6 +74,13 @@ GALLERY = (
         "seconds",
     ),
     Figures(
+        "demos/dynamic_branching.py",
+        "--facet 5e-4 --out {out}",
+        {"dynamic_branching": "cracks.png"},
+        ("A plate of glass: a crack that branches",),
+        "seconds",
+    ),
+    Figures(
         "demos/accuracy_cost.py",
         "--time cpu_seconds --out {out}",
         {"accuracy_cost": "first.png"},

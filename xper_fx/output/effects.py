@@ -120,7 +120,9 @@ EFFECTS = (
         "interactions",
         lambda s: s.interactions is not None,
         lambda s: (
-            s.interactions.nbytes - sum(_law_effects(s).values()) - _turning_bytes(s)
+            s.interactions.nbytes
+            - sum(_law_effects(s).values())
+            - _turning_bytes(s)
             - (0 if s.interactions.fused is None else s.interactions.fused.nbytes)
         ),
         ("interaction points", "interaction terms", "interaction solve"),
@@ -172,8 +174,11 @@ EFFECTS = (
     Effect("several ranks", lambda s: not s.ranks.alone, lambda s: s.interactions.halo.nbytes),
     Effect(
         "vertex problems",
-        lambda s: s.interactions is not None and s.interactions.ordering == "vertices"
-        and s.interactions.fused is None,
+        lambda s: (
+            s.interactions is not None
+            and s.interactions.ordering == "vertices"
+            and s.interactions.fused is None
+        ),
         _kept("vertex_blocks"),
     ),
     Effect(

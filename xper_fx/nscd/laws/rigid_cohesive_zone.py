@@ -14,7 +14,8 @@ traction of a step, unloading along the secant, contact and friction are those o
 sound bond leaves exactly zero, where velocities are differences of nearly equal numbers. With
 z = U0 / (h theta^2), b = u - W r and beta k the secant stiffness times h^2 theta^2 A,
 
-    y = b + z + (1 - theta) / theta u0 + W r,   r = rhat - beta k y,   U1 = h theta [y - (1 - theta) z].
+    y = b + z + (1 - theta) / theta u0 + W r,    r = rhat - beta k y,
+    U1 = h theta [y - (1 - theta) z].
 
 beta is the mean damage over the step, for which y is found at each visit: s = 1 / (1 + k beta w) in
 (0, 1], w the mean compliance, is a fixed point of s -> 1 / (1 + k w beta(y(s))), which only rises:

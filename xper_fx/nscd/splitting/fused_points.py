@@ -12,7 +12,7 @@ from xper_fx.nscd.laws.law import Law
 from xper_fx.nscd.point_group import PointGroup
 from xper_fx.nscd.points import InteractionPoints
 from xper_fx.nscd.splitting.growing import GrowingGroup
-from xper_fx.nscd.splitting.vertex_graphs import VertexGraphs, vertex_graphs
+from xper_fx.nscd.splitting.vertex_graphs import vertex_graphs
 
 # Difference of velocities, relative to the largest, that is rounding.
 _ROUNDING = 1e-12

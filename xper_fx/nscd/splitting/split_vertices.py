@@ -1,0 +1,148 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Vertices that are not whole: clusters of cells, and bonds between them."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+
+from xper_fx.cache import njit
+from xper_fx.nscd.kernel_options import LEAN_ENTRY, LEAN_INNER
+from xper_fx.nscd.laws.law import LawKernels
+from xper_fx.nscd.splitting.bonds_of_laws import kernels_of_laws
+from xper_fx.nscd.splitting.vertex_kernels import vertex_kernels
+
+# Relative change of the impulses of a vertex at which it is solved: a few unknowns, cheap to have.
+_TOLERANCE = 1e-11
+# Sweeps before the first Newton steps, and after each batch of them, early and late.
+_FIRST, _BATCH, _LONG_BATCH, _EARLY = 8, 4, 25, 8
+_NEWTON_STEPS = 6
+# Sweeps after which to give up.
+_MOST = 400
+# How often what opens is looked for.
+_ROUNDS = 4
+
+
+@cache
+def _nest(count: int):
+    """Kernel that makes of a flat tuple of arrays one of a tuple a group."""
+    if count == 0:
+        return njit(inline="always")(lambda arrays: ())
+    rest = _nest(count - 1)
+
+    @njit(inline="always")
+    def nest(arrays):
+        return (arrays[:10], *rest(arrays[10:]))
+
+    return nest
+
+
+@cache
+def split_kernel(laws: tuple[LawKernels, ...], dim: int):
+    """Vertices that are not whole."""
+    gather, partition, activate, form, sources, put, least_flow, newton = vertex_kernels(dim)
+    of_laws = kernels_of_laws(laws, dim)
+    begin, sweep, linearise, correct, give, bear, find_fused, cut = of_laws
+    nest = _nest(len(laws))
+
+    @njit(**LEAN_INNER)
+    def iterate(b, g, work, rows, groups, group_of):
+        """Solve the active bonds; returns sweeps and the relative change of the last one."""
+        count, batch, stage, error = 0, _FIRST, 0, np.inf
+        while count < _MOST:
+            for _ in range(batch):
+                count += 1
+                worst, big = sweep(b, g, work, 0, rows, count, groups, group_of)
+                error = worst / big if big > 0.0 else 0.0
+                if error <= _TOLERANCE:
+                    return count, error
+            for _ in range(_NEWTON_STEPS):
+                worst, big = linearise(b, g, work, 0, rows, groups, group_of)
+                if worst <= _TOLERANCE * big or not newton(b, g, work):
+                    break
+                correct(b, g, work, 0, rows, groups, group_of)
+            stage += 1
+            batch = _BATCH if stage < _EARLY else _LONG_BATCH
+        return count, error
+
+    @njit(**LEAN_INNER)
+    def clusters(b, k, g, work, rows, step, groups, group_of):
+        """Solve the vertex with the clusters that there are; returns sweeps and error."""
+        acting = activate(b, g, work)
+        form(b, k, g, work)
+        begin(b, g, work, 0, rows, step, groups, group_of)
+        if acting == 0:
+            return 0, 0.0
+        return iterate(b, g, work, rows, groups, group_of)
+
+    @njit(**LEAN_INNER)
+    def holds(b, k, g, work, rows, step, tables, groups, group_of):
+        """Whether fused bonds bear what they transmit."""
+        sources(b, k, g, work)
+        give(b, g, work, 0, rows, groups, group_of, work.source, -1.0)
+        for c in range(k):
+            for d in range(dim):
+                if work.driven[c, d]:
+                    work.source[c, d] = 0.0
+        least_flow(b, k, g, work)
+        return bear(b, g, work, 0, rows, step, tables, group_of)
+
+    @njit(**LEAN_INNER)
+    def fuse_within_clusters(b, g, work):
+        """What has opened within a cluster, which others hold, stays as it was."""
+        first = g.bond_offsets[b]
+        for q in range(first, g.bond_offsets[b + 1]):
+            if g.least[q] > 0.0 and work.cluster[g.sides[q, 0]] == work.cluster[g.sides[q, 1]]:
+                work.fused[q - first] = True
+
+    @njit(**LEAN_INNER)
+    def solve_vertex(b, v, step, g, work, rows, tables, groups, group_of):
+        """Returns corners, sweeps, error."""
+        k = gather(b, v, g, work)
+        find_fused(b, g, work, 0, rows, groups, group_of)
+        sweeps, error = 0, 0.0
+        for turn in range(_ROUNDS):
+            parts = partition(b, k, g, work)
+            count, error = clusters(b, k, g, work, rows, step, groups, group_of)
+            sweeps += count
+            if turn == _ROUNDS - 1 or parts == k:
+                break
+            if holds(b, k, g, work, rows, step, tables, groups, group_of):
+                break
+            # each cell for itself
+            for c in range(k):
+                work.cluster[c] = c
+            count, _ = clusters(b, k, g, work, rows, step, groups, group_of)
+            sweeps += count
+            opened = cut(b, g, work, 0, rows, groups, group_of) > 0
+            if opened and partition(b, k, g, work) > parts:
+                fuse_within_clusters(b, g, work)
+                continue
+            find_fused(b, g, work, 0, rows, groups, group_of)
+            partition(b, k, g, work)
+            count, error = clusters(b, k, g, work, rows, step, groups, group_of)
+            sweeps += count
+            break
+        return k, sweeps, error
+
+    @njit(**LEAN_ENTRY)
+    def solve_split(
+        v, impulses, step, ground, g, work, split, rows, group_of, tables, arrays, tolerance
+    ):
+        """All of `split`; returns the most sweeps, the largest error, and how many failed."""
+        groups = nest(arrays)
+        most, largest, failed = 0, 0.0, 0
+        for n in range(len(split)):
+            b = split[n]
+            k, sweeps, error = solve_vertex(b, v, step, g, work, rows, tables, groups, group_of)
+            most, largest = max(most, sweeps), max(largest, error)
+            failed += error > tolerance
+            for c in range(k):
+                for d in range(dim):
+                    work.source[c, d] = 0.0
+            give(b, g, work, 0, rows, groups, group_of, work.source, 1.0)
+            put(b, k, ground, v, impulses, g, work, work.source)
+        return most, largest, failed
+
+    return solve_split

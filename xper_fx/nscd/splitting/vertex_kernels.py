@@ -1,0 +1,255 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""What is done at a vertex whatever its laws are: clusters of corners, and Newton steps."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+
+from xper_fx.cache import njit
+from xper_fx.nscd.kernel_options import LEAN_INNER
+from xper_fx.nscd.splitting.holding import flow_kernel
+from xper_fx.nscd.splitting.vertex_graphs import VertexGraphs
+
+# Slopes are multiplied by this, as closed rings of bonds are redundant.
+_REGULAR = 1.0 - 1e-9
+# A pivot of Newton's matrix that is none.
+_SINGULAR = 1e-14
+
+
+class VertexWork(NamedTuple):
+    """Work space of a vertex with as many corners k and bonds e as any has.
+
+    Attributes:
+        cluster: shape (k,), first corner of each corner's cluster.
+        pinned: shape (k,).
+        driven: shape (k, dim).
+        free: shape (k, dim), velocities of the cells for themselves (m/s).
+        v, w: shape (k, dim), velocity and compliance of the cluster whose first corner it is.
+        source: shape (k, dim).
+        laplacian: shape (k, k).
+        fused, active: shape (e,), what transmits within a cluster, and what acts between two.
+        flow: shape (e, dim); also residuals and corrections (N s).
+        slope: shape (e, dim, dim).
+        system: shape (e dim, e dim).
+    """
+
+    cluster: np.ndarray
+    pinned: np.ndarray
+    driven: np.ndarray
+    free: np.ndarray
+    v: np.ndarray
+    w: np.ndarray
+    source: np.ndarray
+    laplacian: np.ndarray
+    fused: np.ndarray
+    active: np.ndarray
+    flow: np.ndarray
+    slope: np.ndarray
+    system: np.ndarray
+
+
+def vertex_work(graphs: VertexGraphs, dim: int) -> VertexWork:
+    k = int(np.diff(graphs.corner_offsets).max(initial=1))
+    e = int(np.diff(graphs.bond_offsets).max(initial=1))
+    corners = [np.zeros((k, dim)) for _ in range(4)]
+    return VertexWork(
+        np.zeros(k, np.int64), np.zeros(k, bool), np.zeros((k, dim), bool), *corners,
+        np.zeros((k, k)), np.zeros(e, bool), np.zeros(e, bool), np.zeros((e, dim)),
+        np.zeros((e, dim, dim)), np.zeros((e * dim, e * dim)),
+    )  # fmt: skip
+
+
+@cache
+def vertex_kernels(dim: int):
+    """What is done at a vertex whatever its laws are."""
+    flow = flow_kernel(dim)
+
+    @njit(**LEAN_INNER)
+    def gather(b, v, g, work):
+        """Free velocities of the corners; returns how many there are."""
+        first = g.corner_offsets[b]
+        k = g.corner_offsets[b + 1] - first
+        for c in range(k):
+            slot = g.corner[first + c]
+            for d in range(dim):
+                work.free[c, d] = v[slot * dim + d]
+                work.driven[c, d] = g.compliance[slot, d] == 0.0
+        return k
+
+    @njit(**LEAN_INNER)
+    def partition(b, k, g, work):
+        """Clusters of corners that fused bonds join; returns how many there are."""
+        cluster = work.cluster
+        for c in range(k):
+            cluster[c] = c
+        first, count = g.bond_offsets[b], k
+        for q in range(first, g.bond_offsets[b + 1]):
+            if work.fused[q - first]:
+                x, y = cluster[g.sides[q, 0]], cluster[g.sides[q, 1]]
+                if x != y:
+                    count -= 1
+                    low, high = min(x, y), max(x, y)
+                    for c in range(k):
+                        if cluster[c] == high:
+                            cluster[c] = low
+        return count
+
+    @njit(**LEAN_INNER)
+    def activate(b, g, work):
+        """Bonds act between clusters; returns how many do."""
+        first, count = g.bond_offsets[b], 0
+        for q in range(first, g.bond_offsets[b + 1]):
+            acts = work.cluster[g.sides[q, 0]] != work.cluster[g.sides[q, 1]]
+            work.active[q - first] = acts
+            count += acts
+        return count
+
+    @njit(**LEAN_INNER)
+    def form(b, k, g, work):
+        """Compliance and free velocity of the clusters."""
+        first = g.corner_offsets[b]
+        for c in range(k):
+            if work.cluster[c] != c:
+                continue
+            for d in range(dim):
+                mass, momentum, held, speed = 0.0, 0.0, False, 0.0
+                for other in range(c, k):
+                    if work.cluster[other] == c:
+                        if work.driven[other, d]:
+                            held, speed = True, work.free[other, d]
+                        else:
+                            own = 1.0 / g.compliance[g.corner[first + other], d]
+                            mass += own
+                            momentum += own * work.free[other, d]
+                work.w[c, d] = 0.0 if held else 1.0 / mass
+                work.v[c, d] = speed if held else momentum / mass
+
+    @njit(**LEAN_INNER)
+    def sources(b, k, g, work):
+        """Impulses that bonds give each corner; returns half their sum, or all if one is driven."""
+        first = g.corner_offsets[b]
+        total, share = 0.0, 0.5
+        for c in range(k):
+            root, squared = work.cluster[c], 0.0
+            for d in range(dim):
+                if work.driven[c, d]:
+                    work.source[c, d], share = 0.0, 1.0
+                else:
+                    mass = 1.0 / g.compliance[g.corner[first + c], d]
+                    work.source[c, d] = mass * (work.v[root, d] - work.free[c, d])
+                    squared += work.source[c, d] ** 2
+            total += np.sqrt(squared)
+        return share * total
+
+    @njit(**LEAN_INNER)
+    def put(b, k, ground, v, impulses, g, work, external):
+        """Velocities and impulses of the corners; `external` has those of other clusters."""
+        first = g.corner_offsets[b]
+        for c in range(k):
+            root, slot = work.cluster[c], g.corner[first + c]
+            if slot == ground:
+                continue
+            for d in range(dim):
+                v[slot * dim + d] = work.v[root, d]
+                if not work.driven[c, d]:
+                    mass = 1.0 / g.compliance[slot, d]
+                    impulses[slot, d] = mass * (work.v[root, d] - work.free[c, d])
+                    continue
+                # what the others of the cluster do not take, shared among those that are driven
+                rest, sharing = 0.0, 0
+                for other in range(k):
+                    if work.cluster[other] != root:
+                        continue
+                    rest += external[other, d]
+                    if work.driven[other, d]:
+                        sharing += 1
+                    else:
+                        mass = 1.0 / g.compliance[g.corner[first + other], d]
+                        rest -= mass * (work.v[root, d] - work.free[other, d])
+                impulses[slot, d] = rest / sharing
+
+    @njit(**LEAN_INNER)
+    def least_flow(b, k, g, work):
+        first, last = g.bond_offsets[b], g.bond_offsets[b + 1]
+        flow(
+            work.laplacian, k, first, last, g.sides, g.least, work.fused, work.driven,
+            work.cluster, work.pinned, work.source, work.flow,
+        )  # fmt: skip
+
+    @njit(**LEAN_INNER)
+    def eliminate(a, n, x):
+        """x, flat, becomes a^-1 x; False if a is singular. Pivots are sought by columns."""
+        for c in range(n):
+            pivot = c
+            for i in range(c + 1, n):
+                if abs(a[i, c]) > abs(a[pivot, c]):
+                    pivot = i
+            if abs(a[pivot, c]) < _SINGULAR:
+                return False
+            if pivot != c:
+                for j in range(c, n):
+                    a[c, j], a[pivot, j] = a[pivot, j], a[c, j]
+                x[c], x[pivot] = x[pivot], x[c]
+            for i in range(c + 1, n):
+                factor = a[i, c] / a[c, c]
+                if factor != 0.0:
+                    for j in range(c, n):
+                        a[i, j] -= factor * a[c, j]
+                    x[i] -= factor * x[c]
+        for c in range(n - 1, -1, -1):
+            for j in range(c + 1, n):
+                x[c] -= a[c, j] * x[j]
+            x[c] /= a[c, c]
+        return True
+
+    @njit(**LEAN_INNER)
+    def newton(b, g, work):
+        """`flow` of active bonds, their residuals, becomes the correction; False if there is none.
+
+        Unknowns are those of active bonds, packed one after the other.
+        """
+        first, last = g.bond_offsets[b], g.bond_offsets[b + 1]
+        n = 0
+        for q in range(first, last):
+            if not work.active[q - first]:
+                continue
+            m = 0
+            for p in range(first, last):
+                if not work.active[p - first]:
+                    continue
+                for y in range(dim):
+                    coupling = 0.0
+                    if p != q:
+                        for s in range(2):
+                            for t in range(2):
+                                root = work.cluster[g.sides[q, s]]
+                                if root == work.cluster[g.sides[p, t]]:
+                                    coupling += work.w[root, y] if s == t else -work.w[root, y]
+                    for x in range(dim):
+                        entry = -_REGULAR * work.slope[q - first, x, y] * coupling
+                        work.system[n + x, m + y] = entry
+                m += dim
+            for x in range(dim):
+                work.system[n + x, n + x] += 1.0
+            n += dim
+        packed = work.slope.reshape(-1)  # no longer needed
+        n = 0
+        for q in range(last - first):
+            if work.active[q]:
+                for x in range(dim):
+                    packed[n + x] = work.flow[q, x]
+                n += dim
+        if not eliminate(work.system, n, packed):
+            return False
+        n = 0
+        for q in range(last - first):
+            if work.active[q]:
+                for x in range(dim):
+                    work.flow[q, x] = packed[n + x]
+                n += dim
+        return True
+
+    return gather, partition, activate, form, sources, put, least_flow, newton
