@@ -35,6 +35,7 @@ from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.collections import LineCollection
 
 import xper_fx as xf
 
@@ -139,11 +140,9 @@ def run(options: argparse.Namespace) -> dict[str, Any]:
     for record, _ in bar:
         if record.step % options.every == 0:
             track.append(crack(simulation, options.facet))
-    cracks = xf.output.find_cracks(simulation, 0)
-    panel = xf.output.crack_panel(recorder, cracks, f"{1e6 * simulation.state.time:.0f} us")
     return {
         "track": {name: np.array([t[name] for t in track]) for name in track[0]},
-        "panel": panel,
+        "cracks": xf.output.find_cracks(simulation, 0).segments,
         "history": xf.read_history(options.out / "history.csv"),
         "simulation": simulation,
     }
@@ -185,18 +184,18 @@ def report(result: dict[str, Any]) -> dict[str, float]:
 
 
 def draw(result: dict[str, Any], out: Path) -> None:
-    """The cracked plate; tip and speed against time; energies."""
-    xf.plotting.plot_cracks(
-        [result["panel"]], path=out / "cracks.png", length_unit=("mm", 1e-3), names={1: "glass"},
-        kinds=("glass", "", ""),
-    )  # fmt: skip
-    track = result["track"]
-    figure, axes = plt.subplots(figsize=(5.0, 3.2), layout="constrained")
+    """The crack, and the speed of its tip; energies."""
+    track, height = result["track"], 5e2 * HEIGHT
+    figure, (above, below) = plt.subplots(2, figsize=(6.0, 4.8), layout="constrained")
+    above.plot([0.0, 1e3 * NOTCH_LENGTH], [0.0, 0.0], c="0.5", lw=2)
+    above.add_collection(LineCollection(list(1e3 * result["cracks"]), colors="C3", linewidths=1.2))
+    above.set(xlabel="x (mm)", ylabel="y (mm)", aspect="equal")
+    above.set(xlim=(0.0, 1e3 * LENGTH), ylim=(-height, height))
     speed = speeds(track["time"], track["tip"])
-    axes.plot(1e6 * track["time"], speed / RAYLEIGH)
-    axes.axhline(0.6, color="0.5", lw=0.8)
-    axes.set(xlabel="time (us)", ylabel="speed of the tip over c_R", ylim=(0.0, 1.0))
-    figure.savefig(out / "speed.png", dpi=150)
+    below.plot(1e6 * track["time"], speed / RAYLEIGH)
+    below.axhline(0.6, color="0.5", lw=0.8)
+    below.set(xlabel="time (us)", ylabel="speed of the tip over c_R", ylim=(0.0, 1.0))
+    figure.savefig(out / "branching.png", dpi=150)
     plt.close(figure)
     xf.plotting.plot_energies(result["history"], out / "energies.png", ("J/m", 1.0), against="time")
 

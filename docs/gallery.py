@@ -76,7 +76,7 @@ GALLERY = (
     Figures(
         "demos/dynamic_branching.py",
         "--facet 5e-4 --out {out}",
-        {"dynamic_branching": "cracks.png"},
+        {"dynamic_branching": "branching.png"},
         ("A plate of glass: a crack that branches",),
         "seconds",
     ),
