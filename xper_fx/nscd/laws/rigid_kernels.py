@@ -353,14 +353,16 @@ def rigid_kernels(
         pressing = closed > u[0] + terms[i, push] - details[i, past] * terms[i, start_at]
         state[i, OPENING_MAX] = max(state[i, OPENING_MAX], x1)
         state[i, DAMAGE] = new
-        numerical = (theta - 0.5) * beta * area * parameters[i, C_N] * dot(moved, moved)
         if details[i, rigid] == 1.0:  # a jump that tolerances have left holds nothing
-            numerical -= beta * e0
             e0 = 0.0
         energy[i, STORED] = new * e1
         energy[i, COHESION] = (beta - new) * e1 + (details[i, old] - beta) * e0
         mu = friction_of(i, beta, parameters)
-        return book_losses(i, hat, moved, step, pressing, numerical, mu, energy)
+        status = book_losses(i, hat, moved, step, pressing, 0.0, mu, energy)
+        taken = energy[i, COHESION] + energy[i, FRICTION] + energy[i, IMPACT]
+        taken += energy[i, STORED] - details[i, old] * e0
+        energy[i, NUMERICAL] = -dot(r, moved) / step - taken
+        return status
 
     @njit(**LEAN_INNER)
     def insist(i, u, for_good, parameters, terms, details):

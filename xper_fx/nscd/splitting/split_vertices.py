@@ -142,6 +142,12 @@ def split_kernel(laws: tuple[LawKernels, ...], dim: int):
                 for d in range(dim):
                     work.source[c, d] = 0.0
             give(b, g, work, 0, rows, groups, group_of, work.source, 1.0)
+            # velocities that many sweeps have added to carry their rounding: from the start again
+            form(b, k, g, work)
+            for c in range(k):
+                root = work.cluster[c]
+                for d in range(dim):
+                    work.v[root, d] += work.w[root, d] * work.source[c, d]
             put(b, k, ground, v, impulses, g, work, work.source)
         return most, largest, failed
 
