@@ -172,7 +172,7 @@ def test_a_bond_torn_by_inertia_spends_its_area_at_any_step(make, steps, theta):
     spent = law.fracture_energy * AREA
     length, dc = law.fracture_energy / law.strength, float(law.critical_opening)
     bond = PointMass(law, 8.0 * spent, [1.0, 0.0], area=AREA, theta=theta)
-    total = np.zeros(5)
+    total = np.zeros(6)
     before = bond.kinetic
     for _ in range(8 + int(1.5 * steps * dc / length)):
         energies = np.array(bond.step(length / steps))

@@ -7,6 +7,7 @@ from xper_fx.support.lazy import importer
 
 if TYPE_CHECKING:
     from xper_fx.nscd.laws import curves as curves
+    from xper_fx.nscd.laws.adhesion import Adhesion as Adhesion
     from xper_fx.nscd.laws.cohesive_curve import CohesiveCurve as CohesiveCurve
     from xper_fx.nscd.laws.cohesive_zone import CohesiveZone as CohesiveZone
     from xper_fx.nscd.laws.law import Law as Law
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from xper_fx.nscd.laws.weakening_friction import SlipWeakening as SlipWeakening
 
 _MODULE_OF = {
+    "Adhesion": "adhesion",
     "CohesiveCurve": "cohesive_curve",
     "CohesiveZone": "cohesive_zone",
     "Law": "law",
