@@ -129,13 +129,13 @@ def space():
 
 
 def uneven():
-    """Random strengths a facet, arrays, modes apart."""
+    """Random strengths a facet, arrays, modes apart, viscosity."""
     loads, start = stretched(1.0)
     bodies = box_bodies((1, 1), (6, 6))
-    strength = Weibull(10.0, 12.0, seed=2)
+    strength = Weibull(10.0, 12.0, seed=5)
     bond = MixedMode(
         2e4, (strength, 14.0), (np.linspace(0.05, 0.06, len(bodies.facets)), 0.08), 2.0,
-        friction=lambda x: 0.2 + 0.2 * x[0],
+        friction=lambda x: 0.2 + 0.2 * x[0], viscosity=lambda x: 1e-5 * x[1],
     )  # fmt: skip
     scene = Scene(
         bodies, {1: ELASTIC}, default_interaction=bond, loads=loads,

@@ -21,13 +21,14 @@ without it damage follows the curve, and nothing of this module is compiled.
 
 The weight m, from 1/2 in short steps to 1 in long ones, makes what is linear with a constant e
 exact (Liniger and Willoughby 1970): the error is of second order, and for b -> 0, or h -> infinity,
-beta1 is on the curve. With openings x, e = k x^2 / 2, k the stiffness in the direction of the jump,
+beta1 is on the curve. Of a step with e0 < e_c(beta0) the part h counts in which e, that changes in
+proportion to time, is above, with F = 0 at its start. With openings x, e = k x^2 / 2, k the stiffness in the direction of the jump,
 x_c the opening of a damage on the curve and q = b / (h k), the solution is the root of
 
     m (x_c^2 - x1^2) a(x_c) + q (a0 - a(x_c)) - (1 - m) a0 <x0^2 - x_c0^2>+
 
 between x_c0 and max(x0, x1), or the latter if there is none, found by regula falsi. Damage weighs
-alike in the mean of the step, beta_m = m beta1 + (1 - m) beta0.
+alike in the mean of the step, beta_m = m beta1 + (1 - m) beta0, or beta0 before that part.
 
 **What it dissipates.** Let D(beta) be the area between the curve and its secant, dD = -e_c dbeta:
 what the damage costs without viscosity. By `cohesive_zone.py` a step loses
@@ -80,7 +81,8 @@ def lagging_damage(curve: CurveFunctions) -> LaggingDamage:
     """The compiled functions of a curve.
 
     followed(x0, x1, x_max, share, q, p) -> x_c, m
-        opening (m) at which the curve p has the damage of the end of a step, and the weight
+        opening (m) at which the curve p has the damage of the end of a step, and what that damage
+        weighs in the mean
     mean(x0, x1, x_max, x_c, old, new, m, p, beta0) -> beta_m
         its mean damage
     with the openings x0, x1 (m) at both ends, x_max that of the damage `old` at the start on the
@@ -97,17 +99,21 @@ def lagging_damage(curve: CurveFunctions) -> LaggingDamage:
         far, start = max(x0, x1), np.sqrt(share)
         if far <= x_max:
             return x_max, 1.0
+        part = 1.0  # of the step above the threshold
+        if x0 < x_max:
+            part = (x1 - x_max) * (x1 + x_max) / ((x1 - x0) * (x1 + x0))
+            q /= part
         m = _weight(far * far / q) if q > 0.0 else 1.0
         pulled = (1.0 - m) * max(x0 - x_max, 0.0) * (x0 + x_max)
         below = -start * (m * (x1 - x_max) * (x1 + x_max) + pulled)
         if below >= 0.0:
-            return x_max, m
+            return x_max, m * part
         # m (y - target) a + lag = 0 in y = x_c^2
         target, lag = x1 * x1 + q / m, start * (q - pulled)
         low, high = x_max * x_max, min(far, p[1]) ** 2
         above = m * (high - target) * left(np.sqrt(high), p) + lag
         if above <= 0.0:
-            return min(far, p[1]), m
+            return min(far, p[1]), m * part
         side, x = 0, x_max
         for _ in range(_ITERATIONS):
             y = (low * above - high * below) / (above - below)
@@ -123,7 +129,7 @@ def lagging_damage(curve: CurveFunctions) -> LaggingDamage:
                 side = -1
             if abs(value) <= _ROUNDING * start * target or high - low <= _ROUNDING * high:
                 break
-        return (p[1] if far >= p[1] and fall(x, p) <= _NOTHING else x), m
+        return (p[1] if far >= p[1] and fall(x, p) <= _NOTHING else x), m * part
 
     @njit(**LEAN_ENTRY)
     def mean(x0, x1, x_max, x_c, old, new, m, p, beta0):
