@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from xper_fx.nscd.laws.adhesion import Adhesion as Adhesion
     from xper_fx.nscd.laws.cohesive_curve import CohesiveCurve as CohesiveCurve
     from xper_fx.nscd.laws.cohesive_zone import CohesiveZone as CohesiveZone
+    from xper_fx.nscd.laws.ductile_zone import DuctileZone as DuctileZone
     from xper_fx.nscd.laws.law import Law as Law
     from xper_fx.nscd.laws.mixed_mode import MixedMode as MixedMode
     from xper_fx.nscd.laws.perfect_bond import PerfectBond as PerfectBond
@@ -23,6 +24,7 @@ _MODULE_OF = {
     "Adhesion": "adhesion",
     "CohesiveCurve": "cohesive_curve",
     "CohesiveZone": "cohesive_zone",
+    "DuctileZone": "ductile_zone",
     "Law": "law",
     "MixedMode": "mixed_mode",
     "MohrCoulomb": "weakening_friction",
