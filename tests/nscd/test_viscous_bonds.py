@@ -197,6 +197,24 @@ def test_adhesion_that_is_held_open_relaxes_exactly_in_any_step(steps):
     assert np.sqrt(point.damage) == pytest.approx(exact, rel=1e-12)
 
 
+@pytest.mark.parametrize("steps", [1, 2, 8])
+def test_adhesion_that_closes_is_lost_until_its_energy_is_below_the_threshold(steps):
+    """Opened at once to 3 d0 and closed at 2 m/s: of second order, from a single step on."""
+    opening, speed = 3.0 * D0, 2.0
+    point = PointMass(adhesion(viscosity=B), np.inf, [1.0, 0.0], area=AREA, theta=1.0)
+    point.step(opening)
+    start = np.sqrt(point.damage)
+    point.velocity[:] = [-speed, 0.0]
+    for _ in range(steps):
+        point.step(opening / speed / steps)
+    exact = solve_ivp(
+        lambda t, a: [-max(a[0] * K * (opening - speed * t) ** 2 - THRESHOLD, 0.0) / B],
+        (0.0, opening / speed), [start], "Radau", rtol=1e-10, atol=1e-13, max_step=1e-7,
+    ).y[0, -1]  # fmt: skip
+    assert start - exact > 0.02
+    assert start - np.sqrt(point.damage) == pytest.approx(start - exact, rel=0.6 / steps**2)
+
+
 @pytest.mark.parametrize("curve", [curves.Linear(), curves.Tvergaard()], ids=repr)
 def test_any_curve_lags_by_the_same_equation(curve):
     """b da/dt = -2 a (e - e_c), with e_c by inversion of the curve."""
