@@ -33,7 +33,7 @@ def surface(mean, equivalent, f):
 
 
 def drawn(porosity, triaxiality):
-    """Traction at the start and work of the layer, by an integrator and differences for the flow."""
+    """Traction at the start and work of the layer, by an integrator; the flow by differences."""
 
     def stress(f):
         root = brentq(lambda s: surface(triaxiality * s, s, f), 0.0, 1.0, xtol=1e-15)

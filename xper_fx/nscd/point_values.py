@@ -90,8 +90,8 @@ class PointValues:
     def gather(self, name: str) -> np.ndarray:
         """An array over the permanent points, in the scene's order.
 
-        Local vectors have `dim` columns, energies those of ALL_ENERGIES: what a law has no use for, as
-        frictionless contact for anything tangential, reads zero.
+        Local vectors have `dim` columns, energies those of ALL_ENERGIES: what a law has no use for,
+        as frictionless contact for anything tangential, reads zero.
 
         Args:
             name: "jump" (m), "velocity" (m/s), "impulse" (N s), "traction" (Pa, opening negative

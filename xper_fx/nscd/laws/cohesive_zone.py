@@ -75,8 +75,8 @@ class CohesiveZone(Bond):
         curve: how traction falls with the opening, of `xper_fx/nscd/laws/curves`.
         friction_grows: whether mu grows from 0 to `friction` as the bond weakens, mu (1 - beta /
             beta0), as what is bonded does not rub; else lips rub from the start.
-        viscosity: b (J s/m^2) of `viscous_damage.py`, with which damage lags behind its curve, as the
-            adhesion of Raous, Cangemi and Cocou does; 0 compiles none.
+        viscosity: b (J s/m^2), with which damage lags behind its curve, as the adhesion of Raous,
+            Cangemi and Cocou does (`viscous_damage.py`); 0 compiles none.
 
     Raises:
         ValueError: a number out of range, or w <= Rmax d0 / 2: the bond would have to break

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 r"""Cohesive zone of a ductile metal, from the growth of its voids under a triaxiality.
 
-A layer of thickness t0 of perfectly plastic metal with the porosity f is drawn out under axisymmetric
-stresses of a constant triaxiality H = sigma_m / sigma_eq, as cells are to find the numbers of a
-cohesive zone (Siegmund and Brocks 1999). It yields by Gurson 1977 and Tvergaard 1981,
+A layer of thickness t0 of perfectly plastic metal with the porosity f is drawn out under
+axisymmetric stresses of a constant triaxiality H = sigma_m / sigma_eq, as cells are to find the
+numbers of a cohesive zone (Siegmund and Brocks 1999). It yields by Gurson 1977 and Tvergaard 1981,
 
     s^2 + 2 q1 f* cosh(3 q2 H s / 2) = 1 + (q1 f*)^2,    s = sigma_eq / sigma_0,
     f* = f for f <= f_c,   f_c + (1 / q1 - f_c) (f - f_c) / (f_F - f_c) beyond,
@@ -13,10 +13,10 @@ f* being that of Tvergaard and Needleman 1984, and flows along the normal of tha
     tr D / D_eq = r = (3/2) q1 q2 f* sinh(3 q2 H s / 2) / s,    D_N = D_eq + tr D / 3,
     df/dt = (1 - f) tr D.
 
-Its traction (H + 2/3) s sigma_0 falls from that of the porosity f_0, the strength, to zero at f_F; with
-an opening of t0 (e^eps - 1), eps the integral of D_N, the area below it is the fracture energy. A
-larger triaxiality makes a small porosity grow sooner: the strength is larger, the energy smaller. The
-bond takes them along a curve of `curves/`, as the cohesive zones of Siegmund and Brocks do.
+Its traction (H + 2/3) s sigma_0 falls from that of the porosity f_0, the strength, to zero at f_F.
+Its opening is t0 (e^eps - 1), eps the integral of D_N, and the area below is the fracture energy. A
+larger triaxiality makes a small porosity grow sooner: the strength is larger, the energy smaller.
+The bond takes them along a curve of `curves/`, as the cohesive zones of Siegmund and Brocks do.
 """
 
 from __future__ import annotations
@@ -130,8 +130,11 @@ def drawn_out(porosity: Any, triaxiality: Any) -> tuple[Any, Any]:
             strength = np.maximum(strength, traction[0])
             middle = eps + step / 24.0 * (5.0 * rate[0] + 8.0 * rate[1] - rate[2])
             end = eps + step / 6.0 * (rate[0] + 4.0 * rate[1] + rate[2])
-            power = [t * r * np.exp(e) for t, r, e in zip(traction, rate, (eps, middle, end))]
-            work = work + step / 6.0 * (power[0] + 4.0 * power[1] + power[2])
+            work = work + step / 6.0 * (
+                traction[0] * rate[0] * np.exp(eps)
+                + 4.0 * traction[1] * rate[1] * np.exp(middle)
+                + traction[2] * rate[2] * np.exp(end)
+            )
             eps = end
     return strength, work
 

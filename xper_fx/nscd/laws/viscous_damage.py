@@ -21,14 +21,15 @@ without it damage follows the curve, and nothing of this module is compiled.
 
 The weight m, from 1/2 in short steps to 1 in long ones, makes what is linear with a constant e
 exact (Liniger and Willoughby 1970): the error is of second order, and for b -> 0, or h -> infinity,
-beta1 is on the curve. Of a step with e0 < e_c(beta0) the part h counts in which e, that changes in
-proportion to time, is above, with F = 0 at its start. With openings x, e = k x^2 / 2, k the stiffness in the direction of the jump,
-x_c the opening of a damage on the curve and q = b / (h k), the solution is the root of
+beta1 is on the curve. Of a step with e0 < e_c(beta0) h is the part in which e is above, e changing
+in proportion to time, and F = 0 at the start of that part. With openings x, e = k x^2 / 2, k the
+stiffness in the direction of the jump, x_c the opening of a damage on the curve and q = b / (h k),
+the solution is the root of
 
     m (x_c^2 - x1^2) a(x_c) + q (a0 - a(x_c)) - (1 - m) a0 <x0^2 - x_c0^2>+
 
 between x_c0 and max(x0, x1), or the latter if there is none, found by regula falsi. Damage weighs
-alike in the mean of the step, beta_m = m beta1 + (1 - m) beta0, or beta0 before that part.
+alike in the mean of the step, beta_m = m beta1 + (1 - m) beta0, and is beta0 before that part.
 
 **What it dissipates.** Let D(beta) be the area between the curve and its secant, dD = -e_c dbeta:
 what the damage costs without viscosity. By `cohesive_zone.py` a step loses
@@ -45,7 +46,7 @@ Whatever the path, its mixture of modes, h and theta, a step then spends D(beta1
 the fracture energy, and the rest of L is viscous work, never negative. For b -> 0 beta_m is the
 mean of `cohesive_zone.py`, so that a bond that opens spends its area at any step.
 
-A bond that is worn to `_NOTHING` beyond the end of its curve is broken: a falls exponentially there.
+A bond that is worn to `_NOTHING` beyond the end of its curve is broken, as a falls exponentially.
 """
 
 from __future__ import annotations
