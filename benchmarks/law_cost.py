@@ -28,7 +28,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "shared"))
 from outside_law import LinearSoftening  # noqa: E402
 from scenes import LEFT, RIGHT, box_bodies  # noqa: E402
 
-STIFFNESS, ENERGY, STRENGTH = 2e4, 0.05, 10.0
+STIFFNESS, ENERGY, STRENGTH, VISCOSITY = 2e4, 0.05, 10.0, 1e-5
 ELASTIC = xf.materials.LinearElastic(1000.0, 0.3, 1.0)
 PHASES = ("interaction terms", "interaction solve", "energy")
 
@@ -62,6 +62,9 @@ def laws() -> dict[str, xf.laws.Law]:
     }
     for curve in (curves.Petersson(), curves.Trapezoidal(), curves.Exponential()):
         every[type(curve).__name__.lower()] = zone(*numbers, curve=curve)
+    every["linear, viscous"] = zone(*numbers, curve=curves.Linear(), viscosity=VISCOSITY)
+    every["adhesion"] = xf.laws.Adhesion(STIFFNESS, ENERGY)
+    every["adhesion, viscous"] = xf.laws.Adhesion(STIFFNESS, ENERGY, VISCOSITY)
     for curve in (curves.XuNeedleman(), curves.Tvergaard()):
         every[type(curve).__name__.lower()] = zone(None, ENERGY, STRENGTH, curve=curve)
     return every

@@ -4,9 +4,9 @@
 `import xper_fx as xf` gives all public names, each imported when it is first asked for: scenes and
 runs by name, and namespaces of what there are several of.
 
-    xf.laws            interaction laws: CohesiveZone, CohesiveCurve, MixedMode, PerfectBond,
-                       SignoriniCoulomb, Tresca; xf.laws.curves, along which bonds weaken;
-                       xf.fields, parameters that differ from point to point
+    xf.laws            interaction laws: CohesiveZone, CohesiveCurve, MixedMode, Adhesion,
+                       PerfectBond, SignoriniCoulomb, Tresca and others; xf.laws.curves, along
+                       which bonds weaken; xf.fields, parameters that differ from point to point
     xf.materials       materials of the bulk; xf.library has measured constants, xf.kinematics
                        strains in UFL for materials of one's own
     xf.loads           loads, which are public names of their own as well

@@ -128,7 +128,7 @@ def test_mean_damage_of_a_vanishing_increment_does_not_cancel():
 
 def run_to_break(bond, step, max_steps=2000):
     """Totals of the energies and the least value of each over the steps."""
-    total, least = np.zeros(5), np.zeros(5)
+    total, least = np.zeros(6), np.zeros(6)
     for count in range(1, max_steps + 1):
         energies = np.array(bond.step(step))
         total += energies
@@ -186,7 +186,7 @@ def test_across_the_step_at_which_a_softening_bond_is_no_longer_unique(number, t
     step, law = 1e-10, zircaloy()
     mass = step**2 * theta**2 * AREA * law.softening_slope / number
     bond = PointMass(law, mass, [0.0, 0.0], area=AREA, theta=theta)
-    total, least, stored = np.zeros(5), np.zeros(5), 0.0
+    total, least, stored = np.zeros(6), np.zeros(6), 0.0
     pulled_at_break = None
     for count in range(1, 200):
         factor = min(1.2, count / 100)

@@ -22,7 +22,7 @@ def test_bouncing_point_without_gravity(e, theta, dim):
     approach[:2] = -2.0, 0.3
     mass, step = 3.0, 1e-2
     ball = PointMass(SignoriniCoulomb(restitution=e), mass, approach, gap=0.105, theta=theta)
-    before, lost, impacts = ball.kinetic, np.zeros(5), 0
+    before, lost, impacts = ball.kinetic, np.zeros(6), 0
     for _ in range(20):
         at_start = ball.velocity.copy()
         lost += ball.step(step)

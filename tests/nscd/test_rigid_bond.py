@@ -33,7 +33,7 @@ def test_a_bond_torn_by_inertia_spends_its_energy_at_any_step(curve, steps, thet
     bond = PointMass(
         law(curve), 8.0 * SPENT, [np.cos(angle), np.sin(angle)], area=AREA, theta=theta
     )
-    before, total, length = bond.kinetic, np.zeros(5), W / S
+    before, total, length = bond.kinetic, np.zeros(6), W / S
     for _ in range(8 + int(1.5 * steps * law(curve).critical_opening / length)):
         energies = np.array(bond.step(length / steps))
         assert energies[1] >= -1e-14 * SPENT
@@ -119,7 +119,7 @@ def test_broken_lips_rebound_by_their_restitution(restitution):
 
 def test_unloading_follows_the_secant_and_what_is_left_is_spent():
     dc = law().critical_opening
-    driven, total, h = PointMass(law(), np.inf, [0.0, 0.0], area=AREA), np.zeros(5), 1e-3
+    driven, total, h = PointMass(law(), np.inf, [0.0, 0.0], area=AREA), np.zeros(6), 1e-3
     for opening in (0.25 * dc, 0.5 * dc, 0.2 * dc, 0.4 * dc, 1.1 * dc):
         before = driven.interactions.gather("velocity")[0, 0]
         driven.velocity[0, 0] = 2.0 * (opening - driven.jump[0]) / h - before

@@ -26,6 +26,7 @@ from scenes import box_bodies
 from xper_fx.forms.loads import Gravity
 from xper_fx.materials import NeoHookean
 from xper_fx.nscd.laws import (
+    Adhesion,
     CohesiveCurve,
     CohesiveZone,
     MixedMode,
@@ -135,7 +136,10 @@ LAWS = (
     CohesiveZone(10.0, 1e-4, 1e-3, friction=0.1),
     CohesiveZone(10.0, 1e-4, 1e-3, damage="lagged"),
     CohesiveZone(10.0, 1e-4, 1e-3, damage="end", friction=0.1, curve=Petersson()),
+    CohesiveZone(10.0, 1e-4, 1e-3, damage="end", viscosity=1e-4),
     MixedMode(10.0, (1e-3, 2e-3), (1e-4, 2e-4), 2.0, friction=0.1),
+    Adhesion(10.0, 1e-4),
+    Adhesion(10.0, 1e-4, 1e-4, friction=0.1),
     CohesiveCurve(([0.0, 1e-4, 1e-1], [0.0, 1e-3, 0.0]), friction=0.1),
     SignoriniCoulomb(),
     SignoriniCoulomb(0.3),

@@ -214,6 +214,9 @@ def test_bonds_broke_in_what_was_compared(found):
     for name in ("explicit", "quadratic"):
         assert found[1][name]["damage"].min() == 0.0
         assert found[1][name]["dissipated_cohesion"][-1] > 0.0
+    work = [found[count]["space"]["dissipated_viscous_bonds"][-1] for count in (1, 2, 4)]
+    assert work[0] > 0.01 * found[1]["space"]["dissipated_cohesion"][-1] > 0.0
+    np.testing.assert_allclose(work, work[0], rtol=1e-7)
 
 
 @pytest.mark.ranks

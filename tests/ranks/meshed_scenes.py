@@ -120,10 +120,12 @@ def strips():
 
 
 def space():
+    """Bonds whose damage lags."""
     loads, start = stretched(1.0)
     bodies = box_bodies((1, 1, 1), (2, 2, 2), kind="tetrahedron")
+    bond = replace(BOND, viscosity=lambda x: 1e-4 * x[1])
     scene = Scene(
-        bodies, {1: ELASTIC}, default_interaction=BOND, loads=loads, initial_velocity=start
+        bodies, {1: ELASTIC}, default_interaction=bond, loads=loads, initial_velocity=start
     )
     return scene, {"step": 1e-3, "tolerance": 1e-10, "scheme": "implicit"}, 10
 

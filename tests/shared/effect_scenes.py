@@ -165,6 +165,12 @@ def bonded():
     return _interacting(CohesiveZone(10.0, 1e-4, 1e-3), "nlgs")
 
 
+def lagging():
+    from xper_fx.nscd.laws import Adhesion
+
+    return _interacting(Adhesion(10.0, 1e-6, 1e-6), "nlgs", speed=1e-2)
+
+
 def uneven():
     from xper_fx.nscd.laws import MixedMode
     from xper_fx.nscd.laws.fields import Weibull
@@ -338,6 +344,7 @@ SCENES = {
         "vertex problems",
     },
     bonded: {*_POINTS, "unilateral contact", "cohesion", "damage"},
+    lagging: {*_POINTS, "unilateral contact", "cohesion", "damage", "viscous bonds"},
     uneven: {*_POINTS, "unilateral contact", "cohesion", "damage", "mixed modes", "fields"},
     divided: {*_POINTS, "unilateral contact", "cohesion", "damage", "several ranks"},
     closed: {*_POINTS, "unilateral contact", "friction", "mixed sweeps"},

@@ -26,6 +26,7 @@ def missing_energy(simulation: Simulation, start: float) -> float:
     e = simulation.ledger.energies
     lost = e.dissipated_cohesion + e.dissipated_friction + e.dissipated_impact
     lost += e.dissipated_plastic + e.dissipated_viscous + e.dissipated_numerical
+    lost += e.dissipated_viscous_bonds
     return abs(bulk_energy(simulation) + e.cohesive + lost - start)
 
 

@@ -127,6 +127,22 @@ def laws() -> list[Misuse]:
         fixed=BOND,
     )
     out += bad_numbers("CohesiveZone", law.CohesiveZone, {"initial_damage": 1.0}, fixed=BOND)
+    viscous = {"viscosity": 1e-3}
+    out += bad_numbers(
+        "CohesiveZone", law.CohesiveZone, viscous, allowed={"viscosity": (0.0,)}, fixed=BOND
+    )
+    out += bad_numbers(
+        "Adhesion",
+        law.Adhesion,
+        {"normal_stiffness": 1e12, "adhesion_energy": 50.0, **viscous, "friction": 0.3},
+        allowed={"viscosity": (0.0,), **friction},
+    )
+    out += bad_numbers(
+        "DuctileZone",
+        law.DuctileZone,
+        {"normal_stiffness": 1e16, "yield_stress": 4e8, "porosity": 2e-3, "thickness": 5e-5,
+         "triaxiality": 2.0},
+    )  # fmt: skip
     out += bad_numbers(
         "SignoriniCoulomb",
         law.SignoriniCoulomb,
@@ -169,6 +185,18 @@ def laws() -> list[Misuse]:
             "an initial damage above one",
             "initial_damage & 2",
             lambda: law.CohesiveZone(**BOND, initial_damage=2.0),
+        ),
+        Misuse(
+            "a porosity at which voids have joined",
+            "porosity & 0.15 & 0.3",
+            lambda: law.DuctileZone(
+                1e16, yield_stress=4e8, porosity=0.3, thickness=5e-5, triaxiality=2.0
+            ),
+        ),
+        Misuse(
+            "viscosity of an initially rigid bond",
+            "viscosity",
+            lambda: law.RigidCohesiveZone(1e6, 10.0, viscosity=1e-3),
         ),
         Misuse("an unknown keyword of a law", "mu", lambda: law.SignoriniCoulomb(mu=0.3)),
         Misuse("an argument of a law without any", "", lambda: law.PerfectBond(0.3)),

@@ -146,9 +146,10 @@ def uneven_plate():
 
 
 def viscoelastic_bar():
-    """Prony series beside a bond that breaks."""
+    """Prony series beside a bond whose damage lags, and that breaks."""
     material = LinearViscoelastic(young=1.0, poisson=0.3, prony=[(0.5, 1.0)], density=1.0)
-    return Simulation(_pulled(material, 0.05), 0.2, **ONE)
+    glue = CohesiveZone(10.0, 1e-4, 1e-2, friction=0.3, viscosity=1e-5)
+    return Simulation(_pulled(material, 0.05, default_interaction=glue), 0.2, **ONE)
 
 
 def solid_bar():

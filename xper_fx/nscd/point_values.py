@@ -11,7 +11,7 @@ from xper_fx.nscd.facets import join_points
 from xper_fx.nscd.grouping import Grouping
 from xper_fx.nscd.halo_protocol import ContactHalo, PointHalo
 from xper_fx.nscd.inverse_blocks import BodyInverse
-from xper_fx.nscd.laws.law import ENERGIES
+from xper_fx.nscd.laws.law import ALL_ENERGIES
 from xper_fx.nscd.point_group import PointGroup
 from xper_fx.nscd.points import InteractionPoints
 
@@ -102,8 +102,8 @@ class PointValues:
     def gather(self, name: str) -> np.ndarray:
         """An array over the permanent points, in the scene's order.
 
-        Local vectors have `dim` columns, energies those of ENERGIES: what a law has no use for, as
-        frictionless contact for anything tangential, reads zero.
+        Local vectors have `dim` columns, energies those of ALL_ENERGIES: what a law has no use for,
+        as frictionless contact for anything tangential, reads zero.
 
         Args:
             name: "jump" (m), "velocity" (m/s), "impulse" (N s), "traction" (Pa, opening negative
@@ -127,7 +127,7 @@ class PointValues:
             return spent
         if name in ("law", "area"):
             return self.law_of_point if name == "law" else self.points.area
-        widths = {"compliance": self.dim * (self.dim + 1) // 2, "energy": len(ENERGIES)}
+        widths = {"compliance": self.dim * (self.dim + 1) // 2, "energy": len(ALL_ENERGIES)}
         widths |= dict.fromkeys(("jump", "velocity", "impulse"), self.dim)
         if name in widths:
             out = np.zeros((len(self), widths[name]))
@@ -135,7 +135,7 @@ class PointValues:
                 own = getattr(g, name)
                 columns = range(own.shape[1])
                 if name == "energy":
-                    columns = [ENERGIES.index(energy) for energy in g.kernels.energies]
+                    columns = [ALL_ENERGIES.index(energy) for energy in g.kernels.energies]
                 out[np.ix_(g.indices, columns)] = own
             return out
         out = np.zeros(len(self))

@@ -14,7 +14,7 @@ import numpy as np
 from xper_fx.nscd.couplings import push_kernel, spread_kernel
 from xper_fx.nscd.found_contacts import FoundContacts
 from xper_fx.nscd.law_loops import evolve_loop, step_loops
-from xper_fx.nscd.laws.law import ENERGIES, LawKernels
+from xper_fx.nscd.laws.law import LawKernels
 from xper_fx.nscd.own_compliance import update_compliance, update_diagonal
 from xper_fx.nscd.point_group import PointGroup
 from xper_fx.nscd.point_values import PointValues
@@ -61,6 +61,7 @@ class StepWork(NamedTuple):
     friction: float
     impact: float
     numerical: float
+    viscous: float = 0.0
 
 
 class SteppedPoints(PointValues):
@@ -253,7 +254,7 @@ class SteppedPoints(PointValues):
         Returns:
             The energies of the step.
         """
-        totals = dict.fromkeys(ENERGIES, 0.0)
+        totals = dict.fromkeys(StepWork._fields, 0.0)
         if self.turns:
             totals["numerical"] -= self._work_of_couples(velocity)
         for g in self.groups:

@@ -149,6 +149,7 @@ EFFECTS = (
     _of_laws("cohesion"),
     _of_laws("damage"),
     _of_laws("mixed modes"),
+    _of_laws("viscous bonds"),
     _of_laws("unilateral contact"),
     _of_laws("impact"),
     _of_laws("friction"),

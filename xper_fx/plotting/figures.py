@@ -85,8 +85,11 @@ _ENERGY_TERMS = {
     "dissipated_impact": ("dissipated by impacts", "#CC79A7"),
     "dissipated_plastic": ("dissipated by plasticity", "#8A2BE2"),
     "dissipated_viscous": ("dissipated by viscosity", "#7F4F24"),
+    "dissipated_viscous_bonds": ("dissipated by viscous bonds", "#F0A3FF"),
     "dissipated_numerical": ("dissipated by the scheme", "#777777"),
 }
+# Terms that a history has if the run calls for them.
+_OF_SOME_RUNS = ("dissipated_plastic", "dissipated_viscous_bonds", "shadow")
 
 # Letters in a line of a note below a figure.
 _NOTE_WIDTH = 120
@@ -628,7 +631,7 @@ def plot_energies(
     if against not in ("strain", "time"):
         raise ValueError(f'against should be "strain" or "time", got {against!r}.')
     checked_unit("energy_unit", energy_unit)
-    terms = [t for t in _ENERGY_TERMS if t in history or t not in ("dissipated_plastic", "shadow")]
+    terms = [t for t in _ENERGY_TERMS if t in history or t not in _OF_SOME_RUNS]
     needed = (against, "external_work", *terms, "closure")
     missing = [column for column in needed if column not in history]
     if missing:

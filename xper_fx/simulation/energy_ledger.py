@@ -44,7 +44,7 @@ class Energies:
         kinetic, elastic, cohesive: energies held.
         shadow: what the energy that an explicit bulk conserves has beside these.
         dissipated_cohesion, dissipated_friction, dissipated_impact, dissipated_plastic,
-        dissipated_viscous, dissipated_numerical: totals lost.
+        dissipated_viscous, dissipated_viscous_bonds, dissipated_numerical: totals lost.
     """
 
     external_work: float = 0.0
@@ -57,6 +57,7 @@ class Energies:
     dissipated_impact: float = 0.0
     dissipated_plastic: float = 0.0
     dissipated_viscous: float = 0.0
+    dissipated_viscous_bonds: float = 0.0
     dissipated_numerical: float = 0.0
 
     @property
@@ -99,13 +100,20 @@ class EnergyLedger:
         theta: weight of the end of the step.
         rigid: motion of the rigid bodies, None without any.
         explicit: whether the bulk is explicit.
+        viscous_bonds: whether laws have viscous work.
     """
 
     def __init__(
-        self, bulk: Bulk, state: State, theta: float, rigid: RigidMotion | None, explicit: bool
+        self,
+        bulk: Bulk,
+        state: State,
+        theta: float,
+        rigid: RigidMotion | None,
+        explicit: bool,
+        viscous_bonds: bool,
     ):
         self._bulk, self._theta, self._explicit = bulk, theta, explicit
-        self._static = bulk.inertia is None
+        self._static, self._viscous_bonds = bulk.inertia is None, viscous_bonds
         self.energies = Energies(
             kinetic=bulk.kinetic_energy(state.velocity) + (rigid.kinetic if rigid else 0.0),
             elastic=bulk.elastic_energy(state.displacement, state.internal),
@@ -201,6 +209,7 @@ class EnergyLedger:
             e.dissipated_cohesion += work.cohesion
             e.dissipated_friction += work.friction
             e.dissipated_impact += work.impact
+            e.dissipated_viscous_bonds += work.viscous
             e.dissipated_numerical += work.numerical
 
     def _take_shadow(self, start: float, end: float, step: float) -> None:
@@ -225,6 +234,8 @@ class EnergyLedger:
         columns = vars(self.energies) | {"closure": self.closure}
         if not self._bulk.forms.plastic:
             del columns["dissipated_plastic"]
+        if not self._viscous_bonds:
+            del columns["dissipated_viscous_bonds"]
         if not self._explicit:
             del columns["shadow"]
         return columns

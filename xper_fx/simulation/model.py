@@ -118,8 +118,9 @@ class Model:
         self._require_bonds_for_path()
         self._account()
         self.ledger = EnergyLedger(
-            self.bulk, self.start, self.scheme.theta, self.rigid, options.scheme == "explicit"
-        )
+            self.bulk, self.start, self.scheme.theta, self.rigid, options.scheme == "explicit",
+            self._has_viscous_bonds,
+        )  # fmt: skip
         if wrong := not_finite_columns(self.ledger.as_columns()):
             raise ValueError(
                 f"At the start {wrong} are not finite: initial velocities or masses are beyond "
@@ -358,6 +359,11 @@ class Model:
             breaks, points.points_a_facet,
         )  # fmt: skip
 
+    @property
+    def _has_viscous_bonds(self) -> bool:
+        laws = [] if self.interactions is None else self.interactions.laws
+        return any("viscous" in law.kernels(self.scene.dim).energies for law in laws)
+
     def _require_bonds_for_path(self) -> None:
         """Raise a ValueError if a path is to be followed that no bond tells."""
         groups = [] if self.interactions is None else self.interactions.groups
@@ -365,6 +371,11 @@ class Model:
             raise ValueError(
                 "Growth control follows the damage of bonds, and no point of the scene has a law "
                 'whose damage is that of the end of the step: xf.laws.CohesiveZone(damage="auto").'
+            )
+        if self.options.path is not None and self._has_viscous_bonds:
+            raise ValueError(
+                "Growth control takes the load back where a structure snaps, and so has no time "
+                "that a bond's viscosity could be measured by: take viscosity=0, or no path."
             )
 
     def _control(self) -> AccuracyControl:

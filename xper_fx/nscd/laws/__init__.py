@@ -7,8 +7,10 @@ from xper_fx.support.lazy import importer
 
 if TYPE_CHECKING:
     from xper_fx.nscd.laws import curves as curves
+    from xper_fx.nscd.laws.adhesion import Adhesion as Adhesion
     from xper_fx.nscd.laws.cohesive_curve import CohesiveCurve as CohesiveCurve
     from xper_fx.nscd.laws.cohesive_zone import CohesiveZone as CohesiveZone
+    from xper_fx.nscd.laws.ductile_zone import DuctileZone as DuctileZone
     from xper_fx.nscd.laws.law import Law as Law
     from xper_fx.nscd.laws.mixed_mode import MixedMode as MixedMode
     from xper_fx.nscd.laws.perfect_bond import PerfectBond as PerfectBond
@@ -19,8 +21,10 @@ if TYPE_CHECKING:
     from xper_fx.nscd.laws.weakening_friction import SlipWeakening as SlipWeakening
 
 _MODULE_OF = {
+    "Adhesion": "adhesion",
     "CohesiveCurve": "cohesive_curve",
     "CohesiveZone": "cohesive_zone",
+    "DuctileZone": "ductile_zone",
     "Law": "law",
     "MixedMode": "mixed_mode",
     "MohrCoulomb": "weakening_friction",

@@ -18,14 +18,15 @@ _DAMAGE = ("auto", "mean", "lagged", "end")
 class Bond:
     """A law whose lips are bonded by springs that weaken, then touch and rub.
 
-    A class of it is a frozen dataclass with `friction`, `friction_grows`, `initial_damage` and
-    `damage`, and the three methods at the end.
+    A class of it is a frozen dataclass with `friction`, `friction_grows`, `initial_damage`,
+    `damage` and `viscosity`, and the three methods at the end.
     """
 
     friction: Any
     friction_grows: bool
     initial_damage: Any
     damage: str
+    viscosity: Any
 
     def _check_options(self) -> None:
         require_flag("friction_grows", self.friction_grows)
@@ -43,6 +44,10 @@ class Bond:
             return Friction.NONE
         return Friction.GROWING if self.friction_grows else Friction.WHOLE
 
+    @property
+    def _viscous(self) -> bool:
+        return acts(self.viscosity)
+
     def in_statics(self) -> Self:
         """The law that a static run of the monolithic solver takes for this one."""
         return replace(self, damage="end") if self.damage == "auto" else self
@@ -53,15 +58,16 @@ class Bond:
         if self.damage == "end":
             from xper_fx.nscd.laws.damage_at_end import end_kernels
 
-            return end_kernels(dim, self._friction, weakening)
+            return end_kernels(dim, self._friction, self._viscous, weakening)
         from xper_fx.nscd.laws.bond_kernels import mean_kernels
 
-        return mean_kernels(dim, self._friction, self.damage == "lagged", weakening)
+        return mean_kernels(dim, self._friction, self.damage == "lagged", self._viscous, weakening)
 
     def parameters(self) -> tuple:
-        """C_N, C_T (Pa/m), beta0; with friction mu; what `weakening` has."""
+        """C_N, C_T (Pa/m), beta0; with friction mu; what `weakening` has; viscosity b (J s/m^2)."""
         bond = (*self.stiffnesses(), self.initial_damage)
-        return (*bond, self.friction, *self.shape()) if self._rubs else (*bond, *self.shape())
+        bond = (*bond, self.friction, *self.shape()) if self._rubs else (*bond, *self.shape())
+        return (*bond, self.viscosity) if self._viscous else bond
 
     def initial_state(self) -> tuple:
         """Largest opening so far (m) and damage."""

@@ -19,20 +19,33 @@ from xper_fx.nscd.laws.damage_curve import (
     DAMAGE,
     OPENING_MAX,
     damage_functions,
+    shape_column,
+    stiffness_along,
 )
 from xper_fx.nscd.laws.friction_of_lips import Friction, friction_by_damage
-from xper_fx.nscd.laws.law import COHESION, ENERGIES, STORED, Columns, LawKernels
+from xper_fx.nscd.laws.law import (
+    ALL_ENERGIES,
+    COHESION,
+    ENERGIES,
+    STORED,
+    VISCOUS,
+    Columns,
+    LawKernels,
+)
 from xper_fx.nscd.laws.weakening import Weakening
 
 
 @cache
-def mean_kernels(dim: int, friction: Friction, lagged: bool, weakening: Weakening) -> LawKernels:
+def mean_kernels(
+    dim: int, friction: Friction, lagged: bool, viscous: bool, weakening: Weakening
+) -> LawKernels:
     """The kernels of a bond.
 
     Args:
         dim: dimension of space.
         friction: of the lips.
         lagged: whether damage is frozen during a step.
+        viscous: whether it lags behind its curve (`viscous_damage.py`).
         weakening: how openings weaken the bond.
     """
     algebra = for_dimension(dim)
@@ -46,7 +59,7 @@ def mean_kernels(dim: int, friction: Friction, lagged: bool, weakening: Weakenin
 
     shape, reach = weakening.shape, weakening.reach
     first_limit = weakening.limit
-    damage, mean_damage, _, _ = damage_functions(weakening.curve)
+    damage, mean_damage, dissipated, _ = damage_functions(weakening.curve)
 
     terms_of, details_of, others = Columns(), Columns(), Columns()
     others.take("cohesion", 2)  # C
@@ -64,6 +77,14 @@ def mean_kernels(dim: int, friction: Friction, lagged: bool, weakening: Weakenin
     if rubs:
         others.take("friction")  # mu
         shift = details_of.take("friction", dim - 1)
+    if viscous:
+        from xper_fx.nscd.laws.viscous_damage import lagging_damage
+
+        lagging = lagging_damage(weakening.curve)
+        viscosity = shape_column(rubs) + sum(count for _, count in weakening.effects)
+        others.take("viscous bonds")  # b
+        reached = details_of.take("viscous bonds")  # opening up to which the damage is safe
+        drag = details_of.take("viscous bonds")  # b / h
 
     @njit(inline="always")
     def opening(jump):
@@ -113,9 +134,14 @@ def mean_kernels(dim: int, friction: Friction, lagged: bool, weakening: Weakenin
                 details[i, shift + j - 1] = (1.0 - theta) / theta * velocity[j]
         beta = state[i, DAMAGE]
         safe = first_limit(i, parameters, state) / scaled
-        terms[i, limit] = np.inf if (beta == 0.0 or lagged) else safe * safe
         details[i, start] = beta
         details[i, jump_start] = np.sqrt(opening(jump))
+        if viscous:
+            details[i, drag] = parameters[i, viscosity] / step
+            details[i, reached] = first_limit(i, parameters, state)
+            if details[i, jump_start] > details[i, reached]:  # weakens whether it opens on or not
+                safe = 0.0
+        terms[i, limit] = np.inf if (beta == 0.0 or lagged) else safe * safe
         details[i, h_theta] = scaled
         details[i, k_n] = scaled * scaled * area * parameters[i, C_N]
         details[i, k_t] = scaled * scaled * area * parameters[i, C_T]
@@ -156,15 +182,38 @@ def mean_kernels(dim: int, friction: Friction, lagged: bool, weakening: Weakenin
             new, impulse = with_contact(new, s, k, p, -jump_h[0], (0.0,), 0.0)
         return impulse, r[0] > 0.0 and impulse[0] > 0.0
 
-    @njit(inline="always")
-    def mean_of(i, velocity, parameters, terms, details):
-        """Mean damage of a step with a velocity relative to -jump_h / (h theta)."""
-        p, old = shape(i, velocity, parameters), details[i, start]
-        beta0, x1 = parameters[i, BETA0], details[i, h_theta] * np.sqrt(opening(velocity))
-        if damage(x1, p, beta0) >= old:
-            return old
-        x_max = reach(details[i, h_theta] * np.sqrt(terms[i, limit]), old / beta0, p)
-        return mean_damage(x1, details[i, jump_start], x_max, old, p, beta0)
+    # Mean damage of a step, damage at its end, and the openings of the old and the new damage on
+    # the curve, for a jump at the end with an opening x1 (m).
+    if viscous:
+
+        @njit(**LEAN_INNER)
+        def weakened(i, jump, x1, safe, parameters, details):
+            p, old, beta0 = shape(i, jump, parameters), details[i, start], parameters[i, BETA0]
+            x0, share = details[i, jump_start], old / beta0
+            x_max = reach(details[i, reached], share, p)
+            q = details[i, drag] / stiffness_along(jump, parameters[i, C_N], parameters[i, C_T])
+            x_c, m = lagging.followed(x0, x1, x_max, share, q, p)
+            if x_c <= x_max:
+                return old, old, x_max, x_max
+            new = min(old, damage(x_c, p, beta0))
+            return lagging.mean(x0, x1, x_max, x_c, old, new, m, p, beta0), new, x_max, x_c
+
+        @njit(**LEAN_INNER)
+        def cost_of(i, jump, x_max, x_c, parameters):
+            """What a damage has cost (J/m^2)."""
+            p, beta0 = shape(i, jump, parameters), parameters[i, BETA0]
+            spent = dissipated(x_c, p, beta0) - dissipated(x_max, p, beta0)
+            return stiffness_along(jump, parameters[i, C_N], parameters[i, C_T]) * spent
+    else:
+
+        @njit(inline="always")
+        def weakened(i, jump, x1, safe, parameters, details):
+            p, old, beta0 = shape(i, jump, parameters), details[i, start], parameters[i, BETA0]
+            at_end = damage(x1, p, beta0)
+            if at_end >= old:
+                return old, old, x1, x1
+            x_max = reach(safe, old / beta0, p)
+            return mean_damage(x1, details[i, jump_start], x_max, old, p, beta0), at_end, x_max, x1
 
     @njit(inline="always")
     def evolve(i, u, w, parameters, terms, details):
@@ -172,7 +221,9 @@ def mean_kernels(dim: int, friction: Friction, lagged: bool, weakening: Weakenin
         if speed <= terms[i, limit]:
             lost = details[i, start] - details[i, mean]
             return -lost / details[i, start] if lost > 0.0 else 0.0
-        beta = mean_of(i, add(part(terms, i, middle), u), parameters, terms, details)
+        velocity, scaled = add(part(terms, i, middle), u), details[i, h_theta]
+        x1, safe = scaled * np.sqrt(speed), scaled * np.sqrt(terms[i, limit])
+        beta, _, _, _ = weakened(i, velocity, x1, safe, parameters, details)
         fall = details[i, mean] - beta
         if fall <= 0.0:
             return fall / details[i, start]
@@ -185,12 +236,11 @@ def mean_kernels(dim: int, friction: Friction, lagged: bool, weakening: Weakenin
         c_n, c_t = parameters[i, C_N], parameters[i, C_T]
         old, beta = details[i, start], details[i, mean]
         x1, safe, new = np.sqrt(opening(jump1)), first_limit(i, parameters, state), beta
-        if x1 > safe and old > 0.0:
-            p, beta0 = shape(i, jump1, parameters), parameters[i, BETA0]
-            at_end = damage(x1, p, beta0)
-            if at_end < old and not lagged:
-                x_max = reach(safe, old / beta0, p)
-                mean_of_step = mean_damage(x1, details[i, jump_start], x_max, old, p, beta0)
+        x_max = x_c = min(x1, safe) if viscous else x1
+        far = max(x1, details[i, jump_start]) if viscous else x1
+        if far > safe and old > 0.0:
+            mean_of_step, at_end, x_max, x_c = weakened(i, jump1, x1, safe, parameters, details)
+            if not lagged:
                 beta = min(beta, mean_of_step)
             new = min(beta, at_end)
         k = (beta * details[i, k_n], beta * details[i, k_t])
@@ -203,7 +253,13 @@ def mean_kernels(dim: int, friction: Friction, lagged: bool, weakening: Weakenin
         pressing = hat[0] * terms[i, soft] > u[0] + terms[i, middle]
         energy[i, STORED] = new * e1
         energy[i, COHESION] = (beta - new) * e1 + (old - beta) * e0
-        state[i, OPENING_MAX] = max(state[i, OPENING_MAX], x1)
+        if viscous:
+            cost = 0.0
+            if x_c > x_max:
+                cost = min(area * cost_of(i, jump1, x_max, x_c, parameters), energy[i, COHESION])
+            energy[i, VISCOUS] = energy[i, COHESION] - cost
+            energy[i, COHESION] = cost
+        state[i, OPENING_MAX] = max(state[i, OPENING_MAX], x_c)
         state[i, DAMAGE] = new
         numerical = (theta - 0.5) * beta * area * dot(moved, diagonal(c_n, c_t, moved))
         mu = friction_of(i, beta, parameters)
@@ -225,7 +281,7 @@ def mean_kernels(dim: int, friction: Friction, lagged: bool, weakening: Weakenin
         num_terms=terms_of.count,
         num_details=details_of.count,
         state_names=("opening_max", "damage"),
-        energies=ENERGIES,
+        energies=ALL_ENERGIES if viscous else ENERGIES,
         spent=weakening.spent,
         stored=stored,
     )

@@ -70,7 +70,7 @@ class CohesiveCurve(Bond):
             function of the values that gives them; of a table none are needed.
         friction: Coulomb's mu of the lips.
         initial_damage: beta0 in (0, 1].
-        damage, friction_grows: as of `CohesiveZone`.
+        damage, friction_grows, viscosity: as of `CohesiveZone`.
 
     Raises:
         TypeError: a traction that is neither compiled nor a table.
@@ -88,6 +88,7 @@ class CohesiveCurve(Bond):
     initial_damage: Any = 1.0
     damage: str = "auto"
     friction_grows: bool = False
+    viscosity: Any = 0.0
 
     def __post_init__(self) -> None:
         self._check_options()
@@ -98,7 +99,7 @@ class CohesiveCurve(Bond):
         known = take_parameters(
             self,
             positive=stiffnesses,
-            non_negative=("friction",),
+            non_negative=("friction", "viscosity"),
             shares=("initial_damage",),
             numbers="values",
         )

@@ -75,6 +75,8 @@ class CohesiveZone(Bond):
         curve: how traction falls with the opening, of `xper_fx/nscd/laws/curves`.
         friction_grows: whether mu grows from 0 to `friction` as the bond weakens, mu (1 - beta /
             beta0), as what is bonded does not rub; else lips rub from the start.
+        viscosity: b (J s/m^2), with which damage lags behind its curve, as the adhesion of Raous,
+            Cangemi and Cocou does (`viscous_damage.py`); 0 compiles none.
 
     Raises:
         ValueError: a number out of range, or w <= Rmax d0 / 2: the bond would have to break
@@ -90,6 +92,7 @@ class CohesiveZone(Bond):
     damage: str = "auto"
     friction_grows: bool = False
     curve: Curve = field(default_factory=Parabolic)
+    viscosity: Any = 0.0
 
     def __post_init__(self) -> None:
         self._check_options()
@@ -99,7 +102,7 @@ class CohesiveZone(Bond):
         known = take_parameters(
             self,
             positive=(*given, "fracture_energy", "strength"),
-            non_negative=("friction",),
+            non_negative=("friction", "viscosity"),
             shares=("initial_damage",),
         )
         if known:

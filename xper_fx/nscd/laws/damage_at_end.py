@@ -42,9 +42,19 @@ from xper_fx.nscd.laws.damage_curve import (
     DAMAGE,
     OPENING_MAX,
     damage_functions,
+    shape_column,
+    stiffness_along,
 )
 from xper_fx.nscd.laws.friction_of_lips import Friction, friction_by_damage
-from xper_fx.nscd.laws.law import COHESION, ENERGIES, STORED, Columns, LawKernels
+from xper_fx.nscd.laws.law import (
+    ALL_ENERGIES,
+    COHESION,
+    ENERGIES,
+    STORED,
+    VISCOUS,
+    Columns,
+    LawKernels,
+)
 from xper_fx.nscd.laws.weakening import Weakening
 
 # Part of an impulse that is not the bond's, above which the lips press: less is rounding.
@@ -54,7 +64,7 @@ _SPENT = 0.999
 
 
 @cache
-def end_kernels(dim: int, friction: Friction, weakening: Weakening) -> LawKernels:
+def end_kernels(dim: int, friction: Friction, viscous: bool, weakening: Weakening) -> LawKernels:
     """The kernels of a bond; see `mean_kernels`."""
     algebra = for_dimension(dim)
     dot, add, subtract, scale = algebra.dot, algebra.add, algebra.subtract, algebra.scale
@@ -80,6 +90,14 @@ def end_kernels(dim: int, friction: Friction, weakening: Weakening) -> LawKernel
     if rubs:
         others.take("friction")  # mu
         shift = details_of.take("friction", dim - 1)  # slip at the start
+    if viscous:
+        from xper_fx.nscd.laws.viscous_damage import lagging_damage
+
+        followed = lagging_damage(weakening.curve).followed
+        viscosity = shape_column(rubs) + sum(count for _, count in weakening.effects)
+        others.take("viscous bonds")  # b
+        drag = details_of.take("viscous bonds")  # b / h
+        jump_start = details_of.take("viscous bonds")  # opening at the start
 
     def growth(parameters: np.ndarray, state: np.ndarray):
         d0, dc = lengths(parameters)
@@ -113,16 +131,37 @@ def end_kernels(dim: int, friction: Friction, weakening: Weakening) -> LawKernel
         details[i, start] = state[i, DAMAGE]
         details[i, safe] = limit(i, parameters, state)
         details[i, h_theta] = scaled
+        if viscous:
+            details[i, drag] = parameters[i, viscosity] / step
+            details[i, jump_start] = opening(jump)
         if rubs:
             for j in range(1, dim):
                 details[i, shift + j - 1] = (1.0 - theta) / theta * velocity[j]
+
+    if viscous:
+
+        @njit(**LEAN_INNER)
+        def on_curve(i, x, jump, parameters, details):
+            """The opening (m) at which the curve has the damage of a jump."""
+            share, p = details[i, start] / parameters[i, BETA0], shape(i, jump, parameters)
+            x_max = reach(details[i, safe], share, p)
+            q = details[i, drag] / stiffness_along(jump, parameters[i, C_N], parameters[i, C_T])
+            x_c, _ = followed(details[i, jump_start], x, x_max, share, q, p)
+            return x_c
+    else:
+
+        @njit(inline="always")
+        def on_curve(i, x, jump, parameters, details):
+            return x
 
     @njit(inline="always")
     def damage_at(i, jump, parameters, details):
         """Damage with a jump (m)."""
         x = opening(jump)
-        if x <= details[i, safe] or details[i, start] == 0.0:
+        far = max(x, details[i, jump_start]) if viscous else x
+        if far <= details[i, safe] or details[i, start] == 0.0:
             return details[i, start]
+        x = on_curve(i, x, jump, parameters, details)
         fresh = damage(x, shape(i, jump, parameters), parameters[i, BETA0])
         return min(details[i, start], fresh)
 
@@ -169,15 +208,6 @@ def end_kernels(dim: int, friction: Friction, weakening: Weakening) -> LawKernel
             trial = scale(bound / size, trial)
         return add(bond, with_normal(trial, normal)), True
 
-    @njit(inline="always")
-    def mean_stiffness(jump, parameters, i):
-        """2 e / x^2 of a jump, C where C_N = C_T (Pa/m)."""
-        x = opening(jump)
-        if x == 0.0:
-            return parameters[i, C_T]
-        normal = max(jump[0], 0.0) / x
-        return parameters[i, C_T] + (parameters[i, C_N] - parameters[i, C_T]) * normal * normal
-
     @njit(**LEAN_INNER)
     def commit(i, jump0, jump1, u, r, area, step, theta, parameters, state, terms, details, energy):
         c_n, c_t = parameters[i, C_N], parameters[i, C_T]
@@ -193,19 +223,25 @@ def end_kernels(dim: int, friction: Friction, weakening: Weakening) -> LawKernel
         new = damage_at(i, jump, parameters, details)
         e0 = 0.5 * area * dot(jump0, diagonal(c_n, c_t, jump0))
         e1 = 0.5 * area * dot(jump1, diagonal(c_n, c_t, jump1))
-        cost = 0.0
+        cost = work = 0.0
+        x_c = min(x1, details[i, safe]) if viscous else x1
         if new < old:
+            x_c = on_curve(i, x1, jump, parameters, details)
             p, beta0 = shape(i, jump, parameters), parameters[i, BETA0]
             before = dissipated(reach(details[i, safe], old / beta0, p), p, beta0)
-            stiffness = mean_stiffness(jump, parameters, i)
+            stiffness = stiffness_along(jump, c_n, c_t)
             if opening(jump0) > 0.0:
-                stiffness = 0.5 * (stiffness + mean_stiffness(jump0, parameters, i))
-            cost = area * stiffness * (dissipated(x1, p, beta0) - before)
+                stiffness = 0.5 * (stiffness + stiffness_along(jump0, c_n, c_t))
+            cost = area * stiffness * (dissipated(x_c, p, beta0) - before)
+            if viscous:
+                work = area * details[i, drag] * (np.sqrt(old) - np.sqrt(new)) ** 2
         energy[i, STORED] = new * e1
         energy[i, COHESION] = cost
-        state[i, OPENING_MAX] = max(state[i, OPENING_MAX], x1)
+        if viscous:
+            energy[i, VISCOUS] = work
+        state[i, OPENING_MAX] = max(state[i, OPENING_MAX], x_c)
         state[i, DAMAGE] = new
-        numerical = -dot(bond, moved) / step - (new * e1 - old * e0) - cost
+        numerical = -dot(bond, moved) / step - (new * e1 - old * e0) - cost - work
         mu = friction_of(i, new, parameters)
         return book_losses(i, hat, moved, step, pressing, numerical, mu, energy)
 
@@ -225,7 +261,7 @@ def end_kernels(dim: int, friction: Friction, weakening: Weakening) -> LawKernel
         num_terms=terms_of.count,
         num_details=details_of.count,
         state_names=("opening_max", "damage"),
-        energies=ENERGIES,
+        energies=ALL_ENERGIES if viscous else ENERGIES,
         growth=growth,
         spent=weakening.spent,
         stored=stored,

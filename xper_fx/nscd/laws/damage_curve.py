@@ -7,7 +7,7 @@ from collections import namedtuple
 from functools import cache
 
 from xper_fx.cache import njit
-from xper_fx.nscd.kernel_options import LEAN_ENTRY
+from xper_fx.nscd.kernel_options import LEAN_ENTRY, MERGED
 from xper_fx.nscd.laws.curves.curve import CurveFunctions
 
 # Columns of a bond's parameters and state; mu is there with friction alone, and the shape of the
@@ -25,6 +25,16 @@ DamageFunctions = namedtuple("DamageFunctions", "damage mean_damage dissipated o
 def shape_column(friction: bool) -> int:
     """The first column of the shape of a bond's curve among its parameters."""
     return MU + 1 if friction else MU
+
+
+@njit(**MERGED)
+def stiffness_along(jump, c_n, c_t):
+    """C_N cos^2 + C_T sin^2 of the direction of a jump; lips that are pressed slide (Pa/m)."""
+    normal, tangential = max(jump[0], 0.0) ** 2, 0.0
+    for part in jump[1:]:
+        tangential += part * part
+    both = normal + tangential
+    return c_t + (c_n - c_t) * (normal / both) if both > 0.0 else c_t
 
 
 @cache

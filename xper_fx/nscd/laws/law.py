@@ -19,7 +19,7 @@ A law is a frozen dataclass with the methods of `Law`. Its kernels work on one p
 
 Vectors are local tuples of `components` numbers: `(n, t...)`, dim of them, or `(n,)` where nothing
 acts along the tangent, and then no array of the points has a tangential column; `w` is the array of
-W_aa as packed symmetric rows. `energies` names the columns of `energy`, of ENERGIES. Jumps are
+W_aa as packed symmetric rows. `energies` names the columns of `energy`, of ALL_ENERGIES. Jumps are
 in m, velocities in m/s, impulses `r` in N s (positive: pushes candidate and antagonist apart),
 `area` in m^2 (2D: m, per metre of depth). Over a step, jump1 = jump_h + h theta u with
 jump_h = jump0 + h (1 - theta) velocity0. Adding a law is adding one file with such a class.
@@ -67,6 +67,8 @@ from typing import Any, Protocol
 
 ENERGIES = ("stored", "cohesion", "friction", "impact", "numerical")
 STORED, COHESION, FRICTION, IMPACT, NUMERICAL = range(len(ENERGIES))  # of a law that has them all
+VISCOUS = len(ENERGIES)
+ALL_ENERGIES = (*ENERGIES, "viscous")  # of a law that has viscous work besides
 
 LawKernels = namedtuple(
     "LawKernels",

@@ -78,7 +78,7 @@ class MixedMode(Bond):
         tangential_stiffness: C_T (Pa/m); C_N if not given.
         friction: Coulomb's mu of the lips.
         initial_damage: beta0 in (0, 1].
-        damage, friction_grows: as of `CohesiveZone`.
+        damage, friction_grows, viscosity: as of `CohesiveZone`.
         curve: of `xper_fx/nscd/laws/curves`, one whose stiffness is free.
 
     Raises:
@@ -97,6 +97,7 @@ class MixedMode(Bond):
     damage: str = "auto"
     friction_grows: bool = False
     curve: Curve = field(default_factory=Linear)
+    viscosity: Any = 0.0
 
     def __post_init__(self) -> None:
         self._check_options()
@@ -119,7 +120,7 @@ class MixedMode(Bond):
             self,
             positive=(*stiffnesses, "exponent"),
             positive_pairs=("strengths", "fracture_energies"),
-            non_negative=("friction",),
+            non_negative=("friction", "viscosity"),
             shares=("initial_damage",),
         )
         if known:

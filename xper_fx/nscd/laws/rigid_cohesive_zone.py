@@ -82,6 +82,7 @@ class RigidCohesiveZone(Bond):
     curve: Curve = field(default_factory=Linear)
     initial_damage: ClassVar[float] = 1.0
     damage: ClassVar[str] = "mean"
+    viscosity: ClassVar[float] = 0.0
 
     def __post_init__(self) -> None:
         self._check_options()
