@@ -149,6 +149,17 @@ def test_other_schemes_take_the_law_with_a_point_on_each_facet(solver):
     assert abs(simulation.ledger.closure) < 1e-10 * e.external_work
 
 
+def test_scales_are_told_before_anything_has_cracked():
+    """The softening number is that of cells for themselves, h^2/4 A W s/dc, as of elastic bonds."""
+    elastic = xf.laws.CohesiveZone(1e9, W, S, curve=xf.laws.curves.Linear())
+    found = []
+    for law in (BOND, elastic):
+        simulation = xf.Simulation(pulled(2, law=law), 0.1, **ONE)
+        found.append(xf.cohesive_table(simulation))
+    assert found[0] == found[1]
+    assert "softening number 0.0" in found[0] and not found[0].endswith("number 0")
+
+
 def test_cells_that_move_apart_at_the_start_are_refused():
     bodies = box_bodies((2.0, 1.0), (4, 2), "crossed", material={2: lambda x: x[0] < 1.0})
     scene = xf.Scene(

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from xper_fx.nscd.algebra.small import sym_indices
 from xper_fx.nscd.facets import join_points
 from xper_fx.nscd.grouping import Grouping
 from xper_fx.nscd.halo_protocol import ContactHalo, PointHalo
@@ -137,6 +138,9 @@ class PointValues:
                 if name == "energy":
                     columns = [ALL_ENERGIES.index(energy) for energy in g.kernels.energies]
                 out[np.ix_(g.indices, columns)] = own
+            if name == "compliance" and self.fused is not None:
+                points, apart = self.fused.compliance_of_cells()
+                out[points] = apart[:, None] * np.equal(*sym_indices(self.dim))
             return out
         out = np.zeros(len(self))
         out[self._asleep] = name in ("damage", "status")

@@ -151,10 +151,8 @@ class FusedPoints:
         Args:
             nodal: shape (num_slots, dim), velocities at the start (m/s).
         """
-        graphs = self.graphs
+        graphs, sides = self.graphs, self._slots_of_sides()
         rigid = graphs.least > 0.0
-        first = graphs.corner_offsets[:-1].repeat(np.diff(graphs.bond_offsets))
-        sides = graphs.corner[first[:, None] + graphs.sides]
         jump = np.abs(nodal[sides[:, 0]] - nodal[sides[:, 1]]).max(axis=1, initial=0.0) * rigid
         driven = np.any(graphs.compliance[sides] == 0.0, axis=(1, 2))
         jump[driven] = 0.0
@@ -163,6 +161,21 @@ class FusedPoints:
                 "Initially rigid bonds join cells that move apart at the start, by "
                 f"{jump.max():g} m/s: take an initial_velocity that is continuous there."
             )
+
+    def _slots_of_sides(self) -> np.ndarray:
+        """Slots of candidate and antagonist of each bond, shape (num_bonds, 2)."""
+        graphs = self.graphs
+        first = graphs.corner_offsets[:-1].repeat(np.diff(graphs.bond_offsets))
+        return graphs.corner[first[:, None] + graphs.sides]
+
+    def compliance_of_cells(self) -> tuple[np.ndarray, np.ndarray]:
+        """Initially rigid points, and how far a unit impulse parts the cells at each (m/s per N s).
+
+        That is of cells for themselves, the largest that their compliance will be.
+        """
+        graphs, rigid = self.graphs, self.graphs.least > 0.0
+        apart = graphs.compliance[self._slots_of_sides()].sum(axis=1).max(axis=1)
+        return graphs.point[rigid], apart[rigid]
 
     def most(self, group: PointGroup) -> int:
         """Number of points that one of the groups may have."""
