@@ -26,10 +26,11 @@ class _OnBodies:
     """An inverse to which no border is added.
 
     Attributes:
-        is_nodal: whether an impulse moves no other node than that on which it acts.
+        in_order: whether an impulse moves no other node than that on which it acts, and the
+            interacting nodes are all that there are, in the bulk's order.
     """
 
-    is_nodal = False
+    in_order = False
 
     def advance(self, residual: np.ndarray) -> np.ndarray:
         """Newton's increment of all velocities, shape (num_dofs,)."""
@@ -157,10 +158,7 @@ class LumpedInverse(_OnBodies):
 
     Attributes:
         diagonal: of w, shape (num_dofs,), zero where motions are prescribed.
-        in_order: whether the interacting nodes are all that there are, in the bulk's order.
     """
-
-    is_nodal = True
 
     def __init__(
         self, layout: BodyLayout, mass: np.ndarray, interacting: np.ndarray, by_body: bool = False

@@ -53,7 +53,7 @@ class AnchoredInverse:
         ValueError: the interactions of a body leave it free to turn.
     """
 
-    is_nodal = False
+    in_order = False
 
     def __init__(self, layout: BodyLayout, x: np.ndarray, interacting: np.ndarray):
         self._dim = layout.dim

@@ -91,7 +91,7 @@ class _NoInverse:
     """The inverse of no matrix."""
 
     num_nodes = nbytes = 0
-    is_nodal = False
+    in_order = False
 
     def __init__(self, dim: int):
         self.nodes = np.zeros(0, np.int64)

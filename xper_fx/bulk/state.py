@@ -75,18 +75,17 @@ def interact(
         End velocities and H r on all dofs, velocities of the interacting nodes, solver's report.
     """
     dim, nodes = interactions.dim, inverse.nodes
-    in_order = inverse.is_nodal and inverse.in_order
-    at_start = free.reshape(-1, dim) if in_order else at_nodes(free, nodes, dim)
+    at_start = free.reshape(-1, dim) if inverse.in_order else at_nodes(free, nodes, dim)
     slots = interactions.free_velocities(at_start)
     report = solver.solve(interactions, slots, options)
     if not isinstance(report, SolveReport):
         raise TypeError(
             f"{type(solver).__name__}.solve should return a SolveReport, got {report!r}."
         )
-    if in_order:
+    if inverse.in_order:
         return slots[: len(free)], interactions.impulses().ravel()[: len(free)], slots, report
     impulses = on_nodes(interactions.impulses(), nodes, len(free))
-    if len(nodes) == inverse.num_nodes or inverse.is_nodal:
+    if len(nodes) == inverse.num_nodes or interactions.fused is not None:
         velocity = free.copy()
         put_on_nodes(slots.reshape(-1, dim), nodes, velocity)
     else:

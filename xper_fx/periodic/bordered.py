@@ -57,7 +57,7 @@ class BorderedInverse:
         blocks, nodes, num_nodes: see `xper_fx.bulk.body_inverse`.
     """
 
-    is_nodal = False
+    in_order = False
 
     def __init__(
         self,
