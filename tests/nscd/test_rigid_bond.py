@@ -117,6 +117,18 @@ def test_broken_lips_rebound_by_their_restitution(restitution):
     )
 
 
+@pytest.mark.parametrize(("along", "left"), [(0.2, 0.0), (2.0, 2.0 - 0.3 * 1.5 * 0.8)])
+def test_broken_lips_that_strike_aslant_stick_or_slide(along, left):
+    """At velocity level Coulomb's impulse stops the slip, or takes mu (1 + e) of the approach."""
+    bond = PointMass(law(friction=0.3, restitution=0.5), 8.0 * SPENT, [1.0, 0.0], area=AREA)
+    while bond.damage > 0.0:
+        bond.step(1e-5)
+    bond.velocity[0] = [-0.8, along]
+    while bond.velocity[0, 0] < 0.0:
+        bond.step(1e-5)
+    assert bond.velocity[0] == pytest.approx([0.4, left], abs=1e-12)
+
+
 def test_unloading_follows_the_secant_and_what_is_left_is_spent():
     dc = law().critical_opening
     driven, total, h = PointMass(law(), np.inf, [0.0, 0.0], area=AREA), np.zeros(6), 1e-3

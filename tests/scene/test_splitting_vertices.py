@@ -114,6 +114,8 @@ def test_bonds_at_a_driven_face_break_too():
     for _ in simulation.steps(3.0):
         pass
     spent, graphs = simulation.interactions.gather("spent"), simulation.interactions.fused.graphs
+    prescribed = simulation.bulk.layout.prescribed
+    assert set(simulation.state.velocity[prescribed]) == {0.0, 0.2}
     held = np.repeat(graphs.compliance_of_vertex == 0.0, np.diff(graphs.bond_offsets))
     driven = graphs.point[held]
     assert np.count_nonzero(spent[driven] > 0.99) > 1

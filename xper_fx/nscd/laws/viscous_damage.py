@@ -86,6 +86,7 @@ def lagging_damage(curve: CurveFunctions) -> LaggingDamage:
         weighs in the mean
     mean(x0, x1, x_max, x_c, old, new, m, p, beta0) -> beta_m
         its mean damage
+
     with the openings x0, x1 (m) at both ends, x_max that of the damage `old` at the start on the
     curve, `share` what is left of it beside beta0, and q = b / (h k) (m^2).
     """
