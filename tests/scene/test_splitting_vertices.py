@@ -123,6 +123,22 @@ def test_bonds_at_a_driven_face_break_too():
     assert abs(simulation.ledger.closure) < 1e-12 * work
 
 
+def test_cells_bonded_to_a_driven_one_are_driven():
+    """Only the upper half of a side is pulled, along a weak line: its cluster does not give way."""
+    weak = xf.laws.RigidCohesiveZone(lambda x: np.where(abs(x[1] - 0.5) < 1e-9, S, 1e3 * S), W)
+    mesh = xf.crossed_rectangle((0.0, 0.0), (2.0, 1.0), (4, 2))
+    sides = {1: lambda x: x[0] < 1e-9, 2: lambda x: (x[0] > 1.999) & (x[1] > 0.499)}
+    bodies = xf.explode(mesh, facet_tags=xf.tag_facets(mesh, sides))
+    loads = [xf.PrescribedVelocity(1, 0, 0.0), xf.PrescribedVelocity(2, 0, 0.1)]
+    scene = xf.Scene(bodies, {1: ELASTIC}, default_interaction=weak, loads=loads)
+    simulation = xf.Simulation(scene, **ONE)
+    prescribed = simulation.bulk.layout.prescribed
+    for _ in simulation.steps(3.0):
+        assert set(simulation.state.velocity[prescribed]) == {0.0, 0.1}
+    assert np.count_nonzero(simulation.interactions.gather("spent")) > 2
+    assert abs(simulation.ledger.closure) < 1e-12 * simulation.ledger.energies.external_work
+
+
 def test_rigid_bonds_beside_other_laws():
     """A vertex where contact, springs and rigid bonds meet is solved as one."""
     other = xf.laws.CohesiveZone(50.0, W, S, friction=0.3)
