@@ -68,6 +68,22 @@ def test_a_sound_bond_does_not_move_up_to_its_strength(dim):
     assert bond.jump @ direction > 0.0
 
 
+@pytest.mark.parametrize("theta", [0.5, 0.75, 1.0])
+def test_no_traction_exceeds_the_strength(theta):
+    """A heavy mass opens the bond in small steps: tractions are means of the curve."""
+    bond = PointMass(law(), 1e3 * SPENT, [1.0, 0.0], area=AREA, theta=theta)
+    h, dc, x0 = 1e-6, law().critical_opening, 0.0
+    for _ in range(30):
+        work = bond.step(h)
+        x1 = bond.jump[0]
+        # at U_m = (x0 + x1) / 2 on a straight line; the first is its mean from 0 to x1
+        mean = S * (1.0 - 0.5 * (x0 + x1) / dc)
+        assert -bond.impulse[0] / (h * AREA) == pytest.approx(mean, rel=1e-7)
+        assert abs(work[4]) < 1e-12 * SPENT
+        x0 = x1
+    assert 0.1 * dc < x1 < dc
+
+
 def test_under_pressure_friction_helps_the_bond():
     """|R_T| <= s + mu |R_N| before it slips; then s is lost, and friction stays."""
     mu, pressed = 0.5, 4.0 * S * AREA

@@ -178,6 +178,18 @@ def test_scales_are_told_before_anything_has_cracked():
     assert "softening number 0.0" in found[0] and not found[0].endswith("number 0")
 
 
+@pytest.mark.parametrize("solver", ["auto", "nlgs"])
+def test_static_runs_are_refused(solver):
+    with pytest.raises(ValueError, match="mean traction of a step.*CohesiveZone, or inertia"):
+        xf.Simulation(pulled_and_held(), 0.1, inertia=False, solver=solver)
+
+
+def pulled_and_held():
+    """Two halves, each held."""
+    loads = [xf.PrescribedVelocity(side, axis, 0.0) for side in (LEFT, RIGHT) for axis in (0, 1)]
+    return box(2, label=lambda x: x[0] > 1.0, loads=loads)
+
+
 def test_cells_that_move_apart_at_the_start_are_refused():
     bodies = box_bodies((2.0, 1.0), (4, 2), "crossed", material={2: lambda x: x[0] < 1.0})
     scene = xf.Scene(

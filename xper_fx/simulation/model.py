@@ -330,6 +330,11 @@ class Model:
         if self.monolithic and not self.options.inertia:
             laws = [law.in_statics() if hasattr(law, "in_statics") else law for law in laws]
         dim = self.bulk.dim
+        if not self.options.inertia and any(law.kernels(dim).rigid for law in laws):
+            raise ValueError(
+                "Initially rigid bonds have the mean traction of a step, and a static run "
+                "(inertia=False) asks for that of its end: take xf.laws.CohesiveZone, or inertia."
+            )
         if not self.monolithic and any(law.kernels(dim).growth is not None for law in laws):
             raise ValueError(
                 'A law with the damage of the end of the step (damage="end") takes '

@@ -10,15 +10,21 @@ holds together opens and follows a curve of `curves/` that starts at the strengt
 traction of a step, unloading along the secant, contact and friction are those of
 `cohesive_zone.py`, and a bond spends exactly its fracture energy whatever the step.
 
-**The kernels** work with y = U_theta / (h theta^2), U_theta = theta U1 + (1 - theta) U0, which a
-sound bond leaves exactly zero, where velocities are differences of nearly equal numbers. With
-z = U0 / (h theta^2), b = u - W r and beta k the secant stiffness times h^2 theta^2 A,
+**Over a step** the bond pulls with its mean damage at the mean jump, whatever theta is,
 
-    y = b + z + (1 - theta) / theta u0 + W r,    r = rhat - beta k y,
-    U1 = h theta [y - (1 - theta) z].
+    Rcoh = beta_m C (U0 + U1) / 2,   of work beta_m (e1 - e0),   e = U.C.U / 2,
 
-beta is the mean damage over the step, for which y is found at each visit: s = 1 / (1 + k beta w) in
-(0, 1], w the mean compliance, is a fixed point of s -> 1 / (1 + k w beta(y(s))), which only rises:
+so that no mean traction exceeds s: as a bond opens from U0 = 0 it is the mean of its curve from 0
+to U1, where weights theta and 1 - theta would make it 2 theta times as large.
+
+**The kernels** work with y = (U0 + U1) / (h theta), which a sound bond leaves exactly zero, where
+velocities are differences of nearly equal numbers. As U1 = U0 + h theta u1 + h (1 - theta) u0, with
+z = 2 U0 / (h theta), b = u - W r and k = h^2 theta A C / 2,
+
+    y = b + z + (1 - theta) / theta u0 + W r,    r = rhat - beta_m k y,    U1 = h theta (y - z / 2).
+
+beta_m hangs on y, and is found at each visit: s = 1 / (1 + k w beta_m) in (0, 1], w the mean
+compliance, is a fixed point of s -> 1 / (1 + k w beta_m(y(s))), which only rises:
 from the damage at the start upwards the least damaged state is met first. Where the step is so long
 that the bond has several (a softening number above 1), that one is taken.
 
@@ -57,7 +63,8 @@ class RigidCohesiveZone(Bond):
     """Bond without compliance, that weakens, breaks, and leaves contact with friction.
 
     With an explicit bulk, nodal points and each cell a body, facets that hold cost no more than
-    the elements of one mesh (`nscd/splitting`); other runs carry a point on each from the start.
+    the elements of one mesh (`nscd/splitting`); other runs with inertia carry a point on each from
+    the start, and static ones refuse the law: the mean traction of a step is not that of its end.
 
     Parameters are numbers or fields (`xper_fx/nscd/laws/fields.py`).
 
@@ -123,10 +130,6 @@ class RigidCohesiveZone(Bond):
     def initial_state(self) -> tuple:
         """Those of any bond, and the normal impulse of the last step (N s) once it is broken."""
         return (*super().initial_state(), 0.0)
-
-    def in_statics(self) -> RigidCohesiveZone:
-        """The law that a static run takes for this one."""
-        return self
 
     @property
     def critical_opening(self) -> Any:

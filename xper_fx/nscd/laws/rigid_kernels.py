@@ -4,8 +4,8 @@
 Beside the kernels of any law (`law.py`) there are those of `RigidKernels`, for points i that are
 rigid still, or may be:
 
-    bears(i, r, scale, parameters) -> bool
-        whether a bond bears an impulse r; `scale` is h A
+    bears(i, r, step_area, parameters) -> bool
+        whether a bond bears an impulse r in a step, `step_area` being h A
     held(i, u, r, parameters, terms, details) -> bool
         whether nothing opens that has velocity u with impulse r
     insist(i, u, for_good, parameters, terms, details)
@@ -50,7 +50,6 @@ from xper_fx.nscd.laws.weakening import Weakening
 RigidKernels = namedtuple("RigidKernels", "bears held insist")
 PUSHED = 2  # column of the state, after those of all bonds
 
-
 # Iterations for the mean damage: monotone ones, then with a bracket.
 _MONOTONE, _MOST = 40, 200
 # Error of s, relative, and a difference of neighbouring floats.
@@ -94,7 +93,7 @@ def rigid_kernels(
     start_at = terms_of.take("cohesion", dim)  # z
     closed_at = terms_of.take("unilateral contact")  # least y_N
     old, jump_start, limit, rigid, soundest, snapped = (details_of.take("damage") for _ in range(6))
-    h_theta, past, spring = (details_of.take("cohesion") for _ in range(3))
+    h_theta, spring = (details_of.take("cohesion") for _ in range(2))
     compliance = details_of.take("cohesion", num_sym)
     others.take("impact", 2)  # Newton's e, impulse of the last step
     if rubs:
@@ -146,17 +145,17 @@ def rigid_kernels(
     def prepare(i, jump, velocity, w, area, step, theta, parameters, state, terms, details):
         scaled = step * theta
         for j in range(dim):
-            z = jump[j] / (scaled * theta)
+            z = 2.0 * jump[j] / scaled
             terms[i, start_at + j] = z
             terms[i, push + j] = z + (1.0 - theta) / theta * velocity[j]
         broken = state[i, DAMAGE] == 0.0
         if broken:
             gap = jump[0] + step * (1.0 - theta) * velocity[0]
             pushed = w[i, 0] * state[i, PUSHED]
-            least = least_speed(gap, velocity[0], step, pushed, parameters[i, restitution])
-            terms[i, closed_at] = least + terms[i, push]
+            slowest = least_speed(gap, velocity[0], step, pushed, parameters[i, restitution])
+            terms[i, closed_at] = slowest + terms[i, push]
         else:
-            terms[i, closed_at] = (1.0 - theta) * terms[i, start_at]
+            terms[i, closed_at] = 0.5 * terms[i, start_at]
         if rubs:
             for j in range(1, dim):
                 terms[i, slip + j - 1] = -terms[i, push + j if broken else start_at + j]
@@ -168,16 +167,15 @@ def rigid_kernels(
         details[i, soundest] = state[i, DAMAGE]
         details[i, snapped] = 0.0
         details[i, h_theta] = scaled
-        details[i, past] = 1.0 - theta
-        details[i, spring] = scaled * scaled * area * parameters[i, C_N]
+        details[i, spring] = 0.5 * step * scaled * area * parameters[i, C_N]
         w_i = sym_row(w, i)
         least = max(_REGULAR * mean_of(w_i), _DRIVEN)
         for j in range(num_sym):
             details[i, compliance + j] = w_i[j] + (least if j in diagonal_of else 0.0)
 
     @njit(**LEAN_ENTRY)
-    def bears(i, r, scale_of, parameters):
-        pull = scale(-1.0 / scale_of, r)
+    def bears(i, r, step_area, parameters):
+        pull = scale(-1.0 / step_area, r)
         share = 1.0
         if pull[0] < 0.0:
             rubbed = -friction_of(i, parameters[i, BETA0], parameters) * pull[0]
@@ -191,7 +189,7 @@ def rigid_kernels(
         """The impulse that leaves no jump at the end of the step."""
         w = part_of_compliance(i, details)
         free = add(subtract(u, sym_vector(w, r)), part(terms, i, push))
-        return sym_solve(w, subtract(scale(details[i, past], part(terms, i, start_at)), free))
+        return sym_solve(w, subtract(scale(0.5, part(terms, i, start_at)), free))
 
     @njit(**LEAN_INNER)
     def held(i, u, r, parameters, terms, details):
@@ -200,8 +198,8 @@ def rigid_kernels(
         if details[i, snapped] == 1.0:
             return False
         hold = holding(i, u, r, terms, details)
-        area = details[i, spring] / (details[i, h_theta] ** 2 * parameters[i, C_N])
-        return bears(i, hold, details[i, h_theta] / (1.0 - details[i, past]) * area, parameters)
+        step_area = details[i, spring] / (0.5 * details[i, h_theta] * parameters[i, C_N])
+        return bears(i, hold, step_area, parameters)
 
     @njit(inline="always")
     def respond(i, beta, free, w, parameters, terms, details):
@@ -219,7 +217,7 @@ def rigid_kernels(
     @njit(inline="always")
     def jump_after(i, y, terms, details):
         """Jump at the end of a step that ends with y (m)."""
-        at_start = scale(details[i, past], part(terms, i, start_at))
+        at_start = scale(0.5, part(terms, i, start_at))
         return scale(details[i, h_theta], subtract(y, at_start))
 
     @njit(inline="always")
@@ -350,7 +348,7 @@ def rigid_kernels(
         y = add(u, part(terms, i, push))
         hat = add(r, scale(beta * details[i, spring], y))
         closed = hat[0] * mean_of(part_of_compliance(i, details))
-        pressing = closed > u[0] + terms[i, push] - details[i, past] * terms[i, start_at]
+        pressing = closed > u[0] + terms[i, push] - 0.5 * terms[i, start_at]
         state[i, OPENING_MAX] = max(state[i, OPENING_MAX], x1)
         state[i, DAMAGE] = new
         if details[i, rigid] == 1.0:  # a jump that tolerances have left holds nothing

@@ -73,14 +73,18 @@ def _law_kernels(law: LawKernels, dim: int):
             i = rows[q]
             if not work.active[q - first]:
                 set_row(impulse, i, scale(0.0, row(impulse, i)))
+                if rigid:  # nothing of an attempt to open it stays
+                    prepare(
+                        i, row(jump, i), row(velocity, i), compliance, area[i], step, 0.5,
+                        parameters, state, terms, details,
+                    )  # fmt: skip
                 continue
             c, a = work.cluster[g.sides[q, 0]], work.cluster[g.sides[q, 1]]
             place = 0
             for z in range(components):
                 e = to_global(frame, i, unit(z, 1.0))
-                column = to_local(
-                    frame, i, world_add(weigh(work.w, c, e), weigh(work.w, a, e))
-                )  # fmt: skip
+                moved = world_add(weigh(work.w, c, e), weigh(work.w, a, e))
+                column = to_local(frame, i, moved)
                 for x in range(z, components):
                     compliance[i, place] = column[x]
                     place += 1
@@ -174,8 +178,7 @@ def _law_kernels(law: LawKernels, dim: int):
             for q in range(first, g.bond_offsets[b + 1]):
                 if group_of[q] == group and work.fused[q - first]:
                     p = local(g.normal, q, work.flow, q - first)
-                    r = (p[0], p[1]) if dim == 2 else (p[0], p[1], p[2])
-                    if not bears(rows[q], r, step * g.area[q], parameters):
+                    if not bears(rows[q], p, step * g.area[q], parameters):
                         return False
         return True
 
@@ -210,16 +213,10 @@ def _law_kernels(law: LawKernels, dim: int):
 @cache
 def kernels_of_laws(laws: tuple[LawKernels, ...], dim: int):
     """The kernels over all laws of a vertex, one after the other."""
-    here = _law_kernels(laws[0], dim)
-    if len(laws) == 1:
-        rest = None
-    else:
-        rest = kernels_of_laws(laws[1:], dim)
+    here, last = _law_kernels(laws[0], dim), len(laws) == 1
     begin, sweep, linearise, correct, give, all_bear, find_fused, cut = here
-    last = rest is None
-    (
-        begin_2, sweep_2, linearise_2, correct_2, give_2, all_bear_2, find_2, cut_2
-    ) = here if last else rest  # fmt: skip
+    rest = here if last else kernels_of_laws(laws[1:], dim)
+    begin_2, sweep_2, linearise_2, correct_2, give_2, all_bear_2, find_2, cut_2 = rest
 
     @njit(**_INLINED)
     def begin_all(b, g, work, group, rows, step, groups, group_of):

@@ -44,14 +44,14 @@ class GrowingGroup:
         """Let the group's arrays be those of the points that there are."""
         shown = {name: room[: self._size] for name, room in self._room.items()}
         group = self.group
-        points, couplings = shown_of(shown, "points."), shown_of(shown, "couplings.")
+        points, couplings = _named(shown, "points."), _named(shown, "couplings.")
         self.group = replace(
             group, points=replace(group.points, **points),
-            couplings=group.couplings._replace(**couplings), **shown_of(shown, "group."),
+            couplings=group.couplings._replace(**couplings), **_named(shown, "group."),
         )  # fmt: skip
 
 
-def shown_of(arrays: dict[str, np.ndarray], prefix: str) -> dict[str, np.ndarray]:
+def _named(arrays: dict[str, np.ndarray], prefix: str) -> dict[str, np.ndarray]:
     """Those arrays whose name has a prefix, without it."""
     return {name[len(prefix) :]: a for name, a in arrays.items() if name.startswith(prefix)}
 

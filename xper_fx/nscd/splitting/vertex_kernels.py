@@ -52,6 +52,7 @@ class VertexWork(NamedTuple):
 
 
 def vertex_work(graphs: VertexGraphs, dim: int) -> VertexWork:
+    """Work space for the vertices of a scene."""
     k = int(np.diff(graphs.corner_offsets).max(initial=1))
     e = int(np.diff(graphs.bond_offsets).max(initial=1))
     corners = [np.zeros((k, dim)) for _ in range(4)]
