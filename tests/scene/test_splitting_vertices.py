@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scenes import LEFT, RIGHT, box_bodies
+from scenes import BOTTOM, LEFT, RIGHT, box_bodies
 
 import xper_fx as xf
 
@@ -182,6 +182,12 @@ def test_scales_are_told_before_anything_has_cracked():
 def test_static_runs_are_refused(solver):
     with pytest.raises(ValueError, match="mean traction of a step.*CohesiveZone, or inertia"):
         xf.Simulation(pulled_and_held(), 0.1, inertia=False, solver=solver)
+
+
+def test_bonds_across_a_gap_are_refused():
+    walls = [xf.Wall(BOTTOM, (0.0, -0.1), (0.0, 1.0), BOND)]
+    with pytest.raises(ValueError, match="span gaps of up to 0.1 m: move the wall"):
+        xf.Simulation(box(2, walls=walls), **ONE)
 
 
 def pulled_and_held():

@@ -330,11 +330,7 @@ class Model:
         if self.monolithic and not self.options.inertia:
             laws = [law.in_statics() if hasattr(law, "in_statics") else law for law in laws]
         dim = self.bulk.dim
-        if not self.options.inertia and any(law.kernels(dim).rigid for law in laws):
-            raise ValueError(
-                "Initially rigid bonds have the mean traction of a step, and a static run "
-                "(inertia=False) asks for that of its end: take xf.laws.CohesiveZone, or inertia."
-            )
+        self._check_rigid_bonds([law.kernels(dim).rigid is not None for law in laws], points.gap)
         if not self.monolithic and any(law.kernels(dim).growth is not None for law in laws):
             raise ValueError(
                 'A law with the damage of the end of the step (damage="end") takes '
@@ -346,6 +342,26 @@ class Model:
             rigid_blocks=None if self.rigid is None else self.rigid.blocks, halo=halo,
             splits=self.by_vertex and self.part is None and points.lips is None,
         )  # fmt: skip
+
+    def _check_rigid_bonds(self, is_rigid: list[bool], gap: np.ndarray) -> None:
+        """Raise a ValueError where initially rigid bonds would not be what they are.
+
+        Args:
+            is_rigid: whether each law is initially rigid.
+            gap: shape (num_points,), of permanent points at the start (m).
+        """
+        if any(is_rigid) and not self.options.inertia:
+            raise ValueError(
+                "Initially rigid bonds have the mean traction of a step, and a static run "
+                "(inertia=False) asks for that of its end: take xf.laws.CohesiveZone, or inertia."
+            )
+        apart = gap[np.array(is_rigid, bool)[self.points.law_of_point]]
+        if np.any(apart):
+            raise ValueError(
+                f"Initially rigid bonds join what touches, and {np.count_nonzero(apart)} of them "
+                f"span gaps of up to {np.abs(apart).max():g} m: move the wall or the bodies "
+                "together, or take a contact law."
+            )
 
     def _bond_turns(self) -> BondTurns | None:
         """How far bonds have turned, where their frames do not turn with them."""
