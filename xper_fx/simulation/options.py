@@ -20,6 +20,10 @@ SOLVERS = {
     "nlgs": "NonlinearGaussSeidel",
     "newton": "NewtonOnAllPoints",
     "accelerated": "AcceleratedSweeps",
+    "friction_problem": "AssembledContacts",
+    "interior_point": "InteriorPoint",
+    "proximal_point": "ProximalPoint",
+    "anderson": "AndersonSweeps",
     "subdomains": "BondedGradients",
     "monolithic": "Monolithic",
 }

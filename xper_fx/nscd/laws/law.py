@@ -45,6 +45,10 @@ read anew in each step (`nscd/turning_frames.py`). None for a law that stores no
 
 `no_jump` says that the law leaves no jump, so that frames that turn bring no couple.
 
+`coulomb(terms)`, of all points of a group after `prepare` or `evolve`, gives `CoulombPoints`, where
+the step's problem at a point is that of Signorini and Coulomb whatever its impulse was: such points
+make a `FrictionProblem`. None for a law of another kind.
+
 `rigid` has what is asked of bonds that have no compliance while they are sound
 (`rigid_kernels.RigidKernels`); None for all other laws.
 
@@ -63,7 +67,9 @@ the steepest descent of its traction (Pa/m): what resolves it is told from them
 from __future__ import annotations
 
 from collections import namedtuple
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
 
 ENERGIES = ("stored", "cohesion", "friction", "impact", "numerical")
 STORED, COHESION, FRICTION, IMPACT, NUMERICAL = range(len(ENERGIES))  # of a law that has them all
@@ -73,9 +79,28 @@ ALL_ENERGIES = (*ENERGIES, "viscous")  # of a law that has viscous work besides
 LawKernels = namedtuple(
     "LawKernels",
     "name effects components prepare solve evolve commit num_terms num_details state_names "
-    "energies growth spent stored no_jump rigid",
-    defaults=(None, None, None, False, None),
+    "energies growth spent stored no_jump rigid coulomb",
+    defaults=(None, None, None, False, None, None),
 )
+
+
+class CoulombPoints(NamedTuple):
+    """Constants of a step at n points: with r' = (r_N + tip, r_T),
+
+        u_N >= least,  r'_N >= 0, complementary;  |r'_T| <= friction r'_N + bound against u_T + shift.
+
+    Attributes:
+        least: shape (n,), m/s; -inf where the point is open.
+        shift: shape (n, dim - 1), m/s.
+        friction: shape (n,).
+        bound, tip: shape (n,), N s.
+    """
+
+    least: np.ndarray
+    shift: np.ndarray
+    friction: np.ndarray
+    bound: np.ndarray
+    tip: np.ndarray
 
 
 class Columns:

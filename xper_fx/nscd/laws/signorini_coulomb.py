@@ -41,7 +41,7 @@ from xper_fx.cache import njit
 from xper_fx.nscd.algebra.small import for_dimension
 from xper_fx.nscd.kernel_options import LEAN_INNER
 from xper_fx.nscd.laws.contact_solver import contact_solver
-from xper_fx.nscd.laws.law import LawKernels
+from xper_fx.nscd.laws.law import CoulombPoints, LawKernels
 from xper_fx.nscd.laws.parameters import acts, refuse_where, take_parameters
 
 # Columns of terms; all but the first are there with friction alone.
@@ -208,6 +208,13 @@ def contact_kernels(dim: int, friction: bool, contact: str) -> LawKernels:
         limit = terms[i, _MU] * r[0] + terms[i, _BOUND]
         return 2 if size >= (1.0 - 1e-12) * limit * limit else 1
 
+    def coulomb(terms):
+        none = np.zeros(len(terms))
+        if not friction:
+            return CoulombPoints(terms[:, _V_MIN], np.zeros((len(terms), dim - 1)), *[none] * 3)
+        shift = terms[:, _SHIFT : _SHIFT + dim - 1]
+        return CoulombPoints(terms[:, _V_MIN], shift, terms[:, _MU], terms[:, _BOUND], none)
+
     effects = [("unilateral contact", 1)]
     if impact:
         effects += [("impact", 2)]
@@ -225,4 +232,5 @@ def contact_kernels(dim: int, friction: bool, contact: str) -> LawKernels:
         num_details=0,
         state_names=("pushed",) if impact else (),
         energies=("impact", "friction") if friction else ("impact",),
+        coulomb=coulomb,
     )

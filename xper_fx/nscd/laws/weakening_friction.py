@@ -33,7 +33,7 @@ from xper_fx.cache import njit
 from xper_fx.nscd.algebra.small import for_dimension
 from xper_fx.nscd.kernel_options import LEAN_INNER
 from xper_fx.nscd.laws.contact_solver import contact_solver
-from xper_fx.nscd.laws.law import Columns, LawKernels
+from xper_fx.nscd.laws.law import Columns, CoulombPoints, LawKernels
 from xper_fx.nscd.laws.parameters import refuse_where, take_parameters
 from xper_fx.nscd.laws.signorini_coulomb import check_contact
 
@@ -316,6 +316,11 @@ def _kernels(dim: int, contact: str, joint: bool) -> LawKernels:
             return 0
         return 2 if size >= (1.0 - 1e-12) * limit * limit else 1
 
+    def coulomb(terms):
+        tip = terms[:, pull] if joint else np.zeros(len(terms))
+        lag = terms[:, shift : shift + dim - 1]
+        return CoulombPoints(terms[:, v_min], lag, terms[:, mu], terms[:, bound], tip)
+
     names = ["slip"] + ["damage"] * joint + ["pushed"] * impact
     return LawKernels(
         name="joint" if joint else "contact with slip weakening",
@@ -329,4 +334,5 @@ def _kernels(dim: int, contact: str, joint: bool) -> LawKernels:
         num_details=details_of.count,
         state_names=tuple(names),
         energies=("impact", "friction", "cohesion") if joint else ("impact", "friction"),
+        coulomb=coulomb,
     )

@@ -7,6 +7,10 @@ from xper_fx.support.lazy import importer
 
 if TYPE_CHECKING:
     from xper_fx.nscd.solvers.accelerated import AcceleratedSweeps as AcceleratedSweeps
+    from xper_fx.nscd.solvers.assembled import AndersonSweeps as AndersonSweeps
+    from xper_fx.nscd.solvers.assembled import AssembledContacts as AssembledContacts
+    from xper_fx.nscd.solvers.assembled import InteriorPoint as InteriorPoint
+    from xper_fx.nscd.solvers.assembled import ProximalPoint as ProximalPoint
     from xper_fx.nscd.solvers.auto import Automatic as Automatic
     from xper_fx.nscd.solvers.distributed import DistributedSweeps as DistributedSweeps
     from xper_fx.nscd.solvers.feti import BondedGradients as BondedGradients
@@ -20,12 +24,16 @@ if TYPE_CHECKING:
 
 _MODULE_OF = {
     "AcceleratedSweeps": "accelerated",
+    "AndersonSweeps": "assembled",
+    "AssembledContacts": "assembled",
     "Automatic": "auto",
     "BondedGradients": "feti",
     "DistributedSweeps": "distributed",
+    "InteriorPoint": "assembled",
     "Monolithic": "monolithic",
     "NewtonOnAllPoints": "newton",
     "NonlinearGaussSeidel": "nlgs",
+    "ProximalPoint": "assembled",
     "SolveOptions": "solver",
     "SolveReport": "solver",
     "Solver": "solver",

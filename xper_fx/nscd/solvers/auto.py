@@ -16,8 +16,9 @@ Packings of rigid bodies need no Newton: a packing has more of them than it need
 branches, and with or without a direct factorisation Newton took 5 to 20 times as long as sweeps on
 discs that settle. Mixing sweeps saves two thirds of them there; its vectors cost some as well, so
 that it serves from about ten thousand points on; where it gains no more plain sweeps finish. Fewer
-contacts on which sweeps do not arrive, as those of towers, arches and heavy bodies on light ones,
-are tried by Newton with its direct factorisation, and mixed if that fails.
+contacts on which sweeps do not arrive, as those of walls, arches and heavy bodies on light ones,
+are assembled and solved as a `FrictionProblem` (`assembled.py`); where they are none, or that
+fails, tried by Newton with its direct factorisation, and mixed at last.
 """
 
 from __future__ import annotations
@@ -30,7 +31,12 @@ import numpy as np
 
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.solvers.nlgs import NonlinearGaussSeidel
-from xper_fx.nscd.solvers.solver import SolveOptions, Solver, SolveReport
+from xper_fx.nscd.solvers.solver import (
+    SolveOptions,
+    Solver,
+    SolveReport,
+    UnsuitableSolverError,
+)
 
 # Sweeps of the first batch, each next one twice as long.
 _FIRST = 12
@@ -54,6 +60,12 @@ def _accelerated() -> Solver:
     return AcceleratedSweeps()
 
 
+def _friction_problem() -> Solver:
+    from xper_fx.nscd.solvers.assembled import AssembledContacts
+
+    return AssembledContacts()
+
+
 def _subdomains() -> Solver:
     from xper_fx.nscd.solvers.feti import BondedGradients
 
@@ -65,6 +77,7 @@ _SOLVERS: dict[str, Callable[[], Solver]] = {
     "nlgs": NonlinearGaussSeidel,
     "newton": _newton,
     "accelerated": _accelerated,
+    "friction_problem": _friction_problem,
     "subdomains": _subdomains,
 }
 
@@ -121,13 +134,17 @@ class Automatic(Solver):
             if sum(len(g) for g in interactions.groups) >= _FEW:
                 next_ones = [("accelerated", allowed), ("nlgs", max_sweeps)]
             else:
-                next_ones.insert(0, ("nlgs", allowed))
+                next_ones = [("nlgs", allowed), ("friction_problem", max_sweeps), *next_ones]
         for name, most in next_ones:
             if sweeps >= max_sweeps:
                 break
             velocity[:] = free
             spent = replace(options, max_sweeps=min(most, max_sweeps - sweeps))
-            report = self._solver(name).solve(interactions, velocity, spent)
+            try:
+                report = self._solver(name).solve(interactions, velocity, spent)
+            except UnsuitableSolverError as error:
+                reason += f"; {error}"
+                continue
             sweeps += report.sweeps
             reason += f"; {report.solver}: {report.reason}"
             if report.converged:

@@ -74,6 +74,10 @@ class SolveReport(NamedTuple):
     contraction: float = 1.0
 
 
+class UnsuitableSolverError(ValueError):
+    """The interactions of a step are not of the kind that a solver takes; says which and why."""
+
+
 class Solver:
     """A solver of the interactions of one scene.
 

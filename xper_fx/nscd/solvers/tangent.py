@@ -35,7 +35,7 @@ from functools import cache
 from typing import NamedTuple
 
 import numpy as np
-from scipy.sparse import bsr_array, coo_array, csc_array, diags_array
+from scipy.sparse import bsr_array, coo_array, diags_array
 from scipy.sparse.linalg import splu
 
 from xper_fx.cache import njit
@@ -46,6 +46,7 @@ from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.inverse_blocks import BodyInverse
 from xper_fx.nscd.kernel_options import LEAN_ENTRY, LEAN_INNER
 from xper_fx.nscd.laws.law import LawKernels
+from xper_fx.nscd.opening_matrix import opening_matrix
 from xper_fx.nscd.point_group import PointGroup
 from xper_fx.nscd.solvers.clusters import facing_clusters
 
@@ -522,32 +523,6 @@ def _prolong(number, q, z):
             z[i] += q[number[i]]
 
 
-def _openings(group: PointGroup, num_dofs: int) -> csc_array:
-    """H^T of points between rigid bodies, shape (num_points components, num_dofs)."""
-    c, points, dim = group.couplings, group.points, group.sides.dim
-    n, components = len(group), group.kernels.components
-    rows = np.arange(n * components).reshape(n, components, 1)
-    frame = points.frame[:, :components]
-    parts = []
-    for s, sign in enumerate((1.0, -1.0)):
-        force = sign * points.weights[:, s, 0, None, None] * frame
-        parts.append((force, c.start[:, s, 0]))
-        if dim == 2:
-            a = points.lever_arms[:, s, None]
-            moment = (a[..., 0] * frame[..., 1] - a[..., 1] * frame[..., 0])[..., None]
-        else:
-            moment = np.cross(points.lever_arms[:, s, None], frame)
-        parts.append((sign * moment, c.rotation_dof[:, s]))
-    entries, at = [], []
-    for values, first in parts:
-        columns = first[:, None, None] + np.arange(values.shape[2])
-        at.append(np.broadcast_arrays(rows, columns))
-        entries.append(values.ravel())
-    rows, columns = (np.concatenate([pair[i].ravel() for pair in at]) for i in range(2))
-    shape = (n * components, num_dofs)
-    return coo_array((np.concatenate(entries), (rows, columns)), shape=shape).tocsc()
-
-
 class GroupTangents(NamedTuple):
     """D, K and g of the n points of a group, of m components each.
 
@@ -680,7 +655,7 @@ class LinearisedProblem:
         self._direct = rigid and num_dofs <= _DIRECT
         self._factors = None
         if self._direct:
-            self._openings = [_openings(g, num_dofs) for g in interactions.groups]
+            self._openings = [opening_matrix(g, num_dofs) for g in interactions.groups]
         self._clusters, self._opened = facing_clusters(interactions)
         self._block_offsets = np.concatenate(
             [[0], np.cumsum((np.diff(self._clusters.offsets) * dim) ** 2)]
