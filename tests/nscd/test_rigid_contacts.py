@@ -128,7 +128,7 @@ def test_heavier_bodies_take_the_same_sweeps(solver):
         heap.solve(solver, tolerance=1e-3)
         impulse = np.concatenate([g.impulse for g in heap.layer.groups])
         runs.append((heap.report.sweeps, heap.motion.state.velocity.copy(), impulse / factor))
-    assert runs[0][0] > 10
+    assert runs[0][0] > 5
     for other in runs[1:]:
         np.testing.assert_equal(other, runs[0])
 

@@ -36,6 +36,7 @@ from xper_fx.simulation.options import SOLVERS
 from xper_fx.simulation.turned_bonds import FEW, TurnedBonds
 
 if TYPE_CHECKING:
+    from xper_fx.nscd.friction import FrictionProblem
     from xper_fx.nscd.rigid.motion import Prediction, RigidWork
     from xper_fx.simulation.path import PathFollower
 
@@ -133,6 +134,18 @@ class StepAttempts:
             return self._attempt(state, size, tolerance)
         except FloatingPointError:
             return None
+
+    def contact_problem(self, state: State, size: float) -> FrictionProblem | None:
+        """The contacts of a step as its solver would be given them; None if none is closed."""
+        from xper_fx.nscd.solvers.contact_problem import CapturedContacts
+
+        own, captured = self.solver, CapturedContacts()
+        self.solver = captured
+        try:
+            self.probe(state, size, self._model.options.solve.tolerance)
+        finally:
+            self.solver = own
+        return captured.problem
 
     def along_path(
         self, state: State, size: float, path: PathFollower, end_time: float

@@ -13,7 +13,7 @@ import numpy as np
 from mpi4py import MPI
 
 from xper_fx.bulk.state import State, StepOutcome
-from xper_fx.nscd.solvers.solver import SolveOptions, Solver
+from xper_fx.nscd.solvers.solver import SolveOptions, Solver, UnsuitableSolverError
 from xper_fx.scene.scene import Scene
 from xper_fx.simulation.attempt import StepAttempts
 from xper_fx.simulation.course import Course
@@ -30,6 +30,7 @@ from xper_fx.support.profile import Stopwatch
 from xper_fx.support.ranks import Ranks
 
 if TYPE_CHECKING:
+    from xper_fx.nscd.friction import FrictionProblem
     from xper_fx.simulation.path import GrowthControl
     from xper_fx.simulation.verdict import Verdict
 
@@ -64,7 +65,9 @@ class Simulation(Restartable):
         solver: of the interactions: "nlgs" (sweeps), "newton" (all points at once, for steps far
             beyond the explicit limit), "accelerated" (mixed sweeps), "subdomains" (conjugate
             gradients, where all points are perfect bonds), "monolithic" (bulk and interactions in
-            one system, `bulk/monolithic_scheme.py`), or "auto", which picks: without inertia the
+            one system, `bulk/monolithic_scheme.py`), "friction_problem", "interior_point",
+            "proximal_point" or "anderson" (those of `FrictionProblem` on the assembled contacts,
+            where all are unilateral with Coulomb friction), or "auto", which picks: without inertia the
             last, where bonds may break or interactions alone hold bodies. An explicit bulk with
             nodal points solves each vertex alone, and takes "auto" only. A `Solver` of one's own
             is taken too (`nscd/solvers/solver.py`).
@@ -206,6 +209,29 @@ class Simulation(Restartable):
             self._judge()
         finally:
             self._attempts.doubts.sum_up()
+
+    def contact_problem(self) -> FrictionProblem:
+        """The frictional contact problem of the next step, W assembled; nothing is stepped.
+
+        Its contacts are the closed ones, in the order in which searches find them. With a bulk that
+        is not linear it is that of the first iterate.
+
+        Raises:
+            UnsuitableSolverError: interactions of another kind than contact with Coulomb friction,
+                a bulk whose vertices are solved alone, contacts that ranks divide.
+            ValueError: no contact is closed.
+        """
+        if self.model.by_vertex or self.model.monolithic or not self.ranks.alone:
+            raise UnsuitableSolverError(
+                "A contact problem is assembled on one rank, of an implicit bulk with inertia or "
+                "of rigid bodies."
+            )
+        problem = None
+        if self.interactions is not None:
+            problem = self._attempts.contact_problem(self.state, self.step_size)
+        if problem is None:
+            raise ValueError(f"No contact is closed in the step from t = {self.state.time:g} s.")
+        return problem
 
     def verdict(self) -> Verdict | None:
         """What accuracy was asked for, what was reached, what limits it; None if none was."""

@@ -1,11 +1,15 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Studies of error against time: settings, runs in processes of their own, results, figures."""
+"""Studies: error against time, runs with several settings, collapse loads of rigid blocks."""
 
 from typing import TYPE_CHECKING
 
 from xper_fx.support.lazy import importer
 
 if TYPE_CHECKING:
+    from xper_fx.study.collapse import CollapseLoad as CollapseLoad
+    from xper_fx.study.collapse import Equilibrium as Equilibrium
+    from xper_fx.study.collapse import collapse_load as collapse_load
+    from xper_fx.study.collapse import equilibrium as equilibrium
     from xper_fx.study.definition import Setting as Setting
     from xper_fx.study.definition import Study as Study
     from xper_fx.study.definition import product as product
@@ -17,9 +21,13 @@ if TYPE_CHECKING:
     from xper_fx.study.study import run_study as run_study
 
 _MODULE_OF = {
+    "CollapseLoad": "collapse",
+    "Equilibrium": "collapse",
     "Setting": "definition",
     "Study": "definition",
     "StudyResults": "results",
+    "collapse_load": "collapse",
+    "equilibrium": "collapse",
     "plot_error_against_cost": "plots",
     "plot_price": "plots",
     "product": "definition",

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from xper_fx.nscd.solvers.solver import SolveOptions as SolveOptions
     from xper_fx.nscd.solvers.solver import Solver as Solver
     from xper_fx.nscd.solvers.solver import SolveReport as SolveReport
+    from xper_fx.nscd.solvers.solver import UnsuitableSolverError as UnsuitableSolverError
     from xper_fx.nscd.solvers.vertex_blocks import VertexBlocks as VertexBlocks
 
 _MODULE_OF = {
@@ -37,6 +38,7 @@ _MODULE_OF = {
     "SolveOptions": "solver",
     "SolveReport": "solver",
     "Solver": "solver",
+    "UnsuitableSolverError": "solver",
     "VertexBlocks": "vertex_blocks",
 }
 

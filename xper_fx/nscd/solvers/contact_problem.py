@@ -21,10 +21,17 @@ from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.laws.law import CoulombPoints
 from xper_fx.nscd.opening_matrix import inverse_matrix, opening_matrix
 from xper_fx.nscd.point_group import PointGroup
-from xper_fx.nscd.solvers.solver import UnsuitableSolverError
+from xper_fx.nscd.solvers.solver import (
+    SolveOptions,
+    Solver,
+    SolveReport,
+    UnsuitableSolverError,
+)
 
 # Least eigenvalue of a point's compliance, relative to its largest.
 _DEFINITE = 1e-12
+# Bound on friction, relative to what the tip of the cone gives, that is none.
+_ROUNDING = 1e-12
 
 
 def require_coulomb(kernels) -> None:
@@ -89,6 +96,31 @@ class ContactProblem:
         return zip(zip(ends, ends[1:]), self._groups, self.closed, strict=True)
 
 
+class CapturedContacts(Solver):
+    """Solves nothing: keeps the problem that a step asks of its solver first.
+
+    Attributes:
+        problem: None before a step, or where no contact is closed.
+    """
+
+    name = "captured"
+
+    def __init__(self) -> None:
+        self.problem: FrictionProblem | None = None
+        self._asked = False
+
+    def solve(
+        self, interactions: Interactions, velocity: np.ndarray, options: SolveOptions
+    ) -> SolveReport:
+        """Keep the problem; impulses are left zero."""
+        if not self._asked:
+            self.problem = ContactProblem(interactions, velocity).problem
+            self._asked = True
+        for group in interactions.groups:
+            group.impulse[:] = 0.0
+        return SolveReport(True, 0, 0.0, 0.0, self.name)
+
+
 class _ClosedPoints:
     """What the closed points of a group give to the problem, n of them.
 
@@ -103,7 +135,7 @@ class _ClosedPoints:
     def __init__(self, group: PointGroup, dim: int, num_dofs: int):
         require_coulomb(group.kernels)
         points: CoulombPoints = group.kernels.coulomb(group.terms)
-        if np.any(points.bound):
+        if np.any(points.bound > _ROUNDING * points.friction * points.tip):
             raise UnsuitableSolverError(
                 f'The law "{group.kernels.name}" has a bound on friction besides Coulomb\'s cone '
                 "(Tresca's, or cohesion with a tension below cohesion / friction), which a "

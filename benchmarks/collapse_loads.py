@@ -1,0 +1,144 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Collapse loads of four published walls, and whether a wall put under a load at once converges.
+
+The walls of Ferris and Tin-Loi (2001): blocks of 0.4 m x 0.175 m (halves at the ends of courses and
+beside openings), friction 0.65, a horizontal body force beside the weight. For each, as multiples
+of the weight:
+
+- what associated friction bears, by a linear programme on the same contact points that shares
+  nothing with the solvers of contact problems, and as published;
+- the load at which blocks at rest begin to move (`xf.study.collapse_load`);
+- what was published for friction without dilatancy: the least load that has a mechanism, which lies
+  below the loads that blocks at rest can bear.
+
+./fenicsx python3 benchmarks/collapse_loads.py
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.optimize import linprog
+
+import xper_fx as xf
+from xper_fx.nscd.solvers.contact_problem import ContactProblem
+
+LENGTH, HEIGHT, FRICTION, GRAVITY = 0.4, 0.175, 0.65, 9.81
+
+# Courses from the bottom: lengths of blocks in units of LENGTH, negative for an opening.
+_HALVES, _WHOLE = [0.5, 1, 1, 1, 1, 0.5], [1] * 5
+_FOUR, _FOUR_HALVES = [1] * 4, [0.5, 1, 1, 1, 0.5]
+_SIDES, _SIDES_HALVES = [0.5, 1, -1, 1, 0.5], [1, 0.5, -1, 0.5, 1]
+_THREE, _THREE_HALVES = [1, -1, 1, -1, 1], [0.5, 0.5, -1, 0.5, 0.5, -1, 0.5, 0.5]
+WALLS = {
+    1: [_HALVES, _WHOLE] * 3,
+    2: [_HALVES, _WHOLE] * 5,
+    3: [_FOUR, _FOUR_HALVES, _FOUR, *[_SIDES, _SIDES_HALVES] * 2, _SIDES, _FOUR, _FOUR_HALVES,
+        _FOUR],
+    4: [_HALVES, _WHOLE, _HALVES, *[_THREE, _THREE_HALVES] * 2, _THREE, _HALVES, _WHOLE, _HALVES],
+}  # fmt: skip
+# Multiples with associated friction and without dilatancy (Ferris and Tin-Loi 2001).
+PUBLISHED = {
+    1: (0.64286, 0.63982), 2: (0.58000, 0.56262), 3: (0.40369, 0.35582), 4: (0.33195, 0.29650),
+}  # fmt: skip
+
+
+def wall_under(courses: list[list[float]], multiple: float) -> xf.Scene:
+    """A wall under its weight and a multiple of it to the right."""
+    law, bodies = xf.laws.SignoriniCoulomb(friction=FRICTION), []
+    for number, course in enumerate(courses):
+        low, x = number * HEIGHT, 0.0
+        for block in course:
+            left, x = x, x + abs(block) * LENGTH
+            if block > 0:
+                corners = [(left, low), (x, low), (x, low + HEIGHT), (left, low + HEIGHT)]
+                shape = xf.rigid.Polygon(corners)
+                bodies.append(xf.RigidBody(shape, None, "blocks", density=1000.0))
+    corners = [(0.0, -HEIGHT), (x, -HEIGHT), (x, 0.0), (0.0, 0.0)]
+    held = dict.fromkeys(range(3), 0.0)
+    bodies.append(xf.RigidBody(xf.rigid.Polygon(corners), None, "ground", prescribed=held))
+    return xf.Scene(
+        rigid=bodies,
+        contacts=[xf.Contact(("blocks", group), law) for group in ("blocks", "ground")],
+        loads=[xf.Gravity((multiple * GRAVITY, -GRAVITY))],
+    )
+
+
+def borne_by_associated_friction(courses: list[list[float]]) -> float:
+    """The largest multiple with which forces in the cones can be in balance.
+
+    The contact problem gives H by columns: q is H^T of free velocities, so that q of a velocity of
+    one degree of freedom is a row of H.
+    """
+    simulation = xf.Simulation(wall_under(courses, 0.0), step=1e-3, solver="friction_problem")
+    for _ in simulation.steps(1e-3):
+        pass
+    interactions = simulation.interactions
+    num_dofs, blocks = interactions.inverse.num_slots * 2, len(simulation.scene.rigid) - 1
+    dofs = (4 * np.arange(blocks)[:, None] + np.arange(3)).ravel()
+    columns = np.eye(num_dofs)[dofs]
+    H = np.array([ContactProblem(interactions, column).problem.q for column in columns])
+    H -= ContactProblem(interactions, np.zeros(num_dofs)).problem.q
+    weight = simulation.scene.rigid_bodies.mass[:blocks] * GRAVITY
+    push, pull = np.zeros((2, blocks, 3))
+    push[:, 0], pull[:, 1] = weight, -weight
+    count = H.shape[1] // 2
+    shear, normal = np.eye(2 * count)[1::2], np.eye(2 * count)[::2]
+    none = np.zeros((count, 1))
+    cone = np.vstack(
+        [np.hstack([sign * shear - FRICTION * normal, none]) for sign in (1.0, -1.0)]
+    )
+    answer = linprog(
+        np.append(np.zeros(2 * count), -1.0),
+        A_ub=sp.csr_array(cone), b_ub=np.zeros(2 * count),
+        A_eq=sp.csr_array(np.column_stack([H, push.ravel()])), b_eq=-pull.ravel(),
+        bounds=[(0.0, None), (None, None)] * count + [(0.0, None)], method="highs",
+    )  # fmt: skip
+    return float(answer.x[-1])
+
+
+def first_step(courses: list[list[float]], multiple: float, solver: str) -> str:
+    """Seconds of the first step, and how fast blocks are after it in units of g h."""
+    simulation = xf.Simulation(wall_under(courses, multiple), step=1e-3, solver=solver)
+    start = time.perf_counter()
+    try:
+        for _ in simulation.steps(1e-3):
+            pass
+    except xf.ConvergenceError:
+        return "no solution"
+    seconds = time.perf_counter() - start
+    speed = np.abs(simulation.rigid.state.velocity).max() / (GRAVITY * 1e-3)
+    return f"{seconds:.2f} s, {speed:.0e}"
+
+
+def main(options: list[str] | None = None) -> None:
+    """Print the tables."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--walls", type=int, nargs="+", choices=WALLS, default=list(WALLS))
+    args = parser.parse_args(options)
+    print("| wall | associated (published) | begins to move | published | s |")
+    print("|---|---|---|---|---|", flush=True)
+    begins = {}
+    for number in args.walls:
+        courses, start = WALLS[number], time.perf_counter()
+        found = xf.study.collapse_load(lambda a, c=courses: wall_under(c, a), (0.0, 1.0))
+        seconds, begins[number] = time.perf_counter() - start, found.stands
+        bound, (associated, published) = borne_by_associated_friction(courses), PUBLISHED[number]
+        print(
+            f"| {number} | {bound:.5f} ({associated:.5f}) | {found.stands:.4f} | {published:.5f} | "
+            f"{seconds:.1f} |",
+            flush=True,
+        )
+    print("\n| share of the load at which wall 2 begins to move | auto | interior_point |")
+    print("|---|---|---|", flush=True)
+    load = begins.get(2) or 0.5689
+    for share in (0.1, 0.3, 0.5, 0.7, 0.8, 0.9, 0.95, 0.99, 1.01, 1.1):
+        told = [first_step(WALLS[2], share * load, s) for s in ("auto", "interior_point")]
+        print(f"| {share:g} | {told[0]} | {told[1]} |", flush=True)
+
+
+if __name__ == "__main__":
+    main()
