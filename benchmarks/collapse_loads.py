@@ -88,9 +88,7 @@ def borne_by_associated_friction(courses: list[list[float]]) -> float:
     count = H.shape[1] // 2
     shear, normal = np.eye(2 * count)[1::2], np.eye(2 * count)[::2]
     none = np.zeros((count, 1))
-    cone = np.vstack(
-        [np.hstack([sign * shear - FRICTION * normal, none]) for sign in (1.0, -1.0)]
-    )
+    cone = np.vstack([np.hstack([sign * shear - FRICTION * normal, none]) for sign in (1.0, -1.0)])
     answer = linprog(
         np.append(np.zeros(2 * count), -1.0),
         A_ub=sp.csr_array(cone), b_ub=np.zeros(2 * count),

@@ -34,11 +34,10 @@ def pile_of_blocks(law, gravity=(0.0, -GRAVITY), rows=4):
     )
 
 
-def spheres_in_a_corner(friction=0.4):
+def spheres_in_a_corner(law):
     corner = [xf.rigid.wall((0, 0, 0), n, "walls") for n in ((0, 0, 1), (1, 0, 0), (0, 1, 0.2))]
     places = [(0.5, 0.6, 0.5), (1.4, 0.7, 0.5), (0.9, 0.7, 1.3), (0.6, 1.6, 0.45)]
     bodies = [xf.RigidBody(xf.rigid.Sphere(0.5), p, "balls", density=1000.0) for p in places]
-    law = xf.laws.SignoriniCoulomb(friction=friction)
     return xf.Scene(
         rigid=[*bodies, *corner],
         contacts=[xf.Contact(("balls", group), law, reach=0.2) for group in ("balls", "walls")],
@@ -55,10 +54,13 @@ def after(scene, steps, step=1e-3, **options):
 
 
 @pytest.mark.parametrize("dim", [2, 3])
-def test_assembled_as_bodies_move(dim):
+@pytest.mark.parametrize("contact", ["velocity", "position"])
+def test_assembled_as_bodies_move(dim, contact):
     """W r + q is what the points read off the bodies after these impulses have moved them."""
-    scene = spheres_in_a_corner() if dim == 3 else pile_of_blocks(xf.laws.SignoriniCoulomb(0.5))
+    law = xf.laws.SignoriniCoulomb(0.5, contact=contact)
+    scene = spheres_in_a_corner(law) if dim == 3 else pile_of_blocks(law, gravity=(9.0, -GRAVITY))
     simulation = after(scene, 3, solver="nlgs")
+    simulation.interactions.prepare()
     interactions = simulation.interactions
     rng = np.random.default_rng(3)
     free = rng.normal(size=interactions.inverse.num_slots * dim)
@@ -110,7 +112,8 @@ def test_the_same_motion_as_by_sweeps(solver, law):
 
 @pytest.mark.parametrize("solver", ASSEMBLED)
 def test_spheres_by_every_solver(solver):
-    mine, sweeps = (after(spheres_in_a_corner(), 60, solver=name) for name in (solver, "nlgs"))
+    scene = spheres_in_a_corner(xf.laws.SignoriniCoulomb(0.4))
+    mine, sweeps = (after(scene, 60, solver=name) for name in (solver, "nlgs"))
     np.testing.assert_allclose(
         mine.rigid.state.position, sweeps.rigid.state.position, rtol=0.0, atol=1e-7
     )
@@ -169,9 +172,7 @@ def test_a_tower_stands_by_default():
     blocks = [box(0.0, 0.5 + i, size=(1.0, 1.0)) for i in range(50)]
     law = xf.laws.SignoriniCoulomb(friction=0.5)
     contacts = [xf.Contact(("blocks", group), law) for group in ("blocks", "floor")]
-    scene = xf.Scene(
-        rigid=[*blocks, floor], contacts=contacts, loads=[xf.Gravity((0, -GRAVITY))]
-    )
+    scene = xf.Scene(rigid=[*blocks, floor], contacts=contacts, loads=[xf.Gravity((0, -GRAVITY))])
     simulation = after(scene, 400, step=5e-3, tolerance=None)
     moved = simulation.rigid.state.position - simulation.rigid.start.position
     assert np.abs(moved).max() < 1e-4

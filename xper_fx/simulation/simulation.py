@@ -67,10 +67,10 @@ class Simulation(Restartable):
             gradients, where all points are perfect bonds), "monolithic" (bulk and interactions in
             one system, `bulk/monolithic_scheme.py`), "friction_problem", "interior_point",
             "proximal_point" or "anderson" (those of `FrictionProblem` on the assembled contacts,
-            where all are unilateral with Coulomb friction), or "auto", which picks: without inertia the
-            last, where bonds may break or interactions alone hold bodies. An explicit bulk with
-            nodal points solves each vertex alone, and takes "auto" only. A `Solver` of one's own
-            is taken too (`nscd/solvers/solver.py`).
+            where all are unilateral with Coulomb friction), or "auto", which picks: "monolithic"
+            without inertia, where bonds may break or interactions alone hold bodies. An explicit
+            bulk with nodal points solves each vertex alone, and takes "auto" only. A `Solver` of
+            one's own is taken too (`nscd/solvers/solver.py`).
         relaxation: over-relaxation of impulses where a law is linear, in (0, 2).
         newton_tolerance: bound on the last relative Newton correction; with interactions at least
             a hundredth of `tolerance`. 1e-8 if not given, or a thousandth of `accuracy`.

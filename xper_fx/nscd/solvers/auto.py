@@ -52,8 +52,8 @@ _MANY = 75
 _SHARE = 0.1
 # Contacts of rigid bodies below which sweeps are cheaper than mixing them.
 _MANY_RIGID = 10_000
-# Contacts of rigid bodies that are few, the tolerance of their sweeps relative to the one asked for,
-# and visits of points that take about as long as assembling them.
+# Contacts of rigid bodies that are few, the tolerance of their sweeps relative to the one asked
+# for, and visits of points that take about as long as assembling them.
 _FEW_RIGID, _STRICT, _VISITS = 1000, 1e-4, 100_000
 # Sweeps that each solver of the assembled contacts may make.
 _ASSEMBLED_SWEEPS = 2000

@@ -6,11 +6,13 @@ what the laws ask for, u' = u - least n + shift,
 
     u' = W r' + q,    q = H^T v_free - W (tip n) - least n + shift.
 
-A point without friction gets a tangent that nothing couples to, and the friction 0. A point that no
-impulse can open carries none, as its law has it (`laws/coulomb.py`).
+A point without friction, or that cannot slide, gets a tangent that nothing couples to: its impulse
+is zero. A point that no impulse can open carries none, as its law has it (`laws/coulomb.py`).
 """
 
 from __future__ import annotations
+
+from itertools import pairwise
 
 import numpy as np
 from scipy.sparse import csr_array, diags_array, vstack
@@ -55,8 +57,8 @@ class ContactProblem:
         closed: of each group, which points are in it, shape (n,).
 
     Raises:
-        UnsuitableSolverError: a law of another kind, contacts that ranks divide, or a contact that can
-            move along some oblique directions only.
+        UnsuitableSolverError: a law of another kind, contacts that ranks divide, or a contact that
+            can move along some oblique directions only.
     """
 
     def __init__(self, interactions: Interactions, free: np.ndarray):
@@ -93,7 +95,7 @@ class ContactProblem:
 
     def _parts(self):
         ends = np.cumsum([0] + [np.count_nonzero(closed) for closed in self.closed])
-        return zip(zip(ends, ends[1:]), self._groups, self.closed, strict=True)
+        return zip(pairwise(ends), self._groups, self.closed, strict=True)
 
 
 class CapturedContacts(Solver):
@@ -158,7 +160,7 @@ class _ClosedPoints:
         self.tip[:, 0] = points.tip[self.closed]
         self.wanted[:, 0] = points.least[self.closed]
         self.wanted[:, 1:] = np.where(kept[:, 1:], -points.shift[self.closed], 0.0)
-        self.friction = np.where(rubs, points.friction[self.closed], 0.0)
+        self.friction = points.friction[self.closed]
 
 
 def _matrices(packed: np.ndarray, components: int) -> np.ndarray:
