@@ -1,0 +1,74 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Discs that fall into a box and come to rest: time a step, sweeps, and the share of the search.
+
+./fenicsx python3 benchmarks/settling_discs.py --discs 2640 --solver auto
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+
+import numpy as np
+from tqdm.auto import tqdm
+
+import xper_fx as xf
+
+RADIUS, GRAVITY, STEP = 0.05, 9.81, 2e-3
+
+
+def box_of_discs(count: int, across: int) -> xf.Scene:
+    """Discs of 0.7 to 1 times the largest radius on a loose lattice, `across` in a row."""
+    rng, pitch = np.random.default_rng(0), 2.1 * RADIUS
+    bodies = [
+        xf.RigidBody(
+            xf.rigid.Disc(RADIUS * rng.uniform(0.7, 1.0)),
+            (pitch * (n % across) + RADIUS * rng.uniform(1.05, 1.1), RADIUS + pitch * (n // across)),
+            "discs", density=1000.0,
+        )
+        for n in range(count)
+    ]  # fmt: skip
+    width = pitch * across + RADIUS
+    for point, normal in (((0, 0), (0, 1)), ((0, 0), (1, 0)), ((width, 0), (-1, 0))):
+        bodies.append(xf.rigid.wall(point, normal, "box"))
+    law = xf.laws.SignoriniCoulomb(friction=0.3)
+    return xf.Scene(
+        rigid=bodies,
+        contacts=[xf.Contact(("discs", group), law) for group in ("discs", "box")],
+        loads=[xf.Gravity((0.0, -GRAVITY))],
+    )
+
+
+def main(options: list[str] | None = None) -> None:
+    """Run, and print each third of the time."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    add = parser.add_argument
+    add("--discs", type=int, default=2640)
+    add("--solver", nargs="+", default=["auto"])
+    add("--steps", type=int, default=300, help=f"of {STEP:g} s")
+    add("--quiet", action="store_true", help="no progress bar")
+    args = parser.parse_args(options)
+    scene = box_of_discs(args.discs, round(np.sqrt(1.65 * args.discs)))
+    third = args.steps // 3
+    print("| solver | until (s) | contacts | sweeps a step | ms a step | of it search |")
+    print("|---|---|---|---|---|---|", flush=True)
+    for solver in args.solver:
+        simulation = xf.Simulation(scene, STEP, solver=solver, num_threads=1)
+        sweeps, last, searched = 0, time.process_time(), 0.0
+        steps = simulation.steps(3 * third * STEP)
+        for record in tqdm(steps, total=3 * third, disable=args.quiet):
+            sweeps += record.sweeps
+            if record.step % third:
+                continue
+            now, search = time.process_time(), simulation.stopwatch.seconds["contact search"]
+            contacts = sum(len(group) for group in simulation.interactions.contacts)
+            print(
+                f"| {solver} | {record.time:.2g} | {contacts} | {sweeps / third:.0f} | "
+                f"{(now - last) / third * 1e3:.1f} | {(search - searched) / (now - last):.0%} |",
+                flush=True,
+            )
+            sweeps, last, searched = 0, now, search
+
+
+if __name__ == "__main__":
+    main()
