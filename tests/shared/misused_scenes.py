@@ -371,7 +371,9 @@ def scenes() -> list[Misuse]:
         "a floor that is upside down": (
             r"body 1 & upside down & turn it round: \[0.0, 1.0\]",
             lambda: of_discs(
-                disc((0.0, 1.5)), xf.rigid.wall((0, 0), (0, -1), "floor"), pairs=[("discs", "floor")]
+                disc((0.0, 1.5)),
+                xf.rigid.wall((0, 0), (0, -1), "floor"),
+                pairs=[("discs", "floor")],
             ),
         ),
         "a half space that is upside down": (
@@ -608,13 +610,21 @@ def loads() -> list[Misuse]:
         ),
         "gravity of a word": ("Gravity & number", lambda: of_plate(loads=[xf.Gravity("xy")])),
         "gravity of words": ("Gravity & number", lambda: of_plate(loads=[xf.Gravity(("a", "b"))])),
-        "gravity of a function": (
+        "gravity of a function of 3D": (
             "Gravity & 2 components",
-            lambda: of_plate(loads=[xf.Gravity(lambda t: (0, -9.81))]),
+            lambda: of_plate(loads=[xf.Gravity(lambda t: (0, 0, -9.81))]),
         ),
-        "gravity of time on rigid bodies": (
-            "Gravity & constant",
-            lambda: of_discs(disc(), loads=[xf.Gravity((0, abs))]),
+        "gravity of a function that gives a number": (
+            "Gravity & 2 components & 9.81",
+            lambda: of_discs(disc(), loads=[xf.Gravity(lambda t: -9.81)]),
+        ),
+        "gravity of a function that gives NaN": (
+            "Gravity & nan & t = 0",
+            lambda: of_discs(disc(), loads=[xf.Gravity(lambda t: (0.0, NAN))]),
+        ),
+        "gravity of a function of no time": (
+            "takes 0|function of time",
+            lambda: of_discs(disc(), loads=[xf.Gravity(lambda: (0.0, -9.81))]),
         ),
         "a body force on rigid bodies": (
             "gravity & RigidBody",

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from xper_fx.bodies.explode import Bodies
-from xper_fx.forms.loads import Gravity, RayleighDamping
+from xper_fx.forms.loads import Gravity, RayleighDamping, varies, vector_at
 from xper_fx.materials.material import InelasticMaterial, Material
 from xper_fx.nscd.laws.law import Law
 from xper_fx.scene.contact import Contact, check_contacts
@@ -116,7 +116,7 @@ class Scene:
             self._check_with_mesh()
         if self.damping is not None and not isinstance(self.damping, RayleighDamping):
             raise TypeError(f"damping should be a RayleighDamping or None, got {self.damping!r}.")
-        check_loads(self.loads, self.dim, self.rigid_bodies is not None)
+        check_loads(self.loads, self.dim)
         check_contacts(self.contacts, self.surfaces, self.materials, self.rigid_bodies)
         self._check_meetings()
         self._separate_rigid_bodies()
@@ -219,9 +219,14 @@ class Scene:
         return self.bodies.mesh.geometry.dim
 
     @property
-    def gravity(self) -> np.ndarray | None:
-        """Sum of the gravities among the loads, shape (dim,), m/s^2; None without any."""
+    def gravity(self) -> np.ndarray | Callable[[float], np.ndarray] | None:
+        """Sum of the gravities among the loads, shape (dim,), m/s^2; None without any.
+
+        A function of time where one of them is.
+        """
         given = [load.value for load in self.loads if isinstance(load, Gravity)]
+        if any(map(varies, given)):
+            return lambda time: np.sum([vector_at(g, time, self.dim) for g in given], axis=0)
         return np.sum(given, axis=0) if given else None
 
     def _check_meetings(self) -> None:
