@@ -39,9 +39,7 @@ def test_bodies_fall_as_the_integral_says(scheme, theta, gravity):
     # of a step theta of its end counts, which is h (theta - 1/2) later than its middle
     exact = np.array([2.0 * t, -1.0 * t - 3.0 * t**2 - 6.0 * (theta - 0.5) * step * t])
     assert simulation.rigid.state.velocity[0] == pytest.approx(exact, rel=1e-11)
-    assert simulation.velocity.x.array.reshape(-1, 2).mean(axis=0) == pytest.approx(
-        exact, rel=1e-9
-    )
+    assert simulation.velocity.x.array.reshape(-1, 2).mean(axis=0) == pytest.approx(exact, rel=1e-9)
     kinetic = 0.5 * (1e3 * np.pi + 1e3) * exact @ exact
     assert last.energies["kinetic"] == pytest.approx(kinetic, rel=1e-9)
     assert abs(last.energies["closure"]) < 1e-10 * kinetic

@@ -87,7 +87,8 @@ LawKernels = namedtuple(
 class CoulombPoints(NamedTuple):
     """Constants of a step at n points: with r' = (r_N + tip, r_T),
 
-        u_N >= least,  r'_N >= 0, complementary;  |r'_T| <= friction r'_N + bound against u_T + shift.
+        u_N >= least,  r'_N >= 0, complementary;
+        |r'_T| <= friction r'_N + bound against u_T + shift.
 
     Attributes:
         least: shape (n,), m/s; -inf where the point is open.

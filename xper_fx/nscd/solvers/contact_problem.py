@@ -12,6 +12,8 @@ impulse can open carries none, as its law has it (`laws/coulomb.py`).
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 from scipy.sparse import csr_array, diags_array, vstack
 
@@ -48,8 +50,8 @@ class ContactProblem:
         closed: of each group, which points are in it, shape (n,).
 
     Raises:
-        UnsuitableSolverError: a law of another kind, contacts that ranks divide, or a contact that can
-            move along some oblique directions only.
+        UnsuitableSolverError: a law of another kind, contacts that ranks divide, or a contact that
+            can move along some oblique directions only.
     """
 
     def __init__(self, interactions: Interactions, free: np.ndarray):
@@ -86,7 +88,7 @@ class ContactProblem:
 
     def _parts(self):
         ends = np.cumsum([0] + [np.count_nonzero(closed) for closed in self.closed])
-        return zip(zip(ends, ends[1:]), self._groups, self.closed, strict=True)
+        return zip(pairwise(ends), self._groups, self.closed, strict=True)
 
 
 class _ClosedPoints:
