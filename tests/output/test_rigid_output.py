@@ -46,7 +46,8 @@ def test_thrown_rigid_bodies_on_disk(tmp_path):
         ],
         contacts=[
             Contact(("resting", "floor"), SignoriniCoulomb()),
-            Contact(("flying",) * 2, None),
+            Contact(("flying", "floor"), None),
+            Contact(("flying", "resting"), None),
         ],
         loads=[Gravity((0.0, -GRAVITY))],
     )
@@ -114,7 +115,11 @@ def test_weight_on_a_mesh_and_on_a_disc(tmp_path):
             wall((0.0, 0.0), (0.0, 1.0), "floor"),
             RigidBody(Disc(0.5), (3.0, 0.5), "disc", mass=4.0),
         ],
-        contacts=[Contact(("block", "floor"), law), Contact(("floor", "disc"), law)],
+        contacts=[
+            Contact(("block", "floor"), law),
+            Contact(("floor", "disc"), law),
+            Contact(("block", "disc"), None),
+        ],
         loads=[Gravity((0.0, -GRAVITY))],
     )
     simulation = Simulation(scene, 0.05, theta=1.0, tolerance=1e-8, num_threads=1)

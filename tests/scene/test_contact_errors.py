@@ -45,8 +45,8 @@ def within(group="discs"):
             "only gravity acts on rigid bodies",
         ),
         (
-            {"rigid": [disc((0, 0))], "contacts": within(), "loads": [Gravity((0, abs))]},
-            "constant, got a function",
+            {"rigid": [disc((0, 0))], "contacts": within(), "loads": [Gravity(lambda t: 9.81)]},
+            "9.81 at t = 0.0 s; it should have 2 components",
         ),
         (
             {"rigid": [disc((0, 0))], "contacts": within(), "surfaces": {"a": (1,)}},

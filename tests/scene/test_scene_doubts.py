@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from misused_scenes import BOND, TOUCH, blocks, disc, near_block, of_block, of_discs, of_plate
+from misused_scenes import TOUCH, blocks, disc, near_block, of_block, of_discs, of_plate
 from scenes import BOTTOM
 
 import xper_fx as xf
@@ -58,12 +58,6 @@ def test_sound_scenes_are_left_alone(scene):
 @pytest.mark.parametrize(
     ("scene", "words"),
     [
-        (
-            lambda: of_discs(
-                disc(), disc((3, 0)), disc((6, 0), "b"), FLOOR, pairs=[*ON_FLOOR, ("b", "floor")]
-            ),
-            "groups ('b', 'discs'), ('discs', 'discs'): .* xf.Contact(('b', 'discs'), law)",
-        ),
         (lambda: of_discs(disc(angle=45.0), FLOOR, pairs=ON_FLOOR), "rigid body 0 is 45 rad"),
         (lambda: walled((0.0, 0.0), (0.0, -1.0)), "tag 3 look along the normal (0.0, -1.0)"),
         (lambda: walled((0.0, 0.25), (0.0, 2.0)), "tag 3 lie up to 0.25 m inside"),
@@ -78,26 +72,6 @@ def test_each_doubt_is_one_sentence(scene, words):
     (told,) = doubts(scene(), 1e-12 if "1e-12" in words else 1e-5)
     parts = words.split(" .* ")
     assert all(part in told for part in parts), told
-
-
-def test_what_is_decided_is_not_doubted():
-    """None as a law says that bodies pass through each other."""
-    scene = of_discs(disc(), disc((3.0, 0.0)), FLOOR, pairs=ON_FLOOR)
-    assert len(doubts(scene)) == 1
-    decided = replace(scene, contacts=[*scene.contacts, xf.Contact(("discs", "discs"), None)])
-    assert doubts(decided) == []
-
-
-def test_pieces_of_a_surface():
-    """Bodies of one surface are to be decided where no law joins them."""
-    ball = disc((1.0, 4.0), "ball")
-    contacts = [xf.Contact(("plate", "ball"), TOUCH)]
-    given = {"surfaces": {"plate": (1, 2)}, "rigid": [ball], "contacts": contacts}
-    assert doubts(of_plate(**given)) == []
-    (told,) = doubts(of_plate(interactions={(1, 2): None}, **given))
-    assert "('plate', 'plate')" in told
-    assert doubts(of_plate(default_interaction=None, interactions={
-        (1, 1): BOND, (2, 2): BOND, (1, 2): TOUCH}, **given)) == []  # fmt: skip
 
 
 def test_doubts_are_told_once_before_the_first_step(caplog):

@@ -241,6 +241,18 @@ def late() -> list[Misuse]:
             "load & number",
             lambda: steps_of(of_plate(loads=[xf.Gravity((0.0, later(np.zeros(2))))]), 5),
         ),
+        "gravity of rigid bodies that becomes NaN": (
+            "load & nan & t =",
+            lambda: steps_of(
+                of_discs(disc(), loads=[xf.Gravity(lambda t: (0.0, later(NAN)(t)))]), 5
+            ),
+        ),
+        "gravity of rigid bodies that loses a component": (
+            "load & 2 components & t =",
+            lambda: steps_of(
+                of_discs(disc(), loads=[xf.Gravity(lambda t: (0.0,) * (2 if t < 2e-5 else 1))]), 5
+            ),
+        ),
         "a drive that becomes NaN": (
             "nan & t =",
             lambda: steps_of(

@@ -79,6 +79,15 @@ def of_discs(*bodies, pairs=(("discs", "discs"),), law=TOUCH, **changes):
     return xf.Scene(rigid=list(bodies), contacts=contacts, **changes)
 
 
+def _two_boxes():
+    """Squares of shapes of their own, in one place."""
+    boxes = [
+        xf.RigidBody(xf.rigid.Polygon.box((1.0, 1.0)), (0.0, 0.0), "boxes", density=1e3)
+        for _ in range(2)
+    ]
+    return of_discs(*boxes, pairs=[("boxes", "boxes")])
+
+
 def steps_of(scene, count=1, **options):
     """Some steps of a scene."""
     simulation = xf.Simulation(scene, **({"step": 1e-5, "num_threads": 1} | options))
@@ -354,6 +363,38 @@ def scenes() -> list[Misuse]:
         ),
         "rigid bodies that overlap": ("overlap & apart", lambda: of_discs(disc(), disc((1.5, 0)))),
         "a rigid body given twice": ("overlap|twice", lambda: of_discs(*2 * [disc()])),
+        "two equal bodies in one place": (
+            "0 and 1 & same shape & twice",
+            lambda: of_discs(disc((2.0, 1.0)), disc((2.0, 1.0))),
+        ),
+        "two equal boxes in one place": ("0 and 1 & same shape & twice", lambda: _two_boxes()),
+        "a floor that is upside down": (
+            r"body 1 & upside down & turn it round: \[0.0, 1.0\]",
+            lambda: of_discs(
+                disc((0.0, 1.5)),
+                xf.rigid.wall((0, 0), (0, -1), "floor"),
+                pairs=[("discs", "floor")],
+            ),
+        ),
+        "a half space that is upside down": (
+            r"body 1 & upside down & turn it round: \[0.0, 0.0, 1.0\]",
+            lambda: xf.Scene(
+                rigid=[
+                    xf.RigidBody(xf.rigid.Sphere(1.0), (0, 0, 1.5), "ball", density=1.0),
+                    xf.rigid.wall((0, 0, 0), (0, 0, -1), "floor"),
+                ],
+                contacts=[xf.Contact(("ball", "floor"), TOUCH)],
+                resolve_overlaps=True,
+            ),
+        ),
+        "a rigid wall that looks away from a block": (
+            "upside down & deep",
+            lambda: of_block(
+                surfaces={"block": (1,)},
+                rigid=[xf.rigid.wall((0.0, -0.1), (0, -1), "floor")],
+                contacts=[xf.Contact(("block", "floor"), TOUCH)],
+            ),
+        ),
         "a rigid body given twice, of groups that do not meet": (
             "twice|same",
             lambda: of_discs(*2 * [disc()], disc((9, 0), "others"), pairs=[("discs", "others")]),
@@ -376,26 +417,21 @@ def scenes() -> list[Misuse]:
             lambda: of_discs(disc(), resolve_overlaps="no"),
         ),
         "a group without contact with itself": (
-            "discs & Contact",
-            lambda: steps_of(
-                of_discs(
-                    disc(),
-                    disc((0, 3.0)),
-                    xf.rigid.wall((0, -1), (0, 1), "floor"),
-                    pairs=[("discs", "floor")],
-                    loads=[xf.Gravity((0, -9.81))],
-                )
+            r"meet & xf\.Contact\(\('discs', 'discs'\), None\)",
+            lambda: of_discs(
+                disc(),
+                disc((0, 3.0)),
+                xf.rigid.wall((0, -1), (0, 1), "floor"),
+                pairs=[("discs", "floor")],
             ),
         ),
         "two groups that nothing is said of": (
-            "balls & discs & Contact",
-            lambda: steps_of(
-                of_discs(
-                    disc(),
-                    disc((0, 3.0), "balls"),
-                    xf.rigid.wall((0, -1), (0, 1), "floor"),
-                    pairs=[("discs", "floor"), ("balls", "floor")],
-                )
+            r"meet & xf\.Contact\(\('balls', 'discs'\), None\)",
+            lambda: of_discs(
+                disc(),
+                disc((0, 3.0), "balls"),
+                xf.rigid.wall((0, -1), (0, 1), "floor"),
+                pairs=[("discs", "floor"), ("balls", "floor")],
             ),
         ),
         "groups that are decided to pass": (
@@ -413,14 +449,12 @@ def scenes() -> list[Misuse]:
             ),
         ),
         "a surface without contact with itself": (
-            "plate & Contact",
-            lambda: steps_of(
-                of_plate(
-                    interactions={(1, 2): None},
-                    surfaces={"plate": (1, 2)},
-                    rigid=[disc((1.0, 4.0), "ball")],
-                    contacts=[xf.Contact(("plate", "ball"), TOUCH)],
-                )
+            r"meet & xf\.Contact\(\('plate', 'plate'\), None\)",
+            lambda: of_plate(
+                interactions={(1, 2): None},
+                surfaces={"plate": (1, 2)},
+                rigid=[disc((1.0, 4.0), "ball")],
+                contacts=[xf.Contact(("plate", "ball"), TOUCH)],
             ),
         ),
         "a disc that cuts a block": ("overlap & apart", lambda: steps_of(near_block(1.15))),
@@ -576,13 +610,21 @@ def loads() -> list[Misuse]:
         ),
         "gravity of a word": ("Gravity & number", lambda: of_plate(loads=[xf.Gravity("xy")])),
         "gravity of words": ("Gravity & number", lambda: of_plate(loads=[xf.Gravity(("a", "b"))])),
-        "gravity of a function": (
+        "gravity of a function of 3D": (
             "Gravity & 2 components",
-            lambda: of_plate(loads=[xf.Gravity(lambda t: (0, -9.81))]),
+            lambda: of_plate(loads=[xf.Gravity(lambda t: (0, 0, -9.81))]),
         ),
-        "gravity of time on rigid bodies": (
-            "Gravity & constant",
-            lambda: of_discs(disc(), loads=[xf.Gravity((0, abs))]),
+        "gravity of a function that gives a number": (
+            "Gravity & 2 components & 9.81",
+            lambda: of_discs(disc(), loads=[xf.Gravity(lambda t: -9.81)]),
+        ),
+        "gravity of a function that gives NaN": (
+            "Gravity & nan & t = 0",
+            lambda: of_discs(disc(), loads=[xf.Gravity(lambda t: (0.0, NAN))]),
+        ),
+        "gravity of a function of no time": (
+            "takes 0|function of time",
+            lambda: of_discs(disc(), loads=[xf.Gravity(lambda: (0.0, -9.81))]),
         ),
         "a body force on rigid bodies": (
             "gravity & RigidBody",

@@ -24,7 +24,7 @@ from dolfinx import default_scalar_type, fem
 
 from xper_fx.bodies.explode import Bodies
 from xper_fx.forms.compiled import compiled_expression, compiled_form
-from xper_fx.forms.loads import BodyForce, Gravity, SurfaceTraction, value_at
+from xper_fx.forms.loads import BodyForce, Gravity, SurfaceTraction, VectorValue, varies, vector_at
 from xper_fx.materials.kinematics import displacement_gradient
 from xper_fx.materials.material import InelasticMaterial, Material, Response
 from xper_fx.support.compat import interpolation_points
@@ -95,7 +95,7 @@ class BulkForms:
         self._dissipations = self._dissipation_forms()
         self._increments = self._increment_expressions()
         self._cell_energy: tuple[fem.Form, np.ndarray] | None = None
-        self._loads: list[tuple[fem.Constant, Sequence]] = []
+        self._loads: list[tuple[fem.Constant, VectorValue]] = []
         self.external = self._external_form(forces, test)
 
     def _items(self):
@@ -167,7 +167,8 @@ class BulkForms:
         total = None
         for force in forces:
             vector = self._constant(np.zeros(dim))
-            self._loads.append((vector, tuple(force.value)))
+            value = force.value if callable(force.value) else tuple(force.value)
+            self._loads.append((vector, value))
             if isinstance(force, SurfaceTraction):
                 term = ufl.inner(vector, test) * ds(force.facets)
             elif isinstance(force, Gravity):
@@ -183,12 +184,12 @@ class BulkForms:
     @property
     def steady(self) -> bool:
         """Whether no external force depends on time."""
-        return not any(callable(v) for _, values in self._loads for v in values)
+        return not any(varies(value) for _, value in self._loads)
 
     def assemble_external(self, time: float) -> np.ndarray:
         """External forces at a time, shape (num_dofs,), N (2D: N/m)."""
-        for constant, values in self._loads:
-            constant.value[:] = [value_at(v, time) for v in values]
+        for constant, value in self._loads:
+            constant.value[:] = vector_at(value, time, len(constant.value))
         return fem.assemble_vector(self.external).array
 
     def set_step(self, step: float) -> None:

@@ -18,6 +18,7 @@ from xper_fx.support.checks import require_non_negative
 _LARGEST = 1e250
 
 Value = float | Callable[[float], float]
+VectorValue = Sequence[Value] | Callable[[float], Sequence[float]]
 
 
 def value_at(value: Value, time: float) -> float:
@@ -27,11 +28,7 @@ def value_at(value: Value, time: float) -> float:
         ValueError: the load's function gives a number that is not finite.
         TypeError: it gives no number.
     """
-    try:
-        given = value(time) if callable(value) else value
-    except Exception as error:
-        error.add_note(f"A load is a number or a function of time (s), called with t = {time}.")
-        raise
+    given = _called(value, time) if callable(value) else value
     if not isinstance(given, Real):
         given = np.asarray(given)
         if given.size != 1 or given.dtype.kind not in "biuf":
@@ -44,6 +41,37 @@ def value_at(value: Value, time: float) -> float:
             "range of floats."
         )
     return number
+
+
+def vector_at(value: VectorValue, time: float, dim: int) -> np.ndarray:
+    """The components a load has at a time, shape (dim,).
+
+    Raises:
+        ValueError: the load's function gives another number of components, or one that is not
+            finite.
+        TypeError: a component is no number.
+    """
+    if callable(value):
+        given = _called(value, time)
+        value = tuple(given) if np.iterable(given) else ()
+        if len(value) != dim:
+            raise ValueError(
+                f"A load is {given!r} at t = {time} s; it should have {dim} components."
+            )
+    return np.array([value_at(component, time) for component in value])
+
+
+def varies(value: VectorValue) -> bool:
+    """Whether a load with components is a function of time, or some component is."""
+    return callable(value) or any(map(callable, value))
+
+
+def _called(function: Callable[[float], object], time: float) -> object:
+    try:
+        return function(time)
+    except Exception as error:
+        error.add_note(f"A load is a number or a function of time (s), called with t = {time}.")
+        raise
 
 
 @dataclass(frozen=True)
@@ -81,21 +109,23 @@ class BodyForce:
     """Force per unit reference volume (N/m^3) in every cell.
 
     Args:
-        value: one number or function of time a component.
+        value: one number or function of time a component, or a function of time that gives them
+            all.
     """
 
-    value: Sequence[Value]
+    value: VectorValue
 
 
 @dataclass(frozen=True)
 class Gravity:
-    """Acceleration (m/s^2) acting on the mass of every cell.
+    """Acceleration (m/s^2) acting on the mass of every cell and rigid body.
 
     Args:
-        value: one number or function of time a component.
+        value: one number or function of time a component, or a function of time that gives them
+            all.
     """
 
-    value: Sequence[Value]
+    value: VectorValue
 
 
 @dataclass(frozen=True)
@@ -104,11 +134,12 @@ class SurfaceTraction:
 
     Args:
         facets: facet tag.
-        value: one number or function of time a component.
+        value: one number or function of time a component, or a function of time that gives them
+            all.
     """
 
     facets: int
-    value: Sequence[Value]
+    value: VectorValue
 
 
 @dataclass(frozen=True)

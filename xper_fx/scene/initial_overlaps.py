@@ -42,7 +42,7 @@ def separate(bodies: RigidBodies, pairs: Sequence[tuple[str, str]], resolve: boo
         resolve: whether to move apart what overlaps.
 
     Raises:
-        ValueError: bodies overlap, or could not be moved apart.
+        ValueError: bodies overlap, are one body given twice, or could not be moved apart.
     """
     smallest = float(bodies.shapes.bounding_radius.min())
     if not np.isfinite(smallest):
@@ -54,6 +54,7 @@ def separate(bodies: RigidBodies, pairs: Sequence[tuple[str, str]], resolve: boo
             return
         if resolve:
             _move_apart(bodies, search)
+    _refuse_twins(bodies, overlaps)
     deepest = sorted(overlaps, key=lambda overlap: -overlap[2])[:_NAMED]
     named = "; ".join(f"{i} and {j} by {depth:.3g} m" for i, j, depth in deepest)
     more = f", and {len(overlaps) - len(deepest)} more" if len(overlaps) > len(deepest) else ""
@@ -63,6 +64,31 @@ def separate(bodies: RigidBodies, pairs: Sequence[tuple[str, str]], resolve: boo
         else "place them apart, or ask for it with resolve_overlaps=True"
     )
     raise ValueError(f"Rigid bodies overlap at the start: {named}{more}; {advice}.")
+
+
+def _refuse_twins(bodies: RigidBodies, overlaps: Sequence[tuple[int, int, float]]) -> None:
+    """Name two bodies of one shape that are in one place, which are one body given twice."""
+    tables = bodies.shapes
+
+    def corners(body: int) -> np.ndarray:
+        entry = tables.entry[body]
+        if entry < 0:
+            return np.zeros((0, bodies.dim))
+        return tables.vertices[tables.vertex_offsets[entry] : tables.vertex_offsets[entry + 1]]
+
+    for i, j, _ in overlaps:
+        size = tables.bounding_radius[[i, j]].min()
+        if (
+            tables.kind[i] == tables.kind[j]
+            and np.linalg.norm(bodies.position[i] - bodies.position[j]) <= _TOUCHING * size
+            and tables.radius[i] == tables.radius[j]
+            and np.array_equal(corners(i), corners(j))
+        ):
+            raise ValueError(
+                f"Rigid bodies {i} and {j} are of the same shape at the same place, "
+                f"{bodies.position[i].tolist()} m, as if one body were given twice: leave one out, "
+                "or place it elsewhere."
+            )
 
 
 def _move_apart(bodies: RigidBodies, search: RigidSearch) -> None:

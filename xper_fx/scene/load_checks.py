@@ -17,6 +17,7 @@ from xper_fx.forms.loads import (
     PrescribedVelocity,
     SurfaceTraction,
     value_at,
+    vector_at,
 )
 from xper_fx.scene.wall import Wall
 from xper_fx.support.checks import require_number
@@ -27,17 +28,16 @@ _LARGEST = 1e150
 Load = BodyForce | Gravity | SurfaceTraction | Motion
 
 
-def check_loads(loads: Sequence[Load], dim: int, on_rigid: bool) -> None:
+def check_loads(loads: Sequence[Load], dim: int) -> None:
     """See that loads have numbers, and as many as they should.
 
     Args:
         loads: of the scene.
         dim: dimension of space.
-        on_rigid: whether they act on rigid bodies, too.
 
     Raises:
         ValueError: a wrong number of components, a value that is not finite, a displacement that
-            does not start at zero, gravity on rigid bodies that is a function of time.
+            does not start at zero.
         TypeError: something that is no load.
     """
     for load in loads:
@@ -45,16 +45,23 @@ def check_loads(loads: Sequence[Load], dim: int, on_rigid: bool) -> None:
             raise TypeError(f"{load!r} is no load; forms/loads.py has those there are.")
         name, values = type(load).__name__, (load.value,)
         if not isinstance(load, Motion):
+            values = load.value
+            if callable(values) and not isinstance(values, type):
+                try:
+                    values = vector_at(values, 0.0, dim)
+                except (TypeError, ValueError) as error:
+                    error.add_note(f"{name} is a function of time that gives {dim} components.")
+                    raise
             if (
-                not isinstance(load.value, Sequence | np.ndarray)
-                or len(load.value) != dim
-                or any(np.ndim(value) for value in load.value)
+                not isinstance(values, Sequence | np.ndarray)
+                or len(values) != dim
+                or any(np.ndim(value) for value in values)
             ):
                 raise ValueError(
                     f"{name} has the value {load.value!r}; it should have {dim} "
-                    "components, one a dimension of the scene."
+                    "components, one a dimension of the scene, or be a function of time that gives "
+                    "them."
                 )
-            values = load.value
         elif not (isinstance(load.component, Integral) and 0 <= load.component < dim):
             raise ValueError(
                 f"{name} on tag {load.facets} has component {load.component}; it should be "
@@ -74,9 +81,6 @@ def check_loads(loads: Sequence[Load], dim: int, on_rigid: bool) -> None:
                 f"{name} on tag {load.facets} is {value_at(load.value, 0.0)} m at the start, "
                 "where displacements are zero; give a function of time that starts at zero."
             )
-    for load in loads if on_rigid else ():
-        if isinstance(load, Gravity) and any(map(callable, load.value)):
-            raise ValueError("Gravity on rigid bodies is constant, got a function of time.")
 
 
 def check_motions(loads: Sequence[Load], bodies: Bodies) -> None:

@@ -12,10 +12,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from dolfinx.geometry import bb_tree, compute_colliding_cells, compute_collisions_points
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from xper_fx.bodies.meshes import midpoints_of
+from xper_fx.scene.body_pieces import pieces_of_bodies
 from xper_fx.support.compat import geometry_dofmap
 
 if TYPE_CHECKING:
@@ -23,15 +22,6 @@ if TYPE_CHECKING:
 
 # Cells beyond which looking at each would take longer than a step.
 _MANY = 20_000
-
-
-def pieces_of_bodies(scene: Scene) -> np.ndarray:
-    """Meshed bodies that facing facets with a law join are one piece, shape (num_bodies,)."""
-    bodies = scene.bodies
-    _, law = scene.law_of_facet()
-    pairs = bodies.facets.bodies[law >= 0].T
-    graph = coo_array((np.ones(pairs.shape[1]), tuple(pairs)), shape=(bodies.num_bodies,) * 2)
-    return connected_components(graph, directed=False)[1]
 
 
 def mesh_overlaps(scene: Scene) -> Iterator[str]:
@@ -46,7 +36,7 @@ def mesh_overlaps(scene: Scene) -> Iterator[str]:
     bodies, mesh = scene.bodies, scene.bodies.mesh
     tree = bb_tree(mesh, mesh.topology.dim)
     group_of_tag = {tag: name for name, tags in scene.surfaces.items() for tag in tags}
-    piece = pieces_of_bodies(scene)[bodies.body_of_cell]
+    piece = pieces_of_bodies(bodies, scene.law_of_facet()[1])[bodies.body_of_cell]
 
     def cells_at(points: np.ndarray) -> Iterator[tuple[int, int]]:
         """Points and cells that they are in."""

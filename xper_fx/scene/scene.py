@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from xper_fx.bodies.explode import Bodies
-from xper_fx.forms.loads import Gravity, RayleighDamping
+from xper_fx.forms.loads import Gravity, RayleighDamping, varies, vector_at
 from xper_fx.materials.material import InelasticMaterial, Material
 from xper_fx.nscd.laws.law import Law
 from xper_fx.scene.contact import Contact, check_contacts
@@ -24,6 +24,7 @@ from xper_fx.scene.load_checks import Load, check_loads, check_motions, check_ou
 from xper_fx.scene.material_checks import check_materials
 from xper_fx.scene.wall import Wall
 from xper_fx.support.checks import require_flag, require_integer
+from xper_fx.support.compat import geometry_dofmap
 
 if TYPE_CHECKING:
     from xper_fx.nscd.rigid.bodies import RigidBodies
@@ -63,7 +64,8 @@ class Scene:
         surfaces: cell tags of the meshed bodies that make up a group, by the group's name; their
             outer facets, and those that fracture frees, are what `contacts` of the group touch.
         contacts: between which groups (rigid bodies by their `group`, surfaces by their name)
-            contacts are looked for in each step, and their laws.
+            contacts are looked for in each step, and their laws; each pair of groups that can meet
+            is named, a group of several bodies with itself too.
         resolve_overlaps: whether rigid bodies that overlap at the start are moved apart; they are
             refused otherwise.
 
@@ -72,7 +74,8 @@ class Scene:
 
     Raises:
         ValueError: a tag without material or law, a tag that occurs nowhere, an order or a rule
-            that does not exist, a rigid body that no contact names, rigid bodies that overlap.
+            that does not exist, groups that can meet and that no contact names, a rigid wall
+            that looks away from all bodies, rigid bodies that overlap.
         TypeError: something that is no material, law or load.
         AttributeError: an attribute is set later; `dataclasses.replace` makes another scene.
     """
@@ -113,8 +116,9 @@ class Scene:
             self._check_with_mesh()
         if self.damping is not None and not isinstance(self.damping, RayleighDamping):
             raise TypeError(f"damping should be a RayleighDamping or None, got {self.damping!r}.")
-        check_loads(self.loads, self.dim, self.rigid_bodies is not None)
+        check_loads(self.loads, self.dim)
         check_contacts(self.contacts, self.surfaces, self.materials, self.rigid_bodies)
+        self._check_meetings()
         self._separate_rigid_bodies()
         self._fix()
 
@@ -215,10 +219,37 @@ class Scene:
         return self.bodies.mesh.geometry.dim
 
     @property
-    def gravity(self) -> np.ndarray | None:
-        """Sum of the gravities among the loads, shape (dim,), m/s^2; None without any."""
+    def gravity(self) -> np.ndarray | Callable[[float], np.ndarray] | None:
+        """Sum of the gravities among the loads, shape (dim,), m/s^2; None without any.
+
+        A function of time where one of them is.
+        """
         given = [load.value for load in self.loads if isinstance(load, Gravity)]
+        if any(map(varies, given)):
+            return lambda time: np.sum([vector_at(g, time, self.dim) for g in given], axis=0)
         return np.sum(given, axis=0) if given else None
+
+    def _check_meetings(self) -> None:
+        """Of groups that may meet: each pair is decided, rigid walls look at the others."""
+        if not self.contacts:
+            return
+        from xper_fx.scene.undecided_pairs import check_pairs_decided
+
+        pieces, nodes = {}, {}
+        if self.surfaces:
+            from xper_fx.scene.body_pieces import pieces_of_bodies
+
+            piece = pieces_of_bodies(self.bodies, self.law_of_facet()[1])[self.bodies.body_of_cell]
+            mesh = self.bodies.mesh
+            for name, tags in self.surfaces.items():
+                own = np.isin(self.bodies.material_of_cell, list(tags))
+                pieces[name] = np.unique(piece[own]).tolist()
+                nodes[name] = mesh.geometry.x[np.unique(geometry_dofmap(mesh)[own]), : self.dim]
+        check_pairs_decided(self.contacts, self.rigid_bodies, pieces)
+        if self.rigid_bodies is not None:
+            from xper_fx.scene.upside_down_walls import check_walls_look_at_bodies
+
+            check_walls_look_at_bodies(self.contacts, self.rigid_bodies, nodes)
 
     def _separate_rigid_bodies(self) -> None:
         """Report or resolve overlaps of rigid bodies at the start."""

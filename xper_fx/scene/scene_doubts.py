@@ -7,7 +7,6 @@ Each of these has a meaning, so that it is no error; most often it is a slip.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from itertools import combinations_with_replacement
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -27,8 +26,6 @@ if TYPE_CHECKING:
     from xper_fx.scene.scene import Scene
     from xper_fx.scene.wall import Wall
 
-# Pairs that a warning names.
-_NAMED = 5
 # Depth behind a wall beside the length of a facet, and stiffness of bonds beside that of their
 # bodies, at which a scene is doubted.
 _BEHIND, _SOFT = 1e-3, 0.1
@@ -44,7 +41,6 @@ def scene_doubts(scene: Scene, step: float | None) -> Iterator[str]:
         scene: checked.
         step: h (s) that is asked for, None if it is picked.
     """
-    yield from _undecided_pairs(scene)
     if scene.rigid_bodies is not None:
         yield from _degrees(scene)
     if scene.bodies is not None:
@@ -57,47 +53,6 @@ def scene_doubts(scene: Scene, step: float | None) -> Iterator[str]:
             yield from mesh_overlaps(scene)
         yield from _units(scene, step)
         yield from _soft_bonds(scene)
-
-
-def _undecided_pairs(scene: Scene) -> Iterator[str]:
-    """Groups that can meet, and no contact says what happens then."""
-    free, several = _groups(scene)
-    named = {tuple(sorted(contact.between)) for contact in scene.contacts}
-    undecided = [
-        (a, b)
-        for a, b in combinations_with_replacement(sorted(free), 2)
-        if (a, b) not in named and (free[a] or free[b]) and (a != b or several[a])
-    ]
-    if undecided:
-        a, b = undecided[0]
-        names = ", ".join(map(repr, undecided[:_NAMED]))
-        more = f" and {len(undecided) - _NAMED} more" if len(undecided) > _NAMED else ""
-        yield (
-            f"no contact is between the groups {names}{more}: their bodies pass through each "
-            f"other; add xf.Contact({(a, b)!r}, law) to `contacts`, with None as a law if they may"
-        )
-
-
-def _groups(scene: Scene) -> tuple[dict[str, bool], dict[str, bool]]:
-    """By name, whether bodies of a group can move, and whether it has several that are apart."""
-    free, several = {}, {}
-    if scene.rigid_bodies is not None:
-        bodies = scene.rigid_bodies
-        moves = ~bodies.is_prescribed.all(axis=1)
-        for number, name in enumerate(bodies.groups):
-            own = bodies.group_of == number
-            free[name], several[name] = bool(moves[own].any()), int(own.sum()) > 1
-    for name, tags in scene.surfaces.items():
-        free[name], several[name] = True, _is_in_pieces(scene, tags)
-    return free, several
-
-
-def _is_in_pieces(scene: Scene, tags) -> bool:
-    """Whether some bodies of cell tags are joined by no facing facets with a law."""
-    from xper_fx.scene.mesh_overlaps import pieces_of_bodies
-
-    own = np.isin(scene.bodies.material_of_cell, list(tags))
-    return len(np.unique(pieces_of_bodies(scene)[scene.bodies.body_of_cell[own]])) > 1
 
 
 def _degrees(scene: Scene) -> Iterator[str]:

@@ -43,7 +43,8 @@ class RigidBody:
         group: name that interactions are given by.
         angle: 2D: of the shape's axes from those of space, rad, counter-clockwise.
         rotation: 3D: from the shape's axes to those of space, as a SciPy `Rotation` or as a
-            quaternion (x, y, z, w), the real part last as in SciPy; None is no rotation.
+            quaternion (x, y, z, w) of any length, the real part last as in SciPy; None is no
+            rotation.
         density: kg/m^3; or else
         mass: kg (2D: kg per metre of depth). A body whose every degree of freedom is prescribed
             needs neither; its mass is then left out of all sums.

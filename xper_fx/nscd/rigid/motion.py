@@ -35,8 +35,11 @@ import numpy as np
 import numpy.typing as npt
 
 from xper_fx.nscd.rigid.bodies import RigidBodies
-from xper_fx.nscd.rigid.body import load_at, value_at, vector
+from xper_fx.nscd.rigid.body import Load, load_at, value_at, vector
 from xper_fx.nscd.rigid.plane_turning import PlaneTurning, Turn
+
+# What messages call it.
+_GRAVITY = "The gravity (m/s^2)"
 
 
 class RigidState(NamedTuple):
@@ -98,7 +101,7 @@ class RigidMotion:
 
     Args:
         bodies: the bodies.
-        gravity: acceleration, shape (dim,), m/s^2; None is none.
+        gravity: acceleration, shape (dim,), m/s^2; constant or of time; None is none.
 
     Attributes:
         bodies: as given.
@@ -108,10 +111,9 @@ class RigidMotion:
             The array is written in place: in 2D never again, in 3D by each `predict`.
     """
 
-    def __init__(self, bodies: RigidBodies, gravity: npt.ArrayLike | None = None):
+    def __init__(self, bodies: RigidBodies, gravity: Load | None = None):
         dim, n = bodies.dim, len(bodies)
         self.bodies = bodies
-        self._gravity = vector("The gravity (m/s^2)", gravity, (dim,))
         self._dofs = 3 * (dim - 1)
         if dim == 2:
             self._turning = PlaneTurning(bodies)
@@ -130,7 +132,7 @@ class RigidMotion:
         self._prescribed = np.zeros((n, 2 * dim), bool)
         self._prescribed[:, : self._dofs] = bodies.is_prescribed
         self._tabulate_prescribed()
-        self._tabulate_loads()
+        self._tabulate_loads(gravity)
         self._at: tuple[float, float] | None = None
         self._middle: RigidState | None = None
         self._end: RigidState | None = None
@@ -151,11 +153,14 @@ class RigidMotion:
                 else:
                     self._constant_motion[i, component] = motion
 
-    def _tabulate_loads(self) -> None:
-        """Constants and gravity as an array, and the list (body, what, part, function)."""
+    def _tabulate_loads(self, gravity: Load | None) -> None:
+        """Constants as an array, gravity of time, and the list (body, what, part, function)."""
         dim, bodies = self.bodies.dim, self.bodies
         self._constant_load = np.zeros(self._prescribed.shape)
-        self._constant_load[:, :dim] = bodies.mass[:, None] * self._gravity
+        self._gravity_of_time = gravity if callable(gravity) else None
+        if self._gravity_of_time is None:
+            constant = vector(_GRAVITY, gravity, (dim,))
+            self._constant_load[:, :dim] = bodies.mass[:, None] * constant
         self._loads = []
         spin = slice(dim, self._dofs)
         for what, part, loads in (
@@ -171,6 +176,12 @@ class RigidMotion:
     def _load_impulse(self, step: float, theta: float, time: float) -> np.ndarray:
         """h [theta f1 + (1 - theta) f0], shape (n, 2 dim)."""
         impulse = step * self._constant_load
+        if self._gravity_of_time is not None:
+            dim = self.bodies.dim
+            start = load_at(_GRAVITY, self._gravity_of_time, time, (dim,))
+            end = load_at(_GRAVITY, self._gravity_of_time, time + step, (dim,))
+            mean = theta * end + (1.0 - theta) * start
+            impulse[:, :dim] += step * self.bodies.mass[:, None] * mean
         scalar = self.bodies.dim == 2
         for i, what, part, load in self._loads:
             shape = () if scalar and part.start else (self.bodies.dim,)
