@@ -20,14 +20,13 @@ RADIUS, GRAVITY, STEP = 0.05, 9.81, 2e-3
 def box_of_discs(count: int, across: int) -> xf.Scene:
     """Discs of 0.7 to 1 times the largest radius on a loose lattice, `across` in a row."""
     rng, pitch = np.random.default_rng(0), 2.1 * RADIUS
+    radii = RADIUS * rng.uniform(0.7, 1.0, count)
+    x = pitch * (np.arange(count) % across) + RADIUS * rng.uniform(1.05, 1.1, count)
+    y = pitch * (np.arange(count) // across) + RADIUS
     bodies = [
-        xf.RigidBody(
-            xf.rigid.Disc(RADIUS * rng.uniform(0.7, 1.0)),
-            (pitch * (n % across) + RADIUS * rng.uniform(1.05, 1.1), RADIUS + pitch * (n // across)),
-            "discs", density=1000.0,
-        )
-        for n in range(count)
-    ]  # fmt: skip
+        xf.RigidBody(xf.rigid.Disc(radius), place, "discs", density=1000.0)
+        for radius, *place in zip(radii, x, y, strict=True)
+    ]
     width = pitch * across + RADIUS
     for point, normal in (((0, 0), (0, 1)), ((0, 0), (1, 0)), ((width, 0), (-1, 0))):
         bodies.append(xf.rigid.wall(point, normal, "box"))

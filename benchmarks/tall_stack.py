@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """A tower of a hundred blocks that should stand: how far it drifts, leans and sinks in ten seconds.
 
-With default settings it does. By sweeps that just meet the tolerance (`--solver nlgs`) it leans more
-and more: at the velocity level nothing takes back what they let blocks sink at one edge more than
-at the other. At the position level with theta = 1 (`--contact position`) it stands by any solver.
+With default settings it does. By sweeps that just meet the tolerance (`--solver nlgs`) it leans
+more and more: at the velocity level nothing takes back what they let blocks sink at one edge more
+than at the other. At the position level with theta = 1 (`--contact position`) it stands by any
+solver.
 
 ./fenicsx python3 benchmarks/tall_stack.py --dim 2
 """
