@@ -11,6 +11,7 @@ runs by name, and namespaces of what there are several of.
                        strains in UFL for materials of one's own
     xf.loads           loads, which are public names of their own as well
     xf.rigid           rigid bodies: Disc, Polygon, Sphere, Polyhedron, wall
+    xf.assemblies      walls, columns and arches of blocks, packings of grains, boxes
     xf.meshes          meshes and their tags
     xf.periodic        periodic cells: MacroscopicDrive; xf.microstructure, grains and their meshes
     xf.solvers         solvers of the interactions and their options
@@ -59,6 +60,7 @@ if TYPE_CHECKING:
     from xper_fx.nscd import solvers as solvers
     from xper_fx.nscd.laws import fields as fields
     from xper_fx.nscd.rigid import RigidBody as RigidBody
+    from xper_fx.nscd.rigid import assemblies as assemblies
     from xper_fx.output.effects import effects_table as effects_table
     from xper_fx.output.gauges import CellGauge as CellGauge
     from xper_fx.output.gauges import TensileGauge as TensileGauge
@@ -136,6 +138,7 @@ _MODULE_OF = {
     "tag_facets": "bodies.meshes",
 }
 _NAMESPACES = {
+    "assemblies": "nscd.rigid.assemblies",
     "effect_prices": "study.effect_prices",
     "fields": "nscd.laws.fields",
     "kinematics": "materials.kinematics",
