@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from xper_fx.output.frames import plot_frames as plot_frames
     from xper_fx.output.frames import take_frame as take_frame
     from xper_fx.output.memory import memory_by_part as memory_by_part
+    from xper_fx.output.present_bodies import rigid_bodies_now as rigid_bodies_now
     from xper_fx.output.recorder import point_coordinates as point_coordinates
     from xper_fx.output.summary import without_times as without_times
 
@@ -36,6 +37,7 @@ _MODULE_OF = {
     "memory_by_part": "memory",
     "plot_frames": "frames",
     "point_coordinates": "recorder",
+    "rigid_bodies_now": "present_bodies",
     "take_frame": "frames",
     "without_times": "summary",
 }
