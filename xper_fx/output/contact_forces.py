@@ -64,24 +64,30 @@ def find_contact_forces(simulation: Simulation) -> ContactForces:
     return ContactForces(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
 
+def body_of_slot(simulation: Simulation) -> np.ndarray:
+    """Body of each slot, numbered as in `ContactForces.bodies`, shape (num_slots,)."""
+    body, first_rigid = np.empty(0, int), 0
+    if simulation.scene.bodies is not None:
+        first_rigid = simulation.scene.bodies.num_bodies
+        body = simulation.bulk.layout.body_of_node()[simulation.model.slot_nodes]
+    if simulation.rigid is not None:
+        numbers = first_rigid + np.arange(len(simulation.scene.rigid_bodies))
+        body = np.concatenate([body, np.repeat(numbers, 2)])
+    return body
+
+
 def slot_places(simulation: Simulation) -> tuple[np.ndarray, np.ndarray]:
     """Body and present place of each slot; a rigid body's centre stands in both of its own.
 
     Returns:
         Numbers as those of `ContactForces.bodies`, shape (num_slots,); (num_slots, dim), m.
     """
-    dim, meshed = simulation.bulk.dim, simulation.bulk.layout.body_of_node()
-    body, place = np.empty(0, int), np.empty((0, dim))
-    first_rigid = 0
+    dim = simulation.bulk.dim
+    place = np.empty((0, dim))
     if simulation.scene.bodies is not None:
-        first_rigid = simulation.scene.bodies.num_bodies
-        nodes = simulation.model.slot_nodes
         x = simulation.forms.V.tabulate_dof_coordinates()[:, :dim]
-        place = (x + simulation.state.displacement.reshape(-1, dim))[nodes]
-        body = meshed[nodes]
+        place = (x + simulation.state.displacement.reshape(-1, dim))[simulation.model.slot_nodes]
     if simulation.rigid is not None:
         centre = simulation.rigid.state.position
-        numbers = first_rigid + np.arange(len(centre))
-        body = np.concatenate([body, np.repeat(numbers, 2)])
         place = np.concatenate([place, np.repeat(centre, 2, axis=0)])
-    return body, place
+    return body_of_slot(simulation), place

@@ -45,7 +45,8 @@ HISTORY_COLUMNS: tuple[str, ...] = (
 """Columns of ``history.csv``: time in s, strain dimensionless, stress in Pa, energies and their
 closure error in J (J/m in 2D); ``sweeps`` and ``residual`` are those of the interaction solver.
 Effects that a scene calls for add columns: dissipated_plastic; dissipated_viscous_bonds; shadow of
-an explicit bulk; F11... and P11... of a cell."""
+an explicit bulk; F11... and P11... of a cell; contacts, coordination and overlap (m) of rigid
+bodies."""
 
 
 class History:

@@ -198,6 +198,11 @@ class Recorder:
             from xper_fx.output.connectivity import find_fragments
 
             self._find_fragments = find_fragments
+        self._packing_columns: Callable[[Simulation], dict[str, float]] | None = None
+        if simulation.rigid is not None and simulation.detection is not None:
+            from xper_fx.output.packing_columns import packing_columns
+
+            self._packing_columns = packing_columns
         try:
             before = self._restored() if restart else None
         except BaseException:
@@ -210,6 +215,8 @@ class Recorder:
         self._parameters = dict(parameters or {})
         columns = dict.fromkeys(HISTORY_COLUMNS)
         columns |= simulation.ledger.as_columns() | macroscopic_columns(simulation)
+        if self._packing_columns is not None:
+            columns |= self._packing_columns(simulation)
         if fragments:
             columns["fragments"] = None
         self._every = end_time / fields if fields > 0 else np.inf
@@ -395,6 +402,8 @@ class Recorder:
                 "sweeps": step.sweeps, "residual": step.residual, **step.energies,
                 **macroscopic_columns(self.simulation),
             }  # fmt: skip
+            if self._packing_columns is not None:
+                line |= self._packing_columns(self.simulation)
             if self._find_fragments is not None:
                 line["fragments"] = int(self._find_fragments(self.simulation).max()) + 1
             self._at_root(lambda: self._history.append(**line))
