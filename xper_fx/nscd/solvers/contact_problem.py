@@ -36,15 +36,6 @@ _DEFINITE = 1e-12
 _ROUNDING = 1e-12
 
 
-def require_coulomb(kernels) -> None:
-    """Raise `UnsuitableSolverError` unless a law's points can be Signorini's and Coulomb's."""
-    if kernels.coulomb is None:
-        raise UnsuitableSolverError(
-            f'The law "{kernels.name}" is not that of a FrictionProblem; it should be unilateral '
-            "contact with Coulomb friction (xf.laws.SignoriniCoulomb, SlipWeakening)."
-        )
-
-
 class ContactProblem:
     """The closed contacts of a step, assembled.
 
@@ -135,7 +126,11 @@ class _ClosedPoints:
     """
 
     def __init__(self, group: PointGroup, dim: int, num_dofs: int):
-        require_coulomb(group.kernels)
+        if group.kernels.coulomb is None:
+            raise UnsuitableSolverError(
+                f'The law "{group.kernels.name}" is not that of a FrictionProblem; it should be '
+                "unilateral contact with Coulomb friction, as xf.laws.SignoriniCoulomb."
+            )
         points: CoulombPoints = group.kernels.coulomb(group.terms)
         if np.any(points.bound > _ROUNDING * points.friction * points.tip):
             raise UnsuitableSolverError(
