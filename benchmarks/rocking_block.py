@@ -50,7 +50,7 @@ def course(angle: float, step: float, **scheme) -> tuple[np.ndarray, np.ndarray,
     simulation, rows = rocking(angle, step, **scheme), [(0.0, -angle, 0.0)]
     for record in simulation.steps(exact(angle)[0] + 0.2):
         turn = simulation.rigid.state.turn
-        rows.append((record.time, float(turn.rotation[0]), float(turn.spin[0])))
+        rows.append((record.time, turn.rotation.item(0), turn.spin.item(0)))
     return tuple(np.array(rows).T)
 
 
