@@ -27,7 +27,7 @@ from xper_fx.nscd.kernel_options import LEAN_ENTRY
 from xper_fx.nscd.rigid.bodies import RigidBodies, ShapeTables
 from xper_fx.nscd.rigid.shapes import DISC, HALF_PLANE, HALF_SPACE, SPHERE, check_positive
 from xper_fx.nscd.search.contact_buffer import Corners, collect
-from xper_fx.nscd.search.contact_pairs import Contacts, empty, join
+from xper_fx.nscd.search.contact_pairs import Contacts
 from xper_fx.nscd.search.coplanar import without_flats
 from xper_fx.nscd.search.grid import labelled_box_pairs
 from xper_fx.nscd.search.polygons import disc_polygon, polygon_polygon, polygon_wall
@@ -92,9 +92,13 @@ def _motion(bodies, moved, mean, turned, rotation, old_rotation, bounding_radius
 
     Body b has been moved by `moved[b]`, and has the rotation `turned[b]`, or none that matters if
     that is negative. A rotation by phi moves a point at the radius R by 2 sin(phi/2) R, which in 2D
-    and 3D is |rotation - old_rotation| R / sqrt(2) in the Frobenius norm.
+    and 3D is |rotation - old_rotation| R / sqrt(2) in the Frobenius norm. `mean` is room, (dim,).
     """
     dim = moved.shape[1]
+    for d in range(dim):
+        mean[d] = 0.0
+        for b in bodies:
+            mean[d] += moved[b, d] / len(bodies)
     most, second = 0.0, 0.0
     for n in range(len(bodies)):
         b = bodies[n]
@@ -116,13 +120,15 @@ def _motion(bodies, moved, mean, turned, rotation, old_rotation, bounding_radius
     return most + second
 
 
-def _near(
-    pairs: np.ndarray, position: np.ndarray, bounding_radius: np.ndarray, distance: float
-) -> np.ndarray:
-    """Which pairs of bounding circles or spheres are no further apart than the distance."""
-    i, j = pairs.T
-    square = ((position[i] - position[j]) ** 2).sum(axis=1)
-    return square <= (bounding_radius[i] + bounding_radius[j] + distance) ** 2
+@njit(**LEAN_ENTRY)
+def _near(pairs, position, bounding_radius, distance, near):
+    """Write which pairs of bounding circles or spheres are no further apart than the distance."""
+    for p in range(len(pairs)):
+        i, j = pairs[p, 0], pairs[p, 1]
+        square = 0.0
+        for d in range(position.shape[1]):
+            square += (position[i, d] - position[j, d]) ** 2
+        near[p] = square <= (bounding_radius[i] + bounding_radius[j] + distance) ** 2
 
 
 def _matrices(rotation: np.ndarray) -> np.ndarray:
@@ -202,7 +208,7 @@ class RigidSearch:
         self._lists = {"ball_ball": none, "ball_corner": none, "corner_corner": none}
         self._old_position: np.ndarray | None = None
         self._old_rotation: np.ndarray | None = None
-        self._expected: dict[str, int] = {}
+        self._expected = 16
         self._own: Callable[[np.ndarray], np.ndarray] | None = None
         self._searched = self._lists | self._wall_pairs
 
@@ -250,30 +256,24 @@ class RigidSearch:
 
         tables, corners = self._tables, self._corners
         radius, bounding, wall = tables.radius, tables.bounding_radius, self._wall_normal
-        jobs = [("ball_ball", ball_ball, (position, radius))]
-        jobs += [("ball_wall", ball_wall, (position, radius, wall))]
+        balls, cornered = (position, radius), (position, corners)
+        kernels = {"ball_ball": (ball_ball, *balls), "ball_wall": (ball_wall, *balls, wall)}
         if self._dim == 2:
-            jobs += [
-                ("ball_corner", disc_polygon, (position, radius, corners)),
-                ("corner_corner", polygon_polygon, (position, corners, bounding)),
-                ("corner_wall", polygon_wall, (position, corners, bounding, wall)),
-            ]
+            kernels["ball_corner"] = disc_polygon, *balls, corners
+            kernels["corner_corner"] = polygon_polygon, *cornered, bounding
+            kernels["corner_wall"] = polygon_wall, *cornered, bounding, wall
         else:
-            flat = corners, tables, bounding
-            jobs += [
-                ("ball_corner", sphere_polyhedron, (position, radius, corners, tables)),
-                ("corner_corner", polyhedron_polyhedron, (position, *flat)),
-                ("corner_wall", polyhedron_wall, (position, *flat, wall)),
-            ]
-        parts = [empty(self._dim)]
-        for name, kernel, arguments in jobs:
-            pairs = self._searched[name]
-            if len(pairs):
-                expected = self._expected.get(name, 16)
-                part = collect(kernel, self._dim, expected, pairs, *arguments, self.reach)
-                self._expected[name] = len(part) + len(part) // 4 + 16
-                parts.append(part)
-        return join(parts)
+            kernels["ball_corner"] = sphere_polyhedron, *balls, corners, tables
+            kernels["corner_corner"] = polyhedron_polyhedron, *cornered, tables, bounding
+            kernels["corner_wall"] = polyhedron_wall, *cornered, tables, bounding, wall
+        jobs = [
+            (kernel, self._searched[name], *arguments, self.reach)
+            for name, (kernel, *arguments) in kernels.items()
+            if len(self._searched[name])
+        ]
+        contacts = collect(jobs, self._dim, self._expected)
+        self._expected = len(contacts) + len(contacts) // 4 + 16
+        return contacts
 
     def overlaps(
         self, position: np.ndarray, rotation: np.ndarray, tolerance: float = 0.0
@@ -325,11 +325,10 @@ class RigidSearch:
 
     def _renew_if_needed(self, position: np.ndarray, rotation: np.ndarray) -> None:
         if self._old_position is not None and len(self._listed):
-            moved = position - self._old_position
             motion = _motion(
                 self._listed,
-                moved,
-                moved[self._listed].mean(axis=0),
+                position - self._old_position,
+                np.empty(self._dim),
                 self._turned,
                 rotation,
                 self._old_rotation,
@@ -363,15 +362,17 @@ class RigidSearch:
         _boxes(listed, position, tables.radius, self._corners, 0.5 * distance, low, high)
         found = labelled_box_pairs(low, high, self._label[listed], self._allowed)
         pairs = listed.astype(np.int32)[found]
-        pairs = pairs[_near(pairs, position, tables.bounding_radius, distance)]
-        balls = self._is_ball[pairs]
-        mixed = pairs[balls[:, 0] != balls[:, 1]]
+        near = np.empty(len(pairs), bool)
+        _near(pairs, position, tables.bounding_radius, distance, near)
+        pairs = pairs.compress(near, axis=0)
+        first, second = self._is_ball[pairs].T
+        mixed = pairs.compress(first != second, axis=0)
         swapped = ~self._is_ball[mixed[:, 0]]
         mixed[swapped] = mixed[swapped][:, ::-1]
         self._lists = {
-            "ball_ball": pairs[balls.all(axis=1)],
+            "ball_ball": pairs.compress(first & second, axis=0),
             "ball_corner": mixed,
-            "corner_corner": pairs[~balls.any(axis=1)],
+            "corner_corner": pairs.compress(~(first | second), axis=0),
         }
         self._old_position, self._old_rotation = position.copy(), rotation
         self._searches_at_renewal = self.searches
