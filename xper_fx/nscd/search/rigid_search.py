@@ -24,7 +24,7 @@ import numpy as np
 
 from xper_fx.cache import njit
 from xper_fx.nscd.kernel_options import LEAN_ENTRY
-from xper_fx.nscd.rigid.bodies import RigidBodies, ShapeTables
+from xper_fx.nscd.rigid.bodies import RigidBodies, ShapeTables, plane_rotations
 from xper_fx.nscd.rigid.shapes import DISC, HALF_PLANE, HALF_SPACE, SPHERE, check_positive
 from xper_fx.nscd.search.contact_buffer import Corners, collect
 from xper_fx.nscd.search.contact_pairs import Contacts
@@ -40,7 +40,7 @@ from xper_fx.nscd.search.spheres import ball_ball, ball_wall
 
 # Price of a pair in the making of a list and, by kinds and dimension, in a search, in units of two
 # discs in a search, as benchmarks/contact_search.py measures them (one unit: about 30 ns).
-_PRICE_OF_LIST = 20.0
+_PRICE_OF_LIST = 10.0
 _PRICES = {
     2: {"ball_ball": 1.0, "ball_corner": 3.0, "corner_corner": 10.0},
     3: {"ball_ball": 1.0, "ball_corner": 5.0, "corner_corner": 45.0},
@@ -121,25 +121,23 @@ def _motion(bodies, moved, mean, turned, rotation, old_rotation, bounding_radius
 
 
 @njit(**LEAN_ENTRY)
-def _near(pairs, position, bounding_radius, distance, near):
-    """Write which pairs of bounding circles or spheres are no further apart than the distance."""
+def _near(pairs, body, position, bounding_radius, distance, near):
+    """Write which pairs, not of one body, are no further apart than the distance.
+
+    Measured between bounding circles or spheres.
+    """
     for p in range(len(pairs)):
         i, j = pairs[p, 0], pairs[p, 1]
         square = 0.0
         for d in range(position.shape[1]):
             square += (position[i, d] - position[j, d]) ** 2
-        near[p] = square <= (bounding_radius[i] + bounding_radius[j] + distance) ** 2
+        close = square <= (bounding_radius[i] + bounding_radius[j] + distance) ** 2
+        near[p] = close and body[i] != body[j]
 
 
 def _matrices(rotation: np.ndarray) -> np.ndarray:
     """Rotations as matrices, from angles in 2D."""
-    if rotation.ndim == 3:
-        return rotation
-    matrices = np.empty((len(rotation), 2, 2))
-    matrices[:, 0, 0] = matrices[:, 1, 1] = np.cos(rotation)
-    matrices[:, 1, 0] = np.sin(rotation)
-    np.negative(matrices[:, 1, 0], out=matrices[:, 0, 1])
-    return matrices
+    return rotation if rotation.ndim == 3 else plane_rotations(rotation)
 
 
 def _starts(tables: ShapeTables, offsets: np.ndarray) -> np.ndarray:
@@ -151,9 +149,10 @@ def _starts(tables: ShapeTables, offsets: np.ndarray) -> np.ndarray:
 class RigidSearch:
     """Search of contacts between rigid bodies.
 
-    Candidate and antagonist: the lower number of the two for two bodies of a kind; a disc or sphere
-    is the candidate on a polygon or polyhedron, and everything on a wall. The pair's part of the
-    key is i * num_bodies + j with i < j, below num_bodies^2.
+    What is searched are the convex pieces of the bodies, one a body but for clusters; those of one
+    body do not touch each other. Candidate and antagonist: the lower number of the two for two
+    pieces of a kind; a disc or sphere is the candidate on a polygon or polyhedron, and everything
+    on a wall. The pair's part of the key is i * num_pieces + j with i < j, below num_pieces^2.
 
     Attributes:
         reach: largest gap of a contact (m).
@@ -177,8 +176,9 @@ class RigidSearch:
         tables = without_flats(bodies.shapes)
         self._tables = tables
         self._dim = bodies.dim
-        count = len(bodies)
-        self._label, self._allowed = _labels(bodies, pairs)
+        self._size, count = (len(bodies), self._dim), len(tables.kind)
+        label, self._allowed = _labels(bodies, pairs)
+        self._label = label[tables.body]
         self._is_ball = np.isin(tables.kind, (DISC, SPHERE))
         is_wall = np.isin(tables.kind, (HALF_PLANE, HALF_SPACE))
         meets = self._allowed.any(axis=1)[self._label]
@@ -247,7 +247,7 @@ class RigidSearch:
         Raises:
             ValueError: arrays of another shape, or that are not finite.
         """
-        position, rotation = self._checked(position, rotation)
+        position, rotation = self._tables.place(*self._checked(position, rotation))
         self._wall_normal[self._walls] = _matrices(rotation[self._walls])[:, :, -1]
         rotation = _matrices(rotation[self._cornered])
         _turn(self._tables, self._cornered, rotation, self._corners)
@@ -273,7 +273,8 @@ class RigidSearch:
         ]
         contacts = collect(jobs, self._dim, self._expected)
         self._expected = len(contacts) + len(contacts) // 4 + 16
-        return contacts
+        piece, *others = contacts
+        return Contacts(tables.body[piece], *others)
 
     def overlaps(
         self, position: np.ndarray, rotation: np.ndarray, tolerance: float = 0.0
@@ -289,14 +290,13 @@ class RigidSearch:
         """
         contacts = self.find(position, rotation)
         deep = contacts.take(np.flatnonzero(contacts.gap < -tolerance))
-        pair, inverse = np.unique(deep.key[:, 0], return_inverse=True)
+        pair, inverse = np.unique(np.sort(deep.body, axis=1), axis=0, return_inverse=True)
         depth = np.zeros(len(pair))
-        np.maximum.at(depth, inverse, -deep.gap)
-        i, j = np.divmod(pair, len(position))
-        return list(zip(i.tolist(), j.tolist(), depth.tolist(), strict=True))
+        np.maximum.at(depth, inverse.ravel(), -deep.gap)
+        return list(zip(*pair.T.tolist(), depth.tolist(), strict=True))
 
     def _checked(self, position: np.ndarray, rotation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        count, dim = len(self._label), self._dim
+        count, dim = self._size
         position = np.ascontiguousarray(position, dtype=float)
         rotation = np.ascontiguousarray(rotation, dtype=float)
         shapes = (count, dim), ((count,) if dim == 2 else (count, 3, 3))
@@ -363,7 +363,7 @@ class RigidSearch:
         found = labelled_box_pairs(low, high, self._label[listed], self._allowed)
         pairs = listed.astype(np.int32)[found]
         near = np.empty(len(pairs), bool)
-        _near(pairs, position, tables.bounding_radius, distance, near)
+        _near(pairs, tables.body, position, tables.bounding_radius, distance, near)
         pairs = pairs.compress(near, axis=0)
         first, second = self._is_ball[pairs].T
         mixed = pairs.compress(first != second, axis=0)
@@ -380,7 +380,7 @@ class RigidSearch:
         self.search_all()
         if self._own is not None:
             lists = self._searched
-            own = self._own(np.concatenate(list(lists.values())))
+            own = self._own(tables.body[np.concatenate(list(lists.values()))])
             parts = np.split(own, np.cumsum([len(pairs) for pairs in lists.values()])[:-1])
             self._searched = {
                 name: pairs[part] for (name, pairs), part in zip(lists.items(), parts, strict=True)
@@ -390,8 +390,8 @@ class RigidSearch:
         """What the list in use was made from, and how long it has served; empty before the first.
 
         Returns:
-            `skin` (m), `served` searches, `position` (m) and `rotation`, matrices of the bodies
-            with corners.
+            `skin` (m), `served` searches, `position` (m) of the pieces and `rotation`, matrices of
+            those with corners.
         """
         if self._old_position is None:
             return {}
