@@ -70,20 +70,20 @@ def _refuse_twins(bodies: RigidBodies, overlaps: Sequence[tuple[int, int, float]
     """Name two bodies of one shape that are in one place, which are one body given twice."""
     tables = bodies.shapes
 
-    def corners(body: int) -> np.ndarray:
-        entry = tables.entry[body]
-        if entry < 0:
-            return np.zeros((0, bodies.dim))
-        return tables.vertices[tables.vertex_offsets[entry] : tables.vertex_offsets[entry + 1]]
+    def shape(body: int) -> list:
+        """Numbers that tell the pieces of a body."""
+        told = []
+        for piece in np.flatnonzero(tables.body == body):
+            entry = tables.entry[piece]
+            corners = tables.vertices[slice(*tables.vertex_offsets[[entry, entry + 1]])]
+            told += [tables.kind[piece], tables.radius[piece], *tables.offset[piece]]
+            told += [] if entry < 0 else corners.ravel().tolist()
+        return told
 
     for i, j, _ in overlaps:
-        size = tables.bounding_radius[[i, j]].min()
-        if (
-            tables.kind[i] == tables.kind[j]
-            and np.linalg.norm(bodies.position[i] - bodies.position[j]) <= _TOUCHING * size
-            and tables.radius[i] == tables.radius[j]
-            and np.array_equal(corners(i), corners(j))
-        ):
+        size = bodies.bounding_radius[[i, j]].min()
+        apart = np.linalg.norm(bodies.position[i] - bodies.position[j])
+        if apart <= _TOUCHING * size and shape(i) == shape(j):
             raise ValueError(
                 f"Rigid bodies {i} and {j} are of the same shape at the same place, "
                 f"{bodies.position[i].tolist()} m, as if one body were given twice: leave one out, "

@@ -177,6 +177,7 @@ class RigidSearch:
         self._tables = tables
         self._dim = bodies.dim
         self._size, count = (len(bodies), self._dim), len(tables.kind)
+        self._in_parts = count > len(bodies)
         label, self._allowed = _labels(bodies, pairs)
         self._label = label[tables.body]
         self._is_ball = np.isin(tables.kind, (DISC, SPHERE))
@@ -248,6 +249,7 @@ class RigidSearch:
             ValueError: arrays of another shape, or that are not finite.
         """
         position, rotation = self._tables.place(*self._checked(position, rotation))
+        turned = rotation
         self._wall_normal[self._walls] = _matrices(rotation[self._walls])[:, :, -1]
         rotation = _matrices(rotation[self._cornered])
         _turn(self._tables, self._cornered, rotation, self._corners)
@@ -273,7 +275,11 @@ class RigidSearch:
         ]
         contacts = collect(jobs, self._dim, self._expected)
         self._expected = len(contacts) + len(contacts) // 4 + 16
-        piece, *others = contacts
+        if not self._in_parts:
+            return contacts
+        from xper_fx.nscd.search.whole_clusters import on_the_whole
+
+        piece, *others = on_the_whole(contacts, tables, position, _matrices(turned))
         return Contacts(tables.body[piece], *others)
 
     def overlaps(
