@@ -4,9 +4,9 @@
 With the mass m_i, the centroid x_i and the inertia J_i about it (in the axes of the cluster) of
 part i, the parallel axis theorem (Huygens, Steiner) gives
 
-    m = sum m_i,   m x = sum m_i x_i,   J = sum J_i + m_i (|d_i|^2 I - d_i (x) d_i),   d_i = x_i - x,
+    m = sum m_i,   m x = sum m_i x_i,   J = sum J_i + m_i (|d_i|^2 I - d_i (x) d_i),
 
-in 2D with |d_i|^2 for the bracket. The sums count twice where parts overlap: parts that do are
+with d_i = x_i - x, in 2D with |d_i|^2 for the bracket. The sums count twice where parts overlap: parts that do are
 refused unless the mass properties are given.
 """
 

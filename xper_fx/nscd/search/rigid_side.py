@@ -101,7 +101,7 @@ class RigidSide:
         return self.position.copy(), self.turn.copy(), self.points.copy()
 
     def motion(self, old: tuple[np.ndarray, ...] | None, middle: np.ndarray) -> float:
-        """Largest displacement of a piece's points since `old`, against `middle`; walls left out."""
+        """Largest displacement of a piece since `old`, against `middle`; walls left out."""
         if len(self.solids) == 0:
             return 0.0
         shift = (self.position - old[0])[self.solids] - middle

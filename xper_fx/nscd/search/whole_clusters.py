@@ -12,8 +12,8 @@ Clarke, Ledyaev, Stern and Wolenski 1998, section 1.1):
 Otherwise the part's surface may still be that of the whole close by: at a reentrant corner, or at a
 seam between two faces of one plane. Of the part's faces that have a point with (1) no further than
 d from x, d > e, the one whose normal m is closest to n takes the contact, at the lowest point of
-the other body above it, unless that is lower by more than d. Where m is n this changes nothing. A contact without such a face, m . n > 0,
-is left out.
+the other body above it, unless that is lower by more than d. Where m is n this changes nothing. A
+contact without such a face, m . n > 0, is left out.
 """
 
 from __future__ import annotations
