@@ -6,8 +6,8 @@ part i, the parallel axis theorem (Huygens, Steiner) gives
 
     m = sum m_i,   m x = sum m_i x_i,   J = sum J_i + m_i (|d_i|^2 I - d_i (x) d_i),
 
-with d_i = x_i - x, in 2D with |d_i|^2 for the bracket. The sums count twice where parts overlap: parts that do are
-refused unless the mass properties are given.
+with d_i = x_i - x; in 2D the bracket is |d_i|^2. The sums count twice where parts overlap: such
+parts are refused unless the mass properties are given.
 """
 
 from __future__ import annotations
