@@ -402,9 +402,7 @@ def test_a_boot_tips_when_its_weight_leaves_the_foot(push, stands):
 
 def test_clusters_that_overlap_are_moved_apart():
     """Two crosses, an arm of each in one of the other: refused, or moved and turned apart."""
-    bodies = [
-        RigidBody(CROSS, place, "a", density=1.0) for place in ((0.0, 0.0), (1.199, 0.6))
-    ]
+    bodies = [RigidBody(CROSS, place, "a", density=1.0) for place in ((0.0, 0.0), (1.199, 0.6))]
     contact = Contact(("a", "a"), SignoriniCoulomb())
     with pytest.raises(ValueError, match="0 and 1 by 0.001 m"):
         Scene(rigid=bodies, contacts=[contact])

@@ -61,9 +61,7 @@ class ShapeTables(NamedTuple):
     edges: np.ndarray
     edge_faces: np.ndarray
 
-    def place(
-        self, position: np.ndarray, rotation: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def place(self, position: np.ndarray, rotation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Centres and rotations of the pieces from those of the bodies, which have their axes.
 
         Args:
