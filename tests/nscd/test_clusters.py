@@ -1,12 +1,16 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Bodies of several convex parts: their mass, their contacts, and how they move."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
+from scenes import box_bodies
 from scipy.spatial.transform import Rotation
 from search_cases import hull_gap
 
 from xper_fx.forms.loads import Gravity
+from xper_fx.materials import LinearElastic
 from xper_fx.nscd.laws import SignoriniCoulomb
 from xper_fx.nscd.rigid import (
     Cluster,
@@ -378,6 +382,31 @@ def test_a_block_slides_over_seams_without_friction(dim):
     assert state.position[1, 0] == pytest.approx(1.5, abs=1e-9)
     assert state.velocity[1] == pytest.approx(velocity, abs=1e-9)
     assert state.position[1, -1] == pytest.approx(arrays.position[1, -1], abs=1e-9)
+
+
+def test_a_meshed_block_slides_over_seams():
+    """It falls on a floor of one piece and of five, by little, and bounces on its springs."""
+    ends = [-1.0, 0.13, 0.57, 1.05, 1.22, 3.0]
+    parts = [rectangle(a, -1 - k % 2, b, -1e-7) for k, (a, b) in enumerate(pairwise(ends))]
+    rest = dict.fromkeys(range(3), 0.0)
+    moved = []
+    for floor in (rectangle(-1, -1, 3, -1e-7), Cluster(parts)):
+        scene = Scene(
+            box_bodies((1.0, 0.5), (4, 2), label=1),
+            {1: LinearElastic(young=1e6, poisson=0.3, density=1000.0)},
+            surfaces={"block": (1,)},
+            rigid=[RigidBody(floor, None, "floor", prescribed=rest)],
+            contacts=[Contact(("block", "floor"), SignoriniCoulomb())],
+            initial_velocity=lambda x: [1.0 + 0.0 * x[0], 0.0 * x[0]],
+            loads=[Gravity((0.0, -9.81))],
+        )
+        simulation = Simulation(scene, 4e-3, num_threads=1, tolerance=1e-8)
+        for _ in simulation.steps(0.4):
+            pass
+        assert sum(map(len, simulation.interactions.contacts)) > 4
+        moved.append(simulation.state.displacement.reshape(-1, 2).mean(axis=0))
+    assert moved[1][0] == pytest.approx(0.4, abs=1e-6)
+    assert moved[1] == pytest.approx(moved[0], abs=1e-6)
 
 
 @pytest.mark.parametrize(("push", "stands"), [(0.999, True), (1.001, False)])
