@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Bodies of several convex parts: their mass, their contacts, and how they move."""
 
-from itertools import pairwise
+from itertools import combinations, pairwise
 
 import numpy as np
 import pytest
@@ -26,6 +26,7 @@ from xper_fx.nscd.rigid import (
     body_outlines,
     wall,
 )
+from xper_fx.nscd.rigid.bodies import plane_rotations
 from xper_fx.nscd.rigid.motion import RigidMotion
 from xper_fx.nscd.search.rigid_search import RigidSearch
 from xper_fx.output.body_shapes import rigid_moments
@@ -122,8 +123,11 @@ def test_mass_of_a_dumbbell_and_of_parts_that_overlap():
     assert np.trace(rigid_moments(bodies, [whole], state).second[0]) == pytest.approx(given.inertia)
 
 
-@pytest.mark.parametrize("cluster", [BOOT, SPACE_CROSS])
-def test_what_is_drawn_and_measured_fills_the_cluster(cluster):
+@pytest.mark.parametrize(
+    ("cluster", "tips"),
+    [(BOOT, [(0, 0), (3, 0), (3, 1), (1, 3)]), (SPACE_CROSS, [(1, 0.2, 0.2), (-0.2, 1, 0.2)])],
+)
+def test_what_is_drawn_and_measured_fills_the_cluster(cluster, tips):
     """Triangles of the outline, and moments, of a body that has been turned and moved."""
     unit, dim = cluster.unit_properties, cluster.dim
     turn = {"angle": 0.7} if dim == 2 else {"rotation": Rotation.from_rotvec([0.3, 0.2, 0.4])}
@@ -132,6 +136,9 @@ def test_what_is_drawn_and_measured_fills_the_cluster(cluster):
     state = RigidMotion(bodies).state
     outline = body_outlines(bodies)
     corners = outline.positions(state.position, state.turn.rotation)[outline.cells]
+    r = turn["rotation"].as_matrix() if dim == 3 else plane_rotations(np.array([0.7]))[0]
+    for tip in (np.array(tips) - unit.centre) @ r.T + place:
+        assert np.linalg.norm(corners - tip, axis=2).min() < 1e-12
     assert not outline.body_of_point.any() and not outline.body_of_cell.any()
     if dim == 2:
         u, v = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
@@ -145,9 +152,12 @@ def test_what_is_drawn_and_measured_fills_the_cluster(cluster):
     moments = rigid_moments(bodies, [cluster], state)
     second = moments.second[0] - unit.mass * np.outer(place, place)
     if dim == 2:
-        assert np.trace(second) == pytest.approx(unit.inertia, rel=1e-13)
+        # of a square of 3 m without one of 2 m
+        along = 9 * (0.75 + 1.5**2) - 4 * (1 / 3 + 2.0**2) - 5 * 1.1**2
+        mixed = 9 * 1.5**2 - 4 * 2.0**2 - 5 * 1.1**2
+        exact = np.array([[along, mixed], [mixed, along]])
+        assert second == pytest.approx(r @ exact @ r.T, rel=1e-12)
     else:
-        r = bodies.rotation[0]
         assert np.trace(second) * np.eye(3) - second == pytest.approx(
             r @ unit.inertia @ r.T, abs=1e-12
         )
@@ -184,18 +194,33 @@ def test_bad_properties_are_refused(properties, kind):
 
 
 def random_cluster(rng, dim):
-    """Two or three parts in a row that touch, with sides of random lengths, and a ball."""
-    parts, end = [], 0.0
+    """Two or three boxes in a row that touch, beyond them a ball, and a box that is turned.
+
+    Returns the cluster and, of each part, corners (of a ball the centre) in its axes and the radius
+    of a ball.
+    """
+    parts, told, end = [], [], 0.0
     for _ in range(rng.integers(2, 4)):
-        size = rng.uniform(0.3, 1.0, dim)
-        shift = rng.uniform(-0.2, 0.2, dim)
-        shift[0] = end
-        low = shift - [0.0, *0.5 * size[1:]]
-        high = low + size
-        parts.append(rectangle(*low, *high) if dim == 2 else block(low, high))
-        end += size[0]
-    ball = Disc(0.2) if dim == 2 else Sphere(0.2)
-    return Cluster([*parts, Part(ball, (end + 0.2, *shift[1:]))])
+        size = rng.uniform(0.3, 0.8, dim)
+        low = rng.uniform(-0.2, 0.2, dim) - 0.5 * size
+        low[0], end = end, end + size[0]
+        parts.append((rectangle if dim == 2 else block)(*([*low, *low + size] if dim == 2 else
+                                                          (low, low + size))))  # fmt: skip
+        told.append((parts[-1].vertices, 0.0))
+    place = np.eye(dim)[0] * (end + 0.2)
+    parts.append(Part((Disc if dim == 2 else Sphere)(0.2), place))
+    told.append((place[None], 0.2))
+    place = place + 0.6 * np.eye(dim)[0]
+    if dim == 2:
+        angle, box = rng.uniform(0.0, 3.0), Polygon.box((0.5, 0.2))
+        parts.append(Part(box, place, angle=angle))
+        turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    else:
+        rotation, box = Rotation.from_rotvec(rng.normal(size=3)), Polyhedron.box((0.5, 0.3, 0.2))
+        parts.append(Part(box, place, rotation=rotation))
+        turn = rotation.as_matrix()
+    told.append((place + box.vertices @ turn.T, 0.0))
+    return Cluster(parts), told
 
 
 @pytest.mark.parametrize("dim", [2, 3])
@@ -204,32 +229,29 @@ def test_contacts_are_those_of_brute_force(dim):
     rng = np.random.default_rng(dim)
     side, reach = (6 if dim == 2 else 3), 2.0
     site = np.stack(np.meshgrid(*[np.arange(side)] * dim), -1).reshape(-1, dim)
-    bodies = []
-    for place in 3.2 * site + rng.uniform(-0.2, 0.2, site.shape):
-        turn = rng.normal(size=4)
-        turn = {"angle": turn[0]} if dim == 2 else {"rotation": turn}
-        bodies.append(RigidBody(random_cluster(rng, dim), place, "a", density=1.0, **turn))
-    arrays = RigidBodies(bodies)
-    tables = arrays.shapes
-    centre, turn = tables.place(arrays.position, arrays.rotation)
-    if dim == 2:
-        turn = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
-        turn = np.moveaxis(turn, -1, 0)
-    points = []
-    for piece, entry in enumerate(tables.entry):
-        local = tables.vertices[slice(*tables.vertex_offsets[[entry, entry + 1]])]
-        # a ball as a tiny solid about its centre
-        local = local if entry >= 0 else 1e-9 * np.vstack([np.eye(dim), -np.ones(dim)])
-        points.append(centre[piece] + local @ turn[piece].T)
+    bodies, parts = [], []
+    for place in 3.1 * site + rng.uniform(-0.2, 0.2, site.shape):
+        cluster, told = random_cluster(rng, dim)
+        if dim == 2:
+            turn = {"angle": rng.uniform(0.0, 6.0)}
+            c, s = np.cos(turn["angle"]), np.sin(turn["angle"])
+            matrix = np.array([[c, -s], [s, c]])
+        else:
+            turn = {"rotation": Rotation.from_rotvec(rng.normal(size=3))}
+            matrix = turn["rotation"].as_matrix()
+        bodies.append(RigidBody(cluster, place, "a", density=1.0, **turn))
+        for corners, radius in told:
+            x = place + (corners - cluster.unit_properties.centre) @ matrix.T
+            # a ball as a tiny solid about its centre
+            x = x if len(x) > 1 else x + 1e-9 * np.vstack([np.eye(dim), -np.ones(dim)])
+            parts.append((len(bodies) - 1, x, radius))
     gaps = {}
-    for i in range(len(points)):
-        for j in range(i + 1, len(points)):
-            a, b = tables.body[[i, j]].tolist()
-            apart = np.linalg.norm(centre[i] - centre[j]) - tables.bounding_radius[[i, j]].sum()
-            if a != b and apart < reach:
-                gap = hull_gap(points[i], points[j]) - tables.radius[[i, j]].sum()
-                gaps[a, b] = min(gap, gaps.get((a, b), np.inf))
+    for (a, p, r), (b, q, s) in combinations(parts, 2):
+        middle = np.linalg.norm(p.mean(axis=0) - q.mean(axis=0))
+        if a != b and middle < reach + 1.5:
+            gaps[a, b] = min(hull_gap(p, q) - r - s, gaps.get((a, b), np.inf))
     assert min(gaps.values()) > 0.0
+    arrays = RigidBodies(bodies)
     contacts = RigidSearch(arrays, [("a", "a")], reach).find(arrays.position, arrays.rotation)
     least = {}
     for (a, b), gap in zip(np.sort(contacts.body, axis=1).tolist(), contacts.gap, strict=True):
