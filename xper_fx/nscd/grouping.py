@@ -47,7 +47,7 @@ class Grouping:
     def __init__(self, laws: list[Law], inverse: BodyInverse, vertex: np.ndarray | None):
         self._laws, self._dim, self._vertex = laws, inverse.dim, vertex
         self._still = inverse.still()
-        self._block_of_node = inverse.block_of_node().astype(np.int32)
+        self._block_of_node = inverse.block_of_node
 
     def groups(
         self,

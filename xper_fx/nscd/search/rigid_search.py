@@ -252,7 +252,8 @@ class RigidSearch:
         turned = rotation
         self._wall_normal[self._walls] = _matrices(rotation[self._walls])[:, :, -1]
         rotation = _matrices(rotation[self._cornered])
-        _turn(self._tables, self._cornered, rotation, self._corners)
+        if len(self._cornered):
+            _turn(self._tables, self._cornered, rotation, self._corners)
         self._renew_if_needed(position, rotation)
         self.searches += 1
 
