@@ -3,7 +3,8 @@
 
 Moved apart by the contact problem itself, with displacements d in the place of velocities: with w
 the inverse of the masses, d = w H r, g + H^T d >= 0, r >= 0, r (g + H^T d) = 0 is the least motion,
-in the norm of the mass, that opens the gaps g. Gaps and normals change on the way, hence rounds.
+in the norm of the mass, that opens the gaps g. Gaps and normals change on the way, hence rounds;
+neighbours that do not overlap yet have their part in each, so that they are not pushed into.
 """
 
 from __future__ import annotations
@@ -25,8 +26,9 @@ from xper_fx.nscd.search.rigid_search import RigidSearch
 from xper_fx.nscd.solvers.nlgs import NonlinearGaussSeidel
 from xper_fx.nscd.solvers.solver import SolveOptions
 
-# Depth that counts as touching, relative to the smallest body.
-_TOUCHING = 1e-6
+# Depth that counts as touching, and gap up to which others are neighbours, relative to the smallest
+# body.
+_TOUCHING, _NEIGHBOURS = 1e-6, 0.1
 # Rounds after which bodies are too crowded, and sweeps of a round.
 _ROUNDS, _SWEEPS = 100, 1000
 # Overlaps that a message names.
@@ -47,7 +49,8 @@ def separate(bodies: RigidBodies, pairs: Sequence[tuple[str, str]], resolve: boo
     smallest = float(bodies.shapes.bounding_radius.min())
     if not np.isfinite(smallest):
         return
-    search = RigidSearch(bodies, pairs, _TOUCHING * smallest)
+    reach = (_NEIGHBOURS if resolve else _TOUCHING) * smallest
+    search = RigidSearch(bodies, pairs, reach)
     for _ in range(_ROUNDS if resolve else 1):
         overlaps = search.overlaps(bodies.position, bodies.rotation, _TOUCHING * smallest)
         if not overlaps:
