@@ -264,6 +264,23 @@ def test_contacts_are_those_of_brute_force(dim):
     assert np.all(contacts.body[:, 0] != contacts.body[:, 1])
 
 
+@pytest.mark.parametrize("parts", [1, 2])
+def test_a_disc_that_is_heavier_on_one_side(parts):
+    """It touches the ground under its middle, not under its centre of mass."""
+    disc = Part(Disc(0.5), (0.0, 0.0))
+    far = [Part(Disc(0.1), (2.0, 0.0))] if parts == 2 else []
+    loaded = Cluster([disc, *far], MassProperties(1.0, (0.3, 0.0), 0.1))
+    angle = 0.5 * np.pi + 0.2
+    contacts = found(
+        RigidBody(loaded, (1.0, 0.8), "a", mass=2.0, angle=angle), wall((0, 0), (0, 1), "b"),
+        reach=0.2,
+    )  # fmt: skip
+    middle = np.array([1.0, 0.8]) - 0.3 * np.array([np.cos(angle), np.sin(angle)])
+    assert contacts.body.tolist() == [[0, 1]]
+    assert contacts.gap == pytest.approx(middle[1] - 0.5, abs=1e-14)
+    assert contacts.point[0] == pytest.approx([middle[0], 0.5 * (middle[1] - 0.5)], abs=1e-14)
+
+
 def test_parts_of_one_body_do_not_touch():
     assert len(found(RigidBody(CROSS, (0.0, 0.0), "a", density=1.0))) == 0
 

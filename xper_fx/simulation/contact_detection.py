@@ -132,7 +132,7 @@ class Detection:
         if rigid is not None:
             shapes, speed = self._scene.rigid_bodies.shapes, rigid.state.velocity
             speed = np.linalg.norm(speed, axis=1)[shapes.body]
-            if len(speed) > len(rigid.bodies):
+            if shapes.offset.any():
                 spin = np.linalg.norm(rigid.state.turn.spin, axis=1)[shapes.body]
                 speed += spin * np.linalg.norm(shapes.offset, axis=1)
             if np.any(speed * step > shapes.bounding_radius):

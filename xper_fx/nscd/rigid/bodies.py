@@ -70,9 +70,9 @@ class ShapeTables(NamedTuple):
                 (num_bodies, 3, 3) (3D).
 
         Returns:
-            The same of the pieces; the given arrays where each body is one piece.
+            The same of the pieces; the given arrays where each body is one piece about its centre.
         """
-        if len(self.body) == len(position):
+        if not self.offset.any():
             return position, rotation
         own = rotation[self.body]
         turn = plane_rotations(own) if own.ndim == 1 else own
