@@ -110,6 +110,11 @@ class Model:
         self.detection = self._detection() if searched else None
         for law in (self.points if self.detection is None else self.detection).laws:
             require_kernels(law, scene.dim)
+        if any(law.kernels(scene.dim).rolling is not None for law in self.points.laws):
+            raise ValueError(
+                "Rolling resistance is of rigid discs and spheres, and a law of facets or walls of "
+                "meshed bodies, which have no spin, has it: give a law with rolling=0 there."
+            )
         self.monolithic = options.asks_for_one_system or self._calls_for_one_system(searched)
         self.scheme = self._scheme()
         with stopwatch.phase("interaction points"):

@@ -59,26 +59,37 @@ class SignoriniCoulomb:
         friction: Coulomb's mu >= 0; with 0 a point has no tangential component at all.
         restitution: Newton's e in [0, 1], dU_N+ = -e dU_N- (velocity level only).
         contact: "velocity" (impacts) or "position" (bonded lips); see the module docstring.
+        rolling: mu_r >= 0, of contacts of discs or spheres at the velocity level: the couple against
+            their relative spin is at most mu_r R r_N, R the effective radius (`rolling.py`).
 
     Raises:
-        ValueError: mu negative or not finite, e outside [0, 1], restitution at position level.
+        ValueError: a number negative or not finite, e outside [0, 1], restitution or rolling
+            resistance at position level, rolling resistance without friction.
     """
 
     friction: Any = 0.0
     restitution: Any = 0.0
     contact: str = "velocity"
+    rolling: Any = 0.0
 
     def __post_init__(self) -> None:
-        if take_parameters(self, non_negative=("friction", "restitution")):
+        if take_parameters(self, non_negative=("friction", "restitution", "rolling")):
             check_contact(self.contact, self.restitution)
+        if acts(self.rolling) and not (acts(self.friction) and self.contact == "velocity"):
+            raise ValueError(
+                f"Rolling resistance (rolling={self.rolling}) goes with friction at the velocity "
+                f'level: give friction > 0 and contact="velocity", got friction={self.friction}, '
+                f"contact={self.contact!r}."
+            )
 
     def kernels(self, dim: int) -> LawKernels:
         """See `Law`."""
-        return contact_kernels(dim, acts(self.friction), self.contact)
+        return contact_kernels(dim, acts(self.friction), self.contact, acts(self.rolling))
 
     def parameters(self) -> tuple:
-        """See `_parameters`."""
-        return _parameters(self.contact, self.restitution, self.friction, 0.0)
+        """See `_parameters`; then mu_r with rolling resistance."""
+        given = _parameters(self.contact, self.restitution, self.friction, 0.0)
+        return (*given, self.rolling) if acts(self.rolling) else given
 
     def initial_state(self) -> tuple[float, ...]:
         """See `_initial_state`."""
@@ -147,7 +158,9 @@ def check_contact(contact: str, restitution: Any) -> None:
 
 
 @cache
-def contact_kernels(dim: int, friction: bool, contact: str) -> LawKernels:
+def contact_kernels(
+    dim: int, friction: bool, contact: str, rolls: bool = False
+) -> LawKernels:
     """The kernels of unilateral contact, compiled for what the arguments call for."""
     components = dim if friction else 1
     algebra = for_dimension(dim, components)
@@ -160,6 +173,11 @@ def contact_kernels(dim: int, friction: bool, contact: str) -> LawKernels:
     # parameters: Newton's e with impact; mu and Tresca's bound with friction
     e, mu = 0, int(impact)
     tresca = mu + 1
+    rolling = None
+    if rolls:
+        from xper_fx.nscd.laws.rolling import rolling_kernels
+
+        rolling = rolling_kernels(dim, tresca + 1)
 
     @njit(**LEAN_INNER)
     def prepare(i, jump, velocity, w, area, step, theta, parameters, state, terms, details):
@@ -215,13 +233,17 @@ def contact_kernels(dim: int, friction: bool, contact: str) -> LawKernels:
         shift = terms[:, _SHIFT : _SHIFT + dim - 1]
         return CoulombPoints(terms[:, _V_MIN], shift, terms[:, _MU], terms[:, _BOUND], none)
 
+    name = "contact with friction" if friction else "frictionless contact"
     effects = [("unilateral contact", 1)]
     if impact:
         effects += [("impact", 2)]
     if friction:
         effects += [("friction", dim + 3)]
+    if rolls:
+        name += " and rolling resistance"
+        effects += [("rolling resistance", 1)]
     return LawKernels(
-        name="contact with friction" if friction else "frictionless contact",
+        name=name,
         effects=tuple(effects),
         components=components,
         prepare=prepare,
@@ -232,5 +254,6 @@ def contact_kernels(dim: int, friction: bool, contact: str) -> LawKernels:
         num_details=0,
         state_names=("pushed",) if impact else (),
         energies=("impact", "friction") if friction else ("impact",),
-        coulomb=coulomb,
+        coulomb=None if rolls else coulomb,
+        rolling=rolling,
     )
