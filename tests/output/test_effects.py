@@ -143,6 +143,7 @@ LAWS = (
     CohesiveCurve(([0.0, 1e-4, 1e-1], [0.0, 1e-3, 0.0]), friction=0.1),
     SignoriniCoulomb(),
     SignoriniCoulomb(0.3),
+    SignoriniCoulomb(0.3, rolling=0.1),
     SignoriniCoulomb(contact="position"),
     SignoriniCoulomb(0.3, contact="position"),
     Tresca(1e3),

@@ -9,6 +9,7 @@ from heaps import Heap, grains
 from solving import solve
 
 import xper_fx as xf
+from xper_fx.nscd.laws.rolling import rolling_kernels
 from xper_fx.nscd.solvers import AcceleratedSweeps, NewtonOnAllPoints, NonlinearGaussSeidel
 
 GRAVITY, RADIUS, STEP = 9.81, 0.1, 1e-3
@@ -76,11 +77,11 @@ def test_a_ball_on_a_slope_rests_rolls_or_slides(dim):
     def speeds(slope, friction, rolling):
         law = xf.laws.SignoriniCoulomb(friction, rolling=rolling)
         simulation = on_plane(dim, law, slope)
-        *_, _ = simulation.steps(50 * STEP)
+        *_, step = simulation.steps(50 * STEP)
+        assert step.sweeps <= 2  # from the impulses and the couple of the step before
         return motion(simulation)
 
     pull = 50 * STEP * GRAVITY * np.cos(np.arctan(0.3))
-    # beyond the 20 visits that a contact that neither rolls nor slides needs
     assert max(speeds(0.3, 0.31, 0.301)) < 1e-6
     # it rolls beyond mu_r
     np.testing.assert_allclose(
@@ -164,6 +165,28 @@ def test_solvers_agree_on_a_heap_and_obey_the_law(dim):
         assert np.abs(wanted - couple).max() < 1e-6 * push.max()
         assert np.count_nonzero(push) > 10
     assert max(np.abs(a - b).max() for a, b in pairwise(ends)) < 1e-7
+
+
+def test_a_point_between_bodies_of_unequal_moments_is_solved():
+    """A sphere on a polyhedron: the couple is the projection that its law asks for."""
+    rng, rolling = np.random.default_rng(4), 0.3
+    solve_point = rolling_kernels(3, 0).solve
+    none, slid = np.zeros((1, 0)), 0
+    for _ in range(40):
+        root = rng.normal(size=(3, 3))
+        W = root @ root.T
+        r, u, push = np.array([0.0, *rng.normal(size=2)]), rng.normal(size=3), rng.exponential()
+        packed = W[np.triu_indices(3)][None]
+        found, _ = solve_point(
+            0, tuple(u), tuple(r), packed, np.array([[rolling]]), none, np.array([[push]])
+        )
+        end = (u + W @ (np.array(found) - r))[1:]
+        wanted = np.array(found[1:]) - end
+        size = np.linalg.norm(wanted)
+        wanted *= min(1.0, rolling * push / size)
+        np.testing.assert_allclose(found, (0.0, *wanted), atol=1e-12)
+        slid += size > rolling * push
+    assert 10 < slid < 40
 
 
 def test_rolling_resistance_where_it_cannot_be_is_refused():
