@@ -11,6 +11,19 @@ one e for all points (v+ + e v-) / (1 + e) is then the projection of v- on the m
 them, and an impact without friction loses (1 - e) / (1 + e) of the kinetic energy of v+ - v-.
 Asking such a point for dU_N >= 0 would give it energy, a third of a bouncing stack's in one step.
 
+**Along the tangent** restitution may act too, e_T = e (Moreau 1988; Fremond 1995). Signorini and
+Coulomb then hold for the mean velocity V = (dU + e dU0) / (1 + e) as a whole: friction opposes V_T,
+and an impact that sticks ends with dU_T = -e dU0_T. With dU - dU0 = W r over all points the work of
+the impulses,
+
+    r . (theta dU + (1 - theta) dU0) = r . V - (1/(1 + e) - theta) r . W r,
+
+is never positive while theta <= 1 / (1 + e), for r . V <= 0 by the law, whatever the number of points
+and their coupling. With e_T != e no such form is known: r . D W r, D the diagonal of the two numbers
+(1 - e) / (1 + e), is of either sign where W couples normal and tangent. That holds for e_T = 0 beside
+e > 0 as well, the default: an impact that turns the slip round may gain energy (Kane and Levinson
+1985).
+
 It rests without bouncing, at a constant penetration of at most |dU0| h / 2. A point that pushed
 in the last step also counts as closed while its gap is below 1e-3 of what the speed it gave,
 W_NN r_N, covers in a step: else the rounding of a gap of zero would let it fall for a step.
@@ -42,7 +55,7 @@ from xper_fx.nscd.algebra.small import for_dimension
 from xper_fx.nscd.kernel_options import LEAN_INNER
 from xper_fx.nscd.laws.contact_solver import contact_solver
 from xper_fx.nscd.laws.law import CoulombPoints, LawKernels
-from xper_fx.nscd.laws.parameters import acts, refuse_where, take_parameters
+from xper_fx.nscd.laws.parameters import acts, is_field, refuse_where, take_parameters
 
 # Columns of terms; all but the first are there with friction alone.
 _V_MIN, _MU, _BOUND, _SHIFT = 0, 1, 2, 3
@@ -59,22 +72,28 @@ class SignoriniCoulomb:
         friction: Coulomb's mu >= 0; with 0 a point has no tangential component at all.
         restitution: Newton's e in [0, 1], dU_N+ = -e dU_N- (velocity level only).
         contact: "velocity" (impacts) or "position" (bonded lips); see the module docstring.
+        tangential_restitution: e_T, dU_T+ = -e_T dU_T- of an impact that sticks, 0 or equal to the
+            restitution.
         rolling: mu_r >= 0, of contacts of discs or spheres at the velocity level: the couple against
             their relative spin is at most mu_r R r_N, R the effective radius (`rolling.py`).
 
     Raises:
         ValueError: a number negative or not finite, e outside [0, 1], restitution or rolling
-            resistance at position level, rolling resistance without friction.
+            resistance at position level, rolling resistance without friction, two restitutions
+            that differ.
     """
 
     friction: Any = 0.0
     restitution: Any = 0.0
     contact: str = "velocity"
+    tangential_restitution: Any = 0.0
     rolling: Any = 0.0
 
     def __post_init__(self) -> None:
-        if take_parameters(self, non_negative=("friction", "restitution", "rolling")):
+        names = ("friction", "restitution", "tangential_restitution", "rolling")
+        if take_parameters(self, non_negative=names):
             check_contact(self.contact, self.restitution)
+        self._check_tangential_restitution()
         if acts(self.rolling) and not (acts(self.friction) and self.contact == "velocity"):
             raise ValueError(
                 f"Rolling resistance (rolling={self.rolling}) goes with friction at the velocity "
@@ -82,9 +101,32 @@ class SignoriniCoulomb:
                 f"contact={self.contact!r}."
             )
 
+    def _check_tangential_restitution(self) -> None:
+        e, along = self.restitution, self.tangential_restitution
+        if not acts(along):
+            return
+        if is_field(e) or is_field(along):
+            unequal = e is not along
+        else:
+            unequal = np.any(np.not_equal(e, along))
+        if unequal:
+            raise ValueError(
+                "tangential_restitution should be 0 or equal to restitution: with two that differ an "
+                "impact with friction may gain energy, with one the law on the mean velocity "
+                f"(dU+ + e dU-) / (1 + e) never does. Got {along} and {e}."
+            )
+        if not acts(self.friction):
+            raise ValueError(
+                f"tangential_restitution ({along}) needs friction: without it nothing acts along "
+                "the tangent. Give friction > 0."
+            )
+
     def kernels(self, dim: int) -> LawKernels:
         """See `Law`."""
-        return contact_kernels(dim, acts(self.friction), self.contact, acts(self.rolling))
+        return contact_kernels(
+            dim, acts(self.friction), self.contact, acts(self.tangential_restitution),
+            acts(self.rolling),
+        )  # fmt: skip
 
     def parameters(self) -> tuple:
         """See `_parameters`; then mu_r with rolling resistance."""
@@ -159,7 +201,11 @@ def check_contact(contact: str, restitution: Any) -> None:
 
 @cache
 def contact_kernels(
-    dim: int, friction: bool, contact: str, rolls: bool = False
+    dim: int,
+    friction: bool,
+    contact: str,
+    rebounds_along: bool = False,
+    rolls: bool = False,
 ) -> LawKernels:
     """The kernels of unilateral contact, compiled for what the arguments call for."""
     components = dim if friction else 1
@@ -191,6 +237,8 @@ def contact_kernels(
             terms[i, _MU] = parameters[i, mu]
             terms[i, _BOUND] = step * area * parameters[i, tresca]
             lag = 0.0 if impact else (1.0 - theta) / theta
+            if rebounds_along:
+                lag = parameters[i, e]
             for j in range(1, dim):
                 terms[i, _SHIFT + j - 1] = lag * velocity[j]
 
