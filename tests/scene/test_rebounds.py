@@ -128,3 +128,4 @@ def test_restitutions_that_differ_are_refused():
         xf.laws.SignoriniCoulomb(0.3, 1.5, tangential_restitution=1.5)
     with pytest.raises(ValueError, match="0 or equal to restitution"):
         xf.laws.SignoriniCoulomb(0.3, [0.2, 0.8], tangential_restitution=0.5)
+    xf.laws.SignoriniCoulomb(0.3, [0.2, 0.8], tangential_restitution=[0.2, 0.8])

@@ -55,7 +55,13 @@ from xper_fx.nscd.algebra.small import for_dimension
 from xper_fx.nscd.kernel_options import LEAN_INNER
 from xper_fx.nscd.laws.contact_solver import contact_solver
 from xper_fx.nscd.laws.law import CoulombPoints, LawKernels
-from xper_fx.nscd.laws.parameters import acts, is_field, refuse_where, take_parameters
+from xper_fx.nscd.laws.parameters import (
+    Values,
+    acts,
+    is_field,
+    refuse_where,
+    take_parameters,
+)
 
 # Columns of terms; all but the first are there with friction alone.
 _V_MIN, _MU, _BOUND, _SHIFT = 0, 1, 2, 3
@@ -105,11 +111,12 @@ class SignoriniCoulomb:
         e, along = self.restitution, self.tangential_restitution
         if not acts(along):
             return
+        e, along = (x.values if isinstance(x, Values) else x for x in (e, along))
         if is_field(e) or is_field(along):
-            unequal = e is not along
+            same = e == along
         else:
-            unequal = np.any(np.not_equal(e, along))
-        if unequal:
+            same = np.all(np.equal(e, along))
+        if not same:
             raise ValueError(
                 "tangential_restitution should be 0 or equal to restitution: with two that differ an "
                 "impact with friction may gain energy, with one the law on the mean velocity "
