@@ -57,8 +57,7 @@ class Interactions(SteppedPoints):
             points.
         anchors: of bodies that interactions alone hold, None if there are none; the bulk renews
             them before each solve.
-        groups: all points by law, permanent ones before those of contacts found, and rolling
-            points last.
+        groups: all points by law: permanent ones, contacts found, their rolling points.
         renewals: how often contacts were found anew.
         exchanges: how often w of meshed bodies was exchanged for another.
 
@@ -412,9 +411,8 @@ class Interactions(SteppedPoints):
                 g.couplings.frame[:] = g.points.frame[:, : g.couplings.frame.shape[1]]
         self.committed_step = saved["committed_step"]
         self.step_size, self.theta = saved["step_size"], saved["theta"]
-        self._found.history = ContactHistory.restored(
-            saved.get("contacts", {}), self._kernels_of_contacts(), self.dim
-        )
+        kernels, contacts = self._kernels_of_contacts(), saved.get("contacts", {})
+        self._found.history = ContactHistory.restored(contacts, kernels, self.dim)
 
     def _kernels_of_contacts(self) -> list[LawKernels]:
         """Kernels of each law, then those of its rolling points, None where it has none."""

@@ -131,7 +131,7 @@ def _check_rolling(
         balls.append(bool(np.all(rigid_bodies.shapes.radius[own] > 0.0)))
     if not any(balls):
         raise ValueError(
-            f"Rolling resistance needs discs or spheres on one side, and both groups of the contact "
+            "Rolling resistance needs discs or spheres on one side, and both groups of the contact "
             f"{contact.between} have other bodies, which resist by their corners: give a law with "
             "rolling=0, or put the round bodies into a group of their own."
         )

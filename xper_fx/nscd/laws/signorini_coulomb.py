@@ -18,11 +18,11 @@ the impulses,
 
     r . (theta dU + (1 - theta) dU0) = r . V - (1/(1 + e) - theta) r . W r,
 
-is never positive while theta <= 1 / (1 + e), for r . V <= 0 by the law, whatever the number of points
-and their coupling. With e_T != e no such form is known: r . D W r, D the diagonal of the two numbers
-(1 - e) / (1 + e), is of either sign where W couples normal and tangent. That holds for e_T = 0 beside
-e > 0 as well, the default: an impact that turns the slip round may gain energy (Kane and Levinson
-1985).
+is never positive while theta <= 1 / (1 + e), for r . V <= 0 by the law, whatever the number of
+points and their coupling. With e_T != e no such form is known: r . D W r, D the diagonal of the
+two numbers (1 - e) / (1 + e), is of either sign where W couples normal and tangent. That holds for
+e_T = 0 beside e > 0 as well, the default: an impact that turns the slip round may gain energy
+(Kane and Levinson 1985).
 
 It rests without bouncing, at a constant penetration of at most |dU0| h / 2. A point that pushed
 in the last step also counts as closed while its gap is below 1e-3 of what the speed it gave,
@@ -80,8 +80,9 @@ class SignoriniCoulomb:
         contact: "velocity" (impacts) or "position" (bonded lips); see the module docstring.
         tangential_restitution: e_T, dU_T+ = -e_T dU_T- of an impact that sticks, 0 or equal to the
             restitution.
-        rolling: mu_r >= 0, of contacts of discs or spheres at the velocity level: the couple against
-            their relative spin is at most mu_r R r_N, R the effective radius (`rolling.py`).
+        rolling: mu_r >= 0, of contacts of discs or spheres at the velocity level: the couple
+            against their relative spin is at most mu_r R r_N, R the effective radius
+            (`rolling.py`).
 
     Raises:
         ValueError: a number negative or not finite, e outside [0, 1], restitution or rolling
@@ -118,8 +119,8 @@ class SignoriniCoulomb:
             same = np.all(np.equal(e, along))
         if not same:
             raise ValueError(
-                "tangential_restitution should be 0 or equal to restitution: with two that differ an "
-                "impact with friction may gain energy, with one the law on the mean velocity "
+                "tangential_restitution should be 0 or equal to restitution: with two that differ "
+                "an impact with friction may gain energy, with one the law on the mean velocity "
                 f"(dU+ + e dU-) / (1 + e) never does. Got {along} and {e}."
             )
         if not acts(self.friction):

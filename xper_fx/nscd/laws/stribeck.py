@@ -6,25 +6,26 @@ A closed point that slips at the speed v = |dU_T| carries
     |r_T| = mu(v) r_N + eta h A v,    mu(v) = mu_d + (mu_s - mu_d) exp(-v / v_c),
 
 against its slip, and at most mu_s r_N where it sticks (Stribeck 1902 measured the curve; the
-exponential is that of Bo and Pavelescu 1982). eta is the drag of a lubricating film while the point
-is closed, in Pa s/m; of discs and spheres, whose contacts have the area 1, in N s/m. Where drag alone
-would open the point, r_N = 0 and the drag is the part of it that keeps dU_N where it is.
+exponential is that of Bo and Pavelescu 1982). eta is the drag of a lubricating film while the
+point is closed, in Pa s/m; of discs and spheres, whose contacts have the area 1, in N s/m. Where
+drag alone would open the point, r_N = 0 and the drag is the part of it that keeps dU_N where it
+is.
 
-**A step** looks at the end velocity, at position level at the mean slip (`signorini_coulomb.py`). For
-a trial speed v the point's problem is Coulomb's with the friction mu(v) and the bound eta h A v; let
-T(v) be the slip that it finds. Speeds of slip are the roots of G(v) = T(v) - v. G falls, and there is
-one state, stick or slip, if
+**A step** looks at the end velocity, at position level at the mean slip (`signorini_coulomb.py`).
+For a trial speed v the point's problem is Coulomb's with the friction mu(v) and the bound eta h A
+v; let T(v) be the slip that it finds. Speeds of slip are the roots of G(v) = T(v) - v. G falls,
+and there is one state, stick or slip, if
 
     (mu_s - mu_d) r_N W_TT < v_c,    that is    h < v_c / ((mu_s - mu_d) N W_TT)
 
 for a pressing force N = r_N / h; W_TT of a mass m on a wall is 1/m if it does not turn, 3/m of a
-disc, 7/(2 m) of a sphere. Beyond it a point may have three states: it sticks, slips at the largest root, or
-slips at an unstable one in between. The state taken is that to which relaxation from the speed at the
-start of the step would lead: a point at rest sticks as long as it can, one that slips faster than the
-unstable root goes on slipping.
+disc, 7/(2 m) of a sphere. Beyond it a point may have three states: it sticks, slips at the largest
+root, or slips at an unstable one in between. The state taken is that to which relaxation from the
+speed at the start of the step would lead: a point at rest sticks as long as it can, one that slips
+faster than the unstable root goes on slipping.
 
-Without coupling of normal and tangent G is concave, so that secants from above its largest root fall
-to it and pass over no other; a bracket keeps them where it is not.
+Without coupling of normal and tangent G is concave, so that secants from above its largest root
+fall to it and pass over no other; a bracket keeps them where it is not.
 """
 
 from __future__ import annotations
