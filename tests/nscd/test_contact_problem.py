@@ -130,7 +130,7 @@ def test_local_solvers_that_cannot_be_are_refused():
     friction, rolling = xf.laws.SignoriniCoulomb(0.5), xf.laws.SignoriniCoulomb(0.5, rolling=0.1)
     with pytest.raises(ValueError, match='"explicit" wants diagonal blocks'):
         after(pile_of_blocks(friction), 1, solver=AssembledContacts(local_solver="explicit"))
-    with pytest.raises(ValueError, match="should be one of auto, explicit, graph, bipotential, lcp"):
+    with pytest.raises(ValueError, match="should be one of auto, explicit, graph, bipotential"):
         after(pile_of_blocks(friction), 1, solver=AssembledContacts(local_solver="exact"))
     with pytest.raises(UnsuitableSolverError, match="rolling resistance"):
         after(discs_in_a_corner(rolling), 1, solver=AssembledContacts(local_solver="graph"))
