@@ -125,6 +125,8 @@ def test_restitutions_that_differ_are_refused():
     for along, e in ((0.5, 0.0), (0.5, 0.6)):
         with pytest.raises(ValueError, match="0 or equal to restitution"):
             xf.laws.SignoriniCoulomb(0.3, e, tangential_restitution=along)
+    with pytest.raises(ValueError, match="exclude each other"):
+        xf.laws.SignoriniCoulomb(0.3, 0.5, tangential_restitution=0.5, rolling=0.1)
     with pytest.raises(ValueError, match="needs friction"):
         xf.laws.SignoriniCoulomb(0.0, 0.5, tangential_restitution=0.5)
     with pytest.raises(ValueError, match="lie in"):

@@ -123,6 +123,11 @@ class SignoriniCoulomb:
                 "an impact with friction may gain energy, with one the law on the mean velocity "
                 f"(dU+ + e dU-) / (1 + e) never does. Got {along} and {e}."
             )
+        if acts(self.rolling):
+            raise ValueError(
+                "tangential_restitution and rolling exclude each other: the couple acts on the spin at "
+                "the end of an impact, not on its mean, and the impact may gain energy."
+            )
         if not acts(self.friction):
             raise ValueError(
                 f"tangential_restitution ({along}) needs friction: without it nothing acts along "
