@@ -125,8 +125,8 @@ class SignoriniCoulomb:
             )
         if acts(self.rolling):
             raise ValueError(
-                "tangential_restitution and rolling exclude each other: the couple acts on the spin at "
-                "the end of an impact, not on its mean, and the impact may gain energy."
+                "tangential_restitution and rolling exclude each other: the couple acts on the "
+                "spin at the end of an impact, not on its mean, and the impact may gain energy."
             )
         if not acts(self.friction):
             raise ValueError(
