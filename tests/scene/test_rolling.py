@@ -78,6 +78,12 @@ def test_a_ball_on_a_slope_rests_rolls_or_slides(dim):
         simulation = on_plane(dim, law, slope)
         *_, step = simulation.steps(50 * STEP)
         assert step.sweeps <= 2  # from the impulses and the couple of the step before
+        if slope < min(friction, rolling):
+            found = xf.output.find_contact_forces(simulation)
+            arm = found.position[0] - simulation.rigid.state.position[0]
+            padded = [np.pad(x, (0, 3 - dim)) for x in (arm, found.force[0])]
+            moment = np.cross(*padded)[2 if dim == 2 else 0 :]
+            np.testing.assert_allclose(found.couple[0], -moment, atol=1e-6 * np.abs(moment).max())
         return motion(simulation)
 
     pull = 50 * STEP * GRAVITY * np.cos(np.arctan(0.3))

@@ -300,9 +300,9 @@ class Interactions(SteppedPoints):
         start = self._slots(bulk_velocity, self._rigid_start)
         opened = step * (1.0 - theta)
         self._found.renew(found, self._grouping, self.inverse, halo, start, opened)
-        self.groups = self._permanent + self.contacts + self._found.rolling
+        self.groups = self._permanent + self.contacts + self.rolling
         self.renewals += 1
-        self._take_inverse(self.contacts + self._found.rolling)
+        self._take_inverse(self.contacts + self.rolling)
 
     @property
     def contacts(self) -> list[PointGroup]:
@@ -320,7 +320,7 @@ class Interactions(SteppedPoints):
             kept = np.flatnonzero(~np.isin(group.indices, indices))
             if len(kept) < len(group):
                 self._permanent[number] = self._grouping.subset(self.inverse, group, kept)
-        self.groups = self._permanent + self.contacts + self._found.rolling
+        self.groups = self._permanent + self.contacts + self.rolling
         self._find_uneven()
         self.renewals += 1
 
