@@ -155,7 +155,6 @@ def report(result: dict[str, Any], options: argparse.Namespace) -> dict[str, flo
     return found
 
 
-
 def draw(result: dict[str, Any], out: Path) -> None:
     """The pieces, a colour each; the distribution of their sizes; energies."""
     pieces = result["pieces"]

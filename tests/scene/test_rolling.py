@@ -10,6 +10,7 @@ from solving import solve
 
 import xper_fx as xf
 from xper_fx.nscd.laws.rolling import rolling_kernels
+from xper_fx.nscd.rigid.bodies import RigidBodies
 from xper_fx.nscd.solvers import AcceleratedSweeps, NewtonOnAllPoints, NonlinearGaussSeidel
 
 GRAVITY, RADIUS, STEP = 9.81, 0.1, 1e-3
@@ -194,6 +195,15 @@ def test_a_point_between_bodies_of_unequal_moments_is_solved():
     assert 10 < slid < 40
 
 
+def test_radii_of_balls_are_those_of_bodies():
+    parts = [xf.rigid.Part(xf.rigid.Disc(0.5), (place, 0.5)) for place in (0.5, 1.5)]
+    eccentric = xf.rigid.Cluster([xf.rigid.Polygon.box((1.0, 1.0)), parts[1]])
+    shapes = [xf.rigid.Cluster(parts), xf.rigid.Disc(0.2), eccentric, xf.rigid.Disc(0.3)]
+    bodies = [xf.RigidBody(s, (9.0 * i, 0.0), "a", density=1.0) for i, s in enumerate(shapes)]
+    found = RigidBodies(bodies).shapes.ball_radius
+    np.testing.assert_array_equal(found, [0.0, 0.2, 0.0, 0.3])
+
+
 def test_rolling_resistance_where_it_cannot_be_is_refused():
     law = xf.laws.SignoriniCoulomb(0.3, rolling=0.1)
     with pytest.raises(ValueError, match="goes with friction at the velocity level"):
@@ -203,10 +213,12 @@ def test_rolling_resistance_where_it_cannot_be_is_refused():
     with pytest.raises(ValueError, match="rolling should be a finite number, zero or above"):
         xf.laws.SignoriniCoulomb(0.3, rolling=-0.1)
     square = xf.rigid.Polygon([(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)])
-    block = xf.RigidBody(square, None, "blocks", density=1.0)
+    discs = [xf.rigid.Part(xf.rigid.Disc(0.5), (place, 0.5)) for place in (0.5, 1.5)]
     ground = xf.rigid.wall((0.0, 0.0), (0.0, 1.0), "ground")
-    with pytest.raises(ValueError, match="needs discs or spheres on one side"):
-        xf.Scene(rigid=[block, ground], contacts=[xf.Contact(("blocks", "ground"), law)])
+    for shape, place in ((square, None), (xf.rigid.Cluster(discs), (1.0, 0.5))):
+        block = xf.RigidBody(shape, place, "blocks", density=1.0)
+        with pytest.raises(ValueError, match="needs discs or spheres on one side"):
+            xf.Scene(rigid=[block, ground], contacts=[xf.Contact(("blocks", "ground"), law)])
     mesh = xf.crossed_rectangle((0.0, 0.0), (1.0, 1.0), (1, 1))
     elastic = {1: xf.materials.LinearElastic(young=1.0, poisson=0.3, density=1.0)}
     with pytest.raises(ValueError, match="facets have no spin"):

@@ -128,10 +128,10 @@ def _check_rolling(
                 "a law with rolling=0."
             )
         own = rigid_bodies.group_of == rigid_bodies.groups.index(name)
-        balls.append(bool(np.all(rigid_bodies.shapes.radius[own] > 0.0)))
+        balls.append(bool(np.all(rigid_bodies.shapes.ball_radius[own] > 0.0)))
     if not any(balls):
         raise ValueError(
             "Rolling resistance needs discs or spheres on one side, and both groups of the contact "
-            f"{contact.between} have other bodies, which resist by their corners: give a law with "
+            f"{contact.between} have other bodies, which resist by their shape: give a law with "
             "rolling=0, or put the round bodies into a group of their own."
         )
