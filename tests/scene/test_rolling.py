@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from heaps import Heap, grains
+from heaps import Heap, box, grains
 from solving import solve
 
 import xper_fx as xf
@@ -171,6 +171,20 @@ def test_solvers_agree_on_a_heap_and_obey_the_law(dim):
         assert np.abs(wanted - couple).max() < 1e-6 * push.max()
         assert np.count_nonzero(push) > 10
     assert max(np.abs(a - b).max() for a, b in pairwise(ends)) < 1e-7
+
+
+@BOTH
+def test_visits_by_turns_contract_as_derived(dim):
+    """A ball at a wall that neither slides nor rolls: 2/3 a sweep for discs, 5/7 for spheres."""
+    place = (*(0.5,) * (dim - 1), RADIUS)
+    law = xf.laws.SignoriniCoulomb(0.9, rolling=0.9)
+    free = ball(dim, RADIUS, place, np.zeros(dim), None, "grains")
+    heap = Heap([free, *box(1.0, 0.0, dim)], law=law)
+    heap.search()
+    velocity = heap.free_velocity()
+    velocity[0] += 1e-3
+    report = solve(heap.layer, velocity, tolerance=1e-13, max_sweeps=12, num_threads=1)
+    assert report.contraction == pytest.approx({2: 2.0 / 3.0, 3: 5.0 / 7.0}[dim], rel=1e-9)
 
 
 def test_a_point_between_bodies_of_unequal_moments_is_solved():
