@@ -101,6 +101,7 @@ def discs_in_a_corner(law):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dim", [2, 3])
 def test_every_local_solver_gives_the_same_motion(dim, monkeypatch):
     results, own = [], xf.FrictionProblem.solve

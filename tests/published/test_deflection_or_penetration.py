@@ -13,6 +13,7 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 import deflection_or_penetration as crack  # noqa: E402
 
 
+@pytest.mark.slow
 def test_the_ratio_of_energies_tends_to_the_published_one():
     sizes = np.array([300.0, 1200.0, 4800.0])
     ratios = [crack.ratio_of_rates(size, 3, around=2, growth=1.8) for size in sizes]
