@@ -194,6 +194,13 @@ GALLERY = (
         "minutes",
     ),
     Figures(
+        "benchmarks/deflection_or_penetration.py",
+        "--figure {out}/deflection_or_penetration.png",
+        {"deflection_or_penetration": "deflection_or_penetration.png"},
+        ("A crack at an interface: ratio of energies, and where cracks with bonds turn",),
+        "long",
+    ),
+    Figures(
         "benchmarks/crack_speed.py",
         "--figure {out}/crack_speed.png",
         {"crack_speed": "crack_speed.png"},

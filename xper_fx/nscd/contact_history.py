@@ -82,13 +82,13 @@ class ContactHistory:
             records.setdefault((kernels[law], sides), []).append(record)
         self._records = {kind: _merged(parts) for kind, parts in records.items()}
 
-    def saved(self, law_of: Mapping[LawKernels, int]) -> dict[str, dict[str, Rows]]:
-        """All records as `Rows` by key, by law, nodes a side, whether with lever arms."""
+    def saved(self, kernels: Sequence[LawKernels]) -> dict[str, dict[str, Rows]]:
+        """All records as `Rows` by key, by number among kernels, nodes a side, with lever arms."""
         return {
-            f"{law_of[kernels]} {sides.k} {int(sides.lever_arms)}": {
+            f"{kernels.index(law)} {sides.k} {int(sides.lever_arms)}": {
                 name: Rows(record.keys, values) for name, values in record._asdict().items()
             }
-            for (kernels, sides), record in self._records.items()
+            for (law, sides), record in self._records.items()
         }
 
     @classmethod

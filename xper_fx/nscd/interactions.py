@@ -15,7 +15,7 @@ from xper_fx.nscd.found_contacts import FoundContacts, FoundPoints
 from xper_fx.nscd.grouping import Grouping
 from xper_fx.nscd.halo_protocol import ContactHalo, PointHalo, Reductions
 from xper_fx.nscd.inverse_blocks import BodyInverse
-from xper_fx.nscd.laws.law import Law
+from xper_fx.nscd.laws.law import Law, LawKernels
 from xper_fx.nscd.ordering import vertex_of_points
 from xper_fx.nscd.own_compliance import update_compliance
 from xper_fx.nscd.point_group import PointGroup
@@ -57,7 +57,7 @@ class Interactions(SteppedPoints):
             points.
         anchors: of bodies that interactions alone hold, None if there are none; the bulk renews
             them before each solve.
-        groups: all points by law, permanent ones before those of contacts found.
+        groups: all points by law: permanent ones, contacts found, their rolling points.
         renewals: how often contacts were found anew.
         exchanges: how often w of meshed bodies was exchanged for another.
 
@@ -206,8 +206,9 @@ class Interactions(SteppedPoints):
                   for g in self.groups]  # fmt: skip
         stiffness = sum(float(np.sum(t[t > 0.0] ** -2.0)) for t in traces)
         mass = sum(float(np.sum(1.0 / t[t > 0.0])) for t in traces)
-        others = sum(not g.sides.lever_arms or g.kernels.evolve is not None for g in self.groups)
-        counts = (stiffness, mass, len(self.groups), others)
+        points = self._permanent + self.contacts
+        others = sum(not g.sides.lever_arms or g.kernels.evolve is not None for g in points)
+        counts = (stiffness, mass, len(points), others)
         stiffness, self._mass, groups, others = self.total(np.array(counts, float)).tolist()
         self._stiffness = math.sqrt(stiffness)
         self._all_of_rigid = groups > 0 and others == 0
@@ -299,9 +300,9 @@ class Interactions(SteppedPoints):
         start = self._slots(bulk_velocity, self._rigid_start)
         opened = step * (1.0 - theta)
         self._found.renew(found, self._grouping, self.inverse, halo, start, opened)
-        self.groups = self._permanent + self.contacts
+        self.groups = self._permanent + self.contacts + self.rolling
         self.renewals += 1
-        self._take_inverse(self.contacts)
+        self._take_inverse(self.contacts + self.rolling)
 
     @property
     def contacts(self) -> list[PointGroup]:
@@ -319,7 +320,7 @@ class Interactions(SteppedPoints):
             kept = np.flatnonzero(~np.isin(group.indices, indices))
             if len(kept) < len(group):
                 self._permanent[number] = self._grouping.subset(self.inverse, group, kept)
-        self.groups = self._permanent + self.contacts
+        self.groups = self._permanent + self.contacts + self.rolling
         self._find_uneven()
         self.renewals += 1
 
@@ -388,8 +389,7 @@ class Interactions(SteppedPoints):
         if self._found.history is not None:
             if self.halo is not None:
                 self.share_history(self.halo.ranks)
-            law_of = {kernel: law for law, kernel in reversed(list(enumerate(kernels)))}
-            saved["contacts"] = self._found.history.saved(law_of)
+            saved["contacts"] = self._found.history.saved(self._kernels_of_contacts())
         return saved
 
     def restore(self, saved: Mapping) -> None:
@@ -411,8 +411,13 @@ class Interactions(SteppedPoints):
                 g.couplings.frame[:] = g.points.frame[:, : g.couplings.frame.shape[1]]
         self.committed_step = saved["committed_step"]
         self.step_size, self.theta = saved["step_size"], saved["theta"]
-        kernels = [law.kernels(self.dim) for law in self.laws]
-        self._found.history = ContactHistory.restored(saved.get("contacts", {}), kernels, self.dim)
+        kernels, contacts = self._kernels_of_contacts(), saved.get("contacts", {})
+        self._found.history = ContactHistory.restored(contacts, kernels, self.dim)
+
+    def _kernels_of_contacts(self) -> list[LawKernels]:
+        """Kernels of each law, then those of its rolling points, None where it has none."""
+        own = [law.kernels(self.dim) for law in self.laws]
+        return own + [kernels.rolling for kernels in own]
 
     def _numbers(self) -> np.ndarray:
         """Numbers of this rank's permanent points in the scene's order, shape (num_points,)."""
@@ -424,4 +429,4 @@ class Interactions(SteppedPoints):
         All ranks call it together.
         """
         if self._found.history is not None:
-            self._found.history.share(ranks, [law.kernels(self.dim) for law in self.laws])
+            self._found.history.share(ranks, self._kernels_of_contacts())

@@ -159,6 +159,7 @@ EFFECTS = (
     _of_laws("unilateral contact"),
     _of_laws("impact"),
     _of_laws("friction"),
+    _of_laws("rolling resistance"),
     _of_laws("perfect bond"),
     Effect("fields", lambda s: any(map(fields_of, s.model.points.laws))),
     Effect(
