@@ -207,7 +207,9 @@ def handles(process: int, number: int) -> bool:
 
 if __name__ == "__main__":
     where = Path(sys.argv[1])
-    signal.signal(signal.SIGHUP, signal.SIG_DFL)  # `nohup` ignores it
+    # `nohup` ignores the first, a shell the second for what it starts in the background
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     run(where / "whole")
     complete = start(where / "whole", restart=True)
     result = {
