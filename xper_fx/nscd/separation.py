@@ -52,6 +52,11 @@ class Separation:
         self._radius = bodies.shapes.bounding_radius
         self._search = RigidSearch(bodies, pairs, _REACH * float(self._radius.min()))
 
+    @property
+    def nbytes(self) -> int:
+        """Memory of the lists of pairs, in bytes."""
+        return self._search.nbytes
+
     def find(self, position: np.ndarray, rotation: np.ndarray) -> Contacts:
         """The contacts that bodies have, or may come to have as they move apart.
 

@@ -7,6 +7,7 @@ They are moved apart by the least motion (`nscd/separation.py`), in rounds.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -14,7 +15,9 @@ from scipy.spatial.transform import Rotation
 from xper_fx.nscd.rigid.bodies import RigidBodies
 from xper_fx.nscd.rigid.motion import RigidMotion
 from xper_fx.nscd.search.rigid_search import RigidSearch
-from xper_fx.nscd.separation import Separation
+
+if TYPE_CHECKING:
+    from xper_fx.nscd.separation import Separation
 
 # Depth that counts as touching, relative to the smallest body.
 _TOUCHING = 1e-6
@@ -39,7 +42,11 @@ def separate(bodies: RigidBodies, pairs: Sequence[tuple[str, str]], resolve: boo
     if not np.isfinite(smallest):
         return
     search = RigidSearch(bodies, pairs, _TOUCHING * smallest)
-    separation = Separation(bodies, pairs) if resolve else None
+    separation = None
+    if resolve:
+        from xper_fx.nscd.separation import Separation
+
+        separation = Separation(bodies, pairs)
     for _ in range(_ROUNDS if resolve else 1):
         overlaps = search.overlaps(bodies.position, bodies.rotation, _TOUCHING * smallest)
         if not overlaps:

@@ -55,6 +55,11 @@ class Healing:
         self.depth = _DEEP * float(rigid.bodies.shapes.bounding_radius.min())
         self.count = 0
 
+    @property
+    def nbytes(self) -> int:
+        """Memory of the lists of pairs that may overlap, in bytes."""
+        return 0 if self._separation is None else self._separation.nbytes
+
     def heal(self, interactions: Interactions, step: float, time: float) -> tuple[float, float]:
         """Move bodies apart after a step, if they are too deep in each other.
 
