@@ -395,6 +395,8 @@ class Simulation(Restartable):
                 if self.interactions is None
                 else self.interactions.commit(outcome.slots, not self.options.inertia)
             )
+            if work is not None:
+                energies = energies._replace(damped=energies.damped - work.from_scheme)
             self.ledger.record(outcome, size, energies, work)
         self._require_finite(not_finite_columns(self.ledger.as_columns()), size)
         if work is not None and not self.options.inertia and self.path is None:
