@@ -10,8 +10,8 @@ I being the sum of all impulses of the step: external, internal, viscous, reacti
 The macroscopic gradient of a periodic cell has no mass; its work is the mean of |Omega| Pibar at
 both ends of the step times its increment.
 
-At contacts the last term belongs to what they lose: their impulses p take -(v0 + v1) . p / 2 from
-the kinetic energy, whatever theta is (`StepWork.from_scheme`). What is left to the scheme,
+In impacts the last term belongs to contacts: their impulses p take -(v0 + v1) . p / 2 from the
+kinetic energy, whatever theta is (`SteppedPoints.from_scheme`). What is left to the scheme,
 (theta - 1/2) dv . (I - p), is of first order in the step: positive in free fall, zero at rest,
 negative in an impact, -(theta - 1/2) h f . dv with f the load, as the fall before was ahead by as
 much; from drop to rest they cancel.

@@ -396,7 +396,8 @@ class Simulation(Restartable):
                 else self.interactions.commit(outcome.slots, not self.options.inertia)
             )
             if work is not None:
-                energies = energies._replace(damped=energies.damped - work.from_scheme)
+                damped = energies.damped - self.interactions.from_scheme
+                energies = energies._replace(damped=damped)
             self.ledger.record(outcome, size, energies, work)
         self._require_finite(not_finite_columns(self.ledger.as_columns()), size)
         if work is not None and not self.options.inertia and self.path is None:
