@@ -34,7 +34,7 @@ from xper_fx.nscd.search.rigid_search import RigidSearch
 from xper_fx.nscd.solvers.nlgs import NonlinearGaussSeidel
 from xper_fx.nscd.solvers.solver import SolveOptions
 
-# Reach of the search, as a share of the smallest body.
+# Reach of the search, as a share of the smallest body or part.
 _REACH = 0.2
 # What may be missing of the motion, relative to it, and sweeps.
 _OPTIONS = SolveOptions(tolerance=1e-3, max_sweeps=1000, num_threads=1)
@@ -49,8 +49,9 @@ class Separation:
     """
 
     def __init__(self, bodies: RigidBodies, pairs: Sequence[tuple[str, str]]):
-        self._radius = bodies.shapes.bounding_radius
-        self._search = RigidSearch(bodies, pairs, _REACH * float(self._radius.min()))
+        self._radius = bodies.bounding_radius
+        smallest = float(bodies.shapes.bounding_radius.min())
+        self._search = RigidSearch(bodies, pairs, _REACH * smallest)
 
     @property
     def nbytes(self) -> int:

@@ -31,7 +31,7 @@ from xper_fx.nscd.rigid.motion import RigidMotion
 from xper_fx.nscd.search.contact_pairs import Contacts
 from xper_fx.nscd.separation import Separation
 
-# Depth that is left alone, as a share of the smallest body.
+# Depth that is left alone, as a share of the smallest body or part.
 _DEEP = 1e-3
 # Steps in which a contact that parts by itself has opened.
 _SOON = 100
@@ -105,7 +105,7 @@ class Healing:
         return speed[:, 0] - speed[:, 1]
 
     def _is_held(self, contacts: Contacts) -> np.ndarray:
-        """Whether contacts are of bodies that touch, over others, one whose motion is prescribed."""
+        """Whether contacts are of bodies that touch, through others, one that is prescribed."""
         prescribed = self._rigid.bodies.is_prescribed.any(axis=1)
         candidate, antagonist = contacts.body[contacts.gap <= self.depth].T
         size = len(prescribed)

@@ -373,7 +373,7 @@ class Model:
             )
 
     def _healing(self) -> Healing | None:
-        """What takes overlaps back in a scene of rigid bodies alone, whose contacts store nothing."""
+        """What takes overlaps back between rigid bodies alone, whose contacts store nothing."""
         if not self.options.healing or self.scene.bodies is not None or self.detection is None:
             return None
         if not self.scene.rigid_bodies.is_prescribed.any():  # nothing holds them
