@@ -75,7 +75,8 @@ def heap(args: argparse.Namespace) -> None:
         axes.semilogy(t, mean, "--", color=colour, label=f"mean, {name}")
     axes.set_xlabel("time (s)")
     axes.set_ylabel("overlap / largest radius")
-    axes.legend(frameon=False, loc="center right")
+    axes.set_ylim(2e-4, 1.0)
+    axes.legend(frameon=False, loc="upper center", ncols=2)
     figure.savefig(args.figure, dpi=150)
 
 

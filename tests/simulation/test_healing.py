@@ -130,6 +130,27 @@ def test_the_least_motion(dim):
     assert missing < 1e-9 * np.linalg.norm(asked)
 
 
+def test_a_crowd_of_a_thousand_grains_is_moved_apart():
+    """Discs as deep in each other as a deposit that fell for a second: apart in a few rounds."""
+    random = np.random.default_rng(3)
+    places = [(x + 0.5 * (y % 2), 0.87 * y) for y in range(32) for x in range(32)]
+    grains = [
+        RigidBody(Disc(0.5 * random.uniform(0.85, 1.05)), place, "grains", density=1.0)
+        for place in places
+    ]
+    sides = [((0.0, -0.45), (0.0, 1.0)), ((-0.5, 0.0), (1.0, 0.0)), ((32.0, 0.0), (-1.0, 0.0))]
+    rigid = [*grains, *(wall(point, normal, "box") for point, normal in sides)]
+    contacts = [Contact(("grains", group), SignoriniCoulomb()) for group in ("grains", "box")]
+    with pytest.raises(ValueError, match="overlap at the start"):
+        Scene(rigid=rigid, contacts=contacts)
+    moved = Scene(rigid=rigid, contacts=contacts, resolve_overlaps=True).rigid_bodies.position[:-3]
+    assert np.linalg.norm(moved - places, axis=1).max() < 2.0
+    radius = np.array([grain.shape.radius for grain in grains])
+    distance = np.linalg.norm(moved[:, None] - moved, axis=2) + 9.0 * np.eye(len(moved))
+    assert (distance - radius[:, None] - radius).min() > -1e-6
+    assert (moved[:, 1] + 0.45 - radius).min() > -1e-6
+
+
 def test_a_cloud_that_nothing_holds_is_left_alone():
     """Discs that collide in flight above a floor: the same bits as without healing."""
     random, states = np.random.default_rng(2), []
