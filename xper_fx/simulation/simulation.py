@@ -417,9 +417,7 @@ class Simulation(Restartable):
                 self.rigid.commit()
         if self.model.healing is not None:
             with self.stopwatch.phase("healing"):
-                healed = self.model.healing.heal(
-                    self.interactions, size, outcome.state.time
-                )
+                healed = self.model.healing.heal(self.interactions, size, outcome.state.time)
                 self.ledger.heal(*healed)
         self._before, self.state = self.state, outcome.state
         self.last, self._last_size = outcome, size
