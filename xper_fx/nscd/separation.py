@@ -7,13 +7,13 @@ the inverse of the masses, H the normals of the contacts and g what is left of t
     d = w H r,   0 <= r _|_ g + H^T d >= 0
 
 are the conditions of min d . M d / 2 under g + H^T d >= 0 (the projection of positions of Acary
-2013). It has no friction: with that of the contacts a heap of discs took twice the motion and did
-not come to rest. Opposite r along one line make no force: the sum of m d is zero, and the centre of
-mass of bodies that nothing holds stays where it is.
+2013). It has no friction: with that of its contacts, 0.3, a heap of 900 discs moved on for 2.4 s,
+without for 1.2 s. Opposite r along one line add up to no force: the sum of m d is zero, and the
+centre of mass of bodies that nothing holds stays where it is.
 
-Gaps and normals change on the way, and bodies meet others. A body moves by half of the reach of
-the search at most, all of d being made smaller alike: gaps lie then between what they were and what
-they should be, and bodies that were not seen as neighbours do not come to overlap.
+Gaps and normals change on the way, and bodies meet others. A body therefore moves by half of the
+reach of the search at most: all of d is made smaller alike. Gaps are then between what they were
+and what they should be, and no bodies come to overlap that the search has not seen.
 """
 
 from __future__ import annotations

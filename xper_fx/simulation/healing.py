@@ -1,21 +1,21 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 r"""Overlaps of rigid bodies are taken back after a step.
 
-Contacts at the velocity level stop bodies, and leave them where they overlap then: by at most v h
-after an impact at the speed v, and by what the tolerance of the solver adds step by step. Where a
-contact is deeper than `_DEEP` of the smallest body, bodies are moved by the least motion d that
+Contacts at the velocity level stop bodies where they are, and they may overlap there: by at most
+v h after an impact at the speed v, and by what the tolerance of the solver adds step by step. Where
+a contact is deeper than `_DEEP` of the smallest body, bodies are moved by the least motion d that
 leaves half of that (`nscd/separation.py`; Acary 2013). Contacts stay closed, and bear in the next
-step what they bore. A heap at rest is moved once in a hundred steps.
+step what they bore. A heap at rest is moved about once in a hundred steps.
 
-Velocities stay, spins in the axes of their bodies, and with both the kinetic energy. The loads f
-work by f . d, against them where bodies are lifted: `healing`, -f . d, is the energy that bodies
-were given, as weight gave it away where they sank into each other. A speed in place of the motion
-(Baumgarte 1972), which opens a gap in a step, would stay: an overlap of 1 mm at a step of 1e-3 s
-is shot apart at 1 m/s.
+Velocities stay, spins in the axes of their bodies, and so does the kinetic energy. The loads f do
+the work f . d, negative where they pull bodies down that are lifted. The ledger has -f . d as
+`healing`: energy that bodies are given back, which they lost to impacts as they sank too far. A
+speed in place of the motion (Baumgarte 1972), which opens a gap in a step, would stay: an overlap
+of 1 mm at a step of 1e-3 s would be shot apart at 1 m/s.
 
-Two kinds of contacts are not opened, nor let to become deeper: those that part by themselves, as
-after a rebound, which would else gain height; and those of bodies that nothing holds, whose angular
-momentum d x m v would change. Such bodies keep theirs to rounding.
+Two kinds of contacts are not opened, and do not become deeper. Those that part by themselves, as
+after a rebound, would gain height. Those of bodies that nothing holds would change the angular
+momentum, by the sum of d x m v; such bodies keep theirs to rounding.
 """
 
 from __future__ import annotations
