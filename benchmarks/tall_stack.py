@@ -28,7 +28,7 @@ from xper_fx.simulation.simulation import Simulation
 
 
 def tower(
-    dim: int, count: int, step: float, tolerance: float, contact: str, solver: str = "auto"
+    dim: int, count: int, step: float, tolerance: float, contact: str, **options
 ) -> Simulation:
     """Blocks with sides of 1 m on the ground, 1000 kg/m^3, friction 0.5."""
     shape = Polygon.box((1.0,) * 2) if dim == 2 else Polyhedron.box((1.0,) * 3)
@@ -41,7 +41,7 @@ def tower(
         loads=[Gravity((*flat, -9.81))],
     )
     theta = 1.0 if contact == "position" else 0.5
-    return Simulation(scene, step, theta=theta, tolerance=tolerance, num_threads=1, solver=solver)
+    return Simulation(scene, step, theta=theta, tolerance=tolerance, num_threads=1, **options)
 
 
 def main(options: list[str] | None = None) -> None:
@@ -57,7 +57,9 @@ def main(options: list[str] | None = None) -> None:
     add("--end", type=float, default=10.0, help="s")
     add("--quiet", action="store_true", help="no progress bar")
     args = parser.parse_args(options)
-    simulation = tower(args.dim, args.blocks, args.step, args.tolerance, args.contact, args.solver)
+    simulation = tower(
+        args.dim, args.blocks, args.step, args.tolerance, args.contact, solver=args.solver
+    )
     start, last, sweeps = simulation.rigid.state.position.copy(), time.process_time(), 0
     count = round(args.end / args.step)
     look = max(1, count // 10)

@@ -185,6 +185,13 @@ GALLERY = (
         "minutes",
     ),
     Figures(
+        "benchmarks/healing.py",
+        "heap --figure {out}/healing.png",
+        {"healing": "healing.png"},
+        ("Overlaps of discs that fall into a box, with and without healing",),
+        "seconds",
+    ),
+    Figures(
         "benchmarks/hertz.py",
         "--figure {out}/hertz.png",
         {"hertz": "hertz.png"},

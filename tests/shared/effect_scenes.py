@@ -269,6 +269,22 @@ def rolled():
     return _meeting(rigid=[disc, floor], contacts=contacts)
 
 
+def sunk():
+    """A disc that is thrown into the ground, by a fifth of its radius in a step."""
+    from xper_fx.nscd.laws import SignoriniCoulomb
+    from xper_fx.nscd.rigid import Disc, RigidBody, wall
+    from xper_fx.scene.contact import Contact
+    from xper_fx.scene.scene import Scene
+    from xper_fx.simulation.simulation import Simulation
+
+    rigid = [
+        wall((0.0, 0.0), (0.0, 1.0), "ground"),
+        RigidBody(Disc(0.5), (0.0, 0.55), "disc", density=1.0, velocity=(0.0, -2.0)),
+    ]
+    scene = Scene(rigid=rigid, contacts=[Contact(("disc", "ground"), SignoriniCoulomb())])
+    return Simulation(scene, 0.1, num_threads=1, solver="nlgs")
+
+
 def split():
     """Two crossed squares whose cells are one mesh until bonds let go."""
     from xper_fx.nscd.laws import RigidCohesiveZone
@@ -383,6 +399,9 @@ SCENES = {
     rolled: {
         *_POINTS, "unilateral contact", "impact", "contact search", "rigid bodies", "friction",
         "rolling resistance",
+    },
+    sunk: {
+        "interactions", "unilateral contact", "impact", "contact search", "rigid bodies", "healing",
     },
     split: {
         *_POINTS, "unilateral contact", "cohesion", "damage", "impact", "explicit bulk",
@@ -557,7 +576,11 @@ def observe(name: str, removed: list[str]) -> dict:
     from xper_fx.output.effects import effects_of
 
     state, ledger = simulation.state, simulation.ledger.as_columns()
-    digest = hashlib.sha256(state.displacement.tobytes() + state.velocity.tobytes())
+    moved, velocity = state.displacement, state.velocity
+    if not moved.size:
+        rigid = simulation.rigid.state
+        moved, velocity = rigid.position - simulation.rigid.start.position, rigid.velocity
+    digest = hashlib.sha256(moved.tobytes() + velocity.tobytes())
     digest.update(json.dumps(ledger).encode())
     return {
         "effects": {row.name: row._asdict() for row in effects_of(simulation)},
@@ -567,7 +590,7 @@ def observe(name: str, removed: list[str]) -> dict:
         "costs": costs[1:],
         "held": _held(simulation),
         "digest": digest.hexdigest(),
-        "displacement": float(abs(state.displacement).max()),
+        "displacement": float(abs(moved).max()),
     }
 
 

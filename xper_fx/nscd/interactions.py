@@ -111,7 +111,7 @@ class Interactions(SteppedPoints):
         inverse = self.inverse = self._joined(inverse)
         self.committed_step = 0.0
         self.step_size, self.theta = 0.0, 0.5
-        self.too_far = 0.0
+        self.too_far = self.from_scheme = 0.0
         self.anchors: Anchors | None = None
         nodal = np.zeros((inverse.num_slots, self.dim))
         if initial_velocity is not None:

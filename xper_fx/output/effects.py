@@ -151,6 +151,12 @@ EFFECTS = (
         lambda s: s.detection.nbytes,
         ("contact search",),
     ),
+    Effect(
+        "healing",
+        lambda s: s.model.healing is not None,
+        lambda s: s.model.healing.nbytes,
+        ("healing",),
+    ),
     Effect("walls", lambda s: len(s.scene.walls) > 0),
     _of_laws("cohesion"),
     _of_laws("damage"),

@@ -46,7 +46,7 @@ HISTORY_COLUMNS: tuple[str, ...] = (
 closure error in J (J/m in 2D); ``sweeps`` and ``residual`` are those of the interaction solver.
 Effects that a scene calls for add columns: dissipated_plastic; dissipated_viscous_bonds; shadow of
 an explicit bulk; F11... and P11... of a cell; contacts, coordination and overlap (m) of rigid
-bodies."""
+bodies, and healing, what they were given where overlaps were taken back."""
 
 
 class History:

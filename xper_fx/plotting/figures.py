@@ -80,6 +80,7 @@ _ENERGY_TERMS = {
     "elastic": ("elastic", "#0072B2"),
     "cohesive": ("cohesive, stored", "#009E73"),
     "shadow": ("shadow of central differences", "#332288"),
+    "healing": ("given by healing", "#117733"),
     "dissipated_cohesion": ("dissipated by cracking", "#D55E00"),
     "dissipated_friction": ("dissipated by friction", "#E69F00"),
     "dissipated_impact": ("dissipated by impacts", "#CC79A7"),
@@ -89,7 +90,7 @@ _ENERGY_TERMS = {
     "dissipated_numerical": ("dissipated by the scheme", "#777777"),
 }
 # Terms that a history has if the run calls for them.
-_OF_SOME_RUNS = ("dissipated_plastic", "dissipated_viscous_bonds", "shadow")
+_OF_SOME_RUNS = ("dissipated_plastic", "dissipated_viscous_bonds", "shadow", "healing")
 
 # Letters in a line of a note below a figure.
 _NOTE_WIDTH = 120

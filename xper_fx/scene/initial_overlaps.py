@@ -1,36 +1,28 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Rigid bodies that overlap at the start: reported, or moved apart on request.
 
-Moved apart by the contact problem itself, with displacements d in the place of velocities: with w
-the inverse of the masses, d = w H r, g + H^T d >= 0, r >= 0, r (g + H^T d) = 0 is the least motion,
-in the norm of the mass, that opens the gaps g. Gaps and normals change on the way, hence rounds;
-neighbours that do not overlap yet have their part in each, so that they are not pushed into.
+They are moved apart by the least motion (`nscd/separation.py`), in rounds.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from xper_fx.nscd.facets import no_points
-from xper_fx.nscd.found_contacts import FoundPoints
-from xper_fx.nscd.interactions import Interactions
-from xper_fx.nscd.inverse_blocks import BodyInverse
-from xper_fx.nscd.laws import SignoriniCoulomb
-from xper_fx.nscd.points import InteractionPoints, frame_from_normal
 from xper_fx.nscd.rigid.bodies import RigidBodies
 from xper_fx.nscd.rigid.motion import RigidMotion
 from xper_fx.nscd.search.rigid_search import RigidSearch
-from xper_fx.nscd.solvers.nlgs import NonlinearGaussSeidel
-from xper_fx.nscd.solvers.solver import SolveOptions
 
-# Depth that counts as touching, and gap up to which others are neighbours, relative to the smallest
-# body.
-_TOUCHING, _NEIGHBOURS = 1e-6, 0.1
-# Rounds after which bodies are too crowded, and sweeps of a round.
-_ROUNDS, _SWEEPS = 100, 1000
+if TYPE_CHECKING:
+    from xper_fx.nscd.separation import Separation
+
+# Depth that counts as touching, relative to the smallest body.
+_TOUCHING = 1e-6
+# Rounds after which bodies are too crowded.
+_ROUNDS = 100
 # Overlaps that a message names.
 _NAMED = 10
 
@@ -49,14 +41,18 @@ def separate(bodies: RigidBodies, pairs: Sequence[tuple[str, str]], resolve: boo
     smallest = float(bodies.shapes.bounding_radius.min())
     if not np.isfinite(smallest):
         return
-    reach = (_NEIGHBOURS if resolve else _TOUCHING) * smallest
-    search = RigidSearch(bodies, pairs, reach)
+    search = RigidSearch(bodies, pairs, _TOUCHING * smallest)
+    separation = None
+    if resolve:
+        from xper_fx.nscd.separation import Separation
+
+        separation = Separation(bodies, pairs)
     for _ in range(_ROUNDS if resolve else 1):
         overlaps = search.overlaps(bodies.position, bodies.rotation, _TOUCHING * smallest)
         if not overlaps:
             return
-        if resolve:
-            _move_apart(bodies, search)
+        if separation is not None:
+            _move_apart(bodies, separation)
     _refuse_twins(bodies, overlaps)
     deepest = sorted(overlaps, key=lambda overlap: -overlap[2])[:_NAMED]
     named = "; ".join(f"{i} and {j} by {depth:.3g} m" for i, j, depth in deepest)
@@ -94,32 +90,13 @@ def _refuse_twins(bodies: RigidBodies, overlaps: Sequence[tuple[int, int, float]
             )
 
 
-def _move_apart(bodies: RigidBodies, search: RigidSearch) -> None:
+def _move_apart(bodies: RigidBodies, separation: Separation) -> None:
     """One round."""
-    dim, count = bodies.dim, len(bodies)
-    contacts = search.find(bodies.position, bodies.rotation)
-    prediction = RigidMotion(bodies)
-    prediction.predict(1.0, 1.0, 0.0)
-    rest = np.zeros((2 * count, dim))
-    layer = Interactions(
-        no_points(dim), [SignoriniCoulomb(contact="position")], np.zeros(0, int),
-        BodyInverse.from_uniform(np.zeros((0, dim, dim)), dim), rigid_blocks=prediction.blocks,
-    )  # fmt: skip
-    layer.take_rigid(rest, rest)
-    sides = np.ones(contacts.nodes.shape)
-    points = InteractionPoints(
-        (2 * contacts.body[:, :, None]).astype(np.int32), sides, frame_from_normal(contacts.normal),
-        contacts.area, contacts.gap, contacts.point[:, None] - bodies.position[contacts.body],
-    )  # fmt: skip
-    found = FoundPoints(points, np.zeros(len(points), int), contacts.key)
-    layer.find_contacts([found], np.zeros((0, dim)), 1.0, 1.0)
-    layer.begin_step(1.0, 1.0)
-    moved = layer.free_velocities(np.zeros((0, dim)))
-    options = SolveOptions(tolerance=1e-3, max_sweeps=_SWEEPS)
-    NonlinearGaussSeidel().solve(layer, moved, options)
-    moved = layer.rigid_part(moved).reshape(count, 2, dim)
+    contacts = separation.find(bodies.position, bodies.rotation)
+    blocks = RigidMotion(bodies).blocks
+    moved = separation.motion(contacts, contacts.gap, bodies.position, blocks)
     bodies.position += moved[:, 0]
-    if dim == 2:
+    if bodies.dim == 2:
         bodies.rotation += moved[:, 1, 0]
     else:
         turn = Rotation.from_rotvec(moved[:, 1]).as_matrix()

@@ -10,6 +10,12 @@ I being the sum of all impulses of the step: external, internal, viscous, reacti
 The macroscopic gradient of a periodic cell has no mass; its work is the mean of |Omega| Pibar at
 both ends of the step times its increment.
 
+In impacts the last term belongs to contacts: their impulses p take -(v0 + v1) . p / 2 from the
+kinetic energy, whatever theta is (`SteppedPoints.from_scheme`). What is left to the scheme,
+(theta - 1/2) dv . (I - p), is of first order in the step: positive in free fall, zero at rest,
+negative in an impact, -(theta - 1/2) h f . dv with f the load, as the fall before was ahead by as
+much; from drop to rest they cancel.
+
 So the ledger closes to rounding for a linear bulk, whatever breaks; `dissipated_numerical` holds
 what theta > 1/2 damps. An explicit bulk holds `shadow` beside the physical energies, and conserves
 the sum (`bulk/explicit.py`). For other materials (f0 + f1)/2 . dq is the stored energy's increment
@@ -43,6 +49,7 @@ class Energies:
         external_work: work of loads and of prescribed motions.
         kinetic, elastic, cohesive: energies held.
         shadow: what the energy that an explicit bulk conserves has beside these.
+        healing: total that bodies were given where overlaps were taken back (`healing.py`).
         dissipated_cohesion, dissipated_friction, dissipated_impact, dissipated_plastic,
         dissipated_viscous, dissipated_viscous_bonds, dissipated_numerical: totals lost.
     """
@@ -52,6 +59,7 @@ class Energies:
     elastic: float = 0.0
     cohesive: float = 0.0
     shadow: float = 0.0
+    healing: float = 0.0
     dissipated_cohesion: float = 0.0
     dissipated_friction: float = 0.0
     dissipated_impact: float = 0.0
@@ -63,7 +71,7 @@ class Energies:
     @property
     def held_and_lost(self) -> float:
         """Sum of what is held and what was lost."""
-        return sum(vars(self).values()) - self.external_work
+        return sum(vars(self).values()) - self.external_work - self.healing
 
 
 class BulkEnergies(NamedTuple):
@@ -101,6 +109,7 @@ class EnergyLedger:
         rigid: motion of the rigid bodies, None without any.
         explicit: whether the bulk is explicit.
         viscous_bonds: whether laws have viscous work.
+        heals: whether overlaps are taken back.
     """
 
     def __init__(
@@ -111,9 +120,11 @@ class EnergyLedger:
         rigid: RigidMotion | None,
         explicit: bool,
         viscous_bonds: bool,
+        heals: bool,
     ):
         self._bulk, self._theta, self._explicit = bulk, theta, explicit
         self._static, self._viscous_bonds = bulk.inertia is None, viscous_bonds
+        self._heals = heals
         self.energies = Energies(
             kinetic=bulk.kinetic_energy(state.velocity) + (rigid.kinetic if rigid else 0.0),
             elastic=bulk.elastic_energy(state.displacement, state.internal),
@@ -123,8 +134,9 @@ class EnergyLedger:
 
     @property
     def closure(self) -> float:
-        """External work minus what it became (J; 2D: J/m); zero for an exact balance."""
-        return self.energies.external_work - (self.energies.held_and_lost - self._at_start)
+        """External work and healing less what they became (J; 2D: J/m); zero if balanced."""
+        given = self.energies.external_work + self.energies.healing
+        return given - (self.energies.held_and_lost - self._at_start)
 
     def bulk_energies(
         self,
@@ -212,6 +224,18 @@ class EnergyLedger:
             e.dissipated_viscous_bonds += work.viscous
             e.dissipated_numerical += work.numerical
 
+    def heal(self, work: float, gained: float) -> None:
+        """Enter that overlaps were taken back after a step.
+
+        Args:
+            work: of the loads on the way (J; 2D: J/m).
+            gained: by the kinetic energy (J; 2D: J/m).
+        """
+        e = self.energies
+        e.external_work += work
+        e.kinetic += gained
+        e.healing += gained - work
+
     def _take_shadow(self, start: float, end: float, step: float) -> None:
         """Hold what the scheme conserves beside the physical energies.
 
@@ -238,6 +262,8 @@ class EnergyLedger:
             del columns["dissipated_viscous_bonds"]
         if not self._explicit:
             del columns["shadow"]
+        if not self._heals:
+            del columns["healing"]
         return columns
 
     def saved(self) -> dict[str, float]:

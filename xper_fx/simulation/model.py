@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from xper_fx.parallel.rigid_partition import RigidDivision
     from xper_fx.simulation.accuracy_control import AccuracyControl
     from xper_fx.simulation.contact_detection import Detection
+    from xper_fx.simulation.healing import Healing
     from xper_fx.simulation.turned_bonds import BondTurns
 
 logger = logging.getLogger(__name__)
@@ -75,6 +76,7 @@ class Model:
         monolithic: whether bulk and interactions are solved in one system.
         scheme: of the bulk in time.
         interactions: all points, None if the scene has none.
+        healing: of the overlaps of rigid bodies, None where they are left.
         bond_turns: by how much bonds have turned that should not; None where they may.
         slot_nodes: nodes, among the unknowns, in the order of the points' slots, before those of
             rigid bodies.
@@ -120,12 +122,13 @@ class Model:
         self.scheme = self._scheme()
         with stopwatch.phase("interaction points"):
             self.interactions = self._interactions()
+        self.healing = self._healing()
         self.bond_turns = self._bond_turns()
         self._require_bonds_for_path()
         self._account()
         self.ledger = EnergyLedger(
             self.bulk, self.start, self.scheme.theta, self.rigid, options.scheme == "explicit",
-            self._has_viscous_bonds,
+            self._has_viscous_bonds, self.healing is not None,
         )  # fmt: skip
         if wrong := not_finite_columns(self.ledger.as_columns()):
             raise ValueError(
@@ -368,6 +371,18 @@ class Model:
                 f"span gaps of up to {np.abs(apart).max():g} m: move the wall or the bodies "
                 "together, or take a contact law."
             )
+
+    def _healing(self) -> Healing | None:
+        """What takes overlaps back between rigid bodies alone, whose contacts store nothing."""
+        if not self.options.healing or self.scene.bodies is not None or self.detection is None:
+            return None
+        if not self.scene.rigid_bodies.is_prescribed.any():  # nothing holds them
+            return None
+        if any("stored" in law.kernels(self.scene.dim).energies for law in self.detection.laws):
+            return None
+        from xper_fx.simulation.healing import Healing
+
+        return Healing(self.rigid, [c.between for c in self.scene.contacts if c.law is not None])
 
     def _bond_turns(self) -> BondTurns | None:
         """How far bonds have turned, where their frames do not turn with them."""

@@ -37,7 +37,7 @@ class Options:
         requested: step, tolerances and accuracy.
         scheme: "implicit" or "explicit".
         scheme_is_picked: whether the user left it open.
-        theta, max_newton, max_halvings, forgiving, inertia, solver: as given.
+        theta, max_newton, max_halvings, forgiving, inertia, healing, solver: as given.
         solve: of the interactions, with the first tolerance.
         path: control of the load of a static run, None where its time is given.
     """
@@ -52,6 +52,7 @@ class Options:
     max_halvings: int
     forgiving: bool
     inertia: bool
+    healing: bool
     path: GrowthControl | None
 
     @property
@@ -79,6 +80,7 @@ class Options:
         max_halvings: int,
         forgiving: bool,
         inertia: bool,
+        healing: bool,
         path: GrowthControl | None,
     ) -> Options:
         """Options of which the scene can be run.
@@ -106,6 +108,7 @@ class Options:
             max_halvings,
             forgiving,
             inertia,
+            healing,
             path,
         )
         options._check_ranges()
@@ -116,6 +119,7 @@ class Options:
     def _check_ranges(self) -> None:
         theta = require_number("theta", self.theta)
         require_flag("inertia", self.inertia)
+        require_flag("healing", self.healing)
         require_flag("forgiving", self.forgiving)
         if self.scheme not in ("implicit", "explicit"):
             raise ValueError(f'scheme should be "implicit" or "explicit", got {self.scheme!r}.')

@@ -84,6 +84,8 @@ class Simulation(Restartable):
         inertia: False for a static run (theta = 1): bodies without mass, which motions, a
             periodic cell's ties or interactions with bodies that are held must hold, as nothing
             regularises the stiffness.
+        healing: whether overlaps that impacts leave are taken back in scenes of rigid bodies alone
+            (`healing.py`); False leaves them.
         path: how the load of a static run is found, `GrowthControl()`; None where the step tells.
         num_threads: threads of the interaction solver; all that Numba has if not given.
         comm: ranks that simulate the scene together, each with the same scene. They divide the
@@ -129,6 +131,7 @@ class Simulation(Restartable):
         max_halvings: int = 6,
         forgiving: bool = False,
         inertia: bool = True,
+        healing: bool = True,
         path: GrowthControl | None = None,
         num_threads: int | None = None,
         comm: MPI.Comm = MPI.COMM_WORLD,
@@ -139,7 +142,7 @@ class Simulation(Restartable):
             scene, requested, scheme=scheme, theta=theta, solver=solver,
             solve=SolveOptions(requested.tolerance, max_sweeps, relaxation, num_threads),
             max_newton=max_newton, max_halvings=max_halvings, forgiving=forgiving,
-            inertia=inertia, path=path,
+            inertia=inertia, healing=healing, path=path,
         )  # fmt: skip
         self.scene, self.team = scene, Ranks(comm)
         self.stopwatch = Stopwatch()
@@ -392,6 +395,9 @@ class Simulation(Restartable):
                 if self.interactions is None
                 else self.interactions.commit(outcome.slots, not self.options.inertia)
             )
+            if work is not None:
+                damped = energies.damped - self.interactions.from_scheme
+                energies = energies._replace(damped=damped)
             self.ledger.record(outcome, size, energies, work)
         self._require_finite(not_finite_columns(self.ledger.as_columns()), size)
         if work is not None and not self.options.inertia and self.path is None:
@@ -409,6 +415,10 @@ class Simulation(Restartable):
             self.bulk.commit(outcome.state.displacement, outcome.state.internal)
             if self.rigid is not None:
                 self.rigid.commit()
+        if self.model.healing is not None:
+            with self.stopwatch.phase("healing"):
+                healed = self.model.healing.heal(self.interactions, size, outcome.state.time)
+                self.ledger.heal(*healed)
         self._before, self.state = self.state, outcome.state
         self.last, self._last_size = outcome, size
         self._rigid_reactions = attempts.rigid_reactions

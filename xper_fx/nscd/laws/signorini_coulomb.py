@@ -28,9 +28,9 @@ It rests without bouncing, at a constant penetration of at most |dU0| h / 2. A p
 in the last step also counts as closed while its gap is below 1e-3 of what the speed it gave,
 W_NN r_N, covers in a step: else the rounding of a gap of zero would let it fall for a step.
 
-A point that arrives dissipates if theta <= 1 / (1 + e), beyond which a load makes it gain. Below,
-one that was leaving (dU0_N > 0) and is pressed back, or whose slip a force turns round in the step,
-gains at most (1 - theta) (r_N dU0_N + |r_T| |dU0_T|), of the order of the step.
+A point that arrives loses r_N (1 - e) |dU0_N| / 2, whatever theta is (`stepped_points.py`). One
+that was leaving (dU0_N > 0) and is pressed back gains at most r_N dU0_N / 2, and one whose slip a
+force turns round in the step (1 - theta) |r_T| |dU0_T|, of the order of the step.
 
 Position level, right for lips that were bonded: jump1_N >= 0 at the end of the step, that is
 dU_N >= -jump_h,N / (h theta), and friction acts on the mean slip (jump1_T - jump0_T) / h, that is

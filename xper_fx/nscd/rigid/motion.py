@@ -175,20 +175,21 @@ class RigidMotion:
 
     def _load_impulse(self, step: float, theta: float, time: float) -> np.ndarray:
         """h [theta f1 + (1 - theta) f0], shape (n, 2 dim)."""
-        impulse = step * self._constant_load
+        if self._gravity_of_time is None and not self._loads:
+            return step * self._constant_load
+        start, end = self._load(time), self._load(time + step)
+        return step * (theta * end + (1.0 - theta) * start)
+
+    def _load(self, time: float) -> np.ndarray:
+        """Forces (N) and torques (N m) at a time, shape (n, 2 dim)."""
+        total, dim = self._constant_load.copy(), self.bodies.dim
         if self._gravity_of_time is not None:
-            dim = self.bodies.dim
-            start = load_at(_GRAVITY, self._gravity_of_time, time, (dim,))
-            end = load_at(_GRAVITY, self._gravity_of_time, time + step, (dim,))
-            mean = theta * end + (1.0 - theta) * start
-            impulse[:, :dim] += step * self.bodies.mass[:, None] * mean
-        scalar = self.bodies.dim == 2
+            gravity = load_at(_GRAVITY, self._gravity_of_time, time, (dim,))
+            total[:, :dim] += self.bodies.mass[:, None] * gravity
         for i, what, part, load in self._loads:
-            shape = () if scalar and part.start else (self.bodies.dim,)
-            start = load_at(what, load, time, shape)
-            end = load_at(what, load, time + step, shape)
-            impulse[i, part] += step * (theta * end + (1.0 - theta) * start)
-        return impulse
+            shape = () if dim == 2 and part.start else (dim,)
+            total[i, part] += load_at(what, load, time, shape)
+        return total
 
     def _slots(self, velocity: np.ndarray, spin: np.ndarray) -> np.ndarray:
         """Velocities and spins of all bodies as slots, shape (n, 2 dim)."""
@@ -272,6 +273,31 @@ class RigidMotion:
         """Keep the end of the step as the state that the next one starts from."""
         self.state = self._ended()
         self._middle = self._end = self._at = None
+
+    def renew_blocks(self) -> None:
+        """Let `blocks` be those of the committed state; the next `predict` has its own."""
+        self._turning.update_inverse(self.state.turn, self._spin_blocks)
+
+    def displace(self, moved: np.ndarray, time: float) -> tuple[float, float]:
+        """Move bodies from where the committed state has them, which takes no time.
+
+        Velocities of centres of mass stay, and spins in the axes of the bodies, and with both the
+        kinetic energy. A body that has prescribed components of the spin keeps it in space.
+
+        Args:
+            moved: displacements (m) and rotation vectors (rad; the first component in 2D), shape
+                (n, 2, dim), zero where motions are prescribed.
+            time: of the committed state (s).
+
+        Returns:
+            The work of the loads, and what the kinetic energy has gained: nothing but of bodies
+            with prescribed spins, whose inertia in space has turned (J; 2D: J/m).
+        """
+        state, dim, guided = self.state, self.bodies.dim, self._turning.guided
+        turn = self._turning.turned(moved[:, 1, : self._dofs - dim], state.turn)
+        self.state = RigidState(state.position + moved[:, 0], state.velocity, turn)
+        gained = _turning_energy(turn, guided) - _turning_energy(state.turn, guided)
+        return float(np.vdot(self._load(time), moved)), gained
 
     def saved(self) -> dict[str, np.ndarray]:
         """The committed state, by the names of `RigidState` and `Turn`."""

@@ -47,5 +47,9 @@ class PlaneTurning:
             momentum=self.inertia[:, 0] * turn.spin,
         )
 
+    def turned(self, angle: np.ndarray, turn: Turn) -> Turn:
+        """Bodies turned at once by angles (rad), shape (n, 1)."""
+        return turn._replace(rotation=turn.rotation + angle[:, 0])
+
     def update_inverse(self, turn: Turn, inverse: np.ndarray) -> None:
         """Write w of the spins into `inverse`, shape (n, 1, 1); it never changes in 2D."""

@@ -31,6 +31,7 @@ from __future__ import annotations
 from functools import cache
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from xper_fx.cache import njit
 from xper_fx.nscd.algebra import space
@@ -100,6 +101,18 @@ class SpaceTurning:
                 f"spin is {turn.spin[failed]} rad/s. Take a smaller step."
             )
         return end
+
+    def turned(self, angle: np.ndarray, turn: Turn) -> Turn:
+        """Bodies turned at once by rotation vectors (rad), shape (n, 3), spins with them.
+
+        Guided bodies keep the spin that they have in space.
+        """
+        by = Rotation.from_rotvec(angle).as_matrix()
+        inertia = by @ turn.inertia @ np.swapaxes(by, 1, 2)
+        momentum, spin = (np.einsum("nij,nj->ni", by, x) for x in (turn.momentum, turn.spin))
+        spin[self.guided] = turn.spin[self.guided]
+        momentum[self.guided] = np.einsum("nij,nj->ni", inertia, spin)[self.guided]
+        return Turn(by @ turn.rotation, momentum, spin, inertia)
 
     def update_inverse(self, turn: Turn, inverse: np.ndarray) -> None:
         """Write w of the spins into `inverse`, shape (n, 3, 3): the free ones' J_ff^-1."""
