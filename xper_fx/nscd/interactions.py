@@ -129,7 +129,7 @@ class Interactions(SteppedPoints):
         self.fused = self._fused(points, vertex, nodal) if rigid else None
         self.groups = self._permanent
         self._turns = bool(self.largest(any(g.turning is not None for g in self._permanent)))
-        self._found = FoundContacts()
+        self._found, self._carried = FoundContacts(), FoundContacts()
         self.renewals = self.exchanges = 0
         components = [g.kernels.components for g in self.groups]
         # Points whose groups have all of their frames are put together again when asked for.
@@ -299,9 +299,31 @@ class Interactions(SteppedPoints):
         start = self._slots(bulk_velocity, self._rigid_start)
         opened = step * (1.0 - theta)
         self._found.renew(found, self._grouping, self.inverse, halo, start, opened)
-        self.groups = self._permanent + self.contacts
-        self.renewals += 1
+        self._regroup()
         self._take_inverse(self.contacts)
+
+    def move_joints(self, rows: FoundPoints, step: float, theta: float) -> None:
+        """Put the rows of joints where bodies have moved to in the middle of a step.
+
+        Args:
+            rows: of all joints, the same in each step.
+            step: h (s).
+            theta: weight of the end of the step.
+        """
+        start = self._slots(np.zeros((self.bulk_inverse.num_nodes, self.dim)), self._rigid_start)
+        opened = step * (1.0 - theta)
+        self._carried.renew([rows], self._grouping, self.inverse, None, start, opened)
+        self._regroup()
+        self._take_inverse(self.joints)
+
+    def _regroup(self) -> None:
+        self.groups = self._permanent + self.joints + self.contacts
+        self.renewals += 1
+
+    @property
+    def joints(self) -> list[PointGroup]:
+        """The groups of the rows of joints; `indices` are the rows' numbers."""
+        return self._carried.groups
 
     @property
     def contacts(self) -> list[PointGroup]:
@@ -319,9 +341,8 @@ class Interactions(SteppedPoints):
             kept = np.flatnonzero(~np.isin(group.indices, indices))
             if len(kept) < len(group):
                 self._permanent[number] = self._grouping.subset(self.inverse, group, kept)
-        self.groups = self._permanent + self.contacts
+        self._regroup()
         self._find_uneven()
-        self.renewals += 1
 
     def rounding(self, velocity: np.ndarray) -> float:
         """|r| of impulses that move the bodies by the rounding of their velocities (N s).
@@ -385,11 +406,13 @@ class Interactions(SteppedPoints):
             "committed_step": self.committed_step, "step_size": self.step_size,
             "theta": self.theta,
         }  # fmt: skip
+        law_of = {kernel: law for law, kernel in reversed(list(enumerate(kernels)))}
         if self._found.history is not None:
             if self.halo is not None:
                 self.share_history(self.halo.ranks)
-            law_of = {kernel: law for law, kernel in reversed(list(enumerate(kernels)))}
             saved["contacts"] = self._found.history.saved(law_of)
+        if self._carried.history is not None:
+            saved["joints"] = self._carried.history.saved(law_of)
         return saved
 
     def restore(self, saved: Mapping) -> None:
@@ -412,7 +435,8 @@ class Interactions(SteppedPoints):
         self.committed_step = saved["committed_step"]
         self.step_size, self.theta = saved["step_size"], saved["theta"]
         kernels = [law.kernels(self.dim) for law in self.laws]
-        self._found.history = ContactHistory.restored(saved.get("contacts", {}), kernels, self.dim)
+        for name, points in (("contacts", self._found), ("joints", self._carried)):
+            points.history = ContactHistory.restored(saved.get(name, {}), kernels, self.dim)
 
     def _numbers(self) -> np.ndarray:
         """Numbers of this rank's permanent points in the scene's order, shape (num_points,)."""

@@ -80,6 +80,7 @@ class SteppedPoints(PointValues):
     renewals: int
     too_far: float
     _found: FoundContacts
+    _carried: FoundContacts
     _motion: LipMotion
     _couples: np.ndarray
     _uneven: dict[int, np.ndarray] | None
@@ -276,6 +277,8 @@ class SteppedPoints(PointValues):
         self.committed_step = self.step_size
         if self.renewals:
             self._found.commit()
+        if self._carried.groups:
+            self._carried.commit()
         return StepWork(*self.total(np.array([totals[name] for name in StepWork._fields])).tolist())
 
     def _work_of_change(self, group: PointGroup, velocity: np.ndarray) -> float:

@@ -33,13 +33,16 @@ _ROUNDS, _SWEEPS = 100, 1000
 _NAMED = 10
 
 
-def separate(bodies: RigidBodies, pairs: Sequence[tuple[str, str]], resolve: bool) -> None:
+def separate(
+    bodies: RigidBodies, pairs: Sequence[tuple[str, str]], resolve: bool, apart: np.ndarray
+) -> None:
     """Make sure that bodies that may touch do not overlap.
 
     Args:
         bodies: the bodies; with `resolve` their positions and rotations are changed.
         pairs: names of groups that may touch.
         resolve: whether to move apart what overlaps.
+        apart: pairs of bodies that may overlap, as of `RigidSearch`.
 
     Raises:
         ValueError: bodies overlap, are one body given twice, or could not be moved apart.
@@ -47,7 +50,7 @@ def separate(bodies: RigidBodies, pairs: Sequence[tuple[str, str]], resolve: boo
     smallest = float(bodies.shapes.bounding_radius.min())
     if not np.isfinite(smallest):
         return
-    search = RigidSearch(bodies, pairs, _TOUCHING * smallest)
+    search = RigidSearch(bodies, pairs, _TOUCHING * smallest, apart)
     for _ in range(_ROUNDS if resolve else 1):
         overlaps = search.overlaps(bodies.position, bodies.rotation, _TOUCHING * smallest)
         if not overlaps:

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from xper_fx.nscd.rigid.bodies import RigidBodies
     from xper_fx.nscd.rigid.body import RigidBody
     from xper_fx.periodic.drive import MacroscopicDrive
+    from xper_fx.scene.joints import Joint
     from xper_fx.scene.tie import Tie
 
 Field = Callable[[np.ndarray], np.ndarray]
@@ -66,6 +67,8 @@ class Scene:
         contacts: between which groups (rigid bodies by their `group`, surfaces by their name)
             contacts are looked for in each step, and their laws; each pair of groups that can meet
             is named, a group of several bodies with itself too.
+        joints: hinges, sliders, welds and tendons between rigid bodies, solved with the contacts.
+            Bodies that a joint other than a tendon joins do not touch each other.
         resolve_overlaps: whether rigid bodies that overlap at the start are moved apart; they are
             refused otherwise.
 
@@ -96,6 +99,7 @@ class Scene:
     rigid: Sequence[RigidBody] = ()
     surfaces: Mapping[str, Sequence[int]] = field(default_factory=dict)
     contacts: Sequence[Contact] = ()
+    joints: Sequence[Joint] = ()
     resolve_overlaps: bool = False
     rigid_bodies: RigidBodies | None = field(default=None, init=False)
 
@@ -117,7 +121,9 @@ class Scene:
         if self.damping is not None and not isinstance(self.damping, RayleighDamping):
             raise TypeError(f"damping should be a RayleighDamping or None, got {self.damping!r}.")
         check_loads(self.loads, self.dim)
-        check_contacts(self.contacts, self.surfaces, self.materials, self.rigid_bodies)
+        self._check_joints()
+        if self.contacts or not self.joints:
+            check_contacts(self.contacts, self.surfaces, self.materials, self.rigid_bodies)
         self._check_meetings()
         self._separate_rigid_bodies()
         self._fix()
@@ -151,7 +157,7 @@ class Scene:
             given = getattr(self, name)
             if not isinstance(given, Mapping):
                 raise TypeError(f"{name} should be a mapping such as {example}, got {given!r}.")
-        for name in ("walls", "loads", "ties", "rigid", "contacts"):
+        for name in ("walls", "loads", "ties", "rigid", "contacts", "joints"):
             given = getattr(self, name)
             if not isinstance(given, Sequence) or isinstance(given, str):
                 raise TypeError(f"{name} should be a list, [...], got {given!r}.")
@@ -229,6 +235,24 @@ class Scene:
             return lambda time: np.sum([vector_at(g, time, self.dim) for g in given], axis=0)
         return np.sum(given, axis=0) if given else None
 
+    def _check_joints(self) -> None:
+        if not self.joints:
+            return
+        if self.rigid_bodies is None:
+            raise ValueError("Joints join rigid bodies, and the scene has none: give `rigid`.")
+        from xper_fx.scene.joints import check_joints
+
+        check_joints(self.joints, self.rigid, self.rigid_bodies)
+
+    @property
+    def kept_apart(self) -> np.ndarray:
+        """Pairs of rigid bodies that do not touch, as a joint joins them, shape (n, 2), int."""
+        if not self.joints:
+            return np.zeros((0, 2), int)
+        from xper_fx.scene.joints import joined_bodies
+
+        return joined_bodies([joint for joint in self.joints if joint.keeps_apart], self.rigid)
+
     def _check_meetings(self) -> None:
         """Of groups that may meet: each pair is decided, rigid walls look at the others."""
         if not self.contacts:
@@ -258,7 +282,7 @@ class Scene:
         if touching:
             from xper_fx.scene.initial_overlaps import separate
 
-            separate(self.rigid_bodies, touching, self.resolve_overlaps)
+            separate(self.rigid_bodies, touching, self.resolve_overlaps, self.kept_apart)
 
     def _check_periodicity(self) -> None:
         if self.macroscopic is None:

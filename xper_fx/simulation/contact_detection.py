@@ -89,7 +89,9 @@ class Detection:
 
         bodies = self._scene.rigid_bodies
         reach = self._reach(contacts, float(bodies.shapes.bounding_radius.min()))
-        return RigidSearch(bodies, [c.between for c in contacts], reach)
+        return RigidSearch(
+            bodies, [c.between for c in contacts], reach, self._scene.kept_apart
+        )  # fmt: skip
 
     def _surface_search(self, V: FunctionSpace) -> None:
         from xper_fx.bodies.surfaces import extract_surface

@@ -101,6 +101,7 @@ class EnergyLedger:
         rigid: motion of the rigid bodies, None without any.
         explicit: whether the bulk is explicit.
         viscous_bonds: whether laws have viscous work.
+        stored: energy that interactions hold at the start (J; 2D: J/m).
     """
 
     def __init__(
@@ -111,12 +112,14 @@ class EnergyLedger:
         rigid: RigidMotion | None,
         explicit: bool,
         viscous_bonds: bool,
+        stored: float = 0.0,
     ):
         self._bulk, self._theta, self._explicit = bulk, theta, explicit
         self._static, self._viscous_bonds = bulk.inertia is None, viscous_bonds
         self.energies = Energies(
             kinetic=bulk.kinetic_energy(state.velocity) + (rigid.kinetic if rigid else 0.0),
             elastic=bulk.elastic_energy(state.displacement, state.internal),
+            cohesive=stored,
         )
         self._at_start = self.energies.held_and_lost
         self._last_step = 0.0

@@ -25,6 +25,7 @@ import numpy as np
 from xper_fx.cache import njit
 from xper_fx.nscd.kernel_options import LEAN_ENTRY
 from xper_fx.nscd.rigid.bodies import RigidBodies, ShapeTables
+from xper_fx.nscd.rigid.plane_turning import rotation_matrices
 from xper_fx.nscd.rigid.shapes import DISC, HALF_PLANE, HALF_SPACE, SPHERE, check_positive
 from xper_fx.nscd.search.contact_buffer import Corners, collect
 from xper_fx.nscd.search.contact_pairs import Contacts, empty, join
@@ -125,17 +126,6 @@ def _near(
     return square <= (bounding_radius[i] + bounding_radius[j] + distance) ** 2
 
 
-def _matrices(rotation: np.ndarray) -> np.ndarray:
-    """Rotations as matrices, from angles in 2D."""
-    if rotation.ndim == 3:
-        return rotation
-    matrices = np.empty((len(rotation), 2, 2))
-    matrices[:, 0, 0] = matrices[:, 1, 1] = np.cos(rotation)
-    matrices[:, 1, 0] = np.sin(rotation)
-    np.negative(matrices[:, 1, 0], out=matrices[:, 0, 1])
-    return matrices
-
-
 def _starts(tables: ShapeTables, offsets: np.ndarray) -> np.ndarray:
     """First place of each body's own copy of its entry."""
     lengths = np.append(np.diff(offsets), 0)[tables.entry]  # entry -1: none
@@ -161,18 +151,26 @@ class RigidSearch:
         pairs: names of groups that may touch, (a, b) or (a, a). Bodies all of whose degrees of
             freedom are prescribed do not touch each other.
         reach: largest gap of a contact (m), positive.
+        apart: pairs of bodies that do not touch all the same, shape (n, 2), int.
 
     Raises:
         ValueError: a group that no body has, or a reach that is not a finite positive number.
     """
 
-    def __init__(self, bodies: RigidBodies, pairs: Sequence[tuple[str, str]], reach: float):
+    def __init__(
+        self,
+        bodies: RigidBodies,
+        pairs: Sequence[tuple[str, str]],
+        reach: float,
+        apart: np.ndarray | None = None,
+    ):
         self.reach = check_positive("The reach (m)", reach)
         tables = without_flats(bodies.shapes)
         self._tables = tables
         self._dim = bodies.dim
         count = len(bodies)
         self._label, self._allowed = _labels(bodies, pairs)
+        self._apart = None if apart is None or not len(apart) else self._number(apart)
         self._is_ball = np.isin(tables.kind, (DISC, SPHERE))
         is_wall = np.isin(tables.kind, (HALF_PLANE, HALF_SPACE))
         meets = self._allowed.any(axis=1)[self._label]
@@ -242,8 +240,8 @@ class RigidSearch:
             ValueError: arrays of another shape, or that are not finite.
         """
         position, rotation = self._checked(position, rotation)
-        self._wall_normal[self._walls] = _matrices(rotation[self._walls])[:, :, -1]
-        rotation = _matrices(rotation[self._cornered])
+        self._wall_normal[self._walls] = rotation_matrices(rotation[self._walls])[:, :, -1]
+        rotation = rotation_matrices(rotation[self._cornered])
         _turn(self._tables, self._cornered, rotation, self._corners)
         self._renew_if_needed(position, rotation)
         self.searches += 1
@@ -320,8 +318,19 @@ class RigidSearch:
             pairs.append(np.stack([own, np.full(len(own), wall)], axis=1).astype(np.int32))
         joined = np.concatenate(pairs)
         joined = joined[np.lexsort((joined.max(axis=1), joined.min(axis=1)))]
+        joined = self._touching(joined)
         ball = self._is_ball[joined[:, 0]]
         return {"ball_wall": joined[ball], "corner_wall": joined[~ball]}
+
+    def _number(self, pairs: np.ndarray) -> np.ndarray:
+        """A number of each pair, whatever the order of its bodies, the ground being one more."""
+        return pairs.min(axis=1) * (len(self._label) + 1) + pairs.max(axis=1)
+
+    def _touching(self, pairs: np.ndarray) -> np.ndarray:
+        """The pairs without those that are kept apart."""
+        if self._apart is None:
+            return pairs
+        return pairs[~np.isin(self._number(pairs.astype(np.int64)), self._apart)]
 
     def _renew_if_needed(self, position: np.ndarray, rotation: np.ndarray) -> None:
         if self._old_position is not None and len(self._listed):
@@ -363,7 +372,7 @@ class RigidSearch:
         _boxes(listed, position, tables.radius, self._corners, 0.5 * distance, low, high)
         found = labelled_box_pairs(low, high, self._label[listed], self._allowed)
         pairs = listed.astype(np.int32)[found]
-        pairs = pairs[_near(pairs, position, tables.bounding_radius, distance)]
+        pairs = self._touching(pairs[_near(pairs, position, tables.bounding_radius, distance)])
         balls = self._is_ball[pairs]
         mixed = pairs[balls[:, 0] != balls[:, 1]]
         swapped = ~self._is_ball[mixed[:, 0]]
