@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
-r"""Joints between rigid bodies: hinge, slider, weld and tendon, each between two bodies or to the ground.
+"""Joints between two rigid bodies, or of one to the ground: hinge, slider, weld and tendon.
 
 A joint is as the bodies are placed at the start; from then on its points and directions go with
-them. Its constraints are rows (`xper_fx/nscd/rigid/joint_rows.py`), solved with the contacts in one
-nonsmooth problem (`xper_fx/nscd/laws/joint_laws.py`). Angles and ways count from the start: those of
+them. Its constraints are rows (`nscd/rigid/joint_rows.py`), solved with the contacts in one
+nonsmooth problem (`nscd/laws/joint_laws.py`). Angles and ways count from the start: those of
 the second body of `between` about or along the axis, relative to the first.
 """
 
@@ -64,7 +64,9 @@ class Hinge:
         if self.axis is not None:
             _unit(self, dim)
         if dim == 3 and self.axis is None and (self.friction or self.limits is not None):
-            raise ValueError("A ball joint has neither friction nor limits: give the hinge an axis.")
+            raise ValueError(
+                "A ball joint has neither friction nor limits: give the hinge an axis."
+            )
         if dim == 3 and self.limits is not None and max(map(abs, self.limits)) >= math.pi:
             raise ValueError(f"limits in 3D should lie within (-pi, pi), got {self.limits}.")
 
@@ -223,7 +225,9 @@ class Tendon:
             length = placed if self.length is None else max(self.length, placed)
             law = Stop(float(self.restitution))
         else:
-            length = placed - self.prestress / self.stiffness if self.length is None else self.length
+            length = self.length
+            if length is None:
+                length = placed - self.prestress / self.stiffness
             law = ElasticWire(float(self.stiffness), self.stiffness * (placed - length))
         return [Row(LENGTH, law, ends, np.zeros((3, dim)), offset=length)]
 

@@ -7,10 +7,10 @@ the next step is, to first order in the angle by which bodies turn in a step,
 
     g_next = G + h U1.
 
-**Held**: g_next = 0, that is U1 = -G / h, whatever impulse it takes. With the curvature that
-`simulation/joints.py` adds to G this is SHAKE (Ryckaert, Ciccotti and Berendsen 1977) in the middles
-of the steps, where Moreau's drift, kick, drift is a leapfrog: exact at the position level, symplectic
-and symmetric in time for theta = 1/2, so that neither gaps nor energy drift.
+**Held**: g_next = 0, that is U1 = -G / h, whatever impulse it takes. With the bend of the path that
+`simulation/jointed_bodies.py` adds to G this is SHAKE (Ryckaert, Ciccotti and Berendsen 1977) in
+the middles of the steps, where Moreau's drift, kick, drift is a leapfrog: exact at the position
+level, symplectic and symmetric in time for theta = 1/2, so that neither gaps nor energy drift.
 
 **Stop** (the end of a joint's travel, an inextensible wire): g_next >= 0, r >= 0, complementary. A
 row that arrives, G + h U0 <= 0, with a restitution e > 0 ends at U1 >= -e U0. One that was taut in
@@ -19,18 +19,20 @@ of its path, and not an impact.
 
 **Sliding friction**: |r| <= h B against the end velocity, B in N or N m.
 
-**Elastic wire**: the tension T of the mean elongation of the step, in tension alone,
+**Elastic wire**: the energy Phi(g) = k min(g, 0)^2 / 2 is convex, and the impulse is its mean slope
+over the step (a discrete gradient, Gonzalez 1996),
 
-    r = h T,  T = max(0, -k [theta g1 + (1 - theta) g0]),   g1 = G + h theta U1,
-                                                            g0 = G - h (1 - theta) U0,
+    r = -h [Phi(g1) - Phi(g0)] / (g1 - g0),   g0 = jump0,  g1 = g0 + h [theta U1 + (1 - theta) U0],
 
-whose work is the loss of k g^2 / 2 exactly for theta = 1/2 where the wire stays taut.
+so that its work is the change of Phi to rounding, where it becomes taut or slack in the step too.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
+
+import numpy as np
 
 from xper_fx.cache import njit
 from xper_fx.nscd.kernel_options import LEAN_INNER
@@ -225,16 +227,32 @@ def _sliding_friction() -> LawKernels:
 def _elastic_wire() -> LawKernels:
     @njit(**LEAN_INNER)
     def prepare(i, jump, velocity, w, area, step, theta, parameters, state, terms, details):
-        # r = max(0, (start - rate b) / (1 + rate w)) with b the velocity without this impulse
-        stiffness = step * parameters[i, 0]
-        terms[i, 0] = -stiffness * (jump[0] + step * theta * (1.0 - theta) * velocity[0])
-        terms[i, 1] = stiffness * step * theta * theta
+        terms[i, 0] = jump[0]
+        terms[i, 1] = jump[0] + step * (1.0 - theta) * velocity[0]
+        terms[i, 2] = step * theta
+        terms[i, 3] = 0.5 * step * parameters[i, 0]
 
     @njit(inline="always")
     def solve(i, u, r, w, parameters, terms, details):
-        rate = terms[i, 1]
-        b = u[0] - w[i, 0] * r[0]
-        return (max(0.0, (terms[i, 0] - rate * b) / (1.0 + rate * w[i, 0])),), False
+        start, stiffness = terms[i, 0], terms[i, 3]
+        # g1 = free + rate r
+        rate = terms[i, 2] * w[i, 0]
+        free = terms[i, 1] + terms[i, 2] * u[0] - rate * r[0]
+        kappa = rate * stiffness
+        if start >= 0.0:
+            if free >= 0.0:
+                return (0.0,), False
+            # taut at the end: (1 + kappa) g1^2 - (g0 + free) g1 + g0 free = 0, of which g1 < 0
+            b = start + free
+            root = np.sqrt(b * b - 4.0 * (1.0 + kappa) * start * free)
+            end = 0.5 * (b - root) / (1.0 + kappa)
+            return (stiffness * end * end / (start - end),), False
+        if free - kappa * start <= 0.0:  # taut throughout
+            return (-stiffness * (start + free) / (1.0 + kappa),), False
+        # slack at the end: (g1 - free) (g1 - g0) = kappa g0^2, of which g1 > 0
+        difference = free - start
+        end = 0.5 * (free + start + np.sqrt(difference * difference + 4.0 * kappa * start * start))
+        return (stiffness * start * start / (end - start),), False
 
     @njit(**LEAN_INNER)
     def commit(i, jump0, jump1, u, r, area, step, theta, parameters, state, terms, details, energy):
@@ -245,5 +263,5 @@ def _elastic_wire() -> LawKernels:
         return 1 if r[0] > 0.0 else 0
 
     return _kernels(
-        "elastic wire", prepare, solve, commit, 2, ("stored",), ("stored", "numerical")
+        "elastic wire", prepare, solve, commit, 4, ("stored",), ("stored", "numerical")
     )  # fmt: skip

@@ -32,8 +32,6 @@ from xper_fx.nscd.rigid.bodies import RigidBodies
 from xper_fx.nscd.rigid.plane_turning import rotation_matrices
 
 PLANE, LENGTH, TURN, ALIGN, TWIST = range(5)
-# Rows that act on velocities of points; the others act on spins.
-_ON_POINTS = (PLANE, LENGTH)
 
 
 class Row(NamedTuple):
@@ -81,11 +79,13 @@ class JointRows:
 
     Attributes:
         pairs, kind: of each row.
+        on_spins: whether a row's impulse is a moment, shape (n,).
     """
 
     def __init__(self, bodies: RigidBodies, pairs: np.ndarray, rows: Sequence[Row]):
         self.pairs, self._dim, self._count = pairs, bodies.dim, len(bodies)
         self.kind = np.array([row.kind for row in rows])
+        self.on_spins = ~np.isin(self.kind, (PLANE, LENGTH))
         self._sign = np.array([row.sign for row in rows])
         self._offset = np.array([row.offset for row in rows])
         centre, axes = self._with_ground(bodies.position, rotation_matrices(bodies.rotation))
@@ -170,9 +170,9 @@ class JointRows:
             ground: number of the ground's node.
             law: index of each row's law, shape (n,).
         """
-        on_spin = ~np.isin(self.kind, _ON_POINTS)
         sides = self.pairs[:, ::-1]
-        nodes = np.where(sides < self._count, num_nodes + 2 * sides + on_spin[:, None], ground)
+        first = num_nodes + 2 * sides + self.on_spins[:, None]
+        nodes = np.where(sides < self._count, first, ground)
         count = len(self.kind)
         points = InteractionPoints(
             nodes[:, :, None].astype(np.int32), np.ones((count, 2, 1)), place.normal[:, None],
