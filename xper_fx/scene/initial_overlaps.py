@@ -34,7 +34,11 @@ _NAMED = 10
 
 
 def separate(
-    bodies: RigidBodies, pairs: Sequence[tuple[str, str]], resolve: bool, apart: np.ndarray
+    bodies: RigidBodies,
+    pairs: Sequence[tuple[str, str]],
+    resolve: bool,
+    apart: np.ndarray,
+    left: np.ndarray | None,
 ) -> None:
     """Make sure that bodies that may touch do not overlap.
 
@@ -43,6 +47,8 @@ def separate(
         pairs: names of groups that may touch.
         resolve: whether to move apart what overlaps.
         apart: pairs of bodies that may overlap, as of `RigidSearch`.
+        left: which bodies a run has left as they are, among which overlaps are no mistake, shape
+            (n,); None without a run.
 
     Raises:
         ValueError: bodies overlap, are one body given twice, or could not be moved apart.
@@ -53,6 +59,8 @@ def separate(
     search = RigidSearch(bodies, pairs, _TOUCHING * smallest, apart)
     for _ in range(_ROUNDS if resolve else 1):
         overlaps = search.overlaps(bodies.position, bodies.rotation, _TOUCHING * smallest)
+        if left is not None and not resolve:
+            overlaps = [found for found in overlaps if not left[list(found[:2])].all()]
         if not overlaps:
             return
         if resolve:

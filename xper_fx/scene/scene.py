@@ -23,7 +23,7 @@ from xper_fx.scene.facet_laws import facet_laws
 from xper_fx.scene.load_checks import Load, check_loads, check_motions, check_outer
 from xper_fx.scene.material_checks import check_materials
 from xper_fx.scene.wall import Wall
-from xper_fx.support.checks import require_flag, require_integer
+from xper_fx.support.checks import require_flag, require_integer, require_kind
 from xper_fx.support.compat import geometry_dofmap
 
 if TYPE_CHECKING:
@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from xper_fx.nscd.rigid.body import RigidBody
     from xper_fx.periodic.drive import MacroscopicDrive
     from xper_fx.scene.joints import Joint
+    from xper_fx.scene.snapshot import Snapshot
     from xper_fx.scene.tie import Tie
 
 Field = Callable[[np.ndarray], np.ndarray]
@@ -70,7 +71,10 @@ class Scene:
         joints: hinges, sliders, welds and tendons between rigid bodies, solved with the contacts.
             Bodies that a joint other than a tendon joins do not touch each other.
         resolve_overlaps: whether rigid bodies that overlap at the start are moved apart; they are
-            refused otherwise.
+            refused otherwise, but for those that a run has left so.
+        after: state of a run, `Simulation.snapshot()`, that a simulation of this scene goes on
+            from. Rigid bodies and joints go on that are the same objects in both scenes; others are
+            new, placed among the bodies as the run has left them.
 
     Attributes:
         rigid_bodies: the rigid bodies as arrays, None without any.
@@ -101,6 +105,7 @@ class Scene:
     contacts: Sequence[Contact] = ()
     joints: Sequence[Joint] = ()
     resolve_overlaps: bool = False
+    after: Snapshot | None = None
     rigid_bodies: RigidBodies | None = field(default=None, init=False)
 
     def __post_init__(self) -> None:
@@ -114,6 +119,8 @@ class Scene:
             from xper_fx.nscd.rigid.bodies import RigidBodies
 
             self.rigid_bodies = RigidBodies(self.rigid)
+        if self.after is not None:
+            self._start_after()
         if self.bodies is None:
             self._check_without_mesh()
         else:
@@ -127,6 +134,8 @@ class Scene:
         self._check_meetings()
         self._separate_rigid_bodies()
         self._fix()
+        if self.after is not None:
+            self.after.check(self)
 
     def _fix(self) -> None:
         """Keep lists and mappings of one's own, and let no attribute be set any more."""
@@ -235,6 +244,13 @@ class Scene:
             return lambda time: np.sum([vector_at(g, time, self.dim) for g in given], axis=0)
         return np.sum(given, axis=0) if given else None
 
+    def _start_after(self) -> None:
+        from xper_fx.scene.snapshot import Snapshot
+
+        require_kind("after", self.after, Snapshot)
+        if self.after.scene.rigid and self.rigid:
+            self.after.place(self.rigid, self.rigid_bodies)
+
     def _check_joints(self) -> None:
         if not self.joints:
             return
@@ -282,7 +298,8 @@ class Scene:
         if touching:
             from xper_fx.scene.initial_overlaps import separate
 
-            separate(self.rigid_bodies, touching, self.resolve_overlaps, self.kept_apart)
+            left = None if self.after is None else self.after.numbers_of(self.rigid) >= 0
+            separate(self.rigid_bodies, touching, self.resolve_overlaps, self.kept_apart, left)
 
     def _check_periodicity(self) -> None:
         if self.macroscopic is None:

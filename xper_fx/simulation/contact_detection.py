@@ -294,8 +294,8 @@ class Detection:
         if self._division is not None and "division" in saved:
             self._division.restore(saved["division"])
         if self._rigid is not None:
-            self._rigid.restore(saved["rigid"])
-        if self._surfaces is not None:
+            self._rigid.restore(saved.get("rigid", {}))
+        if self._surfaces is not None and "surfaces" in saved:
             self._broken = saved["exposed"][self._lips]
             gone = saved["released"][self._lips]
             self._waiting = np.setdiff1d(self._waiting, np.flatnonzero(gone))

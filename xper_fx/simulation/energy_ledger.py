@@ -232,6 +232,17 @@ class EnergyLedger:
         self._last_step = step
         self.energies.shadow = end
 
+    def exchange(self, kinetic: float, stored: float) -> None:
+        """Let bodies and interactions come or leave with what they hold, as if from the start.
+
+        Args:
+            kinetic: energy of all bodies that are there now (J; 2D: J/m).
+            stored: energy of interactions that have come less that of those that have left.
+        """
+        self._at_start += kinetic - self.energies.kinetic + stored
+        self.energies.kinetic = kinetic
+        self.energies.cohesive += stored
+
     def as_columns(self) -> dict[str, float]:
         """Energies and the closure error by column name; of effects only those that there are."""
         columns = vars(self.energies) | {"closure": self.closure}

@@ -49,7 +49,9 @@ class JointedBodies:
         rows: of all joints.
         joint_of_row: shape (n,).
         laws: those given and those of the rows.
-        stored: energy of elastic wires at the start (J).
+        row_before: number of each row among those of the run that the scene goes on from, -1 of a
+            new one; shape (n,).
+        stored: energy of new elastic wires at the start (J).
     """
 
     def __init__(self, scene: Scene, laws: list[Law]):
@@ -61,10 +63,28 @@ class JointedBodies:
         own = list(dict.fromkeys(row.law for row in of_all))
         self.laws = [*laws, *own]
         self._law_of_row = len(laws) + np.array([own.index(row.law) for row in of_all])
+        self.row_before = self._rows_before(scene)
         self.stored = sum(
-            row.law.initial_state()[0] for row in of_all if isinstance(row.law, ElasticWire)
+            row.law.initial_state()[0]
+            for row, before in zip(of_all, self.row_before, strict=True)
+            if before < 0 and isinstance(row.law, ElasticWire)
         )
         self._place: Place | None = None
+
+    def _rows_before(self, scene: Scene) -> np.ndarray:
+        """See `row_before`; the rows that go on stay as they were placed."""
+        before = np.full(len(self.rows), -1)
+        if scene.after is not None and scene.after.joint_rows is not None:
+            first, known = 0, {}
+            for joint in scene.after.scene.joints:
+                known[id(joint)] = first
+                first += len(joint.rows())
+            for number, joint in enumerate(scene.joints):
+                own = np.flatnonzero(self.joint_of_row == number)
+                if id(joint) in known:
+                    before[own] = known[id(joint)] + np.arange(len(own))
+            self.rows.stay_as(scene.after.joint_rows, before)
+        return before
 
     @property
     def nbytes(self) -> int:

@@ -98,6 +98,23 @@ class JointRows:
             turns = self.kind == TURN
             self._offset[turns] -= (self._sign * self._turned(bodies.rotation))[turns]
 
+    def __len__(self) -> int:
+        return len(self.kind)
+
+    def stay_as(self, rows: JointRows, number: np.ndarray) -> None:
+        """Let rows go on as they were placed in another scene.
+
+        Args:
+            rows: of that scene.
+            number: of each row there, -1 of a new one; shape (n,).
+        """
+        known = np.flatnonzero(number >= 0)
+        for own, other in (
+            (self._ends, rows._ends), (self._directions, rows._directions),
+            (self._offset, rows._offset),
+        ):  # fmt: skip
+            own[known] = other[number[known]]
+
     @property
     def nbytes(self) -> int:
         """Memory held, in bytes."""
