@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -15,7 +15,6 @@ from xper_fx.nscd.rigid.body import RigidBody
 
 if TYPE_CHECKING:
     from xper_fx.nscd.rigid.joint_rows import JointRows
-    from xper_fx.scene.scene import Scene
 
 # What meshed bodies and their permanent points are made of, and stays.
 _MESHED = ("order", "points", "materials", "ties", "walls", "surfaces", "damping")
@@ -26,7 +25,7 @@ class Snapshot:
     """What `Simulation.snapshot()` gives, and `Scene(after=...)` takes.
 
     Attributes:
-        scene: of the run.
+        scene: of the run, a `Scene`.
         time: s.
         scheme, inertia: of the run.
         laws: of its interactions.
@@ -34,7 +33,7 @@ class Snapshot:
         saved: the state, as `Simulation.saved` gives it, its rows in order.
     """
 
-    scene: Scene
+    scene: Any
     time: float
     scheme: str
     inertia: bool
@@ -63,8 +62,11 @@ class Snapshot:
         ):  # fmt: skip
             own[known] = left[number[known]]
 
-    def check(self, scene: Scene) -> None:
+    def check(self, scene: Any) -> None:
         """See that a scene can go on from here.
+
+        Args:
+            scene: a `Scene`.
 
         Raises:
             ValueError: another mesh, or what its points are made of; rigid bodies in another order,

@@ -5,6 +5,9 @@ Time, energies, bodies, contacts and their history go on. What is not in the sce
 with its contacts; what is new begins with none. A contact goes on whose bodies do and whose law is
 of the same kind, with whatever parameters; any other begins anew. The ledger takes what comes and
 leaves as if it had been there, or not, from the start, so that its balance still closes.
+
+**Limitation.** The energy that adhesive contacts hold is not known by itself: where such contacts
+leave with their bodies, `closure` shows it from then on.
 """
 
 from __future__ import annotations
@@ -35,59 +38,51 @@ def go_on(simulation: Restartable, after: Snapshot) -> None:
             "A scene with a mesh goes on with the scheme of the run, "
             f"scheme={after.scheme!r}, inertia={after.inertia}; got {now[0]!r}, {now[1]}."
         )
-    wires = 0.0 if model.joints is None else model.joints.stored
+    stored = 0.0 if model.joints is None else model.joints.stored
     saved = _carried(simulation, after)
     simulation.restore(saved)
-    simulation._resumes = False
-    held = model.bulk.kinetic_energy(simulation.state.velocity)
+    kinetic = model.bulk.kinetic_energy(simulation.state.velocity)
     if model.rigid is not None:
-        held += model.rigid.kinetic
+        kinetic += model.rigid.kinetic
     if model.interactions is not None:
-        dim = model.scene.dim
-        wires += _stored(saved, model.interactions.laws, dim) - _stored(after.saved, after.laws, dim)
-    model.ledger.exchange(held, wires)
+        stored += _in_wires(saved, model.interactions.laws, model.scene.dim)
+    stored -= _in_wires(after.saved, after.laws, model.scene.dim)
+    model.ledger.exchange(kinetic, stored)
 
 
 def _carried(simulation: Restartable, after: Snapshot) -> dict:
     """The state of the run, of what is in both scenes, as a simulation of the new one saves it."""
-    model, saved = simulation.model, dict(after.saved)
-    scene = model.scene
-    saved["course"] = Course().saved()
+    model, scene, before = simulation.model, simulation.model.scene, after.scene
+    saved = dict(after.saved) | {"course": Course().saved()}
     number = after.numbers_of(scene.rigid)
-    same_bodies = np.array_equal(number, np.arange(len(after.scene.rigid)))
-    same_points = (
-        same_bodies and scene.contacts == after.scene.contacts and scene.joints == after.scene.joints
-    )
-    if not same_points:
+    same_bodies = np.array_equal(number, np.arange(len(before.rigid)))
+    if not same_bodies:
+        saved.pop("detection", None)
+    if not (same_bodies and (scene.contacts, scene.joints) == (before.contacts, before.joints)):
         saved.pop("solvers", None)
     if model.rigid is not None:
         saved["rigid"] = _left_where_it_is(model.rigid.saved(), saved["rigid"], number)
     if "rigid_reactions" in saved:
-        shape = (-1, 2, scene.dim)
-        saved["rigid_reactions"] = _of_known(
-            saved["rigid_reactions"].reshape(shape), number
-        ).reshape(-1, scene.dim)
-    if "detection" in saved and not same_bodies:
-        saved["detection"] = {}
-    if model.interactions is not None and "interactions" in saved:
-        points = saved["interactions"] = dict(saved["interactions"])
-        laws, before = model.interactions.laws, len(after.scene.rigid)
-        if not same_bodies:  # beside a mesh they are the same, where keys are of another kind too
-            points["contacts"] = _records(
-                points.get("contacts", {}), after, laws,
-                lambda keys: _contact_keys(keys, number, before),
-            )  # fmt: skip
-        else:
-            points["contacts"] = _records(points.get("contacts", {}), after, laws, np.copy)
-        if after.joint_rows is not None:
-            none = np.zeros(0, int)
-            row = none if model.joints is None else model.joints.row_before
-            new = _inverse(row, len(after.joint_rows))
-            points["joints"] = _records(
-                points.get("joints", {}), after, laws,
-                lambda keys: np.stack([new[keys[:, 0]], keys[:, 1]], axis=1),
-            )  # fmt: skip
-    return saved
+        impulses = saved["rigid_reactions"].reshape(-1, 2, scene.dim)
+        saved["rigid_reactions"] = _of_known(impulses, number).reshape(-1, scene.dim)
+    if model.interactions is None or "interactions" not in saved:
+        return saved
+    points, laws = dict(saved["interactions"]), model.interactions.laws
+
+    def keys_of_contacts(keys: np.ndarray) -> np.ndarray:
+        # beside a mesh, where keys are of other kinds too, bodies are the same
+        return keys if same_bodies else _contact_keys(keys, number, len(before.rigid))
+
+    points["contacts"] = _records(points.get("contacts", {}), after, laws, keys_of_contacts)
+    if after.joint_rows is not None:
+        rows_before = np.zeros(0, int) if model.joints is None else model.joints.row_before
+        new_row = _inverse(rows_before, len(after.joint_rows))
+
+        def keys_of_rows(keys: np.ndarray) -> np.ndarray:
+            return np.stack([new_row[keys[:, 0]], keys[:, 1]], axis=1)
+
+        points["joints"] = _records(points.get("joints", {}), after, laws, keys_of_rows)
+    return saved | {"interactions": points}
 
 
 def _of_known(rows: np.ndarray, number: np.ndarray) -> np.ndarray:
@@ -103,16 +98,23 @@ def _left_where_it_is(
     """State of the bodies: as the run has left it, but of new ones and those moved apart."""
     known = number >= 0
     for name in ("position", "rotation"):
-        there = _of_known(left[name], number)
-        known = known & (there == fresh[name]).reshape(len(number), -1).all(axis=1)
-    return {
-        name: np.where(known.reshape(-1, *(1,) * (own.ndim - 1)), _of_known(left[name], number), own)
-        for name, own in fresh.items()
-    }
+        there = _of_known(left[name], number) == fresh[name]
+        known = known & there.reshape(len(number), -1).all(axis=1)
+    out = {name: own.copy() for name, own in fresh.items()}
+    for name, own in out.items():
+        own[known] = left[name][number[known]]
+    return out
+
+
+def _inverse(number: np.ndarray, before: int) -> np.ndarray:
+    """New number of each old one, -1 of what has left; shape (before,)."""
+    new = np.full(before, -1)
+    new[number[number >= 0]] = np.flatnonzero(number >= 0)
+    return new
 
 
 def _contact_keys(keys: np.ndarray, number: np.ndarray, before: int) -> np.ndarray:
-    """Keys of contacts between rigid bodies in the new scene, -1 in the first column of those gone.
+    """Keys of contacts between rigid bodies in the new scene, negative where a body has left.
 
     Args:
         keys: shape (n, 2), in the scene of the run (`nscd/search/rigid_search.py`).
@@ -125,15 +127,11 @@ def _contact_keys(keys: np.ndarray, number: np.ndarray, before: int) -> np.ndarr
     return np.stack([pair, keys[:, 1]], axis=1)
 
 
-def _inverse(number: np.ndarray, before: int) -> np.ndarray:
-    """New number of each old one, -1 of what is gone; shape (before,)."""
-    new = np.full(before, -1)
-    new[number[number >= 0]] = np.flatnonzero(number >= 0)
-    return new
-
-
 def _records(
-    records: Mapping, after: Snapshot, laws: Sequence[Law], new_keys: Callable[[np.ndarray], np.ndarray]
+    records: Mapping,
+    after: Snapshot,
+    laws: Sequence[Law],
+    new_keys: Callable[[np.ndarray], np.ndarray],
 ) -> dict:
     """Histories of contacts or of joints' rows, by law, of those that go on."""
     dim, out = after.scene.dim, {}
@@ -151,8 +149,8 @@ def _records(
     return out
 
 
-def _stored(saved: Mapping, laws: Sequence[Law], dim: int) -> float:
-    """Energy of the elastic wires in a state (J)."""
+def _in_wires(saved: Mapping, laws: Sequence[Law], dim: int) -> float:
+    """Energy of the elastic wires of a state (J)."""
     total = 0.0
     for name, record in saved.get("interactions", {}).get("joints", {}).items():
         if laws[int(name.split()[0])].kernels(dim).state_names == ("stored",):
