@@ -333,7 +333,7 @@ class BondedGradients(Solver):
         self, interactions: Interactions, velocity: np.ndarray, options: SolveOptions
     ) -> SolveReport:
         """Find the impulses of the step, as `Solver.solve` says."""
-        if not len(interactions):
+        if not interactions.groups:
             return SolveReport(True, 1, 0.0, 0.0, "subdomains")
         if not all_bonded(interactions):
             names = ", ".join(group.kernels.name for group in interactions.groups)
