@@ -27,6 +27,7 @@ import numpy as np
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.laws.joint_laws import ElasticWire
 from xper_fx.nscd.laws.law import Law
+from xper_fx.nscd.rigid.held_rows import HeldRows
 from xper_fx.nscd.rigid.joint_rows import JointRows, Place
 from xper_fx.nscd.rigid.motion import Prediction, RigidMotion
 from xper_fx.nscd.solvers.solver import SolveOptions, Solver, SolveReport
@@ -129,6 +130,7 @@ class _BentPaths(Solver):
     ) -> SolveReport:
         """Find the impulses of the step, as `Solver.solve` says."""
         free, sweeps = velocity.copy(), 0
+        held = HeldRows(interactions, self._rigid.blocks)
         straight = [group.jump[:, 0].copy() for group in interactions.joints]
         interactions.add_velocity(velocity)
         bend = self._bend(interactions, velocity)
@@ -137,6 +139,7 @@ class _BentPaths(Solver):
                 if "stored" not in group.kernels.energies:
                     group.jump[:, 0] = jump + bend[group.indices]
             interactions.prepare()
+            held.solve(velocity)
             velocity[:] = free
             report = self._solver.solve(interactions, velocity, options)
             sweeps += report.sweeps

@@ -87,7 +87,7 @@ class JointRows:
         self.kind = np.array([row.kind for row in rows])
         self.on_spins = ~np.isin(self.kind, (PLANE, LENGTH))
         self._sign = np.array([row.sign for row in rows])
-        self._offset = np.array([row.offset for row in rows])
+        self._offset = np.array([row.offset for row in rows], float)
         centre, axes = self._with_ground(bodies.position, rotation_matrices(bodies.rotation))
         ends = np.array([row.ends for row in rows])
         directions = np.array([row.directions for row in rows])
