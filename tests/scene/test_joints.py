@@ -134,7 +134,7 @@ def test_two_joined_bodies_tumble(kind):
         np.testing.assert_allclose(*ends, atol=3e-4)
     if kind == "hinge":
         axis = np.array([1.0, 1.0, 0.0])
-        np.testing.assert_allclose(turned @ axis, axis, atol=5e-5)
+        np.testing.assert_allclose(turned @ axis, axis, atol=2e-4)
     if kind in ("slider", "weld"):
         np.testing.assert_allclose(turned, np.eye(3), atol=1e-9)
     if kind == "slider":
@@ -381,6 +381,27 @@ def test_what_a_joint_joins_does_not_touch():
 # -- mistakes
 
 
+def test_a_step_in_which_bodies_turn_too_far_is_cut():
+    """Half a radian; the energy of a pendulum is then that of smaller steps."""
+    body = bar((0.0, 0.0), (1.0, 0.0))
+    simulation, kept = run([body], [xf.Hinge((None, body), (0.0, 0.0))], 0.25, 2.0, each=energy)
+    assert simulation.step_number > 8
+    assert np.abs(kept).max() < 0.1 * DENSITY * 0.04 * G
+
+
+def test_bodies_that_part_at_the_start_are_doubted(caplog):
+    """And stopped in the first steps, as the ledger says."""
+    body = bar((0.0, 0.0), (1.0, 0.0), velocity=(3.0, 0.0))
+    simulation, _ = run([body], [xf.Hinge((None, body), (0.0, 0.0))], 1e-3, 3e-3, gravity=0.0)
+    assert "joint 0, a Hinge, part at 3 m/s" in caplog.text
+    lost = simulation.ledger.energies.dissipated_numerical
+    assert lost == pytest.approx(0.5 * DENSITY * 0.04 * 3.0**2, rel=1e-6)
+    caplog.clear()
+    body = bar((0.0, 0.0), (1.0, 0.0), velocity=(0.0, 1.0), spin=2.0)
+    run([body], [xf.Hinge((None, body), (0.0, 0.0))], 1e-3, 1e-3)
+    assert "part at" not in caplog.text
+
+
 FIRST, SECOND = bar((0.0, 0.0), (1.0, 0.0)), bar((0.0, 0.0), (1.0, 0.0))
 SPACE = xf.RigidBody(xf.rigid.Sphere(1.0), (0.0,) * 3, "balls", density=1.0)
 MISTAKES = {
@@ -419,6 +440,9 @@ MISTAKES = {
         xf.explode(xf.crossed_rectangle((0, 0), (1, 1), (1, 1)), np.zeros(4, int)),
         {1: xf.materials.LinearElastic(young=1.0, poisson=0.3, density=1.0)},
         joints=[xf.Weld((None, FIRST), (0.0, 0.0))],
+    ),
+    "needs PerfectBond": lambda: run(
+        [FIRST], [xf.Hinge((None, FIRST), (0.0, 0.0))], 1e-3, 1e-3, solver="subdomains"
     ),
     "scene has joints": lambda: xf.study.equilibrium(
         xf.Scene(rigid=[FIRST], joints=[xf.Weld((None, FIRST), (0.0, 0.0))])

@@ -20,9 +20,11 @@ import numpy.typing as npt
 from xper_fx.nscd.laws.joint_laws import ElasticWire, Held, SlidingFriction, Stop
 from xper_fx.nscd.rigid.bodies import RigidBodies
 from xper_fx.nscd.rigid.body import RigidBody
-from xper_fx.nscd.rigid.joint_rows import ALIGN, LENGTH, PLANE, TURN, TWIST, Row
+from xper_fx.nscd.rigid.joint_rows import ALIGN, LENGTH, PLANE, TURN, TWIST, JointRows, Row
 from xper_fx.support.checks import require_non_negative, require_number, require_numbers
 
+# Velocity at a joint that is rounding, relative to the largest of the bodies.
+_STILL = 1e-9
 # Bodies of a joint, of which one may be None, the ground.
 Pair = tuple[RigidBody | None, RigidBody | None]
 
@@ -324,6 +326,49 @@ def check_joints(joints: Sequence[Joint], rigid: Sequence[RigidBody], bodies: Ri
             raise ValueError(f"{what} is in {dim}D, the rigid bodies in {bodies.dim}D.")
         if all(held[[number_of.get(id(body), -1) for body in joint.between]]):
             raise ValueError(f"{what} joins two bodies whose every motion is prescribed.")
+
+
+class RowsOfJoints(NamedTuple):
+    """The rows of some joints, one joint after the other.
+
+    Attributes:
+        each: the rows, n of them.
+        joint: number of the joint of each, shape (n,).
+        placed: the same as arrays.
+    """
+
+    each: list[Row]
+    joint: np.ndarray
+    placed: JointRows
+
+
+def rows_of_joints(
+    joints: Sequence[Joint], rigid: Sequence[RigidBody], bodies: RigidBodies
+) -> RowsOfJoints:
+    """Rows of joints as the bodies are placed; arguments as of `check_joints`."""
+    of_joint = [joint.rows() for joint in joints]
+    each = [row for rows in of_joint for row in rows]
+    number = np.repeat(np.arange(len(of_joint)), [len(rows) for rows in of_joint])
+    pairs = joined_bodies(joints, rigid)[number]
+    return RowsOfJoints(each, number, JointRows(bodies, pairs, each))
+
+
+def parting_joint(
+    joints: Sequence[Joint], rigid: Sequence[RigidBody], bodies: RigidBodies
+) -> tuple[int, float] | None:
+    """The joint whose bodies leave it fastest, and how fast, m/s or rad/s; None if none do."""
+    rows = rows_of_joints(joints, rigid, bodies)
+    place, count = rows.placed.at(bodies.position, bodies.rotation), len(bodies)
+    points = rows.placed.points(place, 0, 2 * count, np.zeros(len(rows.each), int)).points
+    velocity = np.zeros((2 * count + 1, bodies.dim))
+    velocity[:-1:2] = bodies.velocity
+    velocity[1::2, : np.size(bodies.spin) // count] = bodies.spin.reshape(count, -1)
+    parting = np.abs(points.relative(velocity)[:, 0])
+    parting[[not isinstance(row.law, Held) for row in rows.each]] = 0.0
+    first = int(parting.argmax())
+    if parting[first] <= _STILL * np.abs(velocity).max():
+        return None
+    return int(rows.joint[first]), float(parting[first])
 
 
 def joined_bodies(joints: Sequence[Joint], rigid: Sequence[RigidBody]) -> np.ndarray:

@@ -15,7 +15,7 @@ that of SHAKE, 8e-4, of second order in the step, and does not grow (`benchmarks
 Positions at the ends of steps lie on the chords: a joint's gap there is v^2 h^2 / (8 R), v the
 speed on an arc of radius R.
 
-Elastic wires have no bend: their force is that of the chord.
+Rows that hold and stops have a bend; the force of an elastic wire is that of the chord.
 """
 
 from __future__ import annotations
@@ -25,18 +25,20 @@ import math
 import numpy as np
 
 from xper_fx.nscd.interactions import Interactions
-from xper_fx.nscd.laws.joint_laws import ElasticWire
+from xper_fx.nscd.laws.joint_laws import ElasticWire, Held, Stop
 from xper_fx.nscd.laws.law import Law
 from xper_fx.nscd.rigid.held_rows import HeldRows
 from xper_fx.nscd.rigid.joint_rows import JointRows, Place
 from xper_fx.nscd.rigid.motion import Prediction, RigidMotion
 from xper_fx.nscd.solvers.solver import SolveOptions, Solver, SolveReport
-from xper_fx.scene.joints import joined_bodies
+from xper_fx.scene.joints import rows_of_joints
 from xper_fx.scene.scene import Scene
 
 # How often a step is solved until the bend stays, and what may be left of it: the velocity that it
 # asks for, relative to the solver's tolerance of velocities.
 _ROUNDS, _STRICT = 20, 1e-4
+# Largest bend relative to what turns, which is that of half a radian a step.
+_FAR = 0.125
 
 
 class JointedBodies:
@@ -56,11 +58,9 @@ class JointedBodies:
     """
 
     def __init__(self, scene: Scene, laws: list[Law]):
-        rows = [joint.rows() for joint in scene.joints]
-        self.joint_of_row = np.repeat(np.arange(len(rows)), [len(own) for own in rows])
-        of_all = [row for own in rows for row in own]
-        pairs = joined_bodies(scene.joints, scene.rigid)[self.joint_of_row]
-        self.rows = JointRows(scene.rigid_bodies, pairs, of_all)
+        of_all, self.joint_of_row, self.rows = rows_of_joints(
+            scene.joints, scene.rigid, scene.rigid_bodies
+        )  # fmt: skip
         own = list(dict.fromkeys(row.law for row in of_all))
         self.laws = [*laws, *own]
         self._law_of_row = len(laws) + np.array([own.index(row.law) for row in of_all])
@@ -129,15 +129,16 @@ class _BentPaths(Solver):
         self, interactions: Interactions, velocity: np.ndarray, options: SolveOptions
     ) -> SolveReport:
         """Find the impulses of the step, as `Solver.solve` says."""
-        free, sweeps = velocity.copy(), 0
+        dim, free, sweeps = interactions.dim, velocity.copy(), 0
+        kinds = (Held().kernels(dim), Stop().kernels(dim))
+        self._bent = [group for group in interactions.joints if group.kernels in kinds]
         held = HeldRows(interactions, self._rigid.blocks)
-        straight = [group.jump[:, 0].copy() for group in interactions.joints]
+        straight = [group.jump[:, 0].copy() for group in self._bent]
         interactions.add_velocity(velocity)
         bend = self._bend(interactions, velocity)
         for _ in range(_ROUNDS):
-            for group, jump in zip(interactions.joints, straight, strict=True):
-                if "stored" not in group.kernels.energies:
-                    group.jump[:, 0] = jump + bend[group.indices]
+            for group, jump in zip(self._bent, straight, strict=True):
+                group.jump[:, 0] = jump + bend[group.indices]
             interactions.prepare()
             held.solve(velocity)
             velocity[:] = free
@@ -146,6 +147,7 @@ class _BentPaths(Solver):
             if not report.converged:
                 break
             before, bend = bend, self._bend(interactions, velocity)
+            self._check_turns(bend, interactions.step_size)
             size, rounding = interactions.impulse_energy_norm(free, velocity)
             left = self._size(interactions, bend - before)
             if left <= max(_STRICT * options.tolerance * size, rounding):
@@ -154,18 +156,31 @@ class _BentPaths(Solver):
             report = report._replace(converged=False, residual=left / size if size else left)
         return report._replace(sweeps=sweeps)
 
+    def _check_turns(self, bend: np.ndarray, step: float) -> None:
+        """Raise a FloatingPointError where bodies turn too far in a step (s)."""
+        most = _FAR * self._rows.reach(self._place)
+        if np.any(np.abs(bend) > most):
+            row = int(np.argmax(np.abs(bend) / most))
+            first, second = self._rows.pairs[row]
+            raise FloatingPointError(
+                f"Rigid bodies {first} and {second} turn too far about their joint in a step of "
+                f"{step:.3g} s. Take a smaller step."
+            )
+
     def _bend(self, interactions: Interactions, velocity: np.ndarray) -> np.ndarray:
-        """c of each row, for end velocities of all slots."""
+        """c of each row, zero where there is none, for end velocities of all slots."""
         ahead = self._rows.at(*self._rigid.next_middle(interactions.rigid_part(velocity)))
-        bend, nodal = ahead.gap - self._place.gap, velocity.reshape(-1, interactions.dim)
-        for group in interactions.joints:
-            bend[group.indices] -= interactions.step_size * group.points.relative(nodal)[:, 0]
+        nodal, bend = velocity.reshape(-1, interactions.dim), np.zeros(len(self._rows))
+        for group in self._bent:
+            row = group.indices
+            straight = interactions.step_size * group.points.relative(nodal)[:, 0]
+            bend[row] = ahead.gap[row] - self._place.gap[row] - straight
         return bend
 
     def _size(self, interactions: Interactions, bend: np.ndarray) -> float:
         """Velocities that a bend asks for in the norm of the kinetic energy, kg^(1/2) m/s."""
         total = 0.0
-        for group in interactions.joints:
+        for group in self._bent:
             moves = group.compliance[:, 0] > 0.0
             asked = bend[group.indices[moves]] / interactions.step_size
             total += float(np.sum(asked**2 / group.compliance[moves, 0]))

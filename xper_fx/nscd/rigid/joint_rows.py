@@ -32,6 +32,8 @@ from xper_fx.nscd.rigid.bodies import RigidBodies
 from xper_fx.nscd.rigid.plane_turning import rotation_matrices
 
 PLANE, LENGTH, TURN, ALIGN, TWIST = range(5)
+# Arms that are as good as none, relative to the smallest body.
+_LEAST = 1e-6
 
 
 class Row(NamedTuple):
@@ -94,6 +96,8 @@ class JointRows:
         # in the axes of the bodies
         self._ends = np.einsum("nsji,nsj->nsi", axes[pairs], ends - centre[pairs])
         self._directions = np.einsum("nsji,nsj->nsi", axes[pairs[:, [0, 0, 1]]], directions)
+        size = bodies.shapes.bounding_radius
+        self._least = _LEAST * size[np.isfinite(size)].min(initial=np.inf)
         if bodies.dim == 2:
             turns = self.kind == TURN
             self._offset[turns] -= (self._sign * self._turned(bodies.rotation))[turns]
@@ -177,6 +181,13 @@ class JointRows:
         normal[row] = self._sign[row, None] * axis
         gap[row] = self._sign[row] * angle + self._offset[row]
         return Place(gap, normal, arms)
+
+    def reach(self, place: Place) -> np.ndarray:
+        """Size of what turns with each row, shape (n,): its arms or its length, m; 1 on spins."""
+        moves = self.pairs[:, ::-1] < self._count
+        arms = np.where(moves, np.linalg.norm(place.arms, axis=2), 0.0).sum(axis=1)
+        reach = np.where(self.kind == LENGTH, self._offset, arms + self._least)
+        return np.where(self.on_spins, 1.0, reach)
 
     def points(self, place: Place, num_nodes: int, ground: int, law: np.ndarray) -> FoundPoints:
         """The rows as points of the interaction layer, candidate b and antagonist a.
