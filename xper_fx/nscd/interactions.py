@@ -20,15 +20,12 @@ from xper_fx.nscd.ordering import vertex_of_points
 from xper_fx.nscd.own_compliance import update_compliance
 from xper_fx.nscd.point_group import PointGroup
 from xper_fx.nscd.points import InteractionPoints
-from xper_fx.nscd.stepped_points import SteppedPoints
+from xper_fx.nscd.stepped_points import ROUNDING, SteppedPoints
 from xper_fx.support.saved_rows import Rows
 
 if TYPE_CHECKING:
     from xper_fx.nscd.anchors import Anchors
     from xper_fx.nscd.turning_frames import LipMotion
-
-# Relative rounding of velocities that several points add up to.
-_ROUNDING = 4.0 * np.finfo(float).eps
 
 
 class Interactions(SteppedPoints):
@@ -320,16 +317,6 @@ class Interactions(SteppedPoints):
         self.groups = self._permanent + self.joints + self.contacts
         self.renewals += 1
 
-    @property
-    def joints(self) -> list[PointGroup]:
-        """The groups of the rows of joints; `indices` are the rows' numbers."""
-        return self._carried.groups
-
-    @property
-    def contacts(self) -> list[PointGroup]:
-        """The groups of contacts that were found."""
-        return self._found.groups
-
     def deactivate(self, indices: np.ndarray) -> None:
         """Take permanent points out, for good; what `gather` gives of them is zero.
 
@@ -353,25 +340,12 @@ class Interactions(SteppedPoints):
         if self._stiffness is None:
             self._add_up()
         speed = self.largest(float(np.abs(velocity).max(initial=0.0)))
-        return _ROUNDING * speed * self._stiffness
+        return ROUNDING * speed * self._stiffness
 
     @property
     def uses_velocity_criterion(self) -> bool:
         """Whether all points are contacts of rigid bodies (`nscd/solvers/nlgs.py`)."""
         return self._all_of_rigid
-
-    def impulse_energy_norm(self, free: np.ndarray, velocity: np.ndarray) -> tuple[float, float]:
-        """|w H r| of the present impulses in the norm of the kinetic energy, and its rounding.
-
-        Args:
-            free, velocity: shape (num_slots * dim,), before and after the impulses (m/s).
-
-        Returns:
-            (p . w p)^(1/2) with p = H r, and the same of the rounding of velocities; kg^(1/2) m/s.
-        """
-        energy = self.total(float(np.vdot(self._own_impulses(), velocity - free)))
-        speed = float(np.abs(velocity).max(initial=0.0))
-        return math.sqrt(max(energy, 0.0)), _ROUNDING * speed * math.sqrt(self._mass)
 
     def saved(self) -> dict:
         """What the next step depends on, the inverse and what is found anew left out.
