@@ -145,6 +145,19 @@ def test_step_tolerance_loads_and_laws_change():
     assert still.ledger.closure == pytest.approx(0.0, abs=1e-12)
 
 
+def test_loads_of_meshed_bodies_change_at_once():
+    """A block in free flight has g1 t1 + g2 t2, whatever the step: half a step has no old load."""
+    scene = xf.Scene(
+        xf.explode(xf.crossed_rectangle((0.0, 0.0), (1.0, 1.0), (1, 1)), np.zeros(4, int)),
+        {1: xf.materials.LinearElastic(young=1e6, poisson=0.3, density=1.0)},
+        loads=[xf.Gravity((0.0, -10.0))],
+    )
+    first = advanced(xf.Simulation(scene, 0.1), 0.2)
+    other = advanced(again(first, {"loads": [xf.Gravity((2.0, 0.0))]}, step=0.05), 0.4)
+    velocity = other.state.velocity.reshape(-1, 2)
+    np.testing.assert_allclose(velocity, np.broadcast_to((0.4, -2.0), velocity.shape), atol=1e-9)
+
+
 def test_joints_go_on_as_they_were_placed():
     """A wire leaves with its energy, a weld comes; a hinge with limits is where it was placed."""
     bar = xf.RigidBody(xf.rigid.Polygon.box((1.0, 0.1)), (0.5, 0.0), "bars", density=10.0)

@@ -13,6 +13,7 @@ leave with their bodies, `closure` shows it from then on.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -41,6 +42,9 @@ def go_on(simulation: Restartable, after: Snapshot) -> None:
     stored = 0.0 if model.joints is None else model.joints.stored
     saved = _carried(simulation, after)
     simulation.restore(saved)
+    if model.scene.bodies is not None and model.options.path is None:
+        loads = model.bulk.external(simulation.time)
+        simulation.state = replace(simulation.state, external=loads)
     kinetic = model.bulk.kinetic_energy(simulation.state.velocity)
     if model.rigid is not None:
         kinetic += model.rigid.kinetic

@@ -46,7 +46,8 @@ class HeldRows:
         w = sp.bsr_array((blocks, np.arange(count), np.arange(count + 1)))
         self._pushed = (w @ self._h.T).tocsc()
         matrix = (self._h @ self._pushed).tocsc()
-        matrix += sp.diags_array(_ADDED * matrix.diagonal())
+        diagonal = matrix.diagonal()  # zero where both sides are driven along a row
+        matrix += sp.diags_array(np.where(diagonal > 0.0, _ADDED * diagonal, 1.0))
         self._factors = splu(matrix)
 
     def solve(self, velocity: np.ndarray) -> None:
