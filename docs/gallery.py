@@ -81,6 +81,13 @@ GALLERY = (
         "seconds",
     ),
     Figures(
+        "demos/fragmentation.py",
+        "--cells 12 --out {out}",
+        {"fragmentation": "pieces.png"},
+        ("A ring that expands and flies to pieces",),
+        "minutes",
+    ),
+    Figures(
         "demos/accuracy_cost.py",
         "--time cpu_seconds --out {out}",
         {"accuracy_cost": "first.png"},

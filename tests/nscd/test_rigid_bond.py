@@ -68,6 +68,22 @@ def test_a_sound_bond_does_not_move_up_to_its_strength(dim):
     assert bond.jump @ direction > 0.0
 
 
+@pytest.mark.parametrize(("opened", "spent"), [(1e-9, 0.0), (1e-3, 2e-3)])
+def test_a_bond_that_sweeps_leave_open_is_booked_as_open(opened, spent):
+    """Its impulse could hold it; lips that are apart by more than a tolerance are no longer sound.
+
+    With a linear curve an opening of x dc spends x (2 - x) of the energy once the bond unloads.
+    """
+    bond, h = PointMass(law(), 2.0, [0.0, 0.0], area=AREA), 1e-6
+    bond.step(h, np.array([0.5 * S * AREA, 0.0]))
+    bond.interactions.begin_step(h, 0.5)
+    v = np.array([2.0 * opened * law().critical_opening / h, 0.0, 0.0, 0.0])
+    energies = bond.interactions.commit(v)
+    assert bond.opening_max == pytest.approx(opened * law().critical_opening if spent else 0.0)
+    left = sum(energies[:2])  # stored and spent
+    assert left == pytest.approx(spent * SPENT, rel=2e-3, abs=1e-15)
+
+
 @pytest.mark.parametrize("theta", [0.5, 0.75, 1.0])
 def test_no_traction_exceeds_the_strength(theta):
     """A heavy mass opens the bond in small steps: tractions are means of the curve."""

@@ -10,7 +10,7 @@ from mpi4py import MPI
 
 from xper_fx.forms.loads import Gravity
 from xper_fx.nscd.laws import CohesiveZone, SignoriniCoulomb
-from xper_fx.nscd.rigid import Disc, Polygon, RigidBody, Sphere, wall
+from xper_fx.nscd.rigid import Cluster, Disc, Part, Polygon, RigidBody, Sphere, wall
 from xper_fx.output.contact_forces import find_contact_forces
 from xper_fx.output.fragments import measure_fragments
 from xper_fx.parallel import rigid_partition as rigid_division
@@ -71,10 +71,13 @@ def falling() -> Simulation:
 
 
 def bricks(**options) -> Simulation:
-    """Blocks in bond on a floor that jerks them along."""
+    """Blocks in bond on a floor that jerks them along; those on top are of two halves."""
+    brick = Polygon.box((0.2, 0.1))
+    half = Polygon.box((0.1, 0.1))
+    halves = Cluster([Part(half, (-0.05, 0.0)), Part(half, (0.05, 0.0))])
     bodies = [
         RigidBody(
-            Polygon.box((0.2, 0.1)),
+            halves if j == 2 else brick,
             (0.21 * i + 0.105 * (j % 2), 0.05 + 0.1 * j),
             "blocks",
             density=2000.0,

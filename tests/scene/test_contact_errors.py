@@ -120,6 +120,22 @@ def test_overlaps_are_moved_apart_by_the_least_motion():
     np.testing.assert_allclose(position[:2, 1], 1.0, atol=2e-6)
 
 
+def test_neighbours_take_part_in_the_least_motion():
+    """The first of a row of 21 discs, with gaps g, overlaps the second by d.
+
+    It moves by a, the others by b, b - g, b - 2 g, ..., with a + b = d; the least sum of squares is
+    that of b = (d + 190 g) / 21.
+    """
+    d, g = 0.05, 1e-5
+    places = [0.0, *((2.0 + g) * np.arange(1, 21) - g - d)]
+    rigid = [disc((x, 0)) for x in places]
+    position = Scene(rigid=rigid, contacts=within(), resolve_overlaps=True).rigid_bodies.position
+    b = (d + 190 * g) / 21
+    expected = [b - d, *(b - g * np.arange(20))]
+    np.testing.assert_allclose(position[:, 0] - places, expected, atol=2e-5)
+    np.testing.assert_allclose(position[:, 1], 0.0, atol=1e-12)
+
+
 def test_crowded_polygons_are_moved_apart():
     """A heap of squares thrown at random into each other ends without an overlap."""
     rng = np.random.default_rng(3)

@@ -254,6 +254,16 @@ def jointed():
     return _meeting(rigid=[disc], joints=[Tendon((None, disc), ((-0.5, 2.0), (-0.5, 0.5)))])
 
 
+def caught():
+    """By two boxes, one on the other, that are one body."""
+    from xper_fx.nscd.rigid import Cluster, Polygon, RigidBody
+
+    lower = Polygon([[-1.0, 0.0], [-0.0005, 0.0], [-0.0005, 0.5], [-1.0, 0.5]])
+    boxes = Cluster([lower, Polygon(lower.vertices + [0.0, 0.5])])
+    body = RigidBody(boxes, None, "disc", density=1.0, velocity=(2e-2, 0.0))
+    return _meeting(rigid=[body])
+
+
 def split():
     """Two crossed squares whose cells are one mesh until bonds let go."""
     from xper_fx.nscd.laws import RigidCohesiveZone
@@ -364,6 +374,9 @@ SCENES = {
     struck: {*_POINTS, "unilateral contact", "impact", "contact search", "rigid bodies"},
     jointed: {
         *_POINTS, "unilateral contact", "impact", "contact search", "rigid bodies", "joints",
+    },
+    caught: {
+        *_POINTS, "unilateral contact", "impact", "contact search", "rigid bodies", "clusters",
     },
     split: {
         *_POINTS, "unilateral contact", "cohesion", "damage", "impact", "explicit bulk",

@@ -30,7 +30,7 @@ from xper_fx.materials import (
 )
 from xper_fx.nscd.laws import CohesiveCurve, CohesiveZone, RigidCohesiveZone, SignoriniCoulomb
 from xper_fx.nscd.laws.fields import Lognormal
-from xper_fx.nscd.rigid import Disc, Polygon, Polyhedron, RigidBody, wall
+from xper_fx.nscd.rigid import Cluster, Disc, Part, Polygon, Polyhedron, RigidBody, wall
 from xper_fx.periodic.drive import MacroscopicDrive
 from xper_fx.scene import Hinge, Scene, Tendon, Wall
 from xper_fx.scene.contact import Contact
@@ -190,8 +190,11 @@ def ductile_cell():
 
 
 def falling_bodies():
-    """Discs and boxes that fall on each other and slide."""
+    """Discs, boxes and a cross that fall on each other and slide."""
     rigid = [wall((0.0, 0.0), (0.0, 1.0), "ground")]
+    bar = Polygon.box((0.2, 0.05))
+    cross = Cluster([bar, *(Part(Polygon.box((0.05, 0.07)), (0.0, s * 0.06)) for s in (-1, 1))])
+    rigid.append(RigidBody(cross, (-0.2, 0.12), "grains", density=100.0, spin=-2.0))
     for i in range(3):
         rigid.append(RigidBody(Disc(0.1), (0.15 * i, 0.1 + 0.21 * i), "grains", density=100.0))
         rigid.append(

@@ -87,9 +87,9 @@ def couple(points: InteractionPoints, inverse: BodyInverse) -> Couplings:
     """Resolve nodes to positions in the velocity array and in the blocks of w."""
     dim = inverse.dim
     # The ground's slots all belong to the last block.
-    block = inverse.block_of_node()[points.nodes]
-    body = inverse.node_offsets[block[:, :, 0]] * dim
-    size = np.diff(inverse.node_offsets)[block[:, :, 0]] * dim
+    block = inverse.block_of_node[points.nodes]
+    first = inverse.node_offsets[block[:, :, 0]]
+    body, size = first * dim, (inverse.node_offsets[block[:, :, 0] + 1] - first) * dim
     start = points.nodes.astype(np.int64) * dim
     rows = inverse.data_offsets[block] + (start - body[..., None]) * size[..., None]
     small = np.int32 if max(len(inverse.data), inverse.num_slots * dim) < 2**31 else np.int64

@@ -47,7 +47,7 @@ class Grouping:
     def __init__(self, laws: list[Law], inverse: BodyInverse, vertex: np.ndarray | None):
         self._laws, self._dim, self._vertex = laws, inverse.dim, vertex
         self._still = inverse.still()
-        self._block_of_node = inverse.block_of_node().astype(np.int32)
+        self._block_of_node = inverse.block_of_node
 
     def groups(
         self,
@@ -77,8 +77,10 @@ class Grouping:
             by_kernels.setdefault(self._laws[number].kernels(self._dim), []).append(number)
         groups = []
         for kernels, numbers in by_kernels.items():
-            indices = np.flatnonzero(np.isin(law_of_point, numbers))
-            for number in np.unique(phase[indices]).tolist():
+            own = np.zeros(len(self._laws), bool)
+            own[numbers] = True
+            indices = np.flatnonzero(own[law_of_point])
+            for number in np.flatnonzero(np.bincount(phase[indices])).tolist():
                 here = indices[phase[indices] == number]
                 group = self._group(inverse, kernels, points, law_of_point, here, nodal, later)
                 groups.append(replace(group, phase=number))

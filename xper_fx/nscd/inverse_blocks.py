@@ -9,6 +9,7 @@ rows and columns. A lumped mass has one block a node.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -134,7 +135,7 @@ class BodyInverse:
         """Length, in nodes, of a velocity array with the ground's padding."""
         return int(self.node_offsets[-1])
 
-    @property
+    @cached_property
     def uniform_size(self) -> int:
         """Common block size (degrees of freedom), or 0 when sizes differ."""
         sizes = np.diff(self.node_offsets)
@@ -160,6 +161,8 @@ class BodyInverse:
         nodal = diagonal.reshape(-1, self.dim)
         return np.all(nodal == nodal[:, :1], axis=1)
 
+    @cached_property
     def block_of_node(self) -> np.ndarray:
-        """Block of each node slot, the ground's included; shape (num_slots,)."""
-        return np.repeat(np.arange(len(self.node_offsets) - 1), np.diff(self.node_offsets))
+        """Block of each node slot, the ground's included; shape (num_slots,), int32."""
+        sizes = np.diff(self.node_offsets)
+        return np.repeat(np.arange(len(sizes), dtype=np.int32), sizes)

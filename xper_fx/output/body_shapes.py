@@ -10,7 +10,7 @@ import numpy as np
 
 from xper_fx.nscd.rigid.bodies import RigidBodies
 from xper_fx.nscd.rigid.motion import RigidState
-from xper_fx.nscd.rigid.shapes import DISC, POLYGON
+from xper_fx.nscd.rigid.shapes import CLUSTER, DISC, POLYGON
 
 
 class Moments(NamedTuple):
@@ -83,6 +83,13 @@ def rigid_moments(bodies: RigidBodies, shapes: list, state: RigidState) -> Momen
 def _about_centre(shape) -> tuple[float, np.ndarray]:
     """Volume and second moment about the centroid in the axes of the body."""
     unit = shape.mass_properties(1.0)
+    if shape.kind == CLUSTER and shape.dim == 2:
+        second = np.zeros((2, 2))
+        for piece, offset in shape.pieces:
+            volume, own = _about_centre(piece)
+            second += own + volume * np.outer(offset, offset)
+        # parts that overlap count twice in the sum, not in the inertia
+        return unit.mass, unit.inertia / np.trace(second) * second
     if shape.kind == DISC:
         return unit.mass, 0.5 * unit.inertia * np.eye(2)
     if shape.kind == POLYGON:

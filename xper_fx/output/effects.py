@@ -86,6 +86,11 @@ def _bytes_within(item: object) -> int:
     return sum(map(_bytes_within, vars(item).values())) if hasattr(item, "__dict__") else 0
 
 
+def _has_clusters(simulation: Simulation) -> bool:
+    bodies = simulation.scene.rigid_bodies
+    return bodies is not None and len(bodies.shapes.body) > len(bodies)
+
+
 def _turning_bytes(simulation: Simulation) -> int:
     """Bytes of what points have to turn with their lips."""
     held = [g.turning for g in simulation.interactions.groups if g.turning is not None]
@@ -139,6 +144,7 @@ EFFECTS = (
         lambda s: s.rigid.nbytes,
         ("rigid bodies",),
     ),
+    Effect("clusters", _has_clusters, lambda s: s.scene.rigid_bodies.shapes.offset.nbytes),
     Effect(
         "contact search",
         lambda s: s.detection is not None,

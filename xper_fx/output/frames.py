@@ -76,7 +76,7 @@ def take_frame(recorder: Recorder, values: npt.ArrayLike, title: str) -> Frame:
         state = simulation.rigid.state
         triangles = body_outlines(simulation.rigid.bodies)
         rigid = triangles.positions(state.position, state.turn.rotation)[triangles.cells]
-        bounded = np.isfinite(simulation.rigid.bodies.shapes.bounding_radius)
+        bounded = np.isfinite(simulation.rigid.bodies.bounding_radius)
         middles = np.concatenate([middles, np.where(bounded[:, None], state.position, np.nan)])
     contacts = find_contact_forces(simulation)
     points = np.broadcast_to(contacts.position[:, None], (len(contacts.position), 2, 2))

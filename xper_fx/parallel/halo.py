@@ -131,7 +131,7 @@ class Halo:
         phase: np.ndarray,
     ):
         self.ranks, self.numbers, self.phase = ranks, numbers, phase
-        blocks_of = inverse.block_of_node()
+        blocks_of = inverse.block_of_node
         self._blocks = {rank: np.unique(blocks_of[slots]) for rank, slots in given.items()}
         sizes = np.diff(inverse.node_offsets)
         told = [None] * ranks.size

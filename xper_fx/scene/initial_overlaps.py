@@ -3,7 +3,8 @@
 
 Moved apart by the contact problem itself, with displacements d in the place of velocities: with w
 the inverse of the masses, d = w H r, g + H^T d >= 0, r >= 0, r (g + H^T d) = 0 is the least motion,
-in the norm of the mass, that opens the gaps g. Gaps and normals change on the way, hence rounds.
+in the norm of the mass, that opens the gaps g. Gaps and normals change on the way, hence rounds;
+neighbours that do not overlap yet have their part in each, so that they are not pushed into.
 """
 
 from __future__ import annotations
@@ -25,8 +26,9 @@ from xper_fx.nscd.search.rigid_search import RigidSearch
 from xper_fx.nscd.solvers.nlgs import NonlinearGaussSeidel
 from xper_fx.nscd.solvers.solver import SolveOptions
 
-# Depth that counts as touching, relative to the smallest body.
-_TOUCHING = 1e-6
+# Depth that counts as touching, and gap up to which others are neighbours, relative to the smallest
+# body.
+_TOUCHING, _NEIGHBOURS = 1e-6, 0.1
 # Rounds after which bodies are too crowded, and sweeps of a round.
 _ROUNDS, _SWEEPS = 100, 1000
 # Overlaps that a message names.
@@ -56,7 +58,8 @@ def separate(
     smallest = float(bodies.shapes.bounding_radius.min())
     if not np.isfinite(smallest):
         return
-    search = RigidSearch(bodies, pairs, _TOUCHING * smallest, apart)
+    reach = (_NEIGHBOURS if resolve else _TOUCHING) * smallest
+    search = RigidSearch(bodies, pairs, reach, apart)
     for _ in range(_ROUNDS if resolve else 1):
         overlaps = search.overlaps(bodies.position, bodies.rotation, _TOUCHING * smallest)
         if left is not None and not resolve:
@@ -81,20 +84,20 @@ def _refuse_twins(bodies: RigidBodies, overlaps: Sequence[tuple[int, int, float]
     """Name two bodies of one shape that are in one place, which are one body given twice."""
     tables = bodies.shapes
 
-    def corners(body: int) -> np.ndarray:
-        entry = tables.entry[body]
-        if entry < 0:
-            return np.zeros((0, bodies.dim))
-        return tables.vertices[tables.vertex_offsets[entry] : tables.vertex_offsets[entry + 1]]
+    def shape(body: int) -> list:
+        """Numbers that tell the pieces of a body."""
+        told = []
+        for piece in np.flatnonzero(tables.body == body):
+            entry = tables.entry[piece]
+            corners = tables.vertices[slice(*tables.vertex_offsets[[entry, entry + 1]])]
+            told += [tables.kind[piece], tables.radius[piece], *tables.offset[piece]]
+            told += [] if entry < 0 else corners.ravel().tolist()
+        return told
 
     for i, j, _ in overlaps:
-        size = tables.bounding_radius[[i, j]].min()
-        if (
-            tables.kind[i] == tables.kind[j]
-            and np.linalg.norm(bodies.position[i] - bodies.position[j]) <= _TOUCHING * size
-            and tables.radius[i] == tables.radius[j]
-            and np.array_equal(corners(i), corners(j))
-        ):
+        size = bodies.bounding_radius[[i, j]].min()
+        apart = np.linalg.norm(bodies.position[i] - bodies.position[j])
+        if apart <= _TOUCHING * size and shape(i) == shape(j):
             raise ValueError(
                 f"Rigid bodies {i} and {j} are of the same shape at the same place, "
                 f"{bodies.position[i].tolist()} m, as if one body were given twice: leave one out, "

@@ -63,7 +63,7 @@ def mesh_overlaps(scene: Scene) -> Iterator[str]:
     rigid = scene.rigid_bodies
     if rigid is None:
         return
-    bounded = np.flatnonzero(np.isfinite(rigid.shapes.bounding_radius))
+    bounded = np.flatnonzero(np.isfinite(rigid.bounding_radius))
     points = np.zeros((len(bounded), 3))
     points[:, : scene.dim] = rigid.position[bounded]
     for number, cell in cells_at(points):

@@ -26,7 +26,7 @@ def check_walls_look_at_bodies(
     Raises:
         ValueError: all of it is behind a wall.
     """
-    walls = np.flatnonzero(np.isinf(bodies.shapes.bounding_radius))
+    walls = np.flatnonzero(np.isinf(bodies.bounding_radius))
     if not len(walls):
         return
     partners = _partners(contacts)

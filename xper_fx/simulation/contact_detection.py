@@ -128,11 +128,16 @@ class Detection:
     def outrun(self, state: State, rigid: RigidMotion | None, step: float) -> bool:
         """Whether something moves so far in a step (s) that it may pass through another unseen.
 
-        That is a rigid body by its own radius, a node by the depth that is sought behind a facet.
+        That is a rigid body, or a part of a cluster, by its own radius, a node by the depth that is
+        sought behind a facet.
         """
         if rigid is not None:
-            radius = self._scene.rigid_bodies.shapes.bounding_radius
-            if np.any(np.linalg.norm(rigid.state.velocity, axis=1) * step > radius):
+            shapes, speed = self._scene.rigid_bodies.shapes, rigid.state.velocity
+            speed = np.linalg.norm(speed, axis=1)[shapes.body]
+            if len(speed) > len(rigid.bodies):
+                spin = np.linalg.norm(rigid.state.turn.spin, axis=1)[shapes.body]
+                speed += spin * np.linalg.norm(shapes.offset, axis=1)
+            if np.any(speed * step > shapes.bounding_radius):
                 return True
         if self._surfaces is None:
             return False

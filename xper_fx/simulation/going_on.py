@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from xper_fx.nscd.laws.law import Law
+from xper_fx.nscd.rigid.bodies import RigidBodies
 from xper_fx.scene.snapshot import Snapshot
 from xper_fx.simulation.course import Course
 
@@ -75,7 +76,9 @@ def _carried(simulation: Restartable, after: Snapshot) -> dict:
 
     def keys_of_contacts(keys: np.ndarray) -> np.ndarray:
         # beside a mesh, where keys are of other kinds too, bodies are the same
-        return keys if same_bodies else _contact_keys(keys, number, len(before.rigid))
+        if same_bodies:
+            return keys
+        return _contact_keys(keys, number, scene.rigid_bodies, before.rigid_bodies)
 
     points["contacts"] = _records(points.get("contacts", {}), after, laws, keys_of_contacts)
     if after.joint_rows is not None:
@@ -117,17 +120,24 @@ def _inverse(number: np.ndarray, before: int) -> np.ndarray:
     return new
 
 
-def _contact_keys(keys: np.ndarray, number: np.ndarray, before: int) -> np.ndarray:
+def _contact_keys(
+    keys: np.ndarray, number: np.ndarray, bodies: RigidBodies, before: RigidBodies
+) -> np.ndarray:
     """Keys of contacts between rigid bodies in the new scene, negative where a body has left.
 
     Args:
         keys: shape (n, 2), in the scene of the run (`nscd/search/rigid_search.py`).
         number: of each body there.
-        before: how many bodies were there.
+        bodies: of the new scene.
+        before: those of the run.
     """
-    new = _inverse(number, before)
-    first, second = (new[body] for body in np.divmod(keys[:, 0], before))
-    pair = np.where((first >= 0) & (second >= 0), first * len(number) + second, -1)
+    count = len(before.shapes.body)
+    new = np.full(count, -1)
+    left = np.isin(before.shapes.body, number)
+    new[left] = np.flatnonzero(number[bodies.shapes.body] >= 0)
+    first, second = (new[piece] for piece in np.divmod(keys[:, 0], count))
+    known = (first >= 0) & (second >= 0)
+    pair = np.where(known, first * len(bodies.shapes.body) + second, -1)
     return np.stack([pair, keys[:, 1]], axis=1)
 
 

@@ -55,6 +55,7 @@ def for_dimension(dim: int, components: int | None = None) -> SmallAlgebra:
     return SmallAlgebra(**own | {"to_local": module.to_normal, "to_global": module.along_normal})
 
 
+@cache
 def sym_indices(components: int) -> tuple[np.ndarray, np.ndarray]:
     """Row and column of each stored entry of a symmetric matrix, in storage order."""
     return np.triu_indices(components)

@@ -56,6 +56,8 @@ _MONOTONE, _MOST = 40, 200
 _CLOSE, _NEIGHBOURS = 1e-14, 4e-16
 # Excess of a traction over the strength, relative, that is rounding.
 _ROUNDING = 1e-12
+# Opening that a solver's tolerance may leave a bond that holds, relative to the critical one.
+_LEFT = 1e-6
 # Difference of the squares of friction and its bound, relative, at which lips slide.
 _SLIDES = 1e-12
 # What is added to compliances to tell the impulse that holds, relative, and where both lips are
@@ -328,7 +330,8 @@ def rigid_kernels(
 
     @njit(**LEAN_INNER)
     def commit(i, jump0, jump1, u, r, area, step, theta, parameters, state, terms, details, energy):
-        if held(i, u, r, parameters, terms, details):
+        x1, p = opening(jump1), shape(i, jump1, parameters)
+        if x1 <= _LEFT * p[1] and held(i, u, r, parameters, terms, details):
             for j in range(len(ENERGIES)):
                 energy[i, j] = 0.0
             energy[i, NUMERICAL] = -dot(r, subtract(jump1, jump0)) / step  # of the tolerance
@@ -337,8 +340,7 @@ def rigid_kernels(
         if details[i, old] == 0.0:
             state[i, PUSHED] = r[0]
             return book_impact(i, r, subtract(jump1, jump0), step, parameters, energy)
-        x1, beta0 = opening(jump1), parameters[i, BETA0]
-        p = shape(i, jump1, parameters)
+        beta0 = parameters[i, BETA0]
         x_max = reach(details[i, limit], details[i, old] / beta0, p)
         beta = mean_damage(x1, details[i, jump_start], x_max, details[i, old], p, beta0)
         new = min(beta, damage(max(x1, x_max), p, beta0))

@@ -9,6 +9,8 @@ if TYPE_CHECKING:
     from xper_fx.nscd.rigid.bodies import RigidBodies as RigidBodies
     from xper_fx.nscd.rigid.body import RigidBody as RigidBody
     from xper_fx.nscd.rigid.body import wall as wall
+    from xper_fx.nscd.rigid.cluster import Cluster as Cluster
+    from xper_fx.nscd.rigid.cluster import Part as Part
     from xper_fx.nscd.rigid.motion import RigidMotion as RigidMotion
     from xper_fx.nscd.rigid.outline import body_outlines as body_outlines
     from xper_fx.nscd.rigid.polygon import Polygon as Polygon
@@ -16,12 +18,16 @@ if TYPE_CHECKING:
     from xper_fx.nscd.rigid.shapes import Disc as Disc
     from xper_fx.nscd.rigid.shapes import HalfPlane as HalfPlane
     from xper_fx.nscd.rigid.shapes import HalfSpace as HalfSpace
+    from xper_fx.nscd.rigid.shapes import MassProperties as MassProperties
     from xper_fx.nscd.rigid.shapes import Sphere as Sphere
 
 _MODULE_OF = {
+    "Cluster": "cluster",
     "Disc": "shapes",
     "HalfPlane": "shapes",
     "HalfSpace": "shapes",
+    "MassProperties": "shapes",
+    "Part": "cluster",
     "Polygon": "polygon",
     "Polyhedron": "polyhedron",
     "RigidBodies": "bodies",

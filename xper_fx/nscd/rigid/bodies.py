@@ -10,30 +10,35 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from xper_fx.nscd.rigid.body import ResolvedBody, RigidBody, resolve
-from xper_fx.nscd.rigid.shapes import POLYGON, POLYHEDRON, Shape
+from xper_fx.nscd.rigid.shapes import POLYGON, POLYHEDRON, Piece, Shape
 
 
 class ShapeTables(NamedTuple):
     """Shapes of the bodies, for compiled kernels; m.
 
-    A body that has corners has an entry in the tables of corners, shared by all bodies of the same
-    shape object. Entry s has vertices `vertex_offsets[s]:vertex_offsets[s + 1]`, faces
+    Shapes are convex *pieces*, in the order of their bodies: one a body, but for clusters. A piece
+    that has corners has an entry in the tables of corners, shared by all bodies of the same shape
+    object. Entry s has vertices `vertex_offsets[s]:vertex_offsets[s + 1]`, faces
     `face_offsets[s]:face_offsets[s + 1]` and edges `edge_offsets[s]:edge_offsets[s + 1]`; vertex
     and face numbers within an entry count from its first. Faces of a polygon are its edges: face i
     goes from vertex i to i + 1; it has no entries among the edges.
 
     Attributes:
-        kind: numbers of `shapes`, shape (n,), int8.
-        radius: of discs and spheres, 0 for others, shape (n,).
-        bounding_radius: about the centre of mass, inf for walls, shape (n,).
-        entry: of each body in the tables of corners, -1 if it has none, shape (n,), int32.
+        kind: numbers of `shapes`, shape (num_pieces,), int8.
+        radius: of discs and spheres, 0 for others, shape (num_pieces,).
+        bounding_radius: about the centre of the piece, inf for walls, shape (num_pieces,).
+        entry: of each piece in the tables of corners, -1 if it has none, shape (num_pieces,),
+            int32.
+        body: of each piece, shape (num_pieces,), int32, rising.
+        offset: of the piece's centre from the body's centre of mass, in the body's axes, shape
+            (num_pieces, dim).
         vertex_offsets: shape (num_entries + 1,), int32.
-        vertices: about the centre of mass in the body's axes, shape (num_vertices, dim).
+        vertices: about the centre of the piece in the body's axes, shape (num_vertices, dim).
         face_offsets: shape (num_entries + 1,), int32.
         loop_offsets: first place in `loops` of each face, shape (num_faces + 1,), int32.
         loops: vertices of the faces, counter-clockwise from outside, int32.
         face_normal: outward unit normals in the body's axes, shape (num_faces, dim).
-        face_distance: of the face's plane from the centre of mass, shape (num_faces,).
+        face_distance: of the face's plane from the centre of the piece, shape (num_faces,).
         edge_offsets: shape (num_entries + 1,), int32.
         edges: vertices (a, b), a < b, of edges of polyhedra, shape (num_edges, 2), int32.
         edge_faces: the face that runs from a to b, and that from b to a, shape (num_edges, 2).
@@ -43,6 +48,8 @@ class ShapeTables(NamedTuple):
     radius: np.ndarray
     bounding_radius: np.ndarray
     entry: np.ndarray
+    body: np.ndarray
+    offset: np.ndarray
     vertex_offsets: np.ndarray
     vertices: np.ndarray
     face_offsets: np.ndarray
@@ -53,6 +60,32 @@ class ShapeTables(NamedTuple):
     edge_offsets: np.ndarray
     edges: np.ndarray
     edge_faces: np.ndarray
+
+    def place(self, position: np.ndarray, rotation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Centres and rotations of the pieces from those of the bodies, which have their axes.
+
+        Args:
+            position: of the bodies' centres of mass, shape (num_bodies, dim), m.
+            rotation: angles, shape (num_bodies,), rad (2D); matrices from body to space,
+                (num_bodies, 3, 3) (3D).
+
+        Returns:
+            The same of the pieces; the given arrays where each body is one piece.
+        """
+        if len(self.body) == len(position):
+            return position, rotation
+        own = rotation[self.body]
+        turn = plane_rotations(own) if own.ndim == 1 else own
+        return position[self.body] + np.einsum("pij,pj->pi", turn, self.offset), own
+
+
+def plane_rotations(angle: np.ndarray) -> np.ndarray:
+    """Matrices of rotations in the plane, shape (n, 2, 2), from angles (rad)."""
+    matrices = np.empty((len(angle), 2, 2))
+    matrices[:, 0, 0] = matrices[:, 1, 1] = np.cos(angle)
+    matrices[:, 1, 0] = np.sin(angle)
+    np.negative(matrices[:, 1, 0], out=matrices[:, 0, 1])
+    return matrices
 
 
 def _offsets(lengths: list[int]) -> np.ndarray:
@@ -65,8 +98,12 @@ def _stack(parts: list[np.ndarray], shape: tuple[int, ...], dtype: type) -> np.n
 
 
 def shape_tables(shapes: Sequence[Shape]) -> ShapeTables:
-    """Tables of the shapes of all bodies, which are of one dimension."""
+    """Tables of the shapes of all bodies, a shape each, which are of one dimension."""
     dim = shapes[0].dim
+    parted = [getattr(shape, "pieces", [Piece(shape, np.zeros(dim))]) for shape in shapes]
+    body = np.repeat(np.arange(len(shapes), dtype=np.int32), [len(own) for own in parted])
+    pieces = [piece for own in parted for piece in own]
+    shapes = [piece.shape for piece in pieces]
     unique = {id(shape): shape for shape in shapes}
     cornered = [s for s in unique.values() if s.kind in (POLYGON, POLYHEDRON)]
     entry_of = {id(shape): entry for entry, shape in enumerate(cornered)}
@@ -97,6 +134,8 @@ def shape_tables(shapes: Sequence[Shape]) -> ShapeTables:
         radius=np.array([getattr(shape, "radius", 0.0) for shape in shapes], float),
         bounding_radius=np.array([bounding[id(shape)] for shape in shapes]),
         entry=np.array([entry_of.get(id(shape), -1) for shape in shapes], np.int32),
+        body=body,
+        offset=np.array([piece.offset for piece in pieces]),
         vertex_offsets=_offsets([len(v) for v in vertices]),
         vertices=_stack(vertices, (dim,), np.float64),
         face_offsets=_offsets(num_faces),
@@ -118,6 +157,7 @@ class RigidBodies:
         groups: names of the groups, in the order in which bodies first name them.
         group_of: of each body, shape (n,), int32.
         shapes: `ShapeTables`.
+        bounding_radius: about the centre of mass, inf for walls, shape (n,), m.
         mass: shape (n,), kg (2D: kg/m); 0 for a prescribed body without any.
         inertia: about the centre of mass, shape (n,) in 2D, kg m; (n, 3, 3) in the body's axes in
             3D, kg m^2.
@@ -162,7 +202,10 @@ class RigidBodies:
         number_of = {name: g for g, name in enumerate(dict.fromkeys(b.group for b in bodies))}
         self.groups = tuple(number_of)
         self.group_of = np.array([number_of[b.group] for b in bodies], np.int32)
-        self.shapes = shape_tables([b.shape for b in bodies])
+        shapes = [b.shape for b in bodies]
+        self.shapes = shape_tables(shapes)
+        radius = {id(shape): shape.bounding_radius for shape in shapes}
+        self.bounding_radius = np.array([radius[id(shape)] for shape in shapes])
         self.mass = np.array([b.mass for b in resolved])
         self.inertia = np.array([b.inertia for b in resolved])
         self.position = np.array([b.position for b in resolved])

@@ -2,7 +2,8 @@
 """One rigid body as a user writes it, and walls.
 
 The position of a body is that of its centre of mass, which is the centroid of its shape; the
-vertices of a polygon or a polyhedron may have been drawn about any origin. Its degrees of freedom
+vertices of a polygon or a polyhedron and the parts of a cluster may have been drawn about any
+origin. Its degrees of freedom
 are numbered: the components of the velocity of the centre of mass first (0, 1 or 0, 1, 2), then
 the spin about it (2 in 2D, counter-clockwise; 3, 4, 5 in 3D, in the axes of space, rad/s).
 """
@@ -39,7 +40,7 @@ class RigidBody:
     Args:
         shape: a shape of this package; bodies may share one.
         position: of the centre of mass at time 0, shape (dim,), m; None leaves the vertices of a
-            polygon or polyhedron where they were drawn.
+            polygon or polyhedron, or the parts of a cluster, where they were drawn.
         group: name that interactions are given by.
         angle: 2D: of the shape's axes from those of space, rad, counter-clockwise.
         rotation: 3D: from the shape's axes to those of space, as a SciPy `Rotation` or as a
@@ -211,7 +212,7 @@ def resolve(body: RigidBody) -> ResolvedBody:
 
     if body.position is not None:
         position = vector("The position (m)", body.position, (dim,))
-    elif hasattr(body.shape, "centred_vertices"):
+    elif hasattr(body.shape, "unit_properties"):
         position = body.shape.unit_properties.centre
         if np.any(rotation != np.array(0.0 if dim == 2 else (0.0, 0.0, 0.0, 1.0))):
             raise ValueError("A body that is turned needs a position.")

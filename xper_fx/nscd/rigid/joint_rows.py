@@ -28,8 +28,7 @@ import numpy as np
 from xper_fx.nscd.found_contacts import FoundPoints
 from xper_fx.nscd.laws.law import Law
 from xper_fx.nscd.points import InteractionPoints
-from xper_fx.nscd.rigid.bodies import RigidBodies
-from xper_fx.nscd.rigid.plane_turning import rotation_matrices
+from xper_fx.nscd.rigid.bodies import RigidBodies, plane_rotations
 
 PLANE, LENGTH, TURN, ALIGN, TWIST = range(5)
 # Arms that are as good as none, relative to the smallest body.
@@ -90,7 +89,7 @@ class JointRows:
         self.on_spins = ~np.isin(self.kind, (PLANE, LENGTH))
         self._sign = np.array([row.sign for row in rows])
         self._offset = np.array([row.offset for row in rows], float)
-        centre, axes = self._with_ground(bodies.position, rotation_matrices(bodies.rotation))
+        centre, axes = self._with_ground(bodies.position, _matrices(bodies.rotation))
         ends = np.array([row.ends for row in rows])
         directions = np.array([row.directions for row in rows])
         # in the axes of the bodies
@@ -140,7 +139,7 @@ class JointRows:
             position: of the centres of mass, shape (num_bodies, dim), m.
             rotation: angles (2D) or matrices from the bodies to space (3D).
         """
-        centre, axes = self._with_ground(position, rotation_matrices(rotation))
+        centre, axes = self._with_ground(position, _matrices(rotation))
         centre = centre[self.pairs]
         arm = np.einsum("nsij,nsj->nsi", axes[self.pairs], self._ends)
         end = centre + arm
@@ -208,6 +207,11 @@ class JointRows:
         )  # fmt: skip
         number = np.arange(count)
         return FoundPoints(points, law, np.stack([number, np.zeros_like(number)], axis=1))
+
+
+def _matrices(rotation: np.ndarray) -> np.ndarray:
+    """From the axes of the bodies to those of space, from angles in 2D."""
+    return rotation if rotation.ndim == 3 else plane_rotations(rotation)
 
 
 def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:

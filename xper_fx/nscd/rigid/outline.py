@@ -4,6 +4,7 @@
 In 2D triangles fill the bodies, counter-clockwise; in 3D they cover their surfaces,
 counter-clockwise seen from outside. Round shapes have their points on the circle or sphere, so
 that what is drawn lies inside. Walls, which have no end, are drawn as slabs below their surface.
+Of a cluster all parts are drawn, whole.
 """
 
 from __future__ import annotations
@@ -110,7 +111,7 @@ def _cornered(tables: ShapeTables, entry: int) -> tuple[np.ndarray, np.ndarray]:
 
 def _wall_sizes(bodies: RigidBodies) -> np.ndarray:
     """Distance of the far side of the farthest body from the point of each wall, (n,), m."""
-    radius = bodies.shapes.bounding_radius
+    radius = bodies.bounding_radius
     bounded = np.isfinite(radius)
     size = np.ones(len(bodies))
     if bounded.any():
@@ -140,14 +141,14 @@ def body_outlines(bodies: RigidBodies, segments: int = 24) -> Outline:
             f"The segments of a circle should be 3 to {_MOST_SEGMENTS}, got {segments!r}."
         )
     segments = int(segments)
-    tables, n = bodies.shapes, len(bodies)
+    tables = bodies.shapes
     templates = {DISC: _disc(segments)} if bodies.dim == 2 else {SPHERE: _sphere(segments)}
     templates[HALF_PLANE if bodies.dim == 2 else HALF_SPACE] = _slab(bodies.dim)
     size = np.where(tables.radius > 0.0, tables.radius, 1.0)
     walls = ~np.isfinite(tables.bounding_radius)
-    size[walls] = _wall_sizes(bodies)[walls]
+    size[walls] = _wall_sizes(bodies)[tables.body[walls]]
 
-    # Bodies alike share a template: of an entry of the tables, or of a kind without corners.
+    # Pieces alike share a template: of an entry of the tables, or of a kind without corners.
     alike = np.where(tables.entry >= 0, tables.entry, -1 - tables.kind.astype(int))
     kinds, which = np.unique(alike, return_inverse=True)
     drawn = [_cornered(tables, k) if k >= 0 else templates[-1 - k] for k in kinds]
@@ -158,9 +159,11 @@ def body_outlines(bodies: RigidBodies, segments: int = 24) -> Outline:
     cells = np.empty((num_cells.sum(), 3), np.int32)
     for k, (template, triangles) in enumerate(drawn):
         own = np.nonzero(which == k)[0]
-        points[first_point[own, None] + np.arange(len(template))] = size[own, None, None] * template
+        points[first_point[own, None] + np.arange(len(template))] = (
+            tables.offset[own, None] + size[own, None, None] * template
+        )
         cells[first_cell[own, None] + np.arange(len(triangles))] = (
             first_point[own, None, None] + triangles
         )
-    numbers = np.arange(n, dtype=np.int32)
-    return Outline(points, cells, np.repeat(numbers, num_points), np.repeat(numbers, num_cells))
+    body = tables.body
+    return Outline(points, cells, np.repeat(body, num_points), np.repeat(body, num_cells))

@@ -49,14 +49,3 @@ class PlaneTurning:
 
     def update_inverse(self, turn: Turn, inverse: np.ndarray) -> None:
         """Write w of the spins into `inverse`, shape (n, 1, 1); it never changes in 2D."""
-
-
-def rotation_matrices(rotation: np.ndarray) -> np.ndarray:
-    """Rotations from the axes of bodies to those of space as matrices, from angles in 2D."""
-    if rotation.ndim == 3:
-        return rotation
-    matrices = np.empty((len(rotation), 2, 2))
-    matrices[:, 0, 0] = matrices[:, 1, 1] = np.cos(rotation)
-    matrices[:, 1, 0] = np.sin(rotation)
-    np.negative(matrices[:, 1, 0], out=matrices[:, 0, 1])
-    return matrices

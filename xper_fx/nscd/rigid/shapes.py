@@ -20,7 +20,7 @@ import numpy as np
 from xper_fx.support.checks import require_number
 
 # Kinds of shapes, as the tables for compiled kernels name them.
-DISC, POLYGON, HALF_PLANE, SPHERE, POLYHEDRON, HALF_SPACE = range(6)
+DISC, POLYGON, HALF_PLANE, SPHERE, POLYHEDRON, HALF_SPACE, CLUSTER = range(7)
 
 
 class MassProperties(NamedTuple):
@@ -38,7 +38,7 @@ class MassProperties(NamedTuple):
 
 
 class Shape(Protocol):
-    """A convex solid in the axes of its body.
+    """A solid in the axes of its body, convex or a cluster, which has convex `pieces`.
 
     Attributes:
         kind: one of the numbers of this module.
@@ -51,6 +51,18 @@ class Shape(Protocol):
 
     @property
     def bounding_radius(self) -> float: ...
+
+
+class Piece(NamedTuple):
+    """A convex shape of a body.
+
+    Attributes:
+        shape: with the axes of the body.
+        offset: of its centroid from the body's centre of mass, in the body's axes, (dim,), m.
+    """
+
+    shape: Shape
+    offset: np.ndarray
 
 
 def check_positive(what: str, value: float) -> float:

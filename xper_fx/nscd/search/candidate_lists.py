@@ -41,7 +41,7 @@ class CandidateLists:
 
     Attributes:
         node_facet, rigid_facet: nodes and rigid points beside facets.
-        node_rigid, node_wall: nodes beside rigid bodies and walls, shape (n, 2).
+        node_rigid, node_wall: nodes beside pieces of rigid bodies and walls, shape (n, 2).
         edges, others: convex edges, as 3 facet + corner, and the facet beyond each.
         edge_pairs: pairs of `edges` that may cross, shape (n, 2).
         skin: m, of the lists in use.
@@ -209,7 +209,7 @@ class CandidateLists:
         radius = rigid.radius[:, None]
         found = box_pairs(points - radius, points + radius, low, high)
         point, facet = found[:, 0], fresh[found[:, 1]]
-        may = rigid.meets[self._surface.group[facet], rigid.body_of_point[point]]
+        may = rigid.meets[self._surface.group[facet], rigid.piece_of_point[point]]
         self.rigid_facet.insert(np.stack([point, facet], axis=1)[may])
 
     def _list_edges(self) -> None:

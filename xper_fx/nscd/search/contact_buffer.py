@@ -7,13 +7,13 @@ room: if there was too little, it is called once more with enough.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from xper_fx.cache import njit
-from xper_fx.nscd.search.contact_pairs import Contacts
+from xper_fx.nscd.search.contact_pairs import Contacts, in_order
 
 # Area of a contact of corners, which have none, as a share of the smaller bounding radius (in 3D,
 # of its square): an area stays positive.
@@ -53,14 +53,14 @@ class Corners(NamedTuple):
     normal: np.ndarray
 
 
-def collect(kernel: Callable, dim: int, expected: int, *arguments) -> Contacts:
-    """Run a kernel and give its contacts.
+def collect(jobs: Sequence[tuple], dim: int, expected: int) -> Contacts:
+    """Run kernels and give their contacts, sorted by key.
 
     Args:
-        kernel: called with `Found` and the arguments; returns how many contacts there are.
+        jobs: a kernel and its arguments each; called with `Found` and these, it returns how many
+            contacts there are.
         dim: dimension of space.
         expected: room at first, in contacts.
-        arguments: of the kernel.
     """
     while True:
         found = Found(
@@ -71,13 +71,16 @@ def collect(kernel: Callable, dim: int, expected: int, *arguments) -> Contacts:
             np.empty(expected),
             np.empty((expected, 2), np.int64),
         )
-        count = kernel(found, *arguments)
+        count = 0
+        for kernel, *arguments in jobs:
+            count += kernel(Found(*(a[count:] for a in found)), *arguments)
         if count <= expected:
             break
         expected = count
     body, point, normal, gap, area, key = (a[:count] for a in found)
     nodes = np.zeros((count, 2, 1), np.int32)
-    return Contacts(body, nodes, np.zeros((count, 2, 1)), point, normal, gap, area, key)
+    weights = np.zeros((count, 2, 1))
+    return in_order(Contacts(body, nodes, weights, point, normal, gap, area, key))
 
 
 @njit(inline="always")

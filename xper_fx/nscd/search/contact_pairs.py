@@ -87,19 +87,29 @@ def join(parts: list[Contacts]) -> Contacts:
             for widened in [[_widened(a, k) if a.ndim == 3 else a for a in arrays]]
         )
     )
-    first, second = joined.key.T
+    return in_order(joined)
+
+
+def in_order(contacts: Contacts) -> Contacts:
+    """The contacts sorted by key.
+
+    Raises:
+        ValueError: two contacts have the same key.
+    """
+    first, second = contacts.key.T
     rises = (first[1:] > first[:-1]) | ((first[1:] == first[:-1]) & (second[1:] > second[:-1]))
     if rises.all():
-        return joined
-    joined = joined.take(np.lexsort((second, first)))
-    same = (joined.key[1:] == joined.key[:-1]).all(axis=1)
+        return contacts
+    contacts = contacts.take(np.lexsort((second, first)))
+    same = (contacts.key[1:] == contacts.key[:-1]).all(axis=1)
     if same.any():
         at = int(same.argmax())
+        one, other = contacts.body[at : at + 2].tolist()
         raise ValueError(
-            f"Keys of contacts should be unique: {tuple(joined.key[at].tolist())} stands for two, "
-            f"between bodies {joined.body[at].tolist()} and {joined.body[at + 1].tolist()}."
+            f"Keys of contacts should be unique: {tuple(contacts.key[at].tolist())} stands for "
+            f"two, between bodies {one} and {other}."
         )
-    return joined
+    return contacts
 
 
 def _widened(array: np.ndarray, k: int) -> np.ndarray:

@@ -2,11 +2,12 @@
 """Pairs of overlapping axis-aligned boxes, in time proportional to boxes and pairs.
 
 Boxes are sorted into levels of cells (Ericson 2005, section 7.2): on level l the cells have the
-size s_l = 2^l times the median box, and a box lives on the lowest level whose cells are no smaller
-than its longest side, in the one cell that holds its low corner. A box on a level no higher than l
-then overlaps only boxes of level l whose low corners lie between its own low corner minus s_l and
-its high corner: three cells a direction at most. Each box asks its own level and those above that
-hold anything: the work is that of the boxes times the levels in use, at any ratio of sizes.
+size s_l = 2^l times that of the largest box among those near the median, and a box lives on the
+lowest level whose cells are no smaller than its longest side, in the one cell that holds its low
+corner. A box on a level no higher than l then overlaps only boxes of level l whose low corners lie
+between its own low corner minus s_l and its high corner: three cells a direction at most. Each box
+asks its own level and those above that hold anything: the work is that of the boxes times the
+levels in use, at any ratio of sizes. Boxes of nearly one size, as most are, have one level.
 
 Cells are kept in a table with two places a box, by a number that runs on along x, so that the cells
 of a row are neighbours in memory; empty space costs nothing.
@@ -19,6 +20,8 @@ import numpy as np
 from xper_fx.cache import njit
 from xper_fx.nscd.kernel_options import LEAN_ENTRY, MERGED
 
+# Boxes up to this many times the median share a level.
+_ALIKE = 1.5
 # Cells are not made smaller than this share of the whole extent: their numbers stay exact.
 _SMALLEST_CELL = 2.0**-30
 # Share of a cell by which the range that is asked exceeds the exact one, against rounding.
@@ -88,22 +91,19 @@ def labelled_box_pairs(
         )
     if len(low) < 2:
         return np.empty((0, 2), np.int32)
-    extent = (high - low).max(axis=1)
-    origin = low.min(axis=0)
-    span = float((high.max(axis=0) - origin).max())
-    unit = max(float(np.median(extent)), span * _SMALLEST_CELL) or 1.0
-    ratio = np.maximum(extent, span * _SMALLEST_CELL) / unit
-    level = np.zeros(len(low), np.int64)
-    np.ceil(np.log2(ratio, where=ratio > 0, out=np.zeros(len(low))), out=level, casting="unsafe")
-    level[ratio > 2.0**level] += 1  # log2 may round down
+    rows, tops = low.T.copy(), high.T.copy()  # quicker to go through
+    extent, origin = (tops - rows).max(axis=0), rows.min(axis=1)
+    span = float((tops.max(axis=1) - origin).max())
+    alike = extent[extent <= _ALIKE * np.median(extent)]
+    unit = max(float(alike.max()), span * _SMALLEST_CELL) or 1.0
+    fraction, level = np.frexp(np.maximum(extent, span * _SMALLEST_CELL) / unit)
+    level = level.astype(np.int64) - (fraction <= 0.5)
     label = np.ascontiguousarray(label, dtype=np.int64)
     allowed = np.ascontiguousarray(allowed, dtype=np.bool_)
     lowest = int(level.min())
     used = np.unique(level) - lowest
     size = unit * 2.0**lowest
-    pairs = _found_pairs(low, high, label, allowed, level - lowest, used, origin, size)
-    first, second = np.divmod(np.sort(pairs[:, 0] * np.int64(len(low)) + pairs[:, 1]), len(low))
-    return np.stack([first, second], axis=1).astype(np.int32)
+    return _found_pairs(low, high, label, allowed, level - lowest, used, origin, size)
 
 
 def _row(y, z, level):
@@ -118,10 +118,7 @@ def _found_pairs(
     low: np.ndarray, high: np.ndarray, label: np.ndarray, allowed: np.ndarray, level: np.ndarray,
     used: np.ndarray, origin: np.ndarray, size: float,
 ) -> np.ndarray:  # fmt: skip
-    """Pairs in the order in which they are found, smaller number first.
-
-    `level` counts from 0, where cells have `size`; `used` are the levels that hold boxes, rising.
-    """
+    """Sorted pairs; `level` counts from 0, where cells have `size`; `used` levels hold boxes."""
     n, dim = low.shape
     places = 4
     while places < 2 * n:
@@ -130,11 +127,8 @@ def _found_pairs(
     address[:, :dim] = np.floor((low - origin) / (size * 2.0**level)[:, None])
     address[:, 3] = level
     place = (_row(address[:, 1], address[:, 2], level) + address[:, 0]) & (places - 1)
-    start = np.zeros(places + 1, np.int64)
-    np.cumsum(np.bincount(place, minlength=places), out=start[1:])
-    # What the cells hold, in their order.
-    number = np.argsort(place, kind="stable")
-    address, low, high, label = address[number], low[number], high[number], label[number]
+    start, number = _by_bucket(place, places)  # what the cells hold, in their order
+    address, low, high, label = (a.take(number, axis=0) for a in (address, low, high, label))
     room = 4 * n
     while True:
         pairs = np.empty((room, 2), np.int32)
@@ -143,8 +137,28 @@ def _found_pairs(
             size, pairs,
         )  # fmt: skip
         if count <= room:
-            return pairs[:count]
+            break
         room = count
+    pairs = pairs[:count]
+    _, by_second = _by_bucket(pairs[:, 1], n)
+    _, by_first = _by_bucket(pairs[by_second, 0], n)
+    return pairs.take(by_second[by_first], axis=0)
+
+
+def _by_bucket(bucket: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """First place of each bucket, shape (count + 1,), and the items, in order, by bucket."""
+    start = np.zeros(count + 1, np.int64)
+    np.cumsum(np.bincount(bucket, minlength=count), out=start[1:])
+    item = np.empty(len(bucket), np.int64)
+    _fill(bucket, start[:-1].copy(), item)
+    return start, item
+
+
+@njit(**LEAN_ENTRY)
+def _fill(bucket, place, item):
+    for k in range(len(bucket)):
+        item[place[bucket[k]]] = k
+        place[bucket[k]] += 1
 
 
 @njit(**LEAN_ENTRY)
@@ -153,7 +167,8 @@ def _find(
 ):  # fmt: skip
     """Write the pairs for which there is room, and return how many there are.
 
-    Boxes come in the order of their cells, with their corners also measured from the origin.
+    Boxes come in the order of their cells, with their corners also measured from the origin. On
+    its own level a box asks the cells from its own on, in the order z, y, x: the others ask it.
     """
     n, dim = low.shape
     mask = len(start) - 2
@@ -163,6 +178,7 @@ def _find(
         for asked in used:
             if asked < address[k, 3]:
                 continue
+            own = asked == address[k, 3]
             cell = size * 2.0**asked
             x0 = int(np.floor(from_low[k, 0] / cell - 1.0 - _MARGIN))
             x1 = int(np.floor(from_high[k, 0] / cell + _MARGIN))
@@ -172,23 +188,25 @@ def _find(
             if dim == 3:
                 z0 = int(np.floor(from_low[k, 2] / cell - 1.0 - _MARGIN))
                 z1 = int(np.floor(from_high[k, 2] / cell + _MARGIN))
-            for z in range(z0, z1 + 1):
-                for y in range(y0, y1 + 1):
+            for z in range(address[k, 2] if own else z0, z1 + 1):
+                own_layer = own and z == address[k, 2]
+                for y in range(address[k, 1] if own_layer else y0, y1 + 1):
+                    own_row = own_layer and y == address[k, 1]
                     row = _row_in_kernel(y, z, asked)
-                    for x in range(x0, x1 + 1):
+                    x = address[k, 0] if own_row else x0
+                    while x <= x1:
                         b = (row + x) & mask
-                        for m in range(start[b], start[b + 1]):
+                        last = min(x1, x + mask - b)  # as far as the table goes
+                        for m in range(start[b], start[b + last - x + 1]):
                             if (
-                                address[m, 0] != x
+                                address[m, 0] < x
+                                or address[m, 0] > last
                                 or address[m, 1] != y
                                 or address[m, 2] != z
                                 or address[m, 3] != asked
+                                or (m <= k and own_row and address[m, 0] == address[k, 0])
+                                or not allowed[label[k], label[m]]
                             ):
-                                continue
-                            j = number[m]
-                            if asked == address[k, 3] and j <= i:
-                                continue
-                            if not allowed[label[k], label[m]]:
                                 continue
                             apart = False
                             for d in range(dim):
@@ -197,7 +215,9 @@ def _find(
                             if apart:
                                 continue
                             if count < len(pairs):
+                                j = number[m]
                                 pairs[count, 0] = min(i, j)
                                 pairs[count, 1] = max(i, j)
                             count += 1
+                        x = last + 1
     return count

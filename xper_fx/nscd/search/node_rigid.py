@@ -25,7 +25,7 @@ _NO_DISTANCE = 1e-9
 
 
 @njit(**LEAN_INNER)
-def _closest_on_face(y, vertices, first, loop, face_normal, height, q):
+def closest_on_face(y, vertices, first, loop, face_normal, height, q):
     """Write the point of a face closest to y into q; whether it is inside the face.
 
     `first` is the shape's first vertex, `height` the distance of y from the face's plane.
@@ -146,7 +146,7 @@ def node_rigid(
                     if height <= 0.0:
                         continue
                     loop = shapes.loops[shapes.loop_offsets[f] : shapes.loop_offsets[f + 1]]
-                    inside = _closest_on_face(
+                    inside = closest_on_face(
                         y, shapes.vertices, first, loop, shapes.face_normal[f], height, q
                     )
                     square = 0.0

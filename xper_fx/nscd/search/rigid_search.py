@@ -24,11 +24,10 @@ import numpy as np
 
 from xper_fx.cache import njit
 from xper_fx.nscd.kernel_options import LEAN_ENTRY
-from xper_fx.nscd.rigid.bodies import RigidBodies, ShapeTables
-from xper_fx.nscd.rigid.plane_turning import rotation_matrices
+from xper_fx.nscd.rigid.bodies import RigidBodies, ShapeTables, plane_rotations
 from xper_fx.nscd.rigid.shapes import DISC, HALF_PLANE, HALF_SPACE, SPHERE, check_positive
 from xper_fx.nscd.search.contact_buffer import Corners, collect
-from xper_fx.nscd.search.contact_pairs import Contacts, empty, join
+from xper_fx.nscd.search.contact_pairs import Contacts
 from xper_fx.nscd.search.coplanar import without_flats
 from xper_fx.nscd.search.grid import labelled_box_pairs
 from xper_fx.nscd.search.polygons import disc_polygon, polygon_polygon, polygon_wall
@@ -41,7 +40,7 @@ from xper_fx.nscd.search.spheres import ball_ball, ball_wall
 
 # Price of a pair in the making of a list and, by kinds and dimension, in a search, in units of two
 # discs in a search, as benchmarks/contact_search.py measures them (one unit: about 30 ns).
-_PRICE_OF_LIST = 20.0
+_PRICE_OF_LIST = 10.0
 _PRICES = {
     2: {"ball_ball": 1.0, "ball_corner": 3.0, "corner_corner": 10.0},
     3: {"ball_ball": 1.0, "ball_corner": 5.0, "corner_corner": 45.0},
@@ -93,9 +92,13 @@ def _motion(bodies, moved, mean, turned, rotation, old_rotation, bounding_radius
 
     Body b has been moved by `moved[b]`, and has the rotation `turned[b]`, or none that matters if
     that is negative. A rotation by phi moves a point at the radius R by 2 sin(phi/2) R, which in 2D
-    and 3D is |rotation - old_rotation| R / sqrt(2) in the Frobenius norm.
+    and 3D is |rotation - old_rotation| R / sqrt(2) in the Frobenius norm. `mean` is room, (dim,).
     """
     dim = moved.shape[1]
+    for d in range(dim):
+        mean[d] = 0.0
+        for b in bodies:
+            mean[d] += moved[b, d] / len(bodies)
     most, second = 0.0, 0.0
     for n in range(len(bodies)):
         b = bodies[n]
@@ -117,13 +120,24 @@ def _motion(bodies, moved, mean, turned, rotation, old_rotation, bounding_radius
     return most + second
 
 
-def _near(
-    pairs: np.ndarray, position: np.ndarray, bounding_radius: np.ndarray, distance: float
-) -> np.ndarray:
-    """Which pairs of bounding circles or spheres are no further apart than the distance."""
-    i, j = pairs.T
-    square = ((position[i] - position[j]) ** 2).sum(axis=1)
-    return square <= (bounding_radius[i] + bounding_radius[j] + distance) ** 2
+@njit(**LEAN_ENTRY)
+def _near(pairs, body, position, bounding_radius, distance, near):
+    """Write which pairs, not of one body, are no further apart than the distance.
+
+    Measured between bounding circles or spheres.
+    """
+    for p in range(len(pairs)):
+        i, j = pairs[p, 0], pairs[p, 1]
+        square = 0.0
+        for d in range(position.shape[1]):
+            square += (position[i, d] - position[j, d]) ** 2
+        close = square <= (bounding_radius[i] + bounding_radius[j] + distance) ** 2
+        near[p] = close and body[i] != body[j]
+
+
+def _matrices(rotation: np.ndarray) -> np.ndarray:
+    """Rotations as matrices, from angles in 2D."""
+    return rotation if rotation.ndim == 3 else plane_rotations(rotation)
 
 
 def _starts(tables: ShapeTables, offsets: np.ndarray) -> np.ndarray:
@@ -135,9 +149,10 @@ def _starts(tables: ShapeTables, offsets: np.ndarray) -> np.ndarray:
 class RigidSearch:
     """Search of contacts between rigid bodies.
 
-    Candidate and antagonist: the lower number of the two for two bodies of a kind; a disc or sphere
-    is the candidate on a polygon or polyhedron, and everything on a wall. The pair's part of the
-    key is i * num_bodies + j with i < j, below num_bodies^2.
+    What is searched are the convex pieces of the bodies, one a body but for clusters; those of one
+    body do not touch each other. Candidate and antagonist: the lower number of the two for two
+    pieces of a kind; a disc or sphere is the candidate on a polygon or polyhedron, and everything
+    on a wall. The pair's part of the key is i * num_pieces + j with i < j, below num_pieces^2.
 
     Attributes:
         reach: largest gap of a contact (m).
@@ -168,9 +183,11 @@ class RigidSearch:
         tables = without_flats(bodies.shapes)
         self._tables = tables
         self._dim = bodies.dim
-        count = len(bodies)
-        self._label, self._allowed = _labels(bodies, pairs)
+        self._size, count = (len(bodies), self._dim), len(tables.kind)
+        self._in_parts = count > len(bodies)
         self._apart = None if apart is None or not len(apart) else self._number(apart)
+        label, self._allowed = _labels(bodies, pairs)
+        self._label = label[tables.body]
         self._is_ball = np.isin(tables.kind, (DISC, SPHERE))
         is_wall = np.isin(tables.kind, (HALF_PLANE, HALF_SPACE))
         meets = self._allowed.any(axis=1)[self._label]
@@ -200,7 +217,7 @@ class RigidSearch:
         self._lists = {"ball_ball": none, "ball_corner": none, "corner_corner": none}
         self._old_position: np.ndarray | None = None
         self._old_rotation: np.ndarray | None = None
-        self._expected: dict[str, int] = {}
+        self._expected = 16
         self._own: Callable[[np.ndarray], np.ndarray] | None = None
         self._searched = self._lists | self._wall_pairs
 
@@ -239,39 +256,40 @@ class RigidSearch:
         Raises:
             ValueError: arrays of another shape, or that are not finite.
         """
-        position, rotation = self._checked(position, rotation)
-        self._wall_normal[self._walls] = rotation_matrices(rotation[self._walls])[:, :, -1]
-        rotation = rotation_matrices(rotation[self._cornered])
-        _turn(self._tables, self._cornered, rotation, self._corners)
+        position, rotation = self._tables.place(*self._checked(position, rotation))
+        turned = rotation
+        self._wall_normal[self._walls] = _matrices(rotation[self._walls])[:, :, -1]
+        rotation = _matrices(rotation[self._cornered])
+        if len(self._cornered):
+            _turn(self._tables, self._cornered, rotation, self._corners)
         self._renew_if_needed(position, rotation)
         self.searches += 1
 
         tables, corners = self._tables, self._corners
         radius, bounding, wall = tables.radius, tables.bounding_radius, self._wall_normal
-        jobs = [("ball_ball", ball_ball, (position, radius))]
-        jobs += [("ball_wall", ball_wall, (position, radius, wall))]
+        balls, cornered = (position, radius), (position, corners)
+        kernels = {"ball_ball": (ball_ball, *balls), "ball_wall": (ball_wall, *balls, wall)}
         if self._dim == 2:
-            jobs += [
-                ("ball_corner", disc_polygon, (position, radius, corners)),
-                ("corner_corner", polygon_polygon, (position, corners, bounding)),
-                ("corner_wall", polygon_wall, (position, corners, bounding, wall)),
-            ]
+            kernels["ball_corner"] = disc_polygon, *balls, corners
+            kernels["corner_corner"] = polygon_polygon, *cornered, bounding
+            kernels["corner_wall"] = polygon_wall, *cornered, bounding, wall
         else:
-            flat = corners, tables, bounding
-            jobs += [
-                ("ball_corner", sphere_polyhedron, (position, radius, corners, tables)),
-                ("corner_corner", polyhedron_polyhedron, (position, *flat)),
-                ("corner_wall", polyhedron_wall, (position, *flat, wall)),
-            ]
-        parts = [empty(self._dim)]
-        for name, kernel, arguments in jobs:
-            pairs = self._searched[name]
-            if len(pairs):
-                expected = self._expected.get(name, 16)
-                part = collect(kernel, self._dim, expected, pairs, *arguments, self.reach)
-                self._expected[name] = len(part) + len(part) // 4 + 16
-                parts.append(part)
-        return join(parts)
+            kernels["ball_corner"] = sphere_polyhedron, *balls, corners, tables
+            kernels["corner_corner"] = polyhedron_polyhedron, *cornered, tables, bounding
+            kernels["corner_wall"] = polyhedron_wall, *cornered, tables, bounding, wall
+        jobs = [
+            (kernel, self._searched[name], *arguments, self.reach)
+            for name, (kernel, *arguments) in kernels.items()
+            if len(self._searched[name])
+        ]
+        contacts = collect(jobs, self._dim, self._expected)
+        self._expected = len(contacts) + len(contacts) // 4 + 16
+        if not self._in_parts:
+            return contacts
+        from xper_fx.nscd.search.whole_clusters import on_the_whole
+
+        piece, *others = on_the_whole(contacts, tables, position, _matrices(turned))
+        return Contacts(tables.body[piece], *others)
 
     def overlaps(
         self, position: np.ndarray, rotation: np.ndarray, tolerance: float = 0.0
@@ -287,14 +305,13 @@ class RigidSearch:
         """
         contacts = self.find(position, rotation)
         deep = contacts.take(np.flatnonzero(contacts.gap < -tolerance))
-        pair, inverse = np.unique(deep.key[:, 0], return_inverse=True)
+        pair, inverse = np.unique(np.sort(deep.body, axis=1), axis=0, return_inverse=True)
         depth = np.zeros(len(pair))
-        np.maximum.at(depth, inverse, -deep.gap)
-        i, j = np.divmod(pair, len(position))
-        return list(zip(i.tolist(), j.tolist(), depth.tolist(), strict=True))
+        np.maximum.at(depth, inverse.ravel(), -deep.gap)
+        return list(zip(*pair.T.tolist(), depth.tolist(), strict=True))
 
     def _checked(self, position: np.ndarray, rotation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        count, dim = len(self._label), self._dim
+        count, dim = self._size
         position = np.ascontiguousarray(position, dtype=float)
         rotation = np.ascontiguousarray(rotation, dtype=float)
         shapes = (count, dim), ((count,) if dim == 2 else (count, 3, 3))
@@ -322,23 +339,23 @@ class RigidSearch:
         ball = self._is_ball[joined[:, 0]]
         return {"ball_wall": joined[ball], "corner_wall": joined[~ball]}
 
-    def _number(self, pairs: np.ndarray) -> np.ndarray:
+    def _number(self, bodies: np.ndarray) -> np.ndarray:
         """A number of each pair, whatever the order of its bodies, the ground being one more."""
-        return pairs.min(axis=1) * (len(self._label) + 1) + pairs.max(axis=1)
+        return bodies.min(axis=1) * (self._size[0] + 1) + bodies.max(axis=1)
 
     def _touching(self, pairs: np.ndarray) -> np.ndarray:
-        """The pairs without those that are kept apart."""
+        """The pairs of pieces without those of bodies that are kept apart."""
         if self._apart is None:
             return pairs
-        return pairs[~np.isin(self._number(pairs.astype(np.int64)), self._apart)]
+        bodies = self._tables.body[pairs].astype(np.int64)
+        return pairs[~np.isin(self._number(bodies), self._apart)]
 
     def _renew_if_needed(self, position: np.ndarray, rotation: np.ndarray) -> None:
         if self._old_position is not None and len(self._listed):
-            moved = position - self._old_position
             motion = _motion(
                 self._listed,
-                moved,
-                moved[self._listed].mean(axis=0),
+                position - self._old_position,
+                np.empty(self._dim),
                 self._turned,
                 rotation,
                 self._old_rotation,
@@ -372,15 +389,17 @@ class RigidSearch:
         _boxes(listed, position, tables.radius, self._corners, 0.5 * distance, low, high)
         found = labelled_box_pairs(low, high, self._label[listed], self._allowed)
         pairs = listed.astype(np.int32)[found]
-        pairs = self._touching(pairs[_near(pairs, position, tables.bounding_radius, distance)])
-        balls = self._is_ball[pairs]
-        mixed = pairs[balls[:, 0] != balls[:, 1]]
+        near = np.empty(len(pairs), bool)
+        _near(pairs, tables.body, position, tables.bounding_radius, distance, near)
+        pairs = self._touching(pairs.compress(near, axis=0))
+        first, second = self._is_ball[pairs].T
+        mixed = pairs.compress(first != second, axis=0)
         swapped = ~self._is_ball[mixed[:, 0]]
         mixed[swapped] = mixed[swapped][:, ::-1]
         self._lists = {
-            "ball_ball": pairs[balls.all(axis=1)],
+            "ball_ball": pairs.compress(first & second, axis=0),
             "ball_corner": mixed,
-            "corner_corner": pairs[~balls.any(axis=1)],
+            "corner_corner": pairs.compress(~(first | second), axis=0),
         }
         self._old_position, self._old_rotation = position.copy(), rotation
         self._searches_at_renewal = self.searches
@@ -388,7 +407,7 @@ class RigidSearch:
         self.search_all()
         if self._own is not None:
             lists = self._searched
-            own = self._own(np.concatenate(list(lists.values())))
+            own = self._own(tables.body[np.concatenate(list(lists.values()))])
             parts = np.split(own, np.cumsum([len(pairs) for pairs in lists.values()])[:-1])
             self._searched = {
                 name: pairs[part] for (name, pairs), part in zip(lists.items(), parts, strict=True)
@@ -398,8 +417,8 @@ class RigidSearch:
         """What the list in use was made from, and how long it has served; empty before the first.
 
         Returns:
-            `skin` (m), `served` searches, `position` (m) and `rotation`, matrices of the bodies
-            with corners.
+            `skin` (m), `served` searches, `position` (m) of the pieces and `rotation`, matrices of
+            those with corners.
         """
         if self._old_position is None:
             return {}

@@ -7,21 +7,22 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from xper_fx.nscd.rigid.bodies import RigidBodies
+from xper_fx.nscd.rigid.bodies import RigidBodies, plane_rotations
 from xper_fx.nscd.rigid.shapes import HALF_PLANE, HALF_SPACE
 from xper_fx.nscd.search.surface import Surface
 
 
 class RigidSide:
-    """The rigid bodies as surfaces meet them, and where they are now.
+    """The convex pieces of the rigid bodies as surfaces meet them, and where they are now.
 
     Attributes:
-        meets: which body each group of the surface may touch, shape (num_groups, n), bool.
-        walls, solids: numbers of the bodies that are walls, and of the others.
+        meets: which piece each group of the surface may touch, shape (num_groups, n), bool.
+        walls, solids: numbers of the pieces that are walls, and of the others.
         points: corners of polygons and polyhedra, and centres of discs and spheres, now.
-        outward: from the centre of the body to its corners, zero at centres.
+        outward: from the centre of the piece to its corners, zero at centres.
         radius: of discs and spheres at their centres, 0 at corners.
-        body_of_point: shape (num_points,).
+        piece_of_point: shape (num_points,).
+        in_parts: whether there are clusters.
     """
 
     def __init__(
@@ -46,27 +47,29 @@ class RigidSide:
                 f"{sorted(set(names) | set(surface.groups))}."
             )
         self._count = 0 if bodies is None else len(bodies)
+        self.in_parts = False
         if bodies is None:
             return
         if bodies.dim != dim:
             raise ValueError(f"Rigid bodies are of dimension {bodies.dim}, the surface of {dim}.")
         self.shapes = tables = bodies.shapes
-        self.meets = may_meet(surface.groups, names, pairs)[:, bodies.group_of]
+        self.in_parts = len(tables.body) > len(bodies)
+        self.meets = may_meet(surface.groups, names, pairs)[:, bodies.group_of[tables.body]]
         is_wall = np.isin(tables.kind, (HALF_PLANE, HALF_SPACE))
         self.walls, self.solids = np.flatnonzero(is_wall), np.flatnonzero(~is_wall)
         self.bounding = tables.bounding_radius
         starts = tables.vertex_offsets
         local, owner = [], []
-        for body in self.solids:
-            entry = tables.entry[body]
+        for piece in self.solids:
+            entry = tables.entry[piece]
             corners = np.zeros((1, dim))
             if entry >= 0:
                 corners = tables.vertices[starts[entry] : starts[entry + 1]]
             local.append(corners)
-            owner.append(np.full(len(corners), body, np.int32))
+            owner.append(np.full(len(corners), piece, np.int32))
         self._local = np.concatenate([self.points, *local])
-        self.body_of_point = np.concatenate([np.empty(0, np.int32), *owner])
-        self.radius = tables.radius[self.body_of_point]
+        self.piece_of_point = np.concatenate([np.empty(0, np.int32), *owner])
+        self.radius = tables.radius[self.piece_of_point]
 
     def move(self, position: np.ndarray | None, rotation: np.ndarray | None) -> None:
         """Put the bodies where they are now."""
@@ -84,13 +87,12 @@ class RigidSide:
             )
         if not (np.isfinite(position).all() and np.isfinite(rotation).all()):
             raise ValueError("Positions and rotations of rigid bodies should be finite.")
-        if dim == 2:
-            c, s = np.cos(rotation), np.sin(rotation)
-            rotation = np.stack([np.stack([c, -s], axis=1), np.stack([s, c], axis=1)], axis=1)
-        self.position, self.turn = position, np.ascontiguousarray(rotation)
-        body = self.body_of_point
-        self.outward = np.einsum("pij,pj->pi", self.turn[body], self._local)
-        self.points = position[body] + self.outward
+        position, rotation = self.shapes.place(position, rotation)
+        rotation = plane_rotations(rotation) if dim == 2 else np.ascontiguousarray(rotation)
+        self.position, self.turn = position, rotation
+        piece = self.piece_of_point
+        self.outward = np.einsum("pij,pj->pi", self.turn[piece], self._local)
+        self.points = position[piece] + self.outward
 
     def state(self) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
         """Positions, rotations and points, to be compared with later ones."""
@@ -99,7 +101,7 @@ class RigidSide:
         return self.position.copy(), self.turn.copy(), self.points.copy()
 
     def motion(self, old: tuple[np.ndarray, ...] | None, middle: np.ndarray) -> float:
-        """Largest displacement of a body's points since `old`, against `middle`; walls left out."""
+        """Largest displacement of a piece since `old`, against `middle`; walls left out."""
         if len(self.solids) == 0:
             return 0.0
         shift = (self.position - old[0])[self.solids] - middle

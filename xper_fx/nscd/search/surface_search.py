@@ -168,9 +168,17 @@ class SurfaceSearch:
             parts.append(self._nodes_on_rigid(faces))
         if len(lists.rigid_facet):
             parts.append(self._rigid_on_facets(faces))
-        return join(parts)
+        return self._of_bodies(join(parts)) if self._rigid.in_parts else join(parts)
 
     # ------------------------------------------------------------------------------ contacts
+
+    def _of_bodies(self, contacts: Contacts) -> Contacts:
+        """Contacts with pieces of clusters as contacts with the clusters."""
+        from xper_fx.nscd.search.whole_clusters import on_the_whole
+
+        side = self._rigid
+        piece, *others = on_the_whole(contacts, side.shapes, side.position, side.turn)
+        return Contacts(np.where(piece < 0, -1, side.shapes.body[piece]), *others)
 
     def _nodes_on_facets(self, faces: Faces) -> Contacts:
         point, facet, slot, weights, normal, gap, area = self._points_on_facets(
@@ -203,7 +211,7 @@ class SurfaceSearch:
         nodes[:, 1] = self.surface.facets[facet]
         both[:, 1] = weights
         body = np.full((len(point), 2), -1, np.int32)
-        body[:, 0] = side.body_of_point[point]
+        body[:, 0] = side.piece_of_point[point]
         fragment = self.bonds.fragment[self.surface.body[facet]]
         return Contacts(
             body,

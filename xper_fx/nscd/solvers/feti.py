@@ -187,9 +187,7 @@ class BondedSystem:
         if anchors is not None:
             self._w, self.motions = _Blocks(anchors.held).w, anchors.motions
             first = anchors.motions.indices[anchors.motions.indptr[:-1]]
-            known = np.bincount(
-                self.inverse.block_of_node()[first // self.dim], minlength=len(known)
-            )
+            known = np.bincount(self.inverse.block_of_node[first // self.dim], minlength=len(known))
         if coarse_space:
             self.coarse = CoarseSpace(self, blocks.softest(known))
 
