@@ -95,27 +95,34 @@ def test_a_body_far_away_changes_nothing():
 
 def test_contacts_go_on_beside_bodies_that_come_and_go():
     """In its first step a heap at rest knows the impulses of contacts whose bodies stay."""
-    first = advanced(xf.Simulation(heap(), STEP, num_threads=1, tolerance=1e-8), 1.0)
+    square = np.array([[0.0, 0.0], [0.1, 0.0], [0.1, 0.1], [0.0, 0.1]])
+    corner = xf.rigid.Cluster(
+        [xf.rigid.Polygon(square + shift) for shift in ((0.0, 0.0), (0.1, 0.0), (0.0, 0.1))]
+    )
+    angle = xf.RigidBody(corner, (2.0, 0.1), "grains", density=100.0)
+    first = advanced(xf.Simulation(heap(angle), STEP, num_threads=1, tolerance=1e-8), 1.0)
     new = [
         xf.RigidBody(xf.rigid.Disc(0.05), (x, 0.05), "grains", density=100.0) for x in (-3.0, -4.0)
     ]
     ground, *grains = first.scene.rigid
-    other = again(first, {"rigid": [ground, *new, *grains[:3]]}, step=STEP, tolerance=1e-8)
+    other = again(first, {"rigid": [ground, *new, *grains[:3], angle]}, step=STEP, tolerance=1e-8)
 
     def impulses(simulation, name_of):
-        history, count = simulation.interactions.saved()["contacts"], len(simulation.scene.rigid)
+        history = simulation.interactions.saved()["contacts"]
+        body = simulation.scene.rigid_bodies.shapes.body
+        part = np.arange(len(body)) - np.searchsorted(body, body)
         keys, impulse = (np.concatenate([r[what].values for r in history.values()])
                          for what in ("keys", "impulse"))  # fmt: skip
-        pairs = np.divmod(keys[:, 0], count)
+        pairs = np.divmod(keys[:, 0], len(body))
         return {
-            (name_of[i], name_of[j], feature): tuple(values)
+            (name_of[body[i]], part[i], name_of[body[j]], part[j], feature): tuple(values)
             for i, j, feature, values in zip(*pairs, keys[:, 1], impulse.tolist(), strict=True)
         }
 
-    known = impulses(first, range(5))
-    carried = impulses(other, [0, None, None, 1, 2, 3])
-    assert carried == {key: value for key, value in known.items() if 4 not in key[:2]}
-    assert 3 <= len(carried) < len(known)
+    known = impulses(first, range(6))
+    carried = impulses(other, [0, None, None, 1, 2, 3, 5])
+    assert carried == {key: value for key, value in known.items() if 4 not in (key[0], key[2])}
+    assert len(carried) < len(known) and any(key[2] == 5 and key[3] == 1 for key in carried)
     assert not other.rigid.state.velocity[1].any()
     advanced(other, 1.1)
     assert other.ledger.closure == pytest.approx(0.0, abs=1e-12)
