@@ -172,8 +172,8 @@ def test_joints_go_on_as_they_were_placed():
     hinge = xf.Hinge((None, bar), (0.0, 0.0), limits=(-2.0, 0.5))
     wire = xf.Tendon((None, ball), ((3.0, 1.0), (3.0, 0.1)), stiffness=100.0, prestress=5.0)
     scene = xf.Scene(rigid=[bar, ball], joints=[wire, hinge], loads=[xf.Gravity((0.0, -9.81))])
-    first = advanced(xf.Simulation(scene, 2e-3, num_threads=1), 0.3)
-    other = again(first, {"joints": [hinge, xf.Weld((None, ball), (3.0, 0.0))]}, step=2e-3)
+    first = advanced(xf.Simulation(scene, 4e-3, num_threads=1), 0.3)
+    other = again(first, {"joints": [hinge, xf.Weld((None, ball), (3.0, 0.0))]}, step=4e-3)
     assert first.ledger.energies.cohesive > 0.05
     assert other.ledger.energies.cohesive == pytest.approx(0.0, abs=1e-15)
     assert other.ledger.closure == pytest.approx(first.ledger.closure, abs=1e-12)
@@ -182,7 +182,7 @@ def test_joints_go_on_as_they_were_placed():
     advanced(first, 1.0)
     own, carried = first.rigid.state.position, other.rigid.state.position
     np.testing.assert_allclose(carried[0], own[0], atol=1e-6)
-    np.testing.assert_allclose(carried[1], held, atol=2e-3)
+    np.testing.assert_allclose(carried[1], held, atol=4e-3)
     assert other.ledger.closure == pytest.approx(0.0, abs=1e-10)
 
 
