@@ -123,7 +123,7 @@ def run(options: argparse.Namespace) -> dict[str, Any]:
     frame = None
     if not options.no_plot:
         cells = pieces.fragment[simulation.bodies.body_of_cell]
-        frame = xf.output.take_frame(recorder, cells, f"{1e9 * end_time:.0f} ns")
+        frame = xf.output.take_frame(simulation, cells, f"{1e9 * end_time:.0f} ns")
     return {
         "pieces": pieces,
         "frame": frame,

@@ -194,7 +194,8 @@ def run(scene: xf.Scene, options: argparse.Namespace) -> dict:
         curve.append((simulation.time, packed, float(sign @ contacts.force[:, 1]) / width))
         if len(frames) < 3 and packed >= targets[len(frames)] * (1.0 - 1e-6):
             stress = von_mises(recorder.cell_stress()) / 1e3
-            frames.append(xf.output.take_frame(recorder, stress, f"packing fraction {packed:.3f}"))
+            title = f"packing fraction {packed:.3f}"
+            frames.append(xf.output.take_frame(simulation, stress, title))
     return {
         "simulation": simulation,
         "history": xf.read_history(options.out / "history.csv"),

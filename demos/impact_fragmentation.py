@@ -127,7 +127,7 @@ def run(scene: xf.Scene, options: argparse.Namespace) -> dict:
 
     def picture() -> None:
         fragment = xf.output.find_fragments(simulation)[scene.bodies.body_of_cell]
-        frames.append(xf.output.take_frame(recorder, fragment, f"{1e3 * simulation.time:.0f} ms"))
+        frames.append(xf.output.take_frame(simulation, fragment, f"{1e3 * simulation.time:.0f} ms"))
 
     picture()
     for _ in xf.recorded_steps(

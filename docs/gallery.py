@@ -28,7 +28,7 @@ class Figures:
     Args:
         script: demo or benchmark, from the root of the repository.
         arguments: of its command line; "{out}" stands for the folder it writes into.
-        drawn: file in that folder of each figure, by the figure's name in `docs/`.
+        drawn: file in that folder of each figure (.png) or film (.gif), by its name in `docs/`.
         captions: of each figure, in the same order.
         cost: one of COSTS, on one core: up to two minutes, up to ten, maybe more.
         variables: environment of the command.
@@ -49,6 +49,11 @@ class Figures:
         """
         arguments = self.arguments.format(out=out)
         return f"{self.variables} ./fenicsx python3 {self.script} {arguments}".strip()
+
+    @property
+    def files(self) -> dict[str, str]:
+        """File that the command writes, by the file in `docs/` that it becomes."""
+        return {f"{name}{Path(file).suffix}": file for name, file in self.drawn.items()}
 
     @property
     def demo(self) -> str | None:
@@ -144,6 +149,21 @@ GALLERY = (
         "minutes",
     ),
     Figures(
+        "demos/silo_discharge.py",
+        "--film --out {out}",
+        {
+            "silo_discharge": "frames.png",
+            "silo_rates": "rates.png",
+            "silo_film": "silo.gif",
+        },
+        (
+            "A silo that empties: layers of grains, and the forces between them",
+            "What leaves the silo over time, and rates against the opening beside Beverloo's law",
+            "The silo, filmed",
+        ),
+        "minutes",
+    ),
+    Figures(
         "demos/fracture_3d.py",
         "--out {out}",
         {"fracture_3d": "crack.png"},
@@ -208,6 +228,13 @@ GALLERY = (
         "minutes",
     ),
     Figures(
+        "benchmarks/deflection_or_penetration.py",
+        "--figure {out}/deflection_or_penetration.png",
+        {"deflection_or_penetration": "deflection_or_penetration.png"},
+        ("A crack at an interface: ratio of energies, and where cracks with bonds turn",),
+        "long",
+    ),
+    Figures(
         "benchmarks/crack_speed.py",
         "--figure {out}/crack_speed.png",
         {"crack_speed": "crack_speed.png"},
@@ -252,10 +279,10 @@ def write_gallery(docs: Path) -> None:
     )
     for figures in GALLERY:
         page = f"demos/{figures.demo}.md" if figures.demo else None
-        for name, caption in zip(figures.drawn, figures.captions, strict=True):
+        for file, caption in zip(figures.files, figures.captions, strict=True):
             source = f"[`{figures.script}`]({page})" if page else f"`{figures.script}`"
             text += (
-                f"::::{{figure}} {name}.png\n:alt: {caption}\n:target: _images/{name}.png\n\n"
+                f"::::{{figure}} {file}\n:alt: {caption}\n:target: _images/{file}\n\n"
                 f"{caption}. {source}\n::::\n"
             )
     text += ":::::\n\n## Commands\n\n| figure | command | cost |\n|---|---|---|\n"
@@ -281,8 +308,8 @@ def draw(figures: Figures, out: Path, into: Path) -> None:
     out.mkdir(parents=True, exist_ok=True)
     command = [sys.executable, figures.script, *shlex.split(figures.arguments.format(out=out))]
     subprocess.run(command, cwd=ROOT, check=True)
-    for name, file in figures.drawn.items():
-        shutil.copyfile(out / file, into / f"{name}.png")
+    for name, file in figures.files.items():
+        shutil.copyfile(out / file, into / name)
 
 
 def main(arguments: list[str] | None = None) -> None:

@@ -37,8 +37,8 @@ def page_of(script: Path) -> str:
     commands = [figures.command(figures.folder) for figures in made]
     text += "```sh\n" + "\n".join(commands) + "\n```\n\n"
     for figures in made:
-        for name, caption in zip(figures.drawn, figures.captions, strict=True):
-            text += f":::{{figure}} ../{name}.png\n:alt: {caption}\n\n{caption}.\n:::\n\n"
+        for file, caption in zip(figures.files, figures.captions, strict=True):
+            text += f":::{{figure}} ../{file}\n:alt: {caption}\n\n{caption}.\n:::\n\n"
     for cell in cells[first + 1 :]:
         fence = "```python\n{}\n```\n\n" if cell.cell_type == "code" else "{}\n\n"
         text += fence.format(cell.source)

@@ -15,8 +15,9 @@ runs by name, and namespaces of what there are several of.
     xf.meshes          meshes and their tags
     xf.periodic        periodic cells: MacroscopicDrive; xf.microstructure, grains and their meshes
     xf.solvers         solvers of the interactions and their options
-    xf.output          what a run leaves and what is read off it: cracks, fragments, contact forces
-    xf.plotting        figures
+    xf.output          what a run leaves and what is read off it: cracks, fragments, contact forces,
+                       pictures and animations of its bodies
+    xf.plotting        figures of curves and meshes
     xf.study           runs of one scene with several settings; xf.quantities, what they compare;
                        xf.effect_prices, what each effect costs
 """

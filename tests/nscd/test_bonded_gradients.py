@@ -3,6 +3,7 @@
 
 import numpy as np
 import pytest
+from heaps import Heap, grains
 from solving import solve
 
 from xper_fx.nscd.interactions import Interactions
@@ -120,6 +121,14 @@ def test_nothing_to_do_takes_one_sweep():
     interactions, w, _ = bonded(2)
     report = solve(interactions, np.zeros(len(w)), BondedGradients, tolerance=1e-12)
     assert report.converged and report.residual == 0.0
+
+
+def test_contacts_that_a_search_has_found_are_refused():
+    heap = Heap(grains(2, 2, least=1.0, pitch=2.0))
+    heap.search()
+    assert heap.num_contacts and not len(heap.layer)
+    with pytest.raises(ValueError, match="needs PerfectBond at every point"):
+        heap.solve(BondedGradients)
 
 
 def test_other_laws_are_refused_and_auto_leaves_them_alone():

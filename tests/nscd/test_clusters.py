@@ -31,6 +31,7 @@ from xper_fx.nscd.rigid.motion import RigidMotion
 from xper_fx.nscd.search.rigid_search import RigidSearch
 from xper_fx.output.body_shapes import rigid_moments
 from xper_fx.scene.contact import Contact
+from xper_fx.scene.mesh_overlaps import mesh_overlaps
 from xper_fx.scene.scene import Scene
 from xper_fx.simulation.simulation import Simulation
 from xper_fx.study import equilibrium
@@ -264,6 +265,23 @@ def test_contacts_are_those_of_brute_force(dim):
     assert np.all(contacts.body[:, 0] != contacts.body[:, 1])
 
 
+@pytest.mark.parametrize("parts", [1, 2])
+def test_a_disc_that_is_heavier_on_one_side(parts):
+    """It touches the ground under its middle, not under its centre of mass."""
+    disc = Part(Disc(0.5), (0.0, 0.0))
+    far = [Part(Disc(0.1), (2.0, 0.0))] if parts == 2 else []
+    loaded = Cluster([disc, *far], MassProperties(1.0, (0.3, 0.0), 0.1))
+    angle = 0.5 * np.pi + 0.2
+    contacts = found(
+        RigidBody(loaded, (1.0, 0.8), "a", mass=2.0, angle=angle), wall((0, 0), (0, 1), "b"),
+        reach=0.2,
+    )  # fmt: skip
+    middle = np.array([1.0, 0.8]) - 0.3 * np.array([np.cos(angle), np.sin(angle)])
+    assert contacts.body.tolist() == [[0, 1]]
+    assert contacts.gap == pytest.approx(middle[1] - 0.5, abs=1e-14)
+    assert contacts.point[0] == pytest.approx([middle[0], 0.5 * (middle[1] - 0.5)], abs=1e-14)
+
+
 def test_parts_of_one_body_do_not_touch():
     assert len(found(RigidBody(CROSS, (0.0, 0.0), "a", density=1.0))) == 0
 
@@ -429,6 +447,33 @@ def test_a_meshed_block_slides_over_seams():
         moved.append(simulation.state.displacement.reshape(-1, 2).mean(axis=0))
     assert moved[1][0] == pytest.approx(0.4, abs=1e-6)
     assert moved[1] == pytest.approx(moved[0], abs=1e-6)
+
+
+def test_a_meshed_block_in_a_bracket_does_not_overlap_it():
+    """The centre of mass of the bracket lies in the block, none of its parts does."""
+
+    def doubts(gap):
+        left, right = -gap, 1.0 + gap
+        bracket = Cluster(
+            [
+                rectangle(left - 0.2, -0.2 - gap, right + 0.2, -gap),
+                rectangle(left - 0.2, -gap, left, 0.5),
+                rectangle(right, -gap, right + 0.2, 0.5),
+            ]
+        )
+        scene = Scene(
+            box_bodies((1.0, 0.5), (4, 2), label=1),
+            {1: LinearElastic(young=1e6, poisson=0.3, density=1000.0)},
+            surfaces={"block": (1,)},
+            rigid=[RigidBody(bracket, None, "bracket", density=1.0)],
+            contacts=[Contact(("block", "bracket"), SignoriniCoulomb())],
+        )
+        assert 0.0 < scene.rigid_bodies.position[0, 1] < 0.5
+        return list(mesh_overlaps(scene))
+
+    assert doubts(1e-3) == []
+    (doubt,) = doubts(-0.15)
+    assert "rigid body 0 lies in the meshed body" in doubt
 
 
 @pytest.mark.parametrize(("push", "stands"), [(0.999, True), (1.001, False)])

@@ -101,7 +101,7 @@ def test_a_history_is_saved_and_restored(dim):
     known = {(1, 0): "slides", (1, 2): "smooth", (3, 1): "slides"}
     keys, groups = groups_of(known, dim, rng)
     kernels = [law.kernels(dim) for law in LAWS.values()]
-    saved = ContactHistory([(g, keys) for g in groups]).saved({k: n for n, k in enumerate(kernels)})
+    saved = ContactHistory([(g, keys) for g in groups]).saved(kernels)
     in_order = {
         name: {field: rows.in_order() for field, rows in record.items()}
         for name, record in saved.items()

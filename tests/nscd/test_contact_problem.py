@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 import xper_fx as xf
-from xper_fx.nscd.solvers import UnsuitableSolverError
+from xper_fx.nscd.local_solvers import LOCAL_SOLVERS
+from xper_fx.nscd.solvers import AssembledContacts, InteriorPoint, UnsuitableSolverError
 from xper_fx.nscd.solvers.contact_problem import ContactProblem
 
 ASSEMBLED = ("friction_problem", "interior_point", "proximal_point")
@@ -84,6 +85,56 @@ def test_assembled_as_bodies_move(dim, contact):
     np.testing.assert_allclose(
         problem.W @ r + problem.q, expected, rtol=0.0, atol=1e-12 * np.abs(expected).max()
     )
+
+
+def discs_in_a_corner(law):
+    corner = [xf.rigid.wall((0, 0), n, "walls") for n in ((0, 1), (1, 0))]
+    places = [(0.5, 0.5), (1.5, 0.5), (1.0, 0.5 + 0.75**0.5), (2.5, 0.5)]
+    bodies = [
+        xf.RigidBody(xf.rigid.Disc(0.5), p, "balls", density=1000.0, spin=1.0) for p in places
+    ]
+    return xf.Scene(
+        rigid=[*bodies, *corner],
+        contacts=[xf.Contact(("balls", group), law, reach=0.2) for group in ("balls", "walls")],
+        loads=[xf.Gravity((1.0, -GRAVITY))],
+        resolve_overlaps=True,
+    )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("dim", [2, 3])
+def test_every_local_solver_gives_the_same_motion(dim, monkeypatch):
+    results, own = [], xf.FrictionProblem.solve
+    monkeypatch.setattr(
+        xf.FrictionProblem, "solve", lambda *a, **o: results.append(own(*a, **o)) or results[-1]
+    )
+    law = xf.laws.SignoriniCoulomb(0.3)
+    scene = discs_in_a_corner(law) if dim == 2 else spheres_in_a_corner(law)
+    sweeps = after(scene, 10, solver="nlgs").rigid.state
+    assert np.abs(sweeps.turn.spin).max() > 0.05
+    for name in LOCAL_SOLVERS[dim]:
+        facets = 64 if (dim, name) == (3, "lcp") else None
+        solver = AssembledContacts(local_solver=name, facets=facets)
+        state = after(scene, 10, solver=solver).rigid.state
+        assert {result.local_solver for result in results} == {name} and len(results) >= 10
+        assert facets or all(result.solver == "nlgs" for result in results)
+        results.clear()
+        np.testing.assert_allclose(state.velocity, sweeps.velocity, atol=1e-6, err_msg=name)
+        np.testing.assert_allclose(state.turn.spin, sweeps.turn.spin, atol=1e-6, err_msg=name)
+
+
+def test_local_solvers_that_cannot_be_are_refused():
+    with pytest.raises(ValueError, match="should be one of auto, explicit, graph"):
+        AssembledContacts(local_solver="exactly")
+    with pytest.raises(ValueError, match="makes no sweeps over contacts"):
+        InteriorPoint(local_solver="exact")
+    friction, rolling = xf.laws.SignoriniCoulomb(0.5), xf.laws.SignoriniCoulomb(0.5, rolling=0.1)
+    with pytest.raises(ValueError, match='"explicit" wants diagonal blocks'):
+        after(pile_of_blocks(friction), 1, solver=AssembledContacts(local_solver="explicit"))
+    with pytest.raises(ValueError, match="should be one of auto, explicit, graph, bipotential"):
+        after(pile_of_blocks(friction), 1, solver=AssembledContacts(local_solver="exact"))
+    with pytest.raises(UnsuitableSolverError, match="rolling resistance"):
+        after(discs_in_a_corner(rolling), 1, solver=AssembledContacts(local_solver="graph"))
 
 
 @pytest.mark.parametrize("solver", ASSEMBLED)

@@ -34,6 +34,7 @@ from xper_fx.nscd.laws import (
     PerfectBond,
     SignoriniCoulomb,
     SlipWeakening,
+    StribeckFriction,
     Tresca,
 )
 from xper_fx.nscd.laws.curves import Petersson
@@ -143,8 +144,12 @@ LAWS = (
     CohesiveCurve(([0.0, 1e-4, 1e-1], [0.0, 1e-3, 0.0]), friction=0.1),
     SignoriniCoulomb(),
     SignoriniCoulomb(0.3),
+    SignoriniCoulomb(0.3, rolling=0.1),
     SignoriniCoulomb(contact="position"),
     SignoriniCoulomb(0.3, contact="position"),
+    SignoriniCoulomb(0.3, 0.5, tangential_restitution=0.5),
+    StribeckFriction(0.5, 0.3, 0.1),
+    StribeckFriction(0.5, 0.3, 0.1, 10.0, contact="position"),
     Tresca(1e3),
     Tresca(1e3, contact="position"),
     SlipWeakening(0.5, 0.3, 1e-3),

@@ -70,6 +70,17 @@ def test_a_deposit_starts_the_next_scene():
     assert np.isfinite(flowing.ledger.energies.kinetic)
 
 
+def test_whole_turns_are_left_out(caplog):
+    """A body that has turned often goes on without the warning of angles in degrees."""
+    contacts = [xf.Contact(("bodies", "bodies"), xf.laws.SignoriniCoulomb())]
+    disc = xf.RigidBody(xf.rigid.Disc(1.0), (0.0, 0.0), "bodies", density=1.0, spin=100.0)
+    scene = xf.Scene(rigid=[disc], contacts=contacts)
+    (now,) = xf.output.rigid_bodies_now(run(scene, 0.2))
+    assert now.angle == pytest.approx(20.0 - 6.0 * np.pi)
+    run(replace(scene, rigid=[now]), STEP)
+    assert not caplog.records
+
+
 def test_a_scene_without_rigid_bodies():
     scene = xf.Scene(
         xf.explode(xf.crossed_rectangle((0.0, 0.0), (1.0, 1.0), (1, 1)), np.zeros(4, int)),

@@ -70,6 +70,16 @@ def test_thrown_rigid_bodies_on_disk(tmp_path):
     assert np.array_equal(np.unique(body), [0, 1, 2, 3])
     assert np.array_equal(cellwise["group"], np.array([0, 1, 2, 0])[body.astype(int)])
     assert np.array_equal(np.unique(cellwise["spin"][body == 2]), [2.0])
+    assert cellwise["rotation"][body == 2] == pytest.approx(0.2)
+    size = {0: np.nan, 1: 2.0, 2: 4.0 / np.sqrt(np.pi), 3: np.nan}
+    expected = [size[number] for number in body.astype(int)]
+    assert cellwise["diameter"] == pytest.approx(expected, nan_ok=True)
+    # the two halves of the square that turns, each as large, on the sides of its own axis
+    now = points[:, :2] + nodal["displacement"][:, :2]
+    turned = now[triangles[body == 2]].mean(axis=1) - (10.3, 5.0 - 0.5 * GRAVITY * 0.1**2)
+    side = turned @ [np.cos(0.2), np.sin(0.2)] > 0.0
+    assert np.array_equal(cellwise["half"][body == 2], side)
+    assert cellwise["half"][body == 1].mean() == 0.5
     own = np.unique(triangles[body == 2])
     arm = points[own, :2] - (10.0, 5.0)
     assert np.abs(arm) == pytest.approx(1.0)
@@ -86,9 +96,12 @@ def test_thrown_rigid_bodies_on_disk(tmp_path):
 def test_spinning_sphere_and_box_on_disk(tmp_path):
     spin = np.array([0.0, 0.0, 3.0])
     bodies = [
-        RigidBody(shape, (4.0 * k, 0.0, 0.0), "any", density=1.0, spin=spin)
+        RigidBody(
+            shape, (4.0 * k, 0.0, 0.0), "any", density=1.0, spin=spin,
+            rotation=(0.0, 0.0, np.sin(0.05), np.cos(0.05)),
+        )
         for k, shape in enumerate((Sphere(1.0), Polyhedron.box((1.0, 1.0, 1.0))))
-    ]
+    ]  # fmt: skip
     simulation = Simulation(Scene(rigid=bodies, contacts=[Contact(("any",) * 2, None)]), 0.1)
     with Recorder(simulation, tmp_path, end_time=0.2, fields=1) as recorder:
         for step in simulation.steps(0.2):
@@ -96,6 +109,10 @@ def test_spinning_sphere_and_box_on_disk(tmp_path):
     points, triangles, times = read(tmp_path / "rigid.xdmf")
     _, nodal, cellwise = times[-1]
     assert cellwise["spin"] == pytest.approx(np.tile(spin, (len(triangles), 1)))
+    # as the bodies were turned at the start, and 0.2 s of spin
+    turned = cellwise["rotation"]
+    assert turned == pytest.approx(np.tile(0.2 * spin + [0.0, 0.0, 0.1], (len(triangles), 1)))
+    assert 0.4 < cellwise["half"].mean() < 0.6
     now = points + nodal["displacement"]
     owner = np.zeros(len(points))
     owner[triangles] = cellwise["body"][:, None]

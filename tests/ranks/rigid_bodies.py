@@ -39,7 +39,7 @@ def clouds() -> Simulation:
                     density=1000.0,
                 )
             )
-    law = SignoriniCoulomb(friction=0.3, restitution=0.5)
+    law = SignoriniCoulomb(friction=0.3, restitution=0.5, rolling=0.1)
     scene = Scene(rigid=bodies, contacts=[Contact(("spheres", "spheres"), law)])
     return Simulation(scene, 2e-3, tolerance=1e-13, num_threads=1)
 

@@ -100,3 +100,20 @@ def test_given_radii_keep_their_order():
 def test_what_is_asked_wrongly(call, match):
     with pytest.raises(ValueError, match=match):
         call(xf.assemblies)
+
+
+def test_assemblies_are_placed_elsewhere():
+    """Turned blocks too, and bodies whose place their vertices tell; the originals stay."""
+    drawn = xf.RigidBody(xf.rigid.Polygon([(1, 1), (3, 1), (3, 2), (1, 2)]), None, "a", density=1.0)
+    turned = xf.RigidBody(xf.rigid.Disc(1.0), (5.0, 0.0), "a", density=1.0, angle=0.3)
+    first, second = xf.assemblies.moved([drawn, turned], (10.0, -1.0))
+    np.testing.assert_allclose(first.position, (12.0, 0.5))
+    np.testing.assert_allclose(second.position, (15.0, -1.0))
+    assert (second.angle, first.shape, drawn.position) == (0.3, drawn.shape, None)
+    wall = xf.assemblies.moved(
+        xf.assemblies.masonry_wall(2, 1, block=(1.0, 0.5), thickness=0.2, density=1.0),
+        (0.0, 1.0, 2.0),
+    )
+    np.testing.assert_allclose([b.position for b in wall], [(0.5, 1.1, 2.25), (1.5, 1.1, 2.25)])
+    with pytest.raises(ValueError, match="by should be finite"):
+        xf.assemblies.moved([drawn], (1.0, 2.0, 3.0))

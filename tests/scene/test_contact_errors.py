@@ -121,17 +121,17 @@ def test_overlaps_are_moved_apart_by_the_least_motion():
 
 
 def test_neighbours_take_part_in_the_least_motion():
-    """The first of a row of 21 discs, with gaps g, overlaps the second by d.
+    """The first of a row of 121 discs, with gaps g, overlaps the second by d.
 
     It moves by a, the others by b, b - g, b - 2 g, ..., with a + b = d; the least sum of squares is
-    that of b = (d + 190 g) / 21.
+    that of b = (d + 7140 g) / 121. Overlaps alone would take a round a disc, too many.
     """
-    d, g = 0.05, 1e-5
-    places = [0.0, *((2.0 + g) * np.arange(1, 21) - g - d)]
+    d, g = 0.05, 5e-6
+    places = [0.0, *((2.0 + g) * np.arange(1, 121) - g - d)]
     rigid = [disc((x, 0)) for x in places]
     position = Scene(rigid=rigid, contacts=within(), resolve_overlaps=True).rigid_bodies.position
-    b = (d + 190 * g) / 21
-    expected = [b - d, *(b - g * np.arange(20))]
+    b = (d + 7140 * g) / 121
+    expected = [b - d, *(b - g * np.arange(120))]
     np.testing.assert_allclose(position[:, 0] - places, expected, atol=2e-5)
     np.testing.assert_allclose(position[:, 1], 0.0, atol=1e-12)
 

@@ -208,7 +208,7 @@ def stiff():
     return _interacting(PerfectBond(), "newton", step=100.0)
 
 
-def _meeting(step=0.1, rigid=(), joints=(), **mesh):
+def _meeting(step=0.1, rigid=(), contacts=(), joints=()):
     """Blocks that fly at each other, or at rigid bodies."""
     from scenes import box_bodies
 
@@ -228,7 +228,7 @@ def _meeting(step=0.1, rigid=(), joints=(), **mesh):
         surfaces=surfaces,
         rigid=rigid,
         joints=joints,
-        contacts=[Contact(("left", other), SignoriniCoulomb())],
+        contacts=[Contact(("left", other), SignoriniCoulomb()), *contacts],
         initial_velocity={1: lambda x: [1e-2 + 0.0 * x[0], 0.0 * x[0]]},
     )
     return Simulation(scene, step, num_threads=1, solver="nlgs")
@@ -262,6 +262,21 @@ def caught():
     boxes = Cluster([lower, Polygon(lower.vertices + [0.0, 0.5])])
     body = RigidBody(boxes, None, "disc", density=1.0, velocity=(2e-2, 0.0))
     return _meeting(rigid=[body])
+
+
+def rolled():
+    """A disc that strikes blocks and rolls off on a floor."""
+    from xper_fx.nscd.laws import SignoriniCoulomb
+    from xper_fx.nscd.rigid import Disc, RigidBody, wall
+    from xper_fx.scene.contact import Contact
+
+    disc = RigidBody(
+        Disc(0.5), (-0.5005, 0.4), "disc", density=1.0, velocity=(2e-2, -1e-2), spin=0.1
+    )
+    floor = wall((0.0, -0.1), (0.0, 1.0), "floor")
+    law = SignoriniCoulomb(0.3, rolling=0.1)
+    contacts = [Contact(("disc", "floor"), law), Contact(("left", "floor"), None)]
+    return _meeting(rigid=[disc, floor], contacts=contacts)
 
 
 def split():
@@ -377,6 +392,10 @@ SCENES = {
     },
     caught: {
         *_POINTS, "unilateral contact", "impact", "contact search", "rigid bodies", "clusters",
+    },
+    rolled: {
+        *_POINTS, "unilateral contact", "impact", "contact search", "rigid bodies", "friction",
+        "rolling resistance",
     },
     split: {
         *_POINTS, "unilateral contact", "cohesion", "damage", "impact", "explicit bulk",

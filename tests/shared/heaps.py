@@ -27,7 +27,7 @@ class Heap:
 
     Args:
         bodies: those of the group "grains" are free, those of "box" are walls.
-        friction: Coulomb's mu of all contacts.
+        friction: Coulomb's mu of all contacts, if no law is given.
         step: h (s).
         reach: of the search (m).
 
@@ -37,11 +37,11 @@ class Heap:
         report: of the last solve.
     """
 
-    def __init__(self, bodies, friction=0.3, step=1e-3, reach=None):
+    def __init__(self, bodies, friction=0.3, step=1e-3, reach=None, law=None):
         self.bodies = RigidBodies(bodies)
         dim, self.step, self.time, self.report = self.bodies.dim, step, 0.0, None
         self.motion = RigidMotion(self.bodies, (*(0.0,) * (dim - 1), -GRAVITY))
-        law = SignoriniCoulomb(friction)
+        law = law or SignoriniCoulomb(friction)
         contacts = [
             SimpleNamespace(law=law, between=("grains", group), reach=reach)
             for group in self.bodies.groups

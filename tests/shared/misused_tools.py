@@ -14,7 +14,7 @@ import scipy.sparse as sp
 from dolfinx.mesh import meshtags
 from misuse import INF, NAN, RIGHT, Misuse, bad_numbers
 from misused_runs import _made, _text, folder, recorded, recorder, run_of
-from misused_scenes import disc, of_block, of_discs, of_plate
+from misused_scenes import of_block, of_plate
 from scenes import mesh_of
 
 import xper_fx as xf
@@ -674,8 +674,14 @@ def figures() -> list[Misuse]:
         columns = xf.read_history(recorded().folder / "history.csv")
         return p.plot_energies(**({"history": columns, "against": "time"} | changes))
 
+    def film(**changes):
+        given = {
+            "path": _made(folder()) / "a.gif", "simulation": run_of(), "every": 1.0,
+        } | changes  # fmt: skip
+        return o.Animation(**given)
+
     def frames(**changes):
-        taken = [o.take_frame(recorder(run_of(of_plate())), np.zeros(16), "now")]
+        taken = [o.take_frame(run_of(of_plate()), np.zeros(16), "now")]
         given = {"frames": taken, "window": (0.0, 1.0, 0.0, 1.0)} | changes
         return o.plot_frames(**given)
 
@@ -792,19 +798,39 @@ def figures() -> list[Misuse]:
         "a window without width": ("window", lambda: frames(window=(1.0, 1.0, 0.0, 1.0))),
         "a window of NaN": ("window", lambda: frames(window=(NAN, 1.0, 0.0, 1.0))),
         "limits of one number": ("limits", lambda: frames(label="x", limits=1.0)),
-        "a frame of a simulation": (
-            "Recorder & Simulation",
-            lambda: o.take_frame(run_of(), np.zeros(16), "now"),
+        "a window of an animation in the plane of six numbers": (
+            "window",
+            lambda: film(window=(0.0, 1.0) * 3),
         ),
-        "a frame of rigid bodies": (
-            "mesh",
-            lambda: o.take_frame(recorder(run_of(of_discs(disc()))), [], "now"),
+        "limits the wrong way": ("limits & low", lambda: frames(label="x", limits=(1.0, 0.0))),
+        "a view of one angle": ("view", lambda: frames(view=30.0)),
+        "chains of a word": ("chains & yes", lambda: frames(chains="yes")),
+        "a frame of a recorder": (
+            "Simulation & Recorder",
+            lambda: o.take_frame(recorder(), np.zeros(16), "now"),
         ),
+        "an unknown colour": ("colour & speed & mass", lambda: o.take_frame(run_of(), "mass")),
         "values of another length": (
             "values & 16",
-            lambda: o.take_frame(recorder(), np.zeros(3), "now"),
+            lambda: o.take_frame(run_of(), np.zeros(3), "now"),
         ),
-        "values of words": ("values", lambda: o.take_frame(recorder(), ["a"] * 16, "now")),
+        "values of words": ("values", lambda: o.take_frame(run_of(), ["a"] * 16, "now")),
+        "a film of nothing": ("simulation & None", lambda: film(simulation=None)),
+        "a film into another format": (
+            ".gif & .mp4 & .avi",
+            lambda: film(path=folder().with_suffix(".avi")),
+        ),
+        "a film into a number": ("path & 3", lambda: film(path=3)),
+        "a film of no interval": ("every & 0", lambda: film(every=0.0)),
+        "a film of a rate of 0": ("rate & 0", lambda: film(rate=0.0)),
+        "a film of a rate of 1000": ("rate & 100", lambda: film(rate=1000.0)),
+        "a film of ten pixels": ("pixels & 10", lambda: film(pixels=10)),
+        "a film of speeds without limits": ("speed & limits", lambda: film(colour="speed")),
+        "a film in columns": ("window & columns", lambda: film(columns=3)),
+        "a film in a folder that is not there": (
+            "cannot be written",
+            lambda: film(path=folder() / "a" / "b" / "c.gif"),
+        ),
         "a crack panel of a simulation": (
             "Recorder & Simulation",
             lambda: o.crack_panel(run_of(), o.find_cracks(run_of(), 2), "now"),

@@ -190,19 +190,21 @@ def ductile_cell():
 
 
 def falling_bodies():
-    """Discs, boxes and a cross that fall on each other and slide."""
+    """Discs, which resist rolling, boxes and a cross that fall on each other and slide."""
     rigid = [wall((0.0, 0.0), (0.0, 1.0), "ground")]
     bar = Polygon.box((0.2, 0.05))
     cross = Cluster([bar, *(Part(Polygon.box((0.05, 0.07)), (0.0, s * 0.06)) for s in (-1, 1))])
-    rigid.append(RigidBody(cross, (-0.2, 0.12), "grains", density=100.0, spin=-2.0))
+    rigid.append(RigidBody(cross, (-0.2, 0.12), "boxes", density=100.0, spin=-2.0))
     for i in range(3):
-        rigid.append(RigidBody(Disc(0.1), (0.15 * i, 0.1 + 0.21 * i), "grains", density=100.0))
+        rigid.append(RigidBody(Disc(0.1), (0.15 * i, 0.1 + 0.21 * i), "discs", density=100.0))
         rigid.append(
-            RigidBody(Polygon.box((0.2, 0.2)), (0.5 + 0.05 * i, 0.11 + 0.22 * i), "grains",
+            RigidBody(Polygon.box((0.2, 0.2)), (0.5 + 0.05 * i, 0.11 + 0.22 * i), "boxes",
                       density=100.0, spin=0.5)
         )  # fmt: skip
     law = SignoriniCoulomb(friction=0.4, restitution=0.2)
-    contacts = [Contact(("grains", "ground"), law), Contact(("grains", "grains"), law)]
+    round_law = SignoriniCoulomb(friction=0.4, restitution=0.2, rolling=0.1)
+    contacts = [Contact(("discs", other), round_law) for other in ("ground", "discs", "boxes")]
+    contacts += [Contact(("boxes", other), law) for other in ("ground", "boxes")]
     scene = Scene(rigid=rigid, contacts=contacts, loads=[Gravity((1.0, -9.81))])
     return Simulation(scene, 5e-3, **ONE)
 

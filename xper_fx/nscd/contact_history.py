@@ -17,7 +17,7 @@ from xper_fx.cache import njit
 from xper_fx.nscd.couplings import Sides
 from xper_fx.nscd.halo_protocol import Reductions
 from xper_fx.nscd.kernel_options import LEAN_ENTRY
-from xper_fx.nscd.laws.law import LawKernels
+from xper_fx.nscd.laws.law import Law, LawKernels
 from xper_fx.nscd.point_group import PointGroup
 from xper_fx.support.saved_rows import Rows
 
@@ -82,13 +82,13 @@ class ContactHistory:
             records.setdefault((kernels[law], sides), []).append(record)
         self._records = {kind: _merged(parts) for kind, parts in records.items()}
 
-    def saved(self, law_of: Mapping[LawKernels, int]) -> dict[str, dict[str, Rows]]:
-        """All records as `Rows` by key, by law, nodes a side, whether with lever arms."""
+    def saved(self, kernels: Sequence[LawKernels]) -> dict[str, dict[str, Rows]]:
+        """All records as `Rows` by key, by number among kernels, nodes a side, with lever arms."""
         return {
-            f"{law_of[kernels]} {sides.k} {int(sides.lever_arms)}": {
+            f"{kernels.index(law)} {sides.k} {int(sides.lever_arms)}": {
                 name: Rows(record.keys, values) for name, values in record._asdict().items()
             }
-            for (kernels, sides), record in self._records.items()
+            for (law, sides), record in self._records.items()
         }
 
     @classmethod
@@ -102,6 +102,12 @@ class ContactHistory:
             sides = Sides(dim, kernels[law].components, k, bool(lever_arms))
             history._records[kernels[law], sides] = _Record(**record)
         return history
+
+
+def kernels_of_contacts(laws: Sequence[Law], dim: int) -> list[LawKernels | None]:
+    """Kernels of each law, then those of its rolling points, None where it has none."""
+    own = [law.kernels(dim) for law in laws]
+    return own + [kernels.rolling for kernels in own]
 
 
 def _merged(parts: list[_Record]) -> _Record:

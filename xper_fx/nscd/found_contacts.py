@@ -30,13 +30,17 @@ class FoundPoints(NamedTuple):
 
 
 class _ContactSet(NamedTuple):
-    """Contacts in use, by law, with what tells whether a search has found the same again."""
+    """Contacts in use, by law, with what tells whether a search has found the same again.
+
+    `rolling` has the rolling points of those whose law has them.
+    """
 
     nodes: np.ndarray
     law_of_point: np.ndarray
     keys: np.ndarray
     phase: np.ndarray
     groups: list[PointGroup]
+    rolling: list[PointGroup]
 
     def are(self, found: FoundPoints, phase: np.ndarray) -> bool:
         """Whether the found contacts are these, at other places."""
@@ -59,6 +63,11 @@ class FoundContacts:
     def groups(self) -> list[PointGroup]:
         """The contacts by law."""
         return [group for known in self._sets for group in known.groups]
+
+    @property
+    def rolling(self) -> list[PointGroup]:
+        """The rolling points of contacts, by law."""
+        return [group for known in self._sets for group in known.rolling]
 
     def renew(
         self,
@@ -92,13 +101,20 @@ class FoundContacts:
                 ]
             for group in groups:
                 group.jump[:, 0] -= opened * group.velocity[:, 0]
-                if self.history is not None:
+            resisting = [group for group in groups if group.kernels.rolling is not None]
+            rolling = [grouping.rolling_points(inverse, group, start) for group in resisting]
+            if self.history is not None:
+                for group in (*groups, *rolling):
                     self.history.transfer(group, new.keys)
             known = (new.points.nodes, new.law_of_point, new.keys, phase)
-            self._sets.append(_ContactSet(*known, groups))
+            self._sets.append(_ContactSet(*known, groups, rolling))
 
     def commit(self) -> None:
         """Remember what the step has left of them."""
         self.history = ContactHistory(
-            [(group, known.keys) for known in self._sets for group in known.groups]
+            [
+                (group, known.keys)
+                for known in self._sets
+                for group in (*known.groups, *known.rolling)
+            ]
         )

@@ -123,6 +123,48 @@ class Grouping:
         )
         return replace(made, phase=group.phase)
 
+    def rolling_points(
+        self, inverse: BodyInverse, group: PointGroup, nodal: np.ndarray
+    ) -> PointGroup:
+        """The rolling points of a group of contacts at their start (`laws/rolling.py`).
+
+        Args:
+            inverse, nodal: as of `groups`.
+            group: contacts of rigid bodies; their parameters and impulses are those of the points.
+        """
+        kernels, dim, n = group.kernels.rolling, inverse.dim, len(group)
+        radius, frame = group.points.round_radius, group.points.frame
+        if dim == 2:
+            frame = np.broadcast_to([[1.0, 0.0]], (n, 1, 2))
+        points = InteractionPoints(
+            group.points.nodes[:, :, :1] + np.int32(1),
+            np.broadcast_to(radius[:, None, None], (n, 2, 1)).copy(),
+            np.ascontiguousarray(frame), np.ones(n), np.zeros(n),
+        )  # fmt: skip
+        couplings = couple(points, inverse)
+        # one node a side: kernels take its weight as one
+        couplings = couplings._replace(frame=radius[:, None, None] * points.frame)
+        components = kernels.components
+        return replace(
+            group,
+            kernels=kernels,
+            points=points,
+            couplings=couplings,
+            state=np.zeros((n, 0)),
+            terms=np.zeros((n, 0)),
+            details=group.impulse,
+            compliance=np.zeros((n, components * (components + 1) // 2)),
+            inverse_area=np.ones(n, np.float32),
+            jump=np.zeros((n, components)),
+            velocity=points.relative(nodal),
+            impulse=np.zeros((n, components)),
+            committed_impulse=np.zeros((n, components)),
+            energy=np.zeros((n, len(kernels.energies))),
+            status=np.zeros(n, np.int8),
+            sides=Sides(dim, components, 1),
+            blocks=_block_size(inverse, couplings),
+        )
+
     def _group(
         self, inverse, kernels, points, law_of_point, indices, nodal, later, like=None
     ) -> PointGroup:

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from xper_fx.nscd.algebra.small import sym_indices
-from xper_fx.nscd.contact_history import ContactHistory
+from xper_fx.nscd.contact_history import ContactHistory, kernels_of_contacts
 from xper_fx.nscd.found_contacts import FoundContacts, FoundPoints
 from xper_fx.nscd.grouping import Grouping
 from xper_fx.nscd.halo_protocol import ContactHalo, PointHalo, Reductions
 from xper_fx.nscd.inverse_blocks import BodyInverse
-from xper_fx.nscd.laws.law import Law
+from xper_fx.nscd.laws.law import Law, LawKernels
 from xper_fx.nscd.ordering import vertex_of_points
 from xper_fx.nscd.own_compliance import update_compliance
 from xper_fx.nscd.point_group import PointGroup
@@ -54,7 +54,7 @@ class Interactions(SteppedPoints):
             points.
         anchors: of bodies that interactions alone hold, None if there are none; the bulk renews
             them before each solve.
-        groups: all points by law, permanent ones before those of contacts found.
+        groups: all points by law: permanent ones, contacts found, their rolling points.
         renewals: how often contacts were found anew.
         exchanges: how often w of meshed bodies was exchanged for another.
 
@@ -203,8 +203,9 @@ class Interactions(SteppedPoints):
                   for g in self.groups]  # fmt: skip
         stiffness = sum(float(np.sum(t[t > 0.0] ** -2.0)) for t in traces)
         mass = sum(float(np.sum(1.0 / t[t > 0.0])) for t in traces)
-        others = sum(not g.sides.lever_arms or g.kernels.evolve is not None for g in self.groups)
-        counts = (stiffness, mass, len(self.groups), others)
+        points = self._permanent + self.contacts
+        others = sum(not g.sides.lever_arms or g.kernels.evolve is not None for g in points)
+        counts = (stiffness, mass, len(points), others)
         stiffness, self._mass, groups, others = self.total(np.array(counts, float)).tolist()
         self._stiffness = math.sqrt(stiffness)
         self._all_of_rigid = groups > 0 and others == 0
@@ -297,7 +298,7 @@ class Interactions(SteppedPoints):
         opened = step * (1.0 - theta)
         self._found.renew(found, self._grouping, self.inverse, halo, start, opened)
         self._regroup()
-        self._take_inverse(self.contacts)
+        self._take_inverse(self.contacts + self.rolling)
 
     def move_joints(self, rows: FoundPoints, step: float, theta: float) -> None:
         """Put the rows of joints where bodies have moved to in the middle of a step.
@@ -314,7 +315,7 @@ class Interactions(SteppedPoints):
         self._take_inverse(self.joints)
 
     def _regroup(self) -> None:
-        self.groups = self._permanent + self.joints + self.contacts
+        self.groups = self._permanent + self.joints + self.contacts + self.rolling
         self.renewals += 1
 
     def deactivate(self, indices: np.ndarray) -> None:
@@ -380,13 +381,12 @@ class Interactions(SteppedPoints):
             "committed_step": self.committed_step, "step_size": self.step_size,
             "theta": self.theta,
         }  # fmt: skip
-        law_of = {kernel: law for law, kernel in reversed(list(enumerate(kernels)))}
         if self._found.history is not None:
             if self.halo is not None:
                 self.share_history(self.halo.ranks)
-            saved["contacts"] = self._found.history.saved(law_of)
+            saved["contacts"] = self._found.history.saved(self._kernels_of_contacts())
         if self._carried.history is not None:
-            saved["joints"] = self._carried.history.saved(law_of)
+            saved["joints"] = self._carried.history.saved(self._kernels_of_contacts())
         return saved
 
     def restore(self, saved: Mapping) -> None:
@@ -408,9 +408,13 @@ class Interactions(SteppedPoints):
                 g.couplings.frame[:] = g.points.frame[:, : g.couplings.frame.shape[1]]
         self.committed_step = saved["committed_step"]
         self.step_size, self.theta = saved["step_size"], saved["theta"]
-        kernels = [law.kernels(self.dim) for law in self.laws]
+        kernels = self._kernels_of_contacts()
         for name, points in (("contacts", self._found), ("joints", self._carried)):
             points.history = ContactHistory.restored(saved.get(name, {}), kernels, self.dim)
+
+    def _kernels_of_contacts(self) -> list[LawKernels | None]:
+        """See `kernels_of_contacts`."""
+        return kernels_of_contacts(self.laws, self.dim)
 
     def _numbers(self) -> np.ndarray:
         """Numbers of this rank's permanent points in the scene's order, shape (num_points,)."""
@@ -422,4 +426,4 @@ class Interactions(SteppedPoints):
         All ranks call it together.
         """
         if self._found.history is not None:
-            self._found.history.share(ranks, [law.kernels(self.dim) for law in self.laws])
+            self._found.history.share(ranks, self._kernels_of_contacts())

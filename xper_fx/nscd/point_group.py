@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -79,9 +80,8 @@ class PointGroup:
             return 1.0 - self.state[:, self.kernels.state_names.index("damage")]
         return np.zeros(len(self))
 
-    @property
-    def nbytes(self) -> int:
-        """Memory held, in bytes, blocks of w (shared with the other groups) not counted."""
+    def arrays(self) -> dict[int, np.ndarray]:
+        """The arrays held, by identity, without the blocks of w."""
         own = (
             self.indices, self.parameters, self.state, self.terms, self.details, self.compliance,
             self.inverse_area, self.jump, self.velocity, self.impulse, self.committed_impulse,
@@ -89,5 +89,17 @@ class PointGroup:
             *(a for a in vars(self.points).values() if isinstance(a, np.ndarray)),
             *(self.turning or ()),
         )  # fmt: skip
-        kept = {id(a): a for a in own if a is not None and a is not self.couplings.w}
-        return sum(a.nbytes for a in kept.values())
+        return {id(a): a for a in own if a is not None and a is not self.couplings.w}
+
+    @property
+    def nbytes(self) -> int:
+        """Memory held, in bytes, blocks of w (shared with the other groups) not counted."""
+        return bytes_of_groups([self])
+
+
+def bytes_of_groups(groups: Iterable[PointGroup]) -> int:
+    """Memory held by groups, in bytes; what several share counts once, blocks of w do not."""
+    kept: dict[int, np.ndarray] = {}
+    for group in groups:
+        kept |= group.arrays()
+    return sum(a.nbytes for a in kept.values())

@@ -13,7 +13,7 @@ from xper_fx.nscd.grouping import Grouping
 from xper_fx.nscd.halo_protocol import ContactHalo, PointHalo
 from xper_fx.nscd.inverse_blocks import BodyInverse
 from xper_fx.nscd.laws.law import ALL_ENERGIES
-from xper_fx.nscd.point_group import PointGroup
+from xper_fx.nscd.point_group import PointGroup, bytes_of_groups
 from xper_fx.nscd.points import InteractionPoints
 
 if TYPE_CHECKING:
@@ -159,4 +159,4 @@ class PointValues:
         shared += [] if self._points is None else vars(self._points).values()
         held = sum(a.nbytes for a in shared if a is not None)
         held += 0 if self.fused is None else self.fused.nbytes
-        return held + self._grouping.nbytes + sum(g.nbytes for g in self.groups)
+        return held + self._grouping.nbytes + bytes_of_groups(self.groups)

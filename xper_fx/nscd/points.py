@@ -40,6 +40,8 @@ class InteractionPoints:
         gap: shape (num_points,), normal distance at the start (m).
         lever_arms: shape (num_points, 2, dim), of sides on rigid bodies (m), zero on the others;
             None if no side is on a rigid body.
+        round_radius: shape (num_points,), of a contact of round sides (m), 1/R the sum of
+            1/radius; None where no law resists rolling.
         lips: facets on both sides, with which frames turn (`nscd/turning_frames.py`); None where
             frames stay what they are.
     """
@@ -50,6 +52,7 @@ class InteractionPoints:
     area: np.ndarray
     gap: np.ndarray
     lever_arms: np.ndarray | None = None
+    round_radius: np.ndarray | None = None
     lips: Lips | None = None
 
     @property
@@ -73,7 +76,8 @@ class InteractionPoints:
 
     def _arrays(self):
         given = (self.nodes, self.weights, self.frame, self.area, self.gap)
-        return given if self.lever_arms is None else (*given, self.lever_arms)
+        extra = (self.lever_arms, self.round_radius)
+        return (*given, *(a for a in extra if a is not None))
 
     def rotation_nodes(self) -> np.ndarray:
         """Node of each side's rotation, or the side's own where it has no arm; (num_points, 2)."""

@@ -96,6 +96,11 @@ class SteppedPoints(PointValues):
         """Whether frames of points turn with their bodies, on whichever rank."""
         return self._turns
 
+    @property
+    def rolling(self) -> list[PointGroup]:
+        """The rolling points of contacts that were found (`laws/rolling.py`)."""
+        return self._found.rolling
+
     def turn(self, motion: LipMotion, step: float, theta: float) -> None:
         """Turn frames with their lips, before `begin_step` or `prepare`.
 

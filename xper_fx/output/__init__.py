@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 from xper_fx.support.lazy import importer
 
 if TYPE_CHECKING:
+    from xper_fx.output.animation import Animation as Animation
     from xper_fx.output.connectivity import find_fragments as find_fragments
     from xper_fx.output.contact_forces import ContactForces as ContactForces
     from xper_fx.output.contact_forces import find_contact_forces as find_contact_forces
@@ -15,8 +16,9 @@ if TYPE_CHECKING:
     from xper_fx.output.cracks import find_cracks as find_cracks
     from xper_fx.output.fragments import Fragments as Fragments
     from xper_fx.output.fragments import measure_fragments as measure_fragments
+    from xper_fx.output.frame_figures import plot_bodies as plot_bodies
+    from xper_fx.output.frame_figures import plot_frames as plot_frames
     from xper_fx.output.frames import Frame as Frame
-    from xper_fx.output.frames import plot_frames as plot_frames
     from xper_fx.output.frames import take_frame as take_frame
     from xper_fx.output.joint_forces import JointForces as JointForces
     from xper_fx.output.joint_forces import find_joint_forces as find_joint_forces
@@ -26,6 +28,7 @@ if TYPE_CHECKING:
     from xper_fx.output.summary import without_times as without_times
 
 _MODULE_OF = {
+    "Animation": "animation",
     "ContactForces": "contact_forces",
     "Cracks": "cracks",
     "Fragments": "fragments",
@@ -39,7 +42,8 @@ _MODULE_OF = {
     "find_joint_forces": "joint_forces",
     "measure_fragments": "fragments",
     "memory_by_part": "memory",
-    "plot_frames": "frames",
+    "plot_bodies": "frame_figures",
+    "plot_frames": "frame_figures",
     "point_coordinates": "recorder",
     "rigid_bodies_now": "present_bodies",
     "take_frame": "frames",

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import basix
@@ -10,7 +11,7 @@ import numpy as np
 
 from xper_fx.nscd.rigid.bodies import RigidBodies
 from xper_fx.nscd.rigid.motion import RigidState
-from xper_fx.nscd.rigid.shapes import CLUSTER, DISC, POLYGON
+from xper_fx.nscd.rigid.shapes import CLUSTER, DISC, POLYGON, Shape
 
 
 class Moments(NamedTuple):
@@ -78,6 +79,14 @@ def rigid_moments(bodies: RigidBodies, shapes: list, state: RigidState) -> Momen
     x = state.position
     shifted = volume[:, None, None] * x[:, :, None] * x[:, None]
     return Moments(volume, volume[:, None] * x, own + shifted)
+
+
+def equal_diameters(shapes: Sequence[Shape]) -> np.ndarray:
+    """Diameters of the discs or balls as large as some shapes, NaN for walls; m."""
+    volume = np.array(
+        [s.mass_properties(1.0).mass if np.isfinite(s.bounding_radius) else np.nan for s in shapes]
+    )
+    return 2.0 * np.sqrt(volume / np.pi) if shapes[0].dim == 2 else np.cbrt(6.0 * volume / np.pi)
 
 
 def _about_centre(shape) -> tuple[float, np.ndarray]:

@@ -20,12 +20,15 @@ class ContactForces(NamedTuple):
         position: of the point, shape (n, dim), m; to first order in the step.
         normal: from antagonist to candidate, shape (n, dim).
         force: of the antagonist on the candidate, mean over the step, shape (n, dim), N (2D: N/m).
+        couple: the same of what resists rolling, shape (n, 1) in 2D and (n, 3) in 3D, N m (2D:
+            N m/m); zero where the law does not resist.
     """
 
     bodies: np.ndarray
     position: np.ndarray
     normal: np.ndarray
     force: np.ndarray
+    couple: np.ndarray
 
 
 def find_contact_forces(simulation: Simulation) -> ContactForces:
@@ -41,8 +44,9 @@ def find_contact_forces(simulation: Simulation) -> ContactForces:
     require_kind("simulation", simulation, Simulation)
     dim, interactions = simulation.bulk.dim, simulation.interactions
     body, place = slot_places(simulation)
-    none = np.empty((0, dim))
-    parts = [ContactForces(np.empty((0, 2), int), none, none, none)]
+    none, turns = np.empty((0, dim)), 1 if dim == 2 else 3
+    parts = [ContactForces(np.empty((0, 2), int), none, none, none, np.empty((0, turns)))]
+    rolling = {} if interactions is None else {id(g.details): g for g in interactions.rolling}
     for group in [] if interactions is None else interactions.contacts:
         pushes = np.flatnonzero(group.impulse[:, 0] > 0.0)
         points = group.points.take(pushes)
@@ -50,12 +54,18 @@ def find_contact_forces(simulation: Simulation) -> ContactForces:
         if points.lever_arms is not None:
             sides += points.lever_arms
         impulse = np.einsum("nc,ncd->nd", group.impulse[pushes], points.frame)
+        couple = np.zeros((len(pushes), turns))
+        if id(group.impulse) in rolling:
+            beside = rolling[id(group.impulse)]
+            turned = np.einsum("nc,ncd->nd", beside.impulse, beside.couplings.frame)
+            couple = turned[pushes, :turns]
         parts.append(
             ContactForces(
                 body[points.nodes[:, :, 0]],
                 sides.mean(axis=1),
                 points.frame[:, 0],
                 impulse / interactions.committed_step,
+                couple / interactions.committed_step,
             )
         )
     if interactions is not None and interactions.halo is not None:

@@ -22,6 +22,7 @@ import numpy as np
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.laws.parameters import fields_of
 from xper_fx.nscd.point_group import PointGroup
+from xper_fx.nscd.rigid.shapes import CLUSTER
 from xper_fx.simulation.simulation import Simulation
 from xper_fx.support.checks import require_kind
 
@@ -87,8 +88,7 @@ def _bytes_within(item: object) -> int:
 
 
 def _has_clusters(simulation: Simulation) -> bool:
-    bodies = simulation.scene.rigid_bodies
-    return bodies is not None and len(bodies.shapes.body) > len(bodies)
+    return any(body.shape.kind == CLUSTER for body in simulation.scene.rigid)
 
 
 def _turning_bytes(simulation: Simulation) -> int:
@@ -165,6 +165,7 @@ EFFECTS = (
     _of_laws("unilateral contact"),
     _of_laws("impact"),
     _of_laws("friction"),
+    _of_laws("rolling resistance"),
     _of_laws("perfect bond"),
     Effect("fields", lambda s: any(map(fields_of, s.model.points.laws))),
     Effect(

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -19,8 +20,9 @@ def rigid_bodies_now(simulation: Simulation) -> list[RigidBody]:
 
     They make another scene: with other loads or laws, with bodies left out or added. Its time
     begins at 0; prescribed velocities, forces and torques that are functions of time go on from the
-    present one. Contacts begin anew, without the impulses that they had. What bodies overlap by,
-    as impacts leave it, `Scene(resolve_overlaps=True)` takes away.
+    present one. Whole turns are left out of angles. Contacts begin anew, without the impulses that
+    they had. What bodies overlap by, as impacts leave it, `Scene(resolve_overlaps=True)` takes
+    away.
 
     Args:
         simulation: with rigid bodies.
@@ -44,7 +46,7 @@ def rigid_bodies_now(simulation: Simulation) -> list[RigidBody]:
     for number, body in enumerate(simulation.scene.rigid):
         turn, spin = state.turn.rotation[number], state.turn.spin[number]
         if simulation.scene.dim == 2:
-            turned = {"angle": turn.item(), "spin": spin.item()}
+            turned = {"angle": math.remainder(turn.item(), 2.0 * math.pi), "spin": spin.item()}
         else:
             turned = {"rotation": Rotation.from_matrix(turn), "spin": spin.copy()}
         bodies.append(

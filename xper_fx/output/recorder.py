@@ -3,9 +3,9 @@
 
 The folder holds `bulk.xdmf` (displacement, velocity, stress, body, material), `interfaces.xdmf`
 (jump, traction, damage, spent share of the fracture energy, status, on the points of facing
-facets), `rigid.xdmf` (displacement, velocity, spin, body, group, on triangles of the rigid bodies),
-`history.csv`, `summary.json`, `checkpoint.h5`; of the series those that the scene has something
-for.
+facets), `rigid.xdmf` (displacement, velocity, spin, rotation, body, group, diameter, half, on
+triangles of the rigid bodies), `history.csv`, `summary.json`, `checkpoint.h5`; of the series those
+that the scene has something for.
 
 A checkpoint holds the run, and how far its files had come. A restart takes them back to there, so
 that they go on without a step that is missing or there twice.
@@ -39,6 +39,7 @@ from xper_fx.output.history import HISTORY_COLUMNS, History
 from xper_fx.output.output_folder import prepare_folder
 from xper_fx.output.series import TimeSeries
 from xper_fx.output.summary import plain, write_summary
+from xper_fx.output.vertex_values import VertexValues
 from xper_fx.simulation.cohesive_scales import cohesive_scales
 from xper_fx.simulation.simulation import Simulation, StepRecord
 from xper_fx.support.checks import (
@@ -224,11 +225,7 @@ class Recorder:
         self.strain = before.get("strain", 0.0)
         if simulation.scene.bodies is not None:
             self.cells = geometry_dofmap(simulation.scene.bodies.mesh)
-            mesh = simulation.bodies.mesh
-            # a cell's first dofs are its vertices'
-            cells = geometry_dofmap(mesh)
-            self._node = np.empty(len(mesh.geometry.x), np.int64)
-            self._node[cells] = simulation.forms.V.dofmap.list[:, : cells.shape[1]]
+            self._vertices = VertexValues(simulation)
         self._totals = {"steps": 0, "sweeps": 0, "largest_residual": 0.0, "restarts": 0}
         self._totals |= before.get("totals", {})
         self._totals["restarts"] += self.restarted
@@ -299,10 +296,12 @@ class Recorder:
         if self._writes_fields and simulation.scene.bodies is not None:
             self._open_fields(after)
         if self._writes_fields and simulation.rigid is not None:
+            from xper_fx.output.body_shapes import equal_diameters
             from xper_fx.output.rigid_series import RigidSeries
 
             path = self.folder / "rigid.xdmf"
-            self._rigid = RigidSeries(path, simulation.rigid, after.get("rigid"))
+            diameter = equal_diameters([body.shape for body in simulation.scene.rigid])
+            self._rigid = RigidSeries(path, simulation.rigid, diameter, after.get("rigid"))
         self._history = History(self.folder / "history.csv", columns, before.get("history"))
 
     def _take_folder(self) -> None:
@@ -315,14 +314,7 @@ class Recorder:
 
     def vertex_displacement(self) -> np.ndarray:
         """Displacement of the exploded mesh's geometry nodes, shape (num_nodes, dim), m."""
-        simulation = self.simulation
-        return self._of_vertices(simulation.bulk.unknowns.expand(simulation.state.displacement))
-
-    def _of_vertices(self, nodal: np.ndarray) -> np.ndarray:
-        """Values at all bodies' geometry nodes from those of this rank's dofs."""
-        values = nodal.reshape(-1, self.simulation.bulk.dim)[self._node]
-        part = self.simulation.part
-        return values if part is None else self.simulation.ranks.gather(part.nodes, values)
+        return self._vertices.displacement()
 
     def _open_fields(self, after: Mapping[str, Mapping[str, float]]) -> None:
         simulation = self.simulation
@@ -374,8 +366,10 @@ class Recorder:
 
     def _write_bulk(self, fragment: np.ndarray | None) -> None:
         simulation, bodies = self.simulation, self.simulation.scene.bodies
-        velocity = self._of_vertices(simulation.velocity.x.array)
-        nodal = {"displacement": self.vertex_displacement(), "velocity": velocity}
+        nodal = {
+            "displacement": self._vertices.displacement(),
+            "velocity": self._vertices.velocity(),
+        }
         cellwise = {
             "stress": self.cell_stress(),
             "body": bodies.body_of_cell,

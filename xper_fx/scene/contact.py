@@ -72,7 +72,8 @@ def check_contacts(
         cell_tags: those that occur.
 
     Raises:
-        ValueError: a group that does not exist, that two contacts join, or that none names.
+        ValueError: a group that does not exist, that two contacts join, or that none names; rolling
+            resistance between bodies of which none is round.
         TypeError: something that is no contact.
     """
     rigid = () if rigid_bodies is None else rigid_bodies.groups
@@ -98,6 +99,7 @@ def check_contacts(
         if pair in named:
             raise ValueError(f"Two contacts are between {pair}; name the pair once.")
         named.add(pair)
+        _check_rolling(contact, surfaces, rigid_bodies)
     alone = groups - {name for pair in named for name in pair}
     for name in sorted(alone & set(rigid)):
         first = int(np.argmax(rigid_bodies.group_of == rigid.index(name)))
@@ -108,3 +110,28 @@ def check_contacts(
         )
     if alone:
         raise ValueError(f"No contact names the surfaces {sorted(alone)}; leave them out.")
+
+
+def _check_rolling(
+    contact: Contact, surfaces: Collection[str], rigid_bodies: RigidBodies | None
+) -> None:
+    """Raise a ValueError where a law resists the rolling of what is not a disc or a sphere."""
+    dim = None if rigid_bodies is None else rigid_bodies.dim
+    if contact.law is None or getattr(contact.law.kernels(dim or 2), "rolling", None) is None:
+        return
+    balls = []
+    for name in contact.between:
+        if name in surfaces:
+            raise ValueError(
+                f"Rolling resistance is of rigid discs and spheres, and {name!r} of the contact "
+                f"{contact.between} is a surface of meshed bodies, whose facets have no spin: give "
+                "a law with rolling=0."
+            )
+        own = rigid_bodies.group_of == rigid_bodies.groups.index(name)
+        balls.append(bool(np.all(rigid_bodies.shapes.ball_radius[own] > 0.0)))
+    if not any(balls):
+        raise ValueError(
+            "Rolling resistance needs discs or spheres on one side, and both groups of the contact "
+            f"{contact.between} have other bodies, which resist by their shape: give a law with "
+            "rolling=0, or put the round bodies into a group of their own."
+        )

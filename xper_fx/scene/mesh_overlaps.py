@@ -63,13 +63,16 @@ def mesh_overlaps(scene: Scene) -> Iterator[str]:
     rigid = scene.rigid_bodies
     if rigid is None:
         return
-    bounded = np.flatnonzero(np.isfinite(rigid.bounding_radius))
+    shapes = rigid.shapes
+    bounded = np.flatnonzero(np.isfinite(shapes.bounding_radius))
     points = np.zeros((len(bounded), 3))
-    points[:, : scene.dim] = rigid.position[bounded]
+    # of a cluster its parts: its own centre may lie outside of it
+    points[:, : scene.dim] = shapes.place(rigid.position, rigid.rotation)[0][bounded]
     for number, cell in cells_at(points):
-        if touch(rigid.groups[rigid.group_of[bounded[number]]], cell):
+        body = shapes.body[bounded[number]]
+        if touch(rigid.groups[rigid.group_of[body]], cell):
             yield (
-                f"rigid body {bounded[number]} lies in the meshed body "
+                f"rigid body {body} lies in the meshed body "
                 f"{bodies.body_of_cell[cell]} at the start, where no contact is found; place them "
                 "apart"
             )

@@ -72,6 +72,7 @@ class Detection:
                 self.laws.append(contact.law)
             a, b = (names.index(name) for name in contact.between)
             self._law_of_pair[a, b] = self._law_of_pair[b, a] = self.laws.index(contact.law)
+        self._ball_radius: np.ndarray | None = None  # where a law resists rolling
         self._rigid = self._rigid_search(set(rigid))
         self._division: RigidDivision | None = None
         self._surfaces, self.nodes = None, np.zeros(0, np.int64)
@@ -88,6 +89,8 @@ class Detection:
         from xper_fx.nscd.search.rigid_search import RigidSearch
 
         bodies = self._scene.rigid_bodies
+        if any(c.law.kernels(bodies.dim).rolling is not None for c in contacts):
+            self._ball_radius = bodies.shapes.ball_radius
         reach = self._reach(contacts, float(bodies.shapes.bounding_radius.min()))
         return RigidSearch(
             bodies, [c.between for c in contacts], reach, self._scene.kept_apart
@@ -134,7 +137,7 @@ class Detection:
         if rigid is not None:
             shapes, speed = self._scene.rigid_bodies.shapes, rigid.state.velocity
             speed = np.linalg.norm(speed, axis=1)[shapes.body]
-            if len(speed) > len(rigid.bodies):
+            if shapes.offset.any():
                 spin = np.linalg.norm(rigid.state.turn.spin, axis=1)[shapes.body]
                 speed += spin * np.linalg.norm(shapes.offset, axis=1)
             if np.any(speed * step > shapes.bounding_radius):
@@ -238,11 +241,17 @@ class Detection:
             weights[rigid, 0] = 1.0
             lever_arms = contacts.point[:, None] - position[contacts.body]
             lever_arms[~rigid] = 0.0
+        round_radius = None
+        if self._ball_radius is not None and np.all(rigid):
+            radius = self._ball_radius[contacts.body]
+            curvature = np.divide(1.0, radius, out=np.zeros(radius.shape), where=radius > 0.0)
+            total = curvature.sum(axis=1)
+            round_radius = np.divide(1.0, total, out=total, where=total > 0.0)
         gap = contacts.gap.copy()
         gap[np.abs(gap) <= _ROUNDING * np.abs(contacts.point).max(axis=1)] = 0.0
         points = InteractionPoints(
             nodes.astype(np.int32), weights, frame_from_normal(contacts.normal), contacts.area,
-            gap, lever_arms,
+            gap, lever_arms, round_radius,
         )  # fmt: skip
         return FoundPoints(points, self._law_of_pair[group[:, 0], group[:, 1]], contacts.key)
 

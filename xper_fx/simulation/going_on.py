@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from xper_fx.nscd.contact_history import kernels_of_contacts
 from xper_fx.nscd.laws.law import Law
 from xper_fx.nscd.rigid.bodies import RigidBodies
 from xper_fx.scene.snapshot import Snapshot
@@ -149,10 +150,10 @@ def _records(
 ) -> dict:
     """Histories of contacts or of joints' rows, by law, of those that go on."""
     dim, out = after.scene.dim, {}
-    kernels = [law.kernels(dim) for law in laws]
+    kernels, before = kernels_of_contacts(laws, dim), kernels_of_contacts(after.laws, dim)
     for name, record in records.items():
         law, sides = name.split(" ", 1)
-        own = after.laws[int(law)].kernels(dim)
+        own = before[int(law)]
         if own not in kernels:
             continue
         keys = new_keys(record["keys"])
@@ -165,8 +166,8 @@ def _records(
 
 def _in_wires(saved: Mapping, laws: Sequence[Law], dim: int) -> float:
     """Energy of the elastic wires of a state (J)."""
-    total = 0.0
+    total, kernels = 0.0, kernels_of_contacts(laws, dim)
     for name, record in saved.get("interactions", {}).get("joints", {}).items():
-        if laws[int(name.split()[0])].kernels(dim).state_names == ("stored",):
+        if kernels[int(name.split()[0])].state_names == ("stored",):
             total += float(record["state"].sum())
     return total

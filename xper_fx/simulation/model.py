@@ -17,6 +17,7 @@ from xper_fx.forms.dynamics import BulkForms
 from xper_fx.forms.loads import PrescribedDisplacement, PrescribedVelocity
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.laws.parameters import fields_of
+from xper_fx.nscd.point_group import bytes_of_groups
 from xper_fx.nscd.points import InteractionPoints
 from xper_fx.scene.facet_laws import require_kernels
 from xper_fx.scene.scene import Scene
@@ -119,6 +120,11 @@ class Model:
             self._laws = self.joints.laws
         for law in self._laws:
             require_kernels(law, scene.dim)
+        if any(law.kernels(scene.dim).rolling is not None for law in self.points.laws):
+            raise ValueError(
+                "Rolling resistance is of rigid discs and spheres, and a law of facets or walls of "
+                "meshed bodies, which have no spin, has it: give a law with rolling=0 there."
+            )
         self.monolithic = options.asks_for_one_system or self._calls_for_one_system(searched)
         self.scheme = self._scheme()
         with stopwatch.phase("interaction points"):
@@ -445,7 +451,7 @@ class Model:
         if forms.has_history:
             owns("commit", lambda: forms.history_nbytes)
         if interactions is not None:
-            owns("interaction points", lambda: sum(g.nbytes for g in interactions.groups))
+            owns("interaction points", lambda: bytes_of_groups(interactions.groups))
 
 
 def _checked(field: Callable[[np.ndarray], np.ndarray], dim: int) -> Callable:

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from xper_fx.nscd.laws.rigid_cohesive_zone import RigidCohesiveZone as RigidCohesiveZone
     from xper_fx.nscd.laws.signorini_coulomb import SignoriniCoulomb as SignoriniCoulomb
     from xper_fx.nscd.laws.signorini_coulomb import Tresca as Tresca
+    from xper_fx.nscd.laws.stribeck import StribeckFriction as StribeckFriction
     from xper_fx.nscd.laws.weakening_friction import MohrCoulomb as MohrCoulomb
     from xper_fx.nscd.laws.weakening_friction import SlipWeakening as SlipWeakening
 
@@ -32,6 +33,7 @@ _MODULE_OF = {
     "RigidCohesiveZone": "rigid_cohesive_zone",
     "SignoriniCoulomb": "signorini_coulomb",
     "SlipWeakening": "weakening_friction",
+    "StribeckFriction": "stribeck",
     "Tresca": "signorini_coulomb",
 }
 

@@ -49,6 +49,9 @@ read anew in each step (`nscd/turning_frames.py`). None for a law that stores no
 the step's problem at a point is that of Signorini and Coulomb whatever its impulse was: such points
 make a `FrictionProblem`. None for a law of another kind.
 
+`rolling` has the kernels of the rolling points that stand beside contacts of rigid bodies
+(`rolling.py`); None for laws without rolling resistance.
+
 `rigid` has what is asked of bonds that have no compliance while they are sound
 (`rigid_kernels.RigidKernels`); None for all other laws.
 
@@ -79,8 +82,8 @@ ALL_ENERGIES = (*ENERGIES, "viscous")  # of a law that has viscous work besides
 LawKernels = namedtuple(
     "LawKernels",
     "name effects components prepare solve evolve commit num_terms num_details state_names "
-    "energies growth spent stored no_jump rigid coulomb",
-    defaults=(None, None, None, False, None, None),
+    "energies growth spent stored no_jump rigid coulomb rolling",
+    defaults=(None, None, None, False, None, None, None),
 )
 
 

@@ -11,6 +11,19 @@ one e for all points (v+ + e v-) / (1 + e) is then the projection of v- on the m
 them, and an impact without friction loses (1 - e) / (1 + e) of the kinetic energy of v+ - v-.
 Asking such a point for dU_N >= 0 would give it energy, a third of a bouncing stack's in one step.
 
+**Along the tangent** restitution may act too, e_T = e (Moreau 1988; Fremond 1995). Signorini and
+Coulomb then hold for the mean velocity V = (dU + e dU0) / (1 + e) as a whole: friction opposes V_T,
+and an impact that sticks ends with dU_T = -e dU0_T. With dU - dU0 = W r over all points the work of
+the impulses,
+
+    r . (theta dU + (1 - theta) dU0) = r . V - (1/(1 + e) - theta) r . W r,
+
+is never positive while theta <= 1 / (1 + e), for r . V <= 0 by the law, whatever the number of
+points and their coupling. With e_T != e no such form is known: r . D W r, D the diagonal of the
+two numbers (1 - e) / (1 + e), is of either sign where W couples normal and tangent. That holds for
+e_T = 0 beside e > 0 as well, the default: an impact that turns the slip round may gain energy
+(Kane and Levinson 1985).
+
 It rests without bouncing, at a constant penetration of at most |dU0| h / 2. A point that pushed
 in the last step also counts as closed while its gap is below 1e-3 of what the speed it gave,
 W_NN r_N, covers in a step: else the rounding of a gap of zero would let it fall for a step.
@@ -42,7 +55,13 @@ from xper_fx.nscd.algebra.small import for_dimension
 from xper_fx.nscd.kernel_options import LEAN_INNER
 from xper_fx.nscd.laws.contact_solver import contact_solver
 from xper_fx.nscd.laws.law import CoulombPoints, LawKernels
-from xper_fx.nscd.laws.parameters import acts, refuse_where, take_parameters
+from xper_fx.nscd.laws.parameters import (
+    Values,
+    acts,
+    is_field,
+    refuse_where,
+    take_parameters,
+)
 
 # Columns of terms; all but the first are there with friction alone.
 _V_MIN, _MU, _BOUND, _SHIFT = 0, 1, 2, 3
@@ -59,26 +78,73 @@ class SignoriniCoulomb:
         friction: Coulomb's mu >= 0; with 0 a point has no tangential component at all.
         restitution: Newton's e in [0, 1], dU_N+ = -e dU_N- (velocity level only).
         contact: "velocity" (impacts) or "position" (bonded lips); see the module docstring.
+        tangential_restitution: e_T, dU_T+ = -e_T dU_T- of an impact that sticks, 0 or equal to the
+            restitution.
+        rolling: mu_r >= 0, of contacts of discs or spheres at the velocity level: the couple
+            against their relative spin is at most mu_r R r_N, R the effective radius
+            (`rolling.py`).
 
     Raises:
-        ValueError: mu negative or not finite, e outside [0, 1], restitution at position level.
+        ValueError: a number negative or not finite, e outside [0, 1], restitution or rolling
+            resistance at position level, rolling resistance without friction, two restitutions
+            that differ.
     """
 
     friction: Any = 0.0
     restitution: Any = 0.0
     contact: str = "velocity"
+    tangential_restitution: Any = 0.0
+    rolling: Any = 0.0
 
     def __post_init__(self) -> None:
-        if take_parameters(self, non_negative=("friction", "restitution")):
+        names = ("friction", "restitution", "tangential_restitution", "rolling")
+        if take_parameters(self, non_negative=names):
             check_contact(self.contact, self.restitution)
+        self._check_tangential_restitution()
+        if acts(self.rolling) and not (acts(self.friction) and self.contact == "velocity"):
+            raise ValueError(
+                f"Rolling resistance (rolling={self.rolling}) goes with friction at the velocity "
+                f'level: give friction > 0 and contact="velocity", got friction={self.friction}, '
+                f"contact={self.contact!r}."
+            )
+
+    def _check_tangential_restitution(self) -> None:
+        e, along = self.restitution, self.tangential_restitution
+        if not acts(along):
+            return
+        e, along = (x.values if isinstance(x, Values) else x for x in (e, along))
+        if is_field(e) or is_field(along):
+            same = e == along
+        else:
+            same = np.all(np.equal(e, along))
+        if not same:
+            raise ValueError(
+                "tangential_restitution should be 0 or equal to restitution: with two that differ "
+                "an impact with friction may gain energy, with one the law on the mean velocity "
+                f"(dU+ + e dU-) / (1 + e) never does. Got {along} and {e}."
+            )
+        if acts(self.rolling):
+            raise ValueError(
+                "tangential_restitution and rolling exclude each other: the couple acts on the "
+                "spin at the end of an impact, not on its mean, and the impact may gain energy."
+            )
+        if not acts(self.friction):
+            raise ValueError(
+                f"tangential_restitution ({along}) needs friction: without it nothing acts along "
+                "the tangent. Give friction > 0."
+            )
 
     def kernels(self, dim: int) -> LawKernels:
         """See `Law`."""
-        return contact_kernels(dim, acts(self.friction), self.contact)
+        return contact_kernels(
+            dim, acts(self.friction), self.contact, acts(self.tangential_restitution),
+            acts(self.rolling),
+        )  # fmt: skip
 
     def parameters(self) -> tuple:
-        """See `_parameters`."""
-        return _parameters(self.contact, self.restitution, self.friction, 0.0)
+        """See `_parameters`; then mu_r with rolling resistance."""
+        given = _parameters(self.contact, self.restitution, self.friction, 0.0)
+        return (*given, self.rolling) if acts(self.rolling) else given
 
     def initial_state(self) -> tuple[float, ...]:
         """See `_initial_state`."""
@@ -147,7 +213,13 @@ def check_contact(contact: str, restitution: Any) -> None:
 
 
 @cache
-def contact_kernels(dim: int, friction: bool, contact: str) -> LawKernels:
+def contact_kernels(
+    dim: int,
+    friction: bool,
+    contact: str,
+    rebounds_along: bool = False,
+    rolls: bool = False,
+) -> LawKernels:
     """The kernels of unilateral contact, compiled for what the arguments call for."""
     components = dim if friction else 1
     algebra = for_dimension(dim, components)
@@ -160,6 +232,11 @@ def contact_kernels(dim: int, friction: bool, contact: str) -> LawKernels:
     # parameters: Newton's e with impact; mu and Tresca's bound with friction
     e, mu = 0, int(impact)
     tresca = mu + 1
+    rolling = None
+    if rolls:
+        from xper_fx.nscd.laws.rolling import rolling_kernels
+
+        rolling = rolling_kernels(dim, tresca + 1)
 
     @njit(**LEAN_INNER)
     def prepare(i, jump, velocity, w, area, step, theta, parameters, state, terms, details):
@@ -173,6 +250,8 @@ def contact_kernels(dim: int, friction: bool, contact: str) -> LawKernels:
             terms[i, _MU] = parameters[i, mu]
             terms[i, _BOUND] = step * area * parameters[i, tresca]
             lag = 0.0 if impact else (1.0 - theta) / theta
+            if rebounds_along:
+                lag = parameters[i, e]
             for j in range(1, dim):
                 terms[i, _SHIFT + j - 1] = lag * velocity[j]
 
@@ -215,13 +294,17 @@ def contact_kernels(dim: int, friction: bool, contact: str) -> LawKernels:
         shift = terms[:, _SHIFT : _SHIFT + dim - 1]
         return CoulombPoints(terms[:, _V_MIN], shift, terms[:, _MU], terms[:, _BOUND], none)
 
+    name = "contact with friction" if friction else "frictionless contact"
     effects = [("unilateral contact", 1)]
     if impact:
         effects += [("impact", 2)]
     if friction:
         effects += [("friction", dim + 3)]
+    if rolls:
+        name += " and rolling resistance"
+        effects += [("rolling resistance", 1)]
     return LawKernels(
-        name="contact with friction" if friction else "frictionless contact",
+        name=name,
         effects=tuple(effects),
         components=components,
         prepare=prepare,
@@ -232,5 +315,6 @@ def contact_kernels(dim: int, friction: bool, contact: str) -> LawKernels:
         num_details=0,
         state_names=("pushed",) if impact else (),
         energies=("impact", "friction") if friction else ("impact",),
-        coulomb=coulomb,
+        coulomb=None if rolls else coulomb,
+        rolling=rolling,
     )

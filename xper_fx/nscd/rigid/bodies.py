@@ -61,6 +61,15 @@ class ShapeTables(NamedTuple):
     edges: np.ndarray
     edge_faces: np.ndarray
 
+    @property
+    def ball_radius(self) -> np.ndarray:
+        """Radius of the bodies that are one disc or sphere, 0 of others, shape (num_bodies,)."""
+        count = np.bincount(self.body)
+        alone = (count[self.body] == 1) & ~self.offset.any(axis=1)
+        radius = np.zeros(len(count))
+        radius[self.body[alone]] = self.radius[alone]
+        return radius
+
     def place(self, position: np.ndarray, rotation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Centres and rotations of the pieces from those of the bodies, which have their axes.
 
@@ -70,9 +79,9 @@ class ShapeTables(NamedTuple):
                 (num_bodies, 3, 3) (3D).
 
         Returns:
-            The same of the pieces; the given arrays where each body is one piece.
+            The same of the pieces; the given arrays where each body is one piece about its centre.
         """
-        if len(self.body) == len(position):
+        if not self.offset.any():
             return position, rotation
         own = rotation[self.body]
         turn = plane_rotations(own) if own.ndim == 1 else own

@@ -15,7 +15,14 @@ import numpy as np
 
 from xper_fx.nscd.rigid.bodies import RigidBodies, ShapeTables
 from xper_fx.nscd.rigid.polyhedron import Polyhedron
-from xper_fx.nscd.rigid.shapes import DISC, HALF_PLANE, HALF_SPACE, SPHERE, check_positive
+from xper_fx.nscd.rigid.shapes import (
+    DISC,
+    HALF_PLANE,
+    HALF_SPACE,
+    POLYHEDRON,
+    SPHERE,
+    check_positive,
+)
 
 # Thickness of a slab over its half width.
 _SLAB = 0.05
@@ -31,12 +38,15 @@ class Outline(NamedTuple):
         cells: points of the triangles, shape (t, 3), int32.
         body_of_point: shape (p,), int32.
         body_of_cell: shape (t,), int32.
+        piece_of_point, piece_of_cell: convex piece of a body (`ShapeTables`), int32.
     """
 
     points: np.ndarray
     cells: np.ndarray
     body_of_point: np.ndarray
     body_of_cell: np.ndarray
+    piece_of_point: np.ndarray
+    piece_of_cell: np.ndarray
 
     def positions(self, position: np.ndarray, rotation: np.ndarray) -> np.ndarray:
         """The points in space, shape (p, dim), m.
@@ -165,5 +175,46 @@ def body_outlines(bodies: RigidBodies, segments: int = 24) -> Outline:
         cells[first_cell[own, None] + np.arange(len(triangles))] = (
             first_point[own, None, None] + triangles
         )
-    body = tables.body
-    return Outline(points, cells, np.repeat(body, num_points), np.repeat(body, num_cells))
+    pieces = np.arange(len(tables.kind), dtype=np.int32)
+    of_point, of_cell = np.repeat(pieces, num_points), np.repeat(pieces, num_cells)
+    return Outline(points, cells, tables.body[of_point], tables.body[of_cell], of_point, of_cell)
+
+
+def piece_faces(bodies: RigidBodies, outline: Outline) -> tuple[list[np.ndarray], np.ndarray]:
+    """Faces of all pieces of bodies as loops of points, for pictures.
+
+    In 2D a piece is one loop, counter-clockwise; the point before that of a disc is its centre. In
+    3D loops are counter-clockwise seen from outside: the faces of polyhedra, the triangles of
+    spheres, and of walls their surface alone.
+
+    Args:
+        bodies: the bodies.
+        outline: of these bodies.
+
+    Returns:
+        Numbers of the points of each face, and its piece, shape (num_faces,), sorted.
+    """
+    tables, numbers = bodies.shapes, np.arange(len(bodies.shapes.kind) + 1)
+    points = np.searchsorted(outline.piece_of_point, numbers)
+    if bodies.dim == 2:
+        starts = points[:-1] + (tables.kind == DISC)
+        loops = [np.arange(a, b) for a, b in zip(starts, points[1:], strict=True)]
+        return loops, numbers[:-1]
+    cells = np.searchsorted(outline.piece_of_cell, numbers)
+    loops, owner = [], []
+    for piece, (kind, entry) in enumerate(zip(tables.kind, tables.entry, strict=True)):
+        if kind == POLYHEDRON:
+            starts = tables.loop_offsets[tables.face_offsets[entry] :]
+            count = tables.face_offsets[entry + 1] - tables.face_offsets[entry]
+            own = [
+                points[piece] + tables.loops[a:b]
+                for a, b in zip(starts[:count], starts[1 : count + 1], strict=True)
+            ]
+        else:
+            triangles = outline.cells[cells[piece] : cells[piece + 1]]
+            if kind == HALF_SPACE:
+                triangles = triangles[(outline.points[triangles][:, :, 2] >= 0.0).all(axis=1)]
+            own = list(triangles)
+        loops += own
+        owner += [piece] * len(own)
+    return loops, np.array(owner)

@@ -19,6 +19,7 @@ from typing import ClassVar
 import numpy as np
 
 from xper_fx.nscd.interactions import Interactions
+from xper_fx.nscd.local_solvers import LOCAL_SOLVERS
 from xper_fx.nscd.solvers.contact_problem import ContactProblem
 from xper_fx.nscd.solvers.nlgs import NonlinearGaussSeidel
 from xper_fx.nscd.solvers.solver import SolveOptions, Solver, SolveReport
@@ -32,12 +33,32 @@ _ROUNDS = 50
 
 
 class AssembledContacts(Solver):
-    """The `FrictionProblem` of the step, by whichever of its solvers gets there."""
+    """The `FrictionProblem` of the step, by whichever of its solvers gets there.
+
+    Args:
+        local_solver: of the sweeps over rows of W, one of `LOCAL_SOLVERS`; "auto" is the fastest
+            exact one.
+        facets: of the cone, for the local solver "lcp" in 3D.
+
+    Raises:
+        ValueError: an unknown local solver, or one for a method that makes no sweeps.
+    """
 
     name = "friction_problem"
     method: ClassVar[str] = "auto"
 
-    def __init__(self) -> None:
+    def __init__(self, local_solver: str = "auto", facets: int | None = None) -> None:
+        known = ("auto", *dict.fromkeys(name for names in LOCAL_SOLVERS.values() for name in names))
+        if local_solver not in known:
+            raise ValueError(
+                f"local_solver should be one of {', '.join(known)}, got {local_solver!r}."
+            )
+        if self.method not in ("auto", "anderson") and (local_solver, facets) != ("auto", None):
+            raise ValueError(
+                f'The method "{self.method}" makes no sweeps over contacts, and so has no local '
+                f"solver; got local_solver={local_solver!r}, facets={facets}."
+            )
+        self._local = {"local_solver": local_solver, "facets": facets}
         self._sweeps = NonlinearGaussSeidel()
 
     def solve(
@@ -58,7 +79,7 @@ class AssembledContacts(Solver):
             else:
                 result = assembled.problem.solve(
                     self.method, tolerance=asked, guess=assembled.impulses(),
-                    max_sweeps=options.max_sweeps,
+                    max_sweeps=options.max_sweeps, **self._local,
                 )  # fmt: skip
                 assembled.take(result.reaction)
                 sweeps += result.sweeps

@@ -129,7 +129,7 @@ class _ClosedPoints:
         if group.kernels.coulomb is None:
             raise UnsuitableSolverError(
                 f'The law "{group.kernels.name}" is not that of a FrictionProblem; it should be '
-                "unilateral contact with Coulomb friction, as xf.laws.SignoriniCoulomb."
+                "unilateral contact with Coulomb friction alone, as xf.laws.SignoriniCoulomb(mu)."
             )
         points: CoulombPoints = group.kernels.coulomb(group.terms)
         if np.any(points.bound > _ROUNDING * points.friction * points.tip):

@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from xper_fx.nscd.rigid.assemblies.courses import masonry_wall as masonry_wall
     from xper_fx.nscd.rigid.assemblies.enclosure import box as box
     from xper_fx.nscd.rigid.assemblies.loose_grains import packing as packing
+    from xper_fx.nscd.rigid.assemblies.placing import moved as moved
     from xper_fx.nscd.rigid.assemblies.voussoirs import arch as arch
 
 _MODULE_OF = {
@@ -17,6 +18,7 @@ _MODULE_OF = {
     "box": "enclosure",
     "column": "courses",
     "masonry_wall": "courses",
+    "moved": "placing",
     "packing": "loose_grains",
 }
 
