@@ -135,6 +135,20 @@ GALLERY = (
         "seconds",
     ),
     Figures(
+        "demos/wrecking_ball.py",
+        "--out {out}",
+        {"wrecking_ball": "wrecking_ball.png"},
+        ("A ball on a chain of hinged bars, a plain column and a post-tensioned one",),
+        "seconds",
+    ),
+    Figures(
+        "benchmarks/joints.py",
+        "--figure {out}/joints.png",
+        {"joints": "joints.png"},
+        ("Energy and gap of a hinge over ten thousand steps of a pendulum",),
+        "minutes",
+    ),
+    Figures(
         "demos/silo_discharge.py",
         "--film --out {out}",
         {

@@ -75,9 +75,13 @@ if TYPE_CHECKING:
     from xper_fx.periodic import MacroscopicDrive as MacroscopicDrive
     from xper_fx.periodic import microstructure as microstructure
     from xper_fx.scene import Contact as Contact
+    from xper_fx.scene import Hinge as Hinge
     from xper_fx.scene import Scene as Scene
+    from xper_fx.scene import Slider as Slider
+    from xper_fx.scene import Tendon as Tendon
     from xper_fx.scene import Tie as Tie
     from xper_fx.scene import Wall as Wall
+    from xper_fx.scene import Weld as Weld
     from xper_fx.simulation import GrowthControl as GrowthControl
     from xper_fx.simulation import Simulation as Simulation
     from xper_fx.simulation import StepRecord as StepRecord
@@ -101,6 +105,7 @@ _MODULE_OF = {
     "FrictionProblem": "nscd",
     "Gravity": "forms.loads",
     "GrowthControl": "simulation",
+    "Hinge": "scene",
     "MacroscopicDrive": "periodic",
     "NotFiniteError": "support.errors",
     "PrescribedDisplacement": "forms.loads",
@@ -111,13 +116,16 @@ _MODULE_OF = {
     "Scene": "scene",
     "SerialOnlyError": "bodies.meshes",
     "Simulation": "simulation",
+    "Slider": "scene",
     "SmallStrainError": "support.errors",
     "StepRecord": "simulation",
     "Study": "study",
     "SurfaceTraction": "forms.loads",
+    "Tendon": "scene",
     "TensileGauge": "output.gauges",
     "Tie": "scene",
     "Wall": "scene",
+    "Weld": "scene",
     "add_run_options": "output.run",
     "add_to_summary": "output.recorder",
     "cohesive_table": "simulation.cohesive_scales",

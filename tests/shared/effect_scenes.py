@@ -208,7 +208,7 @@ def stiff():
     return _interacting(PerfectBond(), "newton", step=100.0)
 
 
-def _meeting(step=0.1, rigid=(), contacts=()):
+def _meeting(step=0.1, rigid=(), contacts=(), joints=()):
     """Blocks that fly at each other, or at rigid bodies."""
     from scenes import box_bodies
 
@@ -227,6 +227,7 @@ def _meeting(step=0.1, rigid=(), contacts=()):
         interactions={(1, 2): None},
         surfaces=surfaces,
         rigid=rigid,
+        joints=joints,
         contacts=[Contact(("left", other), SignoriniCoulomb()), *contacts],
         initial_velocity={1: lambda x: [1e-2 + 0.0 * x[0], 0.0 * x[0]]},
     )
@@ -242,6 +243,15 @@ def struck():
 
     disc = RigidBody(Disc(0.5), (-0.5005, 0.4), "disc", density=1.0, velocity=(2e-2, 0.0))
     return _meeting(rigid=[disc])
+
+
+def jointed():
+    """The disc hangs on a wire."""
+    from xper_fx.nscd.rigid import Disc, RigidBody
+    from xper_fx.scene import Tendon
+
+    disc = RigidBody(Disc(0.5), (-0.5005, 0.4), "disc", density=1.0, velocity=(2e-2, 0.0))
+    return _meeting(rigid=[disc], joints=[Tendon((None, disc), ((-0.5, 2.0), (-0.5, 0.5)))])
 
 
 def caught():
@@ -393,6 +403,9 @@ SCENES = {
     stiff: {*_POINTS, "perfect bond", "Newton on all points"},
     meeting: {*_POINTS, "unilateral contact", "impact", "contact search"},
     struck: {*_POINTS, "unilateral contact", "impact", "contact search", "rigid bodies"},
+    jointed: {
+        *_POINTS, "unilateral contact", "impact", "contact search", "rigid bodies", "joints",
+    },
     caught: {
         *_POINTS, "unilateral contact", "impact", "contact search", "rigid bodies", "clusters",
     },

@@ -32,7 +32,7 @@ from xper_fx.nscd.laws import CohesiveCurve, CohesiveZone, RigidCohesiveZone, Si
 from xper_fx.nscd.laws.fields import Lognormal
 from xper_fx.nscd.rigid import Cluster, Disc, Part, Polygon, Polyhedron, RigidBody, wall
 from xper_fx.periodic.drive import MacroscopicDrive
-from xper_fx.scene import Scene, Wall
+from xper_fx.scene import Hinge, Scene, Tendon, Wall
 from xper_fx.scene.contact import Contact
 from xper_fx.simulation.simulation import Simulation
 
@@ -225,6 +225,26 @@ def tumbling_boxes():
     return Simulation(scene, 5e-3, **ONE)
 
 
+def mechanism():
+    """Bars on hinges with friction and a limit, a slider, wires that get taut, and contact."""
+    bar = Polygon.box((1.0, 0.05))
+    first = RigidBody(bar, (0.5, 0.0), "bars", density=50.0, spin=-3.0, velocity=(0.0, -1.5))
+    second = RigidBody(bar, (1.5, 0.0), "bars", density=50.0)
+    block = RigidBody(Disc(0.1), (2.0, 0.0), "bars", density=100.0)
+    rigid = [first, second, block, wall((0.0, -0.8), (0.0, 1.0), "ground")]
+    joints = [
+        Hinge((None, first), (0.0, 0.0), friction=1.0, limits=(-0.6, 0.1), restitution=0.5),
+        Hinge((first, second), (1.0, 0.0)),
+        Hinge((second, block), (2.0, 0.0)),
+        Tendon((None, second), ((1.0, 1.0), (1.2, 0.0)), length=1.1, restitution=0.3),
+        Tendon((None, block), ((3.0, 1.0), (2.0, 0.0)), stiffness=100.0, prestress=5.0),
+    ]
+    law = SignoriniCoulomb(friction=0.3)
+    contacts = [Contact(("bars", "ground"), law), Contact(("bars", "bars"), None)]
+    scene = Scene(rigid=rigid, joints=joints, contacts=contacts, loads=[Gravity((1.0, -9.81))])
+    return Simulation(scene, 5e-3, **ONE)
+
+
 def fragments():
     """A plate flies against a wall and breaks: lips retire, pieces meet again."""
     bodies = box_bodies((2.0, 1.0), (2, 1))
@@ -285,6 +305,7 @@ SCENES = {
     ductile_cell: (2.0, "flown"),
     falling_bodies: (0.3, "touched"),
     tumbling_boxes: (0.25, "touched"),
+    mechanism: (0.6, "touched"),
     fragments: (3.0, "retired"),
     resting_block: (2.0, "touched"),
     at_rest: (10.0, "flown"),

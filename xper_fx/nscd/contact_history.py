@@ -17,7 +17,7 @@ from xper_fx.cache import njit
 from xper_fx.nscd.couplings import Sides
 from xper_fx.nscd.halo_protocol import Reductions
 from xper_fx.nscd.kernel_options import LEAN_ENTRY
-from xper_fx.nscd.laws.law import LawKernels
+from xper_fx.nscd.laws.law import Law, LawKernels
 from xper_fx.nscd.point_group import PointGroup
 from xper_fx.support.saved_rows import Rows
 
@@ -102,6 +102,12 @@ class ContactHistory:
             sides = Sides(dim, kernels[law].components, k, bool(lever_arms))
             history._records[kernels[law], sides] = _Record(**record)
         return history
+
+
+def kernels_of_contacts(laws: Sequence[Law], dim: int) -> list[LawKernels | None]:
+    """Kernels of each law, then those of its rolling points, None where it has none."""
+    own = [law.kernels(dim) for law in laws]
+    return own + [kernels.rolling for kernels in own]
 
 
 def _merged(parts: list[_Record]) -> _Record:

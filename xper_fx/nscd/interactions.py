@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from xper_fx.nscd.algebra.small import sym_indices
-from xper_fx.nscd.contact_history import ContactHistory
+from xper_fx.nscd.contact_history import ContactHistory, kernels_of_contacts
 from xper_fx.nscd.found_contacts import FoundContacts, FoundPoints
 from xper_fx.nscd.grouping import Grouping
 from xper_fx.nscd.halo_protocol import ContactHalo, PointHalo, Reductions
@@ -20,15 +20,12 @@ from xper_fx.nscd.ordering import vertex_of_points
 from xper_fx.nscd.own_compliance import update_compliance
 from xper_fx.nscd.point_group import PointGroup
 from xper_fx.nscd.points import InteractionPoints
-from xper_fx.nscd.stepped_points import SteppedPoints
+from xper_fx.nscd.stepped_points import ROUNDING, SteppedPoints
 from xper_fx.support.saved_rows import Rows
 
 if TYPE_CHECKING:
     from xper_fx.nscd.anchors import Anchors
     from xper_fx.nscd.turning_frames import LipMotion
-
-# Relative rounding of velocities that several points add up to.
-_ROUNDING = 4.0 * np.finfo(float).eps
 
 
 class Interactions(SteppedPoints):
@@ -129,7 +126,7 @@ class Interactions(SteppedPoints):
         self.fused = self._fused(points, vertex, nodal) if rigid else None
         self.groups = self._permanent
         self._turns = bool(self.largest(any(g.turning is not None for g in self._permanent)))
-        self._found = FoundContacts()
+        self._found, self._carried = FoundContacts(), FoundContacts()
         self.renewals = self.exchanges = 0
         components = [g.kernels.components for g in self.groups]
         # Points whose groups have all of their frames are put together again when asked for.
@@ -300,14 +297,26 @@ class Interactions(SteppedPoints):
         start = self._slots(bulk_velocity, self._rigid_start)
         opened = step * (1.0 - theta)
         self._found.renew(found, self._grouping, self.inverse, halo, start, opened)
-        self.groups = self._permanent + self.contacts + self.rolling
-        self.renewals += 1
+        self._regroup()
         self._take_inverse(self.contacts + self.rolling)
 
-    @property
-    def contacts(self) -> list[PointGroup]:
-        """The groups of contacts that were found."""
-        return self._found.groups
+    def move_joints(self, rows: FoundPoints, step: float, theta: float) -> None:
+        """Put the rows of joints where bodies have moved to in the middle of a step.
+
+        Args:
+            rows: of all joints, the same in each step.
+            step: h (s).
+            theta: weight of the end of the step.
+        """
+        start = self._slots(np.zeros((self.bulk_inverse.num_nodes, self.dim)), self._rigid_start)
+        opened = step * (1.0 - theta)
+        self._carried.renew([rows], self._grouping, self.inverse, None, start, opened)
+        self._regroup()
+        self._take_inverse(self.joints)
+
+    def _regroup(self) -> None:
+        self.groups = self._permanent + self.joints + self.contacts + self.rolling
+        self.renewals += 1
 
     def deactivate(self, indices: np.ndarray) -> None:
         """Take permanent points out, for good; what `gather` gives of them is zero.
@@ -320,9 +329,8 @@ class Interactions(SteppedPoints):
             kept = np.flatnonzero(~np.isin(group.indices, indices))
             if len(kept) < len(group):
                 self._permanent[number] = self._grouping.subset(self.inverse, group, kept)
-        self.groups = self._permanent + self.contacts + self.rolling
+        self._regroup()
         self._find_uneven()
-        self.renewals += 1
 
     def rounding(self, velocity: np.ndarray) -> float:
         """|r| of impulses that move the bodies by the rounding of their velocities (N s).
@@ -333,25 +341,12 @@ class Interactions(SteppedPoints):
         if self._stiffness is None:
             self._add_up()
         speed = self.largest(float(np.abs(velocity).max(initial=0.0)))
-        return _ROUNDING * speed * self._stiffness
+        return ROUNDING * speed * self._stiffness
 
     @property
     def uses_velocity_criterion(self) -> bool:
         """Whether all points are contacts of rigid bodies (`nscd/solvers/nlgs.py`)."""
         return self._all_of_rigid
-
-    def impulse_energy_norm(self, free: np.ndarray, velocity: np.ndarray) -> tuple[float, float]:
-        """|w H r| of the present impulses in the norm of the kinetic energy, and its rounding.
-
-        Args:
-            free, velocity: shape (num_slots * dim,), before and after the impulses (m/s).
-
-        Returns:
-            (p . w p)^(1/2) with p = H r, and the same of the rounding of velocities; kg^(1/2) m/s.
-        """
-        energy = self.total(float(np.vdot(self._own_impulses(), velocity - free)))
-        speed = float(np.abs(velocity).max(initial=0.0))
-        return math.sqrt(max(energy, 0.0)), _ROUNDING * speed * math.sqrt(self._mass)
 
     def saved(self) -> dict:
         """What the next step depends on, the inverse and what is found anew left out.
@@ -390,6 +385,8 @@ class Interactions(SteppedPoints):
             if self.halo is not None:
                 self.share_history(self.halo.ranks)
             saved["contacts"] = self._found.history.saved(self._kernels_of_contacts())
+        if self._carried.history is not None:
+            saved["joints"] = self._carried.history.saved(self._kernels_of_contacts())
         return saved
 
     def restore(self, saved: Mapping) -> None:
@@ -411,13 +408,13 @@ class Interactions(SteppedPoints):
                 g.couplings.frame[:] = g.points.frame[:, : g.couplings.frame.shape[1]]
         self.committed_step = saved["committed_step"]
         self.step_size, self.theta = saved["step_size"], saved["theta"]
-        kernels, contacts = self._kernels_of_contacts(), saved.get("contacts", {})
-        self._found.history = ContactHistory.restored(contacts, kernels, self.dim)
+        kernels = self._kernels_of_contacts()
+        for name, points in (("contacts", self._found), ("joints", self._carried)):
+            points.history = ContactHistory.restored(saved.get(name, {}), kernels, self.dim)
 
-    def _kernels_of_contacts(self) -> list[LawKernels]:
-        """Kernels of each law, then those of its rolling points, None where it has none."""
-        own = [law.kernels(self.dim) for law in self.laws]
-        return own + [kernels.rolling for kernels in own]
+    def _kernels_of_contacts(self) -> list[LawKernels | None]:
+        """See `kernels_of_contacts`."""
+        return kernels_of_contacts(self.laws, self.dim)
 
     def _numbers(self) -> np.ndarray:
         """Numbers of this rank's permanent points in the scene's order, shape (num_points,)."""

@@ -46,12 +46,18 @@ class Separation:
     Args:
         bodies: the bodies, one of them no wall.
         pairs: names of groups that may touch.
+        apart: pairs of bodies that may overlap, as of `RigidSearch`.
     """
 
-    def __init__(self, bodies: RigidBodies, pairs: Sequence[tuple[str, str]]):
+    def __init__(
+        self,
+        bodies: RigidBodies,
+        pairs: Sequence[tuple[str, str]],
+        apart: np.ndarray | None = None,
+    ):
         self._radius = bodies.bounding_radius
         smallest = float(bodies.shapes.bounding_radius.min())
-        self._search = RigidSearch(bodies, pairs, _REACH * smallest)
+        self._search = RigidSearch(bodies, pairs, _REACH * smallest, apart)
 
     @property
     def nbytes(self) -> int:

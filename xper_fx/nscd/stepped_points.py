@@ -7,6 +7,7 @@ Until `commit` nothing of the past is lost: a step may begin again with another 
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -22,6 +23,9 @@ from xper_fx.support.threads import in_ranges
 
 if TYPE_CHECKING:
     from xper_fx.nscd.turning_frames import LipMotion, TurningFrames
+
+# Relative rounding of velocities that several points add up to.
+ROUNDING = 4.0 * np.finfo(float).eps
 
 
 def _damage(kernels: LawKernels) -> int:
@@ -111,10 +115,12 @@ class SteppedPoints(PointValues):
     too_far: float
     from_scheme: float
     _found: FoundContacts
+    _carried: FoundContacts
     _motion: LipMotion
     _couples: np.ndarray
     _uneven: dict[int, np.ndarray] | None
     _stiffness: float | None
+    _mass: float
 
     @property
     def turns(self) -> bool:
@@ -280,6 +286,29 @@ class SteppedPoints(PointValues):
             spread(total.reshape(-1), g.couplings, g.impulse)
         return total
 
+    @property
+    def joints(self) -> list[PointGroup]:
+        """The groups of the rows of joints; `indices` are the rows' numbers."""
+        return self._carried.groups
+
+    @property
+    def contacts(self) -> list[PointGroup]:
+        """The groups of contacts that were found."""
+        return self._found.groups
+
+    def impulse_energy_norm(self, free: np.ndarray, velocity: np.ndarray) -> tuple[float, float]:
+        """|w H r| of the present impulses in the norm of the kinetic energy, and its rounding.
+
+        Args:
+            free, velocity: shape (num_slots * dim,), before and after the impulses (m/s).
+
+        Returns:
+            (p . w p)^(1/2) with p = H r, and the same of the rounding of velocities; kg^(1/2) m/s.
+        """
+        energy = self.total(float(np.vdot(self._own_impulses(), velocity - free)))
+        speed = float(np.abs(velocity).max(initial=0.0))
+        return math.sqrt(max(energy, 0.0)), ROUNDING * speed * math.sqrt(self._mass)
+
     def commit(self, velocity: np.ndarray, static: bool = False) -> StepWork:
         """End the step: jumps, damage and energies move on.
 
@@ -318,6 +347,8 @@ class SteppedPoints(PointValues):
         self.committed_step = self.step_size
         if self.renewals:
             self._found.commit()
+        if self._carried.groups:
+            self._carried.commit()
         *work, self.from_scheme = self.total(np.array([*totals.values(), percussions])).tolist()
         return StepWork(*work)
 

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from xper_fx.output.frame_figures import plot_frames as plot_frames
     from xper_fx.output.frames import Frame as Frame
     from xper_fx.output.frames import take_frame as take_frame
+    from xper_fx.output.joint_forces import JointForces as JointForces
+    from xper_fx.output.joint_forces import find_joint_forces as find_joint_forces
     from xper_fx.output.memory import memory_by_part as memory_by_part
     from xper_fx.output.present_bodies import rigid_bodies_now as rigid_bodies_now
     from xper_fx.output.recorder import point_coordinates as point_coordinates
@@ -31,11 +33,13 @@ _MODULE_OF = {
     "Cracks": "cracks",
     "Fragments": "fragments",
     "Frame": "frames",
+    "JointForces": "joint_forces",
     "broken_points": "cracks",
     "crack_panel": "cracks",
     "find_contact_forces": "contact_forces",
     "find_cracks": "cracks",
     "find_fragments": "connectivity",
+    "find_joint_forces": "joint_forces",
     "measure_fragments": "fragments",
     "memory_by_part": "memory",
     "plot_bodies": "frame_figures",

@@ -17,8 +17,6 @@ from typing import TYPE_CHECKING
 from xper_fx.output.fingerprint import differences, fingerprint
 from xper_fx.output.hdf5_tree import read_attributes, read_tree, write_tree
 from xper_fx.support.errors import CheckpointError
-from xper_fx.support.ranks import ALONE, Ranks
-from xper_fx.support.saved_rows import Rows
 from xper_fx.support.version import __version__
 
 if TYPE_CHECKING:
@@ -47,28 +45,13 @@ def save(
     time = simulation.time
     times = [0.0, 0.5 * time, time]
     scene = json.dumps({"times": times, "is": fingerprint(simulation, times)})
-    # what is not divided by bodies is the same on all ranks
-    ranks = ALONE if simulation.part is None else simulation.ranks
-    tree = {"simulation": _gathered(simulation.saved(), ranks), "scene": scene}
+    tree = {"simulation": simulation.saved_in_order(), "scene": scene}
 
     def write() -> None:
         tree["recording"] = recording() if recording is not None else {}
         write_tree(path, tree, format=FORMAT, xper_fx=__version__)
 
     simulation.team.at_root(write)
-
-
-def _gathered(tree: Mapping, ranks: Ranks) -> dict:
-    """A tree with the `Rows` of all ranks as arrays in their order."""
-    out = {}
-    for name, value in tree.items():
-        if isinstance(value, Mapping):
-            out[name] = _gathered(value, ranks)
-        elif isinstance(value, Rows):
-            out[name] = value.in_order() if ranks.alone else ranks.gather(*value)
-        else:
-            out[name] = value
-    return out
 
 
 def restore(path: Path, simulation: Simulation) -> dict:

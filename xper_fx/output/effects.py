@@ -157,6 +157,12 @@ EFFECTS = (
         lambda s: s.model.healing.nbytes,
         ("healing",),
     ),
+    Effect(
+        "joints",
+        lambda s: s.model.joints is not None,
+        lambda s: s.model.joints.nbytes + _law_effects(s).get("joints", 0),
+        ("joints",),
+    ),
     Effect("walls", lambda s: len(s.scene.walls) > 0),
     _of_laws("cohesion"),
     _of_laws("damage"),

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 # Entries up to which an array or a list is written out.
 _SHORT = 16
 # Fields of a scene that are described by themselves.
-_APART = ("bodies", "rigid", "rigid_bodies")
+_APART = ("bodies", "rigid", "rigid_bodies", "after")
 
 
 def fingerprint(simulation: Simulation, times: Sequence[float]) -> dict:

@@ -27,13 +27,22 @@ _ROUNDS = 100
 _NAMED = 10
 
 
-def separate(bodies: RigidBodies, pairs: Sequence[tuple[str, str]], resolve: bool) -> None:
+def separate(
+    bodies: RigidBodies,
+    pairs: Sequence[tuple[str, str]],
+    resolve: bool,
+    apart: np.ndarray,
+    left: np.ndarray | None,
+) -> None:
     """Make sure that bodies that may touch do not overlap.
 
     Args:
         bodies: the bodies; with `resolve` their positions and rotations are changed.
         pairs: names of groups that may touch.
         resolve: whether to move apart what overlaps.
+        apart: pairs of bodies that may overlap, as of `RigidSearch`.
+        left: which bodies a run has left as they are, among which overlaps are no mistake, shape
+            (n,); None without a run.
 
     Raises:
         ValueError: bodies overlap, are one body given twice, or could not be moved apart.
@@ -41,14 +50,16 @@ def separate(bodies: RigidBodies, pairs: Sequence[tuple[str, str]], resolve: boo
     smallest = float(bodies.shapes.bounding_radius.min())
     if not np.isfinite(smallest):
         return
-    search = RigidSearch(bodies, pairs, _TOUCHING * smallest)
+    search = RigidSearch(bodies, pairs, _TOUCHING * smallest, apart)
     separation = None
     if resolve:
         from xper_fx.nscd.separation import Separation
 
-        separation = Separation(bodies, pairs)
+        separation = Separation(bodies, pairs, apart)
     for _ in range(_ROUNDS if resolve else 1):
         overlaps = search.overlaps(bodies.position, bodies.rotation, _TOUCHING * smallest)
+        if left is not None and not resolve:
+            overlaps = [found for found in overlaps if not left[list(found[:2])].all()]
         if not overlaps:
             return
         if separation is not None:

@@ -23,13 +23,15 @@ from xper_fx.scene.facet_laws import facet_laws
 from xper_fx.scene.load_checks import Load, check_loads, check_motions, check_outer
 from xper_fx.scene.material_checks import check_materials
 from xper_fx.scene.wall import Wall
-from xper_fx.support.checks import require_flag, require_integer
+from xper_fx.support.checks import require_flag, require_integer, require_kind
 from xper_fx.support.compat import geometry_dofmap
 
 if TYPE_CHECKING:
     from xper_fx.nscd.rigid.bodies import RigidBodies
     from xper_fx.nscd.rigid.body import RigidBody
     from xper_fx.periodic.drive import MacroscopicDrive
+    from xper_fx.scene.joints import Joint
+    from xper_fx.scene.snapshot import Snapshot
     from xper_fx.scene.tie import Tie
 
 Field = Callable[[np.ndarray], np.ndarray]
@@ -66,8 +68,13 @@ class Scene:
         contacts: between which groups (rigid bodies by their `group`, surfaces by their name)
             contacts are looked for in each step, and their laws; each pair of groups that can meet
             is named, a group of several bodies with itself too.
+        joints: hinges, sliders, welds and tendons between rigid bodies, solved with the contacts.
+            Bodies that a joint other than a tendon joins do not touch each other.
         resolve_overlaps: whether rigid bodies that overlap at the start are moved apart; they are
-            refused otherwise.
+            refused otherwise, but for those that a run has left so.
+        after: state of a run, `Simulation.snapshot()`, that a simulation of this scene goes on
+            from. Rigid bodies and joints go on that are the same objects in both scenes; others are
+            new, placed among the bodies as the run has left them.
 
     Attributes:
         rigid_bodies: the rigid bodies as arrays, None without any.
@@ -96,7 +103,9 @@ class Scene:
     rigid: Sequence[RigidBody] = ()
     surfaces: Mapping[str, Sequence[int]] = field(default_factory=dict)
     contacts: Sequence[Contact] = ()
+    joints: Sequence[Joint] = ()
     resolve_overlaps: bool = False
+    after: Snapshot | None = None
     rigid_bodies: RigidBodies | None = field(default=None, init=False)
 
     def __post_init__(self) -> None:
@@ -110,6 +119,8 @@ class Scene:
             from xper_fx.nscd.rigid.bodies import RigidBodies
 
             self.rigid_bodies = RigidBodies(self.rigid)
+        if self.after is not None:
+            self._start_after()
         if self.bodies is None:
             self._check_without_mesh()
         else:
@@ -117,10 +128,14 @@ class Scene:
         if self.damping is not None and not isinstance(self.damping, RayleighDamping):
             raise TypeError(f"damping should be a RayleighDamping or None, got {self.damping!r}.")
         check_loads(self.loads, self.dim)
-        check_contacts(self.contacts, self.surfaces, self.materials, self.rigid_bodies)
+        self._check_joints()
+        if self.contacts or not self.joints:
+            check_contacts(self.contacts, self.surfaces, self.materials, self.rigid_bodies)
         self._check_meetings()
         self._separate_rigid_bodies()
         self._fix()
+        if self.after is not None:
+            self.after.check(self)
 
     def _fix(self) -> None:
         """Keep lists and mappings of one's own, and let no attribute be set any more."""
@@ -151,7 +166,7 @@ class Scene:
             given = getattr(self, name)
             if not isinstance(given, Mapping):
                 raise TypeError(f"{name} should be a mapping such as {example}, got {given!r}.")
-        for name in ("walls", "loads", "ties", "rigid", "contacts"):
+        for name in ("walls", "loads", "ties", "rigid", "contacts", "joints"):
             given = getattr(self, name)
             if not isinstance(given, Sequence) or isinstance(given, str):
                 raise TypeError(f"{name} should be a list, [...], got {given!r}.")
@@ -229,6 +244,31 @@ class Scene:
             return lambda time: np.sum([vector_at(g, time, self.dim) for g in given], axis=0)
         return np.sum(given, axis=0) if given else None
 
+    def _start_after(self) -> None:
+        from xper_fx.scene.snapshot import Snapshot
+
+        require_kind("after", self.after, Snapshot)
+        if self.after.scene.rigid and self.rigid:
+            self.after.place(self.rigid, self.rigid_bodies)
+
+    def _check_joints(self) -> None:
+        if not self.joints:
+            return
+        if self.rigid_bodies is None:
+            raise ValueError("Joints join rigid bodies, and the scene has none: give `rigid`.")
+        from xper_fx.scene.joints import check_joints
+
+        check_joints(self.joints, self.rigid, self.rigid_bodies)
+
+    @property
+    def kept_apart(self) -> np.ndarray:
+        """Pairs of rigid bodies that do not touch, as a joint joins them, shape (n, 2), int."""
+        if not self.joints:
+            return np.zeros((0, 2), int)
+        from xper_fx.scene.joints import joined_bodies
+
+        return joined_bodies([joint for joint in self.joints if joint.keeps_apart], self.rigid)
+
     def _check_meetings(self) -> None:
         """Of groups that may meet: each pair is decided, rigid walls look at the others."""
         if not self.contacts:
@@ -258,7 +298,8 @@ class Scene:
         if touching:
             from xper_fx.scene.initial_overlaps import separate
 
-            separate(self.rigid_bodies, touching, self.resolve_overlaps)
+            left = None if self.after is None else self.after.numbers_of(self.rigid) >= 0
+            separate(self.rigid_bodies, touching, self.resolve_overlaps, self.kept_apart, left)
 
     def _check_periodicity(self) -> None:
         if self.macroscopic is None:

@@ -43,6 +43,8 @@ def scene_doubts(scene: Scene, step: float | None) -> Iterator[str]:
     """
     if scene.rigid_bodies is not None:
         yield from _degrees(scene)
+        if scene.joints and scene.after is None:
+            yield from _parting_joints(scene)
     if scene.bodies is not None:
         for wall in scene.walls:
             yield from _wall_doubts(scene, wall)
@@ -65,6 +67,20 @@ def _degrees(scene: Scene) -> Iterator[str]:
         yield (
             f"the angle of rigid body {large[0]} is {bodies.rotation[large[0]]:g} rad, more than a "
             f"turn ({len(large)} such in all); angles are in radians: numpy.deg2rad(degrees)"
+        )
+
+
+def _parting_joints(scene: Scene) -> Iterator[str]:
+    """Bodies that move at the start as a joint between them does not allow."""
+    from xper_fx.scene.joints import parting_joint
+
+    parting = parting_joint(scene.joints, scene.rigid, scene.rigid_bodies)
+    if parting is not None:
+        joint, speed = parting
+        yield (
+            f"the bodies of joint {joint}, a {type(scene.joints[joint]).__name__}, part at "
+            f"{speed:.3g} m/s or rad/s at the start: the first step stops that as an impact does; "
+            "give them velocities and spins that the joint allows"
         )
 
 

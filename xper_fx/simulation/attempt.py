@@ -260,7 +260,10 @@ class StepAttempts:
         model = self._model
         self._find_contacts(state, size, prediction)
         if model.division is None or model.division.halo is None:
-            return model.scheme.attempt(state, size, model.interactions, self.solver, options)
+            solver = self.solver
+            if model.joints is not None:
+                solver = model.joints.around(solver, model.rigid)
+            return model.scheme.attempt(state, size, model.interactions, solver, options)
         together = solvers.DistributedSweeps()
         if self.solver.name != "auto":
             return model.scheme.attempt(state, size, model.interactions, together, options)
@@ -280,6 +283,9 @@ class StepAttempts:
                     model.interactions, model.slot_nodes, model.bulk, state, prediction, size,
                     model.scheme.theta,
                 )  # fmt: skip
+        if model.joints is not None:
+            with self._watch.phase("joints"):
+                model.joints.renew(model.interactions, prediction, size, model.scheme.theta)
 
     def _outruns_contacts(self, state: State, size: float) -> bool:
         """Whether bodies move so far in a step that their contacts would be missed."""

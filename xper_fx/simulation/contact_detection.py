@@ -92,7 +92,9 @@ class Detection:
         if any(c.law.kernels(bodies.dim).rolling is not None for c in contacts):
             self._ball_radius = bodies.shapes.ball_radius
         reach = self._reach(contacts, float(bodies.shapes.bounding_radius.min()))
-        return RigidSearch(bodies, [c.between for c in contacts], reach)
+        return RigidSearch(
+            bodies, [c.between for c in contacts], reach, self._scene.kept_apart
+        )  # fmt: skip
 
     def _surface_search(self, V: FunctionSpace) -> None:
         from xper_fx.bodies.surfaces import extract_surface
@@ -306,8 +308,8 @@ class Detection:
         if self._division is not None and "division" in saved:
             self._division.restore(saved["division"])
         if self._rigid is not None:
-            self._rigid.restore(saved["rigid"])
-        if self._surfaces is not None:
+            self._rigid.restore(saved.get("rigid", {}))
+        if self._surfaces is not None and "surfaces" in saved:
             self._broken = saved["exposed"][self._lips]
             gone = saved["released"][self._lips]
             self._waiting = np.setdiff1d(self._waiting, np.flatnonzero(gone))

@@ -110,6 +110,7 @@ class EnergyLedger:
         explicit: whether the bulk is explicit.
         viscous_bonds: whether laws have viscous work.
         heals: whether overlaps are taken back.
+        stored: energy that interactions hold at the start (J; 2D: J/m).
     """
 
     def __init__(
@@ -121,6 +122,7 @@ class EnergyLedger:
         explicit: bool,
         viscous_bonds: bool,
         heals: bool,
+        stored: float = 0.0,
     ):
         self._bulk, self._theta, self._explicit = bulk, theta, explicit
         self._static, self._viscous_bonds = bulk.inertia is None, viscous_bonds
@@ -128,6 +130,7 @@ class EnergyLedger:
         self.energies = Energies(
             kinetic=bulk.kinetic_energy(state.velocity) + (rigid.kinetic if rigid else 0.0),
             elastic=bulk.elastic_energy(state.displacement, state.internal),
+            cohesive=stored,
         )
         self._at_start = self.energies.held_and_lost
         self._last_step = 0.0
@@ -252,6 +255,17 @@ class EnergyLedger:
             self.energies.dissipated_numerical += share * self.energies.shadow
         self._last_step = step
         self.energies.shadow = end
+
+    def exchange(self, kinetic: float, stored: float) -> None:
+        """Let bodies and interactions come or leave with what they hold, as if from the start.
+
+        Args:
+            kinetic: energy of all bodies that are there now (J; 2D: J/m).
+            stored: energy of interactions that have come less that of those that have left.
+        """
+        self._at_start += kinetic - self.energies.kinetic + stored
+        self.energies.kinetic = kinetic
+        self.energies.cohesive += stored
 
     def as_columns(self) -> dict[str, float]:
         """Energies and the closure error by column name; of effects only those that there are."""

@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from xper_fx.simulation.accuracy_control import AccuracyControl
     from xper_fx.simulation.contact_detection import Detection
     from xper_fx.simulation.healing import Healing
+    from xper_fx.simulation.jointed_bodies import JointedBodies
     from xper_fx.simulation.turned_bonds import BondTurns
 
 logger = logging.getLogger(__name__)
@@ -73,6 +74,7 @@ class Model:
         start: state at the start.
         points: permanent points.
         detection: searches of contacts, None if the scene names no contacts.
+        joints: of rigid bodies, None without any.
         monolithic: whether bulk and interactions are solved in one system.
         scheme: of the bulk in time.
         interactions: all points, None if the scene has none.
@@ -111,7 +113,14 @@ class Model:
         )  # fmt: skip
         self.points = ScenePoints(scene, self.bulk, self._ties, self.part, self.by_vertex)
         self.detection = self._detection() if searched else None
-        for law in (self.points if self.detection is None else self.detection).laws:
+        self._laws = (self.points if self.detection is None else self.detection).laws
+        self.joints: JointedBodies | None = None
+        if scene.joints:
+            from xper_fx.simulation.jointed_bodies import JointedBodies
+
+            self.joints = JointedBodies(scene, self._laws)
+            self._laws = self.joints.laws
+        for law in self._laws:
             require_kernels(law, scene.dim)
         if any(law.kernels(scene.dim).rolling is not None for law in self.points.laws):
             raise ValueError(
@@ -129,6 +138,7 @@ class Model:
         self.ledger = EnergyLedger(
             self.bulk, self.start, self.scheme.theta, self.rigid, options.scheme == "explicit",
             self._has_viscous_bonds, self.healing is not None,
+            0.0 if self.joints is None else self.joints.stored,
         )  # fmt: skip
         if wrong := not_finite_columns(self.ledger.as_columns()):
             raise ValueError(
@@ -152,7 +162,8 @@ class Model:
         """Take this rank's part of the bodies or contacts where the scene can be divided."""
         scene, solver = self.scene, self.options.solver
         touching = any(contact.law is not None for contact in scene.contacts)
-        if scene.bodies is None and touching and solver in ("auto", "nlgs"):
+        jointed = len(scene.joints) > 0
+        if scene.bodies is None and touching and not jointed and solver in ("auto", "nlgs"):
             from xper_fx.parallel.rigid_partition import RigidDivision
 
             self.ranks = team
@@ -165,6 +176,7 @@ class Model:
                 ("rigid bodies", scene.rigid_bodies is not None),
                 ("contacts that are searched", len(scene.contacts) > 0),
                 ("ties", len(scene.ties) > 0),
+                ("joints", jointed),
                 ("no inertia", not self.options.inertia),
                 ("a solver for one rank", solver not in _ON_RANKS),
                 ("no facets between bodies", scene.bodies and not len(scene.bodies.facets)),
@@ -331,7 +343,7 @@ class Model:
         velocity = self.start.velocity.reshape(-1, self.bulk.dim)[inverse.nodes]
         if halo is not None:
             velocity = halo.with_ghost_values(velocity)
-        laws = self.points.laws if self.detection is None else self.detection.laws
+        laws = self._laws
         if any(map(fields_of, laws)):
             from xper_fx.simulation.law_fields import laws_at_points
 
@@ -373,8 +385,14 @@ class Model:
             )
 
     def _healing(self) -> Healing | None:
-        """What takes overlaps back between rigid bodies alone, whose contacts store nothing."""
-        if not self.options.healing or self.scene.bodies is not None or self.detection is None:
+        """What takes overlaps back between rigid bodies alone, whose contacts store nothing.
+
+        Joints do not take part in that motion, and would open.
+        """
+        scene = self.scene
+        if not self.options.healing or self.detection is None:
+            return None
+        if scene.bodies is not None or scene.joints:
             return None
         if not self.scene.rigid_bodies.is_prescribed.any():  # nothing holds them
             return None

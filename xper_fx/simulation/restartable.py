@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Mapping
+from copy import deepcopy
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,9 +16,13 @@ from xper_fx.bulk.state import State, StepOutcome
 from xper_fx.nscd.solvers.solver import Solver
 from xper_fx.simulation.course import Course
 from xper_fx.simulation.readings import Readings
+from xper_fx.support.ranks import ALONE, Ranks
+from xper_fx.support.saved_rows import Rows
 
 if TYPE_CHECKING:
+    from xper_fx.parallel.local_bodies import Part
     from xper_fx.periodic.averages import Macroscopic
+    from xper_fx.scene.snapshot import Snapshot
 
 logger = logging.getLogger(__name__)
 
@@ -28,6 +33,8 @@ class Restartable(Readings):
     """A simulation whose state can be saved, and which can go on from one."""
 
     solver: Solver
+    ranks: Ranks
+    part: Part | None
     step_number: int
     tolerance: float
     macroscopic: Macroscopic | None
@@ -92,6 +99,27 @@ class Restartable(Readings):
             saved["solvers"] = _solver_memories(self)
         return saved
 
+    def saved_in_order(self) -> dict:
+        """`saved` of all ranks, with arrays in the place of `Rows`: what `restore` takes."""
+        # what is not divided by bodies is the same on all ranks
+        return _gathered(self.saved(), ALONE if self.part is None else self.ranks)
+
+    def snapshot(self) -> Snapshot:
+        """The present state, for another scene to go on from: `Scene(after=...)`.
+
+        All ranks call it together. Time and energies go on, and those bodies and joints that are
+        the same objects in both scenes, with the impulses and the history of contacts between them.
+        Step, tolerance and all other options are those that the next simulation is given.
+        """
+        from xper_fx.scene.snapshot import Snapshot
+
+        model = self.model
+        return Snapshot(
+            model.scene, self.state.time, model.options.scheme, model.options.inertia,
+            () if model.interactions is None else tuple(model.interactions.laws),
+            None if model.joints is None else model.joints.rows, deepcopy(self.saved_in_order()),
+        )  # fmt: skip
+
     def restore(self, saved: Mapping) -> None:
         """Go on where `saved` was taken, of the same scene.
 
@@ -148,6 +176,19 @@ class Restartable(Readings):
                 interactions.update_inverse(inverse.blocks)
         own = f"{model.ranks.rank} of {model.ranks.size}"
         self.solver.restore(interactions, saved.get("solvers", {}).get(own, {}))
+
+
+def _gathered(tree: Mapping, ranks: Ranks) -> dict:
+    """A tree with the `Rows` of all ranks as arrays in their order."""
+    out = {}
+    for name, value in tree.items():
+        if isinstance(value, Mapping):
+            out[name] = _gathered(value, ranks)
+        elif isinstance(value, Rows):
+            out[name] = value.in_order() if ranks.alone else ranks.gather(*value)
+        else:
+            out[name] = value
+    return out
 
 
 def _forces_and_motion(state: State, by_cell: Callable) -> dict:

@@ -168,6 +168,10 @@ class Simulation(Restartable):
         self._resumes = False
         self._judged = ""
         self._stepping: object = None
+        if scene.after is not None:
+            from xper_fx.simulation.going_on import go_on
+
+            go_on(self, scene.after)
 
     @property
     def options(self) -> Options:

@@ -70,7 +70,7 @@ def equilibrium(scene: Scene) -> Equilibrium:
             friction.
 
     Raises:
-        ValueError: a mesh, or bodies that move.
+        ValueError: a mesh, joints, or bodies that move.
         UnsuitableSolverError: laws of another kind.
         ConvergenceError: no solution was found.
     """
@@ -78,6 +78,11 @@ def equilibrium(scene: Scene) -> Equilibrium:
     bodies = scene.rigid_bodies
     if scene.bodies is not None:
         raise ValueError("An equilibrium is that of rigid bodies; the scene has a mesh.")
+    if scene.joints:
+        raise ValueError(
+            "An equilibrium is that of contacts, and the scene has joints, which are no contacts "
+            "with Coulomb friction: run a Simulation and see whether the bodies stay at rest."
+        )
     if np.any(bodies.velocity) or np.any(bodies.spin):
         first = int(np.argmax(np.any(bodies.velocity != 0.0, axis=1) | _turns(bodies.spin)))
         raise ValueError(f"Bodies should be at rest at time 0; rigid body {first} moves.")

@@ -269,6 +269,12 @@ class RigidMotion:
         )
         return self._end
 
+    def next_middle(self, slots: npt.ArrayLike) -> tuple[np.ndarray, np.ndarray]:
+        """Position and rotation in the middle of the next step, of the same size; as `end`."""
+        end, (step, theta) = self.end(slots), self._at
+        left = (1.0 - theta) * step
+        return end.position + left * end.velocity, self._turning.drift(left, end.turn).rotation
+
     def commit(self) -> None:
         """Keep the end of the step as the state that the next one starts from."""
         self.state = self._ended()

@@ -166,18 +166,26 @@ class RigidSearch:
         pairs: names of groups that may touch, (a, b) or (a, a). Bodies all of whose degrees of
             freedom are prescribed do not touch each other.
         reach: largest gap of a contact (m), positive.
+        apart: pairs of bodies that do not touch all the same, shape (n, 2), int.
 
     Raises:
         ValueError: a group that no body has, or a reach that is not a finite positive number.
     """
 
-    def __init__(self, bodies: RigidBodies, pairs: Sequence[tuple[str, str]], reach: float):
+    def __init__(
+        self,
+        bodies: RigidBodies,
+        pairs: Sequence[tuple[str, str]],
+        reach: float,
+        apart: np.ndarray | None = None,
+    ):
         self.reach = check_positive("The reach (m)", reach)
         tables = without_flats(bodies.shapes)
         self._tables = tables
         self._dim = bodies.dim
         self._size, count = (len(bodies), self._dim), len(tables.kind)
         self._in_parts = count > len(bodies)
+        self._apart = None if apart is None or not len(apart) else self._number(apart)
         label, self._allowed = _labels(bodies, pairs)
         self._label = label[tables.body]
         self._is_ball = np.isin(tables.kind, (DISC, SPHERE))
@@ -327,8 +335,20 @@ class RigidSearch:
             pairs.append(np.stack([own, np.full(len(own), wall)], axis=1).astype(np.int32))
         joined = np.concatenate(pairs)
         joined = joined[np.lexsort((joined.max(axis=1), joined.min(axis=1)))]
+        joined = self._touching(joined)
         ball = self._is_ball[joined[:, 0]]
         return {"ball_wall": joined[ball], "corner_wall": joined[~ball]}
+
+    def _number(self, bodies: np.ndarray) -> np.ndarray:
+        """A number of each pair, whatever the order of its bodies, the ground being one more."""
+        return bodies.min(axis=1) * (self._size[0] + 1) + bodies.max(axis=1)
+
+    def _touching(self, pairs: np.ndarray) -> np.ndarray:
+        """The pairs of pieces without those of bodies that are kept apart."""
+        if self._apart is None:
+            return pairs
+        bodies = self._tables.body[pairs].astype(np.int64)
+        return pairs[~np.isin(self._number(bodies), self._apart)]
 
     def _renew_if_needed(self, position: np.ndarray, rotation: np.ndarray) -> None:
         if self._old_position is not None and len(self._listed):
@@ -371,7 +391,7 @@ class RigidSearch:
         pairs = listed.astype(np.int32)[found]
         near = np.empty(len(pairs), bool)
         _near(pairs, tables.body, position, tables.bounding_radius, distance, near)
-        pairs = pairs.compress(near, axis=0)
+        pairs = self._touching(pairs.compress(near, axis=0))
         first, second = self._is_ball[pairs].T
         mixed = pairs.compress(first != second, axis=0)
         swapped = ~self._is_ball[mixed[:, 0]]

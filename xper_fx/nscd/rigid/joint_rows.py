@@ -1,0 +1,218 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Rows of joints: scalar constraints between two rigid bodies, as points of the interaction layer.
+
+A row joins body a, the antagonist, and body b, the candidate. Where the bodies have been moved to,
+it has a gap g, a unit normal n and lever arms such that dg/dt = n . (dv at the arms) exactly:
+
+    plane   g = s n . (x_b - x_a) + g0,  n = s R_a d:  x_a, x_b are points of the bodies, d a
+            direction of a. Both arms lead to x_b, so that n may turn with a;
+    length  g = L - |x_b - x_a|,  n = (x_a - x_b) / |x_b - x_a|:  an impulse r > 0 pulls the ends
+            together; each arm leads to its own end;
+    turn    2D: g = s (angle_b - angle_a) + g0 of the two bodies;
+    align   3D: g = e . c / |c x e|,  n = c x e / |c x e|:  e is a direction of a, c one of b, at
+            right angles where g = 0;
+    twist   3D: g = s phi + g0,  n = s R_a d:  phi in (-pi, pi] is the angle of b about the axis d.
+
+The first two act on velocities of points, the others on the spins: such a row has the nodes of the
+rotations and no arms, and its impulse is a moment. All forces and moments come in opposite pairs at
+one point or along one line: no row changes the momentum or the angular momentum of all bodies.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from xper_fx.nscd.found_contacts import FoundPoints
+from xper_fx.nscd.laws.law import Law
+from xper_fx.nscd.points import InteractionPoints
+from xper_fx.nscd.rigid.bodies import RigidBodies, plane_rotations
+
+PLANE, LENGTH, TURN, ALIGN, TWIST = range(5)
+# Arms that are as good as none, relative to the smallest body.
+_LEAST = 1e-6
+
+
+class Row(NamedTuple):
+    """A row in space as the bodies are placed.
+
+    Attributes:
+        kind: PLANE, LENGTH, TURN, ALIGN or TWIST.
+        law: of its gap.
+        ends: points of a and b, shape (2, dim), m.
+        directions: two of a and one of b, shape (3, dim), unit: d, e and c. PLANE takes the first,
+            ALIGN the others, at right angles; TWIST all, e and c the same and at right angles to d.
+        sign: s.
+        offset: g0, or L of a length (m, rad).
+    """
+
+    kind: int
+    law: Law
+    ends: np.ndarray
+    directions: np.ndarray
+    sign: float = 1.0
+    offset: float = 0.0
+
+
+class Place(NamedTuple):
+    """Rows where the bodies have been moved to.
+
+    Attributes:
+        gap: shape (n,), m or rad.
+        normal: shape (n, dim).
+        arms: from the centres of b and a, shape (n, 2, dim), m; zero of rows on spins.
+    """
+
+    gap: np.ndarray
+    normal: np.ndarray
+    arms: np.ndarray
+
+
+class JointRows:
+    """The rows of all joints.
+
+    Args:
+        bodies: as they are placed.
+        pairs: bodies a and b of each row, shape (n, 2), int; len(bodies) is the ground, at rest.
+        rows: n rows.
+
+    Attributes:
+        pairs, kind: of each row.
+        on_spins: whether a row's impulse is a moment, shape (n,).
+    """
+
+    def __init__(self, bodies: RigidBodies, pairs: np.ndarray, rows: Sequence[Row]):
+        self.pairs, self._dim, self._count = pairs, bodies.dim, len(bodies)
+        self.kind = np.array([row.kind for row in rows])
+        self.on_spins = ~np.isin(self.kind, (PLANE, LENGTH))
+        self._sign = np.array([row.sign for row in rows])
+        self._offset = np.array([row.offset for row in rows], float)
+        centre, axes = self._with_ground(bodies.position, _matrices(bodies.rotation))
+        ends = np.array([row.ends for row in rows])
+        directions = np.array([row.directions for row in rows])
+        # in the axes of the bodies
+        self._ends = np.einsum("nsji,nsj->nsi", axes[pairs], ends - centre[pairs])
+        self._directions = np.einsum("nsji,nsj->nsi", axes[pairs[:, [0, 0, 1]]], directions)
+        size = bodies.shapes.bounding_radius
+        self._least = _LEAST * size[np.isfinite(size)].min(initial=np.inf)
+        if bodies.dim == 2:
+            turns = self.kind == TURN
+            self._offset[turns] -= (self._sign * self._turned(bodies.rotation))[turns]
+
+    def __len__(self) -> int:
+        return len(self.kind)
+
+    def stay_as(self, rows: JointRows, number: np.ndarray) -> None:
+        """Let rows go on as they were placed in another scene.
+
+        Args:
+            rows: of that scene.
+            number: of each row there, -1 of a new one; shape (n,).
+        """
+        known = np.flatnonzero(number >= 0)
+        for own, other in (
+            (self._ends, rows._ends), (self._directions, rows._directions),
+            (self._offset, rows._offset),
+        ):  # fmt: skip
+            own[known] = other[number[known]]
+
+    @property
+    def nbytes(self) -> int:
+        """Memory held, in bytes."""
+        return sum(a.nbytes for a in vars(self).values() if isinstance(a, np.ndarray))
+
+    def _with_ground(self, position: np.ndarray, axes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        none, still = np.zeros((1, self._dim)), np.eye(self._dim)[None]
+        return np.concatenate([position, none]), np.concatenate([axes, still])
+
+    def _turned(self, angle: np.ndarray) -> np.ndarray:
+        """Angle of b less that of a, in 2D (rad)."""
+        angle = np.append(angle, 0.0)
+        return angle[self.pairs[:, 1]] - angle[self.pairs[:, 0]]
+
+    def at(self, position: np.ndarray, rotation: np.ndarray) -> Place:
+        """Gaps, normals and arms.
+
+        Args:
+            position: of the centres of mass, shape (num_bodies, dim), m.
+            rotation: angles (2D) or matrices from the bodies to space (3D).
+        """
+        centre, axes = self._with_ground(position, _matrices(rotation))
+        centre = centre[self.pairs]
+        arm = np.einsum("nsij,nsj->nsi", axes[self.pairs], self._ends)
+        end = centre + arm
+        direction = np.einsum("nsij,nsj->nsi", axes[self.pairs[:, [0, 0, 1]]], self._directions)
+        apart = end[:, 1] - end[:, 0]
+        gap, normal = np.zeros(len(self.kind)), np.zeros(apart.shape)
+        arms = np.zeros((len(gap), 2, self._dim))
+
+        row = np.flatnonzero(self.kind == PLANE)
+        normal[row] = self._sign[row, None] * direction[row, 0]
+        gap[row] = _dot(normal[row], apart[row]) + self._offset[row]
+        arms[row] = end[row, 1, None] - centre[row][:, ::-1]
+
+        row = np.flatnonzero(self.kind == LENGTH)
+        length = np.linalg.norm(apart[row], axis=1)
+        normal[row, 0] = 1.0  # whatever it is where both ends are in one place
+        spans = length > 0.0
+        normal[row[spans]] = -apart[row[spans]] / length[spans, None]
+        gap[row] = self._offset[row] - length
+        arms[row] = arm[row][:, ::-1]
+
+        if self._dim == 2:
+            row = np.flatnonzero(self.kind == TURN)
+            normal[row, 0] = self._sign[row]
+            gap[row] = self._sign[row] * self._turned(rotation)[row] + self._offset[row]
+            return Place(gap, normal, arms)
+
+        row = np.flatnonzero(self.kind == ALIGN)
+        of_a, of_b = direction[row, 1], direction[row, 2]
+        across = np.cross(of_b, of_a)
+        size = np.linalg.norm(across, axis=1)
+        normal[row] = across / size[:, None]
+        gap[row] = _dot(of_a, of_b) / size
+
+        row = np.flatnonzero(self.kind == TWIST)
+        axis, first, second = direction[row, 0], direction[row, 1], direction[row, 2]
+        angle = np.arctan2(_dot(axis, np.cross(first, second)), _dot(first, second))
+        normal[row] = self._sign[row, None] * axis
+        gap[row] = self._sign[row] * angle + self._offset[row]
+        return Place(gap, normal, arms)
+
+    def reach(self, place: Place) -> np.ndarray:
+        """Size of what turns with each row, shape (n,): its arms or its length, m; 1 on spins."""
+        moves = self.pairs[:, ::-1] < self._count
+        arms = np.where(moves, np.linalg.norm(place.arms, axis=2), 0.0).sum(axis=1)
+        reach = np.where(self.kind == LENGTH, self._offset, arms + self._least)
+        return np.where(self.on_spins, 1.0, reach)
+
+    def points(self, place: Place, num_nodes: int, ground: int, law: np.ndarray) -> FoundPoints:
+        """The rows as points of the interaction layer, candidate b and antagonist a.
+
+        Args:
+            place: of the rows.
+            num_nodes: nodes of meshed bodies, which come before those of rigid ones.
+            ground: number of the ground's node.
+            law: index of each row's law, shape (n,).
+        """
+        sides = self.pairs[:, ::-1]
+        first = num_nodes + 2 * sides + self.on_spins[:, None]
+        nodes = np.where(sides < self._count, first, ground)
+        count = len(self.kind)
+        points = InteractionPoints(
+            nodes[:, :, None].astype(np.int32), np.ones((count, 2, 1)), place.normal[:, None],
+            np.ones(count), place.gap, np.where(sides[..., None] < self._count, place.arms, 0.0),
+        )  # fmt: skip
+        number = np.arange(count)
+        return FoundPoints(points, law, np.stack([number, np.zeros_like(number)], axis=1))
+
+
+def _matrices(rotation: np.ndarray) -> np.ndarray:
+    """From the axes of the bodies to those of space, from angles in 2D."""
+    return rotation if rotation.ndim == 3 else plane_rotations(rotation)
+
+
+def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return np.einsum("ni,ni->n", a, b)
