@@ -15,7 +15,7 @@
 # - draw rigid bodies with the forces between them, and film them while the run goes on
 # - measure a flow rate, and compare it with the law of Beverloo
 #
-# Discs of the mean diameter d stand in a silo, 25 d wide, whose bottom has an opening D. Sand does
+# Discs of the mean diameter d stand in a silo whose bottom has an opening D. Sand does
 # not flow out like water: the rate does not depend on how full the silo is (Hagen 1852), and in the
 # plane it goes as
 #
@@ -246,11 +246,11 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     """Options of the demo."""
     parser = argparse.ArgumentParser(description="Discs flow out of a silo.")
     add = parser.add_argument
-    add("--discs", type=int, default=1000, help="in the silo (default 1000)")
-    add("--width", type=float, default=25.0, help="of the silo over d (default 25)")
+    add("--discs", type=int, default=400, help="in the silo (default 400)")
+    add("--width", type=float, default=16.0, help="of the silo over d (default 16)")
     add(
-        "--openings", type=float, nargs="+", default=[5.0, 6.0, 7.0, 8.0, 10.0],
-        help="D / d; the last one is drawn (default 5 6 7 8 10)",
+        "--openings", type=float, nargs="+", default=[5.0, 6.0, 7.0, 8.0],
+        help="D / d; the last one is drawn (default 5 6 7 8)",
     )  # fmt: skip
     add("--share", type=float, default=0.4, help="of the grains that is let out (default 0.4)")
     add("--seed", type=int, default=1, help="of radii and places")
