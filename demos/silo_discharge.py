@@ -73,8 +73,8 @@ def settle(count: int, width: float, seed: int, step: float) -> xf.Scene:
 
 
 def simulate(scene: xf.Scene, step: float) -> xf.Simulation:
-    """A run of a scene: flowing grains need no more than a thousandth of their impulses."""
-    return xf.Simulation(scene, step, solver="nlgs", tolerance=1e-3, num_threads=1)
+    """A run of a scene: flowing grains need no more than a hundredth of their impulses."""
+    return xf.Simulation(scene, step, solver="nlgs", tolerance=1e-2, num_threads=1)
 
 
 # ## The opening
