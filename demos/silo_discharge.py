@@ -146,7 +146,8 @@ def discharge(
         camera = xf.output.Animation(
             film, simulation, colour, every=0.02, window=window, pixels=300
         )
-    patience = 20.0 * share * area.sum() / (np.sqrt(GRAVITY) * opening**1.5)
+    # an arch may jam a narrow opening
+    patience = 5.0 * share * area.sum() / (np.sqrt(GRAVITY) * opening**1.5)
     for _ in simulation.steps(patience):
         times.append(simulation.time)
         left.append(float(area[motion.state.position[:, 1] < 0.0].sum()))
@@ -158,6 +159,11 @@ def discharge(
             break
     if camera is not None:
         camera.close()
+    if left[-1] <= share * area.sum():
+        raise RuntimeError(
+            f"An arch jams the opening of {opening / DIAMETER:g} d, {left[-1] / area.sum():.0%} of "
+            "the grains have left: take a wider opening, or another seed."
+        )
     t, gone = np.array(times), np.array(left)
     steady = gone > 0.1 * gone[-1]
     t_steady, gone_steady = t[steady], gone[steady]
@@ -249,8 +255,8 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     add("--discs", type=int, default=400, help="in the silo (default 400)")
     add("--width", type=float, default=16.0, help="of the silo over d (default 16)")
     add(
-        "--openings", type=float, nargs="+", default=[5.0, 6.0, 7.0, 8.0],
-        help="D / d; the last one is drawn (default 5 6 7 8)",
+        "--openings", type=float, nargs="+", default=[6.0, 7.0, 8.0],
+        help="D / d; the last one is drawn (default 6 7 8)",
     )  # fmt: skip
     add("--share", type=float, default=0.4, help="of the grains that is let out (default 0.4)")
     add("--seed", type=int, default=1, help="of radii and places")
