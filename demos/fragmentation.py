@@ -158,9 +158,7 @@ def report(result: dict[str, Any], options: argparse.Namespace) -> dict[str, flo
 def draw(result: dict[str, Any], out: Path) -> None:
     """The pieces, a colour each; the distribution of their sizes; energies."""
     pieces = result["pieces"]
-    side = 1.1 * float(np.abs(result["frame"].cells).max())
-    window = (-side, side, -side, side)
-    xf.output.plot_frames([result["frame"]], out / "pieces.png", window=window)
+    xf.output.plot_frames([result["frame"]], out / "pieces.png")
     sizes = {f"{len(pieces)} pieces": (pieces.diameter, pieces.mass)}
     xf.plotting.plot_fragments(sizes, out / "sizes.png", length_unit=("um", 1e-6))
     xf.plotting.plot_energies(result["history"], out / "energies.png", ("J/m", 1.0), against="time")

@@ -35,20 +35,20 @@ def test_fit_finds_the_law_it_was_given():
 
 
 def test_a_small_silo(tmp_path):
-    options = "--discs 80 --width 10 --openings 4 5 --share 0.4 --film --quiet"
+    options = "--discs 120 --width 12 --openings 4 6 --share 0.4 --film --quiet"
     result = demo.main([*options.split(), "--out", str(tmp_path)])
     assert 0.72 < result["law"]["phi"] < 0.86
     for one in result["found"]:
         t, left, start = one.times, one.left, len(one.times) // 4
         assert np.all(np.diff(left) >= 0.0) and len(one.frames) == 3
         mean = (left[-1] - left[start]) / (t[-1] - t[start])
-        assert one.rate == pytest.approx(mean, rel=0.2)
-    np.testing.assert_allclose(result["law"]["over_free_fall"], 1.0, atol=0.3)
+        assert one.rate == pytest.approx(mean, rel=0.3)
+    np.testing.assert_allclose(result["law"]["over_free_fall"], 1.0, atol=0.45)
     slow, fast = (one.rate for one in result["found"])
-    assert 1.1 < fast / slow < 2.0  # (4 / 3)^1.5 = 1.54
-    # four of ten of 80 grains have left
+    assert 1.3 < fast / slow < 3.3  # (5 / 3)^1.5 = 2.15
+    # four of ten of 120 grains have left
     area = 0.25 * np.pi * demo.DIAMETER**2
-    assert result["found"][0].left[-1] == pytest.approx(32 * area, rel=0.1)
+    assert result["found"][0].left[-1] == pytest.approx(48 * area, rel=0.1)
     assert json.loads((tmp_path / "summary.json").read_text())["phi"] == result["law"]["phi"]
     for name in ("frames.png", "rates.png", "silo.gif"):
         assert (tmp_path / name).stat().st_size > 10_000
