@@ -83,9 +83,9 @@ class ContactHistory:
         self._records = {kind: _merged(parts) for kind, parts in records.items()}
 
     def saved(self, law_of: Mapping[LawKernels, int]) -> dict[str, dict[str, Rows]]:
-        """All records as `Rows` by key, by law, nodes a side, whether with lever arms."""
+        """All records as `Rows` by key, by law, nodes a side, whether with arms and branches."""
         return {
-            f"{law_of[kernels]} {sides.k} {int(sides.lever_arms)}": {
+            f"{law_of[kernels]} {sides.k} {int(sides.lever_arms)} {int(sides.branches)}": {
                 name: Rows(record.keys, values) for name, values in record._asdict().items()
             }
             for (kernels, sides), record in self._records.items()
@@ -98,8 +98,8 @@ class ContactHistory:
         """The history that `saved` told of; `kernels` are those of each law."""
         history = cls([])
         for name, record in saved.items():
-            law, k, lever_arms = map(int, name.split())
-            sides = Sides(dim, kernels[law].components, k, bool(lever_arms))
+            law, k, lever_arms, branches = map(int, name.split())
+            sides = Sides(dim, kernels[law].components, k, bool(lever_arms), bool(branches))
             history._records[kernels[law], sides] = _Record(**record)
         return history
 

@@ -9,6 +9,7 @@ in the norm of the mass, that opens the gaps g. Gaps and normals change on the w
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -25,6 +26,9 @@ from xper_fx.nscd.search.rigid_search import RigidSearch
 from xper_fx.nscd.solvers.nlgs import NonlinearGaussSeidel
 from xper_fx.nscd.solvers.solver import SolveOptions
 
+if TYPE_CHECKING:
+    from xper_fx.nscd.search.periodic_search import PeriodicSearch
+
 # Depth that counts as touching, relative to the smallest body.
 _TOUCHING = 1e-6
 # Rounds after which bodies are too crowded, and sweeps of a round.
@@ -33,13 +37,19 @@ _ROUNDS, _SWEEPS = 100, 1000
 _NAMED = 10
 
 
-def separate(bodies: RigidBodies, pairs: Sequence[tuple[str, str]], resolve: bool) -> None:
+def separate(
+    bodies: RigidBodies,
+    pairs: Sequence[tuple[str, str]],
+    resolve: bool,
+    lattice: np.ndarray | None = None,
+) -> None:
     """Make sure that bodies that may touch do not overlap.
 
     Args:
         bodies: the bodies; with `resolve` their positions and rotations are changed.
         pairs: names of groups that may touch.
         resolve: whether to move apart what overlaps.
+        lattice: period vectors as rows, shape (p, dim), m; None without a periodic cell.
 
     Raises:
         ValueError: bodies overlap, are one body given twice, or could not be moved apart.
@@ -47,7 +57,7 @@ def separate(bodies: RigidBodies, pairs: Sequence[tuple[str, str]], resolve: boo
     smallest = float(bodies.shapes.bounding_radius.min())
     if not np.isfinite(smallest):
         return
-    search = RigidSearch(bodies, pairs, _TOUCHING * smallest)
+    search = _search(bodies, pairs, _TOUCHING * smallest, lattice)
     for _ in range(_ROUNDS if resolve else 1):
         overlaps = search.overlaps(bodies.position, bodies.rotation, _TOUCHING * smallest)
         if not overlaps:
@@ -64,6 +74,14 @@ def separate(bodies: RigidBodies, pairs: Sequence[tuple[str, str]], resolve: boo
         else "place them apart, or ask for it with resolve_overlaps=True"
     )
     raise ValueError(f"Rigid bodies overlap at the start: {named}{more}; {advice}.")
+
+
+def _search(bodies, pairs, reach: float, lattice) -> RigidSearch | PeriodicSearch:
+    if lattice is None:
+        return RigidSearch(bodies, pairs, reach)
+    from xper_fx.nscd.search.periodic_search import PeriodicSearch
+
+    return PeriodicSearch(bodies, pairs, reach, lattice)
 
 
 def _refuse_twins(bodies: RigidBodies, overlaps: Sequence[tuple[int, int, float]]) -> None:
@@ -91,7 +109,7 @@ def _refuse_twins(bodies: RigidBodies, overlaps: Sequence[tuple[int, int, float]
             )
 
 
-def _move_apart(bodies: RigidBodies, search: RigidSearch) -> None:
+def _move_apart(bodies: RigidBodies, search: RigidSearch | PeriodicSearch) -> None:
     """One round."""
     dim, count = bodies.dim, len(bodies)
     contacts = search.find(bodies.position, bodies.rotation)
@@ -104,9 +122,12 @@ def _move_apart(bodies: RigidBodies, search: RigidSearch) -> None:
     )  # fmt: skip
     layer.take_rigid(rest, rest)
     sides = np.ones(contacts.nodes.shape)
+    centre = bodies.position[contacts.body]
+    if not isinstance(search, RigidSearch):
+        centre += search.offset
     points = InteractionPoints(
         (2 * contacts.body[:, :, None]).astype(np.int32), sides, frame_from_normal(contacts.normal),
-        contacts.area, contacts.gap, contacts.point[:, None] - bodies.position[contacts.body],
+        contacts.area, contacts.gap, contacts.point[:, None] - centre,
     )  # fmt: skip
     found = FoundPoints(points, np.zeros(len(points), int), contacts.key)
     layer.find_contacts([found], np.zeros((0, dim)), 1.0, 1.0)

@@ -143,7 +143,8 @@ class Model:
         """Take this rank's part of the bodies or contacts where the scene can be divided."""
         scene, solver = self.scene, self.options.solver
         touching = any(contact.law is not None for contact in scene.contacts)
-        if scene.bodies is None and touching and solver in ("auto", "nlgs"):
+        searched = scene.bodies is None and scene.lattice is None and touching
+        if searched and solver in ("auto", "nlgs"):
             from xper_fx.parallel.rigid_partition import RigidDivision
 
             self.ranks = team
@@ -154,6 +155,7 @@ class Model:
             name
             for name, there in (
                 ("rigid bodies", scene.rigid_bodies is not None),
+                ("a lattice of rigid bodies", scene.lattice is not None),
                 ("contacts that are searched", len(scene.contacts) > 0),
                 ("ties", len(scene.ties) > 0),
                 ("no inertia", not self.options.inertia),
@@ -218,9 +220,16 @@ class Model:
     def _rigid_motion(self) -> RigidMotion | None:
         if self.scene.rigid_bodies is None:
             return None
+        scene, bodies = self.scene, self.scene.rigid_bodies
+        if scene.lattice is not None:
+            from xper_fx.periodic.grain_cell import CellMotion, DrivenCellMotion
+
+            if scene.macroscopic is not None:
+                return DrivenCellMotion(bodies, scene.lattice, scene.macroscopic)
+            return CellMotion(bodies, scene.lattice, scene.gravity)
         from xper_fx.nscd.rigid.motion import RigidMotion
 
-        return RigidMotion(self.scene.rigid_bodies, self.scene.gravity)
+        return RigidMotion(bodies, scene.gravity)
 
     def _step_size(self) -> float:
         """The step asked for, or a share of the critical one.
