@@ -105,11 +105,11 @@ def couple(points: InteractionPoints, inverse: BodyInverse) -> Couplings:
     turn = None if points.lever_arms is None else np.empty(0, small)
     couplings = Couplings(start, points.weights, body, size, rows, points.frame, inverse.data, turn)
     if points.branches is not None:
-        couplings = couplings._replace(**_cell(points.branches.node, inverse))
+        couplings = couplings._replace(**find_cell(points.branches.node, inverse))
     return couple_again(couplings, points)
 
 
-def _cell(node: int, inverse: BodyInverse) -> dict:
+def find_cell(node: int, inverse: BodyInverse) -> dict:
     """Where the dofs of a cell that deforms are, and their w, the diagonal of its blocks."""
     dim, n = inverse.dim, inverse.uniform_size
     diagonal = np.einsum("bii->bi", inverse.data.reshape(-1, n, n)).ravel()
@@ -216,7 +216,7 @@ def motion(sides: Sides, blocks: Blocks = ANY_BLOCKS):
     add, subtract, times = world.add, world.subtract, world.scale
     vector = 0 < size <= _VECTOR_DOFS and not config.DISABLE_JIT
     turned, _, moment = lever_arm_kernels(dim) if lever_arms else (None, None, None)
-    stretched = _stretched(dim) if branches else None
+    stretched = stretching_kernel(dim) if branches else None
     turns = dim if dim == 3 else 1  # components of a rotation
     add_rows = _add_rows(dim, size) if vector else None
     add_turns = _add_rows(turns, size) if vector else None
@@ -306,7 +306,7 @@ def motion(sides: Sides, blocks: Blocks = ANY_BLOCKS):
 
 
 @cache
-def _stretched(dim: int):
+def stretching_kernel(dim: int):
     """Kernel `stretched(v, c, i) -> dFbar/dt b` of a point's branch b."""
     world = for_dimension(dim)
 

@@ -16,7 +16,8 @@ from xper_fx.output.series import TimeSeries
 class RigidSeries:
     """Writes the rigid bodies at the times asked for.
 
-    Points bear `displacement` (m) and `velocity` (m/s, of the material there), cells `spin` (rad/s;
+    In a periodic cell each body is drawn by its image in the cell at the origin, so that the
+    displacement of a body that leaves the cell leaps. Points bear `displacement` (m) and `velocity` (m/s, of the material there), cells `spin` (rad/s;
     a vector in 3D), `body` and `group`, the numbers of `RigidBodies`, and `fragment` if asked for.
 
     Args:
@@ -46,7 +47,7 @@ class RigidSeries:
             time: s.
             fragment: of each body, rigid ones last; None leaves the field out.
         """
-        state = self._motion.state
+        state = self._motion.displayed
         positions = self._positions(state)
         body, spin = self.outline.body_of_point, state.turn.spin
         arm = positions - state.position[body]

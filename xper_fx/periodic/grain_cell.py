@@ -33,9 +33,9 @@ exactly: K / (tau V) is the kinetic part of -Pibar. Both drifts have one; the ki
 driven by stress gets those of the two drifts before it. What that is late by is booked as energy of
 the scheme.
 
-**Inertia of the cell.** m_c = M |H|^2 / (12 dim), M the mass of all bodies and H the matrix of the
-period vectors: that of the affine motion of the bodies of a square or cubic cell. Mean stresses over
-times that waves take to cross the cell do not depend on it.
+**Inertia of the cell.** m_c = M |H|^2 / (12 dim), M the mass of all bodies and H the matrix of a
+short basis of the lattice: what the affine motion of the bodies of a square or cubic cell has. Means
+over times longer than (m_c / (V |Pibar|))^(1/2) do not depend on it.
 """
 
 from __future__ import annotations
@@ -129,7 +129,8 @@ class DrivenCellMotion(CellMotion):
         self._drive = drive
         self._driven = drive.kinematic(dim).reshape(dim, dim).T
         self.volume = abs(float(np.linalg.det(lattice)))
-        self.cell_mass = float(bodies.mass.sum() * (lattice**2).sum() / (12 * dim))
+        basis = short_basis(lattice) @ lattice
+        self.cell_mass = float(bodies.mass.sum() * (basis**2).sum() / (12 * dim))
         self.gradient, self.rate = np.eye(dim), self._given_rates(0.0)
         self.stress, self._late = np.zeros((2, dim, dim))
         self.start = self.state = self.state._replace(
@@ -246,14 +247,15 @@ class DrivenCellMotion(CellMotion):
         """Kinetic energy of the fluctuation, of the spins and of the cell (J)."""
         return self._kinetic_of_cell(self.state, self.gradient, self.rate)
 
-    def momentum(self) -> np.ndarray:
-        """Sum of m v# over the bodies, shape (dim,), N s."""
-        return self.bodies.mass @ self._fluctuation(self.state, self.gradient, self.rate)
+    @property
+    def fluctuation(self) -> np.ndarray:
+        """See `RigidMotion`: v#."""
+        return self._fluctuation(self.state, self.gradient, self.rate)
 
     @property
     def speeds(self) -> np.ndarray:
         """See `RigidMotion`: of the fluctuation, and of the cell between neighbours."""
-        own = np.linalg.norm(self._fluctuation(self.state, self.gradient, self.rate), axis=1)
+        own = np.linalg.norm(self.fluctuation, axis=1)
         stretching = np.linalg.norm(np.linalg.solve(self.gradient.T, self.rate.T), 2)
         return own + stretching * self.bodies.shapes.bounding_radius
 

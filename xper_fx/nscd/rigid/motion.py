@@ -113,8 +113,9 @@ class RigidMotion:
         blocks: w of each body at the last prediction, shape (n, 2 dim, 2 dim), 1/kg and so on.
             The array is written in place: in 2D never again, in 3D by each `predict`.
         displayed: the committed state with each body where it is drawn.
-        speeds: at which points of bodies come nearer to their neighbours, turning left out, shape
-            (n,), m/s.
+        fluctuation: of the velocities, shape (n, dim), m/s: what is not due to a periodic cell that
+            deforms, all without one.
+        speeds: at which bodies come nearer to their neighbours, turning left out, shape (n,), m/s.
     """
 
     def __init__(self, bodies: RigidBodies, gravity: Load | None = None):
@@ -340,6 +341,11 @@ class RigidMotion:
         return self.state
 
     @property
+    def fluctuation(self) -> np.ndarray:
+        """See the class."""
+        return self.state.velocity
+
+    @property
     def speeds(self) -> np.ndarray:
         """See the class."""
         return np.linalg.norm(self.state.velocity, axis=1)
@@ -355,8 +361,8 @@ class RigidMotion:
         return sum(array.nbytes for array in held)
 
     def momentum(self) -> np.ndarray:
-        """Sum of m v over the bodies, shape (dim,), N s."""
-        return self.bodies.mass @ self.state.velocity
+        """Sum of m v over the bodies, of the fluctuation in a cell, shape (dim,), N s."""
+        return self.bodies.mass @ self.fluctuation
 
     def angular_momentum(self, about: npt.ArrayLike | None = None) -> np.ndarray:
         """Sum of x x m v + L over the bodies, shape (1,) in 2D, (3,) in 3D, N m s.
