@@ -16,8 +16,8 @@ in the first component). A side on it names the first, and its *arm* a from the 
 point: the side moves with v + omega x a, and an impulse f on it turns the body by a x f.
 
 In a periodic cell of rigid bodies that deforms, the nodes of the bodies hold the fluctuation of the
-velocity, and dim more nodes hold the columns of dFbar/dt. With the *branch* b of a point, the vector
-from the antagonist's centre to the candidate's in the axes of the reference cell,
+velocity, and dim more nodes hold the columns of dFbar/dt. With the *branch* b of a point, the
+vector from the antagonist's centre to the candidate's in the axes of the reference cell,
 
     U = frame (... + dFbar/dt b),       and an impulse f on the candidate gives the cell f (x) b.
 """

@@ -59,9 +59,9 @@ CHECKPOINT, CHECKPOINT_EVERY = "checkpoint.h5", 600.0
 
 
 def macroscopic_columns(simulation: Simulation) -> dict[str, float]:
-    """Fbar, Pibar (Pa) and, of meshed bodies, Hill-Mandel's error of a periodic cell by column name.
+    """Fbar, Pibar (Pa) and, of a mesh, Hill-Mandel's error of a periodic cell by column name.
 
-    Empty without a cell that is driven.
+    Nothing without a cell that is driven.
     """
     cell = simulation.macroscopic
     if cell is None:

@@ -17,8 +17,9 @@ class RigidSeries:
     """Writes the rigid bodies at the times asked for.
 
     In a periodic cell each body is drawn by its image in the cell at the origin, so that the
-    displacement of a body that leaves the cell leaps. Points bear `displacement` (m) and `velocity` (m/s, of the material there), cells `spin` (rad/s;
-    a vector in 3D), `body` and `group`, the numbers of `RigidBodies`, and `fragment` if asked for.
+    displacement of a body that leaves the cell leaps. Points bear `displacement` (m) and `velocity`
+    (m/s, of the material there), cells `spin` (rad/s; a vector in 3D), `body` and `group`, the
+    numbers of `RigidBodies`, and `fragment` if asked for.
 
     Args:
         path: of the XDMF file.

@@ -6,10 +6,10 @@ With the gradient F = Fbar of the cell, a body at x has the label X = F^-1 x and
     v = v# + dF/dt X,
 
 and its images at x + F S, S a vector of the reference lattice, have the same fluctuation v#. As for
-meshed bodies (`two_field.py`) inertia acts on the fluctuation alone. Grains flow, so that labels are
-those of the present positions: with constant dF/dt these are Newton's equations, and else those of
-Newton without the acceleration d2F/dt2 X, which would tell an image from its body. One step of size h
-is drift, kick, drift, as in `nscd/rigid/motion.py`:
+meshed bodies (`two_field.py`) inertia acts on the fluctuation alone. Grains flow, so that labels
+are those of the present positions: with constant dF/dt these are Newton's equations, and else those
+of Newton without the acceleration d2F/dt2 X, which would tell an image from its body. One step of
+size h is drift, kick, drift, as in `nscd/rigid/motion.py`:
 
     drift   F_m = F0 + h (1 - theta) dF0,    x_m = x0 + h (1 - theta) v0,    X = F_m^-1 x_m;
     kick    M (v#1 - v#0) = p,               v#0 = v0 - dF0 X,    v1 = v#1 + dF1 X,
@@ -34,8 +34,8 @@ driven by stress gets those of the two drifts before it. What that is late by is
 the scheme.
 
 **Inertia of the cell.** m_c = M |H|^2 / (12 dim), M the mass of all bodies and H the matrix of a
-short basis of the lattice: what the affine motion of the bodies of a square or cubic cell has. Means
-over times longer than (m_c / (V |Pibar|))^(1/2) do not depend on it.
+short basis of the lattice: what the affine motion of the bodies of a square or cubic cell has.
+Means over times longer than (m_c / (V |Pibar|))^(1/2) do not depend on it.
 """
 
 from __future__ import annotations

@@ -68,8 +68,8 @@ def check_grains_in_cell(
     dim = bodies.dim
     if len(lattice) < dim:
         raise ValueError(
-            f"A cell that deforms has {dim} periods and the lattice has {len(lattice)}: give all of "
-            "them, or leave `macroscopic` out, and the cell keeps its shape."
+            f"A cell that deforms has {dim} periods and the lattice has {len(lattice)}: give all "
+            "of them, or leave `macroscopic` out, and the cell keeps its shape."
         )
     drive.check(dim)
     for name, value in drive.gradient.items():

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Contacts between rigid bodies and their images in a periodic cell.
 
-With the period vectors a_k (m) of the present cell, body j has images at x_j + sum_k n_k a_k for all
-whole numbers n_k. Each pair of images has one contact per unit of the lattice, so that it is enough
-to look at the bodies as they lie in the cell and at those of their images that can reach one of
-them; of the images n and -n, which give the same pairs, one is taken. Bodies and images are searched
-as any rigid bodies are (`rigid_search.py`).
+With the period vectors a_k (m) of the present cell, body j has images at x_j + sum_k n_k a_k for
+all whole numbers n_k. Each pair of images has one contact per unit of the lattice, so that it is
+enough to look at the bodies as they lie in the cell and at those of their images that can reach one
+of them; of the images n and -n, which give the same pairs, one is taken. Bodies and images are
+searched as any rigid bodies are (`rigid_search.py`).
 
 Positions are never wrapped: a body that has crossed the cell goes on, and its contacts are told by
 the n between the two positions. They keep their names however far the cell is sheared. The search
