@@ -76,7 +76,9 @@ def separate(
     raise ValueError(f"Rigid bodies overlap at the start: {named}{more}; {advice}.")
 
 
-def _search(bodies, pairs, reach: float, lattice) -> RigidSearch | PeriodicSearch:
+def _search(
+    bodies: RigidBodies, pairs: Sequence[tuple[str, str]], reach: float, lattice: np.ndarray | None
+) -> RigidSearch | PeriodicSearch:
     if lattice is None:
         return RigidSearch(bodies, pairs, reach)
     from xper_fx.nscd.search.periodic_search import PeriodicSearch
