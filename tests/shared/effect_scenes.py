@@ -244,6 +244,37 @@ def struck():
     return _meeting(rigid=[disc])
 
 
+def _lattice(**options):
+    """Two discs, one of which meets the image of the other."""
+    from xper_fx.nscd.laws import SignoriniCoulomb
+    from xper_fx.nscd.rigid import Disc, RigidBody
+    from xper_fx.scene.contact import Contact
+    from xper_fx.scene.scene import Scene
+    from xper_fx.simulation.simulation import Simulation
+
+    places = {0.6: -0.1, 2.59: 0.1}
+    discs = [
+        RigidBody(Disc(0.5), (x, 0.4), "disc", density=1.0, velocity=(v, 0.0))
+        for x, v in places.items()
+    ]
+    scene = Scene(
+        rigid=discs, lattice=(3.0, 2.0), contacts=[Contact(("disc", "disc"), SignoriniCoulomb())],
+        **options,
+    )  # fmt: skip
+    return Simulation(scene, 0.1, num_threads=1, solver="nlgs")
+
+
+def across():
+    return _lattice()
+
+
+def pressed():
+    from xper_fx.periodic.drive import MacroscopicDrive
+
+    drive = MacroscopicDrive(rate={"12": 0.1}, gradient={"11": 1.0, "21": 0.0}, stress={"22": -1.0})
+    return _lattice(macroscopic=drive)
+
+
 def split():
     """Two crossed squares whose cells are one mesh until bonds let go."""
     from xper_fx.nscd.laws import RigidCohesiveZone
@@ -328,6 +359,10 @@ def spun():
 # Which effects each calls for.
 _PERIODIC = {"periodicity", "macroscopic control"}
 _POINTS = {"inertia", "interactions"}
+_GRAINS = {
+    "interactions", "unilateral contact", "impact", "contact search", "rigid bodies",
+    "lattice of rigid bodies",
+}  # fmt: skip
 SCENES = {
     static: set(),
     dynamic: {
@@ -352,6 +387,8 @@ SCENES = {
     stiff: {*_POINTS, "perfect bond", "Newton on all points"},
     meeting: {*_POINTS, "unilateral contact", "impact", "contact search"},
     struck: {*_POINTS, "unilateral contact", "impact", "contact search", "rigid bodies"},
+    across: _GRAINS,
+    pressed: {*_GRAINS, "cell of rigid bodies that deforms"},
     split: {
         *_POINTS, "unilateral contact", "cohesion", "damage", "impact", "explicit bulk",
         "vertices that split",
@@ -525,7 +562,12 @@ def observe(name: str, removed: list[str]) -> dict:
     from xper_fx.output.effects import effects_of
 
     state, ledger = simulation.state, simulation.ledger.as_columns()
-    digest = hashlib.sha256(state.displacement.tobytes() + state.velocity.tobytes())
+    moved, velocity = state.displacement, state.velocity
+    if simulation.rigid is not None:
+        place, start = simulation.rigid.state, simulation.rigid.start
+        moved = np.append(moved, place.position - start.position)
+        velocity = np.append(velocity, place.velocity)
+    digest = hashlib.sha256(moved.tobytes() + velocity.tobytes())
     digest.update(json.dumps(ledger).encode())
     return {
         "effects": {row.name: row._asdict() for row in effects_of(simulation)},
@@ -535,7 +577,7 @@ def observe(name: str, removed: list[str]) -> dict:
         "costs": costs[1:],
         "held": _held(simulation),
         "digest": digest.hexdigest(),
-        "displacement": float(abs(state.displacement).max()),
+        "displacement": float(abs(moved).max()),
     }
 
 

@@ -87,7 +87,7 @@ class Couplings(NamedTuple):
     rotation_dof: np.ndarray | None = None
     lever_arms: np.ndarray | None = None
     branches: np.ndarray | None = None
-    cell: int = 0
+    cell: np.int64 | None = None
     cell_w: np.ndarray | None = None
 
 
@@ -113,7 +113,7 @@ def find_cell(node: int, inverse: BodyInverse) -> dict:
     """Where the dofs of a cell that deforms are, and their w, the diagonal of its blocks."""
     dim, n = inverse.dim, inverse.uniform_size
     diagonal = np.einsum("bii->bi", inverse.data.reshape(-1, n, n)).ravel()
-    return {"cell": node * dim, "cell_w": diagonal[node * dim : (node + dim) * dim].copy()}
+    return {"cell": np.int64(node * dim), "cell_w": diagonal[node * dim : (node + dim) * dim].copy()}
 
 
 def couple_nodes(nodes: np.ndarray, inverse: BodyInverse) -> Couplings:
