@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from xper_fx.nscd.ordering import order_points
-from xper_fx.nscd.rigid import Disc, Polygon, RigidBody, Sphere
+from xper_fx.nscd.rigid import Cluster, Disc, Polygon, RigidBody, Sphere
 from xper_fx.nscd.rigid.bodies import RigidBodies
 from xper_fx.nscd.search.periodic_search import PeriodicSearch, short_basis
 from xper_fx.nscd.search.rigid_search import RigidSearch
@@ -77,11 +77,20 @@ def test_all_contacts_are_found_while_bodies_move_and_the_cell_is_sheared(lattic
     assert search.renewals < 40  # lists serve for more than a step where little moves
 
 
+BOX = Polygon([(-0.5, -0.4), (0.5, -0.4), (0.5, 0.4), (-0.5, 0.4)])
+CORNER = Cluster(
+    [
+        Polygon([(-0.5, -0.4), (0.5, -0.4), (0.5, 0.0), (-0.5, 0.0)]),
+        Polygon([(-0.5, 0.0), (0.1, 0.0), (0.1, 0.5), (-0.5, 0.5)]),
+    ]
+)
+
+
 @pytest.mark.fast
-def test_polygons_meet_images_as_they_meet_copies():
+@pytest.mark.parametrize("shape", [BOX, CORNER], ids=["polygons", "clusters"])
+def test_bodies_with_corners_meet_images_as_they_meet_copies(shape):
     """Contacts of a cell are those that nine copies of it have, wherever its bodies are put."""
     rng, lattice, count = np.random.default_rng(5), np.array([[3.2, 0.0], [0.4, 3.0]]), 9
-    shape = Polygon([(-0.5, -0.4), (0.5, -0.4), (0.5, 0.4), (-0.5, 0.4)])
     places = np.stack(np.meshgrid(range(3), range(3)), -1).reshape(-1, 2) @ lattice / 3.0
     places = places + rng.uniform(-0.05, 0.05, places.shape)
     angles = rng.uniform(-0.3, 0.3, count)

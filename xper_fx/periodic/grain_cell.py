@@ -97,7 +97,7 @@ class CellMotion(RigidMotion):
     def _in_cell(self, vectors: np.ndarray, rates: np.ndarray) -> RigidState:
         numbers, state = short_basis(vectors), self.state
         share = state.position @ np.linalg.pinv(numbers @ vectors)
-        bounded = np.isfinite(self.bodies.shapes.bounding_radius)[:, None]
+        bounded = np.isfinite(self.bodies.bounding_radius)[:, None]
         crossed = np.where(bounded, np.floor(share), 0.0) @ numbers
         return state._replace(
             position=state.position - crossed @ vectors, velocity=state.velocity - crossed @ rates
@@ -257,7 +257,7 @@ class DrivenCellMotion(CellMotion):
         """See `RigidMotion`: of the fluctuation, and of the cell between neighbours."""
         own = np.linalg.norm(self.fluctuation, axis=1)
         stretching = np.linalg.norm(np.linalg.solve(self.gradient.T, self.rate.T), 2)
-        return own + stretching * self.bodies.shapes.bounding_radius
+        return own + stretching * self.bodies.bounding_radius
 
     @property
     def displayed(self) -> RigidState:

@@ -79,7 +79,7 @@ def check_grains_in_cell(
                 f"F{name} of a cell of rigid bodies is held at {rest:g} by `gradient` or moved by "
                 f"`rate`, got {value!r}: give its rate (1/s), a number or a function of time."
             )
-    walls = np.flatnonzero(np.isinf(bodies.shapes.bounding_radius))
+    walls = np.flatnonzero(np.isinf(bodies.bounding_radius))
     if len(walls):
         raise ValueError(
             f"Rigid body {walls[0]} is a wall, and the cell deforms: a wall has no gradient. Leave "
@@ -101,7 +101,7 @@ def check_grains_in_cell(
 
 
 def _check_walls(bodies: RigidBodies, lattice: np.ndarray) -> None:
-    for wall in np.flatnonzero(np.isinf(bodies.shapes.bounding_radius)):
+    for wall in np.flatnonzero(np.isinf(bodies.bounding_radius)):
         turn = bodies.rotation[wall]
         # the last axis of a wall points out of it
         normal = turn[:, -1] if bodies.dim == 3 else np.array([-np.sin(turn), np.cos(turn)])

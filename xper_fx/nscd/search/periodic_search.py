@@ -62,16 +62,25 @@ def short_basis(vectors: np.ndarray) -> np.ndarray:
 
 
 class _PlacedBodies:
-    """Bodies and images as the `RigidBodies` that a search asks for."""
+    """Bodies and images as the `RigidBodies` that a search asks for.
+
+    Attributes:
+        piece: of the bodies' pieces, that which each of these is of, shape (num_pieces,).
+    """
 
     def __init__(self, bodies, tables, source: np.ndarray, is_image: np.ndarray):
-        is_wall = np.isinf(tables.bounding_radius[source])
         self.dim, self.groups = bodies.dim, tuple(product(range(3), bodies.groups))
-        kind = np.where(is_wall, 2, is_image)
+        kind = np.where(np.isinf(bodies.bounding_radius[source]), 2, is_image)
         self.group_of = bodies.group_of[source] + kind * len(bodies.groups)
         self.is_prescribed = bodies.is_prescribed[source]
-        of_each = ("kind", "radius", "bounding_radius", "entry")
-        self.shapes = tables._replace(**{name: getattr(tables, name)[source] for name in of_each})
+        first = np.searchsorted(tables.body, np.arange(len(bodies) + 1))
+        count = np.diff(first)[source]
+        own = np.repeat(np.arange(len(source), dtype=np.int32), count)
+        within = np.arange(len(own)) - np.repeat(np.cumsum(count) - count, count)
+        self.piece = first[source][own] + within
+        of_each = ("kind", "radius", "bounding_radius", "entry", "offset")
+        parts = {name: getattr(tables, name)[self.piece] for name in of_each}
+        self.shapes = tables._replace(body=own, **parts)
 
     def __len__(self) -> int:
         return len(self.group_of)
@@ -92,8 +101,9 @@ class _SearchOfImages(RigidSearch):
 class PeriodicSearch:
     """Search of contacts between rigid bodies in a periodic cell.
 
-    Candidates and antagonists are those of `RigidSearch`. A key has the pair, the p whole numbers
-    of the lattice from the image of the lower body to that of the higher one, and the feature.
+    Candidates and antagonists are those of `RigidSearch`. A key has the pair of pieces, the p whole
+    numbers of the lattice from the image of the lower body to that of the higher one, and the
+    feature.
 
     Args:
         bodies: the bodies; walls (half-planes, half-spaces) along all period vectors.
@@ -118,8 +128,10 @@ class PeriodicSearch:
         self._bodies, self._reach, self._lattice = bodies, reach, lattice
         self._tables = without_flats(bodies.shapes)
         self._pairs = [((k, a), (m, b)) for a, b in pairs for k, m in _KINDS]
-        self._is_finite = np.isfinite(self._tables.bounding_radius)
-        radius = self._tables.bounding_radius[self._is_finite]
+        self._is_finite = np.isfinite(bodies.bounding_radius)
+        radius = bodies.bounding_radius[self._is_finite]
+        pieces = self._tables.body
+        self._turns = np.bincount(pieces, self._tables.entry >= 0) + np.bincount(pieces) > 1
         self._largest = float(radius.max(initial=0.0))
         self._skin = FIRST_SKIN * (reach + 2.0 * float(np.median(radius)) if len(radius) else reach)
         self.offset = np.empty((0, 2, bodies.dim))
@@ -189,8 +201,8 @@ class PeriodicSearch:
             turned = 2.0 * np.abs(np.sin(0.5 * (rotation - old_rotation)))
         else:
             turned = np.sqrt(0.5 * ((rotation - old_rotation) ** 2).sum(axis=(1, 2)))
-        turned = np.where(self._tables.entry >= 0, turned, 0.0)[self._is_finite]
-        length += turned * self._tables.bounding_radius[self._is_finite]
+        turned = np.where(self._turns, turned, 0.0)[self._is_finite]
+        length += turned * self._bodies.bounding_radius[self._is_finite]
         furthest = float(np.sort(length)[-2:].sum())
         return furthest + strain * (2.0 * self._largest + self._reach + self._skin)
 
@@ -202,7 +214,7 @@ class PeriodicSearch:
         share = position @ dual
         cell = np.where(self._is_finite[:, None], np.floor(share), 0.0).astype(np.int64)
         share -= cell
-        radius = np.where(self._is_finite, self._tables.bounding_radius, 0.0)
+        radius = np.where(self._is_finite, self._bodies.bounding_radius, 0.0)
         far = radius + self._largest + self._reach + self._skin
         far += _ROUNDING * np.abs(position[self._is_finite]).max(initial=0.0)
         margin = far[:, None] * np.linalg.norm(dual, axis=0)
@@ -222,6 +234,7 @@ class PeriodicSearch:
         order = np.argsort(source, kind="stable")
         self._source, self._shift = source[order], (np.concatenate(shift) @ numbers)[order]
         placed = _PlacedBodies(self._bodies, self._tables, self._source, is_image[order])
+        self._piece, self._placed = placed.piece, placed.shapes.body
         before, self._search = self._search, _SearchOfImages(placed, self._pairs, self._reach)
         if before is not None:
             self._search._expected = before._expected
@@ -232,8 +245,9 @@ class PeriodicSearch:
 
     def _between_bodies(self, contacts: Contacts, placed: np.ndarray) -> Contacts:
         """Contacts between images as those of their bodies, sorted by key."""
-        lower, higher = np.divmod(contacts.key[:, 0], len(self._source))
-        pair = self._source[lower] * len(self._bodies) + self._source[higher]
+        lower, higher = np.divmod(contacts.key[:, 0], len(self._piece))
+        pair = self._piece[lower] * len(self._tables.kind) + self._piece[higher]
+        lower, higher = self._placed[lower], self._placed[higher]
         own = np.flatnonzero(self._source[lower] == self._source[higher])
         if len(own):
             raise ValueError(
