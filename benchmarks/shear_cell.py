@@ -3,9 +3,9 @@
 
     ./fenicsx python3 benchmarks/shear_cell.py [--figure docs/shear_cell.png]
 
-The shear rate dF12/dt and the normal stress P22 = -P are given; F11 and F21 are held, so that
-P22 is the normal stress of Cauchy and the shear goes on for ever. With the mean mass m of a disc
-(per metre of depth) the inertial number is I = rate (m / P)^(1/2). Discs are those of da Cruz et al.
+The shear rate dF12/dt and the normal stress P22 = -P are given; F11 and F21 are held, so that P22
+is the normal stress of Cauchy and the shear goes on for ever. With the mean mass m of a disc (per
+metre of depth) the inertial number is I = rate (m / P)^(1/2). Discs are those of da Cruz et al.
 (2005): radii within 20 % of their mean, friction 0.4, restitution 0.1. Their laws are
 
     mu = -sigma_12 / sigma_22 = 0.25 + 1.1 I,     solid fraction = 0.81 - 0.3 I.

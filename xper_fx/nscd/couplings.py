@@ -113,7 +113,8 @@ def find_cell(node: int, inverse: BodyInverse) -> dict:
     """Where the dofs of a cell that deforms are, and their w, the diagonal of its blocks."""
     dim, n = inverse.dim, inverse.uniform_size
     diagonal = np.einsum("bii->bi", inverse.data.reshape(-1, n, n)).ravel()
-    return {"cell": np.int64(node * dim), "cell_w": diagonal[node * dim : (node + dim) * dim].copy()}
+    first = np.int64(node * dim)
+    return {"cell": first, "cell_w": diagonal[first : first + dim * dim].copy()}
 
 
 def couple_nodes(nodes: np.ndarray, inverse: BodyInverse) -> Couplings:
