@@ -388,7 +388,7 @@ SCENES = {
     meeting: {*_POINTS, "unilateral contact", "impact", "contact search"},
     struck: {*_POINTS, "unilateral contact", "impact", "contact search", "rigid bodies"},
     across: _GRAINS,
-    pressed: {*_GRAINS, "cell of rigid bodies that deforms"},
+    pressed: {*_GRAINS, "lattice that deforms"},
     split: {
         *_POINTS, "unilateral contact", "cohesion", "damage", "impact", "explicit bulk",
         "vertices that split",

@@ -176,7 +176,7 @@ EFFECTS = (
     ),
     Effect("lattice of rigid bodies", lambda s: s.scene.lattice is not None),
     Effect(
-        "cell of rigid bodies that deforms",
+        "lattice that deforms",
         lambda s: s.scene.lattice is not None and s.scene.macroscopic is not None,
     ),
     Effect("three dimensions", lambda s: s.bulk.dim == 3),
