@@ -54,11 +54,12 @@ def test_all_contacts_are_found_while_bodies_move_and_the_cell_is_sheared(lattic
     rng, reach, gradient = np.random.default_rng(1), 0.05, np.eye(dim)
     search = PeriodicSearch(bodies, [("g", "g")], reach, lattice)
     rotation = bodies.rotation
-    position, velocity, seen = bodies.position.copy(), rng.normal(0.0, 0.01, (count, dim)), 0
+    label, velocity, seen = bodies.position.copy(), rng.normal(0.0, 0.002, (count, dim)), 0
     for step in range(45):
-        if len(lattice) == dim:
-            gradient = gradient + 0.002 * np.eye(dim)[0]
+        if len(lattice) == dim:  # bodies go with the cell, and on their own
+            gradient = gradient - 0.004 * np.eye(dim)
             gradient[0, 1] += 0.008 if step < 35 else 0.5
+        position = label @ gradient.T
         contacts = search.find(position, rotation, gradient if len(lattice) == dim else None)
         vectors = lattice @ gradient.T
         expected = all_images(bodies, position, vectors, reach)
@@ -71,7 +72,7 @@ def test_all_contacts_are_found_while_bodies_move_and_the_cell_is_sheared(lattic
         centre = position[contacts.body] + search.offset
         along = contacts.normal * (contacts.gap + bodies.shapes.radius[pair].sum(1))[:, None]
         assert np.allclose(centre[:, 0] - centre[:, 1], along, atol=1e-11)
-        position += velocity
+        label += velocity
         seen += len(names)
     assert seen > 60
     assert search.renewals < 40  # lists serve for more than a step where little moves

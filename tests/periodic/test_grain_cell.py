@@ -137,13 +137,16 @@ def test_a_contact_across_the_border_meets_the_moving_images():
     """
     rebound, rate = 0.5, -0.2
     law = SignoriniCoulomb(restitution=rebound)
-    # 0 touches the image of 1 at -0.2, far from 1 itself at 2.8
-    bodies = [disc(0.8, 0.0), disc(2.8, 0.0)]
+    # disc 0 touches the image of 1 at 0.05, far from 1 itself at 3.05
+    bodies = [
+        RigidBody(Disc(0.5), (0.8, 0.0), "g", density=1.0),
+        RigidBody(Disc(0.25), (3.05, 0.0), "g", density=4.0),
+    ]
     drive = MacroscopicDrive(rate={"11": rate}, gradient={"12": 0.0, "21": 0.0, "22": 1.0})
     scene = grains_scene(bodies, (3.0, 4.0), law, macroscopic=drive)
     simulation = Simulation(scene, 1e-3, theta=1.0, tolerance=1e-12)
     run(simulation, 1e-3)
-    mass, branch = np.pi / 4, 1.0  # b of the reference cell, up to the step
+    mass, branch = np.pi / 4, 0.75  # b of the reference cell, up to the step
     push = -0.5 * mass * rate * branch * (1.0 + rebound)
     moved = push / mass
     assert np.allclose(simulation.rigid.fluctuation[:, 0], [moved, -moved], rtol=2e-3)
@@ -151,17 +154,19 @@ def test_a_contact_across_the_border_meets_the_moving_images():
     assert np.allclose(forces.force, [[push / 1e-3, 0.0]], rtol=2e-3)
     assert np.allclose(forces.position, [[0.3, 0.0]], atol=1e-3)  # left of disc 0
     # sigma_11 V = -f l in the mean over the step
-    assert simulation.macroscopic.stress[0, 0] * 12.0 == pytest.approx(-push / 1e-3, rel=2e-3)
+    stress = -push * branch / 1e-3 / 12.0
+    assert simulation.macroscopic.stress[0, 0] == pytest.approx(stress, rel=2e-3)
 
     free = MacroscopicDrive(gradient={"12": 0.0, "21": 0.0, "22": 1.0}, stress={"11": -1.0})
     simulation = Simulation(grains_scene(bodies, (3.0, 4.0), law, macroscopic=free), 1e-3)
     run(simulation, 1e-3)
     cell_mass = 2.0 * mass * (9.0 + 16.0) / 24.0
     (group,) = simulation.interactions.contacts
-    assert group.compliance[0, 0] == pytest.approx(2.0 / mass + 1.0 / cell_mass, rel=1e-12)
+    expected = 2.0 / mass + branch**2 / cell_mass
+    assert group.compliance[0, 0] == pytest.approx(expected, rel=1e-12)
     # pushed from rest by h V / m_c, which the contact, at rest before, takes a part of
     given = 1e-3 * 12.0 / cell_mass
-    held = given / group.compliance[0, 0] / cell_mass
+    held = given * branch**2 / expected / cell_mass
     assert simulation.macroscopic.rate[0, 0] == pytest.approx(held - given, rel=1e-9)
 
 
