@@ -298,6 +298,7 @@ def test_a_chute_between_its_periods():
         rigid=[wall, *bodies], lattice=(3.0, None), loads=[gravity],
         contacts=[Contact(("g", "wall"), law), Contact(("g", "g"), SMOOTH)],
     )  # fmt: skip
+    scene = replace(scene, lattice=scene.lattice)  # as rows
     simulation = Simulation(scene, 0.01, tolerance=1e-10)
     record, worst = run(simulation, 1.0)
     speed = 10.0 * (np.sin(slope) - friction * np.cos(slope))

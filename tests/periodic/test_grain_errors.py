@@ -39,6 +39,8 @@ def wall(angle=0.0):
         ({"lattice": (3.0,)}, "2 edges of a box or 2 period vectors"),
         ({"lattice": "box"}, "lattice should"),
         ({"lattice": (3.0, "4")}, "lattice should"),
+        ({"lattice": [[0.0, 0.0]]}, "span no volume"),
+        ({"lattice": [[3.0, np.inf]]}, "finite"),
         ({"lattice": (None, None)}, "no period in any direction"),
         ({"lattice": (-3.0, 4.0)}, "positive lengths"),
         ({"lattice": (np.nan, 4.0)}, "finite"),

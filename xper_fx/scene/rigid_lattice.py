@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from xper_fx.bodies.lattice import checked_lattice
 from xper_fx.periodic.drive import MacroscopicDrive
+from xper_fx.support.checks import require_numbers
 
 if TYPE_CHECKING:
     from xper_fx.nscd.rigid.bodies import RigidBodies
@@ -22,13 +23,20 @@ def lattice_of_grains(lattice: npt.ArrayLike, dim: int) -> np.ndarray:
     """The period vectors as rows, shape (p, dim), m.
 
     Args:
-        lattice: edges of a box, None for a direction without a period, or dim vectors as rows, m.
+        lattice: edges of a box, None for a direction without a period, or as many vectors as there
+            are periods, as rows, m.
         dim: dimension of space.
 
     Raises:
         ValueError, TypeError: something else, or no period at all.
     """
     edges = list(lattice) if np.iterable(lattice) and not isinstance(lattice, str) else []
+    if 0 < len(edges) < dim and np.shape(lattice) == (len(edges), dim):
+        # completed by directions across them, which have no periods
+        rows = require_numbers("lattice", lattice)
+        if np.all(np.isfinite(rows)):
+            across = np.linalg.svd(rows)[2][len(edges) :]
+            return checked_lattice([*rows, *across], dim)[: len(edges)]
     if len(edges) == dim and any(edge is None for edge in edges):
         periodic = [edge is not None for edge in edges]
         if not any(periodic):

@@ -64,9 +64,9 @@ class Scene:
             those of the fluctuation.
         rigid: rigid bodies; of the loads gravity acts on them.
         lattice: makes a scene of rigid bodies alone periodic: edges of its box, shape (dim,), None
-            for a direction without a period, or period vectors as rows, shape (dim, dim), m. The
-            cell keeps its shape unless `macroscopic` drives it. Bodies may lie anywhere, as each
-            stands for all of its images.
+            for a direction without a period, or period vectors as rows, shape (p, dim), p <= dim,
+            m, which they are made. The cell keeps its shape unless `macroscopic` drives it. Bodies
+            may lie anywhere, as each stands for all of its images.
         surfaces: cell tags of the meshed bodies that make up a group, by the group's name; their
             outer facets, and those that fracture frees, are what `contacts` of the group touch.
         contacts: between which groups (rigid bodies by their `group`, surfaces by their name)

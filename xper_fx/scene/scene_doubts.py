@@ -32,6 +32,8 @@ _BEHIND, _SOFT = 1e-3, 0.1
 # Speed (m/s) that no wave in a solid reaches, and a step beside the time in which a wave crosses
 # the smallest body.
 _FASTEST, _SHORTEST = 1e5, 1e-5
+# Momentum of grains in a cell, beside that of each, that is rounding.
+_STILL = 1e-9
 
 
 def scene_doubts(scene: Scene, step: float | None) -> Iterator[str]:
@@ -43,6 +45,8 @@ def scene_doubts(scene: Scene, step: float | None) -> Iterator[str]:
     """
     if scene.rigid_bodies is not None:
         yield from _degrees(scene)
+        if scene.lattice is not None and scene.macroscopic is not None:
+            yield from _drift(scene)
     if scene.bodies is not None:
         for wall in scene.walls:
             yield from _wall_doubts(scene, wall)
@@ -65,6 +69,18 @@ def _degrees(scene: Scene) -> Iterator[str]:
         yield (
             f"the angle of rigid body {large[0]} is {bodies.rotation[large[0]]:g} rad, more than a "
             f"turn ({len(large)} such in all); angles are in radians: numpy.deg2rad(degrees)"
+        )
+
+
+def _drift(scene: Scene) -> Iterator[str]:
+    """A fluctuation with a mean, which a cell that deforms carries along and changes."""
+    bodies = scene.rigid_bodies
+    momentum = np.linalg.norm(bodies.mass @ bodies.velocity)
+    if momentum > _STILL * (bodies.mass @ np.linalg.norm(bodies.velocity, axis=1)):
+        mean = [float(f"{v:.4g}") for v in bodies.mass @ bodies.velocity / bodies.mass.sum()]
+        yield (
+            f"the grains of the periodic cell have the mean velocity {mean} m/s, which adds to the "
+            "stress and changes as the cell deforms; take it from all `velocity`"
         )
 
 
