@@ -10,7 +10,7 @@ metre of depth) the inertial number is I = rate (m / P)^(1/2). Discs are those o
 
     mu = -sigma_12 / sigma_22 = 0.25 + 1.1 I,     solid fraction = 0.81 - 0.3 I.
 
-Solid fractions come out within 0.005 of theirs, friction 0.02 to 0.05 above it (`docs/validation.md`).
+Solid fractions come out within 0.005 of theirs, friction 0.02 to 0.05 above (`docs/validation.md`).
 Means are over the strain after the first unit, and errors are the standard errors of means over
 pieces of half a unit. The solid fraction counts discs whole where they overlap.
 """

@@ -46,7 +46,9 @@ class Heap:
             SimpleNamespace(law=law, between=("grains", group), reach=reach)
             for group in self.bodies.groups
         ]
-        scene = SimpleNamespace(contacts=contacts, rigid_bodies=self.bodies, surfaces={})
+        scene = SimpleNamespace(
+            contacts=contacts, rigid_bodies=self.bodies, surfaces={}, lattice=None
+        )
         self.detection = Detection(scene, [], None)
         nothing = InteractionPoints(
             np.zeros((0, 2, 1), np.int32), np.zeros((0, 2, 1)), np.zeros((0, dim, dim)),
