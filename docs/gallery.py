@@ -263,6 +263,13 @@ GALLERY = (
         "minutes",
     ),
     Figures(
+        "benchmarks/shear_cell.py",
+        "--figure {out}/shear_cell.png",
+        {"shear_cell": "shear_cell.png"},
+        ("Plane shear of discs: friction and solid fraction against the inertial number",),
+        "long",
+    ),
+    Figures(
         "benchmarks/stall_study.py",
         "--patience 100 --results {out}/stall_study.json --figure {out}/stall_study.png",
         {"stall_study": "stall_study.png"},

@@ -179,10 +179,14 @@ def check_a_first_run(names, printed):
 
 
 def check_the_periodic_cell(names, printed):
-    """524.7 MPa at 1 %, nothing sideways."""
+    """524.7 MPa at 1 %, nothing sideways; discs that bear what is asked for, and flow."""
     stress = names["simulation"].macroscopic.stress
     np.testing.assert_allclose(stress[0, 0], 524.7e6, rtol=1e-3)
     assert abs(stress[1, 1]) < 1e-6 * stress[0, 0]
+    assert 0.55 < np.linalg.det(names["packing"].macroscopic.gradient) < 0.65
+    stress = names["s"]
+    np.testing.assert_allclose(stress[1, 1], -1.0, rtol=0.1)
+    assert 0.2 < -stress[0, 1] / stress[1, 1] < 0.5
 
 
 def check_the_contact_problem(names, printed):

@@ -36,6 +36,13 @@ def of_material(young, density):
 ON_FLOOR = [("discs", "floor")]
 
 
+def in_cell(*speeds):
+    """Discs in a cell that is sheared, each with a velocity along x."""
+    drive = xf.MacroscopicDrive(rate={"12": 1.0}, gradient={"11": 1.0, "21": 0.0, "22": 1.0})
+    discs = [disc((3.0 * i, 0.0), velocity=(speed, 0.0)) for i, speed in enumerate(speeds)]
+    return of_discs(*discs, lattice=(9.0, 9.0), macroscopic=drive)
+
+
 @pytest.mark.parametrize(
     "scene",
     [
@@ -47,6 +54,7 @@ ON_FLOOR = [("discs", "floor")]
         lambda: walled((0.0, 1e-6), (0.0, 1.0)),
         lambda: bonded(1e12),
         lambda: near_block(1.3),
+        lambda: in_cell(0.3, -0.3),
         lambda: blocks(1.0),
         of_plate,
     ],
@@ -64,6 +72,7 @@ def test_sound_scenes_are_left_alone(scene):
         (lambda: bonded(1e7), "1e+07 Pa/m of a cohesive law is soft"),
         (lambda: of_material(1e11, 7.8e-9), "3.6e+09 m/s"),
         (lambda: of_material(1.0, 1e-3), "step of 1e-12 s is short beside the 0.0316 s"),
+        (lambda: in_cell(0.3, 0.1), "mean velocity [0.2, 0.0] m/s"),
         (lambda: near_block(0.5), "rigid body 0 lies in the meshed body 0"),
         (lambda: blocks(0.9), "meshed bodies 0 and 1 overlap at [0."),
     ],

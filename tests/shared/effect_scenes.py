@@ -295,6 +295,37 @@ def sunk():
     return Simulation(scene, 0.1, num_threads=1, solver="nlgs")
 
 
+def _lattice(**options):
+    """Two discs, one of which meets the image of the other."""
+    from xper_fx.nscd.laws import SignoriniCoulomb
+    from xper_fx.nscd.rigid import Disc, RigidBody
+    from xper_fx.scene.contact import Contact
+    from xper_fx.scene.scene import Scene
+    from xper_fx.simulation.simulation import Simulation
+
+    places = {0.6: -0.1, 2.59: 0.1}
+    discs = [
+        RigidBody(Disc(0.5), (x, 0.4), "disc", density=1.0, velocity=(v, 0.0))
+        for x, v in places.items()
+    ]
+    scene = Scene(
+        rigid=discs, lattice=(3.0, 2.0), contacts=[Contact(("disc", "disc"), SignoriniCoulomb())],
+        **options,
+    )  # fmt: skip
+    return Simulation(scene, 0.1, num_threads=1, solver="nlgs")
+
+
+def across():
+    return _lattice()
+
+
+def pressed():
+    from xper_fx.periodic.drive import MacroscopicDrive
+
+    drive = MacroscopicDrive(rate={"12": 0.1}, gradient={"11": 1.0, "21": 0.0}, stress={"22": -1.0})
+    return _lattice(macroscopic=drive)
+
+
 def split():
     """Two crossed squares whose cells are one mesh until bonds let go."""
     from xper_fx.nscd.laws import RigidCohesiveZone
@@ -379,6 +410,10 @@ def spun():
 # Which effects each calls for.
 _PERIODIC = {"periodicity", "macroscopic control"}
 _POINTS = {"inertia", "interactions"}
+_GRAINS = {
+    "interactions", "unilateral contact", "impact", "contact search", "rigid bodies",
+    "lattice of rigid bodies",
+}  # fmt: skip
 SCENES = {
     static: set(),
     dynamic: {
@@ -416,6 +451,8 @@ SCENES = {
     sunk: {
         "interactions", "unilateral contact", "impact", "contact search", "rigid bodies", "healing",
     },
+    across: _GRAINS,
+    pressed: {*_GRAINS, "lattice that deforms"},
     split: {
         *_POINTS, "unilateral contact", "cohesion", "damage", "impact", "explicit bulk",
         "vertices that split",
@@ -590,9 +627,10 @@ def observe(name: str, removed: list[str]) -> dict:
 
     state, ledger = simulation.state, simulation.ledger.as_columns()
     moved, velocity = state.displacement, state.velocity
-    if not moved.size:
-        rigid = simulation.rigid.state
-        moved, velocity = rigid.position - simulation.rigid.start.position, rigid.velocity
+    if simulation.rigid is not None:
+        place, start = simulation.rigid.state, simulation.rigid.start
+        moved = np.append(moved, place.position - start.position)
+        velocity = np.append(velocity, place.velocity)
     digest = hashlib.sha256(moved.tobytes() + velocity.tobytes())
     digest.update(json.dumps(ledger).encode())
     return {

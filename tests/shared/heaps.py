@@ -47,7 +47,7 @@ class Heap:
             for group in self.bodies.groups
         ]
         scene = SimpleNamespace(
-            contacts=contacts, rigid_bodies=self.bodies, surfaces={}, kept_apart=None
+            contacts=contacts, rigid_bodies=self.bodies, surfaces={}, kept_apart=None, lattice=None
         )  # fmt: skip
         self.detection = Detection(scene, [], None)
         nothing = InteractionPoints(

@@ -83,9 +83,12 @@ class ContactHistory:
         self._records = {kind: _merged(parts) for kind, parts in records.items()}
 
     def saved(self, kernels: Sequence[LawKernels]) -> dict[str, dict[str, Rows]]:
-        """All records as `Rows` by key, by number among kernels, nodes a side, with lever arms."""
+        """All records as `Rows` by key.
+
+        Names are the number among kernels, nodes a side, whether with lever arms and branches.
+        """
         return {
-            f"{kernels.index(law)} {sides.k} {int(sides.lever_arms)}": {
+            f"{kernels.index(law)} {sides.k} {int(sides.lever_arms)} {int(sides.branches)}": {
                 name: Rows(record.keys, values) for name, values in record._asdict().items()
             }
             for (law, sides), record in self._records.items()
@@ -98,8 +101,8 @@ class ContactHistory:
         """The history that `saved` told of; `kernels` are those of each law."""
         history = cls([])
         for name, record in saved.items():
-            law, k, lever_arms = map(int, name.split())
-            sides = Sides(dim, kernels[law].components, k, bool(lever_arms))
+            law, k, lever_arms, branches = map(int, name.split())
+            sides = Sides(dim, kernels[law].components, k, bool(lever_arms), bool(branches))
             history._records[kernels[law], sides] = _Record(**record)
         return history
 

@@ -32,12 +32,14 @@ class Sides(NamedTuple):
         components: of local vectors.
         k: nodes on a side.
         lever_arms: whether there are sides on rigid bodies.
+        branches: whether points read a periodic cell that deforms.
     """
 
     dim: int
     components: int
     k: int
     lever_arms: bool = False
+    branches: bool = False
 
 
 class Blocks(NamedTuple):
@@ -70,6 +72,9 @@ class Couplings(NamedTuple):
             its first node; None without lever arms.
         lever_arms: shape (num_points, 2, dim) (m), zero where a side is not rigid; None without
         lever arms.
+        branches: shape (num_points, dim) (m), None without a periodic cell that deforms.
+        cell: first dof of dFbar/dt, column after column.
+        cell_w: w of these dofs, shape (dim^2,); they have no others.
     """
 
     start: np.ndarray
@@ -81,6 +86,9 @@ class Couplings(NamedTuple):
     w: np.ndarray
     rotation_dof: np.ndarray | None = None
     lever_arms: np.ndarray | None = None
+    branches: np.ndarray | None = None
+    cell: np.int64 | None = None
+    cell_w: np.ndarray | None = None
 
 
 def couple(points: InteractionPoints, inverse: BodyInverse) -> Couplings:
@@ -96,7 +104,17 @@ def couple(points: InteractionPoints, inverse: BodyInverse) -> Couplings:
     start, body, size, rows = (a.astype(small) for a in (start, body, size, rows))
     turn = None if points.lever_arms is None else np.empty(0, small)
     couplings = Couplings(start, points.weights, body, size, rows, points.frame, inverse.data, turn)
+    if points.branches is not None:
+        couplings = couplings._replace(**find_cell(points.branches.node, inverse))
     return couple_again(couplings, points)
+
+
+def find_cell(node: int, inverse: BodyInverse) -> dict:
+    """Where the dofs of a cell that deforms are, and their w, the diagonal of its blocks."""
+    dim, n = inverse.dim, inverse.uniform_size
+    diagonal = np.einsum("bii->bi", inverse.data.reshape(-1, n, n)).ravel()
+    first = np.int64(node * dim)
+    return {"cell": first, "cell_w": diagonal[first : first + dim * dim].copy()}
 
 
 def couple_nodes(nodes: np.ndarray, inverse: BodyInverse) -> Couplings:
@@ -130,6 +148,7 @@ def couple_again(couplings: Couplings, points: InteractionPoints) -> Couplings:
         frame=np.ascontiguousarray(frame),
         rotation_dof=turn,
         lever_arms=points.lever_arms,
+        branches=None if points.branches is None else points.branches.vectors,
     )
 
 
@@ -191,13 +210,14 @@ def motion(sides: Sides, blocks: Blocks = ANY_BLOCKS):
         sides: what the points are.
         blocks: what the blocks of w are; `read` does not care.
     """
-    dim, components, k, lever_arms = sides
+    dim, components, k, lever_arms, branches = sides
     size = blocks.size
     local, world = for_dimension(dim, components), for_dimension(dim)
     to_local, to_global = local.to_local, local.to_global
     add, subtract, times = world.add, world.subtract, world.scale
     vector = 0 < size <= _VECTOR_DOFS and not config.DISABLE_JIT
     turned, _, moment = lever_arm_kernels(dim) if lever_arms else (None, None, None)
+    stretched = stretching_kernel(dim) if branches else None
     turns = dim if dim == 3 else 1  # components of a rotation
     add_rows = _add_rows(dim, size) if vector else None
     add_turns = _add_rows(turns, size) if vector else None
@@ -230,7 +250,10 @@ def motion(sides: Sides, blocks: Blocks = ANY_BLOCKS):
         if lever_arms:
             candidate = add(side(v, c, i, 0), turned(v, c, i, 0))
             antagonist = add(side(v, c, i, 1), turned(v, c, i, 1))
-            return to_local(c.frame, i, subtract(candidate, antagonist))
+            apart = subtract(candidate, antagonist)
+            if branches:
+                apart = add(apart, stretched(v, c, i))
+            return to_local(c.frame, i, apart)
         return to_local(c.frame, i, subtract(side(v, c, i, 0), side(v, c, i, 1)))
 
     @njit(inline="always")
@@ -274,8 +297,35 @@ def motion(sides: Sides, blocks: Blocks = ANY_BLOCKS):
                         for m in range(n):
                             v[base + m] += c.w[row + np.uintp(d) * n + m] * g[d]
             sign = -1.0
+        if branches:
+            for j in range(dim):
+                for d in range(dim):
+                    at = j * dim + d
+                    v[c.cell + at] += c.cell_w[at] * c.branches[i, j] * f[d]
 
     return read, push
+
+
+@cache
+def stretching_kernel(dim: int):
+    """Kernel `stretched(v, c, i) -> dFbar/dt b` of a point's branch b."""
+    world = for_dimension(dim)
+
+    @njit(inline="always")
+    def column(v, c, j):
+        at = c.cell + j * dim
+        if dim == 2:
+            return v[at], v[at + 1]
+        return v[at], v[at + 1], v[at + 2]
+
+    @njit(inline="always")
+    def stretched(v, c, i):
+        total = world.scale(c.branches[i, 0], column(v, c, 0))
+        for j in range(1, dim):
+            total = world.add(total, world.scale(c.branches[i, j], column(v, c, j)))
+        return total
+
+    return stretched
 
 
 @intrinsic
@@ -393,7 +443,7 @@ def push_kernel(sides: Sides, blocks: Blocks):
 @cache
 def point_force(sides: Sides):
     """Kernel `give(p, couplings, i, f)`: p += H f for the force f, in global axes, of a point."""
-    dim, _, k, lever_arms = sides
+    dim, _, k, lever_arms, branches = sides
     moment = lever_arm_kernels(dim)[2] if lever_arms else None
     times = for_dimension(dim).scale
     turns = dim if dim == 3 else 1
@@ -416,6 +466,10 @@ def point_force(sides: Sides):
                 for d in range(turns):
                     p[c.rotation_dof[i, s] + d] += g[d]  # nothing where the side is not rigid
                 sign = -1.0
+        if branches:
+            for j in range(dim):
+                for d in range(dim):
+                    p[c.cell + j * dim + d] += c.branches[i, j] * f[d]
 
     return give
 

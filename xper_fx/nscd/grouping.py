@@ -172,7 +172,7 @@ class Grouping:
         points = points.with_components(kernels.components)
         if like is None:
             num_blocks = len(self._still)
-            blocks = self._blocks_of(points.nodes[indices])
+            blocks = self._blocks_of(points, indices)
             ordering = self._ordered(blocks, num_blocks, indices)
             tile_bodies = bodies_of_tiles(ordering, blocks, num_blocks)
             indices = indices[ordering.order]
@@ -183,7 +183,10 @@ class Grouping:
             points = points.take(indices)
             couplings = couple_again(like.couplings, points)
         n, components = len(points), kernels.components
-        sides = Sides(inverse.dim, components, points.nodes.shape[2], points.lever_arms is not None)
+        sides = Sides(
+            inverse.dim, components, points.nodes.shape[2], points.lever_arms is not None,
+            points.branches is not None,
+        )  # fmt: skip
         which = law_of_point[indices]
         parameters = self._rows("parameters", which, law_of_point, indices)
         born = "later_state" if later else "initial_state"
@@ -252,7 +255,7 @@ class Grouping:
         """A group of the points of another one that are kept, with their history."""
         # in the scene's order first: who retires together leaves no trace in the order of visit
         kept = kept[np.argsort(group.indices[kept])]
-        blocks = self._blocks_of(group.points.nodes[kept])
+        blocks = self._blocks_of(group.points, kept)
         ordering = order_points(blocks, len(self._still))
         kept = kept[ordering.order]
         points = group.points.take(kept)
@@ -267,9 +270,13 @@ class Grouping:
             turning=None if group.turning is None else group.turning.take(kept), **arrays,
         )  # fmt: skip
 
-    def _blocks_of(self, nodes: np.ndarray) -> np.ndarray:
-        """Blocks of both sides of points; what cannot be moved counts as the ground."""
-        blocks = self._block_of_node[nodes[:, :, 0]]
+    def _blocks_of(self, points: InteractionPoints, indices: np.ndarray) -> np.ndarray:
+        """Blocks that some points move; what cannot be moved counts as the ground."""
+        blocks = self._block_of_node[points.nodes[indices, :, 0]]
+        if points.branches is not None:
+            first = points.branches.node
+            cell = np.unique(self._block_of_node[first : first + self._dim])
+            blocks = np.column_stack([blocks, np.tile(cell, (len(blocks), 1))])
         return np.where(self._still[blocks], len(self._still) - 1, blocks)
 
     @property

@@ -36,6 +36,10 @@ def opening_matrix(group: PointGroup, num_dofs: int) -> csr_array:
             else:
                 moment = np.cross(a, frame)
             parts.append((sign * moment, c.rotation_dof[:, side]))
+    if points.branches is not None:
+        for j in range(dim):
+            first = np.full(n, c.cell + j * dim)
+            parts.append((points.branches.vectors[:, j, None, None] * frame, first))
     entries, at = [], []
     for values, first in parts:
         columns = first[:, None, None] + np.arange(values.shape[2])

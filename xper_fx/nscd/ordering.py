@@ -5,6 +5,8 @@ Consecutive bodies form a *tile* whose points are visited together, so that its 
 blocks of w stay in cache. Tiles of one colour share no body: threads take them at the same time,
 and the numbers do not depend on how many threads there are. Within a tile, points are sorted by a
 colour of their own: successive visits then touch different bodies and their arithmetic overlaps.
+A periodic cell of rigid bodies that deforms is moved by all points: each tile then has a colour of
+its own, and one thread takes them all.
 
 With one block of w a node, points couple only through nodes they share: the connected components
 of the graph node - point - node, one a mesh vertex, are then tiles of one colour.
@@ -153,8 +155,9 @@ def order_points(blocks: np.ndarray, num_blocks: int) -> Ordering:
     """Order the points between pairs of bodies.
 
     Args:
-        blocks: shape (num_points, 2), block of the candidate and of the antagonist; the last
-            block (num_blocks - 1) is the ground and conflicts with nothing.
+        blocks: shape (num_points, 2 or more), block of the candidate and of the antagonist, and
+            those that all points move; the last block (num_blocks - 1) is the ground and
+            conflicts with nothing.
         num_blocks: number of blocks, the ground's included.
 
     Returns:
@@ -165,11 +168,11 @@ def order_points(blocks: np.ndarray, num_blocks: int) -> Ordering:
         zero = np.zeros(1, np.int64)
         return Ordering(np.zeros(0, np.int32), zero, zero)
     blocks = np.ascontiguousarray(blocks, dtype=np.int32)
-    ground = num_blocks - 1
-    point_color = greedy_colors(np.arange(count + 1) * 2, blocks.ravel(), num_blocks, ground)
+    ground, sides = num_blocks - 1, blocks[:, :2]
+    point_color = greedy_colors(np.arange(count + 1) * 2, sides.ravel(), num_blocks, ground)
 
     bodies_a_tile = max(1, round(_TILE_POINTS * (num_blocks - 1) / count))
-    tile = blocks.min(axis=1) // bodies_a_tile
+    tile = sides.min(axis=1) // bodies_a_tile
     present = np.bincount(tile) > 0
     tile = (np.cumsum(present) - 1)[tile]
     num_tiles = int(np.count_nonzero(present))
@@ -221,7 +224,7 @@ def _touched(
     blocks: np.ndarray, order: np.ndarray, tile_offsets: np.ndarray, num_blocks: int, ignored: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """The blocks that the points of each tile touch, once each: offsets and blocks."""
-    offsets, members = np.zeros_like(tile_offsets), np.empty(2 * len(order), np.int32)
+    offsets, members = np.zeros_like(tile_offsets), np.empty(blocks.size, np.int32)
     _touch(blocks, order, tile_offsets, ignored, np.full(num_blocks, -1), offsets, members)
     return offsets, members[: offsets[-1]].copy()
 
@@ -231,7 +234,7 @@ def _touch(blocks, order, tile_offsets, ignored, seen, offsets, members):
     count = 0
     for tile in range(len(tile_offsets) - 1):
         for n in range(tile_offsets[tile], tile_offsets[tile + 1]):
-            for s in range(2):
+            for s in range(blocks.shape[1]):
                 b = blocks[order[n], s]
                 if b != ignored and seen[b] != tile:
                     seen[b] = tile
@@ -263,7 +266,7 @@ def bodies_of_tiles(ordering: Ordering, blocks: np.ndarray, num_blocks: int) -> 
 
     Args:
         ordering: the tiles.
-        blocks: shape (num_points, 2), blocks of the points before they were put in order.
+        blocks: shape (num_points, 2 or more), blocks of the points before they were put in order.
         num_blocks: number of blocks, the ground's (the last) included.
     """
     blocks = np.ascontiguousarray(blocks, dtype=np.int32)

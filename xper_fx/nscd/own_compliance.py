@@ -26,10 +26,14 @@ def update_compliance(group: PointGroup, inverse: BodyInverse) -> None:
     if not group.sides.lever_arms:
         _compliance(*arguments)
         return
-    dim, components, k, _ = group.sides
+    dim, components, k, _, branches = group.sides
     columns = k * dim + (dim if dim == 3 else 1)
     h, at = np.empty((components, columns)), np.empty(columns, np.int64)
     _compliance_with_lever_arms(*arguments, h, at)
+    if branches:
+        c, frame = group.couplings, group.points.frame
+        w = c.branches**2 @ c.cell_w.reshape(dim, dim)
+        group.compliance += np.einsum("ped,pd,ped->pe", frame[:, rows], w, frame[:, cols])
 
 
 def update_diagonal(group: PointGroup, which: np.ndarray) -> None:

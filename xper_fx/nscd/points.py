@@ -14,17 +14,35 @@ move: a point against it is contact with a fixed obstacle.
 A rigid body has two nodes, one after the other: its translation v and its rotation omega (2D: omega
 in the first component). A side on it names the first, and its *arm* a from the body's centre to the
 point: the side moves with v + omega x a, and an impulse f on it turns the body by a x f.
+
+In a periodic cell of rigid bodies that deforms, the nodes of the bodies hold the fluctuation of the
+velocity, and dim more nodes hold the columns of dFbar/dt. With the *branch* b of a point, the
+vector from the antagonist's centre to the candidate's in the axes of the reference cell,
+
+    U = frame (... + dFbar/dt b),       and an impulse f on the candidate gives the cell f (x) b.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 if TYPE_CHECKING:
     from xper_fx.nscd.lips import Lips
+
+
+class Branches(NamedTuple):
+    """How points read a periodic cell that deforms.
+
+    Attributes:
+        node: first of the dim nodes that hold the columns of dFbar/dt (1/s).
+        vectors: b, shape (num_points, dim), m.
+    """
+
+    node: int
+    vectors: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -44,6 +62,7 @@ class InteractionPoints:
             1/radius; None where no law resists rolling.
         lips: facets on both sides, with which frames turn (`nscd/turning_frames.py`); None where
             frames stay what they are.
+        branches: of points between rigid bodies of a periodic cell that deforms; None without one.
     """
 
     nodes: np.ndarray
@@ -54,6 +73,7 @@ class InteractionPoints:
     lever_arms: np.ndarray | None = None
     round_radius: np.ndarray | None = None
     lips: Lips | None = None
+    branches: Branches | None = None
 
     @property
     def dim(self) -> int:
@@ -68,6 +88,9 @@ class InteractionPoints:
         return InteractionPoints(
             *(np.ascontiguousarray(a[indices]) for a in self._arrays()),
             lips=None if self.lips is None else self.lips.take(indices),
+            branches=None
+            if self.branches is None
+            else self.branches._replace(vectors=self.branches.vectors[indices]),
         )
 
     def with_components(self, components: int) -> InteractionPoints:
@@ -88,7 +111,8 @@ class InteractionPoints:
     def nbytes(self) -> int:
         """Memory held, in bytes."""
         lips = 0 if self.lips is None else self.lips.nbytes
-        return sum(a.nbytes for a in self._arrays()) + lips
+        branches = 0 if self.branches is None else self.branches.vectors.nbytes
+        return sum(a.nbytes for a in self._arrays()) + lips + branches
 
     def relative(self, nodal: np.ndarray) -> np.ndarray:
         """H^T v: relative vectors in the local frame.
@@ -102,7 +126,11 @@ class InteractionPoints:
         sides = np.einsum("psk,pskd->psd", self.weights, nodal[self.nodes])
         if self.lever_arms is not None:
             sides += _cross(nodal[self.rotation_nodes()], self.lever_arms)
-        return np.einsum("pij,pj->pi", self.frame, sides[:, 0] - sides[:, 1])
+        apart = sides[:, 0] - sides[:, 1]
+        if self.branches is not None:
+            node, vectors = self.branches
+            apart += vectors @ nodal[node : node + self.dim]
+        return np.einsum("pij,pj->pi", self.frame, apart)
 
     def nodal(self, local: np.ndarray, num_nodes: int) -> np.ndarray:
         """H r: impulses on the nodes.
@@ -126,13 +154,17 @@ class InteractionPoints:
                     _moment(self.lever_arms, pushed).reshape(-1, self.dim),
                 ]
             )
-        return np.stack(
+        total = np.stack(
             [
                 np.bincount(flat, signed[..., d].ravel(), minlength=num_nodes + 1)
                 for d in range(self.dim)
             ],
             axis=1,
         )
+        if self.branches is not None:
+            node, vectors = self.branches
+            total[node : node + self.dim] += vectors.T @ world
+        return total
 
 
 def _cross(spin: np.ndarray, arm: np.ndarray) -> np.ndarray:

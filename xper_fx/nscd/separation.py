@@ -30,7 +30,7 @@ from xper_fx.nscd.laws import SignoriniCoulomb
 from xper_fx.nscd.points import InteractionPoints, frame_from_normal
 from xper_fx.nscd.rigid.bodies import RigidBodies
 from xper_fx.nscd.search.contact_pairs import Contacts
-from xper_fx.nscd.search.rigid_search import RigidSearch
+from xper_fx.nscd.search.search_of_bodies import search_of_bodies
 from xper_fx.nscd.solvers.nlgs import NonlinearGaussSeidel
 from xper_fx.nscd.solvers.solver import SolveOptions
 
@@ -47,6 +47,7 @@ class Separation:
         bodies: the bodies, one of them no wall.
         pairs: names of groups that may touch.
         apart: pairs of bodies that may overlap, as of `RigidSearch`.
+        lattice: period vectors as rows, shape (p, dim), m; None without a periodic cell.
     """
 
     def __init__(
@@ -54,10 +55,12 @@ class Separation:
         bodies: RigidBodies,
         pairs: Sequence[tuple[str, str]],
         apart: np.ndarray | None = None,
+        lattice: np.ndarray | None = None,
     ):
-        self._radius = bodies.bounding_radius
+        self._radius, self._in_cell = bodies.bounding_radius, lattice is not None
         smallest = float(bodies.shapes.bounding_radius.min())
-        self._search = RigidSearch(bodies, pairs, _REACH * smallest, apart)
+        self._reach = _REACH * smallest
+        self._search = search_of_bodies(bodies, pairs, self._reach, apart, lattice)
 
     @property
     def nbytes(self) -> int:
@@ -95,10 +98,13 @@ class Separation:
             BodyInverse.from_uniform(np.zeros((0, dim, dim)), dim), rigid_blocks=blocks,
         )  # fmt: skip
         layer.take_rigid(rest, rest)
+        centre = position[contacts.body]
+        if self._in_cell:
+            centre += self._search.offset
         points = InteractionPoints(
             (2 * contacts.body[:, :, None]).astype(np.int32), np.ones(contacts.nodes.shape),
             frame_from_normal(contacts.normal), contacts.area, gap,
-            contacts.point[:, None] - position[contacts.body],
+            contacts.point[:, None] - centre,
         )  # fmt: skip
         found = FoundPoints(points, np.zeros(len(points), int), contacts.key)
         layer.find_contacts([found], np.zeros((0, dim)), 1.0, 1.0)
@@ -108,4 +114,4 @@ class Separation:
         motion = layer.rigid_part(moved).reshape(count, 2, dim)
         way, turned = np.linalg.norm(motion, axis=2).T
         largest = float(np.max(way + turned * np.where(turned > 0.0, self._radius, 0.0)))
-        return motion * min(1.0, 0.5 * self._search.reach / max(largest, np.finfo(float).tiny))
+        return motion * min(1.0, 0.5 * self._reach / max(largest, np.finfo(float).tiny))

@@ -171,7 +171,7 @@ def turn_loop(sides: Sides):
 
     It returns the first point whose facet flips, or -1.
     """
-    dim, components, _, _ = sides
+    dim, components = sides[:2]
     own, world, lips = for_dimension(dim, components), for_dimension(dim), lip_kernels(dim)
     set_row, subtract, scale = own.set_row, own.subtract, own.scale
     add_world, scale_world, set_world = world.add, world.scale, world.set_row
@@ -279,7 +279,7 @@ def settle_loop(law: LawKernels, sides: Sides):
     is that of the velocities found. It returns, of points of the second kind, what is booked as
     numerical less what their couples worked against it (J; 2D: J/m).
     """
-    dim, components, _, _ = sides
+    dim, components = sides[:2]
     own, world, lips = for_dimension(dim, components), for_dimension(dim), lip_kernels(dim)
     row, set_row, add, scale, dot = own.row, own.set_row, own.add, own.scale, own.dot
     row_world, to_local, plus = world.row, own.to_local, lips.plus
@@ -318,7 +318,7 @@ def settle_loop(law: LawKernels, sides: Sides):
 @cache
 def couple_loop(sides: Sides):
     """The loop over points that adds the impulses of their couples to those of the nodes."""
-    dim, components, _, _ = sides
+    dim, components = sides[:2]
     own, world, lips = for_dimension(dim, components), for_dimension(dim), lip_kernels(dim)
     row, to_global, row_world, forces = own.row, own.to_global, world.row, lips.forces
     arms_at, normal_at = lips.arms_at, lips.normal_at

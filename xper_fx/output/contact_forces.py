@@ -17,7 +17,8 @@ class ContactForces(NamedTuple):
     Attributes:
         bodies: candidate and antagonist, shape (n, 2), int. Meshed bodies have the numbers they
             have in `Scene.bodies`, rigid ones come after them.
-        position: of the point, shape (n, dim), m; to first order in the step.
+        position: of the point, shape (n, dim), m; to first order in the step. In a periodic cell
+            of rigid bodies it is that at the candidate's image in the cell at the origin.
         normal: from antagonist to candidate, shape (n, dim).
         force: of the antagonist on the candidate, mean over the step, shape (n, dim), N (2D: N/m).
         couple: the same of what resists rolling, shape (n, 1) in 2D and (n, 3) in 3D, N m (2D:
@@ -53,6 +54,8 @@ def find_contact_forces(simulation: Simulation) -> ContactForces:
         sides = np.einsum("nsk,nskd->nsd", points.weights, place[points.nodes])
         if points.lever_arms is not None:
             sides += points.lever_arms
+        if simulation.scene.lattice is not None:  # the antagonist may be an image
+            sides = sides[:, :1]
         impulse = np.einsum("nc,ncd->nd", group.impulse[pushes], points.frame)
         couple = np.zeros((len(pushes), turns))
         if id(group.impulse) in rolling:
@@ -98,6 +101,6 @@ def slot_places(simulation: Simulation) -> tuple[np.ndarray, np.ndarray]:
         x = simulation.forms.V.tabulate_dof_coordinates()[:, :dim]
         place = (x + simulation.state.displacement.reshape(-1, dim))[simulation.model.slot_nodes]
     if simulation.rigid is not None:
-        centre = simulation.rigid.state.position
+        centre = simulation.rigid.displayed.position
         place = np.concatenate([place, np.repeat(centre, 2, axis=0)])
     return body_of_slot(simulation), place

@@ -103,6 +103,10 @@ def _initial_stiffness(simulation: Simulation) -> int:
     return 0 if bulk.linear or bulk.stiffness is None else bulk.stiffness.data.nbytes
 
 
+def _is_meshed_cell(simulation: Simulation) -> bool:
+    return simulation.scene.macroscopic is not None and simulation.scene.bodies is not None
+
+
 EFFECTS = (
     Effect("inertia", lambda s: s.bulk.inertia is not None),
     Effect("viscous damping", lambda s: s.bulk.damping is not None, _initial_stiffness),
@@ -176,18 +180,23 @@ EFFECTS = (
     Effect("fields", lambda s: any(map(fields_of, s.model.points.laws))),
     Effect(
         "periodicity",
-        lambda s: s.scene.macroscopic is not None,
+        _is_meshed_cell,
         lambda s: s.bulk.unknowns.nbytes,
     ),
     Effect(
         "macroscopic control",
-        lambda s: s.scene.macroscopic is not None,
+        _is_meshed_cell,
         lambda s: s.state.external.nbytes,
         ("macroscopic averages",),
     ),
     Effect(
         "mean stress given",
-        lambda s: s.scene.macroscopic is not None and len(s.scene.macroscopic.stress) > 0,
+        lambda s: _is_meshed_cell(s) and len(s.scene.macroscopic.stress) > 0,
+    ),
+    Effect("lattice of rigid bodies", lambda s: s.scene.lattice is not None),
+    Effect(
+        "lattice that deforms",
+        lambda s: s.scene.lattice is not None and s.scene.macroscopic is not None,
     ),
     Effect("three dimensions", lambda s: s.bulk.dim == 3),
     Effect("explicit bulk", lambda s: s.options.scheme == "explicit", lambda s: s.scheme.nbytes),

@@ -167,7 +167,8 @@ def measure_fragments(simulation: Simulation, share: float = BROKEN) -> Fragment
     """
     fragment = find_fragments(simulation, share)
     bodies, dim = simulation.scene.bodies, simulation.bulk.dim
-    if bodies is not None and bodies.lattice is not None:
+    cells = simulation.scene.lattice, getattr(bodies, "lattice", None)
+    if any(lattice is not None for lattice in cells):
         raise ValueError(
             "The pieces of a periodic cell go on over its border and have no centre, spin or "
             "length; find_fragments(simulation) says which bodies they are."

@@ -24,6 +24,9 @@ def rigid_bodies_now(simulation: Simulation) -> list[RigidBody]:
     they had. What bodies overlap by, as impacts leave it, `Scene(resolve_overlaps=True)` takes
     away.
 
+    Those of a periodic cell lie in the cell at the origin, and have the fluctuation of their
+    velocities: the lattice of another scene with them is `lattice @ Fbar.T` of its rows.
+
     Args:
         simulation: with rigid bodies.
 
@@ -37,7 +40,8 @@ def rigid_bodies_now(simulation: Simulation) -> list[RigidBody]:
     require_kind("simulation", simulation, Simulation)
     if simulation.rigid is None:
         raise ValueError("The scene has no rigid bodies.")
-    state, now = simulation.rigid.state, simulation.time
+    state, now = simulation.rigid.displayed, simulation.time
+    velocity = simulation.rigid.fluctuation
 
     def later(given: Any) -> Any:
         return _later(given, now) if callable(given) else given
@@ -53,7 +57,7 @@ def rigid_bodies_now(simulation: Simulation) -> list[RigidBody]:
             replace(
                 body,
                 position=state.position[number].copy(),
-                velocity=state.velocity[number].copy(),
+                velocity=velocity[number].copy(),
                 prescribed={dof: later(motion) for dof, motion in body.prescribed.items()},
                 force=later(body.force),
                 torque=later(body.torque),

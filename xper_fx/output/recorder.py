@@ -60,14 +60,19 @@ CHECKPOINT, CHECKPOINT_EVERY = "checkpoint.h5", 600.0
 
 
 def macroscopic_columns(simulation: Simulation) -> dict[str, float]:
-    """Fbar, Pibar (Pa) and Hill-Mandel's error of a periodic cell by column name, else nothing."""
+    """Fbar, Pibar (Pa) and, of a mesh, Hill-Mandel's error of a periodic cell by column name.
+
+    Nothing without a cell that is driven.
+    """
     cell = simulation.macroscopic
     if cell is None:
         return {}
     axes = range(simulation.bulk.dim)
     columns = {f"F{i + 1}{j + 1}": float(cell.gradient[i, j]) for i in axes for j in axes}
     columns |= {f"P{i + 1}{j + 1}": float(cell.stress[i, j]) for i in axes for j in axes}
-    return columns | {"hill_mandel": cell.hill_mandel}
+    if hasattr(cell, "hill_mandel"):
+        columns["hill_mandel"] = cell.hill_mandel
+    return columns
 
 
 def point_coordinates(simulation: Simulation) -> np.ndarray:

@@ -17,12 +17,13 @@ from xper_fx.output.series import TimeSeries
 class RigidSeries:
     """Writes the rigid bodies at the times asked for.
 
-    Points bear `displacement` (m) and `velocity` (m/s, of the material there). Cells bear `spin`
-    (rad/s; a vector in 3D), `rotation` from the shape's axes to those of space (rad; in 3D the
-    vector along the axis as long as the angle, at most pi), `body` and `group`, the numbers of
-    `RigidBodies`, `diameter` of the disc or ball as large (m; NaN for walls), `half`, the side of
-    the body's own x axis they are on, 0 or 1, which shows how round bodies turn, and `fragment` if
-    asked for.
+    In a periodic cell each body is drawn by its image in the cell at the origin, so that the
+    displacement of a body that leaves the cell leaps. Points bear `displacement` (m) and `velocity`
+    (m/s, of the material there). Cells bear `spin` (rad/s; a vector in 3D), `rotation` from the
+    shape's axes to those of space (rad; in 3D the vector along the axis as long as the angle, at
+    most pi), `body` and `group`, the numbers of `RigidBodies`, `diameter` of the disc or ball as
+    large (m; NaN for walls), `half`, the side of the body's own x axis they are on, 0 or 1, which
+    shows how round bodies turn, and `fragment` if asked for.
 
     Args:
         path: of the XDMF file.
@@ -59,7 +60,7 @@ class RigidSeries:
             time: s.
             fragment: of each body, rigid ones last; None leaves the field out.
         """
-        state = self._motion.state
+        state = self._motion.displayed
         positions = self._positions(state)
         body, spin = self.outline.body_of_point, state.turn.spin
         arm = positions - state.position[body]

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from xper_fx.nscd.rigid.bodies import RigidBodies
 from xper_fx.nscd.rigid.motion import RigidMotion
-from xper_fx.nscd.search.rigid_search import RigidSearch
+from xper_fx.nscd.search.search_of_bodies import search_of_bodies
 
 if TYPE_CHECKING:
     from xper_fx.nscd.separation import Separation
@@ -33,6 +33,7 @@ def separate(
     resolve: bool,
     apart: np.ndarray,
     left: np.ndarray | None,
+    lattice: np.ndarray | None,
 ) -> None:
     """Make sure that bodies that may touch do not overlap.
 
@@ -43,6 +44,7 @@ def separate(
         apart: pairs of bodies that may overlap, as of `RigidSearch`.
         left: which bodies a run has left as they are, among which overlaps are no mistake, shape
             (n,); None without a run.
+        lattice: period vectors as rows, shape (p, dim), m; None without a periodic cell.
 
     Raises:
         ValueError: bodies overlap, are one body given twice, or could not be moved apart.
@@ -50,12 +52,12 @@ def separate(
     smallest = float(bodies.shapes.bounding_radius.min())
     if not np.isfinite(smallest):
         return
-    search = RigidSearch(bodies, pairs, _TOUCHING * smallest, apart)
+    search = search_of_bodies(bodies, pairs, _TOUCHING * smallest, apart, lattice)
     separation = None
     if resolve:
         from xper_fx.nscd.separation import Separation
 
-        separation = Separation(bodies, pairs, apart)
+        separation = Separation(bodies, pairs, apart, lattice)
     for _ in range(_ROUNDS if resolve else 1):
         overlaps = search.overlaps(bodies.position, bodies.rotation, _TOUCHING * smallest)
         if left is not None and not resolve:

@@ -13,6 +13,7 @@ from numbers import Integral
 from typing import TYPE_CHECKING
 
 import numpy as np
+import numpy.typing as npt
 
 from xper_fx.bodies.explode import Bodies
 from xper_fx.forms.loads import Gravity, RayleighDamping, varies, vector_at
@@ -60,9 +61,14 @@ class Scene:
             uniform traction needs Gauss points (nodal ones were off by 2.6 % in a patch test).
         ties: laws between surfaces meshed apart, whose nodes do not match (`xper_fx/scene/tie.py`);
             for triangles and tetrahedra of order 1.
-        macroscopic: what drives a periodic cell (bodies made with a `lattice`); such a scene has
-            no loads, walls, ties or damping, and `initial_velocity` is that of the fluctuation.
+        macroscopic: what drives a periodic cell (bodies made with a `lattice`, or rigid bodies in
+            one); such a scene has no loads, walls, ties or damping, and initial velocities are
+            those of the fluctuation.
         rigid: rigid bodies; of the loads gravity acts on them.
+        lattice: makes a scene of rigid bodies alone periodic: edges of its box, shape (dim,), None
+            for a direction without a period, or period vectors as rows, shape (p, dim), p <= dim,
+            m, which they are made. The cell keeps its shape unless `macroscopic` drives it. Bodies
+            may lie anywhere, as each stands for all of its images.
         surfaces: cell tags of the meshed bodies that make up a group, by the group's name; their
             outer facets, and those that fracture frees, are what `contacts` of the group touch.
         contacts: between which groups (rigid bodies by their `group`, surfaces by their name)
@@ -101,6 +107,7 @@ class Scene:
     macroscopic: MacroscopicDrive | None = None
     ties: Sequence[Tie] = ()
     rigid: Sequence[RigidBody] = ()
+    lattice: npt.ArrayLike | None = None
     surfaces: Mapping[str, Sequence[int]] = field(default_factory=dict)
     contacts: Sequence[Contact] = ()
     joints: Sequence[Joint] = ()
@@ -188,7 +195,7 @@ class Scene:
             raise ValueError("A scene needs bodies: an exploded mesh, rigid bodies, or both.")
         for name in (
             "materials", "interactions", "default_interaction", "facet_interactions", "walls",
-            "ties", "damping", "initial_velocity", "macroscopic", "surfaces",
+            "ties", "damping", "initial_velocity", "surfaces",
         ):  # fmt: skip
             if getattr(self, name):
                 raise ValueError(f"A scene without a mesh has no {name}; leave it out.")
@@ -200,6 +207,27 @@ class Scene:
                     f"Of the loads only gravity acts on rigid bodies, got {load!r}: a RigidBody "
                     "takes its `force`, `torque` and `prescribed` velocities itself."
                 )
+        self._check_lattice()
+
+    def _check_lattice(self) -> None:
+        if self.lattice is None:
+            if self.macroscopic is not None:
+                raise ValueError(
+                    "A macroscopic drive needs a periodic cell: give its `lattice` to the scene."
+                )
+            return
+        from xper_fx.scene.rigid_lattice import check_grains_in_cell, lattice_of_grains
+
+        for name, given in (("joints", self.joints), ("after", self.after)):
+            if given:
+                raise ValueError(
+                    f"A periodic cell of rigid bodies has no `{name}`: leave it out, or give no "
+                    "`lattice`."
+                )
+        self.lattice = lattice_of_grains(self.lattice, self.dim)
+        check_grains_in_cell(
+            self.rigid_bodies, self.lattice, self.macroscopic, self.gravity is not None
+        )
 
     def _check_with_mesh(self) -> None:
         if not isinstance(self.bodies, Bodies):
@@ -299,9 +327,17 @@ class Scene:
             from xper_fx.scene.initial_overlaps import separate
 
             left = None if self.after is None else self.after.numbers_of(self.rigid) >= 0
-            separate(self.rigid_bodies, touching, self.resolve_overlaps, self.kept_apart, left)
+            separate(
+                self.rigid_bodies, touching, self.resolve_overlaps, self.kept_apart, left,
+                self.lattice,
+            )  # fmt: skip
 
     def _check_periodicity(self) -> None:
+        if self.lattice is not None:
+            raise ValueError(
+                "The `lattice` of a scene is that of rigid bodies without a mesh: give that of a "
+                "mesh to `explode`. Meshed bodies do not look for contacts across the border."
+            )
         if self.macroscopic is None:
             if self.bodies.lattice is not None:
                 raise ValueError(

@@ -32,6 +32,8 @@ _BEHIND, _SOFT = 1e-3, 0.1
 # Speed (m/s) that no wave in a solid reaches, and a step beside the time in which a wave crosses
 # the smallest body.
 _FASTEST, _SHORTEST = 1e5, 1e-5
+# Momentum of grains in a cell, beside that of each, that is rounding.
+_STILL = 1e-9
 
 
 def scene_doubts(scene: Scene, step: float | None) -> Iterator[str]:
@@ -45,6 +47,8 @@ def scene_doubts(scene: Scene, step: float | None) -> Iterator[str]:
         yield from _degrees(scene)
         if scene.joints and scene.after is None:
             yield from _parting_joints(scene)
+        if scene.lattice is not None and scene.macroscopic is not None:
+            yield from _drift(scene)
     if scene.bodies is not None:
         for wall in scene.walls:
             yield from _wall_doubts(scene, wall)
@@ -81,6 +85,18 @@ def _parting_joints(scene: Scene) -> Iterator[str]:
             f"the bodies of joint {joint}, a {type(scene.joints[joint]).__name__}, part at "
             f"{speed:.3g} m/s or rad/s at the start: the first step stops that as an impact does; "
             "give them velocities and spins that the joint allows"
+        )
+
+
+def _drift(scene: Scene) -> Iterator[str]:
+    """A fluctuation with a mean, which a cell that deforms carries along and changes."""
+    bodies = scene.rigid_bodies
+    momentum = np.linalg.norm(bodies.mass @ bodies.velocity)
+    if momentum > _STILL * (bodies.mass @ np.linalg.norm(bodies.velocity, axis=1)):
+        mean = [float(f"{v:.4g}") for v in bodies.mass @ bodies.velocity / bodies.mass.sum()]
+        yield (
+            f"the grains of the periodic cell have the mean velocity {mean} m/s, which adds to the "
+            "stress and changes as the cell deforms; take it from all `velocity`"
         )
 
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from xper_fx.nscd.found_contacts import FoundPoints
 from xper_fx.nscd.laws.law import Law
-from xper_fx.nscd.points import InteractionPoints, frame_from_normal
+from xper_fx.nscd.points import Branches, InteractionPoints, frame_from_normal
 from xper_fx.nscd.search.contact_pairs import Contacts
 from xper_fx.simulation.turned_bonds import lip_normals
 from xper_fx.support.saved_rows import Rows
@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from xper_fx.bulk.state import State
     from xper_fx.nscd.interactions import Interactions
     from xper_fx.nscd.rigid.motion import Prediction, RigidMotion
+    from xper_fx.nscd.search.periodic_search import PeriodicSearch
     from xper_fx.nscd.search.rigid_search import RigidSearch
     from xper_fx.parallel.rigid_partition import RigidDivision
     from xper_fx.scene.scene import Scene
@@ -82,19 +83,18 @@ class Detection:
     def _reach(self, contacts, smallest: float) -> float:
         return max((c.reach for c in contacts if c.reach is not None), default=_REACH * smallest)
 
-    def _rigid_search(self, names: set[str]) -> RigidSearch | None:
+    def _rigid_search(self, names: set[str]) -> RigidSearch | PeriodicSearch | None:
         contacts = [c for c in self._contacts if set(c.between) <= names]
         if not contacts:
             return None
-        from xper_fx.nscd.search.rigid_search import RigidSearch
+        bodies, pairs = self._scene.rigid_bodies, [c.between for c in contacts]
+        reach = self._reach(contacts, float(bodies.shapes.bounding_radius.min()))
+        from xper_fx.nscd.search.search_of_bodies import search_of_bodies
 
-        bodies = self._scene.rigid_bodies
         if any(c.law.kernels(bodies.dim).rolling is not None for c in contacts):
             self._ball_radius = bodies.shapes.ball_radius
-        reach = self._reach(contacts, float(bodies.shapes.bounding_radius.min()))
-        return RigidSearch(
-            bodies, [c.between for c in contacts], reach, self._scene.kept_apart
-        )  # fmt: skip
+        scene = self._scene
+        return search_of_bodies(bodies, pairs, reach, scene.kept_apart, scene.lattice)
 
     def _surface_search(self, V: FunctionSpace) -> None:
         from xper_fx.bodies.surfaces import extract_surface
@@ -135,8 +135,8 @@ class Detection:
         sought behind a facet.
         """
         if rigid is not None:
-            shapes, speed = self._scene.rigid_bodies.shapes, rigid.state.velocity
-            speed = np.linalg.norm(speed, axis=1)[shapes.body]
+            shapes = self._scene.rigid_bodies.shapes
+            speed = rigid.speeds[shapes.body]
             if shapes.offset.any():
                 spin = np.linalg.norm(rigid.state.turn.spin, axis=1)[shapes.body]
                 speed += spin * np.linalg.norm(shapes.offset, axis=1)
@@ -203,7 +203,8 @@ class Detection:
         place = (None, None) if rigid is None else (rigid.position, rigid.rotation)
         found = []
         if self._rigid is not None:
-            contacts = self._rigid.find(*place)
+            gradient = () if self._scene.lattice is None else (rigid.gradient,)
+            contacts = self._rigid.find(*place, *gradient)
             found.append((contacts, slot))
             if self._division is not None:
                 if self._division.found(contacts.body):
@@ -216,7 +217,7 @@ class Detection:
             slot = slot[bulk.unknowns.node_of]
             found += [(contacts.take(np.flatnonzero(w)), slot) for w in (~with_rigid, with_rigid)]
         points = [
-            self._on_slots(contacts, place[0], slot_of_node, len(nodes))
+            self._on_slots(contacts, rigid, slot_of_node, len(nodes))
             for contacts, slot_of_node in found
             if len(contacts)
         ]
@@ -224,7 +225,9 @@ class Detection:
         halo = None if self._division is None else self._division.halo
         interactions.find_contacts(points, velocity, step, theta, halo)
 
-    def _on_slots(self, contacts: Contacts, position, slot_of_node, first_rigid) -> FoundPoints:
+    def _on_slots(
+        self, contacts: Contacts, prediction: Prediction | None, slot_of_node, first_rigid
+    ) -> FoundPoints:
         """Contacts as interaction points, with their laws."""
         rigid = contacts.body >= 0
         nodes, weights = contacts.nodes.copy(), contacts.weights.copy()
@@ -233,14 +236,21 @@ class Detection:
             main = np.take_along_axis(nodes, weights.argmax(axis=2)[..., None], axis=2)[..., 0]
             group[~rigid] = self._group_of_node[main[~rigid]]
             nodes[~rigid] = slot_of_node[nodes[~rigid]]
-        lever_arms = None
+        lever_arms = branches = None
         if np.any(rigid):
             bodies = self._scene.rigid_bodies
             group[rigid] = len(self._scene.surfaces) + bodies.group_of[contacts.body[rigid]]
             nodes[rigid] = first_rigid + 2 * contacts.body[rigid][:, None]
             weights[rigid, 0] = 1.0
-            lever_arms = contacts.point[:, None] - position[contacts.body]
+            centre = prediction.position[contacts.body]
+            if self._scene.lattice is not None:
+                centre += self._rigid.offset
+            lever_arms = contacts.point[:, None] - centre
             lever_arms[~rigid] = 0.0
+            if prediction.gradient is not None:
+                apart = np.linalg.solve(prediction.gradient, (centre[:, 0] - centre[:, 1]).T)
+                cell = first_rigid + 2 * len(bodies)
+                branches = Branches(cell, np.ascontiguousarray(apart.T))
         round_radius = None
         if self._ball_radius is not None and np.all(rigid):
             radius = self._ball_radius[contacts.body]
@@ -251,7 +261,7 @@ class Detection:
         gap[np.abs(gap) <= _ROUNDING * np.abs(contacts.point).max(axis=1)] = 0.0
         points = InteractionPoints(
             nodes.astype(np.int32), weights, frame_from_normal(contacts.normal), contacts.area,
-            gap, lever_arms, round_radius,
+            gap, lever_arms, round_radius, branches=branches,
         )  # fmt: skip
         return FoundPoints(points, self._law_of_pair[group[:, 0], group[:, 1]], contacts.key)
 

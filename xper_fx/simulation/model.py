@@ -163,7 +163,8 @@ class Model:
         scene, solver = self.scene, self.options.solver
         touching = any(contact.law is not None for contact in scene.contacts)
         jointed = len(scene.joints) > 0
-        if scene.bodies is None and touching and not jointed and solver in ("auto", "nlgs"):
+        rigid_alone = scene.bodies is None and scene.lattice is None and not jointed
+        if rigid_alone and touching and solver in ("auto", "nlgs"):
             from xper_fx.parallel.rigid_partition import RigidDivision
 
             self.ranks = team
@@ -174,6 +175,7 @@ class Model:
             name
             for name, there in (
                 ("rigid bodies", scene.rigid_bodies is not None),
+                ("a lattice of rigid bodies", scene.lattice is not None),
                 ("contacts that are searched", len(scene.contacts) > 0),
                 ("ties", len(scene.ties) > 0),
                 ("joints", jointed),
@@ -239,9 +241,16 @@ class Model:
     def _rigid_motion(self) -> RigidMotion | None:
         if self.scene.rigid_bodies is None:
             return None
+        scene, bodies = self.scene, self.scene.rigid_bodies
+        if scene.lattice is not None:
+            from xper_fx.periodic.grain_cell import CellMotion, DrivenCellMotion
+
+            if scene.macroscopic is not None:
+                return DrivenCellMotion(bodies, scene.lattice, scene.macroscopic)
+            return CellMotion(bodies, scene.lattice, scene.gravity)
         from xper_fx.nscd.rigid.motion import RigidMotion
 
-        return RigidMotion(self.scene.rigid_bodies, self.scene.gravity)
+        return RigidMotion(bodies, scene.gravity)
 
     def _step_size(self) -> float:
         """The step asked for, or a share of the critical one.
@@ -387,12 +396,12 @@ class Model:
     def _healing(self) -> Healing | None:
         """What takes overlaps back between rigid bodies alone, whose contacts store nothing.
 
-        Joints do not take part in that motion, and would open.
+        Joints do not take part in that motion, and would open; nothing holds a periodic cell.
         """
         scene = self.scene
         if not self.options.healing or self.detection is None:
             return None
-        if scene.bodies is not None or scene.joints:
+        if scene.bodies is not None or scene.joints or scene.lattice is not None:
             return None
         if not self.scene.rigid_bodies.is_prescribed.any():  # nothing holds them
             return None

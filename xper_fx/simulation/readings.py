@@ -14,6 +14,7 @@ from xper_fx.support.checks import require_integer
 
 if TYPE_CHECKING:
     from xper_fx.periodic.averages import Macroscopic
+    from xper_fx.periodic.grain_cell import GrainStress
 
 
 class Readings:
@@ -34,10 +35,12 @@ class Readings:
 
     def _macroscopic(
         self, before: State | None, outcome: StepOutcome | None, size: float
-    ) -> Macroscopic | None:
+    ) -> Macroscopic | GrainStress | None:
         model = self.model
         if model.scene.macroscopic is None:
             return None
+        if model.scene.bodies is None:
+            return model.rigid.macroscopic
         from xper_fx.periodic.averages import macroscopic_state
 
         with model.stopwatch.phase("macroscopic averages"):

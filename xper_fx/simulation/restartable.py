@@ -89,7 +89,7 @@ class Restartable(Readings):
                 "impulses": by_cell(self.last.impulses),
                 "displacement_before": by_cell(self._before.displacement),
             }
-        if self.macroscopic is not None:
+        if hasattr(self.macroscopic, "hill_mandel"):
             saved["hill_mandel"] = self.macroscopic.hill_mandel
         for name, part in _parts(self):
             saved[name] = part.saved()
@@ -165,8 +165,9 @@ class Restartable(Readings):
                 from_cells(last.get("reactions", {})), 0.0, 0.0, 0, 0.0, 0.0, 0, 0.0, True,
             )  # fmt: skip
         if self.macroscopic is not None:
-            here = self._macroscopic(None, None, self._last_size)
-            self.macroscopic = here._replace(hill_mandel=saved["hill_mandel"])
+            self.macroscopic = self._macroscopic(None, None, self._last_size)
+        if "hill_mandel" in saved:
+            self.macroscopic = self.macroscopic._replace(hill_mandel=saved["hill_mandel"])
         interactions = model.interactions
         if interactions is None:
             return

@@ -35,6 +35,8 @@ def worth_taking(count: int, least: int, asked: int | None = None) -> int:
         asked: threads that a user asked for, None if not.
     """
     if asked is not None:
+        if asked > 1:
+            get_num_threads()  # starts them: a kept kernel that calls one with threads does not
         return asked
     # numba's function takes a lock that all forked processes share: not for few items
     return get_num_threads() if count >= least else 1

@@ -65,12 +65,15 @@ class Prediction(NamedTuple):
         start: velocities v0 there, before the kick, shape (2 n, dim), m/s and rad/s.
         free: velocities after a kick without contacts, with the prescribed ones of the end of the
             step, shape (2 n, dim).
+        gradient: Fbar there, shape (dim, dim), of a periodic cell that deforms, whose columns of
+            dFbar/dt come behind the other velocities; None without one.
     """
 
     position: np.ndarray
     rotation: np.ndarray
     start: np.ndarray
     free: np.ndarray
+    gradient: np.ndarray | None = None
 
 
 class RigidWork(NamedTuple):
@@ -109,6 +112,10 @@ class RigidMotion:
         state: the committed `RigidState`.
         blocks: w of each body at the last prediction, shape (n, 2 dim, 2 dim), 1/kg and so on.
             The array is written in place: in 2D never again, in 3D by each `predict`.
+        displayed: the committed state with each body where it is drawn.
+        fluctuation: of the velocities, shape (n, dim), m/s: what is not due to a periodic cell that
+            deforms, all without one.
+        speeds: at which bodies come nearer to their neighbours, turning left out, shape (n,), m/s.
     """
 
     def __init__(self, bodies: RigidBodies, gravity: Load | None = None):
@@ -124,10 +131,10 @@ class RigidMotion:
         self.start = self.state = RigidState(
             bodies.position.copy(), bodies.velocity.copy(), self._turning.initial
         )
-        self.blocks = np.zeros((n, 2 * dim, 2 * dim))
+        self.blocks = self._of_bodies = np.zeros((n, 2 * dim, 2 * dim))
         for k in range(dim):
             free = ~bodies.is_prescribed[:, k]
-            self.blocks[free, k, k] = 1.0 / bodies.mass[free]
+            self._of_bodies[free, k, k] = 1.0 / bodies.mass[free]
         self._spin_blocks[:] = self._turning.inverse
         self._prescribed = np.zeros((n, 2 * dim), bool)
         self._prescribed[:, : self._dofs] = bodies.is_prescribed
@@ -140,7 +147,7 @@ class RigidMotion:
     @property
     def _spin_blocks(self) -> np.ndarray:
         dim = self.bodies.dim
-        return self.blocks[:, dim : self._dofs, dim : self._dofs]
+        return self._of_bodies[:, dim : self._dofs, dim : self._dofs]
 
     def _tabulate_prescribed(self) -> None:
         """Constants as an array, and the list (body, component, function) of the others."""
@@ -238,7 +245,7 @@ class RigidMotion:
         for i, component, motion in self._motions:
             given[i, component] = value_at(motion, component, time + step)
         free = _free_velocities(
-            self._start, self._impulse, self._prescribed, given, turn.inertia, self.blocks
+            self._start, self._impulse, self._prescribed, given, turn.inertia, self._of_bodies
         )
         shape = (2 * len(free), self.bodies.dim)
         return Prediction(
@@ -361,6 +368,21 @@ class RigidMotion:
         return self._kinetic(self.state)
 
     @property
+    def displayed(self) -> RigidState:
+        """See the class."""
+        return self.state
+
+    @property
+    def fluctuation(self) -> np.ndarray:
+        """See the class."""
+        return self.state.velocity
+
+    @property
+    def speeds(self) -> np.ndarray:
+        """See the class."""
+        return np.linalg.norm(self.state.velocity, axis=1)
+
+    @property
     def nbytes(self) -> int:
         """Memory of state, masses, loads and blocks of w, in bytes."""
         bodies, turn = self.bodies, self.state.turn
@@ -371,8 +393,8 @@ class RigidMotion:
         return sum(array.nbytes for array in held)
 
     def momentum(self) -> np.ndarray:
-        """Sum of m v over the bodies, shape (dim,), N s."""
-        return self.bodies.mass @ self.state.velocity
+        """Sum of m v over the bodies, of the fluctuation in a cell, shape (dim,), N s."""
+        return self.bodies.mass @ self.fluctuation
 
     def angular_momentum(self, about: npt.ArrayLike | None = None) -> np.ndarray:
         """Sum of x x m v + L over the bodies, shape (1,) in 2D, (3,) in 3D, N m s.

@@ -47,7 +47,7 @@ _PRICES = {
 }
 # Bounds of the skin, and where it starts, as shares of D.
 _SKIN_BOUNDS = (1e-3, 1.0)
-_FIRST_SKIN = 0.1
+FIRST_SKIN = 0.1
 
 
 @njit(**LEAN_ENTRY)
@@ -210,7 +210,7 @@ class RigidSearch:
         self._distance = reach
         if len(self._listed):
             self._distance += 2.0 * float(np.median(tables.bounding_radius[self._listed]))
-        self.skin = _FIRST_SKIN * self._distance
+        self.skin = FIRST_SKIN * self._distance
         self.renewals = self.searches = 0
         self._searches_at_renewal = 0
         none = np.empty((0, 2), np.int32)

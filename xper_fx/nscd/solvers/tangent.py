@@ -240,7 +240,7 @@ def _turn_kernel(sides: Sides):
 @cache
 def _spring_kernels(sides: Sides):
     """Kernels over the points of a group: y += H K H^T x; dr = g - K H^T x; K into the blocks."""
-    dim, components, k, lever_arms = sides
+    dim, components, k, lever_arms, _ = sides
     turns = dim if dim == 3 else 1
     local, world_algebra = for_dimension(dim, components), for_dimension(dim)
     world_unit, add, times = world_algebra.unit, world_algebra.add, world_algebra.scale
