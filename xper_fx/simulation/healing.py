@@ -31,7 +31,7 @@ from xper_fx.nscd.rigid.motion import RigidMotion
 from xper_fx.nscd.search.contact_pairs import Contacts
 from xper_fx.nscd.separation import Separation
 
-# Depth that is left alone, as a share of the smallest body or part.
+# Depth that is left alone, as a share of the smallest body.
 _DEEP = 1e-3
 # Steps in which a contact that parts by itself has opened.
 _SOON = 100
@@ -52,7 +52,7 @@ class Healing:
     def __init__(self, rigid: RigidMotion, pairs: Sequence[tuple[str, str]]):
         self._rigid, self._pairs = rigid, pairs
         self._separation: Separation | None = None
-        self.depth = _DEEP * float(rigid.bodies.shapes.bounding_radius.min())
+        self.depth = _DEEP * float(rigid.bodies.bounding_radius.min())
         self.count = 0
 
     @property
