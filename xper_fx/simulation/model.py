@@ -23,6 +23,7 @@ from xper_fx.scene.facet_laws import require_kernels
 from xper_fx.scene.scene import Scene
 from xper_fx.scene.scene_doubts import scene_doubts
 from xper_fx.simulation.energy_ledger import EnergyLedger
+from xper_fx.simulation.law_checks import check_laws_suit, check_path_has_bonds
 from xper_fx.simulation.not_finite import not_finite_columns
 from xper_fx.simulation.options import Options
 from xper_fx.simulation.permanent_points import ScenePoints
@@ -133,7 +134,9 @@ class Model:
             self.interactions = self._interactions()
         self.healing = self._healing()
         self.bond_turns = self._bond_turns()
-        self._require_bonds_for_path()
+        if options.path is not None:
+            groups = [] if self.interactions is None else self.interactions.groups
+            check_path_has_bonds([group.kernels for group in groups])
         self._account()
         self.ledger = EnergyLedger(
             self.bulk, self.start, self.scheme.theta, self.rigid, options.scheme == "explicit",
@@ -359,39 +362,16 @@ class Model:
             laws = laws_at_points(laws, self.points, self.scene)
         if self.monolithic and not self.options.inertia:
             laws = [law.in_statics() if hasattr(law, "in_statics") else law for law in laws]
-        dim = self.bulk.dim
-        self._check_rigid_bonds([law.kernels(dim).rigid is not None for law in laws], points.gap)
-        if not self.monolithic and any(law.kernels(dim).growth is not None for law in laws):
-            raise ValueError(
-                'A law with the damage of the end of the step (damage="end") takes '
-                'solver="monolithic" and an implicit bulk; leave damage at "auto".'
-            )
+        check_laws_suit(
+            [law.kernels(self.bulk.dim) for law in laws], self.points.law_of_point, points.gap,
+            self.options.inertia, self.monolithic,
+        )  # fmt: skip
         return Interactions(
             points, laws, self.points.law_of_point, inverse.blocks, velocity,
             ordering="vertices" if self.by_vertex else "tiles",
             rigid_blocks=None if self.rigid is None else self.rigid.blocks, halo=halo,
             splits=self.by_vertex and self.part is None and points.lips is None,
         )  # fmt: skip
-
-    def _check_rigid_bonds(self, is_rigid: list[bool], gap: np.ndarray) -> None:
-        """Raise a ValueError where initially rigid bonds would not be what they are.
-
-        Args:
-            is_rigid: whether each law is initially rigid.
-            gap: shape (num_points,), of permanent points at the start (m).
-        """
-        if any(is_rigid) and not self.options.inertia:
-            raise ValueError(
-                "Initially rigid bonds have the mean traction of a step, and a static run "
-                "(inertia=False) asks for that of its end: take xf.laws.CohesiveZone, or inertia."
-            )
-        apart = gap[np.array(is_rigid, bool)[self.points.law_of_point]]
-        if np.any(apart):
-            raise ValueError(
-                f"Initially rigid bonds join what touches, and {np.count_nonzero(apart)} of them "
-                f"span gaps of up to {np.abs(apart).max():g} m: move the wall or the bodies "
-                "together, or take a contact law."
-            )
 
     def _healing(self) -> Healing | None:
         """What takes overlaps back between rigid bodies alone, whose contacts store nothing.
@@ -432,20 +412,6 @@ class Model:
     def _has_viscous_bonds(self) -> bool:
         laws = [] if self.interactions is None else self.interactions.laws
         return any("viscous" in law.kernels(self.scene.dim).energies for law in laws)
-
-    def _require_bonds_for_path(self) -> None:
-        """Raise a ValueError if a path is to be followed that no bond tells."""
-        groups = [] if self.interactions is None else self.interactions.groups
-        if self.options.path is not None and all(g.kernels.growth is None for g in groups):
-            raise ValueError(
-                "Growth control follows the damage of bonds, and no point of the scene has a law "
-                'whose damage is that of the end of the step: xf.laws.CohesiveZone(damage="auto").'
-            )
-        if self.options.path is not None and self._has_viscous_bonds:
-            raise ValueError(
-                "Growth control takes the load back where a structure snaps, and so has no time "
-                "that a bond's viscosity could be measured by: take viscosity=0, or no path."
-            )
 
     def _control(self) -> AccuracyControl:
         from xper_fx.nscd.laws.softening import softening_numbers
