@@ -22,7 +22,7 @@ _CELL, _FACET = 1, 2
 
 
 @dataclass(frozen=True, eq=False)
-class Part:
+class RankPart:
     """What a rank has of bodies that several ranks divide.
 
     Attributes:
@@ -42,7 +42,7 @@ class Part:
     cell_of: np.ndarray
 
 
-def divide(bodies: Bodies, ranks: Ranks) -> Part:
+def divide(bodies: Bodies, ranks: Ranks) -> RankPart:
     """Divide bodies among ranks and take this rank's.
 
     Args:
@@ -64,7 +64,7 @@ def bodies_by_rank(bodies: Bodies, num_ranks: int) -> np.ndarray:
     return partition_bodies(weights, pairs, np.ones(len(pairs), int), num_ranks)
 
 
-def _take(bodies: Bodies, rank_of_body: np.ndarray, rank: int) -> Part:
+def _take(bodies: Bodies, rank_of_body: np.ndarray, rank: int) -> RankPart:
     own = rank_of_body == rank
     cells = np.flatnonzero(own[bodies.body_of_cell])
     whole = bodies.mesh
@@ -103,7 +103,7 @@ def _take(bodies: Bodies, rank_of_body: np.ndarray, rank: int) -> Part:
         lattice=bodies.lattice,
         ties=kept(bodies.ties),
     )
-    return Part(rank_of_body, part, body_numbers, cells, nodes, cell_of)
+    return RankPart(rank_of_body, part, body_numbers, cells, nodes, cell_of)
 
 
 def _facet_tags(bodies: Bodies, mesh, cells: np.ndarray):
@@ -127,7 +127,7 @@ def _facet_tags(bodies: Bodies, mesh, cells: np.ndarray):
     return tags
 
 
-def nodes_on_sides(part: Part, V, facets: FacingFacets, which: np.ndarray, side: int):
+def nodes_on_sides(part: RankPart, V, facets: FacingFacets, which: np.ndarray, side: int):
     """Nodes of this rank's V on one side of facing facets of all bodies, shape (n, k).
 
     Args:

@@ -15,7 +15,7 @@ from xper_fx.bodies.explode import Bodies, FacingFacets
 from xper_fx.bodies.meshes import reference_cell
 from xper_fx.nscd.facets import facet_points, facet_shapes, with_lips
 from xper_fx.nscd.points import InteractionPoints
-from xper_fx.parallel.local_bodies import Part, nodes_on_sides
+from xper_fx.parallel.local_bodies import RankPart, nodes_on_sides
 from xper_fx.parallel.ownership import owners_by_facet, owners_by_vertex, phases
 from xper_fx.support.compat import geometry_dofmap
 from xper_fx.support.ranks import Ranks
@@ -49,7 +49,7 @@ class SharedPoints(NamedTuple):
 
 def shared_points(
     bodies: Bodies,
-    part: Part,
+    part: RankPart,
     ranks: Ranks,
     V,
     node_of: np.ndarray,

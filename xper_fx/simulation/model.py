@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from xper_fx.bulk.implicit import ImplicitScheme
     from xper_fx.bulk.rigid_only import EmptyScheme
     from xper_fx.nscd.rigid.motion import RigidMotion
-    from xper_fx.parallel.local_bodies import Part
+    from xper_fx.parallel.local_bodies import RankPart
     from xper_fx.parallel.rigid_partition import RigidDivision
     from xper_fx.simulation.accuracy_control import AccuracyControl
     from xper_fx.simulation.contact_detection import Detection
@@ -96,7 +96,7 @@ class Model:
             logger.warning("%s", doubt)
         self.ranks, self.bodies = ALONE, scene.bodies
         self._tagged_nodes: dict[int, np.ndarray] = {}
-        self.part: Part | None = None
+        self.part: RankPart | None = None
         self.division: RigidDivision | None = None
         if not team.alone:
             self._divide(team)

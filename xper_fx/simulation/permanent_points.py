@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from xper_fx.bulk.bulk import Bulk
     from xper_fx.nscd.inverse_blocks import BodyInverse
     from xper_fx.parallel.halo import Halo
-    from xper_fx.parallel.local_bodies import Part
+    from xper_fx.parallel.local_bodies import RankPart
     from xper_fx.scene.scene import Scene
     from xper_fx.simulation.contact_detection import Detection
 
@@ -52,7 +52,7 @@ class ScenePoints:
         scene: Scene,
         bulk: Bulk,
         ties: list[tuple[InteractionPoints, np.ndarray]],
-        part: Part | None,
+        part: RankPart | None,
         by_vertex: bool,
     ):
         self._scene, self._bulk, self._part, self._by_vertex = scene, bulk, part, by_vertex

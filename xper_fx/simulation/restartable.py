@@ -20,7 +20,7 @@ from xper_fx.support.ranks import ALONE, Ranks
 from xper_fx.support.saved_rows import Rows
 
 if TYPE_CHECKING:
-    from xper_fx.parallel.local_bodies import Part
+    from xper_fx.parallel.local_bodies import RankPart
     from xper_fx.periodic.averages import Macroscopic
     from xper_fx.scene.snapshot import Snapshot
 
@@ -34,7 +34,7 @@ class Restartable(Readings):
 
     solver: Solver
     ranks: Ranks
-    part: Part | None
+    part: RankPart | None
     step_number: int
     tolerance: float
     macroscopic: Macroscopic | None

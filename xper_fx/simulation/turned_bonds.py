@@ -14,7 +14,7 @@ import numpy as np
 if TYPE_CHECKING:
     from xper_fx.bodies.explode import Bodies
     from xper_fx.nscd.interactions import Interactions
-    from xper_fx.parallel.local_bodies import Part
+    from xper_fx.parallel.local_bodies import RankPart
 
 # Angle (rad) that bonds may turn by at small strain, and share of them that may turn further:
 # single cells that tumble among debris decide nothing.
@@ -51,7 +51,7 @@ class BondTurns:
     def __init__(
         self,
         bodies: Bodies,
-        part: Part | None,
+        part: RankPart | None,
         rank: int,
         V,
         facets: np.ndarray,
