@@ -111,7 +111,8 @@ def same_series(one: Path, other: Path) -> None:
     first, second = series_of(one), series_of(other)
     assert [time for time, _ in first] == [time for time, _ in second]
     for (_, a), (_, b) in zip(first, second, strict=True):
-        assert a.keys() == b.keys() and all(np.array_equal(a[name], b[name]) for name in a)
+        assert a.keys() == b.keys()
+        assert all(np.array_equal(a[name], b[name], equal_nan=True) for name in a)
 
 
 def same_files(one: Path, other: Path, names=("bulk", "interfaces")) -> None:
