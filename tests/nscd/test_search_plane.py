@@ -86,7 +86,7 @@ def test_bodies_that_fall_together_keep_their_list():
 
 
 def test_the_skin_follows_the_motion():
-    """Least cost: dim skin^2 + (dim - 1) k s skin = k s D, with k = 20 for discs."""
+    """Least cost: dim skin^2 + (dim - 1) k s skin = k s D, with k = 10 for discs."""
     bodies = make([Disc(0.5), Disc(0.5), Disc(0.5)], [[0.0, 0.0], [1.2, 0.0], [0.0, 1.2]])
     search = RigidSearch(bodies, [("a", "a")], reach=0.2)
     assert search.skin == pytest.approx(0.12, rel=1e-15)
@@ -100,7 +100,7 @@ def test_the_skin_follows_the_motion():
     assert 2 < search.renewals < 30
     # About the mean displacement the two move by (2/3, -1/3) and (-1/3, 2/3) of their speed.
     rate = 2.0 * np.hypot(2.0, 1.0) / 3.0 * speed
-    spent = 20.0 * rate
+    spent = 10.0 * rate
     assert 2.0 * search.skin**2 + spent * search.skin == pytest.approx(spent * 1.2, rel=1e-3)
 
 

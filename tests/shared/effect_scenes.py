@@ -322,7 +322,7 @@ def across():
 def pressed():
     from xper_fx.periodic.drive import MacroscopicDrive
 
-    drive = MacroscopicDrive(rate={"12": 0.1}, gradient={"11": 1.0, "21": 0.0}, stress={"22": -1.0})
+    drive = MacroscopicDrive(rate={"12": 0.1}, gradient={"11": 1.0, "21": 0.0}, stress={"22": -0.1})
     return _lattice(macroscopic=drive)
 
 

@@ -111,8 +111,12 @@ class RigidDivision:
         self.halo = None
 
     def saved(self) -> dict:
-        """Which rank has which bodies, whether that is used now, and what its partition reached."""
+        """Which rank has which bodies, whether that is used now, and what its partition reached.
+
+        All ranks call it together: the contacts found last weigh in the next partition.
+        """
         return {
+            "contacts": self._all_contacts(),
             "ranks": self.ranks.size,
             "divided": int(self.halo is not None),
             "rank_of_body": self.rank_of_body,
@@ -124,6 +128,7 @@ class RigidDivision:
         if saved["ranks"] == self.ranks.size:
             self.rank_of_body, self._reached = saved["rank_of_body"], saved["reached"]
             self._as_saved = bool(saved["divided"])
+            self._contacts, self._found_by = saved["contacts"], None
 
     def _are_many(self, moving: np.ndarray) -> bool:
         """Whether there is enough to divide."""
@@ -133,11 +138,15 @@ class RigidDivision:
 
     def _weighed(self, pairs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Pairs and their contacts, on all ranks, and what they weigh."""
-        contacts = self._contacts
-        if self._found_by is not None:
-            contacts = np.concatenate(self.ranks.comm.allgather(contacts))
+        contacts = self._all_contacts()
         weights = np.repeat([1, _CONTACT], [len(pairs), len(contacts)])
         return np.concatenate([pairs, contacts]), weights
+
+    def _all_contacts(self) -> np.ndarray:
+        """Bodies of the contacts found last, by all ranks, shape (n, 2)."""
+        if self._found_by is None:
+            return self._contacts
+        return np.concatenate(self.ranks.comm.allgather(self._contacts))
 
     def _owner(self, rank_of_body: np.ndarray, pairs: np.ndarray) -> np.ndarray:
         """Rank that has each pair."""
