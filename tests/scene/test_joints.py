@@ -444,6 +444,9 @@ MISTAKES = {
     "needs PerfectBond": lambda: run(
         [FIRST], [xf.Hinge((None, FIRST), (0.0, 0.0))], 1e-3, 1e-3, solver="subdomains"
     ),
+    "joint 0 does, between the same": lambda: xf.Scene(
+        rigid=[FIRST], joints=[xf.Hinge((None, FIRST), (0.0, 0.0))] * 2
+    ),
     "scene has joints": lambda: xf.study.equilibrium(
         xf.Scene(rigid=[FIRST], joints=[xf.Weld((None, FIRST), (0.0, 0.0))])
     ),

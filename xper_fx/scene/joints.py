@@ -304,10 +304,11 @@ def check_joints(joints: Sequence[Joint], rigid: Sequence[RigidBody], bodies: Ri
 
     Raises:
         TypeError: something that is no joint.
-        ValueError: a body that is not in the scene, another dimension, two bodies that cannot move.
+        ValueError: a body that is not in the scene, another dimension, two bodies that cannot move,
+            a joint given twice.
     """
     number_of = {id(body): number for number, body in enumerate(rigid)}
-    held = np.append(bodies.is_prescribed.all(axis=1), True)
+    held, first = np.append(bodies.is_prescribed.all(axis=1), True), dict[tuple, int]()
     for number, joint in enumerate(joints):
         what = f"Joint {number}, a {type(joint).__name__},"
         if not isinstance(joint, Joint):
@@ -326,6 +327,13 @@ def check_joints(joints: Sequence[Joint], rigid: Sequence[RigidBody], bodies: Ri
             raise ValueError(f"{what} is in {dim}D, the rigid bodies in {bodies.dim}D.")
         if all(held[[number_of.get(id(body), -1) for body in joint.between]]):
             raise ValueError(f"{what} joins two bodies whose every motion is prescribed.")
+        told = (type(joint), *map(id, joint.between), *np.ravel(joint.at).tolist())
+        if told in first:
+            raise ValueError(
+                f"{what} stands where joint {first[told]} does, between the same bodies: the forces "
+                "of two equal joints are not unique; leave one out."
+            )
+        first[told] = number
 
 
 class RowsOfJoints(NamedTuple):

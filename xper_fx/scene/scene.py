@@ -222,7 +222,7 @@ class Scene:
             if given:
                 raise ValueError(
                     f"A periodic cell of rigid bodies has no `{name}`: leave it out, or give no "
-                    "`lattice`."
+                    "`lattice`. The bodies of a run are `xf.output.rigid_bodies_now(simulation)`."
                 )
         self.lattice = lattice_of_grains(self.lattice, self.dim)
         check_grains_in_cell(
