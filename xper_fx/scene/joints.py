@@ -330,7 +330,7 @@ def check_joints(joints: Sequence[Joint], rigid: Sequence[RigidBody], bodies: Ri
         told = (type(joint), *map(id, joint.between), *np.ravel(joint.at).tolist())
         if told in first:
             raise ValueError(
-                f"{what} stands where joint {first[told]} does, between the same bodies: the forces "
+                f"{what} stands where joint {first[told]} does, between the same bodies: forces "
                 "of two equal joints are not unique; leave one out."
             )
         first[told] = number
