@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from reprlib import repr as short
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -389,11 +390,12 @@ def joined_bodies(joints: Sequence[Joint], rigid: Sequence[RigidBody]) -> np.nda
 def _check_between(joint: Joint) -> None:
     name, given = type(joint).__name__, joint.between
     if not isinstance(given, tuple | list) or len(given) != 2:
-        raise ValueError(f"A {name} is between two bodies, (first, second), got {given!r}.")
+        raise ValueError(f"A {name} is between two bodies, (first, second), got {short(given)}.")
     for body in given:
         if body is not None and not isinstance(body, RigidBody):
             raise TypeError(
-                f"A {name} is between RigidBody objects, or one and None, the ground; got {body!r}."
+                f"A {name} is between RigidBody objects, or one and None, the ground; got "
+                f"{short(body)}."
             )
     if given[0] is given[1]:
         raise ValueError(f"A {name} is between two different bodies, got one twice.")

@@ -10,6 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from numbers import Integral
+from reprlib import repr as short
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -176,7 +177,7 @@ class Scene:
         for name in ("walls", "loads", "ties", "rigid", "contacts", "joints"):
             given = getattr(self, name)
             if not isinstance(given, Sequence) or isinstance(given, str):
-                raise TypeError(f"{name} should be a list, [...], got {given!r}.")
+                raise TypeError(f"{name} should be a list, [...], got {short(given)}.")
         for pair in self.interactions:
             if not (isinstance(pair, tuple) and len(pair) == 2 and all(map(_is_tag, pair))):
                 raise TypeError(f"interactions names {pair!r}; it should name pairs of cell tags.")
