@@ -313,3 +313,15 @@ def test_a_chute_between_its_periods():
     assert {tuple(pair) for pair in find_contact_forces(simulation).bodies.tolist()} >= {
         (1, 0), (2, 0), (3, 0),
     }  # fmt: skip
+
+
+@pytest.mark.fast
+def test_an_overlap_across_the_border_is_resolved_by_halves():
+    """0.6 m between a disc and the image of another: each moves by 0.3 m, away from the border."""
+    discs = [RigidBody(Disc(0.5), (x, 0.5), "g", density=1.0) for x in (0.2, 2.8)]
+    scene = Scene(
+        rigid=discs, lattice=(3.0, None), contacts=[Contact(("g", "g"), SignoriniCoulomb())],
+        resolve_overlaps=True,
+    )  # fmt: skip
+    found = scene.rigid_bodies.position
+    assert found == pytest.approx(np.array([[0.5, 0.5], [2.5, 0.5]]), abs=1e-6)
