@@ -101,8 +101,8 @@ def test_contacts_found_again_are_those_built_anew(monkeypatch):
         heap = Heap(grains(12, 3, pitch=2.05))
         if not again:
             monkeypatch.setattr("xper_fx.nscd.found_contacts._ContactSet.are", lambda *_: False)
-        count, grouped = [0], heap.layer._grouping.groups
-        heap.layer._grouping.groups = lambda *a, c=count, f=grouped: (
+        count, grouped = [0], heap.layer._permanent.grouping.groups
+        heap.layer._permanent.grouping.groups = lambda *a, c=count, f=grouped: (
             c.__setitem__(0, c[0] + 1),
             f(*a),
         )[1]

@@ -508,5 +508,5 @@ def test_a_folder_removed_during_a_run(tmp_path, simulation):
 def test_a_state_that_cannot_be_saved_does_not_hide_why(tmp_path, simulation, caplog):
     with Recorder(simulation, tmp_path / "run", end_time=0.4):
         simulation.save_on_failure(partial(save, tmp_path / "gone" / "checkpoint.h5", simulation))
-        assert simulation._save_state() is None
+        assert simulation.save_state() is None
     assert "state could not be saved" in caplog.text

@@ -425,7 +425,7 @@ def test_damping_of_theta_is_told():
 
 def test_what_is_reached_is_said_and_what_is_not_is_a_warning(caplog):
     """Once; with the largest cause first and its cure."""
-    with caplog.at_level(logging.INFO, logger="xper_fx.simulation.simulation"):
+    with caplog.at_level(logging.INFO, logger="xper_fx.simulation"):
         good = Simulation(vibrating_bar(), accuracy=5e-2)
         list(good.steps(2.0))
         assert good.verdict().reached and good.verdict().limits is not None

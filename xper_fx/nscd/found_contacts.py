@@ -3,16 +3,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from xper_fx.nscd.contact_history import ContactHistory
+from xper_fx.nscd.contact_history import ContactHistory, kernels_of_contacts
 from xper_fx.nscd.grouping import Grouping
-from xper_fx.nscd.halo_protocol import ContactHalo, PointHalo
+from xper_fx.nscd.halo_protocol import ContactHalo, PointHalo, Reductions
 from xper_fx.nscd.inverse_blocks import BodyInverse
+from xper_fx.nscd.laws.law import Law
 from xper_fx.nscd.point_group import PointGroup
 from xper_fx.nscd.points import InteractionPoints
+from xper_fx.support.saved_rows import Rows
 
 
 class FoundPoints(NamedTuple):
@@ -51,11 +54,18 @@ class _ContactSet(NamedTuple):
 class FoundContacts:
     """The contacts in use.
 
+    Args:
+        grouping: makes groups of contacts.
+        laws: the laws in use.
+        dim: 2 or 3.
+
     Attributes:
         history: of the contacts of the last committed step, None before the first.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, grouping: Grouping, laws: Sequence[Law], dim: int):
+        self._grouping, self._dim = grouping, dim
+        self._kernels = kernels_of_contacts(laws, dim)
         self._sets: list[_ContactSet] = []
         self.history: ContactHistory | None = None
 
@@ -72,7 +82,6 @@ class FoundContacts:
     def renew(
         self,
         found: list[FoundPoints],
-        grouping: Grouping,
         inverse: BodyInverse,
         halo: PointHalo | ContactHalo | None,
         start: np.ndarray,
@@ -82,13 +91,13 @@ class FoundContacts:
 
         Args:
             found: sets of contacts.
-            grouping: makes groups of them.
             inverse: blocks of w.
             halo: of ranks that divide them.
             start: shape (num_slots, dim), velocities at the start of the step (m/s).
             opened: time from the start of the step to when they were found (s).
         """
         before, self._sets, later = self._sets, [], self.history is not None
+        grouping = self._grouping
         for new in found:
             phase = np.zeros(len(new.keys), int) if halo is None else halo.phase_of(new.points)
             same = next((old for old in before if old.are(new, phase)), None)
@@ -118,3 +127,19 @@ class FoundContacts:
                 for group in (*known.groups, *known.rolling)
             ]
         )
+
+    def share_history(self, ranks: Reductions) -> None:
+        """Let contacts go on from the last step on whichever rank they are found now.
+
+        All ranks call it together.
+        """
+        if self.history is not None:
+            self.history.share(ranks, self._kernels)
+
+    def saved(self) -> dict[str, dict[str, Rows]]:
+        """Their history, by law; empty before the first committed step."""
+        return {} if self.history is None else self.history.saved(self._kernels)
+
+    def restore(self, saved: Mapping) -> None:
+        """Take what `saved` gave, its rows in order."""
+        self.history = ContactHistory.restored(saved, self._kernels, self._dim)

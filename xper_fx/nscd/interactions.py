@@ -10,18 +10,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from xper_fx.nscd.algebra.small import sym_indices
-from xper_fx.nscd.contact_history import ContactHistory, kernels_of_contacts
 from xper_fx.nscd.found_contacts import FoundContacts, FoundPoints
-from xper_fx.nscd.grouping import Grouping
 from xper_fx.nscd.halo_protocol import ContactHalo, PointHalo, Reductions
 from xper_fx.nscd.inverse_blocks import BodyInverse
-from xper_fx.nscd.laws.law import Law, LawKernels
-from xper_fx.nscd.ordering import vertex_of_points
+from xper_fx.nscd.laws.law import Law
 from xper_fx.nscd.own_compliance import update_compliance
+from xper_fx.nscd.permanent_groups import PermanentGroups
 from xper_fx.nscd.point_group import PointGroup
 from xper_fx.nscd.points import InteractionPoints
 from xper_fx.nscd.stepped_points import ROUNDING, SteppedPoints
-from xper_fx.support.saved_rows import Rows
 
 if TYPE_CHECKING:
     from xper_fx.nscd.anchors import Anchors
@@ -75,32 +72,9 @@ class Interactions(SteppedPoints):
         halo: PointHalo | ContactHalo | None = None,
         splits: bool = False,
     ):
-        law_of_point = np.asarray(law_of_point)
-        if len(law_of_point) != len(points):
-            raise ValueError(
-                f"law_of_point should hold one law a point ({len(points)}), "
-                f"got {len(law_of_point)}."
-            )
-        if len(points) and not (0 <= law_of_point.min() and law_of_point.max() < len(laws)):
-            raise ValueError(
-                f"law_of_point should index the {len(laws)} laws given, got values from "
-                f"{law_of_point.min()} to {law_of_point.max()}."
-            )
-        if ordering not in ("tiles", "vertices"):
-            raise ValueError(f'ordering should be "tiles" or "vertices", got {ordering!r}.')
-        if ordering == "vertices" and (
-            inverse.uniform_size != inverse.dim or points.nodes.shape[2] != 1
-        ):
-            raise ValueError(
-                'ordering="vertices" needs nodal points (one node a side, got '
-                f"{points.nodes.shape[2]}) and a lumped mass without bulk stiffness in w (blocks "
-                f"of {inverse.dim} degrees of freedom, got {inverse.uniform_size or 'several'})."
-            )
         self.dim = inverse.dim
         self.ordering = ordering
         self.laws = laws
-        self.law_of_point = law_of_point.astype(np.min_scalar_type(max(len(laws) - 1, 0)))
-        self._count = len(points)
         self._rigid_blocks = rigid_blocks
         self.halo = halo
         self._rigid_start = self._rigid_free = np.zeros((0, inverse.dim))
@@ -113,42 +87,16 @@ class Interactions(SteppedPoints):
         nodal = np.zeros((inverse.num_slots, self.dim))
         if initial_velocity is not None:
             nodal[: len(initial_velocity)] = initial_velocity
-        vertex = None
-        if ordering == "vertices":
-            vertex = vertex_of_points(points.nodes[:, :, 0], inverse.num_nodes + 1)
-            vertex = vertex.astype(np.int32)
-        self._grouping = Grouping(laws, inverse, vertex)
         phase = np.zeros(len(points), int) if halo is None else halo.phase
-        rigid = [n for n, law in enumerate(laws) if splits and law.kernels(self.dim).rigid]
-        self._permanent = self._grouping.groups(
-            inverse, points, law_of_point, nodal, phase, left_out=frozenset(rigid)
+        self._permanent = PermanentGroups(
+            points, laws, law_of_point, inverse, nodal, phase, ordering, splits
         )
-        self.fused = self._fused(points, vertex, nodal) if rigid else None
-        self.groups = self._permanent
-        self._turns = bool(self.largest(any(g.turning is not None for g in self._permanent)))
-        self._found, self._carried = FoundContacts(), FoundContacts()
+        self.fused, self.groups = self._permanent.fused, self._permanent.groups
+        self.turns = bool(self.largest(self._permanent.turn))
+        grouping = self._permanent.grouping
+        self._found, self._carried = (FoundContacts(grouping, laws, self.dim) for _ in range(2))
         self.renewals = self.exchanges = 0
-        components = [g.kernels.components for g in self.groups]
-        # Points whose groups have all of their frames are put together again when asked for.
-        self._points = None
-        alike = components and min(components) == max(components) and self.fused is None
-        if not alike or points.lever_arms is not None:
-            self._points = points.with_components(max(components, default=1))
         self._take_inverse(self.groups)
-
-    def _fused(self, points: InteractionPoints, vertex: np.ndarray, nodal: np.ndarray):
-        """The vertices that initially rigid bonds hold; their points become those of groups."""
-        from xper_fx.nscd.splitting.fused_points import FusedPoints
-
-        fused = FusedPoints(
-            points, vertex, self.laws, self.law_of_point, self.inverse, self._permanent,
-            lambda kernels, indices: self._grouping.as_given(
-                self.inverse, kernels, points, self.law_of_point, indices
-            ),
-        )  # fmt: skip
-        fused.require_one_velocity(nodal)
-        self._permanent = fused.groups
-        return fused
 
     def wake(self, vertices: np.ndarray) -> None:
         """Give whole vertices the points of their bonds, within a step.
@@ -194,7 +142,7 @@ class Interactions(SteppedPoints):
     def _take_inverse(self, groups: list[PointGroup]) -> None:
         for group in groups:
             update_compliance(group, self.inverse)
-        self._find_uneven()
+        self._permanent.take_inverse(self.inverse)
         self._add_up()
 
     def _add_up(self) -> None:
@@ -203,22 +151,12 @@ class Interactions(SteppedPoints):
                   for g in self.groups]  # fmt: skip
         stiffness = sum(float(np.sum(t[t > 0.0] ** -2.0)) for t in traces)
         mass = sum(float(np.sum(1.0 / t[t > 0.0])) for t in traces)
-        points = self._permanent + self.contacts
+        points = self._permanent.groups + self.contacts
         others = sum(not g.sides.lever_arms or g.kernels.evolve is not None for g in points)
         counts = (stiffness, mass, len(points), others)
         stiffness, self._mass, groups, others = self.total(np.array(counts, float)).tolist()
         self._stiffness = math.sqrt(stiffness)
         self._all_of_rigid = groups > 0 and others == 0
-
-    def _find_uneven(self) -> None:
-        """Find the turning points whose compliance hangs on their frame; None: w has blocks."""
-        turning = [g for g in self._permanent if g.turning is not None]
-        even = self.inverse.even_nodes() if turning else None
-        self._uneven = None
-        if even is not None:
-            self._uneven = {
-                id(g): np.flatnonzero(~even[g.points.nodes].all(axis=(1, 2))) for g in turning
-            }
 
     def lip_motion(
         self,
@@ -296,7 +234,7 @@ class Interactions(SteppedPoints):
         self.halo = halo
         start = self._slots(bulk_velocity, self._rigid_start)
         opened = step * (1.0 - theta)
-        self._found.renew(found, self._grouping, self.inverse, halo, start, opened)
+        self._found.renew(found, self.inverse, halo, start, opened)
         self._regroup()
         self._take_inverse(self.contacts + self.rolling)
 
@@ -310,12 +248,12 @@ class Interactions(SteppedPoints):
         """
         start = self._slots(np.zeros((self.bulk_inverse.num_nodes, self.dim)), self._rigid_start)
         opened = step * (1.0 - theta)
-        self._carried.renew([rows], self._grouping, self.inverse, None, start, opened)
+        self._carried.renew([rows], self.inverse, None, start, opened)
         self._regroup()
         self._take_inverse(self.joints)
 
     def _regroup(self) -> None:
-        self.groups = self._permanent + self.joints + self.contacts + self.rolling
+        self.groups = self._permanent.groups + self.joints + self.contacts + self.rolling
         self.renewals += 1
 
     def deactivate(self, indices: np.ndarray) -> None:
@@ -324,13 +262,8 @@ class Interactions(SteppedPoints):
         Args:
             indices: their numbers in the scene's order.
         """
-        self._points = self.points
-        for number, group in enumerate(self._permanent):
-            kept = np.flatnonzero(~np.isin(group.indices, indices))
-            if len(kept) < len(group):
-                self._permanent[number] = self._grouping.subset(self.inverse, group, kept)
+        self._permanent.deactivate(indices)
         self._regroup()
-        self._find_uneven()
 
     def rounding(self, velocity: np.ndarray) -> float:
         """|r| of impulses that move the bodies by the rounding of their velocities (N s).
@@ -351,42 +284,19 @@ class Interactions(SteppedPoints):
     def saved(self) -> dict:
         """What the next step depends on, the inverse and what is found anew left out.
 
-        Arrays over the permanent points are `Rows` in the scene's order, as wide as the widest of
-        the laws asks for; of contacts that were found their history is kept.
+        Arrays over the permanent points are `Rows`; of contacts that were found, and of the rows of
+        joints, their history is kept.
         """
-        kernels = [law.kernels(self.dim) for law in self.laws]
-        components = max((k.components for k in kernels), default=0)
-        widths = dict.fromkeys(("jump", "velocity", "committed_impulse"), components)
-        widths["energy"] = max((len(k.energies) for k in kernels), default=0)
-        widths["state"] = max((len(k.state_names) for k in kernels), default=0)
-        number = self._numbers()
-        arrays = {name: np.zeros((len(self), width)) for name, width in widths.items()}
-        arrays |= {"status": np.zeros(len(self), np.int8), "kept": np.zeros(len(self), bool)}
-        for g in self._permanent:
-            arrays["kept"][g.indices] = True
-            arrays["status"][g.indices] = g.status
-            for name in widths:
-                own = getattr(g, name)
-                arrays[name][g.indices, : own.shape[1]] = own
-        if self.fused is not None:
-            arrays["kept"][self.fused.asleep] = True
-            arrays["split"] = self.fused.turn_of_points()
-        if self.turns:  # lips that face each other no more keep a frame of some time
-            arrays["frame"] = np.zeros((len(self), components, self.dim))
-            for g in self._permanent:
-                frame = g.points.frame
-                arrays["frame"][g.indices, : frame.shape[1]] = frame
-        saved = {name: Rows(number, values) for name, values in arrays.items()}
+        saved: dict = dict(self._permanent.saved(self._numbers(), self.turns))
         saved |= {
             "committed_step": self.committed_step, "step_size": self.step_size,
             "theta": self.theta,
         }  # fmt: skip
-        if self._found.history is not None:
-            if self.halo is not None:
-                self.share_history(self.halo.ranks)
-            saved["contacts"] = self._found.history.saved(self._kernels_of_contacts())
-        if self._carried.history is not None:
-            saved["joints"] = self._carried.history.saved(self._kernels_of_contacts())
+        if self.halo is not None:
+            self.share_history(self.halo.ranks)
+        for name, points in (("contacts", self._found), ("joints", self._carried)):
+            if points.history is not None:
+                saved[name] = points.saved()
         return saved
 
     def restore(self, saved: Mapping) -> None:
@@ -395,26 +305,11 @@ class Interactions(SteppedPoints):
         gone = np.flatnonzero(~saved["kept"][number])
         if len(gone):
             self.deactivate(gone)
-        if self.fused is not None:
-            self.fused.split_again(saved["split"][number])
-        for g in self._permanent:
-            for name in ("jump", "velocity", "committed_impulse", "energy", "state"):
-                own = getattr(g, name)
-                own[:] = saved[name][number[g.indices], : own.shape[1]]
-            g.impulse[:] = g.committed_impulse
-            g.status[:] = saved["status"][number[g.indices]]
-            if g.turning is not None:
-                g.points.frame[:] = saved["frame"][number[g.indices], : g.points.frame.shape[1]]
-                g.couplings.frame[:] = g.points.frame[:, : g.couplings.frame.shape[1]]
+        self._permanent.restore(saved, number)
         self.committed_step = saved["committed_step"]
         self.step_size, self.theta = saved["step_size"], saved["theta"]
-        kernels = self._kernels_of_contacts()
-        for name, points in (("contacts", self._found), ("joints", self._carried)):
-            points.history = ContactHistory.restored(saved.get(name, {}), kernels, self.dim)
-
-    def _kernels_of_contacts(self) -> list[LawKernels | None]:
-        """See `kernels_of_contacts`."""
-        return kernels_of_contacts(self.laws, self.dim)
+        self._found.restore(saved.get("contacts", {}))
+        self._carried.restore(saved.get("joints", {}))
 
     def _numbers(self) -> np.ndarray:
         """Numbers of this rank's permanent points in the scene's order, shape (num_points,)."""
@@ -425,5 +320,4 @@ class Interactions(SteppedPoints):
 
         All ranks call it together.
         """
-        if self._found.history is not None:
-            self._found.history.share(ranks, self._kernels_of_contacts())
+        self._found.share_history(ranks)

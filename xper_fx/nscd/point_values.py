@@ -8,11 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from xper_fx.nscd.algebra.small import sym_indices
-from xper_fx.nscd.facets import join_points
-from xper_fx.nscd.grouping import Grouping
 from xper_fx.nscd.halo_protocol import ContactHalo, PointHalo
 from xper_fx.nscd.inverse_blocks import BodyInverse
 from xper_fx.nscd.laws.law import ALL_ENERGIES
+from xper_fx.nscd.permanent_groups import PermanentGroups
 from xper_fx.nscd.point_group import PointGroup, bytes_of_groups
 from xper_fx.nscd.points import InteractionPoints
 
@@ -25,7 +24,6 @@ class PointValues:
 
     Attributes:
         dim: 2 or 3.
-        law_of_point: shape (num_points,), index into the laws.
         inverse: blocks of w.
         halo: what there is to exchange with other ranks, None where one rank has all bodies.
         committed_step: h of the last step (s).
@@ -33,16 +31,12 @@ class PointValues:
     """
 
     dim: int
-    law_of_point: np.ndarray
     inverse: BodyInverse
     halo: PointHalo | ContactHalo | None
     committed_step: float
     groups: list[PointGroup]
-    _count: int
-    _permanent: list[PointGroup]
-    _points: InteractionPoints | None  # put together when asked for if None
-    _grouping: Grouping
     fused: FusedPoints | None
+    _permanent: PermanentGroups
 
     # What ranks that share points agree on, so that all of them decide alike
 
@@ -68,21 +62,17 @@ class PointValues:
         return values if self.halo is None else self.halo.gather(values)
 
     def __len__(self) -> int:
-        return self._count
-
-    @property
-    def _asleep(self) -> np.ndarray:
-        """Permanent points that have no arrays as they are sound and rigid (`splitting/`)."""
-        return np.zeros(0, int) if self.fused is None else self.fused.asleep
+        return len(self._permanent)
 
     @property
     def points(self) -> InteractionPoints:
         """All permanent points in the scene's order, those taken out included."""
-        if self._points is not None:
-            return self._points
-        where = np.empty(self._count, np.int32)
-        where[np.concatenate([g.indices for g in self._permanent])] = np.arange(self._count)
-        return join_points([g.points for g in self._permanent]).take(where)
+        return self._permanent.points
+
+    @property
+    def law_of_point(self) -> np.ndarray:
+        """Index into `laws` of each permanent point, shape (num_points,)."""
+        return self._permanent.law_of_point
 
     @property
     def num_points(self) -> int:
@@ -95,8 +85,8 @@ class PointValues:
         That is where damage is complete, or whose law has no damage and no stored energy.
         """
         loose = np.ones(len(self), bool)
-        loose[self._asleep] = False
-        for g in self._permanent:
+        loose[self._permanent.asleep] = False
+        for g in self._permanent.groups:
             loose[g.indices] = g.unbonded()
         return self.whole(loose)
 
@@ -122,8 +112,8 @@ class PointValues:
             return self.local("impulse") / scale[:, None]
         if name == "spent":
             spent = np.ones(len(self))
-            spent[self._asleep] = 0.0
-            for g in self._permanent:
+            spent[self._permanent.asleep] = 0.0
+            for g in self._permanent.groups:
                 spent[g.indices] = g.spent()
             return spent
         if name in ("law", "area"):
@@ -132,7 +122,7 @@ class PointValues:
         widths |= dict.fromkeys(("jump", "velocity", "impulse"), self.dim)
         if name in widths:
             out = np.zeros((len(self), widths[name]))
-            for g in self._permanent:
+            for g in self._permanent.groups:
                 own = getattr(g, name)
                 columns = range(own.shape[1])
                 if name == "energy":
@@ -143,8 +133,8 @@ class PointValues:
                 out[points] = apart[:, None] * np.equal(*sym_indices(self.dim))
             return out
         out = np.zeros(len(self))
-        out[self._asleep] = name in ("damage", "status")
-        for g in self._permanent:
+        out[self._permanent.asleep] = name in ("damage", "status")
+        for g in self._permanent.groups:
             if name in g.kernels.state_names:
                 out[g.indices] = g.state[:, g.kernels.state_names.index(name)]
             elif hasattr(g, name):
@@ -155,8 +145,5 @@ class PointValues:
     def nbytes(self) -> int:
         """Memory held by points and blocks of w, in bytes."""
         inverse = self.inverse
-        shared = [self.law_of_point, inverse.data, inverse.node_offsets, inverse.data_offsets]
-        shared += [] if self._points is None else vars(self._points).values()
-        held = sum(a.nbytes for a in shared if a is not None)
-        held += 0 if self.fused is None else self.fused.nbytes
-        return held + self._grouping.nbytes + bytes_of_groups(self.groups)
+        blocks = inverse.data.nbytes + inverse.node_offsets.nbytes + inverse.data_offsets.nbytes
+        return blocks + self._permanent.nbytes + bytes_of_groups(self.groups)

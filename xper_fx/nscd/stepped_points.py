@@ -103,6 +103,7 @@ class SteppedPoints(PointValues):
         step_size: h of the step (s).
         theta: weight of its end.
         renewals: how often contacts were found anew.
+        turns: whether frames of points turn with their bodies, on whichever rank.
         too_far: by how much internal variables have gone further in the step than the velocities
             last given to `evolve` ask for, relative: what iterates on the way broke for nothing.
         from_scheme: what contacts lost in the step last committed that a scheme with theta > 1/2
@@ -112,20 +113,15 @@ class SteppedPoints(PointValues):
     step_size: float
     theta: float
     renewals: int
+    turns: bool
     too_far: float
     from_scheme: float
     _found: FoundContacts
     _carried: FoundContacts
     _motion: LipMotion
     _couples: np.ndarray
-    _uneven: dict[int, np.ndarray] | None
     _stiffness: float | None
     _mass: float
-
-    @property
-    def turns(self) -> bool:
-        """Whether frames of points turn with their bodies, on whichever rank."""
-        return self._turns
 
     @property
     def rolling(self) -> list[PointGroup]:
@@ -148,7 +144,7 @@ class SteppedPoints(PointValues):
         self._motion = motion
         inverse, shift = _shares_of_spin(step, theta)
         flipped = 0
-        for g in self._permanent:
+        for g in self._permanent.groups:
             if g.turning is None:
                 continue
             first = in_ranges(
@@ -159,10 +155,10 @@ class SteppedPoints(PointValues):
             wrong = [i for i in first if i >= 0]
             if wrong:
                 flipped = 1 + int(self._numbers()[g.indices[wrong[0]]])
-            elif self._uneven is None:
+            elif self._permanent.uneven is None:
                 update_compliance(g, self.inverse)
             else:
-                update_diagonal(g, self._uneven[id(g)])
+                update_diagonal(g, self._permanent.uneven[id(g)])
         if flipped := int(self.largest(flipped)):
             raise FacetFlippedError(flipped - 1)
 
@@ -171,7 +167,7 @@ class SteppedPoints(PointValues):
         from xper_fx.nscd.turning_frames import count_strayed
 
         count, displacement = 0, self._motion.displacement.reshape(-1, self.dim)
-        for g in self._permanent:
+        for g in self._permanent.groups:
             if g.turning is not None and not g.kernels.no_jump:
                 pressing = np.flatnonzero((g.impulse[:, 0] > 0.0) & (g.status > 0))
                 normal = g.couplings.frame[pressing, 0]
@@ -205,7 +201,7 @@ class SteppedPoints(PointValues):
         from xper_fx.nscd.turning_frames import couple_loop
 
         total = np.zeros((self.inverse.num_slots, self.dim))
-        for g in self._permanent:
+        for g in self._permanent.groups:
             if g.turning is not None and (of_gaps or not g.kernels.no_jump):
                 add_couples = couple_loop(g.sides)
                 add_couples(total.reshape(-1), g.couplings, g.turning, g.impulse)

@@ -12,7 +12,7 @@ import numpy as np
 
 from xper_fx.bulk.state import State, StepOutcome
 from xper_fx.nscd import solvers
-from xper_fx.nscd.solvers.solver import SolveOptions, Solver
+from xper_fx.nscd.solvers.solver import SolveOptions, Solver, UnsuitableSolverError
 from xper_fx.nscd.stepped_points import FacetFlippedError
 from xper_fx.simulation.advice import (
     AT_POINTS,
@@ -135,16 +135,29 @@ class StepAttempts:
         except FloatingPointError:
             return None
 
-    def contact_problem(self, state: State, size: float) -> FrictionProblem | None:
-        """The contacts of a step as its solver would be given them; None if none is closed."""
+    def contact_problem(self, state: State, size: float) -> FrictionProblem:
+        """The contacts of a step as its solver would be given them (`Simulation.contact_problem`).
+
+        Args:
+            state: at the start of the step.
+            size: h (s).
+        """
         from xper_fx.nscd.solvers.contact_problem import CapturedContacts
 
-        own, captured = self.solver, CapturedContacts()
-        self.solver = captured
-        try:
-            self.probe(state, size, self._model.options.solve.tolerance)
-        finally:
-            self.solver = own
+        model, own, captured = self._model, self.solver, CapturedContacts()
+        if model.by_vertex or model.monolithic or not model.ranks.alone:
+            raise UnsuitableSolverError(
+                "A contact problem is assembled on one rank, of an implicit bulk with inertia or "
+                "of rigid bodies."
+            )
+        if model.interactions is not None:
+            self.solver = captured
+            try:
+                self.probe(state, size, model.options.solve.tolerance)
+            finally:
+                self.solver = own
+        if captured.problem is None:
+            raise ValueError(f"No contact is closed in the step from t = {state.time:g} s.")
         return captured.problem
 
     def along_path(

@@ -3,12 +3,19 @@
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 
+logger = logging.getLogger(__name__)
+
+# Steps of a picked explicit bulk above which a user is told that an implicit one may be cheaper.
+_MANY_STEPS = 100_000
+# Steps of a given size that hardly anyone waits for.
+_TOO_MANY = 10**9
 # Part of a step that may be rounding of the end time.
 _LITTLE_LEFT = 1e-6
 
@@ -22,30 +29,47 @@ class Course:
         step: the step that was given (s).
         left: whole steps left, where the step is given.
         pieces: sizes (s) and halvings of what is left of a step that is cut, the next one last.
+        resumes: whether it was restored, and no step has been made since.
     """
 
     end_time: float = math.nan
     step: float = 0.0
     left: int = 0
     pieces: list[tuple[float, int]] = field(default_factory=list)
+    resumes: bool = False
 
-    @classmethod
-    def planned(cls, time: float, end_time: float, step: float) -> Course:
-        """The way from a time (s) to an end time (s) in steps of a size (s)."""
+    def towards(self, time: float, end_time: float, step: float) -> Course:
+        """The way from a time to an end time in steps of a size (s): this one where it resumes."""
+        resumes, self.resumes = self.resumes, False
+        if resumes and (self.end_time, self.step) == (end_time, step):
+            return self
         count = math.ceil((end_time - time) / step - _LITTLE_LEFT)
-        return cls(end_time, step, max(count, 0))
+        return Course(end_time, step, max(count, 0))
 
-    def is_to(self, end_time: float, step: float) -> bool:
-        """Whether it leads to an end time with a step."""
-        return self.end_time == end_time and self.step == step
+    def warn_of_units(self) -> None:
+        """Warn of steps of a given size that hardly anyone waits for."""
+        if self.left > _TOO_MANY:
+            logger.warning(
+                "%.3g steps of %.3g s to %g s: look at the units of step and end_time",
+                self.left, self.step, self.end_time,
+            )  # fmt: skip
+
+    def suggest_implicit(self, time: float) -> None:
+        """Tell that an implicit bulk may be cheaper than many explicit steps from a time (s) on."""
+        count = (self.end_time - time) / self.step
+        if count > _MANY_STEPS:
+            logger.warning(
+                '%.0f explicit steps to %g s: slow loads may be cheaper with scheme="implicit"',
+                count, self.end_time,
+            )  # fmt: skip
 
     def saved(self) -> dict:
         """All of it."""
         pieces = np.reshape(np.array(self.pieces, float), (-1, 2))
-        return vars(self) | {"pieces": pieces}
+        return {"end_time": self.end_time, "step": self.step, "left": self.left, "pieces": pieces}
 
     @classmethod
     def restored(cls, saved: Mapping) -> Course:
         """From what `saved` gave."""
         pieces = [(size, int(halvings)) for size, halvings in saved["pieces"].tolist()]
-        return cls(saved["end_time"], saved["step"], saved["left"], pieces)
+        return cls(saved["end_time"], saved["step"], saved["left"], pieces, True)

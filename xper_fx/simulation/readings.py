@@ -11,6 +11,7 @@ from dolfinx import fem
 from xper_fx.bulk.state import State, StepOutcome
 from xper_fx.simulation.model import Model
 from xper_fx.support.checks import require_integer
+from xper_fx.support.ranks import Ranks
 
 if TYPE_CHECKING:
     from xper_fx.periodic.averages import Macroscopic
@@ -22,11 +23,13 @@ class Readings:
 
     Attributes:
         model: what is stepped.
+        team: the ranks that have the scene.
         state: displacement, velocity, time.
         last: the last step's outcome, None before the first.
     """
 
     model: Model
+    team: Ranks
     state: State
     last: StepOutcome | None
     _before: State | None  # at the start of the last step
@@ -68,6 +71,18 @@ class Readings:
         function = fem.Function(self.model.bulk.forms.V, name="velocity")
         function.x.array[:] = self.model.bulk.unknowns.expand(self.state.velocity)
         return function
+
+    @property
+    def estimated_error(self) -> float | None:
+        """Relative error estimated so far; None without an accuracy asked for."""
+        return None if self.model.control is None else self.model.control.estimate.error
+
+    @property
+    def borne(self) -> np.ndarray | float:
+        """Loads and reactions of a static run that are in balance (N); 0 at the start of a run."""
+        if self.last is None or self.model.options.inertia:
+            return 0.0
+        return self.state.external + self.last.reactions / self._last_size
 
     @property
     def facets_with_law(self) -> np.ndarray:

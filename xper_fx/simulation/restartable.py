@@ -39,7 +39,6 @@ class Restartable(Readings):
     tolerance: float
     macroscopic: Macroscopic | None
     _course: Course
-    _resumes: bool
     _save: Callable[[], Path] | None
 
     def save_on_failure(self, save: Callable[[], Path] | None) -> None:
@@ -55,7 +54,12 @@ class Restartable(Readings):
             raise TypeError(f"save should be a function that returns a file's path, got {save!r}.")
         self._save = save
 
-    def _save_state(self) -> Path | None:
+    def save_state(self) -> Path | None:
+        """Save the state before a step that failed, as `save_on_failure` says.
+
+        Returns:
+            The file; None if nothing is to be saved, or if it could not be.
+        """
         self._course = Course()
         if self._save is None:
             return None
@@ -149,7 +153,7 @@ class Restartable(Readings):
         model.bulk.restore(saved.get("bulk", {}))
         model.scheme.restore(saved.get("scheme", {}))
         model.ledger.restore(saved["ledger"])
-        self._course, self._resumes = Course.restored(saved["course"]), True
+        self._course = Course.restored(saved["course"])
         for name, part in _parts(self):
             if name in saved:
                 part.restore(saved[name])

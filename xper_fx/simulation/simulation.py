@@ -13,19 +13,20 @@ import numpy as np
 from mpi4py import MPI
 
 from xper_fx.bulk.state import State, StepOutcome
-from xper_fx.nscd.solvers.solver import SolveOptions, Solver, UnsuitableSolverError
+from xper_fx.nscd.solvers.solver import SolveOptions, Solver
 from xper_fx.scene.scene import Scene
 from xper_fx.simulation.attempt import StepAttempts
+from xper_fx.simulation.commit import commit_bodies, commit_interactions
 from xper_fx.simulation.course import Course
 from xper_fx.simulation.energy_ledger import BulkEnergies
+from xper_fx.simulation.failures import give_up, require_finite, require_small_turns
 from xper_fx.simulation.model import Model
-from xper_fx.simulation.not_finite import not_finite_columns, source_of_not_finite
+from xper_fx.simulation.not_finite import not_finite_columns
 from xper_fx.simulation.options import Options
 from xper_fx.simulation.requested_accuracy import RequestedAccuracy
 from xper_fx.simulation.restartable import Restartable
 from xper_fx.simulation.step_record import StepRecord
 from xper_fx.support.checks import require_kind, require_number
-from xper_fx.support.errors import ConvergenceError, NotFiniteError, SmallStrainError
 from xper_fx.support.profile import Stopwatch
 from xper_fx.support.ranks import Ranks
 
@@ -36,10 +37,6 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger(__name__)
 
-# Steps of a picked explicit bulk above which a user is told that an implicit one may be cheaper.
-_MANY_STEPS = 100_000
-# Steps of a given size that hardly anyone waits for.
-_TOO_MANY = 10**9
 # Time this small beside the end is rounding.
 _ROUNDING = 1e-12
 
@@ -148,8 +145,7 @@ class Simulation(Restartable):
         self.stopwatch = Stopwatch()
         self.folder: Path | None = None
         with self.stopwatch.phase("set-up"):
-            model = Model(scene, options, self.team, self.stopwatch)
-        self.model = model
+            self.model = model = Model(scene, options, self.team, self.stopwatch)
         self.ranks, self.part, self.bodies = model.ranks, model.part, model.bodies
         self.bulk, self.forms, self.rigid = model.bulk, model.bulk.forms, model.rigid
         self.detection, self.interactions = model.detection, model.interactions
@@ -165,8 +161,11 @@ class Simulation(Restartable):
         self._rigid_reactions: np.ndarray | None = None
         self._save = None
         self._course = Course()
-        self._resumes = False
-        self._judged = ""
+        self._judge = None
+        if model.control is not None:
+            from xper_fx.simulation.verdict import Judge
+
+            self._judge = Judge()
         self._stepping: object = None
         if scene.after is not None:
             from xper_fx.simulation.going_on import go_on
@@ -182,11 +181,6 @@ class Simulation(Restartable):
     def solver(self) -> Solver:
         """Solver of the interactions."""
         return self._attempts.solver
-
-    @property
-    def estimated_error(self) -> float | None:
-        """Relative error estimated so far; None without an accuracy asked for."""
-        return None if self.model.control is None else self.model.control.estimate.error
 
     def steps(self, end_time: float) -> Iterator[StepRecord]:
         """Advance to `end_time` (s), a record after each committed step.
@@ -213,7 +207,8 @@ class Simulation(Restartable):
                         f"These steps() to {end_time:g} s were left: others have begun, and the "
                         "simulation has one time. Take one after the other."
                     )
-            self._judge()
+            if self._judge is not None:
+                self._judge.tell(self)
         finally:
             self._attempts.doubts.sum_up()
 
@@ -228,17 +223,7 @@ class Simulation(Restartable):
                 a bulk whose vertices are solved alone, contacts that ranks divide.
             ValueError: no contact is closed.
         """
-        if self.model.by_vertex or self.model.monolithic or not self.ranks.alone:
-            raise UnsuitableSolverError(
-                "A contact problem is assembled on one rank, of an implicit bulk with inertia or "
-                "of rigid bodies."
-            )
-        problem = None
-        if self.interactions is not None:
-            problem = self._attempts.contact_problem(self.state, self.step_size)
-        if problem is None:
-            raise ValueError(f"No contact is closed in the step from t = {self.state.time:g} s.")
-        return problem
+        return self._attempts.contact_problem(self.state, self.step_size)
 
     def verdict(self) -> Verdict | None:
         """What accuracy was asked for, what was reached, what limits it; None if none was."""
@@ -248,44 +233,21 @@ class Simulation(Restartable):
 
         return verdict(self)
 
-    def _judge(self) -> None:
-        """Tell once if an end is reached at which the accuracy asked for is not."""
-        asked, error = self.options.requested.accuracy, self.estimated_error
-        if error is None or self._judged == "missed" or (self._judged and error <= asked):
-            return
-        found = self.verdict()
-        self._judged = "reached" if found.reached else "missed"
-        if self.team.rank == 0:
-            logger.log(logging.INFO if found.reached else logging.WARNING, "%s", found.text)
-
     def _step_on(self, end_time: float) -> Iterator[StepRecord]:
         """Steps whose times are given or picked."""
-        control = self.model.control
+        control, time = self.model.control, self.state.time
+        course = self._course = self._course.towards(time, end_time, self.step_size)
         fixed = control is None or not control.adapts_step
-        course = self._course
-        resumes, self._resumes = self._resumes, False
-        if not (resumes and course.is_to(end_time, self.step_size)):
-            course = self._course = Course.planned(self.state.time, end_time, self.step_size)
-        if fixed and course.left > _TOO_MANY:
-            logger.warning(
-                "%.3g steps of %.3g s to %g s: look at the units of step and end_time",
-                course.left, self.step_size, end_time,
-            )  # fmt: skip
-        yield from self._advance(end_time)
         if fixed:
-            while course.left > 0:
-                course.left -= 1
-                course.pieces.append((self.step_size, 0))
-                yield from self._advance(end_time)
-            return
-        if self.options.scheme_is_picked and self.options.scheme == "explicit":
-            count = (end_time - self.state.time) / self.step_size
-            if count > _MANY_STEPS:
-                logger.warning(
-                    "%.0f explicit steps to %g s: slow loads may be cheaper with "
-                    'scheme="implicit"', count, end_time,
-                )  # fmt: skip
-        while end_time - self.state.time > _ROUNDING * abs(end_time):
+            course.warn_of_units()
+        elif self.options.scheme_is_picked and self.options.scheme == "explicit":
+            course.suggest_implicit(time)
+        yield from self._advance(end_time)
+        while fixed and course.left > 0:
+            course.left -= 1
+            course.pieces.append((self.step_size, 0))
+            yield from self._advance(end_time)
+        while not fixed and end_time - self.state.time > _ROUNDING * abs(end_time):
             course.pieces.append((control.size(self.state.time, end_time), 0))
             yield from self._advance(end_time)
 
@@ -313,7 +275,7 @@ class Simulation(Restartable):
             if record is not None:
                 yield record
             elif last_try:
-                self._give_up(outcome, size)
+                give_up(self, self._attempts, outcome, size)
             else:
                 logger.info(
                     "step %d at h = %.3g s did not converge, or went too far: halved",
@@ -330,7 +292,7 @@ class Simulation(Restartable):
             outcome = self._attempts.probe(self.state, long, self.tolerance)
             if outcome is None or not outcome.converged:
                 return None
-            return self.ledger.bulk_energies(self.state, outcome, long, None, self._borne())
+            return self.ledger.bulk_energies(self.state, outcome, long, None, self.borne)
 
     def _follow(self, end_time: float) -> Iterator[StepRecord]:
         """Steps along the path until its time is the end time."""
@@ -348,88 +310,34 @@ class Simulation(Restartable):
             if outcome.converged:
                 yield record._replace(size=change)
             elif not path.failed():
-                self._give_up(outcome, size)
+                give_up(self, self._attempts, outcome, size)
 
     def _bulk_energies(self, outcome: StepOutcome, size: float) -> BulkEnergies:
         with self.stopwatch.phase("energy"):
             energies = self.ledger.bulk_energies(
-                self.state, outcome, size, self._attempts.rigid_work, self._borne()
+                self.state, outcome, size, self._attempts.rigid_work, self.borne
             )
-        self._require_finite(not_finite_columns(energies._asdict()), size)
+        require_finite(self, not_finite_columns(energies._asdict()), size)
         return energies
 
-    def _borne(self) -> np.ndarray | float:
-        """Loads and reactions of a static run that are in balance (N); 0 at the start of a run."""
-        if self.last is None or self.options.inertia:
-            return 0.0
-        return self.state.external + self.last.reactions / self._last_size
-
-    def _give_up(self, outcome: StepOutcome | None, size: float) -> None:
-        """Stop with the reason, the state saved."""
-        residual, newton = np.nan, np.nan
-        if outcome is not None:
-            residual, newton = outcome.residual, outcome.newton_residual
-            if self.ranks.alone:
-                source = source_of_not_finite(
-                    self.scene, self.bulk, self.interactions, self.state, outcome, size
-                )
-                self._require_finite(source, size)
-        helps = self._attempts.advice(residual, newton, self.tolerance)
-        raise ConvergenceError(
-            self.step_number + 1, self.state.time, size, residual, newton, self._save_state(),
-            *helps,
-        )  # fmt: skip
-
-    def _require_finite(self, source: str | None, size: float) -> None:
-        """Raise a NotFiniteError if something has given a number that is not finite."""
-        if source is not None:
-            raise NotFiniteError(
-                self.step_number + 1, self.state.time, size, source, self._save_state()
-            )
-
     def _commit(self, outcome: StepOutcome, size: float, energies: BulkEnergies) -> StepRecord:
-        attempts, control = self._attempts, self.model.control
-        if turned := attempts.turned_bonds(outcome.state, self.step_number + 1, size):
-            raise SmallStrainError(
-                self.step_number + 1, self.state.time, size, *turned, self._save_state()
-            )
-        with self.stopwatch.phase("energy"):
-            work = (
-                None
-                if self.interactions is None
-                else self.interactions.commit(outcome.slots, not self.options.inertia)
-            )
-            if work is not None:
-                damped = energies.damped - self.interactions.from_scheme
-                energies = energies._replace(damped=damped)
-            self.ledger.record(outcome, size, energies, work)
-        self._require_finite(not_finite_columns(self.ledger.as_columns()), size)
+        attempts, control, number = self._attempts, self.model.control, self.step_number + 1
+        require_small_turns(self, attempts.turned_bonds(outcome.state, number, size), size)
+        work = commit_interactions(self.model, outcome, size, energies)
+        require_finite(self, not_finite_columns(self.ledger.as_columns()), size)
         if work is not None and not self.options.inertia and self.path is None:
-            attempts.doubts.tell_snap(work, self.step_number + 1, size)
-        if self.detection is not None:
-            with self.stopwatch.phase("contact search"):
-                self.detection.release(
-                    self.interactions, self.model.points.points_a_facet,
-                    self.bulk.unknowns.expand(outcome.state.displacement),
-                )  # fmt: skip
+            attempts.doubts.tell_snap(work, number, size)
         if control is not None:
             control.learn(size, energies, work, self.ledger.closure, outcome)
             self.tolerance = control.tolerance
-        with self.stopwatch.phase("commit"):
-            self.bulk.commit(outcome.state.displacement, outcome.state.internal)
-            if self.rigid is not None:
-                self.rigid.commit()
-        if self.model.healing is not None:
-            with self.stopwatch.phase("healing"):
-                healed = self.model.healing.heal(self.interactions, size, outcome.state.time)
-                self.ledger.heal(*healed)
+        commit_bodies(self.model, outcome, size)
         self._before, self.state = self.state, outcome.state
         self.last, self._last_size = outcome, size
         self._rigid_reactions = attempts.rigid_reactions
         self.macroscopic = self._macroscopic(self._before, outcome, size)
-        self.step_number += 1
+        self.step_number = number
         return StepRecord(
-            self.step_number, self.state.time, size, outcome.sweeps, outcome.residual,
+            number, self.state.time, size, outcome.sweeps, outcome.residual,
             outcome.traction_change, outcome.newton_iterations, outcome.newton_residual,
             self.ledger.as_columns(),
         )  # fmt: skip

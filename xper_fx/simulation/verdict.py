@@ -3,11 +3,14 @@
 
 from __future__ import annotations
 
+import logging
 from typing import NamedTuple
 
 from xper_fx.simulation.bulk_resolution import bulk_resolution
 from xper_fx.simulation.cohesive_scales import cohesive_scales
 from xper_fx.simulation.readings import Readings
+
+logger = logging.getLogger(__name__)
 
 # What makes the error (`error_estimate.py`), in words, and what makes it less.
 _CAUSES = {
@@ -55,6 +58,23 @@ class Verdict(NamedTuple):
         said = f"accuracy: {self.asked:g} asked, {self.estimated:.2g} estimated"
         said += ", reached" if self.reached else ", NOT reached"
         return said + "".join(f"; {limit}" for limit in self.limits)
+
+
+class Judge:
+    """Tells the verdict once at an end, and again if what was reached is missed later."""
+
+    def __init__(self) -> None:
+        self._told: Verdict | None = None
+
+    def tell(self, simulation: Readings) -> None:
+        """Log the verdict of a run with an accuracy asked for, a warning where it is missed."""
+        told, control = self._told, simulation.model.control
+        asked = simulation.model.options.requested.accuracy
+        if told is not None and (not told.reached or control.estimate.error <= asked):
+            return
+        found = self._told = verdict(simulation)
+        if simulation.team.rank == 0:
+            logger.log(logging.INFO if found.reached else logging.WARNING, "%s", found.text)
 
 
 def verdict(simulation: Readings) -> Verdict | None:
