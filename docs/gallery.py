@@ -235,6 +235,13 @@ GALLERY = (
         "minutes",
     ),
     Figures(
+        "benchmarks/fault_rupture.py",
+        "--facets 8 --figure {out}/fault_rupture.png",
+        {"fault_rupture": "fault_rupture.png"},
+        ("Ruptures on a fault, below the Rayleigh speed and above that of S waves",),
+        "minutes",
+    ),
+    Figures(
         "benchmarks/deflection_or_penetration.py",
         "--figure {out}/deflection_or_penetration.png",
         {"deflection_or_penetration": "deflection_or_penetration.png"},

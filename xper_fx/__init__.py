@@ -49,6 +49,7 @@ if TYPE_CHECKING:
     from xper_fx.forms import loads as loads
     from xper_fx.forms.loads import BodyForce as BodyForce
     from xper_fx.forms.loads import Gravity as Gravity
+    from xper_fx.forms.loads import InitialStress as InitialStress
     from xper_fx.forms.loads import PrescribedDisplacement as PrescribedDisplacement
     from xper_fx.forms.loads import PrescribedVelocity as PrescribedVelocity
     from xper_fx.forms.loads import RayleighDamping as RayleighDamping
@@ -106,6 +107,7 @@ _MODULE_OF = {
     "Gravity": "forms.loads",
     "GrowthControl": "simulation",
     "Hinge": "scene",
+    "InitialStress": "forms.loads",
     "MacroscopicDrive": "periodic",
     "NotFiniteError": "support.errors",
     "PrescribedDisplacement": "forms.loads",

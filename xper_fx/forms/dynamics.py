@@ -5,7 +5,7 @@ For all test functions v on each body,
 
     f_int(u; v) = d/du [ sum int W_tag(u) dx ] . v + sum int P_tag(u; a, h) : grad v dx,
     K = d f_int / du,
-    f_ext(v) = int (b + rho g) . v dx + sum_tags int t . v ds.
+    f_ext(v) = int (b + rho g) . v dx + sum_tags int t . v ds - int sigma_0 : eps(v) dx.
 
 The first sum is over hyperelastic materials, the second over those with a response, whose nominal
 stress P depends on the internal variables a committed at the start of the step and on its size h.
@@ -24,8 +24,16 @@ from dolfinx import default_scalar_type, fem
 
 from xper_fx.bodies.explode import Bodies
 from xper_fx.forms.compiled import compiled_expression, compiled_form
-from xper_fx.forms.loads import BodyForce, Gravity, SurfaceTraction, VectorValue, varies, vector_at
-from xper_fx.materials.kinematics import displacement_gradient
+from xper_fx.forms.loads import (
+    BodyForce,
+    Gravity,
+    InitialStress,
+    SurfaceTraction,
+    VectorValue,
+    varies,
+    vector_at,
+)
+from xper_fx.materials.kinematics import displacement_gradient, in_space
 from xper_fx.materials.material import InelasticMaterial, Material, Response
 from xper_fx.support.compat import interpolation_points
 
@@ -37,7 +45,7 @@ class BulkForms:
         bodies: the bodies.
         order: order of the Lagrange space, 1 or 2.
         materials: material of each cell tag.
-        forces: body forces, gravity, surface tractions.
+        forces: body forces, gravity, surface tractions, initial stresses.
 
     Attributes:
         V: vector Lagrange space on `bodies.mesh`.
@@ -56,7 +64,7 @@ class BulkForms:
         bodies: Bodies,
         order: int,
         materials: Mapping[int, Material | InelasticMaterial],
-        forces: Sequence[BodyForce | Gravity | SurfaceTraction] = (),
+        forces: Sequence[BodyForce | Gravity | SurfaceTraction | InitialStress] = (),
     ):
         mesh = bodies.mesh
         dim = mesh.geometry.dim
@@ -96,6 +104,7 @@ class BulkForms:
         self._increments = self._increment_expressions()
         self._cell_energy: tuple[fem.Form, np.ndarray] | None = None
         self._loads: list[tuple[fem.Constant, VectorValue]] = []
+        self._initial_stress = self._stress_at_start(forces)
         self.external = self._external_form(forces, test)
 
     def _items(self):
@@ -159,13 +168,28 @@ class BulkForms:
                 forms[name] = compiled_form(sum(terms))
         return forms
 
+    def _stress_at_start(self, forces) -> fem.Function | None:
+        """Sum of the initial stresses, linear in each cell; None without any."""
+        given = [force for force in forces if isinstance(force, InitialStress)]
+        if not given:
+            return None
+        mesh = self.bodies.mesh
+        dim = mesh.geometry.dim
+        stress = fem.Function(fem.functionspace(mesh, ("DG", 1, (dim, dim))))
+        stress.interpolate(lambda x: sum(g.at(x, dim) for g in given).reshape(dim * dim, -1))
+        return stress
+
     def _external_form(self, forces, test):
         mesh = self.bodies.mesh
         dim = mesh.geometry.dim
         mass_dx = ufl.Measure("dx", mesh, subdomain_data=self.bodies.cell_tags)
         ds = ufl.Measure("ds", mesh, subdomain_data=self.bodies.facet_tags)
         total = None
+        if self._initial_stress is not None:
+            total = -ufl.inner(self._initial_stress, ufl.grad(test)) * mass_dx
         for force in forces:
+            if isinstance(force, InitialStress):
+                continue
             vector = self._constant(np.zeros(dim))
             value = force.value if callable(force.value) else tuple(force.value)
             self._loads.append((vector, value))
@@ -332,6 +356,8 @@ class BulkForms:
                 stress, where, share = self._responses[tag].stress, points, weights
             else:
                 stress, where, share = material.stress(self.u, self._constant), middle, np.ones(1)
+            if self._initial_stress is not None:
+                stress += in_space(self._initial_stress)
             expression = compiled_expression(stress, where)
             pieces.append((expression, cells, share / share.sum()))
 

@@ -11,11 +11,14 @@ from dataclasses import dataclass
 from numbers import Real
 
 import numpy as np
+import numpy.typing as npt
 
 from xper_fx.support.checks import require_non_negative
 
 # Sizes of loads from which on steps give nothing but infinity.
 _LARGEST = 1e250
+# Stresses from which on their works are infinite (Pa).
+_LARGEST_STRESS = 1e150
 
 Value = float | Callable[[float], float]
 VectorValue = Sequence[Value] | Callable[[float], Sequence[float]]
@@ -140,6 +143,50 @@ class SurfaceTraction:
 
     facets: int
     value: VectorValue
+
+
+@dataclass(frozen=True)
+class InitialStress:
+    """Stress (Pa) that the bodies are under before anything moves, tension positive.
+
+    Displacements count from that state: the stress is `value` + C : eps(u), and the force on a
+    test function v is - int value : eps(v) dx. What balances the stress is given too (gravity,
+    tractions) or holds it (prescribed motions, contacts). Its work is among that of the external
+    forces. Materials are linear elastic ones.
+
+    Args:
+        value: symmetric, shape (dim, dim), or a function of positions, shape (3, n), m, that gives
+            shape (dim, dim, n). In 2D the stress across the plane counts as zero.
+    """
+
+    value: npt.ArrayLike | Callable[[np.ndarray], npt.ArrayLike]
+
+    def at(self, x: np.ndarray, dim: int) -> np.ndarray:
+        """The stress at positions, shape (3, n), as an array of shape (dim, dim, n).
+
+        Raises:
+            ValueError: another shape, entries that are not finite, an unsymmetric stress.
+        """
+        shape = (dim, dim, x.shape[1])
+        given = self.value(x) if callable(self.value) else np.expand_dims(self.value, -1)
+        if callable(self.value) and np.shape(given) != shape or np.ndim(given) != 3:
+            raise ValueError(self._wrong(f"the shape {np.shape(given)}", dim))
+        try:
+            stress = np.broadcast_to(np.asarray(given, float), shape)
+        except (TypeError, ValueError):
+            raise ValueError(self._wrong(f"the value {self.value!r}", dim)) from None
+        if not np.all(np.abs(stress) < _LARGEST_STRESS):
+            raise ValueError(self._wrong("entries that are not finite or above 1e150 Pa", dim))
+        if not np.allclose(stress, stress.swapaxes(0, 1), rtol=1e-9, atol=0.0):
+            raise ValueError(self._wrong("two shear stresses that differ", dim))
+        return stress
+
+    @staticmethod
+    def _wrong(found: str, dim: int) -> str:
+        return (
+            f"InitialStress has {found}; it should be finite and symmetric, {dim} x {dim} numbers "
+            f"(Pa) or a function of positions of shape (3, n) that gives ({dim}, {dim}, n)."
+        )
 
 
 @dataclass(frozen=True)

@@ -10,10 +10,15 @@ import ufl
 
 def displacement_gradient(u: Any) -> Any:
     """Grad u as a 3 x 3 tensor; in 2D the out-of-plane components are zero."""
-    g = ufl.grad(u)
-    if g.ufl_shape == (3, 3):
-        return g
-    return ufl.as_tensor([[g[0, 0], g[0, 1], 0.0], [g[1, 0], g[1, 1], 0.0], [0.0, 0.0, 0.0]])
+    return in_space(ufl.grad(u))
+
+
+def in_space(tensor: Any) -> Any:
+    """A 2 x 2 tensor as one of 3 x 3 whose out-of-plane components are zero; others as they are."""
+    t = tensor
+    if t.ufl_shape == (3, 3):
+        return t
+    return ufl.as_tensor([[t[0, 0], t[0, 1], 0.0], [t[1, 0], t[1, 1], 0.0], [0.0, 0.0, 0.0]])
 
 
 def small_strain(u: Any) -> Any:

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from numbers import Integral
 
 import numpy as np
@@ -13,19 +13,21 @@ from xper_fx.bodies.meshes import facet_cells
 from xper_fx.forms.loads import (
     BodyForce,
     Gravity,
+    InitialStress,
     PrescribedDisplacement,
     PrescribedVelocity,
     SurfaceTraction,
     value_at,
     vector_at,
 )
+from xper_fx.materials.material import InelasticMaterial, Material
 from xper_fx.scene.wall import Wall
 from xper_fx.support.checks import require_number
 
 Motion = PrescribedVelocity | PrescribedDisplacement
 # Forces from which on their works are infinite.
 _LARGEST = 1e150
-Load = BodyForce | Gravity | SurfaceTraction | Motion
+Load = BodyForce | Gravity | SurfaceTraction | InitialStress | Motion
 
 
 def check_loads(loads: Sequence[Load], dim: int) -> None:
@@ -43,6 +45,8 @@ def check_loads(loads: Sequence[Load], dim: int) -> None:
     for load in loads:
         if not isinstance(load, Load):
             raise TypeError(f"{load!r} is no load; forms/loads.py has those there are.")
+        if isinstance(load, InitialStress):
+            continue  # with the mesh, `check_initial_stresses`
         name, values = type(load).__name__, (load.value,)
         if not isinstance(load, Motion):
             values = load.value
@@ -81,6 +85,29 @@ def check_loads(loads: Sequence[Load], dim: int) -> None:
                 f"{name} on tag {load.facets} is {value_at(load.value, 0.0)} m at the start, "
                 "where displacements are zero; give a function of time that starts at zero."
             )
+
+
+def check_initial_stresses(
+    loads: Sequence[Load], bodies: Bodies, materials: Mapping[int, Material | InelasticMaterial]
+) -> None:
+    """See that initial stresses are stresses wherever there are bodies, and materials take them.
+
+    Args:
+        loads, bodies, materials: of the scene.
+
+    Raises:
+        ValueError: a stress that is none, a material that is not linear elastic.
+    """
+    given = [load for load in loads if isinstance(load, InitialStress)]
+    for load in given:
+        load.at(bodies.mesh.geometry.x.T, bodies.mesh.geometry.dim)
+    others = [tag for tag, material in materials.items() if not material.linear]
+    if given and others:
+        raise ValueError(
+            "An InitialStress is added to the stress of linear elastic materials; the one of cell "
+            f"tag {others[0]} is {materials[others[0]]!r}, whose answer depends on the whole "
+            "stress: load it by forces and motions in a first part of the run."
+        )
 
 
 def check_motions(loads: Sequence[Load], bodies: Bodies) -> None:

@@ -22,7 +22,13 @@ from xper_fx.materials.material import InelasticMaterial, Material
 from xper_fx.nscd.laws.law import Law
 from xper_fx.scene.contact import Contact, check_contacts
 from xper_fx.scene.facet_laws import facet_laws
-from xper_fx.scene.load_checks import Load, check_loads, check_motions, check_outer
+from xper_fx.scene.load_checks import (
+    Load,
+    check_initial_stresses,
+    check_loads,
+    check_motions,
+    check_outer,
+)
 from xper_fx.scene.material_checks import check_materials
 from xper_fx.scene.wall import Wall
 from xper_fx.support.checks import require_flag, require_integer, require_kind
@@ -251,6 +257,7 @@ class Scene:
                 raise TypeError(f"{tie!r} is no Tie: give xf.Tie objects.")
             tie.check(self.bodies, self.order)
         self._check_tags()
+        check_initial_stresses(self.loads, self.bodies, self.materials)
         check_motions(self.loads, self.bodies)
         check_outer(self.loads, self.walls, self.bodies)
         self.law_of_facet()
