@@ -327,11 +327,12 @@ def draw(runs: dict[Case, tuple[Rupture, Rupture]], path: Path) -> None:
                 # slip that begins ahead passes some places before those behind them
                 shown = np.where((speed > 0.0) & (speed < 2.5), speed, np.nan)
                 right.plot(places / LAMBDA + 0.5, shown, style, color=colour, label=name)
+        across = right.get_yaxis_transform()
         for level, name in (
             (rayleigh_speed(), "$c_R$"), (np.sqrt(2.0) * C_S, r"$\sqrt{2}\,c_s$"), (C_P, "$c_p$")
         ):  # fmt: skip
             right.axhline(level / C_S, color="gray", linewidth=0.8)
-            right.annotate(name, (0.2, level / C_S + 0.02), color="gray")
+            right.text(0.01, level / C_S + 0.02, name, color="gray", transform=across)
         left.set(
             xlabel=r"distance from the origin / $\Lambda$", ylabel=r"time, $c_s t / \Lambda$",
             title="slip of D has passed; dotted: boundary integrals",
