@@ -167,14 +167,15 @@ def _tangent_kernel(law: LawKernels, sides: Sides):
             wi = sym_row(w_points, i)
             b = subtract(u, sym_vector(wi, old))
             reach = max(_REACH * np.sqrt(dot(b, b)), least)
-            base, _ = solve(i, u, old, w_points, parameters, terms, details)
             factor = (1.0 - _PROXIMAL) / reach
-            largest, apart = 0.0, 0.0
-            for j in range(components):
-                moved, _ = solve(
-                    i, add(u, unit(j, reach)), old, w_points, parameters, terms, details
-                )
-                column = subtract(moved, base)
+            largest, apart, base = 0.0, 0.0, old
+            for n in range(components + 1):  # the law is compiled into one place: it is long
+                moved = u if n == 0 else add(u, unit(n - 1, reach))
+                answer, _ = solve(i, moved, old, w_points, parameters, terms, details)
+                if n == 0:
+                    base = answer
+                    continue
+                j, column = n - 1, subtract(answer, base)
                 for x in range(components):
                     new[x, j] = factor * column[x]
                     largest = max(largest, abs(new[x, j]))
