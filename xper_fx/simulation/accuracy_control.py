@@ -46,8 +46,10 @@ _REJECT = 4.0
 # Energy by which a step may differ from going on at the last power, relative to accuracy and energy
 # held: four times what a vibration stepped as asked for does.
 _LARGEST_TURN = 12.0
-# Estimate over what is allowed below which the step is doubled: it then grows fourfold.
-_SPARE = 0.15
+# Estimate over what is allowed, expected of a longer step, below which it is taken.
+_SPARE = 0.6
+# Weight of what a material leaves in a static run, where it adds up with one sign.
+_ADD_UP = 1.5
 # Weight of the last step in the mean of the estimates.
 _FRESH = 0.5
 # Steps of a size before a larger one is tried, and before a tolerance is halved again.
@@ -119,6 +121,8 @@ class AccuracyControl:
         self.adapts_step, self._adapts_tolerance = requested.adapts_step, requested.adapts_tolerance
         self._largest = largest
         self._event_share = accuracy if interacting else math.sqrt(accuracy)
+        self._static = base is None
+        self._strikes = interacting or not self._static  # else power turns smoothly
         # what was learnt of the step and of the tolerance serves a control that starts alike
         self._starts_from = (accuracy, base or 0.0, largest, requested.tolerance)
         first = base or 0.0
@@ -167,7 +171,7 @@ class AccuracyControl:
         self._allowed, learnt.ratio = self._accuracy * share or np.inf, 0.0
         left, turn = self.estimate.see(time, size, change)
         learnt.ratio = left / self._allowed
-        bound = _LARGEST_TURN * self._accuracy * scale
+        bound = _LARGEST_TURN * self._accuracy * scale if self._strikes else np.inf
         coarse = learnt.ratio > _REJECT or turn > bound
         if self.adapts_step and size > (1.0 + _ALIKE) * learnt.least and coarse:
             learnt.ratio = max(learnt.ratio, (turn / bound) ** 2 if bound > 0.0 else 0.0)
@@ -200,13 +204,29 @@ class AccuracyControl:
         if doubling is not None and doubling.take(size, energies):
             learnt.rough = doubling.local / self._allowed
         learnt.same += 1
-        learnt.smooth += _FRESH * (max(learnt.ratio, learnt.rough) - learnt.smooth)
-        spare = learnt.smooth < _SPARE and learnt.same >= _PATIENCE
-        if learnt.smooth > 1.0:
+        learnt.smooth += _FRESH * (learnt.ratio - learnt.smooth)
+        if max(learnt.smooth, learnt.rough) > 1.0:
             self._shorten(size)
-        elif spare and size > 0.99 * learnt.size:
-            learnt.size, learnt.same = min(2.0 * learnt.size, self._largest), 0
-            learnt.rough *= 2.0
+        elif learnt.same >= _PATIENCE and size > 0.99 * learnt.size:
+            times = self._longer()
+            if times > 1.0:
+                learnt.size, learnt.same = min(times * learnt.size, self._largest), 0
+                learnt.rough *= times
+
+    def _longer(self) -> float:
+        """How many times longer the next step may be, a power of two.
+
+        What is left over what is allowed grows with the square of the step, as the time integration
+        is of second order; what a material leaves in a static run is of first order and grows with
+        the step (with inertia, waves grow beside it). A static run begins with a short step, which
+        may grow faster.
+        """
+        learnt = self._learnt
+        for times in (4.0, 2.0) if self._static else (2.0,):
+            rough = (_ADD_UP * times if self._static else times**2) * learnt.rough
+            if max(times**2 * learnt.smooth, rough) < _SPARE:
+                return times
+        return 1.0
 
     def _adapt_tolerance(self) -> None:
         if not self._adapts_tolerance:

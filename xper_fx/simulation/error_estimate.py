@@ -13,6 +13,11 @@ largest energy held or to the largest force. What makes it, by name:
   err by a share shift what bonds bear and spend by some of it;
 - **impacts** happen somewhere within a step: the energy that turns its way in that time, summed,
   which cannot exceed all there is;
+- **motion**: a contact that closes within a step turns the velocities in the step's middle, up to h
+  late, and the bodies are that much behind for good: h |dv| of the largest displacement, in the L2
+  norm, with the mean h of the steps of impacts, weighted by what each took and by the share of the
+  kinetic energy in all that was held. (A body that hits with its motion alone bounces late; what
+  claps in a body full of waves hardly counts.) Energies do not add to it;
 - **damping** by theta above 1/2;
 - **closure** of the energy ledger;
 - **events**: a largest force between the ends of steps. It lies in the step up to the largest that
@@ -45,6 +50,8 @@ REST = 20
 _OF_IMPULSES = 3.0
 # Energy that an impact takes of the largest held, and what its time errs by, in steps.
 _AN_IMPACT, _OF_IMPACTS = 1e-6, 1.0
+# Change of the velocities of bodies that bounce, over their velocities.
+_REBOUND = 1.5
 # Error of global quantities over what materials leave within steps: stresses that err go on to.
 _OF_MATERIALS = 2.0
 # Work of the loads, relative to the largest energy, below which its power is no force to be missed.
@@ -71,6 +78,11 @@ class _Parts:
             much it grew in the step of the largest.
         missed: of a largest force, relative.
         impacts: by the times of impacts.
+        struck: energy that impacts took (J; 2D: J/m).
+        late: sum of the energies that impacts took times their steps (J s; 2D: J s/m), each by the
+            share of the kinetic energy in what was held.
+        fastest: largest norm of the velocities of meshed bodies since the first impact (m/s).
+        moved: largest norm of their displacements (m).
     """
 
     scale: float
@@ -88,6 +100,10 @@ class _Parts:
     growth: float = 0.0
     missed: float = 0.0
     impacts: float = 0.0
+    struck: float = 0.0
+    late: float = 0.0
+    fastest: float = 0.0
+    moved: float = 0.0
 
 
 class _Rate(NamedTuple):
@@ -120,8 +136,10 @@ class ErrorEstimate:
 
     @property
     def error(self) -> float:
-        """Relative error so far: the sum of `errors`."""
-        return sum(self.errors.values())
+        """Relative error so far: the sum of `errors`, but for `motion`, or that if it is more."""
+        errors = self.errors
+        motion = errors.pop("motion")
+        return max(sum(errors.values()), motion)
 
     @property
     def errors(self) -> dict[str, float]:
@@ -139,7 +157,16 @@ class ErrorEstimate:
             "damping": abs(parts.damped) / scale,
             "closure": abs(parts.closure) / scale,
             "events": parts.missed if watched else 0.0,
+            "motion": self._motion,
         }
+
+    @property
+    def _motion(self) -> float:
+        """Relative error of displacements, as impacts come late."""
+        parts = self._parts
+        if parts.late == 0.0 or parts.moved == 0.0:
+            return 0.0
+        return _REBOUND * parts.late / parts.struck * parts.fastest / parts.moved
 
     @property
     def numerical(self) -> float:
@@ -201,15 +228,19 @@ class ErrorEstimate:
         """
         parts = self._parts
         held = energies.kinetic + energies.elastic
+        share = energies.kinetic / held if held > 0.0 else 0.0
         if work is not None:
             held += work.stored
             parts.quiet = 0 if work.cohesion > 0.0 else parts.quiet + 1
             parts.numerical += work.numerical
             self._now.rate[1] += (work.impact + work.friction) / size
             parts.impulses += min(outcome.residual, 1.0)
-            if work.impact > _AN_IMPACT * parts.scale and self._rates:
+            strikes = share > 0.0 and work.impact > _AN_IMPACT * parts.scale
+            if strikes and self._rates:
                 turn = size * np.abs(self._now.rate - self._rates[-1].rate)
                 parts.impacts += _OF_IMPACTS * float(turn.max())
+                parts.struck += work.impact
+                parts.late += work.impact * size * share
         # kinetic and elastic energy mirror each other; amplitudes err by half as much
         parts.left += 0.5 * float(self._left(size).max())
         self._rates.append(self._now)
@@ -219,6 +250,12 @@ class ErrorEstimate:
         parts.closure = closure
         parts.damped += energies.damped
         parts.scale = max(parts.scale, held, abs(parts.work))
+        state = outcome.state
+        squares = [state.velocity @ state.velocity, state.displacement @ state.displacement]
+        fast, moved = np.sqrt(self._ranks.sum(np.array(squares))).tolist()
+        parts.moved = max(parts.moved, moved)
+        if parts.struck > 0.0:
+            parts.fastest = max(parts.fastest, fast)
         force = abs(energies.work)
         if self._supported:
             force = self._ranks.sum(float(outcome.reactions @ outcome.reactions)) ** 0.5

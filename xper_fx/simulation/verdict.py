@@ -20,6 +20,7 @@ _CAUSES = {
     "impacts": ("the times of impacts", "a shorter step"),
     "damping": ("what theta above 1/2 damps", "theta = 1/2"),
     "closure": ("the energy balance", "a shorter step"),
+    "motion": ("displacements after impacts, which come late by up to a step", "a shorter step"),
     "events": ("a largest force between steps", "a shorter step"),
 }
 # Where the step is as short as the control goes, 0.7 of the critical step of the mesh.
