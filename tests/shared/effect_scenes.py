@@ -427,7 +427,12 @@ _GRAINS = {
     "lattice of rigid bodies",
 }  # fmt: skip
 _FOLLOWED = {
-    "interactions", "unilateral contact", "cohesion", "damage", "one system", "path following",
+    "interactions",
+    "unilateral contact",
+    "cohesion",
+    "damage",
+    "one system",
+    "path following",
 }
 
 SCENES = {

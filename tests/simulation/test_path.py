@@ -332,6 +332,28 @@ def test_a_snap_is_told(caplog):
     assert freed == pytest.approx(held - 100.0 * HEIGHT, rel=0.01)
 
 
+def test_viscous_bonds_snap_in_time():
+    """Where the load alone finds no equilibrium; the viscosity takes up part of what is freed."""
+    law = CohesiveZone(1e12, 100.0, 3e6, viscosity=0.1)
+    length = 20.0 * E / law.softening_slope
+    snaps = law.strength * length / E + law.elastic_opening
+    moved = xf.PrescribedDisplacement(
+        RIGHT, 0, lambda t: snaps * min(96.0 * t, 0.96 + 0.08 * t)
+    )  # fmt: skip
+    simulation = xf.Simulation(
+        bar(length, law, [moved]), 1e-2, inertia=False, max_halvings=16
+    )  # fmt: skip
+    before, peak = 0.0, 0.0
+    for step in simulation.steps(1.0):
+        viscous = step.energies["dissipated_viscous_bonds"]
+        assert viscous >= before
+        before, peak = viscous, max(peak, simulation.reaction(RIGHT)[0])
+        assert abs(step.energies["closure"]) < 1e-9 * step.energies["external_work"]
+    assert step.energies["dissipated_cohesion"] == pytest.approx(100.0 * HEIGHT, rel=1e-9)
+    assert simulation.reaction(RIGHT)[0] == pytest.approx(0.0, abs=1e-6 * law.strength)
+    assert viscous > 0.1 * (0.5 * peak**2 * length / E - 100.0 * HEIGHT)
+
+
 def test_an_end_before_the_present_is_refused():
     simulation = follow(bar(1.0))
     next(simulation.steps(1e6))
