@@ -83,6 +83,7 @@ if TYPE_CHECKING:
     from xper_fx.scene import Tie as Tie
     from xper_fx.scene import Wall as Wall
     from xper_fx.scene import Weld as Weld
+    from xper_fx.simulation import DissipationControl as DissipationControl
     from xper_fx.simulation import GrowthControl as GrowthControl
     from xper_fx.simulation import Simulation as Simulation
     from xper_fx.simulation import StepRecord as StepRecord
@@ -103,6 +104,7 @@ _MODULE_OF = {
     "CheckpointError": "support.errors",
     "Contact": "scene",
     "ConvergenceError": "support.errors",
+    "DissipationControl": "simulation",
     "FrictionProblem": "nscd",
     "Gravity": "forms.loads",
     "GrowthControl": "simulation",

@@ -462,6 +462,18 @@ def test_static_loads_are_measured_by_their_time(speed):
     assert abs(energies.dissipated_numerical) < 2e-3 * W * 1e-3
 
 
+def test_viscous_work_vanishes_with_the_viscosity():
+    """Where nothing snaps, in proportion to it; the bond spends its energy whatever it is."""
+    works = []
+    for viscosity in (B, 0.1 * B):
+        simulation = xf.Simulation(stretched(zone(viscosity=viscosity), 0.01), 1e-4, inertia=False)
+        *_, last = simulation.steps(8e-3)
+        assert last.energies["dissipated_cohesion"] == pytest.approx(W * 1e-3, rel=1e-6)
+        works.append(last.energies["dissipated_viscous_bonds"] / (W * 1e-3))
+    assert 0.01 < works[0] < 0.05
+    assert works[0] / works[1] == pytest.approx(10.0, rel=0.05)
+
+
 def test_a_path_has_no_time_for_viscosity():
     with pytest.raises(ValueError, match="Growth control .* viscosity"):
         xf.Simulation(stretched(adhesion(viscosity=B), 1.0), 1.0, inertia=False,

@@ -350,13 +350,25 @@ def cut():
 
 def opened():
     """Two crossed squares, each cell a body, pulled along the path of their bonds."""
-    from xper_fx.nscd.laws import CohesiveZone
     from xper_fx.simulation.path import GrowthControl
+
+    return _followed(GrowthControl(relative=0.5))
+
+
+def spent():
+    """The same squares, pulled so that their bonds dissipate the same in each step."""
+    from xper_fx.simulation.path import DissipationControl
+
+    return _followed(DissipationControl(1e-6))
+
+
+def _followed(path):
+    from xper_fx.nscd.laws import CohesiveZone
     from xper_fx.simulation.simulation import Simulation
 
     bond = CohesiveZone(10.0, 1e-3, 1e-4)
     scene = _pulled(_elastic(), label=None, default_interaction=bond)
-    return Simulation(scene, 1.0, inertia=False, path=GrowthControl(relative=0.5))
+    return Simulation(scene, 1.0, inertia=False, path=path)
 
 
 def nonmatching():
@@ -414,6 +426,15 @@ _GRAINS = {
     "interactions", "unilateral contact", "impact", "contact search", "rigid bodies",
     "lattice of rigid bodies",
 }  # fmt: skip
+_FOLLOWED = {
+    "interactions",
+    "unilateral contact",
+    "cohesion",
+    "damage",
+    "one system",
+    "path following",
+}
+
 SCENES = {
     static: set(),
     dynamic: {
@@ -457,9 +478,8 @@ SCENES = {
         *_POINTS, "unilateral contact", "cohesion", "damage", "impact", "explicit bulk",
         "vertices that split",
     },
-    opened: {
-        "interactions", "unilateral contact", "cohesion", "damage", "one system", "path following",
-    },
+    opened: _FOLLOWED,
+    spent: {*_FOLLOWED, "dissipation control"},
     cut: {
         "interactions", "perfect bond", "subdomains", "floating bodies", "Newton of the bulk",
     },

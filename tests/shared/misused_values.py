@@ -419,6 +419,8 @@ def small_parts() -> list[Misuse]:
     out += bad_numbers(
         "GrowthControl", xf.GrowthControl, {"growth": 0.3, "relative": 5.0, "iterations": 6}
     )
+    spent = {"energy": 1.0, "iterations": 12}
+    out += bad_numbers("DissipationControl", xf.DissipationControl, spent)
     gauge = {"low": 1, "high": 2, "component": 0, "length": 1.0, "section": 1.0}
     free = {"component": (0.0,), "low": (-1.0, 0.0), "high": (-1.0, 0.0)}
     out += bad_numbers("TensileGauge", xf.TensileGauge, gauge, allowed=free)

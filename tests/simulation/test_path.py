@@ -2,10 +2,11 @@
 """Static runs whose load is found: a bar on its exact curve, snap-back, ledger, restart, errors."""
 
 from dataclasses import replace
+from itertools import islice
 
 import numpy as np
 import pytest
-from scenes import BOTTOM, LEFT, RIGHT, box_bodies
+from scenes import BOTTOM, LEFT, RIGHT, TOP, box_bodies
 
 import xper_fx as xf
 from xper_fx.nscd.laws import CohesiveZone
@@ -30,8 +31,9 @@ def bar(length, bond=BOND, loads=None, dim=2, kind=xf.materials.LinearElastic, *
     )
 
 
-def follow(scene, most=200, **options):
-    return xf.Simulation(scene, 1.0, inertia=False, path=xf.GrowthControl(**options))
+def follow(scene, path=None, **options):
+    path = xf.GrowthControl(**options) if path is None else path
+    return xf.Simulation(scene, 1.0, inertia=False, path=path)
 
 
 def on_the_curve(simulation, bond=BOND):
@@ -79,6 +81,109 @@ def test_a_bar_stays_on_its_curve(share, dim):
     turns = np.flatnonzero(np.diff(np.sign(np.diff(times))))
     assert simulation.path.limit_points == [times[i + 1] for i in turns]
     assert len(turns) == (share > 1.0)
+
+
+# Energies (J/m^2) that bonds dissipate in a step.
+SPENT = 7.0
+
+
+@pytest.mark.parametrize("share, dim", [(0.3, 2), (20.0, 3)])
+def test_each_step_dissipates_what_it_is_to(share, dim):
+    """Over the peak and back, on the exact curve; the elastic part goes by within a step."""
+    length = share * CRITICAL
+    simulation = follow(bar(length, dim=dim), xf.DissipationControl(SPENT))
+    before, steps = 0.0, 0
+    for step in simulation.steps(1e6):
+        x, traction = on_the_curve(simulation)
+        spent = step.energies["dissipated_cohesion"]
+        if 100.0 - before < 2.0 * SPENT:
+            break
+        assert spent - before == pytest.approx(SPENT, rel=1e-9)
+        assert 1e-6 * step.time == pytest.approx(traction * length / E + x, rel=1e-6)
+        assert abs(step.energies["closure"]) < 1e-9 * step.energies["external_work"]
+        before, steps = spent, steps + 1
+    assert steps == 13
+    assert spent - before == pytest.approx(0.5 * (100.0 - before), rel=1e-9)
+    *_, last = simulation.steps(1e6)
+    assert last.energies["dissipated_cohesion"] == pytest.approx(100.0, rel=1e-6)
+
+
+def cantilever():
+    """The interface of two arms, whose bonds weaken over some facets."""
+    length, height, crack = 40e-3, 1.5e-3, 10e-3
+    mesh = xf.crossed_rectangle((0.0, -height), (length, height), (40, 2))
+    tags = xf.tag_facets(mesh, {
+        LEFT: lambda x: (x[0] < 1e-9) & (x[1] < 1e-9),
+        BOTTOM: lambda x: (x[0] < 1e-9) & (x[1] > -1e-9),
+        RIGHT: lambda x: x[0] > length - 1e-9,
+        7: lambda x: (abs(x[1]) < 1e-9) & (x[0] < crack + 1e-9),
+    })  # fmt: skip
+    upper = mesh.geometry.x[xf.geometry_dofmap(mesh)].mean(axis=1)[:, 1] > 0.0
+    pulls = [(LEFT, 1, lambda t: -1e-3 * t), (BOTTOM, 1, lambda t: 1e-3 * t)]
+    held = [(RIGHT, axis, 0.0) for axis in (0, 1)]
+    return xf.Scene(
+        xf.explode(mesh, upper.astype(int), facet_tags=tags),
+        {1: xf.materials.LinearElastic(126e9, 0.3, 1600.0)},
+        default_interaction=CohesiveZone(5e14, 281.0, 20e6), facet_interactions={7: None},
+        loads=[xf.PrescribedDisplacement(*load) for load in (*pulls, *held)],
+    )  # fmt: skip
+
+
+def test_both_controls_find_the_same_path():
+    """A crack through arms: the same states, where bonds have dissipated the same."""
+    by_growth = follow(cantilever())
+    *_, step = islice(by_growth.steps(1.0), 15)
+    spent = step.energies["dissipated_cohesion"]
+    assert spent > 4.0 * 281.0 * 1e-3
+    energy, done = 0.3 * 281.0 * 1e-3, 0.0
+    by_energy = follow(cantilever(), xf.DissipationControl(energy))
+    path, shares = by_energy.path, []
+    for same in by_energy.steps(1.0):
+        now = same.energies["dissipated_cohesion"]
+        shares.append((now - done) / energy)
+        done = now
+        if spent - done < 1e-9 * spent:
+            break
+        if spent - done < path.share * energy:
+            path.shorten((spent - done) / (path.share * energy))
+    # but for the first and the last steps, and one at the most that was made again
+    assert sum(share == pytest.approx(1.0, rel=1e-6) for share in shares) >= len(shares) - 3 > 8
+    assert same.time == pytest.approx(step.time, rel=1e-6)
+    jumps = [simulation.interactions.gather("jump") for simulation in (by_growth, by_energy)]
+    np.testing.assert_allclose(jumps[1], jumps[0], atol=1e-6 * np.abs(jumps[0]).max())
+
+
+def test_a_path_turns_where_another_bond_leads():
+    """A bond beside a ligament opens until a stronger one behind both snaps back: the first closes.
+
+    With the secant of the stronger bond it opens, along its curve it closes, until it leads.
+    """
+    length = 20.0
+    bodies = box_bodies(
+        (length, HEIGHT), (3, 2), "quadrilateral",
+        label=lambda x: np.where(
+            x[0] > 2.0 * length / 3.0, 2, (x[0] < length / 3.0) & (x[1] < 0.5 * HEIGHT)
+        ),
+        interior={
+            7: lambda x: abs(x[1] - 0.5 * HEIGHT) < 1e-9,
+            8: lambda x: abs(x[0] - 2.0 * length / 3.0) < 1e-9,
+        },
+    )  # fmt: skip
+    held = [(LEFT, 0), (BOTTOM, 1), (TOP, 1), (RIGHT, 1)]
+    loads = [xf.PrescribedDisplacement(side, axis, 0.0) for side, axis in held]
+    loads.append(xf.PrescribedDisplacement(RIGHT, 0, lambda t: 1e-6 * t))
+    weak, strong = CohesiveZone(1e14, 100.0, 1e6), CohesiveZone(1e14, 100.0, 2e6)
+    simulation = follow(xf.Scene(
+        bodies, {1: xf.materials.LinearElastic(E, 0.0, 2400.0)}, loads=loads,
+        default_interaction=weak, facet_interactions={7: None, 8: strong},
+    ))  # fmt: skip
+    peak = 0.0
+    for step in simulation.steps(1e6):
+        peak = max(peak, simulation.reaction(RIGHT)[0])
+        assert abs(step.energies["closure"]) < 1e-6 * step.energies["external_work"]
+    assert 0.99 < peak / (strong.strength * HEIGHT) <= 1.0
+    both = 0.5 * HEIGHT * 100.0 + HEIGHT * 100.0
+    assert step.energies["dissipated_cohesion"] == pytest.approx(both, rel=1e-6)
 
 
 def test_a_force_that_falls():
@@ -166,10 +271,17 @@ def test_damage_of_the_end_is_refused_by_other_solvers():
         xf.Simulation(bar(1.0, law), 1e-6)
 
 
-@pytest.mark.parametrize("kind", [xf.materials.LinearElastic, xf.materials.NeoHookean])
-def test_a_path_is_restarted(tmp_path, kind):
+@pytest.mark.parametrize(
+    "kind, path",
+    [
+        (xf.materials.LinearElastic, xf.GrowthControl()),
+        (xf.materials.NeoHookean, xf.GrowthControl()),
+        (xf.materials.LinearElastic, xf.DissipationControl(7.0)),
+    ],
+)
+def test_a_path_is_restarted(tmp_path, kind, path):
     """The same bits from a state that was saved on the way."""
-    whole, first, second = (follow(bar(20.0 * CRITICAL, kind=kind)) for _ in range(3))
+    whole, first, second = (follow(bar(20.0 * CRITICAL, kind=kind), path) for _ in range(3))
     records = []
     for step in whole.steps(1e6):
         records.append(step)
@@ -191,7 +303,7 @@ def test_a_path_is_restarted(tmp_path, kind):
 def test_paths_that_cannot_be_followed_are_refused():
     with pytest.raises(ValueError, match="inertia=False"):
         xf.Simulation(bar(1.0), 1.0, path=xf.GrowthControl())
-    with pytest.raises(TypeError, match="GrowthControl"):
+    with pytest.raises(TypeError, match="GrowthControl or an xf.DissipationControl, got 'growth'"):
         xf.Simulation(bar(1.0), 1.0, inertia=False, path="growth")
     with pytest.raises(ValueError, match="growth"):
         xf.GrowthControl(growth=-1.0)
@@ -218,6 +330,28 @@ def test_a_snap_is_told(caplog):
     # what the bar held at its peak and took up in the step, less what the bond took
     held = 0.5 * BOND.strength * (BOND.strength / E * 20.0 * CRITICAL + 25e-5) * HEIGHT
     assert freed == pytest.approx(held - 100.0 * HEIGHT, rel=0.01)
+
+
+def test_viscous_bonds_snap_in_time():
+    """Where the load alone finds no equilibrium; the viscosity takes up part of what is freed."""
+    law = CohesiveZone(1e12, 100.0, 3e6, viscosity=0.1)
+    length = 20.0 * E / law.softening_slope
+    snaps = law.strength * length / E + law.elastic_opening
+    moved = xf.PrescribedDisplacement(
+        RIGHT, 0, lambda t: snaps * min(96.0 * t, 0.96 + 0.08 * t)
+    )  # fmt: skip
+    simulation = xf.Simulation(
+        bar(length, law, [moved]), 1e-2, inertia=False, max_halvings=16
+    )  # fmt: skip
+    before, peak = 0.0, 0.0
+    for step in simulation.steps(1.0):
+        viscous = step.energies["dissipated_viscous_bonds"]
+        assert viscous >= before
+        before, peak = viscous, max(peak, simulation.reaction(RIGHT)[0])
+        assert abs(step.energies["closure"]) < 1e-9 * step.energies["external_work"]
+    assert step.energies["dissipated_cohesion"] == pytest.approx(100.0 * HEIGHT, rel=1e-9)
+    assert simulation.reaction(RIGHT)[0] == pytest.approx(0.0, abs=1e-6 * law.strength)
+    assert viscous > 0.1 * (0.5 * peak**2 * length / E - 100.0 * HEIGHT)
 
 
 def test_an_end_before_the_present_is_refused():

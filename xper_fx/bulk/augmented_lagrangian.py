@@ -30,35 +30,36 @@ from xper_fx.bulk.sparse_direct import SingularMatrixError
 logger = logging.getLogger(__name__)
 
 # Changes of the given impulses, and corrections for each.
-_OUTER, _INNER = 30, 60
-# Change of the impulses at which they are as good as Newton's method asks for, and error of the
-# balance for given ones, both beside the largest nodal impulse.
-_GOOD, _BALANCED = 1e-4, 1e-6
+_OUTER, _INNER = 300, 60
+# Error of the balance for given impulses beside the largest nodal impulse, and beside the change
+# of the impulses that is good enough.
+_BALANCED, _OF_CHANGE = 1e-6, 0.1
 # Part of the load at which bonds would open with which contacts are looked for in a first step.
 _LITTLE = 0.1
 # Slope at which a length is good, beside that at its start, and how many lengths are tried.
 _FLAT, _TRIED = 0.5, 12
 
 
-def find_contacts(step: CoupledStep) -> bool:
+def find_contacts(step: CoupledStep, good: float) -> bool:
     """Bring velocities and impulses of a step near to its solution; whether that was found.
 
     Args:
         step: begins at its present velocities, loads and impulses.
+        good: change of the impulses at which they are found, beside the largest nodal impulse.
     """
     follows = step.growth is not None and not step.growth.begins
     if step.growth is not None and not follows and not _load_a_little(step):
         return False
     for outer in range(1, _OUTER + 1):
         given = step.impulses_of_points()
-        if not _balance(step, given, outer == 1, follows):
+        if not _balance(step, given, min(_BALANCED, _OF_CHANGE * good), outer == 1, follows):
             return False
         answers = step.answers()
         pairs = zip(answers, given, strict=True)
         change = max((float(np.abs(a - m).max(initial=0.0)) for a, m in pairs), default=0.0)
         step.set_impulses(answers)
         logger.debug("impulses %d change by %.2e of %.2e N s", outer, change, step.size())
-        if change <= _GOOD * step.size():
+        if change <= good * step.size():
             return True
     return False
 
@@ -74,12 +75,15 @@ def _load_a_little(step: CoupledStep) -> bool:
     return correction is not None
 
 
-def _balance(step: CoupledStep, given: list[np.ndarray], moves: bool, follows: bool) -> bool:
+def _balance(
+    step: CoupledStep, given: list[np.ndarray], error: float, moves: bool, follows: bool
+) -> bool:
     """Find the velocities in balance with the answers to given impulses.
 
     Args:
         step: changed.
         given: impulses of each group.
+        error: of the balance, beside the largest nodal impulse.
         moves: whether prescribed motions are yet to be made, by a first correction of full length.
         follows: whether the load is to be found from the growth.
     """
@@ -99,7 +103,7 @@ def _balance(step: CoupledStep, given: list[np.ndarray], moves: bool, follows: b
         left = float(np.abs(step.balance()).max(initial=0.0))
         if not np.isfinite(left):
             return False
-        if left <= max(_BALANCED * step.size(), step.rounding()):
+        if left <= max(error * step.size(), step.rounding()):
             return True
     return False
 

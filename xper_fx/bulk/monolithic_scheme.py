@@ -37,7 +37,8 @@ _TURNS, _TURNED = 20, 1e-6
 _CIRCLES = 100.0
 # What may be left before frames follow for the first time, and what of it before the next ones.
 _FIRST, _LESS = 1e-3, 1e-3
-
+# How well contacts are found before Newton's method goes on, beside the largest nodal impulse.
+_NEAR = 1e-4
 
 logger = logging.getLogger(__name__)
 
@@ -148,9 +149,14 @@ class MonolithicScheme:
         begin()
         converged = self._solve(coupled, newton)
         if not converged and interactions is not None:
-            loading.set(state.time + (0.0 if growth is not None else step))
-            begin()
-            converged = find_contacts(coupled) and self._solve(coupled, newton)
+            for good in (_NEAR, self._tolerance):
+                loading.set(state.time + (0.0 if growth is not None else step))
+                begin()
+                if not find_contacts(coupled, good):
+                    break
+                converged = self._solve(coupled, newton)
+                if converged:
+                    break
         velocity, impulses = coupled.velocity, coupled.impulses + coupled.couples
         reactions = reactions_on(
             bulk.layout, lambda d: -(coupled.residual[d] + coupled.impulses[d])

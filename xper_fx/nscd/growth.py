@@ -8,6 +8,13 @@ ends makes one bond at least open by exactly g L: so the load is found, whether 
 the structure snaps back (Lorentz and Badel 2004, on openings in place of strains). Of the two ends
 the one goes on along the path towards which the bonds that opened in the last step open on. In the
 first step the load rises, and iterations take the end that is nearer to the present jumps.
+
+**Corners.** A bond that reaches its largest opening so far may soften by more than the structure
+stiffens it, as long as those that have opened go on to do so. No load then solves the step: with
+its secant the bond opens too far, along its curve it closes, and the iterations take turns. The
+path turns there: this bond opens, the others close. `turning` tells the bonds that take turns, and
+`follow` lets the path go on where they open. What the others would have opened up to the corner is
+left out, which a step bounds by its growth.
 """
 
 from __future__ import annotations
@@ -20,7 +27,7 @@ from xper_fx.nscd.interactions import Interactions
 
 # An opening this near to the largest one so far grew in the last step.
 _ROUNDING = 1e-9
-# Growth beside the one asked for at which an iteration goes astray.
+# How much of what a step may do, relative, at which an iteration goes astray.
 _ASTRAY = 10.0
 
 
@@ -41,11 +48,27 @@ class GrowthLimit:
         self._length = np.minimum(length, relative * self._reached)
         self._numbers = [n for n, _ in groups]
         # a step's end velocities have the direction of its jumps, as theta is 1
-        forward = np.concatenate([g.points.area[:, None] * g.velocity for _, g in groups])
-        x = _opening(np.concatenate([g.jump for _, g in groups]))
+        self._area = np.concatenate([g.points.area for _, g in groups])
+        self._start = np.concatenate([g.jump for _, g in groups])
+        forward = self._area[:, None] * np.concatenate([g.velocity for _, g in groups])
+        x = _opening(self._start)
         grew = x > (1.0 - _ROUNDING) * self._reached
         self._forward = np.where(grew[:, None], forward, 0.0) if np.any(grew) else forward
         self._grows = np.flatnonzero(whole)
+        self._grown = [np.zeros(len(grew), bool)] * 2
+
+    def follow(self, leading: np.ndarray) -> None:
+        """Go on where some bonds open, whatever opened in the last step.
+
+        Args:
+            leading: those bonds, shape (n,), bool, as `turning` has them.
+        """
+        self._forward = np.where(leading[:, None], self._area[:, None] * self._start, 0.0)
+
+    @property
+    def turning(self) -> np.ndarray:
+        """Bonds that one of the last two iterations opened beyond `reached`, shape (n,), bool."""
+        return self._grown[0] != self._grown[1]
 
     @property
     def exhausted(self) -> bool:
@@ -59,9 +82,6 @@ class GrowthLimit:
 
     def _all(self, arrays: Sequence[np.ndarray]) -> np.ndarray:
         return np.concatenate([arrays[n] for n in self._numbers])
-
-    def _of(self, arrays: Sequence[np.ndarray]) -> np.ndarray:
-        return self._all(arrays)[self._grows]
 
     def change(
         self,
@@ -78,24 +98,24 @@ class GrowthLimit:
             start, slope: A and B of each group, shape (n, components), m.
         """
         a, b = self._all(start), self._all(slope)
+        self._grown = [self._grown[1], _opening(self._all(now)) > self._reached]
         closed = self._all(held)
         a[closed, 0] = b[closed, 0] = 0.0
         goes_on = float(np.vdot(self._forward, b))
-        a, b = a[self._grows], b[self._grows]
-        low, high = _interval(a, b, self._limits())
+        low, high = self._ends(a, b)
         if not low < high:  # on the way no load may obey all limits: one that nearly does
             middle = 0.5 * (low + high)
-            growth = self._largest(a + middle * b) if np.isfinite(middle) else np.inf
-            return middle if growth < _ASTRAY * self._growth else None
-        roots = [s for s in (low, high) if np.isfinite(s)]
-        if not roots:
+            used = self._used(a + middle * b) if np.isfinite(middle) else np.inf
+            return middle if used < _ASTRAY else None
+        ends = [s for s in (low, high) if np.isfinite(s)]
+        if not ends:
             return None
         if not self.begins:
-            return roots[-1] if goes_on >= 0.0 else roots[0]
-        present = self._of(now)
+            return ends[-1] if goes_on >= 0.0 else ends[0]
+        present, a, b = self._all(now)[self._grows], a[self._grows], b[self._grows]
         if not np.any(present):
-            return roots[-1]
-        return min(roots, key=lambda s: float(((a + s * b - present) ** 2).sum()))
+            return ends[-1]
+        return min(ends, key=lambda s: float(((a + s * b - present) ** 2).sum()))
 
     def turns_back(self, moved: Sequence[np.ndarray], change: float) -> bool:
         """Whether the bonds that opened in the last step close, or the load of the first one falls.
@@ -109,16 +129,23 @@ class GrowthLimit:
         return float(np.vdot(self._forward, self._all(moved))) < 0.0
 
     def left(self, now: Sequence[np.ndarray]) -> float:
-        """By how much the growth differs from the one asked for, relative."""
-        return self._largest(self._of(now)) / self._growth - 1.0
+        """By how much a step does more than it was asked to, relative."""
+        return self._used(self._all(now)) - 1.0
 
-    def _largest(self, jumps: np.ndarray) -> float:
-        """Largest growth of the bonds that are left."""
+    def _ends(self, a: np.ndarray, b: np.ndarray) -> tuple[float, float]:
+        """Between which s the jumps a + s b of all points, shape (n, components), may be."""
+        ends = roots(a[self._grows], b[self._grows], self._opening_after(self._growth))
+        return float(ends[0].max()), float(ends[1].min())
+
+    def _used(self, jumps: np.ndarray) -> float:
+        """Share of what a step may do that jumps of all points use."""
         reached, length = self._reached[self._grows], self._length[self._grows]
-        return float(((_opening(jumps) - reached) / length).max())
+        grown = (_opening(jumps[self._grows]) - reached) / length
+        return float(grown.max()) / self._growth
 
-    def _limits(self) -> np.ndarray:
-        return self._reached[self._grows] + self._growth * self._length[self._grows]
+    def _opening_after(self, growth: float) -> np.ndarray:
+        """Opening (m) of each bond that is left after a growth."""
+        return self._reached[self._grows] + growth * self._length[self._grows]
 
 
 def _opening(jumps: np.ndarray) -> np.ndarray:
@@ -126,8 +153,8 @@ def _opening(jumps: np.ndarray) -> np.ndarray:
     return np.sqrt(np.maximum(jumps[:, 0], 0.0) ** 2 + (jumps[:, 1:] ** 2).sum(1))
 
 
-def _interval(a: np.ndarray, b: np.ndarray, limit: np.ndarray) -> tuple[float, float]:
-    """Between which s all openings of a + s b stay below their limits.
+def roots(a: np.ndarray, b: np.ndarray, limit: np.ndarray) -> list[np.ndarray]:
+    """Between which s the opening of each a + s b is below its limit; infinite if it always is.
 
     The opening counts no negative normal part; it is convex in s, so that each limit leaves an
     interval.
@@ -140,7 +167,7 @@ def _interval(a: np.ndarray, b: np.ndarray, limit: np.ndarray) -> tuple[float, f
             s = np.where(a[:, 0] + whole * b[:, 0] >= 0.0, whole, sheared)
             moves = (b * b).sum(1) > 0.0
             ends.append(np.where(moves & np.isfinite(s), s, sign * np.inf))
-    return float(ends[0].max()), float(ends[1].min())
+    return ends
 
 
 def _root(a: np.ndarray, b: np.ndarray, limit: np.ndarray, sign: float) -> np.ndarray:

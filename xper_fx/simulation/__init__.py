@@ -6,11 +6,13 @@ from typing import TYPE_CHECKING
 from xper_fx.support.lazy import importer
 
 if TYPE_CHECKING:
+    from xper_fx.simulation.path import DissipationControl as DissipationControl
     from xper_fx.simulation.path import GrowthControl as GrowthControl
     from xper_fx.simulation.simulation import Simulation as Simulation
     from xper_fx.simulation.step_record import StepRecord as StepRecord
 
 _MODULE_OF = {
+    "DissipationControl": "path",
     "GrowthControl": "path",
     "Simulation": "simulation",
     "StepRecord": "step_record",

@@ -12,7 +12,7 @@ from xper_fx.simulation.requested_accuracy import RequestedAccuracy
 from xper_fx.support.checks import require_count, require_flag, require_kind, require_number
 
 if TYPE_CHECKING:
-    from xper_fx.simulation.path import GrowthControl
+    from xper_fx.simulation.path import PathControl
 
 # Solvers of the interactions: classes of `nscd.solvers`, imported when asked for.
 SOLVERS = {
@@ -53,7 +53,7 @@ class Options:
     forgiving: bool
     inertia: bool
     healing: bool
-    path: GrowthControl | None
+    path: PathControl | None
 
     @property
     def asks_for_one_system(self) -> bool:
@@ -81,7 +81,7 @@ class Options:
         forgiving: bool,
         inertia: bool,
         healing: bool,
-        path: GrowthControl | None,
+        path: PathControl | None,
     ) -> Options:
         """Options of which the scene can be run.
 
@@ -157,10 +157,13 @@ class Options:
     def _check_path(self) -> None:
         if self.path is None:
             return
-        from xper_fx.simulation.path import GrowthControl
+        from xper_fx.simulation.path import PathControl
 
-        if not isinstance(self.path, GrowthControl):
-            raise TypeError(f"path should be an xf.GrowthControl, got {self.path!r}.")
+        if not isinstance(self.path, PathControl):
+            raise TypeError(
+                "path should be an xf.GrowthControl or an xf.DissipationControl, got "
+                f"{self.path!r}."
+            )
         if self.inertia or not self.allows_one_system or self.requested.accuracy is not None:
             raise ValueError(
                 "A path is followed in static runs with a given step by the monolithic solver: "

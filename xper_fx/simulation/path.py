@@ -6,6 +6,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -20,9 +21,11 @@ _BRANCHES = (
     "the path branches near the time %g s of the loads: the structure is unstable in %d ways "
     "there, and small imperfections decide which it goes"
 )
-# Bounds of the growth of a step beside the one asked for, and what a failure leaves of it.
-_LEAST, _MOST, _SHORTENED = 1e-4, 5.0, 0.4
-# Exponent and bounds of the change of the growth by the number of iterations.
+# Least share of what was asked for in a step, and what a failure leaves of it.
+_LEAST, _SHORTENED = 1e-4, 0.4
+# Share at which a step that fails is near enough to a corner to go round it (`nscd/growth.py`).
+_AT_CORNER = 0.05
+# Exponent and bounds of the change of the share by the number of iterations.
 _EXPONENT, _SLOWEST, _FASTEST = 0.7, 0.5, 2.0
 
 
@@ -54,9 +57,60 @@ class GrowthControl:
             require_positive(name, getattr(self, name))
         require_count("iterations", self.iterations, 1)
 
+    most: ClassVar[float] = 5.0
+    """Bound of the growth of a step beside the one asked for."""
+
     def follower(self) -> PathFollower:
         """What a run asks for each step."""
         return PathFollower(self)
+
+    def limit(self, interactions: Interactions, share: float) -> GrowthLimit:
+        """The limit of a step that may grow by a share of what was asked for."""
+        return GrowthLimit(interactions, share * self.growth, self.relative)
+
+
+@dataclass(frozen=True)
+class DissipationControl:
+    """The load of each static step is that at which bonds dissipate a given energy.
+
+    So n steps spend n times the energy, whatever the openings: the change of "dissipated_cohesion"
+    in the ledger (`nscd/dissipation.py`). A step that does not converge is made again with less,
+    and the next ones return to the energy asked for.
+
+    Args:
+        energy: of a step (J; 2D: J per metre of depth); about that of a facet, w times its area, or
+            less. Where less than twice the energy is left in all bonds, a step dissipates half of
+            what is left.
+        iterations: of Newton's method above which the next step dissipates less.
+
+    Raises:
+        ValueError: a number out of range.
+    """
+
+    energy: float
+    iterations: int = 12
+
+    def __post_init__(self) -> None:
+        require_number("energy", self.energy)
+        require_positive("energy", self.energy)
+        require_count("iterations", self.iterations, 1)
+
+    most: ClassVar[float] = 1.0
+    """Bound of the energy of a step beside the one asked for."""
+
+    def follower(self) -> PathFollower:
+        """What a run asks for each step."""
+        return PathFollower(self)
+
+    def limit(self, interactions: Interactions, share: float) -> GrowthLimit:
+        """The limit of a step that may dissipate a share of what was asked for."""
+        from xper_fx.nscd.dissipation import DissipationLimit
+
+        return DissipationLimit(interactions, share * self.energy)
+
+
+PathControl = GrowthControl | DissipationControl
+"""How the load of a static run is found."""
 
 
 class PathFollower:
@@ -66,37 +120,38 @@ class PathFollower:
         control: what was asked for.
 
     Attributes:
+        share: of what was asked for, in the next step.
         limit_points: times of the loads (s) at which they turned.
         branches: times of the loads (s) of steps with more than one unstable way to go on.
     """
 
-    def __init__(self, control: GrowthControl):
+    def __init__(self, control: PathControl):
         self._control = control
-        self._factor = 1.0
-        self._last_growth = self._last_change = 0.0
+        self._last_share = self._last_change = 0.0
         self._guesses = True
+        self._leading: np.ndarray | None = None
+        self._limit: GrowthLimit
+        self.share = 1.0
         self.limit_points: list[float] = []
         self.branches: list[float] = []
 
-    @property
-    def growth(self) -> float:
-        """Of the next step."""
-        return self._factor * self._control.growth
-
     def limit(self, interactions: Interactions) -> GrowthLimit:
         """The limit of the next step, from the state that is committed."""
-        return GrowthLimit(interactions, self.growth, self._control.relative)
+        self._limit = self._control.limit(interactions, self.share)
+        if self._leading is not None:
+            self._limit.follow(self._leading)
+        return self._limit
 
     def guess(self, state: State):
         """Time and velocities to start from: the last increment, scaled; None without one."""
-        if not self._guesses or self._last_growth == 0.0:
+        if not self._guesses or self._last_share == 0.0:
             return None
-        share = self.growth / self._last_growth
+        share = self.share / self._last_share
         return state.time + share * self._last_change, share * state.velocity
 
     def shorten(self, share: float) -> None:
-        """Take a share of the growth in the step that is made again."""
-        self._factor = max(share * self._factor, _LEAST)
+        """Ask for a share of that in the step that is made again."""
+        self.share = max(share * self.share, _LEAST)
 
     def succeeded(self, change: float, iterations: int, start: float, ways: int) -> None:
         """A step has converged.
@@ -114,32 +169,37 @@ class PathFollower:
             if not self.branches:
                 logger.warning(_BRANCHES, start + change, ways)
             self.branches.append(start + change)
-        self._last_growth, self._last_change, self._guesses = self.growth, change, True
-        share = (self._control.iterations / iterations) ** _EXPONENT
-        factor = self._factor * min(max(share, _SLOWEST), _FASTEST)
-        self._factor = min(max(factor, _LEAST), _MOST)
+        self._leading = None
+        self._last_share, self._last_change, self._guesses = self.share, change, True
+        faster = (self._control.iterations / iterations) ** _EXPONENT
+        share = self.share * min(max(faster, _SLOWEST), _FASTEST)
+        self.share = min(max(share, _LEAST), self._control.most)
 
     def failed(self) -> bool:
         """A step has not converged; whether another is to be tried."""
-        if self._guesses and self._last_growth > 0.0:
+        if self._guesses and self._last_share > 0.0:
             self._guesses = False
             return True
         self._guesses = False
-        self._factor *= _SHORTENED
-        return self._factor >= _LEAST
+        if self._leading is None and self.share <= _AT_CORNER and np.any(self._limit.turning):
+            self._leading = self._limit.turning
+            return True
+        self._leading = None
+        self.share *= _SHORTENED
+        return self.share >= _LEAST
 
     def saved(self) -> dict:
         """All that the next step depends on."""
         return {
-            "factor": self._factor, "last_growth": self._last_growth,
+            "share": self.share, "last_share": self._last_share,
             "last_change": self._last_change, "limit_points": np.array(self.limit_points),
             "branches": np.array(self.branches),
         }  # fmt: skip
 
     def restore(self, saved: Mapping) -> None:
         """Take what `saved` gave."""
-        self._factor = saved["factor"]
-        self._last_growth, self._last_change = saved["last_growth"], saved["last_change"]
+        self.share = saved["share"]
+        self._last_share, self._last_change = saved["last_share"], saved["last_change"]
         self.limit_points = saved["limit_points"].tolist()
         self.branches = saved["branches"].tolist()
         self._guesses = True

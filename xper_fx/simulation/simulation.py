@@ -32,7 +32,7 @@ from xper_fx.support.ranks import Ranks
 
 if TYPE_CHECKING:
     from xper_fx.nscd.friction import FrictionProblem
-    from xper_fx.simulation.path import GrowthControl
+    from xper_fx.simulation.path import PathControl
     from xper_fx.simulation.verdict import Verdict
 
 logger = logging.getLogger(__name__)
@@ -83,7 +83,8 @@ class Simulation(Restartable):
             regularises the stiffness.
         healing: whether overlaps that impacts leave are taken back in scenes of rigid bodies alone
             (`healing.py`); False leaves them.
-        path: how the load of a static run is found, `GrowthControl()`; None where the step tells.
+        path: how the load of a static run is found, `GrowthControl()` or `DissipationControl(...)`;
+            None where the step tells.
         num_threads: threads of the interaction solver; all that Numba has if not given.
         comm: ranks that simulate the scene together, each with the same scene. They divide the
             bodies of scenes of meshed bodies that interact at their facets or with walls, and the
@@ -129,7 +130,7 @@ class Simulation(Restartable):
         forgiving: bool = False,
         inertia: bool = True,
         healing: bool = True,
-        path: GrowthControl | None = None,
+        path: PathControl | None = None,
         num_threads: int | None = None,
         comm: MPI.Comm = MPI.COMM_WORLD,
     ):

@@ -209,6 +209,20 @@ def end_kernels(dim: int, friction: Friction, viscous: bool, weakening: Weakenin
         return add(bond, with_normal(trial, normal)), True
 
     @njit(**LEAN_INNER)
+    def cost(i, jump0, jump, area, parameters, details):
+        """What the bond dissipates in a step from a jump to a jump (m): J."""
+        c_n, c_t = parameters[i, C_N], parameters[i, C_T]
+        old, beta0, p = details[i, start], parameters[i, BETA0], shape(i, jump, parameters)
+        if damage_at(i, jump, parameters, details) >= old:
+            return 0.0
+        x = on_curve(i, opening(jump), jump, parameters, details)
+        before = dissipated(reach(details[i, safe], old / beta0, p), p, beta0)
+        stiffness = stiffness_along(jump, c_n, c_t)
+        if opening(jump0) > 0.0:
+            stiffness = 0.5 * (stiffness + stiffness_along(jump0, c_n, c_t))
+        return area * stiffness * (dissipated(x, p, beta0) - before)
+
+    @njit(**LEAN_INNER)
     def commit(i, jump0, jump1, u, r, area, step, theta, parameters, state, terms, details, energy):
         c_n, c_t = parameters[i, C_N], parameters[i, C_T]
         bond = bond_at(i, closing(i, u, terms), parameters, terms, details)
@@ -223,25 +237,19 @@ def end_kernels(dim: int, friction: Friction, viscous: bool, weakening: Weakenin
         new = damage_at(i, jump, parameters, details)
         e0 = 0.5 * area * dot(jump0, diagonal(c_n, c_t, jump0))
         e1 = 0.5 * area * dot(jump1, diagonal(c_n, c_t, jump1))
-        cost = work = 0.0
-        x_c = min(x1, details[i, safe]) if viscous else x1
-        if new < old:
-            x_c = on_curve(i, x1, jump, parameters, details)
-            p, beta0 = shape(i, jump, parameters), parameters[i, BETA0]
-            before = dissipated(reach(details[i, safe], old / beta0, p), p, beta0)
-            stiffness = stiffness_along(jump, c_n, c_t)
-            if opening(jump0) > 0.0:
-                stiffness = 0.5 * (stiffness + stiffness_along(jump0, c_n, c_t))
-            cost = area * stiffness * (dissipated(x_c, p, beta0) - before)
-            if viscous:
-                work = area * details[i, drag] * (np.sqrt(old) - np.sqrt(new)) ** 2
-        energy[i, STORED] = new * e1
-        energy[i, COHESION] = cost
+        spent = cost(i, jump0, jump, area, parameters, details)
+        work, x_c = 0.0, x1
         if viscous:
+            x_c = min(x1, details[i, safe])
+            if new < old:
+                x_c = on_curve(i, x1, jump, parameters, details)
+                work = area * details[i, drag] * (np.sqrt(old) - np.sqrt(new)) ** 2
             energy[i, VISCOUS] = work
+        energy[i, STORED] = new * e1
+        energy[i, COHESION] = spent
         state[i, OPENING_MAX] = max(state[i, OPENING_MAX], x_c)
         state[i, DAMAGE] = new
-        numerical = -dot(bond, moved) / step - (new * e1 - old * e0) - cost - work
+        numerical = -dot(bond, moved) / step - (new * e1 - old * e0) - spent - work
         mu = friction_of(i, new, parameters)
         return book_losses(i, hat, moved, step, pressing, numerical, mu, energy)
 
@@ -265,4 +273,5 @@ def end_kernels(dim: int, friction: Friction, viscous: bool, weakening: Weakenin
         growth=growth,
         spent=weakening.spent,
         stored=stored,
+        cost=cost,
     )
