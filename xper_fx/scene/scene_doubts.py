@@ -105,6 +105,8 @@ def _wall_doubts(scene: Scene, wall: Wall) -> Iterator[str]:
     mesh = scene.bodies.mesh
     cells, local = (each[:, 0] for each in facet_cells(mesh))
     facets = scene.bodies.facet_tags.find(wall.facets)
+    if not len(facets):  # all are on other ranks
+        return
     nodes = facet_geometry_nodes(mesh, cells[facets], local[facets])
     x, dim = mesh.geometry.x, scene.dim
     normal = np.asarray(wall.normal, float) / np.linalg.norm(wall.normal)
@@ -125,7 +127,7 @@ def _wall_doubts(scene: Scene, wall: Wall) -> Iterator[str]:
 
 def _tractions_in_cracks(scene: Scene) -> Iterator[str]:
     """Tractions on both lips between two bodies."""
-    between = set(scene.bodies.facets.tag.tolist())
+    between = {tag for *_, tag in scene.bodies.present.facing}
     for load in scene.loads:
         if isinstance(load, SurfaceTraction) and load.facets in between:
             yield (

@@ -10,7 +10,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from dolfinx import fem
+from mpi4py import MPI
 
+from xper_fx.bodies.meshes import SerialOnlyError
 from xper_fx.bulk.bulk import Bulk
 from xper_fx.bulk.state import State
 from xper_fx.forms.dynamics import BulkForms
@@ -96,6 +98,7 @@ class Model:
         for doubt in scene_doubts(scene, step) if team.rank == 0 else ():
             logger.warning("%s", doubt)
         self.ranks, self.bodies = ALONE, scene.bodies
+        _check_ranks_of_mesh(scene, team)
         self._tagged_nodes: dict[int, np.ndarray] = {}
         self.part: LocalBodies | None = None
         self.division: RigidDivision | None = None
@@ -184,10 +187,16 @@ class Model:
                 ("joints", jointed),
                 ("no inertia", not self.options.inertia),
                 ("a solver for one rank", solver not in _ON_RANKS),
-                ("no facets between bodies", scene.bodies and not len(scene.bodies.facets)),
+                ("no facets between bodies", scene.bodies and not scene.bodies.present.facing),
             )
             if there
         ]
+        spread = None if scene.bodies is None else scene.bodies.spread
+        if whole and spread is not None:
+            raise SerialOnlyError(
+                f"The mesh is spread over {spread.ranks.size} ranks, and a scene that has "
+                f"{' and '.join(whole)} is simulated whole: build the mesh on MPI.COMM_SELF."
+            )
         if whole:
             if team.rank == 0:
                 logger.warning(
@@ -404,8 +413,8 @@ class Model:
         from xper_fx.simulation.turned_bonds import BondTurns
 
         return BondTurns(
-            scene.bodies, self.part, self.ranks.rank, self.bulk.forms.V, points.facets_with_law,
-            breaks, points.points_a_facet,
+            scene.bodies, self.part, self.ranks, self.bulk.forms.V, points.facets_with_law,
+            points.facet_numbers, breaks, points.points_a_facet,
         )  # fmt: skip
 
     @property
@@ -449,6 +458,17 @@ class Model:
             owns("commit", lambda: forms.history_nbytes)
         if interactions is not None:
             owns("interaction points", lambda: bytes_of_groups(interactions.groups))
+
+
+def _check_ranks_of_mesh(scene: Scene, team: Ranks) -> None:
+    """See that a mesh that is spread is so over the ranks that simulate it."""
+    spread = None if scene.bodies is None else scene.bodies.spread
+    if spread is None or MPI.Comm.Compare(spread.ranks.comm, team.comm) <= MPI.CONGRUENT:
+        return
+    raise ValueError(
+        f"The mesh is spread over {spread.ranks.size} ranks, and comm has {team.size}, or others: "
+        "give the simulation the communicator of the mesh, or build the mesh on MPI.COMM_SELF."
+    )
 
 
 def _checked(field: Callable[[np.ndarray], np.ndarray], dim: int) -> Callable:
