@@ -24,6 +24,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from xper_fx.bodies.meshes import (
+    SerialOnlyError,
     cell_measure,
     check_mesh,
     facet_cells,
@@ -169,6 +170,18 @@ class Bodies:
         if self.spread is None:
             return self.num_bodies, len(self.body_of_cell)
         return self.spread.num_bodies, self.spread.num_cells
+
+    def require_whole(self, what: str) -> None:
+        """Raise a SerialOnlyError if the mesh is spread over ranks.
+
+        Args:
+            what: needs all bodies on each rank.
+        """
+        if self.spread is not None:
+            raise SerialOnlyError(
+                f"{what} takes a mesh that is whole on each rank, and this one is spread over "
+                f"{self.spread.ranks.size} ranks: build it on MPI.COMM_SELF."
+            )
 
     def facing_nodes(self, V: FunctionSpace) -> npt.NDArray[np.int32]:
         """Return the nodes of V on both sides of each facing facet, matched in space.

@@ -129,17 +129,33 @@ def _mesh(bodies: Bodies) -> dict:
     cell = bodies.parent_cell
     tag = bodies.facet_tags
     cells, local = (a[tag.indices, 0] for a in facet_cells(mesh))
-    corners = bodies.parent_vertex[facet_geometry_nodes(mesh, cells, local)]
+    corners = np.sort(bodies.parent_vertex[facet_geometry_nodes(mesh, cells, local)], axis=1)
+    labels = bodies.labels[bodies.body_of_cell]
+    rows = {
+        "shape": (cell, x.view(np.uint64)),
+        "topology": (cell, bodies.parent_vertex[nodes]),
+        "body labels": (cell, labels),
+        "cell tags": (cell, bodies.material_of_cell),
+        "facet tags": (corners, tag.values),
+    }
+    if bodies.spread is None:
+        sums = {name: _sum(*columns) for name, columns in rows.items()}
+    else:
+        ranks = bodies.spread.ranks
+        own = bodies.spread.rank_of_body[bodies.body_of_cell] == ranks.rank
+        sums = {
+            name: _sum(*(column[own[cells] if name == "facet tags" else own] for column in columns))
+            for name, columns in rows.items()
+        }
+        told = ranks.comm.allgather(sums)
+        sums = {name: sum(one[name] for one in told) % 2**64 for name in sums}
+    num_bodies, num_cells = bodies.counts
     return {
         "cell": mesh.topology.cell_name(),
-        "cells": len(nodes),
-        "bodies": bodies.num_bodies,
-        "shape": _sum(cell, x.view(np.uint64)),
-        "topology": _sum(cell, bodies.parent_vertex[nodes]),
-        "body labels": _sum(cell, bodies.labels[bodies.body_of_cell]),
-        "cell tags": _sum(cell, bodies.material_of_cell),
-        "facet tags": _sum(np.sort(corners, axis=1), tag.values),
+        "cells": num_cells,
+        "bodies": num_bodies,
         "lattice": None if bodies.lattice is None else bodies.lattice.tolist(),
+        **sums,
     }
 
 

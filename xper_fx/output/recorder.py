@@ -10,8 +10,10 @@ that the scene has something for.
 A checkpoint holds the run, and how far its files had come. A restart takes them back to there, so
 that they go on without a step that is missing or there twice.
 
-Where several ranks simulate a scene they record it together: what is spread is gathered, and the
-first rank alone writes. Whatever goes wrong there is raised on all.
+Where several ranks simulate a scene they record it together: what is divided is gathered, and the
+first rank alone writes. Of a mesh that is spread over ranks each writes the fields of its own bodies
+and points, `bulk_0.xdmf` and `interfaces_0.xdmf` those of the first. Whatever goes wrong there is
+raised on all.
 """
 
 from __future__ import annotations
@@ -82,10 +84,16 @@ def point_coordinates(simulation: Simulation) -> np.ndarray:
         Shape (num_points, dim), m; points of walls, which come last in the scene, are left out.
 
     Raises:
-        ValueError: a scene without a mesh.
+        ValueError: a scene without a mesh, or with one that is spread over ranks (SerialOnlyError).
     """
     if simulation.scene.bodies is None:
         raise ValueError("A scene without a mesh has no facets that points could be on.")
+    simulation.scene.bodies.require_whole("The place of all points")
+    return _coordinates_of_known(simulation)
+
+
+def _coordinates_of_known(simulation: Simulation) -> np.ndarray:
+    """Reference positions of the points on `facets_with_law`, facet after facet."""
     dim = simulation.bulk.dim
     scene = simulation.scene
     x = scene.bodies.facet_nodes(scene.order)[simulation.facets_with_law]
@@ -228,8 +236,13 @@ class Recorder:
         self._every = end_time / fields if fields > 0 else np.inf
         self._next = before.get("next_fields", 0.0)
         self.strain = before.get("strain", 0.0)
-        if simulation.scene.bodies is not None:
-            self.cells = geometry_dofmap(simulation.scene.bodies.mesh)
+        self._shown = simulation.scene.bodies
+        # each rank writes the fields of its own bodies
+        self._shares = self._shown is not None and self._shown.spread is not None
+        if self._shares:
+            self._shown = simulation.bodies
+        if self._shown is not None:
+            self.cells = geometry_dofmap(self._shown.mesh)
             self._vertices = VertexValues(simulation)
         self._totals = {"steps": 0, "sweeps": 0, "largest_residual": 0.0, "restarts": 0}
         self._totals |= before.get("totals", {})
@@ -238,6 +251,8 @@ class Recorder:
         self._bulk = self._interfaces = self._rigid = self._stress = None
         try:
             self._at_root(partial(self._open, tuple(columns), before))
+            if self._writes_fields and self._shown is not None:
+                self._where_fields_are(partial(self._open_fields, before.get("series", {})))
             if self._writes_fields and not self.restarted:
                 self._write_fields()
         except BaseException:
@@ -269,16 +284,37 @@ class Recorder:
                 f"The run in {self.folder} was recorded with fragments={had}: restart it so, or "
                 "start it from its beginning."
             )
+        parts = sum(name.startswith("bulk_") for name in before.get("series", {}))
+        bodies, ranks = self.simulation.scene.bodies, self.simulation.team.size
+        if parts and (bodies.spread is None or parts != ranks):
+            raise ValueError(
+                f"The run in {self.folder} was recorded on {parts} ranks, each of which wrote the "
+                f"fields of its own bodies, and here are {ranks}: restart it on {parts} ranks with "
+                "a mesh that is spread, or start it from its beginning."
+            )
         return before
 
-    def _recording(self) -> dict:
+    def _where_fields_are(self, call: Callable[[], object]) -> None:
+        """Call something on the ranks that write fields; what one raises is raised on all."""
+        if self._shares:
+            self.simulation.team.together(call)
+        else:
+            self._at_root(call)
+
+    def _sealed(self) -> dict[str, dict[str, float]]:
+        """How far the series of all ranks have come, all of which are on the disk then."""
+        team = self.simulation.team
+        own = team.together(lambda: {series.path.stem: series.seal() for series in self._series})
+        return {name: state for part in team.comm.allgather(own) for name, state in part.items()}
+
+    def _recording(self, sealed: dict) -> dict:
         """How far the files have come, all of which are on the disk then."""
         return {
             "history": self._history.flush(),
             "next_fields": self._next,
             "strain": self.strain,
             "totals": self._totals,
-            "series": {series.path.stem: series.seal() for series in self._series},
+            "series": sealed,
             "fragments": self._find_fragments is not None,
         }
 
@@ -288,7 +324,7 @@ class Recorder:
 
         watch, path = self.simulation.stopwatch, self.folder / CHECKPOINT
         with watch.phase("output"), watch.phase("checkpoint"):
-            save(path, self.simulation, self._recording)
+            save(path, self.simulation, partial(self._recording, self._sealed()))
         self._saved_at = monotonic()
         return path
 
@@ -298,8 +334,6 @@ class Recorder:
             # it is of a run whose results are replaced now
             (self.folder / CHECKPOINT).unlink(missing_ok=True)
         after, simulation = before.get("series", {}), self.simulation
-        if self._writes_fields and simulation.scene.bodies is not None:
-            self._open_fields(after)
         if self._writes_fields and simulation.rigid is not None:
             from xper_fx.output.body_shapes import equal_diameters
             from xper_fx.output.rigid_series import RigidSeries
@@ -318,26 +352,33 @@ class Recorder:
             self._lock.release()
 
     def vertex_displacement(self) -> np.ndarray:
-        """Displacement of the exploded mesh's geometry nodes, shape (num_nodes, dim), m."""
+        """Displacement of the exploded mesh's geometry nodes, shape (num_nodes, dim), m.
+
+        Of a mesh that is spread over ranks, of this rank's bodies, as is `cell_stress`.
+        """
         return self._vertices.displacement()
 
     def _open_fields(self, after: Mapping[str, Mapping[str, float]]) -> None:
-        simulation = self.simulation
-        mesh = simulation.scene.bodies.mesh
-        self._bulk = TimeSeries(
-            self.folder / "bulk.xdmf",
+        simulation, mesh = self.simulation, self._shown.mesh
+        rank = f"_{simulation.team.rank}" if self._shares else ""
+
+        def opened(name: str, x: np.ndarray, cells: tuple[str, np.ndarray]) -> TimeSeries:
+            name += rank
+            return TimeSeries(self.folder / f"{name}.xdmf", x, cells, after.get(name))
+
+        self._bulk = opened(
+            "bulk",
             mesh.geometry.x[:, : mesh.geometry.dim],
             (mesh.topology.cell_name(), self.cells),
-            after.get("bulk"),
         )
         if len(simulation.facets_with_law):
-            x = point_coordinates(simulation)
-            a_facet = len(x) // len(simulation.facets_with_law)
-            kind = {2: "line", 3: "triangle"}.get(a_facet, "vertex")
-            cells = np.arange(len(x)).reshape(-1, 1 if kind == "vertex" else a_facet)
-            self._interfaces = TimeSeries(
-                self.folder / "interfaces.xdmf", x, (kind, cells), after.get("interfaces")
-            )
+            x = _coordinates_of_known(simulation)
+            kind = {2: "line", 3: "triangle"}.get(simulation.model.points.points_a_facet, "vertex")
+            if self._shares:  # the points of a facet may be on several ranks
+                x, kind = x[simulation.model.points.on_facets()[0]], "vertex"
+            corners = {"line": 2, "triangle": 3, "vertex": 1}[kind]
+            cells = np.arange(len(x)).reshape(-1, corners)
+            self._interfaces = opened("interfaces", x, (kind, cells))
             self._num_interface_points = len(x)
 
     def _write_fields(self) -> None:
@@ -349,9 +390,11 @@ class Recorder:
             if simulation.scene.bodies is not None:
                 self._write_bulk(fragment)
                 if len(simulation.facets_with_law):
+                    points = simulation.interactions
+                    values = points.local if self._shares else points.gather
                     names = ("jump", "traction", "damage", "spent", "status")
-                    fields = {name: simulation.interactions.gather(name) for name in names}
-                    self._at_root(partial(self._write_interfaces, fields))
+                    fields = {name: values(name) for name in names}
+                    self._where_fields_are(partial(self._write_interfaces, fields))
             if simulation.rigid is not None:
                 self._at_root(lambda: self._rigid.write(simulation.time, fragment))
         self._next += self._every
@@ -367,22 +410,25 @@ class Recorder:
             self._stress = self.simulation.forms.stress_evaluator()
         self.simulation.displacement  # noqa: B018  brings the state into the forms
         stress, part = self._stress(), self.simulation.part
-        return stress if part is None else self.simulation.ranks.gather(part.cells, stress)
+        if part is None or self._shares:
+            return stress
+        return self.simulation.ranks.gather(part.cells, stress)
 
     def _write_bulk(self, fragment: np.ndarray | None) -> None:
-        simulation, bodies = self.simulation, self.simulation.scene.bodies
+        simulation, bodies = self.simulation, self._shown
+        body = bodies.labels[bodies.body_of_cell] if self._shares else bodies.body_of_cell
         nodal = {
             "displacement": self._vertices.displacement(),
             "velocity": self._vertices.velocity(),
         }
         cellwise = {
             "stress": self.cell_stress(),
-            "body": bodies.body_of_cell,
+            "body": body,
             "material": bodies.material_of_cell,
         }
         if fragment is not None:
             cellwise["fragment"] = fragment[bodies.body_of_cell]
-        self._at_root(lambda: self._bulk.write(simulation.time, nodal, cellwise))
+        self._where_fields_are(lambda: self._bulk.write(simulation.time, nodal, cellwise))
 
     def record(self, step: StepRecord) -> tuple[float, float]:
         """Write the line of a step, the fields when they are due, then a checkpoint when it is.
@@ -422,9 +468,7 @@ class Recorder:
     @property
     def written(self) -> int:
         """Bytes of the fields and of the history that this rank has put on disk, if still there."""
-        if not self._writes:
-            return 0
-        paths = [self.folder / "history.csv"]
+        paths = [self.folder / "history.csv"] if self._writes else []
         for series in self._series:
             paths += [series.path, *series.h5_paths]
         return sum(path.stat().st_size for path in paths if path.exists())
@@ -444,12 +488,14 @@ class Recorder:
         def finish() -> None:
             with ExitStack() as files:
                 files.callback(self._leave_folder)
-                for file in (self._history, *self._series):
+                for file in self._series:
                     files.callback(file.close)
-                if summary is not None:
-                    write_summary(self.folder / "summary.json", summary)
+                if self._writes:
+                    files.callback(self._history.close)
+                    if summary is not None:
+                        write_summary(self.folder / "summary.json", summary)
 
-        self._at_root(finish)
+        self.simulation.team.together(finish)
 
     def _summary(self) -> dict[str, Any]:
         simulation = self.simulation
@@ -473,7 +519,7 @@ class Recorder:
                 "python": platform.python_version(),
             },
             "counts": {
-                "bodies": 0 if bodies is None else bodies.num_bodies,
+                "bodies": 0 if bodies is None else bodies.counts[0],
                 "rigid_bodies": len(simulation.scene.rigid),
                 "points": points,
                 "dofs": simulation.bulk.num_dofs_of_all,

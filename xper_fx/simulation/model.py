@@ -94,11 +94,9 @@ class Model:
 
     def __init__(self, scene: Scene, options: Options, team: Ranks, stopwatch: Stopwatch):
         self.scene, self.options, self.stopwatch = scene, options, stopwatch
-        step = options.requested.step
-        for doubt in scene_doubts(scene, step) if team.rank == 0 else ():
-            logger.warning("%s", doubt)
-        self.ranks, self.bodies = ALONE, scene.bodies
         _check_ranks_of_mesh(scene, team)
+        self._tell_doubts(team)
+        self.ranks, self.bodies = ALONE, scene.bodies
         self._tagged_nodes: dict[int, np.ndarray] = {}
         self.part: LocalBodies | None = None
         self.division: RigidDivision | None = None
@@ -161,6 +159,17 @@ class Model:
                 self.bulk.forms.V, fdim, self.bodies.facet_tags.find(facets)
             )
         return self._tagged_nodes[facets]
+
+    def _tell_doubts(self, team: Ranks) -> None:
+        """Warn of what the scene may not mean; of a mesh that is spread, where there is most."""
+        scene, doubts = self.scene, []
+        spread = scene.bodies is not None and scene.bodies.spread is not None
+        if spread or team.rank == 0:
+            doubts = list(scene_doubts(scene, self.options.requested.step))
+        if spread:
+            doubts = max(team.comm.allgather(doubts), key=len)
+        for doubt in doubts if team.rank == 0 else ():
+            logger.warning("%s", doubt)
 
     # Division among ranks
 
