@@ -511,8 +511,8 @@ def _explode_share(
     def cut() -> Bodies:
         if not np.any(cells.rank == ranks.rank):
             raise ValueError(
-                f"Rank {ranks.rank} of {ranks.size} gets none of the bodies, each of which is whole "
-                "on the rank that has most of its cells: take fewer ranks or smaller bodies."
+                f"Rank {ranks.rank} of {ranks.size} gets none of the bodies, each of which is "
+                "whole on the rank that has most of its cells: take fewer ranks or smaller bodies."
             )
         return explode(cells.mesh, cells.label, cells.cell_tags, cells.facet_tags)
 

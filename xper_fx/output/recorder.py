@@ -11,8 +11,8 @@ A checkpoint holds the run, and how far its files had come. A restart takes them
 that they go on without a step that is missing or there twice.
 
 Where several ranks simulate a scene they record it together: what is divided is gathered, and the
-first rank alone writes. Of a mesh that is spread over ranks each writes the fields of its own bodies
-and points, `bulk_0.xdmf` and `interfaces_0.xdmf` those of the first. Whatever goes wrong there is
+first rank alone writes. Of a mesh that is spread over ranks each rank writes the fields of its own
+bodies and points, the first one `bulk_0.xdmf` and `interfaces_0.xdmf`. Whatever goes wrong there is
 raised on all.
 """
 
@@ -33,15 +33,19 @@ import dolfinx
 import numba
 import numpy as np
 
-from xper_fx.nscd.facets import facet_shapes
 from xper_fx.output.effects import effects_of
+from xper_fx.output.field_series import (
+    FieldSeries,
+    coordinates_of_known,
+    ranks_that_wrote,
+    remove_fields_of_ranks,
+)
 from xper_fx.output.folder_lock import FolderLock
 from xper_fx.output.gauges import CellGauge, TensileGauge, require_gauge
 from xper_fx.output.history import HISTORY_COLUMNS, History
 from xper_fx.output.output_folder import prepare_folder
 from xper_fx.output.series import TimeSeries
 from xper_fx.output.summary import plain, write_summary
-from xper_fx.output.vertex_values import VertexValues
 from xper_fx.simulation.cohesive_scales import cohesive_scales
 from xper_fx.simulation.simulation import Simulation, StepRecord
 from xper_fx.support.checks import (
@@ -52,7 +56,6 @@ from xper_fx.support.checks import (
     require_path,
     require_positive,
 )
-from xper_fx.support.compat import geometry_dofmap
 from xper_fx.support.version import __version__
 
 logger = logging.getLogger(__name__)
@@ -89,16 +92,7 @@ def point_coordinates(simulation: Simulation) -> np.ndarray:
     if simulation.scene.bodies is None:
         raise ValueError("A scene without a mesh has no facets that points could be on.")
     simulation.scene.bodies.require_whole("The place of all points")
-    return _coordinates_of_known(simulation)
-
-
-def _coordinates_of_known(simulation: Simulation) -> np.ndarray:
-    """Reference positions of the points on `facets_with_law`, facet after facet."""
-    dim = simulation.bulk.dim
-    scene = simulation.scene
-    x = scene.bodies.facet_nodes(scene.order)[simulation.facets_with_law]
-    shapes = facet_shapes(dim, x.shape[1], scene.points)
-    return np.einsum("pk,fkd->fpd", shapes, x).reshape(-1, dim)
+    return coordinates_of_known(simulation)
 
 
 def add_to_summary(simulation: Simulation, found: Mapping[str, Any]) -> None:
@@ -236,23 +230,18 @@ class Recorder:
         self._every = end_time / fields if fields > 0 else np.inf
         self._next = before.get("next_fields", 0.0)
         self.strain = before.get("strain", 0.0)
-        self._shown = simulation.scene.bodies
-        # each rank writes the fields of its own bodies
-        self._shares = self._shown is not None and self._shown.spread is not None
-        if self._shares:
-            self._shown = simulation.bodies
-        if self._shown is not None:
-            self.cells = geometry_dofmap(self._shown.mesh)
-            self._vertices = VertexValues(simulation)
+        self._fields = None
+        if simulation.scene.bodies is not None:
+            self._fields = FieldSeries(simulation, self.folder)
         self._totals = {"steps": 0, "sweeps": 0, "largest_residual": 0.0, "restarts": 0}
         self._totals |= before.get("totals", {})
         self._totals["restarts"] += self.restarted
         self._steps_before = self._totals["steps"]
-        self._bulk = self._interfaces = self._rigid = self._stress = None
+        self._rigid = None
         try:
             self._at_root(partial(self._open, tuple(columns), before))
-            if self._writes_fields and self._shown is not None:
-                self._where_fields_are(partial(self._open_fields, before.get("series", {})))
+            if self._writes_fields and self._fields is not None:
+                self._fields.open(before.get("series", {}))
             if self._writes_fields and not self.restarted:
                 self._write_fields()
         except BaseException:
@@ -284,22 +273,14 @@ class Recorder:
                 f"The run in {self.folder} was recorded with fragments={had}: restart it so, or "
                 "start it from its beginning."
             )
-        parts = sum(name.startswith("bulk_") for name in before.get("series", {}))
-        bodies, ranks = self.simulation.scene.bodies, self.simulation.team.size
-        if parts and (bodies.spread is None or parts != ranks):
+        wrote, ranks = ranks_that_wrote(before.get("series", {})), self.simulation.team.size
+        if wrote not in (0, ranks):
             raise ValueError(
-                f"The run in {self.folder} was recorded on {parts} ranks, each of which wrote the "
-                f"fields of its own bodies, and here are {ranks}: restart it on {parts} ranks with "
-                "a mesh that is spread, or start it from its beginning."
+                f"The run in {self.folder} was recorded on {wrote} ranks, each of which wrote the "
+                f"fields of its own bodies, and here are {ranks}: restart it on {wrote} ranks, or "
+                "start it from its beginning."
             )
         return before
-
-    def _where_fields_are(self, call: Callable[[], object]) -> None:
-        """Call something on the ranks that write fields; what one raises is raised on all."""
-        if self._shares:
-            self.simulation.team.together(call)
-        else:
-            self._at_root(call)
 
     def _sealed(self) -> dict[str, dict[str, float]]:
         """How far the series of all ranks have come, all of which are on the disk then."""
@@ -331,8 +312,9 @@ class Recorder:
     def _open(self, columns: tuple[str, ...], before: Mapping) -> None:
         """Open the files, after what `_recording` gave."""
         if not before:
-            # it is of a run whose results are replaced now
+            # they are of a run whose results are replaced now
             (self.folder / CHECKPOINT).unlink(missing_ok=True)
+            remove_fields_of_ranks(self.folder)
         after, simulation = before.get("series", {}), self.simulation
         if self._writes_fields and simulation.rigid is not None:
             from xper_fx.output.body_shapes import equal_diameters
@@ -356,30 +338,12 @@ class Recorder:
 
         Of a mesh that is spread over ranks, of this rank's bodies, as is `cell_stress`.
         """
-        return self._vertices.displacement()
+        return self._fields.displacement()
 
-    def _open_fields(self, after: Mapping[str, Mapping[str, float]]) -> None:
-        simulation, mesh = self.simulation, self._shown.mesh
-        rank = f"_{simulation.team.rank}" if self._shares else ""
-
-        def opened(name: str, x: np.ndarray, cells: tuple[str, np.ndarray]) -> TimeSeries:
-            name += rank
-            return TimeSeries(self.folder / f"{name}.xdmf", x, cells, after.get(name))
-
-        self._bulk = opened(
-            "bulk",
-            mesh.geometry.x[:, : mesh.geometry.dim],
-            (mesh.topology.cell_name(), self.cells),
-        )
-        if len(simulation.facets_with_law):
-            x = _coordinates_of_known(simulation)
-            kind = {2: "line", 3: "triangle"}.get(simulation.model.points.points_a_facet, "vertex")
-            if self._shares:  # the points of a facet may be on several ranks
-                x, kind = x[simulation.model.points.on_facets()[0]], "vertex"
-            corners = {"line": 2, "triangle": 3, "vertex": 1}[kind]
-            cells = np.arange(len(x)).reshape(-1, corners)
-            self._interfaces = opened("interfaces", x, (kind, cells))
-            self._num_interface_points = len(x)
+    @property
+    def cells(self) -> np.ndarray:
+        """Geometry nodes of the exploded mesh's cells, shape (num_cells, k)."""
+        return self._fields.cells
 
     def _write_fields(self) -> None:
         simulation = self.simulation
@@ -387,48 +351,15 @@ class Recorder:
             fragment = None
             if self._find_fragments is not None:
                 fragment = self._find_fragments(simulation)
-            if simulation.scene.bodies is not None:
-                self._write_bulk(fragment)
-                if len(simulation.facets_with_law):
-                    points = simulation.interactions
-                    values = points.local if self._shares else points.gather
-                    names = ("jump", "traction", "damage", "spent", "status")
-                    fields = {name: values(name) for name in names}
-                    self._where_fields_are(partial(self._write_interfaces, fields))
+            if self._fields is not None:
+                self._fields.write(fragment)
             if simulation.rigid is not None:
                 self._at_root(lambda: self._rigid.write(simulation.time, fragment))
         self._next += self._every
 
-    def _write_interfaces(self, fields: Mapping[str, np.ndarray]) -> None:
-        count = self._num_interface_points
-        fields = {name: values[:count] for name, values in fields.items()}
-        self._interfaces.write(self.simulation.time, fields, {})
-
     def cell_stress(self) -> np.ndarray:
         """Cauchy stress of each cell, as `BulkForms.stress_evaluator` gives it (Pa)."""
-        if self._stress is None:
-            self._stress = self.simulation.forms.stress_evaluator()
-        self.simulation.displacement  # noqa: B018  brings the state into the forms
-        stress, part = self._stress(), self.simulation.part
-        if part is None or self._shares:
-            return stress
-        return self.simulation.ranks.gather(part.cells, stress)
-
-    def _write_bulk(self, fragment: np.ndarray | None) -> None:
-        simulation, bodies = self.simulation, self._shown
-        body = bodies.labels[bodies.body_of_cell] if self._shares else bodies.body_of_cell
-        nodal = {
-            "displacement": self._vertices.displacement(),
-            "velocity": self._vertices.velocity(),
-        }
-        cellwise = {
-            "stress": self.cell_stress(),
-            "body": body,
-            "material": bodies.material_of_cell,
-        }
-        if fragment is not None:
-            cellwise["fragment"] = fragment[bodies.body_of_cell]
-        self._where_fields_are(lambda: self._bulk.write(simulation.time, nodal, cellwise))
+        return self._fields.stress()
 
     def record(self, step: StepRecord) -> tuple[float, float]:
         """Write the line of a step, the fields when they are due, then a checkpoint when it is.
@@ -475,8 +406,8 @@ class Recorder:
 
     @property
     def _series(self) -> list[TimeSeries]:
-        rigid = None if self._rigid is None else self._rigid.series
-        return [series for series in (self._bulk, self._interfaces, rigid) if series is not None]
+        series = [] if self._fields is None else self._fields.series
+        return series if self._rigid is None else [*series, self._rigid.series]
 
     def close(self) -> None:
         """Close the files; write the summary unless a restart has added nothing to its run."""

@@ -2,8 +2,8 @@
 """The interaction points of one rank, on its own nodes and on ghosts of others'.
 
 Which facets face each other is known to the ranks of both sides and, where vertices are solved
-alone, to those of all bodies at their vertices; what number a node has only to the rank of its body,
-which tells those that have points there.
+alone, to those of all bodies at their vertices; what number a node has only to the rank of its
+body, which tells those that have points there.
 """
 
 from __future__ import annotations

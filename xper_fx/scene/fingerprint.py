@@ -21,7 +21,7 @@ from xper_fx.support.compat import geometry_dofmap
 
 if TYPE_CHECKING:
     from xper_fx.bodies.explode import Bodies
-    from xper_fx.simulation.simulation import Simulation
+    from xper_fx.scene.scene import Scene
 
 # Entries up to which an array or a list is written out.
 _SHORT = 16
@@ -29,26 +29,24 @@ _SHORT = 16
 _APART = ("bodies", "rigid", "rigid_bodies", "after")
 
 
-def fingerprint(simulation: Simulation, times: Sequence[float]) -> dict:
-    """Describe the scene of a simulation and what its equations are.
+def fingerprint(scene: Scene, times: Sequence[float], **more: Any) -> dict:
+    """Describe a scene.
 
     Args:
-        simulation: the run.
+        scene: the scene; where its mesh is spread over ranks, all of them call it together.
         times: at which functions of time are read (s).
+        more: what else to describe, by name.
 
     Returns:
         Nested dictionaries and lists of what JSON has.
     """
-    scene = simulation.scene
     out = {f.name: _described(getattr(scene, f.name), times) for f in fields(scene)
            if f.name not in _APART}  # fmt: skip
     if scene.bodies is not None:
         out["mesh"] = _mesh(scene.bodies)
     if scene.rigid_bodies is not None:
         out["rigid bodies"] = _described(scene.rigid_bodies, times)
-    out["scheme"] = simulation.options.scheme
-    out["theta"] = simulation.theta
-    out["inertia"] = simulation.bulk.inertia is not None
+    out |= {name: _described(value, times) for name, value in more.items()}
     return json.loads(json.dumps(out))
 
 
