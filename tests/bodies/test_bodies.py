@@ -19,7 +19,9 @@ from dolfinx.mesh import (
 from mpi4py import MPI
 
 from xper_fx.bodies.explode import EACH_CELL, explode
+from xper_fx.bodies.join import join_meshes
 from xper_fx.bodies.meshes import SerialOnlyError, crossed_rectangle, tag_cells, tag_facets
+from xper_fx.bodies.partition import partition
 from xper_fx.forms.compiled import compiled_form
 from xper_fx.support.compat import create_exploded_mesh, geometry_dofmap
 
@@ -473,7 +475,11 @@ class TestRefusals:
         monkeypatch.setattr(type(mesh), "comm", TwoProcesses())
         for error in (SerialOnlyError, ValueError, NotImplementedError):
             with pytest.raises(error, match="spread over 2 processes"):
-                explode(mesh)
+                explode(mesh, lattice=(1.0, 1.0))
+            with pytest.raises(error, match="spread over 2 processes"):
+                partition(mesh, 2)
+            with pytest.raises(error, match="spread over 2 processes"):
+                join_meshes([mesh])
 
     def test_spaces(self):
         """Spaces on another mesh, discontinuous, of order 3, or mixed."""

@@ -51,7 +51,7 @@ def box_bodies(lengths, cells, kind="crossed", label=None, material=None, interi
     count = mesh.topology.index_map(mesh.topology.dim).size_local
     bodies = EACH_CELL
     if callable(label):
-        bodies = label(midpoints(mesh)).astype(int)
+        bodies = label(midpoints(mesh)).astype(int)[:count]  # without those of other ranks
     elif label is not None:
         bodies = np.full(count, label)
     cell_tags = tag_cells(mesh, material or {})

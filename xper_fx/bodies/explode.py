@@ -11,8 +11,9 @@ opening.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import NamedTuple
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, NamedTuple
 
 import basix
 import numpy as np
@@ -23,6 +24,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from xper_fx.bodies.meshes import (
+    SerialOnlyError,
     cell_measure,
     check_mesh,
     facet_cells,
@@ -30,9 +32,15 @@ from xper_fx.bodies.meshes import (
     local_facet_vertices,
     midpoints_of,
     reference_cell,
+    require_whole,
 )
+from xper_fx.bodies.present_tags import PresentTags
 from xper_fx.support.checks import require_kind
 from xper_fx.support.compat import create_exploded_mesh, geometry_dofmap
+from xper_fx.support.ranks import Ranks
+
+if TYPE_CHECKING:
+    from xper_fx.bodies.spread import Spread
 
 __all__ = ["EACH_CELL", "Bodies", "FacingFacets", "explode"]
 
@@ -104,6 +112,11 @@ class Bodies:
     A periodic cell is cut as a piece of the periodic medium: cells that meet across its boundary
     face each other there if they belong to two bodies, and are tied if they belong to one.
 
+    Of a mesh that is spread over ranks, these are the bodies that this rank knows: its own, and
+    of others the cells that share a vertex with them. Cells and vertices of the parent are then
+    those of what the mesh was made from (`Topology.original_cell_index`), and facing facets are
+    sorted by them.
+
     Attributes:
         mesh: the exploded mesh, of the same dimension as the parent.
         num_bodies: number of bodies.
@@ -120,6 +133,8 @@ class Bodies:
         lattice: period vectors as rows, shape (dim, dim), m; None if the mesh is no periodic cell.
         ties: facets across which one body goes on over the cell's boundary; empty without a
             lattice.
+        spread: which rank has which body, of a mesh that is spread over ranks; None if each rank
+            has all.
     """
 
     mesh: Mesh
@@ -134,6 +149,39 @@ class Bodies:
     facets: FacingFacets
     lattice: npt.NDArray[np.float64] | None
     ties: FacingFacets
+    spread: Spread | None = None
+
+    @cached_property
+    def present(self) -> PresentTags:
+        """The tags that occur, on any rank."""
+        if self.spread is not None:
+            return self.spread.present
+        facets = self.facets
+        rows = np.column_stack([np.sort(facets.materials, axis=1), facets.tag])
+        return PresentTags(
+            frozenset(np.unique(self.material_of_cell).tolist()),
+            frozenset(np.unique(self.facet_tags.values).tolist()),
+            frozenset(map(tuple, np.unique(rows, axis=0).tolist())),
+        )
+
+    @property
+    def counts(self) -> tuple[int, int]:
+        """Number of bodies and of cells, on all ranks together."""
+        if self.spread is None:
+            return self.num_bodies, len(self.body_of_cell)
+        return self.spread.num_bodies, self.spread.num_cells
+
+    def require_whole(self, what: str) -> None:
+        """Raise a SerialOnlyError if the mesh is spread over ranks.
+
+        Args:
+            what: needs all bodies on each rank.
+        """
+        if self.spread is not None:
+            raise SerialOnlyError(
+                f"{what} takes a mesh that is whole on each rank, and this one is spread over "
+                f"{self.spread.ranks.size} ranks: build it on MPI.COMM_SELF."
+            )
 
     def facing_nodes(self, V: FunctionSpace) -> npt.NDArray[np.int32]:
         """Return the nodes of V on both sides of each facing facet, matched in space.
@@ -321,10 +369,13 @@ def explode(
     """Cut a mesh into bodies that share no vertex.
 
     Args:
-        mesh: mesh of first-order triangles, quadrilaterals, tetrahedra or hexahedra, on one
-            process.
+        mesh: mesh of first-order triangles, quadrilaterals, tetrahedra or hexahedra. Of one that
+            DOLFINx has spread over ranks (made with `MPI.COMM_WORLD`), each rank cuts its share:
+            all ranks call `explode` together, and none holds the whole.
         bodies: `EACH_CELL`, or an integer label for each cell of `mesh`, shape (num_cells,), not
-            negative: the cells of one label are one body and stay connected as they were.
+            negative: the cells of one label are one body and stay connected as they were. On
+            ranks: for the cells that the rank owns, labels that are the same on all ranks; a body
+            goes whole to the rank that has most of its cells.
         cell_tags: a tag for every cell of `mesh` (materials).
         facet_tags: tags of some facets of `mesh` (boundaries, precracks).
         lattice: makes the mesh a periodic cell: edges of its box, shape (dim,), or period vectors
@@ -336,12 +387,16 @@ def explode(
         The bodies, on a new mesh; `mesh` is left as it was.
 
     Raises:
-        SerialOnlyError: the mesh is spread over several processes.
+        SerialOnlyError: a periodic cell that is spread over several processes.
         TypeError: `bodies`, `cell_tags`, `facet_tags` or `voids` is of the wrong type.
         ValueError: labels or tags do not fit the mesh; a cell is degenerate; a facet is shared
             by three cells; two cells overlap at a facet; the geometry is not first order; facets
-            of a periodic cell's boundary have no translate.
+            of a periodic cell's boundary have no translate; a rank that gets no body.
     """
+    if isinstance(mesh, Mesh) and mesh.comm.size > 1:
+        if lattice is not None or len(voids):
+            require_whole(mesh.comm)
+        return _explode_share(mesh, bodies, cell_tags, facet_tags)
     check_mesh(mesh)
     tdim = mesh.topology.dim
     num_cells = mesh.topology.index_map(tdim).size_local
@@ -422,6 +477,68 @@ def explode(
     )
 
 
+def _explode_share(
+    mesh: Mesh,
+    bodies: str | npt.ArrayLike,
+    cell_tags: MeshTags | None,
+    facet_tags: MeshTags | None,
+) -> Bodies:
+    """Cut what this rank knows of a mesh that is spread; all ranks call it together."""
+    from xper_fx.bodies.spread import UNTAGGED, Spread, known_cells
+
+    ranks, tdim = Ranks(mesh.comm), mesh.topology.dim
+    count = mesh.topology.index_map(tdim).size_local
+    mesh.topology.create_connectivity(tdim, tdim - 1)
+
+    def checked() -> tuple:
+        check_mesh(mesh)
+        labels, body = _body_labels(bodies, count)
+        tagged, tag = _facet_tag_array(facet_tags, mesh)
+        tag_of_facet = np.full(len(tag), UNTAGGED, np.int32)
+        tag_of_facet[tagged] = tag[tagged]
+        facets = mesh.topology.connectivity(tdim, tdim - 1).array
+        return (
+            None if isinstance(bodies, str) else labels[body],
+            _materials(cell_tags, mesh, count),
+            tag_of_facet[facets.reshape(-1, len(local_facet_vertices(mesh)))[:count]],
+        )
+
+    cells = known_cells(ranks, mesh, *ranks.together(checked))
+    for tags, given in ((cells.cell_tags, cell_tags), (cells.facet_tags, facet_tags)):
+        if given is not None:
+            tags.name = given.name
+
+    def cut() -> Bodies:
+        if not np.any(cells.rank == ranks.rank):
+            raise ValueError(
+                f"Rank {ranks.rank} of {ranks.size} gets none of the bodies, each of which is "
+                "whole on the rank that has most of its cells: take fewer ranks or smaller bodies."
+            )
+        return explode(cells.mesh, cells.label, cells.cell_tags, cells.facet_tags)
+
+    known = ranks.together(cut)
+    rank_of_cell = cells.rank[known.parent_cell]
+    rank_of_body = np.empty(known.num_bodies, np.int32)
+    rank_of_body[known.body_of_cell] = rank_of_cell
+    own = rank_of_body == ranks.rank
+    parent_cell = cells.number[known.parent_cell]
+    low, high = np.sort(parent_cell[known.facets.cells], axis=1).T
+    order = np.lexsort((high, low))
+    return replace(
+        known,
+        parent_cell=parent_cell,
+        parent_vertex=cells.vertex[known.parent_vertex],
+        facets=FacingFacets(**{n: array[order] for n, array in vars(known.facets).items()}),
+        spread=Spread(
+            ranks,
+            rank_of_body,
+            int(ranks.sum(np.count_nonzero(own))),
+            int(ranks.sum(np.count_nonzero(rank_of_cell == ranks.rank))),
+            PresentTags.union(ranks.comm.allgather(known.present)),
+        ),
+    )
+
+
 def _body_labels(
     bodies: str | npt.ArrayLike, num_cells: int
 ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int32]]:
@@ -466,18 +583,19 @@ def _check_tags(tags: MeshTags, mesh: Mesh, dim: int, name: str, entities: str) 
 
 
 def _materials(cell_tags: MeshTags | None, mesh: Mesh, num_cells: int) -> npt.NDArray[np.int32]:
-    """Return the tag of each parent cell, 1 if there are no tags."""
+    """Return the tag of each parent cell of this rank, 1 if there are no tags."""
     if cell_tags is None:
         return np.ones(num_cells, dtype=np.int32)
     _check_tags(cell_tags, mesh, mesh.topology.dim, "cell_tags", "cells")
-    if len(cell_tags.indices) != num_cells:
+    own = cell_tags.indices < num_cells  # the others are known here and belong to other ranks
+    if np.count_nonzero(own) != num_cells:
         tagged = np.zeros(num_cells, dtype=bool)
-        tagged[cell_tags.indices] = True
+        tagged[cell_tags.indices[own]] = True
         raise ValueError(
-            f"cell_tags leaves {num_cells - len(cell_tags.indices)} of {num_cells} cells without "
+            f"cell_tags leaves {np.count_nonzero(~tagged)} of {num_cells} cells without "
             f"a tag, the first of them cell {int(np.argmin(tagged))}; tag every cell."
         )
-    return cell_tags.values.astype(np.int32)
+    return cell_tags.values[own].astype(np.int32)
 
 
 def _facet_tag_array(
@@ -488,7 +606,8 @@ def _facet_tag_array(
     if facet_tags is not None:
         _check_tags(facet_tags, mesh, fdim, "facet_tags", "facets")
     mesh.topology.create_entities(fdim)
-    tag = np.zeros(mesh.topology.index_map(fdim).size_local, dtype=np.int32)
+    facets = mesh.topology.index_map(fdim)
+    tag = np.zeros(facets.size_local + facets.num_ghosts, dtype=np.int32)
     if facet_tags is None:
         return np.empty(0, dtype=np.int32), tag
     tag[facet_tags.indices] = facet_tags.values

@@ -25,6 +25,7 @@ from mpi4py import MPI
 from xper_fx.bodies.gmsh_session import gmsh_model
 from xper_fx.support.checks import require_numbers
 from xper_fx.support.compat import coordinate_element, geometry_dofmap, gmsh_model_to_mesh
+from xper_fx.support.ranks import Ranks
 
 __all__ = [
     "SerialOnlyError",
@@ -59,7 +60,7 @@ _DEGENERATE = 1e-12
 
 
 class SerialOnlyError(NotImplementedError, ValueError):
-    """A mesh spread over several processes was given where each rank needs all of it."""
+    """A mesh spread over several processes was given where each rank needs the whole mesh."""
 
 
 def crossed_rectangle(
@@ -74,8 +75,8 @@ def crossed_rectangle(
         lower: lower left corner (x, y), m.
         upper: upper right corner (x, y), m.
         cells: number of quadrilaterals along x and y; each gives four triangles.
-        comm: communicator of one process: every rank has the whole mesh, and a `Simulation` divides
-            its bodies.
+        comm: MPI.COMM_SELF gives every rank the whole mesh, MPI.COMM_WORLD spreads it over the
+            ranks: a `Simulation` divides the bodies either way.
 
     Returns:
         The mesh, `4 * cells[0] * cells[1]` triangles.
@@ -141,7 +142,7 @@ def read_gmsh(
         ValueError: the mesh is empty, of another dimension, of higher order, of several cell
             types or not planar; a cell is in no physical group or in two.
     """
-    _check_serial(comm)
+    require_whole(comm)
     if dim not in (2, 3):
         raise ValueError(f"dim is {dim!r}; expected 2 or 3.")
     if not isinstance(model_or_path, str | Path):
@@ -221,7 +222,7 @@ def tag_cells(mesh: Mesh, predicates: Mapping[int, Predicate], default: int = 1)
     """Tag cells by predicates on their midpoints.
 
     Args:
-        mesh: the mesh.
+        mesh: the mesh; where it is spread over ranks, all of them call this.
         predicates: for each tag a function of the midpoints x, shape (3, num_cells), m, that says
             of each whether it bears the tag, shape (num_cells,), bool.
         default: tag of the cells that no predicate claims.
@@ -230,7 +231,6 @@ def tag_cells(mesh: Mesh, predicates: Mapping[int, Predicate], default: int = 1)
         Tags of all cells.
 
     Raises:
-        SerialOnlyError: the mesh is spread over several processes.
         TypeError: a tag is no int32, or a predicate does not return booleans.
         ValueError: two tags claim one cell; a predicate returns another shape.
     """
@@ -239,7 +239,7 @@ def tag_cells(mesh: Mesh, predicates: Mapping[int, Predicate], default: int = 1)
     midpoints = midpoints_of(mesh.geometry.x, geometry_dofmap(mesh)).T
     num_cells = midpoints.shape[1]
     tag = np.full(num_cells, default, dtype=np.int32)
-    _apply(predicates, lambda f, t: _evaluate(f, t, midpoints), tag, midpoints, "cell")
+    _apply(mesh, predicates, lambda f, t: _evaluate(f, t, midpoints), tag, midpoints, "cell")
     tags = meshtags(mesh, mesh.topology.dim, np.arange(num_cells, dtype=np.int32), tag)
     tags.name = "cell_tags"
     return tags
@@ -273,7 +273,7 @@ def tag_facets(mesh: Mesh, predicates: Mapping[int, Predicate]) -> MeshTags:
     """Tag facets, interior and exterior, all of whose vertices and whose midpoint fit.
 
     Args:
-        mesh: the mesh.
+        mesh: the mesh; where it is spread over ranks, all of them call this.
         predicates: for each tag a function of points x, shape (3, num_points), m, that says of
             each whether it lies where the tag is, shape (num_points,), bool. Points carry
             rounding: prefer `np.isclose(x[0], 0)` to `x[0] == 0`.
@@ -282,7 +282,6 @@ def tag_facets(mesh: Mesh, predicates: Mapping[int, Predicate]) -> MeshTags:
         Tags of the facets found.
 
     Raises:
-        SerialOnlyError: the mesh is spread over several processes.
         TypeError: a tag is no int32, or a predicate does not return booleans.
         ValueError: two tags claim one facet; a predicate returns another shape.
     """
@@ -297,7 +296,7 @@ def tag_facets(mesh: Mesh, predicates: Mapping[int, Predicate]) -> MeshTags:
         return at_vertices & _evaluate(predicate, tag, midpoints)
 
     tag = np.zeros(len(nodes), dtype=np.int32)
-    claimed = _apply(predicates, fits, tag, midpoints, "facet")
+    claimed = _apply(mesh, predicates, fits, tag, midpoints, "facet")
     tags = meshtags(mesh, mesh.topology.dim - 1, claimed, tag[claimed])
     tags.name = "facet_tags"
     return tags
@@ -335,6 +334,7 @@ def _evaluate(
 
 
 def _apply(
+    mesh: Mesh,
     predicates: Mapping[int, Predicate],
     fits: Callable[[Predicate, int], npt.NDArray[np.bool_]],
     tag: npt.NDArray[np.int32],
@@ -350,24 +350,35 @@ def _apply(
     for t in predicates:
         _check_tag(t)
     claimed = np.zeros(len(tag), dtype=bool)
-    for t, predicate in predicates.items():
-        fit = fits(predicate, t)
-        twice = np.flatnonzero(fit & claimed)
-        if twice.size:
-            raise ValueError(
-                f"Tags {tag[twice[0]]} and {t} both claim {entity} {twice[0]} at "
-                f"{midpoints[:, twice[0]].tolist()} ({twice.size} in all); make their predicates "
-                "exclude each other."
-            )
-        if not fit.any():
+
+    def claim() -> list[int]:
+        """Return the tags that entities of this rank bear."""
+        claiming = []
+        for t, predicate in predicates.items():
+            fit = fits(predicate, t)
+            twice = np.flatnonzero(fit & claimed)
+            if twice.size:
+                raise ValueError(
+                    f"Tags {tag[twice[0]]} and {t} both claim {entity} {twice[0]} at "
+                    f"{midpoints[:, twice[0]].tolist()} ({twice.size} in all); make their "
+                    "predicates exclude each other."
+                )
+            if fit.any():
+                claiming.append(t)
+            tag[fit] = t
+            np.logical_or(claimed, fit, out=claimed)
+        return claiming
+
+    ranks = Ranks(mesh.comm)
+    found = set().union(*ranks.comm.allgather(ranks.together(claim)))
+    for t in predicates:
+        if t not in found and ranks.rank == 0:
             logger.warning("Tag %d claims no %s.", t, entity)
-        tag[fit] = t
-        claimed |= fit
     return np.flatnonzero(claimed).astype(np.int32)
 
 
-def _check_serial(comm: MPI.Comm) -> None:
-    """Raise if a communicator has several processes."""
+def require_whole(comm: MPI.Comm) -> None:
+    """Raise a SerialOnlyError if a mesh's communicator has several processes."""
     if comm.size > 1:
         raise SerialOnlyError(
             f"The mesh is spread over {comm.size} processes: build it on MPI.COMM_SELF, whole on "
@@ -399,13 +410,11 @@ def check_mesh(mesh: Mesh, geometry: bool = True) -> None:
 
     Raises:
         TypeError: it is no mesh.
-        SerialOnlyError: it is spread over several processes.
         ValueError: its cells are of an unknown type or of higher order, it is curved in space, it
-            has no cells, or a cell is degenerate or folded.
+            has no cells here, or a cell is degenerate or folded.
     """
     if not isinstance(mesh, Mesh):
         raise TypeError(f"mesh is a {type(mesh).__name__}; expected dolfinx.mesh.Mesh.")
-    _check_serial(mesh.comm)
     reference_cell(mesh)
     tdim, gdim = mesh.topology.dim, mesh.geometry.dim
     if tdim != gdim:
@@ -418,7 +427,8 @@ def check_mesh(mesh: Mesh, geometry: bool = True) -> None:
             f"The mesh has a geometry of order {degree}; expected order 1, straight edges."
         )
     if mesh.topology.index_map(tdim).size_local == 0:
-        raise ValueError("The mesh has no cells.")
+        where = "" if mesh.comm.size == 1 else f" on rank {mesh.comm.rank}: take fewer ranks"
+        raise ValueError(f"The mesh has no cells{where}.")
     if geometry:
         _check_cells(mesh)
 
@@ -512,7 +522,7 @@ def facet_cells(mesh: Mesh) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32
     """Return the cells of every facet.
 
     Args:
-        mesh: mesh on one process.
+        mesh: the mesh; of one that is spread over ranks, the facets and cells that are known here.
 
     Returns:
         `cells`, shape (num_facets, 2), int32, and `local_facets`, of the same shape, the number of
@@ -540,8 +550,8 @@ def facet_cells(mesh: Mesh) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32
     cells[:, 0] = links[offsets[:-1]]
     inner = count == 2
     cells[inner, 1] = links[offsets[:-1][inner] + 1]
-    facets_of_cell = mesh.topology.connectivity(tdim, tdim - 1).array
-    facets_of_cell = facets_of_cell.reshape(mesh.topology.index_map(tdim).size_local, -1)
+    to_facets = mesh.topology.connectivity(tdim, tdim - 1)
+    facets_of_cell = to_facets.array.reshape(to_facets.num_nodes, -1)
     local = np.full(cells.shape, -1, dtype=np.int32)
     facets = np.arange(len(count))[:, np.newaxis]
     local[:, 0] = np.argmax(facets_of_cell[cells[:, 0]] == facets, axis=1)

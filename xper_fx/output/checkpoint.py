@@ -10,12 +10,12 @@ another scene, another version or with a wrong digest it is refused, before anyt
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from xper_fx.output.fingerprint import differences, fingerprint
 from xper_fx.output.hdf5_tree import read_attributes, read_tree, write_tree
+from xper_fx.scene.fingerprint import differences, fingerprint
 from xper_fx.support.errors import CheckpointError
 from xper_fx.support.version import __version__
 
@@ -44,7 +44,7 @@ def save(
     """
     time = simulation.time
     times = [0.0, 0.5 * time, time]
-    scene = json.dumps({"times": times, "is": fingerprint(simulation, times)})
+    scene = json.dumps({"times": times, "is": _fingerprint(simulation, times)})
     tree = {"simulation": simulation.saved_in_order(), "scene": scene}
 
     def write() -> None:
@@ -84,7 +84,7 @@ def restore(path: Path, simulation: Simulation) -> dict:
         )
     tree = read_tree(path)
     scene = json.loads(tree["scene"])
-    differ = differences(scene["is"], fingerprint(simulation, scene["times"]))
+    differ = differences(scene["is"], _fingerprint(simulation, scene["times"]))
     if differ:
         more = f"; and {len(differ) - _NAMED} more" if len(differ) > _NAMED else ""
         raise CheckpointError(
@@ -93,3 +93,11 @@ def restore(path: Path, simulation: Simulation) -> dict:
         )
     simulation.restore(tree["simulation"])
     return tree.get("recording", {})
+
+
+def _fingerprint(simulation: Simulation, times: Sequence[float]) -> dict:
+    """What the scene of a run is, and its equations."""
+    return fingerprint(
+        simulation.scene, times, scheme=simulation.options.scheme, theta=simulation.theta,
+        inertia=simulation.bulk.inertia is not None,
+    )  # fmt: skip

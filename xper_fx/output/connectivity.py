@@ -49,11 +49,13 @@ def find_fragments(simulation: Simulation, share: float = BROKEN) -> npt.NDArray
         none, -1.
 
     Raises:
-        ValueError: a share out of (0, 1].
+        ValueError: a share out of (0, 1], a mesh that is spread over ranks (SerialOnlyError).
         TypeError: no simulation, something that is no number.
     """
     require_kind("simulation", simulation, Simulation)
     require_share(share)
+    if simulation.scene.bodies is not None:
+        simulation.scene.bodies.require_whole("A search of fragments")
     mass = _masses(simulation)
     pairs = _held_pairs(simulation, share)
     pairs = pairs[(mass[pairs] > 0.0).all(axis=1)]

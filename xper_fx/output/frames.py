@@ -92,6 +92,7 @@ def take_frame(simulation: Simulation, colour: Colour = "group", title: str | No
     owner, middles = np.empty(0, int), np.empty((0, dim))
     num_cells = 0
     if scene.bodies is not None:
+        scene.bodies.require_whole("A picture of all bodies")
         cells = geometry_dofmap(scene.bodies.mesh)
         num_cells = len(cells)
         x = scene.bodies.mesh.geometry.x[:, :dim] + VertexValues(simulation).displacement()

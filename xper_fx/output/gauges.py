@@ -54,7 +54,7 @@ class TensileGauge:
             raise ValueError(
                 f"The gauge has component {self.component}; it should be 0 to {scene.dim - 1}."
             )
-        there = sorted(set(scene.bodies.facet_tags.values.tolist()))
+        there = sorted(scene.bodies.present.facets)
         for name in ("low", "high"):
             if getattr(self, name) not in there:
                 raise ValueError(

@@ -10,8 +10,10 @@ that the scene has something for.
 A checkpoint holds the run, and how far its files had come. A restart takes them back to there, so
 that they go on without a step that is missing or there twice.
 
-Where several ranks simulate a scene they record it together: what is spread is gathered, and the
-first rank alone writes. Whatever goes wrong there is raised on all.
+Where several ranks simulate a scene they record it together: what is divided is gathered, and the
+first rank alone writes. Of a mesh that is spread over ranks each rank writes the fields of its own
+bodies and points, the first one `bulk_0.xdmf` and `interfaces_0.xdmf`. Whatever goes wrong there is
+raised on all.
 """
 
 from __future__ import annotations
@@ -31,15 +33,19 @@ import dolfinx
 import numba
 import numpy as np
 
-from xper_fx.nscd.facets import facet_shapes
 from xper_fx.output.effects import effects_of
+from xper_fx.output.field_series import (
+    FieldSeries,
+    coordinates_of_known,
+    ranks_that_wrote,
+    remove_fields_of_ranks,
+)
 from xper_fx.output.folder_lock import FolderLock
 from xper_fx.output.gauges import CellGauge, TensileGauge, require_gauge
 from xper_fx.output.history import HISTORY_COLUMNS, History
 from xper_fx.output.output_folder import prepare_folder
 from xper_fx.output.series import TimeSeries
 from xper_fx.output.summary import plain, write_summary
-from xper_fx.output.vertex_values import VertexValues
 from xper_fx.simulation.cohesive_scales import cohesive_scales
 from xper_fx.simulation.simulation import Simulation, StepRecord
 from xper_fx.support.checks import (
@@ -50,7 +56,6 @@ from xper_fx.support.checks import (
     require_path,
     require_positive,
 )
-from xper_fx.support.compat import geometry_dofmap
 from xper_fx.support.version import __version__
 
 logger = logging.getLogger(__name__)
@@ -82,15 +87,12 @@ def point_coordinates(simulation: Simulation) -> np.ndarray:
         Shape (num_points, dim), m; points of walls, which come last in the scene, are left out.
 
     Raises:
-        ValueError: a scene without a mesh.
+        ValueError: a scene without a mesh, or with one that is spread over ranks (SerialOnlyError).
     """
     if simulation.scene.bodies is None:
         raise ValueError("A scene without a mesh has no facets that points could be on.")
-    dim = simulation.bulk.dim
-    scene = simulation.scene
-    x = scene.bodies.facet_nodes(scene.order)[simulation.facets_with_law]
-    shapes = facet_shapes(dim, x.shape[1], scene.points)
-    return np.einsum("pk,fkd->fpd", shapes, x).reshape(-1, dim)
+    simulation.scene.bodies.require_whole("The place of all points")
+    return coordinates_of_known(simulation)
 
 
 def add_to_summary(simulation: Simulation, found: Mapping[str, Any]) -> None:
@@ -228,16 +230,18 @@ class Recorder:
         self._every = end_time / fields if fields > 0 else np.inf
         self._next = before.get("next_fields", 0.0)
         self.strain = before.get("strain", 0.0)
+        self._fields = None
         if simulation.scene.bodies is not None:
-            self.cells = geometry_dofmap(simulation.scene.bodies.mesh)
-            self._vertices = VertexValues(simulation)
+            self._fields = FieldSeries(simulation, self.folder)
         self._totals = {"steps": 0, "sweeps": 0, "largest_residual": 0.0, "restarts": 0}
         self._totals |= before.get("totals", {})
         self._totals["restarts"] += self.restarted
         self._steps_before = self._totals["steps"]
-        self._bulk = self._interfaces = self._rigid = self._stress = None
+        self._rigid = None
         try:
             self._at_root(partial(self._open, tuple(columns), before))
+            if self._writes_fields and self._fields is not None:
+                self._fields.open(before.get("series", {}))
             if self._writes_fields and not self.restarted:
                 self._write_fields()
         except BaseException:
@@ -269,16 +273,29 @@ class Recorder:
                 f"The run in {self.folder} was recorded with fragments={had}: restart it so, or "
                 "start it from its beginning."
             )
+        wrote, ranks = ranks_that_wrote(before.get("series", {})), self.simulation.team.size
+        if wrote not in (0, ranks):
+            raise ValueError(
+                f"The run in {self.folder} was recorded on {wrote} ranks, each of which wrote the "
+                f"fields of its own bodies, and here are {ranks}: restart it on {wrote} ranks, or "
+                "start it from its beginning."
+            )
         return before
 
-    def _recording(self) -> dict:
+    def _sealed(self) -> dict[str, dict[str, float]]:
+        """How far the series of all ranks have come, all of which are on the disk then."""
+        team = self.simulation.team
+        own = team.together(lambda: {series.path.stem: series.seal() for series in self._series})
+        return {name: state for part in team.comm.allgather(own) for name, state in part.items()}
+
+    def _recording(self, sealed: dict) -> dict:
         """How far the files have come, all of which are on the disk then."""
         return {
             "history": self._history.flush(),
             "next_fields": self._next,
             "strain": self.strain,
             "totals": self._totals,
-            "series": {series.path.stem: series.seal() for series in self._series},
+            "series": sealed,
             "fragments": self._find_fragments is not None,
         }
 
@@ -288,18 +305,17 @@ class Recorder:
 
         watch, path = self.simulation.stopwatch, self.folder / CHECKPOINT
         with watch.phase("output"), watch.phase("checkpoint"):
-            save(path, self.simulation, self._recording)
+            save(path, self.simulation, partial(self._recording, self._sealed()))
         self._saved_at = monotonic()
         return path
 
     def _open(self, columns: tuple[str, ...], before: Mapping) -> None:
         """Open the files, after what `_recording` gave."""
         if not before:
-            # it is of a run whose results are replaced now
+            # they are of a run whose results are replaced now
             (self.folder / CHECKPOINT).unlink(missing_ok=True)
+            remove_fields_of_ranks(self.folder)
         after, simulation = before.get("series", {}), self.simulation
-        if self._writes_fields and simulation.scene.bodies is not None:
-            self._open_fields(after)
         if self._writes_fields and simulation.rigid is not None:
             from xper_fx.output.body_shapes import equal_diameters
             from xper_fx.output.rigid_series import RigidSeries
@@ -318,27 +334,16 @@ class Recorder:
             self._lock.release()
 
     def vertex_displacement(self) -> np.ndarray:
-        """Displacement of the exploded mesh's geometry nodes, shape (num_nodes, dim), m."""
-        return self._vertices.displacement()
+        """Displacement of the exploded mesh's geometry nodes, shape (num_nodes, dim), m.
 
-    def _open_fields(self, after: Mapping[str, Mapping[str, float]]) -> None:
-        simulation = self.simulation
-        mesh = simulation.scene.bodies.mesh
-        self._bulk = TimeSeries(
-            self.folder / "bulk.xdmf",
-            mesh.geometry.x[:, : mesh.geometry.dim],
-            (mesh.topology.cell_name(), self.cells),
-            after.get("bulk"),
-        )
-        if len(simulation.facets_with_law):
-            x = point_coordinates(simulation)
-            a_facet = len(x) // len(simulation.facets_with_law)
-            kind = {2: "line", 3: "triangle"}.get(a_facet, "vertex")
-            cells = np.arange(len(x)).reshape(-1, 1 if kind == "vertex" else a_facet)
-            self._interfaces = TimeSeries(
-                self.folder / "interfaces.xdmf", x, (kind, cells), after.get("interfaces")
-            )
-            self._num_interface_points = len(x)
+        Of a mesh that is spread over ranks, of this rank's bodies, as is `cell_stress`.
+        """
+        return self._fields.displacement()
+
+    @property
+    def cells(self) -> np.ndarray:
+        """Geometry nodes of the exploded mesh's cells, shape (num_cells, k)."""
+        return self._fields.cells
 
     def _write_fields(self) -> None:
         simulation = self.simulation
@@ -346,43 +351,15 @@ class Recorder:
             fragment = None
             if self._find_fragments is not None:
                 fragment = self._find_fragments(simulation)
-            if simulation.scene.bodies is not None:
-                self._write_bulk(fragment)
-                if len(simulation.facets_with_law):
-                    names = ("jump", "traction", "damage", "spent", "status")
-                    fields = {name: simulation.interactions.gather(name) for name in names}
-                    self._at_root(partial(self._write_interfaces, fields))
+            if self._fields is not None:
+                self._fields.write(fragment)
             if simulation.rigid is not None:
                 self._at_root(lambda: self._rigid.write(simulation.time, fragment))
         self._next += self._every
 
-    def _write_interfaces(self, fields: Mapping[str, np.ndarray]) -> None:
-        count = self._num_interface_points
-        fields = {name: values[:count] for name, values in fields.items()}
-        self._interfaces.write(self.simulation.time, fields, {})
-
     def cell_stress(self) -> np.ndarray:
         """Cauchy stress of each cell, as `BulkForms.stress_evaluator` gives it (Pa)."""
-        if self._stress is None:
-            self._stress = self.simulation.forms.stress_evaluator()
-        self.simulation.displacement  # noqa: B018  brings the state into the forms
-        stress, part = self._stress(), self.simulation.part
-        return stress if part is None else self.simulation.ranks.gather(part.cells, stress)
-
-    def _write_bulk(self, fragment: np.ndarray | None) -> None:
-        simulation, bodies = self.simulation, self.simulation.scene.bodies
-        nodal = {
-            "displacement": self._vertices.displacement(),
-            "velocity": self._vertices.velocity(),
-        }
-        cellwise = {
-            "stress": self.cell_stress(),
-            "body": bodies.body_of_cell,
-            "material": bodies.material_of_cell,
-        }
-        if fragment is not None:
-            cellwise["fragment"] = fragment[bodies.body_of_cell]
-        self._at_root(lambda: self._bulk.write(simulation.time, nodal, cellwise))
+        return self._fields.stress()
 
     def record(self, step: StepRecord) -> tuple[float, float]:
         """Write the line of a step, the fields when they are due, then a checkpoint when it is.
@@ -422,17 +399,15 @@ class Recorder:
     @property
     def written(self) -> int:
         """Bytes of the fields and of the history that this rank has put on disk, if still there."""
-        if not self._writes:
-            return 0
-        paths = [self.folder / "history.csv"]
+        paths = [self.folder / "history.csv"] if self._writes else []
         for series in self._series:
             paths += [series.path, *series.h5_paths]
         return sum(path.stat().st_size for path in paths if path.exists())
 
     @property
     def _series(self) -> list[TimeSeries]:
-        rigid = None if self._rigid is None else self._rigid.series
-        return [series for series in (self._bulk, self._interfaces, rigid) if series is not None]
+        series = [] if self._fields is None else self._fields.series
+        return series if self._rigid is None else [*series, self._rigid.series]
 
     def close(self) -> None:
         """Close the files; write the summary unless a restart has added nothing to its run."""
@@ -444,12 +419,14 @@ class Recorder:
         def finish() -> None:
             with ExitStack() as files:
                 files.callback(self._leave_folder)
-                for file in (self._history, *self._series):
+                for file in self._series:
                     files.callback(file.close)
-                if summary is not None:
-                    write_summary(self.folder / "summary.json", summary)
+                if self._writes:
+                    files.callback(self._history.close)
+                    if summary is not None:
+                        write_summary(self.folder / "summary.json", summary)
 
-        self._at_root(finish)
+        self.simulation.team.together(finish)
 
     def _summary(self) -> dict[str, Any]:
         simulation = self.simulation
@@ -473,7 +450,7 @@ class Recorder:
                 "python": platform.python_version(),
             },
             "counts": {
-                "bodies": 0 if bodies is None else bodies.num_bodies,
+                "bodies": 0 if bodies is None else bodies.counts[0],
                 "rigid_bodies": len(simulation.scene.rigid),
                 "points": points,
                 "dofs": simulation.bulk.num_dofs_of_all,

@@ -12,7 +12,8 @@ from xper_fx.support.compat import geometry_dofmap
 class VertexValues:
     """Values at the geometry nodes of the exploded mesh, those of all ranks on each.
 
-    All ranks call it together.
+    All ranks call it together. Of a mesh that is spread over ranks each has those of its own
+    bodies, `Simulation.bodies`.
 
     Args:
         simulation: of a scene with a mesh.
@@ -26,11 +27,13 @@ class VertexValues:
         self._node[cells] = simulation.forms.V.dofmap.list[:, : cells.shape[1]]
 
     def _of_vertices(self, nodal: np.ndarray) -> np.ndarray:
-        """Values at all bodies' geometry nodes from those of this rank's dofs."""
+        """Values at the bodies' geometry nodes from those of this rank's dofs."""
         simulation = self._simulation
         values = nodal.reshape(-1, simulation.bulk.dim)[self._node]
         part = simulation.part
-        return values if part is None else simulation.ranks.gather(part.nodes, values)
+        if part is None or simulation.scene.bodies.spread is not None:
+            return values
+        return simulation.ranks.gather(part.nodes, values)
 
     def displacement(self) -> np.ndarray:
         """Shape (num_nodes, dim), m."""

@@ -25,12 +25,14 @@ _CELL, _FACET = 1, 2
 class LocalBodies:
     """What a rank has of bodies that several ranks divide.
 
+    "All" bodies are those of the scene, of a mesh that is spread those that this rank knows.
+
     Attributes:
         rank_of_body: shape (num_bodies of all,), int32.
         bodies: this rank's; its `facets` and `ties` are those with both sides here.
         body_numbers: shape (num_bodies,), which of all bodies they are.
-        cells: shape (num_cells,), cells of the whole exploded mesh.
-        nodes: shape (num_geometry_nodes,), geometry nodes of the whole exploded mesh.
+        cells: shape (num_cells,), cells of the exploded mesh of all.
+        nodes: shape (num_geometry_nodes,), geometry nodes of the exploded mesh of all.
         cell_of: shape (num_cells of all,), this rank's number of each cell, -1 if it is elsewhere.
     """
 
@@ -46,12 +48,15 @@ def divide(bodies: Bodies, ranks: Ranks) -> LocalBodies:
     """Divide bodies among ranks and take this rank's.
 
     Args:
-        bodies: all bodies, the same on every rank.
+        bodies: all bodies, the same on every rank; or those of a mesh that is spread, which stay
+            where they are.
         ranks: the ranks.
 
     Raises:
         ValueError: fewer bodies than ranks.
     """
+    if bodies.spread is not None:
+        return _take(bodies, bodies.spread.rank_of_body, ranks.rank)
     rank_of_body = bodies_by_rank(bodies, ranks.size)
     return _take(bodies, ranks.comm.bcast(rank_of_body), ranks.rank)
 

@@ -63,7 +63,7 @@ def phases(pairs: np.ndarray, num_ranks: int) -> np.ndarray:
     """Colour pairs of ranks such that those of one colour share no rank.
 
     Args:
-        pairs: shape (n, 2), the ranks on both sides of each point; equal within a rank.
+        pairs: shape (n, 2), the ranks on both sides of points, all such pairs; equal within a rank.
         num_ranks: number of ranks.
 
     Returns:

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """The interaction points of one rank, on its own nodes and on ghosts of others'.
 
-Which facets face each other is known to every rank; what number a node has only to the rank of its
+Which facets face each other is known to the ranks of both sides and, where vertices are solved
+alone, to those of all bodies at their vertices; what number a node has only to the rank of its
 body, which tells those that have points there.
 """
 
@@ -28,6 +29,8 @@ class SharedPoints(NamedTuple):
         points: on this rank's nodes, then on ghosts, numbered rank by rank.
         law_of_point: shape (num_points,).
         numbers: shape (num_points,), facet after facet of all that have a law, on all ranks.
+        facet_numbers: shape (num_facets with a law that are known here,), those of these facets.
+        num_points_of_all: points on all ranks.
         phase: shape (num_points,), as `Halo.phase`.
         phase_of_rank: shape (num_ranks,), in which phase this rank meets each other one.
         num_phases: how many phases there are.
@@ -39,6 +42,8 @@ class SharedPoints(NamedTuple):
     points: InteractionPoints
     law_of_point: np.ndarray
     numbers: np.ndarray
+    facet_numbers: np.ndarray
+    num_points_of_all: int
     phase: np.ndarray
     phase_of_rank: np.ndarray
     num_phases: int
@@ -62,7 +67,7 @@ def shared_points(
     """Points of the facing facets that have a law; all ranks call it together.
 
     Args:
-        bodies: all bodies.
+        bodies: all bodies, or those that this rank knows.
         part: this rank's.
         ranks: the ranks.
         V: Lagrange space on this rank's mesh.
@@ -81,6 +86,7 @@ def shared_points(
     k = len(V.dofmap.dof_layout.entity_closure_dofs(fdim, 0))
     a_facet = len(facet_shapes(fdim + 1, k, rule))
     sides = part.rank_of_body[facets.bodies]
+    facet_numbers = _numbers(bodies, facets, ranks)
     if by_vertex:
         corners = geometry_dofmap(bodies.mesh)[facets.cells[:, :1], facets.local_vertices[:, 0]]
         owner = owners_by_vertex(
@@ -141,12 +147,15 @@ def shared_points(
     phase = np.zeros(len(points), np.int64)
     table = np.zeros((ranks.size, ranks.size), np.int64)
     if not by_vertex:
-        table = phases(sides, ranks.size)
+        met = np.unique(sides, axis=0)
+        table = phases(np.concatenate(ranks.comm.allgather(met)), ranks.size)
         phase = np.repeat(table[sides[mine, 0], sides[mine, 1]], a_facet)[own]
     return SharedPoints(
         points,
         np.repeat(law_of_facet[mine], a_facet)[own],
-        (mine[:, None] * a_facet + np.arange(a_facet)).ravel()[own],
+        (facet_numbers[mine][:, None] * a_facet + np.arange(a_facet)).ravel()[own],
+        facet_numbers,
+        int(ranks.sum(len(points))),
         phase,
         table[me],
         int(table.max(initial=0)),
@@ -154,3 +163,23 @@ def shared_points(
         {rank: len(w) for rank, w in enumerate(wanted) if len(w)},
         a_facet,
     )
+
+
+def _numbers(bodies: Bodies, facets: FacingFacets, ranks: Ranks) -> np.ndarray:
+    """Numbers of some facing facets among such facets of all ranks, in the order of the scene.
+
+    Those of a mesh that is spread are ordered by the cells on both sides. The rank that keeps a
+    cell, one of as many that follow each other, numbers the facets of which the cell is the lower.
+    """
+    if bodies.spread is None:
+        return np.arange(len(facets))
+    from xper_fx.bodies.spread import send
+
+    low, high = np.sort(bodies.parent_cell[facets.cells], axis=1).T
+    num_cells = bodies.spread.num_cells
+    # facets come in this order, and so do the rows that go to the ranks one after another
+    asked = send(ranks, low * ranks.size // num_cells, low * num_cells + high)
+    kept = np.unique(np.concatenate([keys for (keys,) in asked]))
+    first = ranks.before(len(kept))
+    answers = ranks.comm.alltoall([first + np.searchsorted(kept, keys) for (keys,) in asked])
+    return np.concatenate(answers)

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from xper_fx.bodies.explode import FacingFacets
+from xper_fx.bodies.explode import Bodies
 from xper_fx.nscd.laws.law import Law, LawKernels
 from xper_fx.nscd.laws.parameters import fields_of
 from xper_fx.support.checks import require_numbers
@@ -47,7 +47,7 @@ def require_kernels(law: Law, dim: int) -> None:
 
 
 def facet_laws(
-    facets: FacingFacets,
+    bodies: Bodies,
     interactions: Mapping[tuple[int, int], Law | None],
     default_interaction: Law | None,
     facet_interactions: Mapping[int, Law | None],
@@ -55,11 +55,12 @@ def facet_laws(
     """The laws between bodies and, for each facing facet, its law.
 
     Args:
-        facets: the facing facets.
+        bodies: the bodies.
         interactions, default_interaction, facet_interactions: as in `Scene`.
 
     Returns:
-        The distinct laws, and shape (num_facets,): index of the law, -1 where there is none.
+        The distinct laws, the same on all ranks, and shape (num_facets,): index of the law, -1
+        where there is none.
 
     Raises:
         ValueError: a pair of cell tags with two laws or none, or that occurs nowhere.
@@ -71,6 +72,7 @@ def facet_laws(
         if by_pair.get(key, law) != law:
             raise ValueError(f"Interactions give the pair {key} two laws; name it once.")
         by_pair[key] = law
+    facets, facing = bodies.facets, bodies.present.facing
     pairs = np.sort(facets.materials, axis=1)
     index = np.full(len(facets), -1)
     laws: list[Law] = []
@@ -81,17 +83,17 @@ def facet_laws(
             laws.append(law)
         return laws.index(law)
 
-    present = {tuple(p) for p in np.unique(pairs, axis=0).tolist()} if len(facets) else set()
+    present = {(low, high) for low, high, _ in facing}
     unknown = set(by_pair) - present
     if unknown:
         raise ValueError(
             f"Interactions name the pairs {sorted(unknown)}, which face each other nowhere; "
             f"pairs that do: {sorted(present)}."
         )
+    others = {tag for *_, tag in facing} - set(facet_interactions)
     untagged = ~np.isin(facets.tag, list(facet_interactions))
     for pair in sorted(present):
-        here = untagged & np.all(pairs == pair, axis=1)
-        if not np.any(here):
+        if not any((*pair, tag) in facing for tag in others):
             continue
         if pair not in by_pair and default_interaction is None:
             raise ValueError(
@@ -100,7 +102,7 @@ def facet_laws(
             )
         law = by_pair.get(pair, default_interaction)
         if law is not None:
-            index[here] = number(law)
+            index[untagged & np.all(pairs == pair, axis=1)] = number(law)
     for tag, law in facet_interactions.items():
         if law is not None:
             index[facets.tag == tag] = number(law)

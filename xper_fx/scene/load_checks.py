@@ -128,7 +128,7 @@ def check_motions(loads: Sequence[Load], bodies: Bodies) -> None:
     mesh.topology.create_connectivity(fdim, 0)
     vertices_of = mesh.topology.connectivity(fdim, 0)
     vertices = {
-        tag: set(np.concatenate([vertices_of.links(f) for f in tags.find(tag)]).tolist())
+        tag: {vertex for f in tags.find(tag) for vertex in vertices_of.links(f).tolist()}
         for tag in {m.facets for m in motions}
     }
     for a, first in enumerate(motions):

@@ -5,27 +5,24 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-import numpy as np
-
 from xper_fx.materials.material import InelasticMaterial, Material
 from xper_fx.support.checks import require_positive
 
 
 def check_materials(
-    materials: Mapping[int, Material | InelasticMaterial], material_of_cell: np.ndarray
+    materials: Mapping[int, Material | InelasticMaterial], present: frozenset[int]
 ) -> None:
     """See that cell tags and materials belong together.
 
     Args:
         materials: by cell tag.
-        material_of_cell: shape (num_cells,), tag of each cell.
+        present: the cell tags that occur.
 
     Raises:
         ValueError: a tag without material, a tag that occurs nowhere, a density that is not
             positive.
         TypeError: something that is no material.
     """
-    present = set(np.unique(material_of_cell).tolist())
     missing, unknown = present - set(materials), set(materials) - present
     if missing:
         raise ValueError(

@@ -246,7 +246,7 @@ class Scene:
                 f"The mesh has dimension {self.dim}, the rigid bodies {self.rigid_bodies.dim}."
             )
         self._check_periodicity()
-        check_materials(self.materials, self.bodies.material_of_cell)
+        check_materials(self.materials, self.bodies.present.cells)
         self._check_initial_velocity()
         for wall in self.walls:
             if not isinstance(wall, Wall):
@@ -383,7 +383,7 @@ class Scene:
                 raise TypeError(f"initial_velocity should be a function, got {field_!r}.")
 
     def _check_tags(self) -> None:
-        present = set(self.bodies.facet_tags.values.tolist())
+        present = self.bodies.present.facets
         named = [load for load in self.loads if hasattr(load, "facets")]
         for item in (*named, *self.walls):
             require_integer(f"The facet tag of a {type(item).__name__}", item.facets)
@@ -392,7 +392,7 @@ class Scene:
                     f"{type(item).__name__} names facet tag {item.facets}, which occurs nowhere; "
                     f"tags that do: {sorted(present)}."
                 )
-        between = set(self.bodies.facets.tag.tolist())
+        between = {tag for *_, tag in self.bodies.present.facing}
         for tag in self.facet_interactions:
             if tag not in between:
                 raise ValueError(
@@ -408,9 +408,8 @@ class Scene:
     @cached_property
     def _facet_laws(self) -> tuple[list[Law], np.ndarray]:
         return facet_laws(
-            self.bodies.facets, self.interactions, self.default_interaction,
-            self.facet_interactions,
-        )  # fmt: skip
+            self.bodies, self.interactions, self.default_interaction, self.facet_interactions
+        )
 
 
 def _is_tag(tag: object) -> bool:

@@ -6,6 +6,7 @@ Each of these has a meaning, so that it is no error; most often it is a slip.
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
@@ -25,6 +26,9 @@ if TYPE_CHECKING:
     from xper_fx.nscd.laws.law import Law
     from xper_fx.scene.scene import Scene
     from xper_fx.scene.wall import Wall
+    from xper_fx.support.ranks import Ranks
+
+logger = logging.getLogger(__name__)
 
 # Depth behind a wall beside the length of a facet, and stiffness of bonds beside that of their
 # bodies, at which a scene is doubted.
@@ -34,6 +38,21 @@ _BEHIND, _SOFT = 1e-3, 0.1
 _FASTEST, _SHORTEST = 1e5, 1e-5
 # Momentum of grains in a cell, beside that of each, that is rounding.
 _STILL = 1e-9
+
+
+def tell_doubts(scene: Scene, step: float | None, team: Ranks) -> None:
+    """Warn of what is doubted, on the first rank; of a mesh that is spread, where most is.
+
+    Args:
+        scene, step: as in `scene_doubts`.
+        team: the ranks that simulate it, which call it together.
+    """
+    spread = scene.bodies is not None and scene.bodies.spread is not None
+    doubts = list(scene_doubts(scene, step)) if spread or team.rank == 0 else []
+    if spread:
+        doubts = max(team.comm.allgather(doubts), key=len)
+    for doubt in doubts if team.rank == 0 else ():
+        logger.warning("%s", doubt)
 
 
 def scene_doubts(scene: Scene, step: float | None) -> Iterator[str]:
@@ -105,6 +124,8 @@ def _wall_doubts(scene: Scene, wall: Wall) -> Iterator[str]:
     mesh = scene.bodies.mesh
     cells, local = (each[:, 0] for each in facet_cells(mesh))
     facets = scene.bodies.facet_tags.find(wall.facets)
+    if not len(facets):  # all are on other ranks
+        return
     nodes = facet_geometry_nodes(mesh, cells[facets], local[facets])
     x, dim = mesh.geometry.x, scene.dim
     normal = np.asarray(wall.normal, float) / np.linalg.norm(wall.normal)
@@ -125,7 +146,7 @@ def _wall_doubts(scene: Scene, wall: Wall) -> Iterator[str]:
 
 def _tractions_in_cracks(scene: Scene) -> Iterator[str]:
     """Tractions on both lips between two bodies."""
-    between = set(scene.bodies.facets.tag.tolist())
+    between = {tag for *_, tag in scene.bodies.present.facing}
     for load in scene.loads:
         if isinstance(load, SurfaceTraction) and load.facets in between:
             yield (

@@ -39,7 +39,7 @@ def bulk_resolution(simulation: Readings) -> float | None:
     """
     model = simulation.model
     bodies, materials = model.scene.bodies, model.scene.materials
-    if bodies is None or model.scene.order != 1:
+    if bodies is None or bodies.spread is not None or model.scene.order != 1:
         return None
     elastic = all(hasattr(m, "young") and hasattr(m, "poisson") for m in materials.values())
     if bodies.mesh.topology.cell_name() not in _SIMPLICES or not elastic:

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from xper_fx.bodies.explode import Bodies
 from xper_fx.nscd.laws.softening import softening_numbers
 from xper_fx.simulation.readings import Readings
 from xper_fx.support.checks import require_kind
@@ -29,9 +30,9 @@ def cohesive_scales(simulation: Readings) -> list[dict[str, Any]]:
     """
     model = simulation.model
     interactions, bodies = model.interactions, model.scene.bodies
-    if interactions is None or bodies is None or not len(bodies.facets):
+    if interactions is None or bodies is None or not bodies.present.facing:
         return []
-    facet = float(bodies.facets.measure.mean())
+    facet = _mean_facet(bodies)
     if model.bulk.dim == 3:
         facet = facet**0.5
     isotropic = [m for m in model.scene.materials.values() if hasattr(m, "young")]
@@ -62,6 +63,16 @@ def cohesive_scales(simulation: Readings) -> list[dict[str, Any]]:
             }
         )
     return scales
+
+
+def _mean_facet(bodies: Bodies) -> float:
+    """Mean measure of facing facets, of a mesh that is spread those of all ranks."""
+    measure = bodies.facets.measure
+    if bodies.spread is None:
+        return float(measure.mean())
+    ranks, candidate = bodies.spread.ranks, bodies.facets.bodies[:, 0]
+    own = measure[bodies.spread.rank_of_body[candidate] == ranks.rank]
+    return ranks.sum(own.sum()) / ranks.sum(len(own))
 
 
 def cohesive_table(simulation: Readings) -> str:

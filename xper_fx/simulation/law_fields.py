@@ -48,8 +48,8 @@ def laws_at_points(laws: list[Law], points: ScenePoints, scene: Scene) -> list[L
 
 def _on_facets(points: ScenePoints, scene: Scene) -> Places:
     """Where this rank's points on facing facets are."""
-    facets, (numbers, law) = scene.bodies.facets, points.on_facets()
-    which, on_facet = np.divmod(numbers, max(points.points_a_facet, 1))
+    facets, (place, law) = scene.bodies.facets, points.on_facets()
+    which, on_facet = np.divmod(place, max(points.points_a_facet, 1))
     facet = points.facets_with_law[which]
     nodes = scene.bodies.facet_nodes(scene.order)
     shapes = facet_shapes(scene.dim, nodes.shape[1], scene.points)
@@ -57,12 +57,13 @@ def _on_facets(points: ScenePoints, scene: Scene) -> Places:
     return Places(
         _of_three(x), _of_three(facets.normal[facet]), facets.bodies[facet].T,
         facets.materials[facet].T, facets.measure[facet], facet,
-        *_among_the_laws(points, scene, numbers, law), len(facets),
+        *_among_the_laws(points, scene, place, law),
+        len(facets) if scene.bodies.spread is None else None,
     )  # fmt: skip
 
 
 def _among_the_laws(
-    points: ScenePoints, scene: Scene, numbers: np.ndarray, law: np.ndarray
+    points: ScenePoints, scene: Scene, place: np.ndarray, law: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Number of each point among those of its law on all ranks, and how many these are."""
     _, law_of_facet = scene.law_of_facet()
@@ -72,7 +73,7 @@ def _among_the_laws(
         here = everywhere == one
         among[here] = np.arange(np.count_nonzero(here))
     count = np.bincount(everywhere, minlength=1)
-    return among[numbers], count[law] if len(law) else np.zeros(0, int)
+    return among[place], count[law] if len(law) else np.zeros(0, int)
 
 
 def _elsewhere(like: Places, x: np.ndarray, normal: np.ndarray, area: np.ndarray) -> Places:

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import logging
 import math
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING
@@ -21,12 +20,13 @@ from xper_fx.nscd.point_group import bytes_of_groups
 from xper_fx.nscd.points import InteractionPoints
 from xper_fx.scene.facet_laws import require_kernels
 from xper_fx.scene.scene import Scene
-from xper_fx.scene.scene_doubts import scene_doubts
+from xper_fx.scene.scene_doubts import tell_doubts
 from xper_fx.simulation.energy_ledger import EnergyLedger
 from xper_fx.simulation.law_checks import check_laws_suit, check_path_has_bonds
 from xper_fx.simulation.not_finite import not_finite_columns
 from xper_fx.simulation.options import Options
 from xper_fx.simulation.permanent_points import ScenePoints
+from xper_fx.simulation.whole_scenes import stays_whole
 from xper_fx.support.profile import Stopwatch
 from xper_fx.support.ranks import ALONE, Ranks
 
@@ -43,10 +43,7 @@ if TYPE_CHECKING:
     from xper_fx.simulation.jointed_bodies import JointedBodies
     from xper_fx.simulation.turned_bonds import BondTurns
 
-logger = logging.getLogger(__name__)
 
-# Solvers of ranks that divide the bodies.
-_ON_RANKS = ("auto", "nlgs", "newton", "accelerated")
 # Steps as shares of the critical one: without a wish, and where an explicit bulk, linear so that
 # its critical step stays what it is, should be as cheap as it can.
 _BELOW_LIMIT, _AT_LIMIT = 0.7, 0.95
@@ -92,9 +89,11 @@ class Model:
 
     def __init__(self, scene: Scene, options: Options, team: Ranks, stopwatch: Stopwatch):
         self.scene, self.options, self.stopwatch = scene, options, stopwatch
-        step = options.requested.step
-        for doubt in scene_doubts(scene, step) if team.rank == 0 else ():
-            logger.warning("%s", doubt)
+        if not team.alone or (scene.bodies is not None and scene.bodies.spread is not None):
+            from xper_fx.simulation.same_on_ranks import check_same_on_ranks
+
+            check_same_on_ranks(scene, options, team)
+        tell_doubts(scene, options.requested.step, team)
         self.ranks, self.bodies = ALONE, scene.bodies
         self._tagged_nodes: dict[int, np.ndarray] = {}
         self.part: LocalBodies | None = None
@@ -165,8 +164,7 @@ class Model:
         """Take this rank's part of the bodies or contacts where the scene can be divided."""
         scene, solver = self.scene, self.options.solver
         touching = any(contact.law is not None for contact in scene.contacts)
-        jointed = len(scene.joints) > 0
-        rigid_alone = scene.bodies is None and scene.lattice is None and not jointed
+        rigid_alone = scene.bodies is None and scene.lattice is None and not scene.joints
         if rigid_alone and touching and solver in ("auto", "nlgs"):
             from xper_fx.parallel.rigid_partition import RigidDivision
 
@@ -174,26 +172,7 @@ class Model:
             moves = ~scene.rigid_bodies.is_prescribed.all(axis=1)
             self.division = RigidDivision(team, moves, scene.dim)
             return
-        whole = [
-            name
-            for name, there in (
-                ("rigid bodies", scene.rigid_bodies is not None),
-                ("a lattice of rigid bodies", scene.lattice is not None),
-                ("contacts that are searched", len(scene.contacts) > 0),
-                ("ties", len(scene.ties) > 0),
-                ("joints", jointed),
-                ("no inertia", not self.options.inertia),
-                ("a solver for one rank", solver not in _ON_RANKS),
-                ("no facets between bodies", scene.bodies and not len(scene.bodies.facets)),
-            )
-            if there
-        ]
-        if whole:
-            if team.rank == 0:
-                logger.warning(
-                    "each of %d ranks simulates the whole scene, as it has %s", team.size,
-                    " and ".join(whole),
-                )  # fmt: skip
+        if stays_whole(scene, self.options, team):
             return
         from xper_fx.parallel.local_bodies import divide
 
@@ -404,8 +383,8 @@ class Model:
         from xper_fx.simulation.turned_bonds import BondTurns
 
         return BondTurns(
-            scene.bodies, self.part, self.ranks.rank, self.bulk.forms.V, points.facets_with_law,
-            breaks, points.points_a_facet,
+            scene.bodies, self.part, self.ranks, self.bulk.forms.V, points.facets_with_law,
+            points.facet_numbers, breaks, points.points_a_facet,
         )  # fmt: skip
 
     @property

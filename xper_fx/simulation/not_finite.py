@@ -59,7 +59,7 @@ def _materials(scene: Scene, bulk: Bulk, start: State, end: State, size: float) 
         if np.any(wrong):
             nodes = bulk.unknowns.expand(wrong.astype(float)).reshape(-1, bulk.dim).any(axis=1)
             cells = nodes[bulk.forms.V.dofmap.list].any(axis=1)
-            tags = np.unique(scene.bodies.material_of_cell[cells]).tolist()
+            tags = np.unique(bulk.forms.bodies.material_of_cell[cells]).tolist()
             named = ", ".join(
                 f"{type(scene.materials[tag]).__name__} of cell tag {tag}" for tag in tags
             )

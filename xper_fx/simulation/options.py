@@ -203,7 +203,7 @@ def _suits_explicit(scene: Scene, theta: float, solver: str | Solver, inertia: b
     """Whether the explicit bulk takes the scene, and longer steps would not be cheaper."""
     if scene.bodies is None:
         return False
-    each_cell_a_body = scene.bodies.num_bodies == len(scene.bodies.body_of_cell)
+    num_bodies, num_cells = scene.bodies.counts
     undamped = scene.macroscopic is None and scene.damping is None
     nodal = scene.points == "nodal" and solver == "auto"
-    return each_cell_a_body and undamped and nodal and inertia and theta == 0.5
+    return num_bodies == num_cells and undamped and nodal and inertia and theta == 0.5

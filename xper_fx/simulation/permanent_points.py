@@ -43,7 +43,9 @@ class ScenePoints:
 
     Attributes:
         laws: of the scene's facets, ties and walls.
-        facets_with_law: shape (n,), numbers of facing facets that have points, on all ranks.
+        facets_with_law: shape (n,), which facing facets of the scene's bodies have points, on any
+            rank.
+        facet_numbers: shape (n,), their numbers among such facets of the scene.
         points_a_facet: points on each.
     """
 
@@ -57,7 +59,7 @@ class ScenePoints:
     ):
         self._scene, self._bulk, self._part, self._by_vertex = scene, bulk, part, by_vertex
         self.laws, self.points_a_facet, self._num_wall_points = [], 0, 0
-        self.facets_with_law = np.zeros(0, int)
+        self.facets_with_law = self.facet_numbers = np.zeros(0, int)
         self._shared = None
         self._turns = scene.bodies is not None and bulk.forms.finite_strain
         self._num_nodes = self._ground = bulk.num_dofs // bulk.dim
@@ -81,12 +83,14 @@ class ScenePoints:
         return np.concatenate(self._law_of_point)
 
     def on_facets(self) -> tuple[np.ndarray, np.ndarray]:
-        """Number of this rank's points among those on facing facets of all ranks, and their law."""
+        """Place of this rank's points among those of `facets_with_law`, and their law."""
         if not self.points_a_facet:
             return np.zeros(0, int), np.zeros(0, int)
-        count = len(self._points[0])
-        numbers = np.arange(count) if self._shared is None else self._shared.numbers
-        return numbers, self._law_of_point[1]
+        if self._shared is None:
+            return np.arange(len(self._points[0])), self._law_of_point[1]
+        facet, on_facet = np.divmod(self._shared.numbers, self.points_a_facet)
+        place = np.searchsorted(self.facet_numbers, facet)
+        return place * self.points_a_facet + on_facet, self._law_of_point[1]
 
     def apart_from_facets(self) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
         """Position, normal (shape (n, dim)) and area of the points of each tie and wall."""
@@ -119,6 +123,7 @@ class ScenePoints:
         scene = self._scene
         self.laws, law_of_facet = scene.law_of_facet()
         self.facets_with_law = np.flatnonzero(law_of_facet >= 0)
+        self.facet_numbers = np.arange(len(self.facets_with_law))
         if self._part is not None:
             self._share_facets(law_of_facet)
         elif len(self.facets_with_law):
@@ -146,6 +151,7 @@ class ScenePoints:
             self._scene.bodies, self._part, bulk.ranks, bulk.forms.V, bulk.unknowns.node_of,
             self._num_nodes, law_of_facet, self._scene.points, self._by_vertex, self._turns,
         )  # fmt: skip
+        self.facet_numbers = shared.facet_numbers
         self.points_a_facet = shared.points_a_facet
         self._ground += sum(shared.num_ghosts.values())
         self._points.append(shared.points)
@@ -238,7 +244,7 @@ class ScenePoints:
         from xper_fx.parallel.halo import Halo
 
         shared, ranks, walls = self._shared, self._bulk.ranks, self._num_wall_points
-        first = len(self.facets_with_law) * self.points_a_facet + ranks.before(walls)
+        first = shared.num_points_of_all + ranks.before(walls)
         halo = Halo(
             ranks, blocks, {rank: slot[asked] for rank, asked in shared.asked.items()},
             shared.phase_of_rank, shared.num_phases,

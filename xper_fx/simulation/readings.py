@@ -86,7 +86,7 @@ class Readings:
 
     @property
     def facets_with_law(self) -> np.ndarray:
-        """Numbers of the facing facets that have interaction points, shape (n,), on all ranks."""
+        """Which of `scene.bodies.facets` have interaction points, on any rank, shape (n,)."""
         return self.model.points.facets_with_law
 
     def mean_displacement(self, facets: int) -> np.ndarray:
@@ -168,9 +168,8 @@ class Readings:
     def _require_tag(self, facets: int) -> None:
         self._require_mesh(f"facet tag {facets!r}")
         require_integer("A facet tag", facets)
-        tags = self.model.scene.bodies.facet_tags.values
+        tags = self.model.scene.bodies.present.facets
         if facets not in tags:
             raise ValueError(
-                f"There is no facet tag {facets}; tags that there are: "
-                f"{sorted(set(tags.tolist()))}."
+                f"There is no facet tag {facets}; tags that there are: {sorted(tags)}."
             )

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from xper_fx.bodies.explode import Bodies
     from xper_fx.nscd.interactions import Interactions
     from xper_fx.parallel.local_bodies import LocalBodies
+    from xper_fx.support.ranks import Ranks
 
 # Angle (rad) that bonds may turn by at small strain, and share of them that may turn further:
 # single cells that tumble among debris decide nothing.
@@ -41,9 +42,10 @@ class BondTurns:
     Args:
         bodies: all bodies.
         part: what this rank has of them, None if it has all.
-        rank: this one.
+        ranks: those that divide the bodies.
         V: space of the displacements on this rank.
-        facets: numbers of the facing facets with a law, which have points.
+        facets: which facing facets have a law, and so points.
+        numbers: shape (num_facets with a law,), their numbers among those of all ranks.
         breaks: shape (num_facets with a law,), whether their bonds may break.
         each: points on a facet.
     """
@@ -52,24 +54,26 @@ class BondTurns:
         self,
         bodies: Bodies,
         part: LocalBodies | None,
-        rank: int,
+        ranks: Ranks,
         V,
         facets: np.ndarray,
+        numbers: np.ndarray,
         breaks: np.ndarray,
         each: int,
     ):
         self._midpoint = bodies.facets.midpoint[facets]
-        self._here, self._count = np.flatnonzero(breaks), int(np.sum(breaks))
+        self._here = np.flatnonzero(breaks)
         if part is None:
             nodes = bodies.facing_nodes(V)[facets[self._here], 0]
         else:
             from xper_fx.parallel.local_bodies import nodes_on_sides
 
             candidate = part.rank_of_body[bodies.facets.bodies[facets, 0]]
-            self._here = np.flatnonzero(breaks & (candidate == rank))
+            self._here = np.flatnonzero(breaks & (candidate == ranks.rank))
             nodes = nodes_on_sides(part, V, bodies.facets, facets[self._here], 0)
         self._nodes = nodes
-        self._points = self._here[:, None] * each + np.arange(each)
+        self._count = ranks.sum(len(self._here))
+        self._points = numbers[self._here][:, None] * each + np.arange(each)
         self._x = V.tabulate_dof_coordinates()[:, : bodies.mesh.geometry.dim]
         self._normal = lip_normals(self._x[nodes])
 

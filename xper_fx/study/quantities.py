@@ -237,6 +237,7 @@ class DisplacementL2:
 
     def value(self, simulation: Simulation, seen: None) -> dict[str, npt.NDArray[np.float64]]:
         """`points`, shape (samples, dim), and `displacement` there, m; NaN outside of bodies."""
+        simulation.scene.bodies.require_whole("A sample of displacements")
         mesh, dim = simulation.scene.bodies.mesh, simulation.bulk.dim
         x = mesh.geometry.x[:, :dim]
         points = np.zeros((self.samples, 3))

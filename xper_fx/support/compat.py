@@ -96,7 +96,7 @@ def create_exploded_mesh(
     are built by the calls `create_mesh` itself makes, which the Python layer keeps private.
 
     Args:
-        parent: the mesh that gives communicator, cell type and coordinate element.
+        parent: the mesh that gives cell type and coordinate element.
         cells: the nodes of each cell, shape (num_cells, num_vertices_per_cell); every node in
             0, ..., num_nodes - 1 is used.
         x: coordinates, shape (num_nodes, geometric dimension), m.
@@ -108,7 +108,7 @@ def create_exploded_mesh(
     cells = np.ascontiguousarray(cells, dtype=np.int64)
     # nanobind turns lists of Python integers into vectors faster than it does arrays
     arguments = (
-        parent.comm,
+        MPI.COMM_SELF,
         [parent.topology.cell_type],
         [cells.ravel().tolist()],
         [list(range(len(cells)))],
@@ -130,7 +130,7 @@ def create_exploded_mesh(
     mesh_type = _cpp.mesh.Mesh_float64 if dtype == np.float64 else _cpp.mesh.Mesh_float32
     # forms ask that the domain's element is the geometry's, its variant included (0.11)
     domain = ufl.Mesh(parent.ufl_domain().ufl_coordinate_element())
-    return Mesh(mesh_type(parent.comm, topology, geometry), domain)
+    return Mesh(mesh_type(MPI.COMM_SELF, topology, geometry), domain)
 
 
 def gmsh_model_to_mesh(

@@ -8,6 +8,7 @@ Sums are made in the order of the ranks, on every rank: all get the same bits, s
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from mpi4py import MPI
@@ -54,20 +55,30 @@ class Ranks:
         """Whether something holds on all ranks."""
         return bool(condition) if self.alone else bool(self._of_all(condition).all())
 
+    def together(self, call: Callable[[], Any]) -> Any:
+        """Let each rank do something; what the first that fails raises is raised on all.
+
+        Args:
+            call: communicates with no other rank.
+
+        Returns:
+            What it gives on this rank.
+        """
+        if self.alone:
+            return call()
+        given = error = None
+        try:
+            given = call()
+        except Exception as raised:  # noqa: BLE001 - raised again below, on every rank
+            error = raised
+        for raised in self.comm.allgather(error):
+            if raised is not None:
+                raise raised
+        return given
+
     def at_root(self, call: Callable[[], object]) -> None:
         """Let the first rank do something for all; what it raises is raised on all."""
-        if self.alone:
-            call()
-            return
-        error = None
-        if self.rank == 0:
-            try:
-                call()
-            except Exception as raised:  # noqa: BLE001 - raised again below, on every rank
-                error = raised
-        error = self.comm.bcast(error)
-        if error is not None:
-            raise error
+        self.together(call if self.rank == 0 else lambda: None)
 
     def gather(self, numbers: np.ndarray, values: np.ndarray) -> np.ndarray:
         """Entries of an array that is spread over the ranks, on every rank.

@@ -47,7 +47,7 @@ class Places:
         facet: number of the facing facet, -1 of ties and walls, shape (n,).
         number: of the point among those of its law on facing facets, on all ranks, shape (n,).
         num_points: how many these are, shape (n,).
-        num_facets: facing facets of the scene.
+        num_facets: facing facets of the scene; None where no rank knows all of them.
     """
 
     x: np.ndarray
@@ -58,7 +58,7 @@ class Places:
     facet: np.ndarray
     number: np.ndarray
     num_points: np.ndarray
-    num_facets: int
+    num_facets: int | None
 
     def __len__(self) -> int:
         return len(self.area)
@@ -143,6 +143,7 @@ def _of_array(name: str, values: np.ndarray, places: Places) -> np.ndarray:
             f"{name} is an array, and some points of the law are on ties or walls, which are no "
             "facets: give a function of x."
         )
+    _require_all_facets(places)
     if not len(places) or len(values) == places.num_facets:
         return values[places.facet]
     if len(values) == places.num_points[0]:
@@ -271,4 +272,13 @@ def _on_facets(drawn: np.ndarray, places: Places) -> np.ndarray:
             "A random number for each facet is for laws between facing facets; ties and walls have "
             "no such facets: give a function of x or a Lognormal."
         )
+    _require_all_facets(places)
     return drawn[places.facet]
+
+
+def _require_all_facets(places: Places) -> None:
+    if places.num_facets is None:
+        raise ValueError(
+            "A value for each facing facet takes a mesh that is whole on each rank, and this one "
+            "is spread: give a function of x or a Lognormal, or build the mesh on MPI.COMM_SELF."
+        )

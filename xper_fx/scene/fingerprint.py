@@ -21,7 +21,7 @@ from xper_fx.support.compat import geometry_dofmap
 
 if TYPE_CHECKING:
     from xper_fx.bodies.explode import Bodies
-    from xper_fx.simulation.simulation import Simulation
+    from xper_fx.scene.scene import Scene
 
 # Entries up to which an array or a list is written out.
 _SHORT = 16
@@ -29,26 +29,24 @@ _SHORT = 16
 _APART = ("bodies", "rigid", "rigid_bodies", "after")
 
 
-def fingerprint(simulation: Simulation, times: Sequence[float]) -> dict:
-    """Describe the scene of a simulation and what its equations are.
+def fingerprint(scene: Scene, times: Sequence[float], **more: Any) -> dict:
+    """Describe a scene.
 
     Args:
-        simulation: the run.
+        scene: the scene; where its mesh is spread over ranks, all of them call it together.
         times: at which functions of time are read (s).
+        more: what else to describe, by name.
 
     Returns:
         Nested dictionaries and lists of what JSON has.
     """
-    scene = simulation.scene
     out = {f.name: _described(getattr(scene, f.name), times) for f in fields(scene)
            if f.name not in _APART}  # fmt: skip
     if scene.bodies is not None:
         out["mesh"] = _mesh(scene.bodies)
     if scene.rigid_bodies is not None:
         out["rigid bodies"] = _described(scene.rigid_bodies, times)
-    out["scheme"] = simulation.options.scheme
-    out["theta"] = simulation.theta
-    out["inertia"] = simulation.bulk.inertia is not None
+    out |= {name: _described(value, times) for name, value in more.items()}
     return json.loads(json.dumps(out))
 
 
@@ -129,17 +127,33 @@ def _mesh(bodies: Bodies) -> dict:
     cell = bodies.parent_cell
     tag = bodies.facet_tags
     cells, local = (a[tag.indices, 0] for a in facet_cells(mesh))
-    corners = bodies.parent_vertex[facet_geometry_nodes(mesh, cells, local)]
+    corners = np.sort(bodies.parent_vertex[facet_geometry_nodes(mesh, cells, local)], axis=1)
+    labels = bodies.labels[bodies.body_of_cell]
+    rows = {
+        "shape": (cell, x.view(np.uint64)),
+        "topology": (cell, bodies.parent_vertex[nodes]),
+        "body labels": (cell, labels),
+        "cell tags": (cell, bodies.material_of_cell),
+        "facet tags": (corners, tag.values),
+    }
+    if bodies.spread is None:
+        sums = {name: _sum(*columns) for name, columns in rows.items()}
+    else:
+        ranks = bodies.spread.ranks
+        own = bodies.spread.rank_of_body[bodies.body_of_cell] == ranks.rank
+        sums = {
+            name: _sum(*(column[own[cells] if name == "facet tags" else own] for column in columns))
+            for name, columns in rows.items()
+        }
+        told = ranks.comm.allgather(sums)
+        sums = {name: sum(one[name] for one in told) % 2**64 for name in sums}
+    num_bodies, num_cells = bodies.counts
     return {
         "cell": mesh.topology.cell_name(),
-        "cells": len(nodes),
-        "bodies": bodies.num_bodies,
-        "shape": _sum(cell, x.view(np.uint64)),
-        "topology": _sum(cell, bodies.parent_vertex[nodes]),
-        "body labels": _sum(cell, bodies.labels[bodies.body_of_cell]),
-        "cell tags": _sum(cell, bodies.material_of_cell),
-        "facet tags": _sum(np.sort(corners, axis=1), tag.values),
+        "cells": num_cells,
+        "bodies": num_bodies,
         "lattice": None if bodies.lattice is None else bodies.lattice.tolist(),
+        **sums,
     }
 
 

@@ -1,0 +1,120 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Meshes that DOLFINx spreads over ranks, against the same meshes whole on one rank."""
+
+import json
+import re
+import sys
+from pathlib import Path
+
+import meshio
+import numpy as np
+import pytest
+from on_ranks import on_ranks
+from scenes import COMM
+
+from xper_fx.output.history import read_history
+from xper_fx.support.errors import CheckpointError
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "ranks"))
+import recorded
+import spread_scenes
+
+pytestmark = pytest.mark.ranks
+
+RANKS = 3
+# Vertices alone with fields of positions, of order 2, Gauss points of blocks at finite strain,
+# walls, and bonds that lag in space.
+SCENES = ("scattered", "quadratic", "blocks", "fall", "space")
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """What the scenes and runs gave on several ranks; a run that was stopped, and went on."""
+    base = tmp_path_factory.mktemp("spread")
+    runs = (*SCENES, "held", "balance", "wrong", "whole=12", "restarted=7", "restarted=12")
+    done = on_ranks(RANKS, "ranks/spread_scenes.py", base, *runs)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return base
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_the_mesh_may_be_spread(folder, name):
+    several, one = dict(np.load(folder / f"{name}.npz")), spread_scenes.run(name)
+    assert set(several) == set(one) and one["damage"].max() > 0.0
+    bound = 1e-6 if one["damage"].max() >= 1.0 else 1e-8  # bonds have broken, or not
+    assert one["area"].shape == several["area"].shape and len(one["area"]) > 20
+    for key in one:
+        scale = max(np.abs(one[key]).max(), 1e-2)
+        assert np.abs(one[key] - several[key]).max() <= bound * scale, key
+
+
+def test_nothing_is_whole_on_a_rank(folder):
+    """Bytes a body of the rank's own, beside those of a run on one rank."""
+    held, one = np.load(folder / "held.npz"), spread_scenes.held(COMM)
+    # a rank knows its own bodies and those next to them; it keeps two meshes of its own
+    assert held["spread"].max() <= 1.35 * one
+    # of a mesh that is whole on each rank the same count finds the whole
+    assert held["divided"].min() > 1.4 * one
+
+
+def test_a_body_goes_to_the_rank_that_has_most_of_it(folder):
+    """The balance stays: each rank loses one cell of its block's, and gains one."""
+    labels, change = np.load(folder / "balance.npz")["cells"].T
+    assert labels.tolist() == list(range(RANKS)) and not change.any()
+
+
+def test_what_does_not_fit_is_refused_on_all_ranks(folder):
+    told = np.load(folder / "wrong.npz")["told"]
+    assert told.shape[0] == RANKS and np.all(told == told[0])
+    for said, expected in zip(
+        told[0].tolist(),
+        (
+            "ValueError: Rank 1 .* than rank 0: materials.1.young: 1000.0, here 1001.0",
+            "ValueError: Rank 1 .* than rank 0: options.requested.step: 0.0001, here 0.0002",
+            r"ValueError: The meshes of the ranks are spread over \[3\] ranks, and comm has 1",
+            "SerialOnlyError: .* a scene that has no inertia is simulated whole",
+            "ValueError: A value for each facing facet takes a mesh that is whole on each rank",
+            "ValueError: Rank 1 of 3 gets none of the bodies",
+            r"ValueError: bodies\[0\] is -1",
+            "SerialOnlyError: The mesh is spread over 3 processes",
+            "SerialOnlyError: A search of fragments takes a mesh that is whole",
+        ),
+        strict=True,
+    ):
+        assert re.match(expected, said), said
+
+
+def fields(folder, name):
+    """Points, and all fields of the last time, of the files of all ranks."""
+    columns = []
+    for path in sorted(folder.glob(f"{name}*.xdmf")):
+        with meshio.xdmf.TimeSeriesReader(path) as reader:
+            points, _ = reader.read_points_cells()
+            _, nodal, _ = reader.read_data(reader.num_steps - 1)
+        columns.append(np.column_stack([points, *(nodal[key] for key in sorted(nodal))]))
+    rows = np.concatenate(columns)
+    return rows[np.lexsort(np.round(rows, 7).T[::-1])]
+
+
+def test_each_rank_writes_its_fields(folder, tmp_path):
+    recorded.run(str(tmp_path), 12, rigid=False, restart=False)
+    assert len(list((folder / "whole").glob("bulk*.xdmf"))) == RANKS
+    for name in ("bulk", "interfaces"):
+        one, several = fields(tmp_path, name), fields(folder / "whole", name)
+        assert one.shape == several.shape
+        np.testing.assert_allclose(several, one, rtol=0.0, atol=2e-7 * np.abs(one).max())
+    one, several = (
+        json.loads((f / "summary.json").read_text())["counts"] for f in (tmp_path, folder / "whole")
+    )
+    assert several == one | {"ranks": RANKS}
+
+
+def test_a_restart_gives_the_same_bits(folder):
+    whole, again = folder / "whole", folder / "restarted"
+    x, y = read_history(whole / "history.csv"), read_history(again / "history.csv")
+    for key in x:
+        np.testing.assert_array_equal(x[key], y[key])
+    for name in ("bulk", "interfaces"):
+        np.testing.assert_array_equal(fields(whole, name), fields(again, name))
+    with pytest.raises(CheckpointError, match="of another scene: mesh"):
+        recorded.run(str(again), 12, rigid=False, restart=True)

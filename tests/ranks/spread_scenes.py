@@ -1,0 +1,145 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Scenes of meshes that DOLFINx spreads over the ranks; the first writes what came out.
+
+FOLDER, then names of `meshed_scenes`, what to record as NAME=LAST, "held", "balance" or "wrong".
+"""
+
+import sys
+from dataclasses import replace
+
+import meshed_scenes
+import numpy as np
+import recorded
+import scenes
+from dolfinx.mesh import Mesh
+from mpi4py import MPI
+from scenes import RIGHT
+
+import xper_fx as xf
+from xper_fx.nscd.laws import CohesiveZone
+from xper_fx.nscd.laws.fields import Uniform
+from xper_fx.parallel.launch import run_together
+from xper_fx.simulation.simulation import Simulation
+from xper_fx.support.compat import geometry_dofmap
+
+WORLD = MPI.COMM_WORLD
+
+
+def run(name: str) -> dict[str, np.ndarray]:
+    """Histories and final fields, these by size, of a scene with the mesh on `scenes.COMM`."""
+    scene, options, steps = meshed_scenes.SCENES[name]()
+    simulation = Simulation(scene, comm=scenes.COMM, **options)
+    history: dict[str, list] = {}
+    for record in simulation.steps(steps * simulation.step_size):
+        history.setdefault("energies", []).append(list(record.energies.values()))
+        history.setdefault("mean", []).append(simulation.mean_displacement(RIGHT))
+        if scene.loads:
+            history.setdefault("reaction", []).append(simulation.reaction(RIGHT))
+    gather = simulation.interactions.gather
+    return {name: np.array(values) for name, values in history.items()} | {
+        "damage": np.sort(gather("damage")),
+        "jump": np.sort(np.linalg.norm(gather("jump"), axis=1)),
+        "area": np.sort(gather("area")),
+    }
+
+
+def held(comm: MPI.Comm) -> float:
+    """Bytes of all arrays that a simulation reaches on this rank, over those of all bodies here."""
+    scenes.COMM = comm
+    bodies = scenes.box_bodies((1, 1), (24, 24))
+    bond = CohesiveZone(2e4, 0.05, 10.0)
+    scene = xf.Scene(bodies, {1: meshed_scenes.ELASTIC}, default_interaction=bond)
+    simulation = Simulation(scene, scheme="explicit")
+    own = simulation.bodies.num_bodies
+    seen: dict[int, int] = {}
+    todo = [simulation]
+    while todo:
+        item = todo.pop()
+        if id(item) in seen:
+            continue
+        seen[id(item)] = 0
+        if isinstance(item, np.ndarray):
+            seen[id(item)] = item.nbytes
+        elif isinstance(item, Mesh):
+            seen[id(item)] = item.geometry.x.nbytes + geometry_dofmap(item).nbytes
+        elif isinstance(item, dict):
+            todo += item.values()
+        elif isinstance(item, list | tuple | set | frozenset):
+            todo += item
+        elif type(item).__module__.startswith("xper_fx"):
+            todo += vars(item).values() if hasattr(item, "__dict__") else []
+    return sum(seen.values()) / own
+
+
+def blocks_of_one_rank() -> tuple[int, int]:
+    """Blocks and their cells on this rank, where a block has most cells of it and some others."""
+    mesh = scenes.mesh_of((1, 1), (6, 6))
+    mesh_map = mesh.topology.index_map(2)
+    # a block a rank, but for each rank's first cell, which is of the next rank's block
+    label = np.full(mesh_map.size_local, WORLD.rank)
+    label[0] = (WORLD.rank + 1) % WORLD.size
+    bodies = xf.explode(mesh, label)
+    mine = bodies.spread.rank_of_body == WORLD.rank
+    own_label = int(bodies.labels[mine][0]) if np.count_nonzero(mine) == 1 else -1
+    cells = int(np.count_nonzero(mine[bodies.body_of_cell]))
+    return own_label, cells - mesh_map.size_local
+
+
+def wrong() -> list[str]:
+    """What ranks are told that do not agree, or ask for what takes a whole mesh."""
+    scenes.COMM = WORLD
+    scene, options, _ = meshed_scenes.SCENES["explicit"]()
+    other = replace(meshed_scenes.ELASTIC, young=1000.0 + WORLD.rank)
+    whole = replace(scene, materials={1: other})
+    mesh = scenes.mesh_of((1, 1), (3, 3))
+    own = mesh.topology.index_map(2).size_local
+    told = []
+    for call in (
+        lambda: Simulation(whole, **options),
+        lambda: Simulation(scene, step=1e-4 * (1 + WORLD.rank)),
+        lambda: Simulation(scene, comm=MPI.COMM_SELF, **options),
+        lambda: Simulation(scene, step=1e-4, inertia=False),
+        lambda: Simulation(
+            replace(
+                scene,
+                default_interaction=replace(
+                    meshed_scenes.BOND, strength=Uniform(9.0, 11.0, seed=1)
+                ),
+            ),
+            **options,
+        ),
+        lambda: xf.explode(mesh, np.zeros(own, int)),
+        lambda: xf.explode(mesh, np.full(own, -WORLD.rank)),
+        lambda: xf.explode(mesh, lattice=(1.0, 1.0)),
+        lambda: xf.output.find_fragments(Simulation(scene, **options)),
+    ):
+        try:
+            call()
+            told.append("nothing")
+        except ValueError as error:
+            told.append(f"{type(error).__name__}: {error}")
+    return told
+
+
+def main() -> None:
+    folder = sys.argv[1]
+    for name in sys.argv[2:]:
+        scenes.COMM = WORLD
+        if "=" in name:
+            found, last = name.split("=")
+            recorded.run(f"{folder}/{found}", int(last), False, "restart" in found)
+        elif name == "held":
+            spread, divided = held(WORLD), held(MPI.COMM_SELF)
+            found = {"spread": WORLD.gather(spread), "divided": WORLD.gather(divided)}
+        elif name == "balance":
+            found = {"cells": WORLD.gather(blocks_of_one_rank())}
+        elif name == "wrong":
+            found = {"told": WORLD.gather(wrong())}
+        else:
+            found = run(name)
+        if WORLD.rank == 0 and isinstance(found, dict):
+            np.savez(f"{folder}/{name}.npz", **found)
+
+
+if __name__ == "__main__":
+    run_together(main)
