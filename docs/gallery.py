@@ -242,6 +242,13 @@ GALLERY = (
         "minutes",
     ),
     Figures(
+        "benchmarks/masonry_panel.py",
+        "--cells 1 --figure {out}/masonry_panel.png",
+        {"masonry_panel": "masonry_panel.png"},
+        ("Panels of bricks and mortar that rock, slide and break in steps",),
+        "seconds",
+    ),
+    Figures(
         "benchmarks/deflection_or_penetration.py",
         "--figure {out}/deflection_or_penetration.png",
         {"deflection_or_penetration": "deflection_or_penetration.png"},
