@@ -67,9 +67,9 @@ def split_kernel(laws: tuple[LawKernels, ...], dim: int):
         return count, error
 
     @njit(**LEAN_INNER)
-    def clusters(b, k, g, work, rows, step, groups, group_of):
+    def solve_clusters(b, k, g, work, rows, step, groups, group_of):
         """Solve the vertex with the clusters that there are; returns sweeps and error."""
-        acting = activate(b, g, work)
+        acting = activate(b, g, work, group_of)
         form(b, k, g, work)
         begin(b, g, work, 0, rows, step, groups, group_of)
         if acting == 0:
@@ -100,11 +100,12 @@ def split_kernel(laws: tuple[LawKernels, ...], dim: int):
     def solve_vertex(b, v, step, g, work, rows, tables, groups, group_of):
         """Returns corners, sweeps, error."""
         k = gather(b, v, g, work)
+        work.fused[: g.bond_offsets[b + 1] - g.bond_offsets[b]] = False
         find_fused(b, g, work, 0, rows, groups, group_of)
         sweeps, error = 0, 0.0
         for turn in range(_ROUNDS):
             parts = partition(b, k, g, work)
-            count, error = clusters(b, k, g, work, rows, step, groups, group_of)
+            count, error = solve_clusters(b, k, g, work, rows, step, groups, group_of)
             sweeps += count
             if turn == _ROUNDS - 1 or parts == k:
                 break
@@ -113,7 +114,7 @@ def split_kernel(laws: tuple[LawKernels, ...], dim: int):
             # each cell for itself
             for c in range(k):
                 work.cluster[c] = c
-            count, _ = clusters(b, k, g, work, rows, step, groups, group_of)
+            count, _ = solve_clusters(b, k, g, work, rows, step, groups, group_of)
             sweeps += count
             opened = cut(b, g, work, 0, rows, groups, group_of) > 0
             if opened and partition(b, k, g, work) > parts:
@@ -121,16 +122,21 @@ def split_kernel(laws: tuple[LawKernels, ...], dim: int):
                 continue
             find_fused(b, g, work, 0, rows, groups, group_of)
             partition(b, k, g, work)
-            count, error = clusters(b, k, g, work, rows, step, groups, group_of)
+            count, error = solve_clusters(b, k, g, work, rows, step, groups, group_of)
             sweeps += count
             break
         return k, sweeps, error
 
     @njit(**LEAN_ENTRY)
     def solve_split(
-        v, impulses, step, ground, g, work, split, rows, group_of, tables, arrays, tolerance
+        v, impulses, step, ground, g, work, split, rows, group_of, tables, arrays, tolerance,
+        clusters
     ):
-        """All of `split`; returns the most sweeps, the largest error, and how many failed."""
+        """All of `split`; returns the most sweeps, the largest error, and how many failed.
+
+        `clusters`, shape (num_corners,), takes the first corner of each one's cluster, counted in
+        the vertex; it has no length where nobody asks.
+        """
         groups = nest(arrays)
         most, largest, failed = 0, 0.0, 0
         for n in range(len(split)):
@@ -149,6 +155,9 @@ def split_kernel(laws: tuple[LawKernels, ...], dim: int):
                 for d in range(dim):
                     work.v[root, d] += work.w[root, d] * work.source[c, d]
             put(b, k, ground, v, impulses, g, work, work.source)
+            if len(clusters) > 0:
+                for c in range(k):
+                    clusters[g.corner_offsets[b] + c] = work.cluster[c]
         return most, largest, failed
 
     return solve_split
