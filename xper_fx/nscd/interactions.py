@@ -88,9 +88,7 @@ class Interactions(SteppedPoints):
         if initial_velocity is not None:
             nodal[: len(initial_velocity)] = initial_velocity
         phase = np.zeros(len(points), int) if halo is None else halo.phase
-        phase = np.zeros(len(points), int) if halo is None else halo.phase
         self._permanent = PermanentGroups(
-            points, laws, law_of_point, inverse, nodal, phase, ordering, splits
             points, laws, law_of_point, inverse, nodal, phase, ordering, splits
         )
         self.inverse = self._permanent.inverse

@@ -233,18 +233,17 @@ class SteppedPoints(PointValues):
             self.theta, g.parameters, g.state, g.terms, g.details,
         )  # fmt: skip
 
-    def evolve(self, velocity: np.ndarray, groups: list[PointGroup] | None = None) -> float:
+    def evolve(self, velocity: np.ndarray) -> float:
         """Let the laws' internal variables follow the end velocities found.
 
         Args:
             velocity: shape (num_slots * dim,), m/s.
-            groups: some of the groups; all of them if not given.
 
         Returns:
             The largest relative change, zero when all have arrived.
         """
         largest, self.too_far = 0.0, 0.0
-        for g in self.groups if groups is None else groups:
+        for g in self.groups:
             if g.kernels.evolve is not None:
                 changes = in_ranges(
                     evolve_loop(g.kernels, g.sides), len(g), velocity, g.couplings,

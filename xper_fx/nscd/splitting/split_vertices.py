@@ -15,6 +15,8 @@ from xper_fx.nscd.splitting.vertex_kernels import vertex_kernels
 
 # Relative change of the impulses of a vertex at which it is solved: a few unknowns, cheap to have.
 _TOLERANCE = 1e-11
+# Relative change of internal variables, as of damage, at which they have followed.
+_SETTLED = 1e-9
 # Sweeps before the first Newton steps, and after each batch of them, early and late.
 _FIRST, _BATCH, _LONG_BATCH, _EARLY = 8, 4, 25, 8
 _NEWTON_STEPS = 6
@@ -43,7 +45,7 @@ def split_kernel(laws: tuple[LawKernels, ...], dim: int):
     """Vertices that are not whole."""
     gather, partition, activate, form, sources, put, least_flow, newton = vertex_kernels(dim)
     of_laws = kernels_of_laws(laws, dim)
-    begin, sweep, linearise, correct, give, bear, find_fused, cut = of_laws
+    begin, sweep, settle, linearise, correct, give, bear, find_fused, cut = of_laws
     nest = _nest(len(laws))
 
     @njit(**LEAN_INNER)
@@ -56,7 +58,8 @@ def split_kernel(laws: tuple[LawKernels, ...], dim: int):
                 worst, big = sweep(b, g, work, 0, rows, count, groups, group_of)
                 error = worst / big if big > 0.0 else 0.0
                 if error <= _TOLERANCE:
-                    return count, error
+                    if settle(b, g, work, 0, rows, groups, group_of) <= _SETTLED:
+                        return count, error
             for _ in range(_NEWTON_STEPS):
                 worst, big = linearise(b, g, work, 0, rows, groups, group_of)
                 if worst <= _TOLERANCE * big or not newton(b, g, work):
@@ -129,8 +132,19 @@ def split_kernel(laws: tuple[LawKernels, ...], dim: int):
 
     @njit(**LEAN_ENTRY)
     def solve_split(
-        v, impulses, step, ground, g, work, split, rows, group_of, tables, arrays, tolerance,
-        clusters
+        v,
+        impulses,
+        step,
+        ground,
+        g,
+        work,
+        split,
+        rows,
+        group_of,
+        tables,
+        arrays,
+        tolerance,
+        clusters,
     ):
         """All of `split`; returns the most sweeps, the largest error, and how many failed.
 

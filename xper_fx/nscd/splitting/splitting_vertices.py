@@ -54,7 +54,9 @@ class SplittingVertices(Solver):
             self._all = np.arange(graphs.num_vertices, dtype=np.int32)
         move = partial(self._move, interactions, velocity, options)
         if not interactions.contacts:
-            return move(self._all)
+            report = move(self._all)
+            interactions.evolve(velocity)  # vertices have; it tells whether some have gone too far
+            return report
         from xper_fx.nscd.splitting.touching_clusters import TouchingClusters
 
         return TouchingClusters(interactions, velocity, move, options).solve(self._all)

@@ -87,7 +87,7 @@ class TouchingClusters:
         """
         tolerance, most = self._options.tolerance, self._options.max_sweeps
         sizes = [g.impulse.size for g in self._groups]
-        memory = AndersonMixing(sum(sizes), _MEMORY, _PLAIN, lambda products: products)
+        memory = AndersonMixing(sum(sizes), _MEMORY, _PLAIN)
         count, mixed, least = 0, False, np.inf
         self._push(self._touched)
         report = self._move(vertices)
@@ -96,8 +96,7 @@ class TouchingClusters:
             residual, traction = self._sweep(acts=False)
             arrived = residual <= tolerance
             if arrived and not mixed:
-                flat = self._velocity.reshape(-1)
-                arrived = self._interactions.evolve(flat, self._groups) <= tolerance
+                arrived = self._interactions.evolve(self._velocity.reshape(-1)) <= tolerance
             if (arrived and not mixed) or count >= most or not np.isfinite(residual):
                 break
             r = self._impulses()
@@ -124,7 +123,8 @@ class TouchingClusters:
     def _push(self, slots: np.ndarray) -> None:
         """Let the impulses of contacts act on free cells, at some slots."""
         impulses = self._interactions.spread(self._groups)[slots]
-        self._velocity[slots] = self._free[slots] + self._fused.graphs.compliance[slots] * impulses
+        pushed = self._fused.graphs.compliance[slots] * impulses
+        self._velocity[slots] = self._free[slots] + pushed
 
     def _find_clusters(self) -> None:
         """Take what moves as one now; the compliances of contacts follow."""

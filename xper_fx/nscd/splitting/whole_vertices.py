@@ -22,7 +22,7 @@ _INLINED = {"inline": "always"}
 def whole_kernel(laws: tuple[LawKernels, ...], dim: int):
     """The kernel `move_whole`."""
     gather, partition, _, form, sources, put, least_flow, _ = vertex_kernels(dim)
-    bear_all = kernels_of_laws(laws, dim)[5]
+    bear_all = kernels_of_laws(laws, dim)[6]
     world = for_dimension(dim)
     add, scale, subtract, dot = world.add, world.scale, world.subtract, world.dot
 
