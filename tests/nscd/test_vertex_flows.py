@@ -92,7 +92,7 @@ def star(strength):
         nodes, np.ones(nodes.shape), frame_from_normal(np.stack([np.cos(angle), np.sin(angle)], 1)),
         LEAST.copy(), np.zeros(len(RING)),
     )  # fmt: skip
-    inverse = BodyInverse.from_uniform(np.tile(np.eye(2), (6, 1, 1)), 2)
+    inverse = BodyInverse.of_nodes(np.ones((6, 2)), 2)
     zero = np.zeros(len(RING), int)
     graphs = vertex_graphs(points, zero, zero, np.full(len(RING), strength), inverse)
     law = RigidCohesiveZone(strength, 1.0)
@@ -105,8 +105,9 @@ def moved(strength, velocity):
     v = np.append(velocity.ravel(), np.zeros(2))
     rows = np.zeros(len(RING), np.int32)
     failed = whole_kernel((law.kernels(2),), 2)(
-        v, np.zeros((7, 2)), 1.0, 6, graphs, vertex_work(graphs, 2), np.ones(1, bool), rows,
-        rows.astype(np.int8), (np.array([law.parameters()], float),), np.zeros(1, np.int32),
+        v, np.zeros((7, 2)), 1.0, 6, graphs, vertex_work(graphs, 2), np.zeros(1, np.int32),
+        np.ones(1, bool), rows, rows.astype(np.int8), (np.array([law.parameters()], float),),
+        np.zeros(1, np.int32),
     )  # fmt: skip
     return v[:12].reshape(6, 2), failed == 0
 

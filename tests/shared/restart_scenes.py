@@ -261,6 +261,26 @@ def fragments():
     return Simulation(scene, 0.05, **ONE)
 
 
+def splitting_blocks():
+    """Blocks whose vertices split strike each other: lips retire, pieces meet again."""
+    bodies = box_bodies((2.0, 1.0), (4, 2), material={2: lambda x: x[0] > 1.0 - 1e-9})
+    bodies.mesh.geometry.x[bodies.mesh.geometry.x[:, 0] > 1.0, 1] += 0.1
+    law = SignoriniCoulomb(0.3)
+    scene = Scene(
+        bodies,
+        {1: ELASTIC, 2: ELASTIC},
+        interactions={(1, 2): None},
+        default_interaction=RigidCohesiveZone(1e-2, 1e-6, friction=0.3),
+        surfaces={"a": (1,), "b": (2,)},
+        contacts=[Contact(pair, law) for pair in (("a", "b"), ("a", "a"), ("b", "b"))],
+        initial_velocity={
+            tag: lambda x, v=v: np.stack([v * (1.0 - np.abs(x[1] - 0.5)), 0.0 * x[0]])
+            for tag, v in ((1, 0.2), (2, -0.2))
+        },
+    )  # fmt: skip
+    return Simulation(scene, scheme="explicit", forgiving=True, **ONE)
+
+
 def resting_block():
     """Gravity on a wall, adapted steps without an interaction that weakens."""
     scene = Scene(
@@ -307,6 +327,7 @@ SCENES = {
     tumbling_boxes: (0.25, "touched"),
     mechanism: (0.6, "touched"),
     fragments: (3.0, "retired"),
+    splitting_blocks: (6.0, "retired"),
     resting_block: (2.0, "touched"),
     at_rest: (10.0, "flown"),
 }

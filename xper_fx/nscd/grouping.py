@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -48,6 +49,14 @@ class Grouping:
         self._laws, self._dim, self._vertex = laws, inverse.dim, vertex
         self._still = inverse.still()
         self._block_of_node = inverse.block_of_node
+
+    def by_tiles(self) -> Grouping:
+        """Makes groups of points that are visited in tiles, as those that a search finds are."""
+        if self._vertex is None:
+            return self
+        grouping = copy(self)
+        grouping._vertex = None
+        return grouping
 
     def groups(
         self,

@@ -91,9 +91,10 @@ class Interactions(SteppedPoints):
         self._permanent = PermanentGroups(
             points, laws, law_of_point, inverse, nodal, phase, ordering, splits
         )
+        self.inverse = self._permanent.inverse
         self.fused, self.groups = self._permanent.fused, self._permanent.groups
         self.turns = bool(self.largest(self._permanent.turn))
-        grouping = self._permanent.grouping
+        grouping = self._permanent.grouping.by_tiles()
         self._found, self._carried = (FoundContacts(grouping, laws, self.dim) for _ in range(2))
         self.renewals = self.exchanges = 0
         self._take_inverse(self.groups)
@@ -105,7 +106,8 @@ class Interactions(SteppedPoints):
             vertices: their numbers.
         """
         for group in self.fused.wake(vertices):
-            self._prepare(group)
+            self.prepare_group(group)
+        self._join_groups()
 
     def update_inverse(self, inverse: BodyInverse) -> None:
         """Take new values of w (same blocks) of meshed bodies; the compliances W_aa follow."""
@@ -253,8 +255,11 @@ class Interactions(SteppedPoints):
         self._take_inverse(self.joints)
 
     def _regroup(self) -> None:
-        self.groups = self._permanent.groups + self.joints + self.contacts + self.rolling
+        self._join_groups()
         self.renewals += 1
+
+    def _join_groups(self) -> None:
+        self.groups = self._permanent.groups + self.joints + self.contacts + self.rolling
 
     def deactivate(self, indices: np.ndarray) -> None:
         """Take permanent points out, for good; what `gather` gives of them is zero.
@@ -302,6 +307,8 @@ class Interactions(SteppedPoints):
     def restore(self, saved: Mapping) -> None:
         """Take what `saved` gave, its rows in order; points as they were before any retired."""
         number = self._numbers()
+        if self.fused is not None:
+            self.fused.split_again(saved["split"][number])
         gone = np.flatnonzero(~saved["kept"][number])
         if len(gone):
             self.deactivate(gone)

@@ -82,6 +82,11 @@ class BodyInverse:
         data = np.append(entries.ravel(), np.zeros(dim))
         return cls(dim, offsets, data, offsets * dim, diagonal=True)
 
+    def diagonal_of_nodes(self) -> BodyInverse:
+        """The same, of one block a node, held as `of_nodes` holds it."""
+        places = np.arange(self.dim) * (self.dim + 1)
+        return self.of_nodes(self.data.reshape(-1, self.dim * self.dim)[:-1, places], self.dim)
+
     @classmethod
     def from_blocks(cls, blocks: list[np.ndarray], dim: int) -> BodyInverse:
         """From dense blocks of any sizes (each a multiple of dim)."""

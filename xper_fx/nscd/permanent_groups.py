@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -37,6 +38,7 @@ class PermanentGroups:
 
     Attributes:
         law_of_point: as given.
+        inverse: blocks of w, the diagonal alone where vertices split.
         grouping: makes groups of points of these laws.
         groups: the points by law; a point that is taken out is in none.
         fused: what the vertices are that initially rigid bonds hold; None where all bonds have
@@ -84,13 +86,15 @@ class PermanentGroups:
             )
         self.law_of_point = law_of_point.astype(np.min_scalar_type(max(len(laws) - 1, 0)))
         self._count, self._laws, self._dim = len(points), laws, inverse.dim
-        self._inverse = inverse
+        self.inverse = inverse
         vertex = None
         if ordering == "vertices":
             vertex = vertex_of_points(points.nodes[:, :, 0], inverse.num_nodes + 1)
             vertex = vertex.astype(np.int32)
         self.grouping = Grouping(laws, inverse, vertex)
         rigid = [n for n, law in enumerate(laws) if splits and law.kernels(self._dim).rigid]
+        if rigid:  # vertices know what moves with what: w is asked for compliances alone
+            inverse = self.inverse = inverse.diagonal_of_nodes()
         self.groups = self.grouping.groups(
             inverse, points, law_of_point, nodal, phase, left_out=frozenset(rigid)
         )
@@ -101,7 +105,7 @@ class PermanentGroups:
             self.fused = FusedPoints(
                 points, vertex, laws, self.law_of_point, inverse, self.groups,
                 lambda kernels, indices: self.grouping.as_given(
-                    self._inverse, kernels, points, self.law_of_point, indices
+                    self.inverse, kernels, points, self.law_of_point, indices
                 ),
             )  # fmt: skip
             self.fused.require_one_velocity(nodal)
@@ -134,7 +138,7 @@ class PermanentGroups:
 
     def take_inverse(self, inverse: BodyInverse) -> None:
         """Take w, and find the turning points whose compliance hangs on their frame."""
-        self._inverse = inverse
+        self.inverse = inverse
         turning = [g for g in self.groups if g.turning is not None]
         even = inverse.even_nodes() if turning else None
         self.uneven = None
@@ -150,11 +154,15 @@ class PermanentGroups:
             indices: their numbers in the scene's order.
         """
         self._points = self.points
+        subset = partial(self.grouping.subset, self.inverse)
+        if self.fused is not None:
+            self.fused.retire(indices, subset)
+            return
         for number, group in enumerate(self.groups):
             kept = np.flatnonzero(~np.isin(group.indices, indices))
             if len(kept) < len(group):
-                self.groups[number] = self.grouping.subset(self._inverse, group, kept)
-        self.take_inverse(self._inverse)
+                self.groups[number] = subset(group, kept)
+        self.take_inverse(self.inverse)
 
     def saved(self, number: np.ndarray, turns: bool) -> dict[str, Rows]:
         """What the next step depends on, in the scene's order, as wide as the widest law asks for.
@@ -187,14 +195,12 @@ class PermanentGroups:
         return {name: Rows(number, values) for name, values in arrays.items()}
 
     def restore(self, saved: Mapping, number: np.ndarray) -> None:
-        """Take the rows of `saved` in order; all points are there that were taken out since.
+        """Take the rows of `saved` in order; vertices are split, and points gone, as they were.
 
         Args:
             saved: arrays over the points of all ranks.
             number: shape (num_points,), as of `saved`.
         """
-        if self.fused is not None:
-            self.fused.split_again(saved["split"][number])
         for g in self.groups:
             for name in _KEPT:
                 own = getattr(g, name)

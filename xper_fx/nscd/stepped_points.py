@@ -223,9 +223,10 @@ class SteppedPoints(PointValues):
     def prepare(self) -> None:
         """Renew the laws' constants of the step, after `update_inverse`."""
         for g in self.groups:
-            self._prepare(g)
+            self.prepare_group(g)
 
-    def _prepare(self, g: PointGroup) -> None:
+    def prepare_group(self, g: PointGroup) -> None:
+        """As `prepare`, of one group, whose points or compliances are others now."""
         prepare, _ = step_loops(g.kernels, g.sides, g.turning is not None)
         in_ranges(
             prepare, len(g), g.jump, g.velocity, g.compliance, g.points.area, self.step_size,
@@ -268,16 +269,17 @@ class SteppedPoints(PointValues):
     def impulses(self) -> np.ndarray:
         """H r: impulses of the current step on the interacting nodes, shape (num_slots, dim)."""
         if self.fused is not None:
-            return self.fused.impulses.copy()
-        total = self._own_impulses()
+            own = self.fused.impulses
+            return own + self.spread(self.contacts) if self.contacts else own.copy()
+        total = self.spread(self.groups)
         if self.halo is not None:
             self.halo.everywhere.add_back(total.reshape(-1))
         return total
 
-    def _own_impulses(self) -> np.ndarray:
-        """H r of this rank's points."""
+    def spread(self, groups: list[PointGroup]) -> np.ndarray:
+        """H r of groups of this rank's points, shape (num_slots, dim)."""
         total = np.zeros((self.inverse.num_slots, self.dim))
-        for g in self.groups:
+        for g in groups:
             spread = spread_kernel(g.sides)
             spread(total.reshape(-1), g.couplings, g.impulse)
         return total
@@ -301,7 +303,7 @@ class SteppedPoints(PointValues):
         Returns:
             (p . w p)^(1/2) with p = H r, and the same of the rounding of velocities; kg^(1/2) m/s.
         """
-        energy = self.total(float(np.vdot(self._own_impulses(), velocity - free)))
+        energy = self.total(float(np.vdot(self.spread(self.groups), velocity - free)))
         speed = float(np.abs(velocity).max(initial=0.0))
         return math.sqrt(max(energy, 0.0)), ROUNDING * speed * math.sqrt(self._mass)
 

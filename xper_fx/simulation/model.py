@@ -109,7 +109,7 @@ class Model:
         divided_walls = self.part is not None and len(scene.walls) > 0
         self.by_vertex = (
             options.scheme == "explicit" and scene.points == "nodal" and self.rigid is None
-            and not searched and not divided_walls
+            and not divided_walls and (not searched or self._bonds_split())
         )  # fmt: skip
         self.points = ScenePoints(scene, self.bulk, self._ties, self.part, self.by_vertex)
         self.detection = self._detection() if searched else None
@@ -148,6 +148,12 @@ class Model:
                 "the range of floats; take other units."
             )
         self.control = None if options.requested.accuracy is None else self._control()
+
+    def _bonds_split(self) -> bool:
+        """Whether initially rigid bonds are at vertices that split, contacts beside them or not."""
+        laws, _ = self.scene.law_of_facet()
+        rigid = any(getattr(law.kernels(self.scene.dim), "rigid", None) for law in laws)
+        return rigid and not self.bulk.forms.finite_strain
 
     def nodes_of(self, facets: int) -> np.ndarray:
         """Nodes of this rank's facets with a tag."""
@@ -302,7 +308,7 @@ class Model:
         if options.scheme == "explicit":
             from xper_fx.bulk.explicit import ExplicitScheme
 
-            by_body = self.detection is not None or self.scene.points != "nodal"
+            by_body = not self.by_vertex
             return ExplicitScheme(self.bulk, interacting, self.stopwatch, by_body)
         if self.monolithic:
             from xper_fx.bulk.monolithic_scheme import MonolithicScheme as Scheme

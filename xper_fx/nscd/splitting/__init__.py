@@ -4,10 +4,11 @@
 vertex_graphs       the cells that meet at a vertex, and the bonds between them
 holding             whether some admissible tractions hold a vertex together
 fused_points        which vertices are whole, and the points of those that are not
-growing             groups of points that take more in
+growing             groups of points that take in and give up points
 vertex_kernels      clusters of cells at a vertex, and their motion
 bonds_of_laws       its bonds, law by law
 whole_vertices      vertices that are whole
 split_vertices      vertices that are not
+touching_clusters   contacts that a search has found between cells of such vertices
 splitting_vertices  the solver
 """

@@ -36,7 +36,7 @@ def _law_kernels(law: LawKernels, dim: int):
     add, subtract, scale = algebra.add, algebra.subtract, algebra.scale
     to_local, to_global, world_row = algebra.to_local, algebra.to_global, world.row
     world_set = world.set_row
-    solve, prepare, local = law.solve, law.prepare, local_flow(dim)
+    solve, prepare, evolve, local = law.solve, law.prepare, law.evolve, local_flow(dim)
     rigid = law.rigid is not None
     bears, held, insist = law.rigid if rigid else (None, None, None)
     world_add, world_subtract = world.add, world.subtract
@@ -73,11 +73,10 @@ def _law_kernels(law: LawKernels, dim: int):
             i = rows[q]
             if not work.active[q - first]:
                 set_row(impulse, i, scale(0.0, row(impulse, i)))
-                if rigid:  # nothing of an attempt to open it stays
-                    prepare(
-                        i, row(jump, i), row(velocity, i), compliance, area[i], step, 0.5,
-                        parameters, state, terms, details,
-                    )  # fmt: skip
+                prepare(  # nothing of an attempt to open it stays
+                    i, row(jump, i), row(velocity, i), compliance, area[i], step, 0.5, parameters,
+                    state, terms, details,
+                )  # fmt: skip
                 continue
             c, a = work.cluster[g.sides[q, 0]], work.cluster[g.sides[q, 1]]
             place = 0
@@ -121,6 +120,21 @@ def _law_kernels(law: LawKernels, dim: int):
                 u = relative(q, i, g, work, arrays)
                 insist(i, u, count > _SETTLES, parameters, terms, details)
         return worst, big
+
+    @njit(**LEAN_INNER)
+    def settle(b, g, work, group, rows, arrays, group_of):
+        """Internal variables of active bonds follow; returns the largest relative change."""
+        largest = 0.0
+        if evolve is not None:
+            compliance, parameters = arrays[2], arrays[6]
+            terms, details = arrays[8], arrays[9]
+            first = g.bond_offsets[b]
+            for q in range(first, g.bond_offsets[b + 1]):
+                if group_of[q] == group and work.active[q - first]:
+                    i, u = rows[q], relative(q, rows[q], g, work, arrays)
+                    change = evolve(i, u, compliance, parameters, terms, details)
+                    largest = max(largest, change)
+        return largest
 
     @njit(**LEAN_INNER)
     def linearise(b, g, work, group, rows, arrays, group_of):
@@ -207,16 +221,16 @@ def _law_kernels(law: LawKernels, dim: int):
                         count += 1
         return count
 
-    return begin, sweep, linearise, correct, give, all_bear, find_fused, cut
+    return begin, sweep, settle, linearise, correct, give, all_bear, find_fused, cut
 
 
 @cache
 def kernels_of_laws(laws: tuple[LawKernels, ...], dim: int):
     """The kernels over all laws of a vertex, one after the other."""
     here, last = _law_kernels(laws[0], dim), len(laws) == 1
-    begin, sweep, linearise, correct, give, all_bear, find_fused, cut = here
+    begin, sweep, settle, linearise, correct, give, all_bear, find_fused, cut = here
     rest = here if last else kernels_of_laws(laws[1:], dim)
-    begin_2, sweep_2, linearise_2, correct_2, give_2, all_bear_2, find_2, cut_2 = rest
+    begin_2, sweep_2, settle_2, linearise_2, correct_2, give_2, all_bear_2, find_2, cut_2 = rest
 
     @njit(**_INLINED)
     def begin_all(b, g, work, group, rows, step, groups, group_of):
@@ -231,6 +245,13 @@ def kernels_of_laws(laws: tuple[LawKernels, ...], dim: int):
             x, y = sweep_2(b, g, work, group + 1, rows, count, groups[1:], group_of)
             worst, big = max(worst, x), max(big, y)
         return worst, big
+
+    @njit(**_INLINED)
+    def settle_all(b, g, work, group, rows, groups, group_of):
+        largest = settle(b, g, work, group, rows, groups[0], group_of)
+        if not last:
+            largest = max(largest, settle_2(b, g, work, group + 1, rows, groups[1:], group_of))
+        return largest
 
     @njit(**_INLINED)
     def linearise_all(b, g, work, group, rows, groups, group_of):
@@ -273,5 +294,6 @@ def kernels_of_laws(laws: tuple[LawKernels, ...], dim: int):
         return count
 
     return (
-        begin_all, sweep_all, linearise_all, correct_all, give_all, bear_all, find_all, cut_all
+        begin_all, sweep_all, settle_all, linearise_all, correct_all, give_all, bear_all, find_all,
+        cut_all,
     )  # fmt: skip

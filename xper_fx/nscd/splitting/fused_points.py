@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import cached_property
 
 import numpy as np
 
@@ -28,14 +29,14 @@ class FusedPoints:
         points: all points of the scene.
         vertex: shape (num_points,), where they are.
         laws: the laws in use, and `law_of_point`, shape (num_points,).
-        inverse: one block a node.
+        inverse: one block a node, of which it holds the diagonal.
         still: groups of all points of other laws.
         make: makes a group of an initially rigid law from its kernels and numbers of points.
 
     Attributes:
         graphs: of the vertices.
         groups: those of other laws, then those of initially rigid ones, which grow.
-        group_of: shape (num_bonds,), which of the groups a bond belongs to.
+        group_of: shape (num_bonds,), which of the groups a bond belongs to; -1 once it has retired.
         rows: shape (num_bonds,), int32, place of each bond's point in its group, or -1.
         tables, table_rows: parameters of the bonds of each group, and the row of each bond there.
         whole: shape (num_vertices,), bool.
@@ -43,6 +44,9 @@ class FusedPoints:
         impulses: shape (num_slots, dim), of the step on each slot (N s); zero where a vertex is
             whole and not driven, whose bonds' impulses nobody asks for.
         failed: shape (num_vertices,), room for vertices that do not hold.
+        clusters: shape (num_corners,), first corner of the cluster of each corner of vertices that
+            are not whole, counted in the vertex; made where contacts ask for it.
+        vertex_of_slot: shape (num_slots,), -1 where there is none; made where contacts ask for it.
     """
 
     def __init__(
@@ -68,11 +72,7 @@ class FusedPoints:
                 strength[law_of_point == number] = law.strength
         graphs = self.graphs = vertex_graphs(points, vertex, group_of_point, strength, inverse)
         self.group_of = group_of_point[graphs.point].astype(np.int8)
-        self.rows = np.full(len(graphs.point), -1, np.int32)
-        row = np.full(len(points), -1, np.int32)
-        for group in still:
-            row[group.indices] = np.arange(len(group), dtype=np.int32)
-        self.rows[:] = row[graphs.point]
+        self._find_rows(still)
         self._take_tables(laws, kernels, rigid, law_of_point, still)
         some = [np.flatnonzero(group_of_law[law_of_point] == n)[:1] for n in range(len(rigid))]
         self._growing = [
@@ -86,6 +86,21 @@ class FusedPoints:
         other = np.unique(vertex[group_of_law[law_of_point] < 0])
         if len(other):
             self.wake(other.astype(np.int32))
+
+    @cached_property
+    def clusters(self) -> np.ndarray:
+        """See the class."""
+        return np.zeros(len(self.graphs.corner), np.int16)
+
+    @cached_property
+    def vertex_of_slot(self) -> np.ndarray:
+        """See the class."""
+        graphs = self.graphs
+        vertex = np.full(len(graphs.compliance), -1, np.int32)
+        vertices = np.arange(graphs.num_vertices, dtype=np.int32)
+        vertex[graphs.corner] = np.repeat(vertices, np.diff(graphs.corner_offsets))
+        vertex[-1] = -1  # the ground is at many
+        return vertex
 
     def _take_tables(self, laws, kernels, rigid, law_of_point, still) -> None:
         """Parameters of rigid bonds: a row a law, or a row a point where they differ."""
@@ -129,6 +144,38 @@ class FusedPoints:
                 self.groups[self._num_still + number] = growing.group
                 grown.append(growing.group)
         return grown
+
+    def _find_rows(self, groups: list[PointGroup]) -> None:
+        row = np.full(len(self.graphs.point), -1, np.int32)
+        for group in groups:
+            row[group.indices] = np.arange(len(group), dtype=np.int32)
+        self.rows = row[self.graphs.point]
+
+    def retire(
+        self, indices: np.ndarray, subset: Callable[[PointGroup, np.ndarray], PointGroup]
+    ) -> None:
+        """Take bonds out for good, of vertices that are not whole.
+
+        Args:
+            indices: numbers of their points.
+            subset: makes a group of some of the points of one that does not grow.
+        """
+        gone = np.zeros(len(self.graphs.point), bool)
+        gone[indices] = True
+        for number, group in enumerate(self.groups):
+            kept = np.flatnonzero(~gone[group.indices])
+            if len(kept) == len(group):
+                continue
+            if number < self._num_still:
+                self.groups[number] = subset(group, kept)
+            else:
+                growing = self._growing[number - self._num_still]
+                growing.keep(kept)
+                self.groups[number] = growing.group
+        retired = gone[self.graphs.point]
+        self.group_of[retired] = -1
+        self.graphs.least[retired] = 0.0
+        self._find_rows(self.groups)
 
     def turn_of_points(self) -> np.ndarray:
         """Place in `split` of each point's vertex, or -1, shape (num_points,)."""
@@ -185,11 +232,10 @@ class FusedPoints:
     @property
     def asleep(self) -> np.ndarray:
         """Numbers of the points of whole vertices, which have no arrays."""
-        return self.graphs.point[self.rows < 0]
+        return self.graphs.point[(self.rows < 0) & (self.group_of >= 0)]
 
     @property
     def nbytes(self) -> int:
         """Memory held, in bytes, that of the groups left out."""
-        own = (self.rows, self.group_of, self.table_rows, self.whole, self.split, self.impulses)
-        tables = (*self.tables, self.failed)
-        return self.graphs.nbytes + sum(array.nbytes for array in (*own, *tables))
+        held = (value for value in vars(self).values() if isinstance(value, np.ndarray))
+        return self.graphs.nbytes + sum(array.nbytes for array in (*held, *self.tables))

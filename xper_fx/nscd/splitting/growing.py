@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""A group of points that takes more in as a run goes on."""
+"""A group of points that takes in and gives up points as a run goes on."""
 
 from __future__ import annotations
 
@@ -39,6 +39,13 @@ class GrowingGroup:
             self._room[name][first : self._size] = array
         self._show()
         return range(first, self._size)
+
+    def keep(self, places: np.ndarray) -> None:
+        """Keep the points at some places, in their order, and no others."""
+        self._size = len(places)
+        for room in self._room.values():
+            room[: self._size] = room[places]
+        self._show()
 
     def _show(self) -> None:
         """Let the group's arrays be those of the points that there are."""

@@ -15,6 +15,8 @@ from xper_fx.nscd.splitting.vertex_kernels import vertex_kernels
 
 # Relative change of the impulses of a vertex at which it is solved: a few unknowns, cheap to have.
 _TOLERANCE = 1e-11
+# Relative change of internal variables, as of damage, at which they have followed.
+_SETTLED = 1e-9
 # Sweeps before the first Newton steps, and after each batch of them, early and late.
 _FIRST, _BATCH, _LONG_BATCH, _EARLY = 8, 4, 25, 8
 _NEWTON_STEPS = 6
@@ -43,7 +45,7 @@ def split_kernel(laws: tuple[LawKernels, ...], dim: int):
     """Vertices that are not whole."""
     gather, partition, activate, form, sources, put, least_flow, newton = vertex_kernels(dim)
     of_laws = kernels_of_laws(laws, dim)
-    begin, sweep, linearise, correct, give, bear, find_fused, cut = of_laws
+    begin, sweep, settle, linearise, correct, give, bear, find_fused, cut = of_laws
     nest = _nest(len(laws))
 
     @njit(**LEAN_INNER)
@@ -56,7 +58,8 @@ def split_kernel(laws: tuple[LawKernels, ...], dim: int):
                 worst, big = sweep(b, g, work, 0, rows, count, groups, group_of)
                 error = worst / big if big > 0.0 else 0.0
                 if error <= _TOLERANCE:
-                    return count, error
+                    if settle(b, g, work, 0, rows, groups, group_of) <= _SETTLED:
+                        return count, error
             for _ in range(_NEWTON_STEPS):
                 worst, big = linearise(b, g, work, 0, rows, groups, group_of)
                 if worst <= _TOLERANCE * big or not newton(b, g, work):
@@ -67,9 +70,9 @@ def split_kernel(laws: tuple[LawKernels, ...], dim: int):
         return count, error
 
     @njit(**LEAN_INNER)
-    def clusters(b, k, g, work, rows, step, groups, group_of):
+    def solve_clusters(b, k, g, work, rows, step, groups, group_of):
         """Solve the vertex with the clusters that there are; returns sweeps and error."""
-        acting = activate(b, g, work)
+        acting = activate(b, g, work, group_of)
         form(b, k, g, work)
         begin(b, g, work, 0, rows, step, groups, group_of)
         if acting == 0:
@@ -100,11 +103,12 @@ def split_kernel(laws: tuple[LawKernels, ...], dim: int):
     def solve_vertex(b, v, step, g, work, rows, tables, groups, group_of):
         """Returns corners, sweeps, error."""
         k = gather(b, v, g, work)
+        work.fused[: g.bond_offsets[b + 1] - g.bond_offsets[b]] = False
         find_fused(b, g, work, 0, rows, groups, group_of)
         sweeps, error = 0, 0.0
         for turn in range(_ROUNDS):
             parts = partition(b, k, g, work)
-            count, error = clusters(b, k, g, work, rows, step, groups, group_of)
+            count, error = solve_clusters(b, k, g, work, rows, step, groups, group_of)
             sweeps += count
             if turn == _ROUNDS - 1 or parts == k:
                 break
@@ -113,7 +117,7 @@ def split_kernel(laws: tuple[LawKernels, ...], dim: int):
             # each cell for itself
             for c in range(k):
                 work.cluster[c] = c
-            count, _ = clusters(b, k, g, work, rows, step, groups, group_of)
+            count, _ = solve_clusters(b, k, g, work, rows, step, groups, group_of)
             sweeps += count
             opened = cut(b, g, work, 0, rows, groups, group_of) > 0
             if opened and partition(b, k, g, work) > parts:
@@ -121,16 +125,32 @@ def split_kernel(laws: tuple[LawKernels, ...], dim: int):
                 continue
             find_fused(b, g, work, 0, rows, groups, group_of)
             partition(b, k, g, work)
-            count, error = clusters(b, k, g, work, rows, step, groups, group_of)
+            count, error = solve_clusters(b, k, g, work, rows, step, groups, group_of)
             sweeps += count
             break
         return k, sweeps, error
 
     @njit(**LEAN_ENTRY)
     def solve_split(
-        v, impulses, step, ground, g, work, split, rows, group_of, tables, arrays, tolerance
+        v,
+        impulses,
+        step,
+        ground,
+        g,
+        work,
+        split,
+        rows,
+        group_of,
+        tables,
+        arrays,
+        tolerance,
+        clusters,
     ):
-        """All of `split`; returns the most sweeps, the largest error, and how many failed."""
+        """All of `split`; returns the most sweeps, the largest error, and how many failed.
+
+        `clusters`, shape (num_corners,), takes the first corner of each one's cluster, counted in
+        the vertex; it has no length where nobody asks.
+        """
         groups = nest(arrays)
         most, largest, failed = 0, 0.0, 0
         for n in range(len(split)):
@@ -149,6 +169,9 @@ def split_kernel(laws: tuple[LawKernels, ...], dim: int):
                 for d in range(dim):
                     work.v[root, d] += work.w[root, d] * work.source[c, d]
             put(b, k, ground, v, impulses, g, work, work.source)
+            if len(clusters) > 0:
+                for c in range(k):
+                    clusters[g.corner_offsets[b] + c] = work.cluster[c]
         return most, largest, failed
 
     return solve_split

@@ -22,6 +22,8 @@ they stay together.
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 
 from xper_fx.nscd.interactions import Interactions
@@ -30,6 +32,8 @@ from xper_fx.nscd.splitting.fused_points import FusedPoints
 from xper_fx.nscd.splitting.split_vertices import split_kernel
 from xper_fx.nscd.splitting.vertex_kernels import VertexWork, vertex_work
 from xper_fx.nscd.splitting.whole_vertices import whole_kernel
+
+_NOT_ASKED = np.zeros(0, np.int16)
 
 
 class SplittingVertices(Solver):
@@ -44,20 +48,40 @@ class SplittingVertices(Solver):
         self, interactions: Interactions, velocity: np.ndarray, options: SolveOptions
     ) -> SolveReport:
         """Find the impulses of the step, as `Solver.solve` says."""
+        graphs = interactions.fused.graphs
+        if self._work is None:
+            self._work = vertex_work(graphs, interactions.dim)
+            self._all = np.arange(graphs.num_vertices, dtype=np.int32)
+        move = partial(self._move, interactions, velocity, options)
+        if not interactions.contacts:
+            report = move(self._all)
+            interactions.evolve(velocity)  # vertices have; it tells whether some have gone too far
+            return report
+        from xper_fx.nscd.splitting.touching_clusters import TouchingClusters
+
+        return TouchingClusters(interactions, velocity, move, options).solve(self._all)
+
+    def _move(
+        self,
+        interactions: Interactions,
+        velocity: np.ndarray,
+        options: SolveOptions,
+        vertices: np.ndarray,
+    ) -> SolveReport:
+        """Solve some vertices, in which velocities are those of their cells for themselves."""
         fused: FusedPoints = interactions.fused
         graphs, dim, step = fused.graphs, interactions.dim, interactions.step_size
-        if self._work is None:
-            self._work = vertex_work(graphs, dim)
         laws = tuple(g.kernels for g in fused.groups)
         ground = interactions.inverse.num_nodes
         move_whole = whole_kernel(laws, dim)
         failed = move_whole(
-            velocity, fused.impulses, step, ground, graphs, self._work, fused.whole,
+            velocity, fused.impulses, step, ground, graphs, self._work, vertices, fused.whole,
             fused.table_rows, fused.group_of, fused.tables, fused.failed,
         )  # fmt: skip
         if failed:
             interactions.wake(fused.failed[:failed].copy())
-        if not len(fused.split):
+        split = fused.split if vertices is self._all else vertices[~fused.whole[vertices]]
+        if not len(split):
             return SolveReport(True, 0, 0.0, 0.0)
         arrays = tuple(
             array
@@ -66,7 +90,8 @@ class SplittingVertices(Solver):
                           g.velocity, g.parameters, g.state, g.terms, g.details)
         )  # fmt: skip
         sweeps, error, missed = split_kernel(laws, dim)(
-            velocity, fused.impulses, step, ground, graphs, self._work, fused.split, fused.rows,
+            velocity, fused.impulses, step, ground, graphs, self._work, split, fused.rows,
             fused.group_of, tuple(g.parameters for g in fused.groups), arrays, options.tolerance,
+            fused.clusters if interactions.contacts else _NOT_ASKED,
         )  # fmt: skip
         return SolveReport(missed == 0, sweeps, error, 0.0)

@@ -65,6 +65,13 @@ class VertexGraphs(NamedTuple):
         """How many there are."""
         return len(self.bond_offsets) - 1
 
+    def corners_of(self, vertices: np.ndarray) -> np.ndarray:
+        """Slots of the corners of some vertices, the ground's left out."""
+        first, last = self.corner_offsets[vertices], self.corner_offsets[vertices + 1]
+        ends = np.cumsum(last - first)
+        slots = self.corner[np.repeat(last - ends, last - first) + np.arange(ends[-1:].sum())]
+        return slots[slots < len(self.compliance) - 1]
+
     @property
     def nbytes(self) -> int:
         """Memory held, in bytes."""
@@ -86,7 +93,7 @@ def vertex_graphs(
         group_of_point: shape (num_points,), which of the groups of laws they belong to.
         strength: shape (num_points,), smallest traction that a bond may not bear (Pa); zero where
             it is not initially rigid.
-        inverse: one block a node.
+        inverse: one block a node, of which it holds the diagonal.
     """
     dim, count = points.dim, int(vertex.max()) + 1
     order = np.lexsort((group_of_point, vertex))
@@ -98,8 +105,7 @@ def vertex_graphs(
     corner_offsets = np.searchsorted(corners, np.arange(count + 1) * inverse.num_slots)
     local = sides.reshape(-1, 2) - corner_offsets[at][:, None]
     corner = (corners % inverse.num_slots).astype(np.int32)
-    diagonal = np.arange(dim) * (dim + 1)
-    compliance = np.ascontiguousarray(inverse.data.reshape(-1, dim * dim)[:, diagonal])
+    compliance = inverse.data.reshape(-1, dim)
     driven = np.any(compliance[corner] == 0.0, axis=1)
     mass = np.divide(1.0, compliance[corner, 0], out=np.zeros(len(corner)), where=~driven)
     first = corner_offsets[:-1]

@@ -99,11 +99,12 @@ def vertex_kernels(dim: int):
         return count
 
     @njit(**LEAN_INNER)
-    def activate(b, g, work):
-        """Bonds act between clusters; returns how many do."""
+    def activate(b, g, work, group_of):
+        """Bonds that have not retired act between clusters; returns how many do."""
         first, count = g.bond_offsets[b], 0
         for q in range(first, g.bond_offsets[b + 1]):
-            acts = work.cluster[g.sides[q, 0]] != work.cluster[g.sides[q, 1]]
+            apart = work.cluster[g.sides[q, 0]] != work.cluster[g.sides[q, 1]]
+            acts = apart and group_of[q] >= 0
             work.active[q - first] = acts
             count += acts
         return count

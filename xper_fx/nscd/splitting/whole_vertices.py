@@ -22,7 +22,7 @@ _INLINED = {"inline": "always"}
 def whole_kernel(laws: tuple[LawKernels, ...], dim: int):
     """The kernel `move_whole`."""
     gather, partition, _, form, sources, put, least_flow, _ = vertex_kernels(dim)
-    bear_all = kernels_of_laws(laws, dim)[5]
+    bear_all = kernels_of_laws(laws, dim)[6]
     world = for_dimension(dim)
     add, scale, subtract, dot = world.add, world.scale, world.subtract, world.dot
 
@@ -101,10 +101,12 @@ def whole_kernel(laws: tuple[LawKernels, ...], dim: int):
         return True
 
     @njit(**LEAN_ENTRY)
-    def move_whole(v, impulses, step, ground, g, work, whole, rows, group_of, tables, failed):
-        """Move whole vertices; returns how many do not hold, first of `failed`."""
+    def move_whole(
+        v, impulses, step, ground, g, work, vertices, whole, rows, group_of, tables, failed
+    ):
+        """Move whole ones of some vertices; returns how many do not hold, first of `failed`."""
         count = 0
-        for b in range(len(whole)):
+        for b in vertices:
             if not whole[b]:
                 continue
             if g.compliance_of_vertex[b] > 0.0 and holds_easily(b, v, step, g, work):

@@ -1,0 +1,265 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+r"""Contacts that a search has found between cells whose vertices move as one.
+
+A contact c has nodes of several vertices, each of which moves with its cluster. With H_cr the sum
+of the signed weights of those of its nodes that move with cluster r, and M_r the mass of r,
+
+    u_c = sum_r H_cr v_r,    W_cc = sum_r H_cr^2 / M_r,    v_r += H_cr p_c / M_r.
+
+Contacts and vertices take turns. Given what bonds bear and which cells move as one, the contacts
+are swept by Gauss-Seidel with these numbers; given the impulses of the contacts, each of which acts
+on the corners of its nodes, the vertices that they touch are solved anew from the free velocities
+of their cells, and may open. Contacts of whole vertices that hold take one turn. Where bonds and
+contacts hold pieces more than once, turns by themselves would creep: impulses that a turn starts
+from are mixed with those of turns before (Anderson 1965; `algebra/anderson_mixing.py`).
+
+**When it stops.** With dr_c what contact c still asks for after the vertices, the turns end at
+
+    sum_c |dr_c|^2 <= tolerance^2 sum_c |r_c|^2.
+
+Impulses and velocities then solve exactly the problem whose free relative velocities at the
+contacts differ by W_cc dr_c. No error of the impulses is estimated from it: where contacts and
+closed bonds hold pieces more than once, impulses have no one value. Those of the last turn come
+from a sweep, and obey their laws, as mixed ones need not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+
+import numpy as np
+
+from xper_fx.cache import njit
+from xper_fx.nscd.algebra.anderson_mixing import AndersonMixing
+from xper_fx.nscd.algebra.small import for_dimension, sym_indices
+from xper_fx.nscd.couplings import Sides
+from xper_fx.nscd.interactions import Interactions
+from xper_fx.nscd.kernel_options import LEAN_ENTRY
+from xper_fx.nscd.laws.law import LawKernels
+from xper_fx.nscd.solvers.solver import SolveOptions, SolveReport
+
+# Share of the tolerance to which contacts are swept between turns of the vertices, and how often
+# at most: mixing is quicker than many sweeps.
+_SWEPT, _MOST = 0.1, 20
+# Turns remembered, and plain ones before any is mixed; growth of what a turn changes, over the
+# least so far, at which mixing starts again.
+_MEMORY, _PLAIN, _GROWTH = 8, 3, 3.0
+# Turns after which to give up: bonds snap to and fro, and a shorter step will do.
+_TURNS = 150
+
+
+class TouchingClusters:
+    """The contacts of a step, and the vertices that they touch.
+
+    Args:
+        interactions: points after `begin_step`, contacts among them.
+        velocity: shape (num_slots * dim,), free velocities of the cells (m/s), which change.
+        move: solves the vertices of given numbers from the velocities of their corners.
+        options: of the solver.
+    """
+
+    def __init__(
+        self,
+        interactions: Interactions,
+        velocity: np.ndarray,
+        move: Callable[[np.ndarray], SolveReport],
+        options: SolveOptions,
+    ):
+        self._interactions, self._options, self._move = interactions, options, move
+        self._groups, fused = interactions.contacts, interactions.fused
+        self._fused, graphs = fused, fused.graphs
+        self._velocity = velocity.reshape(-1, interactions.dim)
+        self._free = self._velocity.copy()
+        self._touched = np.unique(np.concatenate([g.points.nodes.ravel() for g in self._groups]))
+        vertices = np.unique(fused.vertex_of_slot[self._touched])
+        self._vertices = vertices[vertices >= 0]
+        self._moved = np.union1d(self._touched, graphs.corners_of(self._vertices))
+        self._root = np.arange(len(self._velocity), dtype=np.int32)
+        self._mobility = graphs.compliance.copy()
+        self._least = interactions.rounding(velocity) / options.tolerance
+
+    def solve(self, vertices: np.ndarray) -> SolveReport:
+        """Find the impulses of contacts and bonds; what it returns is that of `Solver.solve`.
+
+        Args:
+            vertices: all that there are.
+        """
+        tolerance, most = self._options.tolerance, self._options.max_sweeps
+        sizes = [g.impulse.size for g in self._groups]
+        memory = AndersonMixing(sum(sizes), _MEMORY, _PLAIN)
+        count, mixed, least = 0, False, np.inf
+        self._push(self._touched)
+        report = self._move(vertices)
+        for _ in range(_TURNS):
+            self._find_clusters()
+            residual, traction = self._sweep(acts=False)
+            arrived = residual <= tolerance
+            if arrived and not mixed:
+                arrived = self._interactions.evolve(self._velocity.reshape(-1)) <= tolerance
+            if (arrived and not mixed) or count >= most or not np.isfinite(residual):
+                break
+            r = self._impulses()
+            count += self._sweep_on()
+            swept = self._impulses()
+            if residual > _GROWTH * least:
+                memory.forget()
+                least = np.inf
+            least = min(least, residual)
+            mixed = not arrived and memory.mix(swept - r, swept, r)
+            if mixed:
+                for g, own in zip(self._groups, np.split(r, np.cumsum(sizes)[:-1]), strict=True):
+                    g.impulse.reshape(-1)[:] = own
+            self._push(self._moved)
+            report = self._move(self._vertices)
+        return SolveReport(
+            arrived and not mixed and report.converged, max(count, report.sweeps),
+            max(residual, report.residual), traction,
+        )  # fmt: skip
+
+    def _impulses(self) -> np.ndarray:
+        return np.concatenate([g.impulse.ravel() for g in self._groups])
+
+    def _push(self, slots: np.ndarray) -> None:
+        """Let the impulses of contacts act on free cells, at some slots."""
+        impulses = self._interactions.spread(self._groups)[slots]
+        pushed = self._fused.graphs.compliance[slots] * impulses
+        self._velocity[slots] = self._free[slots] + pushed
+
+    def _find_clusters(self) -> None:
+        """Take what moves as one now; the compliances of contacts follow."""
+        fused = self._fused
+        _take_clusters(
+            self._vertices, fused.whole, fused.clusters, fused.graphs, self._root, self._mobility
+        )
+        for g in self._groups:
+            w = np.empty_like(g.compliance)
+            _compliances(
+                g.points.nodes, g.points.weights, g.points.frame,
+                *sym_indices(g.kernels.components), self._root, self._mobility, w,
+            )  # fmt: skip
+            if not np.array_equal(w, g.compliance):
+                g.compliance[:] = w
+                self._interactions.prepare_group(g)
+
+    def _sweep_on(self) -> int:
+        """Sweep until changes are small beside the tolerance; returns how often."""
+        count, change = 0, np.inf
+        while count < _MOST and change > _SWEPT * self._options.tolerance:
+            change, _ = self._sweep(acts=True)
+            count += 1
+        return count
+
+    def _sweep(self, acts: bool) -> tuple[float, float]:
+        """Visit all contacts; returns the relative change, and the largest one of a traction (Pa).
+
+        Args:
+            acts: whether impulses change; else the changes are what contacts still ask for.
+        """
+        changed = total = largest = 0.0
+        for g in self._groups:
+            kernel = _sweep_kernel(g.kernels, g.sides)
+            x, y, z = kernel(
+                self._velocity, self._root, self._mobility, g.points.nodes, g.points.weights,
+                g.couplings.frame, acts, g.impulse, g.compliance, g.inverse_area, g.parameters,
+                g.terms, g.details,
+            )  # fmt: skip
+            changed, total, largest = changed + x, total + y, max(largest, z)
+        total = max(total, self._least**2)
+        relative = np.sqrt(changed / total) if total > 0.0 else np.sqrt(changed)
+        return float(relative), float(np.sqrt(largest) / self._interactions.step_size)
+
+
+@njit(**LEAN_ENTRY)
+def _take_clusters(vertices, whole, clusters, g, root, mobility):
+    """Slot for the cluster of each corner of some vertices, and one over the cluster's mass."""
+    dim = mobility.shape[1]
+    for b in vertices:
+        first, last = g.corner_offsets[b], g.corner_offsets[b + 1]
+        for c in range(first, last):
+            cluster = 0 if whole[b] else clusters[c]
+            root[g.corner[c]] = g.corner[first + cluster]
+            if c != first + cluster:
+                continue
+            for d in range(dim):
+                mass = 0.0
+                for other in range(first, last):
+                    if whole[b] or clusters[other] == cluster:
+                        # what is driven has no compliance, and infinite mass
+                        mass += 1.0 / g.compliance[g.corner[other], d]
+                mobility[g.corner[c], d] = 1.0 / mass
+
+
+@njit(**LEAN_ENTRY)
+def _compliances(nodes, weights, frame, rows, cols, root, mobility, out):
+    """W_cc of contacts, packed symmetric."""
+    k, dim = nodes.shape[2], frame.shape[2]
+    for i in range(len(nodes)):
+        for entry in range(len(rows)):
+            out[i, entry] = 0.0
+        for a in range(2 * k):
+            slot, share, counted = root[nodes[i, a // k, a % k]], 0.0, False
+            for b in range(2 * k):
+                if root[nodes[i, b // k, b % k]] == slot:
+                    counted = counted or b < a
+                    share += weights[i, b // k, b % k] if b < k else -weights[i, b // k, b % k]
+            if counted:
+                continue
+            for entry in range(len(rows)):
+                for d in range(dim):
+                    own = share * share * mobility[slot, d]
+                    out[i, entry] += own * frame[i, rows[entry], d] * frame[i, cols[entry], d]
+
+
+@cache
+def _sweep_kernel(law: LawKernels, sides: Sides):
+    """Kernel `sweep(...)` over contacts of a law: sums |dr|^2 and |r|^2, largest |dr|^2/area^2."""
+    dim, k = sides.dim, sides.k
+    algebra = for_dimension(dim, sides.components)
+    row, set_row, dot, subtract = algebra.row, algebra.set_row, algebra.dot, algebra.subtract
+    to_local, to_global = algebra.to_local, algebra.to_global
+    world = for_dimension(dim)
+    world_row, world_set, add, scale = world.row, world.set_row, world.add, world.scale
+    solve = law.solve
+
+    @njit(inline="always")
+    def signed(weights, i, s, j):
+        return weights[i, s, j] if s == 0 else -weights[i, s, j]
+
+    @njit(inline="always")
+    def lightened(f, mobility, slot):
+        if dim == 2:
+            return f[0] * mobility[slot, 0], f[1] * mobility[slot, 1]
+        return f[0] * mobility[slot, 0], f[1] * mobility[slot, 1], f[2] * mobility[slot, 2]
+
+    @njit(**LEAN_ENTRY)
+    def sweep(
+        v, root, mobility, nodes, weights, frame, acts, r, w, inverse_area, parameters, terms,
+        details
+    ):  # fmt: skip
+        changed = total = largest = 0.0
+        for i in range(len(r)):
+            apart = scale(0.0, world_row(v, root[nodes[i, 0, 0]]))
+            for s in range(2):
+                for j in range(k):
+                    there = world_row(v, root[nodes[i, s, j]])
+                    apart = add(apart, scale(signed(weights, i, s, j), there))
+            old = row(r, i)
+            new, _ = solve(i, to_local(frame, i, apart), old, w, parameters, terms, details)
+            change = subtract(new, old)
+            size = dot(change, change)
+            changed += size
+            total += dot(new, new)
+            largest = max(largest, size * inverse_area[i] * inverse_area[i])
+            if not acts or size == 0.0:
+                continue
+            set_row(r, i, new)
+            f = to_global(frame, i, change)
+            for s in range(2):
+                for j in range(k):
+                    slot = root[nodes[i, s, j]]
+                    pushed = scale(signed(weights, i, s, j), lightened(f, mobility, slot))
+                    world_set(v, slot, add(world_row(v, slot), pushed))
+        return changed, total, largest
+
+    return sweep
