@@ -2,12 +2,14 @@
 """How far the error that a run estimates can be believed: estimated over true, scene by scene.
 
     OPENBLAS_NUM_THREADS=1 ./fenicsx python3 benchmarks/estimate_coverage.py [--only NAME]
+    OPENBLAS_NUM_THREADS=1 ./fenicsx python3 benchmarks/estimate_coverage.py --quantities
 
 Each scene is run with an accuracy asked for and compared with a run whose settings are far finer:
 external work, elastic and kinetic energy and each dissipation at the end (over the largest energy
 held), the largest force of the supports (relative), the motion of all nodes and bodies at the end
 (over the largest of the run, in the L2 norm). The true error is the largest of these; the table
-says which that is.
+says which that is. With `--quantities` each of them is estimated by itself, from a second run
+(`xf.study.estimate_errors`).
 """
 
 from __future__ import annotations
@@ -17,6 +19,7 @@ import sys
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 
@@ -328,34 +331,65 @@ def cases() -> dict[str, Case]:
     }
 
 
+@dataclass(frozen=True)
+class Watched:
+    """One of the quantities of a case, or all of them.
+
+    Args:
+        case: says what counts.
+        name: as `errors` has it.
+    """
+
+    case: Case
+    name: str = ""
+    has_reference: ClassVar[bool] = True
+
+    def observe(self, simulation: xf.Simulation, step, seen: dict | None) -> dict:
+        """Energies, the largest energy held, the largest force, positions, how far they moved."""
+        e, case = step.energies, self.case
+        now = positions(simulation) if case.motion else np.zeros(0)
+        seen = seen or {"held": 0.0, "force": 0.0, "moved": 0.0, "start": now, "steps": 0}
+        held = max(abs(e["external_work"]), e["kinetic"] + e["elastic"] + e["cohesive"])
+        force = 0.0
+        if isinstance(case.force, str):
+            force = float(np.linalg.norm(simulation.reaction_of(case.force)))
+        elif case.force is not None:
+            force = float(np.linalg.norm(simulation.reaction(case.force)))
+        return {
+            "energies": {k: v for k, v in e.items() if k not in ("closure", "shadow")},
+            "held": max(seen["held"], held), "force": max(seen["force"], force),
+            "position": now, "start": seen["start"], "steps": seen["steps"] + 1,
+            "moved": max(seen["moved"], float(np.linalg.norm(now - seen["start"]))),
+        }  # fmt: skip
+
+    def value(self, simulation: xf.Simulation, seen: dict) -> dict:
+        """All of it."""
+        return seen
+
+    def error(self, value: dict, reference: dict) -> float:
+        """Of the quantity that is named."""
+        return errors(value, reference).get(self.name, 0.0)
+
+
+def options_of(case: Case, options: dict) -> dict:
+    """Options of `Simulation`; those of the reference have a `courant` number for a step."""
+    options = {"num_threads": 1} | options
+    if "courant" in options:
+        step = options.pop("courant") * xf.Simulation(case.build()).bulk.critical_step()
+        options["step"] = case.end_time / np.ceil(case.end_time / step)
+    return options
+
+
 def run(case: Case, options: dict) -> dict:
     """What a run gives: energies, largest force, motion at the end; its estimate."""
-    scene, options = case.build(), dict(options)
-    if "courant" in options:
-        options["step"] = options.pop("courant") * xf.Simulation(scene).bulk.critical_step()
-        options["step"] = case.end_time / np.ceil(case.end_time / options["step"])
-    simulation = xf.Simulation(scene, num_threads=1, **options)
-    force, held, steps = 0.0, 0.0, 0
-    start, moved, motion = None, 0.0, np.zeros(0)
-    if case.motion:
-        start = positions(simulation)
+    simulation, watched, seen = xf.Simulation(case.build(), **options), Watched(case), None
     for step in simulation.steps(case.end_time):
-        e, steps = step.energies, steps + 1
-        held = max(held, abs(e["external_work"]), e["kinetic"] + e["elastic"] + e["cohesive"])
-        if isinstance(case.force, str):
-            force = max(force, float(np.linalg.norm(simulation.reaction_of(case.force))))
-        elif case.force is not None:
-            force = max(force, float(np.linalg.norm(simulation.reaction(case.force))))
-        if case.motion:
-            motion = positions(simulation) - start
-            moved = max(moved, float(np.linalg.norm(motion)))
-    energies = {k: v for k, v in step.energies.items() if k not in ("closure", "shadow")}
+        seen = watched.observe(simulation, step, seen)
     control = simulation.model.control
-    return {
-        "energies": energies, "held": held, "force": force, "motion": motion, "moved": moved,
-        "steps": steps, "estimated": simulation.estimated_error,
+    return seen | {
+        "estimated": simulation.estimated_error,
         "parts": None if control is None else control.estimate.errors,
-    }  # fmt: skip
+    }
 
 
 def positions(simulation: xf.Simulation) -> np.ndarray:
@@ -374,45 +408,80 @@ def errors(found: dict, fine: dict) -> dict[str, float]:
     }
     if fine["force"] > 0.0:
         out["largest force"] = abs(found["force"] - fine["force"]) / fine["force"]
-    if len(fine["motion"]):
-        off = np.linalg.norm(found["motion"] - fine["motion"])
+    if len(fine["position"]):
+        off = np.linalg.norm(found["position"] - fine["position"])
         out["motion"] = float(off) / fine["moved"]
     return out
+
+
+def by_quantity(name: str, case: Case, options: dict, fine: dict) -> tuple[int, int]:
+    """Print estimates of each quantity that errs; how many are believed, and how many there are."""
+    quantities = {q: Watched(case, q) for q in errors(fine, fine)}
+    found = xf.study.estimate_errors(case.build, case.end_time, quantities, **options)
+    believed, count = 0, 0
+    for quantity, one in found.items():
+        true = quantities[quantity].error(one.value, fine)
+        if max(true, one.error) < LITTLE * options["accuracy"]:
+            continue
+        believed, count = believed + (true / WITHIN <= one.error <= WITHIN * true), count + 1
+        ratio = one.error / true if true > 0.0 else np.inf
+        print(
+            f"| {name} | {options['accuracy']:g} | {quantity} | {true:.1e} | {one.error:.1e} | "
+            f"{ratio:.2f} |",
+            flush=True,
+        )
+    return believed, count
+
+
+def of_run(name: str, case: Case, options: dict, fine: dict, details: bool) -> tuple[int, int]:
+    """Print the estimate of the run as a whole; whether it is believed, and 1."""
+    found = run(case, options)
+    all_errors = errors(found, fine)
+    worst = max(all_errors, key=all_errors.get)
+    true = all_errors[worst]
+    print(
+        f"| {name} | {options['accuracy']:g} | {true:.1e} | {worst} | {found['estimated']:.1e} | "
+        f"{found['estimated'] / true:.2f} | {found['steps']} |",
+        flush=True,
+    )
+    if details:
+        print({k: f"{v:.1e}" for k, v in all_errors.items()})
+        print({k: f"{v:.1e}" for k, v in found["parts"].items()})
+    little = max(true, found["estimated"]) < LITTLE * options["accuracy"]
+    return int(little or true / WITHIN <= found["estimated"] <= WITHIN * true), 1
 
 
 def main() -> None:
     """Run the scenes and print the table."""
     parser = argparse.ArgumentParser(description="Estimated over true errors.")
     parser.add_argument("--only", default="", help="scenes whose name has this")
-    only = parser.parse_args().only
-    print("| scene | asked | true | of | estimated | over true | steps |\n" + "|---" * 7 + "|")
-    believed = []
+    parser.add_argument(
+        "--quantities", action="store_true", help="each by itself, from a second run"
+    )
+    args = parser.parse_args()
+    columns = ["scene", "asked", "true", "of", "estimated", "over true", "steps"]
+    if args.quantities:
+        columns = ["scene", "asked", "of", "true", "estimated", "over true"]
+    print(f"| {' | '.join(columns)} |\n" + "|---" * len(columns) + "|")
+    believed = count = 0
     for name, case in cases().items():
-        if only not in name:
+        if args.only not in name:
             continue
-        fine = run(case, {k: v for k, v in case.options.items() if k in STATIC} | case.fine)
+        static = {k: v for k, v in case.options.items() if k in STATIC}
+        fine = run(case, options_of(case, static | case.fine))
         for asked in ASKED:
-            options = dict(case.options)
+            options = options_of(case, case.options) | {"accuracy": asked}
             if "step" in options:
                 options["step"] *= asked / ASKED[0]
-            found = run(case, options | {"accuracy": asked})
-            all_errors = errors(found, fine)
-            worst = max(all_errors, key=all_errors.get)
-            true = all_errors[worst]
-            ratio = found["estimated"] / true
-            little = max(true, found["estimated"]) < LITTLE * asked
-            believed.append(little or 1.0 / WITHIN <= ratio <= WITHIN)
-            print(
-                f"| {name} | {asked:g} | {true:.1e} | {worst} | {found['estimated']:.1e} | "
-                f"{ratio:.2f} | {found['steps']} |",
-                flush=True,
-            )
-            if only:
-                print({k: f"{v:.1e}" for k, v in all_errors.items()})
-                print({k: f"{v:.1e}" for k, v in found["parts"].items()})
+            if args.quantities:
+                good, of = by_quantity(name, case, options, fine)
+            else:
+                good, of = of_run(name, case, options, fine, bool(args.only))
+            believed, count = believed + good, count + of
+    small = "of those above" if args.quantities else "or both below"
     print(
-        f"\nwithin a factor of {WITHIN:g}, or both below {LITTLE:g} of what was asked for: "
-        f"{sum(believed)} of {len(believed)} runs"
+        f"\nwithin a factor of {WITHIN:g}, {small} {LITTLE:g} of what was asked for: "
+        f"{believed} of {count}"
     )
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Studies: error against time, runs with several settings, collapse loads of rigid blocks."""
+"""Studies: error against time, errors of chosen quantities, collapse loads of rigid blocks."""
 
 from typing import TYPE_CHECKING
 
@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     from xper_fx.study.definition import product as product
     from xper_fx.study.definition import varied as varied
     from xper_fx.study.definition import vary as vary
+    from xper_fx.study.error_estimates import Estimated as Estimated
+    from xper_fx.study.error_estimates import estimate_errors as estimate_errors
     from xper_fx.study.plots import plot_error_against_cost as plot_error_against_cost
     from xper_fx.study.plots import plot_price as plot_price
     from xper_fx.study.results import StudyResults as StudyResults
@@ -23,11 +25,13 @@ if TYPE_CHECKING:
 _MODULE_OF = {
     "CollapseLoad": "collapse",
     "Equilibrium": "collapse",
+    "Estimated": "error_estimates",
     "Setting": "definition",
     "Study": "definition",
     "StudyResults": "results",
     "collapse_load": "collapse",
     "equilibrium": "collapse",
+    "estimate_errors": "error_estimates",
     "plot_error_against_cost": "plots",
     "plot_price": "plots",
     "product": "definition",

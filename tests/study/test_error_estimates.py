@@ -1,0 +1,99 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Errors of chosen quantities, from a second run, beside errors against far finer runs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import pytest
+from scenes import box_bodies
+
+from xper_fx.forms.loads import PrescribedDisplacement
+from xper_fx.materials import LinearElastic
+from xper_fx.nscd.laws.cohesive_zone import CohesiveZone
+from xper_fx.output.gauges import TensileGauge
+from xper_fx.scene.scene import Scene
+from xper_fx.simulation.simulation import Simulation
+from xper_fx.study.error_estimates import estimate_errors
+from xper_fx.study.quantities import EnergyClosure, PeakStress
+
+LEFT, RIGHT = 1, 2
+
+
+@dataclass(frozen=True)
+class Spent:
+    """Share of the fracture energy that is spent at a time: a quantity of a user's own."""
+
+    time: float
+    has_reference: ClassVar[bool] = True
+
+    def observe(self, simulation, step, seen):
+        """Linear between steps."""
+        time, spent = step.time, step.energies["dissipated_cohesion"] / 5e-5
+        if seen is None or time <= self.time:
+            return time, spent
+        if seen[0] >= self.time:
+            return seen
+        share = (self.time - seen[0]) / (time - seen[0])
+        return self.time, seen[1] + share * (spent - seen[1])
+
+    def value(self, simulation, seen):
+        """At the time."""
+        return seen[1]
+
+    def error(self, value, reference):
+        """Absolute."""
+        return abs(value - reference)
+
+
+PEAK = PeakStress(TensileGauge(LEFT, RIGHT, 0, 1.0, 1.0))
+QUANTITIES = {"peak": PEAK, "spent": Spent(0.7)}
+
+
+def bonded() -> Scene:
+    """Two halves of a square held by a bond that is torn."""
+    loads = [PrescribedDisplacement(LEFT, i, 0.0) for i in (0, 1)]
+    loads.append(PrescribedDisplacement(RIGHT, 0, lambda t: 2e-2 * t**2))
+    return Scene(
+        box_bodies((1.0, 1.0), (2, 2), label=lambda x: x[0] > 0.5),
+        {1: LinearElastic(1.0, 0.0, 1e-3)},
+        default_interaction=CohesiveZone(20.0, 5e-5, 6e-3),
+        loads=loads,
+    )
+
+
+@pytest.fixture(scope="module")
+def exact():
+    """Of a run with 1000 steps."""
+    simulation, seen = Simulation(bonded(), 1e-3, tolerance=1e-7), dict.fromkeys(QUANTITIES)
+    for step in simulation.steps(1.0):
+        seen = {k: q.observe(simulation, step, seen[k]) for k, q in QUANTITIES.items()}
+    return {k: q.value(simulation, seen[k]) for k, q in QUANTITIES.items()}
+
+
+# an explicit bulk has no longer step for 1e-2 than for a quarter of it: the second has half of it
+@pytest.mark.parametrize("options", [{"step": 1e-2}, {"accuracy": 1e-2, "scheme": "explicit"}])
+def test_errors_are_those_against_a_far_finer_run(exact, options):
+    found = estimate_errors(bonded, 1.0, QUANTITIES, **options)
+    for name, quantity in QUANTITIES.items():
+        true = quantity.error(found[name].value, exact[name])
+        assert true > 1e-3 and 0.5 * true < found[name].error < 2.0 * true, (name, true, found)
+        assert quantity.error(found[name].finer, exact[name]) < 0.7 * true, name
+
+
+@pytest.mark.parametrize(
+    ("error", "match", "change"),
+    [
+        (TypeError, "build .* 3", {"build": 3}),
+        (TypeError, "quantities .* PeakStress", {"quantities": PEAK}),
+        (ValueError, "'closure' is an error by itself", {"quantities": {"closure": EnergyClosure()}}),
+        (ValueError, "end_time", {"end_time": -1.0}),
+        (ValueError, "accuracy=", {"step": "auto", "accuracy": None}),
+        (ValueError, "accuracy", {"accuracy": 2.0}),
+    ],
+)  # fmt: skip
+def test_bad_input_is_refused(error, match, change):
+    given = {"build": bonded, "end_time": 1.0, "quantities": QUANTITIES, "accuracy": 1e-2}
+    with pytest.raises(error, match=match):
+        estimate_errors(**(given | change))

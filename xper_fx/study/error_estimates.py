@@ -1,0 +1,116 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+r"""Errors of the quantities that one asks for, from a second run that is finer.
+
+A run has q_h, one with a quarter of the accuracy asked for (or half of the step given) q_f. Where
+the error is c e, proportional to the accuracy e, it is
+
+    q_h - q = (q_h - q_f) / (1 - 1/4)
+
+(Richardson 1911). A step of half the size leaves a quarter of a second-order error and half of a
+first-order one, of which this is 2/3. Where the control has no shorter step to take the second run
+has half of the first one's mean step.
+
+`benchmarks/estimate_coverage.py --quantities` compares these errors with true ones.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
+
+from xper_fx.scene.scene import Scene
+from xper_fx.simulation.simulation import Simulation
+from xper_fx.study.quantities import Quantity, Value
+from xper_fx.support.checks import require_kind, require_positive
+
+# What the second run is asked for beside the first, and the least number of its steps beside the
+# first one's with which it counts as finer.
+_FINER, _MORE_STEPS = 0.25, 1.7
+# Error over the difference of the two runs.
+_OF_DIFFERENCE = 1.0 / (1.0 - _FINER)
+
+
+class Estimated(NamedTuple):
+    """A quantity of a run and its error.
+
+    Attributes:
+        value: of the run with the options given.
+        error: estimated, as the quantity measures it (`Quantity.error`), relative for most.
+        finer: of the second run.
+    """
+
+    value: Value
+    error: float
+    finer: Value
+
+
+def estimate_errors(
+    build: Callable[[], Scene],
+    end_time: float,
+    quantities: Mapping[str, Quantity],
+    **options: Any,
+) -> dict[str, Estimated]:
+    """Run a scene as the options say, and finer, and compare what is asked for.
+
+    The finer run takes two to four times as long as the first one. What a mesh leaves is not part
+    of the errors: `build` has one mesh.
+
+    Args:
+        build: makes the scene, anew for each run.
+        end_time: s.
+        quantities: by name, of `xf.quantities` or one's own.
+        options: of `Simulation`; `accuracy`, or a `step`, or both.
+
+    Returns:
+        By name.
+
+    Raises:
+        TypeError: quantities that are no mapping, a build that cannot be called.
+        ValueError: neither an accuracy nor a step, a quantity that is an error by itself.
+        ConvergenceError: of either run.
+    """
+    require_kind("quantities", quantities, Mapping)
+    if not callable(build):
+        raise TypeError(f"build should be a function that makes a scene, got {build!r}.")
+    require_positive("end_time", end_time)
+    for name, quantity in quantities.items():
+        if not getattr(quantity, "has_reference", True):
+            raise ValueError(f"{name!r} is an error by itself, {quantity!r}: read it from the run.")
+    if options.get("accuracy") is None and not isinstance(options.get("step"), float | int):
+        raise ValueError(
+            "estimate_errors refines what is asked for: give accuracy=..., or a step in s."
+        )
+    values, count = _run(build, end_time, quantities, options)
+    tighter = {
+        name: _FINER * options[name]
+        for name in ("accuracy", "tolerance", "newton_tolerance")
+        if isinstance(options.get(name), float)
+    }
+    if isinstance(options.get("step"), float | int):
+        tighter["step"] = 0.5 * options["step"]
+    finer, more = _run(build, end_time, quantities, options | tighter)
+    if more < _MORE_STEPS * count:
+        tighter["step"] = 0.5 * end_time / count
+        finer, _ = _run(build, end_time, quantities, options | tighter)
+    return {
+        name: Estimated(
+            values[name], _OF_DIFFERENCE * quantity.error(values[name], finer[name]), finer[name]
+        )
+        for name, quantity in quantities.items()
+    }
+
+
+def _run(
+    build: Callable[[], Scene],
+    end_time: float,
+    quantities: Mapping[str, Quantity],
+    options: Mapping[str, Any],
+) -> tuple[dict[str, Value], int]:
+    """What a run gives, and how many steps it takes."""
+    simulation, count = Simulation(build(), **options), 0
+    seen: dict[str, Any] = dict.fromkeys(quantities)
+    for step in simulation.steps(end_time):
+        count += 1
+        for name, quantity in quantities.items():
+            seen[name] = quantity.observe(simulation, step, seen[name])
+    return {name: q.value(simulation, seen[name]) for name, q in quantities.items()}, count
