@@ -87,12 +87,12 @@ def test_errors_are_those_against_a_far_finer_run(exact, options):
     [
         (TypeError, "build .* 3", {"build": 3}),
         (TypeError, "quantities .* PeakStress", {"quantities": PEAK}),
-        (ValueError, "'closure' is an error by itself", {"quantities": {"closure": EnergyClosure()}}),
+        (ValueError, "'c' is an error by itself", {"quantities": {"c": EnergyClosure()}}),
         (ValueError, "end_time", {"end_time": -1.0}),
         (ValueError, "accuracy=", {"step": "auto", "accuracy": None}),
         (ValueError, "accuracy", {"accuracy": 2.0}),
     ],
-)  # fmt: skip
+)
 def test_bad_input_is_refused(error, match, change):
     given = {"build": bonded, "end_time": 1.0, "quantities": QUANTITIES, "accuracy": 1e-2}
     with pytest.raises(error, match=match):
