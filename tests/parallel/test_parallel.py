@@ -21,7 +21,8 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "ranks"))
 import meshed_scenes
 
 SCENES = (
-    "explicit", "scattered", "quadratic", "blocks", "fall", "plastic", "free", "space", "uneven",
+    "explicit", "scattered", "quadratic", "blocks", "fall", "plastic", "free", "tied", "space",
+    "uneven",
 )  # fmt: skip
 # Scenes whose points do not push each other at the end in more ways than one.
 UNIQUE = ("blocks", "plastic", "free", "space", "uneven")

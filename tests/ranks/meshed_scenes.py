@@ -6,8 +6,11 @@ from dataclasses import fields, replace
 
 import numpy as np
 from mpi4py import MPI
-from scenes import BOTTOM, LEFT, RIGHT, box_bodies
+from scenes import BOTTOM, LEFT, RIGHT, box_bodies, midpoints
 
+from xper_fx.bodies.explode import explode
+from xper_fx.bodies.join import join_meshes
+from xper_fx.bodies.meshes import crossed_rectangle, tag_facets
 from xper_fx.forms.loads import Gravity, PrescribedVelocity, RayleighDamping
 from xper_fx.materials import J2SmallStrain, LinearElastic, NeoHookean
 from xper_fx.materials.hardening import Linear
@@ -16,7 +19,7 @@ from xper_fx.nscd.laws.fields import Weibull
 from xper_fx.output.fragments import Fragments, measure_fragments
 from xper_fx.output.recorder import point_coordinates
 from xper_fx.parallel.launch import run_together
-from xper_fx.scene import Scene, Wall
+from xper_fx.scene import Scene, Tie, Wall
 from xper_fx.simulation.simulation import Simulation
 
 # E = 1000, rho = 1, strength 10, cohesive length 0.5 of a side.
@@ -108,6 +111,29 @@ def free():
     return scene, {"step": 2e-3, "tolerance": 1e-11, "scheme": "implicit"}, 20
 
 
+def tied():
+    """A coarse box of strips and a fine one of blocks beside it, tied by bonds that turn."""
+    loads, start = stretched(1.0)
+    meshes, tags = [], []
+    for first, cells, sides in ((0.0, 4, {LEFT: 0.0, 11: 0.5}), (0.5, 6, {12: 0.5, RIGHT: 1.0})):
+        mesh = crossed_rectangle((first, 0.0), (first + 0.5, 1.0), (cells, cells))
+        planes = {tag: lambda x, at=at: np.abs(x[0] - at) < 1e-9 for tag, at in sides.items()}
+        meshes.append(mesh)
+        tags.append(tag_facets(mesh, planes))
+    joined = join_meshes(meshes, facet_tags=tags)
+    x, y = midpoints(joined.mesh)[:2]
+    blocks = 4 + 3 * (6.0 * x).astype(int) + (3.0 * y).astype(int)
+    bodies = explode(
+        joined.mesh, np.where(x < 0.5, (8.0 * x).astype(int), blocks), facet_tags=joined.facet_tags
+    )
+    scene = Scene(
+        bodies, {1: NeoHookean(1000.0, 0.3, 1.0)}, default_interaction=BOND, loads=loads,
+        ties=[Tie(12, 11, replace(BOND, strength=8.0))],
+        initial_velocity=lambda x: start(x)[:2],
+    )  # fmt: skip
+    return scene, {"step": 5e-4, "tolerance": 1e-10, "scheme": "implicit"}, 14
+
+
 def strips():
     """Four strips whose bonds turn with them: of four ranks one has no points."""
     loads, start = stretched(1.0)
@@ -148,7 +174,19 @@ def uneven():
 
 SCENES = {
     f.__name__: f
-    for f in (explicit, scattered, quadratic, blocks, fall, plastic, free, strips, space, uneven)
+    for f in (
+        explicit,
+        scattered,
+        quadratic,
+        blocks,
+        fall,
+        plastic,
+        free,
+        tied,
+        strips,
+        space,
+        uneven,
+    )  # fmt: skip
 }
 
 

@@ -44,29 +44,37 @@ class LocalBodies:
     cell_of: np.ndarray
 
 
-def divide(bodies: Bodies, ranks: Ranks) -> LocalBodies:
+def divide(bodies: Bodies, ranks: Ranks, group_of_body: np.ndarray | None = None) -> LocalBodies:
     """Divide bodies among ranks and take this rank's.
 
     Args:
         bodies: all bodies, the same on every rank; or those of a mesh that is spread, which stay
             where they are.
         ranks: the ranks.
+        group_of_body: shape (num_bodies,), whole numbers from zero on; bodies of one group come to
+            one rank. None if each is free.
 
     Raises:
-        ValueError: fewer bodies than ranks.
+        ValueError: fewer bodies than ranks, or groups of them.
     """
     if bodies.spread is not None:
         return _take(bodies, bodies.spread.rank_of_body, ranks.rank)
-    rank_of_body = bodies_by_rank(bodies, ranks.size)
+    rank_of_body = bodies_by_rank(bodies, ranks.size, group_of_body)
     return _take(bodies, ranks.comm.bcast(rank_of_body), ranks.rank)
 
 
-def bodies_by_rank(bodies: Bodies, num_ranks: int) -> np.ndarray:
-    """Rank of each body, shape (num_bodies,), by their cells and facing facets."""
+def bodies_by_rank(
+    bodies: Bodies, num_ranks: int, group_of_body: np.ndarray | None = None
+) -> np.ndarray:
+    """Rank of each body, shape (num_bodies,), by their cells and facing facets; see `divide`."""
     pairs = bodies.facets.bodies
     weights = _CELL * np.bincount(bodies.body_of_cell, minlength=bodies.num_bodies)
     weights += _FACET * np.bincount(pairs.ravel(), minlength=bodies.num_bodies)
-    return partition_bodies(weights, pairs, np.ones(len(pairs), int), num_ranks)
+    exchanged = np.ones(len(pairs), int)
+    if group_of_body is None:
+        return partition_bodies(weights, pairs, exchanged, num_ranks)
+    weights = np.bincount(group_of_body, weights).astype(int)
+    return partition_bodies(weights, group_of_body[pairs], exchanged, num_ranks)[group_of_body]
 
 
 def _take(bodies: Bodies, rank_of_body: np.ndarray, rank: int) -> LocalBodies:

@@ -3,12 +3,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from xper_fx.bodies.meshes import facet_cells, midpoints_of
+from xper_fx.nscd.facets import no_points
 from xper_fx.nscd.laws.law import Law
 from xper_fx.nscd.mortar import RULES, nonmatching_points
 from xper_fx.nscd.points import InteractionPoints
@@ -71,11 +75,34 @@ class Tie:
                 f"or triangles; got {cell} cells of order {order}."
             )
         for facets in (self.candidates, self.antagonists):
-            if facets not in bodies.facet_tags.values:
+            if facets not in bodies.present.facets:
                 raise ValueError(
                     f"A tie names facet tag {facets}, which occurs nowhere; tags that do: "
-                    f"{sorted(set(bodies.facet_tags.values.tolist()))}."
+                    f"{sorted(bodies.present.facets)}."
                 )
+
+
+def tied_groups(ties: Sequence[Tie], bodies: Bodies) -> np.ndarray:
+    """Groups of bodies that ties join, directly or through others.
+
+    Args:
+        ties: the ties.
+        bodies: the bodies.
+
+    Returns:
+        The group of each body, shape (num_bodies,), int32; a body without a tie is one of its own.
+    """
+    cell = facet_cells(bodies.mesh)[0][:, 0]
+    first, other = [np.zeros(0, int)], [np.zeros(0, int)]
+    for tie in ties:
+        tags = bodies.facet_tags
+        facets = tags.indices[np.isin(tags.values, (tie.candidates, tie.antagonists))]
+        tied = np.unique(bodies.body_of_cell[cell[facets]])
+        first.append(np.full(len(tied), tied[0]))
+        other.append(tied)
+    a, b = np.concatenate(first), np.concatenate(other)
+    graph = coo_array((np.ones(len(a)), (a, b)), shape=2 * (bodies.num_bodies,))
+    return connected_components(graph, directed=False)[1]
 
 
 def tie_points(
@@ -90,13 +117,16 @@ def tie_points(
         turns: whether frames turn with the surfaces.
 
     Returns:
-        The points, and the pairs of bodies that they join, shape (num_points, 2).
+        The points, and the pairs of bodies that they join, shape (num_points, 2). None where the
+        surfaces are those of other ranks' bodies.
 
     Raises:
         ValueError: the surfaces do not fit each other (`nonmatching_points`).
     """
     mesh = bodies.mesh
     dim = mesh.geometry.dim
+    if not len(bodies.facet_tags.find(tie.candidates)):
+        return no_points(dim), np.zeros((0, 2), int)
     cells_of_facet, local = (a[:, 0] for a in facet_cells(mesh))
     x = V.tabulate_dof_coordinates()[:, :dim]
     layout, dofmap = V.dofmap.dof_layout, V.dofmap.list

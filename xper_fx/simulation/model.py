@@ -184,7 +184,12 @@ class Model:
 
         self.ranks = team
         with self.stopwatch.phase("partition"):
-            self.part = divide(scene.bodies, team)
+            groups = None
+            if scene.ties:
+                from xper_fx.scene.tie import tied_groups
+
+                groups = tied_groups(scene.ties, scene.bodies)
+            self.part = divide(scene.bodies, team, groups)
         self.bodies = self.part.bodies
 
     # Bulk
@@ -205,7 +210,7 @@ class Model:
             from xper_fx.scene.tie import tie_points
 
             self._ties = [
-                tie_points(tie, forms.V, scene.bodies, forms.finite_strain) for tie in scene.ties
+                tie_points(tie, forms.V, self.bodies, forms.finite_strain) for tie in scene.ties
             ]
         joined = () if inertia else self._joined_bodies()
         if scene.macroscopic is None:

@@ -65,11 +65,14 @@ class ScenePoints:
         self._num_nodes = self._ground = bulk.num_dofs // bulk.dim
         self._points, self._law_of_point = [], [np.zeros(0, int)]
         self._tied: list[np.ndarray] = []
+        self._tie_numbers: list[np.ndarray] = []
         if scene.bodies is not None:
             self._take_facets()
             for tie, (points, pairs) in zip(scene.ties, ties, strict=True):
                 self._take(points, tie.law)
                 self._tied.append(pairs)
+            if part is not None and ties:
+                self._share_ties()
             self._take_walls()
 
     @property
@@ -156,6 +159,16 @@ class ScenePoints:
         self._ground += sum(shared.num_ghosts.values())
         self._points.append(shared.points)
         self._law_of_point.append(shared.law_of_point)
+
+    def _share_ties(self) -> None:
+        """Tell all ranks of the points of each tie, all of which are on one rank."""
+        tied = self._bulk.ranks.comm.allgather([self._part.body_numbers[p] for p in self._tied])
+        first = self._shared.num_points_of_all
+        for number, pairs in enumerate(zip(*tied, strict=True)):
+            own = len(self._tied[number])
+            self._tie_numbers.append(first + np.arange(own))
+            self._tied[number] = np.concatenate(pairs)
+            first += len(self._tied[number])
 
     def _take_walls(self) -> None:
         k = self._points[0].nodes.shape[2] if self._points else 1
@@ -244,12 +257,15 @@ class ScenePoints:
         from xper_fx.parallel.halo import Halo
 
         shared, ranks, walls = self._shared, self._bulk.ranks, self._num_wall_points
-        first = shared.num_points_of_all + ranks.before(walls)
+        num_tied = sum(map(len, self._tied))
+        first = shared.num_points_of_all + num_tied + ranks.before(walls)
+        numbers = [shared.numbers, *self._tie_numbers, first + np.arange(walls)]
+        here = len(np.concatenate(numbers[1:]))
         halo = Halo(
             ranks, blocks, {rank: slot[asked] for rank, asked in shared.asked.items()},
             shared.phase_of_rank, shared.num_phases,
-            np.concatenate([shared.numbers, first + np.arange(walls)]),
-            np.concatenate([shared.phase, np.zeros(walls, int)]),
+            np.concatenate(numbers),
+            np.concatenate([shared.phase, np.zeros(here, int)]),
         )  # fmt: skip
         slot[self._num_nodes : -1] = np.concatenate(
             [np.zeros(0, int), *(halo.wanted[rank] for rank in shared.num_ghosts)]

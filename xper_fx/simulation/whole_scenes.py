@@ -28,7 +28,7 @@ def stays_whole(scene: Scene, options: Options, team: Ranks) -> bool:
             ("rigid bodies", scene.rigid_bodies is not None),
             ("a lattice of rigid bodies", scene.lattice is not None),
             ("contacts that are searched", len(scene.contacts) > 0),
-            ("ties", len(scene.ties) > 0),
+            ("ties", scene.ties and _cannot_tie(scene, team.size)),
             ("joints", len(scene.joints) > 0),
             ("no inertia", not options.inertia),
             ("a solver for one rank", options.solver not in _ON_RANKS),
@@ -46,3 +46,12 @@ def stays_whole(scene: Scene, options: Options, team: Ranks) -> bool:
             "each of %d ranks simulates the whole scene, as it has %s", team.size, " and ".join(why)
         )
     return bool(why)
+
+
+def _cannot_tie(scene: Scene, num_ranks: int) -> bool:
+    """Whether the mesh is spread, or bodies that ties keep on one rank leave a rank without any."""
+    if scene.bodies.spread is not None:
+        return True
+    from xper_fx.scene.tie import tied_groups
+
+    return int(tied_groups(scene.ties, scene.bodies).max()) + 1 < num_ranks
