@@ -268,7 +268,7 @@ def splitting_blocks():
     law = SignoriniCoulomb(0.3)
     scene = Scene(
         bodies,
-        {1: ELASTIC, 2: ELASTIC},
+        {1: SVK, 2: SVK},
         interactions={(1, 2): None},
         default_interaction=RigidCohesiveZone(1e-2, 1e-6, friction=0.3),
         surfaces={"a": (1,), "b": (2,)},
@@ -278,7 +278,7 @@ def splitting_blocks():
             for tag, v in ((1, 0.2), (2, -0.2))
         },
     )  # fmt: skip
-    return Simulation(scene, scheme="explicit", forgiving=True, **ONE)
+    return Simulation(scene, scheme="explicit", **ONE)
 
 
 def resting_block():

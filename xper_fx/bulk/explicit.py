@@ -31,7 +31,15 @@ import numpy as np
 
 from xper_fx.bulk.body_inverse import LumpedInverse
 from xper_fx.bulk.bulk import Bulk
-from xper_fx.bulk.state import State, StepOutcome, at_nodes, interact, reactions_on
+from xper_fx.bulk.state import (
+    State,
+    StepOutcome,
+    at_nodes,
+    interact,
+    on_nodes,
+    put_on_nodes,
+    reactions_on,
+)
 from xper_fx.cache import njit
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.kernel_options import LEAN_ENTRY
@@ -123,7 +131,7 @@ class ExplicitScheme(KeepsNothing):
         if interactions is not None:
             with watch.phase("interaction terms"):
                 if interactions.turns:
-                    from xper_fx.bulk.turning import couples_on, turn
+                    from xper_fx.bulk.turning import turn
 
                     turn(interactions, bulk, inverse.nodes, state, v0, step, self.theta)
                 interactions.begin_step(step, self.theta)
@@ -133,9 +141,16 @@ class ExplicitScheme(KeepsNothing):
                 )
             if interactions.turns:
                 with watch.phase("turning frames"):
-                    impulses += couples_on(interactions, inverse.nodes, len(impulses), True)
-                    velocity = free + inverse.apply(impulses)
-                    interactions.move_bulk(slots, at_nodes(velocity, inverse.nodes, bulk.dim))
+                    couples = interactions.couples(True)
+                    if interactions.fused is not None:
+                        interactions.fused.push_couples(couples, slots.reshape(couples.shape))
+                    impulses += on_nodes(couples, inverse.nodes, len(impulses))
+                    if interactions.fused is None:
+                        velocity = free + inverse.apply(impulses)
+                        interactions.move_bulk(slots, at_nodes(velocity, inverse.nodes, bulk.dim))
+                    else:
+                        velocity = free.copy()
+                        put_on_nodes(slots.reshape(couples.shape), inverse.nodes, velocity)
             sweeps, error, traction, converged = report[1], report[2], report[3], report[0]
         reactions = reactions_on(
             bulk.layout,

@@ -106,6 +106,8 @@ class Interactions(SteppedPoints):
             vertices: their numbers.
         """
         for group in self.fused.wake(vertices):
+            if group.turning is not None:
+                self.turn_group(group)
             self.prepare_group(group)
         self._join_groups()
 

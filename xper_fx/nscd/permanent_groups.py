@@ -126,6 +126,8 @@ class PermanentGroups:
     def points(self) -> InteractionPoints:
         """All points in the scene's order, those taken out included."""
         if self._points is not None:
+            for g in self.groups if self.fused is not None and self.turn else ():
+                self._points.frame[g.indices, : g.points.frame.shape[1]] = g.points.frame
             return self._points
         where = np.empty(self._count, np.int32)
         where[np.concatenate([g.indices for g in self.groups])] = np.arange(self._count)

@@ -139,28 +139,37 @@ class SteppedPoints(PointValues):
         Raises:
             FacetFlippedError: a facet has no normal any more, or the opposite one.
         """
-        from xper_fx.nscd.turning_frames import turn_loop
-
         self._motion = motion
-        inverse, shift = _shares_of_spin(step, theta)
+        self.step_size, self.theta = step, theta
         flipped = 0
+        if self.fused is not None:
+            self.fused.turn(motion, step * theta)
         for g in self._permanent.groups:
             if g.turning is None:
                 continue
-            first = in_ranges(
-                turn_loop(g.sides), len(g), g.couplings, g.points.gap, g.points.area,
-                g.points.frame, g.turning, motion, step * theta, inverse, shift,
-                g.kernels.no_jump, g.state, _damage(g.kernels), g.jump, g.velocity,
-            )  # fmt: skip
-            wrong = [i for i in first if i >= 0]
-            if wrong:
-                flipped = 1 + int(self._numbers()[g.indices[wrong[0]]])
+            wrong = self.turn_group(g)
+            if wrong >= 0:
+                flipped = 1 + int(self._numbers()[g.indices[wrong]])
+            elif self.fused is not None:  # its vertices know compliances
+                continue
             elif self._permanent.uneven is None:
                 update_compliance(g, self.inverse)
             else:
                 update_diagonal(g, self._permanent.uneven[id(g)])
         if flipped := int(self.largest(flipped)):
             raise FacetFlippedError(flipped - 1)
+
+    def turn_group(self, g: PointGroup) -> int:
+        """As `turn`, of one group; returns the place of a point whose facet flips, or -1."""
+        from xper_fx.nscd.turning_frames import turn_loop
+
+        inverse, shift = _shares_of_spin(self.step_size, self.theta)
+        first = in_ranges(
+            turn_loop(g.sides), len(g), g.couplings, g.points.gap, g.points.area,
+            g.points.frame, g.turning, self._motion, self.step_size * self.theta, inverse, shift,
+            g.kernels.no_jump, g.state, _damage(g.kernels), g.jump, g.velocity,
+        )  # fmt: skip
+        return next((i for i in first if i >= 0), -1)
 
     def num_strayed(self) -> int:
         """Points that press, on all ranks, whose lips have turned away from the frame they keep."""

@@ -152,8 +152,7 @@ class Model:
     def _bonds_split(self) -> bool:
         """Whether initially rigid bonds are at vertices that split, contacts beside them or not."""
         laws, _ = self.scene.law_of_facet()
-        rigid = any(getattr(law.kernels(self.scene.dim), "rigid", None) for law in laws)
-        return rigid and not self.bulk.forms.finite_strain
+        return any(getattr(law.kernels(self.scene.dim), "rigid", None) for law in laws)
 
     def nodes_of(self, facets: int) -> np.ndarray:
         """Nodes of this rank's facets with a tag."""
@@ -360,7 +359,7 @@ class Model:
             points, laws, self.points.law_of_point, inverse.blocks, velocity,
             ordering="vertices" if self.by_vertex else "tiles",
             rigid_blocks=None if self.rigid is None else self.rigid.blocks, halo=halo,
-            splits=self.by_vertex and self.part is None and points.lips is None,
+            splits=self.by_vertex and self.part is None,
         )  # fmt: skip
 
     def _healing(self) -> Healing | None:

@@ -9,6 +9,7 @@ vertex_kernels      clusters of cells at a vertex, and their motion
 bonds_of_laws       its bonds, law by law
 whole_vertices      vertices that are whole
 split_vertices      vertices that are not
+turning_vertices    what they do at finite strain
 touching_clusters   contacts that a search has found between cells of such vertices
 splitting_vertices  the solver
 """

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,6 +15,9 @@ from xper_fx.nscd.point_group import PointGroup
 from xper_fx.nscd.points import InteractionPoints
 from xper_fx.nscd.splitting.growing import GrowingGroup
 from xper_fx.nscd.splitting.vertex_graphs import vertex_graphs
+
+if TYPE_CHECKING:
+    from xper_fx.nscd.turning_frames import LipMotion
 
 # Difference of velocities, relative to the largest, that is rounding.
 _ROUNDING = 1e-12
@@ -45,8 +49,8 @@ class FusedPoints:
             whole and not driven, whose bonds' impulses nobody asks for.
         failed: shape (num_vertices,), room for vertices that do not hold.
         clusters: shape (num_corners,), first corner of the cluster of each corner of vertices that
-            are not whole, counted in the vertex; made where contacts ask for it.
-        vertex_of_slot: shape (num_slots,), -1 where there is none; made where contacts ask for it.
+            are not whole, counted in the vertex; made where contacts or couples ask for it.
+        vertex_of_slot: shape (num_slots,), -1 where there is none; made as `clusters`.
     """
 
     def __init__(
@@ -59,7 +63,7 @@ class FusedPoints:
         still: list[PointGroup],
         make: Callable[[object, np.ndarray], PointGroup],
     ):
-        self._make, self._num_still = make, len(still)
+        self._make, self._num_still, self._lips = make, len(still), points.lips
         kernels = [law.kernels(inverse.dim) for law in laws]
         rigid = list(dict.fromkeys(k for k in kernels if k.rigid is not None))
         group_of_law = np.array([rigid.index(k) if k in rigid else -1 for k in kernels])
@@ -176,6 +180,37 @@ class FusedPoints:
         self.group_of[retired] = -1
         self.graphs.least[retired] = 0.0
         self._find_rows(self.groups)
+
+    def turn(self, motion: LipMotion, reach: float) -> None:
+        """Turn the normals of all bonds with their lips.
+
+        Args:
+            motion: of the slots.
+            reach: time from the start of a step to where it looks (s).
+        """
+        from xper_fx.nscd.splitting.turning_vertices import turn_normals
+
+        turn_normals(self.graphs.normal.shape[1])(
+            self.graphs.normal, self.graphs.point, self._lips.nodes, self._lips.gradient,
+            self._lips.tangent, motion, reach,
+        )  # fmt: skip
+
+    def push_couples(self, couples: np.ndarray, velocity: np.ndarray) -> None:
+        """Let couples of lips act on clusters, whose cells move as one.
+
+        Args:
+            couples: shape (num_slots, dim), impulses (N s); what bonds hand on to driven corners
+                is added to theirs, and taken from the others.
+            velocity: shape (num_slots, dim), which changes (m/s).
+        """
+        from xper_fx.nscd.splitting.turning_vertices import push_clusters
+
+        slots = np.flatnonzero(couples.any(axis=1))
+        vertex = self.vertex_of_slot[slots]
+        alone = slots[vertex < 0]
+        velocity[alone] += self.graphs.compliance[alone] * couples[alone]
+        vertices = np.unique(vertex[vertex >= 0])
+        push_clusters(vertices, self.whole, self.clusters, self.graphs, couples, velocity)
 
     def turn_of_points(self) -> np.ndarray:
         """Place in `split` of each point's vertex, or -1, shape (num_points,)."""

@@ -52,8 +52,11 @@ class GrowingGroup:
         shown = {name: room[: self._size] for name, room in self._room.items()}
         group = self.group
         points, couplings = _named(shown, "points."), _named(shown, "couplings.")
+        turning = group.turning
+        if turning is not None:
+            turning = turning._replace(**_named(shown, "turning."))
         self.group = replace(
-            group, points=replace(group.points, **points),
+            group, points=replace(group.points, lips=None, **points), turning=turning,
             couplings=group.couplings._replace(**couplings), **_named(shown, "group."),
         )  # fmt: skip
 
@@ -71,5 +74,6 @@ def _arrays(group: PointGroup) -> dict[str, np.ndarray]:
         f"couplings.{name}": array for name, array in group.couplings._asdict().items()
         if name != "w"
     }  # fmt: skip
-    every = own | shared
+    turns = {} if group.turning is None else group.turning._asdict()
+    every = own | shared | {f"turning.{name}": array for name, array in turns.items()}
     return {name: array for name, array in every.items() if isinstance(array, np.ndarray)}

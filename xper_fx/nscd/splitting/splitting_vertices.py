@@ -92,6 +92,6 @@ class SplittingVertices(Solver):
         sweeps, error, missed = split_kernel(laws, dim)(
             velocity, fused.impulses, step, ground, graphs, self._work, split, fused.rows,
             fused.group_of, tuple(g.parameters for g in fused.groups), arrays, options.tolerance,
-            fused.clusters if interactions.contacts else _NOT_ASKED,
+            fused.clusters if interactions.contacts or interactions.turns else _NOT_ASKED,
         )  # fmt: skip
         return SolveReport(missed == 0, sweeps, error, 0.0)
