@@ -192,6 +192,13 @@ GALLERY = (
         "seconds",
     ),
     Figures(
+        "benchmarks/snap_back.py",
+        "--figure {out}/snap_back.png",
+        {"snap_back": "snap_back.png"},
+        ("A notched bar that snaps back, beside an arc-length solution written apart",),
+        "minutes",
+    ),
+    Figures(
         "benchmarks/million_points.py",
         "--results {out}/million_points.json --figure {out}/million_points.png",
         {"million_points": "million_points.png"},

@@ -186,6 +186,39 @@ def test_a_path_turns_where_another_bond_leads():
     assert step.energies["dissipated_cohesion"] == pytest.approx(both, rel=1e-6)
 
 
+def bonds_in_a_row():
+    """Three parts and two bonds, the first of which is a little weaker."""
+    length = 1.0
+    bodies = box_bodies(
+        (length, HEIGHT), (3, 1), "quadrilateral",
+        label=lambda x: (x[0] > length / 3.0).astype(int) + (x[0] > 2.0 * length / 3.0),
+        interior={8: lambda x: abs(x[0] - 2.0 * length / 3.0) < 1e-9},
+    )  # fmt: skip
+    held = [(LEFT, 0), (BOTTOM, 1), (TOP, 1)]
+    loads = [xf.PrescribedDisplacement(side, axis, 0.0) for side, axis in held]
+    loads.append(xf.PrescribedDisplacement(RIGHT, 0, lambda t: 1e-6 * t))
+    return xf.Scene(
+        bodies, {1: xf.materials.LinearElastic(E, 0.0, 2400.0)}, loads=loads,
+        default_interaction=CohesiveZone(1e14, 100.0, 2.9e6), facet_interactions={8: BOND},
+    )  # fmt: skip
+
+
+def test_a_path_goes_to_its_end_where_a_part_comes_loose():
+    """The weaker bond breaks, and no load opens the other."""
+    simulation = follow(bonds_in_a_row())
+    *_, last = simulation.steps(1e3)
+    assert last.time == 1e3
+    assert last.energies["dissipated_cohesion"] == pytest.approx(100.0 * HEIGHT, rel=1e-9)
+    assert abs(simulation.reaction(RIGHT)[0]) < 1e-6 * BOND.strength
+
+
+def test_a_load_that_dissipates_nothing_the_other_way():
+    """Pressed, the parts dissipate nothing however far: the energy has one end alone."""
+    simulation = follow(bonds_in_a_row(), xf.DissipationControl(2.0))
+    step = next(simulation.steps(1e3))
+    assert step.energies["dissipated_cohesion"] == pytest.approx(2.0, rel=1e-9)
+
+
 def test_a_force_that_falls():
     """Under a force the load has its peak at the strength, and goes to nothing."""
     loads = [xf.SurfaceTraction(RIGHT, (lambda t: 1e5 * t, 0.0))]

@@ -106,20 +106,25 @@ class DissipationLimit(GrowthLimit):
     def _ends(self, a: np.ndarray, b: np.ndarray) -> tuple[float, float]:
         at_rest = roots(a[self._grows], b[self._grows], self._opening_after(0.0))
         low, high = float(at_rest[0].max()), float(at_rest[1].min())
-        if not np.isfinite(high - low):
+        known = [s for s in (low, high) if np.isfinite(s)]
+        if not known:
             return low, high
         cost, most = self._cost(a, b), self._most
-        if low > high or max(cost(low), cost(high)) >= most:
-            between = min(low, high), max(low, high)
+        if low > high or max(map(cost, known)) >= most:
+            between = min(known), max(known)
             low = high = float(minimize_scalar(cost, bounds=between, method="bounded").x)
             if cost(low) >= most:
                 return low, high
         opened = roots(a[self._grows], b[self._grows], self._opening_after(1.0))
-        reach = float((opened[1] - opened[0]).min())
-        return self._end(cost, low, -reach), self._end(cost, high, reach)
+        with np.errstate(invalid="ignore"):  # of bonds that never reach their limits
+            below = np.fmin.reduce(at_rest[0] - opened[0])
+            above = np.fmin.reduce(opened[1] - at_rest[1])
+        return self._end(cost, low, -below), self._end(cost, high, above)
 
     def _end(self, cost: Callable[[float], float], start: float, reach: float) -> float:
         """Where bonds dissipate what they may, beyond a start by a reach or by more."""
+        if not np.isfinite(start):
+            return start
         for _ in range(_DOUBLINGS):
             if cost(start + reach) >= self._most:
                 between = start, start + reach

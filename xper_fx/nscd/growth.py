@@ -38,6 +38,10 @@ class GrowthLimit:
         interactions: points at the start of the step, some of them with a law that has a `growth`.
         growth: g, relative to the length of a bond's curve.
         relative: bound on g L beside x_r.
+
+    Attributes:
+        idle: whether the first iteration found that bonds may go on as far as they like: those that
+            opened in the last step are broken, and the others open no further.
     """
 
     def __init__(self, interactions: Interactions, growth: float, relative: float):
@@ -56,6 +60,7 @@ class GrowthLimit:
         self._forward = np.where(grew[:, None], forward, 0.0) if np.any(grew) else forward
         self._grows = np.flatnonzero(whole)
         self._grown = [np.zeros(len(grew), bool)] * 2
+        self.idle: bool | None = None
 
     def follow(self, leading: np.ndarray) -> None:
         """Go on where some bonds open, whatever opened in the last step.
@@ -108,6 +113,8 @@ class GrowthLimit:
             used = self._used(a + middle * b) if np.isfinite(middle) else np.inf
             return middle if used < _ASTRAY else None
         ends = [s for s in (low, high) if np.isfinite(s)]
+        if self.idle is None:
+            self.idle = not np.isfinite(high if goes_on >= 0.0 else low)
         if not ends:
             return None
         if not self.begins:
@@ -127,6 +134,14 @@ class GrowthLimit:
         if self.begins:
             return change < 0.0
         return float(np.vdot(self._forward, self._all(moved))) < 0.0
+
+    def opens(self, moved: Sequence[np.ndarray]) -> bool:
+        """Whether a step weakens some bond.
+
+        Args:
+            moved: change of the jumps of each group in the step, shape (n, components), m.
+        """
+        return self._used(self._start + self._all(moved)) > 0.0
 
     def left(self, now: Sequence[np.ndarray]) -> float:
         """By how much a step does more than it was asked to, relative."""

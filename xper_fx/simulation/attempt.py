@@ -163,7 +163,7 @@ class StepAttempts:
     def along_path(
         self, state: State, size: float, path: PathFollower, end_time: float
     ) -> tuple[StepOutcome, float]:
-        """A static step whose load is found; without bonds that are left one to the end.
+        """A static step whose load is found; one to the end where no load opens bonds further.
 
         A step beyond the end is made shorter, some times; the end is not a load to be jumped to.
 
@@ -178,17 +178,20 @@ class StepAttempts:
         """
         model, options = self._model, self._model.options.solve
         self._find_contacts(state, size, None)
-        to_end = end_time - state.time
-        if path.limit(model.interactions).exhausted:
-            outcome = model.scheme.attempt(
-                state, to_end, model.interactions, self.solver, options
-            )  # fmt: skip
-            return outcome, to_end
+        to_end, points = end_time - state.time, model.interactions
+        if path.limit(points).exhausted:
+            return model.scheme.attempt(state, to_end, points, self.solver, options), to_end
         for _ in range(_APPROACHES):
+            limit = path.limit(points)
             outcome = model.scheme.attempt(
-                state, size, model.interactions, self.solver, options,
-                path.limit(model.interactions), path.guess(state),
+                state, size, points, self.solver, options, limit, path.guess(state)
             )  # fmt: skip
+            if not outcome.converged and limit.idle:
+                whole = model.scheme.attempt(state, to_end, points, self.solver, options)
+                velocity = whole.slots.reshape(-1, points.dim)
+                moved = [to_end * g.points.relative(velocity) for g in points.groups]
+                if whole.converged and not limit.opens(moved):
+                    return whole, to_end
             change = outcome.state.time - state.time
             if not outcome.converged or change <= (1.0 + _BEYOND) * to_end:
                 break

@@ -79,8 +79,8 @@ class DissipationControl:
 
     Args:
         energy: of a step (J; 2D: J per metre of depth); about that of a facet, w times its area, or
-            less. Where less than twice the energy is left in all bonds, a step dissipates half of
-            what is left.
+            less: with a large first step several cracks may start that a small one tells apart.
+            Where less than twice the energy is left in all bonds, a step dissipates half of that.
         iterations: of Newton's method above which the next step dissipates less.
 
     Raises:
