@@ -101,7 +101,7 @@ def test_nothing_is_too_long(here):
 
 
 def test_few_functions_have_many_parameters(here):
-    """Half of them are steps of laws; elsewhere what belongs together is handed over as a record."""
+    """Half are steps of laws; elsewhere what belongs together is handed over as a record."""
     assert here.many_parameters <= 52
 
 

@@ -168,5 +168,5 @@ def measure(W, q, mu, dim: int, r, mean_diagonal: float) -> tuple[np.ndarray, Er
     shape = (-1, dim)
     errors = _measure_kernel(dim)(
         W.indptr, W.indices, W.data, q.reshape(shape), mu, r, mean_diagonal, u.reshape(shape)
-    )  # fmt: skip
+    )
     return u, Errors(*errors)

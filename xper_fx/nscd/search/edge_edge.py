@@ -105,9 +105,12 @@ def crossings(
     """
     room = len(pairs)
     out = Crossings(
-        np.empty(room, np.int32), np.empty((room, 2)), np.empty((room, 3)), np.empty(room),
+        np.empty(room, np.int32),
+        np.empty((room, 2)),
+        np.empty((room, 3)),
         np.empty(room),
-    )  # fmt: skip
+        np.empty(room),
+    )
     found = _edge_edge(pairs, edges, others, faces, reach, out, np.empty((2, 3)), np.empty(3))
     return Crossings(*(array[:found] for array in out))
 

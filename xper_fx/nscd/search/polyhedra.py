@@ -383,9 +383,14 @@ class _Room(NamedTuple):
 
 
 def polyhedron_polyhedron(
-    found: Found, pairs: np.ndarray, position: np.ndarray, corners: Corners, tables: ShapeTables,
-    bounding_radius: np.ndarray, reach: float,
-) -> int:  # fmt: skip
+    found: Found,
+    pairs: np.ndarray,
+    position: np.ndarray,
+    corners: Corners,
+    tables: ShapeTables,
+    bounding_radius: np.ndarray,
+    reach: float,
+) -> int:
     """Contacts of convex polyhedra, four at most of a pair.
 
     Args:
@@ -587,7 +592,7 @@ def polyhedron_wall(
 @njit(**LEAN_ENTRY)
 def _polyhedra_walls(
     found, pairs, position, corners, tables, bounding_radius, wall_normal, reach, overlap
-):  # fmt: skip
+):
     count = 0
     for pair in range(len(pairs)):
         a = pairs[pair, 0]
