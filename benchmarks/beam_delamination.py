@@ -64,7 +64,7 @@ from xper_fx.bodies.meshes import tag_facets
 from xper_fx.forms.loads import PrescribedDisplacement, SurfaceTraction
 from xper_fx.materials import LinearElastic
 from xper_fx.nscd.laws import CohesiveZone, SignoriniCoulomb
-from xper_fx.output.recorder import point_coordinates
+from xper_fx.output.field_series import point_coordinates
 from xper_fx.plotting.figures import COLOURS, new_figure
 from xper_fx.scene.scene import Scene
 from xper_fx.simulation.path import GrowthControl

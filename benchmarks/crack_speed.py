@@ -73,7 +73,7 @@ from xper_fx.materials import LinearElastic
 from xper_fx.materials.library import ZIRCALOY_4
 from xper_fx.nscd.laws import CohesiveZone
 from xper_fx.nscd.laws.law import COHESION
-from xper_fx.output.recorder import point_coordinates
+from xper_fx.output.field_series import point_coordinates
 from xper_fx.plotting.figures import COLOURS, new_figure
 from xper_fx.scene.scene import Scene
 from xper_fx.simulation.simulation import Simulation

@@ -32,7 +32,7 @@ from dolfinx.mesh import CellType, create_rectangle
 from mpi4py import MPI
 
 import xper_fx as xf
-from xper_fx.output.recorder import point_coordinates
+from xper_fx.output.field_series import point_coordinates
 from xper_fx.plotting.figures import COLOURS, new_figure
 from xper_fx.support.compat import geometry_dofmap
 

@@ -39,8 +39,8 @@ from xper_fx.forms.loads import PrescribedVelocity
 from xper_fx.materials import LinearElastic
 from xper_fx.nscd.laws import CohesiveZone, SignoriniCoulomb
 from xper_fx.nscd.laws.law import COHESION
+from xper_fx.output.field_series import point_coordinates
 from xper_fx.output.output_folder import prepare_folder
-from xper_fx.output.recorder import point_coordinates
 from xper_fx.plotting.figures import new_figure
 from xper_fx.scene.scene import Scene
 from xper_fx.simulation.cohesive_scales import cohesive_table

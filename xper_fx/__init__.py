@@ -69,9 +69,9 @@ if TYPE_CHECKING:
     from xper_fx.output.history import read_history as read_history
     from xper_fx.output.output_folder import prepare_folder as prepare_folder
     from xper_fx.output.recorder import Recorder as Recorder
-    from xper_fx.output.recorder import add_to_summary as add_to_summary
     from xper_fx.output.run import add_run_options as add_run_options
     from xper_fx.output.run import recorded_steps as recorded_steps
+    from xper_fx.output.run_summary import add_to_summary as add_to_summary
     from xper_fx.parallel.launch import run_together as run_together
     from xper_fx.periodic import MacroscopicDrive as MacroscopicDrive
     from xper_fx.periodic import microstructure as microstructure
@@ -131,7 +131,7 @@ _MODULE_OF = {
     "Wall": "scene",
     "Weld": "scene",
     "add_run_options": "output.run",
-    "add_to_summary": "output.recorder",
+    "add_to_summary": "output.run_summary",
     "cohesive_table": "simulation.cohesive_scales",
     "crossed_rectangle": "bodies.meshes",
     "effects_table": "output.effects",

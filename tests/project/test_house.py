@@ -18,7 +18,10 @@ PACKAGE = Path(__file__).resolve().parents[2] / "xper_fx"
 
 
 class Counts(NamedTuple):
-    """Of a package; kernels, and functions that make kernels, are left out."""
+    """Of a package; kernels, and functions that make kernels, may be long.
+
+    `many_parameters` counts the functions of more than eight, kernels among them.
+    """
 
     entries: int
     files: int
@@ -52,26 +55,27 @@ def counts(package: Path) -> Counts:
     entries = [p for p in package.iterdir() if p.name not in ("py.typed", "__pycache__")]
     files = sorted(package.rglob("*.py"))
     names = Counter(p.stem for p in files if not p.stem.startswith("__"))
-    classes, functions = [], []
+    classes, functions, many = [], [], 0
     for file in files:
         compiled = set()
         for node in ast.walk(ast.parse(file.read_text())):
             where = f"{file.relative_to(package)}:{getattr(node, 'name', '')}"
+            many += isinstance(node, ast.FunctionDef) and parameters(node) > 8
             if isinstance(node, ast.ClassDef):
                 classes.append((length(node), where))
             elif isinstance(node, ast.FunctionDef) and node not in compiled:
                 if is_compiled(node):
                     compiled |= {n for n in ast.walk(node) if isinstance(n, ast.FunctionDef)}
                 else:
-                    functions.append((length(node), where, parameters(node)))
+                    functions.append((length(node), where))
     return Counts(
         len(entries),
         len(files),
         sum(len(p.read_text().splitlines()) for p in files),
         tuple(sorted(name for name, n in names.items() if n > 1)),
         max(classes),
-        max(functions)[:2],
-        sum(n > 8 for *_, n in functions),
+        max(functions),
+        many,
     )
 
 
@@ -92,8 +96,13 @@ def test_a_file_name_occurs_once(here):
 
 
 def test_nothing_is_too_long(here):
-    assert here.longest_class[0] <= 400, here.longest_class
-    assert here.longest_function[0] <= 160, here.longest_function
+    assert here.longest_class[0] <= 370, here.longest_class
+    assert here.longest_function[0] <= 145, here.longest_function
+
+
+def test_few_functions_have_many_parameters(here):
+    """Half are steps of laws; elsewhere what belongs together is handed over as a record."""
+    assert here.many_parameters <= 52
 
 
 def test_no_module_is_found_through_the_interpreter():

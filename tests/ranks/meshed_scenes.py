@@ -16,8 +16,8 @@ from xper_fx.materials import J2SmallStrain, LinearElastic, NeoHookean
 from xper_fx.materials.hardening import Linear
 from xper_fx.nscd.laws import CohesiveZone, MixedMode, SignoriniCoulomb
 from xper_fx.nscd.laws.fields import Weibull
+from xper_fx.output.field_series import point_coordinates
 from xper_fx.output.fragments import Fragments, measure_fragments
-from xper_fx.output.recorder import point_coordinates
 from xper_fx.parallel.launch import run_together
 from xper_fx.scene import Scene, Tie, Wall
 from xper_fx.simulation.simulation import Simulation

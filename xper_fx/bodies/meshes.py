@@ -454,7 +454,7 @@ def _check_cells(mesh: Mesh) -> None:
     good = np.ones(len(x), dtype=bool)
     first_sign = None
     for v, others, sign in corners:
-        determinant = sign * _determinant(x[:, others] - x[:, [v]])
+        determinant = sign * determinants(x[:, others] - x[:, [v]])
         if first_sign is None:  # cells may be left- or right-handed, but at all corners alike
             first_sign = np.where(determinant < 0, -1.0, 1.0)
         good &= first_sign * determinant > _DEGENERATE * size**dim  # false for NaN
@@ -468,11 +468,14 @@ def _check_cells(mesh: Mesh) -> None:
         )
 
 
-def _determinant(columns: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """Return the determinants of matrices, shape (n, dim, dim), dim 2 or 3."""
-    if columns.shape[1] == 2:
-        return columns[:, 0, 0] * columns[:, 1, 1] - columns[:, 0, 1] * columns[:, 1, 0]
-    return np.einsum("ij,ij->i", columns[:, 0], np.cross(columns[:, 1], columns[:, 2]))
+def determinants(matrices: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """Determinants, shape (n,), of matrices, shape (n, dim, dim), dim 2 or 3.
+
+    `numpy.linalg.det` is an exp of a sum of logs, and rounds more the smaller the unit is.
+    """
+    if matrices.shape[1] == 2:
+        return matrices[:, 0, 0] * matrices[:, 1, 1] - matrices[:, 0, 1] * matrices[:, 1, 0]
+    return np.einsum("ij,ij->i", matrices[:, 0], np.cross(matrices[:, 1], matrices[:, 2]))
 
 
 def midpoints_of(

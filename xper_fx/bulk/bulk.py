@@ -350,9 +350,13 @@ class Bulk:
         scale = sp.diags_array(1.0 / np.sqrt(self.weights[: stiffness.shape[0]]))
         scaled = (scale @ stiffness @ scale).tocsr()
         top = sp.linalg.eigsh(
-            scaled, k=1, which="LA", return_eigenvectors=False, tol=1e-3,
+            scaled,
+            k=1,
+            which="LA",
+            return_eigenvectors=False,
+            tol=1e-3,
             v0=self._start_vector(stiffness.shape[0]),
-        )  # fmt: skip
+        )
         return 2.0 / float(np.sqrt(self.ranks.max(top[0])))
 
     def _largest_of_bodies(self, stiffness: sp.bsr_array) -> float:

@@ -249,9 +249,10 @@ class CoupledStep:
         """Largest nodal impulse (N s)."""
         largest = self._step * np.abs(self.internal).max(initial=0.0)
         return max(
-            float(largest), float(np.abs(self.impulses).max(initial=0.0)),
+            float(largest),
+            float(np.abs(self.impulses).max(initial=0.0)),
             float(np.abs(self._equations.start).max(initial=0.0)),
-        )  # fmt: skip
+        )
 
     def rounding(self) -> float:
         """What rounding of displacements leaves in the bulk and at the stiffest spring (N s)."""

@@ -362,8 +362,9 @@ class ImplicitScheme:
         out, unknowns = {}, self.bulk.unknowns
         for place, (step, origin) in enumerate(self._made_at.items()):
             out[str(place)] = unknowns.by_cell(origin.displacement) | {
-                "step": step, "form_step": origin.form_step,
-            }  # fmt: skip
+                "step": step,
+                "form_step": origin.form_step,
+            }
             if origin.history is not None:
                 cells = self.bulk.forms.bodies.parent_cell
                 out[str(place)]["history"] = Rows(cells, origin.history)

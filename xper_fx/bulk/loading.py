@@ -51,7 +51,12 @@ class Loading:
     def _at(self, time: float) -> tuple[np.ndarray | float, np.ndarray]:
         wanted, state = self._state.velocity.copy(), self._state
         self._bulk.prescribe(
-            wanted, time, self._step, self._theta, state.displacement, state.velocity,
+            wanted,
+            time,
+            self._step,
+            self._theta,
+            state.displacement,
+            state.velocity,
             time - state.time,
-        )  # fmt: skip
+        )
         return self._bulk.external(time), wanted

@@ -82,9 +82,13 @@ class SemismoothNewton:
             reference, floor = step.size(), step.rounding()
             self.left = self._most / reference if reference > 0.0 else 0.0
             logger.debug(
-                "iteration %d: length %g, %.2e left, growth %.1e, %d points held", count, best[1],
-                self.left, step.growth_left(), step.num_held(),
-            )  # fmt: skip
+                "iteration %d: length %g, %.2e left, growth %.1e, %d points held",
+                count,
+                best[1],
+                self.left,
+                step.growth_left(),
+                step.num_held(),
+            )
             allowed = tolerance * (1.0 if count <= _PATIENCE else _ROUND)
             small = self._most <= max(allowed * reference, floor) or reference <= step.noise()
             if small and best[1] == 1.0 and abs(step.growth_left()) <= _GROWN:

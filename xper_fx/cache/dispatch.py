@@ -26,9 +26,12 @@ from xper_fx.cache.folder import kernel_folder
 logger = logging.getLogger("xper_fx.cache")
 
 _VERSIONS = (
-    sys.implementation.name, sys.version_info[:3], numba.__version__, llvmlite.__version__,
+    sys.implementation.name,
+    sys.version_info[:3],
+    numba.__version__,
+    llvmlite.__version__,
     np.__version__,
-)  # fmt: skip
+)
 # Settings of Numba that change no code.
 _NO_CODE = frozenset(
     {"CACHE_DIR", "NUMBA_NUM_THREADS", "NUMBA_DEFAULT_NUM_THREADS", "IS_32BITS", "SHOW_HELP",

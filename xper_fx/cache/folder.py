@@ -241,7 +241,9 @@ def kernel_folder() -> CacheFolder | None:
         if any(os.environ.get(name, "0") != "0" for name in _RANK_OF_PROCESS):
             level = logging.DEBUG  # the first rank says it
         logger.log(
-            level, "No compiled kernel is kept, each process compiles its own: %s. Set "
-            "XPER_FX_CACHE to a folder of yours, or to off.", error,
-        )  # fmt: skip
+            level,
+            "No compiled kernel is kept, each process compiles its own: %s. Set "
+            "XPER_FX_CACHE to a folder of yours, or to off.",
+            error,
+        )
         return None

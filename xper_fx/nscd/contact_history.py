@@ -43,13 +43,14 @@ class ContactHistory:
         records: dict[tuple[LawKernels, Sides], list[_Record]] = {}
         for g, keys in groups:
             dim = g.points.dim
-            record = _Record(*(np.empty((len(g), m), t) for m, t in (
-                (keys.shape[1], keys.dtype), (dim, float), (dim, float), (g.state.shape[1], float)
-            )))  # fmt: skip
-            _keep(
-                _places(g.indices, len(keys)), keys, g.points.frame, g.committed_impulse, g.jump,
-                g.state, *record,
-            )  # fmt: skip
+            record = _Record(
+                keys=np.empty((len(g), keys.shape[1]), keys.dtype),
+                impulse=np.empty((len(g), dim)),
+                slip=np.empty((len(g), dim)),
+                state=np.empty(g.state.shape),
+            )
+            places = _places(g.indices, len(keys))
+            _keep(places, keys, g.points.frame, g.committed_impulse, g.jump, g.state, record)
             records.setdefault((g.kernels, g.sides), []).append(record)
         self._records = {kind: _merged(parts) for kind, parts in records.items()}
 
@@ -62,10 +63,8 @@ class ContactHistory:
         """
         record = self._records.get((group.kernels, group.sides))
         if record is not None:
-            _go_on(
-                _places(group.indices, len(keys)), keys, group.points.frame,
-                group.committed_impulse, group.jump, group.state, *record,
-            )  # fmt: skip
+            g, places = group, _places(group.indices, len(keys))
+            _go_on(places, keys, g.points.frame, g.committed_impulse, g.jump, g.state, record)
 
     def share(self, ranks: Reductions, kernels: list[LawKernels]) -> None:
         """Let every rank know the contacts of all; all ranks call it together.
@@ -134,7 +133,7 @@ def _places(indices: np.ndarray, count: int) -> np.ndarray:
 
 
 @njit(**LEAN_ENTRY)
-def _keep(place, keys, frame, impulse, jump, state, kept_keys, kept_impulse, kept_slip, kept_state):
+def _keep(place, keys, frame, impulse, jump, state, kept):
     """Write the contacts of a group in the order of their keys, vectors in global axes."""
     at = 0
     for number in range(len(place)):
@@ -142,23 +141,21 @@ def _keep(place, keys, frame, impulse, jump, state, kept_keys, kept_impulse, kep
         if i < 0:
             continue
         for part in range(keys.shape[1]):
-            kept_keys[at, part] = keys[number, part]
+            kept.keys[at, part] = keys[number, part]
         for n in range(state.shape[1]):
-            kept_state[at, n] = state[i, n]
+            kept.state[at, n] = state[i, n]
         for d in range(frame.shape[2]):
             total, slip = 0.0, 0.0
             for x in range(frame.shape[1]):
                 total += frame[i, x, d] * impulse[i, x]
                 if x > 0:
                     slip += frame[i, x, d] * jump[i, x]
-            kept_impulse[at, d], kept_slip[at, d] = total, slip
+            kept.impulse[at, d], kept.slip[at, d] = total, slip
         at += 1
 
 
 @njit(**LEAN_ENTRY)
-def _go_on(
-    place, keys, frame, impulse, jump, state, kept_keys, kept_impulse, kept_slip, kept_state
-):  # fmt: skip
+def _go_on(place, keys, frame, impulse, jump, state, kept):
     """Give the contacts of a group what those with their keys have left; both are sorted."""
     at = 0
     for number in range(len(place)):
@@ -166,24 +163,24 @@ def _go_on(
         if i < 0:
             continue
         order = -1
-        while at < len(kept_keys):
+        while at < len(kept.keys):
             order = 0
             for part in range(keys.shape[1]):
-                if kept_keys[at, part] != keys[number, part]:
-                    order = -1 if kept_keys[at, part] < keys[number, part] else 1
+                if kept.keys[at, part] != keys[number, part]:
+                    order = -1 if kept.keys[at, part] < keys[number, part] else 1
                     break
             if order >= 0:
                 break
             at += 1
-        if order != 0 or at == len(kept_keys):
+        if order != 0 or at == len(kept.keys):
             continue
         for n in range(state.shape[1]):
-            state[i, n] = kept_state[at, n]
+            state[i, n] = kept.state[at, n]
         for x in range(frame.shape[1]):
             total, slip = 0.0, 0.0
             for d in range(frame.shape[2]):
-                total += frame[i, x, d] * kept_impulse[at, d]
-                slip += frame[i, x, d] * kept_slip[at, d]
+                total += frame[i, x, d] * kept.impulse[at, d]
+                slip += frame[i, x, d] * kept.slip[at, d]
             impulse[i, x] = total
             if x > 0:
                 jump[i, x] = slip

@@ -184,9 +184,12 @@ def wall_points(
 def no_points(dim: int) -> InteractionPoints:
     """A set of points without any."""
     return InteractionPoints(
-        np.zeros((0, 2, 1), np.int32), np.zeros((0, 2, 1)), np.zeros((0, dim, dim)), np.zeros(0),
+        np.zeros((0, 2, 1), np.int32),
+        np.zeros((0, 2, 1)),
+        np.zeros((0, dim, dim)),
         np.zeros(0),
-    )  # fmt: skip
+        np.zeros(0),
+    )
 
 
 def join_points(parts: list[InteractionPoints]) -> InteractionPoints:

@@ -72,16 +72,11 @@ class Interactions(SteppedPoints):
         halo: PointHalo | ContactHalo | None = None,
         splits: bool = False,
     ):
-        self.dim = inverse.dim
-        self.ordering = ordering
-        self.laws = laws
-        self._rigid_blocks = rigid_blocks
-        self.halo = halo
+        self.dim, self.ordering, self.laws = inverse.dim, ordering, laws
+        self._rigid_blocks, self.halo = rigid_blocks, halo
         self._rigid_start = self._rigid_free = np.zeros((0, inverse.dim))
-        self.bulk_inverse = inverse
-        inverse = self.inverse = self._joined(inverse)
-        self.committed_step = 0.0
-        self.step_size, self.theta = 0.0, 0.5
+        self.bulk_inverse, inverse = inverse, self._joined(inverse)
+        self.committed_step, self.step_size, self.theta = 0.0, 0.0, 0.5
         self.too_far = self.from_scheme = 0.0
         self.anchors: Anchors | None = None
         nodal = np.zeros((inverse.num_slots, self.dim))

@@ -14,7 +14,7 @@ from xper_fx.nscd.laws.law import LawKernels
 
 @cache
 def step_loops(law: LawKernels, sides: Sides, turns: bool):
-    """The loops over ranges of points of a law's `prepare` and `commit`.
+    """The loops of a law's `prepare` and `commit` over ranges of the points p, `PointArrays`.
 
     Args:
         law: of the points.
@@ -28,47 +28,43 @@ def step_loops(law: LawKernels, sides: Sides, turns: bool):
     prepare, commit = law.prepare, law.commit
 
     @njit(nogil=True, **LEAN_ENTRY)
-    def prepare_range(
-        first, last, jump, velocity, w, area, step, theta, parameters, state, terms, details
-    ):
+    def prepare_range(first, last, p, step, theta):
         for i in range(first, last):
             prepare(
-                i, row(jump, i), row(velocity, i), w, area[i], step, theta, parameters, state,
-                terms, details,
+                i, row(p.jump, i), row(p.velocity, i), p.compliance, p.area[i], step, theta,
+                p.parameters, p.state, p.terms, p.details,
             )  # fmt: skip
 
     @njit(nogil=True, **LEAN_ENTRY)
-    def commit_range(
-        first, last, v, c, jump, velocity, r, area, step, theta, parameters, state, terms, details,
-        energy, status, spin, by_spin,
-    ):  # fmt: skip
+    def commit_range(first, last, v, c, p, step, theta, turning):
         for i in range(first, last):
-            jump0, u = row(jump, i), read(v, c, i)
-            mean = add(scale(theta, u), scale(1.0 - theta, row(velocity, i)))
-            if turns and by_spin[i]:
-                mean = subtract(mean, row(spin, i))
+            jump0, u = row(p.jump, i), read(v, c, i)
+            mean = add(scale(theta, u), scale(1.0 - theta, row(p.velocity, i)))
+            if turns and turning.by_spin[i]:
+                mean = subtract(mean, row(turning.spin, i))
             jump1 = add(jump0, scale(step, mean))
-            status[i] = commit(
-                i, jump0, jump1, u, row(r, i), area[i], step, theta, parameters, state, terms,
-                details, energy,
+            p.status[i] = commit(
+                i, jump0, jump1, u, row(p.impulse, i), p.area[i], step, theta, p.parameters,
+                p.state, p.terms, p.details, p.energy,
             )  # fmt: skip
-            set_row(jump, i, jump1)
-            set_row(velocity, i, u)
+            set_row(p.jump, i, jump1)
+            set_row(p.velocity, i, u)
 
     return prepare_range, commit_range
 
 
 @cache
 def evolve_loop(law: LawKernels, sides: Sides):
-    """The loop over a range of points of a law's `evolve`."""
+    """The loop of a law's `evolve` over a range of the points p, `PointArrays`."""
     read, _ = motion(sides)
     evolve = law.evolve
 
     @njit(nogil=True, **LEAN_ENTRY)
-    def evolve_range(first, last, v, c, w, parameters, terms, details):
+    def evolve_range(first, last, v, c, p):
         largest = least = 0.0
         for i in range(first, last):
-            change = evolve(i, read(v, c, i), w, parameters, terms, details)
+            u = read(v, c, i)
+            change = evolve(i, u, p.compliance, p.parameters, p.terms, p.details)
             largest, least = max(largest, change), min(least, change)
         return largest, -least
 

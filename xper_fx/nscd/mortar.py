@@ -157,9 +157,10 @@ def _lips_around(sides, frame) -> Lips:
     nodes = [np.pad(n, ((0, 0), (0, k - n.shape[1])), mode="edge") for n, _ in sides]
     gradients = [np.pad(g, ((0, 0), (0, k - g.shape[1]), (0, 0))) for _, g in sides]
     return Lips(
-        np.stack(nodes, axis=1).astype(np.int32), np.stack(gradients, axis=1),
+        np.stack(nodes, axis=1).astype(np.int32),
+        np.stack(gradients, axis=1),
         np.ascontiguousarray(frame[:, 1:]),
-    )  # fmt: skip
+    )
 
 
 def _outward(x, facets, inside):

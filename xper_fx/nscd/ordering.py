@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from xper_fx.cache import njit
-from xper_fx.nscd.kernel_options import LEAN_ENTRY
+from xper_fx.nscd.kernel_options import LEAN_ENTRY, MERGED
 
 # Points a tile aims at: about 100 kB of point data and blocks of w.
 _TILE_POINTS = 256
@@ -78,6 +78,15 @@ def _color(offsets, members, ignored, taken, color):
                 taken[members[place]] |= one << np.uint64(c)
 
 
+@njit(**MERGED)
+def root_of(parent, member):
+    """The root of a member's tree, to which the way is made shorter."""
+    while parent[member] != member:
+        parent[member] = parent[parent[member]]
+        member = parent[member]
+    return member
+
+
 @njit
 def _components(pairs, num_members, ignored):
     """Connected component of each pair; an ignored member connects nothing.
@@ -88,19 +97,12 @@ def _components(pairs, num_members, ignored):
     for i in range(len(pairs)):
         a, b = pairs[i]
         if a != ignored and b != ignored:
-            while parent[a] != a:
-                parent[a] = parent[parent[a]]
-                a = parent[a]
-            while parent[b] != b:
-                parent[b] = parent[parent[b]]
-                b = parent[b]
+            a, b = root_of(parent, a), root_of(parent, b)
             parent[max(a, b)] = min(a, b)
     number = np.full(num_members, -1)
     count = 0
     for m in range(num_members):  # a root comes before the members below it
-        a = m
-        while parent[a] != a:
-            a = parent[a]
+        a = root_of(parent, m)
         if number[a] < 0 and m != ignored:
             number[a] = count
             count += 1

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -16,6 +16,22 @@ from xper_fx.nscd.points import InteractionPoints
 
 if TYPE_CHECKING:
     from xper_fx.nscd.turning_frames import TurningFrames
+
+
+class PointArrays(NamedTuple):
+    """What kernels of a law read and write of the points of a group; see `PointGroup`."""
+
+    jump: np.ndarray
+    velocity: np.ndarray
+    impulse: np.ndarray
+    compliance: np.ndarray
+    area: np.ndarray
+    parameters: np.ndarray
+    state: np.ndarray
+    terms: np.ndarray
+    details: np.ndarray
+    energy: np.ndarray
+    status: np.ndarray
 
 
 @dataclass
@@ -62,6 +78,13 @@ class PointGroup:
 
     def __len__(self) -> int:
         return len(self.indices)
+
+    def law_arrays(self) -> PointArrays:
+        """The arrays as kernels of the law take them."""
+        return PointArrays(
+            self.jump, self.velocity, self.impulse, self.compliance, self.points.area,
+            self.parameters, self.state, self.terms, self.details, self.energy, self.status,
+        )  # fmt: skip
 
     def unbonded(self) -> np.ndarray:
         """Which points nothing holds together, shape (n,).

@@ -46,9 +46,11 @@ def _response_kernel(law: LawKernels, sides: Sides):
     solve = law.solve
 
     @njit(nogil=True, **LEAN_ENTRY)
-    def respond(v, c, r, w, parameters, terms, details, response):
-        for i in range(len(r)):
-            new, _ = solve(i, read(v, c, i), row(r, i), w, parameters, terms, details)
+    def respond(v, c, points, response):
+        w, parameters, terms = points.compliance, points.parameters, points.terms
+        for i in range(len(response)):
+            u, r = read(v, c, i), row(points.impulse, i)
+            new, _ = solve(i, u, r, w, parameters, terms, points.details)
             set_row(response, i, new)
 
     return respond
@@ -67,23 +69,11 @@ def _tangent_kernel(law: LawKernels, sides: Sides):
     columns = 2 * components + 1
 
     @njit(nogil=True, **LEAN_ENTRY)
-    def tangents(
-        v,
-        c,
-        r,
-        w,
-        parameters,
-        terms,
-        details,
-        least,
-        proximal,
-        response,
-        stiffness,
-        source,
-        held,
-        a,
-    ):
+    def tangents(v, c, points, least, proximal, springs, a):
         # a: shape (components, 2 components + 1): I - (1 - p) S_r, S_u, S - r
+        r, w, parameters = points.impulse, points.compliance, points.parameters
+        terms, details = points.terms, points.details
+        response, stiffness, source, held = springs
         for i in range(len(r)):
             old, u = row(r, i), read(v, c, i)
             base, _ = solve(i, u, old, w, parameters, terms, details)
@@ -174,20 +164,17 @@ class PointTangents:
             proximal: p; 1 where the impulses are given, so that S_r does not count.
         """
         for number, g in enumerate(self._interactions.groups):
-            n = g.kernels.components
-            _tangent_kernel(g.kernels, g.sides)(
-                velocity, g.couplings, g.impulse, g.compliance, g.parameters, g.terms, g.details,
-                least, proximal, self.response[number], self.stiffness[number], self.source[number],
-                self.held[number], np.empty((n, 2 * n + 1)),
-            )  # fmt: skip
+            n, tangents = g.kernels.components, _tangent_kernel(g.kernels, g.sides)
+            springs = tuple(
+                each[number] for each in (self.response, self.stiffness, self.source, self.held)
+            )
+            room = np.empty((n, 2 * n + 1))
+            tangents(velocity, g.couplings, g.law_arrays(), least, proximal, springs, room)
 
     def respond(self, velocity: np.ndarray) -> None:
         """Take `response` alone."""
         for g, response in zip(self._interactions.groups, self.response, strict=True):
-            _response_kernel(g.kernels, g.sides)(
-                velocity, g.couplings, g.impulse, g.compliance, g.parameters, g.terms, g.details,
-                response,
-            )  # fmt: skip
+            _response_kernel(g.kernels, g.sides)(velocity, g.couplings, g.law_arrays(), response)
 
     def changes(self, moved: np.ndarray) -> list[np.ndarray]:
         """dr of each group, shape (n, components) (N s), where the nodes' velocities change.

@@ -94,18 +94,24 @@ class Separation:
         dim, count = position.shape[1], len(position)
         rest = np.zeros((2 * count, dim))
         layer = Interactions(
-            no_points(dim), [SignoriniCoulomb(contact="position")], np.zeros(0, int),
-            BodyInverse.from_uniform(np.zeros((0, dim, dim)), dim), rigid_blocks=blocks,
-        )  # fmt: skip
+            no_points(dim),
+            [SignoriniCoulomb(contact="position")],
+            np.zeros(0, int),
+            BodyInverse.from_uniform(np.zeros((0, dim, dim)), dim),
+            rigid_blocks=blocks,
+        )
         layer.take_rigid(rest, rest)
         centre = position[contacts.body]
         if self._in_cell:
             centre += self._search.offset
         points = InteractionPoints(
-            (2 * contacts.body[:, :, None]).astype(np.int32), np.ones(contacts.nodes.shape),
-            frame_from_normal(contacts.normal), contacts.area, gap,
+            (2 * contacts.body[:, :, None]).astype(np.int32),
+            np.ones(contacts.nodes.shape),
+            frame_from_normal(contacts.normal),
+            contacts.area,
+            gap,
             contacts.point[:, None] - centre,
-        )  # fmt: skip
+        )
         found = FoundPoints(points, np.zeros(len(points), int), contacts.key)
         layer.find_contacts([found], np.zeros((0, dim)), 1.0, 1.0)
         layer.begin_step(1.0, 1.0)

@@ -237,10 +237,7 @@ class SteppedPoints(PointValues):
     def prepare_group(self, g: PointGroup) -> None:
         """As `prepare`, of one group, whose points or compliances are others now."""
         prepare, _ = step_loops(g.kernels, g.sides, g.turning is not None)
-        in_ranges(
-            prepare, len(g), g.jump, g.velocity, g.compliance, g.points.area, self.step_size,
-            self.theta, g.parameters, g.state, g.terms, g.details,
-        )  # fmt: skip
+        in_ranges(prepare, len(g), g.law_arrays(), self.step_size, self.theta)
 
     def evolve(self, velocity: np.ndarray) -> float:
         """Let the laws' internal variables follow the end velocities found.
@@ -254,10 +251,8 @@ class SteppedPoints(PointValues):
         largest, self.too_far = 0.0, 0.0
         for g in self.groups:
             if g.kernels.evolve is not None:
-                changes = in_ranges(
-                    evolve_loop(g.kernels, g.sides), len(g), velocity, g.couplings,
-                    g.compliance, g.parameters, g.terms, g.details,
-                )  # fmt: skip
+                evolve = evolve_loop(g.kernels, g.sides)
+                changes = in_ranges(evolve, len(g), velocity, g.couplings, g.law_arrays())
                 for change, too_far in changes:
                     largest, self.too_far = max(largest, change), max(self.too_far, too_far)
         if self.halo is not None:
@@ -332,19 +327,17 @@ class SteppedPoints(PointValues):
         for g in self.groups:
             if static:
                 totals["numerical"] += self._work_of_change(g, velocity)
-            spin, by_spin = None, None
             if g.turning is not None:
                 totals["numerical"] += self._settle(g, g.turning, velocity)
-                spin, by_spin = g.turning.spin, g.turning.by_spin
             names, before = g.kernels.state_names, None
             bonds = "stored" in g.kernels.energies
-            if self.theta > 0.5 and not static and "pushed" in names and not bonds and spin is None:
+            pushed = "pushed" in names and not bonds and g.turning is None
+            if self.theta > 0.5 and not static and pushed:
                 before = g.velocity.copy(), g.state[:, names.index("pushed")] > 0.0
-            _, commit = step_loops(g.kernels, g.sides, spin is not None)
+            _, commit = step_loops(g.kernels, g.sides, g.turning is not None)
             in_ranges(
-                commit, len(g), velocity, g.couplings, g.jump, g.velocity, g.impulse, g.points.area,
-                self.step_size, self.theta, g.parameters, g.state, g.terms, g.details, g.energy,
-                g.status, spin, by_spin,
+                commit, len(g), velocity, g.couplings, g.law_arrays(), self.step_size, self.theta,
+                g.turning,
             )  # fmt: skip
             if before is not None:
                 percussions += _take_percussions(g, *before, self.theta)

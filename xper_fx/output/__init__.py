@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from xper_fx.output.cracks import broken_points as broken_points
     from xper_fx.output.cracks import crack_panel as crack_panel
     from xper_fx.output.cracks import find_cracks as find_cracks
+    from xper_fx.output.field_series import point_coordinates as point_coordinates
     from xper_fx.output.fragments import Fragments as Fragments
     from xper_fx.output.fragments import measure_fragments as measure_fragments
     from xper_fx.output.frame_figures import plot_bodies as plot_bodies
@@ -24,7 +25,6 @@ if TYPE_CHECKING:
     from xper_fx.output.joint_forces import find_joint_forces as find_joint_forces
     from xper_fx.output.memory import memory_by_part as memory_by_part
     from xper_fx.output.present_bodies import rigid_bodies_now as rigid_bodies_now
-    from xper_fx.output.recorder import point_coordinates as point_coordinates
     from xper_fx.output.summary import without_times as without_times
 
 _MODULE_OF = {
@@ -44,7 +44,7 @@ _MODULE_OF = {
     "memory_by_part": "memory",
     "plot_bodies": "frame_figures",
     "plot_frames": "frame_figures",
-    "point_coordinates": "recorder",
+    "point_coordinates": "field_series",
     "rigid_bodies_now": "present_bodies",
     "take_frame": "frames",
     "without_times": "summary",

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import basix
 import numpy as np
 
+from xper_fx.bodies.meshes import determinants
 from xper_fx.nscd.rigid.bodies import RigidBodies
 from xper_fx.nscd.rigid.motion import RigidState
 from xper_fx.nscd.rigid.shapes import CLUSTER, DISC, POLYGON, Shape
@@ -44,18 +45,11 @@ def cell_moments(V, x: np.ndarray) -> Moments:
     moments = Moments(np.zeros(len(x)), np.zeros_like(x[:, 0]), np.zeros((len(x), dim, dim)))
     for q, weight in enumerate(weights):
         place = tables[0, q] @ x
-        size = weight * np.abs(_determinant(tables[1:, q] @ x))
+        size = weight * np.abs(determinants(tables[1:, q] @ x))
         moments.volume[:] += size
         moments.first[:] += size[:, None] * place
         moments.second[:] += size[:, None, None] * place[:, :, None] * place[:, None]
     return moments
-
-
-def _determinant(rows: np.ndarray) -> np.ndarray:
-    """Not by `numpy.linalg.det`: see `bodies.meshes.cell_measure`."""
-    if rows.shape[1] == 2:
-        return rows[:, 0, 0] * rows[:, 1, 1] - rows[:, 0, 1] * rows[:, 1, 0]
-    return np.einsum("ni,ni->n", rows[:, 0], np.cross(rows[:, 1], rows[:, 2]))
 
 
 def rigid_moments(bodies: RigidBodies, shapes: list, state: RigidState) -> Moments:

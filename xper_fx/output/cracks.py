@@ -10,7 +10,8 @@ import numpy.typing as npt
 
 from xper_fx.nscd.facets import nodal_shares
 from xper_fx.output.connectivity import BROKEN, require_share
-from xper_fx.output.recorder import Recorder, point_coordinates
+from xper_fx.output.field_series import point_coordinates
+from xper_fx.output.recorder import Recorder
 from xper_fx.plotting.figures import CrackPanel
 from xper_fx.simulation.simulation import Simulation
 from xper_fx.support.checks import require_integer, require_kind

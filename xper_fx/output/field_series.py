@@ -137,6 +137,21 @@ def coordinates_of_known(simulation: Simulation) -> np.ndarray:
     return np.einsum("pk,fkd->fpd", shapes, x).reshape(-1, scene.dim)
 
 
+def point_coordinates(simulation: Simulation) -> np.ndarray:
+    """Reference positions of the points on facing facets, in the scene's order.
+
+    Returns:
+        Shape (num_points, dim), m; points of walls, which come last in the scene, are left out.
+
+    Raises:
+        ValueError: a scene without a mesh, or with one that is spread over ranks (SerialOnlyError).
+    """
+    if simulation.scene.bodies is None:
+        raise ValueError("A scene without a mesh has no facets that points could be on.")
+    simulation.scene.bodies.require_whole("The place of all points")
+    return coordinates_of_known(simulation)
+
+
 def remove_fields_of_ranks(folder: Path) -> None:
     """Remove the files of an earlier run of a mesh that was spread, on perhaps more ranks."""
     for path in folder.iterdir():

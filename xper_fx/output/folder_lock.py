@@ -69,8 +69,10 @@ class FolderLock:
                     raise
                 logger.warning(
                     "%s: this file system has no locks (%s); a second run into the folder would "
-                    "not be noticed", self._path.parent, error.strerror,
-                )  # fmt: skip
+                    "not be noticed",
+                    self._path.parent,
+                    error.strerror,
+                )
             held = os.fstat(descriptor)
             try:
                 same = os.path.samestat(held, os.stat(self._path))

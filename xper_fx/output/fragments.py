@@ -250,11 +250,14 @@ def _masses(simulation: Simulation, fragment: np.ndarray) -> _Masses:
             inertia, spin = inertia * np.eye(3), np.pad(spin, ((0, 0), (2, 0)))
         parts.append(
             _Masses(
-                fragment[len(fragment) - len(has) :][has], mass,
-                _in_space(rigid.state.position[has]), _in_space(rigid.state.velocity[has]),
-                inertia, spin,
+                fragment[len(fragment) - len(has) :][has],
+                mass,
+                _in_space(rigid.state.position[has]),
+                _in_space(rigid.state.velocity[has]),
+                inertia,
+                spin,
             )
-        )  # fmt: skip
+        )
     return _Masses(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
 

@@ -236,10 +236,14 @@ def frames_figure(
     panel = width / columns - (_BAR if look.scale is not None and columns == 1 else 0.0)
     in_space = {"projection": "3d", "proj_type": "ortho"}
     return new_figure(
-        path, draw, (width, rows * (panel * look.share + 0.3)),
-        nrows=rows, ncols=columns, squeeze=False,
+        path,
+        draw,
+        (width, rows * (panel * look.share + 0.3)),
+        nrows=rows,
+        ncols=columns,
+        squeeze=False,
         subplot_kw={} if len(look.bounds) == 2 else in_space,
-    )  # fmt: skip
+    )
 
 
 def draw_frame(axes: Axes, frame: Frame, look: Look) -> None:

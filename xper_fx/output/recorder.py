@@ -18,10 +18,8 @@ raised on all.
 
 from __future__ import annotations
 
-import json
 import logging
 import os
-import platform
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from functools import partial
@@ -29,14 +27,10 @@ from pathlib import Path
 from time import monotonic
 from typing import Any
 
-import dolfinx
-import numba
 import numpy as np
 
-from xper_fx.output.effects import effects_of
 from xper_fx.output.field_series import (
     FieldSeries,
-    coordinates_of_known,
     ranks_that_wrote,
     remove_fields_of_ranks,
 )
@@ -44,9 +38,9 @@ from xper_fx.output.folder_lock import FolderLock
 from xper_fx.output.gauges import CellGauge, TensileGauge, require_gauge
 from xper_fx.output.history import HISTORY_COLUMNS, History
 from xper_fx.output.output_folder import prepare_folder
+from xper_fx.output.run_summary import run_summary
 from xper_fx.output.series import TimeSeries
 from xper_fx.output.summary import plain, write_summary
-from xper_fx.simulation.cohesive_scales import cohesive_scales
 from xper_fx.simulation.simulation import Simulation, StepRecord
 from xper_fx.support.checks import (
     require_count,
@@ -56,7 +50,6 @@ from xper_fx.support.checks import (
     require_path,
     require_positive,
 )
-from xper_fx.support.version import __version__
 
 logger = logging.getLogger(__name__)
 
@@ -78,50 +71,6 @@ def macroscopic_columns(simulation: Simulation) -> dict[str, float]:
     if hasattr(cell, "hill_mandel"):
         columns["hill_mandel"] = cell.hill_mandel
     return columns
-
-
-def point_coordinates(simulation: Simulation) -> np.ndarray:
-    """Reference positions of the points on facing facets, in the scene's order.
-
-    Returns:
-        Shape (num_points, dim), m; points of walls, which come last in the scene, are left out.
-
-    Raises:
-        ValueError: a scene without a mesh, or with one that is spread over ranks (SerialOnlyError).
-    """
-    if simulation.scene.bodies is None:
-        raise ValueError("A scene without a mesh has no facets that points could be on.")
-    simulation.scene.bodies.require_whole("The place of all points")
-    return coordinates_of_known(simulation)
-
-
-def add_to_summary(simulation: Simulation, found: Mapping[str, Any]) -> None:
-    """Add what was found in a recorded run to its `summary.json`; all ranks call it together.
-
-    Args:
-        simulation: the run, whose recorder is closed.
-        found: what to add, as `output.write_summary` takes it.
-
-    Raises:
-        ValueError: a run that was not recorded, a file that is no summary, numbers that are not
-            finite.
-        TypeError: no simulation, no mapping, something that has no meaning in JSON.
-        OSError: the summary cannot be read or written.
-    """
-    require_kind("simulation", simulation, Simulation)
-    if simulation.folder is None:
-        raise ValueError("The simulation was not recorded, so that there is no summary to add to.")
-    require_kind("found", found, Mapping)
-    path = simulation.folder / "summary.json"
-
-    def add() -> None:
-        try:
-            before = json.loads(path.read_text())
-        except json.JSONDecodeError as error:
-            raise ValueError(f"'{path}' is no summary of a run: {error}.") from None
-        write_summary(path, before | dict(found))
-
-    simulation.team.at_root(add)
 
 
 class Recorder:
@@ -414,7 +363,9 @@ class Recorder:
         self.simulation.save_on_failure(None)
         there = (self.folder / "summary.json").exists() if self.restarted else False
         added = self._totals["steps"] > self._steps_before
-        summary = self._summary() if self.simulation.team.max(added or not there) else None
+        summary = None
+        if self.simulation.team.max(added or not there):
+            summary = run_summary(self.simulation, self._parameters, self._totals)
 
         def finish() -> None:
             with ExitStack() as files:
@@ -427,58 +378,6 @@ class Recorder:
                         write_summary(self.folder / "summary.json", summary)
 
         self.simulation.team.together(finish)
-
-    def _summary(self) -> dict[str, Any]:
-        simulation = self.simulation
-        interactions, bodies = simulation.interactions, simulation.scene.bodies
-        points = 0 if interactions is None else interactions.num_points
-        total = simulation.ranks.sum
-        summary = {
-            "parameters": self._parameters
-            | {
-                "step_size": simulation.step_size,
-                "theta": simulation.theta,
-                "scheme": simulation.options.scheme,
-                "tolerance": simulation.tolerance,
-                "relaxation": simulation.options.solve.relaxation,
-            },
-            "versions": {
-                "xper_fx": __version__,
-                "dolfinx": dolfinx.__version__,
-                "numba": numba.__version__,
-                "numpy": np.__version__,
-                "python": platform.python_version(),
-            },
-            "counts": {
-                "bodies": 0 if bodies is None else bodies.counts[0],
-                "rigid_bodies": len(simulation.scene.rigid),
-                "points": points,
-                "dofs": simulation.bulk.num_dofs_of_all,
-                "ranks": simulation.ranks.size,
-            },
-            "effects": [effect._asdict() for effect in effects_of(simulation)],
-            "seconds": simulation.stopwatch.seconds,
-            "profile": [
-                row._asdict() | {"path": " > ".join(row.path)}
-                for row in simulation.stopwatch.rows()
-            ],
-            "bytes_per_point": total(interactions.nbytes) / points if points else 0.0,
-            "errors": {
-                "closure": simulation.ledger.closure,
-                "external_work": simulation.ledger.energies.external_work,
-                "largest_residual": self._totals["largest_residual"],
-                "estimated": simulation.estimated_error,
-            },
-            "steps": self._totals["steps"],
-            "sweeps": self._totals["sweeps"],
-            "restarts": self._totals["restarts"],
-            "time": simulation.time,
-        }
-        summary["scales"] = cohesive_scales(simulation)
-        verdict = simulation.verdict()
-        if verdict is not None:
-            summary["verdict"] = verdict._asdict() | {"text": verdict.text}
-        return summary
 
     def __enter__(self) -> Recorder:
         return self

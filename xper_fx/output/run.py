@@ -41,9 +41,11 @@ def add_run_options(parser: ArgumentParser, out: Path, accuracy: float | None = 
         raise TypeError(f"parser should be an ArgumentParser, got {parser!r}.")
     add = parser.add_argument
     add(
-        "--accuracy", type=float, default=accuracy,
+        "--accuracy",
+        type=float,
+        default=accuracy,
         help="relative error asked for; picks and adapts step and tolerance unless they are given",
-    )  # fmt: skip
+    )
     add("--theta", type=float, default=0.5, help="weight of the end of the step, implicit bulk")
     add("--tolerance", type=float, help="relative error of the impulses")
     add("--solver", choices=SOLVERS, default="auto", help="of the interactions")
@@ -51,9 +53,12 @@ def add_run_options(parser: ArgumentParser, out: Path, accuracy: float | None = 
     add("--fields", type=int, default=20, help="number of times at which fields are written")
     add("--out", type=Path, default=out)
     add(
-        "--checkpoint-every", type=float, default=CHECKPOINT_EVERY, metavar="SECONDS",
+        "--checkpoint-every",
+        type=float,
+        default=CHECKPOINT_EVERY,
+        metavar="SECONDS",
         help="time between checkpoints; 0 for none",
-    )  # fmt: skip
+    )
     add("--restart", action="store_true", help="go on from the checkpoint in the folder")
     add("--profile", action="store_true", help="print and draw what took how long")
     add("--no-plot", action="store_true")

@@ -43,9 +43,13 @@ class Macroscopic(NamedTuple):
 
 
 def macroscopic_state(
-    bulk: CellBulk, before: State | None, outcome: StepOutcome | None, state: State, step: float,
+    bulk: CellBulk,
+    before: State | None,
+    outcome: StepOutcome | None,
+    state: State,
+    step: float,
     theta: float,
-) -> Macroscopic:  # fmt: skip
+) -> Macroscopic:
     """The macroscopic state, and how well the step that led to it satisfies the lemma.
 
     Args:

@@ -176,10 +176,12 @@ class DrivenCellMotion(CellMotion):
         pushed = self.rate + (self._asked + self._late + self._first) / self.cell_mass
         free = np.where(self._driven, self._given_rates(time + step), pushed)
         return Prediction(
-            prediction.position, prediction.rotation,
+            prediction.position,
+            prediction.rotation,
             np.concatenate([self._start.reshape(-1, dim), self.rate.T, self._padding]),
-            np.concatenate([prediction.free, free.T, self._padding]), self._middle_gradient,
-        )  # fmt: skip
+            np.concatenate([prediction.free, free.T, self._padding]),
+            self._middle_gradient,
+        )
 
     def end(self, slots: npt.ArrayLike) -> RigidState:
         """See `RigidMotion`; the end of the cell besides."""
@@ -267,9 +269,11 @@ class DrivenCellMotion(CellMotion):
     def saved(self) -> dict[str, np.ndarray]:
         """See `RigidMotion`; the cell besides."""
         return super().saved() | {
-            "gradient": self.gradient, "rate": self.rate, "late": self._late,
+            "gradient": self.gradient,
+            "rate": self.rate,
+            "late": self._late,
             "stress": self.stress,
-        }  # fmt: skip
+        }
 
     def restore(self, saved: Mapping[str, np.ndarray]) -> None:
         """See `RigidMotion`."""

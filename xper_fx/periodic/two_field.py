@@ -186,8 +186,9 @@ class CellBulk(Bulk):
         part = self.unknowns.macroscopic
         if time - step > self._guess_from[0]:
             self._guess, self._guess_from = (
-                self._guess_from[1], (time - step, velocity0[part].copy()),
-            )  # fmt: skip
+                self._guess_from[1],
+                (time - step, velocity0[part].copy()),
+            )
         rates = self.drive.rates(self.dim, displacement0[part], time, step, elapsed)
         velocity[part] = np.where(self.drive.kinematic(self.dim), rates, self._guess)
 

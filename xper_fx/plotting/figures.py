@@ -782,20 +782,30 @@ def plot_profile(
             right[row.path], right[row.path[:-1]] = left, left + row.seconds
             other = row.path == (OTHER,)
             axes.barh(
-                len(row.path) - 1, row.seconds, 0.94, left, edgecolor="white", linewidth=0.8,
+                len(row.path) - 1,
+                row.seconds,
+                0.94,
+                left,
+                edgecolor="white",
+                linewidth=0.8,
                 color="0.8" if other else colours[row.path[0]],
                 alpha=0.8 - 0.4 * (len(row.path) - 1) / max(depth - 1, 1),
                 hatch="//" if other else None,
-            )  # fmt: skip
+            )
             share, name = row.share, row.path[-1]
             label, angle = f"{name}\n{100.0 * share:.1f} %", 0
             if share < _LETTER * max(map(len, label.split("\n"))):
                 label, angle = name.replace(" ", "\n"), 90
             if angle == 0 or share > 2.0 * _LETTER * len(label.split("\n")):
                 axes.text(
-                    left + 0.5 * row.seconds, len(row.path) - 1, label, rotation=angle,
-                    ha="center", va="center", fontsize=7.0,
-                )  # fmt: skip
+                    left + 0.5 * row.seconds,
+                    len(row.path) - 1,
+                    label,
+                    rotation=angle,
+                    ha="center",
+                    va="center",
+                    fontsize=7.0,
+                )
         axes.set_xlim(0.0, total)
         axes.set_ylim(depth - 0.5, -0.5)
         axes.set_yticks([])

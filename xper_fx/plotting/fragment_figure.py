@@ -72,18 +72,24 @@ def plot_fragments(
             above = np.cumsum(above[::-1])[::-1]
             # steps end where the largest fragment does
             left.plot(
-                np.append(size, size[-1]), np.append(above, 0.5), drawstyle="steps-pre",
-                color=colour, label=label,
-            )  # fmt: skip
+                np.append(size, size[-1]),
+                np.append(above, 0.5),
+                drawstyle="steps-pre",
+                color=colour,
+                label=label,
+            )
             share = np.histogram(diameter, edges, weights=mass)[0] / mass.sum()
             right.stairs(share, edges, color=colour, fill=True, alpha=0.3, label="in a class")
             order = np.argsort(diameter, kind="stable")
             passing = np.cumsum(mass[order]) / mass.sum()
             right.step(
                 np.concatenate([edges[:1], diameter[order], edges[-1:]]),
-                np.concatenate([[0.0], passing, [1.0]]), where="post", color=colour, lw=1.2,
+                np.concatenate([[0.0], passing, [1.0]]),
+                where="post",
+                color=colour,
+                lw=1.2,
                 label="up to d",
-            )  # fmt: skip
+            )
         most = max(len(diameter) for diameter, _ in curves.values())
         left.set(yscale="log", ylim=(0.8, 1.4 * most), ylabel="fragments of diameter d and above")
         right.set(ylim=(0.0, 1.03), ylabel="share of the mass")

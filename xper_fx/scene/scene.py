@@ -10,7 +10,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from numbers import Integral
-from reprlib import repr as short
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -21,7 +20,9 @@ from xper_fx.forms.loads import Gravity, RayleighDamping, varies, vector_at
 from xper_fx.materials.material import InelasticMaterial, Material
 from xper_fx.nscd.laws.law import Law
 from xper_fx.scene.contact import Contact, check_contacts
+from xper_fx.scene.container_checks import check_containers
 from xper_fx.scene.facet_laws import facet_laws
+from xper_fx.scene.initial_velocity import Field, check_initial_velocity
 from xper_fx.scene.load_checks import (
     Load,
     check_initial_stresses,
@@ -41,8 +42,6 @@ if TYPE_CHECKING:
     from xper_fx.scene.joints import Joint
     from xper_fx.scene.snapshot import Snapshot
     from xper_fx.scene.tie import Tie
-
-Field = Callable[[np.ndarray], np.ndarray]
 
 
 @dataclass
@@ -123,7 +122,7 @@ class Scene:
     rigid_bodies: RigidBodies | None = field(default=None, init=False)
 
     def __post_init__(self) -> None:
-        self._check_containers()
+        check_containers(vars(self))
         require_flag("resolve_overlaps", self.resolve_overlaps)
         if not isinstance(self.order, Integral) or self.order not in (1, 2):
             raise ValueError(f"order should be 1 or 2, got {self.order}.")
@@ -168,34 +167,6 @@ class Scene:
                 f"make another one: dataclasses.replace(scene, {name}=...)."
             )
         object.__setattr__(self, name, value)
-
-    def _check_containers(self) -> None:
-        """Mappings and lists, each with an example of what is meant."""
-        for name, example in (
-            ("materials", "{1: LinearElastic(...)}"),
-            ("interactions", "{(1, 2): CohesiveZone(...)}"),
-            ("facet_interactions", "{7: SignoriniCoulomb()}"),
-            ("surfaces", '{"beam": [1]}'),
-        ):
-            given = getattr(self, name)
-            if not isinstance(given, Mapping):
-                raise TypeError(f"{name} should be a mapping such as {example}, got {given!r}.")
-        for name in ("walls", "loads", "ties", "rigid", "contacts", "joints"):
-            given = getattr(self, name)
-            if not isinstance(given, Sequence) or isinstance(given, str):
-                raise TypeError(f"{name} should be a list, [...], got {short(given)}.")
-        for pair in self.interactions:
-            if not (isinstance(pair, tuple) and len(pair) == 2 and all(map(_is_tag, pair))):
-                raise TypeError(f"interactions names {pair!r}; it should name pairs of cell tags.")
-        for name in ("materials", "facet_interactions"):
-            for tag in getattr(self, name):
-                if not _is_tag(tag):
-                    raise TypeError(f"{name} names {tag!r}; it should name tags, integers.")
-        for name, tags in self.surfaces.items():
-            if isinstance(tags, str) or not np.iterable(tags) or not all(map(_is_tag, tags)):
-                raise TypeError(
-                    f"The surface {name!r} should be a list of cell tags, got {tags!r}."
-                )
 
     def _check_without_mesh(self) -> None:
         if self.rigid_bodies is None:
@@ -247,7 +218,7 @@ class Scene:
             )
         self._check_periodicity()
         check_materials(self.materials, self.bodies.present.cells)
-        self._check_initial_velocity()
+        check_initial_velocity(self.initial_velocity, self.materials)
         for wall in self.walls:
             if not isinstance(wall, Wall):
                 raise TypeError(f"{wall!r} is no Wall.")
@@ -369,19 +340,6 @@ class Scene:
                     f"got {getattr(self, name)!r}."
                 )
 
-    def _check_initial_velocity(self) -> None:
-        given = self.initial_velocity
-        if isinstance(given, Mapping):
-            unknown = set(given) - set(self.materials)
-            if unknown:
-                raise ValueError(
-                    f"initial_velocity names cell tags {sorted(unknown)}, which occur nowhere; "
-                    f"tags that do: {sorted(self.materials)}."
-                )
-        for field_ in given.values() if isinstance(given, Mapping) else (given,):
-            if field_ is not None and not callable(field_):
-                raise TypeError(f"initial_velocity should be a function, got {field_!r}.")
-
     def _check_tags(self) -> None:
         present = self.bodies.present.facets
         named = [load for load in self.loads if hasattr(load, "facets")]
@@ -410,7 +368,3 @@ class Scene:
         return facet_laws(
             self.bodies, self.interactions, self.default_interaction, self.facet_interactions
         )
-
-
-def _is_tag(tag: object) -> bool:
-    return isinstance(tag, Integral)

@@ -57,9 +57,11 @@ class Snapshot:
         known, state = np.flatnonzero(number >= 0), self.saved["rigid"]
         spin = state["spin"] if bodies.dim == 3 else state["spin"][:, 0]
         for own, left in (
-            (bodies.position, state["position"]), (bodies.velocity, state["velocity"]),
-            (bodies.rotation, state["rotation"]), (bodies.spin, spin),
-        ):  # fmt: skip
+            (bodies.position, state["position"]),
+            (bodies.velocity, state["velocity"]),
+            (bodies.rotation, state["rotation"]),
+            (bodies.spin, spin),
+        ):
             own[known] = left[number[known]]
 
     def check(self, scene: Any) -> None:

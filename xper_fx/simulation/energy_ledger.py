@@ -182,10 +182,15 @@ class EnergyLedger:
                 force = 0.5 * (force + self._bulk.viscous(before.velocity))
             viscous += total(float(moved @ force))
         return BulkEnergies(
-            work, kinetic, elastic, kinetic - self.energies.kinetic,
-            elastic - self.energies.elastic, total(lost.get("plastic", 0.0)), viscous,
+            work,
+            kinetic,
+            elastic,
+            kinetic - self.energies.kinetic,
+            elastic - self.energies.elastic,
+            total(lost.get("plastic", 0.0)),
+            viscous,
             self._damped(before, outcome, rigid),
-        )  # fmt: skip
+        )
 
     def _damped(self, before: State, outcome: StepOutcome, rigid: RigidWork | None) -> float:
         """What the scheme takes in a step above theta = 1/2 (J; 2D: J/m)."""

@@ -60,7 +60,7 @@ class JointedBodies:
     def __init__(self, scene: Scene, laws: list[Law]):
         of_all, self.joint_of_row, self.rows = rows_of_joints(
             scene.joints, scene.rigid, scene.rigid_bodies
-        )  # fmt: skip
+        )
         own = list(dict.fromkeys(row.law for row in of_all))
         self.laws = [*laws, *own]
         self._law_of_row = len(laws) + np.array([own.index(row.law) for row in of_all])

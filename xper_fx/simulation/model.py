@@ -4,14 +4,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
 from dolfinx import fem
 
 from xper_fx.bulk.bulk import Bulk
-from xper_fx.bulk.state import State
 from xper_fx.forms.dynamics import BulkForms
 from xper_fx.forms.loads import PrescribedDisplacement, PrescribedVelocity
 from xper_fx.nscd.interactions import Interactions
@@ -21,22 +19,21 @@ from xper_fx.nscd.points import InteractionPoints
 from xper_fx.scene.facet_laws import require_kernels
 from xper_fx.scene.scene import Scene
 from xper_fx.scene.scene_doubts import tell_doubts
+from xper_fx.simulation.domain_decomposition import decomposed
 from xper_fx.simulation.energy_ledger import EnergyLedger
+from xper_fx.simulation.initial_state import initial_state
 from xper_fx.simulation.law_checks import check_laws_suit, check_path_has_bonds
 from xper_fx.simulation.not_finite import not_finite_columns
 from xper_fx.simulation.options import Options
 from xper_fx.simulation.permanent_points import ScenePoints
-from xper_fx.simulation.whole_scenes import stays_whole
 from xper_fx.support.profile import Stopwatch
-from xper_fx.support.ranks import ALONE, Ranks
+from xper_fx.support.ranks import Ranks
 
 if TYPE_CHECKING:
     from xper_fx.bulk.explicit import ExplicitScheme
     from xper_fx.bulk.implicit import ImplicitScheme
     from xper_fx.bulk.rigid_only import EmptyScheme
     from xper_fx.nscd.rigid.motion import RigidMotion
-    from xper_fx.parallel.local_bodies import LocalBodies
-    from xper_fx.parallel.rigid_partition import RigidDivision
     from xper_fx.simulation.accuracy_control import AccuracyControl
     from xper_fx.simulation.contact_detection import Detection
     from xper_fx.simulation.healing import Healing
@@ -94,16 +91,15 @@ class Model:
 
             check_same_on_ranks(scene, options, team)
         tell_doubts(scene, options.requested.step, team)
-        self.ranks, self.bodies = ALONE, scene.bodies
         self._tagged_nodes: dict[int, np.ndarray] = {}
-        self.part: LocalBodies | None = None
-        self.division: RigidDivision | None = None
-        if not team.alone:
-            self._divide(team)
+        self.ranks, self.part, self.division = decomposed(scene, options, team, stopwatch)
+        self.bodies = scene.bodies if self.part is None else self.part.bodies
         self.bulk = self._bulk()
         self.rigid = self._rigid_motion()
         self.step_size = self._step_size()
-        self.start = self._start()
+        self.start = initial_state(
+            self.bulk, self.bodies, scene.initial_velocity, self.step_size, options.inertia
+        )
         searched = any(contact.law is not None for contact in scene.contacts)
         # a wall's points are on the rank of their body, a vertex's on that of the first body there
         divided_walls = self.part is not None and len(scene.walls) > 0
@@ -162,34 +158,6 @@ class Model:
                 self.bulk.forms.V, fdim, self.bodies.facet_tags.find(facets)
             )
         return self._tagged_nodes[facets]
-
-    # Division among ranks
-
-    def _divide(self, team: Ranks) -> None:
-        """Take this rank's part of the bodies or contacts where the scene can be divided."""
-        scene, solver = self.scene, self.options.solver
-        touching = any(contact.law is not None for contact in scene.contacts)
-        rigid_alone = scene.bodies is None and scene.lattice is None and not scene.joints
-        if rigid_alone and touching and solver in ("auto", "nlgs"):
-            from xper_fx.parallel.rigid_partition import RigidDivision
-
-            self.ranks = team
-            moves = ~scene.rigid_bodies.is_prescribed.all(axis=1)
-            self.division = RigidDivision(team, moves, scene.dim)
-            return
-        if stays_whole(scene, self.options, team):
-            return
-        from xper_fx.parallel.local_bodies import divide
-
-        self.ranks = team
-        with self.stopwatch.phase("partition"):
-            groups = None
-            if scene.ties:
-                from xper_fx.scene.tie import tied_groups
-
-                groups = tied_groups(scene.ties, scene.bodies)
-            self.part = divide(scene.bodies, team, groups)
-        self.bodies = self.part.bodies
 
     # Bulk
 
@@ -263,34 +231,6 @@ class Model:
                 f'critical one, {critical:.3g} s. Take a smaller step or scheme="implicit".'
             )
         return float(step)
-
-    def _start(self) -> State:
-        if self.scene.bodies is None:
-            none = np.zeros(0)
-            return State(0.0, none, none, none)
-        function = fem.Function(self.bulk.forms.V)
-        given = self.scene.initial_velocity
-        if isinstance(given, Mapping):
-            for tag, field in given.items():
-                function.interpolate(
-                    _checked(field, self.scene.dim), self.bodies.cell_tags.find(tag)
-                )
-        elif given is not None:
-            function.interpolate(_checked(given, self.scene.dim))
-        unknowns, rest = self.bulk.unknowns, np.zeros(self.bulk.num_dofs)
-        velocity = rest.copy()
-        velocity.reshape(-1, unknowns.dim)[unknowns.node_of] = function.x.array.reshape(
-            -1, unknowns.dim
-        )
-        if self.options.inertia:
-            self.bulk.start(velocity, self.step_size)
-        internal = self.bulk.internal(rest)
-        if not np.all(np.isfinite(internal)):
-            raise ValueError(
-                "Internal forces at rest are not finite: a material's response should give the "
-                "stress of the start for a step of size zero."
-            )
-        return State(0.0, rest, velocity, internal, self.bulk.external(0.0))
 
     def _calls_for_one_system(self, searched: bool) -> bool:
         """Whether a static run is better solved in one system than by points on their bodies.
@@ -438,21 +378,3 @@ class Model:
             owns("commit", lambda: forms.history_nbytes)
         if interactions is not None:
             owns("interaction points", lambda: bytes_of_groups(interactions.groups))
-
-
-def _checked(field: Callable[[np.ndarray], np.ndarray], dim: int) -> Callable:
-    """An initial velocity that is refused unless it gives finite numbers of the right shape."""
-
-    def values(x: np.ndarray) -> np.ndarray:
-        given = np.asarray(field(x))
-        if given.shape != (dim, x.shape[1]) or given.dtype.kind not in "biuf":
-            raise ValueError(
-                f"initial_velocity should give numbers of shape ({dim}, {x.shape[1]}) for as many "
-                f"points, got {given.dtype} of shape {given.shape}."
-            )
-        if not np.all(np.isfinite(given)):
-            where = x[:dim, ~np.isfinite(given).all(axis=0)][:, 0]
-            raise ValueError(f"initial_velocity is not finite at {where.tolist()}.")
-        return given.astype(float)
-
-    return values

@@ -74,6 +74,10 @@ class RequestedAccuracy(NamedTuple):
         if newton_tolerance is None:
             newton_tolerance = _NEWTON_TOLERANCE if accuracy is None else _NEWTON * accuracy
         return cls(
-            accuracy, None if adapts_step else step, tolerance, newton_tolerance, adapts_step,
+            accuracy,
+            None if adapts_step else step,
+            tolerance,
+            newton_tolerance,
+            adapts_step,
             adapts_tolerance,
-        )  # fmt: skip
+        )

@@ -83,8 +83,7 @@ class Simulation(Restartable):
             regularises the stiffness.
         healing: whether overlaps that impacts leave are taken back in scenes of rigid bodies alone
             (`healing.py`); False leaves them.
-        path: how the load of a static run is found, `GrowthControl()` or `DissipationControl(...)`;
-            None where the step tells.
+        path: finds the load of a static run, `GrowthControl()` or `DissipationControl(...)`.
         num_threads: threads of the interaction solver; all that Numba has if not given.
         comm: ranks that simulate the scene together, each with the same scene. They divide the
             bodies of scenes of meshed bodies that interact at their facets or with walls, and the

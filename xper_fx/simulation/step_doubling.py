@@ -29,10 +29,12 @@ def works(energies: BulkEnergies) -> np.ndarray:
     """External work, gains of kinetic and elastic energy, dissipation of the bulk (J; 2D: J/m)."""
     return np.array(
         [
-            energies.work, energies.kinetic_change, energies.elastic_change,
+            energies.work,
+            energies.kinetic_change,
+            energies.elastic_change,
             energies.plastic + energies.viscous,
         ]
-    )  # fmt: skip
+    )
 
 
 @dataclass

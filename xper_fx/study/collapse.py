@@ -87,9 +87,13 @@ def equilibrium(scene: Scene) -> Equilibrium:
         first = int(np.argmax(np.any(bodies.velocity != 0.0, axis=1) | _turns(bodies.spin)))
         raise ValueError(f"Bodies should be at rest at time 0; rigid body {first} moves.")
     simulation = Simulation(
-        scene, _STEP, solver="friction_problem", tolerance=_TOLERANCE, max_halvings=0,
+        scene,
+        _STEP,
+        solver="friction_problem",
+        tolerance=_TOLERANCE,
+        max_halvings=0,
         comm=MPI.COMM_SELF,
-    )  # fmt: skip
+    )
     for _ in simulation.steps(_STEP):
         pass
     moved, motion = simulation.rigid.kinetic, simulation.rigid.state

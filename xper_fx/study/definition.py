@@ -228,9 +228,14 @@ class Study:
         """What one process does."""
         scene, simulation = self.split(setting)
         return Job(
-            self.build, scene, simulation, setting.get("courant"), setting.get("fields") or 0,
-            self.end_time, dict(self.quantities),
-        )  # fmt: skip
+            self.build,
+            scene,
+            simulation,
+            setting.get("courant"),
+            setting.get("fields") or 0,
+            self.end_time,
+            dict(self.quantities),
+        )
 
     def key(self, setting: Setting) -> str:
         """Names a run by all that decides its result: settings, `build` and its source, quantities,

@@ -135,8 +135,12 @@ def price_table(found: Sequence[Price]) -> str:
     for p in found:
         changes = [percent(p.change[q]) if q in p.change else p.refused for q in quantities]
         cells = [
-            p.effect, f"{p.seconds:.3g}", f"{p.time_ratio:.2f}", f"{p.memory / 1e6:.0f}",
-            f"{p.full_ratio:.2f}" if isfinite(p.full_ratio) else "-", *changes,
-        ]  # fmt: skip
+            p.effect,
+            f"{p.seconds:.3g}",
+            f"{p.time_ratio:.2f}",
+            f"{p.memory / 1e6:.0f}",
+            f"{p.full_ratio:.2f}" if isfinite(p.full_ratio) else "-",
+            *changes,
+        ]
         lines.append("| " + " | ".join(cells) + " |")
     return "\n".join(lines)

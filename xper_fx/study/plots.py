@@ -54,8 +54,9 @@ def plot_error_against_cost(
     quantities = list(quantities or results.study.quantities)
     costs = list(costs or (results.time, "peak_memory"))
     for kind, given, known in (
-        ("quantities", quantities, results.study.quantities), ("costs", costs, COSTS),
-    ):  # fmt: skip
+        ("quantities", quantities, results.study.quantities),
+        ("costs", costs, COSTS),
+    ):
         unknown = sorted(set(given) - set(known))
         if unknown:
             raise ValueError(f"{kind} names {unknown}; these are: {sorted(known)}.")
@@ -166,9 +167,14 @@ def _name_runs(
         value = run.setting[parameters[0]]
         text = f"{value:g}" if isinstance(value, int | float) else str(value)
         axes.annotate(
-            text, place, xytext=(4, 3) if above else (4, -8), textcoords="offset points",
-            fontsize=6.5, color=colour, zorder=5,
-        )  # fmt: skip
+            text,
+            place,
+            xytext=(4, 3) if above else (4, -8),
+            textcoords="offset points",
+            fontsize=6.5,
+            color=colour,
+            zorder=5,
+        )
 
 
 def plot_price(

@@ -20,8 +20,8 @@ from scipy.spatial import cKDTree
 from scipy.stats import qmc
 
 from xper_fx.output.cracks import broken_points
+from xper_fx.output.field_series import point_coordinates
 from xper_fx.output.gauges import CellGauge, TensileGauge, require_gauge
-from xper_fx.output.recorder import point_coordinates
 from xper_fx.simulation.simulation import Simulation, StepRecord
 from xper_fx.support.checks import require_count, require_positive
 

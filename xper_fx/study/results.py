@@ -397,9 +397,13 @@ class StudyResults:
             if run.done:
                 r = run.record
                 cells += [
-                    f"{r[self.time]:.3g}", f"{r['peak_memory'] / 1e6:.0f}", str(r["steps"]),
-                    str(r["sweeps"]), str(r["newton_iterations"]), f"{r['closure']:.0e}",
-                ]  # fmt: skip
+                    f"{r[self.time]:.3g}",
+                    f"{r['peak_memory'] / 1e6:.0f}",
+                    str(r["steps"]),
+                    str(r["sweeps"]),
+                    str(r["newton_iterations"]),
+                    f"{r['closure']:.0e}",
+                ]
                 cells += [
                     f"{run.errors[q]:.1e}{'*' if id(run) in fronts[q] else ''}" for q in quantities
                 ]

@@ -85,8 +85,9 @@ def run_study(
     def make() -> None:
         prepare_folder(folder)
         parameters = varied(settings)
-        with tqdm(list(zip(settings, paths, strict=True)), desc=study.name, unit="run",
-                  disable=quiet) as bar:  # fmt: skip
+        with tqdm(
+            list(zip(settings, paths, strict=True)), desc=study.name, unit="run", disable=quiet
+        ) as bar:
             for setting, path in bar:
                 bar.set_postfix_str(as_text(setting, parameters))
                 if not path.with_suffix(".json").exists():

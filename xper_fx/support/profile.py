@@ -173,10 +173,14 @@ class Stopwatch:
             count = left.pop(phase.name, None)
             rows.append(
                 PhaseRow(
-                    path, phase.seconds, own, phase.seconds / wall, phase.calls,
+                    path,
+                    phase.seconds,
+                    own,
+                    phase.seconds / wall,
+                    phase.calls,
                     count() if count else 0,
                 )
-            )  # fmt: skip
+            )
         other = wall - sum(part.seconds for part in self._root.parts.values())
         return [*rows, PhaseRow((OTHER,), other, other, other / wall, 0, 0)]
 

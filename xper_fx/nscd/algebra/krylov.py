@@ -133,8 +133,9 @@ def gmres(
                 w /= length
             for j, (c, s) in enumerate(turns[:count]):
                 column[j], column[j + 1] = (
-                    c * column[j] + s * column[j + 1], c * column[j + 1] - s * column[j],
-                )  # fmt: skip
+                    c * column[j] + s * column[j + 1],
+                    c * column[j + 1] - s * column[j],
+                )
             length = np.hypot(column[count], column[count + 1])
             if length == 0.0:
                 break

@@ -16,7 +16,7 @@ from xper_fx.cache import njit
 from xper_fx.nscd.algebra.anderson_mixing import AndersonMixing
 from xper_fx.nscd.friction.blocks import BlockProblem
 from xper_fx.nscd.friction.error import residual_kernel
-from xper_fx.nscd.friction.gauss_seidel import factors_of, sweeps_kernel
+from xper_fx.nscd.friction.gauss_seidel import Iterate, Progress, Stop, factors_of, sweeps_kernel
 from xper_fx.nscd.local_solvers import LocalSolver
 
 SWEEPS, _MEMORY = 16, 10
@@ -31,16 +31,12 @@ def _kernel(dim: int, local: LocalSolver):
     sweeps_of, squared = sweeps_kernel(dim, local, False, False), residual_kernel(dim)
 
     @njit(nogil=True, error_model="numpy")
-    def image(offsets, columns, blocks, diagonal, factors, q, mu, r):
+    def image(problem, factors, r):
         """r becomes its image; the square of its natural map, not yet over |q|."""
-        n = len(mu)
-        sweeps, converged = np.zeros(1, np.int64), np.zeros(1, np.bool_)
-        no_history, dirty = np.zeros((2, 2)), np.ones(n, np.bool_)
-        sweeps_of(
-            np.array([0, n]), offsets, columns, blocks, diagonal, factors, q, mu, r, 1.0, dirty,
-            0.0, SWEEPS, np.inf, sweeps, converged, no_history,
-        )  # fmt: skip
-        return squared(0, n, offsets, columns, blocks, q, mu, r, 1.0)
+        done = Progress(np.zeros(1, np.int64), np.zeros(1, np.bool_), np.zeros((2, 2)))
+        iterate = Iterate(r, factors, np.ones(len(r), np.bool_))
+        sweeps_of(problem, iterate, 1.0, Stop(0.0, SWEEPS, np.inf), done)
+        return squared(0, len(r), problem, r)
 
     return image
 
@@ -57,7 +53,7 @@ def solve(
     """Mix until the error is within the tolerance or stops falling.
 
     Args:
-        problem: the stored problem.
+        problem: the stored problem, as one component.
         r: shape (n, dim), first guess; the best impulses met on return.
         tolerance: bound on `error.natural_error`.
         history: the error of each mixing is appended.
@@ -68,17 +64,14 @@ def solve(
         Whether the tolerance was reached.
     """
     kernel, size_q = _kernel(problem.dim, local), np.linalg.norm(problem.q) or 1.0
-    arguments = (
-        problem.offsets, problem.columns, problem.blocks, problem.diagonal,
-        factors_of(problem, local), problem.q, problem.mu,
-    )  # fmt: skip
+    factors = factors_of(problem, local)
     # impulses so large that their rounding hides q: there is no solution
     beyond = tolerance * size_q / (_EPS * np.abs(problem.diagonal).max())
     mixing = AndersonMixing(r.size, _MEMORY, 1)
     point, image, errors = r.copy(), r.copy(), []
     for _ in range(max(max_sweeps // SWEEPS, 1)):
         image[:] = point
-        error = float(np.sqrt(kernel(*arguments, image))) / size_q
+        error = float(np.sqrt(kernel(problem, factors, image))) / size_q
         if not (np.isfinite(error) and np.abs(image).max() < beyond):
             break
         best = min(errors, default=np.inf)

@@ -136,9 +136,14 @@ def solve(
 ) -> None:
     """Solve; impulses in r, shape (n, dim), on return."""
     done = gauss_seidel.sweep(
-        problem, local, r,
-        tolerance=tolerance, max_sweeps=max_sweeps, patience=_PATIENCE, relaxation=_RELAXATION,
-    )  # fmt: skip
+        problem,
+        local,
+        r,
+        tolerance=tolerance,
+        max_sweeps=max_sweeps,
+        patience=_PATIENCE,
+        relaxation=_RELAXATION,
+    )
     course.note_sweeps(done)
     converged = done.converged
     if converged.all():
@@ -168,9 +173,13 @@ def solve(
             return True
         near = natural_error(part(problem, order), r[order]) < _NEARBY
         return attempt(
-            newton.proximal_point, "proximal_point", order,
-            alpha=_NEAR if near else _FAR, max_centres=max_centres, max_factorisations=affordable,
-        )  # fmt: skip
+            newton.proximal_point,
+            "proximal_point",
+            order,
+            alpha=_NEAR if near else _FAR,
+            max_centres=max_centres,
+            max_factorisations=affordable,
+        )
 
     def descend(contacts):
         mixable = len(contacts) >= _LARGE and max_sweeps >= anderson.SWEEPS
@@ -185,9 +194,13 @@ def solve(
         share = np.linalg.norm(problem.q) / (np.linalg.norm(alone.q) or 1.0)
         share *= np.sqrt(len(own) / len(r))
         done = gauss_seidel.sweep(
-            alone, local, found,
-            tolerance=tolerance * share, max_sweeps=max_sweeps, relaxation=relaxation,
-        )  # fmt: skip
+            alone,
+            local,
+            found,
+            tolerance=tolerance * share,
+            max_sweeps=max_sweeps,
+            relaxation=relaxation,
+        )
         course.note_sweeps(done)
         if natural_error(alone, found) < natural_error(alone, r[own]):
             r[own] = found
@@ -196,9 +209,11 @@ def solve(
     def grow(own):
         affordable = int(_OPERATIONS / elimination.operations(own) / 6)
         return affordable >= _LEAST_FACTORISATIONS and attempt(
-            newton.continuation, "continuation", elimination.order(own),
+            newton.continuation,
+            "continuation",
+            elimination.order(own),
             max_factorisations=affordable,
-        )  # fmt: skip
+        )
 
     def persist(own):
         rest = np.zeros_like(r[own])

@@ -164,10 +164,11 @@ def part(problem: BlockProblem, contacts: np.ndarray) -> BlockProblem:
 
 @cache
 def row_product(dim: int):
-    """Kernel `multiply(a, offsets, columns, blocks, r, u) -> u + sum_b W_ab r_b`, all tuples."""
+    """Kernel `multiply(a, problem, r, u) -> u + sum_b W_ab r_b`; u and the result are tuples."""
 
     @njit(inline="always")
-    def multiply2(a, offsets, columns, blocks, r, u):
+    def multiply2(a, problem, r, u):
+        offsets, columns, blocks = problem.offsets, problem.columns, problem.blocks
         x, y = u
         for k in range(np.uintp(offsets[a]), np.uintp(offsets[a + 1])):
             b = np.uintp(columns[k])
@@ -177,7 +178,8 @@ def row_product(dim: int):
         return x, y
 
     @njit(inline="always")
-    def multiply3(a, offsets, columns, blocks, r, u):
+    def multiply3(a, problem, r, u):
+        offsets, columns, blocks = problem.offsets, problem.columns, problem.blocks
         x, y, z = u
         for k in range(np.uintp(offsets[a]), np.uintp(offsets[a + 1])):
             b = np.uintp(columns[k])

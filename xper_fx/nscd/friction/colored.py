@@ -31,17 +31,15 @@ def _kernels(dim: int, local: LocalSolver, relaxed: bool):
     visit, squared = visit_kernel(dim, local, relaxed), residual_kernel(dim)
 
     @njit(parallel=True, nogil=True, fastmath={"contract"}, error_model="numpy")
-    def sweep(colors, offsets, columns, blocks, diagonal, factors, q, mu, r, omega, changes):
+    def sweep(colors, problem, factors, r, omega, changes):
         for color in range(len(colors) - 1):
             for a in prange(colors[color], colors[color + 1]):
-                changes[a] = visit(
-                    np.uintp(a), offsets, columns, blocks, diagonal, factors, q, mu, r, omega
-                )
+                changes[a] = visit(np.uintp(a), problem, factors, r, omega)
 
     @njit(parallel=True, nogil=True, fastmath={"contract"}, error_model="numpy")
-    def errors(offsets, columns, blocks, q, mu, r, out):
-        for a in prange(len(mu)):
-            out[a] = squared(a, a + 1, offsets, columns, blocks, q, mu, r, 1.0)
+    def errors(problem, r, out):
+        for a in prange(len(r)):
+            out[a] = squared(a, a + 1, problem, r)
 
     return sweep, errors
 
@@ -64,19 +62,18 @@ def sweep(
         local, r, tolerance, max_sweeps, relaxation: as in `gauss_seidel.sweep`.
     """
     run, errors = _kernels(problem.dim, local, relaxation != 1.0)
-    matrix = (problem.offsets, problem.columns, problem.blocks)
     factors = factors_of(problem, local)
     size_q = np.linalg.norm(problem.q) or 1.0
     each = np.empty(len(r))
     worth, history, reached, count = _WORTH * tolerance, [], False, 0
     for count in range(1, max_sweeps + 1):
         omega = relaxation if count > UNRELAXED else 1.0
-        run(colors, *matrix, problem.diagonal, factors, problem.q, problem.mu, r, omega, each)
+        run(colors, problem, factors, r, omega, each)
         change = np.sqrt(each.sum()) / size_q
         if not np.isfinite(change):
             break
         if change <= worth or count % _LOOK == 0 or count == max_sweeps:
-            errors(*matrix, problem.q, problem.mu, r, each)
+            errors(problem, r, each)
             error = np.sqrt(each.sum()) / size_q
             history.append((count, error))
             reached = bool(error <= tolerance)

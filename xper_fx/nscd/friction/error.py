@@ -59,17 +59,17 @@ def natural_map(dim: int):
 
 @cache
 def residual_kernel(dim: int):
-    """Kernel `squared(first, last, offsets, columns, blocks, q, mu, r, rho) -> sum |F|^2`."""
+    """Kernel `squared(first, last, problem, r) -> sum |F|^2` with rho = 1."""
     algebra = for_dimension(dim)
     row, dot = algebra.row, algebra.dot
     multiply, residual = row_product(dim), natural_map(dim)
 
     @njit(fastmath={"contract"}, error_model="numpy", _nrt=False)
-    def squared(first, last, offsets, columns, blocks, q, mu, r, rho):
+    def squared(first, last, problem, r):
         total = 0.0
         for a in range(first, last):
-            u = multiply(a, offsets, columns, blocks, r, row(q, a))
-            f = residual(row(r, a), u, mu[a], rho)
+            u = multiply(a, problem, r, row(problem.q, a))
+            f = residual(row(r, a), u, problem.mu[a], 1.0)
             total += dot(f, f)
         return total
 
@@ -79,7 +79,7 @@ def residual_kernel(dim: int):
 def natural_error(problem: BlockProblem, r: np.ndarray) -> float:
     """`error` of the module docstring, of a stored (scaled) problem; r shape (n, dim)."""
     squared = residual_kernel(problem.dim)
-    total = squared(0, len(r), *problem[:3], problem.q, problem.mu, r, 1.0)
+    total = squared(0, len(r), problem, r)
     return np.sqrt(total) / (np.linalg.norm(problem.q) or 1.0)
 
 
@@ -168,5 +168,5 @@ def measure(W, q, mu, dim: int, r, mean_diagonal: float) -> tuple[np.ndarray, Er
     shape = (-1, dim)
     errors = _measure_kernel(dim)(
         W.indptr, W.indices, W.data, q.reshape(shape), mu, r, mean_diagonal, u.reshape(shape)
-    )  # fmt: skip
+    )
     return u, Errors(*errors)

@@ -51,6 +51,47 @@ class Sweeps(NamedTuple):
     visits: int
 
 
+class Iterate(NamedTuple):
+    """Where sweeps over a problem are.
+
+    Attributes:
+        r: shape (n, dim), impulses of the moment.
+        factors: shape (n, num_factors), what the local solver keeps of each contact.
+        dirty: shape (n,), bool: contacts whose neighbours have moved since their last visit.
+    """
+
+    r: np.ndarray
+    factors: np.ndarray
+    dirty: np.ndarray
+
+
+class Stop(NamedTuple):
+    """When sweeps end.
+
+    Attributes:
+        limit: sum over all contacts of |F|^2 that is wanted (`error.py`).
+        max_sweeps, patience: as of `sweep`.
+    """
+
+    limit: float
+    max_sweeps: int
+    patience: float
+
+
+class Progress(NamedTuple):
+    """What sweeps write of themselves.
+
+    Attributes:
+        sweeps, converged: shape (num_components,), as of `Sweeps`.
+        history: shape (2, k), sum of |F|^2 at 16, 32, 64, ... sweeps of the components under way,
+            and of those left since.
+    """
+
+    sweeps: np.ndarray
+    converged: np.ndarray
+    history: np.ndarray
+
+
 @cache
 def _prepare_kernel(dim: int, local: LocalSolver):
     sym_row, prepare = for_dimension(dim).sym_row, local.prepare
@@ -65,7 +106,7 @@ def _prepare_kernel(dim: int, local: LocalSolver):
 
 @cache
 def visit_kernel(dim: int, local: LocalSolver, relaxed: bool):
-    """Kernel `visit(a, problem..., r, omega) -> |dr|^2`: solve contact a, r_a changes."""
+    """Kernel `visit(a, problem, factors, r, omega) -> |dr|^2`: solve contact a, r_a changes."""
     algebra = for_dimension(dim)
     row, set_row, sym_row = algebra.row, algebra.set_row, algebra.sym_row
     sym_vector, subtract, dot = algebra.sym_vector, algebra.subtract, algebra.dot
@@ -85,9 +126,10 @@ def visit_kernel(dim: int, local: LocalSolver, relaxed: bool):
         return add(normal, scale(mu * r[0] / size, tangential))
 
     @njit(inline="always")
-    def visit(a, offsets, columns, blocks, diagonal, factors, q, mu, r, omega):
-        w, old = sym_row(diagonal, a), row(r, a)
-        u = multiply(a, offsets, columns, blocks, r, row(q, a))
+    def visit(a, problem, factors, r, omega):
+        mu = problem.mu
+        w, old = sym_row(problem.diagonal, a), row(r, a)
+        u = multiply(a, problem, r, row(problem.q, a))
         new = solve(subtract(u, sym_vector(w, old)), w, factors, a, mu[a], old)
         if relaxed and omega != 1.0:
             new = into_cone(add(old, scale(omega, subtract(new, old))), mu[a])
@@ -100,18 +142,19 @@ def visit_kernel(dim: int, local: LocalSolver, relaxed: bool):
 
 @cache
 def sweeps_kernel(dim: int, local: LocalSolver, relaxed: bool, symmetric: bool):
-    """Kernel `run`: all sweeps over all components; see its call in `sweep`."""
+    """Kernel `run(problem, iterate, omega, stop, progress) -> visits`: all sweeps."""
     visit, squared = visit_kernel(dim, local, relaxed), residual_kernel(dim)
 
     @njit(inline="always")
-    def sweep(first, last, backward, offsets, columns, blocks, diagonal, factors, q, mu, r, omega,
-              dirty, rest):  # fmt: skip
+    def sweep(first, last, backward, problem, iterate, omega, rest):
+        offsets, columns = problem.offsets, problem.columns
+        r, factors, dirty = iterate
         changed, visits = 0.0, 0
         for place in range(first, last):
             a = np.uintp(first + last - 1 - place if backward else place)
             if not dirty[a]:
                 continue
-            change = visit(a, offsets, columns, blocks, diagonal, factors, q, mu, r, omega)
+            change = visit(a, problem, factors, r, omega)
             visits += 1
             changed += change
             moved = change > rest
@@ -122,21 +165,20 @@ def sweeps_kernel(dim: int, local: LocalSolver, relaxed: bool, symmetric: bool):
         return changed, visits
 
     @njit(nogil=True, fastmath={"contract"}, error_model="numpy", _nrt=False)
-    def run(components, offsets, columns, blocks, diagonal, factors, q, mu, r, omega, dirty, limit,
-            max_sweeps, patience, sweeps, converged, history):  # fmt: skip
+    def run(problem, iterate, omega, stop, progress):
+        components, dirty, patience = problem.components, iterate.dirty, stop.patience
+        sweeps, converged, history = progress.sweeps, progress.converged, progress.history
         total_visits = 0
         for c in range(len(components) - 1):
             first, last = components[c], components[c + 1]
-            share = limit * (last - first) / len(mu)
+            share = stop.limit * (last - first) / len(problem.mu)
             rest = _REST * _REST * share / (last - first)
             worth = 4.0 * share  # change of a sweep at which the error is computed
             next_check, number, previous = _FIRST_CHECK, 0, np.inf
             error = np.inf
-            for count in range(1, max_sweeps + 1):
-                changed, visits = sweep(
-                    first, last, symmetric and count % 2 == 0, offsets, columns, blocks, diagonal,
-                    factors, q, mu, r, omega if count > UNRELAXED else 1.0, dirty, rest,
-                )  # fmt: skip
+            for count in range(1, stop.max_sweeps + 1):
+                backward, factor = symmetric and count % 2 == 0, omega if count > UNRELAXED else 1.0
+                changed, visits = sweep(first, last, backward, problem, iterate, factor, rest)
                 total_visits += visits
                 sweeps[c] = count
                 if not np.isfinite(changed):
@@ -144,10 +186,10 @@ def sweeps_kernel(dim: int, local: LocalSolver, relaxed: bool, symmetric: bool):
                 if (
                     changed <= worth
                     or count == next_check
-                    or count == max_sweeps
+                    or count == stop.max_sweeps
                     or last == first + 1
                 ):
-                    error = squared(first, last, offsets, columns, blocks, q, mu, r, 1.0)
+                    error = squared(first, last, problem, iterate.r)
                     if error <= share:
                         converged[c] = True
                         break
@@ -181,13 +223,9 @@ def _first_kernel(dim: int, local: LocalSolver, relaxed: bool, symmetric: bool):
     run = sweeps_kernel(dim, local, relaxed, symmetric)
 
     @njit(nogil=True, error_model="numpy", _nrt=False)
-    def first(components, offsets, columns, blocks, diagonal, factors, q, mu, r, omega, dirty,
-              limit, max_sweeps, patience, sweeps, converged, history):  # fmt: skip
-        prepare_all(diagonal, mu, factors)
-        return run(
-            components, offsets, columns, blocks, diagonal, factors, q, mu, r, omega, dirty,
-            limit, max_sweeps, patience, sweeps, converged, history,
-        )  # fmt: skip
+    def first(problem, iterate, omega, stop, progress):
+        prepare_all(problem.diagonal, problem.mu, iterate.factors)
+        return run(problem, iterate, omega, stop, progress)
 
     return first
 
@@ -226,16 +264,18 @@ def sweep(
     """
     count = len(problem.components) - 1
     sweeps, converged = np.zeros(count, np.int64), np.zeros(count, np.bool_)
-    history = np.zeros((2, _LOOKS))  # of components under way, and of those left since
+    history = np.zeros((2, _LOOKS))
+    factors = np.empty((len(r), local.num_factors))
     q = problem.q.ravel()
     size_q = math.sqrt(q @ q) or 1.0
     run = _first_kernel(problem.dim, local, relaxation != 1.0, symmetric)
     visits = run(
-        problem.components, problem.offsets, problem.columns, problem.blocks, problem.diagonal,
-        np.empty((len(r), local.num_factors)), problem.q, problem.mu, r, relaxation,
-        np.ones(len(r), np.bool_), (tolerance * size_q) ** 2, max_sweeps, patience, sweeps,
-        converged, history,
-    )  # fmt: skip
+        problem,
+        Iterate(r, factors, np.ones(len(r), np.bool_)),
+        relaxation,
+        Stop((tolerance * size_q) ** 2, max_sweeps, patience),
+        Progress(sweeps, converged, history),
+    )
     errors = np.sqrt(history[0] + np.cumsum(history[1])) / size_q
     looks = [(_FIRST_CHECK << k, errors[k]) for k in range(np.count_nonzero(history[0]))]
     most = int(sweeps.max(initial=0))

@@ -62,8 +62,9 @@ def _kernels(dim: int):
         return max((x[a, 0] - t) * (x[a, 0] + t), _TINY)
 
     @njit
-    def begin(offsets, columns, blocks, q, mu, scaled, qs):
+    def begin(problem, mu, scaled, qs):
         """W' and q'."""
+        offsets, columns, blocks, q = problem.offsets, problem.columns, problem.blocks, problem.q
         for a in range(len(mu)):
             for i in range(dim):
                 si = 1.0 / mu[a] if i == 0 else 1.0
@@ -74,12 +75,16 @@ def _kernels(dim: int):
                         scaled[k, i, j] = blocks[k, i, j] * si * (sn if j == 0 else 1.0)
 
     @njit(error_model="numpy")
-    def linearise(offsets, columns, scaled, qs, mu, true_mu, x, z, residual, scaling, data, rhs):
+    def linearise(problem, true_mu, x, z, residual, scaling, data, rhs):
         """Residual, scaling and matrix at (x, z), right-hand side of the predictor.
+
+        `problem` has W', q' and the friction they were scaled by; `true_mu` may be zero.
 
         `scaling[a]` holds the unit scaling point and its factor eta. Returns squared natural-map
         error and complementarity.
         """
+        offsets, columns, scaled = problem.offsets, problem.columns, problem.blocks
+        qs, mu = problem.q, problem.mu
         error, gap = 0.0, 0.0
         theta = np.empty((dim, dim))
         d = np.zeros(dim)
@@ -263,7 +268,8 @@ def solve(
     unit = size_q / np.sqrt(n)  # all is solved for q / unit
     mu = np.maximum(problem.mu, _LEAST_FRICTION)
     scaled, qs = np.empty_like(problem.blocks), np.empty((n, dim))
-    begin(problem.offsets, problem.columns, problem.blocks, problem.q / unit, mu, scaled, qs)
+    begin(problem._replace(q=problem.q / unit), mu, scaled, qs)
+    own = problem._replace(blocks=scaled, q=qs, mu=mu)
     x, z = np.zeros((2, n, dim))
     x[:, 0], z[:, 0] = start * mu, start / mu
     dx, dz, residual, g, rhs = np.empty((5, n, dim))
@@ -273,10 +279,7 @@ def solve(
     to_impulse = np.full((n, dim), unit)
     to_impulse[:, 0] /= mu
     for _ in range(_MAX_ITERATIONS):
-        squared, gap = linearise(
-            problem.offsets, problem.columns, scaled, qs, mu, problem.mu, x, z, residual, scaling,
-            system.data, rhs,
-        )  # fmt: skip
+        squared, gap = linearise(own, problem.mu, x, z, residual, scaling, system.data, rhs)
         error = np.sqrt(squared / n)
         history.append(error)
         if error < best:

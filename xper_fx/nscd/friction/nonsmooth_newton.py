@@ -62,11 +62,11 @@ def _kernels(dim: int):
             rho[a, 1] = 1.0 / largest if largest > 0.0 else 1.0
 
     @njit(error_model="numpy")
-    def value(offsets, columns, blocks, q, mu, rho, alpha, centre, r, f, y):
+    def value(problem, rho, alpha, centre, r, f, y):
         """F and y; returns |F|^2."""
-        total = 0.0
+        total, mu = 0.0, problem.mu
         for a in range(len(mu)):
-            u = multiply(a, offsets, columns, blocks, r, row(q, a))
+            u = multiply(a, problem, r, row(problem.q, a))
             size = 0.0
             for i, ui in enumerate(u):
                 shifted = ui + alpha * (r[a, i] - centre[a, i])
@@ -84,8 +84,9 @@ def _kernels(dim: int):
         return total
 
     @njit(error_model="numpy")
-    def jacobian(offsets, columns, blocks, mu, rho, alpha, y, data):
+    def jacobian(problem, rho, alpha, y, data):
         """I - A + A rho (W + alpha), row by row."""
+        offsets, columns, blocks, mu = problem.offsets, problem.columns, problem.blocks, problem.mu
         slope = np.empty((dim, dim))
         for a in range(len(mu)):
             slope[:] = 0.0
@@ -133,23 +134,16 @@ class _Newton:
 
     def value(self, alpha, centre, r):
         f, y = np.empty_like(r), np.empty_like(r)
-        p = self.problem
-        total = self._value(
-            p.offsets, p.columns, p.blocks, p.q, p.mu, self.rho, alpha, centre, r, f, y
-        )
+        total = self._value(self.problem, self.rho, alpha, centre, r, f, y)
         return np.sqrt(total), f, y
 
     def run(self, r, alpha, centre, wanted, max_steps):
         """Newton steps from r until |F| <= wanted; returns r, whether, and the steps made."""
-        p = self.problem
         size, f, y = self.value(alpha, centre, r)
         for count in range(max_steps):
             if size <= wanted:
                 return r, True, count
-            self._jacobian(
-                p.offsets, p.columns, p.blocks, p.mu, self.rho, max(alpha, _REGULAR), y,
-                self.system.data,
-            )  # fmt: skip
+            self._jacobian(self.problem, self.rho, max(alpha, _REGULAR), y, self.system.data)
             if not self.system.factorise():
                 return r, False, count
             direction = self.system.solve(-f)

@@ -238,9 +238,14 @@ class FrictionProblem:
             )  # fmt: skip
         else:
             automatic.on_part(
-                _GLOBAL[solver], stored, elimination.order(np.arange(n)), r,
-                course=course, name=solver, tolerance=tolerance,
-            )  # fmt: skip
+                _GLOBAL[solver],
+                stored,
+                elimination.order(np.arange(n)),
+                r,
+                course=course,
+                name=solver,
+                tolerance=tolerance,
+            )
         reaction = np.empty((n, dim))
         reaction[places] = r * scale
         reaction = reaction.ravel()

@@ -110,9 +110,13 @@ def mean_kernels(
         if dim == 2:
             return terms[i, soft], terms[i, soft + 1], terms[i, soft + 2]
         return (
-            terms[i, soft], terms[i, soft + 1], terms[i, soft + 2],
-            terms[i, soft + 3], terms[i, soft + 4], terms[i, soft + 5],
-        )  # fmt: skip
+            terms[i, soft],
+            terms[i, soft + 1],
+            terms[i, soft + 2],
+            terms[i, soft + 3],
+            terms[i, soft + 4],
+            terms[i, soft + 5],
+        )
 
     @njit(inline="always")
     def set_damage(i, beta, s, terms, details):

@@ -122,8 +122,11 @@ class CohesiveZone(Bond):
 
     def _check_shape(self) -> None:
         w, strength, d0, dc = (
-            self.fracture_energy, self.strength, self.elastic_opening, self.critical_opening,
-        )  # fmt: skip
+            self.fracture_energy,
+            self.strength,
+            self.elastic_opening,
+            self.critical_opening,
+        )
         least = 0.5 * strength * d0
         refuse_where(
             w <= least,

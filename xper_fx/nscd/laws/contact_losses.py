@@ -42,9 +42,7 @@ def contact_losses(dim: int, friction: bool):
             sliding = pressing and size >= (1.0 - _SLIDES) * bound * bound
         energy[i, FRICTION] = max(lost_t, 0.0) if friction and sliding else 0.0
         energy[i, IMPACT] = max(lost_n, 0.0) if pressing else 0.0
-        energy[i, NUMERICAL] = (
-            numerical + lost_t - energy[i, FRICTION] + lost_n - energy[i, IMPACT]
-        )  # fmt: skip
+        energy[i, NUMERICAL] = numerical + lost_t - energy[i, FRICTION] + lost_n - energy[i, IMPACT]
         return 2 if sliding else (1 if pressing else 0)
 
     return book

@@ -52,9 +52,8 @@ def coulomb_space(b, w, v_min, shift, mu, bound):
         # S is singular along b, perhaps along a: such a direction carries nothing if W vanishes
         # along it or the slip is stopped anyway; else it slides, and `tiny` only bounds divisions.
         still = NO_SLIP * (
-            abs(b[1]) + abs(b[2]) + abs(shift[0]) + abs(shift[1])
-            + (abs(w[1]) + abs(w[2])) * push
-        )  # fmt: skip
+            abs(b[1]) + abs(b[2]) + abs(shift[0]) + abs(shift[1]) + (abs(w[1]) + abs(w[2])) * push
+        )
         if abs(gb) <= still or small + wb * wb * w[0] <= tiny or mu * abs(wb) >= 1.0:
             gb = 0.0
         small = max(small, tiny)

@@ -197,9 +197,8 @@ def _stop() -> LawKernels:
         return 2 if r[0] > 0.0 else 0
 
     return _kernels(
-        "stop of a joint", prepare, solve, commit, 2, ("taut",),
-        ("impact", "numerical"),
-    )  # fmt: skip
+        "stop of a joint", prepare, solve, commit, 2, ("taut",), ("impact", "numerical")
+    )
 
 
 @cache
@@ -262,6 +261,4 @@ def _elastic_wire() -> LawKernels:
         state[i, 0] = stored
         return 1 if r[0] > 0.0 else 0
 
-    return _kernels(
-        "elastic wire", prepare, solve, commit, 4, ("stored",), ("stored", "numerical")
-    )  # fmt: skip
+    return _kernels("elastic wire", prepare, solve, commit, 4, ("stored",), ("stored", "numerical"))

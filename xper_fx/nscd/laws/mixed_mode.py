@@ -215,9 +215,11 @@ def _modes_apart(
         stiffness = c_n * (1.0 - shear) + c_t * shear
         onset = (c_n / s_n) ** 2 * (1.0 - shear) + (c_t / s_t) ** 2 * shear
         energy = energy_of(
-            c_t * shear / stiffness, parameters[i, first + _G_I], parameters[i, first + _G_II],
+            c_t * shear / stiffness,
+            parameters[i, first + _G_I],
+            parameters[i, first + _G_II],
             parameters[i, first + _EXPONENT],
-        )  # fmt: skip
+        )
         return make_shape(stiffness, stiffness / np.sqrt(onset), energy, *constants(i, parameters))
 
     @njit(**LEAN_INNER)

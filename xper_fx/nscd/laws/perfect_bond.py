@@ -103,9 +103,7 @@ def _kernels(dim: int) -> LawKernels:
         if dim == 2:
             inverse = terms[i, 2], terms[i, 3], terms[i, 4]
         else:
-            inverse = (
-                terms[i, 3], terms[i, 4], terms[i, 5], terms[i, 6], terms[i, 7], terms[i, 8],
-            )  # fmt: skip
+            inverse = (terms[i, 3], terms[i, 4], terms[i, 5], terms[i, 6], terms[i, 7], terms[i, 8])
         return add(r, sym_vector(inverse, missing)), True
 
     @njit(**LEAN_INNER)

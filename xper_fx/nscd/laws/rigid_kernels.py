@@ -118,13 +118,15 @@ def rigid_kernels(
     @njit(inline="always")
     def part_of_compliance(i, details):
         if dim == 2:
-            return (
-                details[i, compliance], details[i, compliance + 1], details[i, compliance + 2]
-            )  # fmt: skip
+            return (details[i, compliance], details[i, compliance + 1], details[i, compliance + 2])
         return (
-            details[i, compliance], details[i, compliance + 1], details[i, compliance + 2],
-            details[i, compliance + 3], details[i, compliance + 4], details[i, compliance + 5],
-        )  # fmt: skip
+            details[i, compliance],
+            details[i, compliance + 1],
+            details[i, compliance + 2],
+            details[i, compliance + 3],
+            details[i, compliance + 4],
+            details[i, compliance + 5],
+        )
 
     @njit(inline="always")
     def slipped(i, terms):

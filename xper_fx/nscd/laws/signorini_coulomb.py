@@ -137,9 +137,12 @@ class SignoriniCoulomb:
     def kernels(self, dim: int) -> LawKernels:
         """See `Law`."""
         return contact_kernels(
-            dim, acts(self.friction), self.contact, acts(self.tangential_restitution),
+            dim,
+            acts(self.friction),
+            self.contact,
+            acts(self.tangential_restitution),
             acts(self.rolling),
-        )  # fmt: skip
+        )
 
     def parameters(self) -> tuple:
         """See `_parameters`; then mu_r with rolling resistance."""

@@ -148,9 +148,7 @@ def slide(push, ga, gb, ca, cb, k, mu, x):
 @INLINE_KERNEL
 def _guided(b, w, factors, i, mu, push):
     """S singular along the second eigenvector, perhaps along both."""
-    c, s, soft, ca, cb = (
-        factors[i, 1], factors[i, 2], factors[i, 3], factors[i, 5], factors[i, 6],
-    )  # fmt: skip
+    c, s, soft, ca, cb = (factors[i, 1], factors[i, 2], factors[i, 3], factors[i, 5], factors[i, 6])
     ga = c * b[1] + s * b[2] - ca * b[0]
     gb = c * b[2] - s * b[1] - cb * b[0]
     still = NO_SLIP * (abs(b[1]) + abs(b[2]) + (abs(w[1]) + abs(w[2])) * push)
@@ -187,9 +185,7 @@ def solve_and_count(b, w, factors, i, mu, r):
     k = factors[i, 4]
     if k == 0.0:
         return _guided(b, w, factors, i, mu, push), 0
-    c, s, soft, ca, cb = (
-        factors[i, 1], factors[i, 2], factors[i, 3], factors[i, 5], factors[i, 6],
-    )  # fmt: skip
+    c, s, soft, ca, cb = (factors[i, 1], factors[i, 2], factors[i, 3], factors[i, 5], factors[i, 6])
     ga = (c * b[1] + s * b[2] - ca * b[0]) * soft
     gb = (c * b[2] - s * b[1] - cb * b[0]) * soft
     # A, N at x = 0, the sticking impulse times k

@@ -113,9 +113,10 @@ class JointRows:
         """
         known = np.flatnonzero(number >= 0)
         for own, other in (
-            (self._ends, rows._ends), (self._directions, rows._directions),
+            (self._ends, rows._ends),
+            (self._directions, rows._directions),
             (self._offset, rows._offset),
-        ):  # fmt: skip
+        ):
             own[known] = other[number[known]]
 
     @property
@@ -202,9 +203,13 @@ class JointRows:
         nodes = np.where(sides < self._count, first, ground)
         count = len(self.kind)
         points = InteractionPoints(
-            nodes[:, :, None].astype(np.int32), np.ones((count, 2, 1)), place.normal[:, None],
-            np.ones(count), place.gap, np.where(sides[..., None] < self._count, place.arms, 0.0),
-        )  # fmt: skip
+            nodes[:, :, None].astype(np.int32),
+            np.ones((count, 2, 1)),
+            place.normal[:, None],
+            np.ones(count),
+            place.gap,
+            np.where(sides[..., None] < self._count, place.arms, 0.0),
+        )
         number = np.arange(count)
         return FoundPoints(points, law, np.stack([number, np.zeros_like(number)], axis=1))
 

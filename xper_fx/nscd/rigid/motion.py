@@ -438,9 +438,13 @@ def _turning_energy(turn: Turn, which: np.ndarray | slice) -> float:
 
 
 def _free_velocities(
-    start: np.ndarray, impulse: np.ndarray, prescribed: np.ndarray, given: np.ndarray,
-    inertia: np.ndarray, blocks: np.ndarray,
-) -> np.ndarray:  # fmt: skip
+    start: np.ndarray,
+    impulse: np.ndarray,
+    prescribed: np.ndarray,
+    given: np.ndarray,
+    inertia: np.ndarray,
+    blocks: np.ndarray,
+) -> np.ndarray:
     """v0 + w (h f - M dv_c), and the given values where they are prescribed; rows (n, 2 dim)."""
     dim, turning = start.shape[1] // 2, inertia.shape[1]
     spin = slice(dim, dim + turning)

@@ -42,10 +42,15 @@ from xper_fx.nscd.rigid.plane_turning import Turn
 add, dot, matrix_vector, row, scale, set_row, subtract = (
     njit(**MERGED)(getattr(function, "py_func", function))  # no kernels if Numba is off
     for function in (
-        space.add, space.dot, space.matrix_vector, space.row, space.scale, space.set_row,
+        space.add,
+        space.dot,
+        space.matrix_vector,
+        space.row,
+        space.scale,
+        space.set_row,
         space.subtract,
     )
-)  # fmt: skip
+)
 
 # How a body turns in 3D.
 _ROUND, _TUMBLING, _GUIDED = range(3)
@@ -119,9 +124,13 @@ class SpaceTurning:
         _, tumbling, guided = self._kinds
         if tumbling or guided:
             _inverse_kernel(tumbling, guided)(
-                self.how, turn.rotation, turn.inertia, self.body_inverse, self.prescribed,
+                self.how,
+                turn.rotation,
+                turn.inertia,
+                self.body_inverse,
+                self.prescribed,
                 self.inverse,
-            )  # fmt: skip
+            )
         inverse[:] = self.inverse
 
 

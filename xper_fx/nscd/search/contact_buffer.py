@@ -84,28 +84,21 @@ def collect(jobs: Sequence[tuple], dim: int, expected: int) -> Contacts:
 
 
 @njit(inline="always")
-def put_plane(found, count, bodies, num_bodies, feature, x, y, nx, ny, gap, area):
-    """Write a contact in 2D if there is room, and return the count with it."""
-    if count < len(found.gap):
-        i, j = bodies
-        found.body[count, 0] = i
-        found.body[count, 1] = j
-        found.point[count, 0] = x
-        found.point[count, 1] = y
-        found.normal[count, 0] = nx
-        found.normal[count, 1] = ny
-        found.gap[count] = gap
-        found.area[count] = area
-        found.key[count, 0] = min(i, j) * num_bodies + max(i, j)
-        found.key[count, 1] = feature
-    return count + 1
+def contact_key(bodies, num_bodies, feature):
+    """Key of a contact of two bodies, in whatever order, by the feature that it is known by."""
+    i, j = bodies
+    return min(i, j) * num_bodies + max(i, j), feature
 
 
 @njit(inline="always")
-def put_space(found, count, bodies, num_bodies, feature, x, y, z, nx, ny, nz, gap, area):
-    """Write a contact in 3D if there is room, and return the count with it."""
+def put_contact(found, count, bodies, key, point, normal, gap, area):
+    """Write a contact if there is room, and return the count with it."""
     if count < len(found.gap):
-        put_plane(found, count, bodies, num_bodies, feature, x, y, nx, ny, gap, area)
-        found.point[count, 2] = z
-        found.normal[count, 2] = nz
+        found.body[count, 0], found.body[count, 1] = bodies
+        for d in range(len(point)):
+            found.point[count, d] = point[d]
+            found.normal[count, d] = normal[d]
+        found.gap[count] = gap
+        found.area[count] = area
+        found.key[count, 0], found.key[count, 1] = key
     return count + 1

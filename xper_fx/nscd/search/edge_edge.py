@@ -11,10 +11,13 @@ moment. Edges flatter than 2 degrees are left to nodes and facets, as are parall
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from xper_fx.cache import njit
 from xper_fx.nscd.kernel_options import LEAN_ENTRY, LEAN_INNER
+from xper_fx.nscd.search.facet_geometry import Faces
 
 # Sine of the angle by which an edge must be bent to count.
 _BENT = 0.035
@@ -73,11 +76,25 @@ def _recedes(n, sign, direction, facet_normal, turn):
     return sign * turn * (n[0] * t0 + n[1] * t1 + n[2] * t2) <= _RECEDING
 
 
-@njit(**LEAN_ENTRY)
-def edge_edge(
-    pairs, edges, others, faces, reach, out_pair, out_weights, out_normal, out_gap, out_area,
-    along, n,
-):  # fmt: skip
+class Crossings(NamedTuple):
+    """Contacts of edges; the first `found` rows.
+
+    Attributes:
+        pair: shape (n,), int32, of those that were looked at.
+        weights: share of the second node of each edge, shape (n, 2).
+        normal, gap, area: shape (n, 3), (n,), (n,); m, m^2.
+    """
+
+    pair: np.ndarray
+    weights: np.ndarray
+    normal: np.ndarray
+    gap: np.ndarray
+    area: np.ndarray
+
+
+def crossings(
+    pairs: np.ndarray, edges: np.ndarray, others: np.ndarray, faces: Faces, reach: float
+) -> Crossings:
     """Find the contacts of pairs of edges.
 
     Args:
@@ -85,13 +102,22 @@ def edge_edge(
         edges, others: of `convex_edges`.
         faces: `Faces`.
         reach: largest gap (m).
-        out_*: where contacts go, at least as many as pairs; `out_weights` is the share of the
-            second node of each edge, shape (p, 2).
-        along, n: room, shapes (2, 3) and (3,).
-
-    Returns:
-        How many contacts there are.
     """
+    room = len(pairs)
+    out = Crossings(
+        np.empty(room, np.int32),
+        np.empty((room, 2)),
+        np.empty((room, 3)),
+        np.empty(room),
+        np.empty(room),
+    )
+    found = _edge_edge(pairs, edges, others, faces, reach, out, np.empty((2, 3)), np.empty(3))
+    return Crossings(*(array[:found] for array in out))
+
+
+@njit(**LEAN_ENTRY)
+def _edge_edge(pairs, edges, others, faces, reach, out, along, n):
+    """Write the contacts into `out`, and return their number; `along` and `n` are room."""
     x, facets, weld, normal, depth = faces.x, faces.facets, faces.weld, faces.normal, faces.depth
     count = 0
     for i in range(len(pairs)):
@@ -145,13 +171,13 @@ def edge_edge(
                 continue
             if oa != fa and not _recedes(n, -sign, along[0], normal[oa], -1.0):
                 continue
-            out_pair[count] = i
-            out_weights[count, 0] = s
-            out_weights[count, 1] = t
-            out_gap[count] = sign * gap
-            out_area[count] = min(faces.share[fa], faces.share[fb])
+            out.pair[count] = i
+            out.weights[count, 0] = s
+            out.weights[count, 1] = t
+            out.gap[count] = sign * gap
+            out.area[count] = min(faces.share[fa], faces.share[fb])
             for d in range(3):
-                out_normal[count, d] = sign * n[d]
+                out.normal[count, d] = sign * n[d]
             count += 1
             break
     return count

@@ -164,7 +164,7 @@ def _fill(bucket, place, item):
 @njit(**LEAN_ENTRY)
 def _find(
     from_low, from_high, low, high, label, allowed, number, address, start, used, size, pairs
-):  # fmt: skip
+):
     """Write the pairs for which there is room, and return how many there are.
 
     Boxes come in the order of their cells, with their corners also measured from the origin. On

@@ -38,6 +38,7 @@ from xper_fx.nscd.search.facet_geometry import (
     is_tip,
     plane_weights,
 )
+from xper_fx.nscd.search.pair_list import PairList
 
 # Least part of a node's area that faces a contact.
 _FACING = 0.05
@@ -106,6 +107,23 @@ class Touching(NamedTuple):
     area: np.ndarray
 
 
+class Points(NamedTuple):
+    """Points that may touch facets.
+
+    Attributes:
+        position: shape (p, dim), m; with `meshed` these are the nodes.
+        radius: of each point, shape (p,), m: that of the disc or sphere around it.
+        outward: direction out of the solid at each point, shape (p, dim), zero if it has none;
+            not read with `meshed`, where a node's own facets say it.
+        meshed: whether points are nodes. Others touch no vertex: that node finds them.
+    """
+
+    position: np.ndarray
+    radius: np.ndarray
+    outward: np.ndarray
+    meshed: bool
+
+
 def room_for(count: int, dim: int) -> Touching:
     """Uninitialised room for contacts."""
     return Touching(
@@ -144,7 +162,7 @@ def _has(welds, weights, b, a):
 
 
 @njit(**LEAN_INNER)
-def _look_around(node, p, radius, meshed, begin, end, listed, faces, near):
+def _look_around(node, p, radius, meshed, span, listed, faces, near):
     """Write the facets near p into `near`; how many, and whether p is not part of some of them."""
     x, facets, normal, extent = faces.x, faces.facets, faces.normal, faces.extent
     weld, body, own_body = faces.weld, faces.body, faces.own_body
@@ -153,7 +171,7 @@ def _look_around(node, p, radius, meshed, begin, end, listed, faces, near):
     dim = len(p)
     m = 0
     foreign = False
-    for i in range(begin, end):
+    for i in range(span[0], span[1]):
         f = listed[i]
         cut = extent[f] + radius
         first = facets[f, 0]
@@ -308,16 +326,18 @@ def _is_back(a, m, gap, n, near, faces):
 
 
 @njit(**LEAN_INNER)
-def _way_out(a, m, touches, node, p, outward, meshed, near, faces, n, away):
+def _way_out(a, m, touches, point, near, faces, n, away):
     """Decide how facet a touches the point with its edge or vertex, or as a pocket's wall.
 
     Args:
         touches: whether it is nearest there.
+        point: its number, place and direction out of the solid, and whether it is a node.
         n: the facet's normal; overwritten by the contact's.
 
     Returns:
         Whether it does, the kind, the gap from p, and whether p must be its surface's tip.
     """
+    node, p, outward, meshed = point
     normal, weights = faces.normal, near.weights
     dim = len(p)
     f = near.facet[a]
@@ -389,20 +409,12 @@ def _nearest_of_each_normal(found, ways, kept):
             count += 1
 
 
-def point_facet(
-    points: np.ndarray, radius: np.ndarray, outward: np.ndarray, meshed: bool, rows: np.ndarray,
-    start: np.ndarray, listed: np.ndarray, faces: Faces, reach: float, out: Touching,
-) -> int:  # fmt: skip
+def point_facet(points: Points, pairs: PairList, faces: Faces, reach: float, out: Touching) -> int:
     """Find the contacts of points with the facets listed for each.
 
     Args:
-        points: shape (p, dim), m; with `meshed` these are the nodes.
-        radius: of each point, shape (p,), m: that of the disc or sphere around it.
-        outward: direction out of the solid at each point, shape (p, dim), zero if it has none;
-            not read with `meshed`, where a node's own facets say it.
-        meshed: whether points are nodes. Others touch no vertex: that node finds them.
-        rows, start, listed: the facets of the point `rows[i]` are
-            `listed[start[i]:start[i + 1]]`, ascending.
+        points: the points.
+        pairs: the facets that each may touch.
         faces: `Faces`.
         reach: largest gap (m).
         out: `Touching`, where contacts go, as many as there is room for.
@@ -410,8 +422,8 @@ def point_facet(
     Returns:
         How many contacts there are, more than there was room for perhaps.
     """
-    dim = points.shape[1]
-    longest = int(np.diff(start).max(initial=1))
+    dim = points.position.shape[1]
+    longest = int(np.diff(pairs.start).max(initial=1))
     near = _Near(
         np.empty(longest, np.int64),
         np.empty(longest),
@@ -432,17 +444,17 @@ def point_facet(
         np.empty((longest, dim)),
         np.empty(longest, np.bool_),
     )
-    return _point_facet(
-        points, radius, outward, meshed, rows, start, listed, faces, reach, out, near, ways,
-        np.empty(longest, np.int64), np.empty(dim),
-    )  # fmt: skip
+    room = near, ways, np.empty(longest, np.int64), np.empty(dim)
+    listed = pairs.rows, pairs.start, pairs.listed
+    return _point_facet(points, listed, faces, reach, out, room)
 
 
 @njit(**LEAN_ENTRY)
-def _point_facet(
-    points, radius, outward, meshed, rows, start, listed, faces, reach, out, near, ways, kept, away
-):  # fmt: skip
-    dim = points.shape[1]
+def _point_facet(points, pairs, faces, reach, out, room):
+    near, ways, kept, away = room
+    position, radius, outward, meshed = points
+    rows, start, listed = pairs
+    dim = position.shape[1]
     share, depth, fragment, body = faces.share, faces.depth, faces.fragment, faces.body
     own, height, square, near_facet = near.own, near.height, near.square, near.facet
     size, welds, weights = near.size, near.welds, near.weights
@@ -450,11 +462,12 @@ def _point_facet(
     count = 0
     for i in range(len(rows)):
         node = rows[i]
-        p = points[node]
+        p = position[node]
         r = radius[node]
         # with nodes, whose `outward` is not read, any row will do
         leaning = outward[0] if meshed else outward[node]
-        m, foreign = _look_around(node, p, r, meshed, start[i], start[i + 1], listed, faces, near)
+        span = start[i], start[i + 1]
+        m, foreign = _look_around(node, p, r, meshed, span, listed, faces, near)
         if not foreign:
             continue
         found = 0
@@ -473,9 +486,8 @@ def _point_facet(
                 touches = _is_lowest(a, m, noise, square, size, welds, weights)
                 if not touches and square[a] - flat * flat > depth[f] ** 2:
                     continue
-                touches, kind, gap, tip = _way_out(
-                    a, m, touches, node, p, leaning, meshed, near, faces, n, away
-                )
+                point = node, p, leaning, meshed
+                touches, kind, gap, tip = _way_out(a, m, touches, point, near, faces, n, away)
             if not touches or gap - r > reach or gap - r < -depth[f]:
                 continue
             if gap < 0.0 and kind != _POCKET and _is_back(a, m, gap, n, near, faces):

@@ -11,12 +11,15 @@ sides act at the node itself, so that no impulse has a moment, a tangential one 
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from xper_fx.cache import njit
 from xper_fx.nscd.kernel_options import LEAN_ENTRY, LEAN_INNER
+from xper_fx.nscd.rigid.bodies import ShapeTables
 from xper_fx.nscd.rigid.shapes import DISC, HALF_PLANE, HALF_SPACE, SPHERE
-from xper_fx.nscd.search.facet_geometry import facing_area, is_tip
+from xper_fx.nscd.search.facet_geometry import Faces, facing_area, is_tip
 
 # Least part of a node's area that faces a contact.
 _FACING = 0.05
@@ -77,10 +80,28 @@ def closest_on_face(y, vertices, first, loop, face_normal, height, q):
     return False
 
 
-@njit(**LEAN_ENTRY)
-def node_rigid(
-    pairs, faces, position, turn, shapes, reach, out_pair, out_normal, out_gap, out_area, room
-):
+class OnRigid(NamedTuple):
+    """Contacts of nodes with rigid bodies; the first `found` rows.
+
+    Attributes:
+        pair: shape (n,), int32, of those that were looked at.
+        normal, gap, area: shape (n, dim), (n,), (n,); m, m^2 (2D: m).
+    """
+
+    pair: np.ndarray
+    normal: np.ndarray
+    gap: np.ndarray
+    area: np.ndarray
+
+
+def nodes_on_rigid(
+    pairs: np.ndarray,
+    faces: Faces,
+    position: np.ndarray,
+    turn: np.ndarray,
+    shapes: ShapeTables,
+    reach: float,
+) -> OnRigid:
     """Find the contacts of nodes with rigid bodies.
 
     Args:
@@ -90,12 +111,16 @@ def node_rigid(
         turn: from their axes to those of space, shape (n, dim, dim).
         shapes: `ShapeTables`.
         reach: largest gap (m).
-        out_*: where contacts go, at least as many as pairs.
-        room: for four vectors, shape (4, dim).
-
-    Returns:
-        How many contacts there are.
     """
+    room, dim = len(pairs), position.shape[1]
+    out = OnRigid(np.empty(room, np.int32), np.empty((room, dim)), np.empty(room), np.empty(room))
+    found = _node_rigid(pairs, faces, position, turn, shapes, reach, out, np.empty((4, dim)))
+    return OnRigid(*(array[:found] for array in out))
+
+
+@njit(**LEAN_ENTRY)
+def _node_rigid(pairs, faces, position, turn, shapes, reach, out, room):
+    """Write the contacts into `out`, and return their number; `room` is for four vectors."""
     dim = position.shape[1]
     y, q, n, world = room[0], room[1], room[2], room[3]
     count = 0
@@ -199,10 +224,10 @@ def node_rigid(
         area, whole = facing_area(n, node, faces)
         if area < _FACING * whole or (tip and not is_tip(n, node, faces)):
             continue
-        out_pair[count] = i
-        out_gap[count] = gap
-        out_area[count] = area
+        out.pair[count] = i
+        out.gap[count] = gap
+        out.area[count] = area
         for d in range(dim):
-            out_normal[count, d] = n[d]
+            out.normal[count, d] = n[d]
         count += 1
     return count

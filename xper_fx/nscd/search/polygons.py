@@ -21,7 +21,13 @@ import math
 
 from xper_fx.cache import njit
 from xper_fx.nscd.kernel_options import LEAN_ENTRY, LEAN_INNER
-from xper_fx.nscd.search.contact_buffer import POINT_AREA, ROUNDING, SAME_CORNER, put_plane
+from xper_fx.nscd.search.contact_buffer import (
+    POINT_AREA,
+    ROUNDING,
+    SAME_CORNER,
+    contact_key,
+    put_contact,
+)
 from xper_fx.nscd.search.spheres import put_ball
 
 
@@ -166,10 +172,9 @@ def polygon_polygon(found, pairs, position, corners, bounding_radius, reach):
                 if h <= reach:
                     x = position[ref, 0] + px + u * tx + 0.5 * h * nx
                     y = position[ref, 1] + py + u * ty + 0.5 * h * ny
-                    count = put_plane(
-                        found, count, bodies, num_bodies, name, x, y, outward * nx, outward * ny,
-                        h, area,
-                    )  # fmt: skip
+                    key = contact_key(bodies, num_bodies, name)
+                    towards = outward * nx, outward * ny
+                    count = put_contact(found, count, bodies, key, (x, y), towards, h, area)
             continue
 
         # Two corners.
@@ -187,10 +192,8 @@ def polygon_polygon(found, pairs, position, corners, bounding_radius, reach):
         if gap <= reach:
             x = position[b, 0] + 0.5 * (ax + bx)
             y = position[b, 1] + 0.5 * (ay + by)
-            count = put_plane(
-                found, count, bodies, num_bodies, 2 * va, x, y, nx, ny, gap,
-                POINT_AREA * smaller,
-            )  # fmt: skip
+            key, area = contact_key(bodies, num_bodies, 2 * va), POINT_AREA * smaller
+            count = put_contact(found, count, bodies, key, (x, y), (nx, ny), gap, area)
     return count
 
 
@@ -236,7 +239,8 @@ def polygon_wall(found, pairs, position, corners, bounding_radius, wall_normal, 
             if gap <= reach:
                 x = position[a, 0] + vertex[start + v, 0] - 0.5 * gap * nx
                 y = position[a, 1] + vertex[start + v, 1] - 0.5 * gap * ny
-                count = put_plane(found, count, (a, b), len(position), v, x, y, nx, ny, gap, area)
+                key = contact_key((a, b), len(position), v)
+                count = put_contact(found, count, (a, b), key, (x, y), (nx, ny), gap, area)
     return count
 
 
@@ -287,5 +291,6 @@ def disc_polygon(found, pairs, position, radius, corners, reach):
                 nx, ny = (cx - vertex[corner, 0]) / distance, (cy - vertex[corner, 1]) / distance
         gap = distance - radius[i]
         if gap <= reach:
-            count = put_ball(found, count, i, j, len(position), position, radius[i], (nx, ny), gap)
+            bodies, n = (i, j), (nx, ny)
+            count = put_ball(found, count, bodies, len(position), position, radius[i], n, gap)
     return count

@@ -33,9 +33,11 @@ from xper_fx.nscd.search.contact_buffer import (
     SAME_CORNER,
     Corners,
     Found,
-    put_space,
+    contact_key,
+    put_contact,
 )
 from xper_fx.nscd.search.overlap import (
+    Overlap,
     area_of,
     clip,
     distinct,
@@ -149,16 +151,18 @@ def _best_face(corners, tables, ref, other, offset, bounding, reach, rounding):
 
 
 @njit(**LEAN_INNER)
-def _best_edges(corners, tables, a, b, offset, best, reach, rounding, along):
+def _best_edges(corners, tables, bodies, offset, best, reach, rounding, along):
     """Edges of a and b whose separation exceeds `best`, the largest; the normal from b to a.
 
     Args:
+        bodies: a and b.
         offset: from the centre of b to that of a.
         along: room for a number each face of b.
 
     Returns:
         (separation, edge of a, edge of b, normal); edges -1 if none exceeds `best`.
     """
+    a, b = bodies
     a_edges, b_edges = tables.edge_offsets[tables.entry[a]], tables.edge_offsets[tables.entry[b]]
     a_vertex, b_vertex = corners.vertex_start[a], corners.vertex_start[b]
     a_face, b_face = corners.face_start[a], corners.face_start[b]
@@ -216,14 +220,16 @@ def _face_at(corners, tables, body, vertex, n):
 
 
 @njit(**LEAN_INNER)
-def _overlap(overlap, corners, tables, ref, ref_face, other, other_face, offset, n, rounding):
+def _overlap(overlap, corners, tables, reference, incident, offset, n, rounding):
     """The overlap of two faces along n: corners with (u, w, h), h above the reference, as the gap.
 
-    `offset` leads from the centre of `ref` to that of `other`; (u, w) are about the former.
+    The reference and the incident face are pairs of a body and its face. `offset` leads from the
+    centre of the one body to that of the other; (u, w) are about the former.
 
     Returns:
         How many corners there are; they have no names yet. Their `place` has the middle as h.
     """
+    (ref, ref_face), (other, other_face) = reference, incident
     t1, t2 = plane_axes(n[0], n[1], n[2])
     start = corners.vertex_start[other]
     size = corners.vertex_start[other + 1] - start
@@ -266,13 +272,14 @@ def _overlap(overlap, corners, tables, ref, ref_face, other, other_face, offset,
 
 
 @njit(**LEAN_INNER)
-def _give_names(overlap, count, corners, tables, bodies, faces, offsets, ref_is_first, n, near):
+def _give_names(overlap, count, corners, tables, sides, ref_is_first, n, near):
     """Name the corners of an overlap after vertices nearby, the first body's before the second's.
 
     Args:
-        bodies, faces: first and second.
-        offsets: of the bodies' centres from that of the reference.
+        sides: first and second body, their faces, and the offsets of the bodies' centres from that
+            of the reference.
     """
+    bodies, faces, offsets = sides
     t1, t2 = plane_axes(n[0], n[1], n[2])
     second_size = corners.vertex_start[bodies[1] + 1] - corners.vertex_start[bodies[1]]
     for i in range(count):
@@ -300,14 +307,15 @@ def _foot(x, p, e):
 
 
 @njit(**LEAN_INNER)
-def _closest_vertices_edges(touching, corners, tables, a, b, offset, n, near, rounding):
+def _closest_vertices_edges(touching, corners, tables, bodies, offset, n, near, rounding):
     """Closest of the vertices of either body and the edges of the other: one pair or two.
 
     Edges that are parallel have two, at the ends of what faces.
 
     Args:
         touching: `Touching`, for the points about the centre of b, and their names.
-        corners, tables, a, b: the bodies.
+        corners, tables: of all bodies.
+        bodies: a and b.
         offset: from the centre of b to that of a.
         n: a unit vector from b to a. Vertices that are further from the other body along it than
             what has been found need no closer look.
@@ -317,6 +325,7 @@ def _closest_vertices_edges(touching, corners, tables, a, b, offset, n, near, ro
     Returns:
         (distance, number of points).
     """
+    a, b = bodies
     least, count = math.inf, 0
     zero = (0.0, 0.0, 0.0)
     height, _ = _lowest(corners, a, n)
@@ -365,10 +374,23 @@ def _closest_vertices_edges(touching, corners, tables, a, b, offset, n, near, ro
     return least, count
 
 
+class _Room(NamedTuple):
+    """Room for what a pair is looked at with: an overlap, closest points, a number each face."""
+
+    overlap: Overlap
+    touching: Touching
+    along: np.ndarray
+
+
 def polyhedron_polyhedron(
-    found: Found, pairs: np.ndarray, position: np.ndarray, corners: Corners, tables: ShapeTables,
-    bounding_radius: np.ndarray, reach: float,
-) -> int:  # fmt: skip
+    found: Found,
+    pairs: np.ndarray,
+    position: np.ndarray,
+    corners: Corners,
+    tables: ShapeTables,
+    bounding_radius: np.ndarray,
+    reach: float,
+) -> int:
     """Contacts of convex polyhedra, four at most of a pair.
 
     Args:
@@ -383,18 +405,17 @@ def polyhedron_polyhedron(
     Returns:
         How many contacts there are.
     """
-    touching = Touching(np.empty((2, 3)), np.empty((2, 3)), np.empty(2, np.int64))
-    along = np.empty(len(tables.face_distance))
-    return _polyhedra(
-        found, pairs, position, corners, tables, bounding_radius, reach, overlap_room(tables),
-        touching, along,
-    )  # fmt: skip
+    room = _Room(
+        overlap_room(tables),
+        Touching(np.empty((2, 3)), np.empty((2, 3)), np.empty(2, np.int64)),
+        np.empty(len(tables.face_distance)),
+    )
+    return _polyhedra(found, pairs, position, corners, tables, bounding_radius, reach, room)
 
 
 @njit(**LEAN_ENTRY)
-def _polyhedra(
-    found, pairs, position, corners, tables, bounding_radius, reach, overlap, touching, along
-):  # fmt: skip
+def _polyhedra(found, pairs, position, corners, tables, bounding_radius, reach, room):
+    overlap, touching, along = room
     num_bodies = len(position)
     zero = (0.0, 0.0, 0.0)
     count = 0
@@ -421,7 +442,7 @@ def _polyhedra(
             continue
         best = max(on_a, on_b)
         separation, edge_a, edge_b, crossing = _best_edges(
-            corners, tables, a, b, to_a, best, reach, rounding, along
+            corners, tables, (a, b), to_a, best, reach, rounding, along
         )
         if separation > reach:
             continue
@@ -485,8 +506,9 @@ def _polyhedra(
         corners_found = 0
         if facing:
             ref_face, other_face = (face_b, face_a) if ref == b else (face_a, face_b)
+            reference, incident = (ref, ref_face), (other, other_face)
             corners_found = _overlap(
-                overlap, corners, tables, ref, ref_face, other, other_face, offset, n, rounding
+                overlap, corners, tables, reference, incident, offset, n, rounding
             )
             least = math.inf
             for i in range(corners_found):
@@ -496,10 +518,8 @@ def _polyhedra(
         if corners_found > 0:
             area = area_of(overlap, corners_found)
             offsets = (to_a, zero) if ref == b else (zero, to_b)
-            _give_names(
-                overlap, corners_found, corners, tables, (a, b), (face_a, face_b), offsets,
-                ref == a, n, near,
-            )  # fmt: skip
+            named = (a, b), (face_a, face_b), offsets
+            _give_names(overlap, corners_found, corners, tables, named, ref == a, n, near)
             corners_found = distinct(overlap, corners_found)
             t1, t2 = plane_axes(n[0], n[1], n[2])
             loop = tables.loop_offsets[tables.face_offsets[tables.entry[ref]] + ref_face]
@@ -507,10 +527,8 @@ def _polyhedra(
             x = _row(corners.vertex, start + tables.loops[loop])
             x = _minus(_row(corners.vertex, start + tables.loops[loop + 1]), x)
             length = math.sqrt(_inner(x, x))
-            kept = keep_four(
-                overlap, corners_found, _inner(t1, x) / length, _inner(t2, x) / length,
-                near, rounding,
-            )  # fmt: skip
+            u, w = _inner(t1, x) / length, _inner(t2, x) / length
+            kept = keep_four(overlap, corners_found, u, w, near, rounding)
             area = max(area / kept, POINT_AREA * smaller * smaller)
             for k in range(kept):
                 i = overlap.kept[k]
@@ -518,10 +536,9 @@ def _polyhedra(
                     u, w, h = _row(overlap.place[0], i)
                     x = _along(_along(_row(position, ref), u, t1), w, t2)
                     x = _along(x, h, n)
-                    count = put_space(
-                        found, count, (a, b), num_bodies, overlap.name[i], x[0], x[1], x[2],
-                        outward * n[0], outward * n[1], outward * n[2], overlap.gap[i], area,
-                    )  # fmt: skip
+                    key = contact_key((a, b), num_bodies, overlap.name[i])
+                    normal = (outward * n[0], outward * n[1], outward * n[2])
+                    count = put_contact(found, count, (a, b), key, x, normal, overlap.gap[i], area)
             continue
 
         # Points without an overlap.
@@ -533,7 +550,7 @@ def _polyhedra(
         touching.name[0] = single[2]
         if separation > -10.0 * rounding and not crosses:
             distance, points = _closest_vertices_edges(
-                touching, corners, tables, a, b, to_a, n, near, rounding
+                touching, corners, tables, (a, b), to_a, n, near, rounding
             )
             if separation > 0.0 and distance > 10.0 * rounding:
                 gap = distance
@@ -546,10 +563,9 @@ def _polyhedra(
             i = k if touching.name[0] < touching.name[points - 1] else points - 1 - k
             middle = _along(_row(touching.on_a, i), 1.0, _row(touching.on_b, i))
             middle = _along(_row(position, b), 0.5, middle)
-            count = put_space(
-                found, count, (a, b), num_bodies, touching.name[i], middle[0], middle[1],
-                middle[2], n[0], n[1], n[2], gap, POINT_AREA * smaller * smaller,
-            )  # fmt: skip
+            area = POINT_AREA * smaller * smaller
+            key = contact_key((a, b), num_bodies, touching.name[i])
+            count = put_contact(found, count, (a, b), key, middle, n, gap, area)
     return count
 
 
@@ -576,7 +592,7 @@ def polyhedron_wall(
 @njit(**LEAN_ENTRY)
 def _polyhedra_walls(
     found, pairs, position, corners, tables, bounding_radius, wall_normal, reach, overlap
-):  # fmt: skip
+):
     count = 0
     for pair in range(len(pairs)):
         a = pairs[pair, 0]
@@ -617,10 +633,8 @@ def _polyhedra_walls(
             if gap <= reach:
                 x = _row(corners.vertex, start + overlap.name[i])
                 x = _along(_along(_row(position, a), 1.0, x), -0.5 * gap, n)
-                count = put_space(
-                    found, count, (a, b), len(position), overlap.name[i], x[0], x[1], x[2],
-                    n[0], n[1], n[2], gap, area,
-                )  # fmt: skip
+                key = contact_key((a, b), len(position), overlap.name[i])
+                count = put_contact(found, count, (a, b), key, x, n, gap, area)
     return count
 
 
@@ -682,5 +696,5 @@ def sphere_polyhedron(found, pairs, position, radius, corners, tables, reach):
                 n = (d[0] / distance, d[1] / distance, d[2] / distance)
         gap = distance - radius[i]
         if gap <= reach:
-            count = put_ball(found, count, i, j, len(position), position, radius[i], n, gap)
+            count = put_ball(found, count, (i, j), len(position), position, radius[i], n, gap)
     return count

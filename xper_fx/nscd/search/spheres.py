@@ -16,9 +16,10 @@ from xper_fx.nscd.kernel_options import LEAN_ENTRY
 
 
 @njit(inline="always")
-def put_ball(found, count, i, j, num_bodies, position, radius, normal, gap):
-    """Write the contact of ball i, the candidate, with body j if there is room."""
+def put_ball(found, count, bodies, num_bodies, position, radius, normal, gap):
+    """Write the contact of a ball, the first of two bodies, with the other if there is room."""
     if count < len(found.gap):
+        i, j = bodies
         found.body[count, 0] = i
         found.body[count, 1] = j
         reach = radius + 0.5 * gap
@@ -97,5 +98,6 @@ def ball_wall(found, pairs, position, radius, normal, reach):
         for d in range(position.shape[1]):
             gap += normal[j, d] * (position[i, d] - position[j, d])
         if gap <= reach:
-            count = put_ball(found, count, i, j, len(position), position, radius[i], normal[j], gap)
+            bodies, n = (i, j), normal[j]
+            count = put_ball(found, count, bodies, len(position), position, radius[i], n, gap)
     return count

@@ -20,10 +20,10 @@ from xper_fx.nscd.rigid.bodies import RigidBodies
 from xper_fx.nscd.search.bonded_facets import Bonds
 from xper_fx.nscd.search.candidate_lists import CandidateLists, bodies_of_nodes
 from xper_fx.nscd.search.contact_pairs import Contacts, empty, join
-from xper_fx.nscd.search.edge_edge import edge_edge
+from xper_fx.nscd.search.edge_edge import crossings
 from xper_fx.nscd.search.facet_geometry import Faces, facet_normals
-from xper_fx.nscd.search.node_facet import Touching, point_facet, room_for
-from xper_fx.nscd.search.node_rigid import node_rigid
+from xper_fx.nscd.search.node_facet import Points, Touching, point_facet, room_for
+from xper_fx.nscd.search.node_rigid import nodes_on_rigid
 from xper_fx.nscd.search.pair_list import PairList
 from xper_fx.nscd.search.rigid_side import RigidSide, may_meet
 from xper_fx.nscd.search.surface import Surface
@@ -181,8 +181,9 @@ class SurfaceSearch:
         return Contacts(np.where(piece < 0, -1, side.shapes.body[piece]), *others)
 
     def _nodes_on_facets(self, faces: Faces) -> Contacts:
+        points = Points(faces.x, self._no_radius, np.zeros((1, self._dim)), True)
         point, facet, slot, weights, normal, gap, area = self._points_on_facets(
-            self.lists.node_facet, faces.x, self._no_radius, np.zeros((1, self._dim)), True, faces
+            self.lists.node_facet, points, faces
         )
         nodes, both = self._meshed_sides(len(point))
         nodes[:, 0] = point[:, None]
@@ -204,8 +205,9 @@ class SurfaceSearch:
 
     def _rigid_on_facets(self, faces: Faces) -> Contacts:
         side = self._rigid
+        points = Points(side.points, side.radius, side.outward, False)
         point, facet, slot, weights, normal, gap, area = self._points_on_facets(
-            self.lists.rigid_facet, side.points, side.radius, side.outward, False, faces
+            self.lists.rigid_facet, points, faces
         )
         nodes, both = self._meshed_sides(len(point))
         nodes[:, 1] = self.surface.facets[facet]
@@ -224,97 +226,60 @@ class SurfaceSearch:
             _keys(_RIGID_FACET, point, fragment, slot),
         )
 
-    def _points_on_facets(
-        self,
-        pairs: PairList,
-        points: np.ndarray,
-        radius: np.ndarray,
-        outward: np.ndarray,
-        meshed: bool,
-        faces: Faces,
-    ) -> Touching:
+    def _points_on_facets(self, pairs: PairList, points: Points, faces: Faces) -> Touching:
         """Run `point_facet`, again if there was not enough room."""
         room = len(pairs.rows) + 16
         while True:
             out = room_for(room, self._dim)
-            found = point_facet(
-                points,
-                radius,
-                outward,
-                meshed,
-                pairs.rows,
-                pairs.start,
-                pairs.listed,
-                faces,
-                self.reach,
-                out,
-            )
+            found = point_facet(points, pairs, faces, self.reach, out)
             if found <= room:
                 return Touching(*(a[:found] for a in out))
             room = found
 
     def _edges_on_edges(self, faces: Faces) -> Contacts:
         facets, lists = self.surface.facets, self.lists
-        room = len(lists.edge_pairs)
-        pair, share = np.empty(room, np.int32), np.empty((room, 2))
-        normal, gap, area = np.empty((room, 3)), np.empty(room), np.empty(room)
-        found = edge_edge(
-            lists.edge_pairs,
-            lists.edges,
-            lists.others,
-            faces,
-            self.reach,
-            pair,
-            share,
-            normal,
-            gap,
-            area,
-            np.empty((2, 3)),
-            np.empty(3),
+        pair, share, normal, gap, area = crossings(
+            lists.edge_pairs, lists.edges, lists.others, faces, self.reach
         )
-        edge = lists.edges[lists.edge_pairs[pair[:found]]]
-        nodes, both = self._meshed_sides(found)
+        edge = lists.edges[lists.edge_pairs[pair]]
+        nodes, both = self._meshed_sides(len(pair))
         nodes[:, :, 0] = facets[edge // 3, edge % 3]
         nodes[:, :, 1] = facets[edge // 3, (edge + 1) % 3]
         nodes[:, :, 2] = nodes[:, :, 0]
-        both[:, :, 0] = 1.0 - share[:found]
-        both[:, :, 1] = share[:found]
+        both[:, :, 0] = 1.0 - share
+        both[:, :, 1] = share
         return Contacts(
-            np.full((found, 2), -1, np.int32),
+            np.full((len(pair), 2), -1, np.int32),
             nodes,
             both,
             0.5 * np.einsum("nsj,nsjd->nd", both, faces.x[nodes]),
-            normal[:found],
-            gap[:found],
-            area[:found],
-            _keys(_EDGE_EDGE, edge[:, 0], edge[:, 1], np.zeros(found, np.int64)),
+            normal,
+            gap,
+            area,
+            _keys(_EDGE_EDGE, edge[:, 0], edge[:, 1], np.zeros(len(pair), np.int64)),
         )
 
     def _nodes_on_rigid(self, faces: Faces) -> Contacts:
         pairs = np.concatenate([self.lists.node_rigid, self.lists.node_wall])
-        room = len(pairs)
-        pair, normal = np.empty(room, np.int32), np.empty((room, self._dim))
-        gap, area = np.empty(room), np.empty(room)
         side = self._rigid
-        found = node_rigid(
-            pairs, faces, side.position, side.turn, side.shapes, self.reach, pair, normal, gap,
-            area, np.empty((4, self._dim)),
-        )  # fmt: skip
-        touching = pairs[pair[:found]]
-        nodes, both = self._meshed_sides(found)
+        pair, normal, gap, area = nodes_on_rigid(
+            pairs, faces, side.position, side.turn, side.shapes, self.reach
+        )
+        touching = pairs[pair]
+        nodes, both = self._meshed_sides(len(pair))
         nodes[:, 0] = touching[:, :1]
         both[:, 0, 0] = 1.0
-        body = np.full((found, 2), -1, np.int32)
+        body = np.full((len(pair), 2), -1, np.int32)
         body[:, 1] = touching[:, 1]
-        none = np.zeros(found, np.int64)
+        none = np.zeros(len(pair), np.int64)
         return Contacts(
             body,
             nodes,
             both,
             faces.x[touching[:, 0]],
-            normal[:found],
-            gap[:found],
-            area[:found],
+            normal,
+            gap,
+            area,
             _keys(_NODE_RIGID, touching[:, 0], touching[:, 1], none),
         )
 

@@ -64,9 +64,14 @@ def on_the_whole(
     first = np.searchsorted(tables.body, np.arange(tables.body[-1] + 2))
     pieces = Pieces(tables, first, position, turn)
     _look_at_whole(
-        contacts.body, contacts.point, contacts.normal, contacts.gap, pieces,
-        np.empty((9, contacts.dim)), kept,
-    )  # fmt: skip
+        contacts.body,
+        contacts.point,
+        contacts.normal,
+        contacts.gap,
+        pieces,
+        np.empty((9, contacts.dim)),
+        kept,
+    )
     return contacts.take(np.flatnonzero(kept))
 
 
@@ -96,7 +101,7 @@ def _distance(p, piece, pieces, y, q):
         loop = tables.loops[tables.loop_offsets[f] : tables.loop_offsets[f + 1]]
         closest_on_face(
             y, tables.vertices, tables.vertex_offsets[entry], loop, tables.face_normal[f], height, q
-        )  # fmt: skip
+        )
         square = 0.0
         for d in range(dim):
             square += (y[d] - q[d]) ** 2

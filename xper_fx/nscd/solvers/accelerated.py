@@ -119,6 +119,4 @@ class AcceleratedSweeps(Solver):
             if memory.mix(f, swept, r):
                 set_impulses(r)
         interactions.refresh_ghosts(velocity)
-        return SolveReport(
-            False, count, error, np.inf, "accelerated", f"{restarts} restarts"
-        )  # fmt: skip
+        return SolveReport(False, count, error, np.inf, "accelerated", f"{restarts} restarts")

@@ -78,9 +78,12 @@ class AssembledContacts(Solver):
                 assembled.take(np.zeros(0))
             else:
                 result = assembled.problem.solve(
-                    self.method, tolerance=asked, guess=assembled.impulses(),
-                    max_sweeps=options.max_sweeps, **self._local,
-                )  # fmt: skip
+                    self.method,
+                    tolerance=asked,
+                    guess=assembled.impulses(),
+                    max_sweeps=options.max_sweeps,
+                    **self._local,
+                )
                 assembled.take(result.reaction)
                 sweeps += result.sweeps
                 reason = f"{result.solver}, error {result.error:.2g}"

@@ -15,6 +15,7 @@ import numpy as np
 from xper_fx.cache import njit
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.kernel_options import LEAN_ENTRY
+from xper_fx.nscd.ordering import root_of
 
 # Nodes a cluster may hold: what a mesh vertex has, and an end for chains of points between bodies.
 _LARGEST = 48
@@ -44,12 +45,7 @@ def _join(nodes, weights, ground, parent, size, largest):
             a, b = nodes[i, 0, j], nodes[i, 1, j]
             if a >= ground or b >= ground or weights[i, 0, j] != weights[i, 1, j]:
                 continue
-            while parent[a] != a:
-                parent[a] = parent[parent[a]]
-                a = parent[a]
-            while parent[b] != b:
-                parent[b] = parent[parent[b]]
-                b = parent[b]
+            a, b = root_of(parent, a), root_of(parent, b)
             if a != b and size[a] + size[b] <= largest:
                 low, high = min(a, b), max(a, b)
                 parent[high] = low

@@ -75,12 +75,13 @@ def residual_kernel(law: LawKernels, sides: Sides):
     solve = law.solve
 
     @_KERNEL
-    def residual(v, c, r, w_points, inverse_area, parameters, terms, details):
+    def residual(v, c, points, inverse_area):
+        w, parameters, terms = points.compliance, points.parameters, points.terms
         changed, total, largest = 0.0, 0.0, 0.0
-        for number in range(len(r)):
+        for number in range(len(inverse_area)):
             i = np.uintp(number)
-            old = row(r, i)
-            new, _ = solve(i, read(v, c, i), old, w_points, parameters, terms, details)
+            old = row(points.impulse, i)
+            new, _ = solve(i, read(v, c, i), old, w, parameters, terms, points.details)
             change = subtract(new, old)
             size = dot(change, change)
             changed += size
@@ -105,10 +106,7 @@ def residual(interactions: Interactions, velocity: np.ndarray) -> tuple[float, f
     changed, total, largest = 0.0, 0.0, 0.0
     for g in interactions.groups:
         kernel = residual_kernel(g.kernels, g.sides)
-        x, y, z = kernel(
-            velocity, g.couplings, g.impulse, g.compliance, g.inverse_area, g.parameters, g.terms,
-            g.details,
-        )  # fmt: skip
+        x, y, z = kernel(velocity, g.couplings, g.law_arrays(), g.inverse_area)
         changed, total, largest = changed + x, total + y, max(largest, z)
     changed, total = interactions.total(np.array([changed, total])).tolist()
     largest = interactions.largest(largest)
@@ -157,10 +155,11 @@ def _tangent_kernel(law: LawKernels, sides: Sides):
     solve = law.solve
 
     @_KERNEL
-    def tangents(
-        v, c, r, w_points, parameters, terms, details, least, slopes, stiffness, source, changed,
-        w, new, work,
-    ):  # fmt: skip
+    def tangents(v, c, points, least, own, room):
+        r, w_points, parameters = points.impulse, points.compliance, points.parameters
+        terms, details = points.terms, points.details
+        slopes, stiffness, source, changed = own.slopes, own.stiffness, own.source, own.changed
+        w, new, work = room
         for number in range(len(r)):
             i = np.uintp(number)
             old, u = row(r, i), read(v, c, i)
@@ -579,12 +578,9 @@ class PointTangents:
         speed = interactions.largest(float(np.abs(velocity).max(initial=0.0)))
         least = _LEAST * max(speed, np.finfo(float).tiny)
         for g, own in zip(interactions.groups, self.groups, strict=True):
-            m = g.kernels.components
-            _tangent_kernel(g.kernels, g.sides)(
-                velocity, g.couplings, g.impulse, g.compliance, g.parameters, g.terms, g.details,
-                least, own.slopes, own.stiffness, own.source, own.changed, *np.empty((2, m, m)),
-                np.empty((m, 2 * m)),
-            )  # fmt: skip
+            m, tangents = g.kernels.components, _tangent_kernel(g.kernels, g.sides)
+            room = (np.empty((m, m)), np.empty((m, m)), np.empty((m, 2 * m)))
+            tangents(velocity, g.couplings, g.law_arrays(), least, own, room)
             if g.turning is not None:
                 follow = _turn_kernel(g.sides)
                 follow(g.couplings.frame, own.stiffness, own.frame, own.changed)

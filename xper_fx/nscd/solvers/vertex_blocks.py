@@ -189,9 +189,10 @@ def _tilt_kernel(dim: int):
     @njit(inline="always")
     def along(frame, i, x, p, z):
         return (
-            frame[i, x, 0] * frame[p, z, 0] + frame[i, x, 1] * frame[p, z, 1]
+            frame[i, x, 0] * frame[p, z, 0]
+            + frame[i, x, 1] * frame[p, z, 1]
             + frame[i, x, 2] * frame[p, z, 2]
-        )  # fmt: skip
+        )
 
     @njit(**LEAN_ENTRY)
     def tilt_all(offsets, start, now, tilt, apart):
@@ -366,9 +367,11 @@ def _group_kernels(law: LawKernels, dim: int, unknowns: int, alone: bool, turns:
     @njit(inline="always")
     def touching(start, p, q):
         return (
-            start[p, 0] == start[q, 0] or start[p, 0] == start[q, 1]
-            or start[p, 1] == start[q, 0] or start[p, 1] == start[q, 1]
-        )  # fmt: skip
+            start[p, 0] == start[q, 0]
+            or start[p, 0] == start[q, 1]
+            or start[p, 1] == start[q, 0]
+            or start[p, 1] == start[q, 1]
+        )
 
     @njit(inline="always")
     def slopes_of(i, u, r, w_points, parameters, terms, details, reach):
@@ -451,9 +454,10 @@ def _group_kernels(law: LawKernels, dim: int, unknowns: int, alone: bool, turns:
                                 lines[line + j] += g[0] * y[source + j] + g[1] * y[source + n + j]
                             else:
                                 lines[line + j] += (
-                                    g[0] * y[source + j] + g[1] * y[source + n + j]
+                                    g[0] * y[source + j]
+                                    + g[1] * y[source + n + j]
                                     + g[2] * y[source + 2 * n + j]
-                                )  # fmt: skip
+                                )
                 slopes = slopes_of(i, u, old, w_points, parameters, terms, details, reach)
                 if turns:
                     slopes = slopes_at_start(blocks.tilt, point, slopes)
@@ -736,9 +740,11 @@ class VertexBlocks(Solver):
                           g.compliance, g.parameters, g.terms, g.details)
         )  # fmt: skip
         serial, parallel = _solve_kernel(
-            tuple(g.kernels for g in interactions.groups), interactions.dim,
-            _unknowns(interactions), turns,
-        )  # fmt: skip
+            tuple(g.kernels for g in interactions.groups),
+            interactions.dim,
+            _unknowns(interactions),
+            turns,
+        )
         num_threads = worth_taking(len(blocks.rounding), _MANY, options.num_threads)
         kernel = parallel if num_threads > 1 else serial
         parts = np.zeros((_CHUNKS, 8))

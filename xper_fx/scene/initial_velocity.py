@@ -1,0 +1,53 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Initial velocities: functions of positions, for all cells or by cell tag."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping
+
+import numpy as np
+
+Field = Callable[[np.ndarray], np.ndarray]
+
+
+def check_initial_velocity(
+    given: Field | Mapping[int, Field] | None, cell_tags: Collection[int]
+) -> None:
+    """See that an initial velocity is a function, or functions by cell tag.
+
+    Args:
+        given: as of a `Scene`.
+        cell_tags: those that occur.
+
+    Raises:
+        ValueError: a tag that occurs nowhere.
+        TypeError: something that is no function.
+    """
+    if isinstance(given, Mapping):
+        unknown = set(given) - set(cell_tags)
+        if unknown:
+            raise ValueError(
+                f"initial_velocity names cell tags {sorted(unknown)}, which occur nowhere; "
+                f"tags that do: {sorted(cell_tags)}."
+            )
+    for field_ in given.values() if isinstance(given, Mapping) else (given,):
+        if field_ is not None and not callable(field_):
+            raise TypeError(f"initial_velocity should be a function, got {field_!r}.")
+
+
+def checked_velocity(field: Field, dim: int) -> Field:
+    """An initial velocity that is refused unless it gives finite numbers of the right shape."""
+
+    def values(x: np.ndarray) -> np.ndarray:
+        given = np.asarray(field(x))
+        if given.shape != (dim, x.shape[1]) or given.dtype.kind not in "biuf":
+            raise ValueError(
+                f"initial_velocity should give numbers of shape ({dim}, {x.shape[1]}) for as many "
+                f"points, got {given.dtype} of shape {given.shape}."
+            )
+        if not np.all(np.isfinite(given)):
+            where = x[:dim, ~np.isfinite(given).all(axis=0)][:, 0]
+            raise ValueError(f"initial_velocity is not finite at {where.tolist()}.")
+        return given.astype(float)
+
+    return values
