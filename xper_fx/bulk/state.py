@@ -98,7 +98,19 @@ def interact(
 
 def at_nodes(values: np.ndarray, nodes: np.ndarray, dim: int) -> np.ndarray:
     """Of values on all dofs those of some nodes, shape (num_nodes, dim)."""
-    return np.take(values.reshape(-1, dim), nodes, axis=0)
+    out = np.empty((len(nodes), dim))
+    _take_from_nodes(values, nodes, out)
+    return out
+
+
+@njit(**LEAN_ENTRY)
+def _take_from_nodes(values, nodes, out):
+    """Read values of some nodes, shape (num_nodes, dim), from those of all dofs."""
+    dim = out.shape[1]
+    for i in range(len(nodes)):
+        first = np.uintp(nodes[i] * dim)
+        for d in range(dim):
+            out[i, d] = values[first + np.uintp(d)]
 
 
 def on_nodes(values: np.ndarray, nodes: np.ndarray, num_dofs: int) -> np.ndarray:
@@ -119,9 +131,9 @@ def put_on_nodes(values, nodes, out):
     """Write values of some nodes, shape (at least num_nodes, dim), into those of all dofs."""
     dim = values.shape[1]
     for i in range(len(nodes)):
-        first = nodes[i] * dim
+        first = np.uintp(nodes[i] * dim)
         for d in range(dim):
-            out[first + d] = values[i, d]
+            out[first + np.uintp(d)] = values[i, d]
 
 
 def reactions_on(layout: BodyLayout, impulse: Callable[[np.ndarray], np.ndarray]):

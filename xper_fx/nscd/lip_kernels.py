@@ -53,8 +53,11 @@ class LipKernels(NamedTuple):
 
 
 @cache
-def lip_kernels(dim: int) -> LipKernels:
-    """The functions in a dimension."""
+def lip_kernels(dim: int, k: int, width: int) -> LipKernels:
+    """The functions for points whose sides have k nodes, on facets of `width` nodes.
+
+    Points are numbered by `np.uintp`: a signed index would be checked for being negative.
+    """
     world = for_dimension(dim)
     add, scale, dot = world.add, world.scale, world.dot
 
@@ -64,10 +67,10 @@ def lip_kernels(dim: int) -> LipKernels:
         def tangents(v, nodes, gradient, i):
             x, y = 0.0, 0.0
             for s in range(2):
-                for j in range(nodes.shape[2]):
-                    p, g = 2 * nodes[i, s, j], gradient[i, s, j, 0]
+                for j in range(width):
+                    p, g = np.uintp(2 * nodes[i, s, j]), gradient[i, s, j, 0]
                     x += g * v[p]
-                    y += g * v[p + 1]
+                    y += g * v[p + np.uintp(1)]
             return ((0.5 * x, 0.5 * y),)
 
         @njit(inline="always")
@@ -109,11 +112,11 @@ def lip_kernels(dim: int) -> LipKernels:
         @njit(inline="always")
         def apart(v, c, i):
             x, y = 0.0, 0.0
-            for j in range(c.start.shape[2]):
-                p, q = c.start[i, 0, j], c.start[i, 1, j]
-                own, other = c.weights[i, 0, j], c.weights[i, 1, j]
+            for j in range(k):
+                p, q = np.uintp(c.start[i, 0, j]), np.uintp(c.start[i, 1, j])
+                own, other = (1.0, 1.0) if k == 1 else (c.weights[i, 0, j], c.weights[i, 1, j])
                 x += own * v[p] - other * v[q]
-                y += own * v[p + 1] - other * v[q + 1]
+                y += own * v[p + np.uintp(1)] - other * v[q + np.uintp(1)]
             return x, y
 
         @njit(inline="always")
@@ -140,9 +143,9 @@ def lip_kernels(dim: int) -> LipKernels:
         def tangents(v, nodes, gradient, i):
             first, second = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
             for s in range(2):
-                for j in range(nodes.shape[2]):
-                    p = 3 * nodes[i, s, j]
-                    x = (0.5 * v[p], 0.5 * v[p + 1], 0.5 * v[p + 2])
+                for j in range(width):
+                    p = np.uintp(3 * nodes[i, s, j])
+                    x = (0.5 * v[p], 0.5 * v[p + np.uintp(1)], 0.5 * v[p + np.uintp(2)])
                     first = add(first, scale(gradient[i, s, j, 0], x))
                     second = add(second, scale(gradient[i, s, j, 1], x))
             return first, second
@@ -215,10 +218,12 @@ def lip_kernels(dim: int) -> LipKernels:
         @njit(inline="always")
         def apart(v, c, i):
             x = (0.0, 0.0, 0.0)
-            for j in range(c.start.shape[2]):
-                p, q = c.start[i, 0, j], c.start[i, 1, j]
-                x = add(x, scale(c.weights[i, 0, j], (v[p], v[p + 1], v[p + 2])))
-                x = add(x, scale(-c.weights[i, 1, j], (v[q], v[q + 1], v[q + 2])))
+            for j in range(k):
+                p, q = np.uintp(c.start[i, 0, j]), np.uintp(c.start[i, 1, j])
+                own, other = (1.0, 1.0) if k == 1 else (c.weights[i, 0, j], c.weights[i, 1, j])
+                one, two = np.uintp(1), np.uintp(2)
+                x = add(x, scale(own, (v[p], v[p + one], v[p + two])))
+                x = add(x, scale(-other, (v[q], v[q + one], v[q + two])))
             return x
 
         @njit(inline="always")

@@ -165,7 +165,7 @@ class SteppedPoints(PointValues):
 
         inverse, shift = _shares_of_spin(self.step_size, self.theta)
         first = in_ranges(
-            turn_loop(g.sides), len(g), g.couplings, g.points.gap, g.points.area,
+            turn_loop(g.sides, g.turning.width), len(g), g.couplings, g.points.gap, g.points.area,
             g.points.frame, g.turning, self._motion, self.step_size * self.theta, inverse, shift,
             g.kernels.no_jump, g.state, _damage(g.kernels), g.jump, g.velocity,
         )  # fmt: skip
@@ -190,8 +190,8 @@ class SteppedPoints(PointValues):
         inverse, shift = _shares_of_spin(self.step_size, self.theta)
         return sum(
             in_ranges(
-                settle_loop(group.kernels, group.sides), len(group), velocity, group.couplings,
-                turning, self._motion, self.theta, inverse, shift, group.jump, group.velocity,
+                settle_loop(group.kernels, group.sides, turning.width), len(group), velocity,
+                group.couplings, turning, self._motion, self.theta, inverse, shift, group.jump, group.velocity,
                 group.impulse, group.points.area, group.parameters, group.state, group.energy,
             )
         )  # fmt: skip
@@ -212,7 +212,7 @@ class SteppedPoints(PointValues):
         total = np.zeros((self.inverse.num_slots, self.dim))
         for g in self._permanent.groups:
             if g.turning is not None and (of_gaps or not g.kernels.no_jump):
-                add_couples = couple_loop(g.sides)
+                add_couples = couple_loop(g.sides, g.turning.width)
                 add_couples(total.reshape(-1), g.couplings, g.turning, g.impulse)
         self._couples = total.reshape(-1).copy()
         if self.halo is not None:

@@ -128,6 +128,11 @@ class TurningFrames(NamedTuple):
             isotropic,
         )  # fmt: skip
 
+    @property
+    def width(self) -> int:
+        """Nodes of a facet."""
+        return self.nodes.shape[2]
+
     def take(self, indices: np.ndarray) -> TurningFrames:
         """Those of the points at `indices`, in that order."""
         return TurningFrames(*(np.ascontiguousarray(array[indices]) for array in self))
@@ -166,13 +171,14 @@ def _isotropy(law: LawKernels, dim: int):
 
 
 @cache
-def turn_loop(sides: Sides):
+def turn_loop(sides: Sides, width: int):
     """The loop over a range of points that gives them frames, jumps and velocities of a step.
 
-    It returns the first point whose facet flips, or -1.
+    Facets have `width` nodes. It returns the first point whose facet flips, or -1.
     """
     dim, components = sides[:2]
-    own, world, lips = for_dimension(dim, components), for_dimension(dim), lip_kernels(dim)
+    own, world = for_dimension(dim, components), for_dimension(dim)
+    lips = lip_kernels(dim, sides.k, width)
     set_row, subtract, scale = own.set_row, own.subtract, own.scale
     add_world, scale_world, set_world = world.add, world.scale, world.set_row
     dot_world, to_local = world.dot, own.to_local
@@ -191,14 +197,15 @@ def turn_loop(sides: Sides):
             for e in range(dim):
                 arms[i, x, e] = 0.0
 
-    @njit(nogil=True, **LEAN_ENTRY)
+    @njit(nogil=True, fastmath={"contract"}, **LEAN_ENTRY)
     def turn_range(
         first, last, c, gap, area, frame, turning, motion, reach, inverse, shift, no_jump, state,
         damage, jump, velocity,
     ):  # fmt: skip
         q0, mean = motion.displacement, motion.mean
         nodes, gradient = turning.nodes, turning.gradient
-        for i in range(first, last):
+        for number in range(first, last):
+            i = np.uintp(number)
             start = plus(
                 pushed(motion.gradient, turning.tangent, i), 1.0, tangents(q0, nodes, gradient, i)
             )
@@ -220,7 +227,7 @@ def turn_loop(sides: Sides):
                 set_row(velocity, i, to_local(c.frame, i, apart(motion.velocity, c, i)))
                 continue
             if flipped:
-                return i
+                return number
             axes = frame_of(a)
             arms = arms_of(a, axes)
             for e in range(dim):
@@ -272,7 +279,7 @@ def _gained(law: LawKernels):
 
 
 @cache
-def settle_loop(law: LawKernels, sides: Sides):
+def settle_loop(law: LawKernels, sides: Sides, width: int):
     """The loop over a range of points before a step is committed.
 
     Jumps and velocities of the start come to be without the spin that laws were given, the spin
@@ -280,21 +287,23 @@ def settle_loop(law: LawKernels, sides: Sides):
     numerical less what their couples worked against it (J; 2D: J/m).
     """
     dim, components = sides[:2]
-    own, world, lips = for_dimension(dim, components), for_dimension(dim), lip_kernels(dim)
+    own, world = for_dimension(dim, components), for_dimension(dim)
+    lips = lip_kernels(dim, sides.k, width)
     row, set_row, add, scale, dot = own.row, own.set_row, own.add, own.scale, own.dot
     row_world, to_local, plus = world.row, own.to_local, lips.plus
     tangents, pushed, turned = lips.tangents, lips.pushed, lips.turned
     arms_at, normal_at = lips.arms_at, lips.normal_at
     gained = _gained(law)
 
-    @njit(nogil=True, **LEAN_ENTRY)
+    @njit(nogil=True, fastmath={"contract"}, **LEAN_ENTRY)
     def settle_range(
         first, last, end, c, turning, motion, theta, inverse, shift, jump, velocity, r, area,
         parameters, state, energy,
     ):  # fmt: skip
         nodes, gradient = turning.nodes, turning.gradient
         booked = 0.0
-        for i in range(first, last):
+        for number in range(first, last):
+            i = np.uintp(number)
             if not turning.by_spin[i]:
                 continue
             spin = row(turning.spin, i)
@@ -316,24 +325,27 @@ def settle_loop(law: LawKernels, sides: Sides):
 
 
 @cache
-def couple_loop(sides: Sides):
+def couple_loop(sides: Sides, width: int):
     """The loop over points that adds the impulses of their couples to those of the nodes."""
     dim, components = sides[:2]
-    own, world, lips = for_dimension(dim, components), for_dimension(dim), lip_kernels(dim)
+    own, world = for_dimension(dim, components), for_dimension(dim)
+    lips = lip_kernels(dim, sides.k, width)
     row, to_global, row_world, forces = own.row, own.to_global, world.row, lips.forces
     arms_at, normal_at = lips.arms_at, lips.normal_at
 
     @njit(**LEAN_ENTRY)
     def add_couples(p, c, turning, r):
         nodes, gradient = turning.nodes, turning.gradient
-        for i in range(len(r)):
+        for number in range(len(r)):
+            i = np.uintp(number)
             f, d = to_global(c.frame, i, row(r, i)), row_world(turning.jump, i)
             h = forces(f, d, arms_at(turning.arms, i), normal_at(c.frame, i))
             for s in range(2):
-                for j in range(nodes.shape[2]):
+                for j in range(width):
+                    at = np.uintp(dim * nodes[i, s, j])
                     for x in range(dim - 1):
                         g = 0.5 * gradient[i, s, j, x]
                         for e in range(dim):
-                            p[dim * nodes[i, s, j] + e] += g * h[x][e]
+                            p[at + np.uintp(e)] += g * h[x][e]
 
     return add_couples

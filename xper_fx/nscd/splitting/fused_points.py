@@ -190,7 +190,7 @@ class FusedPoints:
         """
         from xper_fx.nscd.splitting.turning_vertices import turn_normals
 
-        turn_normals(self.graphs.normal.shape[1])(
+        turn_normals(self.graphs.normal.shape[1], self._lips.nodes.shape[2])(
             self.graphs.normal, self.graphs.point, self._lips.nodes, self._lips.gradient,
             self._lips.tangent, motion, reach,
         )  # fmt: skip

@@ -11,6 +11,8 @@ from __future__ import annotations
 
 from functools import cache
 
+import numpy as np
+
 from xper_fx.cache import njit
 from xper_fx.nscd.algebra.small import for_dimension
 from xper_fx.nscd.kernel_options import LEAN_ENTRY
@@ -18,19 +20,20 @@ from xper_fx.nscd.lip_kernels import lip_kernels
 
 
 @cache
-def turn_normals(dim: int):
+def turn_normals(dim: int, width: int):
     """Kernel that gives bonds the normals that their lips have a while after the start of a step.
 
     Args:
         dim: 2 or 3.
+        width: nodes of a facet.
     """
-    lips, set_world = lip_kernels(dim), for_dimension(dim).set_row
+    lips, set_world = lip_kernels(dim, 1, width), for_dimension(dim).set_row
     tangents, pushed, plus, frame = lips.tangents, lips.pushed, lips.plus, lips.frame
 
     @njit(**LEAN_ENTRY)
     def turn(normal, point, nodes, gradient, tangent, motion, reach):
         for q in range(len(normal)):
-            i = point[q]
+            i = np.uintp(point[q])
             start = plus(
                 pushed(motion.gradient, tangent, i), 1.0,
                 tangents(motion.displacement, nodes, gradient, i),
