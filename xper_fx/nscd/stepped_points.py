@@ -191,8 +191,9 @@ class SteppedPoints(PointValues):
         return sum(
             in_ranges(
                 settle_loop(group.kernels, group.sides, turning.width), len(group), velocity,
-                group.couplings, turning, self._motion, self.theta, inverse, shift, group.jump, group.velocity,
-                group.impulse, group.points.area, group.parameters, group.state, group.energy,
+                group.couplings, turning, self._motion, self.theta, inverse, shift, group.jump,
+                group.velocity, group.impulse, group.points.area, group.parameters, group.state,
+                group.energy,
             )
         )  # fmt: skip
 
