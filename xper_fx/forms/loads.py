@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from numbers import Real
+from reprlib import repr as short
 
 import numpy as np
 import numpy.typing as npt
@@ -167,17 +168,26 @@ class InitialStress:
         Raises:
             ValueError: another shape, entries that are not finite, an unsymmetric stress.
         """
-        shape = (dim, dim, x.shape[1])
-        given = self.value(x) if callable(self.value) else np.expand_dims(self.value, -1)
-        if callable(self.value) and np.shape(given) != shape or np.ndim(given) != 3:
-            raise ValueError(self._wrong(f"the shape {np.shape(given)}", dim))
+        shape, given = (dim, dim), self.value
+        if callable(given):
+            shape = (dim, dim, x.shape[1])
+            try:
+                given = given(x)
+            except Exception as error:
+                error.add_note(self._wrong("a function that fails", dim))
+                raise
         try:
-            stress = np.broadcast_to(np.asarray(given, float), shape)
-        except (TypeError, ValueError):
-            raise ValueError(self._wrong(f"the value {self.value!r}", dim)) from None
+            stress = np.asarray(given)
+        except ValueError:  # rows of several lengths
+            stress = np.array(None)
+        if stress.dtype.kind not in "biuf":
+            raise ValueError(self._wrong(f"the value {short(given)}", dim))
+        if stress.shape != shape:
+            raise ValueError(self._wrong(f"the shape {stress.shape}", dim))
+        stress = np.broadcast_to(stress.reshape(dim, dim, -1), (dim, dim, x.shape[1])).astype(float)
         if not np.all(np.abs(stress) < _LARGEST_STRESS):
             raise ValueError(self._wrong("entries that are not finite or above 1e150 Pa", dim))
-        if not np.allclose(stress, stress.swapaxes(0, 1), rtol=1e-9, atol=0.0):
+        if np.abs(stress - stress.swapaxes(0, 1)).max() > 1e-9 * np.abs(stress).max():
             raise ValueError(self._wrong("two shear stresses that differ", dim))
         return stress
 
