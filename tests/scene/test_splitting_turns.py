@@ -73,7 +73,7 @@ def test_a_body_that_softens_as_it_turns_keeps_its_angular_momentum(dim):
         assert np.abs(frame - fused.graphs.normal[fused.rows >= 0]).max(initial=0.0) < 1e-12
     e = simulation.ledger.energies
     assert e.cohesive > 1e-5 and e.dissipated_cohesion > 1e-5
-    assert abs(angular_momentum(simulation) - start) < 1e-13 * abs(start)
+    assert abs(angular_momentum(simulation) - start) < 1e-9 * abs(start)
     assert abs(e.dissipated_numerical) < 1e-2 * e.dissipated_cohesion
 
 

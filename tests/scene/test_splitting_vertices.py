@@ -171,6 +171,20 @@ def test_other_schemes_take_the_law_with_a_point_on_each_facet(solver):
     assert abs(simulation.ledger.closure) < 1e-10 * e.external_work
 
 
+def test_a_block_converges_whose_bonds_all_soften_at_once():
+    """Closed rings of bonds are redundant: steps along what moves no cell are of no account."""
+    tough = xf.laws.RigidCohesiveZone(S, 10.0 * W, friction=0.3)
+    scene = xf.Scene(
+        box_bodies((1.0, 1.0, 1.0), (3, 3, 3), "tetrahedron"), {1: ELASTIC},
+        default_interaction=tough, initial_velocity=lambda x: 0.05 * (x - 0.5),
+    )  # fmt: skip
+    simulation = xf.Simulation(scene, max_halvings=0, **ONE)
+    list(simulation.steps(2.0))
+    e, fused = simulation.ledger.energies, simulation.interactions.fused
+    assert len(fused.split) > 0.9 * fused.graphs.num_vertices
+    assert abs(e.dissipated_numerical) < 1e-4 * e.dissipated_cohesion
+
+
 def test_scales_are_told_before_anything_has_cracked():
     """The softening number is that of cells for themselves, h^2/4 A W s/dc, as of elastic bonds."""
     elastic = xf.laws.CohesiveZone(1e9, W, S, curve=xf.laws.curves.Linear())

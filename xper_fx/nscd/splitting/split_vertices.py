@@ -15,6 +15,9 @@ from xper_fx.nscd.splitting.vertex_kernels import vertex_kernels
 
 # Relative change of the impulses of a vertex at which it is solved: a few unknowns, cheap to have.
 _TOLERANCE = 1e-11
+# Change at which a vertex is solved where Newton's method has come to rest: a bond at a kink of its
+# law, as one that just bears its load, then answers now so and now so.
+_AT_REST = 1e-6
 # Relative change of internal variables, as of damage, at which they have followed.
 _SETTLED = 1e-9
 # Sweeps before the first Newton steps, and after each batch of them, early and late.
@@ -52,12 +55,13 @@ def split_kernel(laws: tuple[LawKernels, ...], dim: int):
     def iterate(b, g, work, rows, groups, group_of):
         """Solve the active bonds; returns sweeps and the relative change of the last one."""
         count, batch, stage, error = 0, _FIRST, 0, np.inf
+        bound, before = _TOLERANCE, np.inf
         while count < _MOST:
             for _ in range(batch):
                 count += 1
                 worst, big = sweep(b, g, work, 0, rows, count, groups, group_of)
                 error = worst / big if big > 0.0 else 0.0
-                if error <= _TOLERANCE:
+                if error <= bound:
                     if settle(b, g, work, 0, rows, groups, group_of) <= _SETTLED:
                         return count, error
             for _ in range(_NEWTON_STEPS):
@@ -65,6 +69,8 @@ def split_kernel(laws: tuple[LawKernels, ...], dim: int):
                 if worst <= _TOLERANCE * big or not newton(b, g, work):
                     break
                 correct(b, g, work, 0, rows, groups, group_of)
+            bound = _AT_REST if worst > 0.5 * before else _TOLERANCE
+            before = worst
             stage += 1
             batch = _BATCH if stage < _EARLY else _LONG_BATCH
         return count, error
