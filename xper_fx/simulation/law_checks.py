@@ -53,6 +53,12 @@ def check_path_has_bonds(kernels: Sequence[LawKernels]) -> None:
             "A path follows the damage of bonds, and no point of the scene has a law "
             'whose damage is that of the end of the step: xf.laws.CohesiveZone(damage="auto").'
         )
+    for law in kernels:
+        if law.growth is not None and law.cost is None:
+            raise ValueError(
+                f"The law {law.name!r} has a growth and no cost: give its kernels both "
+                "(LawKernels in xper_fx/nscd/laws/law.py)."
+            )
     if any("viscous" in law.energies for law in kernels):
         raise ValueError(
             "A path takes the load back where a structure snaps, and so has no time "
