@@ -11,6 +11,7 @@ from scenes import BOTTOM, LEFT, RIGHT, TOP, box_bodies
 import xper_fx as xf
 from xper_fx.nscd.laws import CohesiveZone
 from xper_fx.output import checkpoint
+from xper_fx.simulation.law_checks import check_path_has_bonds
 
 E, HEIGHT = 30e9, 1.0
 BOND = CohesiveZone(1e14, 100.0, 3e6)
@@ -343,6 +344,9 @@ def test_paths_that_cannot_be_followed_are_refused():
     for law in (CohesiveZone(1e14, 100.0, 3e6, damage="mean"), xf.laws.PerfectBond()):
         with pytest.raises(ValueError, match="no point of the scene has a law"):
             follow(bar(1.0, law))
+    kernels = BOND.in_statics().kernels(2)._replace(cost=None)
+    with pytest.raises(ValueError, match="a growth and no cost"):
+        check_path_has_bonds([kernels])
     whole = box_bodies((1.0, 1.0), (1, 1), label=0)
     held = [xf.PrescribedDisplacement(LEFT, axis, 0.0) for axis in (0, 1)]
     steel = {1: xf.materials.LinearElastic(E, 0.0, 2400.0)}

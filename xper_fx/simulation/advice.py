@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 
 ON_PATH = (
-    "Bonds may flip between loading and unloading: try a smaller growth of the GrowthControl, "
+    "Bonds may flip between loading and unloading: try a smaller growth or energy of the path, "
     "softer bonds, or facets that resolve the cohesive zone; look at the last output first."
 )
 UNDER_LOAD = (

@@ -50,11 +50,17 @@ def check_path_has_bonds(kernels: Sequence[LawKernels]) -> None:
     """Raise a ValueError if no bond tells where a path goes on, or its viscosity needs a time."""
     if all(law.growth is None for law in kernels):
         raise ValueError(
-            "Growth control follows the damage of bonds, and no point of the scene has a law "
+            "A path follows the damage of bonds, and no point of the scene has a law "
             'whose damage is that of the end of the step: xf.laws.CohesiveZone(damage="auto").'
         )
+    for law in kernels:
+        if law.growth is not None and law.cost is None:
+            raise ValueError(
+                f"The law {law.name!r} has a growth and no cost: give its kernels both "
+                "(LawKernels in xper_fx/nscd/laws/law.py)."
+            )
     if any("viscous" in law.energies for law in kernels):
         raise ValueError(
-            "Growth control takes the load back where a structure snaps, and so has no time "
+            "A path takes the load back where a structure snaps, and so has no time "
             "that a bond's viscosity could be measured by: take viscosity=0, or no path."
         )
