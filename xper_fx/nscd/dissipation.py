@@ -128,7 +128,7 @@ class DissipationLimit(GrowthLimit):
         for _ in range(_DOUBLINGS):
             if cost(start + reach) >= self._most:
                 between = start, start + reach
-                return brentq(lambda s: cost(s) - self._most, *between, xtol=_SMALLEST)
+                return brentq(lambda s: cost(s) - self._most, *between, xtol=_SMALLEST, disp=False)
             reach *= 2.0
         return float(np.copysign(np.inf, reach))
 
