@@ -116,7 +116,7 @@ def tied():
     loads, start = stretched(1.0)
     meshes, tags = [], []
     for first, cells, side in ((0.0, 4, {LEFT: 0.0}), (0.5, 6, {RIGHT: 1.0})):
-        mesh = crossed_rectangle((first, 0.0), (first + 0.5, 1.0), (cells, cells))
+        mesh = crossed_rectangle((first, 0.0), (first + 0.5, 1.0), (cells // 2, cells))
         planes = {tag: lambda x, at=at: np.abs(x[0] - at) < 1e-9 for tag, at in side.items()}
         planes[10 + cells] = lambda x: (np.abs(x[0] - 0.5) < 1e-9) & (x[1] < 0.5 + 1e-9)
         planes[20 + cells] = lambda x: (np.abs(x[0] - 0.5) < 1e-9) & (x[1] > 0.5 - 1e-9)
@@ -124,7 +124,7 @@ def tied():
         tags.append(tag_facets(mesh, planes))
     joined = join_meshes(meshes, facet_tags=tags)
     x, y = midpoints(joined.mesh)[:2]
-    label = 2 * np.where(x < 0.5, 8.0 * x, 4.0 + 6.0 * x).astype(int) + (y > 0.5)
+    label = 2 * np.where(x < 0.5, 4.0 * x, 6.0 * x).astype(int) + (y > 0.5)
     scene = Scene(
         explode(joined.mesh, label, facet_tags=joined.facet_tags),
         {1: NeoHookean(1000.0, 0.3, 1.0)}, default_interaction=BOND, loads=loads,
