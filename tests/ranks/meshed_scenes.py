@@ -112,23 +112,23 @@ def free():
 
 
 def tied():
-    """A coarse box of strips and a fine one of blocks beside it, tied by bonds that turn."""
+    """A coarse box of blocks and a fine one beside it, tied by bonds that turn, half by half."""
     loads, start = stretched(1.0)
     meshes, tags = [], []
-    for first, cells, sides in ((0.0, 4, {LEFT: 0.0, 11: 0.5}), (0.5, 6, {12: 0.5, RIGHT: 1.0})):
-        mesh = crossed_rectangle((first, 0.0), (first + 0.5, 1.0), (cells, cells))
-        planes = {tag: lambda x, at=at: np.abs(x[0] - at) < 1e-9 for tag, at in sides.items()}
+    for first, cells, side in ((0.0, 4, {LEFT: 0.0}), (0.5, 6, {RIGHT: 1.0})):
+        mesh = crossed_rectangle((first, 0.0), (first + 0.5, 1.0), (cells // 2, cells))
+        planes = {tag: lambda x, at=at: np.abs(x[0] - at) < 1e-9 for tag, at in side.items()}
+        planes[10 + cells] = lambda x: (np.abs(x[0] - 0.5) < 1e-9) & (x[1] < 0.5 + 1e-9)
+        planes[20 + cells] = lambda x: (np.abs(x[0] - 0.5) < 1e-9) & (x[1] > 0.5 - 1e-9)
         meshes.append(mesh)
         tags.append(tag_facets(mesh, planes))
     joined = join_meshes(meshes, facet_tags=tags)
     x, y = midpoints(joined.mesh)[:2]
-    blocks = 4 + 3 * (6.0 * x).astype(int) + (3.0 * y).astype(int)
-    bodies = explode(
-        joined.mesh, np.where(x < 0.5, (8.0 * x).astype(int), blocks), facet_tags=joined.facet_tags
-    )
+    label = 2 * np.where(x < 0.5, 4.0 * x, 6.0 * x).astype(int) + (y > 0.5)
     scene = Scene(
-        bodies, {1: NeoHookean(1000.0, 0.3, 1.0)}, default_interaction=BOND, loads=loads,
-        ties=[Tie(12, 11, replace(BOND, strength=8.0))],
+        explode(joined.mesh, label, facet_tags=joined.facet_tags),
+        {1: NeoHookean(1000.0, 0.3, 1.0)}, default_interaction=BOND, loads=loads,
+        ties=[Tie(16, 14, replace(BOND, strength=8.0)), Tie(26, 24, BOND)],
         initial_velocity=lambda x: start(x)[:2],
     )  # fmt: skip
     return scene, {"step": 5e-4, "tolerance": 1e-10, "scheme": "implicit"}, 14

@@ -490,8 +490,9 @@ def _explode_share(
     count = mesh.topology.index_map(tdim).size_local
     mesh.topology.create_connectivity(tdim, tdim - 1)
 
+    check_mesh(mesh, spread=True)
+
     def checked() -> tuple:
-        check_mesh(mesh)
         labels, body = _body_labels(bodies, count)
         tagged, tag = _facet_tag_array(facet_tags, mesh)
         tag_of_facet = np.full(len(tag), UNTAGGED, np.int32)

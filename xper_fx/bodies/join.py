@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx.mesh import Mesh, MeshTags, meshtags
 
-from xper_fx.bodies.meshes import check_mesh, facet_cells, require_whole
+from xper_fx.bodies.meshes import check_mesh, facet_cells
 from xper_fx.support.checks import require_kind
 from xper_fx.support.compat import create_exploded_mesh, geometry_dofmap
 
@@ -59,7 +59,6 @@ def join_meshes(
         raise ValueError("meshes is empty; expected at least one mesh.")
     for mesh in meshes:
         check_mesh(mesh)
-        require_whole(mesh.comm)
     kinds = {mesh.topology.cell_name() for mesh in meshes}
     if len(kinds) > 1:
         raise ValueError(f"The meshes have {' and '.join(sorted(kinds))} cells; expected one kind.")

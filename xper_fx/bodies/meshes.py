@@ -234,7 +234,7 @@ def tag_cells(mesh: Mesh, predicates: Mapping[int, Predicate], default: int = 1)
         TypeError: a tag is no int32, or a predicate does not return booleans.
         ValueError: two tags claim one cell; a predicate returns another shape.
     """
-    check_mesh(mesh, geometry=False)
+    check_mesh(mesh, geometry=False, spread=True)
     _check_tag(default)
     midpoints = midpoints_of(mesh.geometry.x, geometry_dofmap(mesh)).T
     num_cells = midpoints.shape[1]
@@ -285,7 +285,7 @@ def tag_facets(mesh: Mesh, predicates: Mapping[int, Predicate]) -> MeshTags:
         TypeError: a tag is no int32, or a predicate does not return booleans.
         ValueError: two tags claim one facet; a predicate returns another shape.
     """
-    check_mesh(mesh, geometry=False)
+    check_mesh(mesh, geometry=False, spread=True)
     cells, local = facet_cells(mesh)
     nodes = facet_geometry_nodes(mesh, cells[:, 0], local[:, 0])
     x = mesh.geometry.x
@@ -401,20 +401,29 @@ def reference_cell(mesh: Mesh) -> basix.CellType:
     return _CELLS[cell_type]
 
 
-def check_mesh(mesh: Mesh, geometry: bool = True) -> None:
+def check_mesh(mesh: Mesh, geometry: bool = True, spread: bool = False) -> None:
     """Raise unless a mesh can be cut into bodies.
 
     Args:
         mesh: the mesh.
         geometry: whether to look at each cell's volume.
+        spread: whether it may be spread over ranks; all of them call this together then.
 
     Raises:
         TypeError: it is no mesh.
+        SerialOnlyError: it is spread over several processes and may not be.
         ValueError: its cells are of an unknown type or of higher order, it is curved in space, it
             has no cells here, or a cell is degenerate or folded.
     """
     if not isinstance(mesh, Mesh):
         raise TypeError(f"mesh is a {type(mesh).__name__}; expected dolfinx.mesh.Mesh.")
+    if not spread:
+        require_whole(mesh.comm)
+    Ranks(mesh.comm).together(lambda: _check_share(mesh, geometry))
+
+
+def _check_share(mesh: Mesh, geometry: bool) -> None:
+    """What `check_mesh` looks at on each rank."""
     reference_cell(mesh)
     tdim, gdim = mesh.topology.dim, mesh.geometry.dim
     if tdim != gdim:

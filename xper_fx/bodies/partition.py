@@ -20,7 +20,7 @@ from mpi4py import MPI
 from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import connected_components
 
-from xper_fx.bodies.meshes import check_mesh, facet_cells, require_whole
+from xper_fx.bodies.meshes import check_mesh, facet_cells
 from xper_fx.support.checks import require_positive
 
 __all__ = ["partition"]
@@ -50,7 +50,6 @@ def partition(mesh: Mesh, count: int, imbalance: float = 1.2) -> npt.NDArray[np.
             cells, or the bound on the imbalance cannot be kept.
     """
     check_mesh(mesh)
-    require_whole(mesh.comm)
     if isinstance(count, bool) or not isinstance(count, int | np.integer):
         raise TypeError(f"count is {count!r}; expected an integer number of subdomains.")
     if not require_positive("imbalance", imbalance) >= 1.0:

@@ -135,6 +135,8 @@ class Recorder:
         require_count("fields", fields, 0)
         require_flag("fragments", fragments)
         require_flag("restart", restart)
+        if fragments and simulation.scene.bodies is not None:
+            simulation.scene.bodies.require_whole("A run with fragments=True")
         if gauge is not None:
             require_gauge(gauge)
             if hasattr(gauge, "check"):

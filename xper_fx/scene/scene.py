@@ -92,6 +92,8 @@ class Scene:
         rigid_bodies: the rigid bodies as arrays, None without any.
 
     Raises:
+        SerialOnlyError: rigid bodies, contacts that are searched or ties beside a mesh that is
+            spread over ranks.
         ValueError: a tag without material or law, a tag that occurs nowhere, an order or a rule
             that does not exist, groups that can meet and that no contact names, a rigid wall
             that looks away from all bodies, rigid bodies that overlap.
@@ -212,6 +214,9 @@ class Scene:
             raise TypeError(
                 f"bodies is {self.bodies!r}; `xper_fx.bodies.explode.explode` makes them."
             )
+        for name in ("rigid", "surfaces", "contacts", "ties"):
+            if getattr(self, name):
+                self.bodies.require_whole(f"A scene with `{name}`")
         if self.rigid_bodies is not None and self.rigid_bodies.dim != self.dim:
             raise ValueError(
                 f"The mesh has dimension {self.dim}, the rigid bodies {self.rigid_bodies.dim}."

@@ -49,9 +49,7 @@ def stays_whole(scene: Scene, options: Options, team: Ranks) -> bool:
 
 
 def _cannot_tie(scene: Scene, num_ranks: int) -> bool:
-    """Whether the mesh is spread, or bodies that ties keep on one rank leave a rank without any."""
-    if scene.bodies.spread is not None:
-        return True
+    """Whether bodies that ties keep on one rank leave a rank without any."""
     from xper_fx.scene.tie import tied_groups
 
     return int(tied_groups(scene.ties, scene.bodies).max()) + 1 < num_ranks
