@@ -109,12 +109,14 @@ def test_each_rank_writes_its_fields(folder, tmp_path):
     assert several == one | {"ranks": RANKS}
 
 
-def test_a_restart_gives_the_same_bits(folder):
+def test_a_restart_goes_on_as_if_nothing_had_been(folder):
+    """To rounding: DOLFINx may partition the mesh otherwise when it is made again."""
     whole, again = folder / "whole", folder / "restarted"
     x, y = read_history(whole / "history.csv"), read_history(again / "history.csv")
     for key in x:
-        np.testing.assert_array_equal(x[key], y[key])
+        np.testing.assert_allclose(y[key], x[key], rtol=1e-11, atol=1e-11 * np.abs(x[key]).max())
     for name in ("bulk", "interfaces"):
-        np.testing.assert_array_equal(fields(whole, name), fields(again, name))
+        one, other = fields(whole, name), fields(again, name)
+        np.testing.assert_allclose(other, one, rtol=0.0, atol=2e-7 * np.abs(one).max())
     with pytest.raises(CheckpointError, match="of another scene: mesh"):
         recorded.run(str(again), 12, rigid=False, restart=True)
