@@ -66,7 +66,7 @@ EFFECTIVE = MODULUS / (1.0 - POISSON)
 WEAKENING = (MU_S - MU_D) * PRESSURE
 RESIDUAL = MU_D * PRESSURE
 LAMBDA = 9.0 * np.pi / 32.0 * EFFECTIVE * DISTANCE / WEAKENING
-# Of the impulses: the rest creeps. With 1e-6, the usual one, a fault that holds slips by D / 100.
+# Of the impulses: the rest creeps. With 1e-6 a fault that holds slips by D / 100.
 TOLERANCE = 1e-10
 SLOW = 1.77  # S above which no rupture is faster than the Rayleigh speed
 PATCH_STRENGTH = 0.98  # over tau_0

@@ -17,7 +17,7 @@ largest energy held or to the largest force. What makes it, by name:
   late, and the bodies are that much behind for good: h |dv| of the largest displacement, in the L2
   norm, with the mean h of the steps of impacts, weighted by what each took and by the share of the
   kinetic energy in all that was held. (A body that hits with its motion alone bounces late; what
-  claps in a body full of waves hardly counts.) Energies do not add to it;
+  claps in a body full of waves hardly counts.) The other parts are not added to it;
 - **damping** by theta above 1/2;
 - **closure** of the energy ledger;
 - **events**: a largest force between the ends of steps. It lies in the step up to the largest that
