@@ -10,7 +10,7 @@ from mpi4py import MPI
 from scenes import LEFT, RIGHT, box_bodies
 
 from xper_fx.bodies.explode import explode
-from xper_fx.forms.loads import PrescribedDisplacement, PrescribedVelocity
+from xper_fx.forms.loads import InitialStress, PrescribedDisplacement, PrescribedVelocity
 from xper_fx.materials import LinearElastic
 from xper_fx.nscd.laws import CohesiveZone, SignoriniCoulomb
 from xper_fx.scene.scene import Scene
@@ -96,6 +96,15 @@ def test_a_uniform_stress_is_resolved():
     simulation = displaced(box_bodies((1.0, 1.0), (3, 3), label=0), lambda x: 0.01 * x)
     assert bulk_resolution(simulation) < 1e-12
     assert bulk_resolution(displaced(box_bodies((1.0, 1.0), (2, 2), label=0), lambda x: 0 * x)) == 0
+
+
+def test_a_stress_that_was_there_before_is_not_the_meshs():
+    """Given exactly, it neither counts as resolved energy nor as an error of the mesh."""
+    bodies = box_bodies((1.0, 1.0), (4, 4), label=0)
+    given = InitialStress(lambda x: np.array([[3.0 + x[1], 0 * x[1]], [0 * x[1], x[0]]]))
+    found = bulk_resolution(displaced(bodies, bending, loads=[given]))
+    assert found > 0.1
+    assert found == pytest.approx(bulk_resolution(displaced(bodies, bending)), rel=1e-12)
 
 
 def test_stresses_jump_across_cracks_and_contacts_but_not_across_bonds():

@@ -14,6 +14,7 @@ from xper_fx.materials import LinearElastic
 from xper_fx.nscd.laws.cohesive_zone import CohesiveZone
 from xper_fx.output.gauges import TensileGauge
 from xper_fx.scene.scene import Scene
+from xper_fx.simulation.path import GrowthControl
 from xper_fx.simulation.simulation import Simulation
 from xper_fx.study.error_estimates import estimate_errors
 from xper_fx.study.quantities import EnergyClosure, PeakStress
@@ -82,6 +83,29 @@ def test_errors_are_those_against_a_far_finer_run(exact, options):
         assert quantity.error(found[name].finer, exact[name]) < 0.7 * true, name
 
 
+def test_the_finer_run_has_the_scheme_that_was_picked(monkeypatch):
+    """Cells that are each a body step explicitly where the step is picked, else implicitly."""
+
+    def cells():
+        pull = [PrescribedDisplacement(RIGHT, 0, lambda t: 2e-2 * t**2)]
+        return Scene(
+            box_bodies((1.0, 1.0), (2, 2)),
+            {1: LinearElastic(1.0, 0.0, 1e-3)},
+            default_interaction=CohesiveZone(20.0, 5e-5, 6e-3),
+            loads=[PrescribedDisplacement(LEFT, i, 0.0) for i in (0, 1)] + pull,
+        )
+
+    taken, make = [], Simulation.__init__
+
+    def noted(self, *arguments, **options):
+        make(self, *arguments, **options)
+        taken.append(self.options.scheme)
+
+    monkeypatch.setattr(Simulation, "__init__", noted)
+    estimate_errors(cells, 0.2, {"peak": PEAK}, accuracy=1e-2)
+    assert len(taken) >= 2 and set(taken) == {"explicit"}
+
+
 @pytest.mark.parametrize(
     ("error", "match", "change"),
     [
@@ -91,6 +115,7 @@ def test_errors_are_those_against_a_far_finer_run(exact, options):
         (ValueError, "end_time", {"end_time": -1.0}),
         (ValueError, "accuracy=", {"step": "auto", "accuracy": None}),
         (ValueError, "accuracy", {"accuracy": 2.0}),
+        (ValueError, "path", {"path": GrowthControl(), "inertia": False, "step": 1.0}),
     ],
 )
 def test_bad_input_is_refused(error, match, change):

@@ -334,11 +334,14 @@ class BulkForms:
             out[tags == tag] = material.density
         return out
 
-    def stress_evaluator(self):
+    def stress_evaluator(self, initial: bool = True):
         """A function that evaluates the Cauchy stress at `u` in each cell.
 
         An inelastic material is asked for a step of size zero from its committed state: after
         `commit`, with `u` where it was committed, that is the stress at the end of the step.
+
+        Args:
+            initial: whether initial stresses are part of it.
 
         Returns:
             A function without arguments giving shape (num_cells, 3, 3), Pa: values at the cells'
@@ -356,7 +359,7 @@ class BulkForms:
                 stress, where, share = self._responses[tag].stress, points, weights
             else:
                 stress, where, share = material.stress(self.u, self._constant), middle, np.ones(1)
-            if self._initial_stress is not None:
+            if initial and self._initial_stress is not None:
                 stress += in_space(self._initial_stress)
             expression = compiled_expression(stress, where)
             pieces.append((expression, cells, share / share.sum()))

@@ -18,7 +18,7 @@ from xper_fx.nscd.own_compliance import update_compliance
 from xper_fx.nscd.permanent_groups import PermanentGroups
 from xper_fx.nscd.point_group import PointGroup
 from xper_fx.nscd.points import InteractionPoints
-from xper_fx.nscd.stepped_points import ROUNDING, SteppedPoints
+from xper_fx.nscd.stepped_points import ROUNDING, FacetFlippedError, SteppedPoints
 
 if TYPE_CHECKING:
     from xper_fx.nscd.anchors import Anchors
@@ -99,10 +99,13 @@ class Interactions(SteppedPoints):
 
         Args:
             vertices: their numbers.
+
+        Raises:
+            FacetFlippedError: see `turn`.
         """
         for group in self.fused.wake(vertices):
-            if group.turning is not None:
-                self.turn_group(group)
+            if group.turning is not None and (flipped := self.turn_group(group)) >= 0:
+                raise FacetFlippedError(int(group.indices[flipped]))
             self.prepare_group(group)
         self._join_groups()
 

@@ -45,7 +45,7 @@ def bulk_resolution(simulation: Readings) -> float | None:
     if bodies.mesh.topology.cell_name() not in _SIMPLICES or not elastic:
         return None
     simulation.displacement  # noqa: B018  brings the state into the forms
-    stress, part = model.bulk.forms.stress_evaluator()(), model.part
+    stress, part = model.bulk.forms.stress_evaluator(initial=False)(), model.part
     if part is not None:
         stress = model.ranks.gather(part.cells, stress)
     measure = _measures(bodies)

@@ -197,8 +197,8 @@ class PathFollower:
         }  # fmt: skip
 
     def restore(self, saved: Mapping) -> None:
-        """Take what `saved` gave."""
-        self.share = saved["share"]
+        """Take what `saved` gave, perhaps by another control."""
+        self.share = min(saved["share"], self._control.most)
         self._last_share, self._last_change = saved["last_share"], saved["last_change"]
         self.limit_points = saved["limit_points"].tolist()
         self.branches = saved["branches"].tolist()

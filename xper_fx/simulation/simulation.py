@@ -305,8 +305,8 @@ class Simulation(Restartable):
                 if outcome.converged:
                     start, ways = self.state.time, self.scheme.unstable_ways()
                     change = outcome.state.time - start
-                    path.succeeded(change, outcome.newton_iterations, start, ways)
                     record = self._commit(outcome, size, self._bulk_energies(outcome, size))
+                    path.succeeded(change, outcome.newton_iterations, start, ways)
             if outcome.converged:
                 yield record._replace(size=change)
             elif not path.failed():

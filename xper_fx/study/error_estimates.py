@@ -66,7 +66,8 @@ def estimate_errors(
 
     Raises:
         TypeError: quantities that are no mapping, a build that cannot be called.
-        ValueError: neither an accuracy nor a step, a quantity that is an error by itself.
+        ValueError: neither an accuracy nor a step, a path, whose states do not hang on the step, a
+            quantity that is an error by itself.
         ConvergenceError: of either run.
     """
     require_kind("quantities", quantities, Mapping)
@@ -80,7 +81,11 @@ def estimate_errors(
         raise ValueError(
             "estimate_errors refines what is asked for: give accuracy=..., or a step in s."
         )
-    values, count = _run(build, end_time, quantities, options)
+    if options.get("path") is not None:
+        raise ValueError(
+            "The states on a path do not hang on the step: compare another growth or energy."
+        )
+    values, count, (scheme, mean_step) = _run(build, end_time, quantities, options)
     tighter = {
         name: _FINER * options[name]
         for name in ("accuracy", "tolerance", "newton_tolerance")
@@ -88,10 +93,11 @@ def estimate_errors(
     }
     if isinstance(options.get("step"), float | int):
         tighter["step"] = 0.5 * options["step"]
-    finer, more = _run(build, end_time, quantities, options | tighter)
+    tighter["scheme"] = scheme  # picked, it could be another with another step
+    finer, more, _ = _run(build, end_time, quantities, options | tighter)
     if more < _MORE_STEPS * count:
-        tighter["step"] = 0.5 * end_time / count
-        finer, _ = _run(build, end_time, quantities, options | tighter)
+        tighter["step"] = 0.5 * mean_step
+        finer, _, _ = _run(build, end_time, quantities, options | tighter)
     return {
         name: Estimated(
             values[name], _OF_DIFFERENCE * quantity.error(values[name], finer[name]), finer[name]
@@ -105,12 +111,14 @@ def _run(
     end_time: float,
     quantities: Mapping[str, Quantity],
     options: Mapping[str, Any],
-) -> tuple[dict[str, Value], int]:
-    """What a run gives, and how many steps it takes."""
+) -> tuple[dict[str, Value], int, tuple[str, float]]:
+    """What a run gives, how many steps it takes, of which scheme and of which mean size (s)."""
     simulation, count = Simulation(build(), **options), 0
+    start = simulation.time
     seen: dict[str, Any] = dict.fromkeys(quantities)
     for step in simulation.steps(end_time):
         count += 1
         for name, quantity in quantities.items():
             seen[name] = quantity.observe(simulation, step, seen[name])
-    return {name: q.value(simulation, seen[name]) for name, q in quantities.items()}, count
+    values = {name: q.value(simulation, seen[name]) for name, q in quantities.items()}
+    return values, count, (simulation.options.scheme, (end_time - start) / max(count, 1))
