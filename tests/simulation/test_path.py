@@ -346,7 +346,8 @@ def test_paths_that_cannot_be_followed_are_refused():
             follow(bar(1.0, law))
     kernels = BOND.in_statics().kernels(2)._replace(cost=None)
     with pytest.raises(ValueError, match="a growth and no cost"):
-        check_path_has_bonds([kernels])
+        check_path_has_bonds([kernels], xf.DissipationControl.asks)
+    check_path_has_bonds([kernels], xf.GrowthControl.asks)
     whole = box_bodies((1.0, 1.0), (1, 1), label=0)
     held = [xf.PrescribedDisplacement(LEFT, axis, 0.0) for axis in (0, 1)]
     steel = {1: xf.materials.LinearElastic(E, 0.0, 2400.0)}

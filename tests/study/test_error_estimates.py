@@ -9,15 +9,17 @@ from typing import ClassVar
 import pytest
 from scenes import box_bodies
 
-from xper_fx.forms.loads import PrescribedDisplacement
+from xper_fx.forms.loads import Gravity, PrescribedDisplacement
 from xper_fx.materials import LinearElastic
 from xper_fx.nscd.laws.cohesive_zone import CohesiveZone
+from xper_fx.nscd.rigid import Disc, RigidBody
 from xper_fx.output.gauges import TensileGauge
+from xper_fx.scene.contact import Contact
 from xper_fx.scene.scene import Scene
 from xper_fx.simulation.path import GrowthControl
 from xper_fx.simulation.simulation import Simulation
 from xper_fx.study.error_estimates import estimate_errors
-from xper_fx.study.quantities import EnergyClosure, PeakStress
+from xper_fx.study.quantities import DisplacementL2, EnergyClosure, PeakStress
 
 LEFT, RIGHT = 1, 2
 
@@ -62,6 +64,16 @@ def bonded() -> Scene:
         default_interaction=CohesiveZone(20.0, 5e-5, 6e-3),
         loads=loads,
     )
+
+
+def falling() -> Scene:
+    """A disc in free fall."""
+    disc = RigidBody(Disc(1.0), (0.0, 0.0), "disc", density=1.0)
+    alone = [Contact(("disc", "disc"), None)]
+    return Scene(rigid=[disc], contacts=alone, loads=[Gravity((0.0, -1.0))])
+
+
+MOVED = DisplacementL2()
 
 
 @pytest.fixture(scope="module")
@@ -115,10 +127,12 @@ def test_the_finer_run_has_the_scheme_that_was_picked(monkeypatch):
         (ValueError, "end_time", {"end_time": -1.0}),
         (ValueError, "accuracy=", {"step": "auto", "accuracy": None}),
         (ValueError, "accuracy", {"accuracy": 2.0}),
+        (ValueError, "DisplacementL2 .* none", {"build": falling, "quantities": {"u": MOVED}}),
         (ValueError, "path", {"path": GrowthControl(), "inertia": False, "step": 1.0}),
     ],
 )
 def test_bad_input_is_refused(error, match, change):
+    """Before a run, or at its first step."""
     given = {"build": bonded, "end_time": 1.0, "quantities": QUANTITIES, "accuracy": 1e-2}
     with pytest.raises(error, match=match):
         estimate_errors(**(given | change))

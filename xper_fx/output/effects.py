@@ -225,7 +225,7 @@ EFFECTS = (
         ("bulk matrix", "point tangents", "factorisation", "solution"),
     ),
     Effect("path following", lambda s: s.options.path is not None),
-    Effect("dissipation control", lambda s: type(s.options.path).__name__ == "DissipationControl"),
+    Effect("dissipation control", lambda s: getattr(s.options.path, "asks", "") == "cost"),
     Effect("floating bodies", _springs_of_bodies, lambda s: s.scheme.nbytes),
     Effect("ties", lambda s: len(s.scene.ties) > 0),
     Effect("error control", lambda s: s.estimated_error is not None),

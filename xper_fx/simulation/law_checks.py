@@ -46,18 +46,23 @@ def check_laws_suit(
         )
 
 
-def check_path_has_bonds(kernels: Sequence[LawKernels]) -> None:
-    """Raise a ValueError if no bond tells where a path goes on, or its viscosity needs a time."""
+def check_path_has_bonds(kernels: Sequence[LawKernels], asks: str) -> None:
+    """Raise a ValueError if no bond tells where a path goes on, or its viscosity needs a time.
+
+    Args:
+        kernels: of the laws in use.
+        asks: what the control of the path asks of a law that has a growth, "growth" or "cost".
+    """
     if all(law.growth is None for law in kernels):
         raise ValueError(
             "A path follows the damage of bonds, and no point of the scene has a law "
             'whose damage is that of the end of the step: xf.laws.CohesiveZone(damage="auto").'
         )
     for law in kernels:
-        if law.growth is not None and law.cost is None:
+        if law.growth is not None and getattr(law, asks) is None:
             raise ValueError(
-                f"The law {law.name!r} has a growth and no cost: give its kernels both "
-                "(LawKernels in xper_fx/nscd/laws/law.py)."
+                f"The law {law.name!r} has a growth and no {asks}: give its kernels both "
+                "(LawKernels in xper_fx/nscd/laws/law.py), or take xf.GrowthControl."
             )
     if any("viscous" in law.energies for law in kernels):
         raise ValueError(

@@ -131,7 +131,7 @@ class Model:
         self.bond_turns = self._bond_turns()
         if options.path is not None:
             groups = [] if self.interactions is None else self.interactions.groups
-            check_path_has_bonds([group.kernels for group in groups])
+            check_path_has_bonds([group.kernels for group in groups], options.path.asks)
         self._account()
         self.ledger = EnergyLedger(
             self.bulk, self.start, self.scheme.theta, self.rigid, options.scheme == "explicit",

@@ -59,6 +59,8 @@ class GrowthControl:
 
     most: ClassVar[float] = 5.0
     """Bound of the growth of a step beside the one asked for."""
+    asks: ClassVar[str] = "growth"
+    """What of a law's kernels tells how far a step goes."""
 
     def follower(self) -> PathFollower:
         """What a run asks for each step."""
@@ -97,6 +99,8 @@ class DissipationControl:
 
     most: ClassVar[float] = 1.0
     """Bound of the energy of a step beside the one asked for."""
+    asks: ClassVar[str] = "cost"
+    """What of a law's kernels tells how far a step goes."""
 
     def follower(self) -> PathFollower:
         """What a run asks for each step."""

@@ -222,7 +222,13 @@ class DisplacementL2:
         require_count("samples", self.samples, 1)
 
     def observe(self, simulation: Simulation, step: StepRecord, seen: None) -> None:
-        """Nothing before the end."""
+        """Nothing before the end.
+
+        Raises:
+            ValueError: a scene of rigid bodies alone.
+        """
+        if simulation.scene.bodies is None:
+            raise ValueError("DisplacementL2 samples meshed bodies, and the scene has none.")
 
     def points(self, low: npt.ArrayLike, high: npt.ArrayLike) -> npt.NDArray[np.float64]:
         """Where a box is sampled, shape (samples, dim), m: for values of a known solution.
