@@ -66,6 +66,25 @@ def bonded() -> Scene:
     )
 
 
+@dataclass(frozen=True)
+class Kinetic:
+    """Kinetic energy at the end (J/m)."""
+
+    has_reference: ClassVar[bool] = True
+
+    def observe(self, simulation, step, seen):
+        """The present one."""
+        return step.energies["kinetic"]
+
+    def value(self, simulation, seen):
+        """The last."""
+        return seen
+
+    def error(self, value, reference):
+        """Relative."""
+        return abs(value / reference - 1.0)
+
+
 def falling() -> Scene:
     """A disc in free fall."""
     disc = RigidBody(Disc(1.0), (0.0, 0.0), "disc", density=1.0)
@@ -118,6 +137,13 @@ def test_the_finer_run_has_the_scheme_that_was_picked(monkeypatch):
     assert len(taken) >= 2 and set(taken) == {"explicit"}
 
 
+def test_rigid_bodies_have_no_scheme():
+    """The energy of a free fall, exact with any step."""
+    quantities = {"kinetic": Kinetic()}
+    found = estimate_errors(falling, 1.0, quantities, step=0.1)["kinetic"]
+    assert found.value == pytest.approx(0.5 * 3.141592653589793, rel=1e-12) and found.error < 1e-12
+
+
 @pytest.mark.parametrize(
     ("error", "match", "change"),
     [
@@ -127,7 +153,11 @@ def test_the_finer_run_has_the_scheme_that_was_picked(monkeypatch):
         (ValueError, "end_time", {"end_time": -1.0}),
         (ValueError, "accuracy=", {"step": "auto", "accuracy": None}),
         (ValueError, "accuracy", {"accuracy": 2.0}),
-        (ValueError, "DisplacementL2 .* none", {"build": falling, "quantities": {"u": MOVED}}),
+        (
+            ValueError,
+            "DisplacementL2 .* none",
+            {"build": falling, "quantities": {"u": MOVED}, "step": 0.1},
+        ),
         (ValueError, "path", {"path": GrowthControl(), "inertia": False, "step": 1.0}),
     ],
 )

@@ -111,7 +111,7 @@ def _run(
     end_time: float,
     quantities: Mapping[str, Quantity],
     options: Mapping[str, Any],
-) -> tuple[dict[str, Value], int, tuple[str, float]]:
+) -> tuple[dict[str, Value], int, tuple[str | None, float]]:
     """What a run gives, how many steps it takes, of which scheme and of which mean size (s)."""
     simulation, count = Simulation(build(), **options), 0
     start = simulation.time
@@ -121,4 +121,5 @@ def _run(
         for name, quantity in quantities.items():
             seen[name] = quantity.observe(simulation, step, seen[name])
     values = {name: q.value(simulation, seen[name]) for name, q in quantities.items()}
-    return values, count, (simulation.options.scheme, (end_time - start) / max(count, 1))
+    scheme = None if simulation.scene.bodies is None else simulation.options.scheme
+    return values, count, (scheme, (end_time - start) / max(count, 1))
