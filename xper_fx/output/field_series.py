@@ -2,7 +2,8 @@
 """The series of a meshed scene: fields of its bodies, and of the points on their facets.
 
 The first rank writes those of all bodies. Where the mesh is spread over ranks each rank writes
-those of its own bodies and points: `bulk_0.xdmf` and `interfaces_0.xdmf` are the first one's.
+those of its own bodies and points: `bulk_0.xdmf` and `interfaces_0.xdmf` are the first one's. A
+run that goes on writes the same bodies into the same file, on whichever rank they are now.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ import re
 from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,6 +21,9 @@ from xper_fx.output.series import TimeSeries
 from xper_fx.output.vertex_values import VertexValues
 from xper_fx.simulation.simulation import Simulation
 from xper_fx.support.compat import geometry_dofmap
+
+if TYPE_CHECKING:
+    from xper_fx.output.filed_rows import FiledRows
 
 # Fields of points, as `Interactions.gather` knows them.
 _OF_POINTS = ("jump", "traction", "damage", "spent", "status")
@@ -43,9 +48,11 @@ class FieldSeries:
         self._bodies = simulation.bodies if self._shares else simulation.scene.bodies
         self.cells = geometry_dofmap(self._bodies.mesh)
         self._vertices = VertexValues(simulation)
+        self._has_points = not simulation.team.all(len(simulation.facets_with_law) == 0)
         self._stress: Callable[[], np.ndarray] | None = None
         self._bulk: TimeSeries | None = None
         self._interfaces: TimeSeries | None = None
+        self._filed: list[dict[str, FiledRows]] = []
 
     def open(self, after: Mapping[str, Mapping[str, float]]) -> None:
         """Open the files.
@@ -53,7 +60,16 @@ class FieldSeries:
         Args:
             after: what `TimeSeries.seal` gave of each file of a run that goes on, by name.
         """
-        self._where_written(partial(self._open, after))
+        numbers = self._numbers() if self._shares else {}
+        self._where_written(partial(self._open, after, numbers))
+        if self._shares:
+            from xper_fx.output.filed_rows import FiledRows
+
+            team = self._simulation.team
+            self._filed = [
+                {of: FiledRows(team, own[of], series.numbers[of]) for of in own}
+                for series, own in zip(self.series, numbers.values(), strict=True)
+            ]
 
     def write(self, fragment: np.ndarray | None) -> None:
         """Write the fields as they are now.
@@ -70,19 +86,22 @@ class FieldSeries:
         cellwise = {"stress": self.stress(), "body": body, "material": bodies.material_of_cell}
         if fragment is not None:
             cellwise["fragment"] = fragment[bodies.body_of_cell]
+        if self._filed:
+            nodal, cellwise = (
+                {name: filed(array) for name, array in fields.items()}
+                for filed, fields in zip(self._filed[0].values(), (nodal, cellwise), strict=True)
+            )
         self._where_written(lambda: self._bulk.write(simulation.time, nodal, cellwise))
-        if not len(simulation.facets_with_law):
+        if not self._has_points:
             return
         points = simulation.interactions
         read = points.local if self._shares else points.gather
-        values = {name: read(name) for name in _OF_POINTS}
-
-        def write() -> None:
-            # the points of walls come last
-            fields = {name: array[: self._num_points] for name, array in values.items()}
-            self._interfaces.write(simulation.time, fields, {})
-
-        self._where_written(write)
+        # the points of walls come last
+        values = {name: read(name)[: self._num_points] for name in _OF_POINTS}
+        if self._filed:
+            filed = self._filed[1]["point"]
+            values = {name: filed(array) for name, array in values.items()}
+        self._where_written(lambda: self._interfaces.write(simulation.time, values, {}))
 
     def stress(self) -> np.ndarray:
         """Cauchy stress of each cell, as `BulkForms.stress_evaluator` gives it (Pa)."""
@@ -108,17 +127,41 @@ class FieldSeries:
         team = self._simulation.team
         (team.together if self._shares else team.at_root)(call)
 
-    def _open(self, after: Mapping[str, Mapping[str, float]]) -> None:
+    def _numbers(self) -> dict[str, dict[str, np.ndarray]]:
+        """Numbers of points and cells of each series, which no partition decides."""
+        bodies, points, team = self._bodies, self._simulation.model.points, self._simulation.team
+        vertices = 1 + int(team.max(bodies.parent_vertex.max()))
+        node = bodies.labels.astype(np.int64)[self._body_of_node()] * vertices
+        numbers = {
+            "bulk": {"point": node + bodies.parent_vertex, "cell": bodies.parent_cell.astype(int)}
+        }
+        if self._has_points:
+            facet, on_facet = np.divmod(points.on_facets()[0], max(points.points_a_facet, 1))
+            point = points.facet_numbers[facet] * points.points_a_facet + on_facet
+            numbers["interfaces"] = {"point": point}
+        return numbers
+
+    def _body_of_node(self) -> np.ndarray:
+        """Body of each geometry node, shape (num_nodes,)."""
+        body = np.empty(len(self._bodies.parent_vertex), int)
+        body[self.cells] = self._bodies.body_of_cell[:, None]
+        return body
+
+    def _open(
+        self,
+        after: Mapping[str, Mapping[str, float]],
+        numbers: Mapping[str, Mapping[str, np.ndarray]],
+    ) -> None:
         simulation, mesh = self._simulation, self._bodies.mesh
         rank = f"_{simulation.team.rank}" if self._shares else ""
 
         def opened(name: str, x: np.ndarray, cells: tuple[str, np.ndarray]) -> TimeSeries:
-            name += rank
-            return TimeSeries(self._folder / f"{name}.xdmf", x, cells, after.get(name))
+            path = self._folder / f"{name}{rank}.xdmf"
+            return TimeSeries(path, x, cells, after.get(path.stem), numbers.get(name))
 
         x = mesh.geometry.x[:, : mesh.geometry.dim]
         self._bulk = opened("bulk", x, (mesh.topology.cell_name(), self.cells))
-        if len(simulation.facets_with_law):
+        if self._has_points:
             x, points = coordinates_of_known(simulation), simulation.model.points
             kind = {2: "line", 3: "triangle"}.get(points.points_a_facet, "vertex")
             if self._shares:  # the points of a facet may be on several ranks

@@ -9,7 +9,7 @@ import errno
 import io
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Self
@@ -79,6 +79,14 @@ def _h5_with(mesh: Mapping[str, np.ndarray]) -> bytes:
     return content.getvalue()
 
 
+def _mesh_in(path: Path, numbers: Iterable[str]) -> tuple[np.ndarray, np.ndarray, dict]:
+    """Points and cells of a file, and their numbers."""
+    with h5py.File(path, "r", locking=False) as h5:
+        mesh = h5["mesh"]
+        found = {of: mesh[f"{of}_number"][()] for of in numbers}
+        return mesh["geometry"][()], mesh["topology"][()], found
+
+
 class TimeSeries:
     """One XDMF file and one HDF5 file beside it, with all fields at each time.
 
@@ -104,6 +112,12 @@ class TimeSeries:
             ``vertex``, ...) and connectivity, shape (num_cells, nodes per cell), VTK's order.
         after: What :meth:`seal` gave: the series goes on after it, and what was written later is
             dropped. None for a new series.
+        numbers: Numbers of the points ("point") and of the cells ("cell"), int64, for a series
+            whose points and cells may come in another order, or from elsewhere, when it goes on:
+            it then keeps those that are in its file, and fields are written in their order.
+
+    Attributes:
+        numbers: Those of the points and cells in the file.
 
     Raises:
         ValueError: If the path, the points or the cells are not as said, or a file of the series
@@ -121,6 +135,7 @@ class TimeSeries:
         points: npt.ArrayLike,
         cells: tuple[str, npt.ArrayLike],
         after: Mapping[str, float] | None = None,
+        numbers: Mapping[str, npt.NDArray[np.int64]] | None = None,
     ) -> None:
         # A later change of the current folder must not redirect the output.
         self.path = Path(path).resolve()
@@ -156,7 +171,7 @@ class TimeSeries:
                 f"Cells should refer to points 0 to {len(points) - 1}, "
                 f"got {connectivity.min()} to {connectivity.max()}."
             )
-        self._sizes = {"point": len(points), "cell": len(connectivity)}
+        self.numbers = dict(numbers or {})
         self._shapes: dict[tuple[str, str], tuple[int, ...]] | None = None
         self._num_times = 0
         self._last_time = -math.inf
@@ -171,9 +186,13 @@ class TimeSeries:
                 self.path.unlink(missing_ok=True)
             mesh = {"geometry": np.pad(points, ((0, 0), (0, 3 - points.shape[1])))}
             mesh["topology"] = connectivity.astype(np.int64)
+            mesh |= {f"{of}_number": array for of, array in self.numbers.items()}
             write_file(self.h5_path, _h5_with(mesh))
         else:
             self._go_on(after)
+            if numbers is not None:
+                points, connectivity, self.numbers = _mesh_in(self._h5_path(0), self.numbers)
+        self._sizes = {"point": len(points), "cell": len(connectivity)}
         self._drop_later_segments()
         self._grid = ElementTree.Element("Grid", Name="grid", GridType="Uniform")
         self._item(
