@@ -24,11 +24,11 @@ pytestmark = pytest.mark.demos
 def broken(tmp_path_factory):
     """A coarse slab, until the first pieces lie on the floor, which they reach after 0.27 s.
 
-    Not at 3.0 m/s, where a corner falls through the floor (docs/guide/contact.md, a limitation).
+    At this speed a corner between an open facet and a half-broken one comes down on the floor.
     """
     out = tmp_path_factory.mktemp("impact")
     options = (
-        "--cells 6 --speed 3.0001 --end-time 0.34 --step-size 4e-4 --fields 2 --threads 1 --quiet "
+        "--cells 6 --speed 3.0 --end-time 0.34 --step-size 4e-4 --fields 2 --threads 1 --quiet "
         f"--out {out}"
     )
     return demo.main(options.split()), out
@@ -96,10 +96,12 @@ def test_energy_closes(broken):
     assert kinetic == pytest.approx(history["kinetic"][-1], rel=1e-9)
     assert table.elastic.sum() == pytest.approx(history["elastic"][-1], rel=1e-9)
     assert np.all(np.diff(history["dissipated_cohesion"]) >= 0.0)
-    # a contact that leaves and is pressed back in one step may gain, of the order of the step
     for name in ("dissipated_friction", "dissipated_impact"):
         assert history[name][-1] > 0.01 * held
-        assert np.diff(history[name]).min() > -2e-2 * held
+    # where a step turns a slip round its friction gains what the normal impulses lose; together
+    # a contact that leaves and is pressed back in one step may gain, of the order of the step
+    lost = history["dissipated_friction"] + history["dissipated_impact"]
+    assert np.diff(lost).min() > -5e-3 * held
 
 
 def test_momentum_is_what_gravity_and_ground_give(broken):

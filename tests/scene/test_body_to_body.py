@@ -12,7 +12,7 @@ import pytest
 from scenes import box_bodies, run
 
 from xper_fx.materials import LinearElastic, NeoHookean
-from xper_fx.nscd.laws import PerfectBond, SignoriniCoulomb
+from xper_fx.nscd.laws import CohesiveZone, PerfectBond, SignoriniCoulomb
 from xper_fx.nscd.rigid import Polygon, Polyhedron, RigidBody
 from xper_fx.scene.contact import Contact
 from xper_fx.scene.scene import Scene
@@ -194,3 +194,43 @@ def test_lips_that_turn_go_over_to_the_search(material):
         normal = simulation.interactions.points.frame[0, 0]
         angle = np.arctan2(normal[1], normal[0])
         assert angle == pytest.approx(simulation.time - 0.5 * simulation.step_size, abs=0.01)
+
+
+@pytest.mark.parametrize("broken", [0, 1])
+def test_a_half_broken_facet_touches_rigid_bodies(broken):
+    """A half that has swung about what is left of its bond stands on its lip, on a block.
+
+    The bond's own points stay; the sides of the lip face elsewhere, so that it alone can touch.
+    """
+    block = RigidBody(Polygon.box((2.0, 1.0)), (0.5, -5.0), "block", density=1.0)
+    scene = Scene(
+        box_bodies((2.0, 1.0), (2, 1), "quadrilateral"),
+        {1: NeoHookean(young=1e3, poisson=0.3, density=1.0)},
+        default_interaction=CohesiveZone(1e4, 1.0, 1e2),
+        surfaces={"halves": (1,)},
+        contacts=[Contact(pair, SignoriniCoulomb()) for pair in
+                  (("halves", "halves"), ("halves", "block"))],
+        rigid=[block],
+    )  # fmt: skip
+    simulation = Simulation(scene, 1e-4, num_threads=1)
+    detection, (group,) = simulation.detection, simulation.interactions.groups
+    x = simulation.forms.V.tabulate_dof_coordinates()[:, :2]
+    dofs = simulation.forms.V.dofmap.list
+    left = dofs[np.argmin(x[dofs].mean(axis=1)[:, 0])]
+    moved = x.copy()  # a quarter turn clockwise about (1, 1): the lip lies along y = 1
+    moved[left] = np.array([1.0, 1.0]) + (x[left] - 1.0) @ np.array([[0.0, -1.0], [1.0, 0.0]])
+    lip = left[np.abs(moved[left, 1] - 1.0) < 1e-12]
+
+    def touching():
+        found = detection._surfaces.find(moved, np.array([[0.5, 0.499]]), np.zeros(1))
+        on_block = found.take(np.flatnonzero(found.body[:, 1] == 0))
+        return set(lip) & set(on_block.nodes[:, 0, 0].tolist()), on_block
+
+    assert len(lip) == 2 and touching()[0] == set()
+    group.state[broken, group.kernels.state_names.index("damage")] = 0.0
+    detection.release(simulation.interactions, 2, (moved - x).ravel())
+    nodes, contacts = touching()
+    assert nodes == set(lip) and len(simulation.interactions.groups[0]) == 2
+    own = np.isin(contacts.nodes[:, 0, 0], lip)
+    np.testing.assert_allclose(contacts.gap[own], 1e-3, atol=1e-12)
+    np.testing.assert_allclose(contacts.normal[own], [[0.0, 1.0]] * 2, atol=1e-12)

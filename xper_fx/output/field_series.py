@@ -48,7 +48,11 @@ class FieldSeries:
         self._bodies = simulation.bodies if self._shares else simulation.scene.bodies
         self.cells = geometry_dofmap(self._bodies.mesh)
         self._vertices = VertexValues(simulation)
-        self._has_points = not simulation.team.all(len(simulation.facets_with_law) == 0)
+        points = simulation.model.points
+        self._num_points = len(points.facets_with_law) * points.points_a_facet
+        if self._shares:
+            self._num_points = len(points.on_facets()[0])
+        self._has_points = not simulation.team.all(len(points.facets_with_law) == 0)
         self._stress: Callable[[], np.ndarray] | None = None
         self._bulk: TimeSeries | None = None
         self._interfaces: TimeSeries | None = None
@@ -166,7 +170,6 @@ class FieldSeries:
             kind = {2: "line", 3: "triangle"}.get(points.points_a_facet, "vertex")
             if self._shares:  # the points of a facet may be on several ranks
                 x, kind = x[points.on_facets()[0]], "vertex"
-            self._num_points = len(x)
             corners = {"line": 2, "triangle": 3, "vertex": 1}[kind]
             cells = np.arange(len(x)).reshape(-1, corners)
             self._interfaces = opened("interfaces", x, (kind, cells))

@@ -121,7 +121,8 @@ class Detection:
         self._lips = np.flatnonzero(law_of_facet >= 0)
         group = self._group_of_node[surface.bond_nodes[self._lips, :, 0]]
         taken = np.all(group >= 0, axis=1) & (self._law_of_pair[group[:, 0], group[:, 1]] >= 0)
-        self._waiting, self._broken = np.flatnonzero(taken), np.zeros(len(taken), bool)
+        self._waiting = np.flatnonzero(taken)
+        self._broken, self._ajar = np.zeros((2, len(taken)), bool)
         self._far = _FAR * scene.bodies.facets.measure[self._lips] ** (1.0 / (scene.dim - 1))
         self._lip_nodes = surface.bond_nodes[self._lips]
         self._lip_normals = lip_normals(self._x[self._lip_nodes])
@@ -268,6 +269,8 @@ class Detection:
     def release(self, interactions: Interactions, each: int, displacement: np.ndarray) -> None:
         """After a step, let the search take over the broken lips that have parted or turned.
 
+        Lips that are broken at one of their points may touch rigid bodies at once.
+
         Args:
             interactions: the layer, whose permanent points come facet after facet.
             each: points on a facet.
@@ -276,8 +279,13 @@ class Detection:
         if self._surfaces is None or not len(self._waiting):
             return
         count = each * len(self._lips)
-        loose = interactions.unbonded()[:count].reshape(-1, each).all(axis=1)[self._waiting]
-        lips = self._waiting[loose]
+        loose = interactions.unbonded()[:count].reshape(-1, each)[self._waiting]
+        half = self._waiting[loose.any(axis=1)]
+        new = half[~self._ajar[half]]
+        if len(new):
+            self._surfaces.leave_ajar(self._lips[new])
+            self._ajar[new] = True
+        lips = self._waiting[loose.all(axis=1)]
         if not len(lips):
             return
         new = lips[~self._broken[lips]]
@@ -306,11 +314,13 @@ class Detection:
         if self._surfaces is not None:
             out["surfaces"] = self._surfaces.lists.saved(self._by_cell)
             count = len(self._scene.bodies.facets)
-            exposed, released = np.zeros((2, count), bool)
+            exposed, released, ajar = np.zeros((3, count), bool)
             exposed[self._lips[self._broken]] = True
+            ajar[self._lips[self._ajar]] = True
             released[self._lips] = self._surfaces.bonds.released[self._lips]
             number = np.arange(count)
-            out["exposed"], out["released"] = Rows(number, exposed), Rows(number, released)
+            masks = {"exposed": exposed, "released": released, "ajar": ajar}
+            out |= {name: Rows(number, mask) for name, mask in masks.items()}
         return out
 
     def restore(self, saved: Mapping) -> None:
@@ -323,6 +333,8 @@ class Detection:
             self._broken = saved["exposed"][self._lips]
             gone = saved["released"][self._lips]
             self._waiting = np.setdiff1d(self._waiting, np.flatnonzero(gone))
+            self._ajar = saved["ajar"][self._lips]
+            self._surfaces.leave_ajar(self._lips[self._ajar])
             self._surfaces.expose(self._lips[self._broken])
             self._surfaces.release(self._lips[gone])
             self._surfaces.lists.restore(saved["surfaces"], self._from_cells)

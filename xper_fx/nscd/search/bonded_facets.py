@@ -4,7 +4,9 @@
 A bond joins two facets of two bodies, node by node. As long as it stands the two facets are hidden
 inside their *fragment*, the bodies that bonds connect. When it breaks they are *exposed*: other
 bodies may touch them, while the lips still meet each other by the bond's own law. When it is
-*released* as well the lips meet like any two facets.
+*released* as well the lips meet like any two facets. A bond that has broken at some of its points
+leaves its facets *ajar*: a rigid body may touch their nodes, which would else fall through it where
+their other facets face elsewhere.
 
 Nodes that coincide and are joined by bonds not yet released count as one point of the surface, a
 *weld*. A node and a facet that has its weld do not touch: that keeps lips apart from their bond's
@@ -24,7 +26,7 @@ class Bonds:
     """State of the bonds of a surface.
 
     Attributes:
-        exposed: which facets are, shape (f,), bool.
+        exposed, ajar: which facets are, shape (f,), bool; those that are exposed are ajar.
         released: which bonds are, shape (num_bonds,), bool.
         weld: smallest node of each node's weld, shape (num_nodes,), int32.
         fragment: smallest body of each body's fragment, shape (num_bodies,), int32.
@@ -44,6 +46,7 @@ class Bonds:
             )
         self.exposed = surface.bond < 0
         self.exposed[~self.exposed] = self.released[surface.bond[~self.exposed]]
+        self.ajar = self.exposed.copy()
         self._by_bond = np.argsort(surface.bond, kind="stable")
         self._first = np.searchsorted(surface.bond[self._by_bond], np.arange(count + 1))
         self.weld = np.arange(surface.num_nodes, dtype=np.int32)
@@ -64,14 +67,17 @@ class Bonds:
         Raises:
             ValueError: numbers out of range.
         """
-        bonds = self._checked(bonds)
-        facets = np.concatenate(
-            [self._by_bond[self._first[b] : self._first[b + 1]] for b in bonds]
-            or [np.empty(0, np.intp)]
-        )
+        facets = self._facets_of(self._checked(bonds))
         facets = np.sort(facets[~self.exposed[facets]])
-        self.exposed[facets] = True
+        self.exposed[facets] = self.ajar[facets] = True
         return facets
+
+    def leave_ajar(self, bonds: np.ndarray) -> None:
+        """Let rigid bodies touch the nodes of facets whose bonds broke at some of their points.
+
+        Args, Raises: as `expose`.
+        """
+        self.ajar[self._facets_of(self._checked(bonds))] = True
 
     def release(self, bonds: np.ndarray) -> np.ndarray:
         """Let the lips of bonds meet like any facets; exposes them too.
@@ -93,6 +99,13 @@ class Bonds:
             self._join(np.flatnonzero(near))
             self._find_fragments()
         return facets
+
+    def _facets_of(self, bonds: np.ndarray) -> np.ndarray:
+        """Facets that bonds hide."""
+        return np.concatenate(
+            [self._by_bond[self._first[b] : self._first[b + 1]] for b in bonds]
+            or [np.empty(0, np.intp)]
+        )
 
     def _checked(self, bonds: np.ndarray) -> np.ndarray:
         bonds = np.unique(np.asarray(bonds, dtype=np.int64))

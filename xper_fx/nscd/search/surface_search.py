@@ -125,6 +125,13 @@ class SurfaceSearch:
         """
         self.lists.add(self.bonds.expose(bonds))
 
+    def leave_ajar(self, bonds: np.ndarray) -> None:
+        """Let rigid bodies touch the nodes of facets whose bonds broke at some of their points.
+
+        Args, Raises: as `expose`.
+        """
+        self.bonds.leave_ajar(bonds)
+
     def release(self, bonds: np.ndarray) -> None:
         """Let the lips of broken bonds meet like any facets, when the bond's law does so no more.
 
@@ -262,8 +269,9 @@ class SurfaceSearch:
     def _nodes_on_rigid(self, faces: Faces) -> Contacts:
         pairs = np.concatenate([self.lists.node_rigid, self.lists.node_wall])
         side = self._rigid
+        ajar = faces._replace(exposed=self.bonds.ajar)
         pair, normal, gap, area = nodes_on_rigid(
-            pairs, faces, side.position, side.turn, side.shapes, self.reach
+            pairs, ajar, side.position, side.turn, side.shapes, self.reach
         )
         touching = pairs[pair]
         nodes, both = self._meshed_sides(len(pair))
@@ -285,7 +293,7 @@ class SurfaceSearch:
 
     def _faces(self, x: np.ndarray) -> Faces:
         surface, bonds = self.surface, self.bonds
-        facet_normals(x, surface.facets, np.flatnonzero(bonds.exposed), self._normal)
+        facet_normals(x, surface.facets, np.flatnonzero(bonds.ajar), self._normal)
         return Faces(
             x,
             surface.facets,
