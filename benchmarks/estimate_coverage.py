@@ -2,14 +2,14 @@
 """How far the error that a run estimates can be believed: estimated over true, scene by scene.
 
     OPENBLAS_NUM_THREADS=1 ./fenicsx python3 benchmarks/estimate_coverage.py [--only NAME]
-    OPENBLAS_NUM_THREADS=1 ./fenicsx python3 benchmarks/estimate_coverage.py --quantities
+    OPENBLAS_NUM_THREADS=1 ./fenicsx python3 benchmarks/estimate_coverage.py --quantities [2]
 
 Each scene is run with an accuracy asked for and compared with a run whose settings are far finer:
 external work, elastic and kinetic energy and each dissipation at the end (over the largest energy
 held), the largest force of the supports (relative), the motion of all nodes and bodies at the end
 (over the largest of the run, in the L2 norm). The true error is the largest of these; the table
-says which that is. With `--quantities` each of them is estimated by itself, from a second run
-(`xf.study.estimate_errors`).
+says which that is. With `--quantities` each of them is estimated by itself, from one finer run or
+as many as are given (`xf.study.estimate_errors`).
 """
 
 from __future__ import annotations
@@ -414,10 +414,14 @@ def errors(found: dict, fine: dict) -> dict[str, float]:
     return out
 
 
-def by_quantity(name: str, case: Case, options: dict, fine: dict) -> tuple[int, int]:
+def by_quantity(
+    name: str, case: Case, options: dict, fine: dict, refinements: int
+) -> tuple[int, int]:
     """Print estimates of each quantity that errs; how many are believed, and how many there are."""
     quantities = {q: Watched(case, q) for q in errors(fine, fine)}
-    found = xf.study.estimate_errors(case.build, case.end_time, quantities, **options)
+    found = xf.study.estimate_errors(
+        case.build, case.end_time, quantities, refinements=refinements, **options
+    )
     believed, count = 0, 0
     for quantity, one in found.items():
         true = quantities[quantity].error(one.value, fine)
@@ -456,7 +460,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description="Estimated over true errors.")
     parser.add_argument("--only", default="", help="scenes whose name has this")
     parser.add_argument(
-        "--quantities", action="store_true", help="each by itself, from a second run"
+        "--quantities",
+        type=int,
+        nargs="?",
+        const=1,
+        default=0,
+        help="each by itself, from so many finer runs",
     )
     args = parser.parse_args()
     columns = ["scene", "asked", "true", "of", "estimated", "over true", "steps"]
@@ -474,7 +483,7 @@ def main() -> None:
             if "step" in options:
                 options["step"] *= asked / ASKED[0]
             if args.quantities:
-                good, of = by_quantity(name, case, options, fine)
+                good, of = by_quantity(name, case, options, fine, args.quantities)
             else:
                 good, of = of_run(name, case, options, fine, bool(args.only))
             believed, count = believed + good, count + of

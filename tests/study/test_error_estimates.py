@@ -114,6 +114,15 @@ def test_errors_are_those_against_a_far_finer_run(exact, options):
         assert quantity.error(found[name].finer, exact[name]) < 0.7 * true, name
 
 
+def test_more_refinements_come_closer(exact):
+    """Of an error of first order one gives 2/3, two give 4/5; of one of second order 1."""
+    found = estimate_errors(bonded, 1.0, QUANTITIES, refinements=2, step=1e-2)
+    for name, quantity in QUANTITIES.items():
+        true = quantity.error(found[name].value, exact[name])
+        assert 0.75 * true < found[name].error < 1.4 * true, (name, true, found)
+        assert quantity.error(found[name].finer, exact[name]) < 0.4 * true, name
+
+
 def test_the_finer_run_has_the_scheme_that_was_picked(monkeypatch):
     """Cells that are each a body step explicitly where the step is picked, else implicitly."""
 
@@ -151,6 +160,7 @@ def test_rigid_bodies_have_no_scheme():
         (TypeError, "quantities .* PeakStress", {"quantities": PEAK}),
         (ValueError, "'c' is an error by itself", {"quantities": {"c": EnergyClosure()}}),
         (ValueError, "end_time", {"end_time": -1.0}),
+        (ValueError, "refinements", {"refinements": 0}),
         (ValueError, "accuracy=", {"step": "auto", "accuracy": None}),
         (ValueError, "accuracy", {"accuracy": 2.0}),
         (
