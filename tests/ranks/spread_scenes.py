@@ -87,12 +87,18 @@ def blocks_of_one_rank() -> tuple[int, int]:
     return own_label, cells - mesh_map.size_local
 
 
+def holed(x: np.ndarray) -> np.ndarray:
+    """A field that is not finite at a corner of the unit square, which is on one rank."""
+    return np.where(x[0] + x[1] > 1.8, np.nan, 0.0 * x[:2])
+
+
 def wrong() -> list[str]:
     """What ranks are told that do not agree, or ask for what takes a whole mesh."""
     scenes.COMM = WORLD
     scene, options, _ = meshed_scenes.SCENES["explicit"]()
     other = replace(meshed_scenes.ELASTIC, young=1000.0 + WORLD.rank)
     whole = replace(scene, materials={1: other})
+    holed_bond = replace(meshed_scenes.BOND, strength=lambda x: holed(x)[0] + 10.0)
     mesh = scenes.mesh_of((1, 1), (3, 3))
     own = mesh.topology.index_map(2).size_local
     told = []
@@ -110,6 +116,8 @@ def wrong() -> list[str]:
             ),
             **options,
         ),
+        lambda: Simulation(replace(scene, initial_velocity=holed), **options),
+        lambda: Simulation(replace(scene, default_interaction=holed_bond), **options),
         lambda: xf.explode(mesh, np.zeros(own, int)),
         lambda: xf.explode(mesh, np.full(own, -WORLD.rank)),
         lambda: xf.explode(mesh, lattice=(1.0, 1.0)),

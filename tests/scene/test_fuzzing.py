@@ -552,3 +552,18 @@ def test_energies_beyond_floats():
         list(simulation.steps(1.0))
     assert simulation.time == pytest.approx(0.1)
     require_finite(simulation, None)
+
+
+def test_energies_of_laws_that_are_no_numbers_leave_the_last_checkpoint(monkeypatch):
+    """The jumps have moved on when they are summed: nothing is saved that does not fit together."""
+    bodies = box_bodies((1.0, 1.0), (1, 1))
+    scene = Scene(bodies, {1: LINEAR}, default_interaction=CohesiveZone(10.0, 1.0, 1.0))
+    simulation, saved = Simulation(scene, 0.1), []
+    simulation.save_on_failure(lambda: saved.append(simulation.time))
+    commit = simulation.interactions.commit
+    monkeypatch.setattr(
+        simulation.interactions, "commit", lambda *args: commit(*args)._replace(friction=math.nan)
+    )
+    with pytest.raises(NotFiniteError, match="dissipated_friction"):
+        list(simulation.steps(1.0))
+    assert simulation.step_number == 0 and not saved

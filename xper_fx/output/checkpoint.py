@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 
 from xper_fx.output.hdf5_tree import read_attributes, read_tree, write_tree
 from xper_fx.scene.fingerprint import differences, fingerprint
+from xper_fx.support.checks import require_path
 from xper_fx.support.errors import CheckpointError
 from xper_fx.support.version import __version__
 
@@ -29,7 +30,7 @@ _NAMED = 6
 
 
 def save(
-    path: Path, simulation: Simulation, recording: Callable[[], Mapping] | None = None
+    path: Path | str, simulation: Simulation, recording: Callable[[], Mapping] | None = None
 ) -> None:
     """Write a checkpoint, in the place of the one that is there; all ranks call it together.
 
@@ -42,7 +43,7 @@ def save(
     Raises:
         OSError: it cannot be written; the one that was there stays.
     """
-    time = simulation.time
+    path, time = require_path("path", path), simulation.time
     times = [0.0, 0.5 * time, time]
     scene = json.dumps({"times": times, "is": _fingerprint(simulation, times)})
     tree = {"simulation": simulation.saved_in_order(), "scene": scene}
@@ -54,7 +55,7 @@ def save(
     simulation.team.at_root(write)
 
 
-def restore(path: Path, simulation: Simulation) -> dict:
+def restore(path: Path | str, simulation: Simulation) -> dict:
     """Let a simulation go on from a checkpoint.
 
     Args:
@@ -69,6 +70,7 @@ def restore(path: Path, simulation: Simulation) -> dict:
             unchanged then.
         FileNotFoundError: there is no such file.
     """
+    path = require_path("path", path)
     attributes = read_attributes(path)
     if "format" not in attributes or "xper_fx" not in attributes:
         raise CheckpointError(

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 # Fields of points, as `Interactions.gather` knows them.
 _OF_POINTS = ("jump", "traction", "damage", "spent", "status")
-_OF_A_RANK = re.compile(r"(bulk|interfaces)_\d+(\.\d+)?\.(xdmf|h5)")
+_SERIES = re.compile(r"(bulk|interfaces|rigid)(_\d+)?(\.\d+)?\.(xdmf|h5)")
 
 
 class FieldSeries:
@@ -198,10 +198,10 @@ def point_coordinates(simulation: Simulation) -> np.ndarray:
     return coordinates_of_known(simulation)
 
 
-def remove_fields_of_ranks(folder: Path) -> None:
-    """Remove the files of an earlier run of a mesh that was spread, on perhaps more ranks."""
+def remove_series(folder: Path) -> None:
+    """Remove the series of an earlier run, which perhaps more ranks wrote, or one for all."""
     for path in folder.iterdir():
-        if _OF_A_RANK.fullmatch(path.name):
+        if _SERIES.fullmatch(path.name):
             path.unlink()
 
 

@@ -32,7 +32,7 @@ import numpy as np
 from xper_fx.output.field_series import (
     FieldSeries,
     ranks_that_wrote,
-    remove_fields_of_ranks,
+    remove_series,
 )
 from xper_fx.output.folder_lock import FolderLock
 from xper_fx.output.gauges import CellGauge, TensileGauge, require_gauge
@@ -265,7 +265,7 @@ class Recorder:
         if not before:
             # they are of a run whose results are replaced now
             (self.folder / CHECKPOINT).unlink(missing_ok=True)
-            remove_fields_of_ranks(self.folder)
+            remove_series(self.folder)
         after, simulation = before.get("series", {}), self.simulation
         if self._writes_fields and simulation.rigid is not None:
             from xper_fx.output.body_shapes import equal_diameters

@@ -31,24 +31,29 @@ def initial_state(
         inertia: whether bodies have mass.
 
     Raises:
-        ValueError: velocities or internal forces at rest that are not finite, or of another shape.
+        ValueError: velocities or internal forces at rest that are not finite, or of another shape;
+            on all ranks that divide the bodies.
     """
     if bodies is None:
         none = np.zeros(0)
         return State(0.0, none, none, none)
     function, dim = fem.Function(bulk.forms.V), bulk.dim
-    if isinstance(given, Mapping):
-        for tag, field in given.items():
-            function.interpolate(checked_velocity(field, dim), bodies.cell_tags.find(tag))
-    elif given is not None:
-        function.interpolate(checked_velocity(given, dim))
+
+    def interpolate() -> None:
+        if isinstance(given, Mapping):
+            for tag, field in given.items():
+                function.interpolate(checked_velocity(field, dim), bodies.cell_tags.find(tag))
+        elif given is not None:
+            function.interpolate(checked_velocity(given, dim))
+
+    bulk.ranks.together(interpolate)
     unknowns, rest = bulk.unknowns, np.zeros(bulk.num_dofs)
     velocity = rest.copy()
     velocity.reshape(-1, dim)[unknowns.node_of] = function.x.array.reshape(-1, dim)
     if inertia:
         bulk.start(velocity, step)
     internal = bulk.internal(rest)
-    if not np.all(np.isfinite(internal)):
+    if not bulk.ranks.all(np.all(np.isfinite(internal))):
         raise ValueError(
             "Internal forces at rest are not finite: a material's response should give the "
             "stress of the start for a step of size zero."

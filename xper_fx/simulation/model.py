@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -288,7 +289,8 @@ class Model:
         if any(map(fields_of, laws)):
             from xper_fx.simulation.law_fields import laws_at_points
 
-            laws = laws_at_points(laws, self.points, self.scene)
+            fields = partial(laws_at_points, laws, self.points, self.scene)
+            laws = self.ranks.together(fields)
         if self.monolithic and not self.options.inertia:
             laws = [law.in_statics() if hasattr(law, "in_statics") else law for law in laws]
         check_laws_suit(

@@ -27,6 +27,7 @@ from xper_fx.simulation.requested_accuracy import RequestedAccuracy
 from xper_fx.simulation.restartable import Restartable
 from xper_fx.simulation.step_record import StepRecord
 from xper_fx.support.checks import require_kind, require_number
+from xper_fx.support.errors import NotFiniteError
 from xper_fx.support.profile import Stopwatch
 from xper_fx.support.ranks import Ranks
 
@@ -324,7 +325,9 @@ class Simulation(Restartable):
         attempts, control, number = self._attempts, self.model.control, self.step_number + 1
         require_small_turns(self, attempts.turned_bonds(outcome.state, number, size), size)
         work = commit_interactions(self.model, outcome, size, energies)
-        require_finite(self, not_finite_columns(self.ledger.as_columns()), size)
+        if wrong := not_finite_columns(self.ledger.as_columns()):
+            # the interactions have moved on, so the present state is not one to go on from
+            raise NotFiniteError(number, self.time, size, wrong, None)
         if work is not None and not self.options.inertia and self.path is None:
             attempts.doubts.tell_snap(work, number, size)
         if control is not None:
