@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Scenes of meshes that DOLFINx spreads over the ranks; the first writes what came out.
 
-FOLDER, then names of `meshed_scenes`, what to record as NAME=LAST, "held", "balance" or "wrong";
-"elsewhere" gives the bodies of what follows to other ranks.
+FOLDER, then names of `meshed_scenes`, what to record as NAME=LAST, "held", "balance" or "wrong".
 """
 
 import sys
@@ -17,7 +16,6 @@ from mpi4py import MPI
 from scenes import RIGHT
 
 import xper_fx as xf
-from xper_fx.bodies import spread
 from xper_fx.nscd.laws import CohesiveZone
 from xper_fx.nscd.laws.fields import Uniform
 from xper_fx.parallel.launch import run_together
@@ -131,12 +129,6 @@ def wrong() -> list[str]:
     return told
 
 
-def elsewhere() -> None:
-    """Let each body come to another rank than it would, as a second partition of a mesh may do."""
-    usual = spread._rank_with_most
-    spread._rank_with_most = lambda ranks, label: (usual(ranks, label) + 1) % ranks.size
-
-
 def main() -> None:
     folder = sys.argv[1]
     for name in sys.argv[2:]:
@@ -144,8 +136,6 @@ def main() -> None:
         if "=" in name:
             found, last = name.split("=")
             recorded.run(f"{folder}/{found}", int(last), False, "restart" in found)
-        elif name == "elsewhere":
-            elsewhere()
         elif name == "held":
             spread, divided = held(WORLD), held(MPI.COMM_SELF)
             found = {"spread": WORLD.gather(spread), "divided": WORLD.gather(divided)}

@@ -3,7 +3,8 @@
 
 The first rank writes those of all bodies. Where the mesh is spread over ranks each rank writes
 those of its own bodies and points: `bulk_0.xdmf` and `interfaces_0.xdmf` are the first one's. A
-run that goes on writes the same bodies into the same file, on whichever rank they are now.
+run that goes on writes the same bodies into the same files, on whichever and however many ranks
+they are now.
 """
 
 from __future__ import annotations
@@ -54,9 +55,9 @@ class FieldSeries:
             self._num_points = len(points.on_facets()[0])
         self._has_points = not simulation.team.all(len(points.facets_with_law) == 0)
         self._stress: Callable[[], np.ndarray] | None = None
-        self._bulk: TimeSeries | None = None
-        self._interfaces: TimeSeries | None = None
-        self._filed: list[dict[str, FiledRows]] = []
+        # by the name of the series: the files of this rank, and who has their rows
+        self._files: dict[str, list[TimeSeries]] = {"bulk": [], "interfaces": []}
+        self._filed: dict[str, list[FiledRows]] = {}
 
     def open(self, after: Mapping[str, Mapping[str, float]]) -> None:
         """Open the files.
@@ -70,10 +71,13 @@ class FieldSeries:
             from xper_fx.output.filed_rows import FiledRows
 
             team = self._simulation.team
-            self._filed = [
-                {of: FiledRows(team, own[of], series.numbers[of]) for of in own}
-                for series, own in zip(self.series, numbers.values(), strict=True)
-            ]
+            self._filed = {
+                name: [
+                    FiledRows(team, own, [file.numbers[of] for file in self._files[name]])
+                    for of, own in numbers[name].items()
+                ]
+                for name in numbers
+            }
 
     def write(self, fragment: np.ndarray | None) -> None:
         """Write the fields as they are now.
@@ -90,22 +94,13 @@ class FieldSeries:
         cellwise = {"stress": self.stress(), "body": body, "material": bodies.material_of_cell}
         if fragment is not None:
             cellwise["fragment"] = fragment[bodies.body_of_cell]
-        if self._filed:
-            nodal, cellwise = (
-                {name: filed(array) for name, array in fields.items()}
-                for filed, fields in zip(self._filed[0].values(), (nodal, cellwise), strict=True)
-            )
-        self._where_written(lambda: self._bulk.write(simulation.time, nodal, cellwise))
-        if not self._has_points:
-            return
-        points = simulation.interactions
-        read = points.local if self._shares else points.gather
-        # the points of walls come last
-        values = {name: read(name)[: self._num_points] for name in _OF_POINTS}
-        if self._filed:
-            filed = self._filed[1]["point"]
-            values = {name: filed(array) for name, array in values.items()}
-        self._where_written(lambda: self._interfaces.write(simulation.time, values, {}))
+        self._write("bulk", nodal, cellwise)
+        if self._has_points:
+            points = simulation.interactions
+            read = points.local if self._shares else points.gather
+            # the points of walls come last
+            values = {name: read(name)[: self._num_points] for name in _OF_POINTS}
+            self._write("interfaces", values)
 
     def stress(self) -> np.ndarray:
         """Cauchy stress of each cell, as `BulkForms.stress_evaluator` gives it (Pa)."""
@@ -124,7 +119,27 @@ class FieldSeries:
     @property
     def series(self) -> list[TimeSeries]:
         """Those that this rank writes."""
-        return [series for series in (self._bulk, self._interfaces) if series is not None]
+        return [*self._files["bulk"], *self._files["interfaces"]]
+
+    def _write(self, name: str, *fields: Mapping[str, np.ndarray]) -> None:
+        """Write fields on points, and on cells, into the files of a series."""
+        files, time = self._files[name], self._simulation.time
+        of_file: list[tuple[Mapping[str, np.ndarray], ...]] = [fields] * len(files)
+        if self._shares:
+            parts = [
+                {field: filed(array) for field, array in one.items()}
+                for filed, one in zip(self._filed[name], fields, strict=True)
+            ]
+            of_file = [
+                tuple({field: arrays[k] for field, arrays in part.items()} for part in parts)
+                for k in range(len(files))
+            ]
+
+        def write() -> None:
+            for file, given in zip(files, of_file, strict=True):
+                file.write(time, *given)
+
+        self._where_written(write)
 
     def _where_written(self, call: Callable[[], object]) -> None:
         """Call something on the ranks that write; what one raises is raised on all."""
@@ -157,14 +172,20 @@ class FieldSeries:
         numbers: Mapping[str, Mapping[str, np.ndarray]],
     ) -> None:
         simulation, mesh = self._simulation, self._bodies.mesh
-        rank = f"_{simulation.team.rank}" if self._shares else ""
+        names = [""]
+        if self._shares:
+            team = simulation.team
+            num_files = ranks_that_wrote(after) or team.size
+            names = [f"_{number}" for number in range(team.rank, num_files, team.size)]
 
-        def opened(name: str, x: np.ndarray, cells: tuple[str, np.ndarray]) -> TimeSeries:
-            path = self._folder / f"{name}{rank}.xdmf"
-            return TimeSeries(path, x, cells, after.get(path.stem), numbers.get(name))
+        def open_files(name: str, x: np.ndarray, cells: tuple[str, np.ndarray]) -> None:
+            for ending in names:
+                path = self._folder / f"{name}{ending}.xdmf"
+                file = TimeSeries(path, x, cells, after.get(path.stem), numbers.get(name))
+                self._files[name].append(file)
 
         x = mesh.geometry.x[:, : mesh.geometry.dim]
-        self._bulk = opened("bulk", x, (mesh.topology.cell_name(), self.cells))
+        open_files("bulk", x, (mesh.topology.cell_name(), self.cells))
         if self._has_points:
             x, points = coordinates_of_known(simulation), simulation.model.points
             kind = {2: "line", 3: "triangle"}.get(points.points_a_facet, "vertex")
@@ -172,7 +193,7 @@ class FieldSeries:
                 x, kind = x[points.on_facets()[0]], "vertex"
             corners = {"line": 2, "triangle": 3, "vertex": 1}[kind]
             cells = np.arange(len(x)).reshape(-1, corners)
-            self._interfaces = opened("interfaces", x, (kind, cells))
+            open_files("interfaces", x, (kind, cells))
 
 
 def coordinates_of_known(simulation: Simulation) -> np.ndarray:

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import numpy.typing as npt
 
@@ -11,7 +13,7 @@ from xper_fx.support.ranks import Ranks
 
 
 class FiledRows:
-    """Brings rows to the rank whose file holds them; all ranks make and call it together.
+    """Brings rows to the rank that writes the file which holds them; all ranks make and call it.
 
     DOLFINx may partition a mesh otherwise each time it is made: a run that goes on has other
     bodies on a rank than those of which the rank has begun to write.
@@ -19,35 +21,41 @@ class FiledRows:
     Args:
         ranks: the ranks.
         own: shape (n,), numbers of the rows that this rank has, in no other rank's.
-        filed: shape (m,), numbers of the rows in this rank's file.
+        files: shape (m,) each, numbers of the rows in each file that this rank writes.
     """
 
     def __init__(
-        self, ranks: Ranks, own: npt.NDArray[np.int64], filed: npt.NDArray[np.int64]
+        self,
+        ranks: Ranks,
+        own: npt.NDArray[np.int64],
+        files: list[npt.NDArray[np.int64]],
     ) -> None:
-        self._ranks, self._num_rows = ranks, len(filed)
-        self.unchanged = ranks.all(np.array_equal(own, filed))
-        if self.unchanged:
+        self._ranks = ranks
+        self._unchanged = ranks.all(len(files) == 1 and np.array_equal(own, files[0]))
+        if self._unchanged:
             return
-        # the rank that keeps a number hears who has its row and whose file holds it
+        held_here = np.concatenate([np.zeros(0, np.int64), *files])
+        self._num_rows = len(held_here)
+        self._starts = np.cumsum([0] + [len(file) for file in files])
+        # the rank that keeps a number hears who has its row and who writes it
         had = send(ranks, own % ranks.size, own, np.arange(len(own)))
-        held = send(ranks, filed % ranks.size, filed, np.arange(len(filed)))
+        held = send(ranks, held_here % ranks.size, held_here, np.arange(self._num_rows))
         (number, row), owner = _joined(had)
-        (wanted, place), file = _joined(held)
+        (wanted, place), writer = _joined(held)
         order = np.argsort(number)
         found = order[np.searchsorted(number, wanted, sorter=order)]
-        told = send(ranks, owner[found], row[found], file, place)
+        told = send(ranks, owner[found], row[found], writer, place)
         (self._row, self._to, self._place), _ = _joined(told)
 
-    def __call__(self, values: np.ndarray) -> np.ndarray:
-        """Rows of this rank's file, shape (m, ...), from the rows that ranks have, (n, ...)."""
-        if self.unchanged:
-            return values
+    def __call__(self, values: np.ndarray) -> list[np.ndarray]:
+        """Rows of each file that this rank writes, from those that it has, shape (n, ...)."""
+        if self._unchanged:
+            return [values]
         heard = send(self._ranks, self._to, values[self._row], self._place)
         (rows, place), _ = _joined(heard)
         filed = np.empty((self._num_rows, *values.shape[1:]), values.dtype)
         filed[place] = rows
-        return filed
+        return [filed[first:last] for first, last in pairwise(self._starts)]
 
 
 def _joined(heard: list[tuple]) -> tuple[list[np.ndarray], np.ndarray]:

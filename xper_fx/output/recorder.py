@@ -31,7 +31,6 @@ import numpy as np
 
 from xper_fx.output.field_series import (
     FieldSeries,
-    ranks_that_wrote,
     remove_series,
 )
 from xper_fx.output.folder_lock import FolderLock
@@ -222,13 +221,6 @@ class Recorder:
         if had != (self._find_fragments is not None):
             raise ValueError(
                 f"The run in {self.folder} was recorded with fragments={had}: restart it so, or "
-                "start it from its beginning."
-            )
-        wrote, ranks = ranks_that_wrote(before.get("series", {})), self.simulation.team.size
-        if wrote not in (0, ranks):
-            raise ValueError(
-                f"The run in {self.folder} was recorded on {wrote} ranks, each of which wrote the "
-                f"fields of its own bodies, and here are {ranks}: restart it on {wrote} ranks, or "
                 "start it from its beginning."
             )
         return before
