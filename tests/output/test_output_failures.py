@@ -420,7 +420,7 @@ def test_a_recorder_is_asked_for_what_it_can_record(tmp_path, simulation, given,
 
 WRITES = {
     "history": "xper_fx.output.history.write_all",
-    "fields": "xper_fx.output.series._reserve",
+    "fields": "xper_fx.output.series.reserve",
     "xdmf": "xper_fx.output.series.TimeSeries._append",
 }
 

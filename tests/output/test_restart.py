@@ -31,6 +31,7 @@ from xper_fx.output.gauges import TensileGauge
 from xper_fx.output.hdf5_tree import read_tree, write_tree
 from xper_fx.output.history import read_history
 from xper_fx.output.recorder import Recorder
+from xper_fx.output.row_blocks import StoredRows
 from xper_fx.output.run import add_run_options, recorded_steps
 from xper_fx.output.series import TimeSeries
 from xper_fx.output.signals import Interruption
@@ -271,6 +272,23 @@ def test_a_tree_is_read_as_it_was_written(tmp_path):
     assert np.array_equal(found["a"]["b"], np.arange(3))
     assert np.array_equal(found["rows"], [[np.nan], [1.0]], equal_nan=True)
     assert [path.name for path in tmp_path.iterdir()] == ["t.h5"]
+
+
+@pytest.mark.parametrize("block", [1, 50, 10_000])
+def test_rows_are_read_block_by_block(tmp_path, monkeypatch, block):
+    """Each rank reads its own, in whatever order and as often as it likes."""
+    number = np.random.default_rng(3).permutation(20)
+    values = {"v": 1.0 * np.stack([number, -number], axis=1), "m": number > 9}
+    rows = {name: Rows(number, array) for name, array in values.items()}
+    write_tree(tmp_path / "t.h5", {"rows": rows})
+    monkeypatch.setattr("xper_fx.output.row_blocks._BLOCK", block)
+    stored = {name: StoredRows(tmp_path / "t.h5", f"rows/{name}") for name in rows}
+    wanted = np.array([7, 19, 0, 7, 12])
+    np.testing.assert_array_equal(stored["v"][wanted], np.stack([wanted, -wanted], axis=1))
+    np.testing.assert_array_equal(stored["v"][wanted, :1], wanted[:, None])
+    np.testing.assert_array_equal(stored["m"][wanted], wanted > 9)
+    assert stored["v"][wanted[:0]].shape == (0, 2) and stored["m"][wanted].dtype == bool
+    assert len(list(stored["v"].blocks())) == {1: 20, 50: 7, 10_000: 1}[block]
 
 
 @pytest.mark.parametrize("where", ["h5py.File.__setitem__", "os.fsync", "os.replace"])

@@ -18,6 +18,7 @@ from scenes import RIGHT
 import xper_fx as xf
 from xper_fx.nscd.laws import CohesiveZone
 from xper_fx.nscd.laws.fields import Uniform
+from xper_fx.output import row_blocks
 from xper_fx.parallel.launch import run_together
 from xper_fx.simulation.simulation import Simulation
 from xper_fx.support.compat import geometry_dofmap
@@ -131,6 +132,7 @@ def wrong() -> list[str]:
 
 def main() -> None:
     folder = sys.argv[1]
+    row_blocks._BLOCK = 1000  # bytes: checkpoints are written and read in many blocks
     for name in sys.argv[2:]:
         scenes.COMM = WORLD
         if "=" in name:

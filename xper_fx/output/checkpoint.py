@@ -18,6 +18,7 @@ from xper_fx.output.hdf5_tree import read_attributes, read_tree, write_tree
 from xper_fx.scene.fingerprint import differences, fingerprint
 from xper_fx.support.checks import require_path
 from xper_fx.support.errors import CheckpointError
+from xper_fx.support.ranks import ALONE
 from xper_fx.support.version import __version__
 
 if TYPE_CHECKING:
@@ -38,7 +39,7 @@ def save(
         path: the file.
         simulation: between two steps.
         recording: called on the first rank, gives what a recorder wants back, a tree as of
-            `tree_file.write_tree`.
+            `hdf5_tree.write_tree`.
 
     Raises:
         OSError: it cannot be written; the one that was there stays.
@@ -46,13 +47,17 @@ def save(
     path, time = require_path("path", path), simulation.time
     times = [0.0, 0.5 * time, time]
     scene = json.dumps({"times": times, "is": _fingerprint(simulation, times)})
-    tree = {"simulation": simulation.saved_in_order(), "scene": scene}
+    tree = {"simulation": simulation.saved(), "scene": scene}
+    team, versions = simulation.team, {"format": FORMAT, "xper_fx": __version__}
 
-    def write() -> None:
+    def take() -> None:
         tree["recording"] = recording() if recording is not None else {}
-        write_tree(path, tree, format=FORMAT, xper_fx=__version__)
 
-    simulation.team.at_root(write)
+    team.at_root(take)
+    if simulation.part is None:
+        team.at_root(lambda: write_tree(path, tree, **versions))
+    else:
+        write_tree(path, tree, team, **versions)
 
 
 def restore(path: Path | str, simulation: Simulation) -> dict:
@@ -84,7 +89,7 @@ def restore(path: Path | str, simulation: Simulation) -> dict:
             f"{here[0]} (format {here[1]}): go on with the version that wrote it, or start the run "
             "from its beginning."
         )
-    tree = read_tree(path)
+    tree = read_tree(path, ALONE if simulation.part is None else simulation.team)
     scene = json.loads(tree["scene"])
     differ = differences(scene["is"], _fingerprint(simulation, scene["times"]))
     if differ:

@@ -5,12 +5,10 @@ They can be read while the run goes on and after it was killed: a time that was 
 readable.
 """
 
-import errno
 import io
 import math
 import os
 from collections.abc import Iterable, Mapping
-from contextlib import suppress
 from pathlib import Path
 from typing import Self
 from xml.etree import ElementTree
@@ -19,7 +17,7 @@ import h5py
 import numpy as np
 import numpy.typing as npt
 
-from xper_fx.support.files import explained, write_all, write_file
+from xper_fx.support.files import explained, reserve, write_all, write_file
 
 # meshio's name (and DOLFINx's, where it differs) -> XDMF topology, nodes per cell.
 _TOPOLOGY = {
@@ -48,26 +46,6 @@ _ROOM_CLOSE = b"?>\n"
 _PAGE = 4096
 # libxml2 (ParaView's parser) refuses a processing instruction longer than 10 MB.
 _ROOM_SIZES = (1 << 16, 1 << 22)
-# What HDF5 may add to a file besides the numbers: for each dataset, and for the groups of a time.
-_ENTRY, _GROUPS = 4096, 16384
-
-
-def _reserve(path: Path, size: int) -> None:
-    """See to it that a file can grow by `size` bytes.
-
-    HDF5 cannot be trusted with a full disk: what it has not stored stays in its cache, and the
-    file open and damaged. When it closes a file it gives back what it did not need.
-    """
-    with open(path, "r+b", buffering=0) as file:
-        end = file.seek(0, os.SEEK_END)
-        try:
-            os.posix_fallocate(file.fileno(), end, size)
-        except OSError as error:
-            # Some file systems have no such call.
-            if error.errno not in (errno.EOPNOTSUPP, errno.EINVAL, errno.ENOSYS):
-                with suppress(OSError):
-                    os.ftruncate(file.fileno(), end)
-                raise
 
 
 def _h5_with(mesh: Mapping[str, np.ndarray]) -> bytes:
@@ -373,12 +351,10 @@ class TimeSeries:
             write_file(self._h5_path(self._segment + 1), _h5_with({}))
             self._segment, self._sealed = self._segment + 1, False
         widths = (1, 3, 9)  # of scalars, vectors and tensors
-        needed = _GROUPS + sum(
-            _ENTRY + 8 * widths[values.ndim - 1] * len(values) for values in fields.values()
-        )
+        needed = sum(8 * widths[values.ndim - 1] * len(values) for values in fields.values())
         # No lock: a viewer that has the file open must not make the run fail.
         with explained(self.h5_path):
-            _reserve(self.h5_path, needed)
+            reserve(self.h5_path, needed, len(fields))
             self._store(group, fields, grid)
         with explained(self.path):
             self._append(

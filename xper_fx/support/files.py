@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Files written whole, and what a failed write tells: the file, the reason, what to do."""
+"""Files written whole or not at all, and what a failed write tells: file, reason, what to do."""
 
 from __future__ import annotations
 
@@ -14,6 +14,8 @@ from pathlib import Path
 _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 _GONE = (errno.ENOENT, errno.ENOTDIR, errno.ESTALE)
 _FORBIDDEN = (errno.EACCES, errno.EPERM, errno.EROFS)
+# What HDF5 may add to a file besides the numbers (bytes): for each dataset, and for all of them.
+_DATASET, _GROUPS = 4096, 16384
 
 
 def _advice(code: int) -> str:
@@ -91,3 +93,22 @@ def write_file(path: Path, content: bytes) -> None:
     """
     with replacing(path) as temporary:
         temporary.write_bytes(content)
+
+
+def reserve(path: Path, size: int, datasets: int) -> None:
+    """See to it that an HDF5 file can grow by `size` bytes in some datasets.
+
+    HDF5 cannot be trusted with a full disk: what it has not stored stays in its cache, and the
+    file open and damaged. When it closes a file it gives back what it did not need.
+    """
+    size += _DATASET * datasets + _GROUPS
+    with open(path, "r+b", buffering=0) as file:
+        end = file.seek(0, os.SEEK_END)
+        try:
+            os.posix_fallocate(file.fileno(), end, size)
+        except OSError as error:
+            # Some file systems have no such call.
+            if error.errno not in (errno.EOPNOTSUPP, errno.EINVAL, errno.ENOSYS):
+                with suppress(OSError):
+                    os.ftruncate(file.fileno(), end)
+                raise

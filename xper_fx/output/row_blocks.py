@@ -1,0 +1,86 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Rows that ranks share, written to a file and read from it block by block.
+
+No rank holds all of them: the first one writes a block that all have put together, and who wants
+some of the rows looks through the blocks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+from xper_fx.support.ranks import Ranks
+from xper_fx.support.saved_rows import Rows
+
+# Bytes of a block.
+_BLOCK = 1 << 22
+
+
+def in_blocks(rows: Rows, ranks: Ranks) -> Iterator[tuple[int, int, np.ndarray]]:
+    """The rows of all ranks by ascending number, on the first rank; the others run through it.
+
+    Args:
+        rows: of this rank, one number a row where there are several ranks; every number from zero
+            on is on some rank.
+        ranks: the ranks.
+
+    Yields:
+        Number of the first row of a block, number of all rows, the block.
+    """
+    if ranks.alone:
+        yield 0, len(rows.values), rows.in_order()
+        return
+    order = np.argsort(rows.number, kind="stable")
+    number = rows.number[order]
+    count = int(ranks.max(number[-1] + 1 if len(number) else 0))
+    a_block = _rows_of_a_block(rows.values)
+    for first in range(0, max(count, 1), a_block):
+        low, high = np.searchsorted(number, (first, first + a_block))
+        given = (number[low:high] - first, rows.values[order[low:high]])
+        heard = ranks.comm.gather(given)
+        if heard is None:
+            continue
+        block = np.empty((min(a_block, count - first), *rows.values.shape[1:]), rows.values.dtype)
+        for place, values in heard:
+            block[place] = values
+        yield first, count, block
+
+
+class StoredRows:
+    """Rows in a file, of which some are read: `stored[number]`, `stored[number, :3]`.
+
+    Args:
+        path: the HDF5 file.
+        name: of the dataset.
+    """
+
+    def __init__(self, path: Path, name: str):
+        self._path, self._name = path, name
+
+    def __getitem__(self, key: np.ndarray | tuple) -> np.ndarray:
+        number, *rest = key if isinstance(key, tuple) else (key,)
+        order = np.argsort(number, kind="stable")
+        wanted, found = number[order], []
+        for first, block in self.blocks():
+            low, high = np.searchsorted(wanted, (first, first + len(block)))
+            found.append(block[wanted[low:high] - first])
+        values = np.empty((len(number), *block.shape[1:]), block.dtype)
+        values[order] = np.concatenate(found)
+        return values[(slice(None), *rest)]
+
+    def blocks(self) -> Iterator[tuple[int, np.ndarray]]:
+        """Number of the first row of each block, and the block; an empty one where are no rows."""
+        with h5py.File(self._path, "r", locking=False) as h5:
+            data = h5[self._name]
+            a_block = _rows_of_a_block(np.empty((0, *data.shape[1:]), data.dtype))
+            for first in range(0, max(len(data), 1), a_block):
+                yield first, data[first : first + a_block]
+
+
+def _rows_of_a_block(values: np.ndarray) -> int:
+    row = values.itemsize * int(np.prod(values.shape[1:]))
+    return max(1, _BLOCK // max(row, 1))
