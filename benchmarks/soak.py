@@ -28,6 +28,7 @@ import sys
 import tempfile
 import time
 from collections import Counter
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -46,6 +47,13 @@ NOTHING = 1e-14
 LIFE = 30
 # Memory (MB a scene) by which a process may grow the second time.
 LEAK = 0.2
+# Of several ranks beside other work.
+OF_RANKS = {
+    "OMPI_ALLOW_RUN_AS_ROOT": "1",
+    "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1",
+    "OMPI_MCA_mpi_yield_when_idle": "true",
+    "OMPI_MCA_hwloc_base_binding_policy": "none",
+}
 KILLED = 77  # exit status of a process that ends at a step
 SIDES = {"left": 1, "right": 2, "bottom": 3, "top": 4}
 
@@ -320,11 +328,13 @@ def child(arguments: list[str], ranks: int = 1, limit: float = 1800.0) -> tuple[
     command = [sys.executable, __file__, *arguments]
     if ranks > 1:
         command = ["mpirun", "--oversubscribe", "-n", str(ranks), *command]
-    allowed = {"OMPI_ALLOW_RUN_AS_ROOT": "1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1"}
+    # ranks that share one core yield to each other at once, whatever else the machine does
+    core = partial(os.sched_setaffinity, 0, sorted(os.sched_getaffinity(0))[:1])
     # a rank finds its number in its environment: a process started from a rank is none
     done = subprocess.run(
-        command, capture_output=True, text=True, timeout=limit, env=os.environ | allowed
-    )
+        command, capture_output=True, text=True, timeout=limit, env=os.environ | OF_RANKS,
+        preexec_fn=core if ranks > 1 else None,
+    )  # fmt: skip
     lines = [json.loads(line) for line in done.stdout.splitlines() if line.startswith("{")]
     if done.returncode not in (0, KILLED):
         lines.append({"outcome": "failed", "why": done.stderr[-600:], "seed": arguments})
