@@ -20,6 +20,7 @@ import meshio
 import numpy as np
 import pytest
 import restart_scenes
+from dolfinx import fem
 from scenes import LEFT, RIGHT, TOP, box_bodies
 
 import xper_fx
@@ -36,6 +37,7 @@ from xper_fx.output.run import add_run_options, recorded_steps
 from xper_fx.output.series import TimeSeries
 from xper_fx.output.signals import Interruption
 from xper_fx.scene import Scene, Wall
+from xper_fx.scene.fingerprint import differences, fingerprint
 from xper_fx.simulation.simulation import Simulation
 from xper_fx.support.errors import CheckpointError, ConvergenceError
 from xper_fx.support.saved_rows import Rows
@@ -414,6 +416,22 @@ OTHER_SCENES = {
 def test_another_scene_is_refused(folder, change):
     options, difference = OTHER_SCENES[change]
     refused(folder, f"is of another scene: .*{difference}.*another folder", bar(**options))
+
+
+def test_fields_are_told_apart_by_their_values():
+    """Functions of one name, and those of DOLFINx."""
+
+    def described(strength, factor=1.0):
+        scene = bar(law=replace(LAW, strength=lambda x: strength * (1.0 + x[0]))).scene
+        velocity = fem.Function(fem.functionspace(scene.bodies.mesh, ("P", 1)))
+        velocity.x.array[:] = factor * np.arange(len(velocity.x.array))
+        return fingerprint(replace(scene, initial_velocity=velocity), [0.0])
+
+    first = described(1e-4)
+    assert differences(first, described(1e-4)) == []
+    (law,) = differences(first, described(1.1e-4))
+    (velocity,) = differences(first, described(1e-4, 2.0))
+    assert law.startswith("default_interaction") and velocity.startswith("initial_velocity")
 
 
 def test_another_shape_of_the_mesh_is_another_scene(folder):

@@ -2,7 +2,8 @@
 """What a scene is, in plain words and numbers, so that two scenes can be told apart.
 
 Objects are described by their type and public fields, long arrays by a digest, functions of time by
-their values at given times, other functions by their name. A mesh is described by sums over its
+their values at given times, functions of positions by theirs at some places around the mesh, other
+functions by their name. A mesh is described by sums over its
 cells of a hash of each, which are the same in whatever order cells and bodies are held.
 """
 
@@ -12,7 +13,7 @@ import hashlib
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields, is_dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -25,8 +26,18 @@ if TYPE_CHECKING:
 
 # Entries up to which an array or a list is written out.
 _SHORT = 16
+# Places at which functions are read: so many in the box around the mesh, with steps that share no
+# multiple (shares of its sides).
+_PLACES, _STRIDE = 50, np.sqrt([[2.0], [3.0], [5.0]])
 # Fields of a scene that are described by themselves.
 _APART = ("bodies", "rigid", "rigid_bodies", "after")
+
+
+class _Read(NamedTuple):
+    """At which times (s) and positions (m, shape (3, n)) functions are read; these may be None."""
+
+    times: Sequence[float]
+    places: np.ndarray | None
 
 
 def fingerprint(scene: Scene, times: Sequence[float], **more: Any) -> dict:
@@ -40,13 +51,14 @@ def fingerprint(scene: Scene, times: Sequence[float], **more: Any) -> dict:
     Returns:
         Nested dictionaries and lists of what JSON has.
     """
-    out = {f.name: _described(getattr(scene, f.name), times) for f in fields(scene)
+    read = _Read(times, _places(scene.bodies))
+    out = {f.name: _described(getattr(scene, f.name), read) for f in fields(scene)
            if f.name not in _APART}  # fmt: skip
     if scene.bodies is not None:
         out["mesh"] = _mesh(scene.bodies)
     if scene.rigid_bodies is not None:
-        out["rigid bodies"] = _described(scene.rigid_bodies, times)
-    out |= {name: _described(value, times) for name, value in more.items()}
+        out["rigid bodies"] = _described(scene.rigid_bodies, read)
+    out |= {name: _described(value, read) for name, value in more.items()}
     return json.loads(json.dumps(out))
 
 
@@ -69,7 +81,7 @@ def _short(value: Any) -> str:
     return text if len(text) <= 60 else text[:57] + "..."
 
 
-def _described(value: Any, times: Sequence[float], within: tuple[int, ...] = ()) -> Any:
+def _described(value: Any, read: _Read, within: tuple[int, ...] = ()) -> Any:
     if isinstance(value, np.generic):
         value = value.item()
     if value is None or isinstance(value, bool | int | float | str):
@@ -84,20 +96,20 @@ def _described(value: Any, times: Sequence[float], within: tuple[int, ...] = ())
     if hasattr(value, "py_func"):
         return {"kernel": _content(value)}
     if isinstance(value, Mapping):
-        return {str(key): _described(item, times, within) for key, item in value.items()}
+        return {str(key): _described(item, read, within) for key, item in value.items()}
     if isinstance(value, tuple) and hasattr(value, "_asdict"):
-        return _described(value._asdict(), times, within)
+        return _described(value._asdict(), read, within)
     if isinstance(value, Sequence):
-        items = [_described(item, times, within) for item in value]
+        items = [_described(item, read, within) for item in value]
         return items if len(items) <= _SHORT else f"{len(items)} {_digest(json.dumps(items))}"
     own = {f.name for f in fields(value)} if is_dataclass(value) else getattr(value, "__dict__", {})
     out = {
-        name: _described(getattr(value, name), times, within)
+        name: _described(getattr(value, name), read, within)
         for name in sorted(own)
         if not name.startswith("_")
     }
     if callable(value):
-        return out | _function(value, times)
+        return out | _function(value, read)
     return {"type": type(value).__name__, **out}
 
 
@@ -111,13 +123,29 @@ def _content(kernel: Any) -> str:
         return kernel.py_func.__qualname__
 
 
-def _function(function: Callable[..., Any], times: Sequence[float]) -> dict:
-    """A function of time by its values, to 12 digits; any other by its name."""
-    try:
-        values = [np.asarray(function(time), float).tolist() for time in times]
-    except Exception:  # noqa: BLE001 - a function of positions raises whatever it likes
-        return {"function": getattr(function, "__qualname__", type(function).__name__)}
-    return {"values": [np.vectorize(lambda v: f"{v:.12g}")(value).tolist() for value in values]}
+def _function(function: Callable[..., Any], read: _Read) -> dict:
+    """A function of time or of positions by its values, to 12 digits; any other by its name."""
+    if hasattr(getattr(function, "x", None), "array"):  # of DOLFINx
+        return {"values": _digest(np.ascontiguousarray(function.x.array).tobytes())}
+    given: list[Any] = []
+    for arguments in (read.times, [] if read.places is None else [read.places]):
+        try:
+            given = [np.asarray(function(argument), float) for argument in arguments]
+        except Exception:  # noqa: BLE001 - a function of something else raises whatever it likes
+            continue
+        if given:
+            values = [np.vectorize(lambda v: f"{v:.12g}")(value).tolist() for value in given]
+            return {"values": values if len(np.ravel(values)) <= _SHORT else _digest(str(values))}
+    return {"function": getattr(function, "__qualname__", type(function).__name__)}
+
+
+def _places(bodies: Bodies | None) -> np.ndarray | None:
+    """Positions at which functions are read; none where a rank has a part of the mesh."""
+    if bodies is None or bodies.spread is not None:
+        return None
+    x = bodies.mesh.geometry.x
+    low, high = x.min(axis=0)[:, None], x.max(axis=0)[:, None]
+    return low + (high - low) * (_STRIDE * np.arange(_PLACES) % 1.0)
 
 
 def _mesh(bodies: Bodies) -> dict:
