@@ -295,8 +295,9 @@ def shaken(step=0.05, velocity=3.0, **options):
 def corrections(simulation, count):
     """Relative corrections of Newton's first iterations from the present state."""
     scheme, out = simulation.scheme, []
-    for scheme._max_newton in range(1, count + 1):
-        scheme._inverses.clear()
+    for iterations in range(1, count + 1):
+        scheme._limits = scheme._limits._replace(iterations=iterations)
+        scheme._inverses.drop(simulation.step_size)
         outcome = scheme.attempt(simulation.state, simulation.step_size, None, None, 1.0)
         out.append(outcome.newton_residual)
         if outcome.converged:
@@ -318,8 +319,8 @@ def test_newton_contracts_and_does_not_change_the_answer():
 
 
 def test_newton_is_quadratic_where_the_matrix_is_renewed(monkeypatch):
-    monkeypatch.setattr("xper_fx.bulk.implicit._SLOW", 0.0)
-    monkeypatch.setattr("xper_fx.bulk.implicit._FEW", 0)
+    monkeypatch.setattr("xper_fx.bulk.implicit_step._SLOW", 0.0)
+    monkeypatch.setattr("xper_fx.bulk.implicit_step._FEW", 0)
     relative = corrections(shaken(newton_tolerance=1e-14), 10)
     assert len(relative) <= 7
     # the first two use one matrix; below 1e-12 rounding takes over

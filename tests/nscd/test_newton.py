@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 
-import xper_fx.bulk.implicit as implicit
+import xper_fx.bulk.implicit_step as implicit_step
 from xper_fx.bodies.explode import explode
 from xper_fx.bodies.meshes import crossed_rectangle, tag_facets
 from xper_fx.forms.loads import PrescribedVelocity
@@ -36,6 +36,6 @@ def test_backtracking_rescues_a_large_increment(stretch, monkeypatch):
     simulation = stretched(stretch)
     (step,) = simulation.steps(1.0)
     assert step.newton_residual <= 1e-8 and step.newton_iterations <= 20
-    monkeypatch.setattr(implicit, "_CUTS", 0)
+    monkeypatch.setattr(implicit_step, "_CUTS", 0)
     with pytest.raises(ConvergenceError, match="Newton|internal forces"):
         list(stretched(stretch).steps(1.0))

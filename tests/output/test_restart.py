@@ -246,7 +246,7 @@ def test_an_inverse_of_a_stiff_iterate_is_made_again(tmp_path, monkeypatch):
     next(run.steps(1.0))
     save(tmp_path / "run.h5", run)
     again = restart_scenes.turning_cells()
-    monkeypatch.setattr("xper_fx.bulk.implicit._HIDDEN", 0.0)
+    monkeypatch.setattr("xper_fx.bulk.kept_inverses._HIDDEN", 0.0)
     restore(tmp_path / "run.h5", again)
     assert again.model.scheme.holds(again.step_size)
 

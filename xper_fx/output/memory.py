@@ -24,9 +24,9 @@ def memory_by_part(simulation: Simulation) -> dict[str, int]:
         simulation: at rest or under way.
 
     Returns:
-        By part: "bodies" (mesh, tags, facing facets), "inverse" (w), "bulk" (masses, stiffness,
-        forms), "interactions" (points with their history), "solver" (what the solver keeps from
-        step to step), "state" (the last two states and the last step).
+        By part: "bodies" (mesh, tags, facing facets), "bulk" (masses, stiffness, forms),
+        "inverse" (w), "interactions" (points with their history), "solver" (what the solver keeps
+        from step to step), "state" (the last two states and the last step).
 
     Raises:
         TypeError: no simulation.
@@ -35,8 +35,8 @@ def memory_by_part(simulation: Simulation) -> dict[str, int]:
     held = simulation.interactions
     parts = {
         "bodies": simulation.scene,
-        "inverse": simulation.scheme.__dict__ | {"bulk": None},
         "bulk": simulation.bulk,
+        "inverse": simulation.scheme,
         "interactions": held,
         "solver": simulation.solver.kept(),
         "state": (simulation.state, simulation.last, simulation._before),

@@ -1,0 +1,254 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""One step of the theta scheme by Newton's method; its equations are those of `implicit.py`.
+
+Each iteration takes the velocities that the bulk would have without impulses, lets the solver find
+the impulses for them, and looks at what is left: for these impulses that is the nonlinearity of the
+bulk, or what springs of floating bodies bear.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from xper_fx.bulk.kept_inverses import KeptInverses
+from xper_fx.bulk.state import State, StepOutcome, interact, reactions_on
+from xper_fx.bulk.step_equations import StepEquations
+from xper_fx.nscd.interactions import Interactions
+from xper_fx.nscd.solvers.solver import SolveOptions, Solver
+from xper_fx.support.profile import Stopwatch
+
+# Contraction of Newton's corrections above which w is renewed, unless no more than a few iterations
+# are left to make, which cost less.
+_SLOW, _FEW = 0.2, 3
+# Times that a Newton step is halved before the time step is given up.
+_CUTS = 5
+# Newton's tolerance is at least this part of that of the impulses, which blurs it.
+_BLUR = 1e-2
+
+
+class NewtonLimits(NamedTuple):
+    """Where Newton's method ends.
+
+    Attributes:
+        tolerance: bound on the last correction of the velocities, relative to the velocities.
+        iterations: after which a step is given up.
+        rounding: norm of a correction of the positions that is rounding (m kg^(1/2)).
+    """
+
+    tolerance: float
+    iterations: int
+    rounding: float
+
+
+class ImplicitStep:
+    """One attempt at a step.
+
+    Args:
+        inverses: w by step size; kept ones are taken, and renewed where Newton's method asks.
+        limits: of Newton's method.
+        state: at the start of the step, which is not changed.
+        step: h (s).
+        interactions: the points, None if the scene has none.
+        solver: of the interactions.
+        options: of the solver; its tolerance is what equations that hang on the impulses
+            (`Bulk.balance`) can hold to.
+        stopwatch: where phases are timed.
+    """
+
+    def __init__(
+        self,
+        inverses: KeptInverses,
+        limits: NewtonLimits,
+        state: State,
+        step: float,
+        interactions: Interactions | None,
+        solver: Solver,
+        options: SolveOptions,
+        stopwatch: Stopwatch,
+    ):
+        bulk = inverses.bulk
+        self._inverses, self._limits, self._bulk, self._watch = inverses, limits, bulk, stopwatch
+        self._start, self._step, self._theta = state, step, bulk.end_weight(inverses.theta)
+        self._interactions, self._solver, self._options = interactions, solver, options
+        self._bare = interactions is None
+        self._turns = not self._bare and interactions.turns
+        self._exact = bulk.linear and not bulk.floating
+        self._tolerance = limits.tolerance
+        if not self._bare:
+            self._tolerance = max(self._tolerance, _BLUR * options.tolerance)
+        self._balance = bulk.balance(self._tolerance if self._bare else options.tolerance)
+        self._impulses, self._slots = np.zeros_like(state.velocity), np.zeros(0)
+        self._sweeps, self._solved = 0, True
+        self._solver_error = self._traction_change = 0.0
+        # Newton's correction relative to the velocities, and that of the iteration before
+        self._correction, self._correction_before = 0.0, np.inf
+
+    def solve(self) -> StepOutcome:
+        """The outcome, converged or not."""
+        self._begin()
+        for iteration in self._watch.each("newton", range(1, self._limits.iterations + 1)):
+            previous = self._velocity
+            self._iterate(iteration)
+            if not self._solved or (self._exact and self._balance.settled):
+                break
+            if self._exact:
+                continue
+            self._correct(previous)
+            arrived = self._correction <= self._tolerance and self._balance.settled
+            if arrived or not np.isfinite(self._correction):
+                break
+            self._renew_if_slow()
+            self._correction_before = self._correction
+        return self._outcome(iteration)
+
+    def _begin(self) -> None:
+        """Loads, prescribed velocities and interactions of the step; velocities of its start."""
+        bulk, start, step, theta = self._bulk, self._start, self._step, self._inverses.theta
+        time, v0 = start.time + step, start.velocity
+        bulk.forms.set_step(step)
+        with self._watch.phase("free velocity"):
+            self._external = bulk.external(time)
+            self._equations = StepEquations(bulk, start, step, self._theta)
+            self._equations.load(self._external)
+            self._velocity = v0.copy()
+            bulk.prescribe(self._velocity, time, step, theta, start.displacement, v0)
+        self._inverse = self._inverses.at(step, start.displacement)
+        if not self._bare:
+            with self._watch.phase("interaction terms"):
+                if self._interactions.bulk_inverse is not self._inverse.blocks:
+                    self._interactions.update_inverse(self._inverse.blocks)
+                self._turn(v0)
+                self._interactions.begin_step(step, theta)
+        with self._watch.phase("free velocity"):
+            self._residual, self._internal = self._equations.residual(self._velocity)
+
+    def _turn(self, velocity: np.ndarray) -> None:
+        """Let frames of bonds follow their bodies, which move by mean velocities over the step."""
+        if self._turns:
+            from xper_fx.bulk.turning import turn
+
+            turn(
+                self._interactions, self._bulk, self._inverse.nodes, self._start, velocity,
+                self._step, self._inverses.theta,
+            )  # fmt: skip
+
+    def _iterate(self, iteration: int) -> None:
+        """Take the free velocities, and from them those with impulses."""
+        watch, inverse, previous = self._watch, self._inverse, self._velocity
+        couples = 0.0
+        with watch.phase("free velocity"):
+            self._corrected = self._balance.missing
+            advance = inverse.advance if self._bare or self._corrected else inverse.apply
+            residual = self._residual
+            if self._turns:
+                from xper_fx.bulk.turning import couples_on
+
+                couples = couples_on(self._interactions, inverse.nodes, len(residual))
+                residual = residual + couples
+            free = previous + advance(residual)
+        self._velocity = free
+        if not self._bare:
+            if iteration > 1:  # what an earlier iterate damaged is whole again
+                with watch.phase("interaction terms"):
+                    self._turn(self._mean(previous))
+                    self._interactions.prepare()
+            if self._bulk.floating:
+                self._interactions.take_anchors(inverse.anchors(residual))
+            with watch.phase("interaction solve"):
+                self._velocity, impulses, self._slots, report = interact(
+                    inverse, self._interactions, self._solver, free, self._options
+                )
+            self._impulses = impulses + couples if self._turns else impulses
+            self._sweeps += report.sweeps
+            self._solver_error = report.residual
+            self._traction_change = report.traction_change
+            self._solved = report.converged
+        with watch.phase("free velocity"):
+            self._residual, self._internal = self._equations.residual(self._velocity)
+            self._balance.assess(
+                inverse, self._velocity, previous, self._residual, self._internal, self._step,
+                self._correction,
+            )  # fmt: skip
+
+    def _correct(self, previous: np.ndarray) -> None:
+        """Find what Newton's method would correct next, and halve a step that went too far.
+
+        So does one that inverts a cell (no finite energy) or leaves more than it found.
+        """
+        if self._corrected and not self._bare:
+            # what other unknowns stir up is no step that went wrong
+            self._correction_before = np.inf
+        with self._watch.phase("free velocity"):
+            self._correction = self._next_correction()
+            for _ in range(_CUTS):
+                bound = 2.0 * self._correction_before
+                if np.isfinite(self._correction) and self._correction <= bound:
+                    break
+                self._velocity = 0.5 * (self._velocity + previous)
+                self._residual, self._internal = self._equations.residual(self._velocity)
+                # the impulses belong to the whole step: this is not yet the end
+                self._correction = max(self._next_correction(), 2.0 * self._tolerance)
+
+    def _next_correction(self) -> float:
+        """Newton's next correction relative to the velocities; infinite if it is not finite."""
+        # without interactions all unknowns are corrected at once
+        solve = self._inverse.advance if self._bare else self._inverse.apply
+        correction = self._bulk.norm(solve(self._residual + self._impulses))
+        self._displacement = self._equations.displacement(self._velocity)
+        # towards rest velocities vanish, and the rounding of positions is what is left
+        rounding = self._limits.rounding
+        if self._bulk.floating:
+            from xper_fx.bulk.floating_bodies import ROUNDING
+
+            rounding = max(rounding, ROUNDING * self._bulk.norm(self._displacement))
+        if correction <= rounding / (self._step * self._inverses.theta):
+            return 0.0
+        relative = correction / self._bulk.norm(self._velocity)
+        return relative if np.isfinite(relative) else np.inf
+
+    def _renew_if_slow(self) -> None:
+        """Take the inverse of the present tangent where Newton's method contracts badly."""
+        correction, before = self._correction, self._correction_before
+        left = 0.0  # iterations, if corrections go on to contract as they did
+        if correction > self._tolerance:
+            left = np.inf
+            if correction < before:
+                left = np.log(self._tolerance / correction) / np.log(correction / before)
+        slow = correction > _SLOW * before and left > _FEW
+        if self._balance.worse or (slow and not self._bulk.linear):
+            self._inverse = self._inverses.at(self._step, self._displacement, renew=True)
+            if not self._bare:
+                with self._watch.phase("interaction terms"):
+                    self._interactions.update_inverse(self._inverse.blocks)
+
+    def _outcome(self, iterations: int) -> StepOutcome:
+        bulk, velocity = self._bulk, self._velocity
+        converged = bulk.ranks.all(
+            self._solved
+            and self._correction <= self._tolerance
+            and self._balance.settled
+            and np.all(np.isfinite(velocity))
+            and np.all(np.isfinite(self._internal))
+        )
+        if not converged:  # matrix and what was learnt may be those of a state gone astray
+            bulk.forget()
+            if not bulk.linear:
+                self._inverses.drop(self._step)
+        left = self._residual, self._impulses
+        reactions = reactions_on(bulk.layout, lambda d: -(left[0][d] + left[1][d]))
+        end = State(
+            self._start.time + self._step, self._equations.displacement(velocity), velocity,
+            self._internal, self._external,
+        )  # fmt: skip
+        return StepOutcome(
+            end, self._slots, self._impulses, reactions, self._equations.force_impulse,
+            bulk.viscous(self._mean(velocity)), self._sweeps, self._solver_error,
+            self._traction_change, iterations, max(self._correction, self._balance.error),
+            converged,
+        )  # fmt: skip
+
+    def _mean(self, velocity: np.ndarray) -> np.ndarray:
+        """Velocity over the step that ends with `velocity`."""
+        return self._theta * velocity + (1.0 - self._theta) * self._start.velocity
