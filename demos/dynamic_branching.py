@@ -108,7 +108,7 @@ def scene(facet: float, bonds: str, seed: int = 0) -> xf.Scene:
 
 def crack(simulation: xf.Simulation, facet: float) -> dict[str, float]:
     """Time, tip and place of the first branch (m), NaN if there is none."""
-    segments = xf.output.find_cracks(simulation, 0).segments
+    segments = xf.output.find_cracks(simulation).segments
     found = {"time": simulation.state.time, "tip": NOTCH_LENGTH, "branch": np.nan}
     if len(segments):
         x, y = segments.mean(axis=1).T
@@ -142,7 +142,7 @@ def run(options: argparse.Namespace) -> dict[str, Any]:
             track.append(crack(simulation, options.facet))
     return {
         "track": {name: np.array([t[name] for t in track]) for name in track[0]},
-        "cracks": xf.output.find_cracks(simulation, 0).segments,
+        "cracks": xf.output.find_cracks(simulation).segments,
         "history": xf.read_history(options.out / "history.csv"),
         "simulation": simulation,
     }

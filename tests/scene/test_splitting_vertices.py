@@ -193,6 +193,7 @@ def test_scales_are_told_before_anything_has_cracked():
         simulation = xf.Simulation(pulled(2, law=law), 0.1, **ONE)
         found.append(xf.cohesive_table(simulation))
     assert found[0] == found[1]
+    assert "cohesive length 1.1 m" in found[0]
     assert "softening number 0.0" in found[0] and not found[0].endswith("number 0")
 
 

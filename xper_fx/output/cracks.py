@@ -32,7 +32,7 @@ class Cracks(NamedTuple):
 
 def find_cracks(
     simulation: Simulation,
-    inclusion: int,
+    inclusion: int | None = None,
     ignored_facets: tuple[int, ...] = (),
     share: float = BROKEN,
 ) -> Cracks:
@@ -40,7 +40,7 @@ def find_cracks(
 
     Args:
         simulation: a run with nodal points.
-        inclusion: cell tag that counts as inclusion; a scene may be without.
+        inclusion: cell tag that counts as inclusion; None: all is matrix, and all kinds are 0.
         ignored_facets: tags of facets that do not count (precracks).
         share: of its fracture energy that a broken bond has spent.
 
@@ -50,7 +50,8 @@ def find_cracks(
         TypeError: no simulation, something that is no number.
     """
     _check(simulation, ignored_facets, share)
-    require_integer("inclusion", inclusion)
+    if inclusion is not None:
+        require_integer("inclusion", inclusion)
     if simulation.scene.dim != 2:
         raise ValueError("Cracks are segments in the plane, and the scene is in space.")
     facets = simulation.scene.bodies.facets
@@ -59,7 +60,8 @@ def find_cracks(
     broken = broken_points(simulation, ignored_facets, share).reshape(x.shape[:2])
     facet, point = np.nonzero(broken)
     segments = _parts(x)[facet, point]
-    return Cracks(segments, (facets.materials[number[facet]] == inclusion).sum(axis=1))
+    sides = facets.materials[number[facet]]
+    return Cracks(segments, np.count_nonzero(sides == inclusion, axis=1))
 
 
 def broken_points(

@@ -84,7 +84,7 @@ def cohesive_table(simulation: Readings) -> str:
     require_kind("simulation", simulation, Readings)
     return "\n".join(
         f"bond of {scale['strength'] / 1e6:.3g} MPa, {scale['fracture_energy']:g} J/m^2: "
-        f"cohesive length {1e9 * scale['cohesive_length']:.3g} nm = "
+        f"cohesive length {scale['cohesive_length']:.3g} m = "
         f"{scale['facets_in_cohesive_length']:.2g} facets, softening number "
         f"{scale['softening_number']:.2g}"
         for scale in cohesive_scales(simulation)

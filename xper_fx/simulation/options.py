@@ -146,7 +146,11 @@ class Options:
         if self.inertia:
             return
         if scene.rigid_bodies is not None:
-            raise ValueError("Rigid bodies have inertia; a static run (inertia=False) has none.")
+            raise ValueError(
+                "Rigid bodies have inertia; a static run (inertia=False) has none. Press meshed "
+                "bodies against an xf.Wall by moving their other side, or load them slowly with "
+                "inertia and theta = 1."
+            )
         no_step = step is None and not self.requested.adapts_step
         if self.theta != 1.0 or scheme == "explicit" or no_step:
             raise ValueError(
