@@ -38,7 +38,7 @@ from xper_fx.nscd.laws.damage_curve import (
     stiffness_along,
 )
 from xper_fx.nscd.laws.parameters import take_parameters
-from xper_fx.nscd.laws.weakening import Weakening, one_curve
+from xper_fx.nscd.laws.weakening import Weakening, falls_below, one_curve
 
 # End of the curve beside d0, and its area up to there beside k d0^2.
 _END = 100.0
@@ -162,5 +162,6 @@ def _in_any_direction(friction: bool) -> Weakening:
         left = state[:, DAMAGE] / parameters[:, BETA0]
         return np.where(left > 0.0, (1.0 - np.sqrt(left)) / _AREA, 1.0)
 
-    one = one_curve(CurveFunctions(_fall, _area), 2, friction)
-    return one._replace(shape=shape, limit=limit, reach=reach, spent=spent)
+    curve = CurveFunctions(_fall, _area)
+    own = {"shape": shape, "limit": limit, "weakens": falls_below(curve), "reach": reach}
+    return one_curve(curve, 2, friction)._replace(**own, spent=spent)

@@ -57,7 +57,7 @@ def mean_kernels(
     contact, book_losses = contact_solver(dim, rubs), contact_losses(dim, rubs)
     num_sym = dim * (dim + 1) // 2
 
-    shape, reach = weakening.shape, weakening.reach
+    shape, weakens, reach = weakening.shape, weakening.weakens, weakening.reach
     first_limit = weakening.limit
     damage, mean_damage, dissipated, _ = damage_functions(weakening.curve)
 
@@ -186,8 +186,9 @@ def mean_kernels(
             new, impulse = with_contact(new, s, k, p, -jump_h[0], (0.0,), 0.0)
         return impulse, r[0] > 0.0 and impulse[0] > 0.0
 
-    # Mean damage of a step, damage at its end, and the openings of the old and the new damage on
-    # the curve, for a jump at the end with an opening x1 (m).
+    # Of a step that ends with a jump of opening x1 (m): `weakened` has its mean damage, the damage
+    # at its end, and the openings of the old and the new damage on the curve; `mean_of_step` the
+    # first of them.
     if viscous:
 
         @njit(**LEAN_INNER)
@@ -202,6 +203,10 @@ def mean_kernels(
             new = min(old, damage(x_c, p, beta0))
             return lagging.mean(x0, x1, x_max, x_c, old, new, m, p, beta0), new, x_max, x_c
 
+        @njit(inline="always")
+        def mean_of_step(i, jump, x1, safe, parameters, details):
+            return weakened(i, jump, x1, safe, parameters, details)[0]
+
         @njit(**LEAN_INNER)
         def cost_of(i, jump, x_max, x_c, parameters):
             """What a damage has cost (J/m^2)."""
@@ -211,13 +216,23 @@ def mean_kernels(
     else:
 
         @njit(inline="always")
+        def mean_on(p, i, x1, safe, parameters, details):
+            old, beta0 = details[i, start], parameters[i, BETA0]
+            share = old / beta0
+            if not weakens(x1, safe, share, p):
+                return old
+            return mean_damage(x1, details[i, jump_start], reach(safe, share, p), old, p, beta0)
+
+        @njit(inline="always")
+        def mean_of_step(i, jump, x1, safe, parameters, details):
+            p = shape(i, jump, parameters)
+            return mean_on(p, i, x1, safe, parameters, details)
+
+        @njit(inline="always")
         def weakened(i, jump, x1, safe, parameters, details):
-            p, old, beta0 = shape(i, jump, parameters), details[i, start], parameters[i, BETA0]
-            at_end = damage(x1, p, beta0)
-            if at_end >= old:
-                return old, old, x1, x1
-            x_max = reach(safe, old / beta0, p)
-            return mean_damage(x1, details[i, jump_start], x_max, old, p, beta0), at_end, x_max, x1
+            p = shape(i, jump, parameters)
+            mean = mean_on(p, i, x1, safe, parameters, details)
+            return mean, damage(x1, p, parameters[i, BETA0]), x1, x1
 
     @njit(inline="always")
     def evolve(i, u, w, parameters, terms, details):
@@ -227,7 +242,7 @@ def mean_kernels(
             return -lost / details[i, start] if lost > 0.0 else 0.0
         velocity, scaled = add(part(terms, i, middle), u), details[i, h_theta]
         x1, safe = scaled * np.sqrt(speed), scaled * np.sqrt(terms[i, limit])
-        beta, _, _, _ = weakened(i, velocity, x1, safe, parameters, details)
+        beta = mean_of_step(i, velocity, x1, safe, parameters, details)
         fall = details[i, mean] - beta
         if fall <= 0.0:
             return fall / details[i, start]

@@ -40,7 +40,7 @@ def stiffness_along(jump, c_n, c_t):
 @cache
 def damage_functions(curve: CurveFunctions) -> DamageFunctions:
     """The compiled functions of a curve."""
-    fall, area = curve
+    fall, area, opening = curve
 
     @njit(**LEAN_ENTRY)
     def damage(x, p, beta0):
@@ -104,4 +104,4 @@ def damage_functions(curve: CurveFunctions) -> DamageFunctions:
                 return x
         return x
 
-    return DamageFunctions(damage, mean_damage, dissipated, opening_with)
+    return DamageFunctions(damage, mean_damage, dissipated, opening or opening_with)

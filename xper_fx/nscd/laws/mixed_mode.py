@@ -43,10 +43,10 @@ from xper_fx.nscd.laws.damage_curve import (
     shape_column,
 )
 from xper_fx.nscd.laws.parameters import refuse_where, take_parameters
-from xper_fx.nscd.laws.weakening import Weakening, take_columns
+from xper_fx.nscd.laws.weakening import Weakening, falls_below, take_columns
 
 # Columns after those of a bond.
-_S_N, _S_T, _G_I, _G_II, _EXPONENT, _CONSTANTS = range(6)
+_D_N, _D_T, _G_I, _G_II, _EXPONENT, _CONSTANTS = range(6)
 # Shares of shear at which the numbers of a law are examined.
 _SHARES = np.linspace(0.0, 1.0, 41)
 
@@ -190,8 +190,10 @@ class MixedMode(Bond):
         return _modes_apart(curve, len(self.curve.constants), self.criterion, self._rubs)
 
     def shape(self) -> tuple:
-        """Strengths (Pa), energies (J/m^2), exponent, constants of the curve."""
-        return (*self.strengths, *self.fracture_energies, self.exponent, *self.curve.constants)
+        """Openings of onset (m), energies (J/m^2), exponent, constants of the curve."""
+        (c_n, c_t), (s_n, s_t) = self.stiffnesses(), self.strengths
+        energies = self.fracture_energies
+        return (s_n / c_n, s_t / c_t, *energies, self.exponent, *self.curve.constants)
 
 
 @cache
@@ -211,16 +213,16 @@ def _modes_apart(
     def along(i, shear, parameters):
         """Shape of the curve along a jump with sin^2 a = shear."""
         c_n, c_t = parameters[i, C_N], parameters[i, C_T]
-        s_n, s_t = parameters[i, first + _S_N], parameters[i, first + _S_T]
+        d_n, d_t = parameters[i, first + _D_N], parameters[i, first + _D_T]
         stiffness = c_n * (1.0 - shear) + c_t * shear
-        onset = (c_n / s_n) ** 2 * (1.0 - shear) + (c_t / s_t) ** 2 * shear
+        onset = d_n * d_t / np.sqrt(d_t * d_t * (1.0 - shear) + d_n * d_n * shear)
         energy = energy_of(
             c_t * shear / stiffness,
             parameters[i, first + _G_I],
             parameters[i, first + _G_II],
             parameters[i, first + _EXPONENT],
         )
-        return make_shape(stiffness, stiffness / np.sqrt(onset), energy, *constants(i, parameters))
+        return make_shape(stiffness, stiffness * onset, energy, *constants(i, parameters))
 
     @njit(**LEAN_INNER)
     def shape(i, jump, parameters):
@@ -235,8 +237,7 @@ def _modes_apart(
     def limit(i, parameters, state):
         if state[i, DAMAGE] < parameters[i, BETA0]:
             return 0.0  # another direction may have its end anywhere
-        opening = parameters[i, first + _S_N] / parameters[i, C_N]
-        return min(opening, parameters[i, first + _S_T] / parameters[i, C_T])
+        return min(parameters[i, first + _D_N], parameters[i, first + _D_T])
 
     @njit(**LEAN_INNER)
     def reach(limit, share, p):
@@ -257,8 +258,10 @@ def _modes_apart(
 
     def lengths(parameters: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         columns = parameters[:, first : first + num_columns].T
-        stiffness, strength, energy = parameters[:, C_N], columns[_S_N], columns[_G_I]
+        stiffness, energy = parameters[:, C_N], columns[_G_I]
+        strength = stiffness * columns[_D_N]
         return curve.shape(stiffness, strength, energy, *columns[_CONSTANTS:])[:2]
 
     effects = (("mixed modes", num_columns),)
-    return Weakening(effects, functions, shape, limit, reach, spent, lengths)
+    weakens = falls_below(functions)
+    return Weakening(effects, functions, shape, limit, weakens, reach, spent, lengths)

@@ -90,7 +90,7 @@ def lagging_damage(curve: CurveFunctions) -> LaggingDamage:
     with the openings x0, x1 (m) at both ends, x_max that of the damage `old` at the start on the
     curve, `share` what is left of it beside beta0, and q = b / (h k) (m^2).
     """
-    fall, area = curve
+    fall, area = curve.fall, curve.area
 
     @njit(**LEAN_INNER)
     def left(x, p):

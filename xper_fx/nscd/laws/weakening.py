@@ -7,6 +7,8 @@
         shape of the curve along the direction of a jump
     limit(i, parameters, state) -> x
         opening (m) up to which no jump weakens the bond further
+    weakens(x, limit, share, p) -> bool
+        whether an opening x (m) beyond that limit weakens the bond along the curve p
     reach(limit, share, p) -> x
         opening (m) from which the bond weakens along the curve p, `share` being what is left of its
         damage beside beta0
@@ -35,7 +37,7 @@ from xper_fx.nscd.laws.damage_curve import (
     shape_column,
 )
 
-Weakening = namedtuple("Weakening", "effects curve shape limit reach spent lengths")
+Weakening = namedtuple("Weakening", "effects curve shape limit weakens reach spent lengths")
 
 
 @cache
@@ -70,6 +72,10 @@ def one_curve(curve: CurveFunctions, num_columns: int, friction: bool) -> Weaken
         return max(state[i, OPENING_MAX], parameters[i, first])
 
     @njit(inline="always")
+    def weakens(x, limit, share, p):
+        return x > max(limit, p[0])
+
+    @njit(inline="always")
     def reach(limit, share, p):
         return max(limit, p[0])
 
@@ -89,4 +95,17 @@ def one_curve(curve: CurveFunctions, num_columns: int, friction: bool) -> Weaken
     def lengths(parameters: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return parameters[:, first], parameters[:, first + 1]
 
-    return Weakening((("damage", num_columns),), curve, shape, limit, reach, spent, lengths)
+    effects = (("damage", num_columns),)
+    return Weakening(effects, curve, shape, limit, weakens, reach, spent, lengths)
+
+
+@cache
+def falls_below(curve: CurveFunctions):
+    """`weakens` of bonds whose history is their damage: where the curve is below what is left."""
+    fall = curve.fall
+
+    @njit(**LEAN_INNER)
+    def weakens(x, limit, share, p):
+        return x >= p[1] or (x > p[0] and fall(x, p) < share)
+
+    return weakens

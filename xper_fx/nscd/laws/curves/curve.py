@@ -9,6 +9,7 @@ falling from 1 to 0:
 p = (d0, dc, ...) being the curve's *shape*, a tuple of numbers that differs from point to point.
 `area(a, b, p)` is the integral of g x from a to b, d0 <= a <= b <= dc: it makes bonds spend their
 fracture energy exactly, whatever the step, and takes no difference of nearly equal numbers.
+`opening(share, p)` is the x in (d0, dc) at which g is a share, if there is a formula for it.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from collections import namedtuple
 from typing import Any, Protocol
 
 Values = Any  # a float, or an array of floats over points
-CurveFunctions = namedtuple("CurveFunctions", "fall area")
+CurveFunctions = namedtuple("CurveFunctions", "fall area opening", defaults=(None,))
 
 
 class Curve(Protocol):
@@ -26,7 +27,7 @@ class Curve(Protocol):
     constants: tuple[float, ...]
     """Numbers of this object that `shape` takes last."""
     functions: CurveFunctions
-    """The compiled `fall` and `area`, those of all objects of the class."""
+    """The compiled functions, those of all objects of the class."""
 
     knees: tuple[int, ...]
     """Which numbers of a shape are openings between d0 and dc at which the slope jumps."""

@@ -11,13 +11,12 @@ import numpy as np
 from xper_fx.cache import njit
 from xper_fx.nscd.kernel_options import LEAN_INNER
 from xper_fx.nscd.laws.curves.curve import CurveFunctions
-from xper_fx.nscd.laws.curves.quadrature import gauss_sum
 
 # Lengths of the curve after which it ends: what is left of the traction is 6e-6 of the strength
 # (Xu and Needleman: 5e-6). The area up to there is w.
 _END = 12.0
 _END_OF_XU_NEEDLEMAN = 16.0
-# Length over l below which five points of Gauss integrate to rounding.
+# Length over l below which series of sinh and cosh are exact to rounding.
 _SHORT = 0.1
 
 
@@ -62,19 +61,16 @@ def _fall_of_xu_needleman(x, p):
 
 
 @njit(**LEAN_INNER)
-def _moment(x, p):
-    return x * np.exp(-x / p[2])
-
-
-_short_sum = gauss_sum(_moment, 5)
-
-
-@njit(**LEAN_INNER)
 def _area_of_xu_needleman(a, b, p):
-    y, h = a / p[2], (b - a) / p[2]
-    if h < _SHORT:  # differences would cancel
-        return _short_sum(a, b, p)
-    left = np.exp(-h)
+    h = (b - a) / p[2]
+    if h < _SHORT:
+        # 2 e^-c (c sinh d - (d cosh d - sinh d)), c the middle, d = h / 2: nothing cancels
+        c, d = 0.5 * (a + b) / p[2], 0.5 * h
+        s = d * d
+        odd = 1.0 + s * (1.0 / 6.0 + s * (1.0 / 120.0 + s / 5040.0))
+        even = s * (1.0 / 3.0 + s * (1.0 / 30.0 + s * (1.0 / 840.0 + s / 45360.0)))
+        return p[2] * (b - a) * np.exp(-c) * (c * odd - even)
+    y, left = a / p[2], np.exp(-h)
     return p[2] * p[2] * np.exp(-y) * ((1.0 + y) * (1.0 - left) - h * left)
 
 

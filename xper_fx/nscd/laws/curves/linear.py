@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from xper_fx.cache import njit
-from xper_fx.nscd.kernel_options import LEAN_INNER
+from xper_fx.nscd.kernel_options import LEAN_ENTRY, LEAN_INNER
 from xper_fx.nscd.laws.curves.curve import CurveFunctions
 
 
@@ -21,12 +21,17 @@ def _area(a, b, p):
     return p[0] * (b - a) * (p[1] - 0.5 * (a + b)) / (p[1] - p[0])
 
 
+@njit(**LEAN_ENTRY)
+def _opening(share, p):
+    return p[0] * p[1] / (p[0] + share * (p[1] - p[0]))
+
+
 @dataclass(frozen=True)
 class Linear:
     """Traction s (dc - x) / (dc - d0), with dc = 2 w / s."""
 
     constants: ClassVar = ()
-    functions: ClassVar = CurveFunctions(_fall, _area)
+    functions: ClassVar = CurveFunctions(_fall, _area, _opening)
     knees: ClassVar = ()
 
     def own_stiffness(self, strength, energy) -> None:
