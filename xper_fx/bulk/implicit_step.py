@@ -214,7 +214,7 @@ class ImplicitStep:
         left = 0.0  # iterations, if corrections go on to contract as they did
         if correction > self._tolerance:
             left = np.inf
-            if correction < before:
+            if correction < before < np.inf:
                 left = np.log(self._tolerance / correction) / np.log(correction / before)
         slow = correction > _SLOW * before and left > _FEW
         if self._balance.worse or (slow and not self._bulk.linear):
