@@ -1,8 +1,11 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Perfect bonds as domain decomposition: the field of the uncut mesh, at no growing cost."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from outside_law import Weld
 from scenes import (
     BOTTOM,
     LEFT,
@@ -261,6 +264,20 @@ def test_a_crack_between_subdomains_is_that_of_two_halves(options):
     np.testing.assert_allclose(np.sort(left[left > 0.0]), np.sort(damage), rtol=1e-6)
     np.testing.assert_allclose(cut.reaction(RIGHT), halves.reaction(RIGHT), rtol=1e-6, atol=1e-9)
     assert difference(cut, halves, lambda x: np.abs(x[:, 0] - 1.0) > 1e-9) < 1e-6
+
+
+@pytest.mark.parametrize("dim, cells", [(2, 8), (3, 3)])
+def test_a_law_of_ones_own_that_leaves_no_jump_joins_subdomains(dim, cells):
+    """The field is that of the package's bonds, and so are the forces."""
+    bonded = clamped(dim, cells, 4)
+    welded = replace(bonded, default_interaction=Weld())
+    package = Simulation(bonded, 0.3, tolerance=1e-12, solver="subdomains", theta=0.7)
+    run(package, 2)
+    own = Simulation(welded, 0.3, tolerance=1e-12, solver="subdomains", theta=0.7)
+    run(own, 2)
+    size = np.abs(field(package)).max()
+    np.testing.assert_allclose(field(own), field(package), rtol=0.0, atol=1e-14 * size)
+    np.testing.assert_allclose(own.reaction(LEFT), package.reaction(LEFT), rtol=1e-12)
 
 
 def test_the_solver_of_bonds_refuses_other_laws():

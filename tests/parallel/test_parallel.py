@@ -22,10 +22,10 @@ import meshed_scenes
 
 SCENES = (
     "explicit", "scattered", "quadratic", "blocks", "fall", "plastic", "free", "tied", "space",
-    "uneven",
+    "uneven", "own", "own_curve",
 )  # fmt: skip
 # Scenes whose points do not push each other at the end in more ways than one.
-UNIQUE = ("blocks", "plastic", "free", "space", "uneven")
+UNIQUE = ("blocks", "plastic", "free", "space", "uneven", "own_curve")
 
 
 def grid(n):

@@ -6,15 +6,17 @@ from dataclasses import fields, replace
 
 import numpy as np
 from mpi4py import MPI
+from outside_law import LinearSoftening
 from scenes import BOTTOM, LEFT, RIGHT, box_bodies, midpoints
 
+import xper_fx as xf
 from xper_fx.bodies.explode import explode
 from xper_fx.bodies.join import join_meshes
 from xper_fx.bodies.meshes import crossed_rectangle, tag_facets
 from xper_fx.forms.loads import Gravity, PrescribedVelocity, RayleighDamping
 from xper_fx.materials import J2SmallStrain, LinearElastic, NeoHookean
 from xper_fx.materials.hardening import Linear
-from xper_fx.nscd.laws import CohesiveZone, MixedMode, SignoriniCoulomb
+from xper_fx.nscd.laws import CohesiveCurve, CohesiveZone, MixedMode, SignoriniCoulomb
 from xper_fx.nscd.laws.fields import Weibull
 from xper_fx.output.field_series import point_coordinates
 from xper_fx.output.fragments import Fragments, measure_fragments
@@ -172,6 +174,26 @@ def uneven():
     return scene, {"scheme": "explicit", "tolerance": 1e-12}, 40
 
 
+@xf.njit
+def falling(x, strength, length):
+    """Traction of an opening x."""
+    return strength * np.exp(-x / length)
+
+
+def own():
+    """A law with kernels from outside the package."""
+    scene, options, steps = explicit()
+    return replace(scene, default_interaction=LinearSoftening(2e4, 10.0, 0.05)), options, steps
+
+
+def own_curve():
+    """A curve from outside the package whose strength is a field; bodies of several cells."""
+    scene, options, steps = blocks()
+    values = {"strength": lambda x: 10.0 + x[1], "length": 5e-3}
+    bond = CohesiveCurve(falling, values, end=0.05, normal_stiffness=2e4, friction=0.3)
+    return replace(scene, default_interaction=bond), options, steps
+
+
 SCENES = {
     f.__name__: f
     for f in (
@@ -186,6 +208,8 @@ SCENES = {
         strips,
         space,
         uneven,
+        own,
+        own_curve,
     )  # fmt: skip
 }
 

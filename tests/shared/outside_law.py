@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""A law from outside the package, kernels and all: a bond that softens linearly.
+"""Laws from outside the package, kernels and all: a bond that softens linearly, and a weld.
 
-The traction between the lips is R = beta k U (k in Pa/m, the same along the normal and along the
+The traction of the first is R = beta k U (k in Pa/m, the same along the normal and along the
 tangent) with a damage beta that makes it fall on a straight line from the strength s to zero:
 
     beta(x) = 1                                  x <= d0 = s / k,
@@ -197,6 +197,11 @@ def _kernels(dim: int) -> LawKernels:
     def stored(i, jump, area, parameters, state):
         return 0.5 * area * parameters[i, K] * state[i, DAMAGE] * dot(jump, jump)
 
+    def spent(parameters, state):
+        """1 - T / s, as w - T df / 2 is spent where the traction is T."""
+        d0, df = parameters[:, D0], parameters[:, DF]
+        return np.clip((state[:, REACHED] - d0) / (df - d0), 0.0, 1.0)
+
     return LawKernels(
         name="linear softening",
         effects=(("linear softening", dim + 2 + num_sym + dim + 6 + 3 + 2),),
@@ -209,5 +214,63 @@ def _kernels(dim: int) -> LawKernels:
         num_details=dim + 6,
         state_names=("opening_max", "damage"),
         energies=("stored", "cohesion", "numerical"),
+        spent=spent,
         stored=stored,
+    )
+
+
+@dataclass(frozen=True)
+class Weld:
+    """Lips that never part: the jump at the end of a step is zero."""
+
+    def kernels(self, dim: int) -> LawKernels:
+        """See `Law`."""
+        return _weld(dim)
+
+    def parameters(self) -> tuple[float, ...]:
+        """There are none."""
+        return ()
+
+    def initial_state(self) -> tuple[float, ...]:
+        """There is none."""
+        return ()
+
+
+@cache
+def _weld(dim: int) -> LawKernels:
+    algebra = for_dimension(dim)
+    row, set_row, add, scale = algebra.row, algebra.set_row, algebra.add, algebra.scale
+    subtract, dot, sym_row, sym_solve = (
+        algebra.subtract, algebra.dot, algebra.sym_row, algebra.sym_solve,
+    )  # fmt: skip
+
+    @xf.njit
+    def prepare(i, jump, velocity, w, area, step, theta, parameters, state, terms, details):
+        set_row(terms, i, scale(-1.0 / step, jump))  # the velocity that closes the lips
+
+    @xf.njit(inline="always")
+    def solve(i, u, r, w, parameters, terms, details):
+        missing = subtract(row(terms, i), u)
+        if dot(missing, missing) == 0.0:  # held on both sides, W = 0, or solved
+            return r, True
+        return add(r, sym_solve(sym_row(w, i), missing)), True
+
+    @xf.njit
+    def commit(i, jump0, jump1, u, r, area, step, theta, parameters, state, terms, details, energy):
+        energy[i, 0] = -dot(r, subtract(jump1, jump0)) / step
+        return 1
+
+    return LawKernels(
+        name="weld",
+        effects=(("weld", dim),),
+        components=dim,
+        prepare=prepare,
+        solve=solve,
+        evolve=None,
+        commit=commit,
+        num_terms=dim,
+        num_details=0,
+        state_names=(),
+        energies=("numerical",),
+        no_jump=True,
     )

@@ -18,7 +18,8 @@ G(a).
 The criterion of Alfano and Crisfield 2001 with exponent 2 is the linear curve with the power law of
 exponent 1 where both modes have the same ratio of final to elastic opening.
 
-Modes II and III are not told apart: a point does not know which way a crack runs.
+Modes II and III are not told apart: a point does not know which way a crack runs. As in the
+elements of Camanho and Davila 2002, the length of the tangential jump counts.
 """
 
 from __future__ import annotations
