@@ -15,14 +15,19 @@ from xper_fx.nscd.splitting.vertex_kernels import vertex_kernels
 
 # Relative change of the impulses of a vertex at which it is solved: a few unknowns, cheap to have.
 _TOLERANCE = 1e-11
-# Change at which a vertex is solved where Newton's method has come to rest: a bond at a kink of its
-# law, as one that just bears its load, then answers now so and now so.
+# Change at which a vertex is solved where Newton's method has come to rest, if that is within the
+# solver's tolerance: a bond at a kink of its law, as one that just bears its load, then answers now
+# so and now so.
 _AT_REST = 1e-6
 # Relative change of internal variables, as of damage, at which they have followed.
 _SETTLED = 1e-9
 # Sweeps before the first Newton steps, and after each batch of them, early and late.
 _FIRST, _BATCH, _LONG_BATCH, _EARLY = 8, 4, 25, 8
 _NEWTON_STEPS = 6
+# Growth of what the laws ask for that is none, and by what a Newton step becomes shorter that lets
+# it grow, or longer that lets it be: wedged cells creep, by the same amount at each visit. Shortest
+# and longest step.
+_ALIKE, _LONGER, _SHORTEST, _LONGEST = 1.001, 4.0, 1e-6, 1e6
 # Sweeps after which to give up.
 _MOST = 400
 # How often what opens is looked for.
@@ -52,7 +57,46 @@ def split_kernel(laws: tuple[LawKernels, ...], dim: int):
     nest = _nest(len(laws))
 
     @njit(**LEAN_INNER)
-    def iterate(b, g, work, rows, groups, group_of):
+    def move_along(b, share, g, work, rows, groups, group_of):
+        """Change the impulses by a share of `direction`."""
+        for q in range(g.bond_offsets[b + 1] - g.bond_offsets[b]):
+            for d in range(dim):
+                work.flow[q, d] = share * work.direction[q, d]
+        correct(b, g, work, 0, rows, groups, group_of)
+
+    @njit(**LEAN_INNER)
+    def newton_steps(b, g, work, rows, groups, group_of):
+        """Newton steps, as long as what the laws still ask for does not grow; returns that."""
+        worst, big = linearise(b, g, work, 0, rows, groups, group_of)
+        for _ in range(_NEWTON_STEPS):
+            if worst <= _TOLERANCE * big or not newton(b, g, work):
+                break
+            for q in range(g.bond_offsets[b + 1] - g.bond_offsets[b]):
+                for d in range(dim):
+                    work.direction[q, d] = work.flow[q, d]
+            correct(b, g, work, 0, rows, groups, group_of)
+            share = 1.0
+            left, big = linearise(b, g, work, 0, rows, groups, group_of)
+            while left > _ALIKE * worst and share > _SHORTEST:
+                move_along(b, (1.0 / _LONGER - 1.0) * share, g, work, rows, groups, group_of)
+                share /= _LONGER
+                left, big = linearise(b, g, work, 0, rows, groups, group_of)
+            if left > _ALIKE * worst:
+                move_along(b, -share, g, work, rows, groups, group_of)
+                break
+            while _ALIKE * left > worst and 1.0 <= share < _LONGEST:
+                move_along(b, (_LONGER - 1.0) * share, g, work, rows, groups, group_of)
+                share *= _LONGER
+                left, big = linearise(b, g, work, 0, rows, groups, group_of)
+                if left > _ALIKE * worst:
+                    move_along(b, (1.0 / _LONGER - 1.0) * share, g, work, rows, groups, group_of)
+                    left, big = linearise(b, g, work, 0, rows, groups, group_of)
+                    break
+            worst = left
+        return worst
+
+    @njit(**LEAN_INNER)
+    def iterate(b, g, work, rows, tolerance, groups, group_of):
         """Solve the active bonds; returns sweeps and the relative change of the last one."""
         count, batch, stage, error = 0, _FIRST, 0, np.inf
         bound, before = _TOLERANCE, np.inf
@@ -64,26 +108,22 @@ def split_kernel(laws: tuple[LawKernels, ...], dim: int):
                 if error <= bound:
                     if settle(b, g, work, 0, rows, groups, group_of) <= _SETTLED:
                         return count, error
-            for _ in range(_NEWTON_STEPS):
-                worst, big = linearise(b, g, work, 0, rows, groups, group_of)
-                if worst <= _TOLERANCE * big or not newton(b, g, work):
-                    break
-                correct(b, g, work, 0, rows, groups, group_of)
-            bound = _AT_REST if worst > 0.5 * before else _TOLERANCE
+            worst = newton_steps(b, g, work, rows, groups, group_of)
+            bound = min(tolerance, _AT_REST) if worst > 0.5 * before else _TOLERANCE
             before = worst
             stage += 1
             batch = _BATCH if stage < _EARLY else _LONG_BATCH
         return count, error
 
     @njit(**LEAN_INNER)
-    def solve_clusters(b, k, g, work, rows, step, groups, group_of):
+    def solve_clusters(b, k, g, work, rows, step, tolerance, groups, group_of):
         """Solve the vertex with the clusters that there are; returns sweeps and error."""
         acting = activate(b, g, work, group_of)
         form(b, k, g, work)
         begin(b, g, work, 0, rows, step, groups, group_of)
         if acting == 0:
             return 0, 0.0
-        return iterate(b, g, work, rows, groups, group_of)
+        return iterate(b, g, work, rows, tolerance, groups, group_of)
 
     @njit(**LEAN_INNER)
     def holds(b, k, g, work, rows, step, tables, groups, group_of):
@@ -106,7 +146,7 @@ def split_kernel(laws: tuple[LawKernels, ...], dim: int):
                 work.fused[q - first] = True
 
     @njit(**LEAN_INNER)
-    def solve_vertex(b, v, step, g, work, rows, tables, groups, group_of):
+    def solve_vertex(b, v, step, tolerance, g, work, rows, tables, groups, group_of):
         """Returns corners, sweeps, error."""
         k = gather(b, v, g, work)
         work.fused[: g.bond_offsets[b + 1] - g.bond_offsets[b]] = False
@@ -114,7 +154,7 @@ def split_kernel(laws: tuple[LawKernels, ...], dim: int):
         sweeps, error = 0, 0.0
         for turn in range(_ROUNDS):
             parts = partition(b, k, g, work)
-            count, error = solve_clusters(b, k, g, work, rows, step, groups, group_of)
+            count, error = solve_clusters(b, k, g, work, rows, step, tolerance, groups, group_of)
             sweeps += count
             if turn == _ROUNDS - 1 or parts == k:
                 break
@@ -123,7 +163,7 @@ def split_kernel(laws: tuple[LawKernels, ...], dim: int):
             # each cell for itself
             for c in range(k):
                 work.cluster[c] = c
-            count, _ = solve_clusters(b, k, g, work, rows, step, groups, group_of)
+            count, _ = solve_clusters(b, k, g, work, rows, step, tolerance, groups, group_of)
             sweeps += count
             opened = cut(b, g, work, 0, rows, groups, group_of) > 0
             if opened and partition(b, k, g, work) > parts:
@@ -131,7 +171,7 @@ def split_kernel(laws: tuple[LawKernels, ...], dim: int):
                 continue
             find_fused(b, g, work, 0, rows, groups, group_of)
             partition(b, k, g, work)
-            count, error = solve_clusters(b, k, g, work, rows, step, groups, group_of)
+            count, error = solve_clusters(b, k, g, work, rows, step, tolerance, groups, group_of)
             sweeps += count
             break
         return k, sweeps, error
@@ -161,7 +201,9 @@ def split_kernel(laws: tuple[LawKernels, ...], dim: int):
         most, largest, failed = 0, 0.0, 0
         for n in range(len(split)):
             b = split[n]
-            k, sweeps, error = solve_vertex(b, v, step, g, work, rows, tables, groups, group_of)
+            k, sweeps, error = solve_vertex(
+                b, v, step, tolerance, g, work, rows, tables, groups, group_of
+            )
             most, largest = max(most, sweeps), max(largest, error)
             failed += error > tolerance
             for c in range(k):

@@ -11,7 +11,10 @@ are swept by Gauss-Seidel with these numbers; given the impulses of the contacts
 on the corners of its nodes, the vertices that they touch are solved anew from the free velocities
 of their cells, and may open. Contacts of whole vertices that hold take one turn. Where bonds and
 contacts hold pieces more than once, turns by themselves would creep: impulses that a turn starts
-from are mixed with those of turns before (Anderson 1965; `algebra/anderson_mixing.py`).
+from are mixed with those of turns before (Anderson 1965; `algebra/anderson_mixing.py`). Wedged
+pieces creep by the same amount at each turn, as restitution asks for a little more than friction
+lets through; turns then begin as far ahead along it as the impulses themselves. A turn that began
+too far ahead is made again from nearer by.
 
 **When it stops.** With dr_c what contact c still asks for after the vertices, the turns end at
 
@@ -42,9 +45,12 @@ from xper_fx.nscd.solvers.solver import SolveOptions, SolveReport
 # Share of the tolerance to which contacts are swept between turns of the vertices, and how often
 # at most: mixing is quicker than many sweeps.
 _SWEPT, _MOST = 0.1, 20
-# Turns remembered, and plain ones before any is mixed; growth of what a turn changes, over the
-# least so far, at which mixing starts again.
-_MEMORY, _PLAIN, _GROWTH = 8, 3, 3.0
+# Turns remembered, and plain ones before any is mixed.
+_MEMORY, _PLAIN = 8, 3
+# Change of what plain turns still ask for, relative, at which they creep; growth of it, over the
+# least so far, at which a turn has begun too far ahead, and how much nearer the next begins, down
+# to which share.
+_CREEPS, _GROWTH, _SHORTER, _SHORTEST = 1e-2, 3.0, 0.25, 1e-7
 # Turns after which to give up: bonds snap to and fro, and a shorter step will do.
 _TURNS = 150
 
@@ -86,36 +92,52 @@ class TouchingClusters:
             vertices: all that there are.
         """
         tolerance, most = self._options.tolerance, self._options.max_sweeps
-        sizes = [g.impulse.size for g in self._groups]
-        memory = AndersonMixing(sum(sizes), _MEMORY, _PLAIN)
-        count, mixed, least = 0, False, np.inf
+        memory = AndersonMixing(sum(g.impulse.size for g in self._groups), _MEMORY, _PLAIN)
+        count, before, least = 0, np.inf, np.inf
+        ahead, share = None, 0.0  # from where the last turn began, and how much of it was gone
         self._push(self._touched)
         report = self._move(vertices)
         for _ in range(_TURNS):
             self._find_clusters()
             residual, traction = self._sweep(acts=False)
             arrived = residual <= tolerance
-            if arrived and not mixed:
+            if arrived and ahead is None:
                 arrived = self._interactions.evolve(self._velocity.reshape(-1)) <= tolerance
-            if (arrived and not mixed) or count >= most or not np.isfinite(residual):
+            if (arrived and ahead is None) or count >= most or not np.isfinite(residual):
                 break
-            r = self._impulses()
-            count += self._sweep_on()
-            swept = self._impulses()
-            if residual > _GROWTH * least:
+            if ahead is not None and residual > _GROWTH * least:  # that was too far
                 memory.forget()
-                least = np.inf
-            least = min(least, residual)
-            mixed = not arrived and memory.mix(swept - r, swept, r)
-            if mixed:
-                for g, own in zip(self._groups, np.split(r, np.cumsum(sizes)[:-1]), strict=True):
-                    g.impulse.reshape(-1)[:] = own
+                share *= _SHORTER
+            else:
+                r = self._impulses()
+                count += self._sweep_on()
+                swept, share, least = self._impulses(), 1.0, min(least, residual)
+                creeps = ahead is None and abs(residual - before) < _CREEPS * residual
+                if arrived:
+                    ahead = None
+                elif creeps:
+                    ahead = (swept - r) / residual
+                else:
+                    mixed = np.empty_like(r)
+                    ahead = mixed - swept if memory.mix(swept - r, swept, mixed) else None
+                before = residual
+            if share < _SHORTEST:
+                ahead = None
+            self._take(swept if ahead is None else swept + share * ahead)
             self._push(self._moved)
             report = self._move(self._vertices)
         return SolveReport(
-            arrived and not mixed and report.converged, max(count, report.sweeps),
+            arrived and ahead is None and report.converged, max(count, report.sweeps),
             max(residual, report.residual), traction,
         )  # fmt: skip
+
+    def _take(self, impulses: np.ndarray) -> None:
+        """Let contacts have impulses that are given one after the other."""
+        first = 0
+        for g in self._groups:
+            last = first + g.impulse.size
+            g.impulse.reshape(-1)[:] = impulses[first:last]
+            first = last
 
     def _impulses(self) -> np.ndarray:
         return np.concatenate([g.impulse.ravel() for g in self._groups])

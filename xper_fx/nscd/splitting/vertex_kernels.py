@@ -34,6 +34,7 @@ class VertexWork(NamedTuple):
         laplacian: shape (k, k).
         fused, active: shape (e,), what transmits within a cluster, and what acts between two.
         flow: shape (e, dim); also residuals and corrections (N s).
+        direction: shape (e, dim), of a Newton step (N s).
         slope: shape (e, dim, dim).
         system: shape (e dim, e dim).
     """
@@ -49,6 +50,7 @@ class VertexWork(NamedTuple):
     fused: np.ndarray
     active: np.ndarray
     flow: np.ndarray
+    direction: np.ndarray
     slope: np.ndarray
     system: np.ndarray
 
@@ -61,7 +63,7 @@ def vertex_work(graphs: VertexGraphs, dim: int) -> VertexWork:
     return VertexWork(
         np.zeros(k, np.int64), np.zeros(k, bool), np.zeros((k, dim), bool), *corners,
         np.zeros((k, k)), np.zeros(e, bool), np.zeros(e, bool), np.zeros((e, dim)),
-        np.zeros((e, dim, dim)), np.zeros((e * dim, e * dim)),
+        np.zeros((e, dim)), np.zeros((e, dim, dim)), np.zeros((e * dim, e * dim)),
     )  # fmt: skip
 
 
