@@ -5,7 +5,7 @@
 
 Where cohesive elements are put in as cracks grow and contact is a penalty, energy grows without
 bound as pieces go to and fro between cohesion and contact (Ghesquiere-Dierickx, Molinari and
-Anciaux 2025, arXiv 2511.14323). Here bonds are initially rigid and contacts act on velocities, in
+Anciaux 2025). Here bonds are initially rigid and contacts act on velocities, in
 an explicit bulk.
 
 - **Clamped**: the sides are held and shaken, the start throws the plate about. Its pieces stay
