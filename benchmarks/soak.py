@@ -385,7 +385,7 @@ def soak(minutes: float, first: int) -> bool:
             for number in range(seed + 4, seed + 7):
                 line = kill_and_restart(number)
                 counts[line["outcome"]] += 1
-                if line["outcome"] == "failed":
+                if line["outcome"].endswith("failed"):
                     failures.append(line)
             seed += 7
             bar.n = min(round(60 * minutes - (end - time.monotonic())), bar.total)

@@ -240,7 +240,8 @@ def test_fields_of_pairs_and_of_the_values_of_a_curve():
     )  # fmt: skip
     bodies = box_bodies((1, 1), (4, 3))
     want = linear(positions(bodies).T)
-    np.testing.assert_allclose(points_of(scene_with(mixed, bodies))[:, 3], want, rtol=1e-14)
+    onset = points_of(scene_with(mixed, bodies))[:, 3]  # strength / stiffness
+    np.testing.assert_allclose(2e4 * onset, want, rtol=1e-14)
     rows = points_of(scene_with(own, bodies))
     np.testing.assert_allclose(rows[:, 6], want, rtol=1e-14)
     d0 = rows[:, 3]

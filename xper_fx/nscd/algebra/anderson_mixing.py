@@ -49,6 +49,8 @@ class AndersonMixing:
     def mix(self, f: np.ndarray, g: np.ndarray, r: np.ndarray) -> bool:
         """Set the next r from f = G(r) - r and g = G(r); False if it is g itself.
 
+        So it is too where squares of what was changed are beyond the range of floats.
+
         Args:
             f, g: shape (size,).
             r: set, shape (size,).
@@ -73,6 +75,9 @@ class AndersonMixing:
         right = np.empty(known)
         products(self._df, known, f, right)
         right = self._summed(right)
+        if not (np.all(np.isfinite(normal)) and np.all(np.isfinite(right))):
+            self.forget()
+            return False
         gamma = scale * np.linalg.lstsq(normal, scale * right, rcond=_RANK)[0]
         add_combination(self._dg, known, -gamma, r)
         return True

@@ -69,7 +69,7 @@ class _Attempt:
         forcing = _FORCING
         size, relative, self.traction = self._residual()
         history = [relative]
-        while True:
+        while np.isfinite(size):
             self.error = relative * amplification if relative > ROUNDING else relative
             if self.error <= tolerance:
                 if self._now > RUNAWAY * self._first:
@@ -96,6 +96,7 @@ class _Attempt:
             size, relative, self.traction = reached
             history.append(relative)
             self._keep_best(relative)
+        return False
 
     def _residual(self) -> tuple[float, float, float]:
         """|S(b) - r|, the same relative to |r|, and as a traction."""
