@@ -70,14 +70,14 @@ class AndersonMixing:
         r[:] = g
         if known < self._plain:
             return False
-        scale = 1.0 / np.sqrt(np.maximum(np.diag(self._gram)[:known], np.finfo(float).tiny))
-        normal = self._gram[:known, :known] * scale[:, None] * scale
         right = np.empty(known)
         products(self._df, known, f, right)
-        right = self._summed(right)
-        if not (np.all(np.isfinite(normal)) and np.all(np.isfinite(right))):
+        right, gram = self._summed(right), self._gram[:known, :known]
+        if not (np.all(np.isfinite(gram)) and np.all(np.isfinite(right))):
             self.forget()
             return False
+        scale = 1.0 / np.sqrt(np.maximum(np.diag(gram), np.finfo(float).tiny))
+        normal = gram * scale[:, None] * scale
         gamma = scale * np.linalg.lstsq(normal, scale * right, rcond=_RANK)[0]
         add_combination(self._dg, known, -gamma, r)
         return True
