@@ -266,7 +266,8 @@ def run(spec: dict, folder: Path | None = None, stop_at: int = 0, restart: bool 
     exact, largest, lost = closes_exactly(spec, simulation), NOTHING, None
     names = LOSSES if may_turn_friction(spec) else (*LOSSES, "friction")
     try:
-        for step in simulation.steps(end):
+        # the last step may go beyond the end: a run that was killed after it has nothing left to do
+        for step in simulation.steps(max(end, simulation.time)):
             e = step.energies
             assert all(np.isfinite(v) for v in e.values()), f"not finite: {e}"
             losses = np.array([e.get(f"dissipated_{name}", 0.0) for name in names])
