@@ -34,7 +34,7 @@ _APART = ("bodies", "rigid", "rigid_bodies", "after")
 
 
 class _Read(NamedTuple):
-    """At which times (s) and positions (m, shape (3, n)) functions are read; these may be None."""
+    """At which times (s) functions are read, and at which positions (m, (3, n)), if at any."""
 
     times: Sequence[float]
     places: np.ndarray | None
@@ -125,8 +125,11 @@ def _content(kernel: Any) -> str:
 
 def _function(function: Callable[..., Any], read: _Read) -> dict:
     """A function of time or of positions by its values, to 12 digits; any other by its name."""
-    if hasattr(getattr(function, "x", None), "array"):  # of DOLFINx
-        return {"values": _digest(np.ascontiguousarray(function.x.array).tobytes())}
+    name = {"function": getattr(function, "__qualname__", type(function).__name__)}
+    space = getattr(function, "function_space", None)
+    if space is not None:  # of DOLFINx; each rank has its own values where its mesh is spread
+        alone = space.mesh.comm.size == 1
+        return {"values": _digest(function.x.array.tobytes())} if alone else name
     given: list[Any] = []
     for arguments in (read.times, [] if read.places is None else [read.places]):
         try:
@@ -136,7 +139,7 @@ def _function(function: Callable[..., Any], read: _Read) -> dict:
         if given:
             values = [np.vectorize(lambda v: f"{v:.12g}")(value).tolist() for value in given]
             return {"values": values if len(np.ravel(values)) <= _SHORT else _digest(str(values))}
-    return {"function": getattr(function, "__qualname__", type(function).__name__)}
+    return name
 
 
 def _places(bodies: Bodies | None) -> np.ndarray | None:

@@ -62,7 +62,7 @@ def estimate_errors(
         end_time: s.
         quantities: by name, of `xf.quantities` or one's own.
         refinements: how many finer runs are made, each finer than the one before; two tell errors
-            of largest forces among waves, and of rubble, better than one does.
+            that come and go with the step better than one does.
         options: of `Simulation`; `accuracy`, or a `step`, or both.
 
     Returns:
