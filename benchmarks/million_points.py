@@ -44,7 +44,8 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[1] / "demos"))
 from notched_plate import notched_plate  # noqa: E402
 
-from xper_fx.nscd.solvers.nlgs import sweep_passes  # noqa: E402
+from xper_fx.nscd.solvers.solver import SolveOptions  # noqa: E402
+from xper_fx.nscd.solvers.sweeps import prepare_sweep, sweep_ranks  # noqa: E402
 from xper_fx.output.memory import memory_by_part  # noqa: E402
 from xper_fx.plotting.figures import COLOURS, new_figure  # noqa: E402
 from xper_fx.simulation.simulation import Simulation  # noqa: E402
@@ -123,13 +124,13 @@ def measured(cells: int, scheme: str, threads: int) -> dict:
 def sweeps(simulation: Simulation) -> Iterator[float]:
     """Processor times of sweeps in which every point moves (s)."""
     velocity, random = simulation.last.slots.ravel().copy(), np.random.default_rng(0)
-    passes = sweep_passes(simulation.interactions, velocity, 1.0, 1)
+    interactions = simulation.interactions
+    sweep = prepare_sweep(interactions, velocity, SolveOptions(num_threads=1))
     size = 0.01 * np.abs(velocity).max()
     for _ in range(SWEEPS):
         velocity += size * random.normal(size=len(velocity))
         start = time.process_time()
-        for one in passes:
-            one.kernel(*one.arguments)
+        sweep_ranks(interactions, sweep, velocity)
         yield time.process_time() - start
 
 

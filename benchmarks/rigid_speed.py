@@ -31,8 +31,10 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "shared"))
 from heaps import Heap, grains  # noqa: E402
 
+from xper_fx.nscd.kernel_calls import make_call  # noqa: E402
 from xper_fx.nscd.solvers import AcceleratedSweeps, Automatic, NonlinearGaussSeidel  # noqa: E402
-from xper_fx.nscd.solvers.nlgs import sweep_passes  # noqa: E402
+from xper_fx.nscd.solvers.solver import SolveOptions  # noqa: E402
+from xper_fx.nscd.solvers.sweeps import prepare_sweep  # noqa: E402
 
 TOLERANCE = 1e-3
 SWEEPS = 10  # a run
@@ -64,7 +66,7 @@ def sweep_time(heap, repeat=15):
     shaken = heap.layer.rigid_part(free)
     shaken += 0.1 * np.random.default_rng(0).normal(size=shaken.shape)
     velocity = free.copy()
-    passes = sweep_passes(layer, velocity, 1.0, 1)
+    sweep = prepare_sweep(layer, velocity, SolveOptions(num_threads=1))
     loops = max(1, 100_000 // max(heap.num_contacts, 1))
 
     def run():
@@ -73,8 +75,8 @@ def sweep_time(heap, repeat=15):
             for g in layer.groups:
                 g.impulse[:] = 0.0
             for _ in range(SWEEPS):
-                for p in passes:
-                    p.kernel(*p.arguments)
+                for number in range(len(layer.groups)):
+                    make_call(sweep.calls, number)
 
     return clock(run, repeat) / loops / SWEEPS
 

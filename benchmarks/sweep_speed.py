@@ -35,12 +35,14 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "shared"))
 from plates import crossed_plate  # noqa: E402
 
 from xper_fx.nscd.algebra.small import for_dimension  # noqa: E402
-from xper_fx.nscd.couplings import sweep_kernel  # noqa: E402
 from xper_fx.nscd.interactions import Interactions  # noqa: E402
 from xper_fx.nscd.inverse_blocks import BodyInverse  # noqa: E402
+from xper_fx.nscd.kernel_calls import make_call  # noqa: E402
 from xper_fx.nscd.laws import CohesiveZone  # noqa: E402
 from xper_fx.nscd.ordering import greedy_colors  # noqa: E402
 from xper_fx.nscd.points import InteractionPoints  # noqa: E402
+from xper_fx.nscd.solvers.solver import SolveOptions  # noqa: E402
+from xper_fx.nscd.solvers.sweeps import prepare_sweep  # noqa: E402
 
 SIZE, THETA = 50e-6, 0.5
 BOND = CohesiveZone(2e18, 0.5, 1e9, friction=0.05)
@@ -67,26 +69,19 @@ class Problem:
 
     def exchange(self, threads):
         """Function that makes SWEEPS sweeps."""
-        g = self.group
-        kernel = sweep_kernel(g.kernels, g.sides, g.blocks, threads > 1)
-        tiles = len(g.ordering.tile_offsets) - 1
-        arguments = (
-            g.ordering.tile_offsets, g.ordering.color_offsets, np.ones(tiles, np.bool_),
-            np.zeros((tiles, 3)), self.velocity, g.couplings, g.impulse, g.compliance,
-            g.inverse_area, g.parameters, g.terms, g.details, 1.0,
-        )  # fmt: skip
+        sweep = prepare_sweep(self.scene, self.velocity, SolveOptions(num_threads=threads))
 
         def run():
             numba.set_num_threads(threads)
             for _ in range(SWEEPS):
-                kernel(*arguments)
+                make_call(sweep.calls, 0)
 
         return run
 
     def stored(self):
         """The same with W stored."""
         g = self.group
-        blocks = self.scene.inverse.block_of_node()[g.points.nodes[:, :, 0]]
+        blocks = self.scene.inverse.block_of_node[g.points.nodes[:, :, 0]]
         rows, columns, w = store(g.couplings, blocks, len(self.scene.inverse.node_offsets) - 1)
         kernel = stored_kernel(g.kernels)
         free = g.points.relative(self.free.reshape(-1, 2))

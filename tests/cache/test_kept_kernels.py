@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import gc
 import importlib.util
 import itertools
 import logging
@@ -16,8 +17,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numba.core import config
+from numba.core.errors import TypingError
 
-from xper_fx.cache import CacheFolder, folder, kernel_folder
+from xper_fx.cache import CacheFolder, folder, kernel_folder, njit
 from xper_fx.cache.__main__ import main
 
 SOURCE = """
@@ -478,3 +480,24 @@ def test_functions_are_numbered_apart():
     """
     found = [int(number) for out in run(script, {}, 2) for number in out.split()]
     assert len(set(found)) == 4 and min(found) >= 1 << 60
+
+
+@pytest.mark.parametrize("collects", [True, False])
+def test_garbage_is_collected_again_after_a_kernel_was_compiled(collects):
+    @njit
+    def inner(x):
+        return x + 1.0
+
+    @njit
+    def outer(x):
+        return inner(x)
+
+    (gc.enable if collects else gc.disable)()
+    try:
+        assert outer(1.0) == 2.0
+        assert gc.isenabled() == collects
+        with pytest.raises(TypingError):
+            outer("a")
+        assert gc.isenabled() == collects
+    finally:
+        gc.enable()

@@ -11,7 +11,7 @@ from xper_fx.support.ranks import Ranks
 
 def main() -> None:
     comm, kind = MPI.COMM_WORLD, sys.argv[1]
-    print("said by", comm.rank)
+    sys.stdout.write(f"said by {comm.rank}\n")
     if kind == "all":
         raise ValueError("wrong on all")
     if kind == "last" and comm.rank == comm.size - 1:

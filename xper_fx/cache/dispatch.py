@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import gc
 import logging
 import os
 import pickle
@@ -155,21 +156,35 @@ class _Kept:
     disable = flush = enable
 
 
-class _Failures(event.Listener):
-    """Gives up what could not be compiled."""
+class _Compilation(event.Listener):
+    """Compiles without looking for garbage, a seventh of the time, and gives up what failed.
+
+    Numba makes very many objects that live until a kernel is ready. It compiles under a lock.
+    """
+
+    def __init__(self):
+        self._depth = 0
+        self._collects = False
 
     def on_start(self, event: event.Event) -> None:
         """Called by Numba."""
+        if self._depth == 0:
+            self._collects = gc.isenabled()
+            gc.disable()
+        self._depth += 1
 
     def on_end(self, event: event.Event) -> None:
         """Called by Numba."""
+        self._depth -= 1
+        if self._depth == 0 and self._collects:
+            gc.enable()
         kernel, arguments = event.data["dispatcher"], tuple(event.data["args"])
         kept = getattr(kernel, "_cache", None)
         if isinstance(kept, _Kept) and arguments not in kernel.overloads:
             kept.give_up(arguments)
 
 
-event.register(KIND, _Failures())
+event.register(KIND, _Compilation())
 
 
 def _key(kernel: Dispatcher, arguments: tuple, context) -> str:

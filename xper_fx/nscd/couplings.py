@@ -539,8 +539,8 @@ def sweep_kernel(
         stats[tile, 0], stats[tile, 1], stats[tile, 2] = changed, total, largest
 
     if not parallel:
-        # part of the kernel that loops over sweeps, beside what visits a tile
-        @njit(inline="always", nogil=True)
+
+        @njit(**LEAN_INNER)
         def sweep(
             tiles, colors, marked, stats, v, c, r, w_points, inverse_area, parameters, terms,
             details, relax,

@@ -14,6 +14,7 @@ of the graph node - point - node, one a mesh vertex, are then tiles of one colou
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -260,7 +261,7 @@ class TileBodies(NamedTuple):
 _NONE = np.zeros(1, np.int64)
 # Of points that no sweep goes through.
 NO_ORDER = Ordering(np.zeros(0, np.int32), _NONE, _NONE)
-NO_TILES = TileBodies(_NONE, _NONE)
+NO_TILES = TileBodies(_NONE, np.zeros(0, np.int32))
 
 
 def bodies_of_tiles(ordering: Ordering, blocks: np.ndarray, num_blocks: int) -> TileBodies:
@@ -277,22 +278,33 @@ def bodies_of_tiles(ordering: Ordering, blocks: np.ndarray, num_blocks: int) -> 
     )
 
 
-@njit(inline="always")
-def mark_moved(moved, tile_bodies, stats, threshold):
-    """Mark the bodies of tiles whose impulses changed by more than the threshold (squared)."""
-    for tile in range(len(stats)):
-        if stats[tile, 0] > threshold:
-            for place in range(tile_bodies.offsets[tile], tile_bodies.offsets[tile + 1]):
-                moved[tile_bodies.blocks[place]] = True
+def join_tiles(tiles: Sequence[TileBodies]) -> TileBodies:
+    """The bodies of all tiles, one group of tiles after another."""
+    if len(tiles) < 2:
+        return tiles[0] if tiles else NO_TILES
+    starts = np.cumsum([0, *(len(t.blocks) for t in tiles)])
+    offsets = [t.offsets[1:] + start for t, start in zip(tiles, starts, strict=False)]
+    return TileBodies(np.concatenate([_NONE, *offsets]), np.concatenate([t.blocks for t in tiles]))
 
 
-@njit(inline="always")
-def mark_tiles(marked, tile_bodies, moved):
-    """Mark the tiles that touch a body that moved, and those between bodies that nothing moves."""
+@njit(**LEAN_ENTRY)
+def mark_next(marked, stats, tile_bodies, moved, threshold):
+    """Mark the tiles that a sweep is to visit: those that touch a body which moved.
+
+    Moved are, beside the bodies of `moved`, those of tiles whose impulses changed by more than the
+    threshold (squared) in the last sweep. Tiles between bodies that nothing moves are marked too.
+    """
+    offsets, blocks = tile_bodies
     for tile in range(len(marked)):
-        first, last = tile_bodies.offsets[tile], tile_bodies.offsets[tile + 1]
+        if stats[tile, 0] > threshold:
+            for place in range(offsets[tile], offsets[tile + 1]):
+                moved[blocks[place]] = True
+    for tile in range(len(marked)):
+        first, last = offsets[tile], offsets[tile + 1]
         marked[tile] = first == last  # else no body would ever call for its last visit
         for place in range(first, last):
-            if moved[tile_bodies.blocks[place]]:
+            if moved[blocks[place]]:
                 marked[tile] = True
                 break
+        if not marked[tile]:
+            stats[tile, 0] = 0.0

@@ -24,7 +24,7 @@ from xper_fx.nscd.algebra.anderson_mixing import AndersonMixing
 from xper_fx.nscd.algebra.krylov import norm
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.solvers.solver import SolveOptions, Solver, SolveReport
-from xper_fx.nscd.solvers.sweeps import ROUNDING, RUNAWAY, sweep, sweep_passes
+from xper_fx.nscd.solvers.sweeps import ROUNDING, RUNAWAY, prepare_sweep, sweep_ranks
 
 # Sweeps remembered, and plain sweeps before any is mixed.
 _MEMORY, _PLAIN = 8, 3
@@ -44,7 +44,7 @@ class AcceleratedSweeps(Solver):
     ) -> SolveReport:
         """Find the impulses of the step, as `Solver.solve` says."""
         free, groups = velocity.copy(), interactions.groups
-        passes = sweep_passes(interactions, velocity, options)
+        sweep = prepare_sweep(interactions, velocity, options)
         tolerance, max_sweeps = options.tolerance, options.max_sweeps
         ends = np.cumsum([0] + [g.impulse.size for g in groups])
 
@@ -71,7 +71,7 @@ class AcceleratedSweeps(Solver):
         amplification, follows = np.inf, False
         by_velocities, energy = interactions.uses_velocity_criterion, 0.0
         for count in range(1, max_sweeps + 1):
-            sweep(interactions, passes, velocity)
+            sweep_ranks(interactions, sweep, velocity)
             read_impulses(swept)
             np.subtract(swept, r, out=f)
             size, scale = length(f), max(length(swept), floor)
@@ -85,7 +85,7 @@ class AcceleratedSweeps(Solver):
                 amplification = max(1.0, length(old_r) / slope) if slope > 0.0 else 1.0
             follows = False
             if by_velocities:
-                left = np.sqrt(sum(p.stats[:, 0].sum() for p in passes))
+                left = np.sqrt(sweep.stats[:, 0].sum())
                 if left <= tolerance * energy or count % _CHECK_EVERY == 1:
                     energy, rounding = interactions.impulse_energy_norm(free, velocity)
                     energy = max(energy, rounding / tolerance)
@@ -98,8 +98,8 @@ class AcceleratedSweeps(Solver):
             if error <= tolerance:
                 interactions.refresh_ghosts(velocity)
                 if interactions.evolve(velocity) <= tolerance:
-                    most = max((p.stats[:, 2].max(initial=0.0) for p in passes), default=0.0)
-                    traction = np.sqrt(interactions.largest(most)) / interactions.step_size
+                    most = interactions.largest(sweep.largest_change())
+                    traction = np.sqrt(most) / interactions.step_size
                     reason = f"{restarts} restarts"
                     return SolveReport(True, count, error, traction, "accelerated", reason)
                 memory.forget()

@@ -21,7 +21,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from xper_fx.nscd.interactions import Interactions
-from xper_fx.nscd.ordering import mark_moved, mark_tiles
+from xper_fx.nscd.ordering import mark_next
 from xper_fx.nscd.solvers.solver import SolveOptions, Solver, SolveReport
 from xper_fx.nscd.solvers.sweeps import (
     FIRST_BATCH,
@@ -31,8 +31,8 @@ from xper_fx.nscd.solvers.sweeps import (
     WINDOW,
     amplification,
     contraction,
-    sweep,
-    sweep_passes,
+    prepare_sweep,
+    sweep_ranks,
 )
 
 
@@ -55,14 +55,12 @@ class DistributedSweeps(Solver):
         tolerance, max_sweeps = options.tolerance, options.max_sweeps
         halo = interactions.halo
         interactions.add_velocity(velocity)
-        passes = sweep_passes(interactions, velocity, options)
+        sweep = prepare_sweep(interactions, velocity, options)
         least = interactions.rounding(velocity) / tolerance
         changes: list[float] = []
         for count in range(1, max_sweeps + 1):
-            sweep(interactions, passes, velocity)
-            changed, total = halo.ranks.sum(
-                sum((one.stats[:, :2].sum(axis=0) for one in passes), np.zeros(2))
-            ).tolist()
+            sweep_ranks(interactions, sweep, velocity)
+            changed, total = halo.ranks.sum(sweep.stats[:, :2].sum(axis=0)).tolist()
             if not np.isfinite(changed):
                 return SolveReport(False, count, np.inf, np.inf, "distributed")
             total = max(total, least * least)
@@ -75,8 +73,8 @@ class DistributedSweeps(Solver):
                 continue
             halo.everywhere.forward(velocity)
             if interactions.evolve(velocity) <= tolerance:
-                largest = max((one.stats[:, 2].max(initial=0.0) for one in passes), default=0.0)
-                traction = np.sqrt(halo.ranks.max(largest)) / interactions.step_size
+                largest = halo.ranks.max(sweep.largest_change())
+                traction = np.sqrt(largest) / interactions.step_size
                 return SolveReport(True, count, error, traction, "distributed")
         rate = contraction(np.array(changes))
         halo.everywhere.forward(velocity)
@@ -121,23 +119,18 @@ def _solve_by_velocities(
     """
     halo, ranks = interactions.halo, interactions.halo.ranks
     tolerance, max_sweeps = options.tolerance, options.max_sweeps
-    passes = sweep_passes(interactions, velocity, options)
+    sweep = prepare_sweep(interactions, velocity, options)
     free = velocity.copy()
     interactions.add_velocity(velocity)
     size, rounding = interactions.impulse_energy_norm(free, velocity)
-    num_tiles = max(1.0, ranks.sum(sum(len(one.marked) for one in passes)))
+    num_tiles = max(1.0, ranks.sum(len(sweep.marked)))
     moved = np.zeros(len(interactions.inverse.node_offsets) - 1, np.bool_)
     changes: list[float] = []
     looked_at, batch, verifying = 0, FIRST_BATCH, False
     for count in range(1, max_sweeps + 1):
-        sweep(interactions, passes, velocity)
+        sweep_ranks(interactions, sweep, velocity)
         changed, resting = ranks.sum(
-            np.array(
-                [
-                    sum(one.stats[:, 0].sum() for one in passes),
-                    sum(np.count_nonzero(~one.marked) for one in passes),
-                ]
-            )
+            np.array([sweep.stats[:, 0].sum(), np.count_nonzero(~sweep.marked)])
         ).tolist()
         left = changed**0.5
         if not verifying:
@@ -152,8 +145,7 @@ def _solve_by_velocities(
             goal = max(tolerance * size, rounding)
             arrived = arrived and left <= goal
         if arrived:
-            largest = max((one.stats[:, 2].max(initial=0.0) for one in passes), default=0.0)
-            traction = np.sqrt(ranks.max(largest)) / interactions.step_size
+            traction = np.sqrt(ranks.max(sweep.largest_change())) / interactions.step_size
             residual = left / size if size > 0.0 else left
             return SolveReport(True, count, residual, traction, "distributed")
         if not np.isfinite(left):
@@ -161,11 +153,8 @@ def _solve_by_velocities(
         verifying = left <= goal
         moved[:] = verifying or count % REVISIT == 0
         moved[halo.cut] = True
-        for one in passes:
-            mark_moved(moved, one.tile_bodies, one.stats, (NEGLIGIBLE * goal) ** 2 / num_tiles)
-        for one in passes:
-            mark_tiles(one.marked, one.tile_bodies, moved)
-            one.stats[~one.marked, 0] = 0.0
+        threshold = (NEGLIGIBLE * goal) ** 2 / num_tiles
+        mark_next(sweep.marked, sweep.stats, sweep.tile_bodies, moved, threshold)
     halo.everywhere.forward(velocity)
     rate, residual = contraction(np.array(changes)), left / size if size > 0.0 else left
     return SolveReport(False, max_sweeps, residual, np.inf, "distributed", contraction=rate)

@@ -37,15 +37,13 @@ plate, at three times its critical step and a tolerance of 1e-3, by 17 % instead
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import cache
-
 import numpy as np
 
 from xper_fx.cache import njit
 from xper_fx.nscd.interactions import Interactions
-from xper_fx.nscd.kernel_options import LEAN_ENTRY
-from xper_fx.nscd.ordering import mark_moved, mark_tiles
+from xper_fx.nscd.kernel_calls import make_call
+from xper_fx.nscd.kernel_options import LEAN_ENTRY, MERGED
+from xper_fx.nscd.ordering import mark_next
 from xper_fx.nscd.solvers.solver import SolveOptions, Solver, SolveReport
 from xper_fx.nscd.solvers.sweeps import (
     FIRST_BATCH,
@@ -55,11 +53,11 @@ from xper_fx.nscd.solvers.sweeps import (
     WINDOW,
     amplification,
     contraction,
-    sweep_passes,
+    prepare_sweep,
 )
 
 
-@njit(inline="always")
+@njit(**MERGED)
 def _append(changes, known, change):
     """Put a change behind the known ones, of which the first makes room; how many there are."""
     if known == len(changes):
@@ -70,149 +68,103 @@ def _append(changes, known, change):
     return known + 1
 
 
-@cache
-def _over_groups(kernels: tuple[Callable, ...]):
-    """Kernels over passes `(arguments, tile bodies, marked, stats)`, one a group.
+@njit(**MERGED)
+def _sweep(calls, marked, stats):
+    """One sweep: sum |dr|^2, sum |r|^2, whether all tiles were visited."""
+    for number in range(len(calls)):
+        make_call(calls, number)
+    changed, total, everywhere = 0.0, 0.0, True
+    for tile in range(len(marked)):
+        changed += stats[tile, 0]
+        total += stats[tile, 1]
+        everywhere = everywhere and marked[tile]
+    return changed, total, everywhere
 
-    A sweep, which gives [sum |dr|^2, sum |r|^2, whether all was visited]; the marking of bodies
-    that moved; the marking of tiles that touch one. They are parts of the kernel that calls them: a
-    kernel that is called is compiled twice, by itself and with its caller.
+
+@njit(**LEAN_ENTRY)
+def _until_tolerance(
+    calls, tile_bodies, marked, stats, moved, changes, tolerance, least, sweeps, max_sweeps
+):
+    """Sweep until the error is within the tolerance, all points visited last.
+
+    Changes are relative to |r| or to `least`, whichever is larger. `changes` has room for those of
+    the sweeps that `contraction` looks at.
+
+    Returns:
+        Whether it arrived, sweeps made so far, error, and how many of `changes` are set.
     """
-    kernel, last = kernels[0], len(kernels) == 1
-    sweep_rest, moved_rest, tiles_rest = (None,) * 3 if last else _over_groups(kernels[1:])
-
-    @njit(inline="always")
-    def sweep(passes):
-        arguments, _, marked, stats = passes[0]
-        # one by one: a starred argument cannot be taken apart in the caller
-        tiles, colors, _, _, v, c, r, w, inverse_area, parameters, terms, details, relax = arguments
-        kernel(
-            tiles, colors, marked, stats, v, c, r, w, inverse_area, parameters, terms, details,
-            relax,
-        )  # fmt: skip
-        changed, total, everywhere = 0.0, 0.0, True
-        for tile in range(len(marked)):
-            changed += stats[tile, 0]
-            total += stats[tile, 1]
-            everywhere = everywhere and marked[tile]
-        if not last:
-            x, y, z = sweep_rest(passes[1:])
-            changed, total, everywhere = changed + x, total + y, everywhere and z
-        return changed, total, everywhere
-
-    @njit(inline="always")
-    def moved_bodies(passes, moved, threshold):
-        _, bodies, _, stats = passes[0]
-        mark_moved(moved, bodies, stats, threshold)
-        if not last:
-            moved_rest(passes[1:], moved, threshold)
-
-    @njit(inline="always")
-    def touched_tiles(passes, moved):
-        _, bodies, marked, stats = passes[0]
-        mark_tiles(marked, bodies, moved)
-        for tile in range(len(marked)):
-            if not marked[tile]:
-                stats[tile, 0] = 0.0
-        if not last:
-            tiles_rest(passes[1:], moved)
-
-    return sweep, moved_bodies, touched_tiles
+    known, factor, error, verifying = 0, np.inf, np.inf, False
+    for count in range(sweeps + 1, max_sweeps + 1):
+        changed, total, everywhere = _sweep(calls, marked, stats)
+        if not np.isfinite(changed):
+            return False, count, error, known
+        total = max(total, least * least)
+        change = np.sqrt(changed / total) if total > 0.0 else np.sqrt(changed)
+        if not verifying:
+            known = _append(changes, known, change)
+            factor = amplification(changes[:known])
+        error = change * factor if change > ROUNDING else change
+        if error <= tolerance and everywhere:
+            return True, count, error, known
+        # What moves still gets the next sweep; when that has come to rest, all do.
+        verifying = error <= tolerance
+        moved[:] = verifying or count % REVISIT == 0
+        negligible = NEGLIGIBLE * tolerance / factor if np.isfinite(factor) else 0.0
+        mark_next(marked, stats, tile_bodies, moved, negligible**2 * total / len(marked))
+    return False, max_sweeps, error, known
 
 
-@cache
-def _batch_kernel(kernels: tuple[Callable, ...]):
-    """Kernel that sweeps until the error is within the tolerance, all points visited last."""
-    sweep, moved_bodies, touched_tiles = _over_groups(kernels)
+@njit(**LEAN_ENTRY)
+def _until_goal(calls, tile_bodies, marked, stats, moved, changes, goal, most):
+    """Sweep until sum dr . W_aa dr is within a goal, all points visited last.
 
-    @njit(**LEAN_ENTRY)
-    def batch(passes, moved, num_tiles, changes, tolerance, least, sweeps, max_sweeps):
-        """Whether it arrived, sweeps made so far, error, and how many of `changes` are set.
-
-        Changes are relative to |r| or to `least`, whichever is larger. `changes` has room for
-        those of the sweeps that `contraction` looks at.
-        """
-        known, factor, error, verifying = 0, np.inf, np.inf, False
-        for count in range(sweeps + 1, max_sweeps + 1):
-            changed, total, everywhere = sweep(passes)
-            if not np.isfinite(changed):
-                return False, count, error, known
-            total = max(total, least * least)
-            change = np.sqrt(changed / total) if total > 0.0 else np.sqrt(changed)
-            if not verifying:
-                known = _append(changes, known, change)
-                factor = amplification(changes[:known])
-            error = change * factor if change > ROUNDING else change
-            if error <= tolerance and everywhere:
-                return True, count, error, known
-            # What moves still gets the next sweep; when that has come to rest, all do.
-            verifying = error <= tolerance
-            moved[:] = verifying or count % REVISIT == 0
-            negligible = NEGLIGIBLE * tolerance / factor if np.isfinite(factor) else 0.0
-            moved_bodies(passes, moved, negligible**2 * total / num_tiles)
-            touched_tiles(passes, moved)
-        return False, max_sweeps, error, known
-
-    return batch
-
-
-@cache
-def _batch_by_velocities(kernels: tuple[Callable, ...]):
-    """Kernel that sweeps until sum dr . W_aa dr is within a goal, all points visited last."""
-    sweep, moved_bodies, touched_tiles = _over_groups(kernels)
-
-    @njit(**LEAN_ENTRY)
-    def batch(passes, moved, num_tiles, changes, goal, most):
-        """Whether it arrived, sweeps made, and how many of `changes` are set, the last ones."""
-        known, verifying = 0, False
-        for count in range(1, most + 1):
-            changed, _, everywhere = sweep(passes)
-            if not np.isfinite(changed):
-                changes[0] = np.inf
-                return False, count, 1
-            if not verifying:
-                known = _append(changes, known, np.sqrt(changed))
-            verifying = changed <= goal
-            if verifying and everywhere:
-                changes[known - 1] = np.sqrt(changed)
-                return True, count, known
-            moved[:] = verifying or count % REVISIT == 0
-            moved_bodies(passes, moved, NEGLIGIBLE**2 * goal / num_tiles)
-            touched_tiles(passes, moved)
-        return False, most, known
-
-    return batch
+    Returns:
+        Whether it arrived, sweeps made, and how many of `changes` are set, the last ones.
+    """
+    known, verifying = 0, False
+    for count in range(1, most + 1):
+        changed, _, everywhere = _sweep(calls, marked, stats)
+        if not np.isfinite(changed):
+            changes[0] = np.inf
+            return False, count, 1
+        if not verifying:
+            known = _append(changes, known, np.sqrt(changed))
+        verifying = changed <= goal
+        if verifying and everywhere:
+            changes[known - 1] = np.sqrt(changed)
+            return True, count, known
+        moved[:] = verifying or count % REVISIT == 0
+        mark_next(marked, stats, tile_bodies, moved, NEGLIGIBLE**2 * goal / len(marked))
+    return False, most, known
 
 
 def _solve_by_velocities(
-    interactions: Interactions, velocity, passes, tolerance: float, max_sweeps: int
+    interactions: Interactions, velocity: np.ndarray, options: SolveOptions
 ) -> SolveReport:
     """`solve` of contacts of rigid bodies."""
+    tolerance, max_sweeps = options.tolerance, options.max_sweeps
     free = velocity.copy()
+    sweep = prepare_sweep(interactions, velocity, options)
     interactions.add_velocity(velocity)
-    batch = _batch_by_velocities(tuple(p.kernel for p in passes))
-    arguments = tuple(tuple(p[1:]) for p in passes)
-    num_tiles = sum(len(p.marked) for p in passes)
     moved = np.zeros(len(interactions.inverse.node_offsets) - 1, np.bool_)
     changes, sweeps, most = np.zeros(WINDOW + 1), 0, FIRST_BATCH
     size, rounding = interactions.impulse_energy_norm(free, velocity)
     while True:
         goal = max(tolerance * size, rounding)
-        arrived, count, known = batch(
-            arguments, moved, num_tiles, changes, goal**2, min(most, max_sweeps - sweeps)
+        arrived, count, known = _until_goal(
+            *sweep[:4], moved, changes, goal**2, min(most, max_sweeps - sweeps)
         )
         sweeps += count
         size, rounding = interactions.impulse_energy_norm(free, velocity)
         left = changes[known - 1]
         residual = left / size if size > 0.0 else left
         if arrived and left <= max(tolerance * size, rounding):
-            largest = max(p.stats[:, 2].max(initial=0.0) for p in passes)
-            return SolveReport(True, sweeps, residual, np.sqrt(largest) / interactions.step_size)
+            traction = np.sqrt(sweep.largest_change()) / interactions.step_size
+            return SolveReport(True, sweeps, residual, traction)
         if sweeps >= max_sweeps or not np.isfinite(left):
             rate = contraction(changes[:known])
             return SolveReport(False, sweeps, residual, np.inf, contraction=rate)
-        for p in passes:
-            p.marked[:] = True
+        sweep.marked[:] = True
         most *= 2
 
 
@@ -229,24 +181,21 @@ class NonlinearGaussSeidel(Solver):
             from xper_fx.nscd.solvers.distributed import DistributedSweeps
 
             return DistributedSweeps().solve(interactions, velocity, options)
-        tolerance, max_sweeps = options.tolerance, options.max_sweeps
-        passes = sweep_passes(interactions, velocity, options)
         if interactions.uses_velocity_criterion:
-            return _solve_by_velocities(interactions, velocity, passes, tolerance, max_sweeps)
+            return _solve_by_velocities(interactions, velocity, options)
         interactions.add_velocity(velocity)
-        if not passes:
+        if not interactions.groups:
             return SolveReport(True, 1, 0.0, 0.0)
-        batch = _batch_kernel(tuple(p.kernel for p in passes))
-        arguments = tuple(tuple(p[1:]) for p in passes)
-        num_tiles = sum(len(p.marked) for p in passes)
+        sweep = prepare_sweep(interactions, velocity, options)
+        tolerance = options.tolerance
         moved = np.zeros(len(interactions.inverse.node_offsets) - 1, np.bool_)
         least = interactions.rounding(velocity) / tolerance
         changes, sweeps, arrived = np.zeros(WINDOW + 1), 0, True
         while arrived:
-            arrived, sweeps, error, known = batch(
-                arguments, moved, num_tiles, changes, tolerance, least, sweeps, max_sweeps
+            arrived, sweeps, error, known = _until_tolerance(
+                *sweep[:4], moved, changes, tolerance, least, sweeps, options.max_sweeps
             )
             if arrived and interactions.evolve(velocity) <= tolerance:
-                largest = max(p.stats[:, 2].max(initial=0.0) for p in passes)
-                return SolveReport(True, sweeps, error, np.sqrt(largest) / interactions.step_size)
+                traction = np.sqrt(sweep.largest_change()) / interactions.step_size
+                return SolveReport(True, sweeps, error, traction)
         return SolveReport(False, sweeps, error, np.inf, contraction=contraction(changes[:known]))

@@ -6,7 +6,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -14,8 +13,9 @@ import numpy as np
 from xper_fx.cache import njit
 from xper_fx.nscd.couplings import sweep_kernel
 from xper_fx.nscd.interactions import Interactions
+from xper_fx.nscd.kernel_calls import bind_calls, make_call
 from xper_fx.nscd.kernel_options import LEAN_ENTRY
-from xper_fx.nscd.ordering import TileBodies
+from xper_fx.nscd.ordering import TileBodies, join_tiles
 from xper_fx.nscd.solvers.solver import SolveOptions
 from xper_fx.support.threads import worth_taking
 
@@ -36,59 +36,73 @@ ROUNDING = 16.0 * np.finfo(float).eps
 RUNAWAY = 1e6
 
 
-class SweepPass(NamedTuple):
-    """A sweep over the points of a group: `kernel(*arguments)` visits the marked tiles."""
+class Sweep(NamedTuple):
+    """A sweep over points: calls that visit the marked tiles, and what is known of all tiles.
 
-    kernel: Callable
-    arguments: tuple
+    Attributes:
+        calls: one a group of points, for `make_call`.
+        tile_bodies: the bodies that each tile touches, group after group.
+        marked: shape (num_tiles,), whether a sweep visits the tile.
+        stats: shape (num_tiles, 3), of a tile's last visit: sum |dr|^2, sum |r|^2,
+            max |dr|^2 / area^2.
+        arguments: of the calls, whose arrays are held here.
+    """
+
+    calls: np.ndarray | list
     tile_bodies: TileBodies
     marked: np.ndarray
     stats: np.ndarray
+    arguments: list[tuple]
+
+    def largest_change(self) -> float:
+        """Largest (|dr| / area)^2 of the last visits, in (N s/m^2)^2."""
+        return self.stats[:, 2].max(initial=0.0)
 
 
-def sweep_passes(
-    interactions: Interactions, velocity: np.ndarray, options: SolveOptions
-) -> list[SweepPass]:
-    """What a sweep consists of, all tiles marked; arguments as those of `Solver.solve`."""
-    num_tiles = sum(len(g.ordering.tile_offsets) - 1 for g in interactions.groups)
-    num_threads = worth_taking(num_tiles, _MANY_TILES, options.num_threads)
-    passes = []
-    for g in interactions.groups:
-        kernel = sweep_kernel(
-            g.kernels, g.sides, g.blocks, num_threads > 1, interactions.uses_velocity_criterion
-        )
-        tiles = len(g.ordering.tile_offsets) - 1
-        marked, stats = np.ones(tiles, np.bool_), np.zeros((tiles, 3))
-        arguments = (
-            g.ordering.tile_offsets, g.ordering.color_offsets, marked, stats, velocity,
-            g.couplings, g.impulse, g.compliance, g.inverse_area, g.parameters, g.terms, g.details,
-            options.relaxation,
+def prepare_sweep(interactions: Interactions, velocity: np.ndarray, options: SolveOptions) -> Sweep:
+    """The sweep over all points, all tiles marked; arguments as those of `Solver.solve`."""
+    groups = interactions.groups
+    ends = np.cumsum([0, *(len(g.ordering.tile_offsets) - 1 for g in groups)])
+    threads = worth_taking(ends[-1], _MANY_TILES, options.num_threads) > 1
+    marked, stats = np.ones(ends[-1], np.bool_), np.zeros((ends[-1], 3))
+    kernels, arguments = [], []
+    for g, first, last in zip(groups, ends[:-1], ends[1:], strict=True):
+        by_velocity = interactions.uses_velocity_criterion
+        kernels.append(sweep_kernel(g.kernels, g.sides, g.blocks, threads, by_velocity))
+        arguments.append(
+            (
+                g.ordering.tile_offsets, g.ordering.color_offsets, marked[first:last],
+                stats[first:last], velocity, g.couplings, g.impulse, g.compliance, g.inverse_area,
+                g.parameters, g.terms, g.details, options.relaxation,
+            )
         )  # fmt: skip
-        passes.append(SweepPass(kernel, arguments, g.tile_bodies, marked, stats))
-    return passes
+    bodies = join_tiles([g.tile_bodies for g in groups])
+    return Sweep(bind_calls(kernels, arguments), bodies, marked, stats, arguments)
 
 
-def sweep(interactions: Interactions, passes: list[SweepPass], velocity: np.ndarray) -> None:
+def sweep_ranks(interactions: Interactions, sweep: Sweep, velocity: np.ndarray) -> None:
     """One sweep over the marked tiles of all points; all ranks call it together.
 
     Ghosts that no point of the last phase moved lag behind their owners afterwards.
 
     Args:
         interactions: the points.
-        passes: over their groups.
-        velocity: shape (num_slots * dim,), that of the passes.
+        sweep: over them.
+        velocity: shape (num_slots * dim,), that of the sweep.
     """
     exchanges = () if interactions.halo is None else interactions.halo.phases
-    pairs = list(zip(interactions.groups, passes, strict=True))
+    phases = [g.phase for g in interactions.groups]
     for phase, exchange in enumerate(exchanges, start=1):
         exchange.forward(velocity)
-        for group, one in pairs:
-            if group.phase == phase:
-                one.kernel(*one.arguments)
+        _sweep_phase(sweep, phases, phase)
         exchange.back(velocity)
-    for group, one in pairs:
-        if group.phase == 0:
-            one.kernel(*one.arguments)
+    _sweep_phase(sweep, phases, 0)
+
+
+def _sweep_phase(sweep: Sweep, phases: list[int], phase: int) -> None:
+    for number, its_phase in enumerate(phases):
+        if its_phase == phase:
+            make_call(sweep.calls, number)
 
 
 @njit(inline="always", **LEAN_ENTRY)
