@@ -266,8 +266,7 @@ def run(spec: dict, folder: Path | None = None, stop_at: int = 0, restart: bool 
     exact, largest, lost = closes_exactly(spec, simulation), NOTHING, None
     names = LOSSES if may_turn_friction(spec) else (*LOSSES, "friction")
     try:
-        # the last step may go beyond the end: a run that was killed after it has nothing left to do
-        for step in simulation.steps(max(end, simulation.time)):
+        for step in simulation.steps(end):
             e = step.energies
             assert all(np.isfinite(v) for v in e.values()), f"not finite: {e}"
             losses = np.array([e.get(f"dissipated_{name}", 0.0) for name in names])

@@ -475,7 +475,7 @@ def test_viscous_work_vanishes_with_the_viscosity():
 
 
 def test_a_path_has_no_time_for_viscosity():
-    with pytest.raises(ValueError, match="A path takes .* viscosity"):
+    with pytest.raises(ValueError, match="leave out the path .*max_halvings=16"):
         xf.Simulation(stretched(adhesion(viscosity=B), 1.0), 1.0, inertia=False,
                       path=xf.GrowthControl())  # fmt: skip
 

@@ -613,6 +613,43 @@ def test_a_complete_run_has_nothing_left_to_do(whole, tmp_path, caplog):
     assert contents(tmp_path / "run") == before
 
 
+@pytest.mark.parametrize(
+    "make",
+    [
+        bar,
+        lambda: bar(
+            more=[PrescribedVelocity(side, 1, 0.0) for side in (LEFT, RIGHT)],
+            inertia=False, solver="auto", path=xper_fx.GrowthControl(),
+        ),
+    ],
+    ids=["steps", "path"],
+)  # fmt: skip
+def test_a_run_killed_after_its_last_step_is_complete(make, tmp_path, caplog):
+    """The last step lies beyond the end; the summary is of a piece that was stopped before."""
+    end = 4.5 * STEP if make is bar else 1.0
+    whole = recorded(tmp_path / "whole", make(), end, end_time=end)
+    steps, folder = whole.simulation.step_number, tmp_path / "killed"
+    assert whole.simulation.time > end and steps > 1
+    with recorder_of(make(), folder, end_time=end) as recorder:
+        recorder.record(next(recorder.simulation.steps(end)))
+        recorder.checkpoint()
+    recorder = recorder_of(make(), folder, end_time=end, restart=True)
+    for record in recorder.simulation.steps(end):
+        recorder.record(record)
+    recorder.checkpoint()
+    recorder._history.close()
+    recorder._leave_folder()
+    again = recorded(folder, make(), end, end_time=end, restart=True)
+    assert "there is nothing left to do" in caplog.text
+    assert again.simulation.step_number == steps
+    assert again.simulation.time == whole.simulation.time
+    same_files(tmp_path / "whole", folder)
+    told = [json.loads((f / "summary.json").read_text()) for f in (tmp_path / "whole", folder)]
+    assert [summary["steps"] for summary in told] == [steps, steps]
+    with pytest.raises(ValueError, match="lies before the present time"):
+        next(again.simulation.steps(0.9 * end))
+
+
 def test_a_complete_run_goes_on_to_a_later_end(tmp_path):
     recorded(tmp_path / "run", end=0.5 * END)
     recorded(tmp_path / "run", restart=True)

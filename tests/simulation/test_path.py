@@ -213,6 +213,25 @@ def test_a_path_goes_to_its_end_where_a_part_comes_loose():
     assert abs(simulation.reaction(RIGHT)[0]) < 1e-6 * BOND.strength
 
 
+def test_a_path_that_stops_says_what_failed():
+    """The weaker bond breaks, and the whole one has no load at which it dissipates anything."""
+    simulation = follow(bonds_in_a_row(), xf.DissipationControl(2.0))
+    with pytest.raises(xf.ConvergenceError, match=r"share of 0\.0001 of what") as caught:
+        for _ in simulation.steps(1e3):
+            pass
+    assert caught.value.failure.startswith("no load keeps all bonds within")
+    assert caught.value.failure in str(caught.value)
+    assert simulation.interactions.gather("spent").max() > 0.99
+
+
+def test_states_that_lead_back_are_not_called_residuals(monkeypatch):
+    """Each state is found far within the tolerance, and none goes on."""
+    monkeypatch.setattr("xper_fx.nscd.growth.GrowthLimit.turns_back", lambda *_: True)
+    with pytest.raises(xf.ConvergenceError, match=r"1 at .* 0\.0001 .*leads back") as caught:
+        next(follow(bar(1.0)).steps(1e6))
+    assert caught.value.newton_residual < 1e-8
+
+
 def test_a_load_that_dissipates_nothing_the_other_way():
     """Pressed, the parts dissipate nothing however far: the energy has one end alone."""
     simulation = follow(bonds_in_a_row(), xf.DissipationControl(2.0))

@@ -39,6 +39,9 @@ _CIRCLES = 100.0
 _FIRST, _LESS = 1e-3, 1e-3
 # How well contacts are found before Newton's method goes on, beside the largest nodal impulse.
 _NEAR = 1e-4
+# What may fail beside Newton's method.
+_GOES_BACK = "the state that was found leads back along the path"
+_STILL_TURNS = f"the frames of bonds have not settled after {_TURNS} rounds"
 
 logger = logging.getLogger(__name__)
 
@@ -168,7 +171,7 @@ class MonolithicScheme:
         mean = weight * velocity + (1.0 - weight) * state.velocity
         return StepOutcome(
             end, coupled.slots, impulses, reactions, equations.force_impulse, bulk.viscous(mean), 0,
-            newton.left, 0.0, coupled.corrections, newton.left, converged,
+            newton.left, 0.0, coupled.corrections, newton.left, converged, failure=newton.failure,
         )  # fmt: skip
 
     def _solve(self, coupled: CoupledStep, newton: SemismoothNewton) -> bool:
@@ -184,13 +187,16 @@ class MonolithicScheme:
             try:
                 turned = coupled.turn(coupled.velocity)
             except FacetFlippedError as error:
+                newton.failure = str(error)
                 logger.info("%s", error)
                 return False
             if turned <= _TURNED and asked <= self._tolerance:
-                return coupled.goes_on
+                newton.failure = "" if coupled.goes_on else _GOES_BACK
+                return not newton.failure
             asked = max(self._tolerance, _LESS * asked)
             coupled.interactions.prepare()
             coupled.move(coupled.velocity, coupled.loading.time)
+        newton.failure = _STILL_TURNS
         return False
 
     def unstable_ways(self) -> int:

@@ -37,6 +37,13 @@ _STALLED, _PROGRESS = 6, 0.7
 _GROWN = 1e-6
 # Growth of what is left at which an iteration has gone astray.
 _ASTRAY = 1e9
+# What may fail.
+_SINGULAR = "the matrix of bodies and interactions cannot be factorised: something hangs by nothing"
+_NO_LOAD = "no load keeps all bonds within what the step may open or dissipate"
+_NOT_FINITE = "iterates run away"
+_STUCK = "Newton's method goes round in circles"
+_SLOW = "Newton's method takes more than {} iterations"
+_NOT_GROWN = "forces balance, but with {:.3g} times what the step is to open or dissipate"
 
 
 class SemismoothNewton:
@@ -47,23 +54,30 @@ class SemismoothNewton:
 
     Attributes:
         left: what is left, relative to the largest nodal impulse.
+        failure: why the last run has not converged, in words.
     """
 
     def __init__(self, step: CoupledStep):
         self._step = step
         self._apart = 0.0, 0.0
         self._most = self.left = np.inf
+        self.failure = ""
 
     def run(self, tolerance: float, most: int) -> bool:
         """Whether what is left came within the tolerance in that many iterations at most."""
-        step, history = self._step, []
+        self.failure = self._iterate(tolerance, most)
+        return not self.failure
+
+    def _iterate(self, tolerance: float, most: int) -> str:
+        """What failed, empty if nothing has; see `run`."""
+        step, history, small = self._step, [], False
         for count in range(1, most + 1):
             try:
                 correction = step.correction(_PROXIMAL)
             except SingularMatrixError:
-                return False
+                return _SINGULAR
             if correction is None:
-                return False
+                return _NO_LOAD
             best = None
             start = step.velocity, step.loading.time, step.impulses_of_points()
             for length in _LENGTHS:
@@ -78,7 +92,7 @@ class SemismoothNewton:
                 self._merit()
             history.append(best[0])
             if not np.isfinite(best[0]):
-                return False
+                return _NOT_FINITE
             reference, floor = step.size(), step.rounding()
             self.left = self._most / reference if reference > 0.0 else 0.0
             logger.debug(
@@ -93,11 +107,18 @@ class SemismoothNewton:
             small = self._most <= max(allowed * reference, floor) or reference <= step.noise()
             if small and best[1] == 1.0 and abs(step.growth_left()) <= _GROWN:
                 if step.interactions is None or step.interactions.evolve(step.slots) <= tolerance:
-                    return True
+                    return ""
                 history.clear()
-            elif best[0] > _ASTRAY * reference or _stalls(history):
-                return False
-        return False
+            elif best[0] > _ASTRAY * reference:
+                return _NOT_FINITE
+            elif _stalls(history):
+                return self._short(small) or _STUCK
+        return self._short(small) or _SLOW.format(most)
+
+    def _short(self, small: bool) -> str:
+        """What is wrong with the growth where little is left."""
+        left = self._step.growth_left()
+        return _NOT_GROWN.format(1.0 + left) if small and abs(left) > _GROWN else ""
 
     def start_from(self, time: float, velocity: np.ndarray) -> None:
         """Take a state to start from: its loads, and the laws' answers to it."""

@@ -42,6 +42,8 @@ class StepOutcome(NamedTuple):
         converged: whether both are within their tolerances.
         shadow: at the start and at the end of the step, what the energy that the scheme conserves
             has beside the physical one (J; 2D: J/m); zero but for `bulk/explicit.py`.
+        failure: of a step that has not converged, what failed, in words; empty if all that is
+            known is that the residuals are too large.
     """
 
     state: State
@@ -57,6 +59,7 @@ class StepOutcome(NamedTuple):
     newton_residual: float
     converged: bool
     shadow: tuple[float, float] = (0.0, 0.0)
+    failure: str = ""
 
 
 def interact(

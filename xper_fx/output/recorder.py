@@ -39,7 +39,7 @@ from xper_fx.output.history import HISTORY_COLUMNS, History
 from xper_fx.output.output_folder import prepare_folder
 from xper_fx.output.run_summary import run_summary
 from xper_fx.output.series import TimeSeries
-from xper_fx.output.summary import plain, write_summary
+from xper_fx.output.summary import plain, steps_told, write_summary
 from xper_fx.simulation.simulation import Simulation, StepRecord
 from xper_fx.support.checks import (
     require_count,
@@ -186,7 +186,6 @@ class Recorder:
         self._totals = {"steps": 0, "sweeps": 0, "largest_residual": 0.0, "restarts": 0}
         self._totals |= before.get("totals", {})
         self._totals["restarts"] += self.restarted
-        self._steps_before = self._totals["steps"]
         self._rigid = None
         try:
             self._at_root(partial(self._open, tuple(columns), before))
@@ -353,12 +352,11 @@ class Recorder:
         return series if self._rigid is None else [*series, self._rigid.series]
 
     def close(self) -> None:
-        """Close the files; write the summary unless a restart has added nothing to its run."""
+        """Close the files; write the summary unless a restart finds that of its last step."""
         self.simulation.save_on_failure(None)
-        there = (self.folder / "summary.json").exists() if self.restarted else False
-        added = self._totals["steps"] > self._steps_before
+        told = self.restarted and steps_told(self.folder / "summary.json") == self._totals["steps"]
         summary = None
-        if self.simulation.team.max(added or not there):
+        if self.simulation.team.max(not told):
             summary = run_summary(self.simulation, self._parameters, self._totals)
 
         def finish() -> None:

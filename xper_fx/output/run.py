@@ -92,7 +92,9 @@ def recorded_steps(
     require_positive("end_time", end_time)
     simulation, interruption = recorder.simulation, Interruption()
     made, first = 0, simulation.time
-    bar = tqdm(total=end_time, initial=first, desc=title, bar_format=_BAR, disable=quiet)
+    bar = tqdm(
+        total=end_time, initial=min(first, end_time), desc=title, bar_format=_BAR, disable=quiet
+    )  # fmt: skip
     with recorder, bar, interruption:
         for made, step in enumerate(simulation.steps(end_time), start=1):  # noqa: B007 - told below
             strain, _ = recorder.record(step)

@@ -60,6 +60,14 @@ def write_summary(path: str | os.PathLike[str], mapping: Mapping[str, Any]) -> N
     write_file(Path(path), (text + "\n").encode())
 
 
+def steps_told(path: Path) -> int | None:
+    """Steps of the run that a summary tells of; None without a summary that can be read."""
+    try:
+        return json.loads(path.read_text()).get("steps")
+    except (OSError, ValueError, AttributeError):
+        return None
+
+
 def without_times(summary: Any) -> Any:
     """A summary without what :data:`TIMING_KEYS` name: two runs of the same scene have it alike."""
     if isinstance(summary, Mapping):

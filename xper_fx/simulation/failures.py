@@ -50,9 +50,9 @@ def give_up(
         NotFiniteError: if it is known what gave NaN or infinity.
         ConvergenceError: otherwise.
     """
-    model, residual, newton = simulation.model, np.nan, np.nan
+    model, residual, newton, failure = simulation.model, np.nan, np.nan, ""
     if outcome is not None:
-        residual, newton = outcome.residual, outcome.newton_residual
+        residual, newton, failure = outcome.residual, outcome.newton_residual, outcome.failure
         if model.ranks.alone:
             source = source_of_not_finite(
                 model.scene, model.bulk, model.interactions, simulation.state, outcome, size
@@ -60,4 +60,7 @@ def give_up(
             require_finite(simulation, source, size)
     helps = attempts.advice(residual, newton, simulation.tolerance)
     number, time = simulation.step_number + 1, simulation.time
-    raise ConvergenceError(number, time, size, residual, newton, simulation.save_state(), *helps)
+    raise ConvergenceError(
+        number, time, size, residual, newton, simulation.save_state(), *helps, failure=failure,
+        cut=None if simulation.path is None else simulation.path.shortest,
+    )  # fmt: skip

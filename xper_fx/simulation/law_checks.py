@@ -66,6 +66,8 @@ def check_path_has_bonds(kernels: Sequence[LawKernels], asks: str) -> None:
             )
     if any("viscous" in law.energies for law in kernels):
         raise ValueError(
-            "A path takes the load back where a structure snaps, and so has no time "
-            "that a bond's viscosity could be measured by: take viscosity=0, or no path."
+            "A bond with viscosity needs a time, and a path has none: its loads go back where a "
+            "structure snaps. Take viscosity=0; or leave out the path and step the loads in time, "
+            "Simulation(scene, step, inertia=False, max_halvings=16), where each small "
+            "enough step has a state near the last one."
         )

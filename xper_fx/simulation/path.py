@@ -192,6 +192,11 @@ class PathFollower:
         self.share *= _SHORTENED
         return self.share >= _LEAST
 
+    @property
+    def shortest(self) -> str:
+        """Down to what a step was cut before the run gave up, in words."""
+        return f"a share of {_LEAST:g} of what its control asks for"
+
     def saved(self) -> dict:
         """All that the next step depends on."""
         return {

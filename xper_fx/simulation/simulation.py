@@ -186,15 +186,21 @@ class Simulation(Restartable):
     def steps(self, end_time: float) -> Iterator[StepRecord]:
         """Advance to `end_time` (s), a record after each committed step.
 
+        The last step may go beyond the end: steps of a given size are whole, and a path ends with
+        the first state there. A run that has done so, restarted or not, has no step left to the
+        same end.
+
         Raises:
-            ValueError: an end that is not finite, or before the present time.
+            ValueError: an end that is not finite, or before the present time and not the one that
+                the run has been going to.
             RuntimeError: it is asked for a step after another `steps` has begun.
             ConvergenceError: a step did not converge however often it was cut; NotFiniteError:
                 it gave NaN or infinity. The state is that of the last step.
         """
         if not math.isfinite(require_number("end_time", end_time)):
             raise ValueError(f"end_time should be a finite number, got {end_time}.")
-        if end_time < self.state.time - _ROUNDING * abs(self.state.time):
+        before = end_time < self.state.time - _ROUNDING * abs(self.state.time)
+        if before and end_time != self._course.end_time:
             raise ValueError(
                 f"end_time {end_time:g} s lies before the present time {self.state.time:g} s."
             )
@@ -297,7 +303,7 @@ class Simulation(Restartable):
 
     def _follow(self, end_time: float) -> Iterator[StepRecord]:
         """Steps along the path until its time is the end time."""
-        path = self.path
+        path, self._course = self.path, Course(end_time, self.step_size)
         while end_time - self.state.time > _ROUNDING * abs(end_time):
             with self.stopwatch.phase("step"):
                 outcome, size = self._attempts.along_path(
