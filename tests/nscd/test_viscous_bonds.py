@@ -492,7 +492,6 @@ def test_a_path_has_no_time_for_viscosity():
         (lambda: xf.laws.Adhesion(K, 0.0), "adhesion_energy should be a finite number above"),
         (lambda: xf.laws.Adhesion(-K, W), "normal_stiffness should be a finite number above"),
         (lambda: adhesion(damage="soon"), 'damage should be "auto"'),
-        (lambda: xf.laws.RigidCohesiveZone(S, W, viscosity=B), "viscosity"),
     ],
 )
 def test_bad_numbers_are_refused(make, words):

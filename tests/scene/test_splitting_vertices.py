@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 from scenes import BOTTOM, LEFT, RIGHT, box_bodies
@@ -67,10 +69,12 @@ def test_whole_vertices_are_nodes_of_finite_elements(dim):
     assert energies[0].external_work == pytest.approx(energies[1].external_work, rel=1e-12)
 
 
+@pytest.mark.parametrize("viscosity", [0.0, 0.2])
 @in_both
-def test_a_body_that_breaks_in_flight_keeps_its_momenta_and_its_energy(dim):
+def test_a_body_that_breaks_in_flight_keeps_its_momenta_and_its_energy(dim, viscosity):
+    law = dataclasses.replace(BRITTLE, viscosity=viscosity)
     simulation = xf.Simulation(
-        box(dim, BRITTLE, initial_velocity=lambda x: flying_apart(x)[:dim]), **ONE
+        box(dim, law, initial_velocity=lambda x: flying_apart(x)[:dim]), **ONE
     )  # fmt: skip
     mass = simulation.bulk.mass.reshape(-1, dim)
     x, _ = at_nodes(simulation)
@@ -90,6 +94,8 @@ def test_a_body_that_breaks_in_flight_keeps_its_momenta_and_its_energy(dim):
     energy = BRITTLE.fracture_energy * (spent @ area)
     assert e.dissipated_cohesion == pytest.approx(energy, rel=1e-12)
     assert abs(e.dissipated_numerical) < 1e-3 * e.dissipated_cohesion
+    viscous = e.dissipated_viscous_bonds / e.dissipated_cohesion
+    assert (0.05 < viscous < 0.5) if viscosity else viscous == 0.0
 
 
 def test_a_bar_breaks_at_its_strength():

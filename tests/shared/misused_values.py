@@ -194,9 +194,9 @@ def laws() -> list[Misuse]:
             ),
         ),
         Misuse(
-            "viscosity of an initially rigid bond",
+            "a negative viscosity of an initially rigid bond",
             "viscosity",
-            lambda: law.RigidCohesiveZone(1e6, 10.0, viscosity=1e-3),
+            lambda: law.RigidCohesiveZone(1e6, 10.0, viscosity=-1e-3),
         ),
         Misuse("an unknown keyword of a law", "mu", lambda: law.SignoriniCoulomb(mu=0.3)),
         Misuse("an argument of a law without any", "", lambda: law.PerfectBond(0.3)),

@@ -28,11 +28,26 @@ compliance, is a fixed point of s -> 1 / (1 + k w beta_m(y(s))), which only rise
 from the damage at the start upwards the least damaged state is met first. Where the step is so long
 that the bond has several (a softening number above 1), that one is taken.
 
+**Viscosity.** A bond that breaks at the speed v = (x1 - x0) / h bears more than its curve,
+
+    |Rcoh| = T (1 + eta v / s),
+
+T its mean traction in the step: the overstress falls with the curve, so that what it works is
+finite, and a bond starts to open at s, whatever the rate. As a vector it is a drag,
+eta g (U1 - U0) / h, on lips that part, close or slip, with g = T(x_m) / s the share of the strength
+that the curve has left at x_m, the opening of which beta_m is the damage. (With a linear curve
+s g is T to the last digit.) It loses eta g |U1 - U0|^2 / h >= 0, booked apart from w. In impulses,
+with c = h theta A eta g,
+
+    r = rhat - beta_m k y - c (y - z),
+
+where c falls with the damage as beta_m does: the least damaged state is found as without.
+
 **Lips that close again** touch at position level while something bonds them, as in
 `cohesive_zone.py`, and at velocity level once nothing does, with Newton's restitution, as in
 `signorini_coulomb.py`: a piece that strikes another rebounds by e, whatever the step.
 
-The curve has a stiffness after all, of an opening of 1e-9 w / s at the strength: numbers of
+The curve has a stiffness after all, of an opening of 1e-13 w / s at the strength: numbers of
 `curve.py` then serve as they are, elastic part included, and w stays exact. No bond is ever seen
 with it, as one that would open by less is held.
 """
@@ -55,7 +70,7 @@ from xper_fx.nscd.laws.signorini_coulomb import check_contact
 from xper_fx.nscd.laws.weakening import Weakening, one_curve
 
 # Opening of a bond at its strength, over w / s: nothing.
-_ELASTIC = 1e-9
+_ELASTIC = 1e-13
 
 
 @dataclass(frozen=True)
@@ -76,6 +91,8 @@ class RigidCohesiveZone(Bond):
         restitution: Newton's e in [0, 1] of lips that nothing bonds any more.
         curve: how traction falls with the opening, of `xper_fx/nscd/laws/curves`; one that has no
             stiffness of its own.
+        viscosity: eta (Pa s/m), the overstress of a bond at its strength over the speed at which
+            its lips part; 0 compiles none. Not the b of elastic bonds, by which damage lags.
 
     Raises:
         ValueError: a number out of range, a curve that starts with a stiffness of its own.
@@ -87,9 +104,9 @@ class RigidCohesiveZone(Bond):
     friction_grows: bool = False
     restitution: Any = 0.0
     curve: Curve = field(default_factory=Linear)
+    viscosity: Any = 0.0
     initial_damage: ClassVar[float] = 1.0
     damage: ClassVar[str] = "mean"
-    viscosity: ClassVar[float] = 0.0
 
     def __post_init__(self) -> None:
         self._check_options()
@@ -102,7 +119,7 @@ class RigidCohesiveZone(Bond):
         known = take_parameters(
             self,
             positive=("strength", "fracture_energy"),
-            non_negative=("friction", "restitution"),
+            non_negative=("friction", "restitution", "viscosity"),
         )
         if known:
             check_contact("velocity", self.restitution)
@@ -120,8 +137,9 @@ class RigidCohesiveZone(Bond):
         """See `Law`."""
         from xper_fx.nscd.laws.rigid_kernels import rigid_kernels
 
-        restitution = shape_column(self._rubs) + self._num_columns
-        return rigid_kernels(dim, self._friction, self.weakening(), restitution)
+        restitution = shape_column(self._rubs) + self._num_columns + self._viscous
+        weakening = self.weakening()
+        return rigid_kernels(dim, self._friction, self._viscous, weakening, restitution)
 
     def parameters(self) -> tuple:
         """Those of any bond, and Newton's e."""

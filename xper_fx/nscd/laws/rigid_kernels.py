@@ -36,12 +36,14 @@ from xper_fx.nscd.laws.damage_curve import (
 from xper_fx.nscd.laws.friction_of_lips import Friction, friction_by_damage
 from xper_fx.nscd.laws.impact import least_speed
 from xper_fx.nscd.laws.law import (
+    ALL_ENERGIES,
     COHESION,
     ENERGIES,
     FRICTION,
     IMPACT,
     NUMERICAL,
     STORED,
+    VISCOUS,
     Columns,
     LawKernels,
 )
@@ -67,13 +69,14 @@ _REGULAR, _DRIVEN = 1e-12, 1e-200
 
 @cache
 def rigid_kernels(
-    dim: int, friction: Friction, weakening: Weakening, restitution: int
+    dim: int, friction: Friction, viscous: bool, weakening: Weakening, restitution: int
 ) -> LawKernels:
     """The kernels of a bond; see `bond_kernels.mean_kernels`.
 
     Args:
         dim, friction, weakening: as there.
-        restitution: column of Newton's e among the parameters.
+        viscous: whether lips that part are dragged.
+        restitution: column of Newton's e among the parameters, after that of the viscosity.
     """
     algebra = for_dimension(dim)
     dot, add, subtract, scale = algebra.dot, algebra.add, algebra.subtract, algebra.scale
@@ -84,7 +87,8 @@ def rigid_kernels(
     num_sym = dim * (dim + 1) // 2
     diagonal_of = (0, 2) if dim == 2 else (0, 3, 5)
     shape, reach, first_limit = weakening.shape, weakening.reach, weakening.limit
-    damage, mean_damage, _, _ = damage_functions(weakening.curve)
+    damage, mean_damage, _, opening_with = damage_functions(weakening.curve)
+    energies = ALL_ENERGIES if viscous else ENERGIES
 
     terms_of, details_of, others = Columns(), Columns(), Columns()
     others.take("cohesion", 2)  # C
@@ -101,6 +105,9 @@ def rigid_kernels(
     if rubs:
         others.take("friction")  # mu
         slip = terms_of.take("friction", dim - 1)  # what y_T is less than the slip
+    if viscous:
+        others.take("viscous bonds")  # eta
+        whole_drag = details_of.take("viscous bonds")  # h theta A eta
 
     @njit(inline="always")
     def opening(jump):
@@ -172,6 +179,8 @@ def rigid_kernels(
         details[i, snapped] = 0.0
         details[i, h_theta] = scaled
         details[i, spring] = 0.5 * step * scaled * area * parameters[i, C_N]
+        if viscous:
+            details[i, whole_drag] = scaled * area * parameters[i, restitution - 1]
         w_i = sym_row(w, i)
         least = max(_REGULAR * mean_of(w_i), _DRIVEN)
         for j in range(num_sym):
@@ -205,10 +214,26 @@ def rigid_kernels(
         step_area = details[i, spring] / (0.5 * details[i, h_theta] * parameters[i, C_N])
         return bears(i, hold, step_area, parameters)
 
+    if viscous:
+        open_lips = (1.0,) + (0.0,) * (dim - 1)
+
+        @njit(**LEAN_INNER)
+        def drag_of(i, beta, parameters, details):
+            """c of a mean damage."""
+            left = beta / parameters[i, BETA0]
+            if left == 0.0:
+                return 0.0
+            p = shape(i, open_lips, parameters)
+            return details[i, whole_drag] * left * opening_with(left, p) / p[0]
+
     @njit(inline="always")
     def respond(i, beta, free, w, parameters, terms, details):
         """y, and the impulse of the contact, for a mean damage; `free` is y without any impulse."""
         k = beta * details[i, spring]
+        if viscous:
+            drag = drag_of(i, beta, parameters, details)
+            free = add(free, sym_vector(w, scale(drag, part(terms, i, start_at))))
+            k += drag
         y = sym_solve(stiffened(k, w), free)
         if y[0] >= terms[i, closed_at]:
             return y, scale(0.0, y)
@@ -217,6 +242,15 @@ def rigid_kernels(
         hat, _ = contact(y, soft, terms[i, closed_at], slipped(i, terms), mu, 0.0)
         y = add(y, sym_vector(soft, hat))
         return y, hat
+
+    @njit(inline="always")
+    def pulled(i, beta, y, parameters, terms, details):
+        """The impulse with which the bond pulls its lips together, for a mean damage."""
+        pull = scale(beta * details[i, spring], y)
+        if viscous:
+            moved = subtract(y, part(terms, i, start_at))
+            pull = add(pull, scale(drag_of(i, beta, parameters, details), moved))
+        return pull
 
     @njit(inline="always")
     def jump_after(i, y, terms, details):
@@ -316,12 +350,12 @@ def rigid_kernels(
         free = add(subtract(u, sym_vector(w_i, r)), part(terms, i, push))
         beta = mean_of_step(i, free, w_i, parameters, terms, details)
         y, hat = respond(i, beta, free, w_i, parameters, terms, details)
-        return subtract(hat, scale(beta * details[i, spring], y)), False
+        return subtract(hat, pulled(i, beta, y, parameters, terms, details)), False
 
     @njit(**LEAN_INNER)
     def book_impact(i, r, moved, step, parameters, energy):
         """Energies of lips that nothing bonds; returns their status."""
-        for j in range(len(ENERGIES)):
+        for j in range(len(energies)):
             energy[i, j] = 0.0
         energy[i, IMPACT] = -r[0] * moved[0] / step
         energy[i, FRICTION] = (r[0] * moved[0] - dot(r, moved)) / step
@@ -334,7 +368,7 @@ def rigid_kernels(
     def commit(i, jump0, jump1, u, r, area, step, theta, parameters, state, terms, details, energy):
         x1, p = opening(jump1), shape(i, jump1, parameters)
         if x1 <= _LEFT * p[1] and held(i, u, r, parameters, terms, details):
-            for j in range(len(ENERGIES)):
+            for j in range(len(energies)):
                 energy[i, j] = 0.0
             energy[i, NUMERICAL] = -dot(r, subtract(jump1, jump0)) / step  # of the tolerance
             return 1
@@ -350,7 +384,7 @@ def rigid_kernels(
         e0 = 0.5 * area * parameters[i, C_N] * dot(jump0, jump0)
         e1 = 0.5 * area * parameters[i, C_N] * dot(jump1, jump1)
         y = add(u, part(terms, i, push))
-        hat = add(r, scale(beta * details[i, spring], y))
+        hat = add(r, pulled(i, beta, y, parameters, terms, details))
         closed = hat[0] * mean_of(part_of_compliance(i, details))
         pressing = closed > u[0] + terms[i, push] - 0.5 * terms[i, start_at]
         state[i, OPENING_MAX] = max(state[i, OPENING_MAX], x1)
@@ -363,6 +397,10 @@ def rigid_kernels(
         status = book_losses(i, hat, moved, step, pressing, 0.0, mu, energy)
         taken = energy[i, COHESION] + energy[i, FRICTION] + energy[i, IMPACT]
         taken += energy[i, STORED] - details[i, old] * e0
+        if viscous:
+            drag = drag_of(i, beta, parameters, details)
+            energy[i, VISCOUS] = drag * dot(moved, moved) / (details[i, h_theta] * step)
+            taken += energy[i, VISCOUS]
         energy[i, NUMERICAL] = -dot(r, moved) / step - taken
         return status
 
@@ -394,7 +432,7 @@ def rigid_kernels(
         num_terms=terms_of.count,
         num_details=details_of.count,
         state_names=("opening_max", "damage", "pushed"),
-        energies=ENERGIES,
+        energies=energies,
         spent=weakening.spent,
         stored=stored,
         rigid=RigidKernels(bears, held, insist),
