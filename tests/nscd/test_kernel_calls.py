@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from xper_fx.cache import njit
-from xper_fx.nscd.kernel_calls import bind_calls, make_call
+from xper_fx.cache.content import digest
+from xper_fx.nscd.kernel_calls import _bind, bind_calls, make_call
 from xper_fx.nscd.kernel_options import LEAN_ENTRY, LEAN_INNER
 
 
@@ -85,3 +86,12 @@ def test_references_of_the_arrays_are_not_counted():
 def test_too_many_arrays_are_refused():
     with pytest.raises(ValueError, match="at most 8192 are foreseen"):
         bind_calls([first_of], [(tuple(np.zeros(1) for _ in range(200)),)])
+
+
+def test_kernels_that_bind_and_make_calls_have_a_known_content():
+    @njit(**LEAN_ENTRY)
+    def bind_and_make(call, arguments):
+        _bind(shift, arguments, call)
+        make_call(call, 0)
+
+    assert len(digest(bind_and_make)) == 64  # else they would be compiled in each process

@@ -24,8 +24,12 @@ from xper_fx.nscd.kernel_options import LEAN_ENTRY
 
 # Words of the arguments of a call; those of an array are 5 and 2 for each of its dimensions.
 _WORDS = 1024
-_BYTE = ir.IntType(8).as_pointer()
-_CALL = ir.FunctionType(ir.VoidType(), [_BYTE])
+
+
+def _types():
+    """The address of anything, and a function that is given one (LLVM)."""
+    address = ir.IntType(8).as_pointer()
+    return address, ir.FunctionType(ir.VoidType(), [address])
 
 
 def _borrowed(context, builder, kind, value):
@@ -61,7 +65,7 @@ def _bind(typing_context, kernel, arguments, call):
         builder.store(given, builder.bitcast(block, given.type.as_pointer()), align=8)
 
         name = builder.module.get_unique_name(f"{compiled.fndesc.llvm_func_name}.bound")
-        bound = ir.Function(builder.module, _CALL, name)
+        bound = ir.Function(builder.module, _types()[1], name)
         bound.linkage = "internal"
         inside = ir.IRBuilder(bound.append_basic_block())
         block = inside.bitcast(bound.args[0], given.type.as_pointer())
@@ -86,8 +90,9 @@ def _make(typing_context, calls, number):
         data = context.make_array(calls)(context, builder, values[0]).data
         row = builder.gep(data, [builder.mul(values[1], words)])
         one = context.get_constant(types.intp, 1)
-        function = builder.inttoptr(builder.load(row), _CALL.as_pointer())
-        builder.call(function, [builder.bitcast(builder.gep(row, [one]), _BYTE)])
+        address, call = _types()
+        function = builder.inttoptr(builder.load(row), call.as_pointer())
+        builder.call(function, [builder.bitcast(builder.gep(row, [one]), address)])
         return context.get_dummy_value()
 
     return types.none(calls, types.intp), generate
