@@ -1,26 +1,30 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Initial velocities: functions of positions, for all cells or by cell tag."""
+"""Initial velocities: functions of positions or DOLFINx's, for all cells or by cell tag."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
 
 import numpy as np
+from dolfinx import fem
 
-Field = Callable[[np.ndarray], np.ndarray]
+from xper_fx.support.function_values import function_values, is_function, num_components
+
+Field = Callable[[np.ndarray], np.ndarray] | fem.Function
 
 
 def check_initial_velocity(
-    given: Field | Mapping[int, Field] | None, cell_tags: Collection[int]
+    given: Field | Mapping[int, Field] | None, cell_tags: Collection[int], dim: int
 ) -> None:
     """See that an initial velocity is a function, or functions by cell tag.
 
     Args:
         given: as of a `Scene`.
         cell_tags: those that occur.
+        dim: dimension of space.
 
     Raises:
-        ValueError: a tag that occurs nowhere.
+        ValueError: a tag that occurs nowhere; a DOLFINx function without `dim` components.
         TypeError: something that is no function.
     """
     if isinstance(given, Mapping):
@@ -33,13 +37,19 @@ def check_initial_velocity(
     for field_ in given.values() if isinstance(given, Mapping) else (given,):
         if field_ is not None and not callable(field_):
             raise TypeError(f"initial_velocity should be a function, got {field_!r}.")
+        if is_function(field_) and num_components(field_) != dim:
+            raise ValueError(
+                f"initial_velocity should have {dim} components, of a space such as "
+                f'functionspace(mesh, ("Lagrange", 1, ({dim},))); this function has '
+                f"{num_components(field_)}."
+            )
 
 
 def checked_velocity(field: Field, dim: int) -> Field:
     """An initial velocity that is refused unless it gives finite numbers of the right shape."""
 
     def values(x: np.ndarray) -> np.ndarray:
-        given = np.asarray(field(x))
+        given = np.asarray(function_values(field, x).T if is_function(field) else field(x))
         if given.shape != (dim, x.shape[1]) or given.dtype.kind not in "biuf":
             raise ValueError(
                 f"initial_velocity should give numbers of shape ({dim}, {x.shape[1]}) for as many "

@@ -58,9 +58,9 @@ class Scene:
         walls: fixed obstacles.
         loads: forces and prescribed motions.
         damping: viscous damping.
-        initial_velocity: function of positions, shape (3, n) -> (dim, n), m/s, or such a function
-            for some of the cell tags (bodies that touch and move apart); rest if None. Dofs with a
-            prescribed displacement start at its rate.
+        initial_velocity: function of positions, shape (3, n) -> (dim, n), m/s, or one of DOLFINx,
+            or one for some of the cell tags each (bodies that touch and move apart); rest if None.
+            Dofs with a prescribed displacement start at its rate.
         order: order of the Lagrange space, 1 or 2.
         points: "nodal" or "gauss", where interactions act on a facet (see `nscd/facets.py`).
             Nodal points are right but for cohesive bonds on tetrahedra of order 2, where a
@@ -223,7 +223,7 @@ class Scene:
             )
         self._check_periodicity()
         check_materials(self.materials, self.bodies.present.cells)
-        check_initial_velocity(self.initial_velocity, self.materials)
+        check_initial_velocity(self.initial_velocity, self.materials, self.dim)
         for wall in self.walls:
             if not isinstance(wall, Wall):
                 raise TypeError(f"{wall!r} is no Wall.")

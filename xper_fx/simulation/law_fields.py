@@ -7,11 +7,11 @@ from dataclasses import fields
 from typing import TYPE_CHECKING
 
 import numpy as np
-from dolfinx import geometry
 
 from xper_fx.nscd.facets import facet_shapes
 from xper_fx.nscd.laws.fields import Places, law_at
 from xper_fx.nscd.laws.parameters import fields_of
+from xper_fx.support.function_values import function_values
 
 if TYPE_CHECKING:
     from xper_fx.nscd.laws.law import Law
@@ -41,8 +41,7 @@ def laws_at_points(laws: list[Law], points: ScenePoints, scene: Scene) -> list[L
     law_of_point = points.law_of_point
     places = _joined([on_facets, *(_elsewhere(on_facets, *given) for given in others)])
     return [
-        law_at(law, places.take(law_of_point == number), _evaluated)
-        for number, law in enumerate(laws)
+        law_at(law, places.take(law_of_point == number), _scalar) for number, law in enumerate(laws)
     ]
 
 
@@ -99,16 +98,5 @@ def _joined(parts: list[Places]) -> Places:
     return Places(**arrays, num_facets=parts[0].num_facets)
 
 
-def _evaluated(function, x: np.ndarray) -> np.ndarray:
-    """Values of a scalar DOLFINx function at positions of shape (3, n); NaN outside of its mesh."""
-    mesh, positions = function.function_space.mesh, np.ascontiguousarray(x.T)
-    tree = geometry.bb_tree(mesh, mesh.topology.dim)
-    candidates = geometry.compute_collisions_points(tree, positions)
-    cells = geometry.compute_colliding_cells(mesh, candidates, positions)
-    values = np.full(len(positions), np.nan)
-    offsets, all_cells = cells.offsets, cells.array
-    inside = np.flatnonzero(np.diff(offsets) > 0)
-    if len(inside):
-        found = function.eval(positions[inside], all_cells[offsets[inside]])
-        values[inside] = np.reshape(found, (len(inside), -1))[:, 0]
-    return values
+def _scalar(function, x: np.ndarray) -> np.ndarray:
+    return function_values(function, x)[:, 0]
