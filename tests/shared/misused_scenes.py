@@ -6,6 +6,7 @@ from __future__ import annotations
 from functools import cache
 
 import numpy as np
+import ufl
 from misuse import INF, NAN, NUMBERS, RIGHT, Misuse
 from scenes import BOTTOM, LEFT, TOP, box_bodies, mesh_of
 from scenes import RIGHT as RIGHT_SIDE
@@ -48,6 +49,11 @@ def box():
 def cell():
     """A periodic cell."""
     return xf.explode(mesh_of((1, 1), (2, 2)), lattice=(1.0, 1.0))
+
+
+def of_ufl():
+    """What UFL computes with, a vector."""
+    return ufl.SpatialCoordinate(plate().mesh)
 
 
 def of_plate(**changes):
@@ -287,6 +293,26 @@ def scenes() -> list[Misuse]:
         "a velocity of a vector": (
             "initial_velocity & function",
             lambda: of_plate(initial_velocity=(1.0, 0.0)),
+        ),
+        "a velocity of UFL": (
+            "initial_velocity & UFL & DOLFINx",
+            lambda: of_plate(initial_velocity=of_ufl()),
+        ),
+        "a load of UFL": (
+            "PrescribedVelocity & UFL & function of time",
+            lambda: of_plate(loads=[xf.PrescribedVelocity(LEFT, 0, of_ufl()[0])]),
+        ),
+        "a component of UFL": (
+            "SurfaceTraction & UFL & function of time",
+            lambda: of_plate(loads=[xf.SurfaceTraction(LEFT, (0.0, of_ufl()[0]))]),
+        ),
+        "an initial stress of UFL": (
+            "InitialStress & UFL & positions",
+            lambda: of_plate(loads=[xf.InitialStress(of_ufl())]),
+        ),
+        "a strength of UFL": (
+            "strength & UFL",
+            lambda: xf.laws.CohesiveZone(1e12, fracture_energy=10.0, strength=of_ufl()[0]),
         ),
         "a velocity of an unknown tag": (
             r"initial_velocity & \[4\]",

@@ -14,7 +14,7 @@ from reprlib import repr as short
 import numpy as np
 import numpy.typing as npt
 
-from xper_fx.support.checks import require_non_negative
+from xper_fx.support.checks import refuse_expression, require_non_negative
 
 # Sizes of loads from which on steps give nothing but infinity.
 _LARGEST = 1e250
@@ -167,8 +167,10 @@ class InitialStress:
 
         Raises:
             ValueError: another shape, entries that are not finite, an unsymmetric stress.
+            TypeError: an expression of UFL.
         """
         shape, given = (dim, dim), self.value
+        refuse_expression("The value of InitialStress", given, "numbers or a function of positions")
         if callable(given):
             shape = (dim, dim, x.shape[1])
             try:

@@ -8,6 +8,7 @@ from collections.abc import Callable, Collection, Mapping
 import numpy as np
 from dolfinx import fem
 
+from xper_fx.support.checks import refuse_expression
 from xper_fx.support.function_values import function_values, is_function, num_components
 
 Field = Callable[[np.ndarray], np.ndarray] | fem.Function
@@ -25,7 +26,7 @@ def check_initial_velocity(
 
     Raises:
         ValueError: a tag that occurs nowhere; a DOLFINx function without `dim` components.
-        TypeError: something that is no function.
+        TypeError: something that is no function; an expression of UFL.
     """
     if isinstance(given, Mapping):
         unknown = set(given) - set(cell_tags)
@@ -35,6 +36,8 @@ def check_initial_velocity(
                 f"tags that do: {sorted(cell_tags)}."
             )
     for field_ in given.values() if isinstance(given, Mapping) else (given,):
+        if not is_function(field_):
+            refuse_expression("initial_velocity", field_, "a function of positions, or of DOLFINx")
         if field_ is not None and not callable(field_):
             raise TypeError(f"initial_velocity should be a function, got {field_!r}.")
         if is_function(field_) and num_components(field_) != dim:

@@ -22,11 +22,12 @@ from xper_fx.forms.loads import (
 )
 from xper_fx.materials.material import InelasticMaterial, Material
 from xper_fx.scene.wall import Wall
-from xper_fx.support.checks import require_number
+from xper_fx.support.checks import refuse_expression, require_number
 
 Motion = PrescribedVelocity | PrescribedDisplacement
 # Forces from which on their works are infinite.
 _LARGEST = 1e150
+_OF_TIME = "a number or a function of time (s), as `lambda t: float(constant)`"
 Load = BodyForce | Gravity | SurfaceTraction | InitialStress | Motion
 
 
@@ -40,7 +41,7 @@ def check_loads(loads: Sequence[Load], dim: int) -> None:
     Raises:
         ValueError: a wrong number of components, a value that is not finite, a displacement that
             does not start at zero.
-        TypeError: something that is no load.
+        TypeError: something that is no load; an expression of UFL.
     """
     for load in loads:
         if not isinstance(load, Load):
@@ -48,6 +49,8 @@ def check_loads(loads: Sequence[Load], dim: int) -> None:
         if isinstance(load, InitialStress):
             continue  # with the mesh, `check_initial_stresses`
         name, values = type(load).__name__, (load.value,)
+        for value in (load.value, *(load.value if isinstance(load.value, list | tuple) else ())):
+            refuse_expression(f"The value of {name}", value, _OF_TIME)
         if not isinstance(load, Motion):
             values = load.value
             if callable(values) and not isinstance(values, type):

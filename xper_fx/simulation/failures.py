@@ -61,6 +61,6 @@ def give_up(
     helps = attempts.advice(residual, newton, simulation.tolerance)
     number, time = simulation.step_number + 1, simulation.time
     raise ConvergenceError(
-        number, time, size, residual, newton, simulation.save_state(), *helps, failure=failure,
+        number, time, size, (residual, newton), simulation.save_state(), *helps, failure=failure,
         cut=None if simulation.path is None else simulation.path.shortest,
     )  # fmt: skip

@@ -30,6 +30,25 @@ def require_number(name: str, value: Any) -> float:
         raise ValueError(f"{name} should be a finite number, got one above 1e308.") from None
 
 
+def refuse_expression(name: str, value: Any, wanted: str) -> None:
+    """Refuse what UFL computes with: it can be called, and NumPy reads it as an array without end.
+
+    Args:
+        name: of what was given.
+        value: the value.
+        wanted: what it should be, which may be a function of DOLFINx.
+
+    Raises:
+        TypeError: an expression, a DOLFINx constant or function.
+    """
+    shape = getattr(type(value), "ufl_shape", None)
+    if shape is not None:
+        raise TypeError(
+            f"{name} is a {type(value).__name__} of shape {value.ufl_shape}, an expression of UFL; "
+            f"it should be {wanted}."
+        )
+
+
 def require_positive(name: str, value: Any) -> float:
     """The value as a float.
 

@@ -25,6 +25,7 @@ class ConvergenceError(RuntimeError):
     The message ends with advice: what may help where such a step does not converge.
 
     Args:
+        residuals: of the interaction solver and of Newton.
         cut: down to what the step was cut, in words; its size if not given.
     """
 
@@ -35,19 +36,18 @@ class ConvergenceError(RuntimeError):
         step: int,
         time: float,
         size: float,
-        residual: float,
-        newton_residual: float,
+        residuals: tuple[float, float],
         saved: Path | None,
         advice: str = _ADVICE,
         failure: str = "",
         cut: str | None = None,
     ):
         self.step, self.time, self.size = step, time, size
-        self.residual, self.newton_residual = residual, newton_residual
+        self.residual, self.newton_residual = residuals
         self.saved, self.failure = saved, failure
         where = f" The state before it is in {saved}." if saved else ""
         cut = f"h = {size:.3g} s" if cut is None else cut
-        found = f"residual {residual:.3g} of the interactions, {newton_residual:.3g} of Newton"
+        found = "residual {:.3g} of the interactions, {:.3g} of Newton".format(*residuals)
         if failure:
             found = f"{failure} ({found})"
         super().__init__(

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from xper_fx.support.checks import require_number, require_numbers
+from xper_fx.support.checks import refuse_expression, require_number, require_numbers
 
 
 class PointArray(np.ndarray):
@@ -148,6 +148,8 @@ def fields_of(law: Any) -> tuple[str, ...]:
 
 
 def _taken(name: str, value: Any) -> Any:
+    if not hasattr(value, "function_space") or value.ufl_shape:
+        refuse_expression(name, value, "a number, an array, a function or a scalar one of DOLFINx")
     if is_field(value) or isinstance(value, PointArray):
         return value
     if isinstance(value, list | tuple | np.ndarray) and np.ndim(value):

@@ -82,17 +82,16 @@ def _sweep(calls, marked, stats):
 
 
 @njit(**LEAN_ENTRY)
-def _until_tolerance(
-    calls, tile_bodies, marked, stats, moved, changes, tolerance, least, sweeps, max_sweeps
-):
+def _until_tolerance(sweep, moved, changes, tolerance, least, sweeps, max_sweeps):
     """Sweep until the error is within the tolerance, all points visited last.
 
-    Changes are relative to |r| or to `least`, whichever is larger. `changes` has room for those of
-    the sweeps that `contraction` looks at.
+    `sweep` is a `Sweep` up to its `stats`. Changes are relative to |r| or to `least`, whichever is
+    larger. `changes` has room for those of the sweeps that `contraction` looks at.
 
     Returns:
         Whether it arrived, sweeps made so far, error, and how many of `changes` are set.
     """
+    calls, tile_bodies, marked, stats = sweep
     known, factor, error, verifying = 0, np.inf, np.inf, False
     for count in range(sweeps + 1, max_sweeps + 1):
         changed, total, everywhere = _sweep(calls, marked, stats)
@@ -115,12 +114,13 @@ def _until_tolerance(
 
 
 @njit(**LEAN_ENTRY)
-def _until_goal(calls, tile_bodies, marked, stats, moved, changes, goal, most):
+def _until_goal(sweep, moved, changes, goal, most):
     """Sweep until sum dr . W_aa dr is within a goal, all points visited last.
 
     Returns:
         Whether it arrived, sweeps made, and how many of `changes` are set, the last ones.
     """
+    calls, tile_bodies, marked, stats = sweep
     known, verifying = 0, False
     for count in range(1, most + 1):
         changed, _, everywhere = _sweep(calls, marked, stats)
@@ -152,7 +152,7 @@ def _solve_by_velocities(
     while True:
         goal = max(tolerance * size, rounding)
         arrived, count, known = _until_goal(
-            *sweep[:4], moved, changes, goal**2, min(most, max_sweeps - sweeps)
+            sweep[:4], moved, changes, goal**2, min(most, max_sweeps - sweeps)
         )
         sweeps += count
         size, rounding = interactions.impulse_energy_norm(free, velocity)
@@ -193,7 +193,7 @@ class NonlinearGaussSeidel(Solver):
         changes, sweeps, arrived = np.zeros(WINDOW + 1), 0, True
         while arrived:
             arrived, sweeps, error, known = _until_tolerance(
-                *sweep[:4], moved, changes, tolerance, least, sweeps, options.max_sweeps
+                sweep[:4], moved, changes, tolerance, least, sweeps, options.max_sweeps
             )
             if arrived and interactions.evolve(velocity) <= tolerance:
                 traction = np.sqrt(sweep.largest_change()) / interactions.step_size
