@@ -257,7 +257,7 @@ def _functions(traction, num_kinks: int) -> CurveFunctions:
         return max(0.0, min(1.0, traction_of(x, p) / (p[2] * x)))
 
     @njit(**LEAN_INNER)
-    def area(a, b, p):
+    def area(a, b, g, p):
         length, total, start = (p[1] - p[0]) / _PANELS, 0.0, a
         for j in range(num_kinks):
             kink = p[3 + j]
@@ -320,13 +320,13 @@ def _examination(traction, num_kinks: int, num_values: int, functions: CurveFunc
                 peak = max(peak, t)
                 slope = max(slope, (old_t - t) * _SAMPLES / (dc - d0))
                 old_t, old_g = t, g
-            whole = area(d0, dc, p) if d0 < dc else 0.0
+            whole = area(d0, dc, 1.0, p) if d0 < dc else 0.0
             halves = whole
             if d0 < dc:
                 part = (dc - d0) / 41.0
                 halves = 0.0
                 for j in range(41):
-                    halves += area(d0 + j * part, d0 + (j + 1) * part, p)
+                    halves += area(d0 + j * part, d0 + (j + 1) * part, 1.0, p)
             found[i, 0], found[i, 1] = d0, peak
             found[i, 2] = 0.5 * k * d0 * d0 + k * whole
             found[i, 3], found[i, 4], found[i, 5] = slope, wrong, hardens
