@@ -255,6 +255,11 @@ def negative(x, strength):
 
 
 @xf.njit
+def nothing(x, strength):
+    pass
+
+
+@xf.njit
 def kinked(x, strength):
     return strength if x < 3.3e-5 else 0.4 * strength
 
@@ -301,6 +306,28 @@ def kinked(x, strength):
         (
             lambda: xf.laws.CohesiveCurve(kinked, {"s": S}, end=1e-4, normal_stiffness=K),
             "not smooth.*kinks",
+        ),
+        (
+            lambda: xf.laws.CohesiveCurve(nothing, {"s": S}, end=1e-4, normal_stiffness=K),
+            "traction should return a number .* returns none",
+        ),
+        (
+            lambda: xf.laws.CohesiveCurve(kinked, end=1e-4, normal_stiffness=K),
+            r"traction should be a function of \(x\), .* got one of \(x, strength\)",
+        ),
+        (
+            lambda: xf.laws.CohesiveCurve(kinked, {"s": S}, end=lambda: 1.0, normal_stiffness=K),
+            r"end should be a function of \(s\), .* got one of \(\)",
+        ),
+        (
+            lambda: xf.laws.CohesiveCurve(kinked, {"s": S}, end="wide", normal_stiffness=K),
+            "end should be a number, got 'wide'",
+        ),
+        (
+            lambda: xf.laws.CohesiveCurve(
+                kinked, {"s": S}, end=1e-4, normal_stiffness=K, kinks=(5e-5, 3.3e-5)
+            ),
+            "kinks should rise, got 5e-05 m and then 3.3e-05 m",
         ),
         (lambda: xf.laws.CohesiveCurve(([0.0, 1e-5, 1e-5], [0.0, 1.0, 0.0])), "entries 1 and 2"),
         (lambda: xf.laws.CohesiveCurve(([0.0, 1e-5], [1.0, -1.0])), "got -1.0 Pa, entry 1"),
