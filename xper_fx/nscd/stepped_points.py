@@ -187,13 +187,14 @@ class SteppedPoints(PointValues):
         """What frames that turned add to the numerical energy of the step (J; 2D: J/m)."""
         from xper_fx.nscd.turning_frames import settle_loop
 
+        which = np.flatnonzero(turning.by_spin)
         inverse, shift = _shares_of_spin(self.step_size, self.theta)
         return sum(
             in_ranges(
-                settle_loop(group.kernels, group.sides, turning.width), len(group), velocity,
-                group.couplings, turning, self._motion, self.theta, inverse, shift, group.jump,
-                group.velocity, group.impulse, group.points.area, group.parameters, group.state,
-                group.energy,
+                settle_loop(group.kernels, group.sides, turning.width), len(which), which,
+                velocity, group.couplings, turning, self._motion, self.theta, inverse, shift,
+                group.jump, group.velocity, group.impulse, group.points.area, group.parameters,
+                group.state, group.energy,
             )
         )  # fmt: skip
 
@@ -215,7 +216,8 @@ class SteppedPoints(PointValues):
             if g.turning is not None and (of_gaps or not g.kernels.no_jump):
                 add_couples = couple_loop(g.sides, g.turning.width)
                 add_couples(total.reshape(-1), g.couplings, g.turning, g.impulse)
-        self._couples = total.reshape(-1).copy()
+        alone = self.halo is None and self.fused is None  # else they are given on
+        self._couples = total.reshape(-1) if alone else total.reshape(-1).copy()
         if self.halo is not None:
             self.halo.everywhere.add_back(total.reshape(-1))
         return total

@@ -280,11 +280,11 @@ def _gained(law: LawKernels):
 
 @cache
 def settle_loop(law: LawKernels, sides: Sides, width: int):
-    """The loop over a range of points before a step is committed.
+    """The loop over a range of `which`, points of the second kind, before a step is committed.
 
     Jumps and velocities of the start come to be without the spin that laws were given, the spin
-    is that of the velocities found. It returns, of points of the second kind, what is booked as
-    numerical less what their couples worked against it (J; 2D: J/m).
+    is that of the velocities found. It returns what is booked as numerical less what their couples
+    worked against it (J; 2D: J/m).
     """
     dim, components = sides[:2]
     own, world = for_dimension(dim, components), for_dimension(dim)
@@ -297,15 +297,13 @@ def settle_loop(law: LawKernels, sides: Sides, width: int):
 
     @njit(nogil=True, fastmath={"contract"}, **LEAN_ENTRY)
     def settle_range(
-        first, last, end, c, turning, motion, theta, inverse, shift, jump, velocity, r, area,
-        parameters, state, energy,
+        first, last, which, end, c, turning, motion, theta, inverse, shift, jump, velocity, r,
+        area, parameters, state, energy,
     ):  # fmt: skip
         nodes, gradient = turning.nodes, turning.gradient
         booked = 0.0
         for number in range(first, last):
-            i = np.uintp(number)
-            if not turning.by_spin[i]:
-                continue
+            i = np.uintp(which[number])
             spin = row(turning.spin, i)
             set_row(velocity, i, add(row(velocity, i), scale(inverse, spin)))
             set_row(jump, i, add(row(jump, i), scale(shift, spin)))
