@@ -161,13 +161,16 @@ class SteppedPoints(PointValues):
 
     def turn_group(self, g: PointGroup) -> int:
         """As `turn`, of one group; returns the place of a point whose facet flips, or -1."""
-        from xper_fx.nscd.turning_frames import turn_loop
+        from xper_fx.nscd.turning_frames import site_loop, turn_loop
 
+        width, reach = g.turning.width, self.step_size * self.theta
+        turn_sites = site_loop(self.dim, width)
+        in_ranges(turn_sites, len(g.turning.nodes), g.turning, self._motion, reach)
         inverse, shift = _shares_of_spin(self.step_size, self.theta)
         first = in_ranges(
-            turn_loop(g.sides, g.turning.width), len(g), g.couplings, g.points.gap, g.points.area,
-            g.points.frame, g.turning, self._motion, self.step_size * self.theta, inverse, shift,
-            g.kernels.no_jump, g.state, _damage(g.kernels), g.jump, g.velocity,
+            turn_loop(g.sides, width), len(g), g.couplings, g.points.gap, g.points.area,
+            g.points.frame, g.turning, self._motion, reach, inverse, shift, g.kernels.no_jump,
+            g.state, _damage(g.kernels), g.jump, g.velocity,
         )  # fmt: skip
         return next((i for i in first if i >= 0), -1)
 

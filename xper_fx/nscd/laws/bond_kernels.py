@@ -126,7 +126,7 @@ def mean_kernels(
         for j in range(num_sym):
             terms[i, soft + j] = s[j]
 
-    @njit(**LEAN_INNER)
+    @njit(**MERGED)
     def prepare(i, jump, velocity, w, area, step, theta, parameters, state, terms, details):
         scaled = step * theta
         for j in range(dim):
