@@ -28,6 +28,7 @@ FREE = (
 )
 OWN = (curves.XuNeedleman(), curves.Tvergaard())
 CATALOGUE = FREE + OWN
+EXPONENTIALS = (curves.Exponential, curves.XuNeedleman)  # a shape's third number is their length
 
 
 def zone(curve, **options):
@@ -109,6 +110,30 @@ def test_the_area_is_the_fracture_energy_given(curve):
     damage, _, dissipated, _ = damage_functions(curve.functions)
     shape = tuple(map(float, law.shape()))
     assert law.stiffnesses()[0] * dissipated(shape[1], shape, 1.0) == pytest.approx(W, rel=1e-12)
+
+
+@pytest.mark.parametrize("curve", CATALOGUE, ids=repr)
+def test_the_area_of_any_part_is_that_of_the_traction(curve):
+    """Short parts and long ones, by forty points of Gauss between the knees."""
+    inner_fall, inner_area, _ = curve.functions
+    fall = xf.njit(lambda x, p: inner_fall(x, p))
+    area = xf.njit(lambda a, b, g, p: inner_area(a, b, g, p))
+    shape = tuple(map(float, zone(curve).shape()))
+    knees = [shape[number] for number in curve.knees]
+    x, weights = np.polynomial.legendre.leggauss(40)
+    d0, dc = shape[:2]
+    unit = shape[2] if isinstance(curve, EXPONENTIALS) else dc - d0
+    for a in d0 + np.array([0.0, 1e-3, 0.5, 0.9]) * unit:
+        for length in (1e-7, 1e-3, 0.099, 0.101, 0.7):
+            b = min(a + length * unit, dc)
+            ends = [a, *(k for k in knees if a < k < b), b]
+            want = 0.0
+            for low, high in zip(ends[:-1], ends[1:], strict=True):
+                half, middle = 0.5 * (high - low), 0.5 * (high + low)
+                values = [(middle + half * z) * fall(middle + half * z, shape) for z in x]
+                want += half * float(np.dot(weights, values))
+            g = fall(a, shape) if a > d0 else 1.0
+            assert area(a, b, g, shape) == pytest.approx(want, rel=2e-13, abs=0.0)
 
 
 def test_published_points_of_the_curves():
@@ -230,6 +255,11 @@ def negative(x, strength):
 
 
 @xf.njit
+def nothing(x, strength):
+    pass
+
+
+@xf.njit
 def kinked(x, strength):
     return strength if x < 3.3e-5 else 0.4 * strength
 
@@ -276,6 +306,28 @@ def kinked(x, strength):
         (
             lambda: xf.laws.CohesiveCurve(kinked, {"s": S}, end=1e-4, normal_stiffness=K),
             "not smooth.*kinks",
+        ),
+        (
+            lambda: xf.laws.CohesiveCurve(nothing, {"s": S}, end=1e-4, normal_stiffness=K),
+            "traction should return a number .* returns none",
+        ),
+        (
+            lambda: xf.laws.CohesiveCurve(kinked, end=1e-4, normal_stiffness=K),
+            r"traction should be a function of \(x\), .* got one of \(x, strength\)",
+        ),
+        (
+            lambda: xf.laws.CohesiveCurve(kinked, {"s": S}, end=lambda: 1.0, normal_stiffness=K),
+            r"end should be a function of \(s\), .* got one of \(\)",
+        ),
+        (
+            lambda: xf.laws.CohesiveCurve(kinked, {"s": S}, end="wide", normal_stiffness=K),
+            "end should be a number, got 'wide'",
+        ),
+        (
+            lambda: xf.laws.CohesiveCurve(
+                kinked, {"s": S}, end=1e-4, normal_stiffness=K, kinks=(5e-5, 3.3e-5)
+            ),
+            "kinks should rise, got 5e-05 m and then 3.3e-05 m",
         ),
         (lambda: xf.laws.CohesiveCurve(([0.0, 1e-5, 1e-5], [0.0, 1.0, 0.0])), "entries 1 and 2"),
         (lambda: xf.laws.CohesiveCurve(([0.0, 1e-5], [1.0, -1.0])), "got -1.0 Pa, entry 1"),

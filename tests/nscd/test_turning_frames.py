@@ -118,6 +118,34 @@ def test_frames_are_those_given_until_lips_move(name, rule):
     assert np.abs(facet.turn(turned, still) - start @ R.T).max() < 1e-14
 
 
+@pytest.mark.parametrize("name, rule", RULES)
+def test_points_with_the_same_lips_turn_as_if_each_was_alone(name, rule):
+    """Sites change nothing but the order in which couples add up; any points may be taken."""
+    facets = [Facet(name, rule) for _ in range(3)]
+    shared, alone, taken = (facet.group for facet in facets)
+    flat = name in ("segment", "triangle", "quadrilateral")  # one gradient on the whole facet
+    assert len(shared.turning.nodes) == (1 if flat else len(shared))
+    alone.turning = alone.turning.each_its_site()
+    assert len(alone.turning.nodes) == len(alone)
+    backwards = np.arange(len(taken))[::-1]
+    taken.turning = taken.turning.take(backwards).take(backwards)
+    u, v = facets[0].random(21, 0.1), facets[0].random(22, 1.0)
+    found = []
+    for facet in facets:
+        facet.turn(u, v, 0.05)
+        group = facet.group
+        group.impulse[:] = np.random.default_rng(23).standard_normal(group.impulse.shape)
+        turning = (group.turning.by_spin, group.turning.jump, group.turning.spin)
+        found.append((group.points.frame, group.jump, group.velocity, *turning))
+    for others in found[1:]:
+        for one, other in zip(found[0], others, strict=True):
+            np.testing.assert_array_equal(one, other)
+    first, *rest = (facet.layer.couples() for facet in facets)
+    assert np.abs(first).max() > 1e-2
+    for other in rest:
+        np.testing.assert_allclose(first, other, rtol=0.0, atol=1e-14)
+
+
 @pytest.mark.parametrize("theta", [0.5, 0.7, 1.0])
 @pytest.mark.parametrize("name, rule", RULES)
 def test_spin_is_the_rate_of_the_frame(name, rule, theta):

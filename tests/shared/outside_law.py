@@ -59,7 +59,7 @@ class LinearSoftening:
 
     def kernels(self, dim: int) -> LawKernels:
         """See `Law`."""
-        return _kernels(dim)
+        return softening_kernels(dim, damage, mean_damage, spent)
 
     def parameters(self) -> tuple[float, ...]:
         """k (Pa/m), d0, df (m)."""
@@ -95,8 +95,15 @@ def mean_damage(x1, x0, reached, beta, d0, df):
     return spent / (x1 * x1 - x0 * x0)
 
 
+def spent(parameters, state):
+    """1 - T / s, as w - T df / 2 is spent where the traction is T."""
+    d0, df = parameters[:, D0], parameters[:, DF]
+    return np.clip((state[:, REACHED] - d0) / (df - d0), 0.0, 1.0)
+
+
 @cache
-def _kernels(dim: int) -> LawKernels:
+def softening_kernels(dim: int, damage, mean_damage, spent) -> LawKernels:
+    """The kernels of a bond that softens by `damage`, as that above; parameters k and two more."""
     algebra = for_dimension(dim)
     dot, add, subtract, scale = algebra.dot, algebra.add, algebra.subtract, algebra.scale
     sym_row, sym_vector = algebra.sym_row, algebra.sym_vector
@@ -196,11 +203,6 @@ def _kernels(dim: int) -> LawKernels:
     @xf.njit(inline="always")
     def stored(i, jump, area, parameters, state):
         return 0.5 * area * parameters[i, K] * state[i, DAMAGE] * dot(jump, jump)
-
-    def spent(parameters, state):
-        """1 - T / s, as w - T df / 2 is spent where the traction is T."""
-        d0, df = parameters[:, D0], parameters[:, DF]
-        return np.clip((state[:, REACHED] - d0) / (df - d0), 0.0, 1.0)
 
     return LawKernels(
         name="linear softening",

@@ -8,6 +8,7 @@ in which nothing happens would prove nothing.
 from __future__ import annotations
 
 import numpy as np
+from outside_law import LinearSoftening
 from scenes import BOTTOM, LEFT, RIGHT, TOP, box_bodies
 
 from xper_fx.bodies.explode import explode
@@ -143,6 +144,13 @@ def uneven_plate():
     )  # fmt: skip
     return Simulation(_pulled(ELASTIC, 0.05, None, default_interaction=bond), 0.05,
                       scheme="explicit", **ONE)  # fmt: skip
+
+
+def solid_of_another_law():
+    """Kernels from outside the package, 3D, explicit, each cell a body; it breaks."""
+    law = LinearSoftening(10.0, 1e-2, 1e-4)
+    scene = _pulled(ELASTIC, 0.05, None, "tetrahedron", default_interaction=law)
+    return Simulation(scene, scheme="explicit", **ONE)
 
 
 def viscoelastic_bar():
@@ -318,6 +326,7 @@ SCENES = {
     ductile_cells: (2.0, "flown"),
     spinning_cells: (4.0, "broken"),
     uneven_plate: (4.0, "broken"),
+    solid_of_another_law: (3.0, "broken"),
     viscoelastic_bar: (4.0, "broken"),
     solid_bar: (4.0, "broken"),
     cell: (2.0, "broken"),

@@ -34,7 +34,6 @@ from xper_fx.bulk.bulk import Bulk
 from xper_fx.bulk.state import (
     State,
     StepOutcome,
-    at_nodes,
     interact,
     on_nodes,
     put_on_nodes,
@@ -75,6 +74,18 @@ def _move(q0, v0, v1, half, q1, ahead):
     for i in range(len(q1)):
         q1[i] = half * v1[i] + (half * v0[i] + q0[i])
         ahead[i] = half * v1[i] + q1[i]
+
+
+@njit(**LEAN_ENTRY)
+def _give(more, nodes, w, impulses, velocity, slots):
+    """Give some nodes more impulses; their velocities, which are free ones, are those of all."""
+    dim = more.shape[1]
+    for i in range(len(nodes)):
+        for d in range(dim):
+            dof = np.uintp(nodes[i] * dim + d)
+            impulses[dof] += more[i, d]
+            velocity[dof] += w[dof] * impulses[dof]
+            slots[i, d] = velocity[dof]
 
 
 class ExplicitScheme(KeepsNothing):
@@ -142,15 +153,16 @@ class ExplicitScheme(KeepsNothing):
             if interactions.turns:
                 with watch.phase("turning frames"):
                     couples = interactions.couples(True)
-                    if interactions.fused is not None:
-                        interactions.fused.push_couples(couples, slots.reshape(couples.shape))
-                    impulses += on_nodes(couples, inverse.nodes, len(impulses))
+                    by_slot = slots.reshape(couples.shape)
                     if interactions.fused is None:
-                        velocity = free + inverse.apply(impulses)
-                        interactions.move_bulk(slots, at_nodes(velocity, inverse.nodes, bulk.dim))
-                    else:
                         velocity = free.copy()
-                        put_on_nodes(slots.reshape(couples.shape), inverse.nodes, velocity)
+                        _give(couples, inverse.nodes, inverse.diagonal, impulses, velocity, by_slot)
+                        interactions.refresh_ghosts(slots)
+                    else:
+                        interactions.fused.push_couples(couples, by_slot)
+                        impulses += on_nodes(couples, inverse.nodes, len(impulses))
+                        velocity = free.copy()
+                        put_on_nodes(by_slot, inverse.nodes, velocity)
             sweeps, error, traction, converged = report[1], report[2], report[3], report[0]
         reactions = reactions_on(
             bulk.layout,

@@ -31,10 +31,11 @@ class LipKernels(NamedTuple):
         frame: `(a)`, rows n, t1 (, t2).
         arms: `(a, frame)`, b (2D), or b_1, b_2, c_1, c_2.
         turned: `(rates, arms, n, d)`, omega x d.
-        forces: `(f, d, arms, n)`, h_alpha of the couple -d x f.
+        moment: `(f, d)`, the couple f x d = -d x f.
+        forces: `(m, arms, n)`, h_alpha of a couple m.
         apart: `(v, c, i)`, of the candidate from the antagonist.
         local: `(frame, x)`, components in a frame.
-        arms_at, normal_at: `(array, i)`, those of point i.
+        arms_at, normal_at, axes_at, tangents_at, moment_at: `(array, i)`, those of point i.
     """
 
     tangents: Callable
@@ -44,11 +45,15 @@ class LipKernels(NamedTuple):
     frame: Callable
     arms: Callable
     turned: Callable
+    moment: Callable
     forces: Callable
     apart: Callable
     local: Callable
     arms_at: Callable
     normal_at: Callable
+    axes_at: Callable
+    tangents_at: Callable
+    moment_at: Callable
     folded: Callable
 
 
@@ -106,8 +111,12 @@ def lip_kernels(dim: int, k: int, width: int) -> LipKernels:
             return -omega * d[1], omega * d[0]
 
         @njit(inline="always")
-        def forces(f, d, b, n):
-            return (scale(d[1] * f[0] - d[0] * f[1], b[0]),)
+        def moment(f, d):
+            return (d[1] * f[0] - d[0] * f[1],)
+
+        @njit(inline="always")
+        def forces(m, b, n):
+            return (scale(m[0], b[0]),)
 
         @njit(inline="always")
         def apart(v, c, i):
@@ -130,6 +139,18 @@ def lip_kernels(dim: int, k: int, width: int) -> LipKernels:
         @njit(inline="always")
         def normal_at(frame, i):
             return frame[i, 0, 0], frame[i, 0, 1]
+
+        @njit(inline="always")
+        def axes_at(axes, i):
+            return (axes[i, 0, 0], axes[i, 0, 1]), (axes[i, 1, 0], axes[i, 1, 1])
+
+        @njit(inline="always")
+        def tangents_at(a, i):
+            return ((a[i, 0, 0], a[i, 0, 1]),)
+
+        @njit(inline="always")
+        def moment_at(m, i):
+            return (m[i, 0],)
 
     else:
 
@@ -207,8 +228,11 @@ def lip_kernels(dim: int, k: int, width: int) -> LipKernels:
             return cross(omega, d)
 
         @njit(inline="always")
-        def forces(f, d, b, n):
-            m = cross(f, d)
+        def moment(f, d):
+            return cross(f, d)
+
+        @njit(inline="always")
+        def forces(m, b, n):
             drill = dot(n, m)
             return (
                 add(scale(drill, b[2]), scale(-dot(b[0], m), n)),
@@ -243,8 +267,25 @@ def lip_kernels(dim: int, k: int, width: int) -> LipKernels:
         def normal_at(frame, i):
             return frame[i, 0, 0], frame[i, 0, 1], frame[i, 0, 2]
 
+        @njit(inline="always")
+        def axes_at(axes, i):
+            return (
+                (axes[i, 0, 0], axes[i, 0, 1], axes[i, 0, 2]),
+                (axes[i, 1, 0], axes[i, 1, 1], axes[i, 1, 2]),
+                (axes[i, 2, 0], axes[i, 2, 1], axes[i, 2, 2]),
+            )
+
+        @njit(inline="always")
+        def tangents_at(a, i):
+            return (a[i, 0, 0], a[i, 0, 1], a[i, 0, 2]), (a[i, 1, 0], a[i, 1, 1], a[i, 1, 2])
+
+        @njit(inline="always")
+        def moment_at(m, i):
+            return m[i, 0], m[i, 1], m[i, 2]
+
     return LipKernels(
         tangents=tangents, pushed=pushed, plus=plus, flips=flips, folded=folded, frame=frame,
-        arms=arms, turned=turned, forces=forces, apart=apart, local=local, arms_at=arms_at,
-        normal_at=normal_at,
+        arms=arms, turned=turned, moment=moment, forces=forces, apart=apart, local=local,
+        arms_at=arms_at, normal_at=normal_at, axes_at=axes_at, tangents_at=tangents_at,
+        moment_at=moment_at,
     )  # fmt: skip

@@ -161,13 +161,16 @@ class SteppedPoints(PointValues):
 
     def turn_group(self, g: PointGroup) -> int:
         """As `turn`, of one group; returns the place of a point whose facet flips, or -1."""
-        from xper_fx.nscd.turning_frames import turn_loop
+        from xper_fx.nscd.turning_frames import site_loop, turn_loop
 
+        width, reach = g.turning.width, self.step_size * self.theta
+        turn_sites = site_loop(self.dim, width)
+        in_ranges(turn_sites, len(g.turning.nodes), g.turning, self._motion, reach)
         inverse, shift = _shares_of_spin(self.step_size, self.theta)
         first = in_ranges(
-            turn_loop(g.sides, g.turning.width), len(g), g.couplings, g.points.gap, g.points.area,
-            g.points.frame, g.turning, self._motion, self.step_size * self.theta, inverse, shift,
-            g.kernels.no_jump, g.state, _damage(g.kernels), g.jump, g.velocity,
+            turn_loop(g.sides, width), len(g), g.couplings, g.points.gap, g.points.area,
+            g.points.frame, g.turning, self._motion, reach, inverse, shift, g.kernels.no_jump,
+            g.state, _damage(g.kernels), g.jump, g.velocity,
         )  # fmt: skip
         return next((i for i in first if i >= 0), -1)
 
@@ -187,13 +190,14 @@ class SteppedPoints(PointValues):
         """What frames that turned add to the numerical energy of the step (J; 2D: J/m)."""
         from xper_fx.nscd.turning_frames import settle_loop
 
+        which = np.flatnonzero(turning.by_spin)
         inverse, shift = _shares_of_spin(self.step_size, self.theta)
         return sum(
             in_ranges(
-                settle_loop(group.kernels, group.sides, turning.width), len(group), velocity,
-                group.couplings, turning, self._motion, self.theta, inverse, shift, group.jump,
-                group.velocity, group.impulse, group.points.area, group.parameters, group.state,
-                group.energy,
+                settle_loop(group.kernels, group.sides, turning.width), len(which), which,
+                velocity, group.couplings, turning, self._motion, self.theta, inverse, shift,
+                group.jump, group.velocity, group.impulse, group.points.area, group.parameters,
+                group.state, group.energy,
             )
         )  # fmt: skip
 
@@ -215,7 +219,8 @@ class SteppedPoints(PointValues):
             if g.turning is not None and (of_gaps or not g.kernels.no_jump):
                 add_couples = couple_loop(g.sides, g.turning.width)
                 add_couples(total.reshape(-1), g.couplings, g.turning, g.impulse)
-        self._couples = total.reshape(-1).copy()
+        alone = self.halo is None and self.fused is None  # else they are given on
+        self._couples = total.reshape(-1) if alone else total.reshape(-1).copy()
         if self.halo is not None:
             self.halo.everywhere.add_back(total.reshape(-1))
         return total

@@ -33,6 +33,9 @@ The map H of a solver stays that of the lips alone, and the couple is given to t
 - lips that nothing bonds and that have slid or folded so far that they do not face each other keep
   the frame that they had, without couple, whose arm their jump would be: debris is stable then.
 
+The nodal points of a facet of first order have the same tangents, and so the same frame and spin:
+these are found once for all points with the same lips, a *site*.
+
 What the stored energy e gains when the next step reads the jump anew, e(U0) - e(U1 of the last
 step), and the work of the couple that the first kind of point does not see, are booked as
 numerical. Areas stay those of the reference configuration: A e(U) is then a potential.
@@ -53,6 +56,8 @@ from xper_fx.nscd.laws.law import STORED, LawKernels
 from xper_fx.nscd.lip_kernels import lip_kernels
 from xper_fx.nscd.lips import Lips, start_frames
 
+# What is wrong with the lips of a site in a step: they flip, or stand at more than a right angle.
+_FLIPPED, _FOLDED = 1, 2
 # In the place of the column of a damage: of points that nothing bonds, and of bonds that last.
 LOOSE, LASTING = -1, -2
 # Jump of lips that nothing bonds, beside the size of a point's share of its facet, beyond which
@@ -88,21 +93,34 @@ class TurningFrames(NamedTuple):
     """What the points of a group need besides to turn.
 
     Attributes:
-        nodes, gradient, tangent: of their lips.
+        nodes, gradient, tangent: of the lips of each site (`lips.py`).
+        start, rates: a_alpha at the start of the step and its rate, shape (sites, dim - 1, dim).
+        axes: F, shape (sites, dim, dim).
+        arms: b, shape (sites, 1, 2), or b_1, b_2, c_1, c_2, shape (sites, 4, 3), 1/m.
+        faults: shape (sites,), uint8, whether lips flip or fold, `_FLIPPED` and `_FOLDED`.
+        moment: shape (sites, 1) or (sites, 3), what couples add up to, N m s.
+        site: shape (n,), int32, of each point.
         jump: d_m, shape (n, dim), m.
-        arms: b, shape (n, 1, 2), or b_1, b_2, c_1, c_2, shape (n, 4, 3), 1/m.
         spin: s, shape (n, components), m/s, of points of the second kind.
         by_spin: shape (n,), which points are of the second kind.
+        kept: shape (n,), which points keep the frame that they had, without couple.
         isotropic: shape (n,), whether the energy hangs on the length of an open jump alone.
     """
 
     nodes: np.ndarray
     gradient: np.ndarray
     tangent: np.ndarray
-    jump: np.ndarray
+    start: np.ndarray
+    rates: np.ndarray
+    axes: np.ndarray
     arms: np.ndarray
+    faults: np.ndarray
+    moment: np.ndarray
+    site: np.ndarray
+    jump: np.ndarray
     spin: np.ndarray
     by_spin: np.ndarray
+    kept: np.ndarray
     isotropic: np.ndarray
 
     @classmethod
@@ -121,11 +139,15 @@ class TurningFrames(NamedTuple):
         isotropic = np.ones(n, bool)
         if kernels.stored is not None:
             _isotropy(kernels, dim)(parameters, state, isotropic)
+        first, site = _sites(lips)
+        of_sites = lips.take(first)
+        m = len(first)
         return cls(
-            lips.nodes, lips.gradient, lips.tangent, np.zeros((n, dim)),
-            np.zeros((n, 1 if dim == 2 else 4, dim)), np.zeros((n, kernels.components)),
-            np.zeros(n, bool),
-            isotropic,
+            of_sites.nodes, of_sites.gradient, of_sites.tangent,
+            *np.zeros((2, m, dim - 1, dim)), np.zeros((m, dim, dim)),
+            np.zeros((m, 1 if dim == 2 else 4, dim)), np.zeros(m, np.uint8),
+            np.zeros((m, 1 if dim == 2 else 3)), site, np.zeros((n, dim)),
+            np.zeros((n, kernels.components)), *np.zeros((2, n), bool), isotropic,
         )  # fmt: skip
 
     @property
@@ -135,7 +157,34 @@ class TurningFrames(NamedTuple):
 
     def take(self, indices: np.ndarray) -> TurningFrames:
         """Those of the points at `indices`, in that order."""
-        return TurningFrames(*(np.ascontiguousarray(array[indices]) for array in self))
+        used, site = np.unique(self.site[indices], return_inverse=True)
+        of_sites = (array[used] for array in self[:_OF_SITES])
+        of_points = (array[indices] for array in self[_OF_SITES + 1 :])
+        return TurningFrames(*of_sites, site.astype(np.int32), *of_points)
+
+    def each_its_site(self) -> TurningFrames:
+        """The same points, each of which has a site of its own, in their order."""
+        of_sites = (array[self.site] for array in self[:_OF_SITES])
+        own = np.arange(len(self.site), dtype=np.int32)
+        return TurningFrames(*of_sites, own, *self[_OF_SITES + 1 :])
+
+
+# How many fields come before that of the points' sites.
+_OF_SITES = TurningFrames._fields.index("site")
+
+
+def _sites(lips: Lips) -> tuple[np.ndarray, np.ndarray]:
+    """A point of each site, and the site of each point."""
+    count = len(lips.nodes)
+    parts = (lips.nodes, lips.gradient, lips.tangent)
+    rows = np.hstack([np.ascontiguousarray(a).reshape(count, -1).view(np.uint8) for a in parts])
+    rows = np.ascontiguousarray(rows).view(np.dtype((np.void, rows.shape[1]))).ravel()
+    _, first, site = np.unique(rows, return_index=True, return_inverse=True)
+    # in the order in which the points come
+    order = np.argsort(first)
+    place = np.empty(len(first), np.int32)
+    place[order] = np.arange(len(first))
+    return first[order], place[site]
 
 
 def count_strayed(turning: TurningFrames, normal: np.ndarray, displacement: np.ndarray) -> int:
@@ -148,10 +197,10 @@ def count_strayed(turning: TurningFrames, normal: np.ndarray, displacement: np.n
     """
     moved = displacement[turning.nodes]
     a = turning.tangent + 0.5 * np.einsum("psja,psjd->pad", turning.gradient, moved)
+    a = a[turning.site]
     now = start_frames(a / np.linalg.norm(a, axis=2, keepdims=True), 1)[:, 0]
     now /= np.linalg.norm(now, axis=1, keepdims=True)
-    kept = ~turning.arms.any(axis=(1, 2))
-    return int(np.sum(kept & (np.einsum("pd,pd->p", now, normal) < np.cos(_STRAYED))))
+    return int(np.sum(turning.kept & (np.einsum("pd,pd->p", now, normal) < np.cos(_STRAYED))))
 
 
 @cache
@@ -171,72 +220,102 @@ def _isotropy(law: LawKernels, dim: int):
 
 
 @cache
-def turn_loop(sides: Sides, width: int):
-    """The loop over a range of points that gives them frames, jumps and velocities of a step.
+def site_loop(dim: int, width: int):
+    """The loop over a range of sites that finds how they stand in the step.
 
-    Facets have `width` nodes. It returns the first point whose facet flips, or -1.
+    Args:
+        dim: dimension of space.
+        width: nodes of a facet.
+    """
+    lips = lip_kernels(dim, 1, width)
+    tangents, pushed, plus = lips.tangents, lips.pushed, lips.plus
+    flips, folded, frame_of, arms_of = lips.flips, lips.folded, lips.frame, lips.arms
+
+    @njit(nogil=True, fastmath={"contract"}, **LEAN_ENTRY)
+    def turn_sites(first, last, turning, motion, reach):
+        nodes, gradient = turning.nodes, turning.gradient
+        for number in range(first, last):
+            i = np.uintp(number)
+            start = plus(
+                pushed(motion.gradient, turning.tangent, i),
+                1.0,
+                tangents(motion.displacement, nodes, gradient, i),
+            )
+            rates = plus(
+                pushed(motion.rate, turning.tangent, i),
+                1.0,
+                tangents(motion.mean, nodes, gradient, i),
+            )
+            a = plus(start, reach, rates)
+            turning.faults[i] = _FOLDED if folded(start) else 0
+            if flips(start, a):
+                turning.faults[i] |= _FLIPPED
+                continue
+            axes = frame_of(a)
+            arms = arms_of(a, axes)
+            for x in range(dim - 1):
+                for e in range(dim):
+                    turning.start[i, x, e] = start[x][e]
+                    turning.rates[i, x, e] = rates[x][e]
+            for x in range(dim):
+                for e in range(dim):
+                    turning.axes[i, x, e] = axes[x][e]
+            for x in range(len(arms)):
+                for e in range(dim):
+                    turning.arms[i, x, e] = arms[x][e]
+
+    return turn_sites
+
+
+@cache
+def turn_loop(sides: Sides, width: int):
+    """The loop over a range of points, after their sites, that gives them what a step needs.
+
+    That is frames, jumps and velocities. Facets have `width` nodes. It returns the first point
+    whose facet flips, or -1.
     """
     dim, components = sides[:2]
     own, world = for_dimension(dim, components), for_dimension(dim)
     lips = lip_kernels(dim, sides.k, width)
     set_row, subtract, scale = own.set_row, own.subtract, own.scale
     add_world, scale_world, set_world = world.add, world.scale, world.set_row
-    dot_world, to_local = world.dot, own.to_local
-    tangents, pushed, plus, apart = lips.tangents, lips.pushed, lips.plus, lips.apart
-    flips, folded, turned = lips.flips, lips.folded, lips.turned
-    frame_of, arms_of, local = lips.frame, lips.arms, lips.local
+    dot_world, to_local, apart = world.dot, own.to_local, lips.apart
+    turned, frame_of, local = lips.turned, lips.frame, lips.local
+    arms_at, axes_at, tangents_at = lips.arms_at, lips.axes_at, lips.tangents_at
 
     @njit(inline="always")
     def own_part(x):
         return (x[0],) if components == 1 else x
-
-    @njit(inline="always")
-    def forget_arms(arms, i):
-        """No couple at a point."""
-        for x in range(arms.shape[1]):
-            for e in range(dim):
-                arms[i, x, e] = 0.0
 
     @njit(nogil=True, fastmath={"contract"}, **LEAN_ENTRY)
     def turn_range(
         first, last, c, gap, area, frame, turning, motion, reach, inverse, shift, no_jump, state,
         damage, jump, velocity,
     ):  # fmt: skip
-        q0, mean = motion.displacement, motion.mean
-        nodes, gradient = turning.nodes, turning.gradient
         for number in range(first, last):
             i = np.uintp(number)
-            start = plus(
-                pushed(motion.gradient, turning.tangent, i), 1.0, tangents(q0, nodes, gradient, i)
-            )
-            rates = plus(
-                pushed(motion.rate, turning.tangent, i), 1.0, tangents(mean, nodes, gradient, i)
-            )
-            a = plus(start, reach, rates)
-            d0 = apart(q0, c, i)
-            d = add_world(d0, scale_world(reach, apart(mean, c, i)))
-            flipped = flips(start, a)
+            site = np.uintp(turning.site[i])
+            d0 = apart(motion.displacement, c, i)
+            d = add_world(d0, scale_world(reach, apart(motion.mean, c, i)))
+            fault = turning.faults[site]
             loose = damage == LOOSE or (damage >= 0 and state[i, damage] == 0.0)
             far = _FAR * (area[i] if dim == 2 else np.sqrt(area[i]))
-            if loose and (flipped or dot_world(d0, d0) > far * far or folded(start)):
+            turning.kept[i] = loose and (fault != 0 or dot_world(d0, d0) > far * far)
+            if turning.kept[i]:
                 # lips that no longer face each other: the frame stays what it is
-                forget_arms(turning.arms, i)
                 turning.by_spin[i] = False
                 set_row(jump, i, to_local(c.frame, i, d0))
                 jump[i, 0] += gap[i]
                 set_row(velocity, i, to_local(c.frame, i, apart(motion.velocity, c, i)))
                 continue
-            if flipped:
+            if fault & _FLIPPED:
                 return number
-            axes = frame_of(a)
-            arms = arms_of(a, axes)
+            axes = axes_at(turning.axes, site)
             for e in range(dim):
                 for x in range(components):
                     frame[i, x, e] = axes[x][e]
                 for x in range(c.frame.shape[1]):
                     c.frame[i, x, e] = axes[x][e]
-                for x in range(len(arms)):
-                    turning.arms[i, x, e] = arms[x][e]
             set_world(turning.jump, i, d)
             fast = own_part(local(axes, apart(motion.velocity, c, i)))
             opening = dot_world(axes[0], d)
@@ -244,9 +323,10 @@ def turn_loop(sides: Sides, width: int):
             by_spin = not no_jump and (closed or not turning.isotropic[i])
             turning.by_spin[i] = by_spin
             if by_spin:
+                rates, arms = tangents_at(turning.rates, site), arms_at(turning.arms, site)
                 spin = own_part(local(axes, turned(rates, arms, axes[0], d)))
                 set_row(turning.spin, i, spin)
-                at_start = own_part(local(frame_of(start), d0))
+                at_start = own_part(local(frame_of(tangents_at(turning.start, site)), d0))
                 at_start = subtract(at_start, scale(shift, spin))
                 fast = subtract(fast, scale(inverse, spin))
             else:
@@ -280,11 +360,11 @@ def _gained(law: LawKernels):
 
 @cache
 def settle_loop(law: LawKernels, sides: Sides, width: int):
-    """The loop over a range of points before a step is committed.
+    """The loop over a range of `which`, points of the second kind, before a step is committed.
 
     Jumps and velocities of the start come to be without the spin that laws were given, the spin
-    is that of the velocities found. It returns, of points of the second kind, what is booked as
-    numerical less what their couples worked against it (J; 2D: J/m).
+    is that of the velocities found. It returns what is booked as numerical less what their couples
+    worked against it (J; 2D: J/m).
     """
     dim, components = sides[:2]
     own, world = for_dimension(dim, components), for_dimension(dim)
@@ -297,23 +377,24 @@ def settle_loop(law: LawKernels, sides: Sides, width: int):
 
     @njit(nogil=True, fastmath={"contract"}, **LEAN_ENTRY)
     def settle_range(
-        first, last, end, c, turning, motion, theta, inverse, shift, jump, velocity, r, area,
-        parameters, state, energy,
+        first, last, which, end, c, turning, motion, theta, inverse, shift, jump, velocity, r,
+        area, parameters, state, energy,
     ):  # fmt: skip
         nodes, gradient = turning.nodes, turning.gradient
         booked = 0.0
         for number in range(first, last):
-            i = np.uintp(number)
-            if not turning.by_spin[i]:
-                continue
+            i = np.uintp(which[number])
+            site = np.uintp(turning.site[i])
             spin = row(turning.spin, i)
             set_row(velocity, i, add(row(velocity, i), scale(inverse, spin)))
             set_row(jump, i, add(row(jump, i), scale(shift, spin)))
             rates = plus(
-                pushed(motion.rate, turning.tangent, i), theta, tangents(end, nodes, gradient, i)
+                pushed(motion.rate, turning.tangent, site),
+                theta,
+                tangents(end, nodes, gradient, site),
             )
-            rates = plus(rates, 1.0 - theta, tangents(motion.velocity, nodes, gradient, i))
-            arms, n = arms_at(turning.arms, i), normal_at(c.frame, i)
+            rates = plus(rates, 1.0 - theta, tangents(motion.velocity, nodes, gradient, site))
+            arms, n = arms_at(turning.arms, site), normal_at(c.frame, i)
             away = turned(rates, arms, n, row_world(turning.jump, i))
             spin = to_local(c.frame, i, away)
             set_row(turning.spin, i, spin)
@@ -326,20 +407,33 @@ def settle_loop(law: LawKernels, sides: Sides, width: int):
 
 @cache
 def couple_loop(sides: Sides, width: int):
-    """The loop over points that adds the impulses of their couples to those of the nodes."""
+    """The loop that adds the impulses of the points' couples to those of the nodes.
+
+    Couples of a site are added up first.
+    """
     dim, components = sides[:2]
     own, world = for_dimension(dim, components), for_dimension(dim)
     lips = lip_kernels(dim, sides.k, width)
-    row, to_global, row_world, forces = own.row, own.to_global, world.row, lips.forces
-    arms_at, normal_at = lips.arms_at, lips.normal_at
+    row, to_global, row_world = own.row, own.to_global, world.row
+    forces, moment, arms_at, normal_at = lips.forces, lips.moment, lips.arms_at, lips.normal_at
+    moment_at = lips.moment_at
 
-    @njit(**LEAN_ENTRY)
+    @njit(fastmath={"contract"}, **LEAN_ENTRY)
     def add_couples(p, c, turning, r):
-        nodes, gradient = turning.nodes, turning.gradient
+        turning.moment[:] = 0.0
         for number in range(len(r)):
             i = np.uintp(number)
-            f, d = to_global(c.frame, i, row(r, i)), row_world(turning.jump, i)
-            h = forces(f, d, arms_at(turning.arms, i), normal_at(c.frame, i))
+            if turning.kept[i]:
+                continue
+            site = np.uintp(turning.site[i])
+            m = moment(to_global(c.frame, i, row(r, i)), row_world(turning.jump, i))
+            for e in range(len(m)):
+                turning.moment[site, e] += m[e]
+        nodes, gradient = turning.nodes, turning.gradient
+        for number in range(len(nodes)):
+            i = np.uintp(number)
+            m = moment_at(turning.moment, i)
+            h = forces(m, arms_at(turning.arms, i), normal_at(turning.axes, i))
             for s in range(2):
                 for j in range(width):
                     at = np.uintp(dim * nodes[i, s, j])

@@ -133,7 +133,7 @@ def _fall(x, p):
 
 
 @njit(**LEAN_INNER)
-def _area(a, b, p):
+def _area(a, b, g, p):
     return 0.5 * (b - a) * (b + a) * (p[0] * p[0] / (a * b)) ** 2
 
 
@@ -152,11 +152,11 @@ def _in_any_direction(friction: bool) -> Weakening:
     def limit(i, parameters, state):
         c_n, c_t = parameters[i, C_N], parameters[i, C_T]
         share = state[i, DAMAGE] / parameters[i, BETA0]
-        return parameters[i, first] * np.sqrt(c_n / max(c_n, c_t)) * share**-0.25
+        return parameters[i, first] * np.sqrt(c_n / (max(c_n, c_t) * np.sqrt(share)))
 
     @njit(**LEAN_INNER)
     def reach(limit, share, p):
-        return p[0] * share**-0.25
+        return p[0] / np.sqrt(np.sqrt(share))
 
     def spent(parameters: np.ndarray, state: np.ndarray) -> np.ndarray:
         left = state[:, DAMAGE] / parameters[:, BETA0]

@@ -9,7 +9,7 @@ import numpy as np
 
 from xper_fx.cache import njit
 from xper_fx.nscd.algebra.small import for_dimension
-from xper_fx.nscd.kernel_options import LEAN_INNER
+from xper_fx.nscd.kernel_options import LEAN_INNER, MERGED
 from xper_fx.nscd.laws.contact_losses import contact_losses
 from xper_fx.nscd.laws.contact_solver import contact_solver
 from xper_fx.nscd.laws.damage_curve import (
@@ -126,7 +126,7 @@ def mean_kernels(
         for j in range(num_sym):
             terms[i, soft + j] = s[j]
 
-    @njit(**LEAN_INNER)
+    @njit(**MERGED)
     def prepare(i, jump, velocity, w, area, step, theta, parameters, state, terms, details):
         scaled = step * theta
         for j in range(dim):
@@ -250,7 +250,7 @@ def mean_kernels(
         set_damage(i, beta, s, terms, details)
         return fall / details[i, start]
 
-    @njit(**LEAN_INNER)
+    @njit(**MERGED)
     def commit(i, jump0, jump1, u, r, area, step, theta, parameters, state, terms, details, energy):
         c_n, c_t = parameters[i, C_N], parameters[i, C_T]
         old, beta = details[i, start], details[i, mean]

@@ -14,12 +14,15 @@ exactly for a table.
 
 from __future__ import annotations
 
+import inspect
+import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache, cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
+from numba import types
 
 from xper_fx.cache import njit
 from xper_fx.nscd.kernel_options import ENTRY, LEAN_INNER
@@ -29,6 +32,7 @@ from xper_fx.nscd.laws.curves.quadrature import panel_sum
 from xper_fx.nscd.laws.curves.table import Table
 from xper_fx.nscd.laws.parameters import refuse_where, take_parameters
 from xper_fx.nscd.laws.weakening import Weakening, one_curve, take_columns
+from xper_fx.support.checks import require_number, require_numbers
 
 # Panels of the quadrature on a curve, if nothing is known of its shape.
 _PANELS = 16
@@ -73,9 +77,11 @@ class CohesiveCurve(Bond):
         damage, friction_grows, viscosity: as of `CohesiveZone`.
 
     Raises:
-        TypeError: a traction that is neither compiled nor a table.
+        TypeError: a traction that is neither compiled nor a table, or gives no number; functions
+            that do not take the values.
         ValueError: a number out of range, a traction that is negative, not finite or stiffens, or
-            that is not smooth between the kinks; a table that does not go forward.
+            that is not smooth between the kinks; kinks that do not rise; a table that does not go
+            forward.
     """
 
     traction: Any
@@ -124,10 +130,37 @@ class CohesiveCurve(Bond):
             )
         elif self.end is None:
             raise ValueError("end (m), the opening at which the bond is broken, is missing.")
+        else:
+            self._check_functions()
         if self.normal_stiffness is None:
             raise ValueError("normal_stiffness (Pa/m), that of the sound bond, is missing.")
 
+    def _check_functions(self) -> None:
+        """Complain of functions that do not take the values, or give no number."""
+        _require_arguments("traction", self.traction.py_func, ("x", *self.values))
+        for name in ("end", "kinks"):
+            given = getattr(self, name)
+            if callable(given):
+                _require_arguments(name, given, tuple(self.values))
+            elif name == "end":
+                object.__setattr__(self, name, require_number(name, given))
+            elif require_numbers(name, given).ndim != 1:
+                raise ValueError(f"kinks should be a list of openings (m), got {given!r}.")
+        arguments = (types.float64,) * (1 + len(self.values))
+        self.traction.compile(arguments)
+        result = self.traction.overloads[arguments].signature.return_type
+        if not isinstance(result, types.Float | types.Integer):
+            raise TypeError(f"traction should return a number (Pa), it returns {result}.")
+
     def _check_curve(self) -> None:
+        kinks = self._of_values(self.kinks)
+        for earlier, later in itertools.pairwise(kinks):
+            refuse_where(
+                ~(later > earlier),
+                lambda at, a=earlier, b=later: (
+                    f"kinks should rise, got {at(a):g} m and then {at(b):g} m."
+                ),
+            )
         found, dc = self._examined, self._of_values(self.end)
         refuse_where(
             ~(np.isfinite(dc) & (dc > 0.0)),
@@ -241,6 +274,16 @@ class CohesiveCurve(Bond):
         return (self._examined.elastic_opening, *self._numbers())
 
 
+def _require_arguments(name: str, function: Callable[..., Any], wanted: tuple[str, ...]) -> None:
+    try:
+        inspect.signature(function).bind(*wanted)
+    except TypeError:
+        raise TypeError(
+            f"{name} should be a function of ({', '.join(wanted)}), what `values` names in its "
+            f"order, got one of {inspect.signature(function)}."
+        ) from None
+
+
 @cache
 def _functions(traction, num_kinks: int) -> CurveFunctions:
     """The compiled functions of a curve, on shapes d0, dc, k, kinks, values."""
@@ -257,7 +300,7 @@ def _functions(traction, num_kinks: int) -> CurveFunctions:
         return max(0.0, min(1.0, traction_of(x, p) / (p[2] * x)))
 
     @njit(**LEAN_INNER)
-    def area(a, b, p):
+    def area(a, b, g, p):
         length, total, start = (p[1] - p[0]) / _PANELS, 0.0, a
         for j in range(num_kinks):
             kink = p[3 + j]
@@ -320,13 +363,13 @@ def _examination(traction, num_kinks: int, num_values: int, functions: CurveFunc
                 peak = max(peak, t)
                 slope = max(slope, (old_t - t) * _SAMPLES / (dc - d0))
                 old_t, old_g = t, g
-            whole = area(d0, dc, p) if d0 < dc else 0.0
+            whole = area(d0, dc, 1.0, p) if d0 < dc else 0.0
             halves = whole
             if d0 < dc:
                 part = (dc - d0) / 41.0
                 halves = 0.0
                 for j in range(41):
-                    halves += area(d0 + j * part, d0 + (j + 1) * part, p)
+                    halves += area(d0 + j * part, d0 + (j + 1) * part, 1.0, p)
             found[i, 0], found[i, 1] = d0, peak
             found[i, 2] = 0.5 * k * d0 * d0 + k * whole
             found[i, 3], found[i, 4], found[i, 5] = slope, wrong, hardens

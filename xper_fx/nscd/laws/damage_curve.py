@@ -58,11 +58,14 @@ def damage_functions(curve: CurveFunctions) -> DamageFunctions:
         """
         if x1 <= x_max or beta == 0.0:
             return beta
-        start = max(x_max, p[0], x0)  # below d0 the curve is still its secant
+        reached = max(x_max, p[0])  # below d0 the curve is still its secant
+        start = max(reached, x0)
         if x1 <= start:
             return beta
-        top = min(x1, p[1])
-        spent = 2.0 * beta0 * area(start, top, p) if top > start else 0.0
+        top, spent = min(x1, p[1]), 0.0
+        if top > start:
+            left = beta / beta0 if start == reached else fall(start, p)
+            spent = 2.0 * beta0 * area(start, top, left, p)
         secant = beta * (start - x0) * (start + x0)
         return (secant + spent) / ((x1 - x0) * (x1 + x0))
 
@@ -75,7 +78,7 @@ def damage_functions(curve: CurveFunctions) -> DamageFunctions:
         if x <= p[0]:
             return 0.0
         top = min(x, p[1])
-        spent = beta0 * (0.5 * p[0] * p[0] + area(p[0], top, p))
+        spent = beta0 * (0.5 * p[0] * p[0] + area(p[0], top, 1.0, p))
         return spent - 0.5 * damage(x, p, beta0) * x * x
 
     @njit(**LEAN_ENTRY)

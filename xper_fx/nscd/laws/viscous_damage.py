@@ -137,7 +137,8 @@ def lagging_damage(curve: CurveFunctions) -> LaggingDamage:
     def mean(x0, x1, x_max, x_c, old, new, m, p, beta0):
         beta, long = m * new + (1.0 - m) * old, (x1 - x0) * (x1 + x0)
         # of a step that spends D(beta1) - D(beta0) alone
-        spent = old * (x_max - x0) * (x_max + x0) + 2.0 * beta0 * area(x_max, x_c, p)
+        spent = old * (x_max - x0) * (x_max + x0)
+        spent += 2.0 * beta0 * area(x_max, x_c, old / beta0, p)
         spent += new * (x1 - x_c) * (x1 + x_c)
         if long > 0.0:
             beta = max(beta, spent / long)

@@ -117,7 +117,7 @@ def _frame(group: PointGroup, unknowns: int, at_start: bool) -> np.ndarray:
     if at_start and group.turning is not None:
         from xper_fx.nscd.lips import start_frames
 
-        frame = start_frames(group.turning.tangent, frame.shape[1])
+        frame = start_frames(group.turning.tangent[group.turning.site], frame.shape[1])
     return frame_from_normal(frame[:, 0]) if frame.shape[1] < unknowns == 3 else frame
 
 

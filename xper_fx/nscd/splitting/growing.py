@@ -55,6 +55,7 @@ class GrowingGroup:
         turning = group.turning
         if turning is not None:
             turning = turning._replace(**_named(shown, "turning."))
+            turning = turning._replace(site=np.arange(self._size, dtype=np.int32))
         self.group = replace(
             group, points=replace(group.points, lips=None, **points), turning=turning,
             couplings=group.couplings._replace(**couplings), **_named(shown, "group."),
@@ -74,6 +75,6 @@ def _arrays(group: PointGroup) -> dict[str, np.ndarray]:
         f"couplings.{name}": array for name, array in group.couplings._asdict().items()
         if name != "w"
     }  # fmt: skip
-    turns = {} if group.turning is None else group.turning._asdict()
+    turns = {} if group.turning is None else group.turning.each_its_site()._asdict()
     every = own | shared | {f"turning.{name}": array for name, array in turns.items()}
     return {name: array for name, array in every.items() if isinstance(array, np.ndarray)}

@@ -24,7 +24,7 @@ def _fall(x, p):
 
 
 @njit(**LEAN_INNER)
-def _area(a, b, p):
+def _area(a, b, g, p):
     total = 0.0
     if a < p[2]:
         top = min(b, p[2])

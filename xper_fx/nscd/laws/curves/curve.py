@@ -7,8 +7,9 @@ falling from 1 to 0:
     g = 1 for x <= d0,    g = fall(x, p) for d0 < x < dc,    g = 0 for x >= dc,
 
 p = (d0, dc, ...) being the curve's *shape*, a tuple of numbers that differs from point to point.
-`area(a, b, p)` is the integral of g x from a to b, d0 <= a <= b <= dc: it makes bonds spend their
-fracture energy exactly, whatever the step, and takes no difference of nearly equal numbers.
+`area(a, b, g, p)` is the integral of g x from a to b, d0 <= a <= b <= dc, g being given at a: it
+makes bonds spend their fracture energy exactly, whatever the step, and takes no difference of
+nearly equal numbers.
 `opening(share, p)` is the x in (d0, dc) at which g is a share, if there is a formula for it.
 """
 

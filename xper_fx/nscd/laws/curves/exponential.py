@@ -9,15 +9,25 @@ from typing import ClassVar
 import numpy as np
 
 from xper_fx.cache import njit
-from xper_fx.nscd.kernel_options import LEAN_INNER
+from xper_fx.nscd.kernel_options import LEAN_INNER, MERGED
 from xper_fx.nscd.laws.curves.curve import CurveFunctions
 
 # Lengths of the curve after which it ends: what is left of the traction is 6e-6 of the strength
 # (Xu and Needleman: 5e-6). The area up to there is w.
 _END = 12.0
 _END_OF_XU_NEEDLEMAN = 16.0
-# Length over l below which series of sinh and cosh are exact to rounding.
+# Length over l below which series of sinh and cosh are exact to rounding, and cheaper.
 _SHORT = 0.1
+
+
+@njit(**MERGED)
+def _of_half(d):
+    """exp(-d), sinh d / d and cosh d - sinh d / d, of half a short length: nothing cancels."""
+    s = d * d
+    q = s * s
+    odd = (1.0 + s * (1.0 / 6.0)) + q * (1.0 / 120.0 + s * (1.0 / 5040.0))
+    rest = s * ((1.0 / 3.0 + s * (1.0 / 30.0)) + q * (1.0 / 840.0 + s * (1.0 / 45360.0)))
+    return odd + rest - d * odd, odd, rest
 
 
 @njit(**LEAN_INNER)
@@ -26,8 +36,12 @@ def _fall(x, p):
 
 
 @njit(**LEAN_INNER)
-def _area(a, b, p):
-    return -p[0] * p[2] * np.exp((p[0] - a) / p[2]) * np.expm1((a - b) / p[2])
+def _area(a, b, g, p):
+    h = (b - a) / p[2]
+    if h < _SHORT:
+        middle, odd, _ = _of_half(0.5 * h)
+        return g * a * (b - a) * middle * odd
+    return -g * a * p[2] * np.expm1(-h)
 
 
 @dataclass(frozen=True)
@@ -61,17 +75,15 @@ def _fall_of_xu_needleman(x, p):
 
 
 @njit(**LEAN_INNER)
-def _area_of_xu_needleman(a, b, p):
-    h = (b - a) / p[2]
+def _area_of_xu_needleman(a, b, g, p):
+    per_length = 1.0 / p[2]
+    y, h = per_length * a, per_length * (b - a)
     if h < _SHORT:
-        # 2 e^-c (c sinh d - (d cosh d - sinh d)), c the middle, d = h / 2: nothing cancels
-        c, d = 0.5 * (a + b) / p[2], 0.5 * h
-        s = d * d
-        odd = 1.0 + s * (1.0 / 6.0 + s * (1.0 / 120.0 + s / 5040.0))
-        even = s * (1.0 / 3.0 + s * (1.0 / 30.0 + s * (1.0 / 840.0 + s / 45360.0)))
-        return p[2] * (b - a) * np.exp(-c) * (c * odd - even)
-    y, left = a / p[2], np.exp(-h)
-    return p[2] * p[2] * np.exp(-y) * ((1.0 + y) * (1.0 - left) - h * left)
+        d = 0.5 * h
+        middle, odd, rest = _of_half(d)
+        return p[2] * (b - a) * g * middle * ((y + d) * odd - rest)
+    left = np.exp(-h)
+    return p[2] * p[2] * g * ((1.0 + y) * (1.0 - left) - h * left)
 
 
 @dataclass(frozen=True)

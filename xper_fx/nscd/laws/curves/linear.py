@@ -17,7 +17,7 @@ def _fall(x, p):
 
 
 @njit(**LEAN_INNER)
-def _area(a, b, p):
+def _area(a, b, g, p):
     return p[0] * (b - a) * (p[1] - 0.5 * (a + b)) / (p[1] - p[0])
 
 

@@ -18,10 +18,10 @@ def _fall(x, p):
 
 
 @njit(**LEAN_INNER)
-def _area(a, b, p):
-    length = p[1] - p[0]
-    y0, y1 = (a - p[0]) / length, (b - p[0]) / length
-    return p[0] * (b - a) * (1.0 - (y1 * y1 + y1 * y0 + y0 * y0) / 3.0)
+def _area(a, b, g, p):
+    per_length = 1.0 / (p[1] - p[0])
+    y0, y1 = (a - p[0]) * per_length, (b - p[0]) * per_length
+    return p[0] * (b - a) * (1.0 - (y1 * y1 + y1 * y0 + y0 * y0) * (1.0 / 3.0))
 
 
 @dataclass(frozen=True)

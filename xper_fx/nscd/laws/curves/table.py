@@ -101,7 +101,7 @@ def _table_functions(table: Table):
         return min(1.0, traction(x) / (p[2] * x))
 
     @njit(**LEAN_INNER)
-    def area(a, b, p):
+    def area(a, b, g, p):
         total, start = 0.0, a
         if start < xs[0]:
             top = min(b, xs[0])

@@ -21,7 +21,7 @@ def _fall(x, p):
 
 
 @njit(**LEAN_INNER)
-def _area(a, b, p):
+def _area(a, b, g, p):
     middle, half = 0.5 * (a + b), 0.5 * (b - a)
     low, high = middle - _NODE * half, middle + _NODE * half
     return half * (low * _fall(low, p) + high * _fall(high, p))
