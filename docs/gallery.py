@@ -277,6 +277,13 @@ GALLERY = (
         "minutes",
     ),
     Figures(
+        "benchmarks/rattling_plate.py",
+        "--figure {out}/rattling_plate.png",
+        {"rattling_plate": "rattling_plate.png"},
+        ("Energies of a broken plate whose pieces strike each other on and on",),
+        "minutes",
+    ),
+    Figures(
         "benchmarks/kalthoff.py",
         "--facet 1e-3 --out {out}",
         {"kalthoff": "kalthoff.png"},

@@ -8,6 +8,7 @@ import pytest
 from point_mass import PointMass
 
 import xper_fx as xf
+from xper_fx.nscd.laws.softening import snap_number
 
 curves = xf.laws.curves
 W, S, AREA = 100.0, 3e6, 1e-2
@@ -116,6 +117,24 @@ def test_under_pressure_friction_helps_the_bond():
     grows = PointMass(law(friction=mu, friction_grows=True), 2.0, [0.0, 0.0], area=AREA)
     grows.step(1e-6, [-pressed, 1.001 * S * AREA])
     assert grows.jump[1] > 0.0
+
+
+@pytest.mark.parametrize("theta", [0.5, 0.8])
+@pytest.mark.parametrize("mass", [1.0, 1e-4])
+def test_the_snap_number_tells_whether_a_bond_has_one_state(theta, mass):
+    """Pulled a little above s a mass on a linear curve has one while h^2 theta A s < 2 m dc."""
+    h, dc = 1e-6, law().critical_opening
+    bond = PointMass(law(), mass, [0.0, 0.0], area=AREA, theta=theta)
+    bond.step(h, [0.9 * S * AREA, 0.0])
+    assert snap_number(bond.interactions, theta) == 0.0
+    bond.step(h, [1.0001 * S * AREA, 0.0])
+    number = snap_number(bond.interactions, theta)
+    assert number == pytest.approx(0.5 * theta * h**2 * AREA / mass * S / dc, rel=1e-8)
+    if number < 1.0:  # y = b + W r with a falling r
+        moved = 1e-4 * S * AREA * h**2 * theta / mass / (1.0 - number)
+        assert bond.jump[0] == pytest.approx(moved, rel=1e-4)
+    else:
+        assert bond.damage == 0.0
 
 
 def test_the_peak_tends_to_the_strength_with_the_step():

@@ -29,7 +29,13 @@ from xper_fx.materials import (
     LinearViscoelastic,
     SaintVenantKirchhoff,
 )
-from xper_fx.nscd.laws import CohesiveCurve, CohesiveZone, RigidCohesiveZone, SignoriniCoulomb
+from xper_fx.nscd.laws import (
+    CohesiveCurve,
+    CohesiveZone,
+    RigidCohesiveZone,
+    RigidMixedMode,
+    SignoriniCoulomb,
+)
 from xper_fx.nscd.laws.fields import Lognormal
 from xper_fx.nscd.rigid import Cluster, Disc, Part, Polygon, Polyhedron, RigidBody, wall
 from xper_fx.periodic.drive import MacroscopicDrive
@@ -63,7 +69,7 @@ def explicit_plate():
 
 def splitting_plate():
     """Vertices that split one after the other; lips close again."""
-    rigid = RigidCohesiveZone(1e-2, 1e-5, friction=0.3)
+    rigid = RigidMixedMode((1e-2, 1.2e-2), (1e-5, 2e-5), 1.5, friction=0.3, viscosity=0.1)
     return Simulation(_pulled(ELASTIC, 0.05, None, default_interaction=rigid), accuracy=1e-2, **ONE)
 
 

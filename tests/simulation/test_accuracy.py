@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import copy
 import logging
+from itertools import islice
 
 import numpy as np
 import pytest
@@ -14,13 +15,13 @@ from scenes import LEFT, RIGHT, box_bodies, field, nodes
 from xper_fx.bulk.state import State, StepOutcome
 from xper_fx.forms.loads import PrescribedDisplacement, PrescribedVelocity
 from xper_fx.materials import J2SmallStrain, Linear, LinearElastic
-from xper_fx.nscd.laws import CohesiveZone, SignoriniCoulomb
+from xper_fx.nscd.laws import CohesiveZone, RigidCohesiveZone, SignoriniCoulomb
 from xper_fx.nscd.stepped_points import StepWork
 from xper_fx.output.gauges import TensileGauge
 from xper_fx.scene import Scene, Wall
 from xper_fx.simulation.accuracy_control import AccuracyControl
 from xper_fx.simulation.energy_ledger import BulkEnergies
-from xper_fx.simulation.error_estimate import ErrorEstimate
+from xper_fx.simulation.error_estimate import REST, ErrorEstimate
 from xper_fx.simulation.requested_accuracy import RequestedAccuracy
 from xper_fx.simulation.simulation import Simulation
 from xper_fx.simulation.step_doubling import StepDoubling
@@ -70,8 +71,13 @@ def outcome(residual=0.0, force=0.0, displacement=NONE, velocity=NONE) -> StepOu
     )
 
 
-def feed(control, energies, count: int, size=None, end_time=1e9, work=None) -> list[float]:
-    """Let a control see energies (work, kinetic, elastic) of time; the sizes it picks."""
+def feed(
+    control, energies, count: int, size=None, end_time=1e9, work=None, snap=0.0
+) -> list[float]:
+    """Let a control see energies (work, kinetic, elastic) of time; the sizes it picks.
+
+    `snap` is the snap number of a unit step.
+    """
     time, sizes = 0.0, []
     for _ in range(count):
         if time >= end_time:
@@ -81,7 +87,7 @@ def feed(control, energies, count: int, size=None, end_time=1e9, work=None) -> l
         change = after - before
         bulk = BulkEnergies(change[0], after[1], after[2], change[1], change[2])
         if control.accepts(time, step, bulk, end_time):
-            control.learn(step, bulk, work, 0.0, outcome())
+            control.learn(step, bulk, work, 0.0, outcome(), snap * step**2)
             time += step
             sizes.append(step)
     return sizes
@@ -268,6 +274,39 @@ def test_weakening_bonds_keep_steps_below_their_bound():
     assert max(sizes[1:]) == 4.0
     assert max(feed(control(softening_step=4.5), lambda t: (t, 0.0, t), 40, work=NO_WORK)) > 4.0
     assert max(feed(control(softening_step=0.1), lambda t: (t, 0.0, t), 9, work=weakening)) == 1.0
+
+
+def test_bonds_that_snap_keep_steps_below_a_snap_number_of_one():
+    """Down to a quarter of the shortest step otherwise, until none has weakened for a while."""
+    weakening = NO_WORK._replace(cohesion=1e-3)
+    for snap, expected in ((0.5, 1.0), (3.0, 0.5), (15.0, 0.25), (900.0, 0.25)):
+        one = control(largest=1.0)
+        assert feed(one, lambda t: (t, 0.0, t), 9, work=weakening, snap=snap)[1:] == [expected] * 8
+        assert one.snapped == pytest.approx(snap)
+        rest = feed(one, lambda t: (t, 0.0, t), REST + 1, work=NO_WORK)
+        assert rest == [expected] * REST + [1.0]
+
+
+def test_rigid_bonds_that_snap_shorten_the_step_and_are_told():
+    """A step late, and the verdict tells the number; a field of strengths has the same."""
+    numbers = {}
+    for strength in (1e-2, lambda x: 1e-2 + 0.0 * x[0]):
+        bodies = box_bodies((2.0, 1.0), (4, 2))
+        law = RigidCohesiveZone(strength, 1e-6)
+        scene = Scene(
+            bodies, {1: LinearElastic(1.0, 0.3, 1.0)}, default_interaction=law,
+            initial_velocity=lambda x: 0.04 * np.array([np.sin(2.0 * x[0]), 0.0 * x[0]]),
+        )  # fmt: skip
+        simulation = Simulation(scene, accuracy=1e-2, scheme="explicit", num_threads=1)
+        sizes = np.array([step.size for step in islice(simulation.steps(60.0), 12)])
+        numbers[law] = snapped = simulation.model.control.snapped
+        assert 4.0 < snapped < 16.0
+        first = np.argmax(sizes < 0.99 * sizes[0])
+        assert 0 < first < 6
+        np.testing.assert_allclose(sizes[first:], 0.25 * sizes[0], rtol=1e-12)
+        assert f"snap number up to {snapped:.2g} (a finer mesh" in simulation.verdict().text
+    one, other = numbers.values()
+    assert one == pytest.approx(other, rel=1e-12)
 
 
 def test_the_tolerance_halves_while_impulses_leave_too_much():

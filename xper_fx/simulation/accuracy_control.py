@@ -13,7 +13,10 @@ None of what makes the error (`error_estimate.py`) is made better than the other
   impact) is taken again, shorter;
 - **weakening bonds**: where the softening number (`cohesive_scales.py`) exceeds one a bond may snap
   within a step; while bonds weaken the step stays below that, but not below 0.7 of the critical
-  step either: what follows is then faster than the mesh can carry;
+  step either: what follows is then faster than the mesh can carry. Initially rigid bonds have
+  several states beyond, not only fast ones: while they weaken the snap number
+  (`nscd/laws/softening.py`), with the cells that move with them, is held below one, by steps of
+  no less than a quarter of the shortest otherwise. The first bonds that open tell it, a step late;
 - **impulses**: their tolerance is a tenth of `accuracy`. What they leave of wrong sign
   (`StepWork.numerical`), summed over the run, is held to a tenth of `accuracy` of the largest
   energy: above, the tolerance is halved.
@@ -58,6 +61,8 @@ _PATIENCE = 3
 _FIRST, _FINEST = 8, 64
 # Difference of steps, relative, that is rounding, as of what is left to the end time.
 _ALIKE = 1e-9
+# Shortest step for bonds that snap, over the shortest otherwise.
+_SNAPPING = 0.25
 # Tightest tolerance, relative to the accuracy.
 _TIGHTEST = 1e-3
 
@@ -73,6 +78,8 @@ class _Learnt:
         same, tight_since: steps since the step, and the tolerance, were changed.
         smooth, ratio: estimate over what is allowed, of steps past and of the last one.
         rough: the same of the last steps that were doubled.
+        snap_step: above which initially rigid bonds may snap that have weakened of late (s).
+        snapped: largest snap number so far.
     """
 
     base: float
@@ -85,6 +92,8 @@ class _Learnt:
     smooth: float = 0.0
     ratio: float = 0.0
     rough: float = 0.0
+    snap_step: float = np.inf
+    snapped: float = 0.0
 
 
 class AccuracyControl:
@@ -137,6 +146,11 @@ class AccuracyControl:
         return self._learnt.tolerance
 
     @property
+    def snapped(self) -> float:
+        """Largest snap number so far, of initially rigid bonds that have weakened."""
+        return self._learnt.snapped
+
+    @property
     def at_floor(self) -> bool:
         """Whether the step it picks is as short as it goes."""
         return self.adapts_step and self._learnt.size <= self._learnt.least
@@ -150,7 +164,8 @@ class AccuracyControl:
         events = math.sqrt(2.0) * self._event_share * end_time  # the nearest of the ladder's steps
         most = min(learnt.size, self._largest, events)
         if self.estimate.quiet < REST:
-            most = min(most, learnt.softening_step)
+            snaps = max(learnt.snap_step, _SNAPPING * learnt.least)
+            most = min(most, learnt.softening_step, snaps)
         size = learnt.base * 2.0 ** math.floor(math.log2(most / learnt.base) + _ALIKE)
         left = end_time - time
         count = math.ceil(left / size - _ALIKE)
@@ -196,10 +211,16 @@ class AccuracyControl:
         work: StepWork | None,
         closure: float,
         outcome: StepOutcome,
+        snap: float,
     ) -> None:
-        """Take in a step that was committed, and what the energy ledger now misses."""
+        """Take in a step that was committed, what the energy ledger now misses, its snap number."""
         learnt, doubling = self._learnt, self.estimate.doubling
         self.estimate.take(size, energies, work, closure, outcome)
+        if self.estimate.quiet >= REST:
+            learnt.snap_step = np.inf
+        elif snap > 0.0:
+            learnt.snap_step = min(learnt.snap_step, size / math.sqrt(snap))
+            learnt.snapped = max(learnt.snapped, snap)
         self._adapt_tolerance()
         if doubling is not None and doubling.take(size, energies):
             learnt.rough = doubling.local / self._allowed

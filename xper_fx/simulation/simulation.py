@@ -337,7 +337,12 @@ class Simulation(Restartable):
         if work is not None and not self.options.inertia and self.path is None:
             attempts.doubts.tell_snap(work, number, size)
         if control is not None:
-            control.learn(size, energies, work, self.ledger.closure, outcome)
+            snap = 0.0
+            if work is not None and work.cohesion > 0.0:
+                from xper_fx.nscd.laws.softening import snap_number
+
+                snap = snap_number(self.interactions, self.model.scheme.theta)
+            control.learn(size, energies, work, self.ledger.closure, outcome, snap)
             self.tolerance = control.tolerance
         commit_bodies(self.model, outcome, size)
         self._before, self.state = self.state, outcome.state

@@ -92,6 +92,11 @@ def verdict(simulation: Readings) -> Verdict | None:
             if cure == "a shorter step" and control.at_floor:
                 cure = _AT_THE_FLOOR.get(name, _BY_HAND)
             limits.append(f"{cause} {part:.1g} ({cure})")
+    if control.snapped > 1.0:
+        limits.append(
+            f"initially rigid bonds snapped within steps, snap number up to {control.snapped:.2g} "
+            "(a finer mesh or a larger fracture energy; a shorter step, given by hand)"
+        )
     bulk, facets = bulk_resolution(simulation), _facets(simulation)
     mesh_is_fine = True
     if facets is not None and facets < _FACETS:

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from xper_fx.nscd.laws.mixed_mode import MixedMode as MixedMode
     from xper_fx.nscd.laws.perfect_bond import PerfectBond as PerfectBond
     from xper_fx.nscd.laws.rigid_cohesive_zone import RigidCohesiveZone as RigidCohesiveZone
+    from xper_fx.nscd.laws.rigid_mixed_mode import RigidMixedMode as RigidMixedMode
     from xper_fx.nscd.laws.signorini_coulomb import SignoriniCoulomb as SignoriniCoulomb
     from xper_fx.nscd.laws.signorini_coulomb import Tresca as Tresca
     from xper_fx.nscd.laws.stribeck import StribeckFriction as StribeckFriction
@@ -31,6 +32,7 @@ _MODULE_OF = {
     "MohrCoulomb": "weakening_friction",
     "PerfectBond": "perfect_bond",
     "RigidCohesiveZone": "rigid_cohesive_zone",
+    "RigidMixedMode": "rigid_mixed_mode",
     "SignoriniCoulomb": "signorini_coulomb",
     "SlipWeakening": "weakening_friction",
     "StribeckFriction": "stribeck",

@@ -46,35 +46,22 @@ where c falls with the damage as beta_m does: the least damaged state is found a
 **Lips that close again** touch at position level while something bonds them, as in
 `cohesive_zone.py`, and at velocity level once nothing does, with Newton's restitution, as in
 `signorini_coulomb.py`: a piece that strikes another rebounds by e, whatever the step.
-
-The curve has a stiffness after all, of an opening of 1e-13 w / s at the strength: numbers of
-`curve.py` then serve as they are, elastic part included, and w stays exact. No bond is ever seen
-with it, as one that would open by less is held.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any, ClassVar
+from typing import Any
 
-import numpy as np
-
-from xper_fx.nscd.laws.bond import Bond
-from xper_fx.nscd.laws.cohesive_zone import check_curve
 from xper_fx.nscd.laws.curves.curve import Curve
 from xper_fx.nscd.laws.curves.linear import Linear
-from xper_fx.nscd.laws.damage_curve import shape_column
-from xper_fx.nscd.laws.law import LawKernels
-from xper_fx.nscd.laws.parameters import refuse_where, take_parameters
-from xper_fx.nscd.laws.signorini_coulomb import check_contact
+from xper_fx.nscd.laws.parameters import take_parameters
+from xper_fx.nscd.laws.rigid_bond import RigidBond, stiffness_of
 from xper_fx.nscd.laws.weakening import Weakening, one_curve
-
-# Opening of a bond at its strength, over w / s: nothing.
-_ELASTIC = 1e-13
 
 
 @dataclass(frozen=True)
-class RigidCohesiveZone(Bond):
+class RigidCohesiveZone(RigidBond):
     """Bond without compliance, that weakens, breaks, and leaves contact with friction.
 
     With an explicit bulk, nodal points and each cell a body, facets that hold cost no more than
@@ -105,49 +92,23 @@ class RigidCohesiveZone(Bond):
     restitution: Any = 0.0
     curve: Curve = field(default_factory=Linear)
     viscosity: Any = 0.0
-    initial_damage: ClassVar[float] = 1.0
-    damage: ClassVar[str] = "mean"
 
     def __post_init__(self) -> None:
         self._check_options()
-        check_curve(self.curve)
-        if self.curve.own_stiffness(1.0, 1.0) is not None:
-            raise ValueError(
-                f"{self.curve!r} rises with a stiffness of its own, and an initially rigid bond "
-                "has none: take a curve that starts at the strength, as Linear(), or CohesiveZone."
-            )
+        self._check_curve()
         known = take_parameters(
             self,
             positive=("strength", "fracture_energy"),
             non_negative=("friction", "restitution", "viscosity"),
         )
         if known:
-            check_contact("velocity", self.restitution)
-            stiffness, _ = self.stiffnesses()
-            refuse_where(
-                ~(np.isfinite(stiffness) & (stiffness > 0.0)),
-                lambda at: (
-                    f"The strength {at(self.strength):g} Pa and the fracture_energy "
-                    f"{at(self.fracture_energy):g} J/m^2 give openings beyond the range of floats; "
-                    "take other units."
-                ),
-            )
+            self._check_contact()
+            self.stiffnesses()
 
-    def kernels(self, dim: int) -> LawKernels:
-        """See `Law`."""
-        from xper_fx.nscd.laws.rigid_kernels import rigid_kernels
-
-        restitution = shape_column(self._rubs) + self._num_columns + self._viscous
-        weakening = self.weakening()
-        return rigid_kernels(dim, self._friction, self._viscous, weakening, restitution)
-
-    def parameters(self) -> tuple:
-        """Those of any bond, and Newton's e."""
-        return (*super().parameters(), self.restitution)
-
-    def initial_state(self) -> tuple:
-        """Those of any bond, and the normal impulse of the last step (N s) once it is broken."""
-        return (*super().initial_state(), 0.0)
+    @property
+    def least_strength(self) -> Any:
+        """See `RigidBond`."""
+        return self.strength
 
     @property
     def critical_opening(self) -> Any:
@@ -161,15 +122,12 @@ class RigidCohesiveZone(Bond):
 
     def weakening(self) -> Weakening:
         """See `Bond`."""
-        return one_curve(self.curve.functions, self._num_columns, self._rubs)
-
-    @property
-    def _num_columns(self) -> int:
-        return len(self.curve.shape(1.0, 1.0, 1.0, *self.curve.constants))
+        count = len(self.curve.shape(1.0, 1.0, 1.0, *self.curve.constants))
+        return one_curve(self.curve.functions, count, self._rubs)
 
     def stiffnesses(self) -> tuple:
         """C_N and C_T (Pa/m), next to rigid."""
-        stiffness = self.strength * self.strength / (_ELASTIC * self.fracture_energy)
+        stiffness = stiffness_of(self.strength, self.fracture_energy)
         return stiffness, stiffness
 
     def shape(self) -> tuple:

@@ -69,13 +69,19 @@ _REGULAR, _DRIVEN = 1e-12, 1e-200
 
 @cache
 def rigid_kernels(
-    dim: int, friction: Friction, viscous: bool, weakening: Weakening, restitution: int
+    dim: int,
+    friction: Friction,
+    viscous: bool,
+    modes_apart: bool,
+    weakening: Weakening,
+    restitution: int,
 ) -> LawKernels:
     """The kernels of a bond; see `bond_kernels.mean_kernels`.
 
     Args:
         dim, friction, weakening: as there.
         viscous: whether lips that part are dragged.
+        modes_apart: whether C_N and C_T differ.
         restitution: column of Newton's e among the parameters, after that of the viscosity.
     """
     algebra = for_dimension(dim)
@@ -99,7 +105,8 @@ def rigid_kernels(
     start_at = terms_of.take("cohesion", dim)  # z
     closed_at = terms_of.take("unilateral contact")  # least y_N
     old, jump_start, limit, rigid, soundest, snapped = (details_of.take("damage") for _ in range(6))
-    h_theta, spring = (details_of.take("cohesion") for _ in range(2))
+    h_theta = details_of.take("cohesion")
+    spring = details_of.take("cohesion", 2)  # k of C_N and C_T
     compliance = details_of.take("cohesion", num_sym)
     others.take("impact", 2)  # Newton's e, impulse of the last step
     if rubs:
@@ -152,6 +159,19 @@ def rigid_kernels(
             return 1.0 + k * w[0], k * w[1], 1.0 + k * w[2]
         return 1.0 + k * w[0], k * w[1], k * w[2], 1.0 + k * w[3], k * w[4], 1.0 + k * w[5]
 
+    @njit(inline="always")
+    def held_back(free, w, k_n, k_t):
+        """(I + W k)^-1 free, k = diag(k_n, k_t), without differences of large numbers."""
+        if not modes_apart or k_n == k_t:
+            return sym_solve(stiffened(k_n, w), free)
+        # with c^2 = k_t / k_n, (I + k_n c W c) c y = c free is symmetric
+        c = np.sqrt(k_t / k_n)
+        if dim == 2:
+            scaled = (w[0], c * w[1], c * c * w[2])
+        else:
+            scaled = (w[0], c * w[1], c * w[2], c * c * w[3], c * c * w[4], c * c * w[5])
+        return diagonal(1.0, 1.0 / c, sym_solve(stiffened(k_n, scaled), diagonal(1.0, c, free)))
+
     @njit(**LEAN_INNER)
     def prepare(i, jump, velocity, w, area, step, theta, parameters, state, terms, details):
         scaled = step * theta
@@ -179,6 +199,7 @@ def rigid_kernels(
         details[i, snapped] = 0.0
         details[i, h_theta] = scaled
         details[i, spring] = 0.5 * step * scaled * area * parameters[i, C_N]
+        details[i, spring + 1] = 0.5 * step * scaled * area * parameters[i, C_T]
         if viscous:
             details[i, whole_drag] = scaled * area * parameters[i, restitution - 1]
         w_i = sym_row(w, i)
@@ -229,15 +250,15 @@ def rigid_kernels(
     @njit(inline="always")
     def respond(i, beta, free, w, parameters, terms, details):
         """y, and the impulse of the contact, for a mean damage; `free` is y without any impulse."""
-        k = beta * details[i, spring]
+        k_n, k_t = beta * details[i, spring], beta * details[i, spring + 1]
         if viscous:
             drag = drag_of(i, beta, parameters, details)
             free = add(free, sym_vector(w, scale(drag, part(terms, i, start_at))))
-            k += drag
-        y = sym_solve(stiffened(k, w), free)
+            k_n, k_t = k_n + drag, k_t + drag
+        y = held_back(free, w, k_n, k_t)
         if y[0] >= terms[i, closed_at]:
             return y, scale(0.0, y)
-        soft = soften(w, k, k)
+        soft = soften(w, k_n, k_t)
         mu = friction_of(i, beta, parameters) if rubs else 0.0
         hat, _ = contact(y, soft, terms[i, closed_at], slipped(i, terms), mu, 0.0)
         y = add(y, sym_vector(soft, hat))
@@ -246,7 +267,7 @@ def rigid_kernels(
     @njit(inline="always")
     def pulled(i, beta, y, parameters, terms, details):
         """The impulse with which the bond pulls its lips together, for a mean damage."""
-        pull = scale(beta * details[i, spring], y)
+        pull = diagonal(beta * details[i, spring], beta * details[i, spring + 1], y)
         if viscous:
             moved = subtract(y, part(terms, i, start_at))
             pull = add(pull, scale(drag_of(i, beta, parameters, details), moved))
@@ -352,6 +373,11 @@ def rigid_kernels(
         y, hat = respond(i, beta, free, w_i, parameters, terms, details)
         return subtract(hat, pulled(i, beta, y, parameters, terms, details)), False
 
+    @njit(inline="always")
+    def energy_with(i, jump, area, parameters):
+        """Energy of a jump, over the damage (J)."""
+        return 0.5 * area * dot(jump, diagonal(parameters[i, C_N], parameters[i, C_T], jump))
+
     @njit(**LEAN_INNER)
     def book_impact(i, r, moved, step, parameters, energy):
         """Energies of lips that nothing bonds; returns their status."""
@@ -379,10 +405,10 @@ def rigid_kernels(
         beta0 = parameters[i, BETA0]
         x_max = reach(details[i, limit], details[i, old] / beta0, p)
         beta = mean_damage(x1, details[i, jump_start], x_max, details[i, old], p, beta0)
-        new = min(beta, damage(max(x1, x_max), p, beta0))
+        new = min(beta, damage(x1, p, beta0))
         moved = subtract(jump1, jump0)
-        e0 = 0.5 * area * parameters[i, C_N] * dot(jump0, jump0)
-        e1 = 0.5 * area * parameters[i, C_N] * dot(jump1, jump1)
+        e0 = energy_with(i, jump0, area, parameters)
+        e1 = energy_with(i, jump1, area, parameters)
         y = add(u, part(terms, i, push))
         hat = add(r, pulled(i, beta, y, parameters, terms, details))
         closed = hat[0] * mean_of(part_of_compliance(i, details))
@@ -419,7 +445,7 @@ def rigid_kernels(
     def stored(i, jump, area, parameters, state):
         if state[i, OPENING_MAX] == 0.0:
             return 0.0
-        return 0.5 * area * state[i, DAMAGE] * parameters[i, C_N] * dot(jump, jump)
+        return state[i, DAMAGE] * energy_with(i, jump, area, parameters)
 
     return LawKernels(
         name="initially rigid bond with friction" if rubs else "initially rigid bond",

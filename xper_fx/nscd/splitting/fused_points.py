@@ -73,7 +73,7 @@ class FusedPoints:
         strength = np.zeros(len(points))
         for number, law in enumerate(laws):
             if kernels[number].rigid is not None:
-                strength[law_of_point == number] = law.strength
+                strength[law_of_point == number] = law.least_strength
         graphs = self.graphs = vertex_graphs(points, vertex, group_of_point, strength, inverse)
         self.group_of = group_of_point[graphs.point].astype(np.int8)
         self._find_rows(still)

@@ -148,8 +148,8 @@ def split_kernel(laws: tuple[LawKernels, ...], dim: int):
     @njit(**LEAN_INNER)
     def solve_vertex(b, v, step, tolerance, g, work, rows, tables, groups, group_of):
         """Returns corners, sweeps, error."""
-        k = gather(b, v, g, work)
-        work.fused[: g.bond_offsets[b + 1] - g.bond_offsets[b]] = False
+        k, bonds = gather(b, v, g, work), g.bond_offsets[b + 1] - g.bond_offsets[b]
+        work.fused[:bonds] = False
         find_fused(b, g, work, 0, rows, groups, group_of)
         sweeps, error = 0, 0.0
         for turn in range(_ROUNDS):
@@ -161,6 +161,8 @@ def split_kernel(laws: tuple[LawKernels, ...], dim: int):
             if holds(b, k, g, work, rows, step, tables, groups, group_of):
                 break
             # each cell for itself
+            for q in range(bonds):
+                work.kept[q] = work.fused[q]
             for c in range(k):
                 work.cluster[c] = c
             count, _ = solve_clusters(b, k, g, work, rows, step, tolerance, groups, group_of)
@@ -169,7 +171,8 @@ def split_kernel(laws: tuple[LawKernels, ...], dim: int):
             if opened and partition(b, k, g, work) > parts:
                 fuse_within_clusters(b, g, work)
                 continue
-            find_fused(b, g, work, 0, rows, groups, group_of)
+            for q in range(bonds):
+                work.fused[q] = work.kept[q]
             partition(b, k, g, work)
             count, error = solve_clusters(b, k, g, work, rows, step, tolerance, groups, group_of)
             sweeps += count

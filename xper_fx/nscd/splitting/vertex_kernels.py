@@ -33,6 +33,7 @@ class VertexWork(NamedTuple):
         source: shape (k, dim).
         laplacian: shape (k, k).
         fused, active: shape (e,), what transmits within a cluster, and what acts between two.
+        kept: shape (e,), what was fused before it was tried whether more opens.
         flow: shape (e, dim); also residuals and corrections (N s).
         direction: shape (e, dim), of a Newton step (N s).
         slope: shape (e, dim, dim).
@@ -49,6 +50,7 @@ class VertexWork(NamedTuple):
     laplacian: np.ndarray
     fused: np.ndarray
     active: np.ndarray
+    kept: np.ndarray
     flow: np.ndarray
     direction: np.ndarray
     slope: np.ndarray
@@ -62,7 +64,7 @@ def vertex_work(graphs: VertexGraphs, dim: int) -> VertexWork:
     corners = [np.zeros((k, dim)) for _ in range(4)]
     return VertexWork(
         np.zeros(k, np.int64), np.zeros(k, bool), np.zeros((k, dim), bool), *corners,
-        np.zeros((k, k)), np.zeros(e, bool), np.zeros(e, bool), np.zeros((e, dim)),
+        np.zeros((k, k)), *(np.zeros(e, bool) for _ in range(3)), np.zeros((e, dim)),
         np.zeros((e, dim)), np.zeros((e, dim, dim)), np.zeros((e * dim, e * dim)),
     )  # fmt: skip
 
