@@ -10,6 +10,7 @@ from scenes import BOTTOM, LEFT, RIGHT, TOP, box_bodies, field, mesh_of, run, si
 from scipy.sparse.linalg import spsolve
 
 import xper_fx as xf
+from xper_fx.bulk import monolithic_scheme
 from xper_fx.nscd.laws import CohesiveZone, PerfectBond, SignoriniCoulomb
 
 E, LX, LY = 30e9, 0.4, 0.1
@@ -81,7 +82,8 @@ def test_bonded_triangles_are_what_plain_forms_give(points, factor):
 def check_lips(simulation, stiffness, friction):
     """Signorini's and Coulomb's laws at each point of bonds of a stiffness after a first step.
 
-    Returns the points that are closed, and those that have slid.
+    The stiffness is one number, or one of each point. Returns the points that are closed, and
+    those that have slid.
     """
     gather, size = simulation.interactions.gather, 1e-8
     jump, impulse = gather("jump"), gather("impulse")
@@ -114,31 +116,61 @@ def test_closed_lips_hold_exactly(factor, loads, friction):
     assert abs(step.energies["closure"]) < 1e-8 * step.energies["external_work"]
 
 
-@pytest.mark.parametrize(
-    "seed, friction",
-    [
-        (24, 0.5),  # corrections for given impulses go round in circles between stick and slip
-        (4, 0.8),  # contacts round a node drift before one of them lets go
-    ],
-)
-def test_friction_on_a_crooked_mesh_converges_to_the_tolerance(seed, friction):
-    """Newton's method goes round in circles; contacts are found by the method of multipliers."""
+def crooked(seed, bond):
+    """Crossed triangles whose inner nodes are moved at random, held on the left, sheared."""
     mesh = xf.crossed_rectangle((0, 0), (2, 1), (8, 4))
     x = mesh.geometry.x
     inner = np.all((x[:, :2] > 1e-9) & (x[:, :2] < np.array([2, 1]) - 1e-9), axis=1)
     x[inner, :2] += np.random.default_rng(seed).uniform(-0.025, 0.025, (inner.sum(), 2))
     bent = [(LEFT, 0, 0.0), (LEFT, 1, 0.0), (RIGHT, 1, lambda t: 1e-3 * t)]
-    scene = xf.Scene(
+    return xf.Scene(
         xf.explode(mesh, facet_tags=side_tags(mesh, (2.0, 1.0))),
         {1: xf.materials.LinearElastic(1.0, 0.2, 1.0)},
-        default_interaction=CohesiveZone(40.0, 1e9, 1e-2, friction=friction),
+        default_interaction=bond,
         loads=[xf.PrescribedDisplacement(*load) for load in bent],
     )
+
+
+@pytest.mark.parametrize(
+    "seed, friction",
+    [
+        (24, 0.5),  # corrections for given impulses go round in circles between stick and slip
+        (4, 0.8),  # contacts round a node creep before one of them lets go
+        (0, 1.2),
+        (21, 1.2),
+    ],
+)
+def test_friction_on_a_crooked_mesh_converges_to_the_tolerance(seed, friction):
+    """Newton's method goes round in circles; contacts are found by the method of multipliers."""
+    scene = crooked(seed, CohesiveZone(40.0, 1e9, 1e-2, friction=friction))
     simulation = static(scene, max_halvings=0)
     (step,) = run(simulation, 1)
     _, slid = check_lips(simulation, 40.0, friction)
     assert slid.sum() > 10
     assert abs(step.energies["closure"]) < 1e-8 * step.energies["external_work"]
+
+
+def test_a_first_step_along_a_path_with_friction(monkeypatch):
+    """Its growth is cut three times; its contacts are found once, and are those of its load."""
+    calls, find = [], monolithic_scheme.find_contacts
+
+    def counted(step, good):
+        calls.append(step.growth is not None)
+        return find(step, good)
+
+    monkeypatch.setattr(monolithic_scheme, "find_contacts", counted)
+    scene = crooked(0, CohesiveZone(400.0, 1e-3, 1e-2, friction=0.6))
+    simulation = static(scene, path=xf.GrowthControl())
+    step = next(simulation.steps(1e4))
+    assert simulation.path.share < 0.4**2
+    # to two tolerances
+    assert sum(calls) == 2
+    damage = simulation.interactions.gather("damage")
+    _, slid = check_lips(simulation, 400.0 * damage, 0.6)
+    assert slid.sum() > 10 and damage.min() < 1.0
+    given = xf.Simulation(scene, step.time, inertia=False, newton_tolerance=1e-10)
+    run(given, 1)
+    assert given.reaction(RIGHT)[1] == pytest.approx(simulation.reaction(RIGHT)[1], rel=1e-6)
 
 
 @pytest.mark.parametrize("friction", [0.0, 0.3])

@@ -14,9 +14,16 @@ impulses (Rockafellar 1976), whose error falls by the ratio of that spring to th
 structure together; structures are soft. With friction or softening it is the same, without a
 theorem: corrections may then go round in circles between stick and slip, with the balance nearly
 found. They are left after some; the impulses that the laws answer there are nearer to the solution,
-and the circles end (an inexact proximal point algorithm). Between two changes of branches the
-impulses of contacts that hold each other round a node may drift by nearly equal steps, as the load
-that such contacts bear by themselves is free: steps are then stretched, twice as far each time.
+and the circles end (an inexact proximal point algorithm).
+
+Between two changes of branches the impulses of contacts that hold each other round a node creep by
+steps d of one direction that hardly shrink, as the load that such contacts bear by themselves is
+nearly free. Where the last two steps have one direction the next is stretched to where they would
+end (Aitken's relaxation in the form of Irons and Tuck 1969),
+
+    l' = -l d_old . (d - d_old) / |d - d_old|^2,   m' = m + l' d,
+
+d being the change for a length of 1; twice as far each time where they do not shrink.
 
 It leaves an error of some 1e-4, from which a few iterations of Newton's method on velocities and
 impulses together are quadratic (`semismooth_newton.py`).
@@ -35,10 +42,11 @@ logger = logging.getLogger(__name__)
 
 # Changes of the given impulses, and corrections for each.
 _OUTER, _INNER = 300, 12
-# How often in a row corrections that go in circles are left.
-_CIRCLES = 5
-# Relative difference of changes that are a drift, and how far one may be stretched.
-_DRIFT, _FURTHEST = 1e-2, 1e4
+# How often in a row corrections that go in circles are left while impulses get no nearer, and the
+# share of the smallest change before below which they do.
+_CIRCLES, _NEARER = 20, 0.9
+# Cosine between changes that creep along one direction, and how far one may be stretched.
+_CREEP, _FURTHEST = 0.95, 1e4
 # Error of the balance for given impulses beside the largest nodal impulse, and beside the change
 # of the impulses that is good enough.
 _BALANCED, _OF_CHANGE = 1e-6, 0.1
@@ -58,24 +66,41 @@ def find_contacts(step: CoupledStep, good: float) -> bool:
     follows = step.growth is not None and not step.growth.begins
     if step.growth is not None and not follows and not _load_a_little(step):
         return False
-    circles, length, last = 0, 1.0, np.zeros(0)
+    circles, least, length, last = 0, np.inf, 1.0, np.zeros(0)
     for outer in range(1, _OUTER + 1):
         given = step.impulses_of_points()
         error = min(_BALANCED, _OF_CHANGE * good)
         balanced = _balance(step, given, error, outer == 1, follows)
-        circles = 0 if balanced else circles + 1
-        if balanced is None or circles > _CIRCLES:
+        if balanced is None:
             return False
         moved = [answer - m for answer, m in zip(step.answers(), given, strict=True)]
         now = np.concatenate([d.ravel() for d in moved])
         change = float(np.abs(now).max(initial=0.0))
-        drifts = outer > 1 and float(np.abs(now - last).max(initial=0.0)) <= _DRIFT * change
-        length, last = min(2.0 * length, _FURTHEST) if drifts else 1.0, now
+        circles = 0 if balanced or change < _NEARER * least else circles + 1
+        least = min(least, change)
+        if circles > _CIRCLES:
+            return False
+        length, last = _stretched(length, last, now) if outer > 1 else 1.0, now
         step.set_impulses([m + length * d for m, d in zip(given, moved, strict=True)])
         logger.debug("impulses %d change by %.2e of %.2e N s", outer, change, step.size())
         if balanced and change <= good * step.size():
             return True
     return False
+
+
+def _stretched(length: float, last: np.ndarray, now: np.ndarray) -> float:
+    """Length of the next change of the impulses (module docstring).
+
+    Args:
+        length: of the last one.
+        last, now: changes for a length of 1, before the last one and after it (N s).
+    """
+    turned, along = now - last, float(now @ last)
+    if along <= _CREEP * np.linalg.norm(now) * np.linalg.norm(last):
+        return 1.0
+    shrinks = -float(last @ turned)
+    further = length * shrinks / float(turned @ turned) if shrinks > 0.0 else 2.0 * length
+    return min(max(further, 1.0), _FURTHEST)
 
 
 def _load_a_little(step: CoupledStep) -> bool:

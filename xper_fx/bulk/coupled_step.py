@@ -65,7 +65,7 @@ class CoupledStep:
         stopwatch: where phases are timed.
 
     Attributes:
-        loading, interactions, growth: as given.
+        loading, interactions, state, step, growth: as given.
         velocity: of all unknowns (m/s).
         residual, internal: of the bulk there, without impulses (N s), and its forces (N).
         slots: velocities of the points' nodes.
@@ -88,7 +88,7 @@ class CoupledStep:
         stopwatch: Stopwatch,
     ):
         self._matrices, self._equations, self._stopwatch = matrices, equations, stopwatch
-        self.loading, self._step, self.growth = loading, step, growth
+        self.loading, self.step, self.growth = loading, step, growth
         self.interactions = interactions
         bulk = matrices.bulk
         self._free = ~bulk.layout.prescribed
@@ -97,7 +97,7 @@ class CoupledStep:
         # without inertia the last step's velocities mean nothing for this one
         inert = bulk.inertia is not None
         self.start = state.velocity if inert else np.zeros_like(state.displacement)
-        self._stiffest, self.corrections, self._state = 0.0, 0, state
+        self._stiffest, self.corrections, self.state = 0.0, 0, state
         self.turns = interactions is not None and interactions.turns
         self.couples: np.ndarray | float = 0.0
         self.restart()
@@ -125,11 +125,11 @@ class CoupledStep:
             return 0.0
         from xper_fx.bulk.turning import turn
 
-        points, matrices, state = self.interactions, self._matrices, self._state
+        points, matrices, state = self.interactions, self._matrices, self.state
         before = [g.points.frame.copy() for g in points.groups]
         weight = matrices.weight
         mean = weight * velocity + (1.0 - weight) * self.start
-        turn(points, matrices.bulk, matrices.nodes, state, mean, self._step, matrices.theta)
+        turn(points, matrices.bulk, matrices.nodes, state, mean, self.step, matrices.theta)
         self.take_couples()
         changes = (
             np.abs(g.points.frame - old).max(initial=0.0)
@@ -197,7 +197,7 @@ class CoupledStep:
         self.corrections += 1
         with watch.phase("bulk matrix"):
             displacement = self._equations.displacement(self.velocity)
-            matrix = matrices.of_bulk(self._step, displacement)
+            matrix = matrices.of_bulk(self.step, displacement)
             self._stiffest = float(np.abs(matrix.data).max())
         right, stiffness = self.residual, []
         if self._tangents is not None:
@@ -247,7 +247,7 @@ class CoupledStep:
 
     def size(self) -> float:
         """Largest nodal impulse (N s)."""
-        largest = self._step * np.abs(self.internal).max(initial=0.0)
+        largest = self.step * np.abs(self.internal).max(initial=0.0)
         return max(
             float(largest),
             float(np.abs(self.impulses).max(initial=0.0)),
@@ -264,7 +264,7 @@ class CoupledStep:
 
     def noise(self) -> float:
         """Nodal impulses (N s) that rounding of displacements gives: less of them is none."""
-        moved = float(np.abs(self._state.displacement).max(initial=0.0)) / self._step
+        moved = float(np.abs(self.state.displacement).max(initial=0.0)) / self.step
         return _ROUNDING * self._stiffest * moved
 
     def num_held(self) -> int:
@@ -275,7 +275,7 @@ class CoupledStep:
         """Velocity that differences are at least taken over."""
         given = self.loading.wanted
         speed = max(np.abs(self.slots).max(initial=0.0), np.abs(given).max(initial=0.0))
-        return max(_LEAST * float(speed), _SMALLEST * self._extent / self._step)
+        return max(_LEAST * float(speed), _SMALLEST * self._extent / self.step)
 
     # Openings
 
@@ -286,7 +286,7 @@ class CoupledStep:
             return True
         jumps = zip(self._groups, self._jumps(self.velocity), strict=True)
         moved = [jump - g.jump for g, jump in jumps]
-        return not self.growth.turns_back(moved, self.loading.time - self._state.time)
+        return not self.growth.turns_back(moved, self.loading.time - self.state.time)
 
     def growth_left(self) -> float:
         """By how much the growth differs from the one that the step asks for, relative."""
@@ -294,14 +294,14 @@ class CoupledStep:
 
     def _jumps(self, velocity: np.ndarray) -> list[np.ndarray]:
         """Jumps of each group at the end of the step for end velocities, m."""
-        rest = self._step * (1.0 - self._matrices.theta)
+        rest = self.step * (1.0 - self._matrices.theta)
         moved = self._moved(velocity)
         return [g.jump + rest * g.velocity + m for g, m in zip(self._groups, moved, strict=True)]
 
     def _moved(self, velocity: np.ndarray) -> list[np.ndarray]:
         """h theta H^T v of each group, m."""
         slots = self._slots(velocity).reshape(-1, self.interactions.dim)
-        scaled = self._step * self._matrices.theta
+        scaled = self.step * self._matrices.theta
         return [scaled * g.points.relative(slots) for g in self._groups]
 
     def _slots(self, velocity: np.ndarray) -> np.ndarray:

@@ -8,7 +8,7 @@ from the contacts that `augmented_lagrangian.py` finds.
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -54,6 +54,21 @@ class PointsOfNodes(NamedTuple):
     blocks: BodyInverse
 
 
+class FoundContacts(NamedTuple):
+    """What was found for the first step of a path, whose contacts do not depend on its growth.
+
+    Attributes:
+        state: at the start of the step.
+        there: time (s) and velocities, shape (num_dofs,), of a small load with these contacts;
+            None if none were found.
+        impulses: of each group there (N s).
+    """
+
+    state: State
+    there: tuple[float, np.ndarray] | None
+    impulses: list[np.ndarray]
+
+
 class MonolithicScheme:
     """Theta scheme of the bulk together with the interactions.
 
@@ -80,6 +95,7 @@ class MonolithicScheme:
         self._tolerance, self._max_newton = newton_tolerance, max_newton
         self._stopwatch = stopwatch
         self._compliance: tuple[float, np.ndarray, PointsOfNodes] | None = None
+        self._found: FoundContacts | None = None
         stopwatch.owns("coupled system", lambda: self.nbytes)
 
     def inverse(self, step: float, displacement: np.ndarray) -> PointsOfNodes:
@@ -152,14 +168,11 @@ class MonolithicScheme:
         begin()
         converged = self._solve(coupled, newton)
         if not converged and interactions is not None:
-            for good in (_NEAR, self._tolerance):
-                loading.set(state.time + (0.0 if growth is not None else step))
-                begin()
-                if not find_contacts(coupled, good):
-                    break
-                converged = self._solve(coupled, newton)
-                if converged:
-                    break
+            begins = growth is not None and growth.begins
+            if begins and self._found is not None and self._found.state is state:
+                converged = self._go_on(coupled, newton, begin)
+            else:
+                converged = self._from_contacts(coupled, newton, begin, begins)
         velocity, impulses = coupled.velocity, coupled.impulses + coupled.couples
         reactions = reactions_on(
             bulk.layout, lambda d: -(coupled.residual[d] + coupled.impulses[d])
@@ -173,6 +186,43 @@ class MonolithicScheme:
             end, coupled.slots, impulses, reactions, equations.force_impulse, bulk.viscous(mean), 0,
             newton.left, 0.0, coupled.corrections, newton.left, converged, failure=newton.failure,
         )  # fmt: skip
+
+    def _from_contacts(
+        self, coupled: CoupledStep, newton: SemismoothNewton, begin: Callable[[], None], keep: bool
+    ) -> bool:
+        """Whether the step was solved from contacts that the method of multipliers finds.
+
+        Args:
+            coupled, newton: of the step.
+            begin: takes the step to its start.
+            keep: whether another attempt at the step goes on from what was found.
+        """
+        start = coupled.state
+        there, impulses = None, []
+        for good in (_NEAR, self._tolerance):
+            coupled.loading.set(start.time + (0.0 if coupled.growth is not None else coupled.step))
+            begin()
+            if not find_contacts(coupled, good):
+                break
+            there = coupled.loading.time, coupled.velocity
+            impulses = coupled.impulses_of_points()
+            if self._solve(coupled, newton):
+                return True
+        if keep:
+            self._found = FoundContacts(start, there, impulses)
+        return False
+
+    def _go_on(
+        self, coupled: CoupledStep, newton: SemismoothNewton, begin: Callable[[], None]
+    ) -> bool:
+        """Whether the first step of a path was solved from what an attempt at it has found."""
+        found = self._found
+        if found.there is None:
+            return False
+        begin()
+        coupled.set_impulses(found.impulses)
+        newton.start_from(*found.there)
+        return self._solve(coupled, newton)
 
     def _solve(self, coupled: CoupledStep, newton: SemismoothNewton) -> bool:
         """Whether the step was solved, with frames that turn as its bodies do.
