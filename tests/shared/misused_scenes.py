@@ -306,6 +306,18 @@ def scenes() -> list[Misuse]:
             "SurfaceTraction & UFL & function of time",
             lambda: of_plate(loads=[xf.SurfaceTraction(LEFT, (0.0, of_ufl()[0]))]),
         ),
+        "a load that gives a constant": (
+            r"A load & UFL & float\(constant\)",
+            lambda: of_plate(loads=[xf.PrescribedVelocity(LEFT, 0, lambda t: of_ufl()[0])]),
+        ),
+        "a drive of UFL": (
+            "F11 & UFL & function of time",
+            lambda: xf.MacroscopicDrive(gradient=STILL | {"11": of_ufl()[0]}).check(2),
+        ),
+        "a predicate of UFL": (
+            "tag 3 & UFL & points",
+            lambda: xf.tag_cells(plate().mesh, {3: of_ufl()[0]}),
+        ),
         "an initial stress of UFL": (
             "InitialStress & UFL & positions",
             lambda: of_plate(loads=[xf.InitialStress(of_ufl())]),

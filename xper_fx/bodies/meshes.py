@@ -23,7 +23,7 @@ from dolfinx.mesh import (
 from mpi4py import MPI
 
 from xper_fx.bodies.gmsh_session import gmsh_model
-from xper_fx.support.checks import require_numbers
+from xper_fx.support.checks import refuse_expression, require_numbers
 from xper_fx.support.compat import coordinate_element, geometry_dofmap, gmsh_model_to_mesh
 from xper_fx.support.ranks import Ranks
 
@@ -318,6 +318,7 @@ def _evaluate(
         raise TypeError(
             f"The predicate of tag {tag} is {predicate!r}; expected a function of points."
         )
+    refuse_expression(f"The predicate of tag {tag}", predicate, "a function of points")
     try:
         says = np.asarray(predicate(points))
     except Exception as error:

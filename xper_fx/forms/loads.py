@@ -30,10 +30,11 @@ def value_at(value: Value, time: float) -> float:
 
     Raises:
         ValueError: the load's function gives a number that is not finite.
-        TypeError: it gives no number.
+        TypeError: it gives no number, or an expression of UFL.
     """
     given = _called(value, time) if callable(value) else value
     if not isinstance(given, Real):
+        refuse_expression(f"A load at t = {time} s", given, "a number, as `float(constant)`")
         given = np.asarray(given)
         if given.size != 1 or given.dtype.kind not in "biuf":
             raise TypeError(f"A load is {given!r} at t = {time} s; it should be a number.")

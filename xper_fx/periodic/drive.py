@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from xper_fx.forms.loads import Value, value_at
+from xper_fx.support.checks import refuse_expression
 
 
 @dataclass(frozen=True)
@@ -70,7 +71,9 @@ class MacroscopicDrive:
                 )
         for part, letter in ((self.gradient, "F"), (self.rate, "dF/dt "), (self.stress, "P")):
             for name, value in part.items():
+                refuse_expression(f"{letter}{name}", value, "a number or a function of time (s)")
                 start = value(0.0) if callable(value) else value
+                refuse_expression(f"{letter}{name} at the start", start, "a number")
                 if np.asarray(start).dtype.kind not in "biuf" or np.size(start) != 1:
                     raise TypeError(f"{letter}{name} is {start!r} at the start; give a number.")
                 if not np.all(np.isfinite(start)):
