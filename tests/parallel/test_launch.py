@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """What a script says and how it ends, at a terminal and before a pipe that is closed."""
 
+import os
 import re
 import signal
 import subprocess
@@ -14,9 +15,9 @@ from xper_fx.materials import LinearElastic
 from xper_fx.nscd.laws import CohesiveZone
 from xper_fx.output.recorder import Recorder
 from xper_fx.output.run import recorded_steps
-from xper_fx.parallel import launch
 from xper_fx.scene.scene import Scene
 from xper_fx.simulation.simulation import Simulation
+from xper_fx.support.compiling_note import CompilingNote
 
 PRINTS_ON = """
 import sys
@@ -64,7 +65,7 @@ def test_the_bar_shows_the_time_with_three_digits(tmp_path, capfd):
 
 
 def test_compiling_is_said_at_a_terminal(monkeypatch, capsys):
-    note = launch._CompilingNote()
+    note = CompilingNote()
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
     note.on_start(SimpleNamespace())
     note.on_start(SimpleNamespace())
@@ -73,3 +74,26 @@ def test_compiling_is_said_at_a_terminal(monkeypatch, capsys):
     lines = [line.strip() for line in re.split(r"[\r\n]", capsys.readouterr().err)]
     assert "compiling 1 kernel, once" in lines and "compiling 2 kernels, once" in lines
     assert lines[-1] == ""  # gone
+
+
+PLAIN = """
+import os, pty, sys, xper_fx as xf
+
+master, terminal = pty.openpty()
+os.dup2(terminal, 2)
+law = xf.laws.SignoriniCoulomb(friction=0.5)
+block = xf.RigidBody(xf.rigid.Polygon.box((1.0, 1.0)), (0.0, 0.5), "blocks", density=2000.0)
+ground = xf.rigid.wall((0.0, 0.0), (0.0, 1.0), "ground")
+scene = xf.Scene(rigid=[block, ground], contacts=[xf.Contact(("blocks", "ground"), law)],
+                 loads=[xf.Gravity((0.0, -9.81))])
+next(xf.Simulation(scene, 1e-3).steps(1e-3))
+print(os.read(master, 4096).count(b"compiling 1 kernel, once"))
+"""
+
+
+def test_a_script_of_its_own_says_that_it_compiles():
+    done = subprocess.run(
+        [sys.executable, "-c", PLAIN], capture_output=True, text=True,
+        env=os.environ | {"XPER_FX_CACHE": "off"},
+    )  # fmt: skip
+    assert done.stdout == "1\n", done.stderr

@@ -11,27 +11,11 @@ import traceback
 from collections.abc import Callable
 
 from mpi4py import MPI
-from numba.core.event import install_listener
-from tqdm.auto import tqdm
 
-from xper_fx.cache.compiling import KIND, CompilationListener
+from xper_fx.support.compiling_note import note_compiling
 
 # Seconds that a rank leaves to those before it, which may be about to say the same.
 _GRACE, _TURN, _LONGEST = 1.0, 0.2, 10.0
-
-
-class _CompilingNote(CompilationListener):
-    """A line at the terminal while Numba compiles, which goes when it is done."""
-
-    def begin(self) -> None:
-        self._line = tqdm(bar_format="{desc}", leave=False, disable=None)
-
-    def next_kernel(self) -> None:
-        number = f"{self.kernels} kernel" + "s" * (self.kernels > 1)
-        self._line.set_description_str(f"compiling {number}, once")
-
-    def end(self) -> None:
-        self._line.close()
 
 
 def run_together(main: Callable[[], object]) -> None:
@@ -49,6 +33,7 @@ def run_together(main: Callable[[], object]) -> None:
     """
     if not callable(main):
         raise TypeError(f"main should be a function without arguments, got {main!r}.")
+    note_compiling()
     comm = MPI.COMM_WORLD
     if comm.size == 1:
         _run_alone(main)
@@ -58,8 +43,7 @@ def run_together(main: Callable[[], object]) -> None:
         if comm.rank > 0:
             sys.stdout = sys.stderr = nowhere
         try:
-            with install_listener(KIND, _CompilingNote()):
-                main()
+            main()
         except Exception:
             if comm.rank > 0:
                 time.sleep(min(_GRACE + _TURN * comm.rank, _LONGEST))
@@ -74,8 +58,7 @@ def run_together(main: Callable[[], object]) -> None:
 def _run_alone(main: Callable[[], object]) -> None:
     """Run a script's main function on the one rank there is."""
     try:
-        with install_listener(KIND, _CompilingNote()):
-            main()
+        main()
         sys.stdout.flush()
     except BrokenPipeError:
         # what is still to be printed goes nowhere, also when Python ends

@@ -27,6 +27,7 @@ from xper_fx.simulation.requested_accuracy import RequestedAccuracy
 from xper_fx.simulation.restartable import Restartable
 from xper_fx.simulation.step_record import StepRecord
 from xper_fx.support.checks import require_kind, require_number
+from xper_fx.support.compiling_note import note_compiling
 from xper_fx.support.errors import NotFiniteError
 from xper_fx.support.profile import Stopwatch
 from xper_fx.support.ranks import Ranks
@@ -142,6 +143,7 @@ class Simulation(Restartable):
             max_newton=max_newton, max_halvings=max_halvings, forgiving=forgiving,
             inertia=inertia, healing=healing, path=path,
         )  # fmt: skip
+        note_compiling()
         self.scene, self.team = scene, Ranks(comm)
         self.stopwatch = Stopwatch()
         self.folder: Path | None = None
