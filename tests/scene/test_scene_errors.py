@@ -308,6 +308,11 @@ KERNELS = BOND.kernels(2)
         (Own(KERNELS, None), TypeError, r"Own.parameters\(\) should be numbers, got None"),
         (Own(KERNELS, 3.0), ValueError, r"gives 3.0 for parameters\(\)"),
         (Own(KERNELS, (), (1.0,)), ValueError, r"initial_state\(\); .* one for each of \[\]"),
+        (
+            Own(CohesiveZone(1e4, 1.0, 1.0).kernels(2), (1e4, 1e4), (0.0, 1.0)),
+            ValueError,
+            "Own gives 2 parameters, and its kernels need 5",
+        ),
     ],
 )
 def test_what_a_law_of_ones_own_gives(bodies, law, error, words):

@@ -25,7 +25,7 @@ def require_law(law: Law) -> None:
 
 
 def require_kernels(law: Law, dim: int) -> None:
-    """Raise TypeError unless what a law's methods give can be worked with."""
+    """Raise TypeError or ValueError unless what a law's methods give can be worked with."""
     name, kernels = type(law).__name__, law.kernels(dim)
     if not isinstance(kernels, LawKernels):
         raise TypeError(
@@ -44,6 +44,13 @@ def require_kernels(law: Law, dim: int) -> None:
                 f"The law {name} gives {given!r} for {what}(); it should be a tuple of "
                 f"numbers{wanted}."
             )
+    others = len(kernels.state_names) + kernels.num_terms + kernels.num_details
+    least = sum(count for _, count in kernels.effects) - others
+    if len(law.parameters()) < least:
+        raise ValueError(
+            f"The law {name} gives {len(law.parameters())} parameters, and its kernels need "
+            f"{least} by what `LawKernels.effects` counts beside state, terms and details."
+        )
 
 
 def facet_laws(
