@@ -7,17 +7,12 @@ from functools import cache
 
 import numpy as np
 import pytest
-from scipy.linalg import null_space
-from scipy.optimize import minimize
 
 from xper_fx.cache import njit
-from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.inverse_blocks import BodyInverse
-from xper_fx.nscd.laws import RigidCohesiveZone, RigidMixedMode
+from xper_fx.nscd.laws import RigidCohesiveZone
 from xper_fx.nscd.points import InteractionPoints, frame_from_normal
-from xper_fx.nscd.solvers.solver import SolveOptions
 from xper_fx.nscd.splitting.holding import flow_kernel
-from xper_fx.nscd.splitting.splitting_vertices import SplittingVertices
 from xper_fx.nscd.splitting.vertex_graphs import vertex_graphs
 from xper_fx.nscd.splitting.vertex_kernels import vertex_work
 from xper_fx.nscd.splitting.whole_vertices import whole_kernel
@@ -89,19 +84,14 @@ def test_a_driven_corner_takes_what_is_left_in_its_component():
     np.testing.assert_allclose(given[:, 1], source[:, 1], atol=1e-12)
 
 
-def points_of_ring():
-    """Points of a vertex of the ring's six corners, whose normals point anywhere."""
+def star(strength):
+    """Graphs, work space and laws of a vertex of the ring's six corners, of unit masses."""
     nodes = np.array(RING, np.int32)[:, :, None]
     angle = np.arange(len(RING)) * 0.8
-    normals = np.stack([np.cos(angle), np.sin(angle)], 1)
-    return InteractionPoints(
-        nodes, np.ones(nodes.shape), frame_from_normal(normals), LEAST.copy(), np.zeros(len(RING))
-    )
-
-
-def star(strength):
-    """Graphs and law of the vertex, with unit masses."""
-    points = points_of_ring()
+    points = InteractionPoints(
+        nodes, np.ones(nodes.shape), frame_from_normal(np.stack([np.cos(angle), np.sin(angle)], 1)),
+        LEAST.copy(), np.zeros(len(RING)),
+    )  # fmt: skip
     inverse = BodyInverse.of_nodes(np.ones((6, 2)), 2)
     zero = np.zeros(len(RING), int)
     graphs = vertex_graphs(points, zero, zero, np.full(len(RING), strength), inverse)
@@ -134,67 +124,6 @@ def test_a_vertex_holds_up_to_what_its_least_flow_asks():
     v, holds = moved(0.999 * most, velocity)
     assert not holds
     assert np.array_equal(v, velocity)
-
-
-def load_factor(velocity, bears):
-    """The largest factor of velocities of unit masses that some admissible flow stops."""
-    b, frames = incidence(RING, 6), points_of_ring().frame
-    one = np.linalg.pinv(b) @ (velocity.mean(axis=0) - velocity)
-    rings = null_space(b)
-
-    def margins(x):
-        flow = x[-1] * one + rings @ x[:-1].reshape(-1, 2)
-        return bears(-np.einsum("qij,qj->qi", frames, flow) / LEAST[:, None])
-
-    start = np.append(np.zeros(2 * rings.shape[1]), 0.1)
-    found = minimize(
-        lambda x: -x[-1], start, method="SLSQP", constraints={"type": "ineq", "fun": margins},
-        options={"maxiter": 500, "ftol": 1e-12},
-    )  # fmt: skip
-    assert found.success
-    return found.x[-1]
-
-
-def opened(law, velocity):
-    """Bonds that a unit step opens at a vertex of six unit masses."""
-    inverse = BodyInverse.from_uniform(np.tile(np.eye(2), (6, 1, 1)), 2)
-    interactions = Interactions(
-        points_of_ring(), [law], np.zeros(len(RING), int), inverse, np.zeros((6, 2)), "vertices",
-        splits=True,
-    )  # fmt: skip
-    interactions.begin_step(1.0, 0.5)
-    v = np.append(velocity.ravel(), np.zeros(2))
-    report = SplittingVertices().solve(interactions, v, SolveOptions(tolerance=1e-9))
-    assert report.converged
-    interactions.commit(v)
-    np.testing.assert_allclose(v[:12].reshape(6, 2).sum(axis=0), velocity.sum(axis=0), atol=1e-12)
-    if not np.count_nonzero(~interactions.fused.whole):
-        return 0
-    return np.count_nonzero(interactions.gather("opening_max"))
-
-
-@pytest.mark.parametrize("seed", range(6))
-@pytest.mark.parametrize(
-    ("law", "shear", "friction"),
-    [
-        (RigidCohesiveZone(1.0, 5.0), 1.0, 0.0),
-        (RigidMixedMode((1.0, 2.5), (5.0, 9.0), 1.2), 2.5, 0.0),
-        (RigidMixedMode((1.0, 2.5), (5.0, 9.0), 1.2, friction=0.6), 2.5, 0.6),
-    ],
-)
-def test_a_vertex_opens_where_no_admissible_tractions_hold_it(seed, law, shear, friction):
-    """Circle or ellipse, and friction under pressure: the limit that optimisation finds."""
-
-    def bears(pull):
-        tension = np.maximum(pull[:, 0], 0.0)
-        borne = shear + friction * np.maximum(-pull[:, 0], 0.0)
-        return 1.0 - tension**2 - (pull[:, 1] / borne) ** 2
-
-    velocity = np.random.default_rng(seed).normal(size=(6, 2))
-    limit = load_factor(velocity, bears)
-    assert opened(law, 1.005 * limit * velocity) > 0
-    if friction == 0.0:  # friction is not associated: what it could hold may slip all the same
-        assert opened(law, 0.995 * limit * velocity) == 0
 
 
 def test_rings_close_and_trees_reach_all():

@@ -150,6 +150,40 @@ def test_cells_bonded_to_a_driven_one_are_driven():
     assert abs(simulation.ledger.closure) < 1e-12 * simulation.ledger.energies.external_work
 
 
+def test_facets_that_may_crack_are_those_between_bodies_tagged_or_weak():
+    """Halves as bodies, a tag beside strong bonds, strengths facet by facet: one crack, one motion.
+
+    With a function of positions ends of slanting facets at the middle are weak as well.
+    """
+    start = {"initial_velocity": lambda x: np.array([0.05 * (x[0] - 1.0), 0.0 * x[0]])}
+    halves = box_bodies((2.0, 1.0), (4, 2), label=lambda x: x[0] > 1.0)
+    middle = {7: lambda x: np.abs(x[0] - 1.0) < 1e-9}
+    tagged = box_bodies((2.0, 1.0), (4, 2), interior=middle)
+    strong = np.where(tagged.facets.tag == 7, S, 1e6 * S)
+    near = lambda x: np.where(np.abs(x[0] - 1.0) < 0.01, S, 1e6 * S)  # noqa: E731
+    plain = {"default_interaction": BRITTLE}
+    scenes = [
+        xf.Scene(halves, {1: ELASTIC}, **plain, **start),
+        xf.Scene(tagged, {1: ELASTIC}, default_interaction=UNBREAKABLE,
+                 facet_interactions={7: BRITTLE}, **start),
+        *(xf.Scene(tagged, {1: ELASTIC}, **start,
+                   default_interaction=dataclasses.replace(BRITTLE, strength=strength))
+          for strength in (strong, near)),
+    ]  # fmt: skip
+    step, found = 0.1, []
+    for scene in scenes:
+        simulation = xf.Simulation(scene, step, **ONE)
+        list(simulation.steps(30 * step))
+        x, u = at_nodes(simulation)
+        sides = [u[np.abs(x - [end, 0.5]).max(axis=1) < 1e-9][0] for end in (0.0, 2.0)]
+        spent = np.count_nonzero(simulation.interactions.gather("spent"))
+        cracked = simulation.ledger.energies.dissipated_cohesion
+        found.append([*np.ravel(sides), spent, cracked])
+    assert found[0][-2:] == [4, pytest.approx(0.1 * W, rel=1e-12)]
+    np.testing.assert_allclose(found[1:3], [found[0]] * 2, rtol=1e-9, atol=1e-13)
+    assert found[3][-2] > 4
+
+
 def test_rigid_bonds_beside_other_laws():
     """A vertex where contact, springs and rigid bonds meet is solved as one."""
     other = xf.laws.CohesiveZone(50.0, W, S, friction=0.3)

@@ -16,7 +16,9 @@ None of what makes the error (`error_estimate.py`) is made better than the other
   step either: what follows is then faster than the mesh can carry. Initially rigid bonds have
   several states beyond, not only fast ones: while they weaken the snap number
   (`nscd/laws/softening.py`), with the cells that move with them, is held below one, by steps of
-  no less than a quarter of the shortest otherwise. The first bonds that open tell it, a step late;
+  no less than a quarter of the shortest otherwise. The first bonds that open tell it, a step late.
+  An explicit bulk keeps its step, as one whose step goes up and down near its critical one gains
+  energy, and is told which step would do;
 - **impulses**: their tolerance is a tenth of `accuracy`. What they leave of wrong sign
   (`StepWork.numerical`), summed over the run, is held to a tenth of `accuracy` of the largest
   energy: above, the tolerance is halved.
@@ -78,7 +80,8 @@ class _Learnt:
         same, tight_since: steps since the step, and the tolerance, were changed.
         smooth, ratio: estimate over what is allowed, of steps past and of the last one.
         rough: the same of the last steps that were doubled.
-        snap_step: above which initially rigid bonds may snap that have weakened of late (s).
+        snap_step, one_state: above which initially rigid bonds may snap that have weakened of late,
+            or ever (s).
         snapped: largest snap number so far.
     """
 
@@ -93,6 +96,7 @@ class _Learnt:
     ratio: float = 0.0
     rough: float = 0.0
     snap_step: float = np.inf
+    one_state: float = np.inf
     snapped: float = 0.0
 
 
@@ -146,9 +150,9 @@ class AccuracyControl:
         return self._learnt.tolerance
 
     @property
-    def snapped(self) -> float:
-        """Largest snap number so far, of initially rigid bonds that have weakened."""
-        return self._learnt.snapped
+    def snapped(self) -> tuple[float, float]:
+        """Largest snap number so far, and the step (s) that would have made it one."""
+        return self._learnt.snapped, self._learnt.one_state
 
     @property
     def at_floor(self) -> bool:
@@ -164,8 +168,9 @@ class AccuracyControl:
         events = math.sqrt(2.0) * self._event_share * end_time  # the nearest of the ladder's steps
         most = min(learnt.size, self._largest, events)
         if self.estimate.quiet < REST:
-            snaps = max(learnt.snap_step, _SNAPPING * learnt.least)
-            most = min(most, learnt.softening_step, snaps)
+            most = min(most, learnt.softening_step)
+            if self._largest > learnt.least:
+                most = min(most, max(learnt.snap_step, _SNAPPING * learnt.least))
         size = learnt.base * 2.0 ** math.floor(math.log2(most / learnt.base) + _ALIKE)
         left = end_time - time
         count = math.ceil(left / size - _ALIKE)
@@ -220,6 +225,7 @@ class AccuracyControl:
             learnt.snap_step = np.inf
         elif snap > 0.0:
             learnt.snap_step = min(learnt.snap_step, size / math.sqrt(snap))
+            learnt.one_state = min(learnt.one_state, learnt.snap_step)
             learnt.snapped = max(learnt.snapped, snap)
         self._adapt_tolerance()
         if doubling is not None and doubling.take(size, energies):

@@ -92,10 +92,11 @@ def verdict(simulation: Readings) -> Verdict | None:
             if cure == "a shorter step" and control.at_floor:
                 cure = _AT_THE_FLOOR.get(name, _BY_HAND)
             limits.append(f"{cause} {part:.1g} ({cure})")
-    if control.snapped > 1.0:
+    snapped, one_state = control.snapped
+    if snapped > 1.0:
         limits.append(
-            f"initially rigid bonds snapped within steps, snap number up to {control.snapped:.2g} "
-            "(a finer mesh or a larger fracture energy; a shorter step, given by hand)"
+            f"initially rigid bonds snapped within a step, with snap numbers up to {snapped:.2g} "
+            f"(a step of {one_state:.2g} s given by hand, or a finer mesh)"
         )
     bulk, facets = bulk_resolution(simulation), _facets(simulation)
     mesh_is_fine = True

@@ -133,7 +133,10 @@ def _at_points(name: str, field: Any, places: Places, evaluate) -> PointArray:
     wrong = np.flatnonzero(~np.isfinite(values))
     if len(wrong):
         at = int(wrong[0])
-        raise ValueError(f"{name} is {values[at]} at {_where(places, at)}.")
+        raise ValueError(
+            f"{name} is {values[at]} at {_where(places, at)}; it should be finite everywhere: "
+            "where nothing may break, give a large number or let the cells be one body."
+        )
     return values.view(PointArray)
 
 
