@@ -5,7 +5,7 @@
 
 For each scene and each accuracy: the true error of each quantity against a fine run, the error that
 the simulation estimated, its time and steps over those of the cheapest setting by hand whose errors
-all stay within three times what was asked for; of the same scheme, where the run is told the scheme.
+all stay within three times what was asked for (of the same scheme, where a run is told its scheme).
 """
 
 from __future__ import annotations
