@@ -64,9 +64,14 @@ class Facet:
 
     def turn(self, displacement, velocity, reach=0.0, theta=0.5):
         """Frames after the step 2 reach at the velocity, whose middle lies at the reach."""
+        displacement, velocity = map(self.with_ground, (displacement, velocity))
         motion = self.layer.lip_motion(displacement, velocity, velocity)
         self.layer.turn(motion, reach / theta, theta)
         return self.group.points.frame.copy()
+
+    def with_ground(self, values):
+        """Values of all slots for those of the nodes: the ground does not move."""
+        return np.concatenate([values, np.zeros((1, self.dim))])
 
     def random(self, seed, size):
         return size * np.random.default_rng(seed).standard_normal(self.both.shape)
@@ -192,8 +197,8 @@ def test_the_couple_does_the_work_of_the_spin(name, rule):
     turning.by_spin[:] = True
     facet.layer.begin_step(1e-3, 0.5)
     group.impulse[:] = np.random.default_rng(9).standard_normal(group.impulse.shape)
-    facet.layer._settle(group, turning, np.concatenate([v, np.zeros((1, facet.dim))]).ravel())
-    relative = group.points.relative(np.concatenate([v, np.zeros((1, facet.dim))]))
+    facet.layer._settle(group, turning, facet.with_ground(v).ravel())
+    relative = group.points.relative(facet.with_ground(v))
     assert power == pytest.approx(float(np.vdot(group.impulse, relative - turning.spin)), rel=1e-12)
 
 
@@ -229,12 +234,12 @@ def test_what_forces_and_couples_work_is_what_is_booked(name, rule, theta):
         layer, group = facet.layer, facet.group
         u, start, end = facet.random(11, 0.05), facet.random(12, 0.3), facet.random(seed, 0.3)
         mean = theta * end + (1.0 - theta) * start
-        layer.turn(layer.lip_motion(u, start, mean), step, theta)
+        layer.turn(layer.lip_motion(*map(facet.with_ground, (u, start, mean))), step, theta)
         layer.begin_step(step, theta)
         group.impulse[:] = np.random.default_rng(14).standard_normal(group.impulse.shape)
         group.energy[:, 0], before = held, held * len(group)
         given = np.vdot((layer.impulses() + layer.couples())[:-1], mean)
-        work = layer.commit(np.concatenate([end, np.zeros((1, facet.dim))]).ravel())
+        work = layer.commit(facet.with_ground(end).ravel())
         assert abs(np.vdot(layer.couples()[:-1], mean)) > 1e-4
         booked = work.stored - before + sum(work[1:])
         assert given + booked == pytest.approx(0.0, abs=1e-12 * abs(before))

@@ -138,7 +138,7 @@ def softening_kernels(dim: int, damage, mean_damage, spent) -> LawKernels:
         for j in range(num_sym):
             terms[i, soft + j] = softened[j]
 
-    @xf.njit
+    @xf.njit(forceinline=True)
     def prepare(i, jump, velocity, w, area, step, theta, parameters, state, terms, details):
         h_theta = step * theta
         for j in range(dim):
@@ -183,7 +183,7 @@ def softening_kernels(dim: int, damage, mean_damage, spent) -> LawKernels:
             set_damage(i, details[i, mean] - fall * details[i, old], w, terms, details)
         return fall
 
-    @xf.njit
+    @xf.njit(forceinline=True)
     def commit(i, jump0, jump1, u, r, area, step, theta, parameters, state, terms, details, energy):
         x1 = opening(jump1)
         beta = min(details[i, mean], mean_of(i, x1, parameters, details))

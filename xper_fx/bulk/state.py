@@ -99,16 +99,22 @@ def interact(
     return velocity, impulses, slots, report
 
 
-def at_nodes(values: np.ndarray, nodes: np.ndarray, dim: int) -> np.ndarray:
-    """Of values on all dofs those of some nodes, shape (num_nodes, dim)."""
-    out = np.empty((len(nodes), dim))
+def at_nodes(
+    values: np.ndarray, nodes: np.ndarray, dim: int, rows: int | None = None
+) -> np.ndarray:
+    """Of values on all dofs those of some nodes, shape (rows, dim), and zeros after them.
+
+    There are as many rows as nodes if their number is not given.
+    """
+    out = np.empty((len(nodes) if rows is None else rows, dim))
     _take_from_nodes(values, nodes, out)
+    out[len(nodes) :] = 0.0
     return out
 
 
 @njit(**LEAN_ENTRY)
 def _take_from_nodes(values, nodes, out):
-    """Read values of some nodes, shape (num_nodes, dim), from those of all dofs."""
+    """Read values of some nodes, shape (at least num_nodes, dim), from those of all dofs."""
     dim = out.shape[1]
     for i in range(len(nodes)):
         first = np.uintp(nodes[i] * dim)

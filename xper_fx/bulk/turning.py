@@ -36,12 +36,12 @@ def turn(
     Raises:
         FacetFlippedError: see `Interactions.turn`.
     """
-
-    velocity = at_nodes(state.velocity, nodes, bulk.dim)
+    slots = interactions.inverse.num_slots
+    velocity = at_nodes(state.velocity, nodes, bulk.dim, slots)
     motion = interactions.lip_motion(
-        at_nodes(state.displacement, nodes, bulk.dim),
+        at_nodes(state.displacement, nodes, bulk.dim, slots),
         velocity,
-        velocity if mean is state.velocity else at_nodes(mean, nodes, bulk.dim),
+        velocity if mean is state.velocity else at_nodes(mean, nodes, bulk.dim, slots),
         *bulk.macroscopic_motion(state.displacement, mean),
     )
     interactions.turn(motion, step, theta)

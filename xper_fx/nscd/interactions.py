@@ -168,31 +168,22 @@ class Interactions(SteppedPoints):
         gradient: np.ndarray | None = None,
         rate: np.ndarray | None = None,
     ) -> LipMotion:
-        """What `turn` wants, from the interacting nodes of meshed bodies.
+        """What `turn` wants; ghosts follow their owners.
 
         Args:
-            displacement, velocity, mean: shape (num_nodes, dim), see `LipMotion`.
+            displacement, velocity, mean: shape (num_slots, dim), see `LipMotion`; those of ghosts
+                change.
             gradient, rate: of a periodic cell, see `LipMotion`.
         """
         from xper_fx.nscd.turning_frames import LipMotion
 
         at_slots = []
-        for nodal in (displacement, velocity, mean)[: 2 if mean is velocity else 3]:
-            at_slots.append(np.zeros(self.inverse.num_slots * self.dim))
-            self.move_bulk(at_slots[-1], nodal)
+        for values in (displacement, velocity, mean)[: 2 if mean is velocity else 3]:
+            at_slots.append(values.reshape(-1))
+            self.refresh_ghosts(at_slots[-1])
         if gradient is None:
             gradient, rate = np.eye(self.dim), np.zeros((self.dim, self.dim))
         return LipMotion(at_slots[0], at_slots[1], at_slots[-1], gradient, rate)
-
-    def move_bulk(self, values: np.ndarray, nodal: np.ndarray) -> None:
-        """Give values of meshed bodies to their slots and to those of ghosts.
-
-        Args:
-            values: shape (num_slots * dim,), changed.
-            nodal: shape (num_nodes, dim), of the interacting nodes of meshed bodies.
-        """
-        values.reshape(-1, self.dim)[: len(nodal)] = nodal
-        self.refresh_ghosts(values)
 
     def free_velocities(self, bulk: np.ndarray) -> np.ndarray:
         """Free velocities of all slots, flat.

@@ -19,5 +19,7 @@ LEAN_ENTRY = ENTRY | {"_nrt": False}
 # Called by kernels alone.
 LEAN_INNER = LEAN_ENTRY | {"no_cpython_wrapper": True}
 # A few lines that kernels call in many places: typed once, and merged into the callers by LLVM.
-# (With inline="always" they are typed in each place, and take the caller's fastmath.)
+# (With inline="always" they are typed in each place, and take the caller's fastmath.) So is what a
+# loop calls with a dozen arrays: LLVM leaves long functions apart, and to pass the arrays can cost
+# more than what is done with them.
 MERGED = LEAN_INNER | {"forceinline": True}

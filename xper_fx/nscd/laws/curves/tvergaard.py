@@ -24,7 +24,9 @@ def _fall(x, p):
 def _area(a, b, g, p):
     middle, half = 0.5 * (a + b), 0.5 * (b - a)
     low, high = middle - _NODE * half, middle + _NODE * half
-    return half * (low * _fall(low, p) + high * _fall(high, p))
+    per_length = 1.0 / p[1]
+    at_low, at_high = 1.0 - low * per_length, 1.0 - high * per_length
+    return half * (low * at_low * at_low + high * at_high * at_high)
 
 
 @dataclass(frozen=True)
