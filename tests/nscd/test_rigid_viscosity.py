@@ -46,7 +46,7 @@ def test_a_mass_pulled_off_moves_as_its_equation_says(direction):
     duration = exact.t[-1] - start
     assert 0.5 < ETA * exact.y[1, -1] / S < 2.0  # the overstress counts
     errors = []
-    for steps in (50, 100, 200):
+    for steps in (20, 40, 80):
         bond, h, total = PointMass(law(), mass, 0.0 * direction, area=AREA), duration / steps, 0.0
         for n in range(steps):
             energies = bond.step(h, rate * (start + (n + 0.5) * h) * direction)
@@ -55,7 +55,7 @@ def test_a_mass_pulled_off_moves_as_its_equation_says(direction):
         errors.append(np.abs(np.array(found) / (exact.y[:, -1] * [1.0 / DC, 1.0, 1.0]) - 1.0))
         assert abs(total[4]) < 1e-10 * W * AREA
     errors = np.array(errors)
-    assert errors[-1].max() < 2e-4
+    assert errors[-1].max() < 1e-3
     assert (errors[:-1] / errors[1:]).min() > 3.4
 
 

@@ -16,7 +16,13 @@ from xper_fx.bodies.meshes import crossed_rectangle, tag_facets
 from xper_fx.forms.loads import Gravity, PrescribedVelocity, RayleighDamping
 from xper_fx.materials import J2SmallStrain, LinearElastic, NeoHookean
 from xper_fx.materials.hardening import Linear
-from xper_fx.nscd.laws import CohesiveCurve, CohesiveZone, MixedMode, SignoriniCoulomb
+from xper_fx.nscd.laws import (
+    CohesiveCurve,
+    CohesiveZone,
+    MixedMode,
+    RigidMixedMode,
+    SignoriniCoulomb,
+)
 from xper_fx.nscd.laws.fields import Weibull
 from xper_fx.output.field_series import point_coordinates
 from xper_fx.output.fragments import Fragments, measure_fragments
@@ -177,6 +183,20 @@ def uneven():
     return scene, {"scheme": "explicit", "tolerance": 1e-12}, 20
 
 
+def rigid():
+    """Initially rigid bonds of random strengths, modes apart and viscous, a point on each facet."""
+    loads, start = stretched(1.0)
+    bodies = box_bodies((1, 1), (6, 6), label=quadrants)
+    bond = RigidMixedMode(
+        (Weibull(10.0, 12.0, seed=2), 14.0), (0.05, 0.05), 2.0, friction=0.3, viscosity=1.0
+    )
+    scene = Scene(
+        bodies, {1: ELASTIC}, default_interaction=bond, loads=loads,
+        initial_velocity=lambda x: start(x)[:2],
+    )  # fmt: skip
+    return scene, {"step": 1e-3, "tolerance": 1e-10, "scheme": "implicit"}, 25
+
+
 @xf.njit
 def falling(x, strength, length):
     """Traction of an opening x."""
@@ -211,6 +231,7 @@ SCENES = {
         strips,
         space,
         uneven,
+        rigid,
         own,
         own_curve,
     )  # fmt: skip

@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """What laws of initially rigid bonds share (`rigid_cohesive_zone.py` derives them).
 
-A bond of strength s and fracture energy w has a stiffness after all, of an opening of 1e-13 w / s
+A bond of strength s and fracture energy w has a stiffness after all, of an opening of 1e-9 w / s
 at the strength: numbers of `curves/curve.py` then serve as they are, elastic part included, and w
-stays exact. No bond is ever seen with it, as one that would open by less is held.
+stays exact. No bond is ever seen with it, as one that would open by less is held. (Implicit steps
+with a point on each facet need it: with 1e-11 solvers find different states, or none. What it costs
+are tractions that are too low in steps that open a bond by no more than some 1e-8 w / s.)
 """
 
 from __future__ import annotations
@@ -21,7 +23,7 @@ from xper_fx.nscd.laws.parameters import refuse_where
 from xper_fx.nscd.laws.signorini_coulomb import check_contact
 
 # Opening of a bond at its strength, over w / s: nothing.
-_ELASTIC = 1e-13
+_ELASTIC = 1e-9
 
 
 class RigidBond(Bond):
