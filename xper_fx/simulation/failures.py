@@ -60,7 +60,8 @@ def give_up(
             require_finite(simulation, source, size)
     helps = attempts.advice(residual, newton, simulation.tolerance)
     number, time = simulation.step_number + 1, simulation.time
+    if simulation.path is not None:
+        failure = f"{simulation.path.shortest} {failure}"
     raise ConvergenceError(
-        number, time, size, residual, newton, simulation.save_state(), *helps, failure=failure,
-        cut=None if simulation.path is None else simulation.path.shortest,
+        number, time, size, residual, newton, simulation.save_state(), *helps, failure=failure
     )  # fmt: skip

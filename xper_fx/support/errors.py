@@ -23,9 +23,6 @@ class ConvergenceError(RuntimeError):
         failure: what failed, in words, where more is known than the residuals; else empty.
 
     The message ends with advice: what may help where such a step does not converge.
-
-    Args:
-        cut: down to what the step was cut, in words; its size if not given.
     """
 
     failure = ""
@@ -40,19 +37,17 @@ class ConvergenceError(RuntimeError):
         saved: Path | None,
         advice: str = _ADVICE,
         failure: str = "",
-        cut: str | None = None,
     ):
         self.step, self.time, self.size = step, time, size
         self.residual, self.newton_residual = residual, newton_residual
         self.saved, self.failure = saved, failure
         where = f" The state before it is in {saved}." if saved else ""
-        cut = f"h = {size:.3g} s" if cut is None else cut
         found = f"residual {residual:.3g} of the interactions, {newton_residual:.3g} of Newton"
         if failure:
             found = f"{failure} ({found})"
         super().__init__(
-            f"Step {step} at t = {time:.6g} s did not converge down to {cut}: {found}.{where} "
-            f"{advice}"
+            f"Step {step} at t = {time:.6g} s did not converge down to h = {size:.3g} s: "
+            f"{found}.{where} {advice}"
         )
 
 
