@@ -7,8 +7,8 @@ is more than what a Newton solve costs, `newton.py` goes on from there, and fall
 itself where a step does not help. Where Newton has nothing to work with (w singular along a
 direction that is not prescribed) or gives up, `accelerated.py` finishes. Newton gives up after two
 attempts: where half of the bonds of a plate are broken it goes in circles, and takes the sweeps
-between its attempts, in number like that of the points, while mixed ones are as many, 1400, with 40
-and with 80 squares a side (`benchmarks/half_broken.py`).
+between its attempts, in number like that of the points, while mixed ones are 1000 to 2000 with 40,
+80 and 160 squares a side (`benchmarks/half_broken.py`).
 
 Where every point is a perfect bond, `feti.py` takes Newton's place for bodies of many cells:
 3072 tetrahedra in 16 bodies took 2.6 times less at a tolerance of 1e-8 and a step thirty times what
