@@ -20,6 +20,7 @@ from xper_fx.nscd.solvers import (
     NewtonOnAllPoints,
     NonlinearGaussSeidel,
     SolveOptions,
+    accelerated,
     newton,
     tangent,
 )
@@ -81,6 +82,21 @@ def test_the_answer_is_that_of_sweeps(name, broken):
     if broken:  # opens, sticks and slides
         scene.commit(velocity)
         assert np.bincount(scene.gather("status").astype(int), minlength=3).min() > 15
+
+
+def test_newton_that_goes_in_circles_leaves_the_rest_to_mixed_sweeps(monkeypatch):
+    """Two attempts, then the answer of sweeps; each fourth of them is mixed."""
+    mixed, mix = [], accelerated.AndersonMixing.mix
+    make = lambda: plate_step(8, 100, True)  # noqa: E731
+    exact = solved(make, NonlinearGaussSeidel, tolerance=1e-8, max_sweeps=100_000, relaxation=1.3)
+    monkeypatch.setattr(newton._Attempt, "run", lambda *_: False)
+    monkeypatch.setattr(
+        accelerated.AndersonMixing, "mix", lambda *parts: mixed.append(1) or mix(*parts)
+    )
+    _, _, velocity, report = solved(make, Automatic, tolerance=1e-6)
+    assert report.converged and "2 times back to sweeps; accelerated" in report.reason
+    np.testing.assert_allclose(velocity, exact[2], rtol=0, atol=1e-5 * np.abs(velocity).max())
+    assert 40 < 4 * len(mixed) < report.sweeps < exact[3].sweeps / 5
 
 
 @pytest.mark.parametrize("name", SOLVERS)

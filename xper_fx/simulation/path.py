@@ -194,8 +194,8 @@ class PathFollower:
 
     @property
     def shortest(self) -> str:
-        """Down to what a step was cut before the run gave up, in words."""
-        return f"a share of {_LEAST:g} of what its control asks for"
+        """Down to what a step along a path was cut before the run gave up, in words."""
+        return f"a share of {_LEAST:g} of what the path's control asks for"
 
     def saved(self) -> dict:
         """All that the next step depends on."""
