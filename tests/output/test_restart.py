@@ -423,7 +423,7 @@ def test_fields_are_told_apart_by_their_values():
 
     def described(strength, factor=1.0):
         scene = bar(law=replace(LAW, strength=lambda x: strength * (1.0 + x[0]))).scene
-        velocity = fem.Function(fem.functionspace(scene.bodies.mesh, ("P", 1)))
+        velocity = fem.Function(fem.functionspace(scene.bodies.mesh, ("P", 1, (2,))))
         velocity.x.array[:] = factor * np.arange(len(velocity.x.array))
         return fingerprint(replace(scene, initial_velocity=velocity), [0.0])
 
