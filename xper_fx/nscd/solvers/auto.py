@@ -8,7 +8,8 @@ itself where a step does not help. Where Newton has nothing to work with (w sing
 direction that is not prescribed) or gives up, `accelerated.py` finishes. Newton gives up after two
 attempts: where half of the bonds of a plate are broken it goes in circles, and takes the sweeps
 between its attempts, in number like that of the points, while mixed ones are 1000 to 2000 with 40,
-80 and 160 squares a side (`benchmarks/half_broken.py`).
+80 and 160 squares a side (`benchmarks/half_broken.py`). Where half of the sweeps allowed do not
+do either, as between bodies of very different masses, it goes on.
 
 Where every point is a perfect bond, `feti.py` takes Newton's place for bodies of many cells:
 3072 tetrahedra in 16 bodies took 2.6 times less at a tolerance of 1e-8 and a step thirty times what
@@ -166,6 +167,8 @@ class Automatic(Solver):
         best = "subdomains" if bonded and not interactions.inverse.uniform_size else "newton"
         attempts = _BRIEF if best == "newton" and not rigid else allowed
         next_ones = [(best, min(attempts, allowed)), ("accelerated", max_sweeps)]
+        if attempts < allowed:  # what mixing does not solve is left to Newton's patience
+            next_ones[1:1] = [("accelerated", max_sweeps // 2), (best, allowed)]
         if rigid and count >= _MANY_RIGID:
             next_ones = [("accelerated", allowed), ("nlgs", max_sweeps)]
         elif rigid:
