@@ -77,6 +77,9 @@ def test_references_of_the_arrays_are_not_counted():
     values = np.zeros(1)
     before = sys.getrefcount(values)
     calls = bind_calls([shift], [(values, 1.0)])
+    # the owner of an array that is passed lives as long as the call that binds it
+    assert calls[0, 1:3].tolist() == [0, 0]
+    assert calls[0, 5] == values.ctypes.data
     for _ in range(100):
         all_of(calls)
     assert sys.getrefcount(values) == before
