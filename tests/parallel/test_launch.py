@@ -8,6 +8,7 @@ import re
 import signal
 import subprocess
 import sys
+import termios
 from types import SimpleNamespace
 
 import pytest
@@ -92,6 +93,7 @@ next(xf.Simulation(scene, 1e-3).steps(1e-3))
 
 def test_a_script_of_its_own_says_that_it_compiles():
     master, terminal = pty.openpty()
+    termios.tcsetwinsize(terminal, (24, 80))
     script = subprocess.Popen(
         [sys.executable, "-c", PLAIN], stderr=terminal, env=os.environ | {"XPER_FX_CACHE": "off"}
     )
