@@ -18,8 +18,8 @@ FOR_NOTHING = (
     "forgiving=True to go on with that; look at the last output first."
 )
 OF_BULK = (
-    "The interactions converge and the bulk does not: try a smaller step, a larger max_newton, or "
-    'solver="monolithic"; look at the last output first.'
+    "The interactions converge and the bulk does not: try a smaller step or tolerance, a larger "
+    'max_newton, or solver="monolithic"; look at the last output first.'
 )
 AT_POINTS = (
     'The contacts were solved at their points: try solver="monolithic", which takes them together '
