@@ -23,6 +23,7 @@ from numba.core.dispatcher import Dispatcher
 from xper_fx.cache.compiling import KIND
 from xper_fx.cache.content import INHERITED, UnknownContentError, digest
 from xper_fx.cache.folder import kernel_folder
+from xper_fx.cache.numba_flags import compare_at_once
 
 logger = logging.getLogger("xper_fx.cache")
 
@@ -50,6 +51,7 @@ def _number_functions() -> None:
     FunctionIdentity._unique_ids = count(_FIRST_NUMBER + secrets.randbits(60))
 
 
+compare_at_once()
 _number_functions()
 os.register_at_fork(after_in_child=_number_functions)
 

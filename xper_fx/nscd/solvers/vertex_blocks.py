@@ -39,7 +39,7 @@ from xper_fx.cache import njit
 from xper_fx.nscd.algebra.small import for_dimension
 from xper_fx.nscd.couplings import Blocks, Couplings, Sides, motion
 from xper_fx.nscd.interactions import Interactions
-from xper_fx.nscd.kernel_options import LEAN_ENTRY
+from xper_fx.nscd.kernel_options import LEAN_ENTRY, LEAN_INNER, MERGED
 from xper_fx.nscd.laws.law import LawKernels
 from xper_fx.nscd.point_group import PointGroup
 from xper_fx.nscd.points import frame_from_normal
@@ -68,8 +68,8 @@ _REGULAR = 1.0 - 1e-7
 
 
 # Hot loops allocate nothing; counting references of the arrays passed would cost more than they do.
-_KERNEL = njit(fastmath={"contract"}, error_model="numpy", _nrt=False)
-_KERNEL_INLINED = njit(inline="always")
+_KERNEL = njit(fastmath={"contract"}, **LEAN_INNER)
+_MERGED = njit(fastmath={"contract"}, **MERGED)
 
 
 class _Blocks(NamedTuple):
@@ -228,7 +228,7 @@ def _tilt_kernel(dim: int):
 
 @cache
 def _group_kernels(law: LawKernels, dim: int, unknowns: int, alone: bool, turns: bool):
-    """What a vertex does with its points of one law, inlined when it is the only law.
+    """What a vertex does with its points of one law, merged into its solver if there is no other.
 
     Each kernel takes the vertex, the velocities, the vertices' arrays, the count of the vertex's
     points before these, and the group's arrays.
@@ -242,7 +242,7 @@ def _group_kernels(law: LawKernels, dim: int, unknowns: int, alone: bool, turns:
     add_world, scale_world = world.add, world.scale
     read, push = motion(Sides(dim, components, 1), Blocks(dim, aligned=True))
     solve = law.solve
-    kernel = _KERNEL_INLINED if alone else _KERNEL
+    kernel = _MERGED if alone else _KERNEL
     turns = turns and components == dim
     to_start, to_now = algebra.to_local, algebra.to_global
 
@@ -511,7 +511,7 @@ def _nest(count: int):
 @cache
 def _chain(laws: tuple[LawKernels, ...], dim: int, unknowns: int, alone: bool, turns: bool):
     """The kernels over all the laws of a vertex, one after the other."""
-    kernel = _KERNEL_INLINED if alone else _KERNEL
+    kernel = _MERGED if alone else _KERNEL
     kernels = _group_kernels(laws[0], dim, unknowns, alone, turns)
     warm, evaluate, sweep, correct, renew, evolve = kernels
     last = len(laws) == 1
@@ -699,7 +699,7 @@ def _solve_kernel(laws: tuple[LawKernels, ...], dim: int, unknowns: int, turns: 
                 tolerance, max_sweeps, relax, speed, parts, chunk,
             )  # fmt: skip
 
-    @njit(nogil=True)
+    @njit(nogil=True, **LEAN_ENTRY)
     def solve_serial(v, blocks, arrays, tolerance, max_sweeps, relax, speed, parts):
         num = len(blocks.rounding)
         solve_range(0, num, v, blocks, arrays, tolerance, max_sweeps, relax, speed, parts, 0)
