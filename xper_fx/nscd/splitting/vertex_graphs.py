@@ -34,8 +34,8 @@ class VertexGraphs(NamedTuple):
         compliance_of_vertex: shape (num_vertices,), one over the mass of all its corners; zero
             where one of them is driven.
         weakest: shape (num_vertices,), smallest of `least`.
-        easy: shape (num_vertices,), N; below step times this, the root of the sum of squares of what
-            the corners are given is borne by some flow (`holding.py`).
+        easy: shape (num_vertices,), N; while the root of the sum of squares of what the corners are
+            given is below step times this, some flow is borne (`holding.py`).
         tree: shape (num_corners, 3), the corners of a vertex, those farthest from its first one
             first: corner, the bond on the shortest way there, and the corner beyond it; the first
             corner itself comes last.
@@ -43,7 +43,7 @@ class VertexGraphs(NamedTuple):
         ring_ends: shape (num_rings,), one beyond the last entry of each ring in `ring`.
         ring: shape (n, 2), bonds that close a ring of corners, counted in the vertex, and 1 where
             one goes round from antagonist to candidate, -1 elsewhere.
-        ring_weight: shape (n,), float32, the same sign times 1 / least^2, over the sum of 1 / least^2
+        ring_weight: shape (n,), float32, the same sign times 1 / least^2, over the sum of that
             along the ring.
     """
 

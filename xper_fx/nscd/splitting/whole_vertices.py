@@ -14,7 +14,7 @@ from xper_fx.nscd.laws.law import LawKernels
 from xper_fx.nscd.splitting.bonds_of_laws import kernels_of_laws
 from xper_fx.nscd.splitting.vertex_kernels import vertex_kernels
 
-# How often flows are eased along all rings of a vertex, by the dimension: in the plane there is one.
+# How often flows are eased along all rings of a vertex, by the dimension: a plane one has one.
 _EASINGS = (0, 0, 1, 3)
 
 _INLINED = {"inline": "always"}
