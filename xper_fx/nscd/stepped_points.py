@@ -280,6 +280,8 @@ class SteppedPoints(PointValues):
         """H r: impulses of the current step on the interacting nodes, shape (num_slots, dim)."""
         if self.fused is not None:
             own = self.fused.given_impulses()
+            if self.halo is not None:
+                self.halo.everywhere.add_back(own.reshape(-1))
             return own + self.spread(self.contacts) if self.contacts else own
         total = self.spread(self.groups)
         if self.halo is not None:

@@ -242,21 +242,33 @@ class FusedPoints:
         split = order[of_vertex[order] >= 0]
         self.wake(split[len(self.split) :].astype(np.int32))
 
-    def require_one_velocity(self, nodal: np.ndarray) -> None:
+    def split_where(self, changed: np.ndarray) -> None:
+        """Let the vertices be split of points that are no more as at the start.
+
+        Args:
+            changed: shape (num_points,), bool.
+        """
+        graphs = self.graphs
+        split = np.logical_or.reduceat(changed[graphs.point], graphs.bond_offsets[:-1])
+        self.wake(np.flatnonzero(split & self.whole).astype(np.int32))
+
+    def require_one_velocity(self, nodal: np.ndarray, largest: Callable) -> None:
         """Raise a ValueError if cells that a vertex joins start with velocities of their own.
 
         Args:
             nodal: shape (num_slots, dim), velocities at the start (m/s).
+            largest: gives the largest of numbers over all ranks, which raise together.
         """
         graphs, sides = self.graphs, self._slots_of_sides()
         rigid = graphs.least > 0.0
         jump = np.abs(nodal[sides[:, 0]] - nodal[sides[:, 1]]).max(axis=1, initial=0.0) * rigid
         driven = np.any(graphs.compliance[sides] == 0.0, axis=(1, 2))
         jump[driven] = 0.0
-        if np.any(jump > _ROUNDING * np.abs(nodal).max(initial=0.0)):
+        apart, speed = largest(np.array([jump.max(initial=0.0), np.abs(nodal).max(initial=0.0)]))
+        if apart > _ROUNDING * speed:
             raise ValueError(
                 "Initially rigid bonds join cells that move apart at the start, by "
-                f"{jump.max():g} m/s: take an initial_velocity that is continuous there."
+                f"{apart:g} m/s: take an initial_velocity that is continuous there."
             )
 
     def _slots_of_sides(self) -> np.ndarray:
