@@ -84,26 +84,26 @@ def test_a_driven_corner_takes_what_is_left_in_its_component():
     np.testing.assert_allclose(given[:, 1], source[:, 1], atol=1e-12)
 
 
-def star(strength):
+def star(strength, bonds=RING, least=LEAST):
     """Graphs, work space and laws of a vertex of the ring's six corners, of unit masses."""
-    nodes = np.array(RING, np.int32)[:, :, None]
-    angle = np.arange(len(RING)) * 0.8
+    nodes = np.array(bonds, np.int32)[:, :, None]
+    angle = np.arange(len(bonds)) * 0.8
     points = InteractionPoints(
         nodes, np.ones(nodes.shape), frame_from_normal(np.stack([np.cos(angle), np.sin(angle)], 1)),
-        LEAST.copy(), np.zeros(len(RING)),
+        least.copy(), np.zeros(len(bonds)),
     )  # fmt: skip
     inverse = BodyInverse.of_nodes(np.ones((6, 2)), 2)
-    zero = np.zeros(len(RING), int)
-    graphs = vertex_graphs(points, zero, zero, np.full(len(RING), strength), inverse)
+    zero = np.zeros(len(bonds), int)
+    graphs = vertex_graphs(points, zero, zero, np.full(len(bonds), strength), inverse)
     law = RigidCohesiveZone(strength, 1.0)
     return graphs, law
 
 
-def moved(strength, velocity):
+def moved(strength, velocity, bonds=RING, least=LEAST):
     """Velocities of the corners after a unit step, and whether the vertex holds."""
-    graphs, law = star(strength)
+    graphs, law = star(strength, bonds, least)
     v = np.append(velocity.ravel(), np.zeros(2))
-    rows = np.zeros(len(RING), np.int32)
+    rows = np.zeros(len(bonds), np.int32)
     failed = whole_kernel((law.kernels(2),), 2)(
         v, np.zeros((7, 2)), 1.0, 6, graphs, vertex_work(graphs, 2), np.zeros(1, np.int32),
         np.ones(1, bool), rows, rows.astype(np.int8), (np.array([law.parameters()], float),),
@@ -124,6 +124,17 @@ def test_a_vertex_holds_up_to_what_its_least_flow_asks():
     v, holds = moved(0.999 * most, velocity)
     assert not holds
     assert np.array_equal(v, velocity)
+
+
+def test_a_ring_bears_twice_what_a_chain_does():
+    """Three corners pull one way, three the other: what is looked at first is then sharp."""
+    velocity = np.repeat([[-1.0, 0.0], [1.0, 0.0]], 3, axis=0)
+    for bonds, most, share in ((RING[:6], 1.5, 4.0), (RING[:5], 3.0, 2.0), (RING, 1.2, 2.0)):
+        least = np.ones(len(bonds))
+        graphs, _ = star(2.0, bonds, least)
+        assert graphs.easy[0] == pytest.approx(2.0 * share / np.sqrt(6.0), rel=1e-15)
+        assert moved(1.001 * most, velocity, bonds, least)[1]
+        assert not moved(0.999 * most, velocity, bonds, least)[1]
 
 
 def test_rings_close_and_trees_reach_all():

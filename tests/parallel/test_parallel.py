@@ -22,7 +22,7 @@ import meshed_scenes
 
 SCENES = (
     "explicit", "scattered", "quadratic", "blocks", "fall", "plastic", "free", "tied", "space",
-    "uneven", "rigid", "own", "own_curve",
+    "uneven", "rigid", "splitting", "own", "own_curve",
 )  # fmt: skip
 # Scenes whose points do not push each other at the end in more ways than one.
 UNIQUE = ("blocks", "plastic", "free", "space", "own_curve")

@@ -13,7 +13,7 @@ from scipy.optimize import brentq
 from xper_fx.materials import LinearElastic, NeoHookean
 from xper_fx.materials.library import ZIRCALOY_4, ZIRCALOY_BOND
 from xper_fx.materials.material import lame
-from xper_fx.nscd.laws import CohesiveZone, PerfectBond, SignoriniCoulomb
+from xper_fx.nscd.laws import CohesiveZone, PerfectBond, RigidCohesiveZone, SignoriniCoulomb
 from xper_fx.output.checkpoint import restore
 from xper_fx.output.recorder import Recorder
 from xper_fx.periodic.averages import macroscopic_state
@@ -593,3 +593,29 @@ def test_without_convergence_the_state_is_saved(tmp_path):
     assert simulation.time == caught.value.time
     list(simulation.steps(0.04))
     assert simulation.macroscopic.stress[1, 1] == pytest.approx(0.0, abs=1e-6)
+
+
+@pytest.mark.parametrize(("dim", "kind", "cells"), [(2, "crossed", 3), (3, "hexahedron", 2)])
+def test_initially_rigid_bonds_in_a_cell(dim, kind, cells):
+    """Each cell a body, across the border too: one body until they open, then w to rounding."""
+    solid = {1: LinearElastic(1.0, 0.3, 1.0)}
+    still = {i + j: float(i == j) for i in "123"[:dim] for j in "123"[:dim] if i + j != "11"}
+    drive = MacroscopicDrive(rate={"11": 0.04}, gradient=still)
+    step, found = 0.02, {}
+    for name, strength, label in (("one", None, 0), ("strong", 1.0, None), ("weak", 1e-2, None)):
+        law = None if strength is None else RigidCohesiveZone(strength, 5e-5, friction=0.3)
+        bodies = cell_of((1.0,) * dim, (cells,) * dim, kind, label=label)
+        scene = Scene(bodies, solid, default_interaction=law, macroscopic=drive)
+        simulation = Simulation(scene, step, tolerance=1e-9, num_threads=1)
+        for _ in simulation.steps(22 * step):
+            pass
+        energies = simulation.ledger.energies
+        assert abs(simulation.ledger.closure) < 1e-12 * energies.external_work
+        found[name] = simulation
+    stress = {name: run.macroscopic.stress[0, 0] for name, run in found.items()}
+    assert stress["strong"] == pytest.approx(stress["one"], rel=1e-9)
+    assert stress["weak"] < 0.9 * stress["one"]
+    points = found["weak"].interactions
+    spent, area = points.gather("spent"), points.gather("area")
+    assert np.count_nonzero(spent)
+    assert energies.dissipated_cohesion == pytest.approx(5e-5 * (spent @ area), rel=1e-12)

@@ -20,6 +20,7 @@ from xper_fx.nscd.laws import (
     CohesiveCurve,
     CohesiveZone,
     MixedMode,
+    RigidCohesiveZone,
     RigidMixedMode,
     SignoriniCoulomb,
 )
@@ -197,6 +198,18 @@ def rigid():
     return scene, {"step": 1e-3, "tolerance": 1e-10, "scheme": "implicit"}, 25
 
 
+def splitting():
+    """As `rigid`, but each cell a body and an explicit bulk: vertices that split, some driven."""
+    loads, start = stretched(1.0)
+    bodies = box_bodies((1, 1), (6, 6))
+    bond = RigidCohesiveZone(Weibull(10.0, 12.0, seed=2), 5e-3, friction=0.3)
+    scene = Scene(
+        bodies, {1: ELASTIC}, default_interaction=bond, loads=loads,
+        initial_velocity=lambda x: start(x)[:2],
+    )  # fmt: skip
+    return scene, {"scheme": "explicit", "tolerance": 1e-10}, 60
+
+
 @xf.njit
 def falling(x, strength, length):
     """Traction of an opening x."""
@@ -232,6 +245,7 @@ SCENES = {
         space,
         uneven,
         rigid,
+        splitting,
         own,
         own_curve,
     )  # fmt: skip

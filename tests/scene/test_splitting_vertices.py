@@ -50,12 +50,13 @@ def at_nodes(simulation):
     return V.tabulate_dof_coordinates()[:, :dim], u
 
 
+@pytest.mark.parametrize("order", [1, 2])
 @in_both
-def test_whole_vertices_are_nodes_of_finite_elements(dim):
+def test_whole_vertices_are_nodes_of_finite_elements(dim, order):
     """The exploded mesh moves as the same mesh in one piece does, to rounding, without a point."""
-    exploded = xf.Simulation(pulled(dim, 0.01, law=UNBREAKABLE), **ONE)
+    exploded = xf.Simulation(pulled(dim, 0.01, law=UNBREAKABLE, order=order), **ONE)
     step = exploded.step_size
-    one = xf.Simulation(pulled(dim, 0.01, law=None, label=0), step, **ONE)
+    one = xf.Simulation(pulled(dim, 0.01, law=None, label=0, order=order), step, **ONE)
     for simulation in (exploded, one):
         list(simulation.steps(60 * step))
     x, u = at_nodes(exploded)
@@ -100,6 +101,20 @@ def test_a_body_that_breaks_in_flight_keeps_its_momenta_and_its_energy(dim, law)
     assert abs(e.dissipated_numerical) < 1e-3 * e.dissipated_cohesion
     viscous = e.dissipated_viscous_bonds / e.dissipated_cohesion
     assert (0.05 < viscous < 0.5) if law.viscosity else viscous == 0.0
+
+
+@in_both
+def test_quadratic_cells_break_as_linear_ones_do(dim):
+    """Nodes on edges split as well: w exact, the ledger closed."""
+    start = {"initial_velocity": lambda x: flying_apart(x)[:dim]}
+    simulation = xf.Simulation(box(dim, BRITTLE, order=2, **start), **ONE)
+    kinetic = simulation.ledger.energies.kinetic
+    for _ in simulation.steps(2.0):
+        assert abs(simulation.ledger.closure) < 1e-13 * kinetic
+    spent, area = (simulation.interactions.gather(n) for n in ("spent", "area"))
+    assert min(map(np.count_nonzero, (spent > 0.99, spent == 0.0))) > 2
+    cracked = simulation.ledger.energies.dissipated_cohesion
+    assert cracked == pytest.approx(BRITTLE.fracture_energy * (spent @ area), rel=1e-12)
 
 
 def test_a_bar_breaks_at_its_strength():

@@ -226,3 +226,25 @@ def test_what_cannot_go_on_is_refused():
         replace(bar.scene, order=2, after=bar.snapshot())
     with pytest.raises(ValueError, match="with the scheme of the run"):
         again(bar, scheme="explicit")
+
+
+def test_rigid_bonds_go_on_where_all_have_points_and_back():
+    """As on several ranks at finite strain: sound bonds of whole vertices have no arrays on one."""
+    scene = restart_scenes.splitting_plate
+    first = advanced(scene(), 0.5 * restart_scenes.SCENES[scene][0])
+    fused = first.interactions.fused
+    assert 0 < len(fused.split) < fused.graphs.num_vertices
+    others = [
+        xf.Simulation(first.scene, first.step_size, scheme=scheme, num_threads=1)
+        for scheme in ("implicit", "explicit")
+    ]
+    assert others[0].interactions.fused is None
+    for before, other in zip((first, others[0]), others, strict=True):
+        other.interactions.restore(before.saved_in_order()["interactions"])
+        for name in ("damage", "jump", "spent", "energy"):
+            np.testing.assert_array_equal(
+                other.interactions.gather(name), first.interactions.gather(name)
+            )
+    worn = (first.interactions.gather("spent") > 0.0)[fused.graphs.point]
+    split = np.flatnonzero(np.logical_or.reduceat(worn, fused.graphs.bond_offsets[:-1]))
+    np.testing.assert_array_equal(np.sort(others[1].interactions.fused.split), split)

@@ -88,6 +88,8 @@ class Interactions(SteppedPoints):
         )
         self.inverse = self._permanent.inverse
         self.fused, self.groups = self._permanent.fused, self._permanent.groups
+        if self.fused is not None:
+            self.fused.require_one_velocity(nodal, self.largest)
         self.turns = bool(self.largest(self._permanent.turn))
         grouping = self._permanent.grouping.by_tiles()
         self._found, self._carried = (FoundContacts(grouping, laws, self.dim) for _ in range(2))
@@ -299,7 +301,7 @@ class Interactions(SteppedPoints):
         """Take what `saved` gave, its rows in order; points as they were before any retired."""
         number = self._numbers()
         if self.fused is not None:
-            self.fused.split_again(saved["split"][number])
+            self._permanent.split_as(saved, number)
         gone = np.flatnonzero(~saved["kept"][number])
         if len(gone):
             self.deactivate(gone)

@@ -108,7 +108,6 @@ class PermanentGroups:
                     self.inverse, kernels, points, self.law_of_point, indices
                 ),
             )  # fmt: skip
-            self.fused.require_one_velocity(nodal)
             self.groups = self.fused.groups
         self.turn = any(group.turning is not None for group in self.groups)
         self.uneven: dict[int, np.ndarray] | None = None
@@ -187,7 +186,9 @@ class PermanentGroups:
                 own = getattr(g, name)
                 arrays[name][g.indices, : own.shape[1]] = own
         if self.fused is not None:
-            arrays["kept"][self.fused.asleep] = True
+            asleep = self.fused.asleep
+            arrays["kept"][asleep] = True
+            arrays["state"][asleep] = self._sound_states(asleep, widths["state"])
             arrays["split"] = self.fused.turn_of_points()
         if turns:  # lips that face each other no more keep a frame of some time
             arrays["frame"] = np.zeros((len(self), components, self._dim))
@@ -195,6 +196,33 @@ class PermanentGroups:
                 frame = g.points.frame
                 arrays["frame"][g.indices, : frame.shape[1]] = frame
         return {name: Rows(number, values) for name, values in arrays.items()}
+
+    def _sound_states(self, asleep: np.ndarray, width: int) -> np.ndarray:
+        """Histories of initially rigid points of given numbers before anything has happened."""
+        states = np.zeros((len(asleep), width))
+        for number, law in enumerate(self._laws):
+            here = self.law_of_point[asleep] == number
+            for column, value in enumerate(law.initial_state() if here.any() else ()):
+                states[here, column] = value
+        return states
+
+    def split_as(self, saved: Mapping, number: np.ndarray) -> None:
+        """Let the vertices be split that were in what `saved` gave.
+
+        Where all points had arrays, as other runs have them, it is those whose bonds have changed.
+
+        Args:
+            saved: arrays over the points of all ranks.
+            number: shape (num_points,), as of `saved`.
+        """
+        if "split" in saved:
+            self.fused.split_again(saved["split"][number])
+            return
+        asleep, state = self.fused.asleep, saved["state"][number]
+        changed = np.any(saved["jump"][number], axis=1) | ~saved["kept"][number]
+        sound = self._sound_states(asleep, state.shape[1])
+        changed[asleep] |= np.any(state[asleep] != sound, axis=1)
+        self.fused.split_where(changed)
 
     def restore(self, saved: Mapping, number: np.ndarray) -> None:
         """Take the rows of `saved` in order; vertices are split, and points gone, as they were.

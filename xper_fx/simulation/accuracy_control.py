@@ -17,8 +17,8 @@ None of what makes the error (`error_estimate.py`) is made better than the other
   several states beyond, not only fast ones: while they weaken the snap number
   (`nscd/laws/softening.py`), with the cells that move with them, is held below one, by steps of
   no less than a quarter of the shortest otherwise. The first bonds that open tell it, a step late.
-  An explicit bulk keeps its step, as one whose step goes up and down near its critical one gains
-  energy, and is told which step would do;
+  The step of an explicit bulk falls for it and does not rise again: each change near the critical
+  step gives the fastest vibrations energy, and one that goes up and down feeds them without end;
 - **impulses**: their tolerance is a tenth of `accuracy`. What they leave of wrong sign
   (`StepWork.numerical`), summed over the run, is held to a tenth of `accuracy` of the largest
   energy: above, the tolerance is halved.
@@ -133,6 +133,7 @@ class AccuracyControl:
         self._accuracy = accuracy
         self.adapts_step, self._adapts_tolerance = requested.adapts_step, requested.adapts_tolerance
         self._largest = largest
+        self._only_falls = base is not None and largest <= base  # that of an explicit bulk
         self._event_share = accuracy if interacting else math.sqrt(accuracy)
         self._static = base is None
         self._strikes = interacting or not self._static  # else power turns smoothly
@@ -169,8 +170,8 @@ class AccuracyControl:
         most = min(learnt.size, self._largest, events)
         if self.estimate.quiet < REST:
             most = min(most, learnt.softening_step)
-            if self._largest > learnt.least:
-                most = min(most, max(learnt.snap_step, _SNAPPING * learnt.least))
+        if self.estimate.quiet < REST or self._only_falls:
+            most = min(most, max(learnt.snap_step, _SNAPPING * learnt.least))
         size = learnt.base * 2.0 ** math.floor(math.log2(most / learnt.base) + _ALIKE)
         left = end_time - time
         count = math.ceil(left / size - _ALIKE)
@@ -221,7 +222,7 @@ class AccuracyControl:
         """Take in a step that was committed, what the energy ledger now misses, its snap number."""
         learnt, doubling = self._learnt, self.estimate.doubling
         self.estimate.take(size, energies, work, closure, outcome)
-        if self.estimate.quiet >= REST:
+        if self.estimate.quiet >= REST and not self._only_falls:
             learnt.snap_step = np.inf
         elif snap > 0.0:
             learnt.snap_step = min(learnt.snap_step, size / math.sqrt(snap))

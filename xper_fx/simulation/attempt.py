@@ -320,7 +320,8 @@ class StepAttempts:
 
 def _solver(model: Model) -> Solver:
     """The solver that was asked for, or the one of vertices that are solved alone."""
-    if model.interactions is not None and model.interactions.fused is not None:
+    splits = model.interactions is not None and model.interactions.fused is not None
+    if splits and model.part is None:
         from xper_fx.nscd.splitting.splitting_vertices import SplittingVertices
 
         return SplittingVertices()

@@ -301,8 +301,18 @@ class Model:
             points, laws, self.points.law_of_point, inverse.blocks, velocity,
             ordering="vertices" if self.by_vertex else "tiles",
             rigid_blocks=None if self.rigid is None else self.rigid.blocks, halo=halo,
-            splits=self.by_vertex and self.part is None,
+            splits=self.by_vertex and self._vertices_split(points),
         )  # fmt: skip
+
+    def _vertices_split(self, points: InteractionPoints) -> bool:
+        """Whether vertices are whole until bonds let go: on several ranks only if all have some.
+
+        At finite strain the couples of lips act on vertices of other ranks, which would have to
+        tell which of their cells move as one.
+        """
+        if self.part is None:
+            return True
+        return self.ranks.all(len(points) > 0 and points.lips is None)
 
     def _healing(self) -> Healing | None:
         """What takes overlaps back between rigid bodies alone, whose contacts store nothing.

@@ -10,8 +10,8 @@ rank visits the points between its own bodies, all ranks at once.
 The error is estimated as in `nlgs.py`, from changes summed over all ranks, and contacts of rigid
 bodies are judged by velocities, as there: the points that two ranks share are visited one after
 another like all others, so that what is summed is the same violation. Where vertices are
-solved alone (`vertex_blocks.py`) each is on one rank: velocities go to the ghosts before, and back
-after, once a step.
+solved alone (`vertex_blocks.py`, `splitting/`) each is on one rank: velocities go to the ghosts
+before, and back after, once a step.
 """
 
 from __future__ import annotations
@@ -85,7 +85,7 @@ class DistributedSweeps(Solver):
     ) -> SolveReport:
         """Each vertex alone, between two exchanges."""
         if self._vertices is None:
-            self._vertices = _vertex_solver()
+            self._vertices = _vertex_solver(interactions)
         halo = interactions.halo
         halo.everywhere.forward(velocity)
         report = self._vertices.solve(interactions, velocity, options)
@@ -106,7 +106,7 @@ class DistributedSweeps(Solver):
     def restore(self, interactions: Interactions, saved: Mapping[str, Mapping]) -> None:
         """Take what `saved` gave."""
         if saved:
-            self._vertices = _vertex_solver()
+            self._vertices = _vertex_solver(interactions)
             self._vertices.restore(interactions, saved)
 
 
@@ -160,7 +160,11 @@ def _solve_by_velocities(
     return SolveReport(False, max_sweeps, residual, np.inf, "distributed", contraction=rate)
 
 
-def _vertex_solver() -> Solver:
+def _vertex_solver(interactions: Interactions) -> Solver:
+    if interactions.fused is not None:
+        from xper_fx.nscd.splitting.splitting_vertices import SplittingVertices
+
+        return SplittingVertices()
     from xper_fx.nscd.solvers.vertex_blocks import VertexBlocks
 
     return VertexBlocks()

@@ -45,8 +45,8 @@ class FusedPoints:
         tables, table_rows: parameters of the bonds of each group, and the row of each bond there.
         whole: shape (num_vertices,), bool.
         split: those that are not, in the order in which they came.
-        impulses: shape (num_slots, dim), of the step on each slot (N s); zero where a vertex is
-            whole and not driven, whose bonds' impulses nobody asks for.
+        impulses: shape (num_slots, dim), of the step on each slot (N s); of no account where a
+            vertex is whole and not driven.
         failed: shape (num_vertices,), room for vertices that do not hold.
         clusters: shape (num_corners,), first corner of the cluster of each corner of vertices that
             are not whole, counted in the vertex; made where contacts or couples ask for it.
@@ -86,6 +86,7 @@ class FusedPoints:
         self.whole = np.ones(graphs.num_vertices, bool)
         self.split = np.zeros(0, np.int32)
         self.impulses = np.zeros((inverse.num_slots, inverse.dim))
+        self._giving: np.ndarray | None = None
         self.failed = np.zeros(graphs.num_vertices, np.int32)
         other = np.unique(vertex[group_of_law[law_of_point] < 0])
         if len(other):
@@ -135,6 +136,7 @@ class FusedPoints:
         """
         graphs, grown = self.graphs, []
         self.whole[vertices] = False
+        self._giving = None
         self.split = np.concatenate([self.split, vertices])
         counts = graphs.bond_offsets[vertices + 1] - graphs.bond_offsets[vertices]
         ends = np.cumsum(counts)
@@ -148,6 +150,19 @@ class FusedPoints:
                 self.groups[self._num_still + number] = growing.group
                 grown.append(growing.group)
         return grown
+
+    def given_impulses(self) -> np.ndarray:
+        """Impulses of the step on each slot, shape (num_slots, dim), N s.
+
+        They are zero where a vertex is whole and not driven, whose bonds nobody asks for theirs:
+        memory that is never written costs nothing.
+        """
+        if self._giving is None:
+            driven = np.flatnonzero(self.graphs.compliance_of_vertex == 0.0)
+            self._giving = self.graphs.corners_of(np.concatenate([self.split, driven]))
+        given = np.zeros(self.impulses.shape)
+        given[self._giving] = self.impulses[self._giving]
+        return given
 
     def _find_rows(self, groups: list[PointGroup]) -> None:
         row = np.full(len(self.graphs.point), -1, np.int32)
@@ -227,21 +242,33 @@ class FusedPoints:
         split = order[of_vertex[order] >= 0]
         self.wake(split[len(self.split) :].astype(np.int32))
 
-    def require_one_velocity(self, nodal: np.ndarray) -> None:
+    def split_where(self, changed: np.ndarray) -> None:
+        """Let the vertices be split of points that are no more as at the start.
+
+        Args:
+            changed: shape (num_points,), bool.
+        """
+        graphs = self.graphs
+        split = np.logical_or.reduceat(changed[graphs.point], graphs.bond_offsets[:-1])
+        self.wake(np.flatnonzero(split & self.whole).astype(np.int32))
+
+    def require_one_velocity(self, nodal: np.ndarray, largest: Callable) -> None:
         """Raise a ValueError if cells that a vertex joins start with velocities of their own.
 
         Args:
             nodal: shape (num_slots, dim), velocities at the start (m/s).
+            largest: gives the largest of numbers over all ranks, which raise together.
         """
         graphs, sides = self.graphs, self._slots_of_sides()
         rigid = graphs.least > 0.0
         jump = np.abs(nodal[sides[:, 0]] - nodal[sides[:, 1]]).max(axis=1, initial=0.0) * rigid
         driven = np.any(graphs.compliance[sides] == 0.0, axis=(1, 2))
         jump[driven] = 0.0
-        if np.any(jump > _ROUNDING * np.abs(nodal).max(initial=0.0)):
+        apart, speed = largest(np.array([jump.max(initial=0.0), np.abs(nodal).max(initial=0.0)]))
+        if apart > _ROUNDING * speed:
             raise ValueError(
                 "Initially rigid bonds join cells that move apart at the start, by "
-                f"{jump.max():g} m/s: take an initial_velocity that is continuous there."
+                f"{apart:g} m/s: take an initial_velocity that is continuous there."
             )
 
     def _slots_of_sides(self) -> np.ndarray:

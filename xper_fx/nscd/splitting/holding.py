@@ -7,7 +7,11 @@ fused bonds transmit, p_f on the candidate and -p_f on the antagonist, is any fl
 the vertex with these sources. The set-valued law asks for one whose tractions are all admissible.
 
 - Each flow that follows a tree has |p_f| <= sum_c |s_c| / 2: below the weakest bond, nothing else
-  need be looked at.
+  need be looked at. Where one ring goes through all corners, as at a vertex within a plane mesh,
+  sum_c |s_c| / 4 is enough: from corner to corner the flows are the points of a closed curve of
+  the length L = sum_c |s_c|, taken from where one likes. Two of its points, A and B, halve it, and
+  each point P has |P - (A + B) / 2| <= (|P - A| + |P - B|) / 2 <= L / 4. The sum is at most the
+  root of k sum_c |s_c|^2 for k corners.
 - The flow along a tree of shortest ways from one corner, with what it takes to make the sum of
   (p_f / l_f)^2 along each ring as small as can be, l_f the weakest impulse of each bond, costs some
   ten operations a bond; if all |p_f| <= l_f, the vertex holds. In the plane it is the next one.

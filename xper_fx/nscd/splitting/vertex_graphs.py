@@ -34,6 +34,8 @@ class VertexGraphs(NamedTuple):
         compliance_of_vertex: shape (num_vertices,), one over the mass of all its corners; zero
             where one of them is driven.
         weakest: shape (num_vertices,), smallest of `least`.
+        easy: shape (num_vertices,), N; while the root of the sum of squares of what the corners are
+            given is below step times this, some flow is borne (`holding.py`).
         tree: shape (num_corners, 3), the corners of a vertex, those farthest from its first one
             first: corner, the bond on the shortest way there, and the corner beyond it; the first
             corner itself comes last.
@@ -41,6 +43,8 @@ class VertexGraphs(NamedTuple):
         ring_ends: shape (num_rings,), one beyond the last entry of each ring in `ring`.
         ring: shape (n, 2), bonds that close a ring of corners, counted in the vertex, and 1 where
             one goes round from antagonist to candidate, -1 elsewhere.
+        ring_weight: shape (n,), float32, the same sign times 1 / least^2, over the sum of that
+            along the ring.
     """
 
     corner_offsets: np.ndarray
@@ -55,10 +59,12 @@ class VertexGraphs(NamedTuple):
     mass: np.ndarray
     compliance_of_vertex: np.ndarray
     weakest: np.ndarray
+    easy: np.ndarray
     tree: np.ndarray
     ring_offsets: np.ndarray
     ring_ends: np.ndarray
     ring: np.ndarray
+    ring_weight: np.ndarray
 
     @property
     def num_vertices(self) -> int:
@@ -115,6 +121,9 @@ def vertex_graphs(
     bond_offsets = np.concatenate([[0], np.cumsum(np.bincount(at, minlength=count))])
     least = strength[order] * points.area[order]
     sides = np.ascontiguousarray(local, np.int16)
+    ways = _trees_and_rings(corner_offsets, bond_offsets, sides, least)
+    weakest, counts = np.minimum.reduceat(least, bond_offsets[:-1]), np.diff(corner_offsets)
+    through_all = _one_ring_through_all(counts, ways["ring_offsets"], ways["ring_ends"])
     return VertexGraphs(
         corner_offsets=corner_offsets,
         bond_offsets=bond_offsets,
@@ -127,12 +136,23 @@ def vertex_graphs(
         compliance=compliance,
         mass=mass,
         compliance_of_vertex=1.0 / whole_mass,
-        weakest=np.minimum.reduceat(least, bond_offsets[:-1]),
-        **_trees_and_rings(corner_offsets, bond_offsets, sides),
+        weakest=weakest,
+        easy=np.where(through_all, 4.0, 2.0) * weakest / np.sqrt(counts),
+        **ways,
     )
 
 
-def _trees_and_rings(corner_offsets, bond_offsets, sides) -> dict[str, np.ndarray]:
+def _one_ring_through_all(corners, offsets, ends) -> np.ndarray:
+    """Whether a vertex has one ring, on which all of its corners lie, shape (num_vertices,)."""
+    single = np.diff(offsets) == 1
+    ring = offsets[:-1][single]
+    length = np.diff(ends, prepend=0)[ring]
+    out = np.zeros(len(corners), bool)
+    out[single] = length == corners[single]
+    return out
+
+
+def _trees_and_rings(corner_offsets, bond_offsets, sides, least) -> dict[str, np.ndarray]:
     """`tree` and the rings of `VertexGraphs`: one for each bond that is not of the tree."""
     corners, bonds = int(corner_offsets[-1]), int(bond_offsets[-1])
     tree = np.zeros((corners, 3), np.int16)
@@ -144,10 +164,27 @@ def _trees_and_rings(corner_offsets, bond_offsets, sides) -> dict[str, np.ndarra
         count = _find_rings(corner_offsets, bond_offsets, sides, tree, rings, ends, ring)
         if count >= 0:
             break
+    ends, ring = ends[: rings[-1]].copy(), ring[:count].copy()
+    weight = np.zeros(count, np.float32)
+    _weigh_rings(bond_offsets, least, rings, ends, ring, weight)
     return {
-        "tree": tree, "ring_offsets": rings, "ring_ends": ends[: rings[-1]].copy(),
-        "ring": ring[:count].copy(),
+        "tree": tree, "ring_offsets": rings, "ring_ends": ends, "ring": ring, "ring_weight": weight,
     }  # fmt: skip
+
+
+@njit(**ENTRY)
+def _weigh_rings(bond_offsets, least, rings, ends, ring, weight):
+    """Fills the last; zero where not all bonds of a ring are rigid."""
+    for b in range(len(bond_offsets) - 1):
+        for m in range(rings[b], rings[b + 1]):
+            start, total = ends[m - 1] if m > 0 else 0, 0.0
+            for n in range(start, ends[m]):
+                here = least[bond_offsets[b] + ring[n, 0]]
+                total += 1.0 / (here * here) if here > 0.0 else np.inf
+            for n in range(start, ends[m]):
+                here = least[bond_offsets[b] + ring[n, 0]]
+                if here > 0.0:
+                    weight[n] = ring[n, 1] / (total * here * here)
 
 
 @njit(**ENTRY)

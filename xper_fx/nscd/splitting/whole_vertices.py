@@ -5,6 +5,8 @@ from __future__ import annotations
 
 from functools import cache
 
+import numpy as np
+
 from xper_fx.cache import njit
 from xper_fx.nscd.algebra.small import for_dimension
 from xper_fx.nscd.kernel_options import LEAN_ENTRY, LEAN_INNER
@@ -12,8 +14,8 @@ from xper_fx.nscd.laws.law import LawKernels
 from xper_fx.nscd.splitting.bonds_of_laws import kernels_of_laws
 from xper_fx.nscd.splitting.vertex_kernels import vertex_kernels
 
-# How often flows are eased along all rings of a vertex: in the plane there is but one.
-_EASINGS = 3
+# How often flows are eased along all rings of a vertex, by the dimension: a plane one has one.
+_EASINGS = (0, 0, 1, 3)
 
 _INLINED = {"inline": "always"}
 
@@ -26,53 +28,27 @@ def whole_kernel(laws: tuple[LawKernels, ...], dim: int):
     world = for_dimension(dim)
     add, scale, subtract, dot = world.add, world.scale, world.subtract, world.dot
 
+    # places without a sign, which need not be looked at for whether they count from the end
+
     @njit(**_INLINED)
     def at(v, slot):
-        first = slot * dim
+        first = np.uintp(slot) * np.uintp(dim)
         if dim == 2:
-            return v[first], v[first + 1]
-        return v[first], v[first + 1], v[first + 2]
+            return v[first], v[first + np.uintp(1)]
+        return v[first], v[first + np.uintp(1)], v[first + np.uintp(2)]
 
-    @njit(**LEAN_INNER)
-    def flow_along_tree(b, v, step, mean, g, work):
-        """Whether the flow along the vertex's tree, eased along its rings, is weak enough."""
-        first, last = g.corner_offsets[b], g.corner_offsets[b + 1]
-        low, flow, source = g.bond_offsets[b], work.flow, work.source
-        for c in range(first, last):
-            given = scale(g.mass[c], subtract(mean, at(v, g.corner[c])))
-            for d in range(dim):
-                source[c - first, d] = given[d]
-        for q in range(g.bond_offsets[b + 1] - low):
-            for d in range(dim):
-                flow[q, d] = 0.0
-        for n in range(first, last - 1):
-            c, q, up = g.tree[n, 0], g.tree[n, 1], g.tree[n, 2]
-            if c < 0:
-                return False
-            sign = 1.0 if g.sides[low + q, 0] == c else -1.0
-            for d in range(dim):
-                flow[q, d] = sign * source[c, d]
-                source[up, d] += source[c, d]
-        for _ in range(_EASINGS):
-            for m in range(g.ring_offsets[b], g.ring_offsets[b + 1]):
-                start = g.ring_ends[m - 1] if m > 0 else 0
-                total, x, y, z = 0.0, 0.0, 0.0, 0.0
-                for n in range(start, g.ring_ends[m]):
-                    q = g.ring[n, 0]
-                    weight = 1.0 / (g.least[low + q] * g.least[low + q])
-                    total += weight
-                    weight *= g.ring[n, 1]
-                    x += weight * flow[q, 0]
-                    y += weight * flow[q, 1]
-                    if dim == 3:
-                        z += weight * flow[q, 2]
-                for n in range(start, g.ring_ends[m]):
-                    q, share = g.ring[n, 0], g.ring[n, 1] / total
-                    flow[q, 0] -= share * x
-                    flow[q, 1] -= share * y
-                    if dim == 3:
-                        flow[q, 2] -= share * z
-        for q in range(g.bond_offsets[b + 1] - low):
+    @njit(**_INLINED)
+    def put_at(v, slot, x):
+        first = np.uintp(slot) * np.uintp(dim)
+        v[first] = x[0]
+        v[first + np.uintp(1)] = x[1]
+        if dim == 3:
+            v[first + np.uintp(2)] = x[2]
+
+    @njit(**_INLINED)
+    def within(flow, low, bonds, step, g):
+        """Whether a flow is weak enough for each bond."""
+        for q in range(bonds):
             size = flow[q, 0] ** 2 + flow[q, 1] ** 2
             if dim == 3:
                 size += flow[q, 2] ** 2
@@ -81,9 +57,57 @@ def whole_kernel(laws: tuple[LawKernels, ...], dim: int):
         return True
 
     @njit(**_INLINED)
+    def ease(flow, start, end, g):
+        """Make the weighted sum of squares of a flow as small as can be along a ring."""
+        x, y, z = 0.0, 0.0, 0.0
+        for n in range(start, end):
+            q, weight = np.uintp(g.ring[n, 0]), g.ring_weight[n]
+            x += weight * flow[q, 0]
+            y += weight * flow[q, 1]
+            if dim == 3:
+                z += weight * flow[q, 2]
+        for n in range(start, end):
+            q, sign = np.uintp(g.ring[n, 0]), g.ring[n, 1]
+            flow[q, 0] -= sign * x
+            flow[q, 1] -= sign * y
+            if dim == 3:
+                flow[q, 2] -= sign * z
+
+    @njit(**LEAN_INNER)
+    def flow_along_tree(b, v, step, mean, g, work):
+        """Whether the flow along the vertex's tree, eased along its rings, is weak enough."""
+        first, last = np.uintp(g.corner_offsets[b]), np.uintp(g.corner_offsets[b + 1])
+        low = np.uintp(g.bond_offsets[b])
+        bonds, flow, source = np.uintp(g.bond_offsets[b + 1]) - low, work.flow, work.source
+        for c in range(last - first):
+            given = scale(g.mass[first + c], subtract(mean, at(v, g.corner[first + c])))
+            for d in range(dim):
+                source[c, d] = given[d]
+        for q in range(bonds):
+            for d in range(dim):
+                flow[q, d] = 0.0
+        for n in range(first, last - np.uintp(1)):
+            if g.tree[n, 0] < 0:
+                return False
+            c, q, up = np.uintp(g.tree[n, 0]), np.uintp(g.tree[n, 1]), np.uintp(g.tree[n, 2])
+            sign = 1.0 if np.uintp(g.sides[low + q, 0]) == c else -1.0
+            for d in range(dim):
+                flow[q, d] = sign * source[c, d]
+                source[up, d] += source[c, d]
+        for _ in range(_EASINGS[dim]):
+            if within(flow, low, bonds, step, g):
+                return True
+            start = np.uintp(g.ring_ends[g.ring_offsets[b] - 1]) if g.ring_offsets[b] > 0 else 0
+            for m in range(g.ring_offsets[b], g.ring_offsets[b + 1]):
+                end = np.uintp(g.ring_ends[m])
+                ease(flow, np.uintp(start), end, g)
+                start = end
+        return within(flow, low, bonds, step, g)
+
+    @njit(**_INLINED)
     def holds_easily(b, v, step, g, work):
         """Move a vertex that nothing drives if a flow is borne that is soon found."""
-        first, last = g.corner_offsets[b], g.corner_offsets[b + 1]
+        first, last = np.uintp(g.corner_offsets[b]), np.uintp(g.corner_offsets[b + 1])
         momentum = scale(0.0, at(v, g.corner[first]))
         for c in range(first, last):
             momentum = add(momentum, scale(g.mass[c], at(v, g.corner[c])))
@@ -91,13 +115,11 @@ def whole_kernel(laws: tuple[LawKernels, ...], dim: int):
         for c in range(first, last):
             given = scale(g.mass[c], subtract(mean, at(v, g.corner[c])))
             total += dot(given, given)
-        # (sum |s|)^2 <= k sum |s|^2
-        if 0.25 * (last - first) * total > (step * g.weakest[b]) ** 2:
+        if total > (step * g.easy[b]) ** 2:
             if not flow_along_tree(b, v, step, mean, g, work):
                 return False
         for c in range(first, last):
-            for d in range(dim):
-                v[g.corner[c] * dim + d] = mean[d]
+            put_at(v, g.corner[c], mean)
         return True
 
     @njit(**LEAN_ENTRY)
