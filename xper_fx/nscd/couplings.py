@@ -19,7 +19,7 @@ from numba.extending import intrinsic
 from xper_fx.cache import njit
 from xper_fx.nscd.algebra.small import for_dimension
 from xper_fx.nscd.inverse_blocks import BodyInverse
-from xper_fx.nscd.kernel_options import LEAN_ENTRY, LEAN_INNER
+from xper_fx.nscd.kernel_options import LEAN_ENTRY, LEAN_INNER, MERGED
 from xper_fx.nscd.laws.law import LawKernels
 from xper_fx.nscd.points import InteractionPoints
 
@@ -245,7 +245,7 @@ def motion(sides: Sides, blocks: Blocks = ANY_BLOCKS):
             z += weight * v[p + 2]
         return x, y, z
 
-    @njit(inline="always")
+    @njit(**MERGED)
     def read(v, c, i):
         if lever_arms:
             candidate = add(side(v, c, i, 0), turned(v, c, i, 0))
@@ -256,7 +256,7 @@ def motion(sides: Sides, blocks: Blocks = ANY_BLOCKS):
             return to_local(c.frame, i, apart)
         return to_local(c.frame, i, subtract(side(v, c, i, 0), side(v, c, i, 1)))
 
-    @njit(inline="always")
+    @njit(**MERGED)
     def push(v, c, i, impulse):
         f = to_global(c.frame, i, impulse)
         sign = 1.0
