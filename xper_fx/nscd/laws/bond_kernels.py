@@ -164,7 +164,7 @@ def mean_kernels(
         new = add(free, sym_vector(s, hat))
         return new, subtract(hat, bonded(k, p, new))
 
-    @njit(inline="always")
+    @njit(**MERGED)
     def solve(i, u, r, w, parameters, terms, details):
         jump_h, p = part(terms, i, middle), part(terms, i, push)
         k = (terms[i, spring], terms[i, spring + 1])
@@ -234,7 +234,7 @@ def mean_kernels(
             mean = mean_on(p, i, x1, safe, parameters, details)
             return mean, damage(x1, p, parameters[i, BETA0]), x1, x1
 
-    @njit(inline="always")
+    @njit(**MERGED)
     def evolve(i, u, w, parameters, terms, details):
         speed = opening(add(part(terms, i, middle), u))
         if speed <= terms[i, limit]:
