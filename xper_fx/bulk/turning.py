@@ -38,9 +38,10 @@ def turn(
     """
     values = [state.displacement, state.velocity]
     values += [] if mean is state.velocity else [mean]
-    if nodes is not None or interactions.halo is not None:  # ghosts follow their owners
+    count = len(values[0]) // bulk.dim
+    if nodes is not None or not interactions.turn_on_nodes(count):
         slots = interactions.inverse.num_slots
-        nodes = np.arange(len(values[0]) // bulk.dim) if nodes is None else nodes
+        nodes = np.arange(count) if nodes is None else nodes
         values = [at_nodes(v, nodes, bulk.dim, slots) for v in values]
     motion = interactions.lip_motion(
         values[0], values[1], values[-1], *bulk.macroscopic_motion(state.displacement, mean)

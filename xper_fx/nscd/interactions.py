@@ -97,6 +97,11 @@ class Interactions(SteppedPoints):
         self.renewals = self.exchanges = 0
         self._take_inverse(self.groups)
 
+    def turn_on_nodes(self, count: int) -> bool:
+        """Whether turning frames ask of no slots but the first `count`, and no rank of others."""
+        alone = self.halo is None and self.fused is None
+        return alone and self._permanent.lip_slots <= count
+
     def wake(self, vertices: np.ndarray) -> None:
         """Give whole vertices the points of their bonds, within a step.
 

@@ -146,6 +146,8 @@ class PermanentGroups:
         """Take w, and find the turning points whose compliance hangs on their frame."""
         self.inverse = inverse
         turning = [g for g in self.groups if g.turning is not None]
+        nodes = [a for g in turning for a in (g.points.nodes, g.turning.nodes)]
+        self.lip_slots = 1 + max((int(a.max(initial=-1)) for a in nodes), default=-1)
         even = inverse.even_nodes() if turning else None
         self.uneven = None
         if even is not None:
