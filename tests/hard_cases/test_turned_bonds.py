@@ -380,6 +380,33 @@ def test_tied_meshes_turn_with_their_surfaces():
     assert abs(record.energies["dissipated_numerical"]) < 1e-5 * kinetic
 
 
+def test_walls_have_the_ground_beside_bonds_that_turn():
+    """Points of walls and of facets of one law are one group, and the ground is at rest in it."""
+    law = SignoriniCoulomb(0.0)
+    mesh = mesh_of((1.0, 1.0), (2, 2))
+    tags = tag_facets(mesh, {7: lambda x: x[1] < 1e-9})
+    scene = Scene(
+        explode(mesh, EACH_CELL, facet_tags=tags),
+        {1: NeoHookean(YOUNG, 0.3, 1.0)},
+        default_interaction=law,
+        walls=[Wall(7, (0.0, -0.3), (0.0, 1.0), law)],
+        initial_velocity=lambda x: np.stack([0.0 * x[0], 0.0 * x[0] - 0.5]),
+    )
+    simulation = Simulation(scene, scheme="explicit", num_threads=1)
+    assert len(simulation.interactions.groups) == 1
+    # the slot of the ground is the last one, after those of all nodes
+    assert not simulation.interactions.turn_on_nodes(len(nodes(simulation)))
+    bonds = 2 * len(scene.bodies.facets.normal)
+    for _ in range(2):
+        list(simulation.steps(simulation.time + 0.5))
+        at = simulation.interactions.points.nodes[bonds:, 0, 0]
+        y = simulation.forms.V.tabulate_dof_coordinates()[:, 1] + field(simulation)[:, 1]
+        jump = simulation.interactions.gather("jump")[bonds:, 0]
+        assert jump == pytest.approx(y[at] + 0.3, abs=1e-12)
+    assert momenta(simulation)[0][1] > -0.45  # it has hit the wall
+    assert simulation.ledger.closure == pytest.approx(0.0, abs=1e-3)
+
+
 def test_slid_lips_that_their_bodies_have_left_are_told(caplog):
     """Two loose blocks, pressed and slid, that turn on without a search: a warning, once."""
 

@@ -257,8 +257,8 @@ class Bulk:
             return 0.5 * self.dot(displacement, internal)
         return self.ranks.sum(self.forms.assemble_energy(self.unknowns.expand(displacement)))
 
-    def commit(self, displacement: np.ndarray, internal: np.ndarray) -> None:
-        """End the step at a displacement with its forces: internal variables move on."""
+    def commit(self, displacement, internal, impulses, step: float) -> None:
+        """End the step; internal forces are of its end (N), impulses of interactions (N s)."""
         if self.forms.has_history:
             self.forms.commit(self.unknowns.expand(displacement))
 

@@ -77,6 +77,14 @@ def _move(q0, v0, v1, half, q1, ahead):
 
 
 @njit(**LEAN_ENTRY)
+def _give_all(more, w, impulses, free, velocity):
+    """As `_give`, where all nodes have slots, in their order."""
+    for i in range(len(free)):
+        impulses[i] += more[i]
+        velocity[i] = free[i] + w[i] * impulses[i]
+
+
+@njit(**LEAN_ENTRY)
 def _give(more, nodes, w, impulses, velocity, slots):
     """Give some nodes more impulses; their velocities, which are free ones, are those of all."""
     dim = more.shape[1]
@@ -144,7 +152,8 @@ class ExplicitScheme(KeepsNothing):
                 if interactions.turns:
                     from xper_fx.bulk.turning import turn
 
-                    turn(interactions, bulk, inverse.nodes, state, v0, step, self.theta)
+                    nodes = None if inverse.in_order else inverse.nodes
+                    turn(interactions, bulk, nodes, state, v0, step, self.theta)
                 interactions.begin_step(step, self.theta)
             with watch.phase("interaction solve"):
                 velocity, impulses, slots, report = interact(
@@ -154,7 +163,11 @@ class ExplicitScheme(KeepsNothing):
                 with watch.phase("turning frames"):
                     couples = interactions.couples(True)
                     by_slot = slots.reshape(couples.shape)
-                    if interactions.fused is None:
+                    if interactions.fused is None and inverse.in_order:
+                        velocity = slots[: len(free)]
+                        _give_all(couples.ravel(), inverse.diagonal, impulses, free, velocity)
+                        interactions.refresh_ghosts(slots)
+                    elif interactions.fused is None:
                         velocity = free.copy()
                         _give(couples, inverse.nodes, inverse.diagonal, impulses, velocity, by_slot)
                         interactions.refresh_ghosts(slots)

@@ -168,8 +168,8 @@ class ImplicitStep:
         with watch.phase("free velocity"):
             self._residual, self._internal = self._equations.residual(self._velocity)
             self._balance.assess(
-                inverse, self._velocity, previous, self._residual, self._internal, self._step,
-                self._correction,
+                inverse, self._velocity, previous, self._residual + couples, self._internal,
+                self._step, self._correction,
             )  # fmt: skip
 
     def _correct(self, previous: np.ndarray) -> None:

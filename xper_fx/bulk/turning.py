@@ -16,7 +16,7 @@ from xper_fx.nscd.interactions import Interactions
 def turn(
     interactions: Interactions,
     bulk: Bulk,
-    nodes: np.ndarray,
+    nodes: np.ndarray | None,
     state: State,
     mean: np.ndarray,
     step: float,
@@ -27,7 +27,7 @@ def turn(
     Args:
         interactions: the points.
         bulk: the bodies.
-        nodes: the points' nodes, in the order of their slots.
+        nodes: the points' nodes, in the order of their slots; None if slots are all nodes in order.
         state: at the start of the step.
         mean: v_theta as far as it is known, shape (num_dofs,), m/s.
         step: h (s).
@@ -36,13 +36,15 @@ def turn(
     Raises:
         FacetFlippedError: see `Interactions.turn`.
     """
-    slots = interactions.inverse.num_slots
-    velocity = at_nodes(state.velocity, nodes, bulk.dim, slots)
+    values = [state.displacement, state.velocity]
+    values += [] if mean is state.velocity else [mean]
+    count = len(values[0]) // bulk.dim
+    if nodes is not None or not interactions.turn_on_nodes(count):
+        slots = interactions.inverse.num_slots
+        nodes = np.arange(count) if nodes is None else nodes
+        values = [at_nodes(v, nodes, bulk.dim, slots) for v in values]
     motion = interactions.lip_motion(
-        at_nodes(state.displacement, nodes, bulk.dim, slots),
-        velocity,
-        velocity if mean is state.velocity else at_nodes(mean, nodes, bulk.dim, slots),
-        *bulk.macroscopic_motion(state.displacement, mean),
+        values[0], values[1], values[-1], *bulk.macroscopic_motion(state.displacement, mean)
     )
     interactions.turn(motion, step, theta)
 
@@ -50,5 +52,12 @@ def turn(
 def couples_on(
     interactions: Interactions, nodes: np.ndarray, num_dofs: int, of_gaps: bool = False
 ) -> np.ndarray:
-    """Impulses of the couples on all dofs, shape (num_dofs,), N s; see `Interactions.couples`."""
-    return on_nodes(interactions.couples(of_gaps), nodes, num_dofs)
+    """Impulses of the couples on all dofs, shape (num_dofs,), N s; see `Interactions.couples`.
+
+    Those of Fbar, column after column, come last.
+    """
+    out = on_nodes(interactions.couples(of_gaps), nodes, num_dofs)
+    of_cell = interactions.couples_of_cell()
+    if of_cell.size:
+        out[-of_cell.size :] = of_cell.T.ravel()
+    return out

@@ -329,7 +329,7 @@ def stretching_kernel(dim: int):
 
 
 @intrinsic
-def _prefetch(context, array, index):
+def prefetch(context, array, index):
     """Let the cache line of an entry of an array come from memory meanwhile."""
 
     def generate(context, builder, signature, arguments):
@@ -372,8 +372,8 @@ def fetch_kernel(sides: Sides, blocks: Blocks):
                 start = np.uintp(c.start[i, s, j])
                 row = start * size if blocks.aligned else np.uintp(c.rows[i, s, j])
                 for offset in offsets:
-                    _prefetch(c.w, row + offset)
-                _prefetch(v, start)
+                    prefetch(c.w, row + offset)
+                prefetch(v, start)
 
     return fetch
 

@@ -24,6 +24,9 @@ if TYPE_CHECKING:
     from xper_fx.nscd.anchors import Anchors
     from xper_fx.nscd.turning_frames import LipMotion
 
+# Fbar and its rate where there is no periodic cell.
+_NONE = np.zeros((0, 0))
+
 
 class Interactions(SteppedPoints):
     """The interaction points of a scene and their laws.
@@ -96,6 +99,11 @@ class Interactions(SteppedPoints):
         self.renewals = self.exchanges = 0
         self._take_inverse(self.groups)
 
+    def turn_on_nodes(self, count: int) -> bool:
+        """Whether turning frames ask of no slots but the first `count`, and no rank of others."""
+        alone = self.halo is None and self.fused is None
+        return alone and self._permanent.lip_slots <= count
+
     def wake(self, vertices: np.ndarray) -> None:
         """Give whole vertices the points of their bonds, within a step.
 
@@ -167,14 +175,14 @@ class Interactions(SteppedPoints):
         displacement: np.ndarray,
         velocity: np.ndarray,
         mean: np.ndarray,
-        gradient: np.ndarray | None = None,
-        rate: np.ndarray | None = None,
+        gradient: np.ndarray = _NONE,
+        rate: np.ndarray = _NONE,
     ) -> LipMotion:
         """What `turn` wants; ghosts follow their owners.
 
         Args:
-            displacement, velocity, mean: shape (num_slots, dim), see `LipMotion`; those of ghosts
-                change.
+            displacement, velocity, mean: see `LipMotion`, flat or shape (num_slots, dim); those of
+                ghosts change.
             gradient, rate: of a periodic cell, see `LipMotion`.
         """
         from xper_fx.nscd.turning_frames import LipMotion
@@ -183,9 +191,7 @@ class Interactions(SteppedPoints):
         for values in (displacement, velocity, mean)[: 2 if mean is velocity else 3]:
             at_slots.append(values.reshape(-1))
             self.refresh_ghosts(at_slots[-1])
-        if gradient is None:
-            gradient, rate = np.eye(self.dim), np.zeros((self.dim, self.dim))
-        return LipMotion(at_slots[0], at_slots[1], at_slots[-1], gradient, rate)
+        return LipMotion(*at_slots[:2], at_slots[-1], mean is velocity, gradient, rate)
 
     def free_velocities(self, bulk: np.ndarray) -> np.ndarray:
         """Free velocities of all slots, flat.

@@ -13,18 +13,11 @@ from xper_fx.nscd.laws.law import LawKernels
 
 
 @cache
-def step_loops(law: LawKernels, sides: Sides, turns: bool):
-    """The loops of a law's `prepare` and `commit` over ranges of the points p, `PointArrays`.
-
-    Args:
-        law: of the points.
-        sides: what they are.
-        turns: whether jumps lose what the spin of the points' frames adds to their rates.
-    """
+def step_loops(law: LawKernels, sides: Sides):
+    """The loops of a law's `prepare` and `commit` over ranges of the points p, `PointArrays`."""
     read, _ = motion(sides)
     algebra = for_dimension(sides.dim, sides.components)
     row, set_row, add, scale = algebra.row, algebra.set_row, algebra.add, algebra.scale
-    subtract = algebra.subtract
     prepare, commit = law.prepare, law.commit
 
     @njit(nogil=True, **LEAN_ENTRY)
@@ -36,12 +29,10 @@ def step_loops(law: LawKernels, sides: Sides, turns: bool):
             )  # fmt: skip
 
     @njit(nogil=True, **LEAN_ENTRY)
-    def commit_range(first, last, v, c, p, step, theta, turning):
+    def commit_range(first, last, v, c, p, step, theta):
         for i in range(first, last):
             jump0, u = row(p.jump, i), read(v, c, i)
             mean = add(scale(theta, u), scale(1.0 - theta, row(p.velocity, i)))
-            if turns and turning.by_spin[i]:
-                mean = subtract(mean, row(turning.spin, i))
             jump1 = add(jump0, scale(step, mean))
             p.status[i] = commit(
                 i, jump0, jump1, u, row(p.impulse, i), p.area[i], step, theta, p.parameters,

@@ -23,19 +23,21 @@ class LipKernels(NamedTuple):
 
     Attributes:
         tangents: `(v, nodes, gradient, i)`, sums over both lips of G v / 2.
-        pushed: `(F, t, i)`, F t of each tangent.
+        pushed: `(F, t, i, alone)`, F t of each tangent, or `alone` times t if F has no entries.
         plus: `(a, factor, b)`, a + factor b of each tangent.
         flips: `(start, a)`, whether the surface that the tangents span has no normal, or one that
             is opposite to that of others.
         folded: `(a)`, whether lips stand at more than a right angle to each other.
         frame: `(a)`, rows n, t1 (, t2).
         arms: `(a, frame)`, b (2D), or b_1, b_2, c_1, c_2.
-        turned: `(rates, arms, n, d)`, omega x d.
+        spin: `(rates, arms, n)`, omega, one number in 2D.
+        turned: `(omega, d)`, omega x d.
         moment: `(f, d)`, the couple f x d = -d x f.
         forces: `(m, arms, n)`, h_alpha of a couple m.
         apart: `(v, c, i)`, of the candidate from the antagonist.
         local: `(frame, x)`, components in a frame.
-        arms_at, normal_at, axes_at, tangents_at, moment_at: `(array, i)`, those of point i.
+        arms_at, normal_at, axes_at, turn_at: `(array, i)`, those of point i; the last of moments
+            and spins. Axes are held as frames of `Couplings` are, in 2D by the normal alone.
     """
 
     tangents: Callable
@@ -44,6 +46,7 @@ class LipKernels(NamedTuple):
     flips: Callable
     frame: Callable
     arms: Callable
+    spin: Callable
     turned: Callable
     moment: Callable
     forces: Callable
@@ -52,8 +55,7 @@ class LipKernels(NamedTuple):
     arms_at: Callable
     normal_at: Callable
     axes_at: Callable
-    tangents_at: Callable
-    moment_at: Callable
+    turn_at: Callable
     folded: Callable
 
 
@@ -79,8 +81,10 @@ def lip_kernels(dim: int, k: int, width: int) -> LipKernels:
             return ((0.5 * x, 0.5 * y),)
 
         @njit(inline="always")
-        def pushed(F, t, i):
+        def pushed(F, t, i, alone):
             x, y = t[i, 0, 0], t[i, 0, 1]
+            if len(F) == 0:
+                return ((alone * x, alone * y),)
             return ((F[0, 0] * x + F[0, 1] * y, F[1, 0] * x + F[1, 1] * y),)
 
         @njit(inline="always")
@@ -102,13 +106,16 @@ def lip_kernels(dim: int, k: int, width: int) -> LipKernels:
 
         @njit(inline="always")
         def arms(a, axes):
-            c = 1.0 / dot(a[0], a[0])
-            return ((-c * a[0][1], c * a[0][0]),)
+            # J a / |a|^2 = -n / |a|
+            return (scale(-1.0 / dot(axes[1], a[0]), axes[0]),)
 
         @njit(inline="always")
-        def turned(rates, b, n, d):
-            omega = dot(b[0], rates[0])
-            return -omega * d[1], omega * d[0]
+        def spin(rates, b, n):
+            return (dot(b[0], rates[0]),)
+
+        @njit(inline="always")
+        def turned(omega, d):
+            return -omega[0] * d[1], omega[0] * d[0]
 
         @njit(inline="always")
         def moment(f, d):
@@ -142,14 +149,11 @@ def lip_kernels(dim: int, k: int, width: int) -> LipKernels:
 
         @njit(inline="always")
         def axes_at(axes, i):
-            return (axes[i, 0, 0], axes[i, 0, 1]), (axes[i, 1, 0], axes[i, 1, 1])
+            n = axes[i, 0, 0], axes[i, 0, 1]
+            return n, (-n[1], n[0])
 
         @njit(inline="always")
-        def tangents_at(a, i):
-            return ((a[i, 0, 0], a[i, 0, 1]),)
-
-        @njit(inline="always")
-        def moment_at(m, i):
+        def turn_at(m, i):
             return (m[i, 0],)
 
     else:
@@ -180,11 +184,12 @@ def lip_kernels(dim: int, k: int, width: int) -> LipKernels:
             )
 
         @njit(inline="always")
-        def pushed(F, t, i):
-            return (
-                product(F, (t[i, 0, 0], t[i, 0, 1], t[i, 0, 2])),
-                product(F, (t[i, 1, 0], t[i, 1, 1], t[i, 1, 2])),
-            )
+        def pushed(F, t, i, alone):
+            first = t[i, 0, 0], t[i, 0, 1], t[i, 0, 2]
+            second = t[i, 1, 0], t[i, 1, 1], t[i, 1, 2]
+            if len(F) == 0:
+                return scale(alone, first), scale(alone, second)
+            return product(F, first), product(F, second)
 
         @njit(inline="always")
         def plus(a, factor, b):
@@ -220,11 +225,13 @@ def lip_kernels(dim: int, k: int, width: int) -> LipKernels:
             return scale(c, a[1]), scale(-c, a[0]), scale(drill, axes[2]), scale(-drill, axes[1])
 
         @njit(inline="always")
-        def turned(rates, b, n, d):
-            drill = dot(b[2], rates[0]) + dot(b[3], rates[1])
-            omega = scale(drill, n)
+        def spin(rates, b, n):
+            omega = scale(dot(b[2], rates[0]) + dot(b[3], rates[1]), n)
             omega = add(omega, scale(-dot(n, rates[0]), b[0]))
-            omega = add(omega, scale(-dot(n, rates[1]), b[1]))
+            return add(omega, scale(-dot(n, rates[1]), b[1]))
+
+        @njit(inline="always")
+        def turned(omega, d):
             return cross(omega, d)
 
         @njit(inline="always")
@@ -276,16 +283,12 @@ def lip_kernels(dim: int, k: int, width: int) -> LipKernels:
             )
 
         @njit(inline="always")
-        def tangents_at(a, i):
-            return (a[i, 0, 0], a[i, 0, 1], a[i, 0, 2]), (a[i, 1, 0], a[i, 1, 1], a[i, 1, 2])
-
-        @njit(inline="always")
-        def moment_at(m, i):
+        def turn_at(m, i):
             return m[i, 0], m[i, 1], m[i, 2]
 
     return LipKernels(
         tangents=tangents, pushed=pushed, plus=plus, flips=flips, folded=folded, frame=frame,
         arms=arms, turned=turned, moment=moment, forces=forces, apart=apart, local=local,
-        arms_at=arms_at, normal_at=normal_at, axes_at=axes_at, tangents_at=tangents_at,
-        moment_at=moment_at,
+        arms_at=arms_at, normal_at=normal_at, axes_at=axes_at,
+        turn_at=turn_at, spin=spin,
     )  # fmt: skip

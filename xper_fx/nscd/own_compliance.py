@@ -14,6 +14,7 @@ from xper_fx.nscd.point_group import PointGroup
 
 def update_compliance(group: PointGroup, inverse: BodyInverse) -> None:
     """Take the values of w; the compliances of a group's points follow."""
+    group.show_frames()
     rows, cols = sym_indices(group.kernels.components)
     group.couplings = group.couplings._replace(w=inverse.data)
     if inverse.diagonal:
@@ -36,26 +37,53 @@ def update_compliance(group: PointGroup, inverse: BodyInverse) -> None:
         group.compliance += np.einsum("ped,pd,ped->pe", frame[:, rows], w, frame[:, cols])
 
 
-def update_diagonal(group: PointGroup, which: np.ndarray) -> None:
-    """Renew the compliances of some points, whose frames have turned, where w is diagonal."""
+def diagonals(group: PointGroup, which: np.ndarray) -> np.ndarray:
+    """Of some points, where w is diagonal, what unit impulses along the axes of space do to them.
+
+    Returns:
+        Shape (len(which), dim), 1/kg.
+    """
+    out = np.zeros((len(which), group.points.dim))
+    _add_diagonals(which, group.couplings, out)
+    return out
+
+
+def update_diagonal(group: PointGroup, which: np.ndarray, diagonal: np.ndarray) -> None:
+    """Renew the compliances of some points, whose frames have turned, with their `diagonals`."""
     rows, cols = sym_indices(group.kernels.components)
-    _of_diagonal(which, group.couplings, group.points.frame, rows, cols, group.compliance)
+    _turn_diagonals(which, diagonal, group.couplings.frame, rows, cols, group.compliance)
 
 
 @njit(**LEAN_ENTRY)
-def _of_diagonal(which, c, frame, rows, cols, out):
-    k, dim = c.start.shape[2], frame.shape[2]
-    for i in which:
-        for entry in range(len(rows)):
-            out[i, entry] = 0.0
+def _add_diagonals(which, c, out):
+    k, dim = c.start.shape[2], out.shape[1]
+    for number in range(len(which)):
+        i = which[number]
         for s in range(2):
-            n = c.size[i, s]
             for j in range(k):
                 first = c.rows[i, s, j] + c.start[i, s, j] - c.body[i, s]
                 for d in range(dim):
-                    own = c.weights[i, s, j] ** 2 * c.w[first + d * (n + 1)]
-                    for entry in range(len(rows)):
-                        out[i, entry] += own * frame[i, rows[entry], d] * frame[i, cols[entry], d]
+                    out[number, d] += c.weights[i, s, j] ** 2 * c.w[first + d * (c.size[i, s] + 1)]
+
+
+@njit(inline="always")
+def _direction(frame, i, x, d):
+    """Component d of direction x; in 2D the tangent, which is not held, is n turned by +90."""
+    if x < frame.shape[1]:
+        return frame[i, x, d]
+    return frame[i, 0, 0] if d == 1 else -frame[i, 0, 1]
+
+
+@njit(**LEAN_ENTRY)
+def _turn_diagonals(which, diagonal, frame, rows, cols, out):
+    for number in range(len(which)):
+        i = which[number]
+        for entry in range(len(rows)):
+            total = 0.0
+            for d in range(diagonal.shape[1]):
+                own = _direction(frame, i, rows[entry], d) * _direction(frame, i, cols[entry], d)
+                total += diagonal[number, d] * own
+            out[i, entry] = total
 
 
 @njit(**LEAN_ENTRY)

@@ -14,6 +14,7 @@ from xper_fx.nscd.grouping import Grouping
 from xper_fx.nscd.inverse_blocks import BodyInverse
 from xper_fx.nscd.laws.law import Law
 from xper_fx.nscd.ordering import vertex_of_points
+from xper_fx.nscd.own_compliance import diagonals
 from xper_fx.nscd.points import InteractionPoints
 from xper_fx.support.saved_rows import Rows
 
@@ -110,7 +111,8 @@ class PermanentGroups:
             )  # fmt: skip
             self.groups = self.fused.groups
         self.turn = any(group.turning is not None for group in self.groups)
-        self.uneven: dict[int, np.ndarray] | None = None
+        # places and `diagonals` of the points whose compliance hangs on their frame, by group
+        self.uneven: dict[int, tuple[np.ndarray, np.ndarray]] | None = None
         components = [group.kernels.components for group in self.groups]
         # points whose groups have all of their frames are put together again when asked for
         self._points: InteractionPoints | None = None
@@ -124,6 +126,8 @@ class PermanentGroups:
     @property
     def points(self) -> InteractionPoints:
         """All points in the scene's order, those taken out included."""
+        for g in self.groups if self.turn else ():
+            g.show_frames()
         if self._points is not None:
             for g in self.groups if self.fused is not None and self.turn else ():
                 self._points.frame[g.indices, : g.points.frame.shape[1]] = g.points.frame
@@ -141,12 +145,15 @@ class PermanentGroups:
         """Take w, and find the turning points whose compliance hangs on their frame."""
         self.inverse = inverse
         turning = [g for g in self.groups if g.turning is not None]
+        nodes = [a for g in turning for a in (g.points.nodes, g.turning.nodes)]
+        self.lip_slots = 1 + max((int(a.max(initial=-1)) for a in nodes), default=-1)
         even = inverse.even_nodes() if turning else None
         self.uneven = None
         if even is not None:
-            self.uneven = {
-                id(g): np.flatnonzero(~even[g.points.nodes].all(axis=(1, 2))) for g in turning
-            }
+            self.uneven = {}
+            for g in turning:
+                which = np.flatnonzero(~even[g.points.nodes].all(axis=(1, 2)))
+                self.uneven[id(g)] = which, diagonals(g, which)
 
     def deactivate(self, indices: np.ndarray) -> None:
         """Take points out, for good.
@@ -193,6 +200,7 @@ class PermanentGroups:
         if turns:  # lips that face each other no more keep a frame of some time
             arrays["frame"] = np.zeros((len(self), components, self._dim))
             for g in self.groups:
+                g.show_frames()
                 frame = g.points.frame
                 arrays["frame"][g.indices, : frame.shape[1]] = frame
         return {name: Rows(number, values) for name, values in arrays.items()}

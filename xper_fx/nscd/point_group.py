@@ -79,6 +79,15 @@ class PointGroup:
     def __len__(self) -> int:
         return len(self.indices)
 
+    def show_frames(self) -> None:
+        """Let `points` have the frames of `couplings`, the only ones that turn in each step."""
+        shown, frame = self.points.frame, self.couplings.frame
+        if self.turning is None or shown is frame:
+            return
+        shown[:, : frame.shape[1]] = frame
+        if frame.shape[1] < shown.shape[1] == 2:
+            shown[:, 1, 0], shown[:, 1, 1] = -frame[:, 0, 1], frame[:, 0, 0]
+
     def law_arrays(self) -> PointArrays:
         """The arrays as kernels of the law take them."""
         return PointArrays(

@@ -19,10 +19,10 @@ from xper_fx.nscd.laws.law import LawKernels
 from xper_fx.nscd.own_compliance import update_compliance, update_diagonal
 from xper_fx.nscd.point_group import PointGroup
 from xper_fx.nscd.point_values import PointValues
-from xper_fx.support.threads import in_ranges
+from xper_fx.support.threads import in_ranges, num_ranges
 
 if TYPE_CHECKING:
-    from xper_fx.nscd.turning_frames import LipMotion, TurningFrames
+    from xper_fx.nscd.turning_frames import LipMotion
 
 # Relative rounding of velocities that several points add up to.
 ROUNDING = 4.0 * np.finfo(float).eps
@@ -37,9 +37,9 @@ def _damage(kernels: LawKernels) -> int:
     return LOOSE if "impact" in kernels.energies else LASTING
 
 
-def _shares_of_spin(step: float, theta: float) -> tuple[float, float]:
-    """What laws are given of a spin s: velocities less the first times s, jumps the second."""
-    return (1.0 / (1.0 - theta), 0.0) if theta < 1.0 else (0.0, step)
+def _share_of_spin(theta: float) -> float:
+    """What laws are given of a spin s: velocities at the start less so many times s."""
+    return 1.0 / (1.0 - theta) if theta < 1.0 else 0.0
 
 
 class FacetFlippedError(FloatingPointError):
@@ -120,6 +120,7 @@ class SteppedPoints(PointValues):
     _carried: FoundContacts
     _motion: LipMotion
     _couples: np.ndarray
+    _of_cell: np.ndarray
     _stiffness: float | None
     _mass: float
 
@@ -155,7 +156,7 @@ class SteppedPoints(PointValues):
             elif self._permanent.uneven is None:
                 update_compliance(g, self.inverse)
             else:
-                update_diagonal(g, self._permanent.uneven[id(g)])
+                update_diagonal(g, *self._permanent.uneven[id(g)])
         if flipped := int(self.largest(flipped)):
             raise FacetFlippedError(flipped - 1)
 
@@ -163,15 +164,17 @@ class SteppedPoints(PointValues):
         """As `turn`, of one group; returns the place of a point whose facet flips, or -1."""
         from xper_fx.nscd.turning_frames import site_loop, turn_loop
 
-        width, reach = g.turning.width, self.step_size * self.theta
-        turn_sites = site_loop(self.dim, width)
-        in_ranges(turn_sites, len(g.turning.nodes), g.turning, self._motion, reach)
-        inverse, shift = _shares_of_spin(self.step_size, self.theta)
+        width, reach, new = g.turning.width, self.step_size * self.theta, 0
+        if num_ranges(len(g)) > 1:  # sites are shared by ranges
+            new = len(g.turning.nodes)
+            in_ranges(site_loop(self.dim, width), new, g.turning, self._motion, reach)
         first = in_ranges(
-            turn_loop(g.sides, width), len(g), g.couplings, g.points.gap, g.points.area,
-            g.points.frame, g.turning, self._motion, reach, inverse, shift, g.kernels.no_jump,
-            g.state, _damage(g.kernels), g.jump, g.velocity,
+            turn_loop(g.sides, width), len(g), new, g.couplings, g.points.gap, g.points.area,
+            g.turning, self._motion, reach, _share_of_spin(self.theta), g.kernels.no_jump, g.state,
+            _damage(g.kernels), g.committed_impulse, g.jump, g.velocity,
         )  # fmt: skip
+        if self.fused is not None or self._permanent.uneven is None:
+            g.show_frames()
         return next((i for i in first if i >= 0), -1)
 
     def num_strayed(self) -> int:
@@ -186,28 +189,17 @@ class SteppedPoints(PointValues):
                 count += count_strayed(g.turning.take(pressing), normal, displacement)
         return int(self.total(count))
 
-    def _settle(self, group: PointGroup, turning: TurningFrames, velocity: np.ndarray) -> float:
-        """What frames that turned add to the numerical energy of the step (J; 2D: J/m)."""
-        from xper_fx.nscd.turning_frames import settle_loop
-
-        which = np.flatnonzero(turning.by_spin)
-        inverse, shift = _shares_of_spin(self.step_size, self.theta)
-        return sum(
-            in_ranges(
-                settle_loop(group.kernels, group.sides, turning.width), len(which), which,
-                velocity, group.couplings, turning, self._motion, self.theta, inverse, shift,
-                group.jump, group.velocity, group.impulse, group.points.area, group.parameters,
-                group.state, group.energy,
-            )
-        )  # fmt: skip
-
     def _work_of_couples(self, velocity: np.ndarray) -> float:
         """Work in the step of what `couples` gave last (J; 2D: J/m), on this rank's slots."""
-        start, end = np.vdot(self._couples, self._motion.velocity), np.vdot(self._couples, velocity)
-        return float(self.theta * end + (1.0 - self.theta) * start)
+        from xper_fx.nscd.turning_frames import work_of_couples
+
+        work = work_of_couples(self._couples, self._motion.velocity, velocity, self.theta)
+        return work + float(np.vdot(self._of_cell, self._motion.rate))
 
     def couples(self, of_gaps: bool = False) -> np.ndarray:
         """Impulses on the nodes of the couples that come with turning frames, (num_slots, dim).
+
+        `of_cell` then has those on the rate of Fbar.
 
         Args:
             of_gaps: whether bonds that leave no jump count, with what the tolerance leaves of it.
@@ -215,15 +207,24 @@ class SteppedPoints(PointValues):
         from xper_fx.nscd.turning_frames import couple_loop
 
         total = np.zeros((self.inverse.num_slots, self.dim))
+        self._of_cell = np.zeros_like(self._motion.rate)
         for g in self._permanent.groups:
             if g.turning is not None and (of_gaps or not g.kernels.no_jump):
                 add_couples = couple_loop(g.sides, g.turning.width)
-                add_couples(total.reshape(-1), g.couplings, g.turning, g.impulse)
+                add_couples(total.reshape(-1), self._of_cell, g.couplings, g.turning, g.impulse)
         alone = self.halo is None and self.fused is None  # else they are given on
         self._couples = total.reshape(-1) if alone else total.reshape(-1).copy()
         if self.halo is not None:
             self.halo.everywhere.add_back(total.reshape(-1))
         return total
+
+    def couples_of_cell(self) -> np.ndarray:
+        """Of what `couples` gave last, what does work with the rate of Fbar of a periodic cell.
+
+        Returns:
+            Impulses, those of all ranks, shape (dim, dim), N m s (2D: N s).
+        """
+        return self.total(self._of_cell)
 
     def begin_step(self, step: float, theta: float) -> None:
         """Set the constants of the step in every law; impulses start from the last step's."""
@@ -242,7 +243,7 @@ class SteppedPoints(PointValues):
 
     def prepare_group(self, g: PointGroup) -> None:
         """As `prepare`, of one group, whose points or compliances are others now."""
-        prepare, _ = step_loops(g.kernels, g.sides, g.turning is not None)
+        prepare, _ = step_loops(g.kernels, g.sides)
         in_ranges(prepare, len(g), g.law_arrays(), self.step_size, self.theta)
 
     def evolve(self, velocity: np.ndarray) -> float:
@@ -331,22 +332,20 @@ class SteppedPoints(PointValues):
         """
         totals, percussions = dict.fromkeys(StepWork._fields, 0.0), 0.0
         if self.turns:
-            totals["numerical"] -= self._work_of_couples(velocity)
+            totals["numerical"] -= (0.5 if static else 1.0) * self._work_of_couples(velocity)
         for g in self.groups:
             if static:
                 totals["numerical"] += self._work_of_change(g, velocity)
-            if g.turning is not None:
-                totals["numerical"] += self._settle(g, g.turning, velocity)
             names, before = g.kernels.state_names, None
             bonds = "stored" in g.kernels.energies
             pushed = "pushed" in names and not bonds and g.turning is None
             if self.theta > 0.5 and not static and pushed:
                 before = g.velocity.copy(), g.state[:, names.index("pushed")] > 0.0
-            _, commit = step_loops(g.kernels, g.sides, g.turning is not None)
-            in_ranges(
-                commit, len(g), velocity, g.couplings, g.law_arrays(), self.step_size, self.theta,
-                g.turning,
-            )  # fmt: skip
+            given = len(g), velocity, g.couplings, g.law_arrays(), self.step_size, self.theta
+            if g.turning is None:
+                in_ranges(step_loops(g.kernels, g.sides)[1], *given)
+            else:
+                totals["numerical"] += self._commit_turned(g, given)
             if before is not None:
                 percussions += _take_percussions(g, *before, self.theta)
             g.committed_impulse[:] = g.impulse
@@ -360,9 +359,27 @@ class SteppedPoints(PointValues):
         *work, self.from_scheme = self.total(np.array([*totals.values(), percussions])).tolist()
         return StepWork(*work)
 
+    def _commit_turned(self, group: PointGroup, given: tuple) -> float:
+        """As a law's `commit`; returns what turning adds to the numerical energy (J; 2D: J/m)."""
+        from xper_fx.nscd.turning_frames import commit_loop
+
+        commit = commit_loop(group.kernels, group.sides, group.turning.width)
+        spin = _share_of_spin(self.theta)
+        return math.fsum(in_ranges(commit, *given, group.turning, self._motion, spin))
+
     def _work_of_change(self, group: PointGroup, velocity: np.ndarray) -> float:
-        """Half the work (J; 2D: J/m) in the step of what tractions have changed by."""
+        """Half the work (J; 2D: J/m) in a static step of what tractions have changed by.
+
+        Where frames turn, the work of the couples at the end is not in it.
+        """
         ratio = self.step_size / self.committed_step if self.committed_step > 0.0 else 1.0
-        end = group.points.relative(velocity.reshape(-1, self.dim))
-        mean = self.theta * end + (1.0 - self.theta) * group.velocity
-        return 0.5 * float(np.vdot(group.impulse - ratio * group.committed_impulse, mean))
+        rate = group.points.relative(velocity.reshape(-1, self.dim))
+        if group.turning is None:
+            return 0.5 * float(np.vdot(group.impulse - ratio * group.committed_impulse, rate))
+        from xper_fx.nscd.turning_frames import power_loop
+
+        before = in_ranges(
+            power_loop(group.sides, group.turning.width), len(group), velocity, group.couplings,
+            group.turning, self._motion, group.committed_impulse, not group.kernels.no_jump,
+        )  # fmt: skip
+        return 0.5 * (float(np.vdot(group.impulse, rate)) - ratio * math.fsum(before))

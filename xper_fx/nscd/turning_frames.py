@@ -18,23 +18,28 @@ antagonist come with the couple m = -d x f on the lips, which does the work of t
     r . U' = f . d' + m . omega.
 
 Half of it acts on each lip: h_alpha = m b (2D), or c_alpha (n . m) - n (b_alpha . m), is
-the force of the tangent a_alpha, and node j gets G_j,alpha h_alpha / 2. Forces and couple have no
+the force of the tangent a_alpha, and node j gets G_j,alpha h_alpha / 2. In a periodic cell a_alpha
+goes with Fbar, too, whose equation gets K = sum h_alpha (x) t_alpha. Forces and couple have no
 resultant moment in q_m; with theta = 1/2 and q_m = q0 + h v0 / 2, where an explicit bulk's forces
 act, angular momentum is kept to rounding, as q1 x M v1 - q0 x M v0 = q_m x M (v1 - v0).
 
 The map H of a solver stays that of the lips alone, and the couple is given to the bodies after it
 (explicit), or with the residual of the next iteration (implicit). Then, over a step,
 
-- an open bond whose energy does not hang on the direction of the jump has U0 = F_m d0 and
-  U1 = F_m d1: its opening is that of the lips, and a fracture spends what its curve says;
-- any other point has U0 = F(q0) d0 and U1 = U0 + h [F_m d' - s], s = F_m (omega x d_m), which is
-  F(q1) d1 to third order. Its law takes s from the velocities known when the step begins, as
-  velocity0 - s / (1 - theta) (theta = 1: U0 - h s), and from those found when it ends;
+- an open bond that was not pressed in the last step, and whose energy does not hang on the
+  direction of the jump, has U0 = F_m d0 and U1 = F_m d1: its opening is that of the lips, and a
+  fracture spends what its curve says;
+- any other point has U0 = F(q0) d0 and U1 = U0 + h [F_m d' - s], s = F_m (omega x d_m), which for
+  theta = 1/2 is F(q1) d1 to third order. Its law takes s from the velocities known when the step
+  begins, as velocity0 - s / (1 - theta), and from those found when it ends. With theta = 1 the
+  middle is the end, and h s = (F(q0) - F(q1)) d0 gives U1 = F(q1) d1. Its law takes F(q1) d0 for
+  U0, as that of an open bond does, and the lips do not drift;
 - lips that nothing bonds and that have slid or folded so far that they do not face each other keep
   the frame that they had, without couple, whose arm their jump would be: debris is stable then.
 
 The nodal points of a facet of first order have the same tangents, and so the same frame and spin:
-these are found once for all points with the same lips, a *site*.
+these are found once for all points with the same lips, a *site*. Sites are in the order in which
+points first have them, so that one pass over the points finds both.
 
 What the stored energy e gains when the next step reads the jump anew, e(U0) - e(U1 of the last
 step), and the work of the couple that the first kind of point does not see, are booked as
@@ -50,11 +55,22 @@ import numpy as np
 
 from xper_fx.cache import njit
 from xper_fx.nscd.algebra.small import for_dimension
-from xper_fx.nscd.couplings import Sides
+from xper_fx.nscd.couplings import Sides, prefetch
+from xper_fx.nscd.couplings import motion as relative_motion
 from xper_fx.nscd.kernel_options import LEAN_ENTRY
 from xper_fx.nscd.laws.law import STORED, LawKernels
 from xper_fx.nscd.lip_kernels import lip_kernels
 from xper_fx.nscd.lips import Lips, start_frames
+
+
+@njit(fastmath={"reassoc", "contract"}, **LEAN_ENTRY)
+def work_of_couples(couples, start, end, theta):
+    """Work (J; 2D: J/m) of couples on slots, all of which but the last move at `start`."""
+    work = 0.0
+    for i in range(len(start)):
+        work += couples[i] * (theta * end[i] + (1.0 - theta) * start[i])
+    return work
+
 
 # What is wrong with the lips of a site in a step: they flip, or stand at more than a right angle.
 _FLIPPED, _FOLDED = 1, 2
@@ -65,6 +81,8 @@ LOOSE, LASTING = -1, -2
 _FAR = 0.1
 # Angle (rad) between lips and a frame that they have left.
 _STRAYED = 0.2
+# Points whose sites are found before them, and how many sites ahead nodes are asked for.
+_AT_A_TIME, _AHEAD = 256, 8
 # Normal opening beside the whole one below which a point counts as closed.
 _CLOSED = 1e-3
 # Difference of energies, relative, that is rounding.
@@ -72,19 +90,21 @@ _ALIKE = 1e-12
 
 
 class LipMotion(NamedTuple):
-    """How the nodes of lips move in a step, arrays over the slots, flat.
+    """How the nodes of lips move in a step, arrays over the slots, flat; the last slots may lack.
 
     Attributes:
         displacement: q0 (m).
         velocity: v0 (m/s).
         mean: v_theta as far as it is known (m/s).
+        starts: whether that is v0.
         gradient, rate: shape (dim, dim), Fbar at q0 and its rate in v_theta (1/s), of a periodic
-            cell, whose nodes move with the fluctuation; else the identity and zero.
+            cell, whose nodes move with the fluctuation; else without entries.
     """
 
     displacement: np.ndarray
     velocity: np.ndarray
     mean: np.ndarray
+    starts: bool
     gradient: np.ndarray
     rate: np.ndarray
 
@@ -94,14 +114,14 @@ class TurningFrames(NamedTuple):
 
     Attributes:
         nodes, gradient, tangent: of the lips of each site (`lips.py`).
-        start, rates: a_alpha at the start of the step and its rate, shape (sites, dim - 1, dim).
-        axes: F, shape (sites, dim, dim).
+        start, axes: F at the start and in the middle of the step, shape (sites, 1, 2), the
+            normal, or (sites, 3, 3).
+        omega: shape (sites, 1) or (sites, 3), spin in v_theta, rad/s.
         arms: b, shape (sites, 1, 2), or b_1, b_2, c_1, c_2, shape (sites, 4, 3), 1/m.
         faults: shape (sites,), uint8, whether lips flip or fold, `_FLIPPED` and `_FOLDED`.
         moment: shape (sites, 1) or (sites, 3), what couples add up to, N m s.
         site: shape (n,), int32, of each point.
         jump: d_m, shape (n, dim), m.
-        spin: s, shape (n, components), m/s, of points of the second kind.
         by_spin: shape (n,), which points are of the second kind.
         kept: shape (n,), which points keep the frame that they had, without couple.
         isotropic: shape (n,), whether the energy hangs on the length of an open jump alone.
@@ -111,14 +131,13 @@ class TurningFrames(NamedTuple):
     gradient: np.ndarray
     tangent: np.ndarray
     start: np.ndarray
-    rates: np.ndarray
     axes: np.ndarray
+    omega: np.ndarray
     arms: np.ndarray
     faults: np.ndarray
     moment: np.ndarray
     site: np.ndarray
     jump: np.ndarray
-    spin: np.ndarray
     by_spin: np.ndarray
     kept: np.ndarray
     isotropic: np.ndarray
@@ -141,13 +160,13 @@ class TurningFrames(NamedTuple):
             _isotropy(kernels, dim)(parameters, state, isotropic)
         first, site = _sites(lips)
         of_sites = lips.take(first)
-        m = len(first)
+        m, turns = len(first), 1 if dim == 2 else 3
         return cls(
             of_sites.nodes, of_sites.gradient, of_sites.tangent,
-            *np.zeros((2, m, dim - 1, dim)), np.zeros((m, dim, dim)),
+            *np.zeros((2, m, turns, dim)), np.zeros((m, turns)),
             np.zeros((m, 1 if dim == 2 else 4, dim)), np.zeros(m, np.uint8),
-            np.zeros((m, 1 if dim == 2 else 3)), site, np.zeros((n, dim)),
-            np.zeros((n, kernels.components)), *np.zeros((2, n), bool), isotropic,
+            np.zeros((m, turns)), site, np.zeros((n, dim)),
+            *np.zeros((2, n), bool), isotropic,
         )  # fmt: skip
 
     @property
@@ -157,10 +176,10 @@ class TurningFrames(NamedTuple):
 
     def take(self, indices: np.ndarray) -> TurningFrames:
         """Those of the points at `indices`, in that order."""
-        used, site = np.unique(self.site[indices], return_inverse=True)
-        of_sites = (array[used] for array in self[:_OF_SITES])
+        first, site = _in_order(self.site[indices])
+        of_sites = (array[self.site[indices][first]] for array in self[:_OF_SITES])
         of_points = (array[indices] for array in self[_OF_SITES + 1 :])
-        return TurningFrames(*of_sites, site.astype(np.int32), *of_points)
+        return TurningFrames(*of_sites, site, *of_points)
 
     def each_its_site(self) -> TurningFrames:
         """The same points, each of which has a site of its own, in their order."""
@@ -178,9 +197,12 @@ def _sites(lips: Lips) -> tuple[np.ndarray, np.ndarray]:
     count = len(lips.nodes)
     parts = (lips.nodes, lips.gradient, lips.tangent)
     rows = np.hstack([np.ascontiguousarray(a).reshape(count, -1).view(np.uint8) for a in parts])
-    rows = np.ascontiguousarray(rows).view(np.dtype((np.void, rows.shape[1]))).ravel()
-    _, first, site = np.unique(rows, return_index=True, return_inverse=True)
-    # in the order in which the points come
+    return _in_order(np.ascontiguousarray(rows).view(np.dtype((np.void, rows.shape[1]))).ravel())
+
+
+def _in_order(keys: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Where each key comes first, and the key of each entry, counted in the order of coming."""
+    _, first, site = np.unique(keys, return_index=True, return_inverse=True)
     order = np.argsort(first)
     place = np.empty(len(first), np.int32)
     place[order] = np.arange(len(first))
@@ -220,6 +242,47 @@ def _isotropy(law: LawKernels, dim: int):
 
 
 @cache
+def _find_site(dim: int, width: int):
+    """Kernel that finds how a site stands in the step."""
+    lips = lip_kernels(dim, 1, width)
+    tangents, pushed, plus = lips.tangents, lips.pushed, lips.plus
+    flips, folded, frame_of, arms_of = lips.flips, lips.folded, lips.frame, lips.arms
+    spin_of = lips.spin
+
+    @njit(inline="always")
+    def find(i, turning, motion, reach):
+        nodes, gradient = turning.nodes, turning.gradient
+        start = plus(
+            pushed(motion.gradient, turning.tangent, i, 1.0),
+            1.0,
+            tangents(motion.displacement, nodes, gradient, i),
+        )
+        rates = plus(
+            pushed(motion.rate, turning.tangent, i, 0.0),
+            1.0,
+            tangents(motion.mean, nodes, gradient, i),
+        )
+        a = plus(start, reach, rates)
+        flipped = flips(start, a)
+        turning.faults[i] = (_FOLDED if folded(start) else 0) | (_FLIPPED if flipped else 0)
+        if not flipped:
+            before, axes = frame_of(start), frame_of(a)
+            arms = arms_of(a, axes)
+            omega = spin_of(rates, arms, axes[0])
+            for x in range(len(omega)):
+                turning.omega[i, x] = omega[x]
+            for x in range(1 if dim == 2 else 3):
+                for e in range(dim):
+                    turning.start[i, x, e] = before[x][e]
+                    turning.axes[i, x, e] = axes[x][e]
+            for x in range(len(arms)):
+                for e in range(dim):
+                    turning.arms[i, x, e] = arms[x][e]
+
+    return find
+
+
+@cache
 def site_loop(dim: int, width: int):
     """The loop over a range of sites that finds how they stand in the step.
 
@@ -227,61 +290,40 @@ def site_loop(dim: int, width: int):
         dim: dimension of space.
         width: nodes of a facet.
     """
-    lips = lip_kernels(dim, 1, width)
-    tangents, pushed, plus = lips.tangents, lips.pushed, lips.plus
-    flips, folded, frame_of, arms_of = lips.flips, lips.folded, lips.frame, lips.arms
+    find = _find_site(dim, width)
 
     @njit(nogil=True, fastmath={"contract"}, **LEAN_ENTRY)
     def turn_sites(first, last, turning, motion, reach):
-        nodes, gradient = turning.nodes, turning.gradient
         for number in range(first, last):
-            i = np.uintp(number)
-            start = plus(
-                pushed(motion.gradient, turning.tangent, i),
-                1.0,
-                tangents(motion.displacement, nodes, gradient, i),
-            )
-            rates = plus(
-                pushed(motion.rate, turning.tangent, i),
-                1.0,
-                tangents(motion.mean, nodes, gradient, i),
-            )
-            a = plus(start, reach, rates)
-            turning.faults[i] = _FOLDED if folded(start) else 0
-            if flips(start, a):
-                turning.faults[i] |= _FLIPPED
-                continue
-            axes = frame_of(a)
-            arms = arms_of(a, axes)
-            for x in range(dim - 1):
-                for e in range(dim):
-                    turning.start[i, x, e] = start[x][e]
-                    turning.rates[i, x, e] = rates[x][e]
-            for x in range(dim):
-                for e in range(dim):
-                    turning.axes[i, x, e] = axes[x][e]
-            for x in range(len(arms)):
-                for e in range(dim):
-                    turning.arms[i, x, e] = arms[x][e]
+            find(np.uintp(number), turning, motion, reach)
 
     return turn_sites
 
 
 @cache
 def turn_loop(sides: Sides, width: int):
-    """The loop over a range of points, after their sites, that gives them what a step needs.
+    """The loop over a range of points that gives them what a step needs.
 
-    That is frames, jumps and velocities. Facets have `width` nodes. It returns the first point
-    whose facet flips, or -1.
+    That is frames, jumps and velocities. Facets have `width` nodes, `pressed` are the impulses of
+    the last step. Sites from `new` on are found on the way. It returns the first point whose facet
+    flips, or -1.
     """
     dim, components = sides[:2]
     own, world = for_dimension(dim, components), for_dimension(dim)
     lips = lip_kernels(dim, sides.k, width)
-    set_row, subtract, scale = own.set_row, own.subtract, own.scale
+    find = _find_site(dim, width)
+    set_row, add, subtract, scale = own.set_row, own.add, own.subtract, own.scale
     add_world, scale_world, set_world = world.add, world.scale, world.set_row
     dot_world, to_local, apart = world.dot, own.to_local, lips.apart
-    turned, frame_of, local = lips.turned, lips.frame, lips.local
-    arms_at, axes_at, tangents_at = lips.arms_at, lips.axes_at, lips.tangents_at
+    turned, local, axes_at, turn_at = lips.turned, lips.local, lips.axes_at, lips.turn_at
+
+    @njit(inline="always")
+    def fetch(nodes, site, motion):
+        for s in range(2):
+            for j in range(width):
+                at = np.uintp(dim * nodes[np.uintp(site), s, j])
+                prefetch(motion.displacement, at)
+                prefetch(motion.velocity, at)
 
     @njit(inline="always")
     def own_part(x):
@@ -289,51 +331,58 @@ def turn_loop(sides: Sides, width: int):
 
     @njit(nogil=True, fastmath={"contract"}, **LEAN_ENTRY)
     def turn_range(
-        first, last, c, gap, area, frame, turning, motion, reach, inverse, shift, no_jump, state,
-        damage, jump, velocity,
+        first, last, new, c, gap, area, turning, motion, reach, inverse, no_jump, state, damage,
+        pressed, jump, velocity,
     ):  # fmt: skip
+        known = first
         for number in range(first, last):
+            if number == known:
+                known = min(known + _AT_A_TIME, last)
+                end = new
+                for i in range(number, known):
+                    end = max(end, turning.site[i] + 1)
+                for site in range(new, end):
+                    fetch(turning.nodes, min(site + _AHEAD, len(turning.nodes) - 1), motion)
+                    find(np.uintp(site), turning, motion, reach)
+                new = end
             i = np.uintp(number)
             site = np.uintp(turning.site[i])
-            d0 = apart(motion.displacement, c, i)
-            d = add_world(d0, scale_world(reach, apart(motion.mean, c, i)))
+            d0, rate0 = apart(motion.displacement, c, i), apart(motion.velocity, c, i)
             fault = turning.faults[site]
             loose = damage == LOOSE or (damage >= 0 and state[i, damage] == 0.0)
-            far = _FAR * (area[i] if dim == 2 else np.sqrt(area[i]))
-            turning.kept[i] = loose and (fault != 0 or dot_world(d0, d0) > far * far)
+            far = _FAR * _FAR * (area[i] * area[i] if dim == 2 else area[i])
+            turning.kept[i] = loose and (fault != 0 or dot_world(d0, d0) > far)
             if turning.kept[i]:
                 # lips that no longer face each other: the frame stays what it is
                 turning.by_spin[i] = False
                 set_row(jump, i, to_local(c.frame, i, d0))
                 jump[i, 0] += gap[i]
-                set_row(velocity, i, to_local(c.frame, i, apart(motion.velocity, c, i)))
+                set_row(velocity, i, to_local(c.frame, i, rate0))
                 continue
             if fault & _FLIPPED:
                 return number
+            mean = rate0 if motion.starts else apart(motion.mean, c, i)
+            d = add_world(d0, scale_world(reach, mean))
             axes = axes_at(turning.axes, site)
-            for e in range(dim):
-                for x in range(components):
-                    frame[i, x, e] = axes[x][e]
-                for x in range(c.frame.shape[1]):
+            for x in range(1 if dim == 2 else components):
+                for e in range(dim):
                     c.frame[i, x, e] = axes[x][e]
             set_world(turning.jump, i, d)
-            fast = own_part(local(axes, apart(motion.velocity, c, i)))
+            fast = own_part(local(axes, rate0))
             opening = dot_world(axes[0], d)
             closed = opening <= 0.0 or opening * opening <= _CLOSED * _CLOSED * dot_world(d, d)
+            # what was pressed touches in the frame of the end, and may be open in the middle
+            closed = closed or pressed[i, 0] > 0.0
             by_spin = not no_jump and (closed or not turning.isotropic[i])
             turning.by_spin[i] = by_spin
-            if by_spin:
-                rates, arms = tangents_at(turning.rates, site), arms_at(turning.arms, site)
-                spin = own_part(local(axes, turned(rates, arms, axes[0], d)))
-                set_row(turning.spin, i, spin)
-                at_start = own_part(local(frame_of(tangents_at(turning.start, site)), d0))
-                at_start = subtract(at_start, scale(shift, spin))
-                fast = subtract(fast, scale(inverse, spin))
-            else:
-                at_start = own_part(local(axes, d0))
-            set_row(jump, i, at_start)
+            # no branch, which could not be foretold
+            share = 1.0 if by_spin else 0.0
+            spin = own_part(local(axes, turned(turn_at(turning.omega, site), d)))
+            set_row(velocity, i, subtract(fast, scale(share * inverse, spin)))
+            anew, there = own_part(local(axes, d0)), axes_at(turning.start, site)
+            change = subtract(own_part(local(there, d0)), anew)
+            set_row(jump, i, add(anew, scale(share if inverse > 0.0 else 0.0, change)))
             jump[i, 0] += gap[i]
-            set_row(velocity, i, fast)
         return -1
 
     return turn_range
@@ -359,67 +408,149 @@ def _gained(law: LawKernels):
 
 
 @cache
-def settle_loop(law: LawKernels, sides: Sides, width: int):
-    """The loop over a range of `which`, points of the second kind, before a step is committed.
+def commit_loop(law: LawKernels, sides: Sides, width: int):
+    """The loop over a range of points p, `PointArrays`, that ends a step.
 
-    Jumps and velocities of the start come to be without the spin that laws were given, the spin
-    is that of the velocities found. It returns what is booked as numerical less what their couples
-    worked against it (J; 2D: J/m).
+    Of points of the second kind jumps and velocities of the start come to be without the spin that
+    laws were given, and the spin is that of the velocities `v` found. It returns what these add to
+    the numerical energy less what their couples worked against it (J; 2D: J/m).
     """
     dim, components = sides[:2]
     own, world = for_dimension(dim, components), for_dimension(dim)
     lips = lip_kernels(dim, sides.k, width)
-    row, set_row, add, scale, dot = own.row, own.set_row, own.add, own.scale, own.dot
+    row, set_row, dot = own.row, own.set_row, own.dot
+    add, subtract, scale = own.add, own.subtract, own.scale
     row_world, to_local, plus = world.row, own.to_local, lips.plus
     tangents, pushed, turned = lips.tangents, lips.pushed, lips.turned
-    arms_at, normal_at = lips.arms_at, lips.normal_at
-    gained = _gained(law)
+    arms_at, normal_at, axes_at, apart = lips.arms_at, lips.normal_at, lips.axes_at, lips.apart
+    spin_of, local = lips.spin, lips.local
+    turn_at, add_world, scale_world = lips.turn_at, world.add, world.scale
+    read, _ = relative_motion(sides)
+    commit, gained = law.commit, _gained(law)
 
-    @njit(nogil=True, fastmath={"contract"}, **LEAN_ENTRY)
-    def settle_range(
-        first, last, which, end, c, turning, motion, theta, inverse, shift, jump, velocity, r,
-        area, parameters, state, energy,
-    ):  # fmt: skip
-        nodes, gradient = turning.nodes, turning.gradient
-        booked = 0.0
+    @njit(inline="always")
+    def own_part(x):
+        return (x[0],) if components == 1 else x
+
+    @njit(inline="always")
+    def mixed(theta, end, start):
+        if dim == 2:
+            return (theta * end[0] + (1.0 - theta) * start[0],)
+        return add_world(scale_world(theta, end), scale_world(1.0 - theta, start))
+
+    @njit(nogil=True, **LEAN_ENTRY)
+    def commit_range(first, last, v, c, p, step, theta, turning, motion, inverse):
+        nodes, gradient, booked = turning.nodes, turning.gradient, 0.0
         for number in range(first, last):
-            i = np.uintp(which[number])
-            site = np.uintp(turning.site[i])
-            spin = row(turning.spin, i)
-            set_row(velocity, i, add(row(velocity, i), scale(inverse, spin)))
-            set_row(jump, i, add(row(jump, i), scale(shift, spin)))
-            rates = plus(
-                pushed(motion.rate, turning.tangent, site),
-                theta,
-                tangents(end, nodes, gradient, site),
-            )
-            rates = plus(rates, 1.0 - theta, tangents(motion.velocity, nodes, gradient, site))
-            arms, n = arms_at(turning.arms, site), normal_at(c.frame, i)
-            away = turned(rates, arms, n, row_world(turning.jump, i))
-            spin = to_local(c.frame, i, away)
-            set_row(turning.spin, i, spin)
-            booked -= dot(row(r, i), spin)
-            booked -= gained(i, row(jump, i), area[i], parameters, state, energy)
+            i = np.uintp(number)
+            jump0, start, u = row(p.jump, i), row(p.velocity, i), read(v, c, i)
+            by_spin = turning.by_spin[i]
+            if by_spin:
+                site = np.uintp(turning.site[i])
+                d, known = row_world(turning.jump, i), turn_at(turning.omega, site)
+                start = add(start, scale(inverse, to_local(c.frame, i, turned(known, d))))
+            mean = add(scale(theta, u), scale(1.0 - theta, start))
+            spin = scale(0.0, jump0)
+            if by_spin and inverse == 0.0:
+                d0 = apart(motion.displacement, c, i)
+                there = own_part(local(axes_at(turning.start, site), d0))
+                change = subtract(there, to_local(c.frame, i, d0))
+                spin, jump0 = scale(1.0 / step, change), add(jump0, change)
+            elif by_spin:
+                arms, n = arms_at(turning.arms, site), normal_at(c.frame, i)
+                rates = plus(
+                    pushed(motion.rate, turning.tangent, site, 0.0),
+                    1.0,
+                    tangents(v, nodes, gradient, site),
+                )
+                end = spin_of(rates, arms, n)
+                if motion.starts:  # what is known is that of v0
+                    at_start = known
+                else:
+                    rates = plus(
+                        pushed(motion.rate, turning.tangent, site, 0.0),
+                        1.0,
+                        tangents(motion.velocity, nodes, gradient, site),
+                    )
+                    at_start = spin_of(rates, arms, n)
+                spin = to_local(c.frame, i, turned(mixed(theta, end, at_start), d))
+            if by_spin:
+                booked -= dot(row(p.impulse, i), spin)
+                booked -= gained(i, jump0, p.area[i], p.parameters, p.state, p.energy)
+                mean = subtract(mean, spin)
+            jump1 = add(jump0, scale(step, mean))
+            p.status[i] = commit(
+                i, jump0, jump1, u, row(p.impulse, i), p.area[i], step, theta, p.parameters,
+                p.state, p.terms, p.details, p.energy,
+            )  # fmt: skip
+            set_row(p.jump, i, jump1)
+            set_row(p.velocity, i, u)
         return booked
 
-    return settle_range
+    return commit_range
+
+
+@cache
+def power_loop(sides: Sides, width: int):
+    """The loop over a range of points that adds up r . U' for frames at the start of the step.
+
+    With velocities `v` at the end of a static step, which has theta = 1, and impulses r; `couples`
+    tells whether they come with them.
+    """
+    dim, components = sides[:2]
+    own, world = for_dimension(dim, components), for_dimension(dim)
+    lips = lip_kernels(dim, sides.k, width)
+    tangents, pushed, plus, apart = lips.tangents, lips.pushed, lips.plus, lips.apart
+    frame_of, arms_of, spin_of, turned = lips.frame, lips.arms, lips.spin, lips.turned
+    row, dot, to_local, local, subtract = own.row, own.dot, own.to_local, lips.local, world.subtract
+
+    @njit(inline="always")
+    def own_part(x):
+        return (x[0],) if components == 1 else x
+
+    @njit(nogil=True, **LEAN_ENTRY)
+    def power(first, last, v, c, turning, motion, r, couples):
+        nodes, gradient, tangent, total = turning.nodes, turning.gradient, turning.tangent, 0.0
+        for number in range(first, last):
+            i = np.uintp(number)
+            rate, site = apart(v, c, i), np.uintp(turning.site[i])
+            if turning.kept[i]:
+                total += dot(row(r, i), to_local(c.frame, i, rate))
+                continue
+            a = plus(
+                pushed(motion.gradient, tangent, site, 1.0),
+                1.0,
+                tangents(motion.displacement, nodes, gradient, site),
+            )
+            axes = frame_of(a)
+            if couples:
+                rates = plus(
+                    pushed(motion.rate, tangent, site, 0.0), 1.0, tangents(v, nodes, gradient, site)
+                )
+                omega = spin_of(rates, arms_of(a, axes), axes[0])
+                rate = subtract(rate, turned(omega, apart(motion.displacement, c, i)))
+            total += dot(row(r, i), own_part(local(axes, rate)))
+        return total
+
+    return power
 
 
 @cache
 def couple_loop(sides: Sides, width: int):
     """The loop that adds the impulses of the points' couples to those of the nodes.
 
-    Couples of a site are added up first.
+    Couples of a site are added up first. `cell`, shape (dim, dim), gets what does their work with
+    the rate of Fbar, the sum of h_alpha (x) t_alpha; without entries there is none.
     """
     dim, components = sides[:2]
     own, world = for_dimension(dim, components), for_dimension(dim)
     lips = lip_kernels(dim, sides.k, width)
     row, to_global, row_world = own.row, own.to_global, world.row
     forces, moment, arms_at, normal_at = lips.forces, lips.moment, lips.arms_at, lips.normal_at
-    moment_at = lips.moment_at
+    turn_at = lips.turn_at
 
     @njit(fastmath={"contract"}, **LEAN_ENTRY)
-    def add_couples(p, c, turning, r):
+    def add_couples(p, cell, c, turning, r):
         turning.moment[:] = 0.0
         for number in range(len(r)):
             i = np.uintp(number)
@@ -429,11 +560,15 @@ def couple_loop(sides: Sides, width: int):
             m = moment(to_global(c.frame, i, row(r, i)), row_world(turning.jump, i))
             for e in range(len(m)):
                 turning.moment[site, e] += m[e]
-        nodes, gradient = turning.nodes, turning.gradient
+        nodes, gradient, tangent = turning.nodes, turning.gradient, turning.tangent
         for number in range(len(nodes)):
             i = np.uintp(number)
-            m = moment_at(turning.moment, i)
+            m = turn_at(turning.moment, i)
             h = forces(m, arms_at(turning.arms, i), normal_at(turning.axes, i))
+            for e in range(len(cell)):
+                for x in range(dim - 1):
+                    for y in range(dim):
+                        cell[e, y] += h[x][e] * tangent[i, x, y]
             for s in range(2):
                 for j in range(width):
                     at = np.uintp(dim * nodes[i, s, j])

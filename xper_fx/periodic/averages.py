@@ -1,15 +1,27 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 r"""Averages over a periodic cell, and the lemma of Hill and Mandel.
 
-    Fbar = <F>_bulk + (1/|Omega|) int [[u#]] (x) N dS,      Pibar = <Pi>_bulk,
+    Fbar = <F>_bulk + (1/|Omega|) int [[u#]] (x) N dS,      Pibar = <Pi>_bulk - K / (h |Omega|),
 
 N pointing from the antagonist to the candidate and [[u#]] = u#_c - u#_a. Over a step, with du the
 increments, r the impulses of the interactions and f the bulk's internal forces,
 
-    int <Pi> : dF dx = |Omega| Pibar : dFbar + (r / h) . du# - (M dv# / h) . du#:
+    int <Pi> : dF dx = |Omega| Pibar : dFbar + (r / h) . du# + (K / h) : dFbar - (M dv# / h) . du#:
 
 what the stresses do inside is what the macroscopic stress does, but for the work of cracks and of
 the fluctuation's inertia. Stresses are those of the time scheme, theta Pi1 + (1 - theta) Pi0.
+
+Frames of bonds spin with Fbar as they do with u# (`nscd/turning_frames.py`). Their couples, which
+are among r, do the work K : dFbar / h besides, K = sum h_alpha (x) t_alpha. With it Pibar Fbar^T is
+symmetric in a cell at rest: with sk for the skew part, sk(Pi F^T) = 0 at each point and
+F = Fbar + grad u# give
+
+    int sk(Pi Fbar^T) = -int sk(Pi (grad u#)^T) = -sum_j sk((r_j / h) (x) u#_j)
+
+over the nodes. Forces and couples have no moment about the positions Fbar X + u#, and forces have
+none about Fbar X, where their lips are one. Couples have sum h_alpha (x) (Fbar t_alpha) = K Fbar^T
+about Fbar X, so that the right side is sk(K Fbar^T) / h. K is zero at small strain. It is zero but
+for the step's error where all bonds are open with C_N = C_T.
 """
 
 from __future__ import annotations
@@ -79,10 +91,12 @@ def _hill_mandel_error(
     inside = bulk.dot(moved, internal)
     inertia = bulk.momentum(after.velocity - before.velocity)
     pushed = float(moved[nodal] @ (outcome.impulses - inertia)[nodal])
-    fluctuation = bulk.ranks.sum(pushed) / step
+    couples = outcome.impulses[cell] / step
+    fluctuation = bulk.ranks.sum(pushed) / step + float(moved[cell] @ couples)
     # what was asked for where stresses are given, what was found where strains are
     asked = theta * after.internal[cell] + (1.0 - theta) * before.internal[cell]
-    missing = after.external[cell] - after.internal[cell]
+    asked = asked - couples
+    missing = after.external[cell] + couples - after.internal[cell]
     asked[bulk.free] += missing[bulk.free]
     largest = bulk.largest_stress * bulk.volume
     # at rest there is nothing but rounding to compare

@@ -3,10 +3,11 @@ r"""The two-field periodic problem (Perales et al. 2008; 2010, section 3.2.1).
 
     u = (Fbar - I) X + u#,
     M d2u#/dt2 + f_int(u) = H r                     for every virtual fluctuation,
-    (1/|Omega|) int Pi dx = Pibar                   for the components driven by stress,
+    (1/|Omega|) (int Pi dx - K / h) = Pibar         for the components driven by stress,
 
-with inertia acting on the fluctuation only, jumps that are those of u# (across the cell's boundary
-too), and the macroscopic equations held at the end of each step. For the unknowns of
+with K the impulse of couples on Fbar (`averages.py`), inertia acting on the fluctuation only, jumps
+that are those of u# (across the cell's boundary too), and the macroscopic equations held at the end
+of each step. For the unknowns of
 `periodic_unknowns.py` these are the equations of any bulk,
 
     residual = -M (v - v0) + h [...],  with no mass and theta = 1 on the macroscopic unknowns,
@@ -56,6 +57,7 @@ class CellBulk(Bulk):
         volume: |Omega| of the lattice, voids included, m^3 (2D: m^2).
         free: macroscopic unknowns that stresses determine, among the dim^2, shape (m,).
         largest_stress: largest component of Pibar at any committed time (Pa).
+        borne: K / h of the committed step, column by column, shape (dim^2,), N m (2D: N).
     """
 
     unknowns: CellUnknowns
@@ -72,7 +74,7 @@ class CellBulk(Bulk):
         self.volume = abs(float(scipy.linalg.det(forms.bodies.lattice)))
         dim = forms.V.dofmap.index_map_bs
         self.free = np.flatnonzero(~drive.kinematic(dim))
-        self.largest_stress = 0.0
+        self.largest_stress, self.borne = 0.0, np.zeros(dim * dim)
         self._guess = np.zeros(dim * dim)
         self._guess_from = (-np.inf, np.zeros(dim * dim))
         self._compliance = np.zeros((len(self.free), len(self.free)))
@@ -166,8 +168,9 @@ class CellBulk(Bulk):
         return self.macroscopic_gradient(displacement), rate
 
     def macroscopic_stress(self, internal: np.ndarray) -> np.ndarray:
-        """Pibar = int Pi dx / |Omega|, shape (dim, dim), Pa."""
-        return internal[self.unknowns.macroscopic].reshape(self.dim, self.dim).T / self.volume
+        """Pibar = (int Pi dx - K / h) / |Omega| of the committed step, shape (dim, dim), Pa."""
+        stresses = internal[self.unknowns.macroscopic] - self.borne
+        return stresses.reshape(self.dim, self.dim).T / self.volume
 
     def external(self, time: float) -> np.ndarray:
         """See `Bulk`: |Omega| Pibar on the components driven by stress."""
@@ -192,9 +195,10 @@ class CellBulk(Bulk):
         rates = self.drive.rates(self.dim, displacement0[part], time, step, elapsed)
         velocity[part] = np.where(self.drive.kinematic(self.dim), rates, self._guess)
 
-    def commit(self, displacement, internal) -> None:
+    def commit(self, displacement, internal, impulses, step) -> None:
         """See `Bulk`; the stresses reached and the compliance learnt are remembered."""
-        super().commit(displacement, internal)
+        super().commit(displacement, internal, impulses, step)
+        self.borne = impulses[self.unknowns.macroscopic] / step
         self._committed_compliance = self._compliance.copy()
         stress = np.abs(self.macroscopic_stress(internal)).max()
         self.largest_stress = max(self.largest_stress, float(stress))
@@ -258,6 +262,7 @@ class CellBulk(Bulk):
             "guess": self._guess,
             "guess_time": self._guess_from[0],
             "guess_rates": self._guess_from[1],
+            "borne": self.borne,
             "compliance": self._compliance,
             "committed_compliance": self._committed_compliance,
         }
@@ -266,6 +271,7 @@ class CellBulk(Bulk):
         """See `Bulk`."""
         super().restore(saved)
         self.largest_stress = saved["largest_stress"]
+        self.borne = saved["borne"]
         self._guess = saved["guess"]
         self._guess_from = saved["guess_time"], saved["guess_rates"]
         self._compliance[:] = saved["compliance"]  # inverses hold this array

@@ -167,6 +167,9 @@ class EnergyLedger:
             impulse = 0.5 * (impulse + step * np.broadcast_to(borne, moved.shape)[:nodal])
         stresses = 0.5 * (before.internal[nodal:] + after.internal[nodal:])
         work = self._bulk.ranks.sum(float(moved[:nodal] @ impulse) / step)
+        if len(stresses):  # of a periodic cell, whose bonds bear couples
+            borne = outcome.impulses[nodal:] / step
+            stresses -= 0.5 * (borne + self._bulk.borne) if self._static else borne
         work += float(moved[nodal:] @ stresses)  # every rank has all of it
         kinetic = self._bulk.kinetic_energy(after.velocity)
         elastic = self._bulk.elastic_energy(after.displacement, after.internal)

@@ -42,6 +42,11 @@ def worth_taking(count: int, least: int, asked: int | None = None) -> int:
     return get_num_threads() if count >= least else 1
 
 
+def num_ranges(count: int) -> int:
+    """How many ranges `in_ranges` makes of a number of items."""
+    return worth_taking(count, _MANY)
+
+
 def in_ranges(work: Callable, count: int, *arguments) -> list:
     """Call `work(first, last, *arguments)` on ranges that make up 0 to `count`.
 
@@ -53,7 +58,7 @@ def in_ranges(work: Callable, count: int, *arguments) -> list:
     Returns:
         What `work` returned, range by range.
     """
-    threads = worth_taking(count, _MANY)
+    threads = num_ranges(count)
     if threads == 1:
         return [work(0, count, *arguments)]
     work(0, 0, *arguments)  # a kernel is compiled here, not in a thread

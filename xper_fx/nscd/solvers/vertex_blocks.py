@@ -20,7 +20,8 @@ Vertices with more than `_NEWTON_DOFS` unknowns are swept only.
 so they do, in axes of space, where T is the same in all directions, as of perfect bonds, of lips
 that stick and of open bonds with C_N = C_T. The inverse therefore stays in the frames K of the
 start: what point i answers in its frame F_i reaches it as K_i K_p^T F_p F_i^T of it, p being the
-vertex's first point. Left out is a relative turn of points whose T has directions.
+vertex's first point with a whole frame. Left out is a relative turn of points whose T has
+directions.
 
 On the notched plate at 20 x 20 this takes less than half the time of sweeps while bonds are sound,
 and a quarter or less once cracks open and close, where sweeps often do not converge.
@@ -28,7 +29,7 @@ and a quarter or less once cracks open and close, where sweeps often do not conv
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import cache
 from typing import NamedTuple
 
@@ -90,7 +91,8 @@ class _Blocks(NamedTuple):
         slope: shape (num_points, unknowns, unknowns), columns of the slopes T that the inverse is
             made for.
         rounding: shape (num_vertices,), sum of 1 / (trace W_ii)^2: r^2 for a unit velocity.
-        tilt: shape as `frame`, K_i K_p^T F_p F_i^T, its first row in 2D; empty where frames stay.
+        tilt: work space, shape (widest, 1, 2) in 2D and (widest, 3, 3) in 3D: K_i K_p^T F_p F_i^T,
+            its first row in 2D; empty where frames stay.
     """
 
     offsets: np.ndarray
@@ -111,10 +113,10 @@ def _unknowns(interactions: Interactions) -> int:
     return max(g.kernels.components for g in interactions.groups)
 
 
-def _frame(group: PointGroup, unknowns: int, at_start: bool) -> np.ndarray:
-    """Frames of a group's points as the others of the scene have them, now or at the start."""
+def _frame(group: PointGroup, unknowns: int) -> np.ndarray:
+    """Frames of a group's points at the start, as the others of the scene have them."""
     frame = group.couplings.frame
-    if at_start and group.turning is not None:
+    if group.turning is not None:
         from xper_fx.nscd.lips import start_frames
 
         frame = start_frames(group.turning.tangent[group.turning.site], frame.shape[1])
@@ -133,15 +135,6 @@ def _vertices(interactions: Interactions) -> np.ndarray:
     """The vertex of each point, group by group."""
     offsets = [g.ordering.tile_offsets for g in interactions.groups]
     return np.concatenate([np.repeat(np.arange(len(o) - 1), np.diff(o)) for o in offsets])
-
-
-def _frames(interactions: Interactions, at_start: bool) -> np.ndarray:
-    """Frames of all points, vertex by vertex; the group's own array where there is but one."""
-    unknowns, groups = _unknowns(interactions), interactions.groups
-    frames = [_frame(g, unknowns, at_start) for g in groups]
-    if len(groups) == 1:
-        return np.ascontiguousarray(frames[0])
-    return np.concatenate(frames)[np.argsort(_vertices(interactions), kind="stable")]
 
 
 def build(interactions: Interactions) -> _Blocks:
@@ -166,7 +159,7 @@ def build(interactions: Interactions) -> _Blocks:
     inverse_offsets = np.concatenate([[0], np.cumsum(kept)])
     inverse = np.zeros(inverse_offsets[-1])
     _set_identities(inverse, inverse_offsets, dofs)
-    frame = _frames(interactions, at_start=True)
+    frame = np.ascontiguousarray(gathered([_frame(g, unknowns) for g in groups]))
     return _Blocks(
         offsets=offsets,
         start=np.ascontiguousarray(gathered([g.couplings.start for g in groups])[:, :, 0]),
@@ -178,52 +171,65 @@ def build(interactions: Interactions) -> _Blocks:
         lines=np.zeros(_CHUNKS * widest * unknowns**2),
         slope=np.zeros((total, unknowns, unknowns)),
         rounding=np.bincount(vertex[order], squared),
-        tilt=np.zeros_like(frame) if interactions.turns else np.zeros((0, *frame.shape[1:])),
+        tilt=np.zeros((_CHUNKS * widest if interactions.turns else 0, *frame.shape[1:])),
     )
 
 
+class _Turns(NamedTuple):
+    """How a vertex and its points have turned, K being frames of the start and F those of now.
+
+    Attributes:
+        none: of a vertex that has not.
+        whole: `(K, p, F, i)`, K_p^T F_i of a point, p among those of all vertices, i in its group.
+        set_tilt: `(tilt, position, K, p, F, i, turn)`, K_p turn F_i^T.
+    """
+
+    none: tuple
+    whole: Callable
+    set_tilt: Callable
+
+
 @cache
-def _tilt_kernel(dim: int):
-    """Kernel: `tilt` of all vertices for the frames of now; `apart` has room for 3 x 3 numbers."""
+def _turn_kernels(dim: int) -> _Turns:
+    if dim == 2:
+
+        @njit(inline="always")
+        def times(a, b):
+            """conj(a) b."""
+            return a[0] * b[0] + a[1] * b[1], a[0] * b[1] - a[1] * b[0]
+
+        # turns are complex numbers, as normals are
+        @njit(inline="always")
+        def whole(start, p, now, i):
+            return times((start[p, 0, 0], start[p, 0, 1]), (now[i, 0, 0], now[i, 0, 1]))
+
+        @njit(inline="always")
+        def set_tilt(tilt, position, start, p, now, i, turn):
+            c, s = times(whole(start, p, now, i), turn)
+            tilt[position, 0, 0], tilt[position, 0, 1] = c, s
+
+        return _Turns((1.0, 0.0), whole, set_tilt)
+
+    space = for_dimension(3)
+    to_local, to_global, add, scale = space.to_local, space.to_global, space.add, space.scale
 
     @njit(inline="always")
-    def along(frame, i, x, p, z):
+    def whole(start, p, now, i):
         return (
-            frame[i, x, 0] * frame[p, z, 0]
-            + frame[i, x, 1] * frame[p, z, 1]
-            + frame[i, x, 2] * frame[p, z, 2]
-        )
+            to_global(start, p, (now[i, 0, 0], now[i, 1, 0], now[i, 2, 0])),
+            to_global(start, p, (now[i, 0, 1], now[i, 1, 1], now[i, 2, 1])),
+            to_global(start, p, (now[i, 0, 2], now[i, 1, 2], now[i, 2, 2])),
+        )  # columns
 
-    @njit(**LEAN_ENTRY)
-    def tilt_all(offsets, start, now, tilt, apart):
-        for b in range(len(offsets) - 1):
-            p = offsets[b]
-            for i in range(p, offsets[b + 1]):
-                if dim == 2 or start.shape[1] == 1:
-                    # angles of n_i beside n_p, as complex numbers, then and now
-                    x = start[i, 0, 0] * start[p, 0, 0] + start[i, 0, 1] * start[p, 0, 1]
-                    y = start[i, 0, 1] * start[p, 0, 0] - start[i, 0, 0] * start[p, 0, 1]
-                    c = now[i, 0, 0] * now[p, 0, 0] + now[i, 0, 1] * now[p, 0, 1]
-                    s = now[i, 0, 1] * now[p, 0, 0] - now[i, 0, 0] * now[p, 0, 1]
-                    tilt[i, 0, 0] = c * x + s * y
-                    tilt[i, 0, 1] = c * y - s * x
-                    continue
-                # F_p F_i^T, then K_i K_p^T times it
-                for z in range(3):
-                    for y in range(3):
-                        apart[z, y] = (
-                            now[p, z, 0] * now[i, y, 0]
-                            + now[p, z, 1] * now[i, y, 1]
-                            + now[p, z, 2] * now[i, y, 2]
-                        )
-                for x in range(3):
-                    a = along(start, i, x, p, 0)
-                    b = along(start, i, x, p, 1)
-                    c = along(start, i, x, p, 2)
-                    for y in range(3):
-                        tilt[i, x, y] = a * apart[0, y] + b * apart[1, y] + c * apart[2, y]
+    @njit(inline="always")
+    def set_tilt(tilt, position, start, p, now, i, turn):
+        for y in range(3):
+            turned = add(scale(now[i, y, 0], turn[0]), scale(now[i, y, 1], turn[1]))
+            column = to_local(start, p, add(turned, scale(now[i, y, 2], turn[2])))
+            for x in range(3):
+                tilt[position, x, y] = column[x]
 
-    return tilt_all
+    return _Turns(((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)), whole, set_tilt)
 
 
 @cache
@@ -245,16 +251,17 @@ def _group_kernels(law: LawKernels, dim: int, unknowns: int, alone: bool, turns:
     kernel = _MERGED if alone else _KERNEL
     turns = turns and components == dim
     to_start, to_now = algebra.to_local, algebra.to_global
+    _, whole, set_tilt = _turn_kernels(dim)
 
     @njit(inline="always")
     def without_rounding(x):
         """A vector whose components that are rounding of its turn are zero: open points stay so."""
-        least = _ROUNDING * np.sqrt(dot(x, x))
-        a = x[0] if abs(x[0]) > least else 0.0
-        b = x[1] if abs(x[1]) > least else 0.0
+        least = _ROUNDING * _ROUNDING * dot(x, x)
+        a = x[0] if x[0] * x[0] > least else 0.0
+        b = x[1] if x[1] * x[1] > least else 0.0
         if dim == 2:
             return a, b
-        return a, b, x[2] if abs(x[2]) > least else 0.0
+        return a, b, x[2] if x[2] * x[2] > least else 0.0
 
     @njit(inline="always")
     def slopes_at_start(tilt, p, slopes):
@@ -295,11 +302,7 @@ def _group_kernels(law: LawKernels, dim: int, unknowns: int, alone: bool, turns:
             old = row(r, i)
             new, _ = solve(i, read(v, c, i), old, w_points, parameters, terms, details)
             change = subtract(new, old)
-            if turns:
-                point = blocks.offsets[b] + position
-                set_row(blocks.residual, position, to_start(blocks.tilt, point, change))
-            else:
-                set_row(blocks.residual, position, change)
+            set_row(blocks.residual, position, change)
             for x in range(components, unknowns):  # what a point of another law has left there
                 blocks.residual[position, x] = 0.0
             size = dot(change, change)
@@ -308,6 +311,21 @@ def _group_kernels(law: LawKernels, dim: int, unknowns: int, alone: bool, turns:
             largest = max(largest, size * inverse_area[i] * inverse_area[i])
             position += 1
         return position, changed, total, largest
+
+    @kernel
+    def turn(b, blocks, position, known, vertex, group):
+        """Residuals go over to the frames of the start; `vertex` is its own turn, once known."""
+        tiles, c = group[0], group[1]
+        for i in range(tiles[b], tiles[b + 1]):
+            if turns:
+                p = blocks.offsets[b] + position
+                if not known:
+                    known, vertex = True, whole(blocks.frame, p, c.frame, i)
+                set_tilt(blocks.tilt, position, blocks.frame, p, c.frame, i, vertex)
+                change = row(blocks.residual, position)
+                set_row(blocks.residual, position, to_start(blocks.tilt, position, change))
+            position += 1
+        return position, known, vertex
 
     @kernel
     def sweep(b, v, blocks, position, group, relax):
@@ -334,7 +352,7 @@ def _group_kernels(law: LawKernels, dim: int, unknowns: int, alone: bool, turns:
         for i in range(tiles[b], tiles[b + 1]):
             change = row(blocks.correction, position)
             if turns:
-                change = without_rounding(to_now(blocks.tilt, blocks.offsets[b] + position, change))
+                change = without_rounding(to_now(blocks.tilt, position, change))
             set_row(r, i, add(row(r, i), change))
             push(v, c, i, change)
             position += 1
@@ -460,7 +478,7 @@ def _group_kernels(law: LawKernels, dim: int, unknowns: int, alone: bool, turns:
                                 )
                 slopes = slopes_of(i, u, old, w_points, parameters, terms, details, reach)
                 if turns:
-                    slopes = slopes_at_start(blocks.tilt, point, slopes)
+                    slopes = slopes_at_start(blocks.tilt, position, slopes)
                 update(y, start, lines, blocks.slope, point, n, position * unknowns, slopes)
             position += 1
         return position
@@ -479,7 +497,7 @@ def _group_kernels(law: LawKernels, dim: int, unknowns: int, alone: bool, turns:
                 )
         return largest
 
-    return warm_start, evaluate, sweep, correct, renew, evolve
+    return warm_start, evaluate, turn, sweep, correct, renew, evolve
 
 
 @cache
@@ -513,10 +531,10 @@ def _chain(laws: tuple[LawKernels, ...], dim: int, unknowns: int, alone: bool, t
     """The kernels over all the laws of a vertex, one after the other."""
     kernel = _MERGED if alone else _KERNEL
     kernels = _group_kernels(laws[0], dim, unknowns, alone, turns)
-    warm, evaluate, sweep, correct, renew, evolve = kernels
+    warm, evaluate, turn, sweep, correct, renew, evolve = kernels
     last = len(laws) == 1
     rest = kernels if last else _chain(laws[1:], dim, unknowns, alone, turns)
-    warm_2, evaluate_2, sweep_2, correct_2, renew_2, evolve_2 = rest
+    warm_2, evaluate_2, turn_2, sweep_2, correct_2, renew_2, evolve_2 = rest
 
     @kernel
     def warm_all(b, v, blocks, position, groups):
@@ -532,6 +550,13 @@ def _chain(laws: tuple[LawKernels, ...], dim: int, unknowns: int, alone: bool, t
             position, x, y, z = evaluate_2(b, v, blocks, position, groups[1:])
             changed, total, largest = changed + x, total + y, max(largest, z)
         return position, changed, total, largest
+
+    @kernel
+    def turn_all(b, blocks, position, known, vertex, groups):
+        position, known, vertex = turn(b, blocks, position, known, vertex, groups[0])
+        if not last:
+            position, known, vertex = turn_2(b, blocks, position, known, vertex, groups[1:])
+        return position, known, vertex
 
     @kernel
     def sweep_all(b, v, blocks, position, groups, relax):
@@ -562,7 +587,7 @@ def _chain(laws: tuple[LawKernels, ...], dim: int, unknowns: int, alone: bool, t
             largest = max(largest, evolve_2(b, v, groups[1:]))
         return largest
 
-    return warm_all, evaluate_all, sweep_all, correct_all, renew_all, evolve_all
+    return warm_all, evaluate_all, turn_all, sweep_all, correct_all, renew_all, evolve_all
 
 
 @cache
@@ -571,9 +596,10 @@ def _solve_kernel(laws: tuple[LawKernels, ...], dim: int, unknowns: int, turns: 
     nest = _nest(len(laws))
     algebra = for_dimension(dim, unknowns)
     row, set_row, dot, scale = algebra.row, algebra.set_row, algebra.dot, algebra.scale
-    warm_all, evaluate_all, sweep_all, correct_all, renew_all, evolve_all = _chain(
+    warm_all, evaluate_all, turn_all, sweep_all, correct_all, renew_all, evolve_all = _chain(
         laws, dim, unknowns, len(laws) == 1, turns
     )
+    not_turned = _turn_kernels(dim).none
 
     @njit(inline="always")
     def multiply(blocks, b):
@@ -648,6 +674,8 @@ def _solve_kernel(laws: tuple[LawKernels, ...], dim: int, unknowns: int, turns: 
             _, changed, total, largest = evaluate_all(b, v, blocks, 0, groups)
             error = changed
             if changed > max(floor, _CLEAR * bound * total):
+                if turns:
+                    turn_all(b, blocks, 0, False, not_turned, groups)
                 if changed > _SLOW * _SLOW * previous:
                     if fresh == _NEWTON_STEPS:
                         reset(blocks, b)
@@ -675,7 +703,7 @@ def _solve_kernel(laws: tuple[LawKernels, ...], dim: int, unknowns: int, turns: 
             blocks.offsets, blocks.start, blocks.frame, blocks.residual[first:last],
             blocks.correction[first:last], blocks.inverse, blocks.inverse_offsets,
             blocks.lines[first * unknowns**2 : last * unknowns**2], blocks.slope, blocks.rounding,
-            blocks.tilt,
+            blocks.tilt[first:last],
         )  # fmt: skip
 
     @_KERNEL
@@ -728,11 +756,7 @@ class VertexBlocks(Solver):
             return SolveReport(True, 0, 0.0, 0.0)
         if self._blocks is None:
             self._blocks = build(interactions)
-        blocks, turns = self._blocks, interactions.turns
-        if turns:
-            now = _frames(interactions, at_start=False)
-            tilt_all = _tilt_kernel(interactions.dim)
-            tilt_all(blocks.offsets, blocks.frame, now, blocks.tilt, np.empty((3, 3)))
+        blocks = self._blocks
         arrays = tuple(
             array
             for g in interactions.groups
@@ -743,7 +767,7 @@ class VertexBlocks(Solver):
             tuple(g.kernels for g in interactions.groups),
             interactions.dim,
             _unknowns(interactions),
-            turns,
+            interactions.turns,
         )
         num_threads = worth_taking(len(blocks.rounding), _MANY, options.num_threads)
         kernel = parallel if num_threads > 1 else serial

@@ -35,11 +35,11 @@ def turn_normals(dim: int, width: int):
         for q in range(len(normal)):
             i = np.uintp(point[q])
             start = plus(
-                pushed(motion.gradient, tangent, i), 1.0,
+                pushed(motion.gradient, tangent, i, 1.0), 1.0,
                 tangents(motion.displacement, nodes, gradient, i),
             )  # fmt: skip
             rates = plus(
-                pushed(motion.rate, tangent, i), 1.0, tangents(motion.mean, nodes, gradient, i)
+                pushed(motion.rate, tangent, i, 0.0), 1.0, tangents(motion.mean, nodes, gradient, i)
             )
             set_world(normal, q, frame(plus(start, reach, rates))[0])
 
