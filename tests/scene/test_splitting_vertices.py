@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from scenes import BOTTOM, LEFT, RIGHT, box_bodies
 
 import xper_fx as xf
 from xper_fx.nscd.laws.law import ALL_ENERGIES
+from xper_fx.simulation.cohesive_scales import cohesive_scales
 
 ELASTIC = xf.materials.LinearElastic(young=1.0, poisson=0.3, density=1.0)
 W, S = 1e-4, 1e-2
@@ -282,3 +284,21 @@ def test_cells_that_move_apart_at_the_start_are_refused():
     )  # fmt: skip
     with pytest.raises(ValueError, match="move apart at the start, by 1 m/s.*continuous"):
         xf.Simulation(scene, **ONE)
+
+
+def test_bonds_that_a_step_spends_whole_are_told(caplog):
+    """With the place, where the strength is high, and the step that would do."""
+    strength = lambda x: np.where(x[0] > 1.9, 1e3, 1.0) * S  # noqa: E731
+    for energy, told in ((W, False), (1e-10, True)):
+        caplog.clear()
+        simulation = xf.Simulation(box(2, xf.laws.RigidCohesiveZone(strength, 1e4 * energy)), **ONE)
+        found = [r.getMessage() for r in caplog.records if "snap number" in r.getMessage()]
+        assert len(found) == told
+    place, number, step = re.search(
+        r"at \((.*?), .*number may be (.*?); a step of (.*?) s", found[0]
+    ).groups()
+    assert float(place) > 1.7
+    assert float(step) == pytest.approx(simulation.step_size / float(number) ** 0.5, rel=0.1)
+    shorter = xf.Simulation(simulation.scene, float(step), **ONE)
+    scale = cohesive_scales(shorter)[0]["softening_number"]
+    assert scale == pytest.approx(1.0, rel=0.1)

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 from functools import partial
 from typing import TYPE_CHECKING
@@ -41,10 +42,13 @@ if TYPE_CHECKING:
     from xper_fx.simulation.jointed_bodies import JointedBodies
     from xper_fx.simulation.turned_bonds import BondTurns
 
+logger = logging.getLogger(__name__)
 
 # Steps as shares of the critical one: without a wish, and where an explicit bulk, linear so that
 # its critical step stays what it is, should be as cheap as it can.
 _BELOW_LIMIT, _AT_LIMIT = 0.7, 0.95
+# Snap number from which bonds are told to break within a step; the coarsest printed plates have 14.
+_SPENT_AT_ONCE = 100.0
 # An adapted step with inertia stays below this multiple of the first: rounding leaves the mass.
 _LARGEST_GROWTH = 1e5
 
@@ -128,6 +132,8 @@ class Model:
         self.scheme = self._scheme()
         with stopwatch.phase("interaction points"):
             self.interactions = self._interactions()
+        if self.interactions is not None and self.interactions.fused is not None:
+            self._doubt_fracture_energies()
         self.healing = self._healing()
         self.bond_turns = self._bond_turns()
         if options.path is not None:
@@ -313,6 +319,22 @@ class Model:
         if self.part is None:
             return True
         return self.ranks.all(len(points) > 0 and points.lips is None)
+
+    def _doubt_fracture_energies(self) -> None:
+        """Warn of initially rigid bonds that are gone in a step, whatever they should spend."""
+        from xper_fx.nscd.laws.softening import snap_of_cells
+
+        number, point = snap_of_cells(self.interactions, self.step_size)
+        largest = self.interactions.largest(number)
+        if largest > _SPENT_AT_ONCE and self.ranks.rank == 0:
+            place = ", ".join(f"{x:g}" for x in self.points.place(point))
+            logger.warning(
+                "initially rigid bonds%s break within a step, as their fracture energy is small: "
+                "the snap number may be %.2g; a step of %.2g s would make it one, or a larger "
+                "fracture energy, a lower strength or smaller cells",
+                f" at ({place}) m" if self.ranks.alone else "", largest,
+                self.step_size / math.sqrt(largest),
+            )  # fmt: skip
 
     def _healing(self) -> Healing | None:
         """What takes overlaps back between rigid bodies alone, whose contacts store nothing.

@@ -64,6 +64,25 @@ def snap_number(interactions: Interactions, theta: float) -> float:
     return 0.5 * theta * interactions.committed_step**2 * interactions.largest(most)
 
 
+def snap_of_cells(interactions: Interactions, step: float) -> tuple[float, int]:
+    """The largest snap number that sound bonds can come to, between cells for themselves.
+
+    Args:
+        interactions: points whose vertices split (`fused`), beside an explicit bulk (theta = 1/2).
+        step: h (s).
+
+    Returns:
+        The number, and which of this rank's points has it.
+    """
+    points, apart = interactions.fused.compliance_of_cells()
+    law_of_point, numbers = interactions.law_of_point, np.zeros(len(interactions))
+    numbers[points] = 0.25 * step**2 * apart * interactions.points.area[points]
+    for which in np.unique(law_of_point[points]):
+        numbers[law_of_point == which] *= interactions.laws[which].softening_slope
+    worst = int(np.argmax(numbers))
+    return float(numbers[worst]), worst
+
+
 def _largest(packed: np.ndarray, dim: int) -> np.ndarray:
     """Largest eigenvalues of compliances as packed symmetric rows."""
     compliance = np.zeros((len(packed), dim, dim))
