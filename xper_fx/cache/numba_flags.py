@@ -29,7 +29,9 @@ def _equal(flags: TargetConfig, other: object) -> bool:
     if not isinstance(other, TargetConfig):
         return NotImplemented
     given, others = flags._values, other._values
-    return given == others or (_defaults(type(flags)) | given == _defaults(type(other)) | others)
+    if type(flags) is type(other) and given == others:
+        return True
+    return _defaults(type(flags)) | given == _defaults(type(other)) | others
 
 
 def compare_at_once() -> None:
