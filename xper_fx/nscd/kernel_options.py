@@ -23,3 +23,5 @@ LEAN_INNER = LEAN_ENTRY | {"no_cpython_wrapper": True}
 # loop calls with a dozen arrays: LLVM leaves long functions apart, and to pass the arrays can cost
 # more than what is done with them.
 MERGED = LEAN_INNER | {"forceinline": True}
+# The same for what one looks at by itself as well, such as a law's `solve`: Python may call it.
+MERGED_ENTRY = LEAN_ENTRY | {"forceinline": True}

@@ -9,7 +9,7 @@ import numpy as np
 
 from xper_fx.cache import njit
 from xper_fx.nscd.algebra.small import for_dimension
-from xper_fx.nscd.kernel_options import LEAN_INNER, MERGED
+from xper_fx.nscd.kernel_options import LEAN_INNER, MERGED, MERGED_ENTRY
 from xper_fx.nscd.laws.contact_losses import contact_losses
 from xper_fx.nscd.laws.contact_solver import contact_solver
 from xper_fx.nscd.laws.damage_curve import (
@@ -164,7 +164,7 @@ def mean_kernels(
         new = add(free, sym_vector(s, hat))
         return new, subtract(hat, bonded(k, p, new))
 
-    @njit(**MERGED)
+    @njit(**MERGED_ENTRY)
     def solve(i, u, r, w, parameters, terms, details):
         jump_h, p = part(terms, i, middle), part(terms, i, push)
         k = (terms[i, spring], terms[i, spring + 1])

@@ -38,7 +38,7 @@ import numpy as np
 
 from xper_fx.cache import njit
 from xper_fx.nscd.algebra.small import for_dimension
-from xper_fx.nscd.kernel_options import LEAN_INNER, MERGED
+from xper_fx.nscd.kernel_options import LEAN_INNER, MERGED_ENTRY
 from xper_fx.nscd.laws.contact_solver import contact_solver
 from xper_fx.nscd.laws.law import Columns, LawKernels
 from xper_fx.nscd.laws.parameters import acts, refuse_where, take_parameters
@@ -201,7 +201,7 @@ def _kernels(dim: int, contact: str, viscous: bool) -> LawKernels:
             r, slip = slide_at(i, x, b, wi, parameters, terms)
         return r, x
 
-    @njit(**MERGED)
+    @njit(**MERGED_ENTRY)
     def solve(i, u, r, w, parameters, terms, details):
         wi, lag = sym_row(w, i), lag_of(i, terms)
         b = subtract(u, sym_vector(wi, r))

@@ -31,7 +31,7 @@ import numpy as np
 
 from xper_fx.cache import njit
 from xper_fx.nscd.algebra.small import for_dimension
-from xper_fx.nscd.kernel_options import LEAN_INNER, MERGED
+from xper_fx.nscd.kernel_options import LEAN_INNER, MERGED, MERGED_ENTRY
 from xper_fx.nscd.laws.contact_solver import contact_solver
 from xper_fx.nscd.laws.law import Columns, CoulombPoints, LawKernels
 from xper_fx.nscd.laws.parameters import refuse_where, take_parameters
@@ -239,7 +239,7 @@ def _kernels(dim: int, contact: str, joint: bool) -> LawKernels:
             return terms[i, pull]
         return 0.0
 
-    @njit(**MERGED)
+    @njit(**MERGED_ENTRY)
     def solve(i, u, r, w, parameters, terms, details):
         wi, held = sym_row(w, i), pull_of(i, terms)
         # the cone's tip is at r_N = -f sigma_t h A
