@@ -102,11 +102,7 @@ def test_a_history_is_saved_and_restored(dim):
     keys, groups = groups_of(known, dim, rng)
     kernels = [law.kernels(dim) for law in LAWS.values()]
     saved = ContactHistory([(g, keys) for g in groups]).saved(kernels)
-    in_order = {
-        name: {field: rows.in_order() for field, rows in record.items()}
-        for name, record in saved.items()
-    }
-    again = ContactHistory.restored(in_order, kernels, dim)
+    again = ContactHistory.restored(saved, kernels, dim)
     expected = remembered(keys, groups)
     for g in groups:
         g.committed_impulse[:], g.state[:] = 0.0, 0.0

@@ -111,7 +111,7 @@ def test_contacts_go_on_beside_bodies_that_come_and_go():
         history = simulation.interactions.saved()["contacts"]
         body = simulation.scene.rigid_bodies.shapes.body
         part = np.arange(len(body)) - np.searchsorted(body, body)
-        keys, impulse = (np.concatenate([r[what].values for r in history.values()])
+        keys, impulse = (np.concatenate([r[what] for r in history.values()])
                          for what in ("keys", "impulse"))  # fmt: skip
         pairs = np.divmod(keys[:, 0], len(body))
         return {

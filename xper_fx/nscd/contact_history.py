@@ -19,7 +19,6 @@ from xper_fx.nscd.halo_protocol import Reductions
 from xper_fx.nscd.kernel_options import LEAN_ENTRY
 from xper_fx.nscd.laws.law import Law, LawKernels
 from xper_fx.nscd.point_group import PointGroup
-from xper_fx.support.saved_rows import Rows
 
 
 class _Record(NamedTuple):
@@ -81,15 +80,15 @@ class ContactHistory:
             records.setdefault((kernels[law], sides), []).append(record)
         self._records = {kind: _merged(parts) for kind, parts in records.items()}
 
-    def saved(self, kernels: Sequence[LawKernels]) -> dict[str, dict[str, Rows]]:
-        """All records as `Rows` by key.
+    def saved(self, kernels: Sequence[LawKernels]) -> dict[str, dict[str, np.ndarray]]:
+        """All records, which all ranks know (`share`), in the order of their keys.
 
         Names are the number among kernels, nodes a side, whether with lever arms and branches.
         """
         return {
-            f"{kernels.index(law)} {sides.k} {int(sides.lever_arms)} {int(sides.branches)}": {
-                name: Rows(record.keys, values) for name, values in record._asdict().items()
-            }
+            f"{kernels.index(law)} {sides.k} {int(sides.lever_arms)} {int(sides.branches)}": (
+                record._asdict()
+            )
             for (law, sides), record in self._records.items()
         }
 

@@ -15,7 +15,6 @@ from xper_fx.nscd.inverse_blocks import BodyInverse
 from xper_fx.nscd.laws.law import Law
 from xper_fx.nscd.point_group import PointGroup
 from xper_fx.nscd.points import InteractionPoints
-from xper_fx.support.saved_rows import Rows
 
 
 class FoundPoints(NamedTuple):
@@ -118,6 +117,10 @@ class FoundContacts:
             known = (new.points.nodes, new.law_of_point, new.keys, phase)
             self._sets.append(_ContactSet(*known, groups, rolling))
 
+    def regroup(self, grouping: Grouping) -> None:
+        """Make groups on other slots; contacts go on by their keys."""
+        self._grouping, self._sets = grouping, []
+
     def commit(self) -> None:
         """Remember what the step has left of them."""
         self.history = ContactHistory(
@@ -136,7 +139,7 @@ class FoundContacts:
         if self.history is not None:
             self.history.share(ranks, self._kernels)
 
-    def saved(self) -> dict[str, dict[str, Rows]]:
+    def saved(self) -> dict[str, dict[str, np.ndarray]]:
         """Their history, by law; empty before the first committed step."""
         return {} if self.history is None else self.history.saved(self._kernels)
 

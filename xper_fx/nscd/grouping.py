@@ -279,6 +279,31 @@ class Grouping:
             turning=None if group.turning is None else group.turning.take(kept), **arrays,
         )  # fmt: skip
 
+    def onto(self, inverse: BodyInverse) -> Grouping:
+        """Makes groups of points of the same laws on other blocks of w."""
+        grouping = copy(self)
+        grouping._still, grouping._block_of_node = inverse.still(), inverse.block_of_node
+        return grouping
+
+    def moved(self, inverse: BodyInverse, group: PointGroup, slots: np.ndarray) -> PointGroup:
+        """A group whose points are on other slots of the same bodies, with its history.
+
+        Args:
+            inverse: blocks of w that this makes groups on.
+            group: the group.
+            slots: shape (n,), by the old slot.
+        """
+        points, turning = group.points.on(slots), group.turning
+        if turning is not None:
+            turning = turning._replace(nodes=slots[turning.nodes].astype(turning.nodes.dtype))
+        blocks = np.empty((len(group), 2), self._block_of_node.dtype)
+        blocks[group.ordering.order] = self._blocks_of(points, np.arange(len(group)))
+        couplings = couple(points, inverse)
+        return replace(
+            group, points=points, couplings=couplings, blocks=_block_size(inverse, couplings),
+            tile_bodies=bodies_of_tiles(group.ordering, blocks, len(self._still)), turning=turning,
+        )  # fmt: skip
+
     def _blocks_of(self, points: InteractionPoints, indices: np.ndarray) -> np.ndarray:
         """Blocks that some points move; what cannot be moved counts as the ground."""
         blocks = self._block_of_node[points.nodes[indices, :, 0]]

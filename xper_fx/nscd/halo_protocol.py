@@ -95,9 +95,12 @@ class AnyHalo(Protocol):
     def gather(self, values: np.ndarray) -> np.ndarray:
         """Values at all points from those at this rank's, in the scene's order, on every rank."""
 
+    def phase_of(self, points: InteractionPoints) -> np.ndarray:
+        """Phase of contacts found, 0 where both bodies are this rank's, shape (num_points,)."""
+
 
 class PointHalo(AnyHalo, Protocol):
-    """The halo of points between meshed bodies, which last (`parallel/halo.py`)."""
+    """The halo of points between meshed bodies (`parallel/halo.py`)."""
 
     @property
     def everywhere(self) -> GatheringBothWays:
@@ -124,6 +127,3 @@ class ContactHalo(AnyHalo, Protocol):
     @property
     def cut(self) -> np.ndarray:
         """This rank's bodies that others move, and its ghosts."""
-
-    def phase_of(self, points: InteractionPoints) -> np.ndarray:
-        """Phase of each contact, 0 where both bodies are this rank's, shape (num_points,)."""

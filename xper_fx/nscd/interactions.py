@@ -218,7 +218,7 @@ class Interactions(SteppedPoints):
         bulk_velocity: np.ndarray,
         step: float,
         theta: float,
-        halo: ContactHalo | None = None,
+        halo: PointHalo | ContactHalo | None = None,
     ) -> None:
         """Put the contacts that searches have found in the place of those of the last step.
 
@@ -226,8 +226,8 @@ class Interactions(SteppedPoints):
 
         Args:
             found: sets of contacts, of which each law has one for each way its sides are given.
-            bulk_velocity: shape (num_nodes, dim), of the interacting nodes of meshed bodies at the
-                start of the step (m/s).
+            bulk_velocity: shape (num_nodes, dim), of the interacting nodes of meshed bodies, and of
+                ghosts of these, at the start of the step (m/s).
             step: h (s).
             theta: weight of the end of the step.
             halo: of ranks that divide these contacts.
@@ -238,6 +238,20 @@ class Interactions(SteppedPoints):
         self._found.renew(found, self.inverse, halo, start, opened)
         self._regroup()
         self._take_inverse(self.contacts + self.rolling)
+
+    def take_halo(self, halo: PointHalo, slots: np.ndarray) -> None:
+        """Take other ghosts, between two steps; contacts are then to be found anew.
+
+        Args:
+            halo: of the same permanent points.
+            slots: shape (n,), the slot of each of the old slots at which these points are.
+        """
+        self.halo = halo
+        self.inverse = self._joined(self.bulk_inverse)
+        self._permanent.move(self.inverse, slots)
+        self._found.regroup(self._permanent.grouping.by_tiles())
+        for group in self._permanent.groups:
+            update_compliance(group, self.inverse)
 
     def move_joints(self, rows: FoundPoints, step: float, theta: float) -> None:
         """Put the rows of joints where bodies have moved to in the middle of a step.
@@ -266,7 +280,11 @@ class Interactions(SteppedPoints):
         Args:
             indices: their numbers in the scene's order.
         """
-        self._permanent.deactivate(indices)
+        self._retire(np.flatnonzero(np.isin(self.numbers, indices)))
+
+    def _retire(self, places: np.ndarray) -> None:
+        """Take out some of this rank's permanent points."""
+        self._permanent.deactivate(places)
         self._regroup()
 
     def rounding(self, velocity: np.ndarray) -> float:
@@ -291,7 +309,7 @@ class Interactions(SteppedPoints):
         Arrays over the permanent points are `Rows`; of contacts that were found, and of the rows of
         joints, their history is kept.
         """
-        saved: dict = dict(self._permanent.saved(self._numbers(), self.turns))
+        saved: dict = dict(self._permanent.saved(self.numbers, self.turns))
         saved |= {
             "committed_step": self.committed_step, "step_size": self.step_size,
             "theta": self.theta,
@@ -305,21 +323,17 @@ class Interactions(SteppedPoints):
 
     def restore(self, saved: Mapping) -> None:
         """Take what `saved` gave, its rows in order; points as they were before any retired."""
-        number = self._numbers()
+        number = self.numbers
         if self.fused is not None:
             self._permanent.split_as(saved, number)
         gone = np.flatnonzero(~saved["kept"][number])
         if len(gone):
-            self.deactivate(gone)
+            self._retire(gone)
         self._permanent.restore(saved, number)
         self.committed_step = saved["committed_step"]
         self.step_size, self.theta = saved["step_size"], saved["theta"]
         self._found.restore(saved.get("contacts", {}))
         self._carried.restore(saved.get("joints", {}))
-
-    def _numbers(self) -> np.ndarray:
-        """Numbers of this rank's permanent points in the scene's order, shape (num_points,)."""
-        return np.arange(len(self)) if self.halo is None else self.halo.numbers
 
     def share_history(self, ranks: Reductions) -> None:
         """Let contacts go on from the last step on whichever rank they are found now.

@@ -155,6 +155,19 @@ class PermanentGroups:
                 which = np.flatnonzero(~even[g.points.nodes].all(axis=(1, 2)))
                 self.uneven[id(g)] = which, diagonals(g, which)
 
+    def move(self, inverse: BodyInverse, slots: np.ndarray) -> None:
+        """Put all points on other slots of the same bodies; no vertices may split.
+
+        Args:
+            inverse: blocks of w on the new slots.
+            slots: shape (n,), by the old slot.
+        """
+        self.grouping = self.grouping.onto(inverse)
+        self.groups = [self.grouping.moved(inverse, group, slots) for group in self.groups]
+        if self._points is not None:
+            self._points = self._points.on(slots)
+        self.take_inverse(inverse)
+
     def deactivate(self, indices: np.ndarray) -> None:
         """Take points out, for good.
 

@@ -75,6 +75,11 @@ class PointValues:
         return self._permanent.law_of_point
 
     @property
+    def numbers(self) -> np.ndarray:
+        """Numbers of this rank's permanent points in the scene's order, shape (num_points,)."""
+        return np.arange(len(self)) if self.halo is None else self.halo.numbers
+
+    @property
     def num_points(self) -> int:
         """Number of permanent points, on all ranks."""
         return int(self.total(len(self)))
@@ -84,11 +89,15 @@ class PointValues:
 
         That is where damage is complete, or whose law has no damage and no stored energy.
         """
+        return self.whole(self.local_unbonded())
+
+    def local_unbonded(self) -> np.ndarray:
+        """As `unbonded`, of this rank's points."""
         loose = np.ones(len(self), bool)
         loose[self._permanent.asleep] = False
         for g in self._permanent.groups:
             loose[g.indices] = g.unbonded()
-        return self.whole(loose)
+        return loose
 
     def gather(self, name: str) -> np.ndarray:
         """An array over the permanent points, in the scene's order.

@@ -97,6 +97,13 @@ class InteractionPoints:
         """The points with the first rows of their frames."""
         return replace(self, frame=np.ascontiguousarray(self.frame[:, :components]))
 
+    def on(self, slots: np.ndarray) -> InteractionPoints:
+        """The points on other nodes: those that `slots`, shape (n,), has in the places of these."""
+        lips = self.lips
+        if lips is not None:
+            lips = replace(lips, nodes=slots[lips.nodes].astype(np.int32))
+        return replace(self, nodes=slots[self.nodes].astype(np.int32), lips=lips)
+
     def _arrays(self):
         given = (self.nodes, self.weights, self.frame, self.area, self.gap)
         extra = (self.lever_arms, self.round_radius)

@@ -150,7 +150,7 @@ class SteppedPoints(PointValues):
                 continue
             wrong = self.turn_group(g)
             if wrong >= 0:
-                flipped = 1 + int(self._numbers()[g.indices[wrong]])
+                flipped = 1 + int(self.numbers[g.indices[wrong]])
             elif self.fused is not None:  # its vertices know compliances
                 continue
             elif self._permanent.uneven is None:

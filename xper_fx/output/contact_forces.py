@@ -78,11 +78,19 @@ def find_contact_forces(simulation: Simulation) -> ContactForces:
 
 
 def body_of_slot(simulation: Simulation) -> np.ndarray:
-    """Body of each slot, numbered as in `ContactForces.bodies`, shape (num_slots,)."""
+    """Body of each slot, numbered as in `ContactForces.bodies`, shape (num_slots,).
+
+    Where ranks divide meshed bodies, of this rank's slots and of its ghosts; all ranks call it
+    together.
+    """
     body, first_rigid = np.empty(0, int), 0
     if simulation.scene.bodies is not None:
         first_rigid = simulation.scene.bodies.num_bodies
         body = simulation.bulk.layout.body_of_node()[simulation.model.slot_nodes]
+        if simulation.part is not None:
+            body = simulation.part.body_numbers[body]
+            spread = np.repeat(body[:, None], simulation.bulk.dim, axis=1).astype(float)
+            body = simulation.interactions.halo.with_ghost_values(spread)[:, 0].astype(int)
     if simulation.rigid is not None:
         numbers = first_rigid + np.arange(len(simulation.scene.rigid_bodies))
         body = np.concatenate([body, np.repeat(numbers, 2)])
@@ -92,6 +100,8 @@ def body_of_slot(simulation: Simulation) -> np.ndarray:
 def slot_places(simulation: Simulation) -> tuple[np.ndarray, np.ndarray]:
     """Body and present place of each slot; a rigid body's centre stands in both of its own.
 
+    All ranks call it together, as `body_of_slot`.
+
     Returns:
         Numbers as those of `ContactForces.bodies`, shape (num_slots,); (num_slots, dim), m.
     """
@@ -100,6 +110,8 @@ def slot_places(simulation: Simulation) -> tuple[np.ndarray, np.ndarray]:
     if simulation.scene.bodies is not None:
         x = simulation.forms.V.tabulate_dof_coordinates()[:, :dim]
         place = (x + simulation.state.displacement.reshape(-1, dim))[simulation.model.slot_nodes]
+        if simulation.part is not None:
+            place = simulation.interactions.halo.with_ghost_values(place)
     if simulation.rigid is not None:
         centre = simulation.rigid.displayed.position
         place = np.concatenate([place, np.repeat(centre, 2, axis=0)])

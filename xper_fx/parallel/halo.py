@@ -14,6 +14,7 @@ import numpy as np
 from dolfinx import la
 
 from xper_fx.nscd.inverse_blocks import BodyInverse
+from xper_fx.nscd.points import InteractionPoints
 from xper_fx.support.compat import index_map
 from xper_fx.support.ranks import Ranks
 
@@ -108,13 +109,13 @@ class Halo:
         ranks: the ranks.
         inverse: blocks of w on this rank's slots.
         given: own slots that other ranks want as ghosts, by rank.
-        phase_of_rank: phase in which this rank meets each other one, 0 if never.
-        num_phases: how many phases there are.
+        meetings: shape (num_ranks, num_ranks), the phase in which two ranks meet, 0 if never.
         numbers: shape (num_points,), numbers of this rank's points in the whole scene.
         phase: shape (num_points,), phase of each point, 0 where both bodies are here or, vertex by
             vertex, where there are no phases.
 
     Attributes:
+        meetings: as given.
         wanted: slots of the nodes that other ranks gave, by rank, in the order they were asked for.
         everywhere: exchange with all ranks.
         phases: exchange with one rank, phase after phase from the first.
@@ -125,12 +126,12 @@ class Halo:
         ranks: Ranks,
         inverse: BodyInverse,
         given: Mapping[int, np.ndarray],
-        phase_of_rank: np.ndarray,
-        num_phases: int,
+        meetings: np.ndarray,
         numbers: np.ndarray,
         phase: np.ndarray,
     ):
         self.ranks, self.numbers, self.phase = ranks, numbers, phase
+        self.meetings, self._given = meetings, given
         blocks_of = inverse.block_of_node
         self._blocks = {rank: np.unique(blocks_of[slots]) for rank, slots in given.items()}
         sizes = np.diff(inverse.node_offsets)
@@ -159,7 +160,8 @@ class Halo:
         dim = inverse.dim
         self.everywhere = Exchange(ranks, all_given, ghosts, dim)
         self.phases = []
-        for phase in range(1, num_phases + 1):
+        phase_of_rank = meetings[ranks.rank]
+        for phase in range(1, int(meetings.max(initial=0)) + 1):
             met = [r for r in range(ranks.size) if phase_of_rank[r] == phase]
             self.phases.append(
                 Exchange(
@@ -171,6 +173,33 @@ class Halo:
             )
         self._dim = dim
         self._first, self._last = inverse.num_nodes * dim, at * dim
+        self._rank_of_slot = np.full(at + 1, ranks.rank)
+        for rank, slots in ghosts.items():
+            self._rank_of_slot[slots] = rank
+
+    def extended(
+        self, inverse: BodyInverse, more: Mapping[int, np.ndarray], meetings: np.ndarray
+    ) -> Halo:
+        """A halo with more ghosts; all ranks make it together.
+
+        Args:
+            inverse: as of `Halo`.
+            more: own slots that other ranks want besides, by rank; what they have `wanted` is in
+                its place, and these come after it.
+            meetings: as of `Halo`; ranks that met before do so in the same phase.
+        """
+        given = {
+            rank: np.concatenate(
+                [there.get(rank, np.zeros(0, np.int64)) for there in (self._given, more)]
+            )
+            for rank in sorted({*self._given, *more})
+        }
+        return Halo(self.ranks, inverse, given, meetings, self.numbers, self.phase)
+
+    def phase_of(self, points: InteractionPoints) -> np.ndarray:
+        """Phase of points on these slots, 0 where all bodies are this rank's, (num_points,)."""
+        other = self._rank_of_slot[points.nodes[:, :, 0]]
+        return self.meetings[self.ranks.rank][other].max(axis=1, initial=0)
 
     @property
     def num_slots(self) -> int:

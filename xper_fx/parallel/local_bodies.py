@@ -19,6 +19,8 @@ from xper_fx.support.ranks import Ranks
 
 # Share of a cell and of a facing facet in the work of a body.
 _CELL, _FACET = 1, 2
+# Distance at which bodies may soon touch, as a share of their size.
+_NEAR = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +46,9 @@ class LocalBodies:
     cell_of: np.ndarray
 
 
-def divide(bodies: Bodies, ranks: Ranks, group_of_body: np.ndarray | None = None) -> LocalBodies:
+def divide(
+    bodies: Bodies, ranks: Ranks, group_of_body: np.ndarray | None = None, touching: bool = False
+) -> LocalBodies:
     """Divide bodies among ranks and take this rank's.
 
     Args:
@@ -53,23 +57,52 @@ def divide(bodies: Bodies, ranks: Ranks, group_of_body: np.ndarray | None = None
         ranks: the ranks.
         group_of_body: shape (num_bodies,), whole numbers from zero on; bodies of one group come to
             one rank. None if each is free.
+        touching: whether bodies that are near each other may come into contact, and should be on
+            one rank.
 
     Raises:
         ValueError: fewer bodies than ranks, or groups of them.
     """
     if bodies.spread is not None:
         return _take(bodies, bodies.spread.rank_of_body, ranks.rank)
-    rank_of_body = bodies_by_rank(bodies, ranks.size, group_of_body)
+    near = neighbours(bodies) if touching else np.zeros((0, 2), np.int64)
+    rank_of_body = bodies_by_rank(bodies, ranks.size, group_of_body, near)
     return _take(bodies, ranks.comm.bcast(rank_of_body), ranks.rank)
 
 
+def neighbours(bodies: Bodies) -> np.ndarray:
+    """Pairs of bodies no further apart than a share of their sizes, shape (n, 2), by their boxes.
+
+    Sizes are those of the boxes, (their volume)^(1/dim).
+    """
+    from xper_fx.nscd.search.grid import box_pairs
+
+    mesh, count = bodies.mesh, bodies.num_bodies
+    dim = mesh.geometry.dim
+    nodes = geometry_dofmap(mesh)
+    x, body = mesh.geometry.x[nodes, :dim], bodies.body_of_cell
+    low, high = np.full((count, dim), np.inf), np.full((count, dim), -np.inf)
+    np.minimum.at(low, body, x.min(axis=1))
+    np.maximum.at(high, body, x.max(axis=1))
+    beyond = 0.5 * _NEAR * np.prod(high - low, axis=1, keepdims=True) ** (1.0 / dim)
+    return box_pairs(low - beyond, high + beyond)
+
+
 def bodies_by_rank(
-    bodies: Bodies, num_ranks: int, group_of_body: np.ndarray | None = None
+    bodies: Bodies,
+    num_ranks: int,
+    group_of_body: np.ndarray | None = None,
+    near: np.ndarray | None = None,
 ) -> np.ndarray:
-    """Rank of each body, shape (num_bodies,), by their cells and facing facets; see `divide`."""
+    """Rank of each body, shape (num_bodies,), by their cells and facing facets; see `divide`.
+
+    Pairs of bodies that are `near` each other, shape (n, 2), better stay together, too.
+    """
     pairs = bodies.facets.bodies
     weights = _CELL * np.bincount(bodies.body_of_cell, minlength=bodies.num_bodies)
     weights += _FACET * np.bincount(pairs.ravel(), minlength=bodies.num_bodies)
+    if near is not None:
+        pairs = np.concatenate([pairs, near])
     exchanged = np.ones(len(pairs), int)
     if group_of_body is None:
         return partition_bodies(weights, pairs, exchanged, num_ranks)

@@ -59,19 +59,21 @@ def owners_by_vertex(
     return rank_of_body[first[place]]
 
 
-def phases(pairs: np.ndarray, num_ranks: int) -> np.ndarray:
+def phases(pairs: np.ndarray, num_ranks: int, known: np.ndarray | None = None) -> np.ndarray:
     """Colour pairs of ranks such that those of one colour share no rank.
 
     Args:
         pairs: shape (n, 2), the ranks on both sides of points, all such pairs; equal within a rank.
         num_ranks: number of ranks.
+        known: phases of pairs as returned before, which stay; None if there are none.
 
     Returns:
         Shape (num_ranks, num_ranks): the phase of each pair, from 1; 0 where nothing is shared.
     """
     pairs = np.sort(pairs, axis=1)
-    phase = np.zeros((num_ranks, num_ranks), np.int64)
-    for a, b in np.unique(pairs[pairs[:, 0] != pairs[:, 1]], axis=0):
+    phase = np.zeros((num_ranks, num_ranks), np.int64) if known is None else known.copy()
+    pairs = pairs[(pairs[:, 0] != pairs[:, 1]) & (phase[pairs[:, 0], pairs[:, 1]] == 0)]
+    for a, b in np.unique(pairs, axis=0):
         taken = {*phase[a].tolist(), *phase[b].tolist()}
         phase[a, b] = phase[b, a] = next(c for c in itertools.count(1) if c not in taken)
     return phase

@@ -10,11 +10,11 @@ them the velocities of all bodies are put together, the same bits on all ranks.
 from __future__ import annotations
 
 import numpy as np
-from mpi4py import MPI
 
 from xper_fx.nscd.points import InteractionPoints
 from xper_fx.parallel.halo import Exchange
 from xper_fx.parallel.ownership import owners_of_pairs, phases
+from xper_fx.parallel.rows_of_all import RowsOfAll
 from xper_fx.support.ranks import Ranks
 
 
@@ -47,7 +47,7 @@ class RigidHalo:
     ):
         self.ranks, self._rank_of_body, self._moves = ranks, rank_of_body, moves
         self.numbers = np.zeros(0, np.int64)
-        self.everywhere = _AllBodies(ranks, rank_of_body, dofs)
+        self.everywhere = RowsOfAll(ranks, rank_of_body, dofs)
         pairs = pairs[moves[pairs].all(axis=1)]
         sides = rank_of_body[pairs]
         self._phase_of = phases(sides, ranks.size)
@@ -95,43 +95,3 @@ class RigidHalo:
     def bytes_a_gather(self) -> int:
         """Bytes of this rank's velocities when those of all bodies are put together."""
         return self.everywhere.bytes_sent
-
-
-class _AllBodies:
-    """Puts together what ranks have of all bodies; arrays are flat, over all slots."""
-
-    def __init__(self, ranks: Ranks, rank_of_body: np.ndarray, dofs: int):
-        self._comm, self._dofs = ranks.comm, dofs
-        self._others = np.flatnonzero(rank_of_body != ranks.rank)
-        self._own = np.flatnonzero(rank_of_body == ranks.rank)
-        self._by_rank = np.argsort(rank_of_body, kind="stable")
-        self._counts = np.bincount(rank_of_body, minlength=ranks.size) * dofs
-
-    def _rows(self, values: np.ndarray) -> np.ndarray:
-        count = len(self._by_rank)
-        return values[: count * self._dofs].reshape(count, self._dofs)
-
-    @property
-    def bytes_sent(self) -> int:
-        """Bytes of this rank's values."""
-        return 8 * self._dofs * len(self._own)
-
-    def clear(self, values: np.ndarray) -> None:
-        """Set other ranks' bodies to zero."""
-        self._rows(values)[self._others] = 0.0
-
-    def forward(self, values: np.ndarray) -> None:
-        """All take the values of the bodies' owners."""
-        rows = self._rows(values)
-        gathered = np.empty_like(rows)
-        self._comm.Allgatherv(rows[self._own], [gathered, self._counts])
-        rows[self._by_rank] = gathered
-
-    def add_back(self, values: np.ndarray) -> None:
-        """All take the sum over the ranks."""
-        rows = self._rows(values)
-        total = np.empty_like(rows)
-        # one rank adds up: sums made on each could differ by rounding
-        self._comm.Reduce(rows, total, MPI.SUM)
-        self._comm.Bcast(total)
-        rows[:] = total

@@ -32,8 +32,7 @@ class SharedPoints(NamedTuple):
         facet_numbers: shape (num_facets with a law that are known here,), those of these facets.
         num_points_of_all: points on all ranks.
         phase: shape (num_points,), as `Halo.phase`.
-        phase_of_rank: shape (num_ranks,), in which phase this rank meets each other one.
-        num_phases: how many phases there are.
+        meetings: shape (num_ranks, num_ranks), as of `Halo`.
         asked: by rank, nodes of this rank that are ghosts there.
         num_ghosts: by rank, how many of its nodes are ghosts here.
         points_a_facet: points on each facet.
@@ -45,8 +44,7 @@ class SharedPoints(NamedTuple):
     facet_numbers: np.ndarray
     num_points_of_all: int
     phase: np.ndarray
-    phase_of_rank: np.ndarray
-    num_phases: int
+    meetings: np.ndarray
     asked: dict[int, np.ndarray]
     num_ghosts: dict[int, int]
     points_a_facet: int
@@ -157,8 +155,7 @@ def shared_points(
         facet_numbers,
         int(ranks.sum(len(points))),
         phase,
-        table[me],
-        int(table.max(initial=0)),
+        table,
         {rank: nodes for rank, nodes in enumerate(asked) if nodes is not None},
         {rank: len(w) for rank, w in enumerate(wanted) if len(w)},
         a_facet,

@@ -2,10 +2,6 @@
 """Contacts of a scene: found in the middle of each step, given to the interaction layer as points.
 
 Only what the scene's contacts name is looked for, and only the searches that it calls for exist.
-
-Facing facets have permanent points, made for lips that stay near each other. Once nothing bonds
-them and they are `_FAR` of their size apart, these points retire and the search takes over, where
-a contact between the two groups is named: broken pieces meet again wherever they go.
 """
 
 from __future__ import annotations
@@ -14,13 +10,14 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
+from dolfinx.fem import functionspace
 
 from xper_fx.nscd.found_contacts import FoundPoints
 from xper_fx.nscd.laws.law import Law
 from xper_fx.nscd.points import Branches, InteractionPoints, frame_from_normal
+from xper_fx.nscd.search.candidate_lists import bodies_of_nodes
 from xper_fx.nscd.search.contact_pairs import Contacts
-from xper_fx.simulation.turned_bonds import lip_normals
-from xper_fx.support.saved_rows import Rows
+from xper_fx.support.ranks import ALONE, Ranks
 
 if TYPE_CHECKING:
     from dolfinx.fem import FunctionSpace
@@ -31,7 +28,9 @@ if TYPE_CHECKING:
     from xper_fx.nscd.rigid.motion import Prediction, RigidMotion
     from xper_fx.nscd.search.periodic_search import PeriodicSearch
     from xper_fx.nscd.search.rigid_search import RigidSearch
+    from xper_fx.parallel.local_bodies import LocalBodies
     from xper_fx.parallel.rigid_partition import RigidDivision
+    from xper_fx.parallel.surface_division import SurfaceDivision
     from xper_fx.scene.scene import Scene
 
 # Reach of a search where the scene gives none, as a share of the smallest body or facet.
@@ -41,11 +40,6 @@ _REACH = 1e-2
 _ROUNDING = 1e-12
 # Depth of an overlap that coordinates may leave, as a share of the depth that is sought.
 _LITTLE = 1e-2
-# Distance of two lips, relative to their size, at which their own points retire.
-_FAR = 0.25
-# Cosine of the angle between broken lips and the frames of their own points at which they retire:
-# along other normals than theirs pieces that tumble would interpenetrate.
-_TURNED = np.cos(0.2)
 
 
 class Detection:
@@ -55,14 +49,23 @@ class Detection:
         scene: the scene, which has contacts.
         laws: laws of the scene's other interactions.
         V: space of the displacements, None without a mesh.
+        part: what this rank has of the meshed bodies, None if it has all.
+        ranks: those that divide them.
 
     Attributes:
         laws: laws of all interactions: those given, and those of contacts.
         nodes: nodes of V at which contacts may come about.
     """
 
-    def __init__(self, scene: Scene, laws: list[Law], V: FunctionSpace | None):
-        self._scene = scene
+    def __init__(
+        self,
+        scene: Scene,
+        laws: list[Law],
+        V: FunctionSpace | None,
+        part: LocalBodies | None = None,
+        ranks: Ranks = ALONE,
+    ):
+        self._scene, self._ranks = scene, ranks
         self._contacts = [contact for contact in scene.contacts if contact.law is not None]
         rigid = () if scene.rigid_bodies is None else scene.rigid_bodies.groups
         names = [*scene.surfaces, *rigid]
@@ -76,9 +79,10 @@ class Detection:
         self._ball_radius: np.ndarray | None = None  # where a law resists rolling
         self._rigid = self._rigid_search(set(rigid))
         self._division: RigidDivision | None = None
-        self._surfaces, self.nodes = None, np.zeros(0, np.int64)
+        self._surfaces, self.nodes, self._listed = None, np.zeros(0, np.int64), 0
+        self._shared: SurfaceDivision | None = None
         if any(set(contact.between) & set(scene.surfaces) for contact in self._contacts):
-            self._surface_search(V)
+            self._surface_search(V, part)
 
     def _reach(self, contacts, smallest: float) -> float:
         return max((c.reach for c in contacts if c.reach is not None), default=_REACH * smallest)
@@ -96,14 +100,28 @@ class Detection:
         scene = self._scene
         return search_of_bodies(bodies, pairs, reach, scene.kept_apart, scene.lattice)
 
-    def _surface_search(self, V: FunctionSpace) -> None:
+    def _surface_search(self, V: FunctionSpace, part: LocalBodies | None) -> None:
         from xper_fx.bodies.surfaces import extract_surface
         from xper_fx.nscd.search.surface_search import SurfaceSearch
 
-        scene = self._scene
-        surface = extract_surface(scene.bodies, V, scene.surfaces)
-        self._x = V.tabulate_dof_coordinates()[:, : scene.dim].copy()
-        self._dofmap = V.dofmap.list
+        scene, own_V = self._scene, V
+        if part is not None:
+            V = functionspace(scene.bodies.mesh, V.ufl_element())
+        surface, at = extract_surface(scene.bodies, V, scene.surfaces).compact()
+        self._x = V.tabulate_dof_coordinates()[at, : scene.dim]
+        touchable = np.zeros(len(at), bool)
+        touchable[surface.facets] = True
+        if part is not None:
+            from xper_fx.parallel.surface_division import SurfaceDivision
+
+            body, own = np.zeros((2, int(V.dofmap.list.max()) + 1), np.int64)
+            body[V.dofmap.list] = scene.bodies.body_of_cell[:, None]
+            own[V.dofmap.list[part.cells]] = own_V.dofmap.list
+            self._shared = SurfaceDivision(
+                self._ranks, part.rank_of_body, body[at], touchable, scene.dim
+            )
+            at, touchable = own[at[self._shared.own]], touchable[self._shared.own]
+        self._at, self._touchable, self.nodes = at, touchable, at[touchable]
         contacts = [c for c in self._contacts if set(c.between) & set(scene.surfaces)]
         _, law_of_facet = scene.law_of_facet()
         self._surfaces = SurfaceSearch(
@@ -114,20 +132,17 @@ class Detection:
             released=law_of_facet < 0,
             rigid=scene.rigid_bodies,
         )
-        self.nodes = np.unique(surface.facets)
+        self._body_of_node = bodies_of_nodes(surface)
         self._group_of_node = np.full(surface.num_nodes, -1)
         self._group_of_node[surface.facets] = surface.group[:, None]
-        # facing facets with points, and those among them that the search may take over
-        self._lips = np.flatnonzero(law_of_facet >= 0)
-        group = self._group_of_node[surface.bond_nodes[self._lips, :, 0]]
+        lips = np.flatnonzero(law_of_facet >= 0)
+        group = self._group_of_node[surface.bond_nodes[lips, :, 0]]
         taken = np.all(group >= 0, axis=1) & (self._law_of_pair[group[:, 0], group[:, 1]] >= 0)
-        self._waiting = np.flatnonzero(taken)
-        self._broken, self._ajar = np.zeros((2, len(taken)), bool)
-        self._far = _FAR * scene.bodies.facets.measure[self._lips] ** (1.0 / (scene.dim - 1))
-        self._lip_nodes = surface.bond_nodes[self._lips]
-        self._lip_normals = lip_normals(self._x[self._lip_nodes])
-        own = scene.bodies.facets.normal[self._lips]
-        self._side = np.sign(np.einsum("ld,ld->l", own, self._lip_normals[:, 0]))
+        from xper_fx.simulation.parted_lips import PartedLips
+
+        self._lips = PartedLips(
+            self._surfaces, self._x, scene.bodies.facets, lips, taken, self._ranks
+        )
 
     def outrun(self, state: State, rigid: RigidMotion | None, step: float) -> bool:
         """Whether something moves so far in a step (s) that it may pass through another unseen.
@@ -146,7 +161,7 @@ class Detection:
         if self._surfaces is None:
             return False
         depth = float(self._surfaces.depth.min())
-        return float(np.abs(state.velocity).max(initial=0.0)) * step > depth
+        return self._ranks.max(float(np.abs(state.velocity).max(initial=0.0))) * step > depth
 
     def overlap(
         self, interactions: Interactions, state: State, rigid: RigidMotion | None, step: float
@@ -158,7 +173,7 @@ class Detection:
         if rigid is not None:
             speed += float(np.abs(rigid.state.velocity).max(initial=0.0))
         gaps = [float(group.points.gap.min(initial=0.0)) for group in interactions.contacts]
-        deepest = -min(gaps, default=0.0)
+        speed, deepest = self._ranks.max(np.array([speed, -min(gaps, default=0.0)])).tolist()
         little = _LITTLE * float(self._surfaces.depth.min()) + 2.0 * speed * step
         return deepest if deepest > little else 0.0
 
@@ -166,6 +181,20 @@ class Detection:
         """Search contacts of rigid bodies, of which the scene has no others, where they are."""
         self._division = division
         self._rigid.divide(division.own)
+
+    def share(self, interactions: Interactions, nodes: np.ndarray) -> None:
+        """Take the layer of points where ranks divide meshed bodies.
+
+        Args:
+            interactions: the layer.
+            nodes: as of `renew`.
+        """
+        if self._shared is not None:
+            slot = np.full(nodes.max(initial=-1) + 1, -1)
+            slot[nodes] = np.arange(len(nodes))
+            slots = np.full(len(self._at), -1)
+            slots[self._touchable] = slot[self.nodes]
+            self._shared.begin(interactions, slots)
 
     def join(self) -> None:
         """Let each rank find all contacts until bodies are divided anew."""
@@ -210,21 +239,41 @@ class Detection:
             if self._division is not None:
                 if self._division.found(contacts.body):
                     interactions.share_history(self._division.ranks)
+        velocity = state.velocity.reshape(-1, bulk.dim)[nodes]
+        halo = None if self._division is None else self._division.halo
         if self._surfaces is not None:
             middle = state.displacement + step * (1.0 - theta) * state.velocity
-            moved = self._x + bulk.unknowns.expand(middle).reshape(self._x.shape)
-            contacts = self._surfaces.find(moved, *place)
+            contacts = self._surfaces.find(self._moved(bulk.unknowns.expand(middle)), *place)
+            slot = slot[bulk.unknowns.node_of[self._at]]
+            if self._shared is not None:
+                contacts = self._own(contacts, interactions)
+                slot, halo = self._shared.slot, interactions.halo
+                velocity = halo.with_ghost_values(velocity)
             with_rigid = np.any(contacts.body >= 0, axis=1)
-            slot = slot[bulk.unknowns.node_of]
             found += [(contacts.take(np.flatnonzero(w)), slot) for w in (~with_rigid, with_rigid)]
         points = [
             self._on_slots(contacts, rigid, slot_of_node, len(nodes))
             for contacts, slot_of_node in found
             if len(contacts)
         ]
-        velocity = state.velocity.reshape(-1, bulk.dim)[nodes]
-        halo = None if self._division is None else self._division.halo
         interactions.find_contacts(points, velocity, step, theta, halo)
+
+    def _moved(self, displacement: np.ndarray) -> np.ndarray:
+        """Where the nodes of all surfaces are, from displacements of all nodes of V, flat (m)."""
+        own = displacement.reshape(-1, self._scene.dim)[self._at]
+        return self._x + (own if self._shared is None else self._shared.of_all(own))
+
+    def _own(self, contacts: Contacts, interactions: Interactions) -> Contacts:
+        """Of the contacts of all ranks this one's; the ghosts that they need are there then."""
+        lists, shared = self._surfaces.lists, self._shared
+        if lists.changes != self._listed:
+            self._listed = lists.changes
+            shared.take_ghosts(interactions, lists.pairs_of_bodies())
+        main = np.take_along_axis(contacts.nodes, contacts.weights.argmax(axis=2)[..., None], 2)
+        own = shared.own_of(contacts.key, self._body_of_node[main[..., 0]])
+        if shared.some_moved():
+            interactions.share_history(self._ranks)
+        return contacts.take(np.flatnonzero(own))
 
     def _on_slots(
         self, contacts: Contacts, prediction: Prediction | None, slot_of_node, first_rigid
@@ -269,40 +318,15 @@ class Detection:
     def release(self, interactions: Interactions, each: int, displacement: np.ndarray) -> None:
         """After a step, let the search take over the broken lips that have parted or turned.
 
-        Lips that are broken at one of their points may touch rigid bodies at once.
-
         Args:
             interactions: the layer, whose permanent points come facet after facet.
             each: points on a facet.
             displacement: at the end of the step, of all nodes of V, flat (m).
         """
-        if self._surfaces is None or not len(self._waiting):
-            return
-        count = each * len(self._lips)
-        loose = interactions.unbonded()[:count].reshape(-1, each)[self._waiting]
-        half = self._waiting[loose.any(axis=1)]
-        new = half[~self._ajar[half]]
-        if len(new):
-            self._surfaces.leave_ajar(self._lips[new])
-            self._ajar[new] = True
-        lips = self._waiting[loose.all(axis=1)]
-        if not len(lips):
-            return
-        new = lips[~self._broken[lips]]
-        if len(new):
-            self._surfaces.expose(self._lips[new])
-            self._broken[new] = True
-        jump = np.linalg.norm(interactions.gather("jump")[:count], axis=1).reshape(-1, each)
-        moved = self._x + displacement.reshape(self._x.shape)
-        normals, framed = lip_normals(moved[self._lip_nodes[lips]]), self._lip_normals[lips]
-        if interactions.turns:
-            framed = (self._side[:, None] * interactions.points.frame[:count:each, 0])[lips, None]
-        turned = np.einsum("lsd,lsd->ls", normals, framed).min(axis=1) < _TURNED
-        parted = lips[turned | (jump[lips].max(axis=1) > self._far[lips])]
-        if len(parted):
-            self._surfaces.release(self._lips[parted])
-            interactions.deactivate((parted[:, None] * each + np.arange(each)).ravel())
-            self._waiting = np.setdiff1d(self._waiting, parted)
+        if self._shared is not None:
+            self._shared.commit()
+        if self._surfaces is not None:
+            self._lips.release(interactions, each, lambda: self._moved(displacement))
 
     def saved(self) -> dict:
         """Lists' origins, broken lips and those that have retired."""
@@ -312,15 +336,10 @@ class Detection:
         if self._division is not None:
             out["division"] = self._division.saved()
         if self._surfaces is not None:
-            out["surfaces"] = self._surfaces.lists.saved(self._by_cell)
-            count = len(self._scene.bodies.facets)
-            exposed, released, ajar = np.zeros((3, count), bool)
-            exposed[self._lips[self._broken]] = True
-            ajar[self._lips[self._ajar]] = True
-            released[self._lips] = self._surfaces.bonds.released[self._lips]
-            number = np.arange(count)
-            masks = {"exposed": exposed, "released": released, "ajar": ajar}
-            out |= {name: Rows(number, mask) for name, mask in masks.items()}
+            out["surfaces"] = self._surfaces.lists.saved()
+            out |= self._lips.saved()
+        if self._shared is not None:
+            out["shared"] = self._shared.saved()
         return out
 
     def restore(self, saved: Mapping) -> None:
@@ -330,20 +349,7 @@ class Detection:
         if self._rigid is not None:
             self._rigid.restore(saved.get("rigid", {}))
         if self._surfaces is not None and "surfaces" in saved:
-            self._broken = saved["exposed"][self._lips]
-            gone = saved["released"][self._lips]
-            self._waiting = np.setdiff1d(self._waiting, np.flatnonzero(gone))
-            self._ajar = saved["ajar"][self._lips]
-            self._surfaces.leave_ajar(self._lips[self._ajar])
-            self._surfaces.expose(self._lips[self._broken])
-            self._surfaces.release(self._lips[gone])
-            self._surfaces.lists.restore(saved["surfaces"], self._from_cells)
-
-    def _by_cell(self, x: np.ndarray) -> Rows:
-        """Positions of the nodes of V cell by cell."""
-        return Rows(self._scene.bodies.parent_cell, x[self._dofmap])
-
-    def _from_cells(self, saved: np.ndarray) -> np.ndarray:
-        x = np.empty_like(self._x)
-        x[self._dofmap] = saved[self._scene.bodies.parent_cell]
-        return x
+            self._lips.restore(saved)
+            self._surfaces.lists.restore(saved["surfaces"])
+        if self._shared is not None and "shared" in saved:
+            self._shared.restore(saved["shared"])

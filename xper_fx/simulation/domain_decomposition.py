@@ -47,7 +47,7 @@ def decomposed(scene: Scene, options: Options, team: Ranks, stopwatch: Stopwatch
     """
     if team.alone:
         return Decomposition()
-    touching = any(contact.law is not None for contact in scene.contacts)
+    touching = _searches(scene)
     rigid_alone = scene.bodies is None and scene.lattice is None and not scene.joints
     if rigid_alone and touching and options.solver in ("auto", "nlgs"):
         from xper_fx.parallel.rigid_partition import RigidDivision
@@ -64,7 +64,12 @@ def decomposed(scene: Scene, options: Options, team: Ranks, stopwatch: Stopwatch
             from xper_fx.scene.tie import tied_groups
 
             groups = tied_groups(scene.ties, scene.bodies)
-        return Decomposition(team, divide(scene.bodies, team, groups))
+        return Decomposition(team, divide(scene.bodies, team, groups, touching))
+
+
+def _searches(scene: Scene) -> bool:
+    """Whether contacts have to be looked for."""
+    return any(contact.law is not None for contact in scene.contacts)
 
 
 def _stays_whole(scene: Scene, options: Options, team: Ranks) -> bool:
@@ -73,21 +78,32 @@ def _stays_whole(scene: Scene, options: Options, team: Ranks) -> bool:
     Raises:
         SerialOnlyError: it has to, and the mesh is spread over the ranks.
     """
+    spread = scene.bodies is not None and scene.bodies.spread is not None
+    touching = scene.bodies is not None and _searches(scene)
+    by_vertex = options.scheme == "explicit" and scene.points == "nodal"
     why = [
         name
         for name, there in (
             ("rigid bodies", scene.rigid_bodies is not None),
             ("a lattice of rigid bodies", scene.lattice is not None),
-            ("contacts that are searched", len(scene.contacts) > 0),
+            (
+                "contacts that are searched where vertices split",
+                touching and by_vertex and bonds_split(scene),
+            ),
+            ("contacts that are searched on a mesh that is spread", touching and spread),
+            ("fewer bodies than ranks", touching and scene.bodies.num_bodies < team.size),
             ("ties", scene.ties and _cannot_tie(scene, team.size)),
             ("joints", len(scene.joints) > 0),
             ("no inertia", not options.inertia),
             ("a solver for one rank", options.solver not in _ON_RANKS),
-            ("no facets between bodies", scene.bodies and not scene.bodies.present.facing),
+            (
+                "nothing between bodies",
+                scene.bodies and not (touching or scene.bodies.present.facing),
+            ),
         )
         if there
     ]
-    if why and scene.bodies is not None and scene.bodies.spread is not None:
+    if why and spread:
         raise SerialOnlyError(
             f"The mesh is spread over {team.size} ranks, and a scene that has {' and '.join(why)} "
             "is simulated whole: build the mesh on MPI.COMM_SELF."
@@ -97,6 +113,14 @@ def _stays_whole(scene: Scene, options: Options, team: Ranks) -> bool:
             "each of %d ranks simulates the whole scene, as it has %s", team.size, " and ".join(why)
         )
     return bool(why)
+
+
+def bonds_split(scene: Scene) -> bool:
+    """Whether there are initially rigid bonds, at vertices that split where each is alone."""
+    if scene.bodies is None:
+        return False
+    laws, _ = scene.law_of_facet()
+    return any(getattr(law.kernels(scene.dim), "rigid", None) for law in laws)
 
 
 def _cannot_tie(scene: Scene, num_ranks: int) -> bool:

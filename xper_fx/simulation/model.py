@@ -21,7 +21,7 @@ from xper_fx.nscd.points import InteractionPoints
 from xper_fx.scene.facet_laws import require_kernels
 from xper_fx.scene.scene import Scene
 from xper_fx.scene.scene_doubts import tell_doubts
-from xper_fx.simulation.domain_decomposition import decomposed
+from xper_fx.simulation.domain_decomposition import bonds_split, decomposed
 from xper_fx.simulation.energy_ledger import EnergyLedger
 from xper_fx.simulation.initial_state import initial_state
 from xper_fx.simulation.law_checks import check_laws_suit, check_path_has_bonds
@@ -110,7 +110,8 @@ class Model:
         divided_walls = self.part is not None and len(scene.walls) > 0
         self.by_vertex = (
             options.scheme == "explicit" and scene.points == "nodal" and self.rigid is None
-            and not divided_walls and (not searched or self._bonds_split())
+            and not divided_walls
+            and (not searched or (self.part is None and bonds_split(scene)))
         )  # fmt: skip
         self.points = ScenePoints(scene, self.bulk, self._ties, self.part, self.by_vertex)
         self.detection = self._detection() if searched else None
@@ -132,6 +133,8 @@ class Model:
         self.scheme = self._scheme()
         with stopwatch.phase("interaction points"):
             self.interactions = self._interactions()
+            if self.detection is not None and self.part is not None:
+                self.detection.share(self.interactions, self.slot_nodes)
         if self.interactions is not None and self.interactions.fused is not None:
             self._doubt_fracture_energies()
         self.healing = self._healing()
@@ -151,11 +154,6 @@ class Model:
                 "the range of floats; take other units."
             )
         self.control = None if options.requested.accuracy is None else self._control()
-
-    def _bonds_split(self) -> bool:
-        """Whether initially rigid bonds are at vertices that split, contacts beside them or not."""
-        laws, _ = self.scene.law_of_facet()
-        return any(getattr(law.kernels(self.scene.dim), "rigid", None) for law in laws)
 
     def nodes_of(self, facets: int) -> np.ndarray:
         """Nodes of this rank's facets with a tag."""
@@ -277,7 +275,8 @@ class Model:
         """The searches that the scene's contacts call for."""
         from xper_fx.simulation.contact_detection import Detection
 
-        detection = Detection(self.scene, self.points.laws, getattr(self.bulk.forms, "V", None))
+        V = getattr(self.bulk.forms, "V", None)
+        detection = Detection(self.scene, self.points.laws, V, self.part, self.ranks)
         if self.division is not None:
             detection.divide(self.division)
         return detection

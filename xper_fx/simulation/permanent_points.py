@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -245,12 +244,7 @@ class ScenePoints:
         halo = None if self._shared is None else self._halo(inverse.blocks, slot)
         if not self._points:
             return no_points(self._bulk.dim), halo
-        points = join_points(self._points)
-        lips = points.lips
-        if lips is not None:
-            lips = replace(lips, nodes=slot[lips.nodes].astype(np.int32))
-        nodes = slot[points.nodes].astype(np.int32)
-        return replace(points, nodes=nodes, lips=lips), halo
+        return join_points(self._points).on(slot), halo
 
     def _halo(self, blocks: BodyInverse, slot: np.ndarray) -> Halo:
         """What is exchanged with other ranks; the slots of ghosts and ground are set."""
@@ -263,8 +257,7 @@ class ScenePoints:
         here = len(np.concatenate(numbers[1:]))
         halo = Halo(
             ranks, blocks, {rank: slot[asked] for rank, asked in shared.asked.items()},
-            shared.phase_of_rank, shared.num_phases,
-            np.concatenate(numbers),
+            shared.meetings, np.concatenate(numbers),
             np.concatenate([shared.phase, np.zeros(here, int)]),
         )  # fmt: skip
         slot[self._num_nodes : -1] = np.concatenate(

@@ -88,9 +88,10 @@ class Simulation(Restartable):
         path: finds the load of a static run, `GrowthControl()` or `DissipationControl(...)`.
         num_threads: threads of the interaction solver; all that Numba has if not given.
         comm: ranks that simulate the scene together, each with the same scene. They divide the
-            bodies of scenes of meshed bodies that interact at their facets, in ties or with walls,
-            and the contacts of scenes of rigid bodies alone where there are enough of them
-            (`parallel/rigid_partition.py`); other scenes every rank simulates as a whole.
+            bodies of scenes of meshed bodies that interact at their facets, in ties, with walls or
+            by contacts that are searched, and the contacts of scenes of rigid bodies alone where
+            there are enough of them (`parallel/rigid_partition.py`); other scenes every rank
+            simulates as a whole.
             MPI.COMM_SELF if each rank has a scene of its own.
 
     Attributes:

@@ -47,6 +47,11 @@ class Ranks:
         self.comm.Allgather(own, values)
         return values
 
+    def union(self, numbers: np.ndarray) -> np.ndarray:
+        """Whole numbers, shape (n,), that any rank gives, ascending and each once."""
+        parts = [numbers] if self.alone else self.comm.allgather(numbers)
+        return np.unique(np.concatenate(parts))
+
     def before(self, count: int) -> int:
         """Sum of a number over the ranks before this one."""
         return 0 if self.alone else int(self._of_all(count)[: self.rank].sum())

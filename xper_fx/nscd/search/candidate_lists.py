@@ -8,7 +8,7 @@ put into the list there is. Walls are looked at with all nodes.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -19,7 +19,6 @@ from xper_fx.nscd.search.grid import box_pairs
 from xper_fx.nscd.search.pair_list import PairList
 from xper_fx.nscd.search.rigid_side import RigidSide
 from xper_fx.nscd.search.surface import Surface
-from xper_fx.support.saved_rows import Rows
 
 # How many searches a list should serve, and bounds of the skin as shares of a facet's size.
 _SEARCHES_A_LIST = 20
@@ -47,6 +46,7 @@ class CandidateLists:
         skin: m, of the lists in use.
         renewals: how often lists have been made.
         searches: how often contacts have been looked for.
+        changes: how often pairs of meshed bodies have been listed.
     """
 
     def __init__(
@@ -80,7 +80,7 @@ class CandidateLists:
         self._old_rigid: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
         self._typical = typical_size
         self.skin = 0.1 * self._typical
-        self.renewals = self.searches = 0
+        self.renewals = self.searches = self.changes = 0
         self._searches_at_renewal = 0
 
     @property
@@ -96,6 +96,15 @@ class CandidateLists:
     @property
     def _lists(self) -> tuple:
         return self.node_facet, self.rigid_facet, self.node_rigid, self.edge_pairs
+
+    def pairs_of_bodies(self) -> np.ndarray:
+        """Meshed bodies that may touch, shape (n, 2), the lower number first, sorted."""
+        near, edges = self.node_facet, self.edges[self.edge_pairs] // 3
+        node = np.repeat(near.rows, np.diff(near.start))
+        body = self._surface.body
+        pairs = np.stack([self._body_of_node[node], body[near.listed]], axis=1)
+        pairs = np.sort(np.concatenate([pairs, body[edges].reshape(-1, 2)]), axis=1)
+        return np.unique(pairs[pairs[:, 0] != pairs[:, 1]], axis=0)
 
     def forget_edges(self) -> None:
         """List edges anew before the next search: others are convex now."""
@@ -130,21 +139,21 @@ class CandidateLists:
         self.renewals += 1
         self._searches_at_renewal = self.searches
 
-    def saved(self, by_cell: Callable[[np.ndarray], Rows]) -> dict:
-        """See `SurfaceSearch.saved`."""
+    def saved(self) -> dict:
+        """What lists are made from again, bit by bit."""
         if self._old_x is None:
             return {}
         saved = {
             "skin": self.skin,
             "served": self.searches - self._searches_at_renewal,
-            "x": by_cell(self._old_x),
+            "x": self._old_x,
         }
         if self._old_rigid is not None:
             saved |= zip(("position", "turn", "points"), self._old_rigid, strict=True)
         return saved
 
-    def restore(self, saved: Mapping, from_cells: Callable[[np.ndarray], np.ndarray]) -> None:
-        """See `SurfaceSearch.restore`."""
+    def restore(self, saved: Mapping) -> None:
+        """Take what `saved` gave."""
         if not saved:
             return
         self.skin = saved["skin"]
@@ -152,7 +161,7 @@ class CandidateLists:
         if "position" in saved:
             rigid = saved["position"], saved["turn"], saved["points"]
             self._rigid.points = saved["points"]
-        self._list(from_cells(saved["x"]), rigid)
+        self._list(saved["x"], rigid)
         self.searches += saved["served"]
 
     def _motion(self, x: np.ndarray) -> float:
@@ -171,6 +180,7 @@ class CandidateLists:
             return
         x, facets, rigid = self._old_x, self._surface.facets, self._rigid
         self._edges_are_old = True
+        self.changes += 1
         of_fresh = np.unique(facets[fresh])
         new_nodes = of_fresh[~self._is_listed[of_fresh]]
         self._is_listed[new_nodes] = True
@@ -217,6 +227,7 @@ class CandidateLists:
         self._edges_are_old = False
         if self._dim == 2:
             return
+        self.changes += 1
         x, facets, surface = self._old_x, self._surface.facets, self._surface
         chosen = np.flatnonzero(self._bonds.exposed)
         facet_normals(x, facets, chosen, self._normal)

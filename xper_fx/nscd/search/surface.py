@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -98,6 +98,20 @@ class Surface:
     def __len__(self) -> int:
         """Number of facets."""
         return len(self.facets)
+
+    def compact(self) -> tuple[Surface, np.ndarray]:
+        """The same facets and bonds with nodes of no facet and no bond left out.
+
+        Returns:
+            The surface, and the numbers that its nodes have here, shape (num_nodes,), ascending.
+        """
+        named = np.concatenate([self.facets.ravel(), self.bond_nodes.ravel()])
+        nodes, place = np.unique(named, return_inverse=True)
+        facets, bond_nodes = np.split(place.ravel(), [self.facets.size])
+        return replace(
+            self, facets=facets.reshape(self.facets.shape), num_nodes=len(nodes),
+            bond_nodes=bond_nodes.reshape(self.bond_nodes.shape),
+        ), nodes  # fmt: skip
 
     def measure(self, x: np.ndarray) -> np.ndarray:
         """Length or area of the facets at positions x, shape (num_nodes, dim); m or m^2."""

@@ -1,0 +1,160 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Meshed bodies whose contacts are searched, on several ranks against the same on one."""
+
+import shutil
+import sys
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from on_ranks import on_ranks
+
+from xper_fx.output.history import read_history
+from xper_fx.parallel.local_bodies import neighbours
+from xper_fx.parallel.ownership import phases
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "ranks"))
+import touching_bodies
+
+# Free flight by either bulk, hexahedra with edges that cross, order 2 at finite strain on a wall,
+# bonds that break, in small strain, turning and with an explicit bulk, and friction that weakens.
+SCENES = {
+    2: (
+        "cloud",
+        "explicit",
+        "boxes",
+        "heap",
+        "shards",
+        "turning_shards",
+        "explicit_shards",
+        "slide",
+    ),  # fmt: skip
+    4: ("shards", "slide"),
+}
+several = pytest.mark.parametrize(
+    ("count", "name"), [(count, name) for count, names in SCENES.items() for name in names]
+)
+ENERGIES = ("kinetic", "elastic", "external_work", "dissipated_friction", "dissipated_impact")
+# Nothing acts on them from outside, and small strain keeps the energy to rounding.
+FREE = ("cloud", "explicit", "boxes", "shards", "explicit_shards")
+
+
+def test_ranks_that_met_before_meet_in_the_same_phase():
+    rng = np.random.default_rng(4)
+    known = phases(rng.integers(0, 7, (6, 2)), 7)
+    pairs = rng.integers(0, 7, (12, 2))
+    now = phases(pairs, 7, known)
+    np.testing.assert_array_equal(now, now.T)
+    np.testing.assert_array_equal(now[known > 0], known[known > 0])
+    assert np.all((now[pairs[:, 0], pairs[:, 1]] > 0) == (pairs[:, 0] != pairs[:, 1]))
+    for row in now:
+        met = row[row > 0].tolist()
+        assert len(met) == len(set(met))
+
+
+def test_neighbours_are_the_bodies_beside_each_other():
+    """A tenth of a side apart at most: at 0.02 times the side of the whole, 0.06 of a block's."""
+    pairs = neighbours(touching_bodies.apart((3, 3), (3, 3), "quadrilateral"))
+    expected = [(a, b) for a in range(9) for b in range(a + 1, 9)
+                if abs(a // 3 - b // 3) <= 1 and abs(a % 3 - b % 3) <= 1]  # fmt: skip
+    assert pairs.tolist() == [list(pair) for pair in expected]
+    assert not len(neighbours(touching_bodies.apart((3, 3), (3, 3), gap=0.1)))
+
+
+@pytest.fixture(scope="module")
+def found(tmp_path_factory):
+    """What a scene gives on a number of ranks."""
+
+    @cache
+    def run(name: str, count: int) -> dict[str, np.ndarray]:
+        if count == 1:
+            return touching_bodies.run(name)
+        folder = tmp_path_factory.mktemp(f"{name}_{count}")
+        done = on_ranks(count, "ranks/touching_bodies.py", folder, name)
+        assert done.returncode == 0, done.stdout + done.stderr
+        assert "simulates the whole scene" not in done.stdout + done.stderr
+        return dict(np.load(folder / f"{name}.npz"))
+
+    return run
+
+
+@pytest.mark.ranks
+@several
+def test_ranks_agree(found, name, count):
+    one, many = found(name, 1), found(name, count)
+    assert set(one) == set(many) and one["pushed"].max() >= 10
+    assert one["retired"] == (48 if "shards" in name else 0)
+    for key in ("contact_bodies", "pushed", "fragment", "retired"):
+        np.testing.assert_array_equal(many[key], one[key])
+    energies = max(np.abs(one[key]).max() for key in ("kinetic", "external_work"))
+    for key in ENERGIES:
+        assert np.abs(one[key] - many[key]).max() <= 1e-8 * energies, key
+    for key in ("momentum", "force", "displacement", "velocity", "contact_force", "damage"):
+        scale = np.abs(one[key]).max(initial=0.0)
+        assert np.abs(one[key] - many[key]).max(initial=0.0) <= 1e-8 * scale, key
+
+    np.testing.assert_allclose(many["contact_position"], one["contact_position"], atol=1e-10)
+
+
+@pytest.mark.ranks
+@pytest.mark.parametrize(
+    ("count", "name"),
+    [(count, name) for count in (1, 2, 4) for name in FREE if name in SCENES.get(count, FREE)],
+)
+def test_momentum_and_energy_are_exact(found, name, count):
+    """Nothing from outside acts: what one body gives the other takes, across ranks too."""
+    run = found(name, count)
+    size = np.sqrt(2.0 * run["kinetic"][0])  # the mass is one
+    assert np.abs(run["momentum"] - run["start"]).max() <= 1e-13 * size
+    lost = run["dissipated_friction"][-1] + run["dissipated_impact"][-1]
+    assert lost > 0.02 * run["kinetic"][0]
+    assert np.abs(run["closure"]).max() <= 1e-12 * run["kinetic"][0]
+
+
+@pytest.mark.ranks
+@several
+def test_a_rank_holds_its_share(found, name, count):
+    """Bodies, unknowns and contacts, each of which is on one rank."""
+    one, many = found(name, 1)["held"], found(name, count)["held"]
+    assert len(many) == count and many[:, :2].min() > 0
+    np.testing.assert_array_equal(many[:, :3].sum(axis=0), one[0, :3])
+    # few bodies cannot be shared more evenly
+    assert np.all(many[:, :2].max(axis=0) <= 1.4 * one[0, :2] / count)
+
+
+@pytest.mark.ranks
+def test_ghosts_are_those_of_bodies_that_may_touch(found):
+    """Of 150 nodes of the other of two ranks the owner of contacts knows half, of three bodies."""
+    assert found("cloud", 2)["held"][:, 3].tolist() == [0, 75]
+
+
+@pytest.fixture(scope="module")
+def folders(tmp_path_factory):
+    """A whole run on two ranks; one stopped after bodies have met that goes on, on 2, 3 and 1."""
+    base = tmp_path_factory.mktemp("touching")
+
+    def run(count: int, *asked: str) -> None:
+        done = on_ranks(count, "ranks/touching_bodies.py", base, *asked)
+        assert done.returncode == 0, done.stdout + done.stderr
+
+    run(2, "two=30", "stopped=25")
+    for count in (2, 3, 1):
+        shutil.copytree(base / "stopped", base / f"on_{count}")
+        run(count, f"on_{count}=30", "restart")
+    return base
+
+
+@pytest.mark.ranks
+def test_as_many_ranks_go_on_to_the_bit(folders):
+    histories = [(folders / f / "history.csv").read_bytes() for f in ("two", "on_2")]
+    assert histories[0] == histories[1]
+
+
+@pytest.mark.ranks
+@pytest.mark.parametrize("count", [1, 3])
+def test_another_number_of_ranks_goes_on_to_the_tolerance(folders, count):
+    two, other = (read_history(folders / f / "history.csv") for f in ("two", f"on_{count}"))
+    assert two["dissipated_impact"][24] > 0.0
+    for key in ENERGIES:
+        assert np.abs(two[key] - other[key]).max() <= 1e-9 * two["kinetic"].max(), key

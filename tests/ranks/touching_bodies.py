@@ -1,0 +1,220 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Meshed bodies whose contacts are searched, run by all ranks; the first writes what came out."""
+
+import sys
+
+import numpy as np
+from mpi4py import MPI
+from scenes import BOTTOM, box_bodies
+
+from xper_fx.forms.loads import Gravity, PrescribedVelocity
+from xper_fx.materials import LinearElastic, NeoHookean
+from xper_fx.nscd.laws import CohesiveZone, SignoriniCoulomb, SlipWeakening
+from xper_fx.output.contact_forces import find_contact_forces
+from xper_fx.output.fragments import measure_fragments
+from xper_fx.output.recorder import Recorder
+from xper_fx.output.run import recorded_steps
+from xper_fx.parallel.launch import run_together
+from xper_fx.scene import Scene, Wall
+from xper_fx.scene.contact import Contact
+from xper_fx.simulation.simulation import Simulation
+from xper_fx.support.compat import geometry_dofmap
+
+ELASTIC = LinearElastic(1000.0, 0.3, 1.0)
+BOND = CohesiveZone(2e4, 0.05, 10.0, friction=0.3)
+GLUE = CohesiveZone(2e4, 50.0, 1000.0)
+RUB = SignoriniCoulomb(0.4)
+EACH_OTHER = {
+    "interactions": {(1, 1): None},
+    "surfaces": {"blocks": (1,)},
+    "contacts": [Contact(("blocks", "blocks"), RUB)],
+}
+
+
+def apart(counts, cells, kind="crossed", gap=0.02, seed=3):
+    """Blocks of a box pulled apart, each moved at random by up to a fifth of the gap."""
+    counts = np.array(counts)
+
+    def label(x):
+        place = (x[: len(counts)].T * counts * (1.0 - 1e-9)).astype(int)
+        return np.ravel_multi_index(tuple(place.T), counts)
+
+    bodies = box_bodies((1.0,) * len(counts), cells, kind=kind, label=label)
+    random = np.random.default_rng(seed)
+    place = np.stack(np.unravel_index(bodies.labels, counts), axis=1)
+    shift = gap * (place + random.uniform(-0.2, 0.2, place.shape))
+    body = np.zeros(len(bodies.mesh.geometry.x), int)
+    body[geometry_dofmap(bodies.mesh)] = bodies.body_of_cell[:, None]
+    bodies.mesh.geometry.x[:, : len(counts)] += shift[body]
+    return bodies
+
+
+def inwards(x):
+    """Towards the middle, turning."""
+    out = 1.2 * (0.55 - x)
+    out[0] += x[1] - 0.5
+    return out
+
+
+def cloud():
+    """Blocks fly into each other; nothing else is there."""
+    scene = Scene(
+        apart((4, 3), (12, 9)), {1: ELASTIC}, initial_velocity=lambda x: inwards(x[:2]),
+        **EACH_OTHER,
+    )  # fmt: skip
+    return scene, {"step": 2e-3, "tolerance": 1e-10, "scheme": "implicit"}, 26
+
+
+def explicit():
+    """The same by an explicit bulk."""
+    scene, _, _ = cloud()
+    return scene, {"scheme": "explicit", "tolerance": 1e-11}, 52
+
+
+def boxes():
+    """Hexahedra and edges that cross."""
+    scene = Scene(
+        apart((2, 2, 2), (4, 4, 4), "hexahedron"), {1: ELASTIC}, initial_velocity=inwards,
+        **EACH_OTHER,
+    )  # fmt: skip
+    return scene, {"step": 2e-3, "tolerance": 1e-10, "scheme": "implicit"}, 16
+
+
+def heap():
+    """Courses of order 2 at finite strain fall on a wall and on each other."""
+    scene = Scene(
+        apart((2, 3), (4, 6)), {1: NeoHookean(1000.0, 0.3, 1.0)}, order=2,
+        walls=[Wall(BOTTOM, (0.0, -5e-3), (0.0, 1.0), RUB)], loads=[Gravity((2.0, -20.0))],
+        initial_velocity=lambda x: np.stack([0.0 * x[0], -1.0 + 0.0 * x[0]]), **EACH_OTHER,
+    )  # fmt: skip
+    return scene, {"step": 1e-3, "tolerance": 1e-10, "newton_tolerance": 1e-11}, 30
+
+
+def shards(material=ELASTIC):
+    """Two plates of bonded blocks, drawn out of shape, break and fly into each other."""
+    bodies = box_bodies(
+        (2.0, 1.0), (12, 6),
+        label=lambda x: 3 * (2.999 * x[0]).astype(int) + (2.999 * x[1]).astype(int),
+        material={2: lambda x: x[0] > 1.0 - 1e-9},
+    )  # fmt: skip
+    second = np.unique(geometry_dofmap(bodies.mesh)[bodies.material_of_cell == 2])
+    bodies.mesh.geometry.x[second, :2] += (0.01, 0.13)
+    velocity = {
+        tag: lambda x, v=v: np.stack([v + 0.5 * (x[0] - 1.0), 6.0 * (x[1] - 0.5)])
+        for tag, v in ((1, 0.7), (2, -0.7))
+    }
+    scene = Scene(
+        bodies, {1: material, 2: material}, interactions={(1, 2): None}, default_interaction=BOND,
+        surfaces={"left": (1,), "right": (2,)},
+        contacts=[
+            Contact(pair, RUB)
+            for pair in (("left", "right"), ("left", "left"), ("right", "right"))
+        ],
+        initial_velocity=velocity,
+    )  # fmt: skip
+    return scene, {"step": 1e-3, "tolerance": 1e-10, "scheme": "implicit"}, 30
+
+
+def turning_shards():
+    """The same at finite strain, where bonds turn; lips part before the plates meet."""
+    return shards(NeoHookean(1000.0, 0.3, 1.0))
+
+
+def explicit_shards():
+    """The same by an explicit bulk."""
+    scene, _, _ = shards()
+    return scene, {"scheme": "explicit", "tolerance": 1e-10}, 22
+
+
+def slide():
+    """A beam of bonded blocks slides over another, from block to block; friction weakens."""
+    bodies = box_bodies(
+        (2.0, 0.5), (16, 4), label=lambda x: 2 * (1.9999 * x[0]).astype(int) + (x[1] > 0.25),
+        material={2: lambda x: x[1] > 0.25 - 1e-9},
+    )  # fmt: skip
+    upper = np.unique(geometry_dofmap(bodies.mesh)[bodies.material_of_cell == 2])
+    bodies.mesh.geometry.x[upper, :2] += (0.03, 1e-4)
+    scene = Scene(
+        bodies, {1: ELASTIC, 2: ELASTIC}, interactions={(1, 2): None}, default_interaction=GLUE,
+        surfaces={"lower": (1,), "upper": (2,)},
+        contacts=[Contact(("lower", "upper"), SlipWeakening(0.6, 0.1, 0.2))],
+        loads=[PrescribedVelocity(BOTTOM, 0, 0.0), PrescribedVelocity(BOTTOM, 1, 0.0),
+               Gravity((0.0, -10.0))],
+        initial_velocity={
+            tag: lambda x, v=v: np.stack([v + 0.0 * x[0], 0.0 * x[0]])
+            for tag, v in ((1, 0.0), (2, 2.0))
+        },
+    )  # fmt: skip
+    return scene, {"step": 2e-3, "tolerance": 1e-10, "scheme": "implicit"}, 40
+
+
+SCENES = {
+    f.__name__: f
+    for f in (cloud, explicit, boxes, heap, shards, turning_shards, explicit_shards, slide)
+}
+
+
+def run(name: str) -> dict[str, np.ndarray]:
+    """Histories and final values of a scene, the same on every rank."""
+    scene, options, steps = SCENES[name]()
+    simulation = Simulation(scene, **options)
+    history: dict[str, list] = {}
+
+    def momentum():
+        values = (simulation.bulk.mass * simulation.state.velocity).reshape(-1, scene.dim)
+        return simulation.ranks.sum(values.sum(axis=0))
+
+    start, gather = momentum(), simulation.ranks.gather
+    for record in simulation.steps(steps * simulation.step_size):
+        forces = find_contact_forces(simulation)
+        now = record.energies | {
+            "momentum": momentum(), "pushed": len(forces.force), "sweeps": record.sweeps,
+            "force": np.abs(forces.force).sum(axis=0),
+        }  # fmt: skip
+        for key, value in now.items():
+            history.setdefault(key, []).append(value)
+    cells = simulation.bodies.parent_cell
+    dofmap = simulation.forms.V.dofmap.list
+    found = {
+        name: gather(cells, getattr(simulation.state, name).reshape(-1, scene.dim)[dofmap])
+        for name in ("displacement", "velocity")
+    }
+    order = np.lexsort((*forces.position.T.round(6), *forces.bodies.T))
+    found |= {f"contact_{k}": v[order] for k, v in forces._asdict().items()}
+    found |= {"fragment": measure_fragments(simulation).fragment, "start": start}
+    interactions = simulation.interactions
+    contacts = sum(map(len, interactions.contacts))
+    permanent = simulation.ranks.sum(sum(map(len, interactions.groups)) - contacts)
+    found |= {"damage": interactions.gather("damage"),
+              "retired": interactions.num_points - permanent}  # fmt: skip
+    everyone = simulation.team.comm.allgather
+    found["held"] = np.array(everyone([
+        simulation.bodies.num_bodies, simulation.bulk.num_dofs,
+        contacts, interactions.inverse.num_nodes - interactions.bulk_inverse.num_nodes,
+    ]))  # fmt: skip
+    return {k: np.array(v) for k, v in history.items()} | found
+
+
+def record(folder: str, last: int, restart: bool) -> None:
+    """Run to a step of `heap`, or go on to it."""
+    scene, options, steps = heap()
+    simulation = Simulation(scene, **options)
+    end = steps * simulation.step_size
+    recorder = Recorder(simulation, folder, end_time=end, fields=10, restart=restart)
+    for _ in recorded_steps(recorder, last * simulation.step_size, "heap", quiet=True):
+        pass
+
+
+def main() -> None:
+    for argument in sys.argv[2:]:
+        if "=" in argument:
+            folder, last = argument.rsplit("=", 1)
+            record(f"{sys.argv[1]}/{folder}", int(last), "restart" in sys.argv)
+        elif argument != "restart":
+            found = run(argument)
+            if MPI.COMM_WORLD.rank == 0:
+                np.savez(f"{sys.argv[1]}/{argument}.npz", **found)
+
+
+if __name__ == "__main__":
+    run_together(main)
