@@ -83,7 +83,7 @@ class EmptyBulk(KeepsNothing):
         """Zero."""
         return 0.0
 
-    def commit(self, displacement: np.ndarray, internal: np.ndarray) -> None:
+    def commit(self, displacement, internal, impulses, step: float) -> None:
         """No internal variables to move on."""
 
 
