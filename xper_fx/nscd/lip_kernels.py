@@ -11,6 +11,7 @@ import numpy as np
 
 from xper_fx.cache import njit
 from xper_fx.nscd.algebra.small import for_dimension
+from xper_fx.nscd.kernel_options import MERGED
 
 # Square of the measure of the middle of two lips, beside that at the start, where they fold.
 _FOLDED = 0.5
@@ -70,7 +71,7 @@ def lip_kernels(dim: int, k: int, width: int) -> LipKernels:
 
     if dim == 2:
 
-        @njit(inline="always")
+        @njit(fastmath={"contract"}, **MERGED)
         def tangents(v, nodes, gradient, i):
             x, y = 0.0, 0.0
             for s in range(2):
@@ -164,7 +165,7 @@ def lip_kernels(dim: int, k: int, width: int) -> LipKernels:
                 a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0],
             )  # fmt: skip
 
-        @njit(inline="always")
+        @njit(fastmath={"contract"}, **MERGED)
         def tangents(v, nodes, gradient, i):
             first, second = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
             for s in range(2):

@@ -57,7 +57,7 @@ from xper_fx.cache import njit
 from xper_fx.nscd.algebra.small import for_dimension
 from xper_fx.nscd.couplings import Sides, prefetch
 from xper_fx.nscd.couplings import motion as relative_motion
-from xper_fx.nscd.kernel_options import LEAN_ENTRY
+from xper_fx.nscd.kernel_options import LEAN_ENTRY, MERGED
 from xper_fx.nscd.laws.law import STORED, LawKernels
 from xper_fx.nscd.lip_kernels import lip_kernels
 from xper_fx.nscd.lips import Lips, start_frames
@@ -249,7 +249,7 @@ def _find_site(dim: int, width: int):
     flips, folded, frame_of, arms_of = lips.flips, lips.folded, lips.frame, lips.arms
     spin_of = lips.spin
 
-    @njit(inline="always")
+    @njit(fastmath={"contract"}, **MERGED)
     def find(i, turning, motion, reach):
         nodes, gradient = turning.nodes, turning.gradient
         start = plus(
