@@ -25,6 +25,7 @@ OTHER_TIERS = ("slow", "ranks", "docs", "demos")
 # Files that take longest, in this order: begun first, so that all workers end together.
 LONGEST = (
     "parallel/test_parallel.py",
+    "parallel/test_touching.py",
     "hard_cases/test_periodic_compression.py",
     "output/test_effects.py",
     "parallel/test_parallel_output.py",

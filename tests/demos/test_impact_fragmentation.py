@@ -73,8 +73,9 @@ def test_fragments_are_what_bonds_connect(broken):
 
 
 def test_pieces_meet_again(tmp_path):
-    # faster than above, where the last digits of a machine decide whether any do
-    result = demo.main([*SMALL, "--speed", "4.0", "--no-plot", "--out", str(tmp_path)])
+    # faster and longer than above, where the last digits of a machine decide whether any do
+    faster = ["--speed", "6.0", "--end-time", "0.42"]
+    result = demo.main([*SMALL, *faster, "--no-plot", "--out", str(tmp_path)])
     assert len(result["met"]) > 0
 
 
