@@ -28,11 +28,10 @@ from __future__ import annotations
 
 from xper_fx.cache import njit
 from xper_fx.nscd.algebra.small import SINGULAR
-from xper_fx.nscd.kernel_options import MERGED_ENTRY
 from xper_fx.nscd.laws.signorini import NO_SLIP, OPEN, SLIP, STICK
 
 
-@njit(**MERGED_ENTRY)
+@njit(inline="always")
 def coulomb_plane(b, w, v_min, shift, mu, bound):
     if b[0] >= v_min or w[0] <= SINGULAR * w[2]:
         return (0.0, 0.0), OPEN

@@ -52,7 +52,7 @@ import numpy as np
 
 from xper_fx.cache import njit
 from xper_fx.nscd.algebra.small import for_dimension
-from xper_fx.nscd.kernel_options import LEAN_INNER, MERGED_ENTRY
+from xper_fx.nscd.kernel_options import LEAN_INNER
 from xper_fx.nscd.laws.contact_solver import contact_solver
 from xper_fx.nscd.laws.law import CoulombPoints, LawKernels
 from xper_fx.nscd.laws.parameters import (
@@ -258,7 +258,7 @@ def contact_kernels(
             for j in range(1, dim):
                 terms[i, _SHIFT + j - 1] = lag * velocity[j]
 
-    @njit(**MERGED_ENTRY)
+    @njit(inline="always")
     def solve(i, u, r, w, parameters, terms, details):
         wi = sym_row(w, i)
         b = subtract(u, sym_vector(wi, r))
