@@ -8,8 +8,32 @@ from functools import cache
 from xper_fx.cache import njit
 from xper_fx.nscd.algebra.small import for_dimension
 from xper_fx.nscd.couplings import Sides, motion
-from xper_fx.nscd.kernel_options import LEAN_ENTRY
+from xper_fx.nscd.kernel_options import LEAN_ENTRY, MERGED
 from xper_fx.nscd.laws.law import LawKernels
+
+
+@cache
+def ending(law: LawKernels, sides: Sides):
+    """Kernel that ends the step of point i of p, `PointArrays`.
+
+    Its jump, `jump0` (m) at the start, has changed at the rate `mean` (m/s); `u` is the velocity at
+    the end.
+    """
+    algebra = for_dimension(sides.dim, sides.components)
+    row, set_row, add, scale = algebra.row, algebra.set_row, algebra.add, algebra.scale
+    commit = law.commit
+
+    @njit(**MERGED)
+    def end(i, jump0, mean, u, p, step, theta):
+        jump1 = add(jump0, scale(step, mean))
+        p.status[i] = commit(
+            i, jump0, jump1, u, row(p.impulse, i), p.area[i], step, theta, p.parameters,
+            p.state, p.terms, p.details, p.energy,
+        )  # fmt: skip
+        set_row(p.jump, i, jump1)
+        set_row(p.velocity, i, u)
+
+    return end
 
 
 @cache
@@ -17,8 +41,8 @@ def step_loops(law: LawKernels, sides: Sides):
     """The loops of a law's `prepare` and `commit` over ranges of the points p, `PointArrays`."""
     read, _ = motion(sides)
     algebra = for_dimension(sides.dim, sides.components)
-    row, set_row, add, scale = algebra.row, algebra.set_row, algebra.add, algebra.scale
-    prepare, commit = law.prepare, law.commit
+    row, add, scale = algebra.row, algebra.add, algebra.scale
+    prepare, end = law.prepare, ending(law, sides)
 
     @njit(nogil=True, **LEAN_ENTRY)
     def prepare_range(first, last, p, step, theta):
@@ -33,13 +57,7 @@ def step_loops(law: LawKernels, sides: Sides):
         for i in range(first, last):
             jump0, u = row(p.jump, i), read(v, c, i)
             mean = add(scale(theta, u), scale(1.0 - theta, row(p.velocity, i)))
-            jump1 = add(jump0, scale(step, mean))
-            p.status[i] = commit(
-                i, jump0, jump1, u, row(p.impulse, i), p.area[i], step, theta, p.parameters,
-                p.state, p.terms, p.details, p.energy,
-            )  # fmt: skip
-            set_row(p.jump, i, jump1)
-            set_row(p.velocity, i, u)
+            end(i, jump0, mean, u, p, step, theta)
 
     return prepare_range, commit_range
 

@@ -58,6 +58,7 @@ from xper_fx.nscd.algebra.small import for_dimension
 from xper_fx.nscd.couplings import Sides, prefetch
 from xper_fx.nscd.couplings import motion as relative_motion
 from xper_fx.nscd.kernel_options import LEAN_ENTRY, MERGED
+from xper_fx.nscd.law_loops import ending
 from xper_fx.nscd.laws.law import STORED, LawKernels
 from xper_fx.nscd.lip_kernels import lip_kernels
 from xper_fx.nscd.lips import Lips, start_frames
@@ -418,7 +419,7 @@ def commit_loop(law: LawKernels, sides: Sides, width: int):
     dim, components = sides[:2]
     own, world = for_dimension(dim, components), for_dimension(dim)
     lips = lip_kernels(dim, sides.k, width)
-    row, set_row, dot = own.row, own.set_row, own.dot
+    row, dot = own.row, own.dot
     add, subtract, scale = own.add, own.subtract, own.scale
     row_world, to_local, plus = world.row, own.to_local, lips.plus
     tangents, pushed, turned = lips.tangents, lips.pushed, lips.turned
@@ -426,7 +427,7 @@ def commit_loop(law: LawKernels, sides: Sides, width: int):
     spin_of, local = lips.spin, lips.local
     turn_at, add_world, scale_world = lips.turn_at, world.add, world.scale
     read, _ = relative_motion(sides)
-    commit, gained = law.commit, _gained(law)
+    end_step, gained = ending(law, sides), _gained(law)
 
     @njit(inline="always")
     def own_part(x):
@@ -478,13 +479,7 @@ def commit_loop(law: LawKernels, sides: Sides, width: int):
                 booked -= dot(row(p.impulse, i), spin)
                 booked -= gained(i, jump0, p.area[i], p.parameters, p.state, p.energy)
                 mean = subtract(mean, spin)
-            jump1 = add(jump0, scale(step, mean))
-            p.status[i] = commit(
-                i, jump0, jump1, u, row(p.impulse, i), p.area[i], step, theta, p.parameters,
-                p.state, p.terms, p.details, p.energy,
-            )  # fmt: skip
-            set_row(p.jump, i, jump1)
-            set_row(p.velocity, i, u)
+            end_step(i, jump0, mean, u, p, step, theta)
         return booked
 
     return commit_range
