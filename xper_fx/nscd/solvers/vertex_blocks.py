@@ -60,6 +60,9 @@ _TINY = np.finfo(np.float64).tiny
 _MANY = 1000
 # Pieces of work for threads; fixed, so that nothing depends on their number.
 _CHUNKS = 64
+# Squared size of a correction beside the impulses found (of redundant points, whose matrix is all
+# but singular) from which its rounding in the velocities counts: they are made anew.
+_SWOLLEN = 1e6
 # Pivot of an update below which the direction is left out.
 _SINGULAR = 1e-12
 # Component of a vector, relative to its length, that comes from rounding as it is turned.
@@ -592,7 +595,10 @@ def _chain(laws: tuple[LawKernels, ...], dim: int, unknowns: int, alone: bool, t
 
 @cache
 def _solve_kernel(laws: tuple[LawKernels, ...], dim: int, unknowns: int, turns: bool):
-    """All vertices: `solve(v, blocks, groups, tolerance, max_sweeps, relax, speed, parts)`."""
+    """All vertices: `solve(v, free, blocks, groups, tolerance, max_sweeps, relax, speed, parts)`.
+
+    `v` are the free velocities at first, and `free` a copy of them.
+    """
     nest = _nest(len(laws))
     algebra = for_dimension(dim, unknowns)
     row, set_row, dot, scale = algebra.row, algebra.set_row, algebra.dot, algebra.scale
@@ -645,8 +651,18 @@ def _solve_kernel(laws: tuple[LawKernels, ...], dim: int, unknowns: int, turns: 
             for x in range(unknowns):
                 blocks.slope[blocks.offsets[b] + j // unknowns, j % unknowns, x] = 0.0
 
+    @_KERNEL
+    def act_again(b, v, free, blocks, groups):
+        """Velocities from the free ones and all impulses, without what rounding has left."""
+        for p in range(blocks.offsets[b], blocks.offsets[b + 1]):
+            for side in range(2):
+                first = np.uintp(blocks.start[p, side])
+                for d in range(np.uintp(dim)):
+                    v[first + d] = free[first + d]
+        warm_all(b, v, blocks, 0, groups)
+
     @njit(inline="always")
-    def solve_vertex(b, v, blocks, groups, tolerance, max_sweeps, relax, speed):
+    def solve_vertex(b, v, free, blocks, groups, tolerance, max_sweeps, relax, speed):
         """Returns sweeps, squared relative error, squared traction change, converged."""
         warm_all(b, v, blocks, 0, groups)
         # impulses whose effect is within the rounding of the velocities
@@ -654,6 +670,8 @@ def _solve_kernel(laws: tuple[LawKernels, ...], dim: int, unknowns: int, turns: 
         bound = tolerance * tolerance
         newton = blocks.inverse_offsets[b + 1] > blocks.inverse_offsets[b]
         previous, batch, length, fresh = np.inf, 0, _BATCH, 0
+        # squares of the largest correction, and of what may come and go unseen in velocities
+        peak, unseen = 0.0, _SWOLLEN * speed * speed * blocks.rounding[b]
         if not newton:
             batch = max_sweeps
         for count in range(1, max_sweeps + 1):
@@ -664,8 +682,12 @@ def _solve_kernel(laws: tuple[LawKernels, ...], dim: int, unknowns: int, turns: 
                 if previous < np.inf and changed < previous:
                     rho = np.sqrt(changed / previous)
                     error = changed * max(1.0, rho / (1.0 - rho)) ** 2
-                previous = changed if batch > 0 else np.inf
+                previous, peak = changed if batch > 0 else np.inf, max(peak, changed)
                 if changed <= floor or error <= bound * total:
+                    if peak > unseen + _SWOLLEN * total:
+                        act_again(b, v, free, blocks, groups)
+                        peak, previous = 0.0, np.inf
+                        continue
                     if evolve_all(b, v, groups) <= tolerance:
                         left = 0.0 if changed <= floor else min(error, changed) / max(total, _TINY)
                         return count, left, largest, True
@@ -687,7 +709,12 @@ def _solve_kernel(laws: tuple[LawKernels, ...], dim: int, unknowns: int, turns: 
                 error = max(changed, multiply(blocks, b))
                 if error > bound * total:
                     correct_all(b, v, blocks, 0, groups)
+                    peak = max(peak, error)
                     continue
+            if peak > unseen + _SWOLLEN * total:
+                act_again(b, v, free, blocks, groups)
+                peak, previous, fresh = 0.0, np.inf, 0
+                continue
             if evolve_all(b, v, groups) <= tolerance:
                 left = 0.0 if changed <= floor else error / max(total, _TINY)
                 return count, left, largest, True
@@ -707,11 +734,13 @@ def _solve_kernel(laws: tuple[LawKernels, ...], dim: int, unknowns: int, turns: 
         )  # fmt: skip
 
     @_KERNEL
-    def solve_range(lo, hi, v, blocks, arrays, tolerance, max_sweeps, relax, speed, parts, chunk):
+    def solve_range(
+        lo, hi, v, free, blocks, arrays, tolerance, max_sweeps, relax, speed, parts, chunk
+    ):
         groups, blocks = nest(arrays), of_chunk(blocks, chunk)
         for b in range(lo, hi):
             count, error, largest, converged = solve_vertex(
-                b, v, blocks, groups, tolerance, max_sweeps, relax, speed
+                b, v, free, blocks, groups, tolerance, max_sweeps, relax, speed
             )
             parts[chunk, 0] = max(parts[chunk, 0], count)
             parts[chunk, 1] = max(parts[chunk, 1], error)
@@ -719,18 +748,18 @@ def _solve_kernel(laws: tuple[LawKernels, ...], dim: int, unknowns: int, turns: 
             parts[chunk, 3] += 0.0 if converged else 1.0
 
     @njit(parallel=True, nogil=True)
-    def solve_all(v, blocks, arrays, tolerance, max_sweeps, relax, speed, parts):
+    def solve_all(v, free, blocks, arrays, tolerance, max_sweeps, relax, speed, parts):
         num = len(blocks.rounding)
         for chunk in prange(_CHUNKS):
             solve_range(
-                chunk * num // _CHUNKS, (chunk + 1) * num // _CHUNKS, v, blocks, arrays,
+                chunk * num // _CHUNKS, (chunk + 1) * num // _CHUNKS, v, free, blocks, arrays,
                 tolerance, max_sweeps, relax, speed, parts, chunk,
             )  # fmt: skip
 
     @njit(nogil=True, **LEAN_ENTRY)
-    def solve_serial(v, blocks, arrays, tolerance, max_sweeps, relax, speed, parts):
+    def solve_serial(v, free, blocks, arrays, tolerance, max_sweeps, relax, speed, parts):
         num = len(blocks.rounding)
-        solve_range(0, num, v, blocks, arrays, tolerance, max_sweeps, relax, speed, parts, 0)
+        solve_range(0, num, v, free, blocks, arrays, tolerance, max_sweeps, relax, speed, parts, 0)
 
     return solve_serial, solve_all
 
@@ -775,6 +804,7 @@ class VertexBlocks(Solver):
         speed = max(np.abs(velocity).max(), np.finfo(float).tiny)
         kernel(
             velocity,
+            velocity.copy(),
             blocks,
             arrays,
             options.tolerance,
