@@ -57,6 +57,7 @@ def bar_on_wall(contact, *, label=0, **options):
     return simulation, np.array(history) / scale
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "options, rebound",
     [

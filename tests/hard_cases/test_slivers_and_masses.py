@@ -105,6 +105,7 @@ def test_static_pressure(name, solver, figure):
         assert pressure[wall] == pytest.approx(above[0], rel=0.02)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", COLUMNS)
 def test_momentum_of_an_explicit_column(name, figure):
     edges, rows, densities = COLUMNS[name]

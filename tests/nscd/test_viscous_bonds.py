@@ -365,6 +365,7 @@ def soft(**options):
     return xf.laws.Adhesion(2e4, 0.05, **options)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scheme", ["explicit", "implicit"])
 def test_the_ledger_books_viscous_work_apart_and_closes(scheme):
     simulation = xf.Simulation(plate(soft()), 1e-4, scheme=scheme, tolerance=1e-12, num_threads=1)

@@ -216,6 +216,7 @@ def test_laws_and_materials_of_a_user_join_the_table():
     assert not any(line.startswith("perfect bond") for line in table)
 
 
+@pytest.mark.slow
 def test_phases_of_an_effect_are_read_from_the_profile():
     simulation = effect_scenes.static()
     rows = {row.name: row for row in effects_of(simulation)}

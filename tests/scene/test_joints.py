@@ -48,6 +48,7 @@ def energy(simulation) -> float:
 # -- motions
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dim", [2, 3])
 def test_a_pendulum_of_large_swings(dim):
     """Period of the elliptic integral, energy and gap of second order that do not grow."""
@@ -293,6 +294,7 @@ def test_a_wire_catches_what_falls(restitution):
         assert simulation.ledger.energies.dissipated_impact == pytest.approx(G * drop, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_a_taut_wire_swings_without_loss():
     """As a pendulum: neither longer nor with another energy, whatever its restitution."""
     start = np.array([np.sin(1.0), -np.cos(1.0)])
