@@ -224,6 +224,7 @@ def random_cluster(rng, dim):
     return Cluster(parts), told
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dim", [2, 3])
 def test_contacts_are_those_of_brute_force(dim):
     """Bodies that are apart: the smallest gap of each pair, over all parts, and where it is."""

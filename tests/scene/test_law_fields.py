@@ -193,6 +193,7 @@ def test_a_lognormal_field_has_its_mean_scatter_and_length():
 # -- they are as good as numbers
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scheme", ["explicit", "implicit"])
 def test_a_constant_field_runs_as_its_number_does(scheme):
     def last(bond):

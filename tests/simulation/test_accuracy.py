@@ -446,6 +446,7 @@ def test_a_doubled_step_is_dropped_if_steps_change_or_it_found_another_state():
     assert doubling.size == 0.0 and not doubling.is_due
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("accuracy", [1e-2, 1e-3])
 def test_plastic_flow_tells_its_error(accuracy):
     """Static, against ten times finer steps: work and dissipation within a factor of 5."""

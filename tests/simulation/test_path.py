@@ -154,6 +154,7 @@ def test_both_controls_find_the_same_path():
     np.testing.assert_allclose(jumps[1], jumps[0], atol=1e-6 * np.abs(jumps[0]).max())
 
 
+@pytest.mark.slow
 def test_a_path_turns_where_another_bond_leads():
     """A bond beside a ligament opens until a stronger one behind both snaps back: the first closes.
 
@@ -389,6 +390,7 @@ def test_a_snap_is_told(caplog):
     assert freed == pytest.approx(held - 100.0 * HEIGHT, rel=0.01)
 
 
+@pytest.mark.slow
 def test_viscous_bonds_snap_in_time():
     """Where the load alone finds no equilibrium; the viscosity takes up part of what is freed."""
     law = CohesiveZone(1e12, 100.0, 3e6, viscosity=0.1)

@@ -403,6 +403,7 @@ def test_rate_two_in_h_from_child_processes(folder, monkeypatch):
     assert len(json.loads((folder / "results.json").read_text())["runs"]) == 3
 
 
+@pytest.mark.slow
 def test_an_interrupted_study_goes_on(folder, monkeypatch):
     """Only what is missing is run: of three runs the one without record, and a new one."""
     study = swinging(courants=[0.25])
