@@ -211,7 +211,7 @@ class SteppedPoints(PointValues):
         for g in self._permanent.groups:
             if g.turning is not None and (of_gaps or not g.kernels.no_jump):
                 add_couples = couple_loop(g.sides, g.turning.width)
-                add_couples(total.reshape(-1), self._of_cell, g.couplings, g.turning, g.impulse)
+                add_couples(total.reshape(-1), self._of_cell, g.turning, g.impulse)
         alone = self.halo is None and self.fused is None  # else they are given on
         self._couples = total.reshape(-1) if alone else total.reshape(-1).copy()
         if self.halo is not None:

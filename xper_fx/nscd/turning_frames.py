@@ -117,12 +117,12 @@ class TurningFrames(NamedTuple):
         nodes, gradient, tangent: of the lips of each site (`lips.py`).
         start, axes: F at the start and in the middle of the step, shape (sites, 1, 2), the
             normal, or (sites, 3, 3).
-        omega: shape (sites, 1) or (sites, 3), spin in v_theta, rad/s.
+        omega: shape (sites, 1) or (sites, 3), spin in v_theta in the axes, rad/s.
         arms: b, shape (sites, 1, 2), or b_1, b_2, c_1, c_2, shape (sites, 4, 3), 1/m.
         faults: shape (sites,), uint8, whether lips flip or fold, `_FLIPPED` and `_FOLDED`.
-        moment: shape (sites, 1) or (sites, 3), what couples add up to, N m s.
+        moment: shape (sites, 1) or (sites, 3), what couples add up to in the axes, N m s.
         site: shape (n,), int32, of each point.
-        jump: d_m, shape (n, dim), m.
+        jump: F_m d_m, shape (n, dim), m.
         by_spin: shape (n,), which points are of the second kind.
         kept: shape (n,), which points keep the frame that they had, without couple.
         isotropic: shape (n,), whether the energy hangs on the length of an open jump alone.
@@ -269,7 +269,7 @@ def _find_site(dim: int, width: int):
         if not flipped:
             before, axes = frame_of(start), frame_of(a)
             arms = arms_of(a, axes)
-            omega = spin_of(rates, arms, axes[0])
+            omega = spin_of(rates, arms, axes)
             for x in range(len(omega)):
                 turning.omega[i, x] = omega[x]
             for x in range(1 if dim == 2 else 3):
@@ -350,10 +350,12 @@ def turn_loop(sides: Sides, width: int):
             site = np.uintp(turning.site[i])
             d0, rate0 = apart(motion.displacement, c, i), apart(motion.velocity, c, i)
             fault = turning.faults[site]
-            loose = damage == LOOSE or (damage >= 0 and state[i, damage] == 0.0)
-            far = _FAR * _FAR * (area[i] * area[i] if dim == 2 else area[i])
-            turning.kept[i] = loose and (fault != 0 or dot_world(d0, d0) > far)
-            if turning.kept[i]:
+            kept = damage == LOOSE or (damage >= 0 and state[i, damage] == 0.0)
+            if kept:
+                far = _FAR * _FAR * (area[i] * area[i] if dim == 2 else area[i])
+                kept = fault != 0 or dot_world(d0, d0) > far
+            turning.kept[i] = kept
+            if kept:
                 # lips that no longer face each other: the frame stays what it is
                 turning.by_spin[i] = False
                 set_row(jump, i, to_local(c.frame, i, d0))
@@ -362,27 +364,26 @@ def turn_loop(sides: Sides, width: int):
                 continue
             if fault & _FLIPPED:
                 return number
-            mean = rate0 if motion.starts else apart(motion.mean, c, i)
-            d = add_world(d0, scale_world(reach, mean))
             axes = axes_at(turning.axes, site)
             for x in range(1 if dim == 2 else components):
                 for e in range(dim):
                     c.frame[i, x, e] = axes[x][e]
+            anew, fast = local(axes, d0), local(axes, rate0)
+            mean = fast if motion.starts else local(axes, apart(motion.mean, c, i))
+            d = add_world(anew, scale_world(reach, mean))
             set_world(turning.jump, i, d)
-            fast = own_part(local(axes, rate0))
-            opening = dot_world(axes[0], d)
-            closed = opening <= 0.0 or opening * opening <= _CLOSED * _CLOSED * dot_world(d, d)
+            closed = d[0] <= 0.0 or d[0] * d[0] <= _CLOSED * _CLOSED * dot_world(d, d)
             # what was pressed touches in the frame of the end, and may be open in the middle
             closed = closed or pressed[i, 0] > 0.0
             by_spin = not no_jump and (closed or not turning.isotropic[i])
             turning.by_spin[i] = by_spin
             # no branch, which could not be foretold
             share = 1.0 if by_spin else 0.0
-            spin = own_part(local(axes, turned(turn_at(turning.omega, site), d)))
-            set_row(velocity, i, subtract(fast, scale(share * inverse, spin)))
-            anew, there = own_part(local(axes, d0)), axes_at(turning.start, site)
-            change = subtract(own_part(local(there, d0)), anew)
-            set_row(jump, i, add(anew, scale(share if inverse > 0.0 else 0.0, change)))
+            spin = own_part(turned(turn_at(turning.omega, site), d))
+            set_row(velocity, i, subtract(own_part(fast), scale(share * inverse, spin)))
+            there = own_part(local(axes_at(turning.start, site), d0))
+            change = subtract(there, own_part(anew))
+            set_row(jump, i, add(own_part(anew), scale(share if inverse > 0.0 else 0.0, change)))
             jump[i, 0] += gap[i]
         return -1
 
@@ -423,7 +424,7 @@ def commit_loop(law: LawKernels, sides: Sides, width: int):
     add, subtract, scale = own.add, own.subtract, own.scale
     row_world, to_local, plus = world.row, own.to_local, lips.plus
     tangents, pushed, turned = lips.tangents, lips.pushed, lips.turned
-    arms_at, normal_at, axes_at, apart = lips.arms_at, lips.normal_at, lips.axes_at, lips.apart
+    arms_at, axes_at, apart = lips.arms_at, lips.axes_at, lips.apart
     spin_of, local = lips.spin, lips.local
     turn_at, add_world, scale_world = lips.turn_at, world.add, world.scale
     read, _ = relative_motion(sides)
@@ -449,7 +450,7 @@ def commit_loop(law: LawKernels, sides: Sides, width: int):
             if by_spin:
                 site = np.uintp(turning.site[i])
                 d, known = row_world(turning.jump, i), turn_at(turning.omega, site)
-                start = add(start, scale(inverse, to_local(c.frame, i, turned(known, d))))
+                start = add(start, scale(inverse, own_part(turned(known, d))))
             mean = add(scale(theta, u), scale(1.0 - theta, start))
             spin = scale(0.0, jump0)
             if by_spin and inverse == 0.0:
@@ -458,13 +459,13 @@ def commit_loop(law: LawKernels, sides: Sides, width: int):
                 change = subtract(there, to_local(c.frame, i, d0))
                 spin, jump0 = scale(1.0 / step, change), add(jump0, change)
             elif by_spin:
-                arms, n = arms_at(turning.arms, site), normal_at(c.frame, i)
+                arms, axes = arms_at(turning.arms, site), axes_at(turning.axes, site)
                 rates = plus(
                     pushed(motion.rate, turning.tangent, site, 0.0),
                     1.0,
                     tangents(v, nodes, gradient, site),
                 )
-                end = spin_of(rates, arms, n)
+                end = spin_of(rates, arms, axes)
                 if motion.starts:  # what is known is that of v0
                     at_start = known
                 else:
@@ -473,8 +474,8 @@ def commit_loop(law: LawKernels, sides: Sides, width: int):
                         1.0,
                         tangents(motion.velocity, nodes, gradient, site),
                     )
-                    at_start = spin_of(rates, arms, n)
-                spin = to_local(c.frame, i, turned(mixed(theta, end, at_start), d))
+                    at_start = spin_of(rates, arms, axes)
+                spin = own_part(turned(mixed(theta, end, at_start), d))
             if by_spin:
                 booked -= dot(row(p.impulse, i), spin)
                 booked -= gained(i, jump0, p.area[i], p.parameters, p.state, p.energy)
@@ -518,13 +519,15 @@ def power_loop(sides: Sides, width: int):
                 tangents(motion.displacement, nodes, gradient, site),
             )
             axes = frame_of(a)
+            change = local(axes, rate)
             if couples:
                 rates = plus(
                     pushed(motion.rate, tangent, site, 0.0), 1.0, tangents(v, nodes, gradient, site)
                 )
-                omega = spin_of(rates, arms_of(a, axes), axes[0])
-                rate = subtract(rate, turned(omega, apart(motion.displacement, c, i)))
-            total += dot(row(r, i), own_part(local(axes, rate)))
+                omega = spin_of(rates, arms_of(a, axes), axes)
+                d = local(axes, apart(motion.displacement, c, i))
+                change = subtract(change, turned(omega, d))
+            total += dot(row(r, i), own_part(change))
         return total
 
     return power
@@ -540,26 +543,31 @@ def couple_loop(sides: Sides, width: int):
     dim, components = sides[:2]
     own, world = for_dimension(dim, components), for_dimension(dim)
     lips = lip_kernels(dim, sides.k, width)
-    row, to_global, row_world = own.row, own.to_global, world.row
-    forces, moment, arms_at, normal_at = lips.forces, lips.moment, lips.arms_at, lips.normal_at
-    turn_at = lips.turn_at
+    row, row_world, forces, moment = own.row, world.row, lips.forces, lips.moment
+    arms_at, axes_at, turn_at = lips.arms_at, lips.axes_at, lips.turn_at
+
+    @njit(inline="always")
+    def whole(x):
+        if components == dim:
+            return x
+        return (x[0], 0.0) if dim == 2 else (x[0], 0.0, 0.0)
 
     @njit(fastmath={"contract"}, **LEAN_ENTRY)
-    def add_couples(p, cell, c, turning, r):
+    def add_couples(p, cell, turning, r):
         turning.moment[:] = 0.0
         for number in range(len(r)):
             i = np.uintp(number)
             if turning.kept[i]:
                 continue
             site = np.uintp(turning.site[i])
-            m = moment(to_global(c.frame, i, row(r, i)), row_world(turning.jump, i))
+            m = moment(whole(row(r, i)), row_world(turning.jump, i))
             for e in range(len(m)):
                 turning.moment[site, e] += m[e]
         nodes, gradient, tangent = turning.nodes, turning.gradient, turning.tangent
         for number in range(len(nodes)):
             i = np.uintp(number)
             m = turn_at(turning.moment, i)
-            h = forces(m, arms_at(turning.arms, i), normal_at(turning.axes, i))
+            h = forces(m, arms_at(turning.arms, i), axes_at(turning.axes, i))
             for e in range(len(cell)):
                 for x in range(dim - 1):
                     for y in range(dim):
