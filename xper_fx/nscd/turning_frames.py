@@ -429,6 +429,7 @@ def commit_loop(law: LawKernels, sides: Sides, width: int):
     turn_at, add_world, scale_world = lips.turn_at, world.add, world.scale
     read, _ = relative_motion(sides)
     end_step, gained = ending(law, sides), _gained(law)
+    turns, num_arms = (1, 1) if dim == 2 else (3, 4)
 
     @njit(inline="always")
     def own_part(x):
@@ -440,17 +441,38 @@ def commit_loop(law: LawKernels, sides: Sides, width: int):
             return (theta * end[0] + (1.0 - theta) * start[0],)
         return add_world(scale_world(theta, end), scale_world(1.0 - theta, start))
 
+    @njit(inline="always")
+    def fetch(turning, i):
+        # few points are of the second kind, and whatever lies at them would come late
+        site, corners = np.uintp(turning.site[i]), np.uintp(2 * width)
+        prefetch(turning.jump, i * np.uintp(dim))
+        prefetch(turning.nodes, site * corners)
+        prefetch(turning.gradient, site * corners * np.uintp(dim - 1))
+        prefetch(turning.omega, site * np.uintp(turns))
+        prefetch(turning.axes, site * np.uintp(turns * dim))
+        prefetch(turning.arms, site * np.uintp(num_arms * dim))
+
     @njit(nogil=True, **LEAN_ENTRY)
     def commit_range(first, last, v, c, p, step, theta, turning, motion, inverse):
-        nodes, gradient, booked = turning.nodes, turning.gradient, 0.0
+        nodes, gradient, booked, known = turning.nodes, turning.gradient, 0.0, first
         for number in range(first, last):
+            if number == known:
+                known = min(known + _AT_A_TIME, last)
+                for other in range(number, known):
+                    if turning.by_spin[other]:
+                        fetch(turning, np.uintp(other))
+                for other in range(number, known):
+                    if turning.by_spin[other]:
+                        for side in range(2):
+                            for j in range(width):
+                                prefetch(v, np.uintp(dim * nodes[turning.site[other], side, j]))
             i = np.uintp(number)
             jump0, start, u = row(p.jump, i), row(p.velocity, i), read(v, c, i)
             by_spin = turning.by_spin[i]
             if by_spin:
                 site = np.uintp(turning.site[i])
-                d, known = row_world(turning.jump, i), turn_at(turning.omega, site)
-                start = add(start, scale(inverse, own_part(turned(known, d))))
+                d, omega = row_world(turning.jump, i), turn_at(turning.omega, site)
+                start = add(start, scale(inverse, own_part(turned(omega, d))))
             mean = add(scale(theta, u), scale(1.0 - theta, start))
             spin = scale(0.0, jump0)
             if by_spin and inverse == 0.0:
@@ -467,7 +489,7 @@ def commit_loop(law: LawKernels, sides: Sides, width: int):
                 )
                 end = spin_of(rates, arms, axes)
                 if motion.starts:  # what is known is that of v0
-                    at_start = known
+                    at_start = omega
                 else:
                     rates = plus(
                         pushed(motion.rate, turning.tangent, site, 0.0),
