@@ -8,6 +8,8 @@ rounding whatever it has turned by.
 
 from __future__ import annotations
 
+import logging
+
 import numpy as np
 import pytest
 from scenes import LEFT, RIGHT, box_bodies, field, mesh_of, midpoints, nodes, run, side_tags
@@ -330,6 +332,22 @@ def test_a_facet_that_flips_ends_the_run_and_is_named():
     simulation = Simulation(scene, scheme="explicit", num_threads=1)
     with pytest.raises(ConvergenceError, match=r"facet at \(0\.\d+, 0\.\d+\) flips"):
         run(simulation, 1)
+
+
+def test_a_step_in_which_a_facet_flips_is_cut(caplog):
+    """A plate whose sides would be through its centre after half a step springs back."""
+    scene = Scene(
+        box_bodies((1, 1), (1, 1)),
+        {1: NeoHookean(YOUNG, 0.3, 1.0)},
+        default_interaction=CohesiveZone(1000.0, 0.5, 8.0),
+        initial_velocity=lambda x: 2.5 * np.stack([0.5 - x[0], 0.5 - x[1]]),
+    )
+    simulation = Simulation(scene, 1.0, scheme="implicit", num_threads=1)
+    with caplog.at_level(logging.INFO, logger="xper_fx"):
+        first, *_ = run(simulation, 1)
+    told = [r.getMessage() for r in caplog.records if "flips or degenerates" in r.getMessage()]
+    assert told and first.size < 1.0
+    assert simulation.interactions.gather("damage").min() == 1.0
 
 
 def small_strain(forgiving=False, scheme="implicit"):

@@ -171,7 +171,7 @@ class SteppedPoints(PointValues):
         first = in_ranges(
             turn_loop(g.sides, width), len(g), new, g.couplings, g.points.gap, g.points.area,
             g.turning, self._motion, reach, _share_of_spin(self.theta), g.kernels.no_jump, g.state,
-            _damage(g.kernels), g.committed_impulse, g.jump, g.velocity,
+            _damage(g.kernels), g.committed_impulse, g.compliance, g.jump, g.velocity,
         )  # fmt: skip
         if self.fused is not None or self._permanent.uneven is None:
             g.show_frames()

@@ -88,7 +88,8 @@ _STRAYED = 0.2
 _AT_A_TIME, _AHEAD = 256, 8
 # Normal opening beside the whole one below which a point counts as closed.
 _CLOSED = 1e-3
-# Difference of energies, relative, that is rounding.
+# Difference of energies, relative, that is rounding, and speed that an impulse gives, beside that
+# of the lips.
 _ALIKE = 1e-12
 
 
@@ -308,8 +309,8 @@ def turn_loop(sides: Sides, width: int):
     """The loop over a range of points that gives them what a step needs.
 
     That is frames, jumps and velocities. Facets have `width` nodes, `pressed` are the impulses of
-    the last step. Sites from `new` on are found on the way. It returns the first point whose facet
-    flips, or -1.
+    the last step, of which a solver may leave rounding where lips are open. Sites from `new` on are
+    found on the way. It returns the first point whose facet flips, or -1.
     """
     dim, components = sides[:2]
     own, world = for_dimension(dim, components), for_dimension(dim)
@@ -335,7 +336,7 @@ def turn_loop(sides: Sides, width: int):
     @njit(nogil=True, fastmath={"contract"}, **LEAN_ENTRY)
     def turn_range(
         first, last, new, c, gap, area, turning, motion, reach, inverse, no_jump, state, damage,
-        pressed, jump, velocity,
+        pressed, compliance, jump, velocity,
     ):  # fmt: skip
         known = first
         for number in range(first, last):
@@ -376,7 +377,9 @@ def turn_loop(sides: Sides, width: int):
             set_world(turning.jump, i, d)
             closed = d[0] <= 0.0 or d[0] * d[0] <= _CLOSED * _CLOSED * dot_world(d, d)
             # what was pressed touches in the frame of the end, and may be open in the middle
-            closed = closed or pressed[i, 0] > 0.0
+            if not closed and pressed[i, 0] > 0.0:
+                given = pressed[i, 0] * compliance[i, 0]
+                closed = given * given > _ALIKE * _ALIKE * dot_world(rate0, rate0)
             by_spin = not no_jump and (closed or not turning.isotropic[i])
             turning.by_spin[i] = by_spin
             # no branch, which could not be foretold
