@@ -8,16 +8,18 @@ rounding whatever it has turned by.
 
 from __future__ import annotations
 
+import logging
+
 import numpy as np
 import pytest
-from scenes import LEFT, RIGHT, box_bodies, field, mesh_of, nodes, run, side_tags
+from scenes import LEFT, RIGHT, box_bodies, field, mesh_of, midpoints, nodes, run, side_tags
 
 from xper_fx.bodies.explode import EACH_CELL, explode
 from xper_fx.bodies.join import join_meshes
 from xper_fx.bodies.meshes import tag_facets
 from xper_fx.forms.loads import Gravity, SurfaceTraction
 from xper_fx.materials import LinearElastic, NeoHookean, SaintVenantKirchhoff
-from xper_fx.nscd.laws import CohesiveZone, PerfectBond, SignoriniCoulomb
+from xper_fx.nscd.laws import Adhesion, CohesiveZone, MixedMode, PerfectBond, SignoriniCoulomb
 from xper_fx.scene.scene import Scene
 from xper_fx.scene.tie import Tie
 from xper_fx.scene.wall import Wall
@@ -255,6 +257,70 @@ def test_turned_or_moving_scenes_have_the_same_history(dim, scheme, tangential, 
         assert energies == pytest.approx([energies[0]] * 3, rel=1e-7, abs=1e-12)
 
 
+OTHERS = {
+    "viscous adhesion": Adhesion(1000.0, 0.05, viscosity=0.02),
+    "modes apart": MixedMode(1000.0, (5.0, 7.0), (0.3, 0.5), 2.0, tangential_stiffness=600.0),
+    "half broken": CohesiveZone(1000.0, 0.3, 5.0, 300.0, friction=0.2, initial_damage=0.5),
+    "contact": SignoriniCoulomb(0.4, contact="position"),
+}
+
+
+@pytest.mark.parametrize("law", OTHERS)
+def test_other_laws_have_the_same_history(law, figure):
+    """As above, in 2D with an explicit bulk; bonds turn by 10 degrees and more within it."""
+    still, wind = np.zeros(2), np.array([0.7, -0.4])
+    plain, turned, moving = runs = [
+        breaking_box(2, R, v, "explicit", OTHERS[law])
+        for R, v in ((np.eye(2), still), (TURN, still), (np.eye(2), wind))
+    ]
+    *_, record = [run(simulation, 60)[-1] for simulation in runs]
+    size = np.abs(field(plain)).max()
+    apart = np.abs(field(turned) - field(plain) @ TURN.T).max() / size
+    steady = np.abs(field(moving) - wind * record.time - field(plain)).max() / size
+    figure(f"frame indifference, {law}", "turned, displacement < 1e-9", apart)
+    figure(f"frame indifference, {law}", "moving, displacement < 1e-9", steady)
+    assert apart < 1e-9
+    assert steady < 1e-9
+    normals = plain.interactions.points.frame[:, 0]
+    start = np.repeat(plain.scene.bodies.facets.normal, 2, axis=0)
+    assert np.einsum("pd,pd->p", normals, start).min() < np.cos(np.radians(10.0))
+
+
+@pytest.mark.parametrize("angle", [180, pytest.param(720, marks=pytest.mark.slow)])
+def test_bonds_bear_what_holds_a_spinning_plate_together(angle, figure):
+    """Newton's law of the right half of a plate of cells, once its swinging is damped.
+
+    The bonds between the halves give it M omega^2 r, along their normals; theta = 1 damps.
+    """
+    spin = 0.3
+    scene = Scene(
+        box_bodies((2, 1), (4, 2)),
+        {1: NeoHookean(YOUNG, 0.3, 1.0)},
+        default_interaction=CohesiveZone(1000.0, ENERGY, STRENGTH),
+        initial_velocity=lambda x: spin * np.stack([0.5 - x[1], x[0] - 1.0]),
+    )
+    tight = {"tolerance": 1e-9, "newton_tolerance": 1e-10}
+    simulation = Simulation(scene, 0.02, scheme="implicit", theta=1.0, **tight, num_threads=1)
+    list(simulation.steps(np.radians(angle) / spin))
+    interactions, x = simulation.interactions, nodes(simulation)
+    points, upright = interactions.points, np.abs(scene.bodies.facets.normal[:, 0]) > 0.99
+    at_cut = np.abs(x[points.nodes[:, 0, 0], 0] - 1.0) < 1e-9
+    cut = np.repeat(upright, 2) & at_cut
+    assert points.area[cut].sum() == pytest.approx(1.0)
+    pull, shear = -points.area[cut] @ interactions.gather("traction")[cut]
+    place, mass = x + field(simulation), simulation.bulk.mass[::2]
+    arm = place - mass @ place / mass.sum()
+    omega = momenta(simulation)[1] / (mass @ (arm**2).sum(axis=1))
+    V = simulation.forms.V
+    right = V.dofmap.list[midpoints(V.mesh)[0] > 1.0].ravel()  # no two cells have a node in common
+    expected = omega**2 * np.linalg.norm(mass[right] @ arm[right])
+    what = f"plate that spins, turned by {angle} degrees"
+    figure(what, "traction of the cut beside M omega^2 r: error < 1e-4", pull / expected - 1.0)
+    assert pull == pytest.approx(expected, rel=1e-4)
+    assert abs(shear) < 1e-4 * pull
+    assert interactions.gather("damage").min() == 1.0
+
+
 def test_a_facet_that_flips_ends_the_run_and_is_named():
     """A block that collapses through its centre within any step: no normal is left."""
     scene = Scene(
@@ -266,6 +332,22 @@ def test_a_facet_that_flips_ends_the_run_and_is_named():
     simulation = Simulation(scene, scheme="explicit", num_threads=1)
     with pytest.raises(ConvergenceError, match=r"facet at \(0\.\d+, 0\.\d+\) flips"):
         run(simulation, 1)
+
+
+def test_a_step_in_which_a_facet_flips_is_cut(caplog):
+    """A plate whose sides would be through its centre after half a step springs back."""
+    scene = Scene(
+        box_bodies((1, 1), (1, 1)),
+        {1: NeoHookean(YOUNG, 0.3, 1.0)},
+        default_interaction=CohesiveZone(1000.0, 0.5, 8.0),
+        initial_velocity=lambda x: 2.5 * np.stack([0.5 - x[0], 0.5 - x[1]]),
+    )
+    simulation = Simulation(scene, 1.0, scheme="implicit", num_threads=1)
+    with caplog.at_level(logging.INFO, logger="xper_fx"):
+        first, *_ = run(simulation, 1)
+    told = [r.getMessage() for r in caplog.records if "flips or degenerates" in r.getMessage()]
+    assert told and first.size < 1.0
+    assert simulation.interactions.gather("damage").min() == 1.0
 
 
 def small_strain(forgiving=False, scheme="implicit"):
@@ -429,3 +511,78 @@ def test_slid_lips_that_their_bodies_have_left_are_told(caplog):
     list(simulation.steps(1.6))
     told = [r.getMessage() for r in caplog.records if "name a contact" in r.getMessage()]
     assert len(told) == 1
+
+
+def slid_blocks(step):
+    """Two loose blocks that spin, pressed by tractions that go with them, and slide at first.
+
+    Args:
+        step: h (s).
+
+    Returns:
+        Simulation, loads at the nodes (N/m) in axes that turn with the blocks, and the list of the
+        angle of these axes (rad), which has to follow.
+    """
+    angle, speed, spin = [0.0], 0.25, 0.5
+    loads = [
+        SurfaceTraction(
+            side,
+            tuple(lambda t, f=f, s=sign: s * f(angle[0]) for f in (np.cos, np.sin)),
+        )
+        for side, sign in ((RIGHT, -1.0), (LEFT, 1.0))
+    ]
+
+    def velocity(x):
+        upwards = speed * np.where(x[0] > 1.0, 1.0, -1.0) * (np.abs(x[0] - 1.0) > 1e-9)
+        return spin * np.stack([0.5 - x[1], x[0] - 1.0]) + np.stack([0.0 * x[0], upwards])
+
+    scene = Scene(
+        box_bodies((2, 1), (4, 2), label=lambda x: x[0] > 1),
+        {1: NeoHookean(YOUNG, 0.3, 1.0)},
+        default_interaction=SignoriniCoulomb(0.3, contact="position"),
+        loads=loads,
+        initial_velocity=velocity,
+    )
+    simulation = Simulation(scene, step, scheme="explicit", num_threads=1)
+    x = nodes(simulation)
+    along = np.where(x[:, 0] < 1e-9, 1.0, np.where(x[:, 0] > 2.0 - 1e-9, -1.0, 0.0))
+    pushes = along * np.where(np.abs(x[:, 1] - 0.5) < 0.1, 0.5, 0.25)
+    return simulation, pushes, angle
+
+
+def test_slid_lips_turn_with_their_bodies(figure):
+    """Slid by an eighth of a facet, pressed, turned by 150 degrees: contact, slip, momentum.
+
+    What the couples add to the contact's energy is booked and falls with the step.
+    """
+    numerical = []
+    for step in (8e-3, 2e-3):
+        simulation, pushes, angle = slid_blocks(step)
+        x, points = nodes(simulation), simulation.interactions.groups[0]
+        left = np.flatnonzero(x[:, 0] < 1e-9)
+        bottom, top = left[np.argsort(x[left, 1])][[0, -1]]
+        _, angular = momenta(simulation)
+        given, size, closed = 0.0, abs(angular), []
+        kinetic, old = simulation.ledger.energies.kinetic, simulation.state
+        for record in simulation.steps(3.0):
+            middle = x + (old.displacement + 0.5 * record.size * old.velocity).reshape(-1, 2)
+            across = middle[:, 0] * np.sin(angle[0]) - middle[:, 1] * np.cos(angle[0])
+            given += record.size * float(pushes @ across)
+            old, at = simulation.state, x + field(simulation)
+            edge = at[top] - at[bottom]
+            angle[0] = np.unwrap([angle[0], np.arctan2(-edge[0], edge[1])])[1]
+            closed.append(points.jump[:, 0].max() < 2e-3)
+        _, turned = momenta(simulation)
+        error = abs(turned - angular - given) / size
+        slip = np.abs(points.jump[:, 1])
+        figure(f"slid lips that turn, h = {step}", "angular momentum error < 1e-12", error)
+        figure(f"slid lips that turn, h = {step}", "slip of 0.04 to 0.07", slip.max())
+        assert error < 1e-12
+        assert angle[0] > np.radians(140.0)
+        assert 0.04 < slip.min() and slip.max() < 0.07
+        assert np.mean(closed[len(closed) // 3 :]) > 0.95
+        assert abs(record.energies["closure"]) < 1e-3 * kinetic
+        numerical.append(abs(record.energies["dissipated_numerical"]) / kinetic)
+        figure(f"slid lips that turn, h = {step}", "booked as numerical < 0.06", numerical[-1])
+    assert numerical[0] < 0.06
+    assert numerical[1] < 0.2 * numerical[0]

@@ -192,7 +192,8 @@ def test_spin_is_the_rate_of_the_frame(name, rule, theta):
     before, after = facet.turn(u - eps * v, 0 * v), facet.turn(u + eps * v, 0 * v)
     rate = (after - before) / (2.0 * eps)
     facet.turn(u, v, theta=theta)
-    expected = -np.einsum("pid,pd->pi", rate, facet.group.turning.jump)
+    jump = np.einsum("pid,pi->pd", facet.layer.points.frame, facet.group.turning.jump)
+    expected = -np.einsum("pid,pd->pi", rate, jump)
     assert facet.spin(v, theta) == pytest.approx(expected, abs=1e-8)
 
 

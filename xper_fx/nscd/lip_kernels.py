@@ -31,13 +31,13 @@ class LipKernels(NamedTuple):
         folded: `(a)`, whether lips stand at more than a right angle to each other.
         frame: `(a)`, rows n, t1 (, t2).
         arms: `(a, frame)`, b (2D), or b_1, b_2, c_1, c_2.
-        spin: `(rates, arms, n)`, omega, one number in 2D.
-        turned: `(omega, d)`, omega x d.
-        moment: `(f, d)`, the couple f x d = -d x f.
-        forces: `(m, arms, n)`, h_alpha of a couple m.
+        spin: `(rates, arms, frame)`, omega in the frame's axes, one number in 2D.
+        turned: `(omega, d)`, omega x d, all in the frame's axes.
+        moment: `(r, d)`, the couple r x d = -d x r, all in the frame's axes.
+        forces: `(m, arms, frame)`, h_alpha of a couple m in the frame's axes.
         apart: `(v, c, i)`, of the candidate from the antagonist.
         local: `(frame, x)`, components in a frame.
-        arms_at, normal_at, axes_at, turn_at: `(array, i)`, those of point i; the last of moments
+        arms_at, axes_at, turn_at: `(array, i)`, those of point i; the last of moments
             and spins. Axes are held as frames of `Couplings` are, in 2D by the normal alone.
     """
 
@@ -54,7 +54,6 @@ class LipKernels(NamedTuple):
     apart: Callable
     local: Callable
     arms_at: Callable
-    normal_at: Callable
     axes_at: Callable
     turn_at: Callable
     folded: Callable
@@ -111,7 +110,7 @@ def lip_kernels(dim: int, k: int, width: int) -> LipKernels:
             return (scale(-1.0 / dot(axes[1], a[0]), axes[0]),)
 
         @njit(inline="always")
-        def spin(rates, b, n):
+        def spin(rates, b, axes):
             return (dot(b[0], rates[0]),)
 
         @njit(inline="always")
@@ -119,11 +118,11 @@ def lip_kernels(dim: int, k: int, width: int) -> LipKernels:
             return -omega[0] * d[1], omega[0] * d[0]
 
         @njit(inline="always")
-        def moment(f, d):
-            return (d[1] * f[0] - d[0] * f[1],)
+        def moment(r, d):
+            return (d[1] * r[0] - d[0] * r[1],)
 
         @njit(inline="always")
-        def forces(m, b, n):
+        def forces(m, b, axes):
             return (scale(m[0], b[0]),)
 
         @njit(inline="always")
@@ -143,10 +142,6 @@ def lip_kernels(dim: int, k: int, width: int) -> LipKernels:
         @njit(inline="always")
         def arms_at(arms, i):
             return ((arms[i, 0, 0], arms[i, 0, 1]),)
-
-        @njit(inline="always")
-        def normal_at(frame, i):
-            return frame[i, 0, 0], frame[i, 0, 1]
 
         @njit(inline="always")
         def axes_at(axes, i):
@@ -226,25 +221,26 @@ def lip_kernels(dim: int, k: int, width: int) -> LipKernels:
             return scale(c, a[1]), scale(-c, a[0]), scale(drill, axes[2]), scale(-drill, axes[1])
 
         @njit(inline="always")
-        def spin(rates, b, n):
-            omega = scale(dot(b[2], rates[0]) + dot(b[3], rates[1]), n)
-            omega = add(omega, scale(-dot(n, rates[0]), b[0]))
-            return add(omega, scale(-dot(n, rates[1]), b[1]))
+        def spin(rates, b, axes):
+            n = axes[0]
+            tilt = add(scale(-dot(n, rates[0]), b[0]), scale(-dot(n, rates[1]), b[1]))
+            drill = dot(b[2], rates[0]) + dot(b[3], rates[1])
+            return drill, dot(axes[1], tilt), dot(axes[2], tilt)
 
         @njit(inline="always")
         def turned(omega, d):
             return cross(omega, d)
 
         @njit(inline="always")
-        def moment(f, d):
-            return cross(f, d)
+        def moment(r, d):
+            return cross(r, d)
 
         @njit(inline="always")
-        def forces(m, b, n):
-            drill = dot(n, m)
+        def forces(m, b, axes):
+            n, tilt = axes[0], add(scale(m[1], axes[1]), scale(m[2], axes[2]))
             return (
-                add(scale(drill, b[2]), scale(-dot(b[0], m), n)),
-                add(scale(drill, b[3]), scale(-dot(b[1], m), n)),
+                add(scale(m[0], b[2]), scale(-dot(b[0], tilt), n)),
+                add(scale(m[0], b[3]), scale(-dot(b[1], tilt), n)),
             )
 
         @njit(inline="always")
@@ -272,10 +268,6 @@ def lip_kernels(dim: int, k: int, width: int) -> LipKernels:
             )
 
         @njit(inline="always")
-        def normal_at(frame, i):
-            return frame[i, 0, 0], frame[i, 0, 1], frame[i, 0, 2]
-
-        @njit(inline="always")
         def axes_at(axes, i):
             return (
                 (axes[i, 0, 0], axes[i, 0, 1], axes[i, 0, 2]),
@@ -290,6 +282,5 @@ def lip_kernels(dim: int, k: int, width: int) -> LipKernels:
     return LipKernels(
         tangents=tangents, pushed=pushed, plus=plus, flips=flips, folded=folded, frame=frame,
         arms=arms, turned=turned, moment=moment, forces=forces, apart=apart, local=local,
-        arms_at=arms_at, normal_at=normal_at, axes_at=axes_at,
-        turn_at=turn_at, spin=spin,
+        arms_at=arms_at, axes_at=axes_at, turn_at=turn_at, spin=spin,
     )  # fmt: skip

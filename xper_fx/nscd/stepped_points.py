@@ -171,7 +171,7 @@ class SteppedPoints(PointValues):
         first = in_ranges(
             turn_loop(g.sides, width), len(g), new, g.couplings, g.points.gap, g.points.area,
             g.turning, self._motion, reach, _share_of_spin(self.theta), g.kernels.no_jump, g.state,
-            _damage(g.kernels), g.committed_impulse, g.jump, g.velocity,
+            _damage(g.kernels), g.committed_impulse, g.compliance, g.jump, g.velocity,
         )  # fmt: skip
         if self.fused is not None or self._permanent.uneven is None:
             g.show_frames()
@@ -211,7 +211,7 @@ class SteppedPoints(PointValues):
         for g in self._permanent.groups:
             if g.turning is not None and (of_gaps or not g.kernels.no_jump):
                 add_couples = couple_loop(g.sides, g.turning.width)
-                add_couples(total.reshape(-1), self._of_cell, g.couplings, g.turning, g.impulse)
+                add_couples(total.reshape(-1), self._of_cell, g.turning, g.impulse)
         alone = self.halo is None and self.fused is None  # else they are given on
         self._couples = total.reshape(-1) if alone else total.reshape(-1).copy()
         if self.halo is not None:

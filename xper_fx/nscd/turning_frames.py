@@ -35,7 +35,9 @@ The map H of a solver stays that of the lips alone, and the couple is given to t
   middle is the end, and h s = (F(q0) - F(q1)) d0 gives U1 = F(q1) d1. Its law takes F(q1) d0 for
   U0, as that of an open bond does, and the lips do not drift;
 - lips that nothing bonds and that have slid or folded so far that they do not face each other keep
-  the frame that they had, without couple, whose arm their jump would be: debris is stable then.
+  the frame that they had, without couple, whose arm their jump would be: debris is stable then. A
+  couple that follows an impulse r of lips which have slid by x of their facet's length adds
+  (x r)^2 w / 2 to the kinetic energy, beside w r^2 of r itself with nodes alike: at a quarter 3 %.
 
 The nodal points of a facet of first order have the same tangents, and so the same frame and spin:
 these are found once for all points with the same lips, a *site*. Sites are in the order in which
@@ -78,15 +80,16 @@ _FLIPPED, _FOLDED = 1, 2
 # In the place of the column of a damage: of points that nothing bonds, and of bonds that last.
 LOOSE, LASTING = -1, -2
 # Jump of lips that nothing bonds, beside the size of a point's share of its facet, beyond which
-# they do not face each other any more.
-_FAR = 0.1
+# they do not face each other any more: a quarter of a facet with two points, as for the search.
+_FAR = 0.5
 # Angle (rad) between lips and a frame that they have left.
 _STRAYED = 0.2
 # Points whose sites are found before them, and how many sites ahead nodes are asked for.
 _AT_A_TIME, _AHEAD = 256, 8
 # Normal opening beside the whole one below which a point counts as closed.
 _CLOSED = 1e-3
-# Difference of energies, relative, that is rounding.
+# Difference of energies, relative, that is rounding, and speed that an impulse gives, beside that
+# of the lips.
 _ALIKE = 1e-12
 
 
@@ -117,12 +120,12 @@ class TurningFrames(NamedTuple):
         nodes, gradient, tangent: of the lips of each site (`lips.py`).
         start, axes: F at the start and in the middle of the step, shape (sites, 1, 2), the
             normal, or (sites, 3, 3).
-        omega: shape (sites, 1) or (sites, 3), spin in v_theta, rad/s.
+        omega: shape (sites, 1) or (sites, 3), spin in v_theta in the axes, rad/s.
         arms: b, shape (sites, 1, 2), or b_1, b_2, c_1, c_2, shape (sites, 4, 3), 1/m.
         faults: shape (sites,), uint8, whether lips flip or fold, `_FLIPPED` and `_FOLDED`.
-        moment: shape (sites, 1) or (sites, 3), what couples add up to, N m s.
+        moment: shape (sites, 1) or (sites, 3), what couples add up to in the axes, N m s.
         site: shape (n,), int32, of each point.
-        jump: d_m, shape (n, dim), m.
+        jump: F_m d_m, shape (n, dim), m.
         by_spin: shape (n,), which points are of the second kind.
         kept: shape (n,), which points keep the frame that they had, without couple.
         isotropic: shape (n,), whether the energy hangs on the length of an open jump alone.
@@ -269,7 +272,7 @@ def _find_site(dim: int, width: int):
         if not flipped:
             before, axes = frame_of(start), frame_of(a)
             arms = arms_of(a, axes)
-            omega = spin_of(rates, arms, axes[0])
+            omega = spin_of(rates, arms, axes)
             for x in range(len(omega)):
                 turning.omega[i, x] = omega[x]
             for x in range(1 if dim == 2 else 3):
@@ -306,8 +309,8 @@ def turn_loop(sides: Sides, width: int):
     """The loop over a range of points that gives them what a step needs.
 
     That is frames, jumps and velocities. Facets have `width` nodes, `pressed` are the impulses of
-    the last step. Sites from `new` on are found on the way. It returns the first point whose facet
-    flips, or -1.
+    the last step, of which a solver may leave rounding where lips are open. Sites from `new` on are
+    found on the way. It returns the first point whose facet flips, or -1.
     """
     dim, components = sides[:2]
     own, world = for_dimension(dim, components), for_dimension(dim)
@@ -333,7 +336,7 @@ def turn_loop(sides: Sides, width: int):
     @njit(nogil=True, fastmath={"contract"}, **LEAN_ENTRY)
     def turn_range(
         first, last, new, c, gap, area, turning, motion, reach, inverse, no_jump, state, damage,
-        pressed, jump, velocity,
+        pressed, compliance, jump, velocity,
     ):  # fmt: skip
         known = first
         for number in range(first, last):
@@ -350,10 +353,12 @@ def turn_loop(sides: Sides, width: int):
             site = np.uintp(turning.site[i])
             d0, rate0 = apart(motion.displacement, c, i), apart(motion.velocity, c, i)
             fault = turning.faults[site]
-            loose = damage == LOOSE or (damage >= 0 and state[i, damage] == 0.0)
-            far = _FAR * _FAR * (area[i] * area[i] if dim == 2 else area[i])
-            turning.kept[i] = loose and (fault != 0 or dot_world(d0, d0) > far)
-            if turning.kept[i]:
+            kept = damage == LOOSE or (damage >= 0 and state[i, damage] == 0.0)
+            if kept:
+                far = _FAR * _FAR * (area[i] * area[i] if dim == 2 else area[i])
+                kept = fault != 0 or dot_world(d0, d0) > far
+            turning.kept[i] = kept
+            if kept:
                 # lips that no longer face each other: the frame stays what it is
                 turning.by_spin[i] = False
                 set_row(jump, i, to_local(c.frame, i, d0))
@@ -362,27 +367,28 @@ def turn_loop(sides: Sides, width: int):
                 continue
             if fault & _FLIPPED:
                 return number
-            mean = rate0 if motion.starts else apart(motion.mean, c, i)
-            d = add_world(d0, scale_world(reach, mean))
             axes = axes_at(turning.axes, site)
             for x in range(1 if dim == 2 else components):
                 for e in range(dim):
                     c.frame[i, x, e] = axes[x][e]
+            anew, fast = local(axes, d0), local(axes, rate0)
+            mean = fast if motion.starts else local(axes, apart(motion.mean, c, i))
+            d = add_world(anew, scale_world(reach, mean))
             set_world(turning.jump, i, d)
-            fast = own_part(local(axes, rate0))
-            opening = dot_world(axes[0], d)
-            closed = opening <= 0.0 or opening * opening <= _CLOSED * _CLOSED * dot_world(d, d)
+            closed = d[0] <= 0.0 or d[0] * d[0] <= _CLOSED * _CLOSED * dot_world(d, d)
             # what was pressed touches in the frame of the end, and may be open in the middle
-            closed = closed or pressed[i, 0] > 0.0
+            if not closed and pressed[i, 0] > 0.0:
+                given = pressed[i, 0] * compliance[i, 0]
+                closed = given * given > _ALIKE * _ALIKE * dot_world(rate0, rate0)
             by_spin = not no_jump and (closed or not turning.isotropic[i])
             turning.by_spin[i] = by_spin
             # no branch, which could not be foretold
             share = 1.0 if by_spin else 0.0
-            spin = own_part(local(axes, turned(turn_at(turning.omega, site), d)))
-            set_row(velocity, i, subtract(fast, scale(share * inverse, spin)))
-            anew, there = own_part(local(axes, d0)), axes_at(turning.start, site)
-            change = subtract(own_part(local(there, d0)), anew)
-            set_row(jump, i, add(anew, scale(share if inverse > 0.0 else 0.0, change)))
+            spin = own_part(turned(turn_at(turning.omega, site), d))
+            set_row(velocity, i, subtract(own_part(fast), scale(share * inverse, spin)))
+            there = own_part(local(axes_at(turning.start, site), d0))
+            change = subtract(there, own_part(anew))
+            set_row(jump, i, add(own_part(anew), scale(share if inverse > 0.0 else 0.0, change)))
             jump[i, 0] += gap[i]
         return -1
 
@@ -423,11 +429,12 @@ def commit_loop(law: LawKernels, sides: Sides, width: int):
     add, subtract, scale = own.add, own.subtract, own.scale
     row_world, to_local, plus = world.row, own.to_local, lips.plus
     tangents, pushed, turned = lips.tangents, lips.pushed, lips.turned
-    arms_at, normal_at, axes_at, apart = lips.arms_at, lips.normal_at, lips.axes_at, lips.apart
+    arms_at, axes_at, apart = lips.arms_at, lips.axes_at, lips.apart
     spin_of, local = lips.spin, lips.local
     turn_at, add_world, scale_world = lips.turn_at, world.add, world.scale
     read, _ = relative_motion(sides)
     end_step, gained = ending(law, sides), _gained(law)
+    turns, num_arms = (1, 1) if dim == 2 else (3, 4)
 
     @njit(inline="always")
     def own_part(x):
@@ -439,17 +446,42 @@ def commit_loop(law: LawKernels, sides: Sides, width: int):
             return (theta * end[0] + (1.0 - theta) * start[0],)
         return add_world(scale_world(theta, end), scale_world(1.0 - theta, start))
 
+    # where few points are of the second kind, the processor does not foresee what they ask for
+    @njit(inline="always")
+    def fetch(turning, i):
+        site, corners = np.uintp(turning.site[i]), np.uintp(2 * width)
+        prefetch(turning.jump, i * np.uintp(dim))
+        prefetch(turning.nodes, site * corners)
+        prefetch(turning.gradient, site * corners * np.uintp(dim - 1))
+        prefetch(turning.omega, site * np.uintp(turns))
+        prefetch(turning.axes, site * np.uintp(turns * dim))
+        prefetch(turning.arms, site * np.uintp(num_arms * dim))
+
+    @njit(inline="always")
+    def fetch_nodes(v, nodes, site):
+        for s in range(2):
+            for j in range(width):
+                prefetch(v, np.uintp(dim * nodes[site, s, j]))
+
     @njit(nogil=True, **LEAN_ENTRY)
     def commit_range(first, last, v, c, p, step, theta, turning, motion, inverse):
-        nodes, gradient, booked = turning.nodes, turning.gradient, 0.0
+        nodes, gradient, booked, known = turning.nodes, turning.gradient, 0.0, first
         for number in range(first, last):
+            if number == known:
+                known = min(known + _AT_A_TIME, last)
+                for other in range(number, known):
+                    if turning.by_spin[other]:
+                        fetch(turning, np.uintp(other))
+                for other in range(number, known):
+                    if turning.by_spin[other]:
+                        fetch_nodes(v, nodes, np.uintp(turning.site[other]))
             i = np.uintp(number)
             jump0, start, u = row(p.jump, i), row(p.velocity, i), read(v, c, i)
             by_spin = turning.by_spin[i]
             if by_spin:
                 site = np.uintp(turning.site[i])
-                d, known = row_world(turning.jump, i), turn_at(turning.omega, site)
-                start = add(start, scale(inverse, to_local(c.frame, i, turned(known, d))))
+                d, omega = row_world(turning.jump, i), turn_at(turning.omega, site)
+                start = add(start, scale(inverse, own_part(turned(omega, d))))
             mean = add(scale(theta, u), scale(1.0 - theta, start))
             spin = scale(0.0, jump0)
             if by_spin and inverse == 0.0:
@@ -458,23 +490,23 @@ def commit_loop(law: LawKernels, sides: Sides, width: int):
                 change = subtract(there, to_local(c.frame, i, d0))
                 spin, jump0 = scale(1.0 / step, change), add(jump0, change)
             elif by_spin:
-                arms, n = arms_at(turning.arms, site), normal_at(c.frame, i)
+                arms, axes = arms_at(turning.arms, site), axes_at(turning.axes, site)
                 rates = plus(
                     pushed(motion.rate, turning.tangent, site, 0.0),
                     1.0,
                     tangents(v, nodes, gradient, site),
                 )
-                end = spin_of(rates, arms, n)
+                end = spin_of(rates, arms, axes)
                 if motion.starts:  # what is known is that of v0
-                    at_start = known
+                    at_start = omega
                 else:
                     rates = plus(
                         pushed(motion.rate, turning.tangent, site, 0.0),
                         1.0,
                         tangents(motion.velocity, nodes, gradient, site),
                     )
-                    at_start = spin_of(rates, arms, n)
-                spin = to_local(c.frame, i, turned(mixed(theta, end, at_start), d))
+                    at_start = spin_of(rates, arms, axes)
+                spin = own_part(turned(mixed(theta, end, at_start), d))
             if by_spin:
                 booked -= dot(row(p.impulse, i), spin)
                 booked -= gained(i, jump0, p.area[i], p.parameters, p.state, p.energy)
@@ -518,13 +550,15 @@ def power_loop(sides: Sides, width: int):
                 tangents(motion.displacement, nodes, gradient, site),
             )
             axes = frame_of(a)
+            change = local(axes, rate)
             if couples:
                 rates = plus(
                     pushed(motion.rate, tangent, site, 0.0), 1.0, tangents(v, nodes, gradient, site)
                 )
-                omega = spin_of(rates, arms_of(a, axes), axes[0])
-                rate = subtract(rate, turned(omega, apart(motion.displacement, c, i)))
-            total += dot(row(r, i), own_part(local(axes, rate)))
+                omega = spin_of(rates, arms_of(a, axes), axes)
+                d = local(axes, apart(motion.displacement, c, i))
+                change = subtract(change, turned(omega, d))
+            total += dot(row(r, i), own_part(change))
         return total
 
     return power
@@ -540,26 +574,31 @@ def couple_loop(sides: Sides, width: int):
     dim, components = sides[:2]
     own, world = for_dimension(dim, components), for_dimension(dim)
     lips = lip_kernels(dim, sides.k, width)
-    row, to_global, row_world = own.row, own.to_global, world.row
-    forces, moment, arms_at, normal_at = lips.forces, lips.moment, lips.arms_at, lips.normal_at
-    turn_at = lips.turn_at
+    row, row_world, forces, moment = own.row, world.row, lips.forces, lips.moment
+    arms_at, axes_at, turn_at = lips.arms_at, lips.axes_at, lips.turn_at
+
+    @njit(inline="always")
+    def whole(x):
+        if components == dim:
+            return x
+        return (x[0], 0.0) if dim == 2 else (x[0], 0.0, 0.0)
 
     @njit(fastmath={"contract"}, **LEAN_ENTRY)
-    def add_couples(p, cell, c, turning, r):
+    def add_couples(p, cell, turning, r):
         turning.moment[:] = 0.0
         for number in range(len(r)):
             i = np.uintp(number)
             if turning.kept[i]:
                 continue
             site = np.uintp(turning.site[i])
-            m = moment(to_global(c.frame, i, row(r, i)), row_world(turning.jump, i))
+            m = moment(whole(row(r, i)), row_world(turning.jump, i))
             for e in range(len(m)):
                 turning.moment[site, e] += m[e]
         nodes, gradient, tangent = turning.nodes, turning.gradient, turning.tangent
         for number in range(len(nodes)):
             i = np.uintp(number)
             m = turn_at(turning.moment, i)
-            h = forces(m, arms_at(turning.arms, i), normal_at(turning.axes, i))
+            h = forces(m, arms_at(turning.arms, i), axes_at(turning.axes, i))
             for e in range(len(cell)):
                 for x in range(dim - 1):
                     for y in range(dim):

@@ -316,8 +316,8 @@ def _group_kernels(law: LawKernels, dim: int, unknowns: int, alone: bool, turns:
         return position, changed, total, largest
 
     @kernel
-    def turn(b, blocks, position, known, vertex, group):
-        """Residuals go over to the frames of the start; `vertex` is its own turn, once known."""
+    def tilt(b, blocks, position, known, vertex, group):
+        """How the points have turned beside their vertex; `vertex` is its own turn, once known."""
         tiles, c = group[0], group[1]
         for i in range(tiles[b], tiles[b + 1]):
             if turns:
@@ -325,10 +325,19 @@ def _group_kernels(law: LawKernels, dim: int, unknowns: int, alone: bool, turns:
                 if not known:
                     known, vertex = True, whole(blocks.frame, p, c.frame, i)
                 set_tilt(blocks.tilt, position, blocks.frame, p, c.frame, i, vertex)
+            position += 1
+        return position, known, vertex
+
+    @kernel
+    def turn(b, blocks, position, group):
+        """Residuals go over to the frames of the start."""
+        tiles = group[0]
+        for _ in range(tiles[b], tiles[b + 1]):
+            if turns:
                 change = row(blocks.residual, position)
                 set_row(blocks.residual, position, to_start(blocks.tilt, position, change))
             position += 1
-        return position, known, vertex
+        return position
 
     @kernel
     def sweep(b, v, blocks, position, group, relax):
@@ -500,7 +509,7 @@ def _group_kernels(law: LawKernels, dim: int, unknowns: int, alone: bool, turns:
                 )
         return largest
 
-    return warm_start, evaluate, turn, sweep, correct, renew, evolve
+    return warm_start, evaluate, tilt, turn, sweep, correct, renew, evolve
 
 
 @cache
@@ -534,10 +543,10 @@ def _chain(laws: tuple[LawKernels, ...], dim: int, unknowns: int, alone: bool, t
     """The kernels over all the laws of a vertex, one after the other."""
     kernel = _MERGED if alone else _KERNEL
     kernels = _group_kernels(laws[0], dim, unknowns, alone, turns)
-    warm, evaluate, turn, sweep, correct, renew, evolve = kernels
+    warm, evaluate, tilt, turn, sweep, correct, renew, evolve = kernels
     last = len(laws) == 1
     rest = kernels if last else _chain(laws[1:], dim, unknowns, alone, turns)
-    warm_2, evaluate_2, turn_2, sweep_2, correct_2, renew_2, evolve_2 = rest
+    warm_2, evaluate_2, tilt_2, turn_2, sweep_2, correct_2, renew_2, evolve_2 = rest
 
     @kernel
     def warm_all(b, v, blocks, position, groups):
@@ -555,11 +564,18 @@ def _chain(laws: tuple[LawKernels, ...], dim: int, unknowns: int, alone: bool, t
         return position, changed, total, largest
 
     @kernel
-    def turn_all(b, blocks, position, known, vertex, groups):
-        position, known, vertex = turn(b, blocks, position, known, vertex, groups[0])
+    def tilt_all(b, blocks, position, known, vertex, groups):
+        position, known, vertex = tilt(b, blocks, position, known, vertex, groups[0])
         if not last:
-            position, known, vertex = turn_2(b, blocks, position, known, vertex, groups[1:])
+            position, known, vertex = tilt_2(b, blocks, position, known, vertex, groups[1:])
         return position, known, vertex
+
+    @kernel
+    def turn_all(b, blocks, position, groups):
+        position = turn(b, blocks, position, groups[0])
+        if not last:
+            position = turn_2(b, blocks, position, groups[1:])
+        return position
 
     @kernel
     def sweep_all(b, v, blocks, position, groups, relax):
@@ -590,7 +606,9 @@ def _chain(laws: tuple[LawKernels, ...], dim: int, unknowns: int, alone: bool, t
             largest = max(largest, evolve_2(b, v, groups[1:]))
         return largest
 
-    return warm_all, evaluate_all, turn_all, sweep_all, correct_all, renew_all, evolve_all
+    return (
+        warm_all, evaluate_all, tilt_all, turn_all, sweep_all, correct_all, renew_all, evolve_all
+    )  # fmt: skip
 
 
 @cache
@@ -602,9 +620,9 @@ def _solve_kernel(laws: tuple[LawKernels, ...], dim: int, unknowns: int, turns: 
     nest = _nest(len(laws))
     algebra = for_dimension(dim, unknowns)
     row, set_row, dot, scale = algebra.row, algebra.set_row, algebra.dot, algebra.scale
-    warm_all, evaluate_all, turn_all, sweep_all, correct_all, renew_all, evolve_all = _chain(
-        laws, dim, unknowns, len(laws) == 1, turns
-    )
+    chained = _chain(laws, dim, unknowns, len(laws) == 1, turns)
+    warm_all, evaluate_all, tilt_all, turn_all = chained[:4]
+    sweep_all, correct_all, renew_all, evolve_all = chained[4:]
     not_turned = _turn_kernels(dim).none
 
     @njit(inline="always")
@@ -669,7 +687,7 @@ def _solve_kernel(laws: tuple[LawKernels, ...], dim: int, unknowns: int, turns: 
         floor = (16.0 * np.finfo(np.float64).eps * speed) ** 2 * blocks.rounding[b]
         bound = tolerance * tolerance
         newton = blocks.inverse_offsets[b + 1] > blocks.inverse_offsets[b]
-        previous, batch, length, fresh = np.inf, 0, _BATCH, 0
+        previous, batch, length, fresh, tilted = np.inf, 0, _BATCH, 0, False
         # squares of the largest correction, and of what may come and go unseen in velocities
         peak, unseen = 0.0, _SWOLLEN * speed * speed * blocks.rounding[b]
         if not newton:
@@ -697,7 +715,10 @@ def _solve_kernel(laws: tuple[LawKernels, ...], dim: int, unknowns: int, turns: 
             error = changed
             if changed > max(floor, _CLEAR * bound * total):
                 if turns:
-                    turn_all(b, blocks, 0, False, not_turned, groups)
+                    if not tilted:
+                        tilt_all(b, blocks, 0, False, not_turned, groups)
+                        tilted = True
+                    turn_all(b, blocks, 0, groups)
                 if changed > _SLOW * _SLOW * previous:
                     if fresh == _NEWTON_STEPS:
                         reset(blocks, b)
