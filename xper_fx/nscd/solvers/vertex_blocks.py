@@ -96,6 +96,7 @@ class _Blocks(NamedTuple):
         rounding: shape (num_vertices,), sum of 1 / (trace W_ii)^2: r^2 for a unit velocity.
         tilt: work space, shape (widest, 1, 2) in 2D and (widest, 3, 3) in 3D: K_i K_p^T F_p F_i^T,
             its first row in 2D; empty where frames stay.
+        free: velocities without impulses, of the step at hand.
     """
 
     offsets: np.ndarray
@@ -109,6 +110,7 @@ class _Blocks(NamedTuple):
     slope: np.ndarray
     rounding: np.ndarray
     tilt: np.ndarray
+    free: np.ndarray
 
 
 def _unknowns(interactions: Interactions) -> int:
@@ -175,6 +177,7 @@ def build(interactions: Interactions) -> _Blocks:
         slope=np.zeros((total, unknowns, unknowns)),
         rounding=np.bincount(vertex[order], squared),
         tilt=np.zeros((_CHUNKS * widest if interactions.turns else 0, *frame.shape[1:])),
+        free=np.zeros(0),
     )
 
 
@@ -613,9 +616,9 @@ def _chain(laws: tuple[LawKernels, ...], dim: int, unknowns: int, alone: bool, t
 
 @cache
 def _solve_kernel(laws: tuple[LawKernels, ...], dim: int, unknowns: int, turns: bool):
-    """All vertices: `solve(v, free, blocks, groups, tolerance, max_sweeps, relax, speed, parts)`.
+    """All vertices: `solve(v, blocks, groups, tolerance, max_sweeps, relax, speed, parts)`.
 
-    `v` are the free velocities at first, and `free` a copy of them.
+    `v` are the free velocities at first, and `blocks.free` a copy of them.
     """
     nest = _nest(len(laws))
     algebra = for_dimension(dim, unknowns)
@@ -670,17 +673,17 @@ def _solve_kernel(laws: tuple[LawKernels, ...], dim: int, unknowns: int, turns: 
                 blocks.slope[blocks.offsets[b] + j // unknowns, j % unknowns, x] = 0.0
 
     @_KERNEL
-    def act_again(b, v, free, blocks, groups):
+    def act_again(b, v, blocks, groups):
         """Velocities from the free ones and all impulses, without what rounding has left."""
         for p in range(blocks.offsets[b], blocks.offsets[b + 1]):
             for side in range(2):
                 first = np.uintp(blocks.start[p, side])
                 for d in range(np.uintp(dim)):
-                    v[first + d] = free[first + d]
+                    v[first + d] = blocks.free[first + d]
         warm_all(b, v, blocks, 0, groups)
 
     @njit(inline="always")
-    def solve_vertex(b, v, free, blocks, groups, tolerance, max_sweeps, relax, speed):
+    def solve_vertex(b, v, blocks, groups, tolerance, max_sweeps, relax, speed):
         """Returns sweeps, squared relative error, squared traction change, converged."""
         warm_all(b, v, blocks, 0, groups)
         # impulses whose effect is within the rounding of the velocities
@@ -703,7 +706,7 @@ def _solve_kernel(laws: tuple[LawKernels, ...], dim: int, unknowns: int, turns: 
                 previous, peak = changed if batch > 0 else np.inf, max(peak, changed)
                 if changed <= floor or error <= bound * total:
                     if peak > unseen + _SWOLLEN * total:
-                        act_again(b, v, free, blocks, groups)
+                        act_again(b, v, blocks, groups)
                         peak, previous = 0.0, np.inf
                         continue
                     if evolve_all(b, v, groups) <= tolerance:
@@ -733,7 +736,7 @@ def _solve_kernel(laws: tuple[LawKernels, ...], dim: int, unknowns: int, turns: 
                     peak = max(peak, error)
                     continue
             if peak > unseen + _SWOLLEN * total:
-                act_again(b, v, free, blocks, groups)
+                act_again(b, v, blocks, groups)
                 peak, previous, fresh = 0.0, np.inf, 0
                 continue
             if evolve_all(b, v, groups) <= tolerance:
@@ -751,17 +754,15 @@ def _solve_kernel(laws: tuple[LawKernels, ...], dim: int, unknowns: int, turns: 
             blocks.offsets, blocks.start, blocks.frame, blocks.residual[first:last],
             blocks.correction[first:last], blocks.inverse, blocks.inverse_offsets,
             blocks.lines[first * unknowns**2 : last * unknowns**2], blocks.slope, blocks.rounding,
-            blocks.tilt[first:last],
+            blocks.tilt[first:last], blocks.free,
         )  # fmt: skip
 
     @_KERNEL
-    def solve_range(
-        lo, hi, v, free, blocks, arrays, tolerance, max_sweeps, relax, speed, parts, chunk
-    ):
+    def solve_range(lo, hi, v, blocks, arrays, tolerance, max_sweeps, relax, speed, parts, chunk):
         groups, blocks = nest(arrays), of_chunk(blocks, chunk)
         for b in range(lo, hi):
             count, error, largest, converged = solve_vertex(
-                b, v, free, blocks, groups, tolerance, max_sweeps, relax, speed
+                b, v, blocks, groups, tolerance, max_sweeps, relax, speed
             )
             parts[chunk, 0] = max(parts[chunk, 0], count)
             parts[chunk, 1] = max(parts[chunk, 1], error)
@@ -769,18 +770,18 @@ def _solve_kernel(laws: tuple[LawKernels, ...], dim: int, unknowns: int, turns: 
             parts[chunk, 3] += 0.0 if converged else 1.0
 
     @njit(parallel=True, nogil=True)
-    def solve_all(v, free, blocks, arrays, tolerance, max_sweeps, relax, speed, parts):
+    def solve_all(v, blocks, arrays, tolerance, max_sweeps, relax, speed, parts):
         num = len(blocks.rounding)
         for chunk in prange(_CHUNKS):
             solve_range(
-                chunk * num // _CHUNKS, (chunk + 1) * num // _CHUNKS, v, free, blocks, arrays,
+                chunk * num // _CHUNKS, (chunk + 1) * num // _CHUNKS, v, blocks, arrays,
                 tolerance, max_sweeps, relax, speed, parts, chunk,
             )  # fmt: skip
 
     @njit(nogil=True, **LEAN_ENTRY)
-    def solve_serial(v, free, blocks, arrays, tolerance, max_sweeps, relax, speed, parts):
+    def solve_serial(v, blocks, arrays, tolerance, max_sweeps, relax, speed, parts):
         num = len(blocks.rounding)
-        solve_range(0, num, v, free, blocks, arrays, tolerance, max_sweeps, relax, speed, parts, 0)
+        solve_range(0, num, v, blocks, arrays, tolerance, max_sweeps, relax, speed, parts, 0)
 
     return solve_serial, solve_all
 
@@ -825,8 +826,7 @@ class VertexBlocks(Solver):
         speed = max(np.abs(velocity).max(), np.finfo(float).tiny)
         kernel(
             velocity,
-            velocity.copy(),
-            blocks,
+            blocks._replace(free=velocity.copy()),
             arrays,
             options.tolerance,
             options.max_sweeps,
