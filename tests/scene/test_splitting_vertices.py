@@ -258,22 +258,10 @@ def test_scales_are_told_before_anything_has_cracked():
     assert "softening number 0.0" in found[0] and not found[0].endswith("number 0")
 
 
-@pytest.mark.parametrize("solver", ["auto", "nlgs"])
-def test_static_runs_are_refused(solver):
-    with pytest.raises(ValueError, match="mean traction of a step.*CohesiveZone, or inertia"):
-        xf.Simulation(pulled_and_held(), 0.1, inertia=False, solver=solver)
-
-
 def test_bonds_across_a_gap_are_refused():
     walls = [xf.Wall(BOTTOM, (0.0, -0.1), (0.0, 1.0), BOND)]
     with pytest.raises(ValueError, match="span gaps of up to 0.1 m: move the wall"):
         xf.Simulation(box(2, walls=walls), **ONE)
-
-
-def pulled_and_held():
-    """Two halves, each held."""
-    loads = [xf.PrescribedVelocity(side, axis, 0.0) for side in (LEFT, RIGHT) for axis in (0, 1)]
-    return box(2, label=lambda x: x[0] > 1.0, loads=loads)
 
 
 def test_cells_that_move_apart_at_the_start_are_refused():

@@ -11,7 +11,8 @@ ON_PATH = (
 )
 UNDER_LOAD = (
     "There may be no equilibrium at this load, or it snaps: follow its path "
-    "(path=xf.GrowthControl()), or give the bodies inertia; look at the last output first."
+    "(path=xf.GrowthControl(); not of initially rigid bonds, which take viscosity), or give the "
+    "bodies inertia; look at the last output first."
 )
 FOR_NOTHING = (
     "Iterates broke bonds that stay closed, for no energy: try a smaller step or tolerance, or "

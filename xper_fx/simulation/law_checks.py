@@ -7,11 +7,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from xper_fx.nscd.laws.law import LawKernels
+from xper_fx.nscd.laws.law import Law, LawKernels
 
 
 def check_laws_suit(
-    kernels: Sequence[LawKernels],
+    laws: Sequence[Law],
+    dim: int,
     law_of_point: np.ndarray,
     gap: np.ndarray,
     inertia: bool,
@@ -20,17 +21,29 @@ def check_laws_suit(
     """Raise a ValueError where laws would not be what they are.
 
     Args:
-        kernels: of each law.
+        laws: those of the run.
+        dim: of space.
         law_of_point: of the permanent points, shape (num_points,).
         gap: of them at the start, shape (num_points,), m.
         inertia: whether bodies have mass.
         monolithic: whether bulk and interactions are one system.
     """
-    is_rigid = np.array([law.rigid is not None for law in kernels], bool)
-    if is_rigid.any() and not inertia:
+    is_rigid = np.array([hasattr(law, "least_strength") for law in laws], bool)
+    at_end = is_rigid & np.array([getattr(law, "damage", "") == "end" for law in laws], bool)
+    if is_rigid.any() and not (inertia or monolithic):
         raise ValueError(
-            "Initially rigid bonds have the mean traction of a step, and a static run "
-            "(inertia=False) asks for that of its end: take xf.laws.CohesiveZone, or inertia."
+            "A static run (inertia=False) solves initially rigid bonds with the bulk, in one "
+            'system: leave solver at "auto", or take xf.laws.CohesiveZone, or inertia.'
+        )
+    if at_end.any() and inertia:
+        raise ValueError(
+            'Initially rigid bonds with the damage of the end of the step (damage="end") are for '
+            'static runs (inertia=False): leave damage at "auto".'
+        )
+    if (is_rigid & ~at_end).any() and not inertia:
+        raise ValueError(
+            "Initially rigid bonds of a static run (inertia=False) have the damage of the end of "
+            'the step: leave damage at "auto".'
         )
     apart = gap[is_rigid[law_of_point]]
     if np.any(apart):
@@ -39,7 +52,7 @@ def check_laws_suit(
             f"span gaps of up to {np.abs(apart).max():g} m: move the wall or the bodies "
             "together, or take a contact law."
         )
-    if not monolithic and any(law.growth is not None for law in kernels):
+    if not monolithic and any(law.kernels(dim).growth is not None for law in laws):
         raise ValueError(
             'A law with the damage of the end of the step (damage="end") takes '
             'solver="monolithic" and an implicit bulk; leave damage at "auto".'
@@ -55,8 +68,9 @@ def check_path_has_bonds(kernels: Sequence[LawKernels], asks: str) -> None:
     """
     if all(law.growth is None for law in kernels):
         raise ValueError(
-            "A path follows the damage of bonds, and no point of the scene has a law "
-            'whose damage is that of the end of the step: xf.laws.CohesiveZone(damage="auto").'
+            "A path follows the damage of bonds, and no point of the scene has a law that tells "
+            'it how far a bond may go: take xf.laws.CohesiveZone(damage="auto"). Initially rigid '
+            "bonds are followed in steps of time, with viscosity where the load snaps."
         )
     for law in kernels:
         if law.growth is not None and getattr(law, asks) is None:

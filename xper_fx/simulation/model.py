@@ -299,8 +299,8 @@ class Model:
         if self.monolithic and not self.options.inertia:
             laws = [law.in_statics() if hasattr(law, "in_statics") else law for law in laws]
         check_laws_suit(
-            [law.kernels(self.bulk.dim) for law in laws], self.points.law_of_point, points.gap,
-            self.options.inertia, self.monolithic,
+            laws, self.bulk.dim, self.points.law_of_point, points.gap, self.options.inertia,
+            self.monolithic,
         )  # fmt: skip
         return Interactions(
             points, laws, self.points.law_of_point, inverse.blocks, velocity,

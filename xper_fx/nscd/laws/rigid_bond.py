@@ -29,19 +29,27 @@ _ELASTIC = 1e-9
 class RigidBond(Bond):
     """A bond whose lips are one until no admissible traction holds them.
 
-    A class of it is one of `Bond`, with `restitution` and `curve`, and has `least_strength`.
+    A class of it is one of `Bond`, with `restitution` and `curve`, and has `least_strength` and
+    `softening_slope`.
     """
 
     restitution: Any
     curve: Curve
     modes_apart: ClassVar[bool] = False
     initial_damage: ClassVar[float] = 1.0
-    damage: ClassVar[str] = "mean"
 
     @property
     def least_strength(self) -> Any:
         """The smallest traction that the bond may not bear (Pa)."""
         raise NotImplementedError
+
+    def _check_options(self) -> None:
+        super()._check_options()
+        if self.damage == "lagged":
+            raise ValueError(
+                "The damage of an initially rigid bond is that of the step or of its end: take "
+                'damage="auto", "mean" or "end".'
+            )
 
     def _check_curve(self) -> None:
         check_curve(self.curve)
@@ -56,9 +64,13 @@ class RigidBond(Bond):
 
     def kernels(self, dim: int) -> LawKernels:
         """See `Law`."""
+        weakening = self.weakening()
+        if self.damage == "end":
+            from xper_fx.nscd.laws.rigid_at_end import rigid_end_kernels
+
+            return rigid_end_kernels(dim, self._friction, self._viscous, weakening)
         from xper_fx.nscd.laws.rigid_kernels import rigid_kernels
 
-        weakening = self.weakening()
         shape = sum(count for _, count in weakening.effects)
         restitution = shape_column(self._rubs) + shape + self._viscous
         return rigid_kernels(
@@ -66,12 +78,16 @@ class RigidBond(Bond):
         )
 
     def parameters(self) -> tuple:
-        """Those of any bond, and Newton's e."""
-        return (*super().parameters(), self.restitution)
+        """Those of any bond, and Newton's e; or the steepest descent, with damage of the end."""
+        last = self.softening_slope if self.damage == "end" else self.restitution
+        return (*super().parameters(), last)
 
     def initial_state(self) -> tuple:
-        """Those of any bond, and the normal impulse of the last step (N s) once it is broken."""
-        return (*super().initial_state(), 0.0)
+        """Those of any bond, and the normal impulse of the last step (N s) once it is broken.
+
+        Statics need no impulse.
+        """
+        return super().initial_state() + (() if self.damage == "end" else (0.0,))
 
 
 def stiffness_of(strength: Any, energy: Any) -> Any:

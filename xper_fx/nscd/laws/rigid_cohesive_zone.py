@@ -46,6 +46,8 @@ where c falls with the damage as beta_m does: the least damaged state is found a
 **Lips that close again** touch at position level while something bonds them, as in
 `cohesive_zone.py`, and at velocity level once nothing does, with Newton's restitution, as in
 `signorini_coulomb.py`: a piece that strikes another rebounds by e, whatever the step.
+
+**Static runs** take the traction of the end of a step: `rigid_at_end.py`.
 """
 
 from __future__ import annotations
@@ -65,8 +67,7 @@ class RigidCohesiveZone(RigidBond):
     """Bond without compliance, that weakens, breaks, and leaves contact with friction.
 
     With an explicit bulk, nodal points and each cell a body, facets that hold cost no more than
-    the elements of one mesh (`nscd/splitting`); other runs with inertia carry a point on each from
-    the start, and static ones refuse the law: the mean traction of a step is not that of its end.
+    the elements of one mesh (`nscd/splitting`); other runs carry a point on each from the start.
 
     Parameters are numbers or fields (`xper_fx/nscd/laws/fields.py`).
 
@@ -80,6 +81,8 @@ class RigidCohesiveZone(RigidBond):
             stiffness of its own.
         viscosity: eta (Pa s/m), the overstress of a bond at its strength over the speed at which
             its lips part; 0 compiles none. Not the b of elastic bonds, by which damage lags.
+        damage: "mean" of the step (module docstring); "end" of it (`rigid_at_end.py`), for static
+            runs alone; or "auto": "end" in static runs, else "mean".
 
     Raises:
         ValueError: a number out of range, a curve that starts with a stiffness of its own.
@@ -92,6 +95,7 @@ class RigidCohesiveZone(RigidBond):
     restitution: Any = 0.0
     curve: Curve = field(default_factory=Linear)
     viscosity: Any = 0.0
+    damage: str = "auto"
 
     def __post_init__(self) -> None:
         self._check_options()

@@ -52,7 +52,7 @@ class RigidMixedMode(RigidBond, ModesApart):
         fracture_energies: w_I and w_II (J/m^2), of pure opening and pure shear.
         exponent: m of the criterion.
         criterion: of the energies of mixtures, "benzeggagh-kenane" or "power" (`modes_apart.py`).
-        friction, friction_grows, restitution, curve, viscosity: as of `RigidCohesiveZone`.
+        friction, friction_grows, restitution, curve, viscosity, damage: as of `RigidCohesiveZone`.
 
     Raises:
         TypeError: strengths or energies that are no pairs, something that is no curve.
@@ -68,6 +68,7 @@ class RigidMixedMode(RigidBond, ModesApart):
     restitution: Any = 0.0
     curve: Curve = field(default_factory=Linear)
     viscosity: Any = 0.0
+    damage: str = "auto"
     modes_apart: ClassVar[bool] = True
 
     def __post_init__(self) -> None:

@@ -173,9 +173,9 @@ def _law_kernels(law: LawKernels, dim: int):
                 push(q, g, work, to_global(frame, i, change))
 
     @njit(**LEAN_INNER)
-    def give(b, g, work, group, rows, arrays, group_of, corners, factor):
-        """Add to each corner what active bonds give it, times a factor."""
-        frame, impulse = arrays[0], arrays[1]
+    def give(b, g, work, group, rows, arrays, group_of, factor):
+        """Add to the source of each corner what active bonds give it, times a factor."""
+        frame, impulse, corners = arrays[0], arrays[1], work.source
         first = g.bond_offsets[b]
         for q in range(first, g.bond_offsets[b + 1]):
             if group_of[q] == group and work.active[q - first]:
@@ -268,10 +268,10 @@ def kernels_of_laws(laws: tuple[LawKernels, ...], dim: int):
             correct_2(b, g, work, group + 1, rows, groups[1:], group_of)
 
     @njit(**_INLINED)
-    def give_all(b, g, work, group, rows, groups, group_of, corners, factor):
-        give(b, g, work, group, rows, groups[0], group_of, corners, factor)
+    def give_all(b, g, work, group, rows, groups, group_of, factor):
+        give(b, g, work, group, rows, groups[0], group_of, factor)
         if not last:
-            give_2(b, g, work, group + 1, rows, groups[1:], group_of, corners, factor)
+            give_2(b, g, work, group + 1, rows, groups[1:], group_of, factor)
 
     @njit(**_INLINED)
     def bear_all(b, g, work, group, rows, step, tables, group_of):

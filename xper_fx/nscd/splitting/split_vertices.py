@@ -116,8 +116,9 @@ def split_kernel(laws: tuple[LawKernels, ...], dim: int):
         return count, error
 
     @njit(**LEAN_INNER)
-    def solve_clusters(b, k, g, work, rows, step, tolerance, groups, group_of):
+    def solve_clusters(b, g, work, rows, step, tolerance, groups, group_of):
         """Solve the vertex with the clusters that there are; returns sweeps and error."""
+        k = g.corner_offsets[b + 1] - g.corner_offsets[b]
         acting = activate(b, g, work, group_of)
         form(b, k, g, work)
         begin(b, g, work, 0, rows, step, groups, group_of)
@@ -126,10 +127,11 @@ def split_kernel(laws: tuple[LawKernels, ...], dim: int):
         return iterate(b, g, work, rows, tolerance, groups, group_of)
 
     @njit(**LEAN_INNER)
-    def holds(b, k, g, work, rows, step, tables, groups, group_of):
+    def holds(b, g, work, rows, step, tables, groups, group_of):
         """Whether fused bonds bear what they transmit."""
+        k = g.corner_offsets[b + 1] - g.corner_offsets[b]
         sources(b, k, g, work)
-        give(b, g, work, 0, rows, groups, group_of, work.source, -1.0)
+        give(b, g, work, 0, rows, groups, group_of, -1.0)
         for c in range(k):
             for d in range(dim):
                 if work.driven[c, d]:
@@ -154,18 +156,18 @@ def split_kernel(laws: tuple[LawKernels, ...], dim: int):
         sweeps, error = 0, 0.0
         for turn in range(_ROUNDS):
             parts = partition(b, k, g, work)
-            count, error = solve_clusters(b, k, g, work, rows, step, tolerance, groups, group_of)
+            count, error = solve_clusters(b, g, work, rows, step, tolerance, groups, group_of)
             sweeps += count
             if turn == _ROUNDS - 1 or parts == k:
                 break
-            if holds(b, k, g, work, rows, step, tables, groups, group_of):
+            if holds(b, g, work, rows, step, tables, groups, group_of):
                 break
             # each cell for itself
             for q in range(bonds):
                 work.kept[q] = work.fused[q]
             for c in range(k):
                 work.cluster[c] = c
-            count, _ = solve_clusters(b, k, g, work, rows, step, tolerance, groups, group_of)
+            count, _ = solve_clusters(b, g, work, rows, step, tolerance, groups, group_of)
             sweeps += count
             opened = cut(b, g, work, 0, rows, groups, group_of) > 0
             if opened and partition(b, k, g, work) > parts:
@@ -174,7 +176,7 @@ def split_kernel(laws: tuple[LawKernels, ...], dim: int):
             for q in range(bonds):
                 work.fused[q] = work.kept[q]
             partition(b, k, g, work)
-            count, error = solve_clusters(b, k, g, work, rows, step, tolerance, groups, group_of)
+            count, error = solve_clusters(b, g, work, rows, step, tolerance, groups, group_of)
             sweeps += count
             break
         return k, sweeps, error
@@ -212,7 +214,7 @@ def split_kernel(laws: tuple[LawKernels, ...], dim: int):
             for c in range(k):
                 for d in range(dim):
                     work.source[c, d] = 0.0
-            give(b, g, work, 0, rows, groups, group_of, work.source, 1.0)
+            give(b, g, work, 0, rows, groups, group_of, 1.0)
             # velocities that many sweeps have added to carry their rounding: from the start again
             form(b, k, g, work)
             for c in range(k):
