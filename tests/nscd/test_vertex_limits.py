@@ -77,14 +77,14 @@ def opened(law, velocity):
     return np.count_nonzero(interactions.gather("opening_max"))
 
 
-@pytest.mark.parametrize("dim", [2, 3])
 @pytest.mark.parametrize("seed", range(5))
 @pytest.mark.parametrize(
-    ("law", "shear", "friction"),
+    ("law", "shear", "friction", "dim"),
     [
-        (RigidCohesiveZone(1.0, 5.0), 1.0, 0.0),
-        (RigidMixedMode((1.0, 2.5), (5.0, 9.0), 1.2), 2.5, 0.0),
-        (RigidMixedMode((1.0, 2.5), (5.0, 9.0), 1.2, friction=0.1), 2.5, 0.1),
+        (RigidCohesiveZone(1.0, 5.0), 1.0, 0.0, 2),
+        (RigidCohesiveZone(1.0, 5.0), 1.0, 0.0, 3),
+        (RigidMixedMode((1.0, 2.5), (5.0, 9.0), 1.2), 2.5, 0.0, 2),
+        (RigidMixedMode((1.0, 2.5), (5.0, 9.0), 1.2, friction=0.1), 2.5, 0.1, 3),
     ],
 )
 def test_a_vertex_opens_at_its_limit(seed, law, shear, friction, dim):
