@@ -145,7 +145,7 @@ def slide():
             for tag, v in ((1, 0.0), (2, 2.0))
         },
     )  # fmt: skip
-    return scene, {"step": 2e-3, "tolerance": 1e-10, "scheme": "implicit"}, 40
+    return scene, {"step": 2e-3, "tolerance": 1e-10, "scheme": "implicit"}, 30
 
 
 SCENES = {
