@@ -196,6 +196,7 @@ def test_a_gap_of_rounding_is_closed():
     assert weight == pytest.approx(4.0 * 9.81, rel=5e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "kind, lengths, cells, label, order, points",
     [

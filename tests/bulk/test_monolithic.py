@@ -131,6 +131,7 @@ def crooked(seed, bond):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "seed, friction",
     [

@@ -391,6 +391,7 @@ def test_a_crack_panel_is_the_cell_as_it_is(order, tmp_path):
         assert len(here) == 1 and np.array_equal(moved, u[here[0]])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("order", (1, 2))
 def test_tiles_open_by_the_jump(order, tmp_path):
     """Lips across the common side of two tiles are apart by the drive's opening.

@@ -49,6 +49,7 @@ def losses(theta, step, tangential):
     return np.abs([turned / angular - 1.0, held / kinetic - 1.0, *rest])
 
 
+@pytest.mark.slow
 @THETAS
 @pytest.mark.parametrize("tangential", [None, 300.0])
 def test_orders_of_what_is_lost(theta, tangential, figure):
@@ -79,6 +80,7 @@ def test_orders_of_what_is_lost(theta, tangential, figure):
         assert twice[2] == pytest.approx(twice[1], rel=0.01)
 
 
+@pytest.mark.slow
 @THETAS
 @pytest.mark.parametrize("tangential", [None, 400.0])
 def test_a_bond_spends_its_energy_whatever_theta_is(theta, tangential, figure):

@@ -116,6 +116,7 @@ def test_slivers_and_needles_settle(figure):
     assert simulation.ledger.energies.kinetic < 1e-12
 
 
+@pytest.mark.slow
 def test_a_box_on_its_corner_falls_over(figure):
     """An unstable balance in 3D: no energy is created on the way, and a face comes to lie flat."""
     edge = np.array([1.0, 1.0, 1.0]) / np.sqrt(3.0)

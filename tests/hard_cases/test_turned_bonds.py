@@ -90,6 +90,7 @@ def test_strength_and_energy_after_turning(angle, scheme, figure):
     assert abs(record.energies["dissipated_numerical"]) < 1e-3 * ENERGY
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tangential", [None, 400.0])
 @pytest.mark.parametrize("angle", [90, 180])
 def test_contact_after_turning(angle, tangential):
@@ -164,6 +165,7 @@ def test_momenta_are_kept_to_rounding(kind, tangential, figure):
     assert abs(record.energies["dissipated_numerical"]) < 1e-4 * size
 
 
+@pytest.mark.slow
 def test_what_is_booked_as_numerical_falls_with_the_step(figure):
     """C_N unlike C_T: three turns; the energy of jumps read anew is of higher order than two."""
     booked = []
@@ -228,6 +230,7 @@ def breaking_box(dim, R, wind, scheme, bond):
     return Simulation(scene, step, scheme=scheme, **tight, num_threads=1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dim", [2, 3])
 @pytest.mark.parametrize("scheme", ["explicit", "implicit"])
 @pytest.mark.parametrize("tangential", [None, 300.0])
@@ -550,6 +553,7 @@ def slid_blocks(step):
     return simulation, pushes, angle
 
 
+@pytest.mark.slow
 def test_slid_lips_turn_with_their_bodies(figure):
     """Slid by an eighth of a facet, pressed, turned by 150 degrees: contact, slip, momentum.
 

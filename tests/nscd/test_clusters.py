@@ -425,6 +425,7 @@ def test_a_block_slides_over_seams_without_friction(dim):
     assert state.position[1, -1] == pytest.approx(arrays.position[1, -1], abs=1e-9)
 
 
+@pytest.mark.slow
 def test_a_meshed_block_slides_over_seams():
     """It falls on a floor of one piece and of five, by little, and bounces on its springs."""
     ends = [-1.0, 0.13, 0.57, 1.05, 1.22, 3.0]

@@ -137,6 +137,7 @@ def test_local_solvers_that_cannot_be_are_refused():
         after(discs_in_a_corner(rolling), 1, solver=AssembledContacts(local_solver="graph"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("solver", ASSEMBLED)
 @pytest.mark.parametrize(
     "law",
@@ -217,6 +218,7 @@ def test_the_problem_of_the_next_step():
     )
 
 
+@pytest.mark.slow
 def test_a_tower_stands_by_default():
     """Fifty blocks, two seconds: sweeps alone, within the same tolerance, lean by 0.2 m."""
     floor = xf.rigid.wall((0.0, 0.0), (0.0, 1.0), "floor")

@@ -81,6 +81,7 @@ def test_it_spends_its_energy():
     assert total[5] > 1e-3 * spent
 
 
+@pytest.mark.slow
 def test_the_triaxiality_is_a_field():
     bodies = box_bodies((1, 1), (3, 2))
     x = bodies.facet_nodes(1).reshape(-1, 2).T

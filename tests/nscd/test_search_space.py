@@ -177,6 +177,7 @@ def test_faces_cut_into_triangles_change_nothing():
     assert len(wall) == 4 and wall.area == pytest.approx([0.25] * 4, rel=1e-12)
 
 
+@pytest.mark.slow
 def test_contacts_of_bodies_that_move_for_long():
     rng = np.random.default_rng(5)
     shapes, position, rotation = random_scene(rng, ["sphere", "polyhedron", "wall"], 30, 0.7, True)

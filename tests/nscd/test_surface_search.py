@@ -257,6 +257,7 @@ def test_areas_of_pressed_boxes_are_the_overlap(overlap):
     assert len(contacts) == 12 + 15
 
 
+@pytest.mark.slow
 def test_a_gap_slides_across_facets_without_jumps():
     """A small diamond over hills, a plain and a bend: its lowest node's gap is the distance."""
     hills = [(0.0, 0.0), (1.0, 0.2), (1.6, 0.3), (2.2, 0.3), (3.0, 0.2), (4.0, 0.25), (5.0, 0.2)]

@@ -186,6 +186,7 @@ def test_a_gif_shows_bodies_fly(tmp_path):
     np.testing.assert_allclose(moved[:, 1], scale * 0.5 * GRAVITY * time**2, atol=1.5)
 
 
+@pytest.mark.slow
 def test_a_film_changes_nothing_in_the_run(flight, tmp_path):
     filmed = xf.Simulation(plane_scene(), 0.01, num_threads=1)
     film = xf.output.Animation(

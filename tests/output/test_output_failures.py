@@ -314,6 +314,7 @@ input()
 """
 
 
+@pytest.mark.slow
 def test_a_second_run_is_refused(tmp_path):
     with python(HOLD, tmp_path) as first:
         assert first.stdout.readline() == "held\n"
@@ -331,6 +332,7 @@ def test_a_second_run_is_refused(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 def test_a_killed_run_locks_nothing(tmp_path):
     with python(HOLD, tmp_path) as first:
         assert first.stdout.readline() == "held\n"

@@ -48,6 +48,7 @@ def test_bodies_in_flight_go_on(dim):
     )
 
 
+@pytest.mark.slow
 def test_a_deposit_starts_the_next_scene():
     """Discs settle in a box; then a side is taken away, and they run out through it."""
     grains = xf.assemblies.packing(

@@ -91,6 +91,7 @@ next(xf.Simulation(scene, 1e-3).steps(1e-3))
 """
 
 
+@pytest.mark.slow
 def test_a_script_of_its_own_says_that_it_compiles():
     master, terminal = pty.openpty()
     termios.tcsetwinsize(terminal, (24, 80))

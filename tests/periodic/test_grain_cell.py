@@ -228,6 +228,7 @@ def test_other_solvers_find_what_sweeps_find(solver):
     assert np.allclose(*stresses, rtol=1e-5, atol=1e-7)
 
 
+@pytest.mark.slow
 def test_a_packing_goes_on_as_another_scene_after_five_periods_of_shear():
     """The cell that a new scene is given is the sheared one less five periods.
 

@@ -273,6 +273,7 @@ def test_short_edges_are_lengthened(dim, count, weighted):
         lengthen_short_edges(after, np.nan)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dim", (2, 3))
 def test_nearest_grains(dim):
     """The first is the grain around the point; images count."""

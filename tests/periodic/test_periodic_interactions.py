@@ -281,6 +281,7 @@ def test_perfectly_bonded_cells_are_the_connected_cell(kind, order):
     assert np.abs(states[1] - states[2]).max() < 1e-7
 
 
+@pytest.mark.slow
 def test_a_step_given_up_leaves_nothing_behind():
     """What a step that did not converge learnt of the cell's compliance is not used again."""
     bodies = cell_of((1, 1), (2, 2), label=None, material=TWO)

@@ -100,6 +100,7 @@ def test_stresses_that_are_given_are_those_with_couples():
     assert unsymmetric(macroscopic) < 1e-9
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("bond", BONDS)
 def test_what_a_turning_static_cell_books_is_of_second_order(bond):
     """The state hangs on no step; numerical energy and closure fall with its square."""
@@ -131,6 +132,7 @@ def test_lips_that_stay_pressed_dissipate_nothing_as_they_turn(bond):
     assert unsymmetric(simulation.macroscopic) < 1e-3
 
 
+@pytest.mark.slow
 def test_a_restarted_cell_knows_its_couples():
     """Pibar and the ledger go on as without a break."""
     whole = turning_cell(2, 10, 300.0, **STATIC)

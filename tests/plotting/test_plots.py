@@ -449,6 +449,7 @@ def test_wrong_shapes_are_refused():
         plot_law(np.zeros(3), np.zeros(4))
 
 
+@pytest.mark.slow
 def test_fragments_are_counted_from_the_largest_and_sieved_from_the_smallest(tmp_path):
     """Of four pieces two are of one size."""
     diameter, mass = np.array([4e-3, 1e-3, 2e-3, 2e-3]), np.array([16.0, 1.0, 4.0, 3.0])

@@ -33,6 +33,7 @@ def test_scales_and_formulas_give_the_known_numbers():
         np.testing.assert_allclose(1e6 * SIZE * formula(x), sizes, rtol=2e-3)
 
 
+@pytest.mark.slow
 def test_mean_sizes_are_those_published(runs):
     """Within 15 % of one fit; the other is for bars of smaller pieces."""
     for bar, pieces in runs:

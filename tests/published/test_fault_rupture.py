@@ -34,6 +34,7 @@ def test_the_kernel_is_that_of_the_rayleigh_function():
     assert rayleigh_speed() == pytest.approx(0.9194 * C_S, rel=1e-3)  # of nu = 1/4
 
 
+@pytest.mark.slow
 def test_ruptures_run_as_boundary_integrals_have_them():
     """Six facets in the cohesive zone; found within 1.1 to 2.6 %, and 1e-10 in the energy."""
     case = CASES[0.5]._replace(reach=6.0, time=7.0)

@@ -22,6 +22,7 @@ def test_the_angle_is_that_of_a_line_of_damage():
     assert kalthoff.crack_angle(damage, 0.1) == pytest.approx(np.degrees(1.2), abs=1e-9)
 
 
+@pytest.mark.slow
 def test_kalthoffs_crack_starts_at_the_notch_and_turns_up():
     """A mesh too coarse for more: where it starts, which way it goes, the balance."""
     damage, simulation = kalthoff.run(kalthoff.scene_of(5e-3), 40e-6)

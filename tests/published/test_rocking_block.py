@@ -15,6 +15,7 @@ import rocking_block as rocking  # noqa: E402
 TILTS = rocking.ALPHA * (0.5 + 0.004 * np.arange(4))
 
 
+@pytest.mark.slow
 def test_second_order_until_the_impact_and_first_over_it():
     found = [
         np.sqrt(np.mean([np.square(rocking.errors(tilt, step)) for tilt in TILTS], axis=0))
@@ -29,6 +30,7 @@ def test_second_order_until_the_impact_and_first_over_it():
     assert found[1][2] < 4e-3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("theta", [0.5, 1.0])
 def test_position_level_converges_on_rocking(theta):
     """To its own end: theta = 1 damps, so that the ratio of speeds is looser."""

@@ -336,6 +336,7 @@ VELOCITIES = mostly(
 )
 
 
+@pytest.mark.slow
 @settings(max_examples=60, **REPEATABLE)
 @given(
     kind=st.sampled_from(["crossed", "quadrilateral"]),

@@ -45,6 +45,7 @@ def test_bodies_fall_as_the_integral_says(scheme, theta, gravity):
     assert abs(last.energies["closure"]) < 1e-10 * kinetic
 
 
+@pytest.mark.slow
 def test_a_block_slides_once_the_table_is_steeper_than_friction():
     friction, rate = 0.3, 0.5
 

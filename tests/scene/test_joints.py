@@ -105,6 +105,7 @@ JOINED = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", JOINED)
 def test_two_joined_bodies_tumble(kind):
     """Momenta to rounding; energy to second order; what the joint holds stays where it is."""
@@ -147,6 +148,7 @@ def test_two_joined_bodies_tumble(kind):
         assert np.linalg.norm(end - ends[0]) <= length + 3e-4
 
 
+@pytest.mark.slow
 def test_a_slider_crank():
     """A crank that is driven; the slider is where the triangle of crank and rod says."""
     crank_radius, rod, spin, step = 0.3, 1.0, 6.0, 2e-3
@@ -236,6 +238,7 @@ def test_friction_stops_what_moves(kind):
     assert spent == pytest.approx(0.5 * inertia * speed**2, rel=1e-10)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["plane", "space", "slider"])
 def test_limits_send_back(kind):
     """With the restitution, at the limit that is met, and not before."""
@@ -271,6 +274,7 @@ def test_limits_send_back(kind):
 # -- tendons
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("restitution", [0.0, 0.5, 1.0])
 def test_a_wire_catches_what_falls(restitution):
     """Slack without force; the speed at which it becomes taut comes back by the restitution."""

@@ -41,6 +41,7 @@ def test_pieces_of_a_clamped_plate_rattle_without_gain(friction, restitution):
     assert (found["dissipated_friction"][-1] > 0.1) == (friction > 0.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("cells", "speed", "steps", "halved"), [(5, 0.03, 300, True), (3, 0.05, 100, False)]
 )

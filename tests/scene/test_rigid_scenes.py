@@ -192,6 +192,7 @@ def test_a_tall_block_topples(dim, share):
 # -- spin
 
 
+@pytest.mark.slow
 def test_a_free_body_turns_as_euler_says():
     """About its middle axis, nearly: the spin in its axes, to the second order in the step."""
     lengths, spin, end = (0.3, 0.2, 0.1), np.array([0.05, 3.0, 0.0]), 6.0

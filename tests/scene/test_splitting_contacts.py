@@ -73,6 +73,7 @@ def test_blocks_whose_vertices_hold_strike_each_other_as_blocks_of_one_piece(dim
     assert len(split.interactions.fused.split) == 0
 
 
+@pytest.mark.slow
 @in_both
 def test_pieces_meet_where_their_bonds_have_retired(dim):
     """Momentum and ledger to rounding, w for each bond; the search takes over the open facets."""

@@ -146,6 +146,7 @@ def test_a_bond_breaks_as_in_much_finer_steps():
     assert counts[1] < counts[0] / 10 and counts[2] < counts[0] / 2
 
 
+@pytest.mark.slow
 def test_plastic_flow_is_as_accurate_as_asked_for():
     """Dissipation of a plate with a soft half, static, against 40 times more steps."""
     spent = []
@@ -166,6 +167,7 @@ def test_plastic_flow_is_as_accurate_as_asked_for():
         assert count < most
 
 
+@pytest.mark.slow
 def test_a_bounce_takes_short_steps_only_where_it_bounces():
     """A bar falls far, hits a wall and flies on: its steps shrink at the wall, energy is kept."""
     scene = Scene(

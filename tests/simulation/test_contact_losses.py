@@ -65,6 +65,7 @@ def test_a_disc_that_bounces(theta, restitution):
         assert told["impact"] == pytest.approx(0.5 * MASS * (9.0 + 2.0 * GRAVITY * 0.2), rel=0.15)
 
 
+@pytest.mark.slow
 def test_an_elastic_block_that_lands():
     """Impacts of nodes on a wall are no damping of the scheme: nearly the same at any theta."""
     impacts = []

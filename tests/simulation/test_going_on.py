@@ -48,6 +48,7 @@ def again(simulation, changes=None, **options):
     return xf.Simulation(scene, num_threads=1, **options)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CARRIED)
 def test_the_same_scene_goes_on_with_the_same_bits(name):
     scene = getattr(restart_scenes, name)
@@ -165,6 +166,7 @@ def test_loads_of_meshed_bodies_change_at_once():
     np.testing.assert_allclose(velocity, np.broadcast_to((0.4, -2.0), velocity.shape), atol=1e-9)
 
 
+@pytest.mark.slow
 def test_joints_go_on_as_they_were_placed():
     """A wire leaves with its energy, a weld comes; a hinge with limits is where it was placed."""
     bar = xf.RigidBody(xf.rigid.Polygon.box((1.0, 0.1)), (0.5, 0.0), "bars", density=10.0)

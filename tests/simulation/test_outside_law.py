@@ -27,6 +27,7 @@ def pulled_apart(law, dim, **options):
     return simulation, len(list(simulation.steps(2.0)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dim", [2, 3])
 @pytest.mark.parametrize("solver", ["explicit", "nlgs", "accelerated", "newton", "monolithic"])
 def test_every_solver_finds_what_the_catalogues_law_finds(dim, solver):

@@ -214,6 +214,7 @@ def test_a_path_goes_to_its_end_where_a_part_comes_loose():
     assert abs(simulation.reaction(RIGHT)[0]) < 1e-6 * BOND.strength
 
 
+@pytest.mark.slow
 def test_a_path_that_stops_says_what_failed():
     """The weaker bond breaks, and the whole one has no load at which it dissipates anything."""
     simulation = follow(bonds_in_a_row(), xf.DissipationControl(2.0))
