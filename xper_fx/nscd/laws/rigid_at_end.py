@@ -81,14 +81,13 @@ from xper_fx.nscd.laws.law import (
     Columns,
     LawKernels,
 )
+from xper_fx.nscd.laws.rigid_strength import strength_of
 from xper_fx.nscd.laws.weakening import Weakening
 
 # omega times the steepest descent of the curve, at most.
 _SOFT = 0.25
 # Iterations for the damage; error of s, relative, and a difference of neighbouring floats.
 _MOST, _CLOSE, _NEIGHBOURS = 200, 1e-14, 4e-16
-# Excess of a traction over the strength, relative, that is rounding.
-_ROUNDING = 1e-12
 # Opening that is none, relative to the critical one: of a solver's tolerance, or of a bond at its
 # strength, which the next step finds anew. (Rings of bonds, one of which has hardly opened and the
 # others not at all, took hundreds of iterations.)
@@ -105,6 +104,7 @@ def rigid_end_kernels(
     diagonal = algebra.multiply_diagonal
     rubs, friction_of = friction is not Friction.NONE, friction_by_damage(friction)
     book_losses = contact_losses(dim, rubs)
+    opening, bears = strength_of(dim, friction, weakening)
     shape, reach, first_limit = weakening.shape, weakening.reach, weakening.limit
     damage, _, dissipated, opening_with = damage_functions(weakening.curve)
     viscosity = shape_column(rubs) + sum(count for _, count in weakening.effects)
@@ -127,10 +127,6 @@ def rigid_end_kernels(
         others.take("viscous bonds")  # eta
         whole_drag = details_of.take("viscous bonds")  # h A eta
         open_lips = (1.0,) + (0.0,) * (dim - 1)
-
-    @njit(inline="always")
-    def opening(jump):
-        return np.sqrt(dot(jump, jump) - jump[0] * jump[0] + max(jump[0], 0.0) ** 2)
 
     @njit(inline="always")
     def at_start(i, terms):
@@ -169,19 +165,6 @@ def rigid_end_kernels(
             return 0.0
         p = shape(i, open_lips, parameters)
         return details[i, whole_drag] * left * opening_with(left, p) / p[0]
-
-    @njit(inline="always")
-    def bears(i, r, parameters, terms, details):
-        """Whether a sound bond bears an impulse."""
-        step_area = terms[i, spring] / (details[i, step_size] * parameters[i, C_N])
-        pull = scale(-1.0 / step_area, r)
-        share = 1.0
-        if pull[0] < 0.0:
-            rubbed = -friction_of(i, parameters[i, BETA0], parameters) * pull[0]
-            sheared = np.sqrt(dot(pull, pull) - pull[0] * pull[0])
-            share = max(0.0, 1.0 - rubbed / sheared) if sheared > 0.0 else 0.0
-        jump = diagonal(1.0 / parameters[i, C_N], share / parameters[i, C_T], pull)
-        return opening(jump) <= shape(i, jump, parameters)[0] * (1.0 + _ROUNDING)
 
     @njit(inline="always")
     def respond(i, beta, b, parameters, terms, details):
@@ -268,7 +251,8 @@ def rigid_end_kernels(
         b = line_of(i, u, r, terms)
         if details[i, rigid] == 1.0:
             hold = scale(-1.0 / terms[i, compliance], b)
-            if bears(i, hold, parameters, terms, details):
+            step_area = terms[i, spring] / (details[i, step_size] * parameters[i, C_N])
+            if bears(i, hold, step_area, parameters):
                 return hold, True
         beta = damage_of_step(i, b, parameters, terms, details)
         y, hat = respond(i, beta, b, parameters, terms, details)

@@ -22,7 +22,7 @@ import numpy as np
 
 from xper_fx.cache import njit
 from xper_fx.nscd.algebra.small import for_dimension
-from xper_fx.nscd.kernel_options import LEAN_ENTRY, LEAN_INNER
+from xper_fx.nscd.kernel_options import LEAN_INNER
 from xper_fx.nscd.laws.contact_losses import contact_losses
 from xper_fx.nscd.laws.contact_solver import contact_solver
 from xper_fx.nscd.laws.damage_curve import (
@@ -47,6 +47,7 @@ from xper_fx.nscd.laws.law import (
     Columns,
     LawKernels,
 )
+from xper_fx.nscd.laws.rigid_strength import strength_of
 from xper_fx.nscd.laws.weakening import Weakening
 
 RigidKernels = namedtuple("RigidKernels", "bears held insist")
@@ -56,8 +57,6 @@ PUSHED = 2  # column of the state, after those of all bonds
 _MONOTONE, _MOST = 40, 200
 # Error of s, relative, and a difference of neighbouring floats.
 _CLOSE, _NEIGHBOURS = 1e-14, 4e-16
-# Excess of a traction over the strength, relative, that is rounding.
-_ROUNDING = 1e-12
 # Opening that a solver's tolerance may leave a bond that holds, relative to the critical one.
 _LEFT = 1e-6
 # Difference of the squares of friction and its bound, relative, at which lips slide.
@@ -92,6 +91,7 @@ def rigid_kernels(
     contact, book_losses = contact_solver(dim, rubs), contact_losses(dim, rubs)
     num_sym = dim * (dim + 1) // 2
     diagonal_of = (0, 2) if dim == 2 else (0, 3, 5)
+    opening, bears = strength_of(dim, friction, weakening)
     shape, reach, first_limit = weakening.shape, weakening.reach, weakening.limit
     damage, mean_damage, _, opening_with = damage_functions(weakening.curve)
     energies = ALL_ENERGIES if viscous else ENERGIES
@@ -115,13 +115,6 @@ def rigid_kernels(
     if viscous:
         others.take("viscous bonds")  # eta
         whole_drag = details_of.take("viscous bonds")  # h theta A eta
-
-    @njit(inline="always")
-    def opening(jump):
-        x = max(jump[0], 0.0) ** 2 + jump[1] * jump[1]
-        if dim == 3:
-            x += jump[2] * jump[2]
-        return np.sqrt(x)
 
     @njit(inline="always")
     def part(columns, i, first):
@@ -206,17 +199,6 @@ def rigid_kernels(
         least = max(_REGULAR * mean_of(w_i), _DRIVEN)
         for j in range(num_sym):
             details[i, compliance + j] = w_i[j] + (least if j in diagonal_of else 0.0)
-
-    @njit(**LEAN_ENTRY)
-    def bears(i, r, step_area, parameters):
-        pull = scale(-1.0 / step_area, r)
-        share = 1.0
-        if pull[0] < 0.0:
-            rubbed = -friction_of(i, parameters[i, BETA0], parameters) * pull[0]
-            sheared = np.sqrt(dot(pull, pull) - pull[0] * pull[0])
-            share = max(0.0, 1.0 - rubbed / sheared) if sheared > 0.0 else 0.0
-        jump = diagonal(1.0 / parameters[i, C_N], share / parameters[i, C_T], pull)
-        return opening(jump) <= shape(i, jump, parameters)[0] * (1.0 + _ROUNDING)
 
     @njit(inline="always")
     def holding(i, u, r, terms, details):
