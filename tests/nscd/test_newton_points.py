@@ -204,6 +204,31 @@ def test_iterations_do_not_grow_with_the_mesh():
     assert counts[1] <= 1.6 * counts[0] and counts[1] <= 30, counts
 
 
+def test_the_matrix_is_factored_once_iterations_are_many(monkeypatch):
+    """Until the next solve; the step of the impulses is that of iterations."""
+    scene, velocity = plate_step(8, 100, True)
+    solve(scene, velocity, tolerance=1e-9, max_sweeps=10, num_threads=1)
+    problem = LinearisedProblem(scene)
+    bound = 1e-9 * tangent.residual(scene, velocity)[0]
+    found, counts = [], []
+    for _ in range(2):
+        problem.begin()
+        for _ in range(2):
+            problem.linearise(velocity)
+            (change,), iterations = problem.solve(np.zeros_like(velocity), bound, 400)
+            found.append(change.copy())
+            counts.append(iterations)
+    assert counts[0] == counts[2] >= tangent.MANY and max(counts[1::2]) <= 1
+    for change in found[1:]:
+        np.testing.assert_allclose(change, found[0], atol=1e-6 * np.abs(found[0]).max())
+    # large ones are not factored
+    monkeypatch.setattr(tangent, "DIRECT", 100)
+    problem = LinearisedProblem(scene)
+    for _ in range(2):
+        problem.linearise(velocity)
+        assert problem.solve(np.zeros_like(velocity), bound, 400)[1] == counts[0]
+
+
 def test_what_is_kept_belongs_to_the_w_of_the_last_step():
     """Once another w came nothing is kept, or saved: a restarted run knows but the last."""
     scene, velocity = plate_step(3, 30, False)

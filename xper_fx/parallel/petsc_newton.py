@@ -5,7 +5,7 @@ GMRES (Saad and Schultz 1986) with the two corrections of `nscd/solvers/tangent.
 clusters of facing nodes, whose rows are on one rank each (`row_numbering.py`) and whose blocks are
 inverted there; and all clusters moving as one, whose matrix P^T w^-1 P is factored once for each w,
 by every rank or, if large, over all ranks by MUMPS (Amestoy et al. 2001). Both are those of one
-rank, and so is the number of iterations.
+rank, and so is the number of iterations. Where they are many every rank factors the whole matrix.
 """
 
 from __future__ import annotations
@@ -35,6 +35,9 @@ class LinearSystem:
 
     Args:
         interactions: this rank's points.
+
+    Attributes:
+        size: number of unknowns of all ranks.
     """
 
     def __init__(self, interactions: Interactions):
@@ -54,6 +57,7 @@ class LinearSystem:
         self._count = int(sizes.sum())
         self._matrix = self._new_matrix(self._count)
         self._matrix.setVariableBlockSizes(sizes)
+        self.size = self._matrix.getSize()[0]
         self._x, self._b = self._matrix.createVecs()
         self._local = PETSc.Vec().createSeq(len(index), comm=PETSc.COMM_SELF)
         where = PETSc.IS().createGeneral(index.astype(PETSc.IntType), comm=PETSc.COMM_SELF)
@@ -139,18 +143,19 @@ class LinearSystem:
         self._preconditioner.factor(matrix)
         matrix.destroy()
 
-    def take_springs(self, springs: Elements, as_one: bool) -> bool:
+    def take_springs(self, springs: Elements, kind: str) -> bool:
         """Take S.
 
         Args:
             springs: of this rank's points.
-            as_one: whether clusters moving as one shall be corrected for.
+            kind: of the preconditioner: "clusters", "clusters and all as one", or "whole", the
+                matrix itself.
 
         Returns:
-            Whether the block of every cluster could be inverted.
+            Whether what it needs could be inverted.
         """
         self._assemble(self._matrix, springs)
-        return self._preconditioner.take(self._matrix, as_one)
+        return self._preconditioner.take(self._matrix, kind)
 
     def solve(self, b: np.ndarray, x: np.ndarray, bound: float, max_iterations: int) -> int:
         """Improve x until |b - A x| is within a bound.
@@ -181,7 +186,7 @@ class LinearSystem:
 
 
 class _TwoLevel:
-    """z = clusters alone + all clusters moving as one.
+    """z = clusters alone + all clusters moving as one, or that of the matrix itself.
 
     Args:
         prolongation: P.
@@ -191,6 +196,9 @@ class _TwoLevel:
         self._prolongation = prolongation
         self._clusters = PETSc.PC().create(prolongation.comm)
         self._clusters.setType(PETSc.PC.Type.VPBJACOBI)
+        self._whole = PETSc.PC().create(prolongation.comm)
+        self._whole.setType(PETSc.PC.Type.REDUNDANT)
+        self._first = self._clusters
         self._as_one, self._coarse = False, None
         self._moved, _ = prolongation.createVecs()
         self._force = self._moved.duplicate()
@@ -213,16 +221,17 @@ class _TwoLevel:
             pc.setType(PETSc.PC.Type.REDUNDANT)
         self._coarse.setUp()
 
-    def take(self, matrix, as_one: bool) -> bool:
-        """Invert the clusters' blocks; whether that was possible on all ranks."""
-        self._as_one = as_one and self._coarse is not None
-        self._clusters.setOperators(matrix)
-        self._clusters.setUp()
-        return self._clusters.getFailedReason() == 0
+    def take(self, matrix, kind: str) -> bool:
+        """Invert the clusters' blocks, or the whole; whether that was possible on all ranks."""
+        self._as_one = kind == "clusters and all as one" and self._coarse is not None
+        self._first = self._whole if kind == "whole" else self._clusters
+        self._first.setOperators(matrix)
+        self._first.setUp()
+        return self._first.getFailedReason() == 0
 
     def apply(self, pc, r, z) -> None:
         """z = B r, as PETSc calls it."""
-        self._clusters.apply(r, z)
+        self._first.apply(r, z)
         if self._as_one:
             self._prolongation.multTranspose(r, self._force)
             self._coarse.solve(self._force, self._moved)

@@ -184,6 +184,8 @@ class NewtonOnAllPoints(Solver):
             if not problem.regular:
                 batch = max_sweeps
                 continue
+            if steps == 0:
+                problem.begin()
             attempt = _Attempt(interactions, velocity, problem)
             converged = attempt.run(tolerance)
             steps, iterations = steps + attempt.steps, iterations + attempt.iterations

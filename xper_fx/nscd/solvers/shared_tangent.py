@@ -17,7 +17,7 @@ import numpy as np
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.inverse_blocks import BodyInverse
 from xper_fx.nscd.point_group import PointGroup
-from xper_fx.nscd.solvers.tangent import PointTangents, inverted_bodies
+from xper_fx.nscd.solvers.tangent import DIRECT, MANY, PointTangents, inverted_bodies
 
 
 class SharedProblem:
@@ -39,7 +39,7 @@ class SharedProblem:
         self._system = interactions.halo.linear_system(interactions)
         self._right = np.empty(interactions.inverse.num_slots * interactions.dim)
         self._dofs = [_dofs(g.points.nodes, interactions.dim) for g in interactions.groups]
-        self.solvable = False
+        self.solvable = self._direct = False
         self.renew()
 
     def renew(self) -> None:
@@ -52,6 +52,10 @@ class SharedProblem:
             self._system.take_bodies(_by_size(inverse, blocks))
         self.tangents.forget()
 
+    def begin(self) -> None:
+        """Solve the next problems without a factorisation of the whole again."""
+        self._direct = False
+
     def linearise(self, velocity: np.ndarray) -> None:
         """Take D, K and g at a state, v_free + w H r, shape (num_slots * dim,)."""
         interactions, tangents = self._interactions, self.tangents
@@ -60,8 +64,9 @@ class SharedProblem:
             (dofs, _springs(g, own.stiffness))
             for g, dofs, own in zip(interactions.groups, self._dofs, tangents.groups, strict=True)
         ]
-        coarse = tangents.mostly_held(interactions)
-        self.solvable = self._system.take_springs(springs, coarse)
+        held = tangents.mostly_held(interactions)
+        kind = "whole" if self._direct else "clusters and all as one" if held else "clusters"
+        self.solvable = self._system.take_springs(springs, kind)
 
     def solve(self, step: np.ndarray, bound: float, max_iterations: int):
         """The step of the impulses that the linearised laws ask for.
@@ -71,6 +76,8 @@ class SharedProblem:
         interactions = self._interactions
         self.tangents.spread_source(interactions, self._right)
         iterations = self._system.solve(self._right, step, bound, max_iterations)
+        if iterations >= MANY and self._system.size <= DIRECT:
+            self._direct = True
         return self.tangents.changes(interactions, step), iterations
 
 

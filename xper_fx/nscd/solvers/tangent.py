@@ -25,7 +25,11 @@ it with two corrections added up:
 The second is left out where many points are open or slide: facing nodes do not move as one.
 
 Rigid bodies have nothing of the kind, and their stacks, arches and packings hand a load on over
-many bodies. Where all bodies are rigid and not too many the matrix itself is factored.
+many bodies. Blocks with many nodes on their boundary deform in ways of which neither correction
+knows. So the matrix itself is factored, where it is not too large, if all bodies are rigid, and of
+other bodies once GMRES has needed many iterations in the step. Newton's method gains by more than
+their time: changes that are exact settle most points at once, where rough ones make many of them
+open and close in turn.
 """
 
 from __future__ import annotations
@@ -58,8 +62,9 @@ _PROXIMAL, _SAME = 1e-6, 1e-6
 _BASIS = 40
 # Share of the motion at points that springs hold, below which facing nodes do not move as one.
 _HELD = 0.75
-# Degrees of freedom of rigid bodies up to which the matrix is factored.
-_DIRECT = 6000
+# Degrees of freedom up to which the matrix is factored, and iterations of GMRES after which that of
+# meshed bodies is.
+DIRECT, MANY = 6000, 40
 # Pivot, relative to the largest entry, at which a block counts as singular.
 _SINGULAR = 1e-13
 
@@ -648,11 +653,11 @@ class LinearisedProblem:
         self._sizes = np.diff(inverse.node_offsets) * dim
         self._starts = inverse.node_offsets[:-1] * dim
         num_dofs = inverse.num_slots * dim
-        rigid = interactions.bulk_inverse.num_nodes == 0
-        self._direct = rigid and num_dofs <= _DIRECT
+        self._rigid = interactions.bulk_inverse.num_nodes == 0
+        self._small = num_dofs <= DIRECT
+        self._direct = self._rigid and self._small
         self._factors = None
-        if self._direct:
-            self._openings = [opening_matrix(g, num_dofs) for g in interactions.groups]
+        self._openings: list = []  # H^T of each group
         self._clusters, self._opened = facing_clusters(interactions)
         self._block_offsets = np.concatenate(
             [[0], np.cumsum((np.diff(self._clusters.offsets) * dim) ** 2)]
@@ -672,10 +677,16 @@ class LinearisedProblem:
         inverse = self._interactions.inverse
         self._matrix, self._fixed, self.regular = inverted_bodies(inverse)
         self._held_dofs = np.flatnonzero(self._fixed)
-        if self.regular and not self._direct:
+        if self.regular and not (self._rigid and self._small):
             self._factor_coarse()
         self.tangents.forget()
         self._fresh = True
+
+    def begin(self) -> None:
+        """Take H of now, as points may have turned, and GMRES again if the bodies are not rigid."""
+        self._openings = []
+        if self._direct and not self._rigid:
+            self._direct, self._fresh = False, True
 
     def _factor_coarse(self) -> None:
         """Factor P^T w^-1 P; what is prescribed, and clusters whose translation opens, are not."""
@@ -742,6 +753,8 @@ class LinearisedProblem:
     def _factor(self) -> None:
         """Factor w^-1 + H K H^T, with ones for what is prescribed."""
         count = len(self._fixed)
+        if not self._openings:
+            self._openings = [opening_matrix(g, count) for g in self._interactions.groups]
         rows, columns = _block_pairs(self._sizes, self._starts, len(self._matrix))
         kept = self._matrix != 0.0
         matrix = coo_array(
@@ -754,7 +767,10 @@ class LinearisedProblem:
         free = np.where(self._fixed, 0.0, 1.0)
         matrix = (matrix * free).tocsc() * free[:, None] + diags_array(1.0 - free)
         try:
-            self._factors = splu(matrix.tocsc())
+            self._factors = splu(
+                matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.1,
+                options={"SymmetricMode": True},
+            )  # fmt: skip
         except RuntimeError:  # singular
             self._factors = None
         self.solvable = self._factors is not None
@@ -783,6 +799,8 @@ class LinearisedProblem:
         iterations, _ = gmres(
             self._apply, self._precondition, left, step, bound, max_iterations, self._room
         )
+        if self._small and iterations >= MANY:
+            self._direct = self._fresh = True
         return self.tangents.changes(self._interactions, step), iterations
 
     def _source(self, total: np.ndarray) -> None:
