@@ -191,8 +191,16 @@ def run(name: str) -> dict[str, np.ndarray]:
     found["held"] = np.array(everyone([
         simulation.bodies.num_bodies, simulation.bulk.num_dofs,
         contacts, interactions.inverse.num_nodes - interactions.bulk_inverse.num_nodes,
+        *searched(simulation),
     ]))  # fmt: skip
     return {k: np.array(v) for k, v in history.items()} | found
+
+
+def searched(simulation) -> tuple[int, int]:
+    """Pairs that this rank looks at, and facets of which it knows the nodes."""
+    search = simulation.detection._surfaces
+    lists = search.lists
+    return lists.num_pairs, len(lists.known(np.arange(len(search.surface))))
 
 
 def record(folder: str, last: int, restart: bool) -> None:

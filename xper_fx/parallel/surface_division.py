@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Contacts that a search finds between meshed bodies, divided among the ranks of these bodies.
 
-A body stays on its rank. Every rank knows where all nodes of all surfaces are, which are few beside
-those of the volumes unless each cell is a body, and so finds the same pairs of bodies that may
-touch and the same contacts.
-A contact belongs to one of the ranks of its two bodies (`ownership.owners_of_pairs`), which has
-the other body as *ghosts* while the two may touch: its velocities, and its block of w. Nothing has
-to be said about who needs which ghosts, as all ranks know all pairs. Which pairs of ranks meet in
-which phase (`ownership.phases`) only grows, so that points that last stay in their phase.
+A body stays on its rank, which looks for what its nodes touch (`search_division.py`).
+A contact belongs to one of the ranks of its two bodies (`ownership.owners_of_pairs`), to which the
+rank that has found it sends it. The owner has the other body as *ghosts* while the two may touch:
+its velocities, and its block of w. When lists change, all ranks tell each other which bodies of two
+ranks are in their lists; nothing else has to be said about who needs which ghosts. Which pairs of
+ranks meet in which phase (`ownership.phases`) only grows, so that points that last stay in their
+phase.
 """
 
 from __future__ import annotations
@@ -17,9 +17,11 @@ from collections.abc import Mapping
 import numpy as np
 
 from xper_fx.nscd.interactions import Interactions
+from xper_fx.nscd.search.contact_pairs import Contacts, join
 from xper_fx.parallel.halo import Halo
 from xper_fx.parallel.ownership import owners_of_pairs, phases
 from xper_fx.parallel.rows_of_all import RowsOfAll
+from xper_fx.parallel.search_division import SearchDivision
 from xper_fx.support.ranks import Ranks
 
 
@@ -36,6 +38,7 @@ class SurfaceDivision:
     Attributes:
         ranks: as given.
         own: nodes of this rank's bodies, ascending.
+        search: this rank's share of the search.
         slot: shape (num_nodes,), their slots and those of the ghosts that there are now; others
             mean nothing.
     """
@@ -52,18 +55,16 @@ class SurfaceDivision:
         self._touchable = touchable
         rank_of_node = rank_of_body[body_of_node]
         self.own = np.flatnonzero(rank_of_node == ranks.rank)
+        self.search = SearchDivision(ranks, rank_of_body, body_of_node, dim)
         self._rows = RowsOfAll(ranks, rank_of_node, dim)
         self._shape = len(body_of_node), dim
         self.slot = np.full(len(body_of_node), -1)
         self._pairs = np.zeros((0, 2), np.int64)
         self._found = self._committed = np.zeros((0, 2), np.int64), np.zeros(0, np.int64)
 
-    def of_all(self, own: np.ndarray) -> np.ndarray:
-        """Values at all nodes, shape (num_nodes, dim), from those at this rank's `own`."""
-        values = np.empty(self._shape)
-        values[self.own] = own
+    def fill_in(self, values: np.ndarray) -> None:
+        """Put what all ranks have at their nodes into values at all nodes, shape (n, dim)."""
         self._rows.forward(values.reshape(-1))
-        return values
 
     def begin(self, interactions: Interactions, slots: np.ndarray) -> None:
         """Take the layer of points, and the slots of `own`, -1 where nothing can touch a node."""
@@ -71,29 +72,34 @@ class SurfaceDivision:
         self.slot[self.own] = slots
         self._meetings = self._first.meetings
 
-    def own_of(self, keys: np.ndarray, bodies: np.ndarray) -> np.ndarray:
-        """Which contacts are this rank's.
+    def hand_over(self, contacts: Contacts, bodies: np.ndarray) -> tuple[Contacts, bool]:
+        """Send contacts to the ranks that have them; all ranks call it together.
 
         Args:
-            keys: shape (n, 2), of the contacts of all ranks, found in a step.
-            bodies: shape (n, 2).
+            contacts: those that this rank has found in a step.
+            bodies: shape (n, 2), of their sides.
 
         Returns:
-            Shape (n,), bool.
+            This rank's contacts, sorted by key, and whether, on any rank, a contact of the step
+            done last now belongs to another one. So it may be where several bodies are one
+            fragment: a node slides from one to the next.
         """
-        owner = owners_of_pairs(self._rank_of_body[bodies])
-        self._found = keys, owner
-        return owner == self.ranks.rank
+        me, owner = self.ranks.rank, owners_of_pairs(self._rank_of_body[bodies])
+        self._found = contacts.key, owner
+        moved, told = self._some_moved(), []
+        for rank in range(self.ranks.size):
+            theirs = np.flatnonzero(owner == rank) if rank != me else ()
+            told.append((moved, contacts.take(theirs) if len(theirs) else None))
+        got = self.ranks.comm.alltoall(told)
+        parts = [contacts.take(np.flatnonzero(owner == me))]
+        parts += [part for _, part in got if part is not None]
+        return join(parts), any(moved for moved, _ in got)
 
     def commit(self) -> None:
         """The contacts found last are those of a step that is done."""
         self._committed = self._found
 
-    def some_moved(self) -> bool:
-        """Whether a contact of the step done last now belongs to another rank.
-
-        So it may be where several bodies are one fragment: a node slides from one to the next.
-        """
+    def _some_moved(self) -> bool:
         keys, owner = map(np.concatenate, zip(self._committed, self._found, strict=True))
         order = np.lexsort(keys.T)
         same = (keys[order[1:]] == keys[order[:-1]]).all(axis=1)
@@ -104,11 +110,12 @@ class SurfaceDivision:
 
         Args:
             interactions: the layer.
-            pairs: shape (n, 2), bodies that may touch, the same on all ranks, sorted.
+            pairs: shape (n, 2), bodies that may touch, in the lists of this rank.
         """
         sides = self._rank_of_body[pairs]
-        cut = sides[:, 0] != sides[:, 1]
-        pairs, sides = pairs[cut], sides[cut]
+        cut = pairs[sides[:, 0] != sides[:, 1]]
+        pairs = np.unique(np.concatenate(self.ranks.comm.allgather(cut)), axis=0)
+        sides = self._rank_of_body[pairs]
         if np.array_equal(pairs, self._pairs):
             return
         self._pairs = pairs

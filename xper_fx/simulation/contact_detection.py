@@ -131,6 +131,7 @@ class Detection:
             pairs=[c.between for c in contacts],
             released=law_of_facet < 0,
             rigid=scene.rigid_bodies,
+            share=None if self._shared is None else self._shared.search,
         )
         self._body_of_node = bodies_of_nodes(surface)
         self._group_of_node = np.full(surface.num_nodes, -1)
@@ -259,21 +260,32 @@ class Detection:
         interactions.find_contacts(points, velocity, step, theta, halo)
 
     def _moved(self, displacement: np.ndarray) -> np.ndarray:
-        """Where the nodes of all surfaces are, from displacements of all nodes of V, flat (m)."""
+        """Where nodes of surfaces are, this rank's own, from displacements of V, flat (m)."""
         own = displacement.reshape(-1, self._scene.dim)[self._at]
-        return self._x + (own if self._shared is None else self._shared.of_all(own))
+        if self._shared is None:
+            return self._x + own
+        x = self._x.copy()
+        x[self._shared.own] += own
+        return x
+
+    def _moved_with_known(self, displacement: np.ndarray) -> np.ndarray:
+        """The same with nodes of bodies of other ranks that this one knows."""
+        x = self._moved(displacement)
+        if self._shared is not None:
+            self._shared.search.refresh(x)
+        return x
 
     def _own(self, contacts: Contacts, interactions: Interactions) -> Contacts:
-        """Of the contacts of all ranks this one's; the ghosts that they need are there then."""
+        """This rank's contacts, wherever they were found; the ghosts that they need are there."""
         lists, shared = self._surfaces.lists, self._shared
         if lists.changes != self._listed:
             self._listed = lists.changes
             shared.take_ghosts(interactions, lists.pairs_of_bodies())
         main = np.take_along_axis(contacts.nodes, contacts.weights.argmax(axis=2)[..., None], 2)
-        own = shared.own_of(contacts.key, self._body_of_node[main[..., 0]])
-        if shared.some_moved():
+        contacts, some_moved = shared.hand_over(contacts, self._body_of_node[main[..., 0]])
+        if some_moved:
             interactions.share_history(self._ranks)
-        return contacts.take(np.flatnonzero(own))
+        return contacts
 
     def _on_slots(
         self, contacts: Contacts, prediction: Prediction | None, slot_of_node, first_rigid
@@ -326,7 +338,7 @@ class Detection:
         if self._shared is not None:
             self._shared.commit()
         if self._surfaces is not None:
-            self._lips.release(interactions, each, lambda: self._moved(displacement))
+            self._lips.release(interactions, each, lambda: self._moved_with_known(displacement))
 
     def saved(self) -> dict:
         """Lists' origins, broken lips and those that have retired."""
@@ -337,6 +349,8 @@ class Detection:
             out["division"] = self._division.saved()
         if self._surfaces is not None:
             out["surfaces"] = self._surfaces.lists.saved()
+            if self._shared is not None and out["surfaces"]:
+                self._shared.fill_in(out["surfaces"]["x"])
             out |= self._lips.saved()
         if self._shared is not None:
             out["shared"] = self._shared.saved()

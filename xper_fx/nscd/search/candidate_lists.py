@@ -4,6 +4,9 @@
 Lists (Verlet 1967) hold pairs no further apart than reach + skin. They are made anew when some node
 or rigid body has moved by more than skin / 2 against the middle of all motions. What bonds free is
 put into the list there is. Walls are looked at with all nodes.
+
+Where ranks divide the search (`search_share.py`) all make lists anew at the same steps. Each lists
+the nodes of its own bodies, and pairs of edges of which the first is of its own.
 """
 
 from __future__ import annotations
@@ -18,6 +21,7 @@ from xper_fx.nscd.search.facet_geometry import facet_normals
 from xper_fx.nscd.search.grid import box_pairs
 from xper_fx.nscd.search.pair_list import PairList
 from xper_fx.nscd.search.rigid_side import RigidSide
+from xper_fx.nscd.search.search_share import SearchShare
 from xper_fx.nscd.search.surface import Surface
 
 # How many searches a list should serve, and bounds of the skin as shares of a facet's size.
@@ -37,6 +41,7 @@ class CandidateLists:
         reach: largest gap of a contact (m).
         self_contact: whether a body may touch itself.
         typical_size: of a facet (m).
+        share: of the ranks that divide the search; None where one makes all of it.
 
     Attributes:
         node_facet, rigid_facet: nodes and rigid points beside facets.
@@ -46,7 +51,7 @@ class CandidateLists:
         skin: m, of the lists in use.
         renewals: how often lists have been made.
         searches: how often contacts have been looked for.
-        changes: how often pairs of meshed bodies have been listed.
+        changes: how often pairs of meshed bodies have been listed, by all ranks together.
     """
 
     def __init__(
@@ -59,10 +64,11 @@ class CandidateLists:
         reach: float,
         self_contact: bool,
         typical_size: float,
+        share: SearchShare | None = None,
     ):
         self._surface, self._bonds, self._rigid = surface, bonds, rigid
         self._meets, self._extent, self._reach = meets, extent, reach
-        self._self_contact, self._dim = self_contact, surface.dim
+        self._self_contact, self._dim, self._share = self_contact, surface.dim, share
         count, flat = surface.num_nodes, surface.facets.ravel()
         self._groups_of_node = np.zeros((count, len(surface.groups)), bool)
         self._groups_of_node[flat, np.repeat(surface.group, self._dim)] = True
@@ -98,7 +104,7 @@ class CandidateLists:
         return self.node_facet, self.rigid_facet, self.node_rigid, self.edge_pairs
 
     def pairs_of_bodies(self) -> np.ndarray:
-        """Meshed bodies that may touch, shape (n, 2), the lower number first, sorted."""
+        """Meshed bodies in the lists, shape (n, 2), the lower number first, sorted."""
         near, edges = self.node_facet, self.edges[self.edge_pairs] // 3
         node = np.repeat(near.rows, np.diff(near.start))
         body = self._surface.body
@@ -111,25 +117,40 @@ class CandidateLists:
         self._edges_are_old = True
 
     def renew_if_needed(self, x: np.ndarray) -> None:
-        """Make the lists anew if something has moved too far; one more search is made with them."""
+        """Make the lists anew if something has moved too far; one more search is made with them.
+
+        Args:
+            x: shape (num_nodes, dim), m; of ranks that divide the search each gives its own nodes,
+                and has those of known bodies then.
+        """
         self._renew(x)
         self.searches += 1
+
+    def known(self, facets: np.ndarray) -> np.ndarray:
+        """Those of some facets where this rank knows the nodes, in their order."""
+        if self._share is None:
+            return facets
+        return facets[self._share.known[self._surface.body[facets]]]
 
     def _renew(self, x: np.ndarray) -> None:
         if self._old_x is not None:
             motion = self._motion(x)
             if motion <= 0.5 * self.skin:
+                if self._share is not None:
+                    self._share.refresh(x)
                 if self._edges_are_old:
                     self._list_edges()
                 return
             speed = motion / (self.searches - self._searches_at_renewal)
             lowest, highest = (share * self._typical for share in _SKIN_BOUNDS)
             self.skin = float(np.clip(2.0 * _SEARCHES_A_LIST * speed, lowest, highest))
-        self._list(x.copy(), self._rigid.state())
+        self._list(x, self._rigid.state())
 
     def _list(self, x: np.ndarray, rigid: tuple[np.ndarray, ...] | None) -> None:
         """Make all lists for nodes at x and rigid bodies in a state of `RigidSide`."""
-        self._old_x, self._old_rigid = x, rigid
+        if self._share is not None:
+            self._share.meet(x, *self._boxes_of_bodies(x), self._with_joined)
+        self._old_x, self._old_rigid = x.copy(), rigid
         self._is_listed[:] = False
         for pairs in (self.node_facet, self.rigid_facet):
             pairs.replace(np.empty((0, 2), np.int32))
@@ -140,7 +161,7 @@ class CandidateLists:
         self._searches_at_renewal = self.searches
 
     def saved(self) -> dict:
-        """What lists are made from again, bit by bit."""
+        """What lists are made from again, bit by bit; `x` has the nodes that this rank knows."""
         if self._old_x is None:
             return {}
         saved = {
@@ -167,12 +188,17 @@ class CandidateLists:
     def _motion(self, x: np.ndarray) -> float:
         """Largest displacement since the lists were made, against the middle of all nodes'."""
         moved = (x - self._old_x)[self._is_listed]
-        if len(moved) == 0:
+        ends = np.stack([moved.max(axis=0, initial=-np.inf), -moved.min(axis=0, initial=np.inf)])
+        ends = self._largest(ends)
+        if np.isinf(ends).any():
             return 0.0
-        middle = 0.5 * (moved.min(axis=0) + moved.max(axis=0))
+        middle = 0.5 * (ends[0] - ends[1])
         moved -= middle
-        furthest = np.sqrt(np.einsum("nd,nd->n", moved, moved).max())
-        return max(float(furthest), self._rigid.motion(self._old_rigid, middle))
+        squared = self._largest(np.einsum("nd,nd->n", moved, moved).max(initial=0.0))
+        return max(float(np.sqrt(squared)), self._rigid.motion(self._old_rigid, middle))
+
+    def _largest(self, values):
+        return values if self._share is None else self._share.largest(values)
 
     def add(self, fresh: np.ndarray) -> None:
         """List what facets that are new on the surface, and their nodes, may touch."""
@@ -181,13 +207,17 @@ class CandidateLists:
         x, facets, rigid = self._old_x, self._surface.facets, self._rigid
         self._edges_are_old = True
         self.changes += 1
+        fresh = self.known(fresh)
         of_fresh = np.unique(facets[fresh])
         new_nodes = of_fresh[~self._is_listed[of_fresh]]
+        if self._share is not None:
+            new_nodes = new_nodes[self._share.own_node[new_nodes]]
         self._is_listed[new_nodes] = True
         nodes = np.flatnonzero(self._is_listed)
         low, high = self._boxes(x, fresh)
         found = [_named(box_pairs(x[nodes], x[nodes], low, high), nodes, fresh)]
-        known = np.setdiff1d(np.flatnonzero(self._bonds.exposed), fresh, assume_unique=True)
+        known = self.known(np.flatnonzero(self._bonds.exposed))
+        known = np.setdiff1d(known, fresh, assume_unique=True)
         if len(new_nodes) and len(known):
             low, high = self._boxes(x, known)
             at = x[new_nodes]
@@ -229,7 +259,7 @@ class CandidateLists:
             return
         self.changes += 1
         x, facets, surface = self._old_x, self._surface.facets, self._surface
-        chosen = np.flatnonzero(self._bonds.exposed)
+        chosen = self.known(np.flatnonzero(self._bonds.exposed))
         facet_normals(x, facets, chosen, self._normal)
         edges, others = convex_edges(x, facets, chosen, self._bonds.weld, self._normal)
         ends = x[np.stack([facets[edges // 3, edges % 3], facets[edges // 3, (edges + 1) % 3]])]
@@ -239,12 +269,40 @@ class CandidateLists:
         may = self._meets[surface.group[first], surface.group[second]]
         if not self._self_contact:
             may &= surface.body[first] != surface.body[second]
+        if self._share is not None:
+            may &= self._share.own_body[surface.body[first]]
         self.edges, self.others, self.edge_pairs = edges, others, pairs[may]
 
     def _boxes(self, x: np.ndarray, facets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         corners = x[self._surface.facets[facets]]
         beyond = (self._extent[facets] + self.skin)[:, None]
         return corners.min(axis=1) - beyond, corners.max(axis=1) + beyond
+
+    def _boxes_of_bodies(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Boxes that hold all facets of own bodies, and what may touch them."""
+        body = self._surface.body
+        facets = np.flatnonzero(self._share.own_body[body])
+        low, high = np.full((2, len(self._share.own_body), self._dim), np.inf)
+        high *= -1.0
+        lowest, highest = self._boxes(x, facets)
+        np.minimum.at(low, body[facets], lowest)
+        np.maximum.at(high, body[facets], highest)
+        return low, high
+
+    def _with_joined(self, near: np.ndarray) -> np.ndarray:
+        """Bodies, shape (num_bodies,), bool, and those with which they share welds.
+
+        Broken lips are watched across their bond, and whether an edge is convex hangs on all facets
+        that have it: in 3D edges of others than own bodies are listed, too.
+        """
+        surface, weld = self._surface, self._bonds.weld
+        if len(surface.bond_nodes) == 0:
+            return near
+        of_node, there = self._share.body_of_node, np.zeros(surface.num_nodes, bool)
+        there[weld[(near if self._dim == 3 else self._share.own_body)[of_node]]] = True
+        joined = near.copy()
+        joined[of_node[there[weld]]] = True
+        return joined
 
 
 def bodies_of_nodes(surface: Surface) -> np.ndarray:

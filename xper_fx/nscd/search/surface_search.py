@@ -26,6 +26,7 @@ from xper_fx.nscd.search.node_facet import Points, Touching, point_facet, room_f
 from xper_fx.nscd.search.node_rigid import nodes_on_rigid
 from xper_fx.nscd.search.pair_list import PairList
 from xper_fx.nscd.search.rigid_side import RigidSide, may_meet
+from xper_fx.nscd.search.search_share import SearchShare
 from xper_fx.nscd.search.surface import Surface
 
 # What the first column of a key begins with. Those of rigid pairs are below 2^60.
@@ -56,6 +57,7 @@ class SurfaceSearch:
         self_contact: whether a body may touch itself.
         rigid: rigid bodies, or None.
         depth: share of a facet's size, and of the thickness behind it, that is sought.
+        share: of the ranks that divide the search; None where one makes all of it.
 
     Raises:
         ValueError: a group that there is not, two groups of one name, a reach that is not positive.
@@ -72,6 +74,7 @@ class SurfaceSearch:
         self_contact: bool = True,
         rigid: RigidBodies | None = None,
         depth: float = 0.25,
+        share: SearchShare | None = None,
     ):
         if not (np.isfinite(reach) and reach > 0.0):
             raise ValueError(f"The reach (m) must be a finite positive number, got {reach!r}.")
@@ -102,7 +105,7 @@ class SurfaceSearch:
         self._no_radius = np.zeros(count)
         self.lists = CandidateLists(
             surface, self.bonds, self._rigid, meets, self._extent, self.reach, self_contact,
-            float(np.median(size)) if len(surface) else 1.0,
+            float(np.median(size)) if len(surface) else 1.0, share,
         )  # fmt: skip
 
     @property
@@ -148,8 +151,11 @@ class SurfaceSearch:
     ) -> Contacts:
         """The contacts whose gap is no larger than the reach.
 
+        Of ranks that divide the search each finds what its own nodes touch, and its own edges.
+
         Args:
-            x: positions of the nodes, shape (num_nodes, dim), m.
+            x: positions of the nodes, shape (num_nodes, dim), m. Of ranks that divide the search
+                each gives those of its own bodies.
             position: centres of the rigid bodies, shape (n, dim), m.
             rotation: their angles (rad), shape (n,), in 2D; shape (n, 3, 3), from the axes of the
                 bodies to those of space, in 3D.
@@ -293,7 +299,8 @@ class SurfaceSearch:
 
     def _faces(self, x: np.ndarray) -> Faces:
         surface, bonds = self.surface, self.bonds
-        facet_normals(x, surface.facets, np.flatnonzero(bonds.ajar), self._normal)
+        ajar = self.lists.known(np.flatnonzero(bonds.ajar))
+        facet_normals(x, surface.facets, ajar, self._normal)
         return Faces(
             x,
             surface.facets,
