@@ -1,9 +1,7 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Bonds that turn with their bodies are as strong, as tough and as closed as if they had not.
+"""Bonds that turn with their bodies keep momenta, and do not know in which axes they are seen.
 
-Two blocks spin freely, slowly beside their speed of sound, and are then pulled apart or
-pressed by tractions that turn with them. A bond with C_N = C_T spends its fracture energy to
-rounding whatever it has turned by.
+That they are as strong, as tough and as closed as before is in `test_spinning_plates.py`.
 """
 
 from __future__ import annotations
@@ -12,7 +10,7 @@ import logging
 
 import numpy as np
 import pytest
-from scenes import LEFT, RIGHT, box_bodies, field, mesh_of, midpoints, nodes, run, side_tags
+from scenes import LEFT, RIGHT, box_bodies, field, mesh_of, nodes, run, side_tags
 
 from xper_fx.bodies.explode import EACH_CELL, explode
 from xper_fx.bodies.join import join_meshes
@@ -26,87 +24,7 @@ from xper_fx.scene.wall import Wall
 from xper_fx.simulation.simulation import Simulation
 from xper_fx.support.errors import ConvergenceError, SmallStrainError
 
-YOUNG, STRENGTH, ENERGY, SPIN = 100.0, 1.0, 0.02, 0.05
-
-
-def spinning_blocks(angle, pull, ramp, tangential=None, scheme="explicit"):
-    """Two blocks, bonded; at an angle (degrees) tractions begin to grow.
-
-    Args:
-        angle: turned by before.
-        pull: largest traction (Pa).
-        ramp: time in which the traction grows (s).
-        tangential: C_T.
-        scheme: of the bulk.
-    """
-    start = np.radians(angle) / SPIN
-
-    def traction(t, component, sign):
-        along = SPIN * t
-        growth = np.clip((t - start) / ramp, 0.0, 1.0)
-        return sign * pull * growth * (np.cos(along), np.sin(along))[component]
-
-    loads = [
-        SurfaceTraction(
-            side, tuple(lambda t, c=c, s=sign: traction(t, c, s) for c in range(2))
-        )
-        for side, sign in ((RIGHT, 1.0), (LEFT, -1.0))
-    ]  # fmt: skip
-    scene = Scene(
-        box_bodies((2, 1), (4, 2), label=lambda x: x[0] > 1),
-        {1: NeoHookean(YOUNG, 0.3, 1.0)},
-        default_interaction=CohesiveZone(1000.0, ENERGY, STRENGTH, tangential, friction=0.3),
-        loads=loads,
-        initial_velocity=lambda x: SPIN * np.stack([0.5 - x[1], x[0] - 1.0]),
-    )
-    step = None if scheme == "explicit" else 0.05
-    simulation = Simulation(scene, step, scheme=scheme, tolerance=1e-9, num_threads=1)
-    return simulation, start, start + ramp
-
-
-@pytest.mark.parametrize(
-    "angle, scheme",
-    [
-        (180, "explicit"), (90, "explicit"),
-        pytest.param(720, "explicit", marks=pytest.mark.slow),
-        pytest.param(180, "implicit", marks=pytest.mark.slow),
-    ],
-)  # fmt: skip
-def test_strength_and_energy_after_turning(angle, scheme, figure):
-    """Pulled apart: the bond bears its strength and spends w."""
-    simulation, _, end = spinning_blocks(angle, 1.5, 40.0, scheme=scheme)
-    interactions, peak = simulation.interactions, 0.0
-    for record in simulation.steps(end):  # noqa: B007 - the last is looked at
-        peak = max(peak, np.abs(interactions.gather("traction")[:, 0]).max())
-        if interactions.gather("damage").max() == 0.0:
-            break
-    spent = record.energies["dissipated_cohesion"] / ENERGY - 1.0
-    what = f"bond turned by {angle} degrees, {scheme}"
-    figure(what, "energy spent beside w: error < 1e-11", abs(spent))
-    figure(what, "peak traction beside the strength: error < 1e-4", abs(peak / STRENGTH - 1.0))
-    assert interactions.gather("damage").max() == 0.0
-    assert abs(spent) < 1e-11
-    assert abs(peak / STRENGTH - 1.0) < 1e-4
-    assert abs(record.energies["dissipated_numerical"]) < 1e-3 * ENERGY
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("tangential", [None, 400.0])
-@pytest.mark.parametrize("angle", [90, 180])
-def test_contact_after_turning(angle, tangential):
-    """Pressed by three times the strength: no damage, nothing spent, lips closed."""
-    simulation, start, end = spinning_blocks(angle, -3.0, 2.0, tangential)
-    least = 0.0
-    for record in simulation.steps(end):
-        if record.time > start:
-            least = min(least, simulation.interactions.gather("jump")[:, 0].min())
-    traction = simulation.interactions.gather("traction")[:, 0]
-    assert np.mean(traction) == pytest.approx(3.0, rel=0.05)  # the last ramp still rings
-    assert simulation.interactions.gather("damage").min() == 1.0
-    assert record.energies["dissipated_cohesion"] == 0.0
-    assert least > -1e-10
-    assert abs(record.energies["dissipated_numerical"]) < 1e-7
-
+YOUNG = 100.0
 
 SPUN = {
     "2D nodal": ((1, 1), (1, 1), "crossed", 1, "nodal"),
@@ -287,41 +205,6 @@ def test_other_laws_have_the_same_history(law, figure):
     normals = plain.interactions.points.frame[:, 0]
     start = np.repeat(plain.scene.bodies.facets.normal, 2, axis=0)
     assert np.einsum("pd,pd->p", normals, start).min() < np.cos(np.radians(10.0))
-
-
-@pytest.mark.parametrize("angle", [180, pytest.param(720, marks=pytest.mark.slow)])
-def test_bonds_bear_what_holds_a_spinning_plate_together(angle, figure):
-    """Newton's law of the right half of a plate of cells, once its swinging is damped.
-
-    The bonds between the halves give it M omega^2 r, along their normals; theta = 1 damps.
-    """
-    spin = 0.3
-    scene = Scene(
-        box_bodies((2, 1), (4, 2)),
-        {1: NeoHookean(YOUNG, 0.3, 1.0)},
-        default_interaction=CohesiveZone(1000.0, ENERGY, STRENGTH),
-        initial_velocity=lambda x: spin * np.stack([0.5 - x[1], x[0] - 1.0]),
-    )
-    tight = {"tolerance": 1e-9, "newton_tolerance": 1e-10}
-    simulation = Simulation(scene, 0.02, scheme="implicit", theta=1.0, **tight, num_threads=1)
-    list(simulation.steps(np.radians(angle) / spin))
-    interactions, x = simulation.interactions, nodes(simulation)
-    points, upright = interactions.points, np.abs(scene.bodies.facets.normal[:, 0]) > 0.99
-    at_cut = np.abs(x[points.nodes[:, 0, 0], 0] - 1.0) < 1e-9
-    cut = np.repeat(upright, 2) & at_cut
-    assert points.area[cut].sum() == pytest.approx(1.0)
-    pull, shear = -points.area[cut] @ interactions.gather("traction")[cut]
-    place, mass = x + field(simulation), simulation.bulk.mass[::2]
-    arm = place - mass @ place / mass.sum()
-    omega = momenta(simulation)[1] / (mass @ (arm**2).sum(axis=1))
-    V = simulation.forms.V
-    right = V.dofmap.list[midpoints(V.mesh)[0] > 1.0].ravel()  # no two cells have a node in common
-    expected = omega**2 * np.linalg.norm(mass[right] @ arm[right])
-    what = f"plate that spins, turned by {angle} degrees"
-    figure(what, "traction of the cut beside M omega^2 r: error < 1e-4", pull / expected - 1.0)
-    assert pull == pytest.approx(expected, rel=1e-4)
-    assert abs(shear) < 1e-4 * pull
-    assert interactions.gather("damage").min() == 1.0
 
 
 def test_a_facet_that_flips_ends_the_run_and_is_named():

@@ -80,6 +80,10 @@ class ImplicitStep:
             self._tolerance = max(self._tolerance, _BLUR * options.tolerance)
         self._balance = bulk.balance(self._tolerance if self._bare else options.tolerance)
         self._impulses, self._slots = np.zeros_like(state.velocity), np.zeros(0)
+        # of turning frames: those of the last iteration's impulses, and how far they are from those
+        # that the velocities have
+        self._couples: np.ndarray | float = 0.0
+        self._couples_left: np.ndarray | float = 0.0
         self._sweeps, self._solved = 0, True
         self._solver_error = self._traction_change = 0.0
         # Newton's correction relative to the velocities, and that of the iteration before
@@ -121,6 +125,7 @@ class ImplicitStep:
                     self._interactions.update_inverse(self._inverse.blocks)
                 self._turn(v0)
                 self._interactions.begin_step(step, theta)
+                self._take_couples()
         with self._watch.phase("free velocity"):
             self._residual, self._internal = self._equations.residual(self._velocity)
 
@@ -134,18 +139,23 @@ class ImplicitStep:
                 self._step, self._inverses.theta,
             )  # fmt: skip
 
+    def _take_couples(self) -> None:
+        """Take the couples of the present impulses, where frames turn."""
+        if self._turns:
+            from xper_fx.bulk.turning import couples_on
+
+            count = len(self._start.velocity)
+            self._couples = couples_on(self._interactions, self._inverse.nodes, count)
+
     def _iterate(self, iteration: int) -> None:
         """Take the free velocities, and from them those with impulses."""
         watch, inverse, previous = self._watch, self._inverse, self._velocity
-        couples = 0.0
+        couples = self._couples
         with watch.phase("free velocity"):
             self._corrected = self._balance.missing
             advance = inverse.advance if self._bare or self._corrected else inverse.apply
             residual = self._residual
             if self._turns:
-                from xper_fx.bulk.turning import couples_on
-
-                couples = couples_on(self._interactions, inverse.nodes, len(residual))
                 residual = residual + couples
             free = previous + advance(residual)
         self._velocity = free
@@ -161,6 +171,8 @@ class ImplicitStep:
                     inverse, self._interactions, self._solver, free, self._options
                 )
             self._impulses = impulses + couples if self._turns else impulses
+            self._take_couples()
+            self._couples_left = self._couples - couples
             self._sweeps += report.sweeps
             self._solver_error = report.residual
             self._traction_change = report.traction_change
@@ -195,7 +207,10 @@ class ImplicitStep:
         """Newton's next correction relative to the velocities; infinite if it is not finite."""
         # without interactions all unknowns are corrected at once
         solve = self._inverse.advance if self._bare else self._inverse.apply
-        correction = self._bulk.norm(solve(self._residual + self._impulses))
+        left = self._residual + self._impulses
+        if self._turns:
+            left += self._couples_left
+        correction = self._bulk.norm(solve(left))
         self._displacement = self._equations.displacement(self._velocity)
         # towards rest velocities vanish, and the rounding of positions is what is left
         rounding = self._limits.rounding
