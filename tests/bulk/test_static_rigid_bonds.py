@@ -208,5 +208,21 @@ def test_runs_that_cannot_be_are_refused(options, law, words):
 
 
 def test_damage_that_lags_is_refused():
-    with pytest.raises(ValueError, match='take damage="auto", "mean" or "end"'):
+    with pytest.raises(ValueError, match='should be "auto", "mean" or "end"'):
         dataclasses.replace(bond(), damage="lagged")
+
+
+def test_a_fragment_that_comes_loose_is_named():
+    """The middle of a bar between two weak sections, which tear together."""
+    at = np.array([0.5, 1.5])
+
+    def strength(x):
+        return np.where(np.isclose(x[0], at[:, None]).any(axis=0), 1.0, 1.5) * S
+
+    simulation = bar(2, xf.laws.RigidCohesiveZone(strength, W), lambda t: 0.04 * t)
+    middle = r"fragment comes loose: 16 bodies \(7, 9, .* around \(1, 0.5\), .* inertia=True"
+    spent = []
+    with pytest.raises(xf.ConvergenceError, match=middle):
+        for record in simulation.steps(10.0):
+            spent.append(record.energies["dissipated_cohesion"])
+    assert spent[-1] == pytest.approx(2.0 * W, rel=0.01)

@@ -73,6 +73,14 @@ def splitting_plate():
     return Simulation(_pulled(ELASTIC, 0.05, None, default_interaction=rigid), accuracy=1e-2, **ONE)
 
 
+def rigid_bar():
+    """Rigid bonds without inertia, whose steps are cut; it breaks."""
+    rigid = RigidMixedMode((1e-2, 1.2e-2), (2e-4, 4e-4), 1.5, friction=0.3)
+    held = [PrescribedVelocity(BOTTOM, 1, 0.0)]
+    scene = _pulled(ELASTIC, 0.02, default_interaction=rigid, loads=held)
+    return Simulation(scene, 1.0, inertia=False, newton_tolerance=1e-10, **ONE)
+
+
 def cohesive_bar():
     """Implicit, a given step, damping, a load in time; it breaks."""
     push = SurfaceTraction(TOP, (0.0, lambda t: -1e-3 * np.sin(t)))
@@ -323,6 +331,7 @@ def at_rest():
 SCENES = {
     explicit_plate: (1.5, "broken"),
     splitting_plate: (1.5, "broken"),
+    rigid_bar: (3.0, "broken"),
     cohesive_bar: (2.0, "broken"),
     newton_bar: (0.6, "broken"),
     finite_strain_bar: (2.0, "broken"),

@@ -14,13 +14,11 @@ import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sp
 from dolfinx import fem
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from xper_fx.bodies.meshes import cell_measure
 from xper_fx.bulk.body_dofs import BodyLayout
 from xper_fx.bulk.force_balance import InBalance
-from xper_fx.bulk.rigid_motions import free_rigid_motions
+from xper_fx.bulk.rigid_motions import free_rigid_motions, loose_group
 from xper_fx.bulk.sparse_blocks import multiply
 from xper_fx.bulk.unknowns import NodalUnknowns
 from xper_fx.forms.dynamics import BulkForms
@@ -149,25 +147,17 @@ class Bulk:
         Raises:
             ValueError: joined bodies, or a body alone, are free to move as a whole.
         """
-        layout = self.layout
         if not np.any(self.free_motions()):
             return False
-        graph = coo_array((np.ones(len(joined)), tuple(joined.T)), shape=2 * (layout.num_bodies,))
-        _, group = connected_components(graph, directed=False)
-        group_of_node = np.repeat(group, np.diff(layout.offsets))
-        order = np.argsort(group_of_node, kind="stable")
-        offsets = np.concatenate([[0], np.cumsum(np.bincount(group_of_node))])
         x, held = self.nodes_of_bodies()
-        free = free_rigid_motions(x[order], offsets, held[order])
-        if not np.any(free):
+        bodies, ways = loose_group(x, self.layout.offsets, held, joined)
+        if not len(bodies):
             return True
-        loose = int(np.argmax(free > 0))
-        bodies = np.flatnonzero(group == loose)
         others = f" with the {len(bodies) - 1} it is joined to" if len(bodies) > 1 else ""
         raise ValueError(
             "Without inertia what is prescribed should hold every body, or one of those that "
             f"interactions join to it, and body {bodies[0]} is free{others} to move as a whole in "
-            f"{free[loose]} way(s) (translations and rotations): prescribe more components on its "
+            f"{ways} way(s) (translations and rotations): prescribe more components on its "
             "facets, or take inertia=True."
         )
 

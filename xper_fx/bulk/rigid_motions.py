@@ -6,6 +6,8 @@ from __future__ import annotations
 from itertools import combinations
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 # Eigenvalue, beside the largest, below which a motion is not held: a body's lever arms against
 # its size, squared.
@@ -29,6 +31,30 @@ def free_rigid_motions(x: np.ndarray, offsets: np.ndarray, held: np.ndarray) -> 
     motions, starts = _rigid_motions(x, offsets) * held[:, :, None], offsets[:-1]
     grams = np.add.reduceat(np.einsum("ncm,nck->nmk", motions, motions), starts)
     return _not_held(np.linalg.eigvalsh(grams)).sum(axis=1)
+
+
+def loose_group(
+    x: np.ndarray, offsets: np.ndarray, held: np.ndarray, joined: np.ndarray
+) -> tuple[np.ndarray, int]:
+    """The first group of joined bodies that is free to move as a whole.
+
+    Args:
+        x, offsets, held: as of `free_rigid_motions`.
+        joined: pairs of bodies, shape (n, 2).
+
+    Returns:
+        Its bodies, none if all groups are held, and in how many ways it is free.
+    """
+    graph = coo_array((np.ones(len(joined)), tuple(joined.T)), shape=2 * (len(offsets) - 1,))
+    _, group = connected_components(graph, directed=False)
+    group_of_node = np.repeat(group, np.diff(offsets))
+    order = np.argsort(group_of_node, kind="stable")
+    firsts = np.concatenate([[0], np.cumsum(np.bincount(group_of_node))])
+    free = free_rigid_motions(x[order], firsts, held[order])
+    if not np.any(free):
+        return np.empty(0, int), 0
+    loose = int(np.argmax(free > 0))
+    return np.flatnonzero(group == loose), int(free[loose])
 
 
 def free_rigid_modes(x: np.ndarray, held: np.ndarray) -> np.ndarray:

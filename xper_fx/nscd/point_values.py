@@ -18,6 +18,9 @@ from xper_fx.nscd.points import InteractionPoints
 if TYPE_CHECKING:
     from xper_fx.nscd.splitting.fused_points import FusedPoints
 
+# Share of its fracture energy that a broken bond has spent.
+BROKEN = 0.99
+
 
 class PointValues:
     """Values at the interaction points of a scene, which are held law by law.

@@ -15,13 +15,12 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from xper_fx.bodies.meshes import cell_measure
+from xper_fx.nscd.point_values import BROKEN
 from xper_fx.output.contact_forces import slot_places
 from xper_fx.simulation.simulation import Simulation
 from xper_fx.support.checks import require_kind, require_number
 from xper_fx.support.compat import geometry_dofmap
 
-# Share of its fracture energy that a broken bond has spent.
-BROKEN = 0.99
 # Masses that differ by less, relative to that of all bodies, are equal.
 _EQUAL_DIGITS = 12
 

@@ -9,7 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from xper_fx.nscd.facets import nodal_shares
-from xper_fx.output.connectivity import BROKEN, require_share
+from xper_fx.nscd.point_values import BROKEN
+from xper_fx.output.connectivity import require_share
 from xper_fx.output.field_series import point_coordinates
 from xper_fx.output.recorder import Recorder
 from xper_fx.plotting.figures import CrackPanel

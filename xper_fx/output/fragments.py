@@ -27,8 +27,9 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from xper_fx.nscd.point_values import BROKEN
 from xper_fx.output.body_shapes import Moments, cell_moments, rigid_moments
-from xper_fx.output.connectivity import BROKEN, find_fragments
+from xper_fx.output.connectivity import find_fragments
 from xper_fx.simulation.simulation import Simulation
 from xper_fx.support.checks import require_path
 from xper_fx.support.files import write_file

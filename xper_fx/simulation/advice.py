@@ -34,10 +34,24 @@ CONTRADICTORY = (
 )
 
 
+def comes_loose(bodies: np.ndarray, place: np.ndarray) -> str:
+    """Of the bodies of a fragment about a place (m) that nothing holds once its bonds are spent."""
+    few = ", ".join(map(str, bodies[:5])) + (", ..." if len(bodies) > 5 else "")
+    return (
+        f"A fragment comes loose: {len(bodies)} bodies ({few}) around {_place(place)}, whose bonds "
+        "to all others have spent their energy, and without inertia nothing but contact holds it: "
+        "prescribe some of its motion, or take inertia=True."
+    )
+
+
 def flipped(place: np.ndarray) -> str:
     """Of the facet at a place (m), whose lips have no normal any more."""
-    where = ", ".join(f"{x:.6g}" for x in place)
     return (
-        f"The facet at ({where}) flips or degenerates in the step: the cells beside it are crushed "
-        "or tear apart; look at the last output there, and take a smaller step or stiffer contact."
+        f"The facet at {_place(place)} flips or degenerates in the step: the cells beside it are "
+        "crushed or tear apart; look at the last output there, and take a smaller step or stiffer "
+        "contact."
     )
+
+
+def _place(place: np.ndarray) -> str:
+    return "(" + ", ".join(f"{x:.6g}" for x in place) + ")"

@@ -10,8 +10,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from xper_fx.bulk.rigid_motions import loose_group
 from xper_fx.bulk.state import State, StepOutcome
 from xper_fx.nscd import solvers
+from xper_fx.nscd.point_values import BROKEN
 from xper_fx.nscd.solvers.solver import SolveOptions, Solver, UnsuitableSolverError
 from xper_fx.nscd.stepped_points import FacetFlippedError
 from xper_fx.simulation.advice import (
@@ -21,6 +23,7 @@ from xper_fx.simulation.advice import (
     OF_BULK,
     ON_PATH,
     UNDER_LOAD,
+    comes_loose,
     flipped,
 )
 from xper_fx.simulation.doubts import (
@@ -213,13 +216,26 @@ class StepAttempts:
         if options.path is not None:
             return (ON_PATH,)
         if self._model.monolithic:
-            return () if options.inertia else (UNDER_LOAD,)
+            return () if options.inertia else (self._loose_fragment() or UNDER_LOAD,)
         if not options.inertia and self._model.interactions is not None:
             return (AT_POINTS,)
         if residual <= tolerance < np.inf:
             bulk = newton > options.requested.newton_tolerance
             return (OF_BULK if bulk else CONTRADICTORY,)
         return ()
+
+    def _loose_fragment(self) -> str:
+        """What is told of a fragment that no bond holds any more; empty if there is none."""
+        points, bulk = self._model.interactions, self._model.bulk
+        pairs = self._model.points.bodies_of_points()
+        loose = points.unbonded() | (points.gather("spent") >= BROKEN)
+        x, held = bulk.nodes_of_bodies()
+        joined = pairs[~loose[: len(pairs)]]
+        bodies, _ = loose_group(x, bulk.layout.offsets, held, joined)
+        if not len(bodies):
+            return ""
+        of_node = np.repeat(np.arange(bulk.layout.num_bodies), np.diff(bulk.layout.offsets))
+        return comes_loose(bodies, x[np.isin(of_node, bodies)].mean(axis=0))
 
     def turned_bonds(self, state: State, number: int, size: float) -> TurnedBonds | None:
         """The bonds that have turned beyond what small strain bears, if they are not few.

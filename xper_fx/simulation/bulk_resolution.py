@@ -19,11 +19,10 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from xper_fx.bodies.explode import Bodies
+from xper_fx.nscd.point_values import BROKEN
 from xper_fx.simulation.readings import Readings
 from xper_fx.support.compat import geometry_dofmap
 
-# Share of its fracture energy that a broken bond has spent.
-_BROKEN = 0.99
 # Cells whose stress is constant, of linear displacements.
 _SIMPLICES = ("triangle", "tetrahedron")
 
@@ -85,7 +84,7 @@ def _joined(simulation: Readings) -> np.ndarray:
     laws, law = simulation.scene.law_of_facet()
     kernels = [one.kernels(simulation.bulk.dim) for one in laws]
     bonds = np.array([k.no_jump or "stored" in k.energies for k in kernels])
-    return number[(spent < _BROKEN).any(axis=1) & bonds[law[number]]]
+    return number[(spent < BROKEN).any(axis=1) & bonds[law[number]]]
 
 
 def _groups(bodies: Bodies, joined: np.ndarray) -> np.ndarray:

@@ -4,15 +4,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 from xper_fx.nscd.laws.friction_of_lips import Friction
 from xper_fx.nscd.laws.law import LawKernels
 from xper_fx.nscd.laws.parameters import acts
 from xper_fx.nscd.laws.weakening import Weakening
 from xper_fx.support.checks import require_flag
-
-_DAMAGE = ("auto", "mean", "lagged", "end")
 
 
 class Bond:
@@ -27,12 +25,14 @@ class Bond:
     initial_damage: Any
     damage: str
     viscosity: Any
+    damage_options: ClassVar[tuple[str, ...]] = ("auto", "mean", "lagged", "end")
 
     def _check_options(self) -> None:
         require_flag("friction_grows", self.friction_grows)
-        if self.damage not in _DAMAGE:
-            wanted = ", ".join(f'"{name}"' for name in _DAMAGE[:-1])
-            raise ValueError(f'damage should be {wanted} or "{_DAMAGE[-1]}", got {self.damage!r}.')
+        if self.damage not in self.damage_options:
+            *others, last = (f'"{name}"' for name in self.damage_options)
+            wanted = f"{', '.join(others)} or {last}"
+            raise ValueError(f"damage should be {wanted}, got {self.damage!r}.")
 
     @property
     def _rubs(self) -> bool:

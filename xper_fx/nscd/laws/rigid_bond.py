@@ -37,19 +37,12 @@ class RigidBond(Bond):
     curve: Curve
     modes_apart: ClassVar[bool] = False
     initial_damage: ClassVar[float] = 1.0
+    damage_options: ClassVar[tuple[str, ...]] = ("auto", "mean", "end")
 
     @property
     def least_strength(self) -> Any:
         """The smallest traction that the bond may not bear (Pa)."""
         raise NotImplementedError
-
-    def _check_options(self) -> None:
-        super()._check_options()
-        if self.damage == "lagged":
-            raise ValueError(
-                "The damage of an initially rigid bond is that of the step or of its end: take "
-                'damage="auto", "mean" or "end".'
-            )
 
     def _check_curve(self) -> None:
         check_curve(self.curve)
