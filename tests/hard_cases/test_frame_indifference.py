@@ -178,6 +178,8 @@ SCENES = {
 }  # fmt: skip
 FAST = ("ductile cells, wall, explicit", "tie, explicit", "initially rigid bonds, explicit",
         "initially rigid bonds in 3D, explicit", "hexahedra, explicit")  # fmt: skip
+LONG = ("ductile cells, wall, theta 1", "searched contact, explicit",
+        "searched contact in 3D, explicit")  # fmt: skip
 LOSSES = ("cohesion", "friction", "impact")
 ENERGIES = ("elastic", "cohesive", *(f"dissipated_{loss}" for loss in LOSSES))
 
@@ -197,7 +199,7 @@ def test_one_history(name, figure):
     found = {}
     for how, axes in seen.items():
         simulation = make(axes, num_threads=1, **options)
-        record = run(simulation, 8 if dim == 3 and name not in FAST else 20)[-1]
+        record = run(simulation, 8 if name in LONG else 20)[-1]
         place = nodes(simulation) + field(simulation) - axes.wind * record.time
         found[how] = place @ axes.R, np.array([record.energies[e] for e in ENERGIES])
     plain = found.pop("plain")
