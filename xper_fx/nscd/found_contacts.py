@@ -84,7 +84,7 @@ class FoundContacts:
         inverse: BodyInverse,
         halo: PointHalo | ContactHalo | None,
         start: np.ndarray,
-        opened: float,
+        times: tuple[float, float],
     ) -> None:
         """Put new contacts in the place of those of the last step; the known ones go on.
 
@@ -93,9 +93,10 @@ class FoundContacts:
             inverse: blocks of w.
             halo: of ranks that divide them.
             start: shape (num_slots, dim), velocities at the start of the step (m/s).
-            opened: time from the start of the step to when they were found (s).
+            times: h, and the time from the start of the step to when they were found (s).
         """
         before, self._sets, later = self._sets, [], self.history is not None
+        step, opened = times
         grouping = self._grouping
         for new in found:
             phase = np.zeros(len(new.keys), int) if halo is None else halo.phase_of(new.points)
@@ -114,6 +115,7 @@ class FoundContacts:
             if self.history is not None:
                 for group in (*groups, *rolling):
                     self.history.transfer(group, new.keys)
+                    _turn_slips(group, start, step)
             known = (new.points.nodes, new.law_of_point, new.keys, phase)
             self._sets.append(_ContactSet(*known, groups, rolling))
 
@@ -146,3 +148,25 @@ class FoundContacts:
     def restore(self, saved: Mapping) -> None:
         """Take what `saved` gave, its rows in order."""
         self.history = ContactHistory.restored(saved, self._kernels, self._dim)
+
+
+def _turn_slips(group: PointGroup, start: np.ndarray, step: float) -> None:
+    """Let slips in which energy is held follow bodies that spin about the normal (3D).
+
+    They are kept in the axes of space, and turn with the mean spin of the rigid bodies there.
+
+    Args:
+        group: contacts that go on, with the slips of the last step.
+        start: shape (num_slots, dim), velocities at the start of the step (m/s, rad/s).
+        step: h (s).
+    """
+    c, kernels = group.couplings, group.kernels
+    if kernels.stored is None or kernels.components != 3 or c.rotation_dof is None:
+        return
+    rigid = c.rotation_dof != c.start[:, :, 0]
+    spin = start.reshape(-1)[c.rotation_dof[:, :, None].astype(int) + np.arange(3)]
+    about = np.einsum("psd,pd->ps", spin, c.frame[:, 0]) * rigid
+    angle = step * about.sum(axis=1) / np.maximum(rigid.sum(axis=1), 1)
+    cosine, sine = np.cos(angle), np.sin(angle)
+    one, two = group.jump[:, 1].copy(), group.jump[:, 2].copy()
+    group.jump[:, 1], group.jump[:, 2] = cosine * one - sine * two, sine * one + cosine * two

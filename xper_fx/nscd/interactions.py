@@ -234,8 +234,8 @@ class Interactions(SteppedPoints):
         """
         self.halo = halo
         start = self._slots(bulk_velocity, self._rigid_start)
-        opened = step * (1.0 - theta)
-        self._found.renew(found, self.inverse, halo, start, opened)
+        times = step, step * (1.0 - theta)
+        self._found.renew(found, self.inverse, halo, start, times)
         self._regroup()
         self._take_inverse(self.contacts + self.rolling)
 
@@ -262,8 +262,8 @@ class Interactions(SteppedPoints):
             theta: weight of the end of the step.
         """
         start = self._slots(np.zeros((self.bulk_inverse.num_nodes, self.dim)), self._rigid_start)
-        opened = step * (1.0 - theta)
-        self._carried.renew([rows], self.inverse, None, start, opened)
+        times = step, step * (1.0 - theta)
+        self._carried.renew([rows], self.inverse, None, start, times)
         self._regroup()
         self._take_inverse(self.joints)
 
