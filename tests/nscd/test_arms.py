@@ -9,6 +9,7 @@ from xper_fx.nscd.inverse_blocks import BodyInverse
 from xper_fx.nscd.laws import SignoriniCoulomb
 from xper_fx.nscd.points import InteractionPoints, frame_from_normal
 from xper_fx.nscd.solvers import NewtonOnAllPoints, NonlinearGaussSeidel, SolveOptions
+from xper_fx.nscd.solvers.shared_tangent import dofs_of_points, springs_of_points
 from xper_fx.nscd.solvers.tangent import LinearisedProblem
 
 COUNT, STEP = 5, 1e-2
@@ -90,6 +91,25 @@ def test_motion_impulses_and_compliances_are_those_of_dense_matrices(dim):
     upper = np.triu_indices(dim)
     for own, p in zip(group.compliance, group.indices, strict=True):
         np.testing.assert_allclose(own, whole[p, :, p][upper], atol=1e-12)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_springs_of_ranks_are_those_of_dense_matrices(dim):
+    """H K H^T point by point, as `parallel/petsc_newton.py` adds it up; also of no points."""
+    layer, points, _, rng = cloud(dim)
+    h = dense_map(points, layer.inverse.num_slots)
+    stiffness = rng.normal(size=(12, dim, dim))
+    total = np.zeros((h.shape[1],) * 2)
+    springs = springs_of_points(points, stiffness)
+    for dofs, values in zip(dofs_of_points(points, dim), springs, strict=True):
+        np.add.at(total, np.ix_(dofs, dofs), values)
+    whole = np.zeros((12, dim, 12, dim))
+    whole[np.arange(12), :, np.arange(12)] = stiffness
+    expected = h.T @ whole.reshape(12 * dim, -1) @ h
+    np.testing.assert_allclose(total, expected, atol=1e-12)
+    none = points.take(np.zeros(0, int))
+    assert dofs_of_points(none, dim).shape == (0, 8 * dim)
+    assert springs_of_points(none, stiffness[:0]).shape == (0, 8 * dim, 8 * dim)
 
 
 @pytest.mark.parametrize("dim", [2, 3])

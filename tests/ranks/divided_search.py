@@ -55,7 +55,7 @@ def check(counts: tuple[int, ...], kind: str) -> tuple[int, int]:
     surface, x, body = box(counts, kind)
     count = int(body.max()) + 1
     rank_of_body = np.arange(count) * ranks.size // count
-    share = SearchDivision(ranks, rank_of_body, body, len(counts))
+    share = SearchDivision(ranks, rank_of_body, body, len(counts), np.zeros(0, int))
     bonds = len(surface.bond_nodes)
     released = rng.random(bonds) < 0.2
     whole = SurfaceSearch(surface, x, 0.03, released=released)

@@ -10,6 +10,7 @@ from scenes import BOTTOM, box_bodies
 from xper_fx.forms.loads import Gravity, PrescribedVelocity
 from xper_fx.materials import LinearElastic, NeoHookean
 from xper_fx.nscd.laws import CohesiveZone, SignoriniCoulomb, SlipWeakening
+from xper_fx.nscd.rigid import Disc, Polygon, Polyhedron, RigidBody, Sphere, wall
 from xper_fx.output.contact_forces import find_contact_forces
 from xper_fx.output.fragments import measure_fragments
 from xper_fx.output.recorder import Recorder
@@ -24,6 +25,7 @@ ELASTIC = LinearElastic(1000.0, 0.3, 1.0)
 BOND = CohesiveZone(2e4, 0.05, 10.0, friction=0.3)
 GLUE = CohesiveZone(2e4, 50.0, 1000.0)
 RUB = SignoriniCoulomb(0.4)
+HELD = dict.fromkeys(range(3), 0.0)
 EACH_OTHER = {
     "interactions": {(1, 1): None},
     "surfaces": {"blocks": (1,)},
@@ -148,10 +150,59 @@ def slide():
     return scene, {"step": 2e-3, "tolerance": 1e-10, "scheme": "implicit"}, 30
 
 
+def struck():
+    """Two discs, one after the other, break a plate on an anvil; shards fall on a wall."""
+    bodies = box_bodies(
+        (1.0, 0.5), (8, 4), label=lambda x: 2 * (3.999 * x[0]).astype(int) + (x[1] > 0.25)
+    )
+    solids = [
+        RigidBody(Disc(0.1), (0.37, 0.62), "ball", density=20.0, velocity=(0.3, -3.0), spin=2.0),
+        RigidBody(Disc(0.1), (0.46, 0.87), "ball", density=20.0, velocity=(0.0, -4.0)),
+        RigidBody(Polygon.box((0.2, 0.1)), (0.42, -0.051), "anvil", prescribed=HELD),
+        wall((0.0, -0.02), (0.0, 1.0), "floor"),
+    ]
+    scene = Scene(
+        bodies, {1: ELASTIC}, default_interaction=BOND, surfaces={"plate": (1,)}, rigid=solids,
+        contacts=[
+            Contact(pair, RUB)
+            for pair in (
+                ("plate", "plate"), ("plate", "ball"), ("ball", "ball"), ("plate", "anvil"),
+                ("plate", "floor"), ("ball", "anvil"), ("ball", "floor"),
+            )
+        ],
+        loads=[Gravity((0.0, -10.0))],
+    )  # fmt: skip
+    return scene, {"step": 1e-3, "tolerance": 1e-10, "scheme": "implicit"}, 60
+
+
+def pelted():
+    """Spheres and a tumbling box fly into hexahedra in space, and meet none of each other."""
+    solids = [
+        RigidBody(Sphere(0.2), (0.25, 0.25, 1.25), "solid", density=5.0, velocity=(0.2, 0.1, -4.0)),
+        RigidBody(Sphere(0.2), (0.78, 0.8, -0.25), "solid", density=5.0, velocity=(0.0, -0.2, 4.0)),
+        RigidBody(
+            Polyhedron.box((0.3, 0.3, 0.3)), (0.8, 1.22, 0.5), "solid", density=5.0,
+            velocity=(-0.3, -3.0, 0.0), spin=(3.0, 1.0, 2.0),
+        ),
+    ]  # fmt: skip
+    scene = Scene(
+        apart((2, 2, 2), (4, 4, 4), "hexahedron"), {1: ELASTIC}, rigid=solids,
+        interactions={(1, 1): None}, surfaces={"blocks": (1,)},
+        contacts=[
+            Contact(("blocks", "blocks"), RUB), Contact(("blocks", "solid"), RUB),
+            Contact(("solid", "solid"), None),
+        ],
+    )  # fmt: skip
+    return scene, {"step": 2e-3, "tolerance": 1e-10, "scheme": "implicit"}, 16
+
+
 SCENES = {
     f.__name__: f
-    for f in (cloud, explicit, boxes, heap, shards, turning_shards, explicit_shards, slide)
-}
+    for f in (
+        cloud, explicit, boxes, heap, shards, turning_shards, explicit_shards, slide, struck,
+        pelted,
+    )
+}  # fmt: skip
 
 
 def run(name: str) -> dict[str, np.ndarray]:
@@ -162,7 +213,8 @@ def run(name: str) -> dict[str, np.ndarray]:
 
     def momentum():
         values = (simulation.bulk.mass * simulation.state.velocity).reshape(-1, scene.dim)
-        return simulation.ranks.sum(values.sum(axis=0))
+        solid = 0.0 if simulation.rigid is None else simulation.rigid.momentum()
+        return simulation.ranks.sum(values.sum(axis=0)) + solid
 
     start, gather = momentum(), simulation.ranks.gather
     for record in simulation.steps(steps * simulation.step_size):
@@ -185,12 +237,15 @@ def run(name: str) -> dict[str, np.ndarray]:
     interactions = simulation.interactions
     contacts = sum(map(len, interactions.contacts))
     permanent = simulation.ranks.sum(sum(map(len, interactions.groups)) - contacts)
+    if simulation.rigid is not None:
+        state = simulation.rigid.state
+        found |= {"solids": np.column_stack([state.position, state.velocity, state.turn.spin])}
     found |= {"damage": interactions.gather("damage"),
               "retired": interactions.num_points - permanent}  # fmt: skip
     everyone = simulation.team.comm.allgather
     found["held"] = np.array(everyone([
         simulation.bodies.num_bodies, simulation.bulk.num_dofs,
-        contacts, interactions.inverse.num_nodes - interactions.bulk_inverse.num_nodes,
+        contacts, interactions.inverse.num_nodes - interactions.own_inverse.num_nodes,
         *searched(simulation),
     ]))  # fmt: skip
     return {k: np.array(v) for k, v in history.items()} | found
@@ -204,12 +259,13 @@ def searched(simulation) -> tuple[int, int]:
 
 
 def record(folder: str, last: int, restart: bool) -> None:
-    """Run to a step of `heap`, or go on to it."""
-    scene, options, steps = heap()
+    """Run to a step of `struck`, or go on to it."""
+    scene, options, _ = struck()
+    steps = 40
     simulation = Simulation(scene, **options)
     end = steps * simulation.step_size
     recorder = Recorder(simulation, folder, end_time=end, fields=10, restart=restart)
-    for _ in recorded_steps(recorder, last * simulation.step_size, "heap", quiet=True):
+    for _ in recorded_steps(recorder, last * simulation.step_size, "struck", quiet=True):
         pass
 
 

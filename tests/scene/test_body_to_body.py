@@ -9,13 +9,15 @@ from itertools import combinations_with_replacement
 
 import numpy as np
 import pytest
-from scenes import box_bodies, run
+from scenes import BOTTOM, box_bodies, run
 
+from xper_fx.forms.loads import Gravity
 from xper_fx.materials import LinearElastic, NeoHookean
 from xper_fx.nscd.laws import CohesiveZone, PerfectBond, SignoriniCoulomb
 from xper_fx.nscd.rigid import Polygon, Polyhedron, RigidBody
 from xper_fx.scene.contact import Contact
 from xper_fx.scene.scene import Scene
+from xper_fx.scene.wall import Wall
 from xper_fx.simulation.simulation import Simulation
 
 KINDS = ("cells", "grains", "rigid")
@@ -234,3 +236,20 @@ def test_a_half_broken_facet_touches_rigid_bodies(broken):
     own = np.isin(contacts.nodes[:, 0, 0], lip)
     np.testing.assert_allclose(contacts.gap[own], 1e-3, atol=1e-12)
     np.testing.assert_allclose(contacts.normal[own], [[0.0, 1.0]] * 2, atol=1e-12)
+
+
+def test_a_wall_stays_where_it_is_beside_rigid_bodies():
+    """A block rests on a wall while a rigid one falls freely beside it."""
+    beside = RigidBody(Polygon.box((1.0, 1.0)), (5.0, 5.0), "beside", density=1.0)
+    law, fall = SignoriniCoulomb(), -1e-3
+    scene = Scene(
+        box_bodies((1.0, 1.0), (2, 2), label=0), {1: MATERIAL}, rigid=[beside],
+        walls=[Wall(BOTTOM, (0.0, 0.0), (0.0, 1.0), law)], surfaces={"block": (1,)},
+        contacts=[Contact(("block", "beside"), law)], loads=[Gravity((0.0, fall))],
+    )  # fmt: skip
+    simulation = Simulation(scene, step=0.05)
+    run(simulation, 20)
+    assert simulation.rigid.state.velocity[0] == pytest.approx([0.0, fall], rel=1e-9)
+    below = simulation.forms.V.tabulate_dof_coordinates()[:, 1] < 1e-9
+    down = simulation.state.displacement.reshape(-1, 2)[below, 1]
+    assert np.abs(down).max() < 1e-2 * abs(fall) / 2.0  # half of |fall| is that of free fall

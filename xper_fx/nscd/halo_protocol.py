@@ -113,6 +113,9 @@ class PointHalo(AnyHalo, Protocol):
     def with_ghosts(self, inverse: BodyInverse) -> BodyInverse:
         """Blocks of w of this rank and of its ghosts, as their owners have them now."""
 
+    def renew_ghosts(self, inverse: BodyInverse) -> None:
+        """The same for an inverse that has the ghosts' blocks already, in place."""
+
     def linear_system(self, interactions: Any) -> SharedSystem:
         """The linear system of Newton's method over all ranks; `interactions` are this rank's."""
 
@@ -127,3 +130,17 @@ class ContactHalo(AnyHalo, Protocol):
     @property
     def cut(self) -> np.ndarray:
         """This rank's bodies that others move, and its ghosts."""
+
+
+class RigidShare(Protocol):
+    """Which rigid bodies beside meshed ones a rank has (`parallel/rigid_share.py`)."""
+
+    @property
+    def here(self) -> np.ndarray:
+        """Bodies with slots among this rank's own, ascending; what nothing moves is everywhere."""
+
+    def of_all(self, rows: np.ndarray) -> np.ndarray:
+        """Velocities of all bodies, shape (num_rigid, 2 dim), from those of `here`."""
+
+    def sum(self, rows: np.ndarray) -> np.ndarray:
+        """Impulses on all bodies, shape (num_rigid, 2 dim), from those this rank has on `here`."""

@@ -11,7 +11,7 @@ import numpy as np
 
 from xper_fx.nscd.algebra.small import sym_indices
 from xper_fx.nscd.found_contacts import FoundContacts, FoundPoints
-from xper_fx.nscd.halo_protocol import ContactHalo, PointHalo, Reductions
+from xper_fx.nscd.halo_protocol import ContactHalo, PointHalo, Reductions, RigidShare
 from xper_fx.nscd.inverse_blocks import BodyInverse
 from xper_fx.nscd.laws.law import Law
 from xper_fx.nscd.own_compliance import update_compliance
@@ -46,6 +46,8 @@ class Interactions(SteppedPoints):
             alone each has the nodes of all, and contacts may be divided otherwise in another step:
             the halo then comes with them. Everything that reads or moves all points is then done
             by all ranks together.
+        rigid_share: which of the rigid bodies are this rank's where ranks divide meshed bodies;
+            their slots come before those of ghosts. None where all are here.
         splits: whether initially rigid bonds get points where they may open, and not before, as
             `splitting/` has it; of points ordered by vertices.
 
@@ -54,6 +56,7 @@ class Interactions(SteppedPoints):
             points.
         anchors: of bodies that interactions alone hold, None if there are none; the bulk renews
             them before each solve.
+        own_inverse: blocks of w of this rank's bodies, meshed and rigid, without those of ghosts.
         groups: all points by law: permanent ones, contacts found, their rolling points.
         renewals: how often contacts were found anew.
         exchanges: how often w of meshed bodies was exchanged for another.
@@ -74,9 +77,10 @@ class Interactions(SteppedPoints):
         rigid_blocks: np.ndarray | None = None,
         halo: PointHalo | ContactHalo | None = None,
         splits: bool = False,
+        rigid_share: RigidShare | None = None,
     ):
         self.dim, self.ordering, self.laws = inverse.dim, ordering, laws
-        self._rigid_blocks, self.halo = rigid_blocks, halo
+        self._rigid_blocks, self.halo, self._rigid_share = rigid_blocks, halo, rigid_share
         self._rigid_start = self._rigid_free = np.zeros((0, inverse.dim))
         self.bulk_inverse, inverse = inverse, self._joined(inverse)
         self.committed_step, self.step_size, self.theta = 0.0, 0.0, 0.5
@@ -131,9 +135,13 @@ class Interactions(SteppedPoints):
         self.anchors = anchors
 
     def _joined(self, inverse: BodyInverse) -> BodyInverse:
-        if self._rigid_blocks is not None:
-            return inverse.joined(self._rigid_blocks)
-        return inverse if self.halo is None else self.halo.with_ghosts(inverse)
+        """With blocks of rigid bodies and of ghosts behind those of meshed ones."""
+        blocks, share = self._rigid_blocks, self._rigid_share
+        if blocks is not None:
+            inverse = inverse.joined(blocks if share is None else blocks[share.here])
+        self.own_inverse = inverse
+        alone = self.halo is None or (blocks is not None and share is None)
+        return inverse if alone else self.halo.with_ghosts(inverse)
 
     def take_rigid(self, start: np.ndarray, free: np.ndarray) -> None:
         """Take what a prediction of the rigid bodies' step gives; `rigid_blocks` holds their w.
@@ -144,12 +152,18 @@ class Interactions(SteppedPoints):
             start: shape (2 num_rigid, dim), velocities at the start of the step (m/s, rad/s).
             free: shape (2 num_rigid, dim), free velocities.
         """
-        self._rigid_start, self._rigid_free = start, free
+        blocks, share = self._rigid_blocks, self._rigid_share
+        if share is not None:
+            blocks = blocks[share.here]
+            start, free = (a.reshape(-1, 2, self.dim)[share.here] for a in (start, free))
+        self._rigid_start = start.reshape(-1, self.dim)
+        self._rigid_free = free.reshape(-1, self.dim)
         if self.dim == 2:
             return
-        offsets = self.inverse.data_offsets
-        blocks = self._rigid_blocks
-        self.inverse.data[offsets[-2 - len(blocks)] : offsets[-2]] = blocks.ravel()
+        last = self.own_inverse.data_offsets[-2]
+        self.inverse.data[last - blocks.size : last] = blocks.ravel()
+        if share is not None:
+            self.halo.renew_ghosts(self.inverse)
 
     def _take_inverse(self, groups: list[PointGroup]) -> None:
         for group in groups:
@@ -199,7 +213,10 @@ class Interactions(SteppedPoints):
         Args:
             bulk: shape (num_nodes, dim), those of the interacting nodes of meshed bodies (m/s).
         """
-        return self._slots(bulk, self._rigid_free).reshape(-1)
+        velocity = self._slots(bulk, self._rigid_free).reshape(-1)
+        if self._rigid_share is not None:  # what impulses do is judged by changes of velocities
+            self.refresh_ghosts(velocity)
+        return velocity
 
     def _slots(self, bulk: np.ndarray, rigid: np.ndarray) -> np.ndarray:
         slots = np.zeros((self.inverse.num_slots, self.dim))
@@ -208,9 +225,24 @@ class Interactions(SteppedPoints):
         return slots
 
     def rigid_part(self, slots: np.ndarray) -> np.ndarray:
-        """Of an array over all slots, what belongs to rigid bodies, shape (2 num_rigid, dim)."""
-        first = self.bulk_inverse.num_nodes
-        return slots.reshape(-1, self.dim)[first : self.inverse.num_nodes]
+        """Of velocities of all slots those of rigid bodies, shape (2 num_rigid, dim).
+
+        All ranks call it together.
+        """
+        own = self._own_rigid(slots)
+        return own if self._rigid_share is None else self._all_rigid(self._rigid_share.of_all, own)
+
+    def rigid_impulses(self) -> np.ndarray:
+        """Of `impulses` those on rigid bodies, shape (2 num_rigid, dim)."""
+        own = self._own_rigid(self.impulses())
+        return own if self._rigid_share is None else self._all_rigid(self._rigid_share.sum, own)
+
+    def _own_rigid(self, slots: np.ndarray) -> np.ndarray:
+        first, last = self.bulk_inverse.num_nodes, self.own_inverse.num_nodes
+        return slots.reshape(-1, self.dim)[first:last]
+
+    def _all_rigid(self, put_together, own: np.ndarray) -> np.ndarray:
+        return put_together(own.reshape(-1, 2 * self.dim)).reshape(-1, self.dim)
 
     def find_contacts(
         self,
@@ -226,14 +258,16 @@ class Interactions(SteppedPoints):
 
         Args:
             found: sets of contacts, of which each law has one for each way its sides are given.
-            bulk_velocity: shape (num_nodes, dim), of the interacting nodes of meshed bodies, and of
-                ghosts of these, at the start of the step (m/s).
+            bulk_velocity: shape (num_nodes, dim), of the interacting nodes of meshed bodies at the
+                start of the step (m/s).
             step: h (s).
             theta: weight of the end of the step.
             halo: of ranks that divide these contacts.
         """
         self.halo = halo
         start = self._slots(bulk_velocity, self._rigid_start)
+        if self.inverse is not self.own_inverse:
+            self.refresh_ghosts(start.reshape(-1))
         times = step, step * (1.0 - theta)
         self._found.renew(found, self.inverse, halo, start, times)
         self._regroup()

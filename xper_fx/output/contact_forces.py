@@ -89,12 +89,20 @@ def body_of_slot(simulation: Simulation) -> np.ndarray:
         body = simulation.bulk.layout.body_of_node()[simulation.model.slot_nodes]
         if simulation.part is not None:
             body = simulation.part.body_numbers[body]
-            spread = np.repeat(body[:, None], simulation.bulk.dim, axis=1).astype(float)
-            body = simulation.interactions.halo.with_ghost_values(spread)[:, 0].astype(int)
     if simulation.rigid is not None:
         numbers = first_rigid + np.arange(len(simulation.scene.rigid_bodies))
+        numbers = numbers[_rigid_here(simulation)]
         body = np.concatenate([body, np.repeat(numbers, 2)])
+    if simulation.part is not None:
+        spread = np.repeat(body[:, None], simulation.bulk.dim, axis=1).astype(float)
+        body = simulation.interactions.halo.with_ghost_values(spread)[:, 0].astype(int)
     return body
+
+
+def _rigid_here(simulation: Simulation) -> slice | np.ndarray:
+    """Which rigid bodies have slots of their own here."""
+    share = simulation.model.rigid_share
+    return slice(None) if share is None else share.here
 
 
 def slot_places(simulation: Simulation) -> tuple[np.ndarray, np.ndarray]:
@@ -110,9 +118,9 @@ def slot_places(simulation: Simulation) -> tuple[np.ndarray, np.ndarray]:
     if simulation.scene.bodies is not None:
         x = simulation.forms.V.tabulate_dof_coordinates()[:, :dim]
         place = (x + simulation.state.displacement.reshape(-1, dim))[simulation.model.slot_nodes]
-        if simulation.part is not None:
-            place = simulation.interactions.halo.with_ghost_values(place)
     if simulation.rigid is not None:
-        centre = simulation.rigid.displayed.position
+        centre = simulation.rigid.displayed.position[_rigid_here(simulation)]
         place = np.concatenate([place, np.repeat(centre, 2, axis=0)])
+    if simulation.part is not None:
+        place = simulation.interactions.halo.with_ghost_values(place)
     return body_of_slot(simulation), place

@@ -135,6 +135,7 @@ class Halo:
         blocks_of = inverse.block_of_node
         self._blocks = {rank: np.unique(blocks_of[slots]) for rank, slots in given.items()}
         sizes = np.diff(inverse.node_offsets)
+        self._own_blocks = len(sizes) - 1
         told = [None] * ranks.size
         all_given = {}
         for rank, blocks in self._blocks.items():
@@ -183,7 +184,7 @@ class Halo:
         """A halo with more ghosts; all ranks make it together.
 
         Args:
-            inverse: as of `Halo`.
+            inverse: blocks of w on this rank's slots.
             more: own slots that other ranks want besides, by rank; what they have `wanted` is in
                 its place, and these come after it.
             meetings: as of `Halo`; ranks that met before do so in the same phase.
@@ -229,14 +230,30 @@ class Halo:
 
     def with_ghosts(self, inverse: BodyInverse) -> BodyInverse:
         """Blocks of w of this rank and of its ghosts, as their owners have them now."""
+        sizes = np.concatenate([np.zeros(0, np.int64), *self._sizes])
+        return inverse.with_blocks(sizes, self._ghost_blocks(inverse))
+
+    def renew_ghosts(self, inverse: BodyInverse) -> None:
+        """Take the ghosts' blocks anew into what `with_ghosts` gave, as owners have them now."""
+        blocks = self._ghost_blocks(inverse)
+        last = inverse.data_offsets[-2]
+        inverse.data[last - len(blocks) : last] = blocks
+
+    def _ghost_blocks(self, inverse: BodyInverse) -> np.ndarray:
+        """The blocks of ghosts, flat; of `inverse` this rank's own are read."""
         send = [None] * self.ranks.size
         for rank, blocks in self._blocks.items():
             offsets = inverse.data_offsets
             parts = [inverse.data[offsets[b] : offsets[b + 1]] for b in blocks]
             send[rank] = np.concatenate(parts)
         got = [data for data in self.ranks.comm.alltoall(send) if data is not None]
-        sizes = np.concatenate([np.zeros(0, np.int64), *self._sizes])
-        return inverse.with_blocks(sizes, np.concatenate([np.zeros(0), *got]))
+        return np.concatenate([np.zeros(0), *got])
+
+    @property
+    def cut(self) -> np.ndarray:
+        """Blocks of this rank that others may move, and those of its ghosts."""
+        ghosts = self._own_blocks + np.arange(sum(map(len, self._sizes)))
+        return np.unique(np.concatenate([ghosts, *self._blocks.values()]))
 
     @property
     def nbytes(self) -> int:

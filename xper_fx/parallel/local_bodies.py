@@ -77,15 +77,20 @@ def neighbours(bodies: Bodies) -> np.ndarray:
     """
     from xper_fx.nscd.search.grid import box_pairs
 
+    low, high = boxes_of(bodies)
+    beyond = 0.5 * _NEAR * np.prod(high - low, axis=1, keepdims=True) ** (1.0 / low.shape[1])
+    return box_pairs(low - beyond, high + beyond)
+
+
+def boxes_of(bodies: Bodies) -> tuple[np.ndarray, np.ndarray]:
+    """Low and high corners of the boxes around bodies, each of shape (num_bodies, dim), m."""
     mesh, count = bodies.mesh, bodies.num_bodies
     dim = mesh.geometry.dim
-    nodes = geometry_dofmap(mesh)
-    x, body = mesh.geometry.x[nodes, :dim], bodies.body_of_cell
+    x, body = mesh.geometry.x[geometry_dofmap(mesh), :dim], bodies.body_of_cell
     low, high = np.full((count, dim), np.inf), np.full((count, dim), -np.inf)
     np.minimum.at(low, body, x.min(axis=1))
     np.maximum.at(high, body, x.max(axis=1))
-    beyond = 0.5 * _NEAR * np.prod(high - low, axis=1, keepdims=True) ** (1.0 / dim)
-    return box_pairs(low - beyond, high + beyond)
+    return low, high
 
 
 def bodies_by_rank(

@@ -50,7 +50,7 @@ class LinearSystem:
         fixed = prescribed(interactions.inverse)
         self._index = np.full(len(fixed), -1, PETSc.IntType)
         self._index[: len(index)] = np.where(fixed[: len(index)], -1, index)
-        own = interactions.bulk_inverse.num_nodes * dim
+        own = interactions.own_inverse.num_nodes * dim
         self._ones = index[:own][fixed[:own]].astype(PETSc.IntType)[:, None]
 
         sizes = (rows.sizes * dim).astype(PETSc.IntType)

@@ -43,7 +43,7 @@ def number_rows(interactions: Interactions, cluster: np.ndarray) -> Rows:
         cluster: shape (num_slots,), clusters of this rank's slots and ghosts.
     """
     halo, ranks = interactions.halo, interactions.halo.ranks
-    own = interactions.bulk_inverse.num_nodes
+    own = interactions.own_inverse.num_nodes
     first = ranks.before(own)
     firsts = np.array(ranks.comm.allgather(first))
     number = _numbers(interactions, first, own)

@@ -26,16 +26,25 @@ class SearchDivision:
         rank_of_body: shape (num_bodies,), int.
         body_of_node: shape (num_nodes,), body of each node of the surfaces.
         dim: 2 or 3.
+        rank_of_rigid: shape (num_rigid,), int.
 
     Attributes:
-        own_body, own_node, body_of_node, known: see `SearchShare`.
+        own_body, own_node, body_of_node, own_rigid, known: see `SearchShare`.
     """
 
-    def __init__(self, ranks: Ranks, rank_of_body: np.ndarray, body_of_node: np.ndarray, dim: int):
+    def __init__(
+        self,
+        ranks: Ranks,
+        rank_of_body: np.ndarray,
+        body_of_node: np.ndarray,
+        dim: int,
+        rank_of_rigid: np.ndarray,
+    ):
         self._ranks, self._rank_of_body, self._dim = ranks, rank_of_body, dim
         self.body_of_node = body_of_node
         self.own_body = rank_of_body == ranks.rank
         self.own_node = self.own_body[body_of_node]
+        self.own_rigid = rank_of_rigid == ranks.rank
         self.known = self.own_body
         self._boxes = RowsOfAll(ranks, rank_of_body, 2 * dim)
         self._exchange: Exchange | None = None
@@ -45,6 +54,7 @@ class SearchDivision:
         x: np.ndarray,
         low: np.ndarray,
         high: np.ndarray,
+        others: tuple[np.ndarray, np.ndarray],
         joined: Callable[[np.ndarray], np.ndarray],
     ) -> None:
         """Know the bodies that may touch own ones, and what is joined to them."""
@@ -53,7 +63,8 @@ class SearchDivision:
         low, high = np.split(boxes, 2, axis=1)
         there = (low <= high).all(axis=1)
         own, all_there = np.flatnonzero(there & self.own_body), np.flatnonzero(there)
-        pairs = box_pairs(low[own], high[own], low[all_there], high[all_there])
+        looking = (np.concatenate(both) for both in zip((low[own], high[own]), others, strict=True))
+        pairs = box_pairs(*looking, low[all_there], high[all_there])
         near = self.own_body.copy()
         near[all_there[pairs[:, 1]]] = True
         self.known = joined(near)

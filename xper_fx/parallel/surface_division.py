@@ -5,7 +5,9 @@ A body stays on its rank, which looks for what its nodes touch (`search_division
 A contact belongs to one of the ranks of its two bodies (`ownership.owners_of_pairs`), to which the
 rank that has found it sends it. The owner has the other body as *ghosts* while the two may touch:
 its velocities, and its block of w. When lists change, all ranks tell each other which bodies of two
-ranks are in their lists; nothing else has to be said about who needs which ghosts. Which pairs of
+ranks are in their lists; nothing else has to be said about who needs which ghosts. Rigid bodies
+count as bodies of two nodes, numbered after the meshed ones; those that nothing moves are on every
+rank, and their contacts on that of the other body. Which pairs of
 ranks meet in which phase (`ownership.phases`) only grows, so that points that last stay in their
 phase.
 """
@@ -20,6 +22,7 @@ from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.search.contact_pairs import Contacts, join
 from xper_fx.parallel.halo import Halo
 from xper_fx.parallel.ownership import owners_of_pairs, phases
+from xper_fx.parallel.rigid_share import RigidShare
 from xper_fx.parallel.rows_of_all import RowsOfAll
 from xper_fx.parallel.search_division import SearchDivision
 from xper_fx.support.ranks import Ranks
@@ -34,13 +37,14 @@ class SurfaceDivision:
         body_of_node: shape (num_nodes,), body of each node of the surfaces.
         touchable: shape (num_nodes,), bool: at which of them contacts may come about.
         dim: 2 or 3.
+        rigid: this rank's share of rigid bodies, None without any.
 
     Attributes:
         ranks: as given.
         own: nodes of this rank's bodies, ascending.
         search: this rank's share of the search.
-        slot: shape (num_nodes,), their slots and those of the ghosts that there are now; others
-            mean nothing.
+        slot: shape (num_nodes + 2 num_rigid,), their slots, the two of each rigid body after them,
+            and those of the ghosts that there are now; others mean nothing.
     """
 
     def __init__(
@@ -50,15 +54,24 @@ class SurfaceDivision:
         body_of_node: np.ndarray,
         touchable: np.ndarray,
         dim: int,
+        rigid: RigidShare | None = None,
     ):
-        self.ranks, self._rank_of_body, self._body_of_node = ranks, rank_of_body, body_of_node
-        self._touchable = touchable
+        self.ranks, self._rigid = ranks, rigid
         rank_of_node = rank_of_body[body_of_node]
         self.own = np.flatnonzero(rank_of_node == ranks.rank)
-        self.search = SearchDivision(ranks, rank_of_body, body_of_node, dim)
         self._rows = RowsOfAll(ranks, rank_of_node, dim)
-        self._shape = len(body_of_node), dim
-        self.slot = np.full(len(body_of_node), -1)
+        rank_of_rigid, moves = np.zeros(0, np.int32), np.zeros(0, bool)
+        if rigid is not None:
+            rank_of_rigid, moves = rigid.rank_of_body, rigid.moves
+        self.search = SearchDivision(ranks, rank_of_body, body_of_node, dim, rank_of_rigid)
+        first, count = len(rank_of_body), len(moves)
+        self._num_nodes = len(body_of_node)
+        self._rank_of_body = np.concatenate([rank_of_body, rank_of_rigid])
+        self._moves = np.concatenate([np.ones(first, bool), moves])
+        own_nodes = first + np.repeat(np.arange(count), 2)
+        self._body_of_node = np.concatenate([body_of_node, own_nodes])
+        self._touchable = np.concatenate([touchable, np.ones(2 * count, bool)])
+        self.slot = np.full(len(self._body_of_node), -1)
         self._pairs = np.zeros((0, 2), np.int64)
         self._found = self._committed = np.zeros((0, 2), np.int64), np.zeros(0, np.int64)
 
@@ -70,21 +83,32 @@ class SurfaceDivision:
         """Take the layer of points, and the slots of `own`, -1 where nothing can touch a node."""
         self._first: Halo = interactions.halo
         self.slot[self.own] = slots
+        if self._rigid is not None:
+            nodes = self._num_nodes + 2 * self._rigid.here[:, None] + np.arange(2)
+            first = interactions.bulk_inverse.num_nodes
+            self.slot[nodes] = first + np.arange(nodes.size).reshape(nodes.shape)
         self._meetings = self._first.meetings
+
+    @property
+    def slot_of_rigid(self) -> np.ndarray:
+        """First slot of each rigid body, shape (num_rigid,)."""
+        return self.slot[self._num_nodes :: 2]
 
     def hand_over(self, contacts: Contacts, bodies: np.ndarray) -> tuple[Contacts, bool]:
         """Send contacts to the ranks that have them; all ranks call it together.
 
         Args:
             contacts: those that this rank has found in a step.
-            bodies: shape (n, 2), of their sides.
+            bodies: shape (n, 2), of their sides; rigid ones are numbered after meshed ones.
 
         Returns:
             This rank's contacts, sorted by key, and whether, on any rank, a contact of the step
             done last now belongs to another one. So it may be where several bodies are one
             fragment: a node slides from one to the next.
         """
-        me, owner = self.ranks.rank, owners_of_pairs(self._rank_of_body[bodies])
+        sides = self._rank_of_body[bodies]
+        sides = np.where(self._moves[bodies], sides, sides[:, ::-1])
+        me, owner = self.ranks.rank, owners_of_pairs(sides)
         self._found = contacts.key, owner
         moved, told = self._some_moved(), []
         for rank in range(self.ranks.size):
@@ -110,10 +134,11 @@ class SurfaceDivision:
 
         Args:
             interactions: the layer.
-            pairs: shape (n, 2), bodies that may touch, in the lists of this rank.
+            pairs: shape (n, 2), bodies that may touch, in the lists of this rank, numbered as in
+                `hand_over`.
         """
         sides = self._rank_of_body[pairs]
-        cut = pairs[sides[:, 0] != sides[:, 1]]
+        cut = pairs[(sides[:, 0] != sides[:, 1]) & self._moves[pairs].all(axis=1)]
         pairs = np.unique(np.concatenate(self.ranks.comm.allgather(cut)), axis=0)
         sides = self._rank_of_body[pairs]
         if np.array_equal(pairs, self._pairs):
@@ -129,7 +154,7 @@ class SurfaceDivision:
                 nodes[other] = self._nodes_of(pairs[here][sides[here] == of])
         given = {rank: self.slot[nodes] for rank, nodes in given.items() if len(nodes)}
         before, first = interactions.halo, self._first
-        halo = first.extended(interactions.bulk_inverse, given, self._meetings)
+        halo = first.extended(interactions.own_inverse, given, self._meetings)
         moved = np.arange(before.num_slots + 1)
         moved[-1] = halo.num_slots
         for rank, slots in first.wanted.items():

@@ -276,7 +276,7 @@ class StepAttempts:
             outcome = self._interact(state, size, options, prediction)
             with self._watch.phase("rigid bodies"):
                 rigid.end(interactions.rigid_part(outcome.slots))
-                pushed = interactions.rigid_part(interactions.impulses())
+                pushed = interactions.rigid_impulses()
                 self.rigid_work = rigid.work(pushed)
                 if self._some_driven:
                     self.rigid_reactions = rigid.reactions(pushed)

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from xper_fx.nscd.search.rigid_search import RigidSearch
     from xper_fx.parallel.local_bodies import LocalBodies
     from xper_fx.parallel.rigid_partition import RigidDivision
+    from xper_fx.parallel.rigid_share import RigidShare
     from xper_fx.parallel.surface_division import SurfaceDivision
     from xper_fx.scene.scene import Scene
 
@@ -51,6 +52,7 @@ class Detection:
         V: space of the displacements, None without a mesh.
         part: what this rank has of the meshed bodies, None if it has all.
         ranks: those that divide them.
+        rigid_share: what this rank has of rigid bodies beside divided meshed ones, None if all.
 
     Attributes:
         laws: laws of all interactions: those given, and those of contacts.
@@ -64,8 +66,9 @@ class Detection:
         V: FunctionSpace | None,
         part: LocalBodies | None = None,
         ranks: Ranks = ALONE,
+        rigid_share: RigidShare | None = None,
     ):
-        self._scene, self._ranks = scene, ranks
+        self._scene, self._ranks, self._rigid_share = scene, ranks, rigid_share
         self._contacts = [contact for contact in scene.contacts if contact.law is not None]
         rigid = () if scene.rigid_bodies is None else scene.rigid_bodies.groups
         names = [*scene.surfaces, *rigid]
@@ -118,7 +121,7 @@ class Detection:
             body[V.dofmap.list] = scene.bodies.body_of_cell[:, None]
             own[V.dofmap.list[part.cells]] = own_V.dofmap.list
             self._shared = SurfaceDivision(
-                self._ranks, part.rank_of_body, body[at], touchable, scene.dim
+                self._ranks, part.rank_of_body, body[at], touchable, scene.dim, self._rigid_share
             )
             at, touchable = own[at[self._shared.own]], touchable[self._shared.own]
         self._at, self._touchable, self.nodes = at, touchable, at[touchable]
@@ -233,7 +236,7 @@ class Detection:
         slot[nodes] = np.arange(len(nodes))
         place = (None, None) if rigid is None else (rigid.position, rigid.rotation)
         found = []
-        if self._rigid is not None:
+        if self._rigid is not None and (self._rigid_share is None or self._rigid_share.is_home):
             gradient = () if self._scene.lattice is None else (rigid.gradient,)
             contacts = self._rigid.find(*place, *gradient)
             found.append((contacts, slot))
@@ -241,7 +244,9 @@ class Detection:
                 if self._division.found(contacts.body):
                     interactions.share_history(self._division.ranks)
         velocity = state.velocity.reshape(-1, bulk.dim)[nodes]
-        halo = None if self._division is None else self._division.halo
+        halo = interactions.halo
+        if self._division is not None:
+            halo = self._division.halo
         if self._surfaces is not None:
             middle = state.displacement + step * (1.0 - theta) * state.velocity
             contacts = self._surfaces.find(self._moved(bulk.unknowns.expand(middle)), *place)
@@ -249,11 +254,11 @@ class Detection:
             if self._shared is not None:
                 contacts = self._own(contacts, interactions)
                 slot, halo = self._shared.slot, interactions.halo
-                velocity = halo.with_ghost_values(velocity)
             with_rigid = np.any(contacts.body >= 0, axis=1)
             found += [(contacts.take(np.flatnonzero(w)), slot) for w in (~with_rigid, with_rigid)]
+        rigid_slots = self._rigid_slots(len(nodes))
         points = [
-            self._on_slots(contacts, rigid, slot_of_node, len(nodes))
+            self._on_slots(contacts, rigid, slot_of_node, rigid_slots)
             for contacts, slot_of_node in found
             if len(contacts)
         ]
@@ -282,13 +287,26 @@ class Detection:
             self._listed = lists.changes
             shared.take_ghosts(interactions, lists.pairs_of_bodies())
         main = np.take_along_axis(contacts.nodes, contacts.weights.argmax(axis=2)[..., None], 2)
-        contacts, some_moved = shared.hand_over(contacts, self._body_of_node[main[..., 0]])
+        bodies = self._body_of_node[main[..., 0]]
+        rigid = contacts.body >= 0
+        bodies[rigid] = self._scene.bodies.num_bodies + contacts.body[rigid]
+        contacts, some_moved = shared.hand_over(contacts, bodies)
         if some_moved:
             interactions.share_history(self._ranks)
         return contacts
 
+    def _rigid_slots(self, first: int) -> np.ndarray:
+        """First of the two slots of each rigid body; without ranks from `first` on."""
+        if self._shared is not None:
+            return self._shared.slot_of_rigid
+        bodies, share = self._scene.rigid_bodies, self._rigid_share
+        slots = np.zeros(0 if bodies is None else len(bodies), np.int64)
+        here = slice(None) if share is None else share.here
+        slots[here] = first + 2 * np.arange(len(slots[here]))
+        return slots
+
     def _on_slots(
-        self, contacts: Contacts, prediction: Prediction | None, slot_of_node, first_rigid
+        self, contacts: Contacts, prediction: Prediction | None, slot_of_node, rigid_slots
     ) -> FoundPoints:
         """Contacts as interaction points, with their laws."""
         rigid = contacts.body >= 0
@@ -302,7 +320,7 @@ class Detection:
         if np.any(rigid):
             bodies = self._scene.rigid_bodies
             group[rigid] = len(self._scene.surfaces) + bodies.group_of[contacts.body[rigid]]
-            nodes[rigid] = first_rigid + 2 * contacts.body[rigid][:, None]
+            nodes[rigid] = rigid_slots[contacts.body[rigid]][:, None]
             weights[rigid, 0] = 1.0
             centre = prediction.position[contacts.body]
             if self._scene.lattice is not None:
@@ -311,7 +329,7 @@ class Detection:
             lever_arms[~rigid] = 0.0
             if prediction.gradient is not None:
                 apart = np.linalg.solve(prediction.gradient, (centre[:, 0] - centre[:, 1]).T)
-                cell = first_rigid + 2 * len(bodies)
+                cell = rigid_slots[0] + 2 * len(bodies)
                 branches = Branches(cell, np.ascontiguousarray(apart.T))
         round_radius = None
         if self._ball_radius is not None and np.all(rigid):
@@ -345,6 +363,8 @@ class Detection:
         out = {}
         if self._rigid is not None:
             out["rigid"] = self._rigid.saved()
+            if self._rigid_share is not None:
+                out["rigid"] = self._rigid_share.from_home(out["rigid"])
         if self._division is not None:
             out["division"] = self._division.saved()
         if self._surfaces is not None:

@@ -15,6 +15,7 @@ from xper_fx.support.ranks import ALONE, Ranks
 if TYPE_CHECKING:
     from xper_fx.parallel.local_bodies import LocalBodies
     from xper_fx.parallel.rigid_partition import RigidDivision
+    from xper_fx.parallel.rigid_share import RigidShare
 
 logger = logging.getLogger(__name__)
 
@@ -29,11 +30,13 @@ class Decomposition(NamedTuple):
         ranks: those that divide the bodies or their contacts; this one alone where none do.
         part: what this rank has of the bodies, None if it has all.
         contacts: division of the contacts of rigid bodies, None if this rank has all.
+        rigid: what of the rigid bodies beside meshed ones is this rank's, None if all or none are.
     """
 
     ranks: Ranks = ALONE
     part: LocalBodies | None = None
     contacts: RigidDivision | None = None
+    rigid: RigidShare | None = None
 
 
 def decomposed(scene: Scene, options: Options, team: Ranks, stopwatch: Stopwatch) -> Decomposition:
@@ -64,7 +67,15 @@ def decomposed(scene: Scene, options: Options, team: Ranks, stopwatch: Stopwatch
             from xper_fx.scene.tie import tied_groups
 
             groups = tied_groups(scene.ties, scene.bodies)
-        return Decomposition(team, divide(scene.bodies, team, groups, touching))
+        part = divide(scene.bodies, team, groups, touching)
+        if scene.rigid_bodies is None:
+            return Decomposition(team, part)
+        from xper_fx.parallel.rigid_share import share_rigid
+
+        groups = set(scene.rigid_bodies.groups)
+        touch = any(c.law is not None and set(c.between) <= groups for c in scene.contacts)
+        rigid = share_rigid(scene.rigid_bodies, scene.bodies, part.rank_of_body, team, touch)
+        return Decomposition(team, part, rigid=rigid)
 
 
 def _searches(scene: Scene) -> bool:
@@ -84,7 +95,8 @@ def _stays_whole(scene: Scene, options: Options, team: Ranks) -> bool:
     why = [
         name
         for name, there in (
-            ("rigid bodies", scene.rigid_bodies is not None),
+            ("rigid bodies alone", scene.bodies is None),
+            ("rigid bodies and a mesh that is spread", spread and scene.rigid_bodies is not None),
             ("a lattice of rigid bodies", scene.lattice is not None),
             (
                 "contacts that are searched where vertices split",

@@ -67,6 +67,7 @@ class Model:
         ranks: those that divide the bodies or their contacts: `team`, or this one alone.
         part: what this rank has of the bodies, None if one rank has all.
         division: of the contacts of rigid bodies, None if one rank has all.
+        rigid_share: what this rank has of rigid bodies beside divided meshed ones, None if all.
         bodies: this rank's meshed bodies.
         bulk: of these.
         rigid: motion of the rigid bodies, None without any.
@@ -97,7 +98,9 @@ class Model:
             check_same_on_ranks(scene, options, team)
         tell_doubts(scene, options.requested.step, team)
         self._tagged_nodes: dict[int, np.ndarray] = {}
-        self.ranks, self.part, self.division = decomposed(scene, options, team, stopwatch)
+        self.ranks, self.part, self.division, self.rigid_share = decomposed(
+            scene, options, team, stopwatch
+        )
         self.bodies = scene.bodies if self.part is None else self.part.bodies
         self.bulk = self._bulk()
         self.rigid = self._rigid_motion()
@@ -276,7 +279,9 @@ class Model:
         from xper_fx.simulation.contact_detection import Detection
 
         V = getattr(self.bulk.forms, "V", None)
-        detection = Detection(self.scene, self.points.laws, V, self.part, self.ranks)
+        detection = Detection(
+            self.scene, self.points.laws, V, self.part, self.ranks, self.rigid_share
+        )
         if self.division is not None:
             detection.divide(self.division)
         return detection
@@ -286,7 +291,9 @@ class Model:
             return None
         inverse = self.scheme.inverse(self.step_size, self.start.displacement)
         self.slot_nodes = inverse.nodes
-        points, halo = self.points.on_slots(inverse)
+        rigid_blocks, share = None if self.rigid is None else self.rigid.blocks, self.rigid_share
+        own_blocks = rigid_blocks if share is None else rigid_blocks[share.here]
+        points, halo = self.points.on_slots(inverse, own_blocks)
         velocity = self.start.velocity.reshape(-1, self.bulk.dim)[inverse.nodes]
         if halo is not None:
             velocity = halo.with_ghost_values(velocity)
@@ -305,8 +312,8 @@ class Model:
         return Interactions(
             points, laws, self.points.law_of_point, inverse.blocks, velocity,
             ordering="vertices" if self.by_vertex else "tiles",
-            rigid_blocks=None if self.rigid is None else self.rigid.blocks, halo=halo,
-            splits=self.by_vertex and self._vertices_split(points),
+            rigid_blocks=rigid_blocks, halo=halo,
+            splits=self.by_vertex and self._vertices_split(points), rigid_share=share,
         )  # fmt: skip
 
     def _vertices_split(self, points: InteractionPoints) -> bool:

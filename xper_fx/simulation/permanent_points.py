@@ -233,15 +233,20 @@ class ScenePoints:
             acts[self._bulk.unknowns.node_of[detection.nodes]] = True
         return nodes[acts[nodes]]
 
-    def on_slots(self, inverse) -> tuple[InteractionPoints, Halo | None]:
+    def on_slots(
+        self, inverse, rigid_blocks: np.ndarray | None = None
+    ) -> tuple[InteractionPoints, Halo | None]:
         """The points on slots of an inverse, and what is exchanged with other ranks.
 
         Args:
             inverse: one of `xper_fx.bulk.body_inverse`, of at least the `interacting` nodes.
+            rigid_blocks: blocks of w of this rank's rigid bodies, whose slots come next; None
+                without any.
         """
-        slot = np.full(self._ground + 1, inverse.blocks.num_nodes)
+        blocks = inverse.blocks if rigid_blocks is None else inverse.blocks.joined(rigid_blocks)
+        slot = np.full(self._ground + 1, blocks.num_nodes)
         slot[inverse.nodes] = np.arange(len(inverse.nodes))
-        halo = None if self._shared is None else self._halo(inverse.blocks, slot)
+        halo = None if self._shared is None else self._halo(blocks, slot)
         if not self._points:
             return no_points(self._bulk.dim), halo
         return join_points(self._points).on(slot), halo

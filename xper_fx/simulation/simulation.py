@@ -89,9 +89,9 @@ class Simulation(Restartable):
         num_threads: threads of the interaction solver; all that Numba has if not given.
         comm: ranks that simulate the scene together, each with the same scene. They divide the
             bodies of scenes of meshed bodies that interact at their facets, in ties, with walls or
-            by contacts that are searched, and the contacts of scenes of rigid bodies alone where
-            there are enough of them (`parallel/rigid_partition.py`); other scenes every rank
-            simulates as a whole.
+            by contacts that are searched, also beside rigid ones, and the contacts of scenes of
+            rigid bodies alone where there are enough (`parallel/rigid_partition.py`); other scenes
+            every rank simulates as a whole.
             MPI.COMM_SELF if each rank has a scene of its own.
 
     Attributes:

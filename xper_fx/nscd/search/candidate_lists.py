@@ -104,12 +104,26 @@ class CandidateLists:
         return self.node_facet, self.rigid_facet, self.node_rigid, self.edge_pairs
 
     def pairs_of_bodies(self) -> np.ndarray:
-        """Meshed bodies in the lists, shape (n, 2), the lower number first, sorted."""
+        """Bodies in the lists, shape (n, 2), the lower number first, sorted.
+
+        Of ranks that divide the search; rigid bodies are numbered after meshed ones, and pairs with
+        walls are left out.
+        """
         near, edges = self.node_facet, self.edges[self.edge_pairs] // 3
         node = np.repeat(near.rows, np.diff(near.start))
         body = self._surface.body
         pairs = np.stack([self._body_of_node[node], body[near.listed]], axis=1)
-        pairs = np.sort(np.concatenate([pairs, body[edges].reshape(-1, 2)]), axis=1)
+        pairs = [pairs, body[edges].reshape(-1, 2)]
+        if len(self._rigid.points):
+            first, near, rigid = len(self._share.own_body), self.rigid_facet, self._rigid
+            point = np.repeat(near.rows, np.diff(near.start))
+            node, piece = self.node_rigid.T
+            for meshed, solid in (
+                (body[near.listed], rigid.body_of_point[point]),
+                (self._body_of_node[node], rigid.shapes.body[piece]),
+            ):
+                pairs.append(np.stack([meshed, first + solid], axis=1))
+        pairs = np.sort(np.concatenate(pairs), axis=1)
         return np.unique(pairs[pairs[:, 0] != pairs[:, 1]], axis=0)
 
     def forget_edges(self) -> None:
@@ -149,7 +163,8 @@ class CandidateLists:
     def _list(self, x: np.ndarray, rigid: tuple[np.ndarray, ...] | None) -> None:
         """Make all lists for nodes at x and rigid bodies in a state of `RigidSide`."""
         if self._share is not None:
-            self._share.meet(x, *self._boxes_of_bodies(x), self._with_joined)
+            others = self._boxes_of_rigid(rigid)
+            self._share.meet(x, *self._boxes_of_bodies(x), others, self._with_joined)
         self._old_x, self._old_rigid = x.copy(), rigid
         self._is_listed[:] = False
         for pairs in (self.node_facet, self.rigid_facet):
@@ -246,9 +261,12 @@ class CandidateLists:
         found = found[meets[found[:, 0], solids[found[:, 1]]]]
         self.node_rigid = np.concatenate([self.node_rigid, _named(found, new_nodes, solids)])
         low, high = self._boxes(x, fresh)
-        radius = rigid.radius[:, None]
-        found = box_pairs(points - radius, points + radius, low, high)
-        point, facet = found[:, 0], fresh[found[:, 1]]
+        looked = np.arange(len(points))
+        if self._share is not None:
+            looked = looked[self._share.own_rigid[rigid.body_of_point]]
+        at, radius = points[looked], rigid.radius[looked, None]
+        found = box_pairs(at - radius, at + radius, low, high)
+        point, facet = looked[found[:, 0]], fresh[found[:, 1]]
         may = rigid.meets[self._surface.group[facet], rigid.piece_of_point[point]]
         self.rigid_facet.insert(np.stack([point, facet], axis=1)[may])
 
@@ -288,6 +306,15 @@ class CandidateLists:
         np.minimum.at(low, body[facets], lowest)
         np.maximum.at(high, body[facets], highest)
         return low, high
+
+    def _boxes_of_rigid(self, rigid: tuple[np.ndarray, ...] | None):
+        """Boxes around own rigid bodies but walls, in a state of `RigidSide`."""
+        if rigid is None:
+            return np.empty((2, 0, self._dim))
+        side = self._rigid
+        own = side.solids[self._share.own_rigid[side.shapes.body[side.solids]]]
+        centre, radius = rigid[0][own], side.bounding[own, None]
+        return centre - radius, centre + radius
 
     def _with_joined(self, near: np.ndarray) -> np.ndarray:
         """Bodies, shape (num_bodies,), bool, and those with which they share welds.

@@ -21,7 +21,7 @@ class RigidSide:
         points: corners of polygons and polyhedra, and centres of discs and spheres, now.
         outward: from the centre of the piece to its corners, zero at centres.
         radius: of discs and spheres at their centres, 0 at corners.
-        piece_of_point: shape (num_points,).
+        piece_of_point, body_of_point: shape (num_points,).
         in_parts: whether there are clusters.
     """
 
@@ -69,6 +69,7 @@ class RigidSide:
             owner.append(np.full(len(corners), piece, np.int32))
         self._local = np.concatenate([self.points, *local])
         self.piece_of_point = np.concatenate([np.empty(0, np.int32), *owner])
+        self.body_of_point = tables.body[self.piece_of_point]
         self.radius = tables.radius[self.piece_of_point]
 
     def move(self, position: np.ndarray | None, rotation: np.ndarray | None) -> None:

@@ -16,7 +16,7 @@ import numpy as np
 
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.inverse_blocks import BodyInverse
-from xper_fx.nscd.point_group import PointGroup
+from xper_fx.nscd.points import InteractionPoints
 from xper_fx.nscd.solvers.tangent import DIRECT, MANY, PointTangents, inverted_bodies
 
 
@@ -38,14 +38,14 @@ class SharedProblem:
         self.tangents = PointTangents(interactions)
         self._system = interactions.halo.linear_system(interactions)
         self._right = np.empty(interactions.inverse.num_slots * interactions.dim)
-        self._dofs = [_dofs(g.points.nodes, interactions.dim) for g in interactions.groups]
+        self._dofs = [dofs_of_points(g.points, interactions.dim) for g in interactions.groups]
         self.solvable = self._direct = False
         self.renew()
 
     def renew(self) -> None:
         """Take the present values of w."""
         interactions = self._interactions
-        inverse = interactions.bulk_inverse
+        inverse = interactions.own_inverse
         blocks, _, regular = inverted_bodies(inverse)
         self.regular = interactions.everywhere(regular)
         if self.regular:
@@ -61,7 +61,7 @@ class SharedProblem:
         interactions, tangents = self._interactions, self.tangents
         tangents.take(interactions, velocity)
         springs = [
-            (dofs, _springs(g, own.stiffness))
+            (dofs, springs_of_points(g.points, own.stiffness))
             for g, dofs, own in zip(interactions.groups, self._dofs, tangents.groups, strict=True)
         ]
         held = tangents.mostly_held(interactions)
@@ -81,19 +81,50 @@ class SharedProblem:
         return self.tangents.changes(interactions, step), iterations
 
 
-def _dofs(nodes: np.ndarray, dim: int) -> np.ndarray:
-    """Degrees of freedom of the nodes of each point, shape (num_points, 2 k dim)."""
-    return (nodes.reshape(len(nodes), -1, 1) * dim + np.arange(dim)).reshape(len(nodes), -1)
+def dofs_of_points(points: InteractionPoints, dim: int) -> np.ndarray:
+    """Degrees of freedom of each point, shape (num_points, m): those of its nodes, 2 k dim, and of
+    the rotations of both sides where some have lever arms, 2 dim."""
+    n, sides, k = points.nodes.shape
+    nodes = points.nodes.reshape(n, sides * k)
+    if points.lever_arms is not None:
+        nodes = np.concatenate([nodes, points.rotation_nodes()], axis=1)
+    return (nodes[:, :, None] * dim + np.arange(dim)).reshape(n, nodes.shape[1] * dim)
 
 
-def _springs(group: PointGroup, stiffness: np.ndarray) -> np.ndarray:
-    """H K H^T of each point on its degrees of freedom, shape (n, 2 k dim, 2 k dim)."""
-    n, components = stiffness.shape[:2]
-    frame = group.points.frame[:, :components]
+def springs_of_points(points: InteractionPoints, stiffness: np.ndarray) -> np.ndarray:
+    """H K H^T of each point on `dofs_of_points`, shape (n, m, m).
+
+    Args:
+        points: n points.
+        stiffness: K of each in its frame, shape (n, components, components), N s per m/s.
+    """
+    components = stiffness.shape[1]
+    n, sides, k = points.nodes.shape
+    dim = points.dim
+    frame = points.frame[:, :components]
     world = np.einsum("pix,pij,pjy->pxy", frame, stiffness, frame, optimize=True)
-    signed = (group.points.weights * np.array([1.0, -1.0])[:, None]).reshape(n, -1)
-    values = np.einsum("pa,pb,pxy->paxby", signed, signed, world, optimize=True)
-    return values.reshape(n, signed.shape[1] * world.shape[1], -1)
+    signs = np.array([1.0, -1.0])
+    signed = (points.weights * signs[:, None]).reshape(n, sides * k)
+    if points.lever_arms is None:
+        values = np.einsum("pa,pb,pxy->paxby", signed, signed, world, optimize=True)
+        return values.reshape(n, sides * k * dim, sides * k * dim)
+    moved = np.einsum("pa,xy->pxay", signed, np.eye(dim))
+    turned = np.einsum("s,psxy->pxsy", signs, _by_rotation(points.lever_arms))
+    relative = np.concatenate([moved, turned], axis=2).reshape(n, dim, (sides * k + sides) * dim)
+    return np.einsum("pxa,pxy,pyb->pab", relative, world, relative, optimize=True)
+
+
+def _by_rotation(arms: np.ndarray) -> np.ndarray:
+    """A with A w = w x arm, shape (..., dim, dim); in 2D the spin is the first component of w."""
+    dim = arms.shape[-1]
+    a = np.zeros((*arms.shape, dim))
+    if dim == 2:
+        a[..., 0, 0], a[..., 1, 0] = -arms[..., 1], arms[..., 0]
+        return a
+    for x in range(3):
+        y, z = (x + 1) % 3, (x + 2) % 3
+        a[..., x, y], a[..., x, z] = arms[..., z], -arms[..., y]
+    return a
 
 
 def _by_size(inverse: BodyInverse, data: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
