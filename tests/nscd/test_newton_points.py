@@ -222,7 +222,7 @@ def test_the_matrix_is_factored_once_iterations_are_many(monkeypatch):
     for change in found[1:]:
         np.testing.assert_allclose(change, found[0], atol=1e-6 * np.abs(found[0]).max())
     # large ones are not factored
-    monkeypatch.setattr(tangent, "DIRECT", 100)
+    monkeypatch.setattr(tangent, "DIRECT", {2: 100})
     problem = LinearisedProblem(scene)
     for _ in range(2):
         problem.linearise(velocity)

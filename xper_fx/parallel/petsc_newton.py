@@ -5,7 +5,7 @@ GMRES (Saad and Schultz 1986) with the two corrections of `nscd/solvers/tangent.
 clusters of facing nodes, whose rows are on one rank each (`row_numbering.py`) and whose blocks are
 inverted there; and all clusters moving as one, whose matrix P^T w^-1 P is factored once for each w,
 by every rank or, if large, over all ranks by MUMPS (Amestoy et al. 2001). Both are those of one
-rank, and so is the number of iterations. Where they are many every rank factors the whole matrix.
+rank, and so is the number of iterations. Where they are many the matrix itself is factored, too.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from xper_fx.parallel.row_numbering import Rows, number_rows
 
 # Vectors that GMRES keeps before a restart.
 _BASIS = 40
-# Unknowns of the coarse problem up to which every rank factors the whole: one exchange a solve, in
-# place of the many of a factorisation that is spread.
-_REPLICATED = 50_000
+# Unknowns of the coarse problem, and of the matrix itself, up to which every rank factors the whole:
+# one exchange a solve, in place of the many of a factorisation that is spread.
+_REPLICATED, _WHOLE_REPLICATED = 50_000, 6_000
 
 Elements = list[tuple[np.ndarray, np.ndarray]]
 """Degrees of freedom of slots, shape (n, m), and square matrices on them, shape (n, m, m)."""
@@ -197,7 +197,7 @@ class _TwoLevel:
         self._clusters = PETSc.PC().create(prolongation.comm)
         self._clusters.setType(PETSc.PC.Type.VPBJACOBI)
         self._whole = PETSc.PC().create(prolongation.comm)
-        self._whole.setType(PETSc.PC.Type.REDUNDANT)
+        _take_factors(self._whole, prolongation.getSize()[0] > _WHOLE_REPLICATED)
         self._first = self._clusters
         self._as_one, self._coarse = False, None
         self._moved, _ = prolongation.createVecs()
@@ -213,12 +213,7 @@ class _TwoLevel:
         self._coarse = PETSc.KSP().create(bodies.comm)
         self._coarse.setType(PETSc.KSP.Type.PREONLY)
         self._coarse.setOperators(matrix)
-        pc = self._coarse.getPC()
-        if matrix.getSize()[0] > _REPLICATED and PETSc.Sys.hasExternalPackage("mumps"):
-            pc.setType(PETSc.PC.Type.LU)
-            pc.setFactorSolverType(PETSc.Mat.SolverType.MUMPS)
-        else:
-            pc.setType(PETSc.PC.Type.REDUNDANT)
+        _take_factors(self._coarse.getPC(), matrix.getSize()[0] > _REPLICATED)
         self._coarse.setUp()
 
     def take(self, matrix, kind: str) -> bool:
@@ -236,3 +231,12 @@ class _TwoLevel:
             self._prolongation.multTranspose(r, self._force)
             self._coarse.solve(self._force, self._moved)
             self._prolongation.multAdd(self._moved, z, z)
+
+
+def _take_factors(pc, together: bool) -> None:
+    """Factor the matrix by MUMPS over all ranks, if it is there, or on every rank."""
+    if together and PETSc.Sys.hasExternalPackage("mumps"):
+        pc.setType(PETSc.PC.Type.LU)
+        pc.setFactorSolverType(PETSc.Mat.SolverType.MUMPS)
+    else:
+        pc.setType(PETSc.PC.Type.REDUNDANT)

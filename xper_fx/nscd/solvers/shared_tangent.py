@@ -76,7 +76,7 @@ class SharedProblem:
         interactions = self._interactions
         self.tangents.spread_source(interactions, self._right)
         iterations = self._system.solve(self._right, step, bound, max_iterations)
-        if iterations >= MANY and self._system.size <= DIRECT:
+        if iterations >= MANY and self._system.size <= DIRECT[interactions.dim]:
             self._direct = True
         return self.tangents.changes(interactions, step), iterations
 

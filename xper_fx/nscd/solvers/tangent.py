@@ -62,9 +62,10 @@ _PROXIMAL, _SAME = 1e-6, 1e-6
 _BASIS = 40
 # Share of the motion at points that springs hold, below which facing nodes do not move as one.
 _HELD = 0.75
-# Degrees of freedom up to which the matrix is factored, and iterations of GMRES after which that of
-# meshed bodies is.
-DIRECT, MANY = 6000, 40
+# Degrees of freedom up to which the matrix of rigid bodies is factored; those of meshed bodies up to
+# which it is in 2D and 3D, and iterations of GMRES after which it is.
+_RIGID = 6000
+DIRECT, MANY = {2: 40_000, 3: 12_000}, 40
 # Pivot, relative to the largest entry, at which a block counts as singular.
 _SINGULAR = 1e-13
 
@@ -653,9 +654,9 @@ class LinearisedProblem:
         self._sizes = np.diff(inverse.node_offsets) * dim
         self._starts = inverse.node_offsets[:-1] * dim
         num_dofs = inverse.num_slots * dim
-        self._rigid = interactions.bulk_inverse.num_nodes == 0
-        self._small = num_dofs <= DIRECT
-        self._direct = self._rigid and self._small
+        rigid = interactions.bulk_inverse.num_nodes == 0
+        self._small = num_dofs <= (_RIGID if rigid else DIRECT[dim])
+        self._always = self._direct = rigid and self._small
         self._factors = None
         self._openings: list = []  # H^T of each group
         self._clusters, self._opened = facing_clusters(interactions)
@@ -677,7 +678,7 @@ class LinearisedProblem:
         inverse = self._interactions.inverse
         self._matrix, self._fixed, self.regular = inverted_bodies(inverse)
         self._held_dofs = np.flatnonzero(self._fixed)
-        if self.regular and not (self._rigid and self._small):
+        if self.regular and not self._always:
             self._factor_coarse()
         self.tangents.forget()
         self._fresh = True
@@ -685,7 +686,7 @@ class LinearisedProblem:
     def begin(self) -> None:
         """Take H of now, as points may have turned, and GMRES again if the bodies are not rigid."""
         self._openings = []
-        if self._direct and not self._rigid:
+        if self._direct and not self._always:
             self._direct, self._fresh = False, True
 
     def _factor_coarse(self) -> None:
