@@ -20,8 +20,8 @@ from xper_fx.parallel.row_numbering import Rows, number_rows
 
 # Vectors that GMRES keeps before a restart.
 _BASIS = 40
-# Unknowns of the coarse problem, and of the matrix itself, up to which every rank factors the whole:
-# one exchange a solve, in place of the many of a factorisation that is spread.
+# Unknowns of the coarse problem, and of the matrix itself, up to which every rank factors the
+# whole: one exchange a solve, in place of the many of a factorisation that is spread.
 _REPLICATED, _WHOLE_REPLICATED = 50_000, 6_000
 
 Elements = list[tuple[np.ndarray, np.ndarray]]
