@@ -62,8 +62,8 @@ _PROXIMAL, _SAME = 1e-6, 1e-6
 _BASIS = 40
 # Share of the motion at points that springs hold, below which facing nodes do not move as one.
 _HELD = 0.75
-# Degrees of freedom up to which the matrix of rigid bodies is factored; of meshed ones, in 2D and in
-# 3D, and iterations of GMRES after which it is.
+# Degrees of freedom up to which the matrix of rigid bodies is factored; of meshed ones, in 2D and
+# in 3D, and iterations of GMRES after which it is.
 _RIGID = 6000
 DIRECT, MANY = {2: 40_000, 3: 12_000}, 40
 # Pivot, relative to the largest entry, at which a block counts as singular.
