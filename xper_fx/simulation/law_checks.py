@@ -8,7 +8,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from xper_fx.nscd.laws.law import Law, LawKernels
-from xper_fx.nscd.laws.rigid_bond import RigidBond
 
 
 def check_laws_suit(
@@ -29,7 +28,7 @@ def check_laws_suit(
         inertia: whether bodies have mass.
         monolithic: whether bulk and interactions are one system.
     """
-    is_rigid = np.array([isinstance(law, RigidBond) for law in laws], bool)
+    is_rigid = np.array([hasattr(law, "least_strength") for law in laws], bool)
     at_end = is_rigid & np.array([getattr(law, "damage", "") == "end" for law in laws], bool)
     if is_rigid.any() and not (inertia or monolithic):
         raise ValueError(
