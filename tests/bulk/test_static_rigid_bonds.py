@@ -212,6 +212,7 @@ def test_damage_that_lags_is_refused():
         dataclasses.replace(bond(), damage="lagged")
 
 
+@pytest.mark.slow
 def test_a_fragment_that_comes_loose_is_named():
     """The middle of a bar between two weak sections, which tear together."""
     at = np.array([0.5, 1.5])

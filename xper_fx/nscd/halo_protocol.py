@@ -132,7 +132,7 @@ class ContactHalo(AnyHalo, Protocol):
         """This rank's bodies that others move, and its ghosts."""
 
 
-class RigidShare(Protocol):
+class RigidSharing(Protocol):
     """Which rigid bodies beside meshed ones a rank has (`parallel/rigid_share.py`)."""
 
     @property

@@ -11,7 +11,7 @@ import numpy as np
 
 from xper_fx.nscd.algebra.small import sym_indices
 from xper_fx.nscd.found_contacts import FoundContacts, FoundPoints
-from xper_fx.nscd.halo_protocol import ContactHalo, PointHalo, Reductions, RigidShare
+from xper_fx.nscd.halo_protocol import ContactHalo, PointHalo, Reductions, RigidSharing
 from xper_fx.nscd.inverse_blocks import BodyInverse
 from xper_fx.nscd.laws.law import Law
 from xper_fx.nscd.own_compliance import update_compliance
@@ -77,7 +77,7 @@ class Interactions(SteppedPoints):
         rigid_blocks: np.ndarray | None = None,
         halo: PointHalo | ContactHalo | None = None,
         splits: bool = False,
-        rigid_share: RigidShare | None = None,
+        rigid_share: RigidSharing | None = None,
     ):
         self.dim, self.ordering, self.laws = inverse.dim, ordering, laws
         self._rigid_blocks, self.halo, self._rigid_share = rigid_blocks, halo, rigid_share
