@@ -221,9 +221,26 @@ def test_a_fragment_that_comes_loose_is_named():
         return np.where(np.isclose(x[0], at[:, None]).any(axis=0), 1.0, 1.5) * S
 
     simulation = bar(2, xf.laws.RigidCohesiveZone(strength, W), lambda t: 0.04 * t)
-    middle = r"fragment comes loose: 16 bodies \(7, 9, .* around \(1, 0.5\), .* inertia=True"
+    middle = r"comes loose: bodies 7, 9, .* \(16 in all\) around \(1, 0.5\), .* inertia=True"
     spent = []
     with pytest.raises(xf.ConvergenceError, match=middle):
         for record in simulation.steps(10.0):
             spent.append(record.energies["dissipated_cohesion"])
     assert spent[-1] == pytest.approx(2.0 * W, rel=0.01)
+
+
+@pytest.mark.parametrize("cut", [True, False], ids=["contact alone", "one body"])
+def test_no_fragment_is_named_where_no_bond_has_broken(cut):
+    """A block that contact alone holds is pressed, then pulled; or there is nothing to break."""
+    label = (lambda x: x[0] > 1.0) if cut else 0
+    loads = [xf.PrescribedDisplacement(LEFT, axis, 0.0) for axis in range(2)]
+    loads.append(xf.SurfaceTraction(RIGHT, (lambda t: 1e-2 * (t - 1.5), 0.0)))
+    law = xf.laws.SignoriniCoulomb(0.3)
+    bodies = box_bodies((2.0, 1.0), (4, 2), "crossed", label=label)
+    matter = ELASTIC if cut else xf.materials.NeoHookean(1.0, NU, 1.0)
+    scene = xf.Scene(bodies, {1: matter}, default_interaction=law, loads=loads)
+    options = {} if cut else {"max_newton": 1}
+    simulation = static(scene, solver="monolithic", **options)
+    with pytest.raises(xf.ConvergenceError, match="There may be no equilibrium") as told:
+        run(simulation, 4)
+    assert "fragment" not in str(told.value)

@@ -12,11 +12,11 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from scenes import LEFT, RIGHT, field, mesh_of, nodes, run, side_tags
+from scenes import LEFT, RIGHT, field, mesh_of, nodes, run, side_tags, unmatched_plates
 
 from xper_fx.bodies.explode import EACH_CELL, explode
 from xper_fx.bodies.join import join_meshes
-from xper_fx.bodies.meshes import tag_cells, tag_facets
+from xper_fx.bodies.meshes import tag_cells
 from xper_fx.forms.loads import Gravity, SurfaceTraction
 from xper_fx.materials import J2FiniteStrain, NeoHookean, SaintVenantKirchhoff, Voce
 from xper_fx.nscd.laws import CohesiveZone, MixedMode, RigidCohesiveZone, SignoriniCoulomb
@@ -85,13 +85,7 @@ def falling(axes, cells=(2, 1, 1), **options):
 
 def tied(axes, bond, **options):
     """Plates whose nodes do not match, bonded, that a spin tears."""
-    meshes = [mesh_of((1.0, 1.0), (n, n)) for n in (2, 3)]
-    meshes[1].geometry.x[:, 0] += 1.0
-    tags = [
-        tag_facets(mesh, {tag: lambda x: np.abs(x[0] - 1.0) < 1e-9})
-        for mesh, tag in zip(meshes, (7, 8), strict=True)
-    ]
-    joined = join_meshes(meshes, facet_tags=tags)
+    joined = unmatched_plates()
     axes.turn(joined.mesh)
     scene = Scene(
         explode(joined.mesh, joined.part, facet_tags=joined.facet_tags),

@@ -10,10 +10,19 @@ import logging
 
 import numpy as np
 import pytest
-from scenes import LEFT, RIGHT, box_bodies, field, mesh_of, nodes, run, side_tags
+from scenes import (
+    LEFT,
+    RIGHT,
+    box_bodies,
+    field,
+    mesh_of,
+    nodes,
+    run,
+    side_tags,
+    unmatched_plates,
+)
 
 from xper_fx.bodies.explode import EACH_CELL, explode
-from xper_fx.bodies.join import join_meshes
 from xper_fx.bodies.meshes import tag_facets
 from xper_fx.forms.loads import Gravity, SurfaceTraction
 from xper_fx.materials import LinearElastic, NeoHookean, SaintVenantKirchhoff
@@ -320,13 +329,7 @@ def test_a_grain_rolls_and_breaks(figure):
 
 def test_tied_meshes_turn_with_their_surfaces():
     """Two meshes that do not match, bonded with C_N unlike C_T, spin: momenta, no damage."""
-    meshes = [mesh_of((1.0, 1.0), (n, n)) for n in (2, 3)]
-    meshes[1].geometry.x[:, 0] += 1.0
-    tags = [
-        tag_facets(mesh, {tag: lambda x: np.abs(x[0] - 1.0) < 1e-9})
-        for mesh, tag in zip(meshes, (7, 8), strict=True)
-    ]
-    joined = join_meshes(meshes, facet_tags=tags)
+    joined = unmatched_plates()
     scene = Scene(
         explode(joined.mesh, joined.part, facet_tags=joined.facet_tags),
         {1: NeoHookean(YOUNG, 0.3, 1.0)},

@@ -229,6 +229,17 @@ def test_the_matrix_is_factored_once_iterations_are_many(monkeypatch):
         assert problem.solve(np.zeros_like(velocity), bound, 400)[1] == counts[0]
 
 
+def test_newton_begins_each_solve_anew(monkeypatch):
+    """As points may have turned; a factorisation is for the solve that has asked for it."""
+    begun, begin = [], LinearisedProblem.begin
+    monkeypatch.setattr(LinearisedProblem, "begin", lambda own: begun.append(own) or begin(own))
+    solver = NewtonOnAllPoints()
+    for count in (1, 2):
+        scene, velocity = plate_step(8, 100, True)
+        assert solver.solve(scene, velocity, SolveOptions(tolerance=1e-6, num_threads=1)).converged
+        assert len(begun) == count
+
+
 def test_what_is_kept_belongs_to_the_w_of_the_last_step():
     """Once another w came nothing is kept, or saved: a restarted run knows but the last."""
     scene, velocity = plate_step(3, 30, False)

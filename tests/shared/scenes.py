@@ -8,6 +8,7 @@ from dolfinx.mesh import CellType, create_box, create_rectangle
 from mpi4py import MPI
 
 from xper_fx.bodies.explode import EACH_CELL, Bodies, explode
+from xper_fx.bodies.join import join_meshes
 from xper_fx.bodies.meshes import crossed_rectangle, tag_cells, tag_facets
 
 COMM = MPI.COMM_SELF
@@ -24,6 +25,17 @@ def mesh_of(lengths, cells, kind: str = "crossed"):
     corners = [np.zeros(len(lengths)), np.array(lengths)]
     create = create_rectangle if len(lengths) == 2 else create_box
     return create(COMM, corners, cells, getattr(CellType, kind))
+
+
+def unmatched_plates():
+    """Two unit plates side by side whose nodes on x = 1 do not match; 7 and 8 are tagged there."""
+    meshes = [mesh_of((1.0, 1.0), (n, n)) for n in (2, 3)]
+    meshes[1].geometry.x[:, 0] += 1.0
+    tags = [
+        tag_facets(mesh, {tag: lambda x: np.abs(x[0] - 1.0) < 1e-9})
+        for mesh, tag in zip(meshes, (7, 8), strict=True)
+    ]
+    return join_meshes(meshes, facet_tags=tags)
 
 
 def side_tags(mesh, lengths, interior=None):

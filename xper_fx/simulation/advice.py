@@ -38,9 +38,9 @@ def comes_loose(bodies: np.ndarray, place: np.ndarray) -> str:
     """Of the bodies of a fragment about a place (m) that nothing holds once its bonds are spent."""
     few = ", ".join(map(str, bodies[:5])) + (", ..." if len(bodies) > 5 else "")
     return (
-        f"A fragment comes loose: {len(bodies)} bodies ({few}) around {_place(place)}, whose bonds "
-        "to all others have spent their energy, and without inertia nothing but contact holds it: "
-        "prescribe some of its motion, or take inertia=True."
+        f"A fragment comes loose: bodies {few} ({len(bodies)} in all) around {_place(place)}, "
+        "whose bonds to all others have spent their energy, and without inertia nothing but "
+        "contact holds it: prescribe some of its motion, or take inertia=True."
     )
 
 

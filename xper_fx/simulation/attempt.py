@@ -225,12 +225,18 @@ class StepAttempts:
         return ()
 
     def _loose_fragment(self) -> str:
-        """What is told of a fragment that no bond holds any more; empty if there is none."""
+        """What is told of a fragment that no bond holds any more; empty if there is none.
+
+        What contact alone joins from the start is no fragment; nothing comes loose from a lattice.
+        """
         points, bulk = self._model.interactions, self._model.bulk
+        if points is None or self._model.scene.lattice is not None:
+            return ""
         pairs = self._model.points.bodies_of_points()
-        loose = points.unbonded() | (points.gather("spent") >= BROKEN)
+        bonds = np.array(["damage" in law.kernels(points.dim).state_names for law in points.laws])
+        broken = bonds[points.gather("law").astype(int)] & (points.gather("spent") >= BROKEN)
         x, held = bulk.nodes_of_bodies()
-        joined = pairs[~loose[: len(pairs)]]
+        joined = pairs[~broken[: len(pairs)]]
         bodies, _ = loose_group(x, bulk.layout.offsets, held, joined)
         if not len(bodies):
             return ""
