@@ -15,7 +15,7 @@ from itertools import count
 import llvmlite
 import numba
 import numpy as np
-from numba.core import config, event, serialize, sigutils
+from numba.core import config, event, serialize, sigutils, types
 from numba.core.bytecode import FunctionIdentity
 from numba.core.compiler import CompileResult
 from numba.core.dispatcher import Dispatcher
@@ -61,7 +61,8 @@ def njit(function: Callable | None = None, **options) -> Callable:
 
     A kernel is compiled with its own options alone. (With Numba's, one that leaves `fastmath`,
     `error_model`, `forceinline` or `_nrt` open takes those of the kernel that happens to compile it
-    first: its code would depend on the order of compilation.)
+    first: its code would depend on the order of compilation.) Signed integers that a
+    kernel hands to another one are int64 there, of whatever size they were.
 
     Args:
         function: to be compiled; without it a decorator is returned.
@@ -81,7 +82,28 @@ def njit(function: Callable | None = None, **options) -> Callable:
     kernel = numba.njit(**(INHERITED | options))(function)
     if isinstance(kernel, Dispatcher):
         kernel._cache = _Kept(kernel)
+        kernel.get_call_template = _for_plain_integers(kernel.get_call_template)
     return kernel
+
+
+def _for_plain_integers(template_of: Callable) -> Callable:
+    """What kernels ask a kernel that they call: one version serves all signed integers.
+
+    Numba would compile a version for int64, one for the entries of an int32 array, and one for a
+    variable that is 0 before a loop (a literal), even if it is another number after it. Unsigned
+    ones stay: indices that are known not to be negative make faster code.
+    """
+
+    def plain(kind: types.Type) -> types.Type:
+        kind = types.unliteral(kind)
+        return types.int64 if kind in types.signed_domain else kind
+
+    def get_call_template(args: tuple, kws: dict[str, types.Type]):
+        return template_of(
+            tuple(map(plain, args)), {name: plain(kind) for name, kind in kws.items()}
+        )
+
+    return get_call_template
 
 
 class _Kept:

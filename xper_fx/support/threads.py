@@ -8,7 +8,7 @@ The same compiled kernel serves one thread and several; few items are not worth 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 
@@ -47,24 +47,27 @@ def num_ranges(count: int) -> int:
     return worth_taking(count, _MANY)
 
 
-def in_ranges(work: Callable, count: int, *arguments) -> list:
+def in_ranges(work: Callable, count: int, *arguments, spaces: Sequence | None = None) -> list:
     """Call `work(first, last, *arguments)` on ranges that make up 0 to `count`.
 
     Args:
         work: releases the interpreter's lock, as kernels compiled with `nogil` and NumPy do.
         count: number of items.
         arguments: of `work`, the same for all ranges.
+        spaces: last argument of `work`, one for each range, such as its work space. Without it
+            there are as many ranges as `num_ranges` says, and no such argument.
 
     Returns:
         What `work` returned, range by range.
     """
-    threads = num_ranges(count)
-    if threads == 1:
-        return [work(0, count, *arguments)]
-    work(0, 0, *arguments)  # a kernel is compiled here, not in a thread
-    ends = [count * part // threads for part in range(threads + 1)]
-    others = [
-        _pool().submit(work, first, last, *arguments)
-        for first, last in zip(ends[1:-1], ends[2:], strict=True)
+    last_ones = [()] * num_ranges(count) if spaces is None else [(space,) for space in spaces]
+    ranges = len(last_ones)
+    if ranges > 1:
+        work(0, 0, *arguments, *last_ones[0])  # a kernel is compiled here, not in a thread
+    ends = [count * part // ranges for part in range(ranges + 1)]
+    here, *others = [
+        (first, last, *arguments, *own)
+        for first, last, own in zip(ends[:-1], ends[1:], last_ones, strict=True)
     ]
-    return [work(0, ends[1], *arguments), *(other.result() for other in others)]
+    others = [_pool().submit(work, *given) for given in others]
+    return [work(*here), *(other.result() for other in others)]

@@ -34,7 +34,6 @@ from functools import cache
 from typing import NamedTuple
 
 import numpy as np
-from numba import prange
 
 from xper_fx.cache import njit
 from xper_fx.nscd.algebra.small import for_dimension
@@ -45,7 +44,7 @@ from xper_fx.nscd.laws.law import LawKernels
 from xper_fx.nscd.point_group import PointGroup
 from xper_fx.nscd.points import frame_from_normal
 from xper_fx.nscd.solvers.solver import SolveOptions, Solver, SolveReport
-from xper_fx.support.threads import worth_taking
+from xper_fx.support.threads import in_ranges, worth_taking
 
 # Largest number of unknowns of a vertex whose inverse is kept (18 kB).
 _NEWTON_DOFS = 48
@@ -58,8 +57,6 @@ _CLEAR = 1e-4
 _TINY = np.finfo(np.float64).tiny
 # Vertices from which threads are taken unasked.
 _MANY = 1000
-# Pieces of work for threads; fixed, so that nothing depends on their number.
-_CHUNKS = 64
 # Squared size of a correction beside the impulses found (of redundant points, whose matrix is all
 # but singular) from which its rounding in the velocities counts: they are made anew.
 _SWOLLEN = 1e6
@@ -111,6 +108,12 @@ class _Blocks(NamedTuple):
     rounding: np.ndarray
     tilt: np.ndarray
     free: np.ndarray
+
+    def for_thread(self, free: np.ndarray) -> _Blocks:
+        """The same vertices with work space of its own, in a step from these free velocities."""
+        spaces = ("residual", "correction", "lines", "tilt")
+        own = {name: np.zeros_like(getattr(self, name)) for name in spaces}
+        return self._replace(free=free, **own)
 
 
 def _unknowns(interactions: Interactions) -> int:
@@ -169,14 +172,14 @@ def build(interactions: Interactions) -> _Blocks:
         offsets=offsets,
         start=np.ascontiguousarray(gathered([g.couplings.start for g in groups])[:, :, 0]),
         frame=frame,
-        residual=np.zeros((_CHUNKS * widest, unknowns)),
-        correction=np.zeros((_CHUNKS * widest, unknowns)),
+        residual=np.zeros((widest, unknowns)),
+        correction=np.zeros((widest, unknowns)),
         inverse=inverse,
         inverse_offsets=inverse_offsets,
-        lines=np.zeros(_CHUNKS * widest * unknowns**2),
+        lines=np.zeros(widest * unknowns**2),
         slope=np.zeros((total, unknowns, unknowns)),
         rounding=np.bincount(vertex[order], squared),
-        tilt=np.zeros((_CHUNKS * widest if interactions.turns else 0, *frame.shape[1:])),
+        tilt=np.zeros((widest if interactions.turns else 0, *frame.shape[1:])),
         free=np.zeros(0),
     )
 
@@ -516,32 +519,6 @@ def _group_kernels(law: LawKernels, dim: int, unknowns: int, alone: bool, turns:
 
 
 @cache
-def _nest(count: int):
-    """Kernel that makes a tuple a group of a flat tuple of arrays (all that prange takes)."""
-    if count == 0:
-
-        @njit(inline="always")
-        def nothing(arrays):
-            return ()
-
-        return nothing
-    rest = _nest(count - 1)
-
-    @njit(inline="always")
-    def nest(arrays):
-        couplings = Couplings(
-            arrays[0], arrays[1], arrays[2], arrays[3], arrays[4], arrays[5], arrays[6]
-        )
-        own = (
-            arrays[7], couplings, arrays[8], arrays[9], arrays[10], arrays[11], arrays[12],
-            arrays[13],
-        )  # fmt: skip
-        return (own, *rest(arrays[14:]))
-
-    return nest
-
-
-@cache
 def _chain(laws: tuple[LawKernels, ...], dim: int, unknowns: int, alone: bool, turns: bool):
     """The kernels over all the laws of a vertex, one after the other."""
     kernel = _MERGED if alone else _KERNEL
@@ -616,11 +593,12 @@ def _chain(laws: tuple[LawKernels, ...], dim: int, unknowns: int, alone: bool, t
 
 @cache
 def _solve_kernel(laws: tuple[LawKernels, ...], dim: int, unknowns: int, turns: bool):
-    """All vertices: `solve(v, blocks, groups, tolerance, max_sweeps, relax, speed, parts)`.
+    """A range of vertices: `solve(first, last, v, groups, tolerance, ..., speed, blocks)`.
 
-    `v` are the free velocities at first, and `blocks.free` a copy of them.
+    `v` are the free velocities at first, and `blocks.free` a copy of them. Returns the most sweeps
+    of a vertex, the largest squared relative error and change of a traction, and how many vertices
+    have not converged.
     """
-    nest = _nest(len(laws))
     algebra = for_dimension(dim, unknowns)
     row, set_row, dot, scale = algebra.row, algebra.set_row, algebra.dot, algebra.scale
     chained = _chain(laws, dim, unknowns, len(laws) == 1, turns)
@@ -745,45 +723,19 @@ def _solve_kernel(laws: tuple[LawKernels, ...], dim: int, unknowns: int, turns: 
             previous, fresh = np.inf, 0
         return max_sweeps, changed / max(total, floor, _TINY), largest, False
 
-    @njit(inline="always")
-    def of_chunk(blocks, chunk):
-        """The arrays with the work space of one piece of work."""
-        widest = len(blocks.residual) // _CHUNKS
-        first, last = chunk * widest, (chunk + 1) * widest
-        return _Blocks(
-            blocks.offsets, blocks.start, blocks.frame, blocks.residual[first:last],
-            blocks.correction[first:last], blocks.inverse, blocks.inverse_offsets,
-            blocks.lines[first * unknowns**2 : last * unknowns**2], blocks.slope, blocks.rounding,
-            blocks.tilt[first:last], blocks.free,
-        )  # fmt: skip
-
-    @_KERNEL
-    def solve_range(lo, hi, v, blocks, arrays, tolerance, max_sweeps, relax, speed, parts, chunk):
-        groups, blocks = nest(arrays), of_chunk(blocks, chunk)
-        for b in range(lo, hi):
+    @njit(fastmath={"contract"}, nogil=True, **LEAN_ENTRY)
+    def solve_range(first, last, v, groups, tolerance, max_sweeps, relax, speed, blocks):
+        sweeps, residual, traction, failed = 0, 0.0, 0.0, 0
+        for b in range(first, last):
             count, error, largest, converged = solve_vertex(
                 b, v, blocks, groups, tolerance, max_sweeps, relax, speed
             )
-            parts[chunk, 0] = max(parts[chunk, 0], count)
-            parts[chunk, 1] = max(parts[chunk, 1], error)
-            parts[chunk, 2] = max(parts[chunk, 2], largest)
-            parts[chunk, 3] += 0.0 if converged else 1.0
+            sweeps, residual = max(sweeps, count), max(residual, error)
+            traction = max(traction, largest)
+            failed += 0 if converged else 1
+        return sweeps, residual, traction, failed
 
-    @njit(parallel=True, nogil=True)
-    def solve_all(v, blocks, arrays, tolerance, max_sweeps, relax, speed, parts):
-        num = len(blocks.rounding)
-        for chunk in prange(_CHUNKS):
-            solve_range(
-                chunk * num // _CHUNKS, (chunk + 1) * num // _CHUNKS, v, blocks, arrays,
-                tolerance, max_sweeps, relax, speed, parts, chunk,
-            )  # fmt: skip
-
-    @njit(nogil=True, **LEAN_ENTRY)
-    def solve_serial(v, blocks, arrays, tolerance, max_sweeps, relax, speed, parts):
-        num = len(blocks.rounding)
-        solve_range(0, num, v, blocks, arrays, tolerance, max_sweeps, relax, speed, parts, 0)
-
-    return solve_serial, solve_all
+    return solve_range
 
 
 class VertexBlocks(Solver):
@@ -808,39 +760,36 @@ class VertexBlocks(Solver):
         if self._blocks is None:
             self._blocks = build(interactions)
         blocks = self._blocks
-        arrays = tuple(
-            array
+        groups = tuple(
+            (g.ordering.tile_offsets, Couplings(*g.couplings[:7]), g.impulse, g.inverse_area,
+             g.compliance, g.parameters, g.terms, g.details)
             for g in interactions.groups
-            for array in (*g.couplings[:7], g.ordering.tile_offsets, g.impulse, g.inverse_area,
-                          g.compliance, g.parameters, g.terms, g.details)
         )  # fmt: skip
-        serial, parallel = _solve_kernel(
+        kernel = _solve_kernel(
             tuple(g.kernels for g in interactions.groups),
             interactions.dim,
             _unknowns(interactions),
             interactions.turns,
         )
-        num_threads = worth_taking(len(blocks.rounding), _MANY, options.num_threads)
-        kernel = parallel if num_threads > 1 else serial
-        parts = np.zeros((_CHUNKS, 8))
-        speed = max(np.abs(velocity).max(), np.finfo(float).tiny)
-        kernel(
+        num_vertices, free = len(blocks.rounding), velocity.copy()
+        threads = worth_taking(num_vertices, _MANY, options.num_threads)
+        found = in_ranges(
+            kernel,
+            num_vertices,
             velocity,
-            blocks._replace(free=velocity.copy()),
-            arrays,
+            groups,
             options.tolerance,
             options.max_sweeps,
             options.relaxation,
-            speed,
-            parts,
+            max(np.abs(velocity).max(), np.finfo(float).tiny),
+            spaces=[blocks.for_thread(free) for _ in range(threads)],
         )
-        sweeps, residual, traction = parts[:, :3].max(axis=0)
-        failed = parts[:, 3].sum()
+        sweeps, residual, traction, failed = zip(*found, strict=True)
         return SolveReport(
-            failed == 0.0,
-            int(sweeps),
-            np.sqrt(residual),
-            np.sqrt(traction) / interactions.step_size,
+            not any(failed),
+            max(sweeps),
+            np.sqrt(max(residual)),
+            np.sqrt(max(traction)) / interactions.step_size,
         )
 
     def kept(self) -> list[object]:
