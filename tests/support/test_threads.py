@@ -5,7 +5,10 @@ import os
 import subprocess
 import sys
 
+import numpy as np
 import pytest
+
+from xper_fx.support.threads import in_ranges
 
 SWEPT = """
 import numpy as np
@@ -44,3 +47,20 @@ def test_threads_are_there_for_a_kept_kernel_that_calls_one_with_threads(tmp_pat
             [sys.executable, script], env=environment, text=True, capture_output=True, check=False
         )
         assert (run.returncode, run.stdout) == (0, f"499500.0 {hits}\n"), run.stderr
+
+
+@pytest.mark.parametrize("ranges", [1, 2, 5])
+def test_ranges_have_work_space_of_their_own(ranges):
+    """As many ranges as there are spaces, in order, together all items."""
+
+    def work(first, last, squares, space):
+        for i in range(first, last):
+            space.append(i)
+            squares[i] = i * i
+        return first, last
+
+    squares, spaces = np.zeros(13), [[] for _ in range(ranges)]
+    ends = in_ranges(work, 13, squares, spaces=spaces)
+    assert [list(range(first, last)) for first, last in ends] == spaces
+    assert sum(spaces, []) == list(range(13))
+    np.testing.assert_array_equal(squares, np.arange(13) ** 2)
