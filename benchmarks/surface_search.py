@@ -68,7 +68,7 @@ def run(name: str, bodies, released: np.ndarray, size: float) -> None:
     old = processor_time(lambda: search.find(trembling), 20)
 
     def renew():
-        search._lists._old_x = None
+        search.lists._old_x = None
         search.find(trembling)
 
     new = processor_time(renew, 3)

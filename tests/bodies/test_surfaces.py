@@ -15,6 +15,7 @@ from xper_fx.bodies.meshes import crossed_rectangle, tag_cells, tag_facets
 from xper_fx.bodies.surfaces import extract_surface
 from xper_fx.nscd.rigid import Polygon, RigidBody
 from xper_fx.nscd.rigid.bodies import RigidBodies
+from xper_fx.nscd.search.edge_edge import BENT
 from xper_fx.nscd.search.surface_search import SurfaceSearch
 from xper_fx.support.compat import geometry_dofmap
 
@@ -144,6 +145,37 @@ def test_halves_of_a_broken_plate_meet_again_elsewhere(order):
         assert found.gap == pytest.approx(0.004, abs=1e-12)
         assert np.abs(found.normal[:, 0]) == pytest.approx(1.0, abs=1e-12)
     assert len(np.unique(search.bonds.fragment)) == 2
+
+
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("cell", ["tetrahedron", "hexahedron"])
+def test_lips_of_a_crack_have_edges_of_their_own(cell, order):
+    """Each half of a broken box has twelve, which move with it while the bond still welds them."""
+    mesh = box(cell, (2, 1, 1))
+    centre = mesh.geometry.x[geometry_dofmap(mesh)].mean(axis=1)
+    bodies = explode(mesh, (centre[:, 0] > 1.0).astype(int))
+    V = space(bodies, order)
+    x = positions(V)
+    search = SurfaceSearch(extract_surface(bodies, V), x, 0.02)
+    facets, body = search.surface.facets, search.surface.body
+
+    def bent():
+        """Length of the edges that count, and their facets."""
+        search.find(x)
+        lists = search.lists
+        counts = lists.bends < -BENT
+        (first, corner), other = np.divmod(lists.edges[counts], 3), lists.others[counts]
+        ends = x[facets[first, (corner + 1) % 3]] - x[facets[first, corner]]
+        assert (first != other).all()
+        return np.linalg.norm(ends, axis=1).sum(), first, other
+
+    length, first, other = bent()
+    assert length == pytest.approx(16.0, abs=1e-12)
+    search.expose(np.arange(len(search.bonds.released)))
+    x[np.unique(facets[body == 1]), 0] += 0.3
+    length, first, other = bent()
+    assert length == pytest.approx(24.0, abs=1e-12)
+    assert (body[first] == body[other]).all()
 
 
 def test_a_crack_that_grows():

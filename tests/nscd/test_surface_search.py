@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from numba import njit
 from surfaces import assemble, block, hull, loop, rectangle
 
-from xper_fx.nscd.search.edge_edge import convex_edges
+from xper_fx.nscd.search.edge_edge import BENT, edge_bends, surface_edges
 from xper_fx.nscd.search.facet_geometry import closest_weights
 from xper_fx.nscd.search.surface_search import SurfaceSearch
 
@@ -405,9 +405,10 @@ def test_edges_of_a_hollow_are_not_convex():
     walls = np.concatenate([np.stack([i, j, j + count], 1), np.stack([i, j + count, i + count], 1)])
     facets = np.concatenate([caps[:, ::-1], caps + count, walls])
     normal = outward_normals(x, facets)
-    edges, others = convex_edges(
-        x, facets, np.arange(len(facets)), np.arange(len(x), dtype=np.int32), normal
-    )
+    pairs = np.sort(np.stack([facets, np.roll(facets, -1, axis=1)], axis=2), axis=2)
+    edges, others = surface_edges(facets, np.arange(len(facets)), pairs @ [len(x), 1])
+    bent = edge_bends(x, facets, edges, others, normal) < -BENT
+    edges, others = edges[bent], others[bent]
     ends = np.sort(np.stack([facets[edges // 3, edges % 3], facets[edges // 3, (edges + 1) % 3]]).T)
     found = {tuple(e) for e in ends.tolist()}
     outer = {tuple(sorted((a + z, b + z))) for a, b in zip(i, j, strict=True) for z in (0, count)}

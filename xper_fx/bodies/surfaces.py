@@ -44,7 +44,8 @@ def extract_surface(
 ) -> Surface:
     """Outer facets of bodies, and those that face each other, for `SurfaceSearch`.
 
-    Facing facet i of `bodies.facets` is bond i.
+    Facing facet i of `bodies.facets` is bond i. Facets come in the order of cells, and of facets
+    within these.
 
     Args:
         bodies: the bodies, of no periodic cell.
@@ -70,7 +71,11 @@ def extract_surface(
     nodes = np.concatenate([bodies.nodes_on_facets(V, outer)[:, 0], both[:, 0], both[:, 1]])
     cell = np.concatenate([outer.cells[:, 0], facing.cells[:, 0], facing.cells[:, 1]])
     bond = np.concatenate([np.full(len(outer.cells), -1), np.tile(np.arange(len(facing)), 2)])
-    taken = group_of_cell[cell] >= 0
+    local = np.concatenate([outer.local_facets[:, 0], *facing.local_facets.T])
+    # numbers decide between what is equally near: they should not hang on axes, as those of
+    # facing facets do
+    taken = np.lexsort((local, cell))
+    taken = taken[group_of_cell[cell[taken]] >= 0]
     dim = bodies.mesh.topology.dim
     pieces = np.array(_PIECES[dim, nodes.shape[1]])
     facets = nodes[taken][:, pieces].reshape(-1, dim)

@@ -100,6 +100,34 @@ class Bonds:
             self._find_fragments()
         return facets
 
+    def joined_edges(self, facets: np.ndarray) -> np.ndarray:
+        """Which edges of facets (3D) are one: in a body, or across bonds none of which has broken.
+
+        Lips of a broken bond have an edge each along its rim, though they are welded there.
+
+        Args:
+            facets: exposed ones, shape (n,), int.
+
+        Returns:
+            A number for each edge, from corner j to j + 1, shape (n, 3), int.
+        """
+        surface = self.surface
+        own = _edges(surface.facets[facets], surface.num_nodes)
+        near = np.zeros(surface.num_nodes, bool)
+        near[self.weld[surface.facets[facets]]] = True
+        hidden = np.flatnonzero(~self.exposed)
+        bond = surface.bond[hidden]
+        first = surface.body[hidden] == surface.bond_bodies[bond, 0]
+        first &= near[self.weld[surface.facets[hidden]]].sum(axis=1) >= 2
+        corner, both = surface.facets[hidden[first]], surface.bond_nodes[bond[first]]
+        place = (corner[:, :, None] == both[:, :1]).argmax(axis=2)
+        across = _edges(np.take_along_axis(both[:, 1], place, axis=1), surface.num_nodes)
+        links = np.stack([_edges(corner, surface.num_nodes), across])
+        edges, number = np.unique(np.concatenate([own.ravel(), links.ravel()]), return_inverse=True)
+        ends = number.ravel()[own.size :].reshape(2, -1)
+        joined = _smallest_connected(np.arange(len(edges)), ends)
+        return joined[number.ravel()[: own.size]].reshape(own.shape)
+
     def _facets_of(self, bonds: np.ndarray) -> np.ndarray:
         """Facets that bonds hide."""
         return np.concatenate(
@@ -126,6 +154,12 @@ class Bonds:
     def _find_fragments(self) -> None:
         bodies = np.arange(len(self.fragment))
         self.fragment = _smallest_connected(bodies, self.surface.bond_bodies[~self.released].T)
+
+
+def _edges(facets: np.ndarray, num_nodes: int) -> np.ndarray:
+    """Numbers of the edges of triangles by their nodes, shape (n, 3)."""
+    a, b = facets.astype(np.int64), np.roll(facets, -1, axis=1).astype(np.int64)
+    return np.minimum(a, b) * num_nodes + np.maximum(a, b)
 
 
 def _smallest_connected(numbers: np.ndarray, edges: np.ndarray) -> np.ndarray:

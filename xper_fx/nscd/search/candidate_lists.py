@@ -16,8 +16,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from xper_fx.nscd.search.bonded_facets import Bonds
-from xper_fx.nscd.search.edge_edge import convex_edges
-from xper_fx.nscd.search.facet_geometry import facet_normals
+from xper_fx.nscd.search.edge_edge import BENT, edge_bends, surface_edges
 from xper_fx.nscd.search.grid import box_pairs
 from xper_fx.nscd.search.pair_list import PairList
 from xper_fx.nscd.search.rigid_side import RigidSide
@@ -27,6 +26,8 @@ from xper_fx.nscd.search.surface import Surface
 # How many searches a list should serve, and bounds of the skin as shares of a facet's size.
 _SEARCHES_A_LIST = 20
 _SKIN_BOUNDS = (0.01, 0.5)
+# Share of the bend that counts with which an edge is listed.
+_BENT_SOON = 0.5
 
 
 class CandidateLists:
@@ -46,7 +47,8 @@ class CandidateLists:
     Attributes:
         node_facet, rigid_facet: nodes and rigid points beside facets.
         node_rigid, node_wall: nodes beside pieces of rigid bodies and walls, shape (n, 2).
-        edges, others: convex edges, as 3 facet + corner, and the facet beyond each.
+        edges, others: edges (3D), as 3 facet + corner, and the facet beyond each.
+        bends: of `edge_bends`, how the edges are bent now.
         edge_pairs: pairs of `edges` that may cross, shape (n, 2).
         skin: m, of the lists in use.
         renewals: how often lists have been made.
@@ -73,13 +75,14 @@ class CandidateLists:
         self._groups_of_node = np.zeros((count, len(surface.groups)), bool)
         self._groups_of_node[flat, np.repeat(surface.group, self._dim)] = True
         self._body_of_node = bodies_of_nodes(surface)
-        self._normal = np.zeros((len(surface), self._dim))
         self.node_facet = PairList(len(surface))
         self.rigid_facet = PairList(len(surface))
         self.node_rigid = np.empty((0, 2), np.int32)
         self.node_wall = np.empty((0, 2), np.int32)
         self.edges = self.others = np.empty(0, np.int64)
         self.edge_pairs = np.empty((0, 2), np.int32)
+        self.bends = np.empty(0)
+        self._edge_is_listed = np.empty(0, bool)
         self._edges_are_old = True
         self._is_listed = np.zeros(count, bool)
         self._old_x: np.ndarray | None = None
@@ -97,7 +100,8 @@ class CandidateLists:
     @property
     def nbytes(self) -> int:
         """Memory of the lists, in bytes."""
-        return sum(a.nbytes for a in (*self._lists, self.node_wall, self.edges, self.others))
+        edges = self.edges, self.others, self.bends
+        return sum(a.nbytes for a in (*self._lists, self.node_wall, *edges))
 
     @property
     def _lists(self) -> tuple:
@@ -127,7 +131,7 @@ class CandidateLists:
         return np.unique(pairs[pairs[:, 0] != pairs[:, 1]], axis=0)
 
     def forget_edges(self) -> None:
-        """List edges anew before the next search: others are convex now."""
+        """List edges anew before the next search: they have other facets now."""
         self._edges_are_old = True
 
     def renew_if_needed(self, x: np.ndarray) -> None:
@@ -152,8 +156,6 @@ class CandidateLists:
             if motion <= 0.5 * self.skin:
                 if self._share is not None:
                     self._share.refresh(x)
-                if self._edges_are_old:
-                    self._list_edges()
                 return
             speed = motion / (self.searches - self._searches_at_renewal)
             lowest, highest = (share * self._typical for share in _SKIN_BOUNDS)
@@ -170,8 +172,8 @@ class CandidateLists:
         for pairs in (self.node_facet, self.rigid_facet):
             pairs.replace(np.empty((0, 2), np.int32))
         self.node_rigid = self.node_wall = np.empty((0, 2), np.int32)
+        self._edges_are_old = True
         self.add(np.flatnonzero(self._bonds.exposed))
-        self._list_edges()
         self.renewals += 1
         self._searches_at_renewal = self.searches
 
@@ -270,26 +272,47 @@ class CandidateLists:
         may = rigid.meets[self._surface.group[facet], rigid.piece_of_point[point]]
         self.rigid_facet.insert(np.stack([point, facet], axis=1)[may])
 
+    def follow_edges(self, x: np.ndarray, normal: np.ndarray) -> None:
+        """See how edges are bent, and list pairs of them anew if one that is not listed counts.
+
+        What is found hangs on where facets are, not on when lists were made.
+
+        Args:
+            x: as of `renew_if_needed`, which comes before.
+            normal: of the exposed facets, shape (f, 3).
+        """
+        facets, is_old = self._surface.facets, self._edges_are_old
+        if is_old:
+            self._edges_are_old = False
+            chosen = self.known(np.flatnonzero(self._bonds.exposed))
+            self.edges, self.others = surface_edges(
+                facets, chosen, self._bonds.joined_edges(chosen)
+            )
+            self._edge_is_listed = np.zeros(len(self.edges), bool)
+        self.bends = edge_bends(x, facets, self.edges, self.others, normal)
+        is_old |= bool(np.any((self.bends < -BENT) & ~self._edge_is_listed))
+        if self._share is not None:
+            is_old = bool(self._largest(float(is_old)))
+        if is_old:
+            self._list_edges()
+
     def _list_edges(self) -> None:
-        """List the pairs of convex edges that may cross (3D)."""
-        self._edges_are_old = False
-        if self._dim == 2:
-            return
+        """List the pairs of bent edges that may cross (3D)."""
         self.changes += 1
         x, facets, surface = self._old_x, self._surface.facets, self._surface
-        chosen = self.known(np.flatnonzero(self._bonds.exposed))
-        facet_normals(x, facets, chosen, self._normal)
-        edges, others = convex_edges(x, facets, chosen, self._bonds.weld, self._normal)
-        ends = x[np.stack([facets[edges // 3, edges % 3], facets[edges // 3, (edges + 1) % 3]])]
-        beyond = 0.5 * (self._extent[edges // 3] + self.skin)[:, None]
+        self._edge_is_listed = self.bends < -_BENT_SOON * BENT
+        listed = np.flatnonzero(self._edge_is_listed)
+        facet, corner = np.divmod(self.edges[listed], 3)
+        ends = x[np.stack([facets[facet, corner], facets[facet, (corner + 1) % 3]])]
+        beyond = 0.5 * (self._extent[facet] + self.skin)[:, None]
         pairs = box_pairs(ends.min(axis=0) - beyond, ends.max(axis=0) + beyond)
-        first, second = (edges // 3)[pairs.T]
+        first, second = facet[pairs.T]
         may = self._meets[surface.group[first], surface.group[second]]
         if not self._self_contact:
             may &= surface.body[first] != surface.body[second]
         if self._share is not None:
             may &= self._share.own_body[surface.body[first]]
-        self.edges, self.others, self.edge_pairs = edges, others, pairs[may]
+        self.edge_pairs = listed[pairs[may]].astype(np.int32)
 
     def _boxes(self, x: np.ndarray, facets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         corners = x[self._surface.facets[facets]]

@@ -20,7 +20,7 @@ from xper_fx.nscd.kernel_options import LEAN_ENTRY, LEAN_INNER
 from xper_fx.nscd.search.facet_geometry import Faces
 
 # Sine of the angle by which an edge must be bent to count.
-_BENT = 0.035
+BENT = 0.035
 # Cosine within which a facet counts as receding, against rounding.
 _RECEDING = 1e-3
 # Sine of the angle below which edges are parallel.
@@ -29,42 +29,65 @@ _PARALLEL = 1e-2
 _END = 1e-9
 
 
-def convex_edges(
-    x: np.ndarray, facets: np.ndarray, chosen: np.ndarray, weld: np.ndarray, normal: np.ndarray
+def surface_edges(
+    facets: np.ndarray, chosen: np.ndarray, joined: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Convex edges of the chosen facets.
+    """Edges of the chosen facets.
 
     Args:
-        x: positions, shape (num_nodes, 3), m.
         facets: triangles, shape (f, 3).
         chosen: facets that are part of the surface, ascending.
-        weld: which nodes count as one, shape (num_nodes,).
-        normal: of the facets, shape (f, 3).
+        joined: of `Bonds.joined_edges`: which of their edges are one, shape (len(chosen), 3).
 
     Returns:
         Number 3 f + j of each edge in the first facet that has it, from node j to node j + 1,
         ascending; and the other facet, that facet itself if there is none, or several.
     """
-    ends = np.stack([facets[chosen], np.roll(facets[chosen], -1, axis=1)], axis=2).reshape(-1, 2)
     number = (3 * chosen[:, None] + np.arange(3)).ravel()
-    ranked = np.sort(weld[ends].astype(np.int64), axis=1)
-    order = np.lexsort((number, ranked[:, 1], ranked[:, 0]))
-    ranked, number = ranked[order], number[order]
-    begins = np.ones(len(number), bool)
-    begins[1:] = (ranked[1:] != ranked[:-1]).any(axis=1)
-    first = np.flatnonzero(begins)
+    joined = joined.ravel()
+    order = np.argsort(joined, kind="stable")
+    joined, number = joined[order], number[order]
+    first = np.flatnonzero(np.diff(joined, prepend=-1))
     paired = np.diff(np.append(first, len(number))) == 2
     edge = number[first]
     other = edge // 3
     other[paired] = number[first[paired] + 1] // 3
-    # convex: the other facet lies below the plane of the first
-    corner = facets[other]
-    rise = x[corner] - x[facets[edge // 3, edge % 3]][:, None]
-    height = np.einsum("ejd,ed->ej", rise, normal[edge // 3])
-    sine = height.min(axis=1) / np.linalg.norm(rise, axis=2).max(axis=1)
-    sharp = ~paired | (sine < -_BENT)
-    order = np.argsort(edge[sharp])
-    return edge[sharp][order], other[sharp][order]
+    order = np.argsort(edge)
+    return edge[order], other[order]
+
+
+def edge_bends(
+    x: np.ndarray, facets: np.ndarray, edges: np.ndarray, others: np.ndarray, normal: np.ndarray
+) -> np.ndarray:
+    """How far the other facet of each edge falls below the first: minus a sine, -1 without one.
+
+    Args:
+        x: positions, shape (num_nodes, 3), m.
+        facets: triangles, shape (f, 3).
+        edges, others: of `surface_edges`.
+        normal: of the facets, shape (f, 3).
+    """
+    out = np.full(len(edges), -1.0)
+    _bends(x, facets, edges, others, normal, out)
+    return out
+
+
+@njit(**LEAN_ENTRY)
+def _bends(x, facets, edges, others, normal, out):
+    for i in range(len(edges)):
+        f, g, from_node = edges[i] // 3, others[i], facets[edges[i] // 3, edges[i] % 3]
+        if f == g:
+            continue
+        lowest = longest = 0.0
+        for j in range(3):
+            height = square = 0.0
+            for d in range(3):
+                rise = x[facets[g, j], d] - x[from_node, d]
+                height += rise * normal[f, d]
+                square += rise * rise
+            lowest = min(lowest, height)
+            longest = max(longest, square)
+        out[i] = lowest / np.sqrt(longest)
 
 
 @njit(**LEAN_INNER)
@@ -93,13 +116,19 @@ class Crossings(NamedTuple):
 
 
 def crossings(
-    pairs: np.ndarray, edges: np.ndarray, others: np.ndarray, faces: Faces, reach: float
+    pairs: np.ndarray,
+    edges: np.ndarray,
+    others: np.ndarray,
+    bends: np.ndarray,
+    faces: Faces,
+    reach: float,
 ) -> Crossings:
     """Find the contacts of pairs of edges.
 
     Args:
         pairs: numbers among the edges, shape (p, 2).
-        edges, others: of `convex_edges`.
+        edges, others: of `surface_edges`.
+        bends: of `edge_bends`.
         faces: `Faces`.
         reach: largest gap (m).
     """
@@ -111,16 +140,21 @@ def crossings(
         np.empty(room),
         np.empty(room),
     )
-    found = _edge_edge(pairs, edges, others, faces, reach, out, np.empty((2, 3)), np.empty(3))
+    bent = bends < -BENT
+    scratch = np.empty((2, 3)), np.empty(3)
+    found = _edge_edge(pairs, edges, others, bent, faces, reach, out, scratch)
     return Crossings(*(array[:found] for array in out))
 
 
 @njit(**LEAN_ENTRY)
-def _edge_edge(pairs, edges, others, faces, reach, out, along, n):
-    """Write the contacts into `out`, and return their number; `along` and `n` are room."""
+def _edge_edge(pairs, edges, others, bent, faces, reach, out, scratch):
+    """Write the contacts into `out`, and return their number."""
+    along, n = scratch
     x, facets, weld, normal, depth = faces.x, faces.facets, faces.weld, faces.normal, faces.depth
     count = 0
     for i in range(len(pairs)):
+        if not (bent[pairs[i, 0]] and bent[pairs[i, 1]]):
+            continue
         ea, eb = edges[pairs[i, 0]], edges[pairs[i, 1]]
         fa, fb = ea // 3, eb // 3
         a0, a1 = facets[fa, ea % 3], facets[fa, (ea + 1) % 3]

@@ -46,8 +46,8 @@ _FACING = 0.05
 _ALIKE = 0.95
 # Cosine between the way out behind a corner and the normals there, at least.
 _STRAIGHT_OUT = 0.5
-# Share of a facet's depth below which a distance has no direction, and by which a reflex corner
-# rises at least.
+# Share of a facet's depth below which a distance has no direction and two distances are equal, so
+# that rounding decides nothing that is symmetric, and by which a reflex corner rises at least.
 _NO_DISTANCE = 1e-9
 _RISE = 1e-2
 # Relative difference of distances that is rounding.
@@ -372,30 +372,38 @@ def _way_out(a, m, touches, point, near, faces, n, away):
 
 
 @njit(**LEAN_INNER)
-def _one_way_out(found, inside, ways):
+def _one_way_out(found, inside, equal, ways):
     """Strike out, within a fragment, all but the nearest way out of it, and contacts behind a
-    corner that has two walls."""
+    corner that has two walls; of ways that are equally long the first stays."""
     fragment, kind, gap, alive = ways.fragment, ways.kind, ways.gap, ways.alive
     for a in range(found):
+        in_line = kind[a] != _POCKET and gap[a] < inside
+        shortest = -np.inf
         for b in range(found):
             if b == a or fragment[b] != fragment[a]:
                 continue
             if kind[a] == _BEHIND_CORNER and kind[b] == _POCKET:
                 alive[a] = False
-            elif kind[a] != _POCKET and kind[b] != _POCKET and max(gap[a], gap[b]) < inside:
-                if gap[b] > gap[a] or (gap[b] == gap[a] and b < a):
-                    alive[a] = False
+            elif kind[b] != _POCKET and gap[b] < inside:
+                shortest = max(shortest, gap[b])
+        if not in_line or gap[a] > shortest + equal:
+            continue
+        shortest = max(shortest, gap[a])
+        alive[a] &= gap[a] >= shortest - equal
+        for b in range(a):
+            if fragment[b] == fragment[a] and kind[b] != _POCKET:
+                alive[a] &= gap[b] >= inside or gap[b] < shortest - equal
 
 
 @njit(**LEAN_INNER)
-def _nearest_of_each_normal(found, ways, kept):
+def _nearest_of_each_normal(found, equal, ways, kept):
     """Write into `kept`, nearest first, contacts whose normals differ within a fragment."""
     fragment, square, alive, normal = ways.fragment, ways.square, ways.alive, ways.normal
     count = 0
     while True:
         a = -1
         for b in range(found):
-            if alive[b] and (a < 0 or square[b] < square[a]):
+            if alive[b] and (a < 0 or np.sqrt(square[b]) < np.sqrt(square[a]) - equal):
                 a = b
         if a < 0:
             return count
@@ -513,8 +521,9 @@ def _point_facet(points, pairs, faces, reach, out, room):
             found += 1
         if found == 0:
             continue
-        _one_way_out(found, _NO_DISTANCE * depth[near_facet[0]] - r, ways)
-        accepted = _nearest_of_each_normal(found, ways, kept)
+        equal = _NO_DISTANCE * depth[near_facet[0]]
+        _one_way_out(found, equal - r, equal, ways)
+        accepted = _nearest_of_each_normal(found, equal, ways, kept)
         for e in range(accepted):
             if count < len(out.gap):
                 a = kept[e]

@@ -172,6 +172,8 @@ class SurfaceSearch:
         lists = self.lists
         lists.renew_if_needed(x)
         faces = self._faces(x)
+        if self._dim == 3:
+            lists.follow_edges(x, faces.normal)
         parts = [empty(self._dim, self._dim)]
         if len(lists.node_facet):
             parts.append(self._nodes_on_facets(faces))
@@ -252,7 +254,7 @@ class SurfaceSearch:
     def _edges_on_edges(self, faces: Faces) -> Contacts:
         facets, lists = self.surface.facets, self.lists
         pair, share, normal, gap, area = crossings(
-            lists.edge_pairs, lists.edges, lists.others, faces, self.reach
+            lists.edge_pairs, lists.edges, lists.others, lists.bends, faces, self.reach
         )
         edge = lists.edges[lists.edge_pairs[pair]]
         nodes, both = self._meshed_sides(len(pair))
