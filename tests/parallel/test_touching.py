@@ -33,7 +33,7 @@ SCENES = {
         "struck",
         "pelted",
     ),  # fmt: skip
-    4: ("shards", "slide"),
+    4: ("shards", "slide", "struck"),
 }
 several = pytest.mark.parametrize(
     ("count", "name"), [(count, name) for count, names in SCENES.items() for name in names]
@@ -72,13 +72,13 @@ def test_neighbours_are_the_bodies_beside_each_other():
 
 @pytest.fixture(scope="module")
 def found(tmp_path_factory):
-    """What a scene gives on a number of ranks."""
+    """What a scene gives on a number of ranks, in one run or another."""
 
     @cache
-    def run(name: str, count: int) -> dict[str, np.ndarray]:
+    def run(name: str, count: int, number: int = 1) -> dict[str, np.ndarray]:
         if count == 1:
             return touching_bodies.run(name)
-        folder = tmp_path_factory.mktemp(f"{name}_{count}")
+        folder = tmp_path_factory.mktemp(f"{name}_{count}_{number}")
         done = on_ranks(count, "ranks/touching_bodies.py", folder, name)
         assert done.returncode == 0, done.stdout + done.stderr
         assert "simulates the whole scene" not in done.stdout + done.stderr
@@ -108,6 +108,14 @@ def test_ranks_agree(found, name, count):
 
 
 @pytest.mark.ranks
+def test_a_run_repeats_to_the_bit(found):
+    """Of four ranks one gets messages of several: which comes first may not matter to a sum."""
+    runs = [found("struck", 4, number) for number in (1, 2)]
+    for key in runs[0]:
+        np.testing.assert_array_equal(*(run[key] for run in runs), err_msg=key)
+
+
+@pytest.mark.ranks
 @pytest.mark.parametrize(
     ("count", "name"),
     [(count, name) for count in (1, 2, 4) for name in FREE if name in SCENES.get(count, FREE)],
@@ -132,7 +140,7 @@ def test_a_rank_holds_its_share(found, name, count):
     for column in (0, 1, 2, 4):
         assert many[:, column].sum() == one[0, column]
         # few bodies cannot be shared more evenly, and contacts are where they are
-        assert column == 2 or many[:, column].max() <= 1.4 * one[0, column] / count
+        assert column == 2 or many[:, column].max() <= 1.45 * one[0, column] / count
 
 
 @pytest.mark.ranks

@@ -6,6 +6,10 @@ clusters of facing nodes, whose rows are on one rank each (`row_numbering.py`) a
 inverted there; and all clusters moving as one, whose matrix P^T w^-1 P is factored once for each w,
 by every rank or, if large, over all ranks by MUMPS (Amestoy et al. 2001). Both are those of one
 rank, and so is the number of iterations. Where they are many the matrix itself is factored, too.
+
+What ranks add up is added in the order of the ranks: PETSc's own assembly takes entries of other
+ranks in the order in which they arrive, and so may its scatters, and two runs would differ in the
+last digits. MUMPS does so, too.
 """
 
 from __future__ import annotations
@@ -42,7 +46,7 @@ class LinearSystem:
 
     def __init__(self, interactions: Interactions):
         halo, dim = interactions.halo, interactions.dim
-        self._comm, self._dim = halo.ranks.comm, dim
+        self._comm, self._dim, self._everywhere = halo.ranks.comm, dim, halo.everywhere
         clusters, _ = facing_clusters(interactions)
         rows = number_rows(interactions, clusters.cluster)
         self._sizes = rows.sizes
@@ -58,9 +62,10 @@ class LinearSystem:
         self._matrix = self._new_matrix(self._count)
         self._matrix.setVariableBlockSizes(sizes)
         self.size = self._matrix.getSize()[0]
+        self._starts = self._matrix.getOwnershipRanges()
         self._x, self._b = self._matrix.createVecs()
-        self._local = PETSc.Vec().createSeq(len(index), comm=PETSc.COMM_SELF)
-        where = PETSc.IS().createGeneral(index.astype(PETSc.IntType), comm=PETSc.COMM_SELF)
+        self._local = PETSc.Vec().createSeq(own, comm=PETSc.COMM_SELF)
+        where = PETSc.IS().createGeneral(index[:own].astype(PETSc.IntType), comm=PETSc.COMM_SELF)
         self._scatter = PETSc.Scatter().create(self._x, where, self._local, None)
 
         self._preconditioner = _TwoLevel(self._prolongation(interactions, rows, fixed[:own]))
@@ -81,6 +86,7 @@ class LinearSystem:
         matrix.setSizes([(n, PETSc.DETERMINE) for n in (self._count, columns)])
         matrix.setType(PETSc.Mat.Type.AIJ)
         matrix.setUp()
+        matrix.setOption(PETSc.Mat.Option.NO_OFF_PROC_ENTRIES, True)
         return matrix
 
     def _prolongation(self, interactions: Interactions, rows: Rows, fixed: np.ndarray):
@@ -89,9 +95,10 @@ class LinearSystem:
         labels = np.append(rows.cluster, -1 - np.arange(ground - slots))
         compact = np.unique(labels, return_inverse=True)[1]
         opened = opened_clusters(interactions, compact)[compact[:slots]]
-        marks = np.repeat(opened, self._dim).astype(float)
+        marks = np.zeros(ground * self._dim)
+        marks[: slots * self._dim] = np.repeat(opened, self._dim)
         marks[: len(fixed)] += fixed
-        self._to_rows(marks, self._b)
+        self._sum_to_rows(marks)
         firsts = np.cumsum(self._sizes) - self._sizes
         marks = self._b.array.reshape(-1, self._dim)
         held = np.add.reduceat(marks, firsts, axis=0) > 0.0 if len(firsts) else marks > 0.0
@@ -119,20 +126,33 @@ class LinearSystem:
     def _assemble(self, matrix, elements: Elements) -> None:
         """Sum of the bodies' blocks and of others, and ones for what is prescribed."""
         matrix.zeroEntries()
-        for dofs, values in (*self._bodies, *elements):
-            if len(dofs):
-                where = self._index[dofs]
-                self._add(matrix, where, where, values)
-        if len(self._ones):
-            self._add(matrix, self._ones, self._ones, np.ones(len(self._ones)))
+        blocks = [(self._index[dofs], values) for dofs, values in (*self._bodies, *elements)]
+        blocks.append((self._ones, np.ones((len(self._ones), 1, 1))))
+        rank, starts = self._comm.rank, self._starts
+        told: list[list] = [[] for _ in range(self._comm.size)]
+        for where, values in blocks:
+            owner = np.searchsorted(starts, where, side="right") - 1
+            self._add(matrix, np.where(owner == rank, where, -1), where, values)
+            element, row = np.nonzero((owner != rank) & (where >= 0))
+            of = owner[element, row]
+            for other in np.unique(of).tolist():
+                e, r = element[of == other], row[of == other]
+                told[other].append((where[e, r][:, None], where[e], values[e, r]))
+        for rows in self._comm.alltoall(told):
+            for row in rows:
+                self._add(matrix, *row)
         matrix.assemble()
 
+    def _sum_to_rows(self, values: np.ndarray) -> None:
+        """Sum what the ranks have at slots and ghosts into the rows of b."""
+        self._everywhere.add_back(values)
+        self._to_rows(values, self._b)
+
     def _to_rows(self, values: np.ndarray, vector) -> None:
-        """Sum what the ranks have at slots and ghosts into the rows of a vector."""
-        self._local.array[:] = values
-        vector.set(0.0)
+        """Put what the ranks have at their own slots into the rows of a vector."""
+        self._local.array[:] = values[: self._local.size]
         self._scatter.scatter(
-            self._local, vector, PETSc.InsertMode.ADD_VALUES, PETSc.ScatterMode.REVERSE
+            self._local, vector, PETSc.InsertMode.INSERT_VALUES, PETSc.ScatterMode.REVERSE
         )
 
     def take_bodies(self, blocks: Elements) -> None:
@@ -161,7 +181,8 @@ class LinearSystem:
         """Improve x until |b - A x| is within a bound.
 
         Args:
-            b: shape (num_slots * dim,), what this rank's points add at its slots and ghosts.
+            b: shape (num_slots * dim,), what this rank's points add at its slots and ghosts;
+                summed in place.
             x: shape (num_slots * dim,), at slots and ghosts: a first guess, and then the solution.
             bound: norm of the residual to reach.
             max_iterations: of GMRES.
@@ -169,19 +190,16 @@ class LinearSystem:
         Returns:
             Iterations made.
         """
-        n = self._local.size
-        b[:n][self._index[:n] < 0] = 0.0
-        self._to_rows(b[:n], self._b)
-        self._local.array[:] = x[:n]
-        self._scatter.scatter(
-            self._local, self._x, PETSc.InsertMode.INSERT_VALUES, PETSc.ScatterMode.REVERSE
-        )
+        b[: len(self._index)][self._index < 0] = 0.0
+        self._sum_to_rows(b)
+        self._to_rows(x, self._x)
         self._krylov.setTolerances(rtol=0.0, atol=bound, divtol=1e300, max_it=max_iterations)
         self._krylov.solve(self._b, self._x)
         self._scatter.scatter(
             self._x, self._local, PETSc.InsertMode.INSERT_VALUES, PETSc.ScatterMode.FORWARD
         )
-        x[:n] = self._local.array
+        x[: self._local.size] = self._local.array
+        self._everywhere.forward(x)
         return self._krylov.getIterationNumber()
 
 
