@@ -534,3 +534,22 @@ def test_friction_that_grows_is_the_same_once_all_is_broken():
         energies = bond.step(1e-10, [-1.0, 0.0])
         ends.append(energies.friction / (bond.velocity[0, 1] * 1e-10))
     assert ends[0] == pytest.approx(ends[1], rel=1e-2)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_what_an_earlier_step_broke_beyond_the_curve_is_not_counted_again(dim):
+    """A bond below its curve keeps its damage as it opens to the curve, and no step is blamed.
+
+    Steps that were blamed were cut, however short, and the run stopped.
+    """
+    bond = PointMass(zircaloy(), 16.0 * SPENT, [1.0] + [0.0] * (dim - 1), area=AREA)
+    bond.step(1.2 * D0)
+    names, state = ("opening_max", "damage"), bond.interactions.groups[0].state
+    assert bond.interactions.groups[0].kernels.state_names == names
+    left = state[0, names.index("damage")] = 0.8 * bond.damage
+    bond.step(0.01 * D0)
+    assert bond.interactions.too_far == 0.0
+    assert 1.1 * D0 < bond.opening_max < 1.3 * D0
+    assert bond.damage == left
+    bond.step(3.0 * DC)
+    assert bond.interactions.too_far == 0.0 and bond.damage < left

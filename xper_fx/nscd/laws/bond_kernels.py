@@ -242,8 +242,9 @@ def mean_kernels(
             return -lost / details[i, start] if lost > 0.0 else 0.0
         velocity, scaled = add(part(terms, i, middle), u), details[i, h_theta]
         x1, safe = scaled * np.sqrt(speed), scaled * np.sqrt(terms[i, limit])
+        # what an earlier step has lost beyond the curve does not come back
         beta = mean_of_step(i, velocity, x1, safe, parameters, details)
-        fall = details[i, mean] - beta
+        fall = details[i, mean] - min(beta, details[i, start])
         if fall <= 0.0:
             return fall / details[i, start]
         s = soften(sym_row(w, i), beta * details[i, k_n], beta * details[i, k_t])
