@@ -156,6 +156,15 @@ class BodyInverse:
         Returns:
             Shape (num_slots,), bool; None where w is not diagonal, or not held so.
         """
+        nodal = self.of_lumped_mass()
+        return None if nodal is None else np.all(nodal == nodal[:, :1], axis=1)
+
+    def of_lumped_mass(self) -> np.ndarray | None:
+        """The diagonal of w.
+
+        Returns:
+            Shape (num_slots, dim), 1/kg; None where w is not diagonal, or not held so.
+        """
         n = self.uniform_size
         if self.diagonal or n == 0:
             return None
@@ -163,8 +172,7 @@ class BodyInverse:
         diagonal = np.einsum("bii->bi", blocks)
         if np.count_nonzero(blocks) > np.count_nonzero(diagonal):
             return None
-        nodal = diagonal.reshape(-1, self.dim)
-        return np.all(nodal == nodal[:, :1], axis=1)
+        return diagonal.reshape(-1, self.dim)
 
     @cached_property
     def block_of_node(self) -> np.ndarray:

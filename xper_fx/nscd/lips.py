@@ -7,12 +7,20 @@ At a point the middle of both lips has the tangents
 
 with t_alpha the tangents of the frame at the start, s the side, u_sj the displacement of the j-th
 node of its facet and G the derivatives of the facet's shape functions along t_alpha.
+
+Where nodes coincide in pairs the middle may be any point of each pair. The couple of a frame acts
+on a node by its G (`turning_frames.py`), and moves it by its w: with
+
+    G_1j -> 2 w_2j / (w_1j + w_2j) G_j,   G_2j -> 2 w_1j / (w_1j + w_2j) G_j,
+
+the middle is that of the pairs' centres of mass, and the couple moves both nodes of a pair alike.
+An explicit bulk gets the couple after the law: jumps do not feel it then.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -25,21 +33,35 @@ class Lips:
         nodes: shape (num_points, 2, k), int32, nodes of the candidate's and antagonist's facets.
         gradient: G, shape (num_points, 2, k, dim - 1), 1/m. Zero where a frame does not turn.
         tangent: t_alpha, shape (num_points, dim - 1, dim), unit.
+        paired: whether the nodes of both sides coincide, one by one, shape (num_points,), bool.
     """
 
     nodes: np.ndarray
     gradient: np.ndarray
     tangent: np.ndarray
+    paired: np.ndarray
 
     def take(self, indices: np.ndarray) -> Lips:
         """Those of the points at `indices`, in that order."""
-        arrays = (self.nodes, self.gradient, self.tangent)
+        arrays = (self.nodes, self.gradient, self.tangent, self.paired)
         return Lips(*(np.ascontiguousarray(array[indices]) for array in arrays))
+
+    def by_mass(self, compliance: np.ndarray) -> Lips:
+        """The same, the middle of paired nodes being their centre of mass.
+
+        Args:
+            compliance: w of each slot, shape (num_slots,), 1/kg; zero where it cannot move.
+        """
+        w = compliance[self.nodes]
+        whole = w.sum(axis=1, keepdims=True)
+        unlike = self.paired[:, None, None] & (w[:, :1] != w[:, 1:])
+        share = np.divide(w[:, ::-1], whole, out=np.full(w.shape, 0.5), where=unlike)
+        return replace(self, gradient=2.0 * share[..., None] * self.gradient)
 
     @property
     def nbytes(self) -> int:
         """Memory held, in bytes."""
-        return self.nodes.nbytes + self.gradient.nbytes + self.tangent.nbytes
+        return sum(a.nbytes for a in (self.nodes, self.gradient, self.tangent, self.paired))
 
 
 def start_frames(tangent: np.ndarray, rows: int) -> np.ndarray:
@@ -64,7 +86,8 @@ def still_lips(nodes: np.ndarray, frame: np.ndarray) -> Lips:
         frame: shape (num_points, dim, dim), rows n, t1 (, t2).
     """
     dim = frame.shape[2]
-    return Lips(nodes, np.zeros((*nodes.shape, dim - 1)), np.ascontiguousarray(frame[:, 1:]))
+    tangent = np.ascontiguousarray(frame[:, 1:])
+    return Lips(nodes, np.zeros((*nodes.shape, dim - 1)), tangent, np.zeros(len(nodes), bool))
 
 
 def join_lips(parts: Sequence[Lips]) -> Lips:
@@ -76,8 +99,8 @@ def join_lips(parts: Sequence[Lips]) -> Lips:
         first = np.repeat(part.nodes[:, :, :1], more, axis=2)
         nodes.append(np.concatenate([part.nodes, first], axis=2))
         gradients.append(np.pad(part.gradient, ((0, 0), (0, 0), (0, more), (0, 0))))
-    tangents = [part.tangent for part in parts]
-    return Lips(*map(np.concatenate, (nodes, gradients, tangents)))
+    tangents, paired = [part.tangent for part in parts], [part.paired for part in parts]
+    return Lips(*map(np.concatenate, (nodes, gradients, tangents, paired)))
 
 
 def facet_lips(nodes: np.ndarray, x: np.ndarray, frame: np.ndarray, shapes: np.ndarray) -> Lips:
@@ -97,7 +120,8 @@ def facet_lips(nodes: np.ndarray, x: np.ndarray, frame: np.ndarray, shapes: np.n
     all_derivatives = np.tile(derivatives, (count, 1, 1))
     gradient = along_tangents(all_derivatives, np.repeat(x, each, axis=0), tangent)
     both = np.repeat(gradient[:, None], 2, axis=1)
-    return Lips(np.repeat(nodes, each, axis=0).astype(np.int32), both, tangent)
+    at_points = np.repeat(nodes, each, axis=0).astype(np.int32)
+    return Lips(at_points, both, tangent, np.ones(len(tangent), bool))
 
 
 def along_tangents(derivatives: np.ndarray, x: np.ndarray, tangent: np.ndarray) -> np.ndarray:

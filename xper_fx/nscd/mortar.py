@@ -160,6 +160,7 @@ def _lips_around(sides, frame) -> Lips:
         np.stack(nodes, axis=1).astype(np.int32),
         np.stack(gradients, axis=1),
         np.ascontiguousarray(frame[:, 1:]),
+        np.zeros(len(frame), bool),
     )
 
 

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -85,6 +86,8 @@ class PermanentGroups:
                 f"{points.nodes.shape[2]}) and a lumped mass without bulk stiffness in w (blocks "
                 f"of {inverse.dim} degrees of freedom, got {inverse.uniform_size or 'several'})."
             )
+        if points.lips is not None and (w := inverse.of_lumped_mass()) is not None:
+            points = replace(points, lips=points.lips.by_mass(w.sum(axis=1)))
         self.law_of_point = law_of_point.astype(np.min_scalar_type(max(len(laws) - 1, 0)))
         self._count, self._laws, self._dim = len(points), laws, inverse.dim
         self.inverse = inverse
