@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from numba import njit
 from surfaces import assemble, block, hull, loop, rectangle
 
+from xper_fx.nscd.search.contact_pairs import spin_arms
 from xper_fx.nscd.search.edge_edge import BENT, edge_bends, surface_edges
 from xper_fx.nscd.search.facet_geometry import closest_weights
 from xper_fx.nscd.search.surface_search import SurfaceSearch
@@ -392,6 +393,23 @@ def test_ridges_that_cross_touch_in_one_point_apart_or_not(gap, size):
     assert lever[0] - lever[1] == pytest.approx(gap * crossed.normal[0], abs=1e-12)
     slope = np.sqrt(2.0) * size**2  # area of half of a roof's plane, which hull cuts in two
     assert crossed.area[0] == pytest.approx(slope / 3.0, rel=1e-12)
+
+
+def test_spin_of_surfaces_about_the_normal():
+    """Facets and edges that turn as one spin by omega . n, however they move on; nodes do not."""
+    size, gap = 0.7, 0.01
+    surface, x = assemble(
+        roof(1.0, 0.0, 0), roof(-size, gap, 1), block((3, 0, 0), (4, 1, 1), (1, 1, 1)),
+        block((3.2, 0.2, 1.01), (3.7, 0.7, 2), (1, 1, 1)),
+    )  # fmt: skip
+    contacts = SurfaceSearch(surface, x, 0.05).find(x)
+    assert set(kind(contacts)) == {NODE_FACET, EDGE_EDGE}
+    omega = np.array([0.3, -0.4, 1.1])
+    v = np.cross(omega, x - 0.2) + np.array([1.0, 2.0, -0.5])
+    spin = np.einsum("pskd,pskd->ps", spin_arms(contacts, x), v[contacts.nodes])
+    expected = np.repeat((contacts.normal @ omega)[:, None], 2, axis=1)
+    expected[kind(contacts) == NODE_FACET, 0] = 0.0
+    assert np.abs(spin - expected).max() < 1e-12
 
 
 def test_edges_of_a_hollow_are_not_convex():

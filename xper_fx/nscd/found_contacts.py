@@ -24,11 +24,13 @@ class FoundPoints(NamedTuple):
         points: on the node slots, `gap` in the middle of the step, at x0 + h (1 - theta) v0.
         law_of_point: shape (num_points,), index into the laws.
         keys: shape (num_points, 2), what contacts are known by from step to step, sorted.
+        spin_arms: as of `spin_arms` of the search; None where no side is meshed, or none is asked.
     """
 
     points: InteractionPoints
     law_of_point: np.ndarray
     keys: np.ndarray
+    spin_arms: np.ndarray | None = None
 
 
 class _ContactSet(NamedTuple):
@@ -115,7 +117,7 @@ class FoundContacts:
             if self.history is not None:
                 for group in (*groups, *rolling):
                     self.history.transfer(group, new.keys)
-                    _turn_slips(group, start, step)
+                    _turn_slips(group, start, step, new.spin_arms)
             known = (new.points.nodes, new.law_of_point, new.keys, phase)
             self._sets.append(_ContactSet(*known, groups, rolling))
 
@@ -150,23 +152,31 @@ class FoundContacts:
         self.history = ContactHistory.restored(saved, self._kernels, self._dim)
 
 
-def _turn_slips(group: PointGroup, start: np.ndarray, step: float) -> None:
+def _turn_slips(group: PointGroup, start: np.ndarray, step: float, arms: np.ndarray | None) -> None:
     """Let slips in which energy is held follow bodies that spin about the normal (3D).
 
-    They are kept in the axes of space, and turn with the mean spin of the rigid bodies there.
+    They are kept in the axes of space, and turn with the mean spin of both sides, those left out
+    that have none: nodes.
 
     Args:
         group: contacts that go on, with the slips of the last step.
         start: shape (num_slots, dim), velocities at the start of the step (m/s, rad/s).
         step: h (s).
+        arms: `FoundPoints.spin_arms`.
     """
     c, kernels = group.couplings, group.kernels
-    if kernels.stored is None or kernels.components != 3 or c.rotation_dof is None:
+    if kernels.stored is None or kernels.components != 3:
         return
-    rigid = c.rotation_dof != c.start[:, :, 0]
-    spin = start.reshape(-1)[c.rotation_dof[:, :, None].astype(int) + np.arange(3)]
-    about = np.einsum("psd,pd->ps", spin, c.frame[:, 0]) * rigid
-    angle = step * about.sum(axis=1) / np.maximum(rigid.sum(axis=1), 1)
+    spins, about = np.zeros((len(group), 2), bool), np.zeros((len(group), 2))
+    if c.rotation_dof is not None:
+        spins = c.rotation_dof != c.start[:, :, 0]
+        spin = start.reshape(-1)[c.rotation_dof[:, :, None].astype(int) + np.arange(3)]
+        about = np.einsum("psd,pd->ps", spin, c.frame[:, 0]) * spins
+    if arms is not None:
+        own = arms[group.indices]
+        about += np.einsum("pskd,pskd->ps", own, start[group.points.nodes])
+        spins |= own.any(axis=(2, 3))
+    angle = step * about.sum(axis=1) / np.maximum(spins.sum(axis=1), 1)
     cosine, sine = np.cos(angle), np.sin(angle)
     one, two = group.jump[:, 1].copy(), group.jump[:, 2].copy()
     group.jump[:, 1], group.jump[:, 2] = cosine * one - sine * two, sine * one + cosine * two

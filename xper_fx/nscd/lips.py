@@ -24,6 +24,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+# Difference of the w of paired nodes, relative, that is rounding.
+_ALIKE = 1e-12
+
 
 @dataclass(frozen=True)
 class Lips:
@@ -54,7 +57,7 @@ class Lips:
         """
         w = compliance[self.nodes]
         whole = w.sum(axis=1, keepdims=True)
-        unlike = self.paired[:, None, None] & (w[:, :1] != w[:, 1:])
+        unlike = self.paired[:, None, None] & (np.abs(w[:, :1] - w[:, 1:]) > _ALIKE * whole)
         share = np.divide(w[:, ::-1], whole, out=np.full(w.shape, 0.5), where=unlike)
         return replace(self, gradient=2.0 * share[..., None] * self.gradient)
 

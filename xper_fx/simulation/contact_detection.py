@@ -16,7 +16,7 @@ from xper_fx.nscd.found_contacts import FoundPoints
 from xper_fx.nscd.laws.law import Law
 from xper_fx.nscd.points import Branches, InteractionPoints, frame_from_normal
 from xper_fx.nscd.search.candidate_lists import bodies_of_nodes
-from xper_fx.nscd.search.contact_pairs import Contacts
+from xper_fx.nscd.search.contact_pairs import Contacts, spin_arms
 from xper_fx.support.ranks import ALONE, Ranks
 
 if TYPE_CHECKING:
@@ -126,6 +126,8 @@ class Detection:
             at, touchable = own[at[self._shared.own]], touchable[self._shared.own]
         self._at, self._touchable, self.nodes = at, touchable, at[touchable]
         contacts = [c for c in self._contacts if set(c.between) & set(scene.surfaces)]
+        stored = (c.law.kernels(scene.dim).stored is not None for c in contacts)
+        self._hold_slips = scene.dim == 3 and any(stored)
         _, law_of_facet = scene.law_of_facet()
         self._surfaces = SurfaceSearch(
             surface,
@@ -239,7 +241,7 @@ class Detection:
         if self._rigid is not None and (self._rigid_share is None or self._rigid_share.is_home):
             gradient = () if self._scene.lattice is None else (rigid.gradient,)
             contacts = self._rigid.find(*place, *gradient)
-            found.append((contacts, slot))
+            found.append((contacts, slot, None))
             if self._division is not None:
                 if self._division.found(contacts.body):
                     interactions.share_history(self._division.ranks)
@@ -249,17 +251,20 @@ class Detection:
             halo = self._division.halo
         if self._surfaces is not None:
             middle = state.displacement + step * (1.0 - theta) * state.velocity
-            contacts = self._surfaces.find(self._moved(bulk.unknowns.expand(middle)), *place)
+            x = self._moved(bulk.unknowns.expand(middle))
+            contacts = self._surfaces.find(x, *place)
             slot = slot[bulk.unknowns.node_of[self._at]]
             if self._shared is not None:
                 contacts = self._own(contacts, interactions)
                 slot, halo = self._shared.slot, interactions.halo
             with_rigid = np.any(contacts.body >= 0, axis=1)
-            found += [(contacts.take(np.flatnonzero(w)), slot) for w in (~with_rigid, with_rigid)]
+            x = x if self._hold_slips else None
+            for which in (~with_rigid, with_rigid):
+                found.append((contacts.take(np.flatnonzero(which)), slot, x))
         rigid_slots = self._rigid_slots(len(nodes))
         points = [
-            self._on_slots(contacts, rigid, slot_of_node, rigid_slots)
-            for contacts, slot_of_node in found
+            self._on_slots(contacts, rigid, slot_of_node, rigid_slots, x)
+            for contacts, slot_of_node, x in found
             if len(contacts)
         ]
         interactions.find_contacts(points, velocity, step, theta, halo)
@@ -306,9 +311,9 @@ class Detection:
         return slots
 
     def _on_slots(
-        self, contacts: Contacts, prediction: Prediction | None, slot_of_node, rigid_slots
+        self, contacts: Contacts, prediction: Prediction | None, slot_of_node, rigid_slots, x
     ) -> FoundPoints:
-        """Contacts as interaction points, with their laws."""
+        """Contacts as interaction points, with their laws; x as `spin_arms`, or None."""
         rigid = contacts.body >= 0
         nodes, weights = contacts.nodes.copy(), contacts.weights.copy()
         group = np.empty(rigid.shape, np.int64)
@@ -343,7 +348,8 @@ class Detection:
             nodes.astype(np.int32), weights, frame_from_normal(contacts.normal), contacts.area,
             gap, lever_arms, round_radius, branches=branches,
         )  # fmt: skip
-        return FoundPoints(points, self._law_of_pair[group[:, 0], group[:, 1]], contacts.key)
+        law = self._law_of_pair[group[:, 0], group[:, 1]]
+        return FoundPoints(points, law, contacts.key, None if x is None else spin_arms(contacts, x))
 
     def release(self, interactions: Interactions, each: int, displacement: np.ndarray) -> None:
         """After a step, let the search take over the broken lips that have parted or turned.

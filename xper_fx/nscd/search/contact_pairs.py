@@ -116,3 +116,23 @@ def _widened(array: np.ndarray, k: int) -> np.ndarray:
     """The array with zeros behind the last axis up to k."""
     missing = k - array.shape[2]
     return np.pad(array, ((0, 0), (0, 0), (0, missing))) if missing else array
+
+
+def spin_arms(contacts: Contacts, x: np.ndarray) -> np.ndarray:
+    r"""What makes the spin of meshed sides about the normal n of the velocities of their nodes.
+
+    In least squares, omega = sum_j n . (r_j x v_j) / sum_j |n x r_j|^2 = sum_j b_j . v_j, r_j being
+    the place of a node from the middle of its side's.
+
+    Args:
+        contacts: in 3D.
+        x: positions of the mesh nodes, shape (num_nodes, 3), m.
+
+    Returns:
+        b, shape (n, 2, k, 3), 1/m; zero on a side that is rigid, or has one node.
+    """
+    place = x[contacts.nodes]
+    arms = np.cross(contacts.normal[:, None, None], place - place.mean(axis=2, keepdims=True))
+    arms[(contacts.nodes == contacts.nodes[:, :, :1]).all(axis=2) | (contacts.body >= 0)] = 0.0
+    square = np.einsum("pskd,pskd->ps", arms, arms)[..., None, None]
+    return np.divide(arms, square, out=arms, where=square > 0.0)
