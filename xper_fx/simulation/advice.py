@@ -26,6 +26,10 @@ AT_POINTS = (
     'The contacts were solved at their points: try solver="monolithic", which takes them together '
     "with the bodies, or a looser tolerance; look at the last output first."
 )
+OF_ONE_SOLVER = (
+    'Only one way of solving was asked for: solver="auto" takes another where one does not get on; '
+    "or try a smaller step or a looser tolerance; look at the last output first."
+)
 
 CONTRADICTORY = (
     "Perfect bonds or contacts contradict each other, or what is prescribed on both their sides, "

@@ -21,6 +21,7 @@ from xper_fx.simulation.advice import (
     CONTRADICTORY,
     FOR_NOTHING,
     OF_BULK,
+    OF_ONE_SOLVER,
     ON_PATH,
     UNDER_LOAD,
     comes_loose,
@@ -45,6 +46,8 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger(__name__)
 
+# Solvers between which "auto" changes.
+_ONE_WAY = ("nlgs", "accelerated", "newton")
 # Inelastic strain of a step above which the step is cut.
 _LARGEST_FLOW = 0.05
 # Damage beyond what the opening found asks for, above which the step is cut: it came from iterates
@@ -222,7 +225,7 @@ class StepAttempts:
         if residual <= tolerance < np.inf:
             bulk = newton > options.requested.newton_tolerance
             return (OF_BULK if bulk else CONTRADICTORY,)
-        return ()
+        return (OF_ONE_SOLVER,) if options.solver in _ONE_WAY else ()
 
     def _loose_fragment(self) -> str:
         """What is told of a fragment that no bond holds any more; empty if there is none.
