@@ -37,6 +37,7 @@ import numpy as np
 
 from xper_fx.bulk.coupled_step import Correction, CoupledStep
 from xper_fx.bulk.sparse_direct import SingularMatrixError
+from xper_fx.support.ranks import Ranks
 
 logger = logging.getLogger(__name__)
 
@@ -75,12 +76,12 @@ def find_contacts(step: CoupledStep, good: float) -> bool:
             return False
         moved = [answer - m for answer, m in zip(step.answers(), given, strict=True)]
         now = np.concatenate([d.ravel() for d in moved])
-        change = float(np.abs(now).max(initial=0.0))
+        change = step.ranks.max(float(np.abs(now).max(initial=0.0)))
         circles = 0 if balanced or change < _NEARER * least else circles + 1
         least = min(least, change)
         if circles > _CIRCLES:
             return False
-        length, last = _stretched(length, last, now) if outer > 1 else 1.0, now
+        length, last = _stretched(length, last, now, step.ranks) if outer > 1 else 1.0, now
         step.set_impulses([m + length * d for m, d in zip(given, moved, strict=True)])
         logger.debug("impulses %d change by %.2e of %.2e N s", outer, change, step.size())
         if balanced and change <= good * step.size():
@@ -88,18 +89,20 @@ def find_contacts(step: CoupledStep, good: float) -> bool:
     return False
 
 
-def _stretched(length: float, last: np.ndarray, now: np.ndarray) -> float:
+def _stretched(length: float, last: np.ndarray, now: np.ndarray, ranks: Ranks) -> float:
     """Length of the next change of the impulses (module docstring).
 
     Args:
         length: of the last one.
         last, now: changes for a length of 1, before the last one and after it (N s).
+        ranks: that have shares of them.
     """
-    turned, along = now - last, float(now @ last)
-    if along <= _CREEP * np.linalg.norm(now) * np.linalg.norm(last):
+    turned = now - last
+    products = (now @ last, now @ now, last @ last, last @ turned, turned @ turned)
+    along, of_now, of_last, grows, of_turned = ranks.sum(np.array(products)).tolist()
+    if along <= _CREEP * np.sqrt(of_now * of_last):
         return 1.0
-    shrinks = -float(last @ turned)
-    further = length * shrinks / float(turned @ turned) if shrinks > 0.0 else 2.0 * length
+    further = -length * grows / of_turned if grows < 0.0 else 2.0 * length
     return min(max(further, 1.0), _FURTHEST)
 
 
@@ -142,7 +145,7 @@ def _balance(
             line.go(1.0)
         else:
             line.shorten()
-        left = float(np.abs(step.balance()).max(initial=0.0))
+        left = step.ranks.max(float(np.abs(step.balance()).max(initial=0.0)))
         if not np.isfinite(left):
             return None
         if left <= max(error * step.size(), step.rounding()):
@@ -167,7 +170,7 @@ class _Line:
         step, along = self._step, self._correction.velocity
         step.move(self._velocity + length * along, self._time + length * self._correction.time)
         step.impulses = step.on_unknowns(step.answers())
-        return -float(along @ step.balance())
+        return -step.ranks.sum(float(along @ step.balance()))
 
     def shorten(self) -> None:
         """Go to a length at which the slope is flat: the whole one, or one within it."""

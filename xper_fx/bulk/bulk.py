@@ -18,7 +18,7 @@ from dolfinx import fem
 from xper_fx.bodies.meshes import cell_measure
 from xper_fx.bulk.body_dofs import BodyLayout
 from xper_fx.bulk.force_balance import InBalance
-from xper_fx.bulk.rigid_motions import free_rigid_motions, loose_group
+from xper_fx.bulk.rigid_motions import free_rigid_motions, loose_bodies
 from xper_fx.bulk.sparse_blocks import multiply
 from xper_fx.bulk.unknowns import NodalUnknowns
 from xper_fx.forms.dynamics import BulkForms
@@ -49,8 +49,10 @@ class Bulk:
         inertia: False for a static bulk, without mass. Nothing takes its place: K is not
             regularised, so that what is prescribed must hold every body, or every group of bodies
             that interactions join.
-        joined: pairs of bodies between which interactions act, shape (n, 2).
+        joined: pairs of bodies between which interactions act, shape (n, 2), of all ranks.
         ranks: ranks that divide the bodies; vectors are this rank's, sums those of all.
+        numbers: shape (num_bodies,), which of the bodies of all ranks this rank's are; None where
+            it has all.
 
     Attributes:
         unknowns: what the unknowns are.
@@ -72,8 +74,9 @@ class Bulk:
         inertia: bool = True,
         joined: npt.ArrayLike = (),
         ranks: Ranks = ALONE,
+        numbers: np.ndarray | None = None,
     ):
-        self.forms, self.ranks = forms, ranks
+        self.forms, self.ranks, self._numbers = forms, ranks, numbers
         self.linear = forms.linear
         self.dim = forms.V.dofmap.index_map_bs
         self.unknowns = self._make_unknowns()
@@ -138,6 +141,12 @@ class Bulk:
         x = self.forms.V.tabulate_dof_coordinates()[layout.nodes, : self.dim]
         return x, layout.prescribed[layout.dofs(layout.nodes)].reshape(x.shape)
 
+    def loose_bodies(self, joined: np.ndarray) -> tuple[np.ndarray, int, np.ndarray]:
+        """As `rigid_motions.loose_bodies`, for pairs of the bodies of all ranks, shape (n, 2)."""
+        x, held = self.nodes_of_bodies()
+        sizes = np.diff(self.layout.offsets)
+        return loose_bodies(x, sizes, held, joined, self._numbers, self.ranks)
+
     def _held_by_interactions(self, joined: np.ndarray) -> bool:
         """Whether interactions hold bodies that nothing else does.
 
@@ -147,10 +156,9 @@ class Bulk:
         Raises:
             ValueError: joined bodies, or a body alone, are free to move as a whole.
         """
-        if not np.any(self.free_motions()):
+        if not self.ranks.max(np.any(self.free_motions())):
             return False
-        x, held = self.nodes_of_bodies()
-        bodies, ways = loose_group(x, self.layout.offsets, held, joined)
+        bodies, ways, _ = self.loose_bodies(joined)
         if not len(bodies):
             return True
         others = f" with the {len(bodies) - 1} it is joined to" if len(bodies) > 1 else ""

@@ -58,14 +58,16 @@ class CoupledMatrices:
     def coupled(self, matrix: sp.csr_array, interactions: Interactions | None) -> CoupledSystem:
         """The system of A and the points there are."""
         renewals = 0 if interactions is None else interactions.renewals
-        if self._system is None or renewals != self._renewals:
-            layout = self.bulk.layout
+        if self._system is None or self.bulk.ranks.max(renewals != self._renewals):
+            layout, halo = self.bulk.layout, None
             dofs_of_slots = np.zeros(0, np.int64)
             if interactions is not None:
                 dofs_of_slots = np.full(interactions.inverse.num_slots * self.bulk.dim, -1)
                 dofs = layout.dofs(self.nodes)
                 dofs_of_slots[: len(dofs)] = dofs
-            self._system = CoupledSystem(matrix, layout.prescribed, dofs_of_slots, interactions)
+                halo = interactions.halo
+            make = CoupledSystem if halo is None else halo.coupled_system
+            self._system = make(matrix, layout.prescribed, dofs_of_slots, interactions)
             self._renewals = renewals
         elif interactions is not None and interactions.turns:
             self._system.turn(interactions)

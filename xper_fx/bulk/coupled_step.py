@@ -12,6 +12,9 @@ R being the bulk's momentum balance and S a law's answer. With its springs K and
 
 A = M + C + h^2 theta^2 dF/dq, by a sparse factorisation (`coupled_system.py`). Nothing is asked of
 A: bodies that only their interactions hold, stiff bonds and no inertia at all are the same to it.
+
+Where ranks divide the bodies, vectors are those of a rank's bodies and points, and all ranks do
+everything together; what is left, and how large things are, is told over all of them.
 """
 
 from __future__ import annotations
@@ -22,6 +25,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from xper_fx.bulk.coupled_matrices import CoupledMatrices
+from xper_fx.bulk.extent import extent
 from xper_fx.bulk.loading import Loading
 from xper_fx.bulk.state import State
 from xper_fx.bulk.step_equations import StepEquations
@@ -66,6 +70,7 @@ class CoupledStep:
 
     Attributes:
         loading, interactions, state, step, growth: as given.
+        ranks: those that divide the bodies.
         velocity: of all unknowns (m/s).
         residual, internal: of the bulk there, without impulses (N s), and its forces (N).
         slots: velocities of the points' nodes.
@@ -91,8 +96,9 @@ class CoupledStep:
         self.loading, self.step, self.growth = loading, step, growth
         self.interactions = interactions
         bulk = matrices.bulk
+        self.ranks = bulk.ranks
         self._free = ~bulk.layout.prescribed
-        self._extent = float(np.ptp(bulk.forms.bodies.mesh.geometry.x, axis=0).max())
+        self._extent = extent(bulk)
         self._tangents = None if interactions is None else PointTangents(interactions)
         # without inertia the last step's velocities mean nothing for this one
         inert = bulk.inertia is not None
@@ -135,7 +141,7 @@ class CoupledStep:
             np.abs(g.points.frame - old).max(initial=0.0)
             for g, old in zip(points.groups, before, strict=True)
         )
-        return float(max(changes, default=0.0))
+        return self.ranks.max(float(max(changes, default=0.0)))
 
     def take_couples(self) -> None:
         """Take the couples of the present impulses, where frames turn."""
@@ -248,11 +254,12 @@ class CoupledStep:
     def size(self) -> float:
         """Largest nodal impulse (N s)."""
         largest = self.step * np.abs(self.internal).max(initial=0.0)
-        return max(
+        own = max(
             float(largest),
             float(np.abs(self.impulses).max(initial=0.0)),
             float(np.abs(self._equations.start).max(initial=0.0)),
         )
+        return self.ranks.max(own)
 
     def rounding(self) -> float:
         """What rounding of displacements leaves in the bulk and at the stiffest spring (N s)."""
@@ -260,21 +267,29 @@ class CoupledStep:
         if self._tangents is not None:
             for k, held in zip(self._tangents.stiffness, self._tangents.held, strict=True):
                 stiffest = max(stiffest, float(np.abs(k[~held]).max(initial=0.0)))
-        return _ROUNDING * stiffest * float(np.abs(self.velocity).max(initial=0.0))
+        return _ROUNDING * self._product_of_largest(stiffest, self.velocity)
 
     def noise(self) -> float:
         """Nodal impulses (N s) that rounding of displacements gives: less of them is none."""
-        moved = float(np.abs(self.state.displacement).max(initial=0.0)) / self.step
-        return _ROUNDING * self._stiffest * moved
+        return _ROUNDING * self._product_of_largest(
+            self._stiffest, self.state.displacement / self.step
+        )
+
+    def _product_of_largest(self, stiffness: float, values: np.ndarray) -> float:
+        """Of all ranks the largest stiffness times the largest of values."""
+        largest = float(np.abs(values).max(initial=0.0))
+        return float(np.prod(self.ranks.max(np.array([stiffness, largest]))))
 
     def num_held(self) -> int:
-        """Points whose impulses are multipliers."""
+        """This rank's points whose impulses are multipliers."""
         return 0 if self._tangents is None else sum(int(h.sum()) for h in self._tangents.held)
 
     def _least(self) -> float:
         """Velocity that differences are at least taken over."""
         given = self.loading.wanted
-        speed = max(np.abs(self.slots).max(initial=0.0), np.abs(given).max(initial=0.0))
+        speed = self.ranks.max(
+            max(np.abs(self.slots).max(initial=0.0), np.abs(given).max(initial=0.0))
+        )
         return max(_LEAST * float(speed), _SMALLEST * self._extent / self.step)
 
     # Openings
@@ -306,4 +321,6 @@ class CoupledStep:
 
     def _slots(self, velocity: np.ndarray) -> np.ndarray:
         at_nodes = velocity.reshape(-1, self.interactions.dim)[self._matrices.nodes]
-        return self.interactions.free_velocities(at_nodes)
+        slots = self.interactions.free_velocities(at_nodes)
+        self.interactions.refresh_ghosts(slots)
+        return slots

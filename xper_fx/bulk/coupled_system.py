@@ -29,7 +29,8 @@ class CoupledSystem:
     """Matrix and factorisations for the points that there are.
 
     Args:
-        bulk: A of some state, in compressed rows with the pattern of all states.
+        bulk: A of some state, in compressed rows with the pattern of all states; it has the first
+            of the dofs, and ghosts of other ranks come after them (`parallel/coupled_rows.py`).
         prescribed: shape (num_dofs,), bool, dofs whose motion is given.
         dofs_of_slots: shape (num_slots * dim,), the unknown that each entry of the points'
             velocities is, -1 for the ground's.
@@ -43,23 +44,22 @@ class CoupledSystem:
         dofs_of_slots: np.ndarray,
         interactions: Interactions | None,
     ):
-        self._size = bulk.shape[0]
-        self._held, self._free = np.flatnonzero(prescribed), ~prescribed
+        self._size, self._own = len(prescribed), bulk.shape[0]
+        self._free = ~prescribed
         groups = [] if interactions is None else interactions.groups
         self._springs = [_at_dofs(g, dofs_of_slots) for g in groups]
-        keys = [np.repeat(np.arange(self._size), np.diff(bulk.indptr)) * self._size + bulk.indices]
+        keys = [np.repeat(np.arange(self._own), np.diff(bulk.indptr)) * self._size + bulk.indices]
         for dofs, _ in self._springs:
             pairs = dofs[:, :, None] * self._size + dofs[:, None, :]
             there = dofs >= 0
             keys.append(np.where(there[:, :, None] & there[:, None, :], pairs, 0).ravel())
-        keys.append(np.arange(self._size) * (self._size + 1))
+        keys.append(np.arange(self._own) * (self._size + 1))
         unique, places = np.unique(np.concatenate(keys), return_inverse=True)
         ends = np.cumsum([len(k) for k in keys])
         self._of_bulk = places[: ends[0]]
         self._of_springs = [places[a:b] for a, b in zip(ends[:-2], ends[1:-1], strict=True)]
         self._diagonal = places[ends[-2] :]
         self._rows, self._columns = np.divmod(unique, self._size)
-        self._indptr = np.searchsorted(self._rows, np.arange(self._size + 1))
         self._kept = self._free[self._rows] & self._free[self._columns]
         self._solvers: dict[bool, SparseDirect] = {}
         self._data = self._factorised = np.zeros(0)
@@ -96,14 +96,35 @@ class CoupledSystem:
         self._data = data
         masked = np.where(self._kept, data, 0.0)
         diagonal = masked[self._diagonal]
-        masked[self._diagonal] = np.where(self._free, diagonal + shift, 1.0)
-        if self._used is not None and np.array_equal(masked, self._factorised):
+        masked[self._diagonal] = np.where(self._free[: self._own], diagonal + shift, 1.0)
+        known = self._used is not None and np.array_equal(masked, self._factorised)
+        if self._on_all(known):
             return
+        symmetric = self._on_all(symmetric)
         if symmetric not in self._solvers:
-            self._solvers[symmetric] = SparseDirect(self._indptr, self._columns, symmetric)
+            self._solvers[symmetric] = self._direct(symmetric)
         self._used, self._factorised = None, masked
-        self._solvers[symmetric].factorise(masked)
+        self._solvers[symmetric].factorise(self._summed(masked))
         self._used = self._solvers[symmetric]
+
+    def _on_all(self, condition: bool) -> bool:
+        """Whether something holds on all ranks that have rows."""
+        return condition
+
+    def _direct(self, symmetric: bool) -> SparseDirect:
+        """Factorisations of matrices of this pattern."""
+        indptr = np.searchsorted(self._rows, np.arange(self._size + 1))
+        return SparseDirect(indptr, self._columns, symmetric)
+
+    def _summed(self, data: np.ndarray) -> np.ndarray:
+        """Entries of the matrix that is factorised, of those that points and bodies here give."""
+        return data
+
+    def _times(self, x: np.ndarray) -> np.ndarray | float:
+        """The matrix, prescribed rows and columns too, times x, both of shape (num_dofs,)."""
+        if not np.any(x):
+            return 0.0
+        return np.bincount(self._rows, self._data * x[self._columns], self._size)
 
     def unstable_ways(self) -> int:
         """Negative eigenvalues of the last matrix; 0 if friction makes it unsymmetric."""
@@ -119,13 +140,11 @@ class CoupledSystem:
         Raises:
             SingularMatrixError: the factors are of no use.
         """
-        x = np.where(self._free, 0.0, given)
-        shifted = right
-        if np.any(x):
-            product = self._data * x[self._columns]
-            shifted = right - np.bincount(self._rows, product, self._size)
+        free = self._free[: self._own]
+        x = np.where(free, 0.0, given)
+        shifted = right - self._times(x)
         try:
-            return self._used.solve(np.where(self._free, shifted, x))
+            return self._used.solve(np.where(free, shifted, x))
         except SingularMatrixError:
             self._used = None
             raise

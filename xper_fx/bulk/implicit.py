@@ -24,6 +24,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from xper_fx.bulk.bulk import Bulk
+from xper_fx.bulk.extent import extent
 from xper_fx.bulk.implicit_step import ImplicitStep, NewtonLimits
 from xper_fx.bulk.kept_inverses import KeptInverses
 from xper_fx.bulk.state import State, StepOutcome
@@ -60,9 +61,7 @@ class ImplicitScheme:
     ):
         self.bulk, self.theta, self._stopwatch = bulk, theta, stopwatch
         self._inverses = KeptInverses(bulk, interacting, theta, stopwatch)
-        x = bulk.forms.bodies.mesh.geometry.x
-        low, high = -bulk.ranks.max(-x.min(axis=0)), bulk.ranks.max(x.max(axis=0))
-        rounding = _ROUNDING * bulk.norm(np.full(bulk.num_dofs, (high - low).max()))
+        rounding = _ROUNDING * bulk.norm(np.full(bulk.num_dofs, extent(bulk)))
         self._limits = NewtonLimits(newton_tolerance, max_newton, rounding)
 
     def inverse(self, step: float, displacement: np.ndarray):

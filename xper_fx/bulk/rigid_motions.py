@@ -9,6 +9,8 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from xper_fx.support.ranks import Ranks
+
 # Eigenvalue, beside the largest, below which a motion is not held: a body's lever arms against
 # its size, squared.
 _NOT_HELD = 1e-12
@@ -55,6 +57,38 @@ def loose_group(
         return np.empty(0, int), 0
     loose = int(np.argmax(free > 0))
     return np.flatnonzero(group == loose), int(free[loose])
+
+
+def loose_bodies(
+    x: np.ndarray,
+    sizes: np.ndarray,
+    held: np.ndarray,
+    joined: np.ndarray,
+    numbers: np.ndarray | None,
+    ranks: Ranks,
+) -> tuple[np.ndarray, int, np.ndarray]:
+    """The first group of joined bodies that is free to move; all ranks call it together.
+
+    Args:
+        x, held: as of `free_rigid_motions`, of this rank's bodies.
+        sizes: shape (num_bodies,), nodes of each.
+        joined: pairs of the bodies of all ranks, shape (n, 2).
+        numbers: shape (num_bodies,), which of the bodies of all ranks they are; None if all are.
+        ranks: that divide the bodies.
+
+    Returns:
+        Its bodies, none if all groups are held, in how many ways it is free, and the mean position
+        of its nodes, shape (dim,), m.
+    """
+    if numbers is not None:
+        everyone = ranks.comm.allgather
+        numbers, sizes = (np.concatenate(everyone(a)) for a in (numbers, sizes))
+        order = np.argsort(np.repeat(numbers, sizes), kind="stable")
+        x, held = (np.concatenate(everyone(a))[order] for a in (x, held))
+        sizes = sizes[np.argsort(numbers)]
+    bodies, ways = loose_group(x, np.concatenate([[0], np.cumsum(sizes)]), held, joined)
+    there = np.isin(np.repeat(np.arange(len(sizes)), sizes), bodies)
+    return bodies, ways, x[there].mean(axis=0) if len(bodies) else np.zeros(x.shape[1])
 
 
 def free_rigid_modes(x: np.ndarray, held: np.ndarray) -> np.ndarray:

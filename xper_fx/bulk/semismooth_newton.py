@@ -138,7 +138,7 @@ class SemismoothNewton:
         """Impulses become the laws' answers, which keep every inequality.
 
         Returns:
-            Sum of squares and largest entry of their change (N s).
+            Sum of squares and largest entry of their change (N s), of this rank's points.
         """
         total, most, step = 0.0, 0.0, self._step
         answers = step.answers()
@@ -154,8 +154,8 @@ class SemismoothNewton:
         step = self._step
         step.impulses = step.on_unknowns(step.impulses_of_points())
         balance = step.balance()
-        self._most = max(self._apart[1], float(np.abs(balance).max(initial=0.0)))
-        return float(np.sqrt(self._apart[0] + balance @ balance))
+        self._most = step.ranks.max(max(self._apart[1], float(np.abs(balance).max(initial=0.0))))
+        return float(np.sqrt(step.ranks.sum(self._apart[0] + balance @ balance)))
 
 
 def _stalls(history: list[float]) -> bool:

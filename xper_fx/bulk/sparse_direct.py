@@ -1,10 +1,16 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Sparse direct solution of systems that keep their pattern: MUMPS through PETSc."""
+"""Sparse direct solution of systems that keep their pattern: MUMPS through PETSc.
+
+Over several ranks each has some rows. MUMPS then adds what ranks send it in the order in which it
+arrives: two runs may differ by rounding.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 from petsc4py import PETSc
+
+from xper_fx.support.ranks import ALONE, Ranks
 
 # MUMPS controls: ordering (METIS where there is one, else picked), room for pivots that are put
 # off (%), no parallel root.
@@ -21,25 +27,27 @@ class SparseDirect:
     """Factorisations of matrices of one pattern.
 
     Args:
-        indptr, indices: of the rows, as of `scipy.sparse.csr_array`, both triangles.
+        indptr, indices: of this rank's rows, as of `scipy.sparse.csr_array`, both triangles.
         symmetric: whether the values will be symmetric: LDL^T, half the work of LU.
+        ranks: that have the rows, in their order; they do everything together.
     """
 
-    def __init__(self, indptr: np.ndarray, indices: np.ndarray, symmetric: bool):
+    def __init__(
+        self, indptr: np.ndarray, indices: np.ndarray, symmetric: bool, ranks: Ranks = ALONE
+    ):
         self._pattern = indptr.astype(np.int32), indices.astype(np.int32)
-        self._symmetric = symmetric
+        self._symmetric, self._ranks = symmetric, ranks
         self._make()
 
     def _make(self) -> None:
         """PETSc's objects; after an error they are of no more use."""
         (indptr, indices), symmetric = self._pattern, self._symmetric
-        size = len(indptr) - 1
-        self._data = np.zeros(len(indices))
-        self._matrix = PETSc.Mat().createAIJWithArrays(
-            (size, size), (indptr, indices, self._data), comm=PETSc.COMM_SELF
+        size = len(indptr) - 1, PETSc.DETERMINE
+        self._matrix = PETSc.Mat().createAIJ(
+            (size, size), csr=(indptr, indices, np.zeros(len(indices))), comm=self._ranks.comm
         )
         self._matrix.setOption(PETSc.Mat.Option.SYMMETRIC, symmetric)
-        self._solver = PETSc.KSP().create(PETSc.COMM_SELF)
+        self._solver = PETSc.KSP().create(self._ranks.comm)
         self._solver.setOperators(self._matrix)
         self._solver.setType("preonly")
         preconditioner = self._solver.getPC()
@@ -62,11 +70,10 @@ class SparseDirect:
         Raises:
             SingularMatrixError: they cannot be factorised.
         """
-        if not np.all(np.isfinite(data)):
+        if not self._ranks.all(np.all(np.isfinite(data))):
             raise SingularMatrixError("The matrix has entries that are not finite.")
-        self._data[:] = data
+        self._matrix.setValuesCSR(*self._pattern, data)
         self._matrix.assemble()
-        self._matrix.stateIncrease()
         self._solver.setOperators(self._matrix)
         try:
             self._solver.setUp()
@@ -80,7 +87,7 @@ class SparseDirect:
         return factor.getMumpsInfog(_NEGATIVE) if self._symmetric else None
 
     def solve(self, right: np.ndarray) -> np.ndarray:
-        """The solution for one right-hand side, shape (n,).
+        """The solution for one right-hand side, of this rank's rows, shape (n,).
 
         Raises:
             SingularMatrixError: the factors are of no use.
@@ -92,6 +99,6 @@ class SparseDirect:
             self._make()
             raise SingularMatrixError("The factors are of no use.") from error
         solution = self._x.array.copy()
-        if not np.all(np.isfinite(solution)):
+        if not self._ranks.all(np.all(np.isfinite(solution))):
             raise SingularMatrixError("The matrix is singular.")
         return solution

@@ -119,6 +119,11 @@ class PointHalo(AnyHalo, Protocol):
     def linear_system(self, interactions: Any) -> SharedSystem:
         """The linear system of Newton's method over all ranks; `interactions` are this rank's."""
 
+    def coupled_system(
+        self, bulk: Any, prescribed: np.ndarray, dofs_of_slots: np.ndarray, interactions: Any
+    ) -> Any:
+        """Bulk and points of all ranks as one matrix (`bulk/coupled_system.py`)."""
+
 
 class ContactHalo(AnyHalo, Protocol):
     """The halo of contacts of rigid bodies, which a search finds (`parallel/rigid_halo.py`)."""

@@ -115,19 +115,19 @@ class BodyInverse:
 
         Args:
             sizes: shape (n,), nodes of each block.
-            data: the blocks, flat.
+            data: the blocks, flat, held as these are.
         """
         own = np.diff(self.node_offsets)[:-1]
         sizes = np.concatenate([own, sizes])
         alike = len(sizes) > 0 and np.all(sizes == sizes[0])
         sizes = np.append(sizes, sizes[0] if alike else 1)
-        dofs = sizes * self.dim
-        ground = np.zeros(dofs[-1] ** 2)
+        entries = (sizes * self.dim) ** (1 if self.diagonal else 2)
         return BodyInverse(
             self.dim,
             np.concatenate([[0], np.cumsum(sizes)]),
-            np.concatenate([self.data[: self.data_offsets[-2]], data, ground]),
-            np.concatenate([[0], np.cumsum(dofs**2)]),
+            np.concatenate([self.data[: self.data_offsets[-2]], data, np.zeros(entries[-1])]),
+            np.concatenate([[0], np.cumsum(entries)]),
+            self.diagonal,
         )
 
     @property

@@ -189,9 +189,11 @@ class PointTangents:
         ]
 
     def spread(self, local: list[np.ndarray]) -> np.ndarray:
-        """H x of what each group has at its points, shape (num_slots, dim)."""
+        """H x of what each group has at its points, of all ranks, shape (num_slots, dim)."""
         inverse = self._interactions.inverse
         total = np.zeros((inverse.num_slots, inverse.dim))
         for g, values in zip(self._interactions.groups, local, strict=True):
             spread_kernel(g.sides)(total.reshape(-1), g.couplings, values)
+        if self._interactions.halo is not None:
+            self._interactions.halo.everywhere.add_back(total.reshape(-1))
         return total

@@ -19,7 +19,10 @@ from xper_fx.support.compat import index_map
 from xper_fx.support.ranks import Ranks
 
 if TYPE_CHECKING:
+    from scipy.sparse import csr_array
+
     from xper_fx.nscd.interactions import Interactions
+    from xper_fx.parallel.coupled_rows import SharedCoupledSystem
     from xper_fx.parallel.petsc_newton import LinearSystem
 
 
@@ -227,6 +230,18 @@ class Halo:
         from xper_fx.parallel.petsc_newton import LinearSystem
 
         return LinearSystem(interactions)
+
+    def coupled_system(
+        self,
+        bulk: csr_array,
+        prescribed: np.ndarray,
+        dofs_of_slots: np.ndarray,
+        interactions: Interactions,
+    ) -> SharedCoupledSystem:
+        """Bulk and points of all ranks as one matrix, as `CoupledSystem`; they make it together."""
+        from xper_fx.parallel.coupled_rows import SharedCoupledSystem
+
+        return SharedCoupledSystem(bulk, prescribed, dofs_of_slots, interactions)
 
     def with_ghosts(self, inverse: BodyInverse) -> BodyInverse:
         """Blocks of w of this rank and of its ghosts, as their owners have them now."""

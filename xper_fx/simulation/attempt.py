@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from xper_fx.bulk.rigid_motions import loose_group
 from xper_fx.bulk.state import State, StepOutcome
 from xper_fx.nscd import solvers
 from xper_fx.nscd.point_values import BROKEN
@@ -238,13 +237,8 @@ class StepAttempts:
         pairs = self._model.points.bodies_of_points()
         bonds = np.array(["damage" in law.kernels(points.dim).state_names for law in points.laws])
         broken = bonds[points.gather("law").astype(int)] & (points.gather("spent") >= BROKEN)
-        x, held = bulk.nodes_of_bodies()
-        joined = pairs[~broken[: len(pairs)]]
-        bodies, _ = loose_group(x, bulk.layout.offsets, held, joined)
-        if not len(bodies):
-            return ""
-        of_node = np.repeat(np.arange(bulk.layout.num_bodies), np.diff(bulk.layout.offsets))
-        return comes_loose(bodies, x[np.isin(of_node, bodies)].mean(axis=0))
+        bodies, _, place = bulk.loose_bodies(pairs[~broken[: len(pairs)]])
+        return comes_loose(bodies, place) if len(bodies) else ""
 
     def turned_bonds(self, state: State, number: int, size: float) -> TurnedBonds | None:
         """The bonds that have turned beyond what small strain bears, if they are not few.

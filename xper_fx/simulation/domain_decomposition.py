@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 logger = logging.getLogger(__name__)
 
 # Solvers of ranks that divide the bodies.
-_ON_RANKS = ("auto", "nlgs", "newton", "accelerated")
+_ON_RANKS = ("auto", "nlgs", "newton", "accelerated", "monolithic")
 
 
 class Decomposition(NamedTuple):
@@ -106,7 +106,7 @@ def _stays_whole(scene: Scene, options: Options, team: Ranks) -> bool:
             ("fewer bodies than ranks", touching and scene.bodies.num_bodies < team.size),
             ("ties", scene.ties and _cannot_tie(scene, team.size)),
             ("joints", len(scene.joints) > 0),
-            ("no inertia", not options.inertia),
+            ("no inertia", not options.inertia and _stays_whole_at_rest(scene, options, spread)),
             ("a solver for one rank", options.solver not in _ON_RANKS),
             (
                 "nothing between bodies",
@@ -125,6 +125,12 @@ def _stays_whole(scene: Scene, options: Options, team: Ranks) -> bool:
             "each of %d ranks simulates the whole scene, as it has %s", team.size, " and ".join(why)
         )
     return bool(why)
+
+
+def _stays_whole_at_rest(scene: Scene, options: Options, spread: bool) -> bool:
+    """Whether a static run is one that ranks do not divide."""
+    on_path, cell = options.path is not None, scene.macroscopic is not None
+    return spread or on_path or cell or not options.allows_one_system
 
 
 def bonds_split(scene: Scene) -> bool:

@@ -189,7 +189,8 @@ class Model:
             ]
         joined = () if inertia else self._joined_bodies()
         if scene.macroscopic is None:
-            return Bulk(forms, motions, scene.damping, inertia, joined, self.ranks)
+            numbers = None if self.part is None else self.part.body_numbers
+            return Bulk(forms, motions, scene.damping, inertia, joined, self.ranks, numbers)
         from xper_fx.periodic.two_field import CellBulk
 
         bulk = CellBulk(forms, scene.macroscopic, inertia, joined, self.ranks)
@@ -201,10 +202,13 @@ class Model:
         return bulk
 
     def _joined_bodies(self) -> np.ndarray:
-        """Pairs of bodies between which interactions act, shape (n, 2)."""
+        """Pairs of bodies between which interactions act, on all ranks, shape (n, 2)."""
         _, law = self.scene.law_of_facet()
-        pairs = [self.scene.bodies.facets.bodies[law >= 0], *(pair for _, pair in self._ties)]
-        return np.concatenate(pairs)
+        tied = [pair for _, pair in self._ties]
+        if self.part is not None:
+            own = [self.part.body_numbers[pair] for pair in tied]
+            tied = [pair for pairs in self.ranks.comm.allgather(own) for pair in pairs]
+        return np.concatenate([self.scene.bodies.facets.bodies[law >= 0], *tied])
 
     def _rigid_motion(self) -> RigidMotion | None:
         if self.scene.rigid_bodies is None:

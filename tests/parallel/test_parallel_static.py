@@ -1,0 +1,109 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Static and monolithic runs on several ranks against the same on one."""
+
+import shutil
+import sys
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from on_ranks import on_ranks
+
+from xper_fx.output.history import read_history
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "ranks"))
+import static_scenes
+
+pytestmark = pytest.mark.ranks
+SCRIPT = "ranks/static_scenes.py"
+# Bonds that weaken, contacts that Newton's method does not find by itself, finite strain on a wall,
+# initially rigid bonds in space, searched contacts, contacts solved at their points, inertia, ties.
+SCENES = {
+    2: ("drawn", "wedged", "turned", "rigid", "touching", "held", "inert", "tied"),
+    4: ("drawn", "wedged", "turned", "touching"),
+}
+several = pytest.mark.parametrize(
+    ("count", "name"), [(count, name) for count, names in SCENES.items() for name in names]
+)
+
+
+@pytest.fixture(scope="module")
+def found(tmp_path_factory):
+    """What a scene gives on a number of ranks."""
+
+    @cache
+    def run(name: str, count: int) -> dict[str, np.ndarray]:
+        if count == 1:
+            return static_scenes.run(name)
+        folder = tmp_path_factory.mktemp(f"{name}_{count}")
+        done = on_ranks(count, SCRIPT, folder, name)
+        assert done.returncode == 0, done.stdout + done.stderr
+        assert "simulates the whole scene" not in done.stdout + done.stderr
+        return dict(np.load(folder / f"{name}.npz"))
+
+    return run
+
+
+@several
+def test_ranks_agree(found, name, count):
+    one, many = found(name, 1), found(name, count)
+    work = np.abs(one["external_work"]).max()
+    on_sides = [key for key in one if key.startswith("reaction")]
+    reactions = max(np.abs(one[key]).max() for key in on_sides)
+    sizes = {"displacement": np.abs(one["displacement"]).max(), "damage": 1.0}
+    sizes |= dict.fromkeys(on_sides, reactions)
+    sizes |= dict.fromkeys(("external_work", "elastic", "cohesive", "dissipated_friction"), work)
+    for key, size in sizes.items():
+        assert np.abs(one[key] - many[key]).max(initial=0.0) <= 1e-9 * size, key
+    # a matrix that lacked something would take more corrections to the same end
+    assert many["iterations"].sum() <= 1.3 * one["iterations"].sum()
+
+
+@several
+def test_forces_balance_and_energy_is_exact(found, name, count):
+    run = found(name, count)
+    work = np.abs(run["external_work"]).max()
+    if name not in ("turned", "tied"):  # frames that turn end each step within their tolerance
+        assert np.abs(run["closure"]).max() <= 1e-12 * work
+    if name in ("drawn", "wedged"):
+        # a corner belongs to two sides, one of which holds it along x and the other along y
+        reactions = [run[f"reaction_{side}"] for side in (static_scenes.LEFT, static_scenes.RIGHT)]
+        axis = 0 if name == "drawn" else 1
+        total = np.sum(reactions, axis=0)[:, axis]
+        assert np.abs(total).max() <= 1e-11 * np.abs(reactions[0]).max()
+
+
+@several
+def test_a_rank_holds_its_share(found, name, count):
+    one, many = found(name, 1)["held"], found(name, count)["held"]
+    assert len(many) == count and many.min() > 0
+    np.testing.assert_array_equal(many.sum(axis=0), one[0])
+
+
+def test_what_was_compared_has_weakened_and_slid(found):
+    assert found("drawn", 1)["damage"].max() > 0.9
+    assert found("turned", 1)["dissipated_friction"][-1] > 0.01 * found("turned", 1)["elastic"][-1]
+    assert found("wedged", 1)["iterations"][0] > 30  # contacts were looked for
+
+
+def test_what_nothing_holds_is_told_as_on_one_rank(tmp_path):
+    with pytest.raises(ValueError, match="is free with the 71 it is joined to") as raised:
+        static_scenes.run("loose")
+    done = on_ranks(2, SCRIPT, tmp_path, "loose")
+    assert done.returncode != 0 and str(raised.value) in done.stderr
+
+
+def test_a_run_goes_on_from_its_checkpoint(tmp_path):
+    def run(count: int, *asked: str) -> None:
+        done = on_ranks(count, SCRIPT, tmp_path, *asked)
+        assert done.returncode == 0, done.stdout + done.stderr
+
+    run(2, "two=4", "on_2=2")
+    shutil.copytree(tmp_path / "on_2", tmp_path / "on_1")
+    for count in (2, 1):
+        run(count, f"on_{count}=4", "restart")
+    two, *others = (read_history(tmp_path / f / "history.csv") for f in ("two", "on_2", "on_1"))
+    for other in others:
+        for key in ("elastic", "cohesive", "dissipated_friction"):
+            assert np.abs(two[key] - other[key]).max() <= 1e-9 * two["external_work"].max(), key

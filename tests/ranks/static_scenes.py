@@ -1,0 +1,184 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Static and monolithic runs of meshed bodies by all ranks; the first writes what came out."""
+
+import sys
+from dataclasses import replace
+
+import meshed_scenes
+import numpy as np
+from mpi4py import MPI
+from scenes import BOTTOM, LEFT, RIGHT, TOP, box_bodies
+
+import xper_fx as xf
+from xper_fx.output.recorder import Recorder
+from xper_fx.output.run import recorded_steps
+from xper_fx.parallel.launch import run_together
+
+ELASTIC = xf.materials.LinearElastic(1.0, 0.3, 1.0)
+SIDES = (LEFT, RIGHT, BOTTOM, TOP)
+GLUE = xf.laws.CohesiveZone(1e3, 1e3, 1e2)
+STATIC = {"inertia": False, "newton_tolerance": 1e-11}
+
+
+def moved(*motions):
+    """Displacements of sides; a rate is one of time."""
+    return [
+        xf.PrescribedDisplacement(side, axis, (lambda t, r=rate: r * t) if rate else 0.0)
+        for side, axis, rate in motions
+    ]
+
+
+def quarters(x):
+    return 4 * (1.999 * x[1]).astype(int) + (1.999 * x[0]).astype(int)
+
+
+def uneven(stiffness, energy):
+    """Bonds that are weak here and strong there."""
+    return xf.laws.CohesiveZone(
+        stiffness, energy, lambda x: 1e-2 * (1.0 + 0.3 * np.sin(3.0 * x[0] + x[1])), friction=0.3
+    )
+
+
+def drawn():
+    """Triangles whose bonds weaken and break, the weakest first; some close on each other."""
+    scene = xf.Scene(
+        box_bodies((2.0, 1.0), (6, 3)), {1: ELASTIC}, default_interaction=uneven(1e2, 4e-3),
+        loads=moved((LEFT, 0, 0.0), (BOTTOM, 1, 0.0), (RIGHT, 0, 2e-2)),
+    )  # fmt: skip
+    return scene, {"step": 0.25, **STATIC}, 20
+
+
+def wedged():
+    """Loose triangles of a strip that bends: nothing but contact and soft shear holds them."""
+    bond = xf.laws.CohesiveZone(10.0, 1e3, 1e-4)
+    scene = xf.Scene(
+        box_bodies((4.0, 1.0), (16, 4)), {1: ELASTIC}, default_interaction=bond,
+        loads=moved((LEFT, 0, 0.0), (LEFT, 1, 0.0), (RIGHT, 1, 1e-2)),
+    )  # fmt: skip
+    return scene, {"step": 1.0, **STATIC}, 2
+
+
+def turned():
+    """Blocks at finite strain whose bonds turn with them as the end is lifted, on a wall."""
+    scene = xf.Scene(
+        box_bodies((2.0, 1.0), (8, 4), label=quarters), {1: xf.materials.NeoHookean(1.0, 0.3, 1.0)},
+        default_interaction=xf.laws.CohesiveZone(1e2, 4e-2, 5e-2),
+        walls=[xf.Wall(BOTTOM, (0.0, -1e-2), (0.0, 1.0), xf.laws.SignoriniCoulomb(0.2))],
+        loads=[*moved((LEFT, 0, 0.0), (LEFT, 1, 0.0), (RIGHT, 1, -5e-2)),
+               xf.BodyForce((0.0, -1e-3))],
+    )  # fmt: skip
+    return scene, {"step": 1.0, **STATIC}, 4
+
+
+def rigid():
+    """Initially rigid bonds in space, of strengths from place to place, opened."""
+    law = xf.laws.RigidCohesiveZone(lambda x: 1e-2 * (1.0 + 0.2 * np.sin(5.0 * x[1])), 8e-3)
+    scene = xf.Scene(
+        box_bodies((2.0, 1.0, 1.0), (4, 2, 2), "hexahedron"), {1: ELASTIC},
+        default_interaction=law,
+        loads=moved((LEFT, 0, 0.0), (BOTTOM, 1, 0.0), (5, 2, 0.0), (RIGHT, 0, 8e-2)),
+    )  # fmt: skip
+    return scene, {"step": 1.0, **STATIC}, 6
+
+
+def touching():
+    """Two plates of bonded blocks, pressed together and shorn by a searched contact."""
+    bodies = box_bodies(
+        (2.0, 1.0), (8, 8), label=lambda x: (3.999 * x[0]).astype(int) + 4 * (x[1] > 0.5),
+        material={2: lambda x: x[1] > 0.5 - 1e-9},
+    )  # fmt: skip
+    scene = xf.Scene(
+        bodies, {1: ELASTIC, 2: ELASTIC}, interactions={(1, 2): None}, default_interaction=GLUE,
+        surfaces={"lower": (1,), "upper": (2,)},
+        contacts=[xf.Contact(("lower", "upper"), xf.laws.SignoriniCoulomb(0.3))],
+        loads=moved((BOTTOM, 0, 0.0), (BOTTOM, 1, 0.0), (TOP, 0, 1e-3), (TOP, 1, -2e-3)),
+    )  # fmt: skip
+    return scene, {"step": 1.0, **STATIC}, 4
+
+
+def held():
+    """Two blocks, each held by itself, that press each other: solved at their points."""
+    scene = xf.Scene(
+        box_bodies((2.0, 1.0), (8, 4), label=lambda x: (x[0] > 1.0).astype(int)), {1: ELASTIC},
+        default_interaction=xf.laws.SignoriniCoulomb(0.3),
+        loads=moved((LEFT, 0, 0.0), (LEFT, 1, 0.0), (RIGHT, 0, -1e-3), (RIGHT, 1, 1e-3)),
+    )  # fmt: skip
+    return scene, {"step": 1.0, "tolerance": 1e-11, **STATIC}, 3
+
+
+def inert():
+    """The system with inertia: a plate is torn by a wave."""
+    scene, _, _ = drawn()
+    loads = moved((LEFT, 0, 0.0), (BOTTOM, 1, 0.0))
+    scene = replace(
+        scene, default_interaction=uneven(20.0, 4e-2),
+        loads=[*loads, xf.PrescribedVelocity(RIGHT, 0, 7e-3)],
+        initial_velocity=lambda x: np.stack([np.where(x[0] > 1.999, 7e-3, 0.0), 0.0 * x[0]]),
+    )  # fmt: skip
+    return scene, {"step": 0.1, "solver": "monolithic", "newton_tolerance": 1e-10}, 16
+
+
+def tied():
+    """Two boxes of blocks, tied in halves by bonds that turn."""
+    scene, _, _ = meshed_scenes.tied()
+    loads = moved((LEFT, 0, 0.0), (LEFT, 1, 0.0), (RIGHT, 0, 1e-3))
+    return replace(scene, loads=loads, initial_velocity=None), {"step": 1.0, **STATIC}, 3
+
+
+def loose():
+    """The plate of `drawn`, which nothing holds."""
+    scene, options, steps = drawn()
+    return replace(scene, loads=[xf.BodyForce((1e-3, 0.0))]), options, steps
+
+
+SCENES = {
+    f.__name__: f
+    for f in (drawn, wedged, turned, rigid, touching, held, inert, tied, loose)
+}  # fmt: skip
+
+
+def run(name: str) -> dict[str, np.ndarray]:
+    """Histories and final values of a scene, the same on every rank."""
+    scene, options, steps = SCENES[name]()
+    simulation = xf.Simulation(scene, **options)
+    history: dict[str, list] = {}
+    sides = [side for side in SIDES if side in scene.bodies.facet_tags.values]
+    for record in simulation.steps(steps * options["step"]):
+        now = record.energies | {"iterations": record.newton_iterations}
+        now |= {f"reaction_{side}": simulation.reaction(side) for side in sides}
+        for key, value in now.items():
+            history.setdefault(key, []).append(value)
+    cells = simulation.bodies.parent_cell
+    dofmap = simulation.forms.V.dofmap.list
+    found = {k: np.array(v) for k, v in history.items()}
+    found["displacement"] = simulation.ranks.gather(
+        cells, simulation.state.displacement.reshape(-1, scene.dim)[dofmap]
+    )
+    found["damage"] = simulation.interactions.gather("damage")
+    everyone = simulation.team.comm.allgather
+    found["held"] = np.array(everyone([simulation.bodies.num_bodies, simulation.bulk.num_dofs]))
+    return found
+
+
+def record(folder: str, last: int, restart: bool) -> None:
+    """Run to a step of `turned`, or go on to it."""
+    scene, options, steps = turned()
+    simulation = xf.Simulation(scene, **options)
+    recorder = Recorder(simulation, folder, end_time=float(steps), restart=restart)
+    for _ in recorded_steps(recorder, float(last), "turned", quiet=True):
+        pass
+
+
+def main() -> None:
+    for argument in sys.argv[2:]:
+        if "=" in argument:
+            folder, last = argument.rsplit("=", 1)
+            record(f"{sys.argv[1]}/{folder}", int(last), "restart" in sys.argv)
+        elif argument != "restart":
+            found = run(argument)
+            if MPI.COMM_WORLD.rank == 0:
+                np.savez(f"{sys.argv[1]}/{argument}.npz", **found)
+
+
+if __name__ == "__main__":
+    run_together(main)
