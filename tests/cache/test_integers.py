@@ -2,9 +2,20 @@
 """A kernel that other kernels call is compiled once for all signed integers."""
 
 import numpy as np
+import pytest
 from numba import types
 
-from xper_fx.cache import njit
+from xper_fx.cache import kernel_folder, njit
+
+
+@pytest.fixture(autouse=True)
+def nothing_kept(monkeypatch):
+    """All is compiled here: a kept kernel does not ask those that it calls."""
+    monkeypatch.setenv("XPER_FX_CACHE", "off")
+    kernel_folder.cache_clear()
+    yield
+    monkeypatch.undo()
+    kernel_folder.cache_clear()
 
 
 @njit
