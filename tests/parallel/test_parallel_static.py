@@ -3,12 +3,11 @@
 
 import shutil
 import sys
-from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
-from on_ranks import on_ranks
+from on_ranks import on_ranks, runs_of
 
 from xper_fx.output.history import read_history
 
@@ -31,18 +30,7 @@ several = pytest.mark.parametrize(
 @pytest.fixture(scope="module")
 def found(tmp_path_factory):
     """What a scene gives on a number of ranks."""
-
-    @cache
-    def run(name: str, count: int) -> dict[str, np.ndarray]:
-        if count == 1:
-            return static_scenes.run(name)
-        folder = tmp_path_factory.mktemp(f"{name}_{count}")
-        done = on_ranks(count, SCRIPT, folder, name)
-        assert done.returncode == 0, done.stdout + done.stderr
-        assert "simulates the whole scene" not in done.stdout + done.stderr
-        return dict(np.load(folder / f"{name}.npz"))
-
-    return run
+    return runs_of(SCRIPT, SCENES, static_scenes.run, tmp_path_factory)
 
 
 @several

@@ -3,12 +3,11 @@
 
 import shutil
 import sys
-from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
-from on_ranks import on_ranks
+from on_ranks import on_ranks, runs_of
 
 from xper_fx.output.history import read_history
 from xper_fx.parallel.local_bodies import neighbours
@@ -73,23 +72,7 @@ def test_neighbours_are_the_bodies_beside_each_other():
 @pytest.fixture(scope="module")
 def found(tmp_path_factory):
     """What a scene gives on a number of ranks, in one run or another."""
-
-    @cache
-    def run_all(names: tuple[str, ...], count: int, number: int) -> Path:
-        folder = tmp_path_factory.mktemp(f"{count}_{number}")
-        done = on_ranks(count, "ranks/touching_bodies.py", folder, *names)
-        assert done.returncode == 0, done.stdout + done.stderr
-        assert "simulates the whole scene" not in done.stdout + done.stderr
-        return folder
-
-    @cache
-    def run(name: str, count: int, number: int = 1) -> dict[str, np.ndarray]:
-        if count == 1:
-            return touching_bodies.run(name)
-        names = SCENES[count] if number == 1 else (name,)
-        return dict(np.load(run_all(names, count, number) / f"{name}.npz"))
-
-    return run
+    return runs_of("ranks/touching_bodies.py", SCENES, touching_bodies.run, tmp_path_factory)
 
 
 @pytest.mark.ranks

@@ -5,8 +5,10 @@ import os
 import shutil
 import subprocess
 import sys
+from functools import cache
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 # Whether the present test is marked `ranks`; tests/conftest.py says so.
@@ -73,3 +75,34 @@ def on_ranks(count: int, script: Path, *arguments, timeout: float = 1800.0):
             process.communicate()
             raise
     return subprocess.CompletedProcess(command, process.returncode, out, error)
+
+
+def runs_of(script: Path, scenes: dict[int, tuple[str, ...]], run_alone, factory):
+    """What scenes give on numbers of ranks; those of as many ranks share one start.
+
+    Args:
+        script: writes `NAME.npz` into the folder of its first argument for each other argument.
+        scenes: names of the scenes that are run on a number of ranks.
+        run_alone: what the script does for a name, on one rank.
+        factory: `tmp_path_factory`.
+
+    Returns:
+        `found(name, count, number=1)`, arrays by name; with another `number` the scene runs again.
+    """
+
+    @cache
+    def run_all(names: tuple[str, ...], count: int, number: int) -> Path:
+        folder = factory.mktemp(f"{Path(script).stem}_{count}_{number}")
+        done = on_ranks(count, script, folder, *names)
+        assert done.returncode == 0, done.stdout + done.stderr
+        assert "simulates the whole scene" not in done.stdout + done.stderr
+        return folder
+
+    @cache
+    def found(name: str, count: int, number: int = 1) -> dict[str, np.ndarray]:
+        if count == 1:
+            return run_alone(name)
+        names = scenes[count] if number == 1 else (name,)
+        return dict(np.load(run_all(names, count, number) / f"{name}.npz"))
+
+    return found
