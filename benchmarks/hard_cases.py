@@ -19,9 +19,10 @@ CASES = Path(__file__).parent.parent / "tests" / "hard_cases"
 
 
 def figures(report: Path) -> list[tuple[str, str, float, bool]]:
-    """Case, demand, figure found and whether its test passed, from a JUnit report."""
+    """Case, demand, figure found and whether its test passed, from a JUnit report, by file."""
     rows = []
-    for test in ElementTree.parse(report).iter("testcase"):
+    tests = ElementTree.parse(report).iter("testcase")
+    for test in sorted(tests, key=lambda test: test.get("classname")):
         passed = test.find("failure") is None and test.find("error") is None
         for item in test.iterfind("properties/property[@name='figure']"):
             rows.append((*json.loads(item.get("value")), passed))
