@@ -1,12 +1,11 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Static and monolithic runs of meshed bodies by all ranks; the first writes what came out."""
 
-import sys
 from dataclasses import replace
 
 import meshed_scenes
 import numpy as np
-from mpi4py import MPI
+from asked_scenes import run_asked
 from scenes import BOTTOM, LEFT, RIGHT, TOP, box_bodies
 
 import xper_fx as xf
@@ -169,16 +168,5 @@ def record(folder: str, last: int, restart: bool) -> None:
         pass
 
 
-def main() -> None:
-    for argument in sys.argv[2:]:
-        if "=" in argument:
-            folder, last = argument.rsplit("=", 1)
-            record(f"{sys.argv[1]}/{folder}", int(last), "restart" in sys.argv)
-        elif argument != "restart":
-            found = run(argument)
-            if MPI.COMM_WORLD.rank == 0:
-                np.savez(f"{sys.argv[1]}/{argument}.npz", **found)
-
-
 if __name__ == "__main__":
-    run_together(main)
+    run_together(lambda: run_asked(run, record))

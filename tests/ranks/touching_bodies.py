@@ -1,10 +1,8 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Meshed bodies whose contacts are searched, run by all ranks; the first writes what came out."""
 
-import sys
-
 import numpy as np
-from mpi4py import MPI
+from asked_scenes import run_asked
 from scenes import BOTTOM, box_bodies
 
 from xper_fx.forms.loads import Gravity, PrescribedVelocity
@@ -269,16 +267,5 @@ def record(folder: str, last: int, restart: bool) -> None:
         pass
 
 
-def main() -> None:
-    for argument in sys.argv[2:]:
-        if "=" in argument:
-            folder, last = argument.rsplit("=", 1)
-            record(f"{sys.argv[1]}/{folder}", int(last), "restart" in sys.argv)
-        elif argument != "restart":
-            found = run(argument)
-            if MPI.COMM_WORLD.rank == 0:
-                np.savez(f"{sys.argv[1]}/{argument}.npz", **found)
-
-
 if __name__ == "__main__":
-    run_together(main)
+    run_together(lambda: run_asked(run, record))
