@@ -151,3 +151,14 @@ def test_steps_that_were_left_are_refused():
 def test_a_tag_that_occurs_nowhere_is_not_read(read, tag, error):
     with pytest.raises(error, match=f"{tag}"):
         getattr(bonded(), read)(tag)
+
+
+@pytest.mark.parametrize("solver", ["nlgs", "accelerated", "newton"])
+def test_where_one_way_of_solving_does_not_get_on_the_error_names_another(solver):
+    simulation = bonded(solver=solver, tolerance=1e-12, max_sweeps=1, max_halvings=0)
+    with pytest.raises(xf.ConvergenceError, match='solver="auto" takes another.*more sweeps'):
+        list(simulation.steps(1e-3))
+    simulation = bonded(solver="auto", tolerance=1e-12, max_sweeps=1, max_halvings=0)
+    with pytest.raises(xf.ConvergenceError, match="more sweeps") as caught:
+        list(simulation.steps(1e-3))
+    assert "solver=" not in str(caught.value)

@@ -27,8 +27,8 @@ AT_POINTS = (
     "with the bodies, or a looser tolerance; look at the last output first."
 )
 OF_ONE_SOLVER = (
-    'Only one way of solving was asked for: solver="auto" takes another where one does not get on; '
-    "or try a smaller step or a looser tolerance; look at the last output first."
+    'One way of solving was asked for: solver="auto" takes another where one does not get on. Or '
+    "try a smaller step, more sweeps or a looser tolerance; look at the last output first."
 )
 
 CONTRADICTORY = (
