@@ -2,7 +2,8 @@
 """The bulk as vectors: mass, internal, external and viscous forces, prescribed motions, energies.
 
 Everything is in the numbering of `unknowns.py`. A linear bulk assembles its stiffness once and
-never calls the forms again.
+never calls the forms again. In explicit runs its forces are had cell by cell where that serves
+(`cell_forces.py`).
 """
 
 from __future__ import annotations
@@ -31,10 +32,7 @@ from xper_fx.forms.loads import (
 from xper_fx.support.compat import geometry_dofmap
 from xper_fx.support.ranks import ALONE, Ranks
 from xper_fx.support.saved_rows import Rows
-from xper_fx.support.threads import in_ranges
 
-# Bodies whose stiffness is looked at together: their blocks stay in cache.
-_BATCH = 1024
 # Masses and stiffnesses are kept as far from the limits of floats as their squares need.
 _SMALL = 1e-150
 
@@ -61,6 +59,7 @@ class Bulk:
         weights: lumped mass a dof, which gives the norm of velocities with inertia or without,
             shape (num_dofs,), kg (2D: kg/m).
         layout: nodes body by body, prescribed dofs.
+        stiffness: K of a linear bulk, or at rest for damping, on the nodes of V; None without use.
 
     Raises:
         ValueError: no inertia, and a body or a group of joined bodies that nothing holds.
@@ -94,7 +93,7 @@ class Bulk:
             self.inertia = Inertia(self._mass())
         else:
             self.floating = self._held_by_interactions(np.reshape(joined, (-1, 2)).astype(int))
-        self._matrix = None
+        self._matrix, self._by_cell, self._critical_step = None, None, 0.0
         damps_stiffness = damping is not None and damping.stiffness > 0.0
         self.stiffness = None
         if self.linear or damps_stiffness:
@@ -185,6 +184,8 @@ class Bulk:
         if self.stiffness is not None:
             k = self.stiffness
             kept += k.data.nbytes + k.indices.nbytes + k.indptr.nbytes
+        if self._by_cell is not None:
+            kept += self._by_cell.nbytes
         return self.weights.nbytes + kept
 
     def _motion_dofs(self, motion) -> np.ndarray:
@@ -226,8 +227,25 @@ class Bulk:
     def internal(self, displacement: np.ndarray) -> np.ndarray:
         """Internal forces, shape (num_dofs,), N (2D: N/m)."""
         u = self.unknowns.expand(displacement)
-        force = multiply(self.stiffness, u) if self.linear else self.forms.assemble_internal(u)
+        if self._by_cell is not None:
+            force = self._by_cell(u)
+        else:
+            force = multiply(self.stiffness, u) if self.linear else self.forms.assemble_internal(u)
         return self.unknowns.collect(force)
+
+    def forces_by_cell(self) -> None:
+        """Have forces of a linear bulk cell by cell from now on, if each body is a simplex.
+
+        A stiffness that nothing else needs goes.
+        """
+        from xper_fx.bulk.cell_forces import CellForces
+
+        if not self.linear:
+            return
+        self.critical_step()  # the last that asks for K
+        self._by_cell = CellForces.of(self.stiffness, self.forms.V)
+        if self._by_cell is not None:
+            self.stiffness = None
 
     def external(self, time: float) -> np.ndarray | float:
         """External forces at a time (N; 2D: N/m); 0 when the scene has none."""
@@ -338,64 +356,16 @@ class Bulk:
 
     def critical_step(self) -> float:
         """Largest stable step (s) of the explicit bulk alone: 2 / omega_max at rest."""
-        stiffness = self.stiffness
-        if stiffness is None:
-            stiffness = self.tangent(np.zeros(self.num_dofs))
-        stiffness = self.unknowns.condense(stiffness)
-        if self.layout.uniform:
-            return 2.0 / float(np.sqrt(self.ranks.max(self._largest_of_bodies(stiffness))))
-        stiffness = sp.csr_array(stiffness)
-        scale = sp.diags_array(1.0 / np.sqrt(self.weights[: stiffness.shape[0]]))
-        scaled = (scale @ stiffness @ scale).tocsr()
-        top = sp.linalg.eigsh(
-            scaled,
-            k=1,
-            which="LA",
-            return_eigenvectors=False,
-            tol=1e-3,
-            v0=self._start_vector(stiffness.shape[0]),
-        )
-        return 2.0 / float(np.sqrt(self.ranks.max(top[0])))
+        if self._critical_step == 0.0:
+            from xper_fx.bulk.critical_step import largest_eigenvalue
 
-    def _largest_of_bodies(self, stiffness: sp.bsr_array) -> float:
-        """Largest eigenvalue of M^-1 K (1/s^2), of bodies of one size, body by body.
-
-        No eigenvalue exceeds the norm of its block: bodies come by falling norms, and those whose
-        norm is below what was found are left out.
-        """
-        layout, place = self.layout, self.layout.place_in_body()
-        count = layout.num_bodies
-        scale = 1.0 / np.sqrt(self.weights[layout.dofs(layout.nodes)]).reshape(count, -1)
-        norm, largest = np.empty(count), np.zeros(count)
-
-        def scaled(bodies):
-            blocks = layout.dense_blocks(stiffness, bodies, place)
-            return blocks * scale[bodies, :, None] * scale[bodies, None, :]
-
-        def measure(first, last):
-            for low in range(first, last, _BATCH):
-                bodies = np.arange(low, min(low + _BATCH, last))
-                norm[bodies] = np.linalg.norm(scaled(bodies), axis=(1, 2))
-
-        in_ranges(measure, count)
-        order = np.argsort(-norm, kind="stable")
-
-        def solve(first, last):
-            found = 0.0
-            for low in range(first, last, _BATCH):
-                bodies = order[low : min(low + _BATCH, last)]
-                if norm[bodies[0]] <= found:
-                    break
-                largest[bodies] = np.linalg.eigvalsh(scaled(bodies))[:, -1]
-                found = max(found, largest[bodies].max())
-
-        in_ranges(solve, count)
-        return float(largest.max())
-
-    @staticmethod
-    def _start_vector(size: int) -> np.ndarray:
-        """A start for eigenvalue iterations: fixed, so that runs repeat."""
-        return np.random.default_rng(0).standard_normal(size)
+            stiffness = self.stiffness
+            if stiffness is None:
+                stiffness = self.tangent(np.zeros(self.num_dofs))
+            stiffness = self.unknowns.condense(stiffness)
+            top = self.ranks.max(largest_eigenvalue(stiffness, self.weights, self.layout))
+            self._critical_step = 2.0 / float(np.sqrt(top))
+        return self._critical_step
 
     def saved(self) -> dict:
         """What the next step depends on beside the state: internal variables."""

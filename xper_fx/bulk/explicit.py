@@ -68,6 +68,21 @@ def _powers(v0, v1, start, halfway, end):
     return first, second
 
 
+@njit(fastmath={"reassoc", "contract"}, **LEAN_ENTRY)
+def _end_linear(v0, v1, start, halfway, ahead, end):
+    """Internal forces at the end of a step of a linear bulk, and what `_powers` gives.
+
+    They are the mean of those half a step before and after it.
+    """
+    first = second = 0.0
+    for i in range(len(v0)):
+        mean = 0.5 * (halfway[i] + ahead[i])
+        first += v0[i] * (halfway[i] - start[i])
+        second += v1[i] * (mean - halfway[i])
+        end[i] = mean
+    return first, second
+
+
 @njit(**LEAN_ENTRY)
 def _move(q0, v0, v1, half, q1, ahead):
     """Displacements at the end of a step, and half a step later."""
@@ -115,6 +130,8 @@ class ExplicitScheme(KeepsNothing):
         with stopwatch.phase("inverse"):
             self._inverse = LumpedInverse(bulk.layout, bulk.mass, interacting, by_body)
         stopwatch.owns("inverse", lambda: self.nbytes)
+        with stopwatch.phase("assemble"):
+            bulk.forces_by_cell()
         self._stopwatch = stopwatch
         self._ahead: tuple[np.ndarray | None, float, np.ndarray | None] = (None, 0.0, None)
 
@@ -145,9 +162,10 @@ class ExplicitScheme(KeepsNothing):
             free = np.empty_like(v0)
             _set_free(v0, inverse.diagonal, step, halfway, others, free)
             bulk.prescribe(free, time, step, self.theta, q0, v0)
-        velocity, impulses, slots = free, np.zeros_like(v0), np.zeros(0)
         sweeps, error, traction, converged = 0, 0.0, 0.0, True
-        if interactions is not None:
+        if interactions is None:
+            velocity, impulses, slots = free, np.zeros_like(v0), np.zeros(0)
+        else:
             with watch.phase("interaction terms"):
                 if interactions.turns:
                     from xper_fx.bulk.turning import turn
@@ -188,8 +206,13 @@ class ExplicitScheme(KeepsNothing):
         _move(q0, v0, velocity, 0.5 * step, displacement, ahead)
         bulk.forms.set_step(step)
         with watch.phase("energy"):
-            internal = self._internal_after(halfway, displacement, ahead, step)
-            powers = _powers(v0, velocity, state.internal, halfway, internal)
+            if bulk.linear:
+                force, internal = bulk.internal(ahead), np.empty_like(q0)
+                powers = _end_linear(v0, velocity, state.internal, halfway, force, internal)
+                self._ahead = displacement, step, force
+            else:
+                internal = bulk.internal(displacement)
+                powers = _powers(v0, velocity, state.internal, halfway, internal)
             shadow = bulk.ranks.sum(-0.25 * step * np.array(powers))
         # what is not finite is so in the sums too
         converged = bulk.ranks.all(converged and np.all(np.isfinite(shadow)))
@@ -203,16 +226,6 @@ class ExplicitScheme(KeepsNothing):
         """Internal forces half a step after a state, if the last step left them."""
         displacement, size, force = self._ahead
         return force if displacement is state.displacement and size == step else None
-
-    def _internal_after(self, halfway, displacement, ahead, step: float) -> np.ndarray:
-        """Internal forces at a displacement, from those half a step before, and after it."""
-        if not self.bulk.linear:
-            return self.bulk.internal(displacement)
-        force = self.bulk.internal(ahead)
-        self._ahead = displacement, step, force
-        internal = halfway + force
-        internal *= 0.5
-        return internal
 
     @property
     def nbytes(self) -> int:

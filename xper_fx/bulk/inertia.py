@@ -5,6 +5,17 @@ from __future__ import annotations
 
 import numpy as np
 
+from xper_fx.cache import njit
+from xper_fx.nscd.kernel_options import LEAN_ENTRY
+
+
+@njit(fastmath={"reassoc", "contract"}, **LEAN_ENTRY)
+def _weighted_square(mass, velocity):
+    total = 0.0
+    for i in range(len(mass)):
+        total += mass[i] * velocity[i] * velocity[i]
+    return total
+
 
 class Inertia:
     """A mass for each unknown.
@@ -22,4 +33,4 @@ class Inertia:
 
     def energy(self, velocity: np.ndarray) -> float:
         """v . M . v / 2, J (2D: J/m)."""
-        return 0.5 * float(velocity @ (self.mass * velocity))
+        return 0.5 * _weighted_square(self.mass, velocity)

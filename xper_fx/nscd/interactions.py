@@ -219,9 +219,10 @@ class Interactions(SteppedPoints):
         return velocity
 
     def _slots(self, bulk: np.ndarray, rigid: np.ndarray) -> np.ndarray:
-        slots = np.zeros((self.inverse.num_slots, self.dim))
+        slots, count = np.empty((self.inverse.num_slots, self.dim)), len(bulk) + len(rigid)
         slots[: len(bulk)] = bulk
-        slots[len(bulk) : len(bulk) + len(rigid)] = rigid
+        slots[len(bulk) : count] = rigid
+        slots[count:] = 0.0
         return slots
 
     def rigid_part(self, slots: np.ndarray) -> np.ndarray:

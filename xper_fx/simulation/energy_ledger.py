@@ -160,17 +160,14 @@ class EnergyLedger:
                 (num_dofs,), N; of use in static runs.
         """
         after = outcome.state
-        moved = after.displacement - before.displacement
         nodal = self._bulk.unknowns.num_nodes * self._bulk.dim
-        impulse = (outcome.force_impulse + outcome.reactions)[:nodal]
-        if self._static:
-            impulse = 0.5 * (impulse + step * np.broadcast_to(borne, moved.shape)[:nodal])
+        work = self._bulk.ranks.sum(self._work_on_nodes(before, outcome, step, borne))
         stresses = 0.5 * (before.internal[nodal:] + after.internal[nodal:])
-        work = self._bulk.ranks.sum(float(moved[:nodal] @ impulse) / step)
         if len(stresses):  # of a periodic cell, whose bonds bear couples
             borne = outcome.impulses[nodal:] / step
             stresses -= 0.5 * (borne + self._bulk.borne) if self._static else borne
-        work += float(moved[nodal:] @ stresses)  # every rank has all of it
+        moved = after.displacement[nodal:] - before.displacement[nodal:]
+        work += float(moved @ stresses)  # every rank has all of it
         kinetic = self._bulk.kinetic_energy(after.velocity)
         elastic = self._bulk.elastic_energy(after.displacement, after.internal)
         if rigid is not None:
@@ -183,7 +180,7 @@ class EnergyLedger:
             force = outcome.viscous
             if self._static:
                 force = 0.5 * (force + self._bulk.viscous(before.velocity))
-            viscous += total(float(moved @ force))
+            viscous += total(float((after.displacement - before.displacement) @ force))
         return BulkEnergies(
             work,
             kinetic,
@@ -194,6 +191,21 @@ class EnergyLedger:
             viscous,
             self._damped(before, outcome, rigid),
         )
+
+    def _work_on_nodes(
+        self, before: State, outcome: StepOutcome, step: float, borne: np.ndarray | float
+    ) -> float:
+        """Work of loads and supports on this rank's nodes in a step (J; 2D: J/m)."""
+        num_dofs, given = self._bulk.unknowns.num_nodes * self._bulk.dim, outcome.force_impulse
+        if self._static or np.ndim(given):
+            at, impulse = slice(num_dofs), (given + outcome.reactions)[:num_dofs]
+        else:  # supports alone do any
+            at = self._bulk.layout.prescribed_dofs
+            impulse = outcome.reactions[at]
+        if self._static:
+            impulse = 0.5 * (impulse + step * np.broadcast_to(borne, outcome.reactions.shape)[at])
+        moved = outcome.state.displacement[at] - before.displacement[at]
+        return float(moved @ impulse) / step
 
     def _damped(self, before: State, outcome: StepOutcome, rigid: RigidWork | None) -> float:
         """What the scheme takes in a step above theta = 1/2 (J; 2D: J/m)."""
