@@ -391,10 +391,19 @@ def test_an_impact_errs_by_what_turns_in_its_step_and_is_no_power():
     for change, impact in ((0.2, 0.0), (0.2, 0.0), (-0.5, 0.4), (-0.1, 0.0), (-0.1, 0.0)):
         work = NO_WORK._replace(impact=impact)
         taken(one, (0.0, change, 0.0), work, kinetic=0.6)
-    # 0.2 W before, (-0.5 + 0.4) W in the step: 0.3 J turn
-    assert one.errors["impacts"] == pytest.approx(0.3 / 1.3)
+    # 0.2 W before, (-0.5 + 0.4) W in the step: 0.3 J turn, and 1.4 times that may be wrong
+    assert one.errors["impacts"] == pytest.approx(0.42 / 1.42)
     # P'' is -0.3, then 0.3: h^3 / 12 of each
     assert one.errors["time step"] == pytest.approx(2.0 * 0.5 * 0.3 / 12.0)
+
+
+def test_impacts_err_each_by_itself():
+    """The times of several are independent: 0.3 J and 0.4 J that turn err as 0.5 J would."""
+    one = estimate()
+    for change, impact in ((0.2, 0.0), (0.2, 0.0), (-0.5, 0.4), (-0.1, 0.0), (-0.7, 0.2)):
+        work = NO_WORK._replace(impact=impact)
+        taken(one, (0.0, change, 0.0), work, kinetic=0.6)
+    assert one.errors["impacts"] == pytest.approx(0.7 / 1.7)
 
 
 def test_a_body_that_bounces_is_late_by_a_step():

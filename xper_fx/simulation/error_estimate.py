@@ -11,8 +11,8 @@ largest energy held or to the largest force. What makes it, by name:
 - **tolerance**: what impulses leave of wrong sign (`StepWork.numerical`), or `_OF_IMPULSES` times
   the mean error that the solver left of the impulses themselves, whichever is more: tractions that
   err by a share shift what bonds bear and spend by some of it;
-- **impacts** happen somewhere within a step: the energy that turns its way in that time, summed,
-  which cannot exceed all there is;
+- **impacts** happen somewhere within a step, each by itself: the energy that turns its way in that
+  time, the root of the sum of squares, which cannot exceed all there is;
 - **motion**: a contact that closes within a step turns the velocities in the step's middle, up to h
   late, and the bodies are that much behind for good: h |dv| of the largest displacement, in the L2
   norm, with the mean h of the steps of impacts, weighted by what each took and by the share of the
@@ -49,7 +49,7 @@ REST = 20
 # Error of global quantities over that of the impulses.
 _OF_IMPULSES = 3.0
 # Energy that an impact takes of the largest held, and what its time errs by, in steps.
-_AN_IMPACT, _OF_IMPACTS = 1e-6, 1.0
+_AN_IMPACT, _OF_IMPACTS = 1e-6, 1.4
 # Change of the velocities of bodies that bounce, over their velocities.
 _REBOUND = 1.5
 # Error of global quantities over what materials leave within steps: stresses that err go on to.
@@ -77,7 +77,7 @@ class _Parts:
         force, last_force, growth: largest force seen (N, or W), that of the last step, and by how
             much it grew in the step of the largest.
         missed: of a largest force, relative.
-        impacts: by the times of impacts.
+        impacts: squares of what steps of impacts left by their times, summed (J^2; 2D: J^2/m^2).
         struck: energy that impacts took (J; 2D: J/m).
         late: sum of the energies that impacts took times their steps (J s; 2D: J s/m), each by the
             share of the kinetic energy in what was held.
@@ -146,6 +146,7 @@ class ErrorEstimate:
         """Relative errors so far, by what makes them."""
         parts = self._parts
         scale = parts.scale or np.inf
+        impacts = np.sqrt(parts.impacts)
         impulses = _OF_IMPULSES * parts.impulses / max(parts.steps, 1)
         watched = self._supported or parts.worked > _LITTLE_WORK * scale
         within = 0.0 if self.doubling is None else _OF_MATERIALS * self.doubling.error
@@ -153,7 +154,7 @@ class ErrorEstimate:
             "time step": parts.left / scale,
             "material": within / scale,
             "tolerance": max(self.numerical, impulses),
-            "impacts": parts.impacts / (scale + parts.impacts),
+            "impacts": float(impacts / (scale + impacts)),
             "damping": abs(parts.damped) / scale,
             "closure": abs(parts.closure) / scale,
             "events": parts.missed if watched else 0.0,
@@ -238,7 +239,7 @@ class ErrorEstimate:
             strikes = share > 0.0 and work.impact > _AN_IMPACT * parts.scale
             if strikes and self._rates:
                 turn = size * np.abs(self._now.rate - self._rates[-1].rate)
-                parts.impacts += _OF_IMPACTS * float(turn.max())
+                parts.impacts += (_OF_IMPACTS * float(turn.max())) ** 2
                 parts.struck += work.impact
                 parts.late += work.impact * size * share
         # kinetic and elastic energy mirror each other; amplitudes err by half as much
