@@ -17,11 +17,13 @@ import static_scenes
 pytestmark = pytest.mark.ranks
 SCRIPT = "ranks/static_scenes.py"
 # Bonds that weaken, contacts that Newton's method does not find by itself, finite strain on a wall,
-# initially rigid bonds in space, searched contacts, contacts solved at their points, inertia, ties.
+# initially rigid bonds in space, searched contacts, contacts solved at their points, inertia, ties,
+# paths that snap back.
 SCENES = {
-    2: ("drawn", "wedged", "turned", "rigid", "touching", "held", "inert", "tied"),
-    4: ("drawn", "wedged", "turned", "touching"),
-}
+    2: ("drawn", "wedged", "turned", "rigid", "touching", "held", "inert", "tied", "peeled",
+        "unrolled"),
+    4: ("drawn", "wedged", "turned", "touching", "peeled", "unrolled"),
+}  # fmt: skip
 several = pytest.mark.parametrize(
     ("count", "name"), [(count, name) for count, names in SCENES.items() for name in names]
 )
@@ -52,7 +54,8 @@ def test_ranks_agree(found, name, count):
 def test_forces_balance_and_energy_is_exact(found, name, count):
     run = found(name, count)
     work = np.abs(run["external_work"]).max()
-    if name not in ("turned", "tied"):  # frames that turn end each step within their tolerance
+    # frames that turn end each step within their tolerance
+    if name not in ("turned", "tied", "unrolled"):
         assert np.abs(run["closure"]).max() <= 1e-11 * work
     if name in ("drawn", "wedged"):
         # a corner belongs to two sides, one of which holds it along x and the other along y
@@ -60,6 +63,20 @@ def test_forces_balance_and_energy_is_exact(found, name, count):
         axis = 0 if name == "drawn" else 1
         total = np.sum(reactions, axis=0)[:, axis]
         assert np.abs(total).max() <= 1e-10 * np.abs(reactions[0]).max()
+    if name == "peeled":
+        total = sum(run[key] for key in run if key.startswith("reaction"))
+        assert np.abs(total).max() <= 1e-10 * np.abs(run[f"reaction_{static_scenes.LEFT}"]).max()
+
+
+@pytest.mark.parametrize("count, name", [(c, n) for c in SCENES for n in ("peeled", "unrolled")])
+def test_paths_agree_turn_and_go_on(found, name, count):
+    """The loads are those of one rank, and those of a run that was saved on the way."""
+    one, many = found(name, 1), found(name, count)
+    assert np.abs(many["time"] - one["time"]).max() <= 1e-9 * one["time"].max()
+    assert np.any(np.diff(one["time"]) < 0.0) == (name == "peeled")
+    assert one["dissipated_cohesion"][-1] > 0.1 * one["external_work"][-1]
+    later = many["time"][-len(many["again"]) :]
+    assert np.abs(many["again"] - later).max() <= 1e-9 * later.max()
 
 
 @several

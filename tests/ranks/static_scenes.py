@@ -2,6 +2,7 @@
 """Static and monolithic runs of meshed bodies by all ranks; the first writes what came out."""
 
 from dataclasses import replace
+from itertools import islice
 
 import meshed_scenes
 import numpy as np
@@ -124,6 +125,45 @@ def tied():
     return replace(scene, loads=loads, initial_velocity=None), {"step": 1.0, **STATIC}, 3
 
 
+def blocks(x):
+    return 4 * (x[1] > 0.0).astype(int) + (3.999 * x[0]).astype(int)
+
+
+def arms(material):
+    """Two arms of four blocks that are pulled apart at their ends: the load rises and falls."""
+    mesh = xf.crossed_rectangle((0.0, -0.1), (1.0, 0.1), (12, 2))
+    tags = xf.tag_facets(mesh, {
+        LEFT: lambda x: (x[0] < 1e-9) & (x[1] < 1e-9),
+        BOTTOM: lambda x: (x[0] < 1e-9) & (x[1] > -1e-9),
+        RIGHT: lambda x: x[0] > 1.0 - 1e-9,
+        7: lambda x: (abs(x[1]) < 1e-9) & (x[0] < 0.25 + 1e-9),
+        8: lambda x: (abs(x[1]) < 1e-9) & (x[0] > 0.25 - 1e-9),
+    })  # fmt: skip
+    middles = mesh.geometry.x[xf.geometry_dofmap(mesh)].mean(axis=1)
+    weak = xf.laws.CohesiveZone(1e2, 2e-4, 1e-2)
+    return xf.Scene(
+        xf.explode(mesh, blocks(middles.T), facet_tags=tags), {1: material},
+        default_interaction=xf.laws.PerfectBond(), facet_interactions={7: None, 8: weak},
+        loads=moved((LEFT, 1, -1e-2), (BOTTOM, 1, 1e-2), (RIGHT, 0, 0.0), (RIGHT, 1, 0.0)),
+    )  # fmt: skip
+
+
+# Steps of paths are to hang on no number of iterations.
+MANY = 100
+
+
+def peeled():
+    """A path by growth; ranks have no bond that may weaken, or none that has opened yet."""
+    path = xf.GrowthControl(0.1, iterations=MANY)
+    return arms(ELASTIC), {"step": 1.0, "path": path, **STATIC}, 20
+
+
+def unrolled():
+    """A path by dissipation at finite strain, whose bonds turn with the arms."""
+    path = xf.DissipationControl(1e-6, iterations=MANY)
+    return arms(xf.materials.NeoHookean(1.0, 0.3, 1.0)), {"step": 1.0, "path": path, **STATIC}, 8
+
+
 def loose():
     """The plate of `drawn`, which nothing holds."""
     scene, options, steps = drawn()
@@ -132,7 +172,7 @@ def loose():
 
 SCENES = {
     f.__name__: f
-    for f in (drawn, wedged, turned, rigid, touching, held, inert, tied, loose)
+    for f in (drawn, wedged, turned, rigid, touching, held, inert, tied, peeled, unrolled, loose)
 }  # fmt: skip
 
 
@@ -142,8 +182,12 @@ def run(name: str) -> dict[str, np.ndarray]:
     simulation = xf.Simulation(scene, **options)
     history: dict[str, list] = {}
     sides = [side for side in SIDES if side in scene.bodies.facet_tags.values]
-    for record in simulation.steps(steps * options["step"]):
-        now = record.energies | {"iterations": record.newton_iterations}
+    path = simulation.path is not None
+    end = 1e6 if path else steps * options["step"]
+    for record in islice(simulation.steps(end), steps):
+        if path and record.step == steps // 2:
+            saved = simulation.saved_in_order()
+        now = record.energies | {"iterations": record.newton_iterations, "time": record.time}
         now |= {f"reaction_{side}": simulation.reaction(side) for side in sides}
         for key, value in now.items():
             history.setdefault(key, []).append(value)
@@ -154,6 +198,10 @@ def run(name: str) -> dict[str, np.ndarray]:
         cells, simulation.state.displacement.reshape(-1, scene.dim)[dofmap]
     )
     found["damage"] = simulation.interactions.gather("damage")
+    if path:
+        again = xf.Simulation(scene, **options)
+        again.restore(saved)
+        found["again"] = np.array([r.time for r in islice(again.steps(end), steps - steps // 2)])
     everyone = simulation.team.comm.allgather
     found["held"] = np.array(everyone([simulation.bodies.num_bodies, simulation.bulk.num_dofs]))
     return found

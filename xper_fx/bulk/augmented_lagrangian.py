@@ -75,7 +75,7 @@ def find_contacts(step: CoupledStep, good: float) -> bool:
         if balanced is None:
             return False
         moved = [answer - m for answer, m in zip(step.answers(), given, strict=True)]
-        now = np.concatenate([d.ravel() for d in moved])
+        now = np.concatenate([np.zeros(0), *(d.ravel() for d in moved)])  # a rank may have none
         change = step.ranks.max(float(np.abs(now).max(initial=0.0)))
         circles = 0 if balanced or change < _NEARER * least else circles + 1
         least = min(least, change)

@@ -80,16 +80,17 @@ class DissipationLimit(GrowthLimit):
 
     def _cost(self, a: np.ndarray, b: np.ndarray) -> Callable[[float], float]:
         """D along jumps a + s b of all points, shape (n, components)."""
-        ends = np.cumsum([len(g) for g in self._groups])[:-1]
-        parts = list(zip(self._groups, np.split(a, ends), np.split(b, ends), strict=True))
+        ends = np.cumsum([len(g) for g in self._groups])
+        parts = list(zip(self._groups, np.split(a, ends)[:-1], np.split(b, ends)[:-1], strict=True))
 
         def cost(s: float) -> float:
-            return sum(
+            own = sum(
                 _cost_kernel(g.kernels)(
                     g.jump, start, slope, s, g.points.area, g.parameters, g.details
                 )
                 for g, start, slope in parts
             )
+            return self._points.total(own)
 
         return cost
 
@@ -97,7 +98,7 @@ class DissipationLimit(GrowthLimit):
     def _most(self) -> float:
         """What the step is to dissipate (J)."""
         if self._asked is None:
-            broken = np.zeros((len(self._reached), self._groups[0].kernels.components))
+            broken = np.zeros_like(self._start)
             broken[:, 0] = self._reached + _BROKEN * self._length
             left = self._cost(broken, np.zeros_like(broken))(0.0)
             self._asked = min(self._energy, _OF_THE_REST * left)
@@ -105,7 +106,7 @@ class DissipationLimit(GrowthLimit):
 
     def _ends(self, a: np.ndarray, b: np.ndarray) -> tuple[float, float]:
         at_rest = roots(a[self._grows], b[self._grows], self._opening_after(0.0))
-        low, high = float(at_rest[0].max()), float(at_rest[1].min())
+        low, high = self._within(*at_rest)
         known = [s for s in (low, high) if np.isfinite(s)]
         if not known:
             return low, high
@@ -117,8 +118,9 @@ class DissipationLimit(GrowthLimit):
                 return low, high
         opened = roots(a[self._grows], b[self._grows], self._opening_after(1.0))
         with np.errstate(invalid="ignore"):  # of bonds that never reach their limits
-            below = np.fmin.reduce(at_rest[0] - opened[0])
-            above = np.fmin.reduce(opened[1] - at_rest[1])
+            reaches = at_rest[0] - opened[0], opened[1] - at_rest[1]
+        nearest = np.array([np.fmin.reduce(reach, initial=np.inf) for reach in reaches])
+        below, above = -self._points.largest(-nearest)
         return self._end(cost, low, -below), self._end(cost, high, above)
 
     def _end(self, cost: Callable[[float], float], start: float, reach: float) -> float:

@@ -15,6 +15,9 @@ its secant the bond opens too far, along its curve it closes, and the iterations
 path turns there: this bond opens, the others close. `turning` tells the bonds that take turns, and
 `follow` lets the path go on where they open. What the others would have opened up to the corner is
 left out, which a step bounds by its growth.
+
+Where ranks divide the points each has the bonds of its own; ends, sums and decisions are those of
+all, and all ranks ask together.
 """
 
 from __future__ import annotations
@@ -42,23 +45,28 @@ class GrowthLimit:
     Attributes:
         idle: whether the first iteration found that bonds may go on as far as they like: those that
             opened in the last step are broken, and the others open no further.
+        exhausted: whether all bonds are broken.
+        begins: whether no bond has opened yet.
     """
 
     def __init__(self, interactions: Interactions, growth: float, relative: float):
         self._growth = growth
+        self._points = interactions
         groups = [(n, g) for n, g in enumerate(interactions.groups) if g.kernels.growth is not None]
-        known = zip(*(g.kernels.growth(g.parameters, g.state) for _, g in groups), strict=True)
-        self._reached, length, whole = (np.concatenate(list(values)) for values in known)
+        known = [g.kernels.growth(g.parameters, g.state) for _, g in groups]
+        none = np.zeros(0), np.zeros(0), np.zeros(0, bool)  # a rank may have no bond
+        self._reached, length, whole = map(np.concatenate, zip(none, *known, strict=True))
         self._length = np.minimum(length, relative * self._reached)
         self._numbers = [n for n, _ in groups]
         # a step's end velocities have the direction of its jumps, as theta is 1
-        self._area = np.concatenate([g.points.area for _, g in groups])
-        self._start = np.concatenate([g.jump for _, g in groups])
-        forward = self._area[:, None] * np.concatenate([g.velocity for _, g in groups])
+        self._area = np.concatenate([none[0], *(g.points.area for _, g in groups)])
+        self._start = self._all([g.jump for g in interactions.groups])
+        forward = self._area[:, None] * self._all([g.velocity for g in interactions.groups])
         x = _opening(self._start)
         grew = x > (1.0 - _ROUNDING) * self._reached
-        self._forward = np.where(grew[:, None], forward, 0.0) if np.any(grew) else forward
         self._grows = np.flatnonzero(whole)
+        none_grew, self.exhausted = self._nowhere(grew, whole)
+        self._go(forward if none_grew else np.where(grew[:, None], forward, 0.0))
         self._grown = [np.zeros(len(grew), bool)] * 2
         self.idle: bool | None = None
 
@@ -68,25 +76,34 @@ class GrowthLimit:
         Args:
             leading: those bonds, shape (n,), bool, as `turning` has them.
         """
-        self._forward = np.where(leading[:, None], self._area[:, None] * self._start, 0.0)
+        self._go(np.where(leading[:, None], self._area[:, None] * self._start, 0.0))
+
+    def _go(self, forward: np.ndarray) -> None:
+        """Take what tells which way goes on, shape (n, components)."""
+        self._forward = forward
+        (self.begins,) = self._nowhere(forward)
 
     @property
-    def turning(self) -> np.ndarray:
-        """Bonds that one of the last two iterations opened beyond `reached`, shape (n,), bool."""
-        return self._grown[0] != self._grown[1]
+    def turning(self) -> np.ndarray | None:
+        """Bonds that one of the last two iterations opened beyond `reached`.
 
-    @property
-    def exhausted(self) -> bool:
-        """Whether all bonds are broken."""
-        return len(self._grows) == 0
+        Shape (n,), bool; None if there are none.
+        """
+        turning = self._grown[0] != self._grown[1]
+        return None if self._nowhere(turning)[0] else turning
 
-    @property
-    def begins(self) -> bool:
-        """Whether no bond has opened yet."""
-        return not np.any(self._forward)
+    def _nowhere(self, *conditions: np.ndarray) -> list[bool]:
+        """Of each condition whether it holds for no bond of all ranks."""
+        some = np.array([np.any(condition) for condition in conditions])
+        return [not there for there in self._points.largest(some)]
+
+    def _sum(self, a: np.ndarray, b: np.ndarray) -> float:
+        """a . b over the bonds of all ranks."""
+        return float(self._points.total(np.vdot(a, b)))
 
     def _all(self, arrays: Sequence[np.ndarray]) -> np.ndarray:
-        return np.concatenate([arrays[n] for n in self._numbers])
+        none = np.zeros((0, self._points.dim))
+        return np.concatenate([none, *(arrays[n] for n in self._numbers)])
 
     def change(
         self,
@@ -104,9 +121,9 @@ class GrowthLimit:
         """
         a, b = self._all(start), self._all(slope)
         self._grown = [self._grown[1], _opening(self._all(now)) > self._reached]
-        closed = self._all(held)
+        closed = np.concatenate([np.zeros(0, bool), *(held[n] for n in self._numbers)])
         a[closed, 0] = b[closed, 0] = 0.0
-        goes_on = float(np.vdot(self._forward, b))
+        goes_on = self._sum(self._forward, b)
         low, high = self._ends(a, b)
         if not low < high:  # on the way no load may obey all limits: one that nearly does
             middle = 0.5 * (low + high)
@@ -120,9 +137,9 @@ class GrowthLimit:
         if not self.begins:
             return ends[-1] if goes_on >= 0.0 else ends[0]
         present, a, b = self._all(now)[self._grows], a[self._grows], b[self._grows]
-        if not np.any(present):
+        if self._nowhere(present)[0]:
             return ends[-1]
-        return min(ends, key=lambda s: float(((a + s * b - present) ** 2).sum()))
+        return min(ends, key=lambda s: self._sum(a + s * b - present, a + s * b - present))
 
     def turns_back(self, moved: Sequence[np.ndarray], change: float) -> bool:
         """Whether the bonds that opened in the last step close, or the load of the first one falls.
@@ -133,7 +150,7 @@ class GrowthLimit:
         """
         if self.begins:
             return change < 0.0
-        return float(np.vdot(self._forward, self._all(moved))) < 0.0
+        return self._sum(self._forward, self._all(moved)) < 0.0
 
     def opens(self, moved: Sequence[np.ndarray]) -> bool:
         """Whether a step weakens some bond.
@@ -150,13 +167,19 @@ class GrowthLimit:
     def _ends(self, a: np.ndarray, b: np.ndarray) -> tuple[float, float]:
         """Between which s the jumps a + s b of all points, shape (n, components), may be."""
         ends = roots(a[self._grows], b[self._grows], self._opening_after(self._growth))
-        return float(ends[0].max()), float(ends[1].min())
+        return self._within(*ends)
+
+    def _within(self, low: np.ndarray, high: np.ndarray) -> tuple[float, float]:
+        """What the intervals of all bonds have in common, as low and high end."""
+        own = low.max(initial=-np.inf), -high.min(initial=np.inf)
+        low, high = self._points.largest(np.array(own)).tolist()
+        return low, -high
 
     def _used(self, jumps: np.ndarray) -> float:
         """Share of what a step may do that jumps of all points use."""
         reached, length = self._reached[self._grows], self._length[self._grows]
         grown = (_opening(jumps[self._grows]) - reached) / length
-        return float(grown.max()) / self._growth
+        return float(self._points.largest(grown.max(initial=-np.inf))) / self._growth
 
     def _opening_after(self, growth: float) -> np.ndarray:
         """Opening (m) of each bond that is left after a growth."""

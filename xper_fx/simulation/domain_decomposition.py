@@ -129,8 +129,7 @@ def _stays_whole(scene: Scene, options: Options, team: Ranks) -> bool:
 
 def _stays_whole_at_rest(scene: Scene, options: Options, spread: bool) -> bool:
     """Whether a static run is one that ranks do not divide."""
-    on_path, cell = options.path is not None, scene.macroscopic is not None
-    return spread or on_path or cell or not options.allows_one_system
+    return spread or scene.macroscopic is not None or not options.allows_one_system
 
 
 def bonds_split(scene: Scene) -> bool:

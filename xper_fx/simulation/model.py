@@ -143,8 +143,9 @@ class Model:
         self.healing = self._healing()
         self.bond_turns = self._bond_turns()
         if options.path is not None:
-            groups = [] if self.interactions is None else self.interactions.groups
-            check_path_has_bonds([group.kernels for group in groups], options.path.asks)
+            laws = [] if self.interactions is None else self.interactions.laws
+            there = self.ranks.union(np.unique(self.points.law_of_point))
+            check_path_has_bonds([laws[n].kernels(scene.dim) for n in there], options.path.asks)
         self._account()
         self.ledger = EnergyLedger(
             self.bulk, self.start, self.scheme.theta, self.rigid, options.scheme == "explicit",

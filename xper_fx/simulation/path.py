@@ -185,10 +185,10 @@ class PathFollower:
             self._guesses = False
             return True
         self._guesses = False
-        if self._leading is None and self.share <= _AT_CORNER and np.any(self._limit.turning):
-            self._leading = self._limit.turning
+        corner = self._leading is None and self.share <= _AT_CORNER
+        self._leading = self._limit.turning if corner else None
+        if self._leading is not None:
             return True
-        self._leading = None
         self.share *= _SHORTENED
         return self.share >= _LEAST
 
