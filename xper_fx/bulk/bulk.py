@@ -61,6 +61,7 @@ class Bulk:
         weights: lumped mass a dof, which gives the norm of velocities with inertia or without,
             shape (num_dofs,), kg (2D: kg/m).
         layout: nodes body by body, prescribed dofs.
+        num_common: how many of the last unknowns all ranks have, with the same values.
 
     Raises:
         ValueError: no inertia, and a body or a group of joined bodies that nothing holds.
@@ -77,6 +78,7 @@ class Bulk:
         numbers: np.ndarray | None = None,
     ):
         self.forms, self.ranks, self._numbers = forms, ranks, numbers
+        self.num_common = 0
         self.linear = forms.linear
         self.dim = forms.V.dofmap.index_map_bs
         self.unknowns = self._make_unknowns()
