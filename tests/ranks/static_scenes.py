@@ -6,15 +6,17 @@ from itertools import islice
 
 import meshed_scenes
 import numpy as np
+import periodic_cells
 from asked_scenes import run_asked
 from scenes import BOTTOM, LEFT, RIGHT, TOP, box_bodies
 
 import xper_fx as xf
-from xper_fx.output.recorder import Recorder
+from xper_fx.output.recorder import Recorder, macroscopic_columns
 from xper_fx.output.run import recorded_steps
 from xper_fx.parallel.launch import run_together
 
 ELASTIC = xf.materials.LinearElastic(1.0, 0.3, 1.0)
+ELASTIC_CELL = xf.materials.LinearElastic(100.0, 0.3, 1.0)
 SIDES = (LEFT, RIGHT, BOTTOM, TOP)
 GLUE = xf.laws.CohesiveZone(1e3, 1e3, 1e2)
 STATIC = {"inertia": False, "newton_tolerance": 1e-11}
@@ -164,6 +166,36 @@ def unrolled():
     return arms(xf.materials.NeoHookean(1.0, 0.3, 1.0)), {"step": 1.0, "path": path, **STATIC}, 8
 
 
+def inert_cell():
+    """The system of a cell with inertia."""
+    scene, _ = periodic_cells.small_strain()
+    return scene, {"step": 0.05, "solver": "monolithic", "newton_tolerance": 1e-10}, 6
+
+
+def cell():
+    """Grains of a periodic cell, some tied to themselves across its boundary, that come apart."""
+    scene = periodic_cells.grains(ELASTIC_CELL, periodic_cells.MIXED)
+    return scene, {"step": 0.1, **STATIC}, 5
+
+
+def turned_cell():
+    """Triangles at finite strain, of which ranks have neighbours across the boundary."""
+    scene, _ = periodic_cells.each_cell()
+    soft, stiff = (xf.materials.NeoHookean(young, 0.3, 1.0) for young in (100.0, 300.0))
+    return replace(scene, materials={1: soft, 2: stiff}), {"step": 0.05, **STATIC}, 6
+
+
+def celled_path():
+    """A cell whose load is found: it goes past its peak."""
+    drive = xf.MacroscopicDrive(
+        gradient={"11": lambda t: 1.0 + 1e-2 * t, "21": 0.0},
+        stress={name: 0.0 for name in ("12", "22")},
+    )
+    scene, _ = periodic_cells.each_cell()
+    path = xf.GrowthControl(0.1, iterations=MANY)
+    return replace(scene, macroscopic=drive), {"step": 1.0, "path": path, **STATIC}, 6
+
+
 def loose():
     """The plate of `drawn`, which nothing holds."""
     scene, options, steps = drawn()
@@ -172,7 +204,8 @@ def loose():
 
 SCENES = {
     f.__name__: f
-    for f in (drawn, wedged, turned, rigid, touching, held, inert, tied, peeled, unrolled, loose)
+    for f in (drawn, wedged, turned, rigid, touching, held, inert, tied, peeled, unrolled,
+              inert_cell, cell, turned_cell, celled_path, loose)
 }  # fmt: skip
 
 
@@ -188,6 +221,8 @@ def run(name: str) -> dict[str, np.ndarray]:
         if path and record.step == steps // 2:
             saved = simulation.saved_in_order()
         now = record.energies | {"iterations": record.newton_iterations, "time": record.time}
+        if scene.macroscopic is not None:
+            now |= macroscopic_columns(simulation)
         now |= {f"reaction_{side}": simulation.reaction(side) for side in sides}
         for key, value in now.items():
             history.setdefault(key, []).append(value)
@@ -195,15 +230,19 @@ def run(name: str) -> dict[str, np.ndarray]:
     dofmap = simulation.forms.V.dofmap.list
     found = {k: np.array(v) for k, v in history.items()}
     found["displacement"] = simulation.ranks.gather(
-        cells, simulation.state.displacement.reshape(-1, scene.dim)[dofmap]
+        cells, simulation.displacement.x.array.reshape(-1, scene.dim)[dofmap]
     )
+    if scene.macroscopic is not None:  # the node that is held is another one on ranks
+        found["displacement"] -= found["displacement"].mean(axis=(0, 1))
     found["damage"] = simulation.interactions.gather("damage")
     if path:
         again = xf.Simulation(scene, **options)
         again.restore(saved)
         found["again"] = np.array([r.time for r in islice(again.steps(end), steps - steps // 2)])
     everyone = simulation.team.comm.allgather
-    found["held"] = np.array(everyone([simulation.bodies.num_bodies, simulation.bulk.num_dofs]))
+    bulk = simulation.bulk
+    dofs = bulk.num_dofs - (bulk.num_common if simulation.ranks.rank else 0)
+    found["held"] = np.array(everyone([simulation.bodies.num_bodies, dofs]))
     return found
 
 

@@ -170,7 +170,7 @@ class _Line:
         step, along = self._step, self._correction.velocity
         step.move(self._velocity + length * along, self._time + length * self._correction.time)
         step.impulses = step.on_unknowns(step.answers())
-        return -step.ranks.sum(float(along @ step.balance()))
+        return -step.dot(along, step.balance())
 
     def shorten(self) -> None:
         """Go to a length at which the slope is flat: the whole one, or one within it."""

@@ -60,6 +60,7 @@ class Bulk:
             shape (num_dofs,), kg (2D: kg/m).
         layout: nodes body by body, prescribed dofs.
         stiffness: K of a linear bulk, or at rest for damping, on the nodes of V; None without use.
+        num_common: how many of the last unknowns all ranks have, with the same values.
 
     Raises:
         ValueError: no inertia, and a body or a group of joined bodies that nothing holds.
@@ -76,6 +77,7 @@ class Bulk:
         numbers: np.ndarray | None = None,
     ):
         self.forms, self.ranks, self._numbers = forms, ranks, numbers
+        self.num_common = 0
         self.linear = forms.linear
         self.dim = forms.V.dofmap.index_map_bs
         self.unknowns = self._make_unknowns()

@@ -66,8 +66,11 @@ class CoupledMatrices:
                 dofs = layout.dofs(self.nodes)
                 dofs_of_slots[: len(dofs)] = dofs
                 halo = interactions.halo
-            make = CoupledSystem if halo is None else halo.coupled_system
-            self._system = make(matrix, layout.prescribed, dofs_of_slots, interactions)
+            own = matrix, layout.prescribed, dofs_of_slots, interactions
+            if halo is None:
+                self._system = CoupledSystem(*own)
+            else:
+                self._system = halo.coupled_system(*own, self.bulk.num_common)
             self._renewals = renewals
         elif interactions is not None and interactions.turns:
             self._system.turn(interactions)

@@ -71,6 +71,7 @@ class CoupledStep:
     Attributes:
         loading, interactions, state, step, growth: as given.
         ranks: those that divide the bodies.
+        dot: inner product of vectors of all unknowns over them.
         velocity: of all unknowns (m/s).
         residual, internal: of the bulk there, without impulses (N s), and its forces (N).
         slots: velocities of the points' nodes.
@@ -96,7 +97,7 @@ class CoupledStep:
         self.loading, self.step, self.growth = loading, step, growth
         self.interactions = interactions
         bulk = matrices.bulk
-        self.ranks = bulk.ranks
+        self.ranks, self.dot = bulk.ranks, bulk.dot
         self._free = ~bulk.layout.prescribed
         self._extent = extent(bulk)
         self._tangents = None if interactions is None else PointTangents(interactions)

@@ -120,6 +120,10 @@ class CoupledSystem:
         """Entries of the matrix that is factorised, of those that points and bodies here give."""
         return data
 
+    def _solved(self, right: np.ndarray) -> np.ndarray:
+        """The factorised matrix's solution, both of shape (num_dofs,)."""
+        return self._used.solve(right)
+
     def _times(self, x: np.ndarray) -> np.ndarray | float:
         """The matrix, prescribed rows and columns too, times x, both of shape (num_dofs,)."""
         if not np.any(x):
@@ -144,7 +148,7 @@ class CoupledSystem:
         x = np.where(free, 0.0, given)
         shifted = right - self._times(x)
         try:
-            return self._used.solve(np.where(free, shifted, x))
+            return self._solved(np.where(free, shifted, x))
         except SingularMatrixError:
             self._used = None
             raise

@@ -155,7 +155,7 @@ class SemismoothNewton:
         step.impulses = step.on_unknowns(step.impulses_of_points())
         balance = step.balance()
         self._most = step.ranks.max(max(self._apart[1], float(np.abs(balance).max(initial=0.0))))
-        return float(np.sqrt(step.ranks.sum(self._apart[0] + balance @ balance)))
+        return float(np.sqrt(step.ranks.sum(self._apart[0]) + step.dot(balance, balance)))
 
 
 def _stalls(history: list[float]) -> bool:

@@ -120,7 +120,12 @@ class PointHalo(AnyHalo, Protocol):
         """The linear system of Newton's method over all ranks; `interactions` are this rank's."""
 
     def coupled_system(
-        self, bulk: Any, prescribed: np.ndarray, dofs_of_slots: np.ndarray, interactions: Any
+        self,
+        bulk: Any,
+        prescribed: np.ndarray,
+        dofs_of_slots: np.ndarray,
+        interactions: Any,
+        num_common: int,
     ) -> Any:
         """Bulk and points of all ranks as one matrix (`bulk/coupled_system.py`)."""
 

@@ -2,7 +2,9 @@
 """The matrix of bulk and points of all ranks, each with the rows of its own bodies.
 
 A rank adds up what its bodies and its points give, as on one rank; its points reach ghosts, too.
-Rows of ghosts then go to their owners, which add them in the order of the ranks.
+Rows of ghosts then go to their owners, which add them in the order of the ranks. So do the rows of
+unknowns that all ranks have, the gradient of a periodic cell, to the first rank: each rank gives
+what its bodies add to them, and right-hand sides are whole on every rank.
 """
 
 from __future__ import annotations
@@ -23,6 +25,7 @@ class SharedCoupledSystem(CoupledSystem):
         prescribed: shape (num_dofs,), bool, of this rank's dofs.
         dofs_of_slots: as of `CoupledSystem`, -1 for ghosts, too.
         interactions: this rank's points, with a halo.
+        num_common: how many of the last dofs all ranks have (`Bulk.num_common`).
     """
 
     def __init__(
@@ -31,6 +34,7 @@ class SharedCoupledSystem(CoupledSystem):
         prescribed: np.ndarray,
         dofs_of_slots: np.ndarray,
         interactions: Interactions,
+        num_common: int,
     ):
         halo, own, dim = interactions.halo, bulk.shape[0], interactions.dim
         self._halo, self._ranks, self._num_slot_dofs = halo, halo.ranks, len(dofs_of_slots)
@@ -41,23 +45,32 @@ class SharedCoupledSystem(CoupledSystem):
         held = self._with_ghosts(prescribed.astype(float)) > 0.0
         super().__init__(bulk, held, dofs_of_slots, interactions)
 
-        firsts = np.array(self._ranks.comm.allgather(self._ranks.before(own)))
+        self._common = slice(own - num_common, own)
+        have = own if self._ranks.rank == 0 else own - num_common
+        self._have = have
+        firsts = np.array(self._ranks.comm.allgather(self._ranks.before(have)))
         mine = firsts[self._ranks.rank]
-        number = self._with_ghosts(mine + np.arange(own, dtype=float)).astype(np.int64)
+        numbers = mine + np.arange(own, dtype=float)
+        numbers[self._common] = self._of_first(numbers[self._common])
+        number = self._with_ghosts(numbers).astype(np.int64)
         rows, columns = number[self._rows], number[self._columns]
         owner = np.searchsorted(firsts, rows, side="right") - 1
-        given = (self._rows >= own) & self._kept
+        given = (self._rows >= have) & self._kept
         self._given = [np.flatnonzero(given & (owner == r)) for r in range(self._ranks.size)]
-        self._here = np.flatnonzero(self._rows < own)
+        self._here = np.flatnonzero(self._rows < have)
         got = self._ranks.comm.alltoall([(rows[g], columns[g]) for g in self._given])
         rows, columns = (
             np.concatenate(parts)
             for parts in zip((rows[self._here], columns[self._here]), *got, strict=True)
         )
-        size = int(self._ranks.sum(own))
+        size = int(self._ranks.sum(have))
         unique, self._place = np.unique((rows - mine) * size + columns, return_inverse=True)
         rows, columns = np.divmod(unique, size)
-        self._pattern = np.searchsorted(rows, np.arange(own + 1)), columns
+        self._pattern = np.searchsorted(rows, np.arange(have + 1)), columns
+
+    def _of_first(self, common: np.ndarray) -> np.ndarray:
+        """The first rank's values at the unknowns that all ranks have."""
+        return self._ranks.comm.bcast(common) if len(common) else common
 
     def _with_ghosts(self, values: np.ndarray) -> np.ndarray:
         """Values at this rank's dofs, shape (num_dofs,), and at ghosts behind them."""
@@ -78,6 +91,12 @@ class SharedCoupledSystem(CoupledSystem):
             self._place, np.concatenate([data[self._here], *got]), len(self._pattern[1])
         )
 
+    def _solved(self, right: np.ndarray) -> np.ndarray:
+        x = np.empty(self._own)
+        x[: self._have] = self._used.solve(right[: self._have])
+        x[self._common] = self._of_first(x[self._common])
+        return x
+
     def _times(self, x: np.ndarray) -> np.ndarray | float:
         if not self._ranks.max(np.any(x)):
             return 0.0
@@ -88,4 +107,6 @@ class SharedCoupledSystem(CoupledSystem):
         self._halo.everywhere.add_back(slots)
         product = product[: self._own]
         product[self._of_slots] += slots[: len(self._of_slots)]
+        if self._common.start < self._own:
+            product[self._common] = self._ranks.sum(product[self._common])
         return product

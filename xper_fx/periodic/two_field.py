@@ -81,6 +81,7 @@ class CellBulk(Bulk):
         self._committed_compliance = self._compliance.copy()
         self._static = not inertia
         super().__init__(forms, inertia=inertia, joined=joined, ranks=ranks)
+        self.num_common = dim * dim
         self._refuse_pressing_the_incompressible()
         self._rounding = self._forces_of_rounding() if len(self.free) else 0.0
 
@@ -96,7 +97,7 @@ class CellBulk(Bulk):
     def _prescribed(self) -> np.ndarray:
         out = np.zeros(self.num_dofs, bool)
         out[self.unknowns.macroscopic] = self.drive.kinematic(self.dim)
-        if self._static:
+        if self._static and self.ranks.rank == 0:
             out[: self.dim] = True  # the translation of u#, which nothing else holds
         return out
 
@@ -109,7 +110,7 @@ class CellBulk(Bulk):
         them is along the axis.
         """
         unknowns = self.unknowns
-        num_bodies = len(unknowns.offsets) - 1
+        num_bodies = int(self.ranks.sum(len(unknowns.offsets) - 1))
         if num_bodies > 1:
             graph = coo_array((np.ones(len(joined)), tuple(joined.T)), shape=2 * (num_bodies,))
             if connected_components(graph, directed=False)[0] == 1:

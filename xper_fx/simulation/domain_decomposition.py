@@ -106,7 +106,10 @@ def _stays_whole(scene: Scene, options: Options, team: Ranks) -> bool:
             ("fewer bodies than ranks", touching and scene.bodies.num_bodies < team.size),
             ("ties", scene.ties and _cannot_tie(scene, team.size)),
             ("joints", len(scene.joints) > 0),
-            ("no inertia", not options.inertia and _stays_whole_at_rest(scene, options, spread)),
+            (
+                "no inertia",
+                not options.inertia and (spread or not options.allows_one_system),
+            ),
             ("a solver for one rank", options.solver not in _ON_RANKS),
             (
                 "nothing between bodies",
@@ -125,11 +128,6 @@ def _stays_whole(scene: Scene, options: Options, team: Ranks) -> bool:
             "each of %d ranks simulates the whole scene, as it has %s", team.size, " and ".join(why)
         )
     return bool(why)
-
-
-def _stays_whole_at_rest(scene: Scene, options: Options, spread: bool) -> bool:
-    """Whether a static run is one that ranks do not divide."""
-    return spread or scene.macroscopic is not None or not options.allows_one_system
 
 
 def bonds_split(scene: Scene) -> bool:
