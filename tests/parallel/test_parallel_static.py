@@ -18,14 +18,14 @@ pytestmark = pytest.mark.ranks
 SCRIPT = "ranks/static_scenes.py"
 # Bonds that weaken, contacts that Newton's method does not find by itself, finite strain on a wall,
 # initially rigid bonds in space, searched contacts, contacts solved at their points, inertia, ties,
-# paths that snap back, periodic cells, also along a path.
+# paths that snap back, periodic cells, also along a path, meshes that are spread over the ranks.
 SCENES = {
     2: ("drawn", "wedged", "turned", "rigid", "touching", "held", "inert", "tied", "peeled",
-        "unrolled", "inert_cell", "cell", "turned_cell"),
+        "unrolled", "inert_cell", "cell", "turned_cell", "spread_drawn", "groups"),
     4: ("drawn", "wedged", "turned", "touching", "peeled", "unrolled", "turned_cell",
-        "celled_path"),
+        "celled_path", "spread_unrolled", "spread_row", "groups"),
 }  # fmt: skip
-RUNS = [(count, name) for count, names in SCENES.items() for name in names]
+RUNS = [(count, name) for count, names in SCENES.items() for name in names if name != "groups"]
 several = pytest.mark.parametrize(("count", "name"), RUNS)
 
 
@@ -58,7 +58,7 @@ def test_forces_balance_and_energy_is_exact(found, name, count):
     run = found(name, count)
     work = np.abs(run["external_work"]).max()
     # frames that turn end each step within their tolerance
-    if name not in ("turned", "tied", "unrolled", "turned_cell"):
+    if name not in ("turned", "tied", "unrolled", "spread_unrolled", "turned_cell"):
         assert np.abs(run["closure"]).max() <= 1e-11 * work
     if "hill_mandel" in run:
         assert run["hill_mandel"].max() <= (1e-6 if name == "turned_cell" else 1e-10)
@@ -74,7 +74,8 @@ def test_forces_balance_and_energy_is_exact(found, name, count):
 
 
 @pytest.mark.parametrize(
-    ("count", "name"), [(c, n) for c, n in RUNS if n in ("peeled", "unrolled", "celled_path")]
+    ("count", "name"),
+    [(c, n) for c, n in RUNS if n in ("peeled", "unrolled", "spread_unrolled", "celled_path")],
 )
 def test_paths_agree_turn_and_go_on(found, name, count):
     """The loads are those of one rank, and those of a run that was saved on the way."""
@@ -99,11 +100,19 @@ def test_what_was_compared_has_weakened_and_slid(found):
     assert found("wedged", 1)["iterations"][0] > 30  # contacts were looked for
 
 
-def test_what_nothing_holds_is_told_as_on_one_rank(tmp_path):
+@pytest.mark.parametrize("name", ["loose", "spread_loose"])
+def test_what_nothing_holds_is_told_as_on_one_rank(tmp_path, name):
     with pytest.raises(ValueError, match="is free with the 71 it is joined to") as raised:
-        static_scenes.run("loose")
-    done = on_ranks(2, SCRIPT, tmp_path, "loose")
+        static_scenes.run(name)
+    done = on_ranks(2, SCRIPT, tmp_path, name)
     assert done.returncode != 0 and str(raised.value) in done.stderr
+
+
+@pytest.mark.parametrize("count", SCENES)
+def test_groups_that_reach_over_ranks_are_one(found, count):
+    one, many = found("groups", 1)["told"], found("groups", count)["told"]
+    assert len(np.unique(one[:, 2])) > 1 and one[:, 3].max() > 10
+    np.testing.assert_allclose(many, one, rtol=1e-12)
 
 
 def test_a_run_goes_on_from_its_checkpoint(tmp_path):

@@ -105,7 +105,7 @@ def wrong() -> list[str]:
         lambda: Simulation(whole, **options),
         lambda: Simulation(scene, step=1e-4 * (1 + WORLD.rank)),
         lambda: Simulation(scene, comm=MPI.COMM_SELF, **options),
-        lambda: Simulation(scene, step=1e-4, inertia=False),
+        lambda: Simulation(scene, step=1e-4, inertia=False, solver="nlgs"),
         lambda: Simulation(
             replace(
                 scene,

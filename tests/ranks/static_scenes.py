@@ -7,17 +7,20 @@ from itertools import islice
 import meshed_scenes
 import numpy as np
 import periodic_cells
+import scenes
 from asked_scenes import run_asked
-from scenes import BOTTOM, LEFT, RIGHT, TOP, box_bodies
+from mpi4py import MPI
+from scenes import BOTTOM, LEFT, RIGHT, TOP, box_bodies, midpoints
 
 import xper_fx as xf
+from xper_fx.bulk.rigid_motions import loose_bodies
 from xper_fx.output.recorder import Recorder, macroscopic_columns
 from xper_fx.output.run import recorded_steps
 from xper_fx.parallel.launch import run_together
+from xper_fx.support.ranks import Ranks
 
 ELASTIC = xf.materials.LinearElastic(1.0, 0.3, 1.0)
 ELASTIC_CELL = xf.materials.LinearElastic(100.0, 0.3, 1.0)
-SIDES = (LEFT, RIGHT, BOTTOM, TOP)
 GLUE = xf.laws.CohesiveZone(1e3, 1e3, 1e2)
 STATIC = {"inertia": False, "newton_tolerance": 1e-11}
 
@@ -133,7 +136,7 @@ def blocks(x):
 
 def arms(material):
     """Two arms of four blocks that are pulled apart at their ends: the load rises and falls."""
-    mesh = xf.crossed_rectangle((0.0, -0.1), (1.0, 0.1), (12, 2))
+    mesh = xf.crossed_rectangle((0.0, -0.1), (1.0, 0.1), (12, 2), scenes.COMM)
     tags = xf.tag_facets(mesh, {
         LEFT: lambda x: (x[0] < 1e-9) & (x[1] < 1e-9),
         BOTTOM: lambda x: (x[0] < 1e-9) & (x[1] > -1e-9),
@@ -141,10 +144,10 @@ def arms(material):
         7: lambda x: (abs(x[1]) < 1e-9) & (x[0] < 0.25 + 1e-9),
         8: lambda x: (abs(x[1]) < 1e-9) & (x[0] > 0.25 - 1e-9),
     })  # fmt: skip
-    middles = mesh.geometry.x[xf.geometry_dofmap(mesh)].mean(axis=1)
+    own = mesh.topology.index_map(2).size_local
     weak = xf.laws.CohesiveZone(1e2, 2e-4, 1e-2)
     return xf.Scene(
-        xf.explode(mesh, blocks(middles.T), facet_tags=tags), {1: material},
+        xf.explode(mesh, blocks(midpoints(mesh))[:own], facet_tags=tags), {1: material},
         default_interaction=xf.laws.PerfectBond(), facet_interactions={7: None, 8: weak},
         loads=moved((LEFT, 1, -1e-2), (BOTTOM, 1, 1e-2), (RIGHT, 0, 0.0), (RIGHT, 1, 0.0)),
     )  # fmt: skip
@@ -164,6 +167,22 @@ def unrolled():
     """A path by dissipation at finite strain, whose bonds turn with the arms."""
     path = xf.DissipationControl(1e-6, iterations=MANY)
     return arms(xf.materials.NeoHookean(1.0, 0.3, 1.0)), {"step": 1.0, "path": path, **STATIC}, 8
+
+
+def row():
+    """A row of blocks with one weak section, of which some ranks of a spread mesh know nothing."""
+    bodies = box_bodies(
+        (4.0, 1.0), (16, 2), "quadrilateral", label=lambda x: (1.999 * x[0]).astype(int),
+        interior={7: lambda x: np.isclose(x[0], 0.5)},
+    )  # fmt: skip
+    weak = xf.laws.CohesiveZone(1e2, 2e-4, 1e-2)
+    scene = xf.Scene(
+        bodies, {1: ELASTIC}, default_interaction=xf.laws.PerfectBond(),
+        facet_interactions={7: weak},
+        loads=moved((LEFT, 0, 0.0), (BOTTOM, 1, 0.0), (RIGHT, 0, 1e-2)),
+    )  # fmt: skip
+    path = xf.GrowthControl(0.2, iterations=MANY)
+    return scene, {"step": 1.0, "path": path, **STATIC}, 4
 
 
 def inert_cell():
@@ -204,17 +223,42 @@ def loose():
 
 SCENES = {
     f.__name__: f
-    for f in (drawn, wedged, turned, rigid, touching, held, inert, tied, peeled, unrolled,
+    for f in (drawn, wedged, turned, rigid, touching, held, inert, tied, peeled, unrolled, row,
               inert_cell, cell, turned_cell, celled_path, loose)
 }  # fmt: skip
 
 
+def groups() -> dict[str, np.ndarray]:
+    """What is free to move of bodies at random places that are joined at random."""
+    ranks, told = Ranks(MPI.COMM_WORLD), []
+    for seed in range(30):
+        rng, count = np.random.default_rng(seed), 60
+        x, joined = rng.random((count, 3, 2)), rng.integers(0, count, (3 * seed + 20, 2))
+        held = np.zeros(x.shape, bool)
+        held[rng.random(count) < 0.03, 0] = held[rng.random(count) < 0.03, 1] = True
+        numbers = np.arange(ranks.rank, count, ranks.size)
+        bodies, ways, place = loose_bodies(
+            x[numbers].reshape(-1, 2), np.full(len(numbers), 3), held[numbers].reshape(-1, 2),
+            joined, numbers, ranks,
+        )  # fmt: skip
+        told.append([*place, ways, len(bodies), bodies.min(initial=count), bodies.sum()])
+    return {"told": np.array(told)}
+
+
 def run(name: str) -> dict[str, np.ndarray]:
-    """Histories and final values of a scene, the same on every rank."""
-    scene, options, steps = SCENES[name]()
+    """Histories and final values of a scene, the same on every rank.
+
+    Where a name begins with "spread_" the mesh is spread over the ranks, and fields are sorted.
+    """
+    if name == "groups":
+        return groups()
+    spread = name.startswith("spread_")
+    scenes.COMM = MPI.COMM_WORLD if spread else MPI.COMM_SELF
+    scene, options, steps = SCENES[name.removeprefix("spread_")]()
+    scenes.COMM = MPI.COMM_SELF
     simulation = xf.Simulation(scene, **options)
     history: dict[str, list] = {}
-    sides = [side for side in SIDES if side in scene.bodies.facet_tags.values]
+    sides = sorted({load.facets for load in scene.loads if hasattr(load, "facets")})
     path = simulation.path is not None
     end = 1e6 if path else steps * options["step"]
     for record in islice(simulation.steps(end), steps):
@@ -229,12 +273,13 @@ def run(name: str) -> dict[str, np.ndarray]:
     cells = simulation.bodies.parent_cell
     dofmap = simulation.forms.V.dofmap.list
     found = {k: np.array(v) for k, v in history.items()}
-    found["displacement"] = simulation.ranks.gather(
-        cells, simulation.displacement.x.array.reshape(-1, scene.dim)[dofmap]
-    )
+    displacement = simulation.displacement.x.array.reshape(-1, scene.dim)[dofmap]
+    found["displacement"] = simulation.ranks.gather(cells, displacement)
     if scene.macroscopic is not None:  # the node that is held is another one on ranks
         found["displacement"] -= found["displacement"].mean(axis=(0, 1))
     found["damage"] = simulation.interactions.gather("damage")
+    if spread:
+        found |= {key: np.sort(found[key].ravel()) for key in ("displacement", "damage")}
     if path:
         again = xf.Simulation(scene, **options)
         again.restore(saved)

@@ -171,6 +171,10 @@ class Bodies:
             return self.num_bodies, len(self.body_of_cell)
         return self.spread.num_bodies, self.spread.num_cells
 
+    def numbers_on_all(self, bodies: npt.NDArray[np.integer]) -> npt.NDArray[np.integer]:
+        """Numbers of bodies on which all ranks agree: of a mesh that is spread, their labels."""
+        return bodies if self.spread is None else self.labels[bodies]
+
     def require_whole(self, what: str) -> None:
         """Raise a SerialOnlyError if the mesh is spread over ranks.
 

@@ -47,7 +47,8 @@ class Bulk:
         inertia: False for a static bulk, without mass. Nothing takes its place: K is not
             regularised, so that what is prescribed must hold every body, or every group of bodies
             that interactions join.
-        joined: pairs of bodies between which interactions act, shape (n, 2), of all ranks.
+        joined: pairs of bodies between which interactions act, shape (n, 2), at least all that
+            this rank's are in; a periodic cell takes those of all ranks.
         ranks: ranks that divide the bodies; vectors are this rank's, sums those of all.
         numbers: shape (num_bodies,), which of the bodies of all ranks this rank's are; None where
             it has all.
@@ -143,7 +144,7 @@ class Bulk:
         return x, layout.prescribed[layout.dofs(layout.nodes)].reshape(x.shape)
 
     def loose_bodies(self, joined: np.ndarray) -> tuple[np.ndarray, int, np.ndarray]:
-        """As `rigid_motions.loose_bodies`, for pairs of the bodies of all ranks, shape (n, 2)."""
+        """As `rigid_motions.loose_bodies`, for pairs of bodies, shape (n, 2)."""
         x, held = self.nodes_of_bodies()
         sizes = np.diff(self.layout.offsets)
         return loose_bodies(x, sizes, held, joined, self._numbers, self.ranks)

@@ -35,30 +35,6 @@ def free_rigid_motions(x: np.ndarray, offsets: np.ndarray, held: np.ndarray) -> 
     return _not_held(np.linalg.eigvalsh(grams)).sum(axis=1)
 
 
-def loose_group(
-    x: np.ndarray, offsets: np.ndarray, held: np.ndarray, joined: np.ndarray
-) -> tuple[np.ndarray, int]:
-    """The first group of joined bodies that is free to move as a whole.
-
-    Args:
-        x, offsets, held: as of `free_rigid_motions`.
-        joined: pairs of bodies, shape (n, 2).
-
-    Returns:
-        Its bodies, none if all groups are held, and in how many ways it is free.
-    """
-    graph = coo_array((np.ones(len(joined)), tuple(joined.T)), shape=2 * (len(offsets) - 1,))
-    _, group = connected_components(graph, directed=False)
-    group_of_node = np.repeat(group, np.diff(offsets))
-    order = np.argsort(group_of_node, kind="stable")
-    firsts = np.concatenate([[0], np.cumsum(np.bincount(group_of_node))])
-    free = free_rigid_motions(x[order], firsts, held[order])
-    if not np.any(free):
-        return np.empty(0, int), 0
-    loose = int(np.argmax(free > 0))
-    return np.flatnonzero(group == loose), int(free[loose])
-
-
 def loose_bodies(
     x: np.ndarray,
     sizes: np.ndarray,
@@ -69,10 +45,13 @@ def loose_bodies(
 ) -> tuple[np.ndarray, int, np.ndarray]:
     """The first group of joined bodies that is free to move; all ranks call it together.
 
+    A rank knows no more than its own bodies and what they are joined to: groups that reach over
+    several ranks are put together at the cuts, and what is summed over their nodes is told to all.
+
     Args:
         x, held: as of `free_rigid_motions`, of this rank's bodies.
         sizes: shape (num_bodies,), nodes of each.
-        joined: pairs of the bodies of all ranks, shape (n, 2).
+        joined: pairs of bodies, shape (n, 2); those of other ranks may be among them.
         numbers: shape (num_bodies,), which of the bodies of all ranks they are; None if all are.
         ranks: that divide the bodies.
 
@@ -80,15 +59,81 @@ def loose_bodies(
         Its bodies, none if all groups are held, in how many ways it is free, and the mean position
         of its nodes, shape (dim,), m.
     """
-    if numbers is not None:
-        everyone = ranks.comm.allgather
-        numbers, sizes = (np.concatenate(everyone(a)) for a in (numbers, sizes))
-        order = np.argsort(np.repeat(numbers, sizes), kind="stable")
-        x, held = (np.concatenate(everyone(a))[order] for a in (x, held))
-        sizes = sizes[np.argsort(numbers)]
-    bodies, ways = loose_group(x, np.concatenate([[0], np.cumsum(sizes)]), held, joined)
-    there = np.isin(np.repeat(np.arange(len(sizes)), sizes), bodies)
-    return bodies, ways, x[there].mean(axis=0) if len(bodies) else np.zeros(x.shape[1])
+    if numbers is None:
+        numbers = np.arange(len(sizes))
+    group, num_shared, num_groups = _groups(joined, numbers, ranks)
+    group_of_node = np.repeat(group, sizes)
+    count, dim = len(x), x.shape[1]
+    places = (group_of_node, np.arange(count))
+    collect = coo_array((np.ones(count), places), shape=(num_groups, count)).tocsr()
+
+    def of_all(values: np.ndarray, combine) -> np.ndarray:
+        values[:num_shared] = combine(values[:num_shared])
+        return values
+
+    total = of_all(collect @ np.column_stack([np.ones(count), x]), ranks.sum)
+    centre = total[:, 1:] / total[:, :1]
+    arm, reach = x - centre[group_of_node], np.zeros(num_groups)
+    np.maximum.at(reach, group_of_node, np.abs(arm).max(axis=1))
+    reach = of_all(reach, ranks.max)
+    motions = _motions(arm / reach[group_of_node, None]) * held[:, :, None]
+    grams = np.einsum("ncm,nck->nmk", motions, motions)
+    shape = (num_groups, *grams.shape[1:])
+    grams = of_all((collect @ grams.reshape(count, -1)).reshape(shape), ranks.sum)
+    free = _not_held(np.linalg.eigvalsh(grams)).sum(axis=1)
+
+    first = np.full(num_groups, np.inf)
+    np.minimum.at(first, group, numbers)
+    first = -of_all(-first, ranks.max)
+    least = -ranks.max(-first[free > 0].min(initial=np.inf))
+    if not np.isfinite(least):
+        return np.empty(0, int), 0, np.zeros(dim)
+    loose = (free > 0) & (first == least)
+    bodies = np.sort(np.concatenate(ranks.comm.allgather(numbers[loose[group]])))
+    told = np.full(1 + dim, -np.inf)
+    if np.any(loose):
+        told = np.concatenate([free[loose], *centre[loose]])
+    ways, *place = ranks.max(told).tolist()
+    return bodies, int(ways), np.array(place)
+
+
+def _groups(joined: np.ndarray, numbers: np.ndarray, ranks: Ranks) -> tuple[np.ndarray, int, int]:
+    """The groups of joined bodies, those that reach over several ranks first.
+
+    Returns:
+        The group of each of this rank's bodies, how many groups all ranks have alike, and how many
+        there are here, these among them.
+    """
+    joined, own = joined[np.isin(joined, numbers).any(axis=1)], len(numbers)
+    known = np.concatenate([numbers, np.setdiff1d(joined, numbers)])
+    part = _components(_places(known, joined), len(known))
+    count = part.max(initial=-1) + 1
+    part += ranks.before(count)
+    told = ranks.comm.allgather((known[own:], part[own:]))
+    asked, by = (np.concatenate(column) for column in zip(*told, strict=True))
+    mine = np.isin(asked, numbers)
+    meet = np.column_stack([by[mine], part[_places(numbers, asked[mine])]])
+    pairs = np.concatenate(ranks.comm.allgather(meet))
+    crossing, ends = np.unique(pairs, return_inverse=True)
+    group = _components(ends.reshape(-1, 2), len(crossing))
+    num_shared = group.max(initial=-1) + 1
+    parts, of_body = np.unique(part[:own], return_inverse=True)
+    over = np.isin(parts, crossing)
+    group_of_part = num_shared + np.cumsum(~over) - 1
+    group_of_part[over] = group[np.searchsorted(crossing, parts[over])]
+    return group_of_part[of_body], num_shared, num_shared + np.count_nonzero(~over)
+
+
+def _places(numbers: np.ndarray, asked: np.ndarray) -> np.ndarray:
+    """Where numbers that are asked for stand in an array that has them all."""
+    order = np.argsort(numbers)
+    return order[np.searchsorted(numbers, asked, sorter=order)]
+
+
+def _components(pairs: np.ndarray, count: int) -> np.ndarray:
+    """Which of a number of things pairs join, shape (count,)."""
+    graph = coo_array((np.ones(len(pairs)), tuple(pairs.T)), shape=(count, count))
+    return connected_components(graph, directed=False)[1].astype(np.int64)
 
 
 def free_rigid_modes(x: np.ndarray, held: np.ndarray) -> np.ndarray:
@@ -115,12 +160,18 @@ def _rigid_motions(x: np.ndarray, offsets: np.ndarray) -> np.ndarray:
     Returns:
         Shape (num_nodes, dim, number of motions).
     """
-    dim, starts, sizes = x.shape[1], offsets[:-1], np.diff(offsets)
+    starts, sizes = offsets[:-1], np.diff(offsets)
     centre = np.add.reduceat(x, starts) / sizes[:, None]
     arm = x - np.repeat(centre, sizes, axis=0)
     arm /= np.repeat(np.maximum.reduceat(np.abs(arm).max(axis=1), starts), sizes)[:, None]
+    return _motions(arm)
+
+
+def _motions(arm: np.ndarray) -> np.ndarray:
+    """Translations and rotations at lever arms, shape (n, dim, number of motions)."""
+    dim = arm.shape[1]
     planes = list(combinations(range(dim), 2))
-    motions = np.zeros((*x.shape, dim + len(planes)))
+    motions = np.zeros((*arm.shape, dim + len(planes)))
     motions[:, range(dim), range(dim)] = 1.0
     for number, (i, j) in enumerate(planes, start=dim):
         motions[:, i, number], motions[:, j, number] = -arm[:, j], arm[:, i]

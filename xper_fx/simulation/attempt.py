@@ -234,9 +234,9 @@ class StepAttempts:
         points, bulk = self._model.interactions, self._model.bulk
         if points is None or self._model.scene.lattice is not None:
             return ""
-        pairs = self._model.points.bodies_of_points()
+        pairs = self._model.points.bodies_of_own_points()
         bonds = np.array(["damage" in law.kernels(points.dim).state_names for law in points.laws])
-        broken = bonds[points.gather("law").astype(int)] & (points.gather("spent") >= BROKEN)
+        broken = bonds[points.local("law").astype(int)] & (points.local("spent") >= BROKEN)
         bodies, _, place = bulk.loose_bodies(pairs[~broken[: len(pairs)]])
         return comes_loose(bodies, place) if len(bodies) else ""
 

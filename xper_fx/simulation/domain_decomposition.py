@@ -107,8 +107,8 @@ def _stays_whole(scene: Scene, options: Options, team: Ranks) -> bool:
             ("ties", scene.ties and _cannot_tie(scene, team.size)),
             ("joints", len(scene.joints) > 0),
             (
-                "no inertia",
-                not options.inertia and (spread or not options.allows_one_system),
+                f'no inertia and solver="{options.solver}"',
+                not options.inertia and not options.allows_one_system,
             ),
             ("a solver for one rank", options.solver not in _ON_RANKS),
             (

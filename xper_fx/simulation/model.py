@@ -190,7 +190,7 @@ class Model:
             ]
         joined = () if inertia else self._joined_bodies()
         if scene.macroscopic is None:
-            numbers = None if self.part is None else self.part.body_numbers
+            numbers = self.part and scene.bodies.numbers_on_all(self.part.body_numbers)
             return Bulk(forms, motions, scene.damping, inertia, joined, self.ranks, numbers)
         from xper_fx.periodic.two_field import CellBulk
 
@@ -203,13 +203,13 @@ class Model:
         return bulk
 
     def _joined_bodies(self) -> np.ndarray:
-        """Pairs of bodies between which interactions act, on all ranks, shape (n, 2)."""
-        _, law = self.scene.law_of_facet()
+        """Pairs of bodies between which interactions act, those known here, shape (n, 2)."""
+        bodies, (_, law) = self.scene.bodies, self.scene.law_of_facet()
         tied = [pair for _, pair in self._ties]
         if self.part is not None:
             own = [self.part.body_numbers[pair] for pair in tied]
             tied = [pair for pairs in self.ranks.comm.allgather(own) for pair in pairs]
-        return np.concatenate([self.scene.bodies.facets.bodies[law >= 0], *tied])
+        return bodies.numbers_on_all(np.concatenate([bodies.facets.bodies[law >= 0], *tied]))
 
     def _rigid_motion(self) -> RigidMotion | None:
         if self.scene.rigid_bodies is None:
@@ -368,12 +368,12 @@ class Model:
     def _bond_turns(self) -> BondTurns | None:
         """How far bonds have turned, where their frames do not turn with them."""
         points, scene = self.points, self.scene
-        if not len(points.facets_with_law) or self.interactions.turns:
+        if scene.bodies is None or self.interactions is None or self.interactions.turns:
             return None
         _, law = scene.law_of_facet()
         bonds = ["damage" in one.kernels(scene.dim).state_names for one in points.laws]
-        breaks = np.array(bonds)[law[points.facets_with_law]]
-        if not breaks.any():
+        breaks = np.array(bonds, bool)[law[points.facets_with_law]]
+        if not self.ranks.max(breaks.any()):
             return None
         from xper_fx.simulation.turned_bonds import BondTurns
 

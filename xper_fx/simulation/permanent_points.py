@@ -64,12 +64,14 @@ class ScenePoints:
         self._num_nodes = self._ground = bulk.num_dofs // bulk.dim
         self._points, self._law_of_point = [], [np.zeros(0, int)]
         self._tied: list[np.ndarray] = []
+        self._tied_here: list[np.ndarray] = []
         self._tie_numbers: list[np.ndarray] = []
         if scene.bodies is not None:
             self._take_facets()
             for tie, (points, pairs) in zip(scene.ties, ties, strict=True):
                 self._take(points, tie.law)
                 self._tied.append(pairs)
+            self._tied_here = list(self._tied)
             if part is not None and ties:
                 self._share_ties()
             self._take_walls()
@@ -114,6 +116,15 @@ class ScenePoints:
             return np.zeros((0, 2), int)
         pairs = self._scene.bodies.facets.bodies[self.facets_with_law]
         return np.concatenate([np.repeat(pairs, self.points_a_facet, axis=0), *self._tied])
+
+    def bodies_of_own_points(self) -> np.ndarray:
+        """As `bodies_of_points`, of this rank's points, by numbers that all ranks have alike."""
+        bodies = self._scene.bodies
+        if bodies is None:
+            return np.zeros((0, 2), int)
+        facet = self.on_facets()[0] // max(self.points_a_facet, 1)
+        pairs = bodies.facets.bodies[self.facets_with_law[facet]]
+        return bodies.numbers_on_all(np.concatenate([pairs, *self._tied_here]))
 
     def _take(self, points: InteractionPoints, law) -> None:
         if law not in self.laws:
@@ -161,7 +172,8 @@ class ScenePoints:
 
     def _share_ties(self) -> None:
         """Tell all ranks of the points of each tie, all of which are on one rank."""
-        tied = self._bulk.ranks.comm.allgather([self._part.body_numbers[p] for p in self._tied])
+        self._tied_here = [self._part.body_numbers[pairs] for pairs in self._tied]
+        tied = self._bulk.ranks.comm.allgather(self._tied_here)
         first = self._shared.num_points_of_all
         for number, pairs in enumerate(zip(*tied, strict=True)):
             own = len(self._tied[number])
