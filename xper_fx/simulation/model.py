@@ -32,6 +32,8 @@ from xper_fx.support.profile import Stopwatch
 from xper_fx.support.ranks import Ranks
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from xper_fx.bulk.explicit import ExplicitScheme
     from xper_fx.bulk.implicit import ImplicitScheme
     from xper_fx.bulk.rigid_only import EmptyScheme
@@ -139,7 +141,10 @@ class Model:
             if self.detection is not None and self.part is not None:
                 self.detection.share(self.interactions, self.slot_nodes)
         if self.interactions is not None and self.interactions.fused is not None:
-            self._doubt_fracture_energies()
+            if self.by_vertex:
+                self._doubt_fracture_energies()
+            else:
+                self._share_motions()
         self.healing = self._healing()
         self.bond_turns = self._bond_turns()
         if options.path is not None:
@@ -313,12 +318,32 @@ class Model:
             laws, self.bulk.dim, self.points.law_of_point, points.gap, self.options.inertia,
             self.monolithic,
         )  # fmt: skip
+        splits = self.by_vertex and self._vertices_split(points)
+        condensed = not self.by_vertex and self._condenses(laws)
         return Interactions(
             points, laws, self.points.law_of_point, inverse.blocks, velocity,
-            ordering="vertices" if self.by_vertex else "tiles",
-            rigid_blocks=rigid_blocks, halo=halo,
-            splits=self.by_vertex and self._vertices_split(points), rigid_share=share,
+            ordering="vertices" if self.by_vertex or condensed else "tiles",
+            rigid_blocks=rigid_blocks, halo=halo, splits=splits or condensed, rigid_share=share,
         )  # fmt: skip
+
+    def _condenses(self, laws: Sequence[Law]) -> bool:
+        """Whether cells share the unknowns of one system where rigid bonds hold them."""
+        scene = self.scene
+        return (
+            self.monolithic and scene.points == "nodal" and self.part is None
+            and self.detection is None and not scene.ties and scene.macroscopic is None
+            and not self.bulk.forms.finite_strain
+            and any(law.kernels(scene.dim).rigid for law in laws)
+        )  # fmt: skip
+
+    def _share_motions(self) -> None:
+        """Let cells start as one that are one, and those for themselves that the ground holds."""
+        from xper_fx.bulk.shared_motion import motion_of_whole_vertices
+
+        points, prescribed = self.interactions, self.bulk.layout.prescribed
+        points.fused.wake(points.fused.grounded())
+        shared = motion_of_whole_vertices(points, self.slot_nodes, prescribed)
+        self.start.velocity = shared.together(self.start.velocity)
 
     def _vertices_split(self, points: InteractionPoints) -> bool:
         """Whether vertices are whole until bonds let go: on several ranks only if all have some.
