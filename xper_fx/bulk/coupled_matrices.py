@@ -4,14 +4,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.sparse as sp
 
 from xper_fx.bulk.bulk import Bulk
 from xper_fx.bulk.coupled_system import CoupledSystem
-from xper_fx.bulk.shared_motion import SharedMotion, motion_of_whole_vertices
 from xper_fx.nscd.interactions import Interactions
+
+if TYPE_CHECKING:
+    from xper_fx.bulk.shared_motion import SharedMotion
 
 
 class CoupledMatrices:
@@ -65,6 +68,8 @@ class CoupledMatrices:
         """What moves as one of what the points leave whole (`Interactions.fused`)."""
         split = len(interactions.fused.split)
         if self.shared is None or split != self._split:
+            from xper_fx.bulk.shared_motion import motion_of_whole_vertices
+
             prescribed = self.bulk.layout.prescribed
             self.shared = motion_of_whole_vertices(interactions, self.nodes, prescribed)
             self._split, self._system, self._condensed = split, None, None

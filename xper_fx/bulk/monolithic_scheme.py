@@ -149,7 +149,7 @@ class MonolithicScheme:
 
         if self._vertices is None:
             self._vertices = BreakingVertices(self._matrices, interactions)
-        vertices, layout = self._vertices, self.bulk.layout
+        vertices = self._vertices
         while True:
             vertices.begin(state, step, self.theta)
             outcome, coupled = self._attempt(state, step, interactions, None, None)
@@ -157,9 +157,9 @@ class MonolithicScheme:
                 return outcome
             transmitted = self._matrices.shared.transmitted(coupled.residual + coupled.impulses)
             if not vertices.split(transmitted, state):
-                borne = reactions_on(layout, lambda dofs: (outcome.reactions - transmitted)[dofs])
+                borne = np.where(self.bulk.layout.prescribed, transmitted, 0.0)
                 return outcome._replace(
-                    impulses=outcome.impulses + transmitted, reactions=borne
+                    impulses=outcome.impulses + transmitted, reactions=outcome.reactions - borne
                 )
 
     def _attempt(

@@ -92,9 +92,9 @@ class SharedMotion:
         return sp.coo_array(entries, (size, size)).tocsr()
 
     def solve(self, system: CoupledSystem, right: np.ndarray, given: np.ndarray) -> np.ndarray:
-        """N x of the system of the motions, as `CoupledSystem.solve` of all dofs."""
+        """N x of the system of the motions, as `CoupledSystem.refined` of all dofs."""
         right = np.bincount(self._place, right, len(self._roots))
-        return system.solve(right, given[self._roots])[self._place]
+        return system.refined(right, given[self._roots])[self._place]
 
     @property
     def nbytes(self) -> int:

@@ -28,12 +28,11 @@ from xper_fx.simulation.law_checks import check_laws_suit, check_path_has_bonds
 from xper_fx.simulation.not_finite import not_finite_columns
 from xper_fx.simulation.options import Options
 from xper_fx.simulation.permanent_points import ScenePoints
+from xper_fx.simulation.shared_motions import condenses, share_motions
 from xper_fx.support.profile import Stopwatch
 from xper_fx.support.ranks import Ranks
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from xper_fx.bulk.explicit import ExplicitScheme
     from xper_fx.bulk.implicit import ImplicitScheme
     from xper_fx.bulk.rigid_only import EmptyScheme
@@ -144,7 +143,7 @@ class Model:
             if self.by_vertex:
                 self._doubt_fracture_energies()
             else:
-                self._share_motions()
+                share_motions(self)
         self.healing = self._healing()
         self.bond_turns = self._bond_turns()
         if options.path is not None:
@@ -319,31 +318,12 @@ class Model:
             self.monolithic,
         )  # fmt: skip
         splits = self.by_vertex and self._vertices_split(points)
-        condensed = not self.by_vertex and self._condenses(laws)
+        condensed = not self.by_vertex and condenses(self, laws)
         return Interactions(
             points, laws, self.points.law_of_point, inverse.blocks, velocity,
             ordering="vertices" if self.by_vertex or condensed else "tiles",
             rigid_blocks=rigid_blocks, halo=halo, splits=splits or condensed, rigid_share=share,
         )  # fmt: skip
-
-    def _condenses(self, laws: Sequence[Law]) -> bool:
-        """Whether cells share the unknowns of one system where rigid bonds hold them."""
-        scene = self.scene
-        return (
-            self.monolithic and scene.points == "nodal" and self.part is None
-            and self.detection is None and not scene.ties and scene.macroscopic is None
-            and not self.bulk.forms.finite_strain
-            and any(law.kernels(scene.dim).rigid for law in laws)
-        )  # fmt: skip
-
-    def _share_motions(self) -> None:
-        """Let cells start as one that are one, and those for themselves that the ground holds."""
-        from xper_fx.bulk.shared_motion import motion_of_whole_vertices
-
-        points, prescribed = self.interactions, self.bulk.layout.prescribed
-        points.fused.wake(points.fused.grounded())
-        shared = motion_of_whole_vertices(points, self.slot_nodes, prescribed)
-        self.start.velocity = shared.together(self.start.velocity)
 
     def _vertices_split(self, points: InteractionPoints) -> bool:
         """Whether vertices are whole until bonds let go: on several ranks only if all have some.
