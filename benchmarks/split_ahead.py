@@ -24,7 +24,7 @@ from xper_fx.simulation import model
 
 STRENGTH, ENERGY = 1e-2, 5e-5
 # Half the acceleration of the lips, step and end, of a dynamic run and of a static one.
-RUNS = {"dynamic": (0.01, 0.05, 1.6), "static": (0.1, 0.03, 0.6)}
+RUNS = {"dynamic": (0.01, 0.05, 1.2), "static": (0.1, 0.03, 0.6)}
 
 
 def plate(cells: int, pull: float) -> xf.Scene:
@@ -61,7 +61,7 @@ def made(cells: int, run: str, ahead: bool) -> xf.Simulation:
     """A run of the plate, with vertices that are split ahead or with all points."""
     kept, (pull, step, _) = model.condenses, RUNS[run]
     if not ahead:
-        model.condenses = lambda prepared, laws: False
+        model.condenses = lambda scene, laws: False
     try:
         return xf.Simulation(
             plate(cells, pull), step, inertia=run == "dynamic", solver="monolithic",

@@ -55,7 +55,7 @@ def pointed(monkeypatch):
 
     def make(simulation, *args, **options):
         with monkeypatch.context() as patch:
-            patch.setattr(model, "condenses", lambda model, laws: False)
+            patch.setattr(model, "condenses", lambda scene, laws: False)
             made = simulation(*args, **options)
         assert made.interactions.fused is None
         return made

@@ -28,7 +28,7 @@ from xper_fx.simulation.law_checks import check_laws_suit, check_path_has_bonds
 from xper_fx.simulation.not_finite import not_finite_columns
 from xper_fx.simulation.options import Options
 from xper_fx.simulation.permanent_points import ScenePoints
-from xper_fx.simulation.shared_motions import condenses, share_motions
+from xper_fx.simulation.shared_motions import condenses, ranks_split, share_motions
 from xper_fx.support.profile import Stopwatch
 from xper_fx.support.ranks import Ranks
 
@@ -143,7 +143,8 @@ class Model:
             if self.by_vertex:
                 self._doubt_fracture_energies()
             else:
-                share_motions(self)
+                prescribed = self.bulk.layout.prescribed
+                share_motions(self.interactions, self.slot_nodes, prescribed, self.start)
         self.healing = self._healing()
         self.bond_turns = self._bond_turns()
         if options.path is not None:
@@ -317,23 +318,13 @@ class Model:
             laws, self.bulk.dim, self.points.law_of_point, points.gap, self.options.inertia,
             self.monolithic,
         )  # fmt: skip
-        splits = self.by_vertex and self._vertices_split(points)
-        condensed = not self.by_vertex and condenses(self, laws)
+        splits = self.by_vertex and (self.part is None or ranks_split(points, self.ranks))
+        condensed = self.monolithic and self.part is None and condenses(self.scene, laws)
         return Interactions(
             points, laws, self.points.law_of_point, inverse.blocks, velocity,
             ordering="vertices" if self.by_vertex or condensed else "tiles",
             rigid_blocks=rigid_blocks, halo=halo, splits=splits or condensed, rigid_share=share,
         )  # fmt: skip
-
-    def _vertices_split(self, points: InteractionPoints) -> bool:
-        """Whether vertices are whole until bonds let go: on several ranks only if all have some.
-
-        At finite strain the couples of lips act on vertices of other ranks, which would have to
-        tell which of their cells move as one.
-        """
-        if self.part is None:
-            return True
-        return self.ranks.all(len(points) > 0 and points.lips is None)
 
     def _doubt_fracture_energies(self) -> None:
         """Warn of initially rigid bonds that are gone in a step, whatever they should spend."""
