@@ -245,8 +245,19 @@ def test_other_laws_at_a_vertex_are_asked_with_its_bonds(pointed):
 
 
 def test_what_is_not_condensed_has_all_points():
-    """Points at several nodes a side, and the sweeps, which know no system of all cells."""
+    """Points at several nodes a side, sweeps, which know no system of all cells, and paths."""
     halves = box_bodies((2.0, 1.0), (4, 2), label=lambda x: x[0] > 1.0)
     for points, solver in (("gauss", "monolithic"), ("nodal", "nlgs")):
         scene = xf.Scene(halves, {1: ELASTIC}, default_interaction=TOUGH, points=points)
         assert xf.Simulation(scene, 0.1, solver=solver).interactions.fused is None
+    middle = {7: lambda x: np.abs(x[0] - 1.0) < 1e-9}
+    loads = [xf.PrescribedDisplacement(LEFT, axis, 0.0) for axis in (0, 1)]
+    loads.append(xf.PrescribedDisplacement(RIGHT, 0, lambda t: 0.01 * t))
+    scene = xf.Scene(
+        box_bodies((2.0, 1.0), (4, 2), interior=middle), {1: ELASTIC}, loads=loads,
+        default_interaction=UNBREAKABLE, facet_interactions={7: xf.laws.CohesiveZone(50.0, W, S)},
+    )  # fmt: skip
+    on_path = xf.Simulation(scene, 0.1, inertia=False, path=xf.GrowthControl(0.2))
+    list(on_path.steps(1.0))
+    assert on_path.interactions.fused is None
+    assert on_path.ledger.energies.dissipated_cohesion > 0.0

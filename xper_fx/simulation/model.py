@@ -319,7 +319,8 @@ class Model:
             self.monolithic,
         )  # fmt: skip
         splits = self.by_vertex and (self.part is None or ranks_split(points, self.ranks))
-        condensed = self.monolithic and self.part is None and condenses(self.scene, laws)
+        stepped = self.monolithic and self.options.path is None
+        condensed = stepped and self.part is None and condenses(self.scene, laws)
         return Interactions(
             points, laws, self.points.law_of_point, inverse.blocks, velocity,
             ordering="vertices" if self.by_vertex or condensed else "tiles",
