@@ -24,7 +24,7 @@ from xper_fx.simulation import model
 
 STRENGTH, ENERGY = 1e-2, 5e-5
 # Half the acceleration of the lips, step and end, of a dynamic run and of a static one.
-RUNS = {"dynamic": (0.01, 0.05, 1.2), "static": (0.1, 0.03, 0.6)}
+RUNS = {"dynamic": (0.01, 0.05, 1.2), "static": (0.1, 0.03, 0.54)}
 
 
 def plate(cells: int, pull: float) -> xf.Scene:
