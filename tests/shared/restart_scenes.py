@@ -73,6 +73,13 @@ def splitting_plate():
     return Simulation(_pulled(ELASTIC, 0.05, None, default_interaction=rigid), accuracy=1e-2, **ONE)
 
 
+def splitting_ahead():
+    """The same, implicit: vertices get their points before they open; it breaks."""
+    rigid = RigidMixedMode((1e-2, 1.2e-2), (1e-5, 2e-5), 1.5, friction=0.3)
+    scene = _pulled(ELASTIC, 0.05, None, default_interaction=rigid)
+    return Simulation(scene, 0.05, solver="monolithic", **ONE)
+
+
 def rigid_bar():
     """Rigid bonds without inertia, whose steps are cut; it breaks."""
     rigid = RigidMixedMode((1e-2, 1.2e-2), (2e-4, 4e-4), 1.5, friction=0.3)
@@ -331,6 +338,7 @@ def at_rest():
 SCENES = {
     explicit_plate: (1.5, "broken"),
     splitting_plate: (1.5, "broken"),
+    splitting_ahead: (1.5, "broken"),
     rigid_bar: (3.0, "broken"),
     cohesive_bar: (2.0, "broken"),
     newton_bar: (0.6, "broken"),

@@ -217,14 +217,13 @@ class CoupledStep:
                 ]
                 right = right + self.on_unknowns(source)
         with watch.phase("factorisation"):
-            system = matrices.coupled(matrix, interactions)
-            system.take(matrix, stiffness)
+            matrices.factorise(matrix, stiffness, interactions)
         change = 0.0
         with watch.phase("solution"):
-            dv = system.solve(right, loading.wanted - self.velocity)
+            dv = matrices.solve(right, loading.wanted - self.velocity)
             if growth is not None:
                 force, motion = loading.rates()
-                along = system.solve(np.broadcast_to(force, dv.shape), motion)
+                along = matrices.solve(np.broadcast_to(force, dv.shape), motion)
         if growth is not None:
             now = self._jumps(self.velocity)
             start, slope = self._moved(dv), self._moved(along)
@@ -249,8 +248,14 @@ class CoupledStep:
     # What is left
 
     def balance(self) -> np.ndarray:
-        """R + H r of the last `impulses`, zero where motions are prescribed, N s."""
-        return np.where(self._free, self.residual + self.impulses, 0.0)
+        """R + H r of the last `impulses`, zero where motions are prescribed, N s.
+
+        Of unknowns that move as one it is the sum, at their root.
+        """
+        left, shared = self.residual + self.impulses, self._matrices.shared
+        if shared is not None:
+            left = shared.sums(left)
+        return np.where(self._free, left, 0.0)
 
     def size(self) -> float:
         """Largest nodal impulse (N s)."""

@@ -153,6 +153,11 @@ class CoupledSystem:
             self._used = None
             raise
 
+    def refined(self, right: np.ndarray, given: np.ndarray) -> np.ndarray:
+        """As `solve`, corrected once for what was added to the diagonal: exact to rounding."""
+        x = self.solve(right, given)
+        return x + self.solve(right - self._times(x), np.zeros_like(x))
+
     @property
     def nbytes(self) -> int:
         """Memory held, factors apart, in bytes."""
@@ -165,13 +170,14 @@ class CoupledSystem:
 def _at_dofs(group: PointGroup, dofs_of_slots: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Unknowns at each point of a group, (n, 2 k dim), and H^T there, (n, components, 2 k dim)."""
     points, dim = group.points, group.sides.dim
-    n = len(points)
+    entries = 2 * points.nodes.shape[2] * dim
     slots = points.nodes[..., None].astype(np.int64) * dim + np.arange(dim)
-    return dofs_of_slots[slots].reshape(n, -1), _relative(group)
+    return dofs_of_slots[slots].reshape(-1, entries), _relative(group)
 
 
 def _relative(group: PointGroup) -> np.ndarray:
     """H^T at the points of a group, shape (n, components, 2 k dim)."""
     frame = group.points.frame
     signed = group.points.weights * np.array([1.0, -1.0])[:, None]
-    return np.einsum("psk,pid->piskd", signed, frame).reshape(*frame.shape[:2], -1)
+    entries = 2 * signed.shape[2] * frame.shape[2]
+    return np.einsum("psk,pid->piskd", signed, frame).reshape(*frame.shape[:2], entries)

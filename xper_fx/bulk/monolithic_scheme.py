@@ -28,6 +28,7 @@ from xper_fx.nscd.stepped_points import FacetFlippedError
 from xper_fx.support.profile import Stopwatch
 
 if TYPE_CHECKING:
+    from xper_fx.bulk.breaking_vertices import BreakingVertices
     from xper_fx.nscd.growth import GrowthLimit
 
 
@@ -96,6 +97,7 @@ class MonolithicScheme:
         self._stopwatch = stopwatch
         self._compliance: tuple[float, np.ndarray, PointsOfNodes] | None = None
         self._found: FoundContacts | None = None
+        self._vertices: BreakingVertices | None = None
         stopwatch.owns("coupled system", lambda: self.nbytes)
 
     def inverse(self, step: float, displacement: np.ndarray) -> PointsOfNodes:
@@ -135,6 +137,40 @@ class MonolithicScheme:
             growth: what the step may open, None where its end is given.
             guess: time (s) and velocities to start from, shape (num_dofs,).
         """
+        if interactions is not None and interactions.fused is not None:
+            return self._while_vertices_split(state, step, interactions)
+        return self._attempt(state, step, interactions, growth, guess)[0]
+
+    def _while_vertices_split(
+        self, state: State, step: float, interactions: Interactions
+    ) -> StepOutcome:
+        """One step, made again with those vertices split that turn out not to bear it."""
+        from xper_fx.bulk.breaking_vertices import BreakingVertices
+
+        if self._vertices is None:
+            self._vertices = BreakingVertices(self._matrices, interactions)
+        vertices = self._vertices
+        while True:
+            vertices.begin(state, step, self.theta)
+            outcome, coupled = self._attempt(state, step, interactions, None, None)
+            if not outcome.converged:
+                return outcome
+            transmitted = self._matrices.shared.transmitted(coupled.residual + coupled.impulses)
+            if not vertices.split(transmitted, state):
+                borne = np.where(self.bulk.layout.prescribed, transmitted, 0.0)
+                return outcome._replace(
+                    impulses=outcome.impulses + transmitted, reactions=outcome.reactions - borne
+                )
+
+    def _attempt(
+        self,
+        state: State,
+        step: float,
+        interactions: Interactions | None,
+        growth: GrowthLimit | None,
+        guess: tuple[float, np.ndarray] | None,
+    ) -> tuple[StepOutcome, CoupledStep]:
+        """As `attempt`, with the points there are; with the state of the step's unknowns."""
         bulk, watch, weight = self.bulk, self._stopwatch, self._matrices.weight
         bulk.forms.set_step(step)
         equations = StepEquations(bulk, state, step, weight)
@@ -182,10 +218,11 @@ class MonolithicScheme:
             loading.external,
         )  # fmt: skip
         mean = weight * velocity + (1.0 - weight) * state.velocity
-        return StepOutcome(
+        outcome = StepOutcome(
             end, coupled.slots, impulses, reactions, equations.force_impulse, bulk.viscous(mean), 0,
             newton.left, 0.0, coupled.corrections, newton.left, converged, failure=newton.failure,
         )  # fmt: skip
+        return outcome, coupled
 
     def _from_contacts(
         self, coupled: CoupledStep, newton: SemismoothNewton, begin: Callable[[], None], keep: bool
@@ -256,7 +293,8 @@ class MonolithicScheme:
     @property
     def nbytes(self) -> int:
         """Memory held, factors apart, in bytes."""
-        return self._matrices.nbytes
+        vertices = 0 if self._vertices is None else self._vertices.nbytes
+        return self._matrices.nbytes + vertices
 
     def holds(self, step: float) -> bool:
         """As of `ImplicitScheme`: matrices are made anew from the state."""

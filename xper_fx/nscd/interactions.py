@@ -120,7 +120,8 @@ class Interactions(SteppedPoints):
         for group in self.fused.wake(vertices):
             if group.turning is not None and (flipped := self.turn_group(group)) >= 0:
                 raise FacetFlippedError(int(group.indices[flipped]))
-            self.prepare_group(group)
+            if self.step_size > 0.0:
+                self.prepare_group(group)
         self._join_groups()
 
     def update_inverse(self, inverse: BodyInverse) -> None:

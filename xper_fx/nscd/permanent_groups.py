@@ -98,7 +98,9 @@ class PermanentGroups:
         self.grouping = Grouping(laws, inverse, vertex)
         rigid = [n for n, law in enumerate(laws) if splits and law.kernels(self._dim).rigid]
         if rigid:  # vertices know what moves with what: w is asked for compliances alone
-            inverse = self.inverse = inverse.diagonal_of_nodes()
+            if not inverse.diagonal:
+                inverse = inverse.diagonal_of_nodes()
+            self.inverse = inverse
         self.groups = self.grouping.groups(
             inverse, points, law_of_point, nodal, phase, left_out=frozenset(rigid)
         )

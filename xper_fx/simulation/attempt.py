@@ -340,7 +340,7 @@ class StepAttempts:
 def _solver(model: Model) -> Solver:
     """The solver that was asked for, or the one of vertices that are solved alone."""
     splits = model.interactions is not None and model.interactions.fused is not None
-    if splits and model.part is None:
+    if splits and model.by_vertex and model.part is None:
         from xper_fx.nscd.splitting.splitting_vertices import SplittingVertices
 
         return SplittingVertices()

@@ -28,6 +28,7 @@ from xper_fx.simulation.law_checks import check_laws_suit, check_path_has_bonds
 from xper_fx.simulation.not_finite import not_finite_columns
 from xper_fx.simulation.options import Options
 from xper_fx.simulation.permanent_points import ScenePoints
+from xper_fx.simulation.shared_motions import condenses, ranks_split, share_motions
 from xper_fx.support.profile import Stopwatch
 from xper_fx.support.ranks import Ranks
 
@@ -139,7 +140,11 @@ class Model:
             if self.detection is not None and self.part is not None:
                 self.detection.share(self.interactions, self.slot_nodes)
         if self.interactions is not None and self.interactions.fused is not None:
-            self._doubt_fracture_energies()
+            if self.by_vertex:
+                self._doubt_fracture_energies()
+            else:
+                prescribed = self.bulk.layout.prescribed
+                share_motions(self.interactions, self.slot_nodes, prescribed, self.start)
         self.healing = self._healing()
         self.bond_turns = self._bond_turns()
         if options.path is not None:
@@ -314,22 +319,14 @@ class Model:
             laws, self.bulk.dim, self.points.law_of_point, points.gap, self.options.inertia,
             self.monolithic,
         )  # fmt: skip
+        splits = self.by_vertex and (self.part is None or ranks_split(points, self.ranks))
+        stepped = self.monolithic and self.options.path is None
+        condensed = stepped and self.part is None and condenses(self.scene, laws)
         return Interactions(
             points, laws, self.points.law_of_point, inverse.blocks, velocity,
-            ordering="vertices" if self.by_vertex else "tiles",
-            rigid_blocks=rigid_blocks, halo=halo,
-            splits=self.by_vertex and self._vertices_split(points), rigid_share=share,
+            ordering="vertices" if self.by_vertex or condensed else "tiles",
+            rigid_blocks=rigid_blocks, halo=halo, splits=splits or condensed, rigid_share=share,
         )  # fmt: skip
-
-    def _vertices_split(self, points: InteractionPoints) -> bool:
-        """Whether vertices are whole until bonds let go: on several ranks only if all have some.
-
-        At finite strain the couples of lips act on vertices of other ranks, which would have to
-        tell which of their cells move as one.
-        """
-        if self.part is None:
-            return True
-        return self.ranks.all(len(points) > 0 and points.lips is None)
 
     def _doubt_fracture_energies(self) -> None:
         """Warn of initially rigid bonds that are gone in a step, whatever they should spend."""

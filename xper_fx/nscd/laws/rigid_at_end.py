@@ -81,7 +81,7 @@ from xper_fx.nscd.laws.law import (
     Columns,
     LawKernels,
 )
-from xper_fx.nscd.laws.rigid_strength import strength_of
+from xper_fx.nscd.laws.rigid_strength import RigidKernels, strength_of
 from xper_fx.nscd.laws.weakening import Weakening
 
 # omega times the steepest descent of the curve, at most.
@@ -340,4 +340,5 @@ def rigid_end_kernels(
         energies=energies,
         spent=weakening.spent,
         stored=stored,
+        rigid=RigidKernels(bears),
     )

@@ -66,8 +66,9 @@ from xper_fx.nscd.laws.weakening import Weakening, one_curve
 class RigidCohesiveZone(RigidBond):
     """Bond without compliance, that weakens, breaks, and leaves contact with friction.
 
-    With an explicit bulk, nodal points and each cell a body, facets that hold cost no more than
-    the elements of one mesh (`nscd/splitting`); other runs carry a point on each from the start.
+    With nodal points and each cell a body, beside an explicit bulk or in one system with the bulk,
+    facets that hold cost no more than the elements of one mesh (`nscd/splitting`); other runs carry
+    a point on each from the start.
 
     Parameters are numbers or fields (`xper_fx/nscd/laws/fields.py`).
 

@@ -15,7 +15,6 @@ rigid still, or may be:
 
 from __future__ import annotations
 
-from collections import namedtuple
 from functools import cache
 
 import numpy as np
@@ -47,10 +46,9 @@ from xper_fx.nscd.laws.law import (
     Columns,
     LawKernels,
 )
-from xper_fx.nscd.laws.rigid_strength import strength_of
+from xper_fx.nscd.laws.rigid_strength import RigidKernels, strength_of
 from xper_fx.nscd.laws.weakening import Weakening
 
-RigidKernels = namedtuple("RigidKernels", "bears held insist")
 PUSHED = 2  # column of the state, after those of all bonds
 
 # Iterations for the mean damage: monotone ones, then with a bracket.

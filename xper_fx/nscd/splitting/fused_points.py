@@ -151,6 +151,13 @@ class FusedPoints:
                 grown.append(growing.group)
         return grown
 
+    def grounded(self) -> np.ndarray:
+        """Whole vertices that bonds join to the ground, which has no velocity of its own."""
+        graphs = self.graphs
+        ground = graphs.corner == len(graphs.compliance) - 1
+        touched = np.logical_or.reduceat(ground, graphs.corner_offsets[:-1])
+        return np.flatnonzero(touched & self.whole).astype(np.int32)
+
     def given_impulses(self) -> np.ndarray:
         """Impulses of the step on each slot, shape (num_slots, dim), N s.
 

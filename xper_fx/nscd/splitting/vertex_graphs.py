@@ -29,7 +29,8 @@ class VertexGraphs(NamedTuple):
         area: shape (num_bonds,), m^2 (2D: m).
         least: shape (num_bonds,), smallest force that a rigid bond may not bear, N; zero where a
             bond is not initially rigid.
-        compliance: shape (num_slots, dim), 1 / m of each slot, zero where it is driven.
+        compliance: shape (num_slots, dim), 1 / m of each slot, zero where it is driven; where an
+            implicit bulk has others in other directions, the largest of them.
         mass: shape (num_corners,), of each corner that is not driven (kg; 2D: kg/m).
         compliance_of_vertex: shape (num_vertices,), one over the mass of all its corners; zero
             where one of them is driven.
@@ -111,7 +112,7 @@ def vertex_graphs(
     corner_offsets = np.searchsorted(corners, np.arange(count + 1) * inverse.num_slots)
     local = sides.reshape(-1, 2) - corner_offsets[at][:, None]
     corner = (corners % inverse.num_slots).astype(np.int32)
-    compliance = inverse.data.reshape(-1, dim)
+    compliance = _alike(inverse.data.reshape(-1, dim))
     driven = np.any(compliance[corner] == 0.0, axis=1)
     mass = np.divide(1.0, compliance[corner, 0], out=np.zeros(len(corner)), where=~driven)
     first = corner_offsets[:-1]
@@ -140,6 +141,14 @@ def vertex_graphs(
         easy=np.where(through_all, 4.0, 2.0) * weakest / np.sqrt(counts),
         **ways,
     )
+
+
+def _alike(compliance) -> np.ndarray:
+    """The largest compliance of each slot in all directions that are not driven."""
+    most = compliance.max(axis=1, keepdims=True)
+    if np.all((compliance == most) | (compliance == 0.0)):
+        return compliance
+    return np.where(compliance > 0.0, most, 0.0)
 
 
 def _one_ring_through_all(corners, offsets, ends) -> np.ndarray:

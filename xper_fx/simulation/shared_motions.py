@@ -1,0 +1,57 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Which runs let cells that initially rigid bonds hold move as one, and how they start."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from xper_fx.bulk.state import State
+from xper_fx.nscd.interactions import Interactions
+from xper_fx.nscd.laws.law import Law
+from xper_fx.nscd.points import InteractionPoints
+from xper_fx.scene.scene import Scene
+from xper_fx.support.ranks import Ranks
+
+
+def condenses(scene: Scene, laws: Sequence[Law]) -> bool:
+    """Whether cells share unknowns in one system: rigid bonds join one node with another.
+
+    Args:
+        scene: the scene.
+        laws: of its points.
+    """
+    nodal = scene.points == "nodal" and not scene.ties
+    return nodal and any(law.kernels(scene.dim).rigid for law in laws)
+
+
+def ranks_split(points: InteractionPoints, ranks: Ranks) -> bool:
+    """Whether vertices that are solved alone split on ranks: all have some, at small strain.
+
+    At finite strain the couples of lips act on vertices of other ranks, which would have to
+    tell which of their cells move as one.
+
+    Args:
+        points: of this rank.
+        ranks: that divide the bodies.
+    """
+    return ranks.all(len(points) > 0 and points.lips is None)
+
+
+def share_motions(
+    points: Interactions, nodes: np.ndarray, prescribed: np.ndarray, start: State
+) -> None:
+    """Let cells that are one start as one, and split vertices at which bonds hold the ground.
+
+    Args:
+        points: whose vertices split.
+        nodes: the node that each slot of the points is, shape (n,).
+        prescribed: shape (num_dofs,), bool, dofs whose motion is given.
+        start: the state at the start, whose velocities change.
+    """
+    from xper_fx.bulk.shared_motion import motion_of_whole_vertices
+
+    points.fused.wake(points.fused.grounded())
+    shared = motion_of_whole_vertices(points, nodes, prescribed)
+    start.velocity = shared.together(start.velocity)
