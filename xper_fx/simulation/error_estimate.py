@@ -11,8 +11,9 @@ largest energy held or to the largest force. What makes it, by name:
 - **tolerance**: what impulses leave of wrong sign (`StepWork.numerical`), or `_OF_IMPULSES` times
   the mean error that the solver left of the impulses themselves, whichever is more: tractions that
   err by a share shift what bonds bear and spend by some of it;
-- **impacts** happen somewhere within a step, each by itself: the energy that turns its way in that
-  time, the root of the sum of squares, which cannot exceed all there is;
+- **impacts** happen somewhere within a step: the energy that turns its way in that time. They come
+  late, by half a step in the mean, and what turns one way (weights that have landed work no more)
+  adds up; beside that each errs by itself, which adds as squares. It cannot exceed all there is;
 - **motion**: a contact that closes within a step turns the velocities in the step's middle, up to h
   late, and the bodies are that much behind for good: h |dv| of the largest displacement, in the L2
   norm, with the mean h of the steps of impacts, weighted by what each took and by the share of the
@@ -48,8 +49,9 @@ from xper_fx.support.ranks import Ranks
 REST = 20
 # Error of global quantities over that of the impulses.
 _OF_IMPULSES = 3.0
-# Energy that an impact takes of the largest held, and what its time errs by, in steps.
-_AN_IMPACT, _OF_IMPACTS = 1e-6, 1.4
+# Energy that an impact takes of the largest held; what its time errs by, and by how much it is late
+# in the mean, in steps.
+_AN_IMPACT, _OF_IMPACTS, _LATE = 1e-6, 1.4, 0.5
 # Change of the velocities of bodies that bounce, over their velocities.
 _REBOUND = 1.5
 # Error of global quantities over what materials leave within steps: stresses that err go on to.
@@ -131,6 +133,7 @@ class ErrorEstimate:
         self.doubling = StepDoubling() if doubles else None
         self._supported, self._lag, self._ranks = supported, lag, ranks
         self._parts = _Parts(energy)
+        self._turned = np.zeros(3)  # energies in steps of impacts, summed
         self._rates: deque[_Rate] = deque(maxlen=2)
         self._now = _Rate(0.0, np.zeros(3))
 
@@ -146,7 +149,7 @@ class ErrorEstimate:
         """Relative errors so far, by what makes them."""
         parts = self._parts
         scale = parts.scale or np.inf
-        impacts = np.sqrt(parts.impacts)
+        impacts = np.hypot(np.sqrt(parts.impacts), _LATE * np.abs(self._turned).max())
         impulses = _OF_IMPULSES * parts.impulses / max(parts.steps, 1)
         watched = self._supported or parts.worked > _LITTLE_WORK * scale
         within = 0.0 if self.doubling is None else _OF_MATERIALS * self.doubling.error
@@ -238,8 +241,9 @@ class ErrorEstimate:
             parts.impulses += min(outcome.residual, 1.0)
             strikes = share > 0.0 and work.impact > _AN_IMPACT * parts.scale
             if strikes and self._rates:
-                turn = size * np.abs(self._now.rate - self._rates[-1].rate)
-                parts.impacts += (_OF_IMPACTS * float(turn.max())) ** 2
+                turn = size * (self._now.rate - self._rates[-1].rate)
+                parts.impacts += (_OF_IMPACTS * float(np.abs(turn).max())) ** 2
+                self._turned = self._turned + turn
                 parts.struck += work.impact
                 parts.late += work.impact * size * share
         # kinetic and elastic energy mirror each other; amplitudes err by half as much
@@ -275,12 +279,12 @@ class ErrorEstimate:
     def saved(self) -> dict:
         """What the error is made of."""
         rates = [[r.time, *r.rate] for r in (*self._rates, self._now)]
-        saved = {"parts": vars(self._parts), "rates": np.array(rates)}
+        saved = {"parts": vars(self._parts), "turned": self._turned, "rates": np.array(rates)}
         return saved if self.doubling is None else saved | {"doubling": self.doubling.saved()}
 
     def restore(self, saved: Mapping) -> None:
         """Take what `saved` gave."""
-        self._parts = _Parts(**saved["parts"])
+        self._parts, self._turned = _Parts(**saved["parts"]), saved["turned"]
         *rates, self._now = (_Rate(float(row[0]), row[1:].copy()) for row in saved["rates"])
         self._rates = deque(rates, maxlen=2)
         if self.doubling is not None and "doubling" in saved:
