@@ -109,6 +109,8 @@ class CellForces:
     def of(cls, stiffness: sp.bsr_array, V: FunctionSpace) -> CellForces | None:
         """What stands for a stiffness; None where bodies are not of one simplex of order 1 each.
 
+        So it is where rounding leaves gradients and moduli too far from K.
+
         Args:
             stiffness: K on the nodes of V, in blocks of dim x dim.
             V: vector Lagrange space on the mesh of the bodies.
