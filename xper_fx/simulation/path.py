@@ -157,7 +157,9 @@ class PathFollower:
         """Ask for a share of that in the step that is made again."""
         self.share = max(share * self.share, _LEAST)
 
-    def succeeded(self, change: float, iterations: int, start: float, ways: int) -> None:
+    def succeeded(
+        self, change: float, iterations: int, start: float, ways: int, tells: bool
+    ) -> None:
         """A step has converged.
 
         Args:
@@ -165,12 +167,14 @@ class PathFollower:
             iterations: of Newton's method.
             start: time of the loads at which the step began (s).
             ways: in which the structure would move on under loads that stand still.
+            tells: whether this rank tells of turns and branches.
         """
         if change * self._last_change < 0.0:
             self.limit_points.append(start)
-            logger.info("limit point: the loads turn at the time %g s", start)
+            if tells:
+                logger.info("limit point: the loads turn at the time %g s", start)
         if ways > 1:
-            if not self.branches:
+            if tells and not self.branches:
                 logger.warning(_BRANCHES, start + change, ways)
             self.branches.append(start + change)
         self._leading = None

@@ -248,10 +248,11 @@ class Simulation(Restartable):
         control, time = self.model.control, self.state.time
         course = self._course = self._course.towards(time, end_time, self.step_size)
         fixed = control is None or not control.adapts_step
-        if fixed:
-            course.warn_of_units()
-        elif self.options.scheme_is_picked and self.options.scheme == "explicit":
-            course.suggest_implicit(time)
+        if self.team.rank == 0:
+            if fixed:
+                course.warn_of_units()
+            elif self.options.scheme_is_picked and self.options.scheme == "explicit":
+                course.suggest_implicit(time)
         yield from self._advance(end_time)
         while fixed and course.left > 0:
             course.left -= 1
@@ -316,7 +317,8 @@ class Simulation(Restartable):
                     start, ways = self.state.time, self.scheme.unstable_ways()
                     change = outcome.state.time - start
                     record = self._commit(outcome, size, self._bulk_energies(outcome, size))
-                    path.succeeded(change, outcome.newton_iterations, start, ways)
+                    iterations, tells = outcome.newton_iterations, self.team.rank == 0
+                    path.succeeded(change, iterations, start, ways, tells)
             if outcome.converged:
                 yield record._replace(size=change)
             elif not path.failed():
