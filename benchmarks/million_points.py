@@ -116,7 +116,7 @@ def measured(cells: int, scheme: str, threads: int) -> dict:
     out["assembly"] = least(lambda: bulk.tangent(rest), 2)
     if scheme == "implicit":
         h = simulation.step_size
-        out["assembly"] += least(lambda: simulation.scheme.inverse(h, rest, renew=True), 2)
+        out["assembly"] += least(lambda: simulation.scheme._inverses.at(h, rest, renew=True), 2)
         out["sweep"] = min(sweeps(simulation))
     return out
 

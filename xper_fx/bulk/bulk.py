@@ -241,10 +241,10 @@ class Bulk:
 
         A stiffness that nothing else needs goes.
         """
-        from xper_fx.bulk.cell_forces import CellForces
-
         if not self.linear:
             return
+        from xper_fx.bulk.cell_forces import CellForces
+
         self.critical_step()  # the last that asks for K
         self._by_cell = CellForces.of(self.stiffness, self.forms.V)
         if self._by_cell is not None:
