@@ -12,7 +12,7 @@ external work, and how many vertices were split in the end; elastic and rigid ta
 resolved plate, whose peak and cracking energy should not hang on the mesh.
 
 With `--intact`, steps of a uniformly stretched square whose bonds are rigid and hold, and of the
-same cells without bonds, in turns; and how long the vertices take to be told that they hold when
+same cells without bonds, in turns; what the former holds in memory; and how long the vertices take to be told that they hold when
 the stress is some share of the strength.
 """
 
@@ -29,6 +29,7 @@ import numpy as np
 
 import xper_fx as xf
 from xper_fx.nscd.splitting.whole_vertices import whole_kernel
+from xper_fx.output.memory import memory_by_part
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "demos"))
 import notched_plate as demo  # noqa: E402
@@ -163,6 +164,8 @@ def intact(cells: int) -> None:
     count = 4 * cells**2
     row = f"| {count} | {1e3 * least[0]:.3f} | {1e3 * least[1]:.3f} | "
     row += f"{1e9 * (least[0] - least[1]) / count:.0f} |"
+    bonds = len(both[0].interactions.fused.graphs.point)
+    row += f" {sum(memory_by_part(both[0]).values()) / bonds:.0f} |"
     del both
     for share in SHARES:
         simulation = stretched(cells, True, share)
@@ -180,7 +183,7 @@ def main(arguments: list[str] | None = None) -> None:
     options = parser.parse_args(arguments)
     if options.intact:
         shares = " | ".join(f"vertices at {share:g} s (ns a cell)" for share in SHARES)
-        print(f"| cells | ms a step | without bonds | ns a cell more | {shares} |")
+        print(f"| cells | ms a step | without bonds | ns a cell more | bytes a bond | {shares} |")
         for cells in options.intact:
             intact(cells)
         return
