@@ -12,8 +12,8 @@ external work, and how many vertices were split in the end; elastic and rigid ta
 resolved plate, whose peak and cracking energy should not hang on the mesh.
 
 With `--intact`, steps of a uniformly stretched square whose bonds are rigid and hold, and of the
-same cells without bonds, in turns; what the former holds in memory; and how long the vertices take to be told that they hold when
-the stress is some share of the strength.
+same cells without bonds, in turns; what the former holds in memory; and how long the vertices take
+to be told that they hold when the stress is some share of the strength.
 """
 
 from __future__ import annotations
