@@ -51,7 +51,7 @@ def _nest(count: int):
 @cache
 def split_kernel(laws: tuple[LawKernels, ...], dim: int):
     """Vertices that are not whole."""
-    gather, partition, activate, form, sources, put, least_flow, newton = vertex_kernels(dim)
+    gather, _, partition, activate, form, sources, put, least_flow, newton = vertex_kernels(dim)
     of_laws = kernels_of_laws(laws, dim)
     begin, sweep, settle, linearise, correct, give, bear, find_fused, cut = of_laws
     nest = _nest(len(laws))

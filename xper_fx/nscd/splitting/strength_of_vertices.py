@@ -86,18 +86,12 @@ class StrengthOfVertices:
 @cache
 def _flow_kernel(dim: int):
     """Kernel: the least flows of vertices whose bonds all are rigid."""
-    gather, _, _, form, sources, _, least_flow, _ = vertex_kernels(dim)
+    _, gather_whole, _, _, _, sources, _, least_flow, _ = vertex_kernels(dim)
 
     @njit(**LEAN_ENTRY)
     def flows(v, g, work, vertices, out):
         for b in vertices:
-            k = gather(b, v, g, work)
-            first, last = g.bond_offsets[b], g.bond_offsets[b + 1]
-            for q in range(last - first):
-                work.fused[q] = True
-            for c in range(k):
-                work.cluster[c] = 0
-            form(b, k, g, work)
+            k, first, last = gather_whole(b, v, g, work), g.bond_offsets[b], g.bond_offsets[b + 1]
             sources(b, k, g, work)
             least_flow(b, k, g, work)
             for q in range(first, last):

@@ -136,6 +136,17 @@ def vertex_kernels(dim: int):
                 work.v[c, d] = speed if held else momentum / mass
 
     @njit(**LEAN_INNER)
+    def gather_whole(b, v, g, work):
+        """One cluster of all corners; returns how many there are."""
+        k = gather(b, v, g, work)
+        for q in range(g.bond_offsets[b + 1] - g.bond_offsets[b]):
+            work.fused[q] = True
+        for c in range(k):
+            work.cluster[c] = 0
+        form(b, k, g, work)
+        return k
+
+    @njit(**LEAN_INNER)
     def sources(b, k, g, work):
         """Impulses that bonds give each corner; returns half their sum, or all if one is driven."""
         first = g.corner_offsets[b]
@@ -260,4 +271,4 @@ def vertex_kernels(dim: int):
                 n += dim
         return True
 
-    return gather, partition, activate, form, sources, put, least_flow, newton
+    return gather, gather_whole, partition, activate, form, sources, put, least_flow, newton
