@@ -134,25 +134,22 @@ def test_the_peak_does_not_depend_on_the_tolerance(implicit):
 
 @pytest.mark.slow
 def test_resolved_results_converge():
-    """With the cohesive length resolved: peak, cracking and crack path, mesh by mesh, step by step.
+    """With the cohesive length resolved: peak, cracking and crack path, step by step.
 
     The crack runs straight through: 22.5 um of matrix, 15 um of inclusions, all broken at a strain
-    of 0.0089.
+    of 0.0089. Mesh by mesh they converge in `benchmarks/plate_study.py`.
     """
     found = {}
-    for cells, factor in ((20, 1.0), (20, 0.5), (40, 1.0)):
-        scene = demo.notched_plate(cells, "strong", toughening=demo.toughening())
+    for factor in (1.0, 0.5):
+        scene = demo.notched_plate(20, "strong", toughening=demo.toughening())
         step = factor * Simulation(scene, scheme="explicit").step_size
         _, stress, energies, simulation = curve(scene, 0.0091, scheme="explicit", step=step)
         segments, kind = find_cracks(simulation, demo.INCLUSION, (demo.NOTCH,))
         lengths = np.bincount(kind, np.linalg.norm(np.diff(segments, axis=1)[:, 0], axis=1), 3)
-        found[cells, factor] = stress.max(), energies["dissipated_cohesion"][-1], lengths
-    peak, spent, _ = found[20, 1.0]
-    assert found[20, 0.5][0] == pytest.approx(peak, rel=2e-3)
-    assert found[20, 0.5][1] == pytest.approx(spent, rel=5e-3)
-    assert found[40, 1.0][0] == pytest.approx(peak, rel=0.02)
-    # +14 %, and +7 % from 40 to 80 (README): first order
-    assert found[40, 1.0][1] == pytest.approx(spent, rel=0.16)
+        found[factor] = stress.max(), energies["dissipated_cohesion"][-1], lengths
+    peak, spent, _ = found[1.0]
+    assert found[0.5][0] == pytest.approx(peak, rel=2e-3)
+    assert found[0.5][1] == pytest.approx(spent, rel=5e-3)
     for _, _, lengths in found.values():
         np.testing.assert_allclose(lengths, [22.5e-6, 0.0, 15e-6], atol=6e-6)
 

@@ -257,13 +257,12 @@ def searched(simulation) -> tuple[int, int]:
 
 
 def record(folder: str, last: int, restart: bool) -> None:
-    """Run to a step of `struck`, or go on to it."""
-    scene, options, _ = struck()
-    steps = 40
+    """Run to a step of `shards`, or go on to it."""
+    scene, options, steps = shards()
     simulation = Simulation(scene, **options)
     end = steps * simulation.step_size
     recorder = Recorder(simulation, folder, end_time=end, fields=10, restart=restart)
-    for _ in recorded_steps(recorder, last * simulation.step_size, "struck", quiet=True):
+    for _ in recorded_steps(recorder, last * simulation.step_size, "shards", quiet=True):
         pass
 
 

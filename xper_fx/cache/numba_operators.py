@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Numba's choice among the versions of an operator, made once: a tenth of the time of compiling.
 
-For each operator in a kernel (`a * b`, `x[i]`) Numba goes through some twenty templates, those of
+For each operator in a kernel (`a * b`, `x[i]`, `len(x)`) Numba goes through some twenty templates, those of
 NumPy's arrays and of strings first, several times while it infers types and again while it lowers.
-What it chooses for numbers and arrays of numbers depends on the operator and on the types alone; it
-is kept here for as long as the operator has the same templates.
+What it chooses for numbers, arrays and their indices depends on the operator and on the types alone;
+it is kept here for as long as the operator has the same templates.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ import operator
 from numba.core import types
 from numba.core.types.functions import BaseFunction
 
-_OPERATORS = frozenset(filter(callable, vars(operator).values()))
-_PLAIN = (types.Number, types.Boolean, types.Array)
+_CHOSEN_ONCE = frozenset(filter(callable, vars(operator).values())) | {bool, len, range}
+_PLAIN = (types.Number, types.Boolean, types.Array, types.BaseTuple)
 
 
 def choose_once() -> None:
@@ -24,7 +24,7 @@ def choose_once() -> None:
 
     def get_call_type(function: BaseFunction, context, args: tuple, kws: dict):
         plain = all(isinstance(kind, _PLAIN) for kind in args)
-        if kws or not plain or function.typing_key not in _OPERATORS:
+        if kws or not plain or function.typing_key not in _CHOSEN_ONCE:
             return choose(function, context, args, kws)
         # Numba makes another function where it adds templates to an operator
         chosen = function.__dict__.setdefault("_chosen", {})
