@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Numba's choice among the versions of an operator, made once: a tenth of the time of compiling.
 
-For each operator in a kernel (`a * b`, `x[i]`, `len(x)`) Numba goes through some twenty templates, those of
-NumPy's arrays and of strings first, several times while it infers types and again while it lowers.
-What it chooses for numbers, arrays and their indices depends on the operator and on the types alone;
-it is kept here for as long as the operator has the same templates.
+For each operator in a kernel (`a * b`, `x[i]`, `len(x)`) Numba goes through some twenty templates,
+those of NumPy's arrays and of strings first, several times while it infers types and again while it
+lowers. What it chooses for numbers, arrays and their indices depends on the operator and on the
+types alone; it is kept here for as long as the operator has the same templates.
 """
 
 from __future__ import annotations
