@@ -390,6 +390,17 @@ def test_a_run_into_a_folder_in_use(tmp_path, simulation):
     Recorder(simulation, tmp_path, end_time=1.0).close()
 
 
+def test_a_recorder_without_its_first_fields_closes_its_files(tmp_path, simulation, monkeypatch):
+    """No file of the folder is open in this process any more, though the error is at hand."""
+    with monkeypatch.context() as patch:
+        patch.setattr(Recorder, "_write_fields", lambda self: os.stat(tmp_path / "nothing"))
+        with pytest.raises(FileNotFoundError) as caught:
+            Recorder(simulation, tmp_path, end_time=1.0)
+    held = {os.path.realpath(f"/proc/self/fd/{number}") for number in os.listdir("/proc/self/fd")}
+    assert not [path for path in held if path.startswith(str(tmp_path))], caught
+    Recorder(simulation, tmp_path, end_time=1.0).close()
+
+
 def test_a_recorder_that_could_not_be_made_lets_go(tmp_path, simulation):
     (tmp_path / "history.csv").mkdir()
     with pytest.raises(IsADirectoryError) as caught:

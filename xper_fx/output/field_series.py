@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping
+from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -101,6 +102,12 @@ class FieldSeries:
             # the points of walls come last
             values = {name: read(name)[: self._num_points] for name in _OF_POINTS}
             self._write("interfaces", values)
+
+    def close(self) -> None:
+        """Close the files of this rank."""
+        with ExitStack() as files:
+            for file in self.series:
+                files.callback(file.close)
 
     def stress(self) -> np.ndarray:
         """Cauchy stress of each cell, as `BulkForms.stress_evaluator` gives it (Pa)."""

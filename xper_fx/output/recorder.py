@@ -146,7 +146,7 @@ class Recorder:
         self.folder = require_path("folder", folder).resolve()
         self._at_root = simulation.team.at_root
         self._writes = simulation.team.rank == 0
-        self._lock: FolderLock | None = None
+        self._holds = ExitStack()  # the folder, and the files that are open in it
         self._at_root(self._take_folder)
         self.simulation, self._gauge = simulation, gauge
         self.checkpoint_every, self._saved_at = checkpoint_every, monotonic()
@@ -164,7 +164,7 @@ class Recorder:
         try:
             before = self._restored() if restart else None
         except BaseException:
-            self._leave_folder()
+            self._holds.close()
             raise
         self.restarted = before is not None
         before = before or {}
@@ -183,6 +183,7 @@ class Recorder:
         self._fields = None
         if simulation.scene.bodies is not None:
             self._fields = FieldSeries(simulation, self.folder)
+            self._holds.callback(self._fields.close)
         self._totals = {"steps": 0, "sweeps": 0, "largest_residual": 0.0, "restarts": 0}
         self._totals |= before.get("totals", {})
         self._totals["restarts"] += self.restarted
@@ -194,7 +195,7 @@ class Recorder:
             if self._writes_fields and not self.restarted:
                 self._write_fields()
         except BaseException:
-            self._leave_folder()
+            self._holds.close()
             raise
         simulation.stopwatch.owns("output", lambda: self.written)
 
@@ -265,15 +266,13 @@ class Recorder:
             path = self.folder / "rigid.xdmf"
             diameter = equal_diameters([body.shape for body in simulation.scene.rigid])
             self._rigid = RigidSeries(path, simulation.rigid, diameter, after.get("rigid"))
+            self._holds.callback(self._rigid.series.close)
         self._history = History(self.folder / "history.csv", columns, before.get("history"))
+        self._holds.callback(self._history.close)
 
     def _take_folder(self) -> None:
         prepare_folder(self.folder)
-        self._lock = FolderLock(self.folder)
-
-    def _leave_folder(self) -> None:
-        if self._lock is not None:
-            self._lock.release()
+        self._holds.callback(FolderLock(self.folder).release)
 
     def vertex_displacement(self) -> np.ndarray:
         """Displacement of the exploded mesh's geometry nodes, shape (num_nodes, dim), m.
@@ -360,14 +359,9 @@ class Recorder:
             summary = run_summary(self.simulation, self._parameters, self._totals)
 
         def finish() -> None:
-            with ExitStack() as files:
-                files.callback(self._leave_folder)
-                for file in self._series:
-                    files.callback(file.close)
-                if self._writes:
-                    files.callback(self._history.close)
-                    if summary is not None:
-                        write_summary(self.folder / "summary.json", summary)
+            with self._holds:
+                if self._writes and summary is not None:
+                    write_summary(self.folder / "summary.json", summary)
 
         self.simulation.team.together(finish)
 
