@@ -90,19 +90,19 @@ def runs_of(script: Path, scenes: dict[int, tuple[str, ...]], run_alone, factory
         `found(name, count, number=1)`, arrays by name; with another `number` the scene runs again.
     """
 
-    @cache
-    def run_all(names: tuple[str, ...], count: int, number: int) -> Path:
+    @cache  # one that fails is not run again for the next test
+    def run_all(names: tuple[str, ...], count: int, number: int):
         folder = factory.mktemp(f"{Path(script).stem}_{count}_{number}")
-        done = on_ranks(count, script, folder, *names)
-        assert done.returncode == 0, done.stdout + done.stderr
-        assert "simulates the whole scene" not in done.stdout + done.stderr
-        return folder
+        return folder, on_ranks(count, script, folder, *names)
 
     @cache
     def found(name: str, count: int, number: int = 1) -> dict[str, np.ndarray]:
         if count == 1:
             return run_alone(name)
         names = scenes[count] if number == 1 else (name,)
-        return dict(np.load(run_all(names, count, number) / f"{name}.npz"))
+        folder, done = run_all(names, count, number)
+        assert done.returncode == 0, done.stdout + done.stderr
+        assert "simulates the whole scene" not in done.stdout + done.stderr
+        return dict(np.load(folder / f"{name}.npz"))
 
     return found
