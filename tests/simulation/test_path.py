@@ -214,6 +214,26 @@ def test_a_path_goes_to_its_end_where_a_part_comes_loose():
     assert abs(simulation.reaction(RIGHT)[0]) < 1e-6 * BOND.strength
 
 
+@pytest.mark.parametrize("path", [xf.GrowthControl(0.1), xf.DissipationControl(2e-3)])
+def test_bonds_within_a_part_that_came_loose_open_by_no_rounding(path):
+    """Two rows of two blocks, of which the load takes two off: what joins these is left alone."""
+    blocks = box_bodies(
+        (2.0, 1.0), (4, 2), label=lambda x: 2 * (x[0] > 1.0).astype(int) + (x[1] > 0.5)
+    )
+    bond = xf.laws.MixedMode(1e2, (0.1, 0.2), (0.1, 0.2), 2.0)
+    loads = [
+        xf.PrescribedDisplacement(LEFT, 0, 0.0), xf.PrescribedDisplacement(BOTTOM, 1, 0.0),
+        xf.PrescribedDisplacement(RIGHT, 0, lambda t: 1e-3 * t),
+    ]  # fmt: skip
+    matter = xf.materials.LinearElastic(1.0, 0.3, 1.0)
+    simulation = follow(xf.Scene(blocks, {1: matter}, default_interaction=bond, loads=loads), path)
+    *_, last = simulation.steps(4e3)
+    assert last.time == 4e3
+    assert last.energies["dissipated_cohesion"] == pytest.approx(0.1, rel=1e-6)
+    spent = simulation.interactions.gather("spent")
+    assert np.unique(spent.round(9)).tolist() == [0.0, 1.0]
+
+
 @pytest.mark.slow
 def test_a_path_that_stops_says_what_failed():
     """The weaker bond breaks, and the whole one has no load at which it dissipates anything."""
@@ -367,8 +387,10 @@ def test_paths_that_cannot_be_followed_are_refused():
             follow(bar(1.0, law))
     kernels = BOND.in_statics().kernels(2)._replace(cost=None)
     with pytest.raises(ValueError, match="a growth and no cost"):
-        check_path_has_bonds([kernels], xf.DissipationControl.asks)
-    check_path_has_bonds([kernels], xf.GrowthControl.asks)
+        check_path_has_bonds([kernels], xf.DissipationControl.asks, False)
+    check_path_has_bonds([kernels], xf.GrowthControl.asks, False)
+    with pytest.raises(ValueError, match="A bulk with viscosity needs a time"):
+        follow(bar(1.0, damping=xf.RayleighDamping(stiffness=1e-9)))
     whole = box_bodies((1.0, 1.0), (1, 1), label=0)
     held = [xf.PrescribedDisplacement(LEFT, axis, 0.0) for axis in (0, 1)]
     steel = {1: xf.materials.LinearElastic(E, 0.0, 2400.0)}

@@ -30,6 +30,8 @@ from xper_fx.nscd.interactions import Interactions
 
 # An opening this near to the largest one so far grew in the last step.
 _ROUNDING = 1e-9
+# Of the fastest lips, how fast those are at most that the load does not move.
+_STILL = 1e-9
 # How much of what a step may do, relative, at which an iteration goes astray.
 _ASTRAY = 10.0
 
@@ -120,6 +122,9 @@ class GrowthLimit:
             start, slope: A and B of each group, shape (n, components), m.
         """
         a, b = self._all(start), self._all(slope)
+        # the load does not reach a part that has come loose: what is left there is rounding
+        fastest = float(self._points.largest(np.abs(b).max(initial=0.0)))
+        b[np.abs(b).max(axis=1, initial=0.0) < _STILL * fastest] = 0.0
         self._grown = [self._grown[1], _opening(self._all(now)) > self._reached]
         closed = np.concatenate([np.zeros(0, bool), *(held[n] for n in self._numbers)])
         a[closed, 0] = b[closed, 0] = 0.0
@@ -152,13 +157,13 @@ class GrowthLimit:
             return change < 0.0
         return self._sum(self._forward, self._all(moved)) < 0.0
 
-    def opens(self, moved: Sequence[np.ndarray]) -> bool:
-        """Whether a step weakens some bond.
+    def allows(self, moved: Sequence[np.ndarray]) -> bool:
+        """Whether bonds do in a step what they may, or less.
 
         Args:
             moved: change of the jumps of each group in the step, shape (n, components), m.
         """
-        return self._used(self._start + self._all(moved)) > 0.0
+        return self._used(self._start + self._all(moved)) <= 1.0
 
     def left(self, now: Sequence[np.ndarray]) -> float:
         """By how much a step does more than it was asked to, relative."""

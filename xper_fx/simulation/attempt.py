@@ -195,7 +195,7 @@ class StepAttempts:
                 whole = model.scheme.attempt(state, to_end, points, self.solver, options)
                 velocity = whole.slots.reshape(-1, points.dim)
                 moved = [to_end * g.points.relative(velocity) for g in points.groups]
-                if whole.converged and not limit.opens(moved):
+                if whole.converged and limit.allows(moved):
                     return whole, to_end
             change = outcome.state.time - state.time
             if not outcome.converged or change <= (1.0 + _BEYOND) * to_end:

@@ -59,12 +59,13 @@ def check_laws_suit(
         )
 
 
-def check_path_has_bonds(kernels: Sequence[LawKernels], asks: str) -> None:
-    """Raise a ValueError if no bond tells where a path goes on, or its viscosity needs a time.
+def check_path_has_bonds(kernels: Sequence[LawKernels], asks: str, viscous_bulk: bool) -> None:
+    """Raise a ValueError if no bond tells where a path goes on, or a viscosity needs a time.
 
     Args:
         kernels: of the laws in use.
         asks: what the control of the path asks of a law that has a growth, "growth" or "cost".
+        viscous_bulk: whether the bulk is damped, or of a material with viscosity.
     """
     if all(law.growth is None for law in kernels):
         raise ValueError(
@@ -78,10 +79,15 @@ def check_path_has_bonds(kernels: Sequence[LawKernels], asks: str) -> None:
                 f"The law {law.name!r} has a growth and no {asks}: give its kernels both "
                 "(LawKernels in xper_fx/nscd/laws/law.py), or take xf.GrowthControl."
             )
-    if any("viscous" in law.energies for law in kernels):
+    if viscous_bulk or any("viscous" in law.energies for law in kernels):
+        of, cure = (
+            ("bond", "viscosity=0")
+            if not viscous_bulk
+            else ("bulk", "no damping, and a material without viscosity")
+        )
         raise ValueError(
-            "A bond with viscosity needs a time, and a path has none: its loads go back where a "
-            "structure snaps. Take viscosity=0; or leave out the path and step the loads in time, "
+            f"A {of} with viscosity needs a time, and a path has none: its loads go back where a "
+            f"structure snaps. Take {cure}; or leave out the path and step the loads in time, "
             "Simulation(scene, step, inertia=False, max_halvings=16), where each small "
             "enough step has a state near the last one."
         )

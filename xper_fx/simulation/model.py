@@ -150,7 +150,9 @@ class Model:
         if options.path is not None:
             laws = [] if self.interactions is None else self.interactions.laws
             there = self.ranks.union(np.unique(self.points.law_of_point))
-            check_path_has_bonds([laws[n].kernels(scene.dim) for n in there], options.path.asks)
+            viscous = self.bulk.damping is not None or self.bulk.forms.viscous
+            kernels = [laws[n].kernels(scene.dim) for n in there]
+            check_path_has_bonds(kernels, options.path.asks, viscous)
         self._account()
         self.ledger = EnergyLedger(
             self.bulk, self.start, self.scheme.theta, self.rigid, options.scheme == "explicit",
