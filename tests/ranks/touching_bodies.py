@@ -11,11 +11,13 @@ from xper_fx.nscd.laws import CohesiveZone, SignoriniCoulomb, SlipWeakening
 from xper_fx.nscd.rigid import Disc, Polygon, Polyhedron, RigidBody, Sphere, wall
 from xper_fx.output.contact_forces import find_contact_forces
 from xper_fx.output.fragments import measure_fragments
+from xper_fx.output.joint_forces import find_joint_forces
 from xper_fx.output.recorder import Recorder
 from xper_fx.output.run import recorded_steps
 from xper_fx.parallel.launch import run_together
 from xper_fx.scene import Scene, Wall
 from xper_fx.scene.contact import Contact
+from xper_fx.scene.joints import Hinge, Slider, Tendon
 from xper_fx.simulation.simulation import Simulation
 from xper_fx.support.compat import geometry_dofmap
 
@@ -173,6 +175,35 @@ def struck():
     return scene, {"step": 1e-3, "tolerance": 1e-10, "scheme": "implicit"}, 60
 
 
+def rammed():
+    """A hinged ball on a swinging bar and a sliding one that tows a weight break a plate."""
+    bodies = box_bodies(
+        (1.0, 0.5), (8, 4), label=lambda x: 2 * (3.999 * x[0]).astype(int) + (x[1] > 0.25)
+    )
+    bar = RigidBody(Polygon.box((0.05, 0.4)), (-0.12, 0.7), "bar", density=5.0,
+                    velocity=(1.0, 0.0), spin=5.0)  # fmt: skip
+    hung = RigidBody(Disc(0.1), (-0.12, 0.3), "ball", density=20.0, velocity=(3.0, 0.0), spin=5.0)
+    held = RigidBody(Disc(0.1), (1.12, 0.21), "ball", density=20.0, velocity=(-3.0, 0.0))
+    weight = RigidBody(Disc(0.05), (1.5, 0.3), "bar", density=20.0, velocity=(-2.0, 0.1))
+    scene = Scene(
+        bodies, {1: ELASTIC}, default_interaction=BOND, surfaces={"plate": (1,)},
+        rigid=[held, bar, weight, hung],
+        contacts=[
+            Contact(("plate", "plate"), RUB), Contact(("plate", "ball"), RUB),
+            Contact(("plate", "bar"), RUB), Contact(("ball", "ball"), None),
+            Contact(("ball", "bar"), None), Contact(("bar", "bar"), None),
+        ],
+        joints=[
+            Slider((None, held), at=held.position, axis=(1.0, 0.0), friction=0.5),
+            Hinge((bar, hung), at=(-0.12, 0.5), friction=0.01, limits=(-0.1, 0.1)),
+            Tendon((held, weight), at=[held.position, weight.position], stiffness=50.0,
+                   prestress=1.0),
+            Hinge((None, bar), at=(-0.12, 0.9)),
+        ],
+    )  # fmt: skip
+    return scene, {"step": 1e-3, "tolerance": 1e-10, "scheme": "implicit"}, 45
+
+
 def pelted():
     """Spheres and a tumbling box fly into hexahedra in space, and meet none of each other."""
     solids = [
@@ -198,7 +229,7 @@ SCENES = {
     f.__name__: f
     for f in (
         cloud, explicit, boxes, heap, shards, turning_shards, explicit_shards, slide, struck,
-        pelted,
+        rammed, pelted,
     )
 }  # fmt: skip
 
@@ -232,6 +263,9 @@ def run(name: str) -> dict[str, np.ndarray]:
     order = np.lexsort((*forces.position.T.round(6), *forces.bodies.T))
     found |= {f"contact_{k}": v[order] for k, v in forces._asdict().items()}
     found |= {"fragment": measure_fragments(simulation).fragment, "start": start}
+    if scene.joints:
+        rows = simulation.team.comm.allgather(len(simulation.model.joints.here))
+        found |= {"joint_force": np.column_stack(find_joint_forces(simulation)), "rows": rows}
     interactions = simulation.interactions
     contacts = sum(map(len, interactions.contacts))
     permanent = simulation.ranks.sum(sum(map(len, interactions.groups)) - contacts)
@@ -246,7 +280,7 @@ def run(name: str) -> dict[str, np.ndarray]:
         contacts, interactions.inverse.num_nodes - interactions.own_inverse.num_nodes,
         *searched(simulation),
     ]))  # fmt: skip
-    return {k: np.array(v) for k, v in history.items()} | found
+    return {k: np.array(v) for k, v in (history | found).items()}
 
 
 def searched(simulation) -> tuple[int, int]:
@@ -257,13 +291,13 @@ def searched(simulation) -> tuple[int, int]:
 
 
 def record(folder: str, last: int, restart: bool) -> None:
-    """Run to a step of `struck`, or go on to it."""
-    scene, options, _ = struck()
+    """Run to a step of `rammed`, or go on to it."""
+    scene, options, _ = rammed()
     steps = 40
     simulation = Simulation(scene, **options)
     end = steps * simulation.step_size
     recorder = Recorder(simulation, folder, end_time=end, fields=10, restart=restart)
-    for _ in recorded_steps(recorder, last * simulation.step_size, "struck", quiet=True):
+    for _ in recorded_steps(recorder, last * simulation.step_size, "rammed", quiet=True):
         pass
 
 

@@ -124,7 +124,7 @@ class Model:
         if scene.joints:
             from xper_fx.simulation.jointed_bodies import JointedBodies
 
-            self.joints = JointedBodies(scene, self._laws)
+            self.joints = JointedBodies(scene, self._laws, self.division, self.rigid_share)
             self._laws = self.joints.laws
         for law in self._laws:
             require_kernels(law, scene.dim)
