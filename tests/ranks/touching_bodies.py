@@ -7,7 +7,13 @@ from scenes import BOTTOM, box_bodies
 
 from xper_fx.forms.loads import Gravity, PrescribedVelocity
 from xper_fx.materials import LinearElastic, NeoHookean
-from xper_fx.nscd.laws import CohesiveZone, SignoriniCoulomb, SlipWeakening
+from xper_fx.nscd.laws import (
+    CohesiveZone,
+    RigidCohesiveZone,
+    SignoriniCoulomb,
+    SlipWeakening,
+)
+from xper_fx.nscd.laws.fields import Weibull
 from xper_fx.nscd.rigid import Disc, Polygon, Polyhedron, RigidBody, Sphere, wall
 from xper_fx.output.contact_forces import find_contact_forces
 from xper_fx.output.fragments import measure_fragments
@@ -25,6 +31,7 @@ ELASTIC = LinearElastic(1000.0, 0.3, 1.0)
 BOND = CohesiveZone(2e4, 0.05, 10.0, friction=0.3)
 GLUE = CohesiveZone(2e4, 50.0, 1000.0)
 RUB = SignoriniCoulomb(0.4)
+LAST = 40  # step of runs that are recorded
 HELD = dict.fromkeys(range(3), 0.0)
 EACH_OTHER = {
     "interactions": {(1, 1): None},
@@ -128,6 +135,28 @@ def explicit_shards():
     return scene, {"scheme": "explicit", "tolerance": 1e-10}, 22
 
 
+def split_shards():
+    """Two plates of cells that initially rigid bonds join fly into each other and break."""
+    bodies = box_bodies((2.0, 1.0), (10, 5), material={2: lambda x: x[0] > 1.0 - 1e-9})
+    second = np.unique(geometry_dofmap(bodies.mesh)[bodies.material_of_cell == 2])
+    bodies.mesh.geometry.x[second, :2] += (0.004, 0.13)
+    velocity = {
+        tag: lambda x, v=v: np.stack([v + 0.5 * (x[0] - 1.0), 4.0 * (x[1] - 0.5)])
+        for tag, v in ((1, 0.5), (2, -0.5))
+    }
+    bond = RigidCohesiveZone(Weibull(10.0, 12.0, seed=1), 0.1)
+    scene = Scene(
+        bodies, {1: ELASTIC, 2: ELASTIC}, interactions={(1, 2): None}, default_interaction=bond,
+        surfaces={"left": (1,), "right": (2,)},
+        contacts=[
+            Contact(pair, RUB)
+            for pair in (("left", "right"), ("left", "left"), ("right", "right"))
+        ],
+        initial_velocity=velocity,
+    )  # fmt: skip
+    return scene, {"scheme": "explicit", "tolerance": 1e-10}, 42
+
+
 def slide():
     """A beam of bonded blocks slides over another, from block to block; friction weakens."""
     bodies = box_bodies(
@@ -228,8 +257,8 @@ def pelted():
 SCENES = {
     f.__name__: f
     for f in (
-        cloud, explicit, boxes, heap, shards, turning_shards, explicit_shards, slide, struck,
-        rammed, pelted,
+        cloud, explicit, boxes, heap, shards, turning_shards, explicit_shards, split_shards, slide,
+        struck, rammed, pelted,
     )
 }  # fmt: skip
 
@@ -291,13 +320,12 @@ def searched(simulation) -> tuple[int, int]:
 
 
 def record(folder: str, last: int, restart: bool) -> None:
-    """Run to a step of `rammed`, or go on to it."""
-    scene, options, _ = rammed()
-    steps = 40
+    """Run to a step of `rammed` or `split_shards`, or go on to it."""
+    scene, options, _ = (split_shards if "split" in folder else rammed)()
     simulation = Simulation(scene, **options)
-    end = steps * simulation.step_size
+    end = LAST * simulation.step_size
     recorder = Recorder(simulation, folder, end_time=end, fields=10, restart=restart)
-    for _ in recorded_steps(recorder, last * simulation.step_size, "rammed", quiet=True):
+    for _ in recorded_steps(recorder, last * simulation.step_size, "run", quiet=True):
         pass
 
 

@@ -289,11 +289,11 @@ class Interactions(SteppedPoints):
             slots: shape (n,), the slot of each of the old slots at which these points are.
         """
         self.halo = halo
-        self.inverse = self._joined(self.bulk_inverse)
-        self._permanent.move(self.inverse, slots)
+        self._permanent.move(self._joined(self.bulk_inverse), slots)
+        self.inverse = self._permanent.inverse
         for points in (self._found, self._carried):
             points.regroup(self._permanent.grouping.by_tiles())
-        for group in self._permanent.groups:
+        for group in self._permanent.groups if self.fused is None else ():
             update_compliance(group, self.inverse)
 
     def move_joints(self, rows: FoundPoints, step: float, theta: float) -> None:

@@ -281,11 +281,11 @@ class SteppedPoints(PointValues):
     def impulses(self) -> np.ndarray:
         """H r: impulses of the current step on the interacting nodes, shape (num_slots, dim)."""
         if self.fused is not None:
-            own = self.fused.given_impulses()
-            if self.halo is not None:
-                self.halo.everywhere.add_back(own.reshape(-1))
-            return own + self.spread(self.contacts) if self.contacts else own
-        total = self.spread(self.groups)
+            total = self.fused.given_impulses()
+            if self.contacts:
+                total += self.spread(self.contacts)
+        else:
+            total = self.spread(self.groups)
         if self.halo is not None:
             self.halo.everywhere.add_back(total.reshape(-1))
         return total

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from xper_fx.bodies.meshes import SerialOnlyError
+from xper_fx.forms.dynamics import at_finite_strain
 from xper_fx.scene.scene import Scene
 from xper_fx.simulation.options import Options
 from xper_fx.support.profile import Stopwatch
@@ -110,16 +111,18 @@ def _stays_whole(scene: Scene, options: Options, team: Ranks) -> bool:
     """
     spread = scene.bodies is not None and scene.bodies.spread is not None
     touching = scene.bodies is not None and _searches(scene)
-    by_vertex = options.scheme == "explicit" and scene.points == "nodal"
+    splits = touching and options.scheme == "explicit" and scene.points == "nodal"
+    splits = splits and scene.rigid_bodies is None and bonds_split(scene)
     why = [
         name
         for name, there in (
             ("rigid bodies alone", scene.bodies is None),
             ("rigid bodies and a mesh that is spread", spread and scene.rigid_bodies is not None),
             ("a lattice of rigid bodies", scene.lattice is not None),
+            ("searched contacts and walls where vertices split", splits and scene.walls),
             (
-                "contacts that are searched where vertices split",
-                touching and by_vertex and bonds_split(scene),
+                "contacts that are searched where vertices split at finite strain",
+                splits and at_finite_strain(scene.materials),
             ),
             ("contacts that are searched on a mesh that is spread", touching and spread),
             ("fewer bodies than ranks", touching and scene.bodies.num_bodies < team.size),
