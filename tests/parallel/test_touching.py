@@ -48,7 +48,7 @@ RIGID = ("struck", "rammed", "pelted")
 
 # Points without arrays at the end: of lips that the search has taken over, and of vertices that
 # are whole.
-RETIRED = {"struck": 10, "rammed": 5, "split_shards": 71}
+RETIRED = {"struck": 10, "rammed": 10, "split_shards": 71}
 RETIRED |= dict.fromkeys(("shards", "turning_shards", "explicit_shards"), 48)
 
 # Runs that are stopped and go on.
