@@ -11,8 +11,8 @@ from on_ranks import on_ranks
 
 pytestmark = pytest.mark.ranks
 
-OF_TWO = ("bricks", "clouds", "falling", "shear", "glued")
-OF_THREE = ("bricks", "hard_bricks")
+OF_TWO = ("bricks", "clouds", "falling", "shear", "glued", "ropes")
+OF_THREE = ("bricks", "hard_bricks", "ropes")
 SCENES = {1: (*OF_TWO, "hard_bricks"), 2: OF_TWO, 3: OF_THREE}
 several = pytest.mark.parametrize("count", [2, 3])
 scenes = pytest.mark.parametrize(
@@ -97,6 +97,19 @@ def test_all_read_all_forces(found, count):
         np.testing.assert_allclose(together[name], alone[name], rtol=0, atol=1e-7 * scale)
     # a contact whose force is next to nothing may push or not
     assert together["bricks/pushed"] == pytest.approx(alone["bricks/pushed"], rel=0.01)
+
+
+@several
+def test_joints_are_on_the_rank_of_their_bodies(found, count):
+    """Ropes stay whole; two that a wire joins are on one rank. All read all forces."""
+    alone, together = found(1), found(count)
+    rows = together["ropes/rows"]
+    assert sum(rows) == sum(alone["ropes/rows"]) == 56 and min(rows) >= 18
+    # on two, more than there are, so that joints go on with their bodies
+    assert together["ropes/moved"] > (18 if count == 2 else 0)
+    expected = alone["ropes/joints"]
+    scale = np.abs(expected).max()
+    np.testing.assert_allclose(together["ropes/joints"], expected, rtol=0, atol=1e-8 * scale)
 
 
 def test_bodies_change_their_ranks(found):

@@ -17,8 +17,9 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "ranks"))
 import touching_bodies
 
 # Free flight by either bulk, hexahedra with edges that cross, order 2 at finite strain on a wall,
-# bonds that break, in small strain, turning and with an explicit bulk, friction that weakens, and
-# rigid bodies: discs that break a plate on an anvil, spheres and a box in space.
+# bonds that break, in small strain, turning and with an explicit bulk, there with vertices that
+# split, too, friction that weakens, and
+# rigid bodies: discs that break a plate on an anvil, jointed ones, spheres and a box in space.
 SCENES = {
     2: (
         "cloud",
@@ -28,23 +29,34 @@ SCENES = {
         "shards",
         "turning_shards",
         "explicit_shards",
+        "split_shards",
         "slide",
         "struck",
+        "rammed",
         "pelted",
     ),  # fmt: skip
-    4: ("shards", "slide", "struck"),
+    4: ("shards", "split_shards", "slide", "struck", "rammed"),
 }
 several = pytest.mark.parametrize(
     ("count", "name"), [(count, name) for count, names in SCENES.items() for name in names]
 )
 ENERGIES = ("kinetic", "elastic", "external_work", "dissipated_friction", "dissipated_impact")
 # Nothing acts on them from outside, and small strain keeps the energy to rounding.
-FREE = ("cloud", "explicit", "boxes", "shards", "explicit_shards", "pelted")
+FREE = ("cloud", "explicit", "boxes", "shards", "explicit_shards", "split_shards", "pelted")
 
-RIGID = ("struck", "pelted")
+RIGID = ("struck", "rammed", "pelted")
 
-# 26 contacts of hexahedra, face on face, can push in more ways than one: their sum is compared.
-WEDGED = ("boxes",)
+# Points without arrays at the end: of lips that the search has taken over, and of vertices that
+# are whole.
+RETIRED = {"struck": 10, "rammed": 10, "split_shards": 71}
+RETIRED |= dict.fromkeys(("shards", "turning_shards", "explicit_shards"), 48)
+
+# Runs that are stopped and go on.
+RECORDED = ("rammed", "split")
+
+# Contacts of hexahedra, face on face, or of cells in plates that press each other can push in more
+# ways than one: their sum is compared.
+WEDGED = ("boxes", "split_shards")
 
 
 def test_ranks_that_met_before_meet_in_the_same_phase():
@@ -79,8 +91,8 @@ def found(tmp_path_factory):
 @several
 def test_ranks_agree(found, name, count):
     one, many = found(name, 1), found(name, count)
-    assert set(one) == set(many) and one["pushed"].max() >= 10
-    assert one["retired"] == {"struck": 10}.get(name, 48 if "shards" in name else 0)
+    assert set(one) == set(many) and one["pushed"].max() >= (4 if name == "rammed" else 10)
+    assert one["retired"] == RETIRED.get(name, 0)
     for key in ("contact_bodies", "pushed", "fragment", "retired"):
         np.testing.assert_array_equal(many[key], one[key])
     energies = max(np.abs(one[key]).max() for key in ("kinetic", "external_work"))
@@ -88,6 +100,11 @@ def test_ranks_agree(found, name, count):
         assert np.abs(one[key] - many[key]).max() <= 1e-8 * energies, key
     each = () if name in WEDGED else ("contact_force",)
     solids = ("solids",) if name in RIGID else ()
+    if name == "rammed":
+        solids += ("joint_force",)
+        # of the two that joints join on either side, seven rows and four, each is on one rank
+        assert np.sort(many["rows"]).tolist()[-2:] == [4, 7] and sum(many["rows"]) == 11
+        assert np.abs(many["closure"]).max() <= 1e-12 * energies
     for key in ("momentum", "force", "displacement", "velocity", "damage", *each, *solids):
         scale = np.abs(one[key]).max(initial=0.0)
         assert np.abs(one[key] - many[key]).max(initial=0.0) <= 1e-8 * scale, key
@@ -155,30 +172,35 @@ def test_ghosts_are_those_of_bodies_that_may_touch(found):
 
 @pytest.fixture(scope="module")
 def folders(tmp_path_factory):
-    """A whole run on two ranks; one stopped after bodies have met that goes on, on 2, 3 and 1."""
+    """Whole runs on two ranks; ones stopped after bodies have met that go on, on 2, 3 and 1."""
     base = tmp_path_factory.mktemp("touching")
 
     def run(count: int, *asked: str) -> None:
         done = on_ranks(count, "ranks/touching_bodies.py", base, *asked)
         assert done.returncode == 0, done.stdout + done.stderr
 
-    run(2, "two=30", "stopped=20")
+    run(2, *(f"{scene}_{run}" for scene in RECORDED for run in ("two=40", "stopped=25")))
     for count in (2, 3, 1):
-        shutil.copytree(base / "stopped", base / f"on_{count}")
-        run(count, f"on_{count}=30", "restart")
+        for scene in RECORDED:
+            shutil.copytree(base / f"{scene}_stopped", base / f"{scene}_on_{count}")
+        run(count, *(f"{scene}_on_{count}=40" for scene in RECORDED), "restart")
     return base
 
 
 @pytest.mark.ranks
-def test_as_many_ranks_go_on_to_the_bit(folders):
-    histories = [(folders / f / "history.csv").read_bytes() for f in ("two", "on_2")]
+@pytest.mark.parametrize("scene", RECORDED)
+def test_as_many_ranks_go_on_to_the_bit(folders, scene):
+    histories = [(folders / f"{scene}_{f}" / "history.csv").read_bytes() for f in ("two", "on_2")]
     assert histories[0] == histories[1]
 
 
 @pytest.mark.ranks
 @pytest.mark.parametrize("count", [1, 3])
-def test_another_number_of_ranks_goes_on_to_the_tolerance(folders, count):
-    two, other = (read_history(folders / f / "history.csv") for f in ("two", f"on_{count}"))
-    assert two["dissipated_impact"][19] > 0.0
+@pytest.mark.parametrize("scene", RECORDED)
+def test_another_number_of_ranks_goes_on_to_the_tolerance(folders, scene, count):
+    two, other = (
+        read_history(folders / f"{scene}_{f}" / "history.csv") for f in ("two", f"on_{count}")
+    )
+    assert two["dissipated_impact"][24] > 0.0
     for key in ENERGIES:
         assert np.abs(two[key] - other[key]).max() <= 1e-9 * two["kinetic"].max(), key

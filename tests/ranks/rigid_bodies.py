@@ -13,9 +13,11 @@ from xper_fx.nscd.laws import CohesiveZone, SignoriniCoulomb
 from xper_fx.nscd.rigid import Cluster, Disc, Part, Polygon, RigidBody, Sphere, wall
 from xper_fx.output.contact_forces import find_contact_forces
 from xper_fx.output.fragments import measure_fragments
+from xper_fx.output.joint_forces import find_joint_forces
 from xper_fx.parallel import rigid_partition as rigid_division
 from xper_fx.parallel.launch import run_together
 from xper_fx.scene.contact import Contact
+from xper_fx.scene.joints import Hinge, Tendon
 from xper_fx.scene.scene import Scene
 from xper_fx.simulation.simulation import Simulation
 
@@ -139,8 +141,39 @@ def glued() -> Simulation:
     return Simulation(scene, 1e-5, tolerance=1e-11, num_threads=1)
 
 
+def ropes() -> Simulation:
+    """Ropes of hinged discs swing into each other; wires join the first two and hold the last."""
+    bodies, joints = [], []
+    for rope in range(6):
+        before, side = None, (-1.0) ** rope
+        for n in range(3):
+            place = np.array([0.22 * rope, -0.2 * n - 0.1])
+            disc = RigidBody(
+                Disc(RADIUS), place, "discs", density=1000.0,
+                velocity=(-side * 5.0 * place[1], 0.0), spin=side * 5.0,
+            )  # fmt: skip
+            bodies.append(disc)
+            joints.append(
+                Hinge(
+                    (before, disc), place + [0.0, 0.1], friction=0.2 * (n == 1),
+                    limits=None if n else (-0.5, 0.12), restitution=0.0 if n else 0.5,
+                )
+            )  # fmt: skip
+            before = disc
+    bodies.append(RigidBody(Polygon.box((2.0, 0.1)), (0.55, -0.65), "floor",
+                            prescribed={0: 0.3, 1: 0.0, 2: 0.0}))  # fmt: skip
+    two, last = (bodies[2], bodies[5]), bodies[17]
+    joints.append(Tendon(two, [b.position for b in two], stiffness=2e4, prestress=50.0))
+    joints.append(Tendon((last, None), [last.position, (1.6, -0.5)]))
+    law = SignoriniCoulomb(friction=0.3, restitution=0.3)
+    pairs = ("discs", "discs"), ("discs", "floor")
+    scene = Scene(rigid=bodies, contacts=[Contact(pair, law) for pair in pairs], joints=joints,
+                  loads=[Gravity((0.0, -G))])  # fmt: skip
+    return Simulation(scene, 2e-3, tolerance=1e-11, num_threads=1)
+
+
 SCENES = {"clouds": (clouds, 0.16), "falling": (falling, 0.1), "bricks": (bricks, 0.02),
-          "shear": (shear, 0.8), "glued": (glued, 1e-4),
+          "shear": (shear, 0.8), "glued": (glued, 1e-4), "ropes": (ropes, 0.12),
           "hard_bricks": (hard_bricks, 0.02)}  # fmt: skip
 
 
@@ -156,7 +189,7 @@ def results(name: str) -> dict[str, np.ndarray]:
         pushed += len(find_contact_forces(simulation).force)
         division = simulation.model.division
         away.add(division is not None and division.halo is None)
-    state = motion.state
+    state, force = motion.state, np.zeros((0, 2))
     pieces = measure_fragments(simulation)
     moved = pieces.mass[:, None] * pieces.velocity
     every = simulation.team.comm.allgather((state.position, state.velocity, state.turn.spin))
@@ -176,6 +209,10 @@ def results(name: str) -> dict[str, np.ndarray]:
         "partitions": 0 if division is None else division.partitions,
         "moved": 0 if division is None else division.moved,
         "own": simulation.team.comm.allgather(sum(map(len, simulation.interactions.contacts))),
+        "joints": np.column_stack(find_joint_forces(simulation)) if name == "ropes" else force,
+        "rows": simulation.team.comm.allgather(
+            len(simulation.model.joints.here) if name == "ropes" else 0
+        ),
         "reaction": simulation.reaction_of("floor") if name == "bricks" else np.zeros(2),
     }
 

@@ -100,7 +100,13 @@ def wrong() -> list[str]:
     holed_bond = replace(meshed_scenes.BOND, strength=lambda x: holed(x)[0] + 10.0)
     mesh = scenes.mesh_of((1, 1), (3, 3))
     own = mesh.topology.index_map(2).size_local
+    scenes.COMM = MPI.COMM_SELF
+    alone, _, _ = meshed_scenes.SCENES["explicit"]()
+    one_state = Simulation(alone, comm=MPI.COMM_SELF, **options).saved_in_order()
+    scenes.COMM = WORLD
+    holed_stress = xf.InitialStress(lambda x: holed(x)[0] * np.eye(2)[..., None])
     told = []
+    spread_state = Simulation(scene, **options).saved_in_order()
     for call in (
         lambda: Simulation(whole, **options),
         lambda: Simulation(scene, step=1e-4 * (1 + WORLD.rank)),
@@ -121,6 +127,9 @@ def wrong() -> list[str]:
         lambda: xf.explode(mesh, np.full(own, -WORLD.rank)),
         lambda: xf.explode(mesh, lattice=(1.0, 1.0)),
         lambda: xf.output.find_fragments(Simulation(scene, **options)),
+        lambda: Simulation(scene, **options).restore(one_state),
+        lambda: Simulation(alone, comm=MPI.COMM_SELF, **options).restore(spread_state),
+        lambda: replace(scene, loads=[holed_stress]),
     ):
         try:
             call()

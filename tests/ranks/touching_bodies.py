@@ -7,15 +7,23 @@ from scenes import BOTTOM, box_bodies
 
 from xper_fx.forms.loads import Gravity, PrescribedVelocity
 from xper_fx.materials import LinearElastic, NeoHookean
-from xper_fx.nscd.laws import CohesiveZone, SignoriniCoulomb, SlipWeakening
+from xper_fx.nscd.laws import (
+    CohesiveZone,
+    RigidCohesiveZone,
+    SignoriniCoulomb,
+    SlipWeakening,
+)
+from xper_fx.nscd.laws.fields import Weibull
 from xper_fx.nscd.rigid import Disc, Polygon, Polyhedron, RigidBody, Sphere, wall
 from xper_fx.output.contact_forces import find_contact_forces
 from xper_fx.output.fragments import measure_fragments
+from xper_fx.output.joint_forces import find_joint_forces
 from xper_fx.output.recorder import Recorder
 from xper_fx.output.run import recorded_steps
 from xper_fx.parallel.launch import run_together
 from xper_fx.scene import Scene, Wall
 from xper_fx.scene.contact import Contact
+from xper_fx.scene.joints import Hinge, Slider, Tendon
 from xper_fx.simulation.simulation import Simulation
 from xper_fx.support.compat import geometry_dofmap
 
@@ -23,6 +31,7 @@ ELASTIC = LinearElastic(1000.0, 0.3, 1.0)
 BOND = CohesiveZone(2e4, 0.05, 10.0, friction=0.3)
 GLUE = CohesiveZone(2e4, 50.0, 1000.0)
 RUB = SignoriniCoulomb(0.4)
+LAST = 40  # step of runs that are recorded
 HELD = dict.fromkeys(range(3), 0.0)
 EACH_OTHER = {
     "interactions": {(1, 1): None},
@@ -126,6 +135,28 @@ def explicit_shards():
     return scene, {"scheme": "explicit", "tolerance": 1e-10}, 22
 
 
+def split_shards():
+    """Two plates of cells that initially rigid bonds join fly into each other and break."""
+    bodies = box_bodies((2.0, 1.0), (10, 5), material={2: lambda x: x[0] > 1.0 - 1e-9})
+    second = np.unique(geometry_dofmap(bodies.mesh)[bodies.material_of_cell == 2])
+    bodies.mesh.geometry.x[second, :2] += (0.004, 0.13)
+    velocity = {
+        tag: lambda x, v=v: np.stack([v + 0.5 * (x[0] - 1.0), 4.0 * (x[1] - 0.5)])
+        for tag, v in ((1, 0.5), (2, -0.5))
+    }
+    bond = RigidCohesiveZone(Weibull(10.0, 12.0, seed=1), 0.1)
+    scene = Scene(
+        bodies, {1: ELASTIC, 2: ELASTIC}, interactions={(1, 2): None}, default_interaction=bond,
+        surfaces={"left": (1,), "right": (2,)},
+        contacts=[
+            Contact(pair, RUB)
+            for pair in (("left", "right"), ("left", "left"), ("right", "right"))
+        ],
+        initial_velocity=velocity,
+    )  # fmt: skip
+    return scene, {"scheme": "explicit", "tolerance": 1e-10}, 42
+
+
 def slide():
     """A beam of bonded blocks slides over another, from block to block; friction weakens."""
     bodies = box_bodies(
@@ -173,6 +204,35 @@ def struck():
     return scene, {"step": 1e-3, "tolerance": 1e-10, "scheme": "implicit"}, 60
 
 
+def rammed():
+    """A hinged ball on a swinging bar and a sliding one that tows a weight break a plate."""
+    bodies = box_bodies(
+        (1.0, 0.5), (8, 4), label=lambda x: 2 * (3.999 * x[0]).astype(int) + (x[1] > 0.25)
+    )
+    bar = RigidBody(Polygon.box((0.05, 0.4)), (-0.12, 0.7), "bar", density=5.0,
+                    velocity=(1.0, 0.0), spin=5.0)  # fmt: skip
+    hung = RigidBody(Disc(0.1), (-0.12, 0.3), "ball", density=20.0, velocity=(3.0, 0.0), spin=5.0)
+    held = RigidBody(Disc(0.1), (1.12, 0.21), "ball", density=20.0, velocity=(-3.0, 0.0))
+    weight = RigidBody(Disc(0.05), (1.5, 0.3), "bar", density=20.0, velocity=(-2.0, 0.1))
+    scene = Scene(
+        bodies, {1: ELASTIC}, default_interaction=BOND, surfaces={"plate": (1,)},
+        rigid=[held, bar, weight, hung],
+        contacts=[
+            Contact(("plate", "plate"), RUB), Contact(("plate", "ball"), RUB),
+            Contact(("plate", "bar"), RUB), Contact(("ball", "ball"), None),
+            Contact(("ball", "bar"), None), Contact(("bar", "bar"), None),
+        ],
+        joints=[
+            Slider((None, held), at=held.position, axis=(1.0, 0.0), friction=0.5),
+            Hinge((bar, hung), at=(-0.12, 0.5), friction=0.01, limits=(-0.1, 0.1)),
+            Tendon((held, weight), at=[held.position, weight.position], stiffness=50.0,
+                   prestress=1.0),
+            Hinge((None, bar), at=(-0.12, 0.9)),
+        ],
+    )  # fmt: skip
+    return scene, {"step": 1e-3, "tolerance": 1e-10, "scheme": "implicit"}, 36
+
+
 def pelted():
     """Spheres and a tumbling box fly into hexahedra in space, and meet none of each other."""
     solids = [
@@ -197,8 +257,8 @@ def pelted():
 SCENES = {
     f.__name__: f
     for f in (
-        cloud, explicit, boxes, heap, shards, turning_shards, explicit_shards, slide, struck,
-        pelted,
+        cloud, explicit, boxes, heap, shards, turning_shards, explicit_shards, split_shards, slide,
+        struck, rammed, pelted,
     )
 }  # fmt: skip
 
@@ -232,9 +292,13 @@ def run(name: str) -> dict[str, np.ndarray]:
     order = np.lexsort((*forces.position.T.round(6), *forces.bodies.T))
     found |= {f"contact_{k}": v[order] for k, v in forces._asdict().items()}
     found |= {"fragment": measure_fragments(simulation).fragment, "start": start}
+    if scene.joints:
+        rows = simulation.team.comm.allgather(len(simulation.model.joints.here))
+        found |= {"joint_force": np.column_stack(find_joint_forces(simulation)), "rows": rows}
     interactions = simulation.interactions
     contacts = sum(map(len, interactions.contacts))
-    permanent = simulation.ranks.sum(sum(map(len, interactions.groups)) - contacts)
+    others = contacts + sum(map(len, interactions.joints))
+    permanent = simulation.ranks.sum(sum(map(len, interactions.groups)) - others)
     if simulation.rigid is not None:
         state = simulation.rigid.state
         found |= {"solids": np.column_stack([state.position, state.velocity, state.turn.spin])}
@@ -246,7 +310,7 @@ def run(name: str) -> dict[str, np.ndarray]:
         contacts, interactions.inverse.num_nodes - interactions.own_inverse.num_nodes,
         *searched(simulation),
     ]))  # fmt: skip
-    return {k: np.array(v) for k, v in history.items()} | found
+    return {k: np.array(v) for k, v in (history | found).items()}
 
 
 def searched(simulation) -> tuple[int, int]:
@@ -257,12 +321,12 @@ def searched(simulation) -> tuple[int, int]:
 
 
 def record(folder: str, last: int, restart: bool) -> None:
-    """Run to a step of `shards`, or go on to it."""
-    scene, options, steps = shards()
+    """Run to a step of `rammed` or `split_shards`, or go on to it."""
+    scene, options, _ = (split_shards if "split" in folder else rammed)()
     simulation = Simulation(scene, **options)
-    end = steps * simulation.step_size
+    end = LAST * simulation.step_size
     recorder = Recorder(simulation, folder, end_time=end, fields=10, restart=restart)
-    for _ in recorded_steps(recorder, last * simulation.step_size, "shards", quiet=True):
+    for _ in recorded_steps(recorder, last * simulation.step_size, "run", quiet=True):
         pass
 
 

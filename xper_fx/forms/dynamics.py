@@ -38,6 +38,11 @@ from xper_fx.materials.material import InelasticMaterial, Material, Response
 from xper_fx.support.compat import interpolation_points
 
 
+def at_finite_strain(materials: Mapping[int, Material | InelasticMaterial]) -> bool:
+    """Whether one of some materials names that effect."""
+    return any("finite strain" in getattr(m, "effects", ()) for m in materials.values())
+
+
 class BulkForms:
     """Compiled forms of the bulk on the exploded mesh.
 
@@ -72,9 +77,7 @@ class BulkForms:
         self.V = fem.functionspace(mesh, ("Lagrange", order, (dim,)))
         self.u = fem.Function(self.V, name="displacement")
         self.linear = all(m.linear for m in self.materials.values())
-        self.finite_strain = any(
-            "finite strain" in getattr(m, "effects", ()) for m in self.materials.values()
-        )
+        self.finite_strain = at_finite_strain(self.materials)
         simplex = mesh.topology.cell_name() in ("triangle", "tetrahedron")
         self._degree = 2 * (order - 1) if simplex else 2 * order
         self._dx = ufl.Measure(

@@ -107,6 +107,13 @@ class PointHalo(AnyHalo, Protocol):
         """Exchange with all ranks."""
 
     @property
+    def corners(self) -> GhostExchange:
+        """Exchange of what permanent points ask for: a slot has one ghost where they do, at most.
+
+        So it is where each vertex is on one rank.
+        """
+
+    @property
     def phase(self) -> np.ndarray:
         """Phase of each point, 0 where all bodies are this rank's, shape (num_points,)."""
 

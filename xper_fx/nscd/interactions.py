@@ -101,6 +101,7 @@ class Interactions(SteppedPoints):
         grouping = self._permanent.grouping.by_tiles()
         self._found, self._carried = (FoundContacts(grouping, laws, self.dim) for _ in range(2))
         self.renewals = self.exchanges = 0
+        self._jointed = False
         self._take_inverse(self.groups)
 
     def turn_on_nodes(self, count: int) -> bool:
@@ -137,12 +138,18 @@ class Interactions(SteppedPoints):
 
     def _joined(self, inverse: BodyInverse) -> BodyInverse:
         """With blocks of rigid bodies and of ghosts behind those of meshed ones."""
-        blocks, share = self._rigid_blocks, self._rigid_share
-        if blocks is not None:
-            inverse = inverse.joined(blocks if share is None else blocks[share.here])
+        rigid = self._rigid_blocks is not None
+        if rigid:
+            inverse = inverse.joined(self.rigid_blocks)
         self.own_inverse = inverse
-        alone = self.halo is None or (blocks is not None and share is None)
+        alone = self.halo is None or (rigid and self._rigid_share is None)
         return inverse if alone else self.halo.with_ghosts(inverse)
+
+    @property
+    def rigid_blocks(self) -> np.ndarray:
+        """Blocks of w of this rank's rigid bodies, shape (n, 2 dim, 2 dim)."""
+        share = self._rigid_share
+        return self._rigid_blocks if share is None else self._rigid_blocks[share.here]
 
     def take_rigid(self, start: np.ndarray, free: np.ndarray) -> None:
         """Take what a prediction of the rigid bodies' step gives; `rigid_blocks` holds their w.
@@ -153,9 +160,8 @@ class Interactions(SteppedPoints):
             start: shape (2 num_rigid, dim), velocities at the start of the step (m/s, rad/s).
             free: shape (2 num_rigid, dim), free velocities.
         """
-        blocks, share = self._rigid_blocks, self._rigid_share
+        blocks, share = self.rigid_blocks, self._rigid_share
         if share is not None:
-            blocks = blocks[share.here]
             start, free = (a.reshape(-1, 2, self.dim)[share.here] for a in (start, free))
         self._rigid_start = start.reshape(-1, self.dim)
         self._rigid_free = free.reshape(-1, self.dim)
@@ -283,22 +289,24 @@ class Interactions(SteppedPoints):
             slots: shape (n,), the slot of each of the old slots at which these points are.
         """
         self.halo = halo
-        self.inverse = self._joined(self.bulk_inverse)
-        self._permanent.move(self.inverse, slots)
-        self._found.regroup(self._permanent.grouping.by_tiles())
-        for group in self._permanent.groups:
+        self._permanent.move(self._joined(self.bulk_inverse), slots)
+        self.inverse = self._permanent.inverse
+        for points in (self._found, self._carried):
+            points.regroup(self._permanent.grouping.by_tiles())
+        for group in self._permanent.groups if self.fused is None else ():
             update_compliance(group, self.inverse)
 
     def move_joints(self, rows: FoundPoints, step: float, theta: float) -> None:
         """Put the rows of joints where bodies have moved to in the middle of a step.
 
         Args:
-            rows: of all joints, the same in each step.
+            rows: of joints; a rank has those of its bodies.
             step: h (s).
             theta: weight of the end of the step.
         """
         start = self._slots(np.zeros((self.bulk_inverse.num_nodes, self.dim)), self._rigid_start)
         times = step, step * (1.0 - theta)
+        self._jointed = True
         self._carried.renew([rows], self.inverse, None, start, times)
         self._regroup()
         self._take_inverse(self.joints)
@@ -372,8 +380,9 @@ class Interactions(SteppedPoints):
         self._carried.restore(saved.get("joints", {}))
 
     def share_history(self, ranks: Reductions) -> None:
-        """Let contacts go on from the last step on whichever rank they are found now.
+        """Let contacts and joints go on from the last step on whichever rank has them now.
 
         All ranks call it together.
         """
         self._found.share_history(ranks)
+        self._carried.share_history(ranks)

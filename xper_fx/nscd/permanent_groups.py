@@ -105,13 +105,15 @@ class PermanentGroups:
             inverse, points, law_of_point, nodal, phase, left_out=frozenset(rigid)
         )
         self.fused: FusedPoints | None = None
+        # points whose groups have all of their frames are put together again when asked for
+        self._points: InteractionPoints | None = points
         if rigid:
             from xper_fx.nscd.splitting.fused_points import FusedPoints
 
             self.fused = FusedPoints(
                 points, vertex, laws, self.law_of_point, inverse, self.groups,
                 lambda kernels, indices: self.grouping.as_given(
-                    self.inverse, kernels, points, self.law_of_point, indices
+                    self.inverse, kernels, self._points, self.law_of_point, indices
                 ),
             )  # fmt: skip
             self.groups = self.fused.groups
@@ -119,9 +121,8 @@ class PermanentGroups:
         # places and `diagonals` of the points whose compliance hangs on their frame, by group
         self.uneven: dict[int, tuple[np.ndarray, np.ndarray]] | None = None
         components = [group.kernels.components for group in self.groups]
-        # points whose groups have all of their frames are put together again when asked for
-        self._points: InteractionPoints | None = None
         alike = components and min(components) == max(components) and self.fused is None
+        self._points = None
         if not alike or points.lever_arms is not None:
             self._points = points.with_components(max(components, default=1))
 
@@ -161,14 +162,21 @@ class PermanentGroups:
                 self.uneven[id(g)] = which, diagonals(g, which)
 
     def move(self, inverse: BodyInverse, slots: np.ndarray) -> None:
-        """Put all points on other slots of the same bodies; no vertices may split.
+        """Put all points on other slots of the same bodies; w of those that split is diagonal.
 
         Args:
             inverse: blocks of w on the new slots.
             slots: shape (n,), by the old slot.
         """
+        if self.fused is not None and not inverse.diagonal:
+            inverse = inverse.diagonal_of_nodes()
         self.grouping = self.grouping.onto(inverse)
-        self.groups = [self.grouping.moved(inverse, group, slots) for group in self.groups]
+        moved = partial(self.grouping.moved, inverse, slots=slots)
+        if self.fused is None:
+            self.groups = [moved(group) for group in self.groups]
+        else:
+            self.fused.move(slots, inverse, moved)
+            self.groups = self.fused.groups
         if self._points is not None:
             self._points = self._points.on(slots)
         self.take_inverse(inverse)

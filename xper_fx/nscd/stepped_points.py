@@ -118,6 +118,7 @@ class SteppedPoints(PointValues):
     from_scheme: float
     _found: FoundContacts
     _carried: FoundContacts
+    _jointed: bool
     _motion: LipMotion
     _couples: np.ndarray
     _of_cell: np.ndarray
@@ -280,11 +281,11 @@ class SteppedPoints(PointValues):
     def impulses(self) -> np.ndarray:
         """H r: impulses of the current step on the interacting nodes, shape (num_slots, dim)."""
         if self.fused is not None:
-            own = self.fused.given_impulses()
-            if self.halo is not None:
-                self.halo.everywhere.add_back(own.reshape(-1))
-            return own + self.spread(self.contacts) if self.contacts else own
-        total = self.spread(self.groups)
+            total = self.fused.given_impulses()
+            if self.contacts:
+                total += self.spread(self.contacts)
+        else:
+            total = self.spread(self.groups)
         if self.halo is not None:
             self.halo.everywhere.add_back(total.reshape(-1))
         return total
@@ -299,7 +300,7 @@ class SteppedPoints(PointValues):
 
     @property
     def joints(self) -> list[PointGroup]:
-        """The groups of the rows of joints; `indices` are the rows' numbers."""
+        """The groups of the rows of joints, of those that were given last."""
         return self._carried.groups
 
     @property
@@ -317,7 +318,7 @@ class SteppedPoints(PointValues):
             (p . w p)^(1/2) with p = H r, and the same of the rounding of velocities; kg^(1/2) m/s.
         """
         energy = self.total(float(np.vdot(self.spread(self.groups), velocity - free)))
-        speed = float(np.abs(velocity).max(initial=0.0))
+        speed = self.largest(float(np.abs(velocity).max(initial=0.0)))
         return math.sqrt(max(energy, 0.0)), ROUNDING * speed * math.sqrt(self._mass)
 
     def commit(self, velocity: np.ndarray, static: bool = False) -> StepWork:
@@ -354,7 +355,7 @@ class SteppedPoints(PointValues):
         self.committed_step = self.step_size
         if self.renewals:
             self._found.commit()
-        if self._carried.groups:
+        if self._jointed:
             self._carried.commit()
         *work, self.from_scheme = self.total(np.array([*totals.values(), percussions])).tolist()
         return StepWork(*work)

@@ -27,7 +27,7 @@ class JointForces(NamedTuple):
 
 
 def find_joint_forces(simulation: Simulation) -> JointForces:
-    """Read the forces of the joints in the last step.
+    """Read the forces of the joints in the last step; all ranks call it together.
 
     Args:
         simulation: of a scene with joints; before the first step all are zero.
@@ -44,9 +44,11 @@ def find_joint_forces(simulation: Simulation) -> JointForces:
     force, moment = np.zeros((count, dim)), np.zeros((count, dim))
     on_spins = joints.rows.on_spins
     for group in interactions.joints:
+        row = joints.here[group.indices]
         vector = group.committed_impulse * group.points.frame[:, 0] / interactions.committed_step
-        turns = on_spins[group.indices, None]
-        joint = joints.joint_of_row[group.indices]
+        turns = on_spins[row, None]
+        joint = joints.joint_of_row[row]
         np.add.at(force, joint, np.where(turns, 0.0, vector))
         np.add.at(moment, joint, np.where(turns, vector, 0.0))
+    force, moment = interactions.total(np.stack([force, moment]))
     return JointForces(force, moment if dim == 3 else moment[:, :1])

@@ -121,6 +121,7 @@ class Halo:
         meetings: as given.
         wanted: slots of the nodes that other ranks gave, by rank, in the order they were asked for.
         everywhere: exchange with all ranks.
+        corners: exchange of what permanent points ask for.
         phases: exchange with one rank, phase after phase from the first.
     """
 
@@ -162,7 +163,7 @@ class Halo:
             self._sizes.append(counts)
             at += int(counts.sum())
         dim = inverse.dim
-        self.everywhere = Exchange(ranks, all_given, ghosts, dim)
+        self.everywhere = self.corners = Exchange(ranks, all_given, ghosts, dim)
         self.phases = []
         phase_of_rank = meetings[ranks.rank]
         for phase in range(1, int(meetings.max(initial=0)) + 1):
@@ -198,7 +199,10 @@ class Halo:
             )
             for rank in sorted({*self._given, *more})
         }
-        return Halo(self.ranks, inverse, given, meetings, self.numbers, self.phase)
+        halo = Halo(self.ranks, inverse, given, meetings, self.numbers, self.phase)
+        wanted = {rank: halo.wanted[rank][: len(slots)] for rank, slots in self.wanted.items()}
+        halo.corners = Exchange(self.ranks, self._given, wanted, self._dim)
+        return halo
 
     def phase_of(self, points: InteractionPoints) -> np.ndarray:
         """Phase of points on these slots, 0 where all bodies are this rank's, (num_points,)."""

@@ -18,6 +18,8 @@ times what it would take if work could be divided evenly. Bodies are partitioned
 has grown by `_GROWN` since the last partition: what was reached then is what can be reached, so
 that ranks do not partition again and again in vain. A partition that is no better is not taken.
 
+Bodies that joints join stay together: they are one vertex of the graph.
+
 With fewer pairs than `_FEW` a rank messages would cost more than they save: each rank has all.
 """
 
@@ -51,6 +53,8 @@ class RigidDivision:
         ranks: the ranks.
         moves: shape (num_bodies,), bool: which bodies contacts can move.
         dim: dimension of space.
+        groups: shape (num_bodies,), whole numbers: bodies that move and have the same one are on
+            one rank.
 
     Attributes:
         halo: what contacts have to do with other ranks, None where each rank has all.
@@ -59,8 +63,10 @@ class RigidDivision:
         moved: how many bodies have changed their rank since the start.
     """
 
-    def __init__(self, ranks: Ranks, moves: np.ndarray, dim: int):
+    def __init__(self, ranks: Ranks, moves: np.ndarray, dim: int, groups: np.ndarray):
         self.ranks, self._moves, self._dofs = ranks, moves, 2 * dim
+        names, self._group_of_moving = np.unique(groups[moves], return_inverse=True)
+        self._num_groups = len(names)
         self.halo: RigidHalo | None = None
         self.rank_of_body = np.zeros(len(moves), np.int32)
         self.partitions = self.moved = 0
@@ -133,7 +139,7 @@ class RigidDivision:
     def _are_many(self, moving: np.ndarray) -> bool:
         """Whether there is enough to divide."""
         least = _FEW * self.ranks.size * (1.0 if self.halo is None else _FEWER)
-        enough = np.count_nonzero(self._moves) >= self.ranks.size
+        enough = self._num_groups >= self.ranks.size
         return enough and len(moving) >= max(least, 1)
 
     def _weighed(self, pairs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -170,18 +176,17 @@ class RigidDivision:
 
     def _partition(self, pairs, weights, cost: float) -> None:
         count = len(self._moves)
-        moving = np.flatnonzero(self._moves)
-        number = np.cumsum(self._moves) - 1
-        of_body = np.bincount(pairs.ravel(), np.repeat(weights, 2), count)[moving]
+        moving, group_of = np.flatnonzero(self._moves), np.full(count, -1)
+        group_of[moving] = self._group_of_moving
+        of_body = 1 + np.bincount(pairs.ravel(), np.repeat(weights, 2), count)[moving]
+        of_group = np.bincount(self._group_of_moving, of_body).astype(np.int64)
         both = self._moves[pairs].all(axis=1)
 
         def part() -> np.ndarray:
-            return partition_bodies(
-                1 + of_body.astype(np.int64), number[pairs[both]], weights[both], self.ranks.size
-            )
+            return partition_bodies(of_group, group_of[pairs[both]], weights[both], self.ranks.size)
 
-        new = self.rank_of_body.copy()
-        new[moving] = self.ranks.comm.bcast(part() if self.ranks.rank == 0 else None)
+        new, part_of = self.rank_of_body.copy(), part() if self.ranks.rank == 0 else None
+        new[moving] = self.ranks.comm.bcast(part_of)[self._group_of_moving]
         self.partitions += 1
         reached = self._cost(new, pairs, weights)
         if self.halo is None or reached < cost:

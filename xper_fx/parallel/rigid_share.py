@@ -8,7 +8,7 @@ may touch it. After a solution all ranks are told all velocities. Bodies that no
 every rank.
 
 Where rigid bodies may touch each other, those that move are all on one rank, which has the contacts
-between them.
+between them. So are those that joints join, on one of the ranks.
 """
 
 from __future__ import annotations
@@ -65,16 +65,22 @@ class RigidShare:
 
 
 def share_rigid(
-    rigid: RigidBodies, meshed: Bodies, rank_of_meshed: np.ndarray, ranks: Ranks, together: bool
+    rigid: RigidBodies,
+    meshed: Bodies,
+    rank_of_meshed: np.ndarray,
+    ranks: Ranks,
+    groups: np.ndarray,
 ) -> RigidShare:
     """Give each rigid body to the rank of the meshed body whose box is next to its centre.
+
+    Those that move and are of one group are where the first of them is.
 
     Args:
         rigid: the rigid bodies.
         meshed: the meshed ones.
         rank_of_meshed: shape (num_meshed,).
         ranks: the ranks.
-        together: whether those that move are all to be on the rank of the first of them.
+        groups: shape (num_rigid,), whole numbers.
     """
     dim, moves = rigid.dim, ~rigid.is_prescribed.all(axis=1)
     low, high = boxes_of(meshed)
@@ -82,6 +88,6 @@ def share_rigid(
     for body, centre in enumerate(rigid.position):
         beside = np.maximum(np.maximum(low - centre, centre - high), 0.0)
         rank[body] = rank_of_meshed[np.argmin((beside**2).sum(axis=1))]
-    if together and moves.any():
-        rank[moves] = rank[moves][0]
+    _, first, group = np.unique(groups[moves], return_index=True, return_inverse=True)
+    rank[moves] = rank[moves][first][group]
     return RigidShare(ranks, rank, moves, dim)

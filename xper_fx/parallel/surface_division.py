@@ -75,6 +75,10 @@ class SurfaceDivision:
         self._pairs = np.zeros((0, 2), np.int64)
         self._found = self._committed = np.zeros((0, 2), np.int64), np.zeros(0, np.int64)
 
+    def owns(self, bodies: np.ndarray) -> np.ndarray:
+        """Whether what is between two bodies is this rank's, of pairs of shape (n, 2), (n,)."""
+        return owners_of_pairs(self._rank_of_body[bodies]) == self.ranks.rank
+
     def fill_in(self, values: np.ndarray) -> None:
         """Put what all ranks have at their nodes into values at all nodes, shape (n, dim)."""
         self._rows.forward(values.reshape(-1))

@@ -17,6 +17,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from xper_fx.nscd.laws.joint_laws import ElasticWire, Held, SlidingFriction, Stop
 from xper_fx.nscd.rigid.bodies import RigidBodies
@@ -368,7 +370,8 @@ def parting_joint(
     """The joint whose bodies leave it fastest, and how fast, m/s or rad/s; None if none do."""
     rows = rows_of_joints(joints, rigid, bodies)
     place, count = rows.placed.at(bodies.position, bodies.rotation), len(bodies)
-    points = rows.placed.points(place, 0, 2 * count, np.zeros(len(rows.each), int)).points
+    every, slots = np.arange(len(rows.each)), 2 * np.arange(count)
+    points = rows.placed.points(place, slots, 2 * count, np.zeros_like(every), every).points
     velocity = np.zeros((2 * count + 1, bodies.dim))
     velocity[:-1:2] = bodies.velocity
     velocity[1::2, : np.size(bodies.spin) // count] = bodies.spin.reshape(count, -1)
@@ -385,6 +388,25 @@ def joined_bodies(joints: Sequence[Joint], rigid: Sequence[RigidBody]) -> np.nda
     number_of = {id(body): number for number, body in enumerate(rigid)}
     pairs = [[number_of.get(id(body), len(rigid)) for body in joint.between] for joint in joints]
     return np.array(pairs, int).reshape(-1, 2)
+
+
+def jointed_groups(
+    joints: Sequence[Joint], rigid: Sequence[RigidBody], moves: np.ndarray
+) -> np.ndarray:
+    """Bodies that joints join, directly or through others that move, have one number.
+
+    Args:
+        joints: of the scene.
+        rigid: its rigid bodies.
+        moves: shape (num_rigid,), bool: which of them can move; others join nothing.
+
+    Returns:
+        Shape (num_rigid,), from 0 in the order of their first bodies.
+    """
+    pairs, still = joined_bodies(joints, rigid), np.append(~moves, True)
+    a, b = pairs[~still[pairs].any(axis=1)].T
+    graph = coo_array((np.ones(len(a)), (a, b)), shape=2 * (len(rigid),))
+    return connected_components(graph, directed=False)[1]
 
 
 def _check_between(joint: Joint) -> None:

@@ -34,6 +34,7 @@ from xper_fx.scene.material_checks import check_materials
 from xper_fx.scene.wall import Wall
 from xper_fx.support.checks import require_flag, require_integer, require_kind
 from xper_fx.support.compat import geometry_dofmap
+from xper_fx.support.ranks import ALONE
 
 if TYPE_CHECKING:
     from xper_fx.nscd.rigid.bodies import RigidBodies
@@ -139,7 +140,13 @@ class Scene:
         if self.bodies is None:
             self._check_without_mesh()
         else:
-            self._check_with_mesh()
+            if not isinstance(self.bodies, Bodies):
+                raise TypeError(
+                    f"bodies is {self.bodies!r}; `xper_fx.bodies.explode.explode` makes them."
+                )
+            # of a mesh that is spread a rank may find what no other one knows
+            spread = self.bodies.spread
+            (ALONE if spread is None else spread.ranks).together(self._check_with_mesh)
         if self.damping is not None and not isinstance(self.damping, RayleighDamping):
             raise TypeError(f"damping should be a RayleighDamping or None, got {self.damping!r}.")
         check_loads(self.loads, self.dim)
@@ -210,10 +217,6 @@ class Scene:
         )
 
     def _check_with_mesh(self) -> None:
-        if not isinstance(self.bodies, Bodies):
-            raise TypeError(
-                f"bodies is {self.bodies!r}; `xper_fx.bodies.explode.explode` makes them."
-            )
         for name in ("rigid", "surfaces", "contacts", "ties"):
             if getattr(self, name):
                 self.bodies.require_whole(f"A scene with `{name}`")

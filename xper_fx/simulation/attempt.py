@@ -294,16 +294,16 @@ class StepAttempts:
         """One step with the contacts found in its middle."""
         model = self._model
         self._find_contacts(state, size, prediction)
-        if model.division is None or model.division.halo is None:
-            solver = self.solver
-            if model.joints is not None:
-                solver = model.joints.around(solver, model.rigid)
+        divided = model.division is not None and model.division.halo is not None
+        solver = solvers.DistributedSweeps() if divided else self.solver
+        if model.joints is not None:
+            solver = model.joints.around(solver, model.rigid)
+        if not divided:
             return model.scheme.attempt(state, size, model.interactions, solver, options)
-        together = solvers.DistributedSweeps()
         if self.solver.name != "auto":
-            return model.scheme.attempt(state, size, model.interactions, together, options)
+            return model.scheme.attempt(state, size, model.interactions, solver, options)
         few = replace(options, max_sweeps=math.ceil(_SWEEPS_TOGETHER * options.max_sweeps))
-        outcome = model.scheme.attempt(state, size, model.interactions, together, few)
+        outcome = model.scheme.attempt(state, size, model.interactions, solver, few)
         if outcome.converged:
             return outcome
         # other solvers want all contacts on each rank

@@ -146,9 +146,11 @@ class Detection:
         taken = np.all(group >= 0, axis=1) & (self._law_of_pair[group[:, 0], group[:, 1]] >= 0)
         from xper_fx.simulation.parted_lips import PartedLips
 
-        self._lips = PartedLips(
-            self._surfaces, self._x, scene.bodies.facets, lips, taken, self._ranks
-        )
+        facets = scene.bodies.facets
+        here = np.ones(len(lips), bool)
+        if self._shared is not None:
+            here = self._shared.owns(facets.bodies[lips])
+        self._lips = PartedLips(self._surfaces, self._x, facets, lips, taken, self._ranks, here)
 
     def outrun(self, state: State, rigid: RigidMotion | None, step: float) -> bool:
         """Whether something moves so far in a step (s) that it may pass through another unseen.

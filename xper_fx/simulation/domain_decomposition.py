@@ -6,7 +6,10 @@ from __future__ import annotations
 import logging
 from typing import TYPE_CHECKING, NamedTuple
 
+import numpy as np
+
 from xper_fx.bodies.meshes import SerialOnlyError
+from xper_fx.forms.dynamics import at_finite_strain
 from xper_fx.scene.scene import Scene
 from xper_fx.simulation.options import Options
 from xper_fx.support.profile import Stopwatch
@@ -51,12 +54,13 @@ def decomposed(scene: Scene, options: Options, team: Ranks, stopwatch: Stopwatch
     if team.alone:
         return Decomposition()
     touching = _searches(scene)
-    rigid_alone = scene.bodies is None and scene.lattice is None and not scene.joints
+    rigid_alone = scene.bodies is None and scene.lattice is None
     if rigid_alone and touching and options.solver in ("auto", "nlgs"):
         from xper_fx.parallel.rigid_partition import RigidDivision
 
         moves = ~scene.rigid_bodies.is_prescribed.all(axis=1)
-        return Decomposition(team, None, RigidDivision(team, moves, scene.dim))
+        division = RigidDivision(team, moves, scene.dim, _rigid_groups(scene, moves, False))
+        return Decomposition(team, None, division)
     if _stays_whole(scene, options, team):
         return Decomposition()
     from xper_fx.parallel.local_bodies import divide
@@ -72,10 +76,26 @@ def decomposed(scene: Scene, options: Options, team: Ranks, stopwatch: Stopwatch
             return Decomposition(team, part)
         from xper_fx.parallel.rigid_share import share_rigid
 
-        groups = set(scene.rigid_bodies.groups)
-        touch = any(c.law is not None and set(c.between) <= groups for c in scene.contacts)
-        rigid = share_rigid(scene.rigid_bodies, scene.bodies, part.rank_of_body, team, touch)
+        names = set(scene.rigid_bodies.groups)
+        touch = any(c.law is not None and set(c.between) <= names for c in scene.contacts)
+        groups = _rigid_groups(scene, ~scene.rigid_bodies.is_prescribed.all(axis=1), touch)
+        rigid = share_rigid(scene.rigid_bodies, scene.bodies, part.rank_of_body, team, groups)
         return Decomposition(team, part, rigid=rigid)
+
+
+def _rigid_groups(scene: Scene, moves: np.ndarray, touch: bool) -> np.ndarray:
+    """Rigid bodies that have to be on one rank have one number, shape (num_rigid,).
+
+    Args:
+        scene: the scene.
+        moves: which of them can move, shape (num_rigid,).
+        touch: whether they may touch each other, and are all to be on one.
+    """
+    if touch or not scene.joints:
+        return np.zeros(len(moves), int) if touch else np.arange(len(moves))
+    from xper_fx.scene.joints import jointed_groups
+
+    return jointed_groups(scene.joints, scene.rigid, moves)
 
 
 def _searches(scene: Scene) -> bool:
@@ -91,21 +111,22 @@ def _stays_whole(scene: Scene, options: Options, team: Ranks) -> bool:
     """
     spread = scene.bodies is not None and scene.bodies.spread is not None
     touching = scene.bodies is not None and _searches(scene)
-    by_vertex = options.scheme == "explicit" and scene.points == "nodal"
+    splits = touching and options.scheme == "explicit" and scene.points == "nodal"
+    splits = splits and scene.rigid_bodies is None and bonds_split(scene)
     why = [
         name
         for name, there in (
             ("rigid bodies alone", scene.bodies is None),
             ("rigid bodies and a mesh that is spread", spread and scene.rigid_bodies is not None),
             ("a lattice of rigid bodies", scene.lattice is not None),
+            ("searched contacts and walls where vertices split", splits and scene.walls),
             (
-                "contacts that are searched where vertices split",
-                touching and by_vertex and bonds_split(scene),
+                "contacts that are searched where vertices split at finite strain",
+                splits and at_finite_strain(scene.materials),
             ),
             ("contacts that are searched on a mesh that is spread", touching and spread),
             ("fewer bodies than ranks", touching and scene.bodies.num_bodies < team.size),
             ("ties", scene.ties and _cannot_tie(scene, team.size)),
-            ("joints", len(scene.joints) > 0),
             (
                 f'no inertia and solver="{options.solver}"',
                 not options.inertia and not options.allows_one_system,

@@ -16,11 +16,15 @@ Positions at the ends of steps lie on the chords: a joint's gap there is v^2 h^2
 speed on an arc of radius R.
 
 Rows that hold and stops have a bend; the force of an elastic wire is that of the chord.
+
+Where ranks divide rigid bodies, those that joints join are on one of them, which has the rows: they
+move no body of another rank, and those that hold are solved at once there.
 """
 
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -31,8 +35,13 @@ from xper_fx.nscd.rigid.held_rows import HeldRows
 from xper_fx.nscd.rigid.joint_rows import JointRows, Place
 from xper_fx.nscd.rigid.motion import Prediction, RigidMotion
 from xper_fx.nscd.solvers.solver import SolveOptions, Solver, SolveReport
+from xper_fx.nscd.stepped_points import ROUNDING
 from xper_fx.scene.joints import rows_of_joints
 from xper_fx.scene.scene import Scene
+
+if TYPE_CHECKING:
+    from xper_fx.parallel.rigid_partition import RigidDivision
+    from xper_fx.parallel.rigid_share import RigidShare
 
 # How often a step is solved until the bend stays, and what may be left of it: the velocity that it
 # asks for, relative to the solver's tolerance of velocities.
@@ -47,17 +56,27 @@ class JointedBodies:
     Args:
         scene: with joints.
         laws: of the scene's other interactions.
+        division: of the contacts of rigid bodies, None if one rank has all.
+        share: what this rank has of rigid bodies beside meshed ones, None if all.
 
     Attributes:
         rows: of all joints.
         joint_of_row: shape (n,).
+        here: numbers of the rows that this rank has in the step, in their order among its points.
         laws: those given and those of the rows.
         row_before: number of each row among those of the run that the scene goes on from, -1 of a
             new one; shape (n,).
         stored: energy of new elastic wires at the start (J).
     """
 
-    def __init__(self, scene: Scene, laws: list[Law]):
+    def __init__(
+        self,
+        scene: Scene,
+        laws: list[Law],
+        division: RigidDivision | None,
+        share: RigidShare | None,
+    ):
+        self._division, self._share = division, share
         of_all, self.joint_of_row, self.rows = rows_of_joints(
             scene.joints, scene.rigid, scene.rigid_bodies
         )
@@ -71,6 +90,10 @@ class JointedBodies:
             if before < 0 and isinstance(row.law, ElasticWire)
         )
         self._place: Place | None = None
+        self.here = np.arange(len(self.rows))
+        still = np.append(scene.rigid_bodies.is_prescribed.all(axis=1), True)
+        first, second = self.rows.pairs.T
+        self._moved_body = np.where(still[first], second, first)
 
     def _rows_before(self, scene: Scene) -> np.ndarray:
         """See `row_before`; the rows that go on stay as they were placed."""
@@ -90,7 +113,8 @@ class JointedBodies:
     @property
     def nbytes(self) -> int:
         """Memory of the rows, in bytes."""
-        return self.rows.nbytes + self.joint_of_row.nbytes + self._law_of_row.nbytes
+        own = self.joint_of_row, self._law_of_row, self.here, self._moved_body
+        return self.rows.nbytes + sum(array.nbytes for array in own)
 
     def renew(
         self, interactions: Interactions, prediction: Prediction, step: float, theta: float
@@ -104,10 +128,20 @@ class JointedBodies:
             theta: weight of the end of the step.
         """
         self._place = self.rows.at(prediction.position, prediction.rotation)
-        ground = interactions.inverse.num_nodes
-        nodes = interactions.bulk_inverse.num_nodes
-        points = self.rows.points(self._place, nodes, ground, self._law_of_row)
+        ground, slots = interactions.inverse.num_nodes, np.full(len(prediction.position), -1)
+        own = slice(None) if self._share is None else self._share.here
+        slots[own] = interactions.bulk_inverse.num_nodes + 2 * np.arange(len(slots[own]))
+        self.here = self._own_rows(interactions)
+        points = self.rows.points(self._place, slots, ground, self._law_of_row, self.here)
         interactions.move_joints(points, step, theta)
+
+    def _own_rows(self, interactions: Interactions) -> np.ndarray:
+        """Numbers of the rows whose bodies are this rank's; of all where they are on each."""
+        if interactions.halo is None:
+            return np.arange(len(self.rows))
+        divided = self._division if self._share is None else self._share
+        mine = divided.rank_of_body == interactions.halo.ranks.comm.rank
+        return np.flatnonzero(mine[self._moved_body])
 
     def around(self, solver: Solver, rigid: RigidMotion) -> Solver:
         """A solver of the step that asks another one until the bend stays.
@@ -116,14 +150,22 @@ class JointedBodies:
             solver: of the interactions.
             rigid: predicted.
         """
-        return _BentPaths(solver, self.rows, self._place, rigid)
+        return _BentPaths(solver, self.rows, self._place, self.here, rigid)
 
 
 class _BentPaths(Solver):
     """Solves a step with the bend of the joints' rows."""
 
-    def __init__(self, solver: Solver, rows: JointRows, place: Place, rigid: RigidMotion):
+    def __init__(
+        self,
+        solver: Solver,
+        rows: JointRows,
+        place: Place,
+        here: np.ndarray,
+        rigid: RigidMotion,
+    ):
         self._solver, self._rows, self._place, self._rigid = solver, rows, place, rigid
+        self._here = here
 
     def solve(
         self, interactions: Interactions, velocity: np.ndarray, options: SolveOptions
@@ -132,13 +174,13 @@ class _BentPaths(Solver):
         dim, free, sweeps = interactions.dim, velocity.copy(), 0
         kinds = (Held().kernels(dim), Stop().kernels(dim))
         self._bent = [group for group in interactions.joints if group.kernels in kinds]
-        held = HeldRows(interactions, self._rigid.blocks)
+        held, read = HeldRows(interactions), self._size(interactions, self._rounding())
         straight = [group.jump[:, 0].copy() for group in self._bent]
         interactions.add_velocity(velocity)
         bend = self._bend(interactions, velocity)
         for _ in range(_ROUNDS):
             for group, jump in zip(self._bent, straight, strict=True):
-                group.jump[:, 0] = jump + bend[group.indices]
+                group.jump[:, 0] = jump + bend[self._here[group.indices]]
             interactions.prepare()
             held.solve(velocity)
             velocity[:] = free
@@ -147,41 +189,49 @@ class _BentPaths(Solver):
             if not report.converged:
                 break
             before, bend = bend, self._bend(interactions, velocity)
-            self._check_turns(bend, interactions.step_size)
+            self._check_turns(interactions, bend)
             size, rounding = interactions.impulse_energy_norm(free, velocity)
             left = self._size(interactions, bend - before)
-            if left <= max(_STRICT * options.tolerance * size, rounding):
+            if left <= max(_STRICT * options.tolerance * size, rounding, read):
                 break
         else:
             report = report._replace(converged=False, residual=left / size if size else left)
         return report._replace(sweeps=sweeps)
 
-    def _check_turns(self, bend: np.ndarray, step: float) -> None:
-        """Raise a FloatingPointError where bodies turn too far in a step (s)."""
-        most = _FAR * self._rows.reach(self._place)
-        if np.any(np.abs(bend) > most):
-            row = int(np.argmax(np.abs(bend) / most))
+    def _check_turns(self, interactions: Interactions, bend: np.ndarray) -> None:
+        """Raise a FloatingPointError, on all ranks, where bodies turn too far in a step."""
+        far = np.abs(bend) / (_FAR * self._rows.reach(self._place))
+        row = int(interactions.largest(int(far.argmax()) if far.max() > 1.0 else -1))
+        if row >= 0:
             first, second = self._rows.pairs[row]
             raise FloatingPointError(
                 f"Rigid bodies {first} and {second} turn too far about their joint in a step of "
-                f"{step:.3g} s. Take a smaller step."
+                f"{interactions.step_size:.3g} s. Take a smaller step."
             )
 
     def _bend(self, interactions: Interactions, velocity: np.ndarray) -> np.ndarray:
-        """c of each row, zero where there is none, for end velocities of all slots."""
+        """c of each row, zero where there is none, for end velocities of all slots.
+
+        So it is of rows of other ranks. All ranks call it together.
+        """
         ahead = self._rows.at(*self._rigid.next_middle(interactions.rigid_part(velocity)))
         nodal, bend = velocity.reshape(-1, interactions.dim), np.zeros(len(self._rows))
         for group in self._bent:
-            row = group.indices
+            row = self._here[group.indices]
             straight = interactions.step_size * group.points.relative(nodal)[:, 0]
             bend[row] = ahead.gap[row] - self._place.gap[row] - straight
         return bend
+
+    def _rounding(self) -> np.ndarray:
+        """By how much each row's gap is rounded, shape (n,), m or rad."""
+        extent = np.abs(self._rigid.state.position).max()
+        return ROUNDING * np.where(self._rows.on_spins, 1.0, extent)
 
     def _size(self, interactions: Interactions, bend: np.ndarray) -> float:
         """Velocities that a bend asks for in the norm of the kinetic energy, kg^(1/2) m/s."""
         total = 0.0
         for group in self._bent:
             moves = group.compliance[:, 0] > 0.0
-            asked = bend[group.indices[moves]] / interactions.step_size
+            asked = bend[self._here[group.indices[moves]]] / interactions.step_size
             total += float(np.sum(asked**2 / group.compliance[moves, 0]))
-        return math.sqrt(total)
+        return math.sqrt(interactions.total(total))

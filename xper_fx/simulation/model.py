@@ -115,7 +115,7 @@ class Model:
         self.by_vertex = (
             options.scheme == "explicit" and scene.points == "nodal" and self.rigid is None
             and not divided_walls
-            and (not searched or (self.part is None and bonds_split(scene)))
+            and (not searched or bonds_split(scene))
         )  # fmt: skip
         self.points = ScenePoints(scene, self.bulk, self._ties, self.part, self.by_vertex)
         self.detection = self._detection() if searched else None
@@ -124,7 +124,7 @@ class Model:
         if scene.joints:
             from xper_fx.simulation.jointed_bodies import JointedBodies
 
-            self.joints = JointedBodies(scene, self._laws)
+            self.joints = JointedBodies(scene, self._laws, self.division, self.rigid_share)
             self._laws = self.joints.laws
         for law in self._laws:
             require_kernels(law, scene.dim)
@@ -321,7 +321,9 @@ class Model:
             laws, self.bulk.dim, self.points.law_of_point, points.gap, self.options.inertia,
             self.monolithic,
         )  # fmt: skip
-        splits = self.by_vertex and (self.part is None or ranks_split(points, self.ranks))
+        splits = self.by_vertex and (
+            self.part is None or ranks_split(points, self.ranks, self.detection is not None)
+        )
         stepped = self.monolithic and self.options.path is None
         condensed = stepped and self.part is None and condenses(self.scene, laws)
         return Interactions(

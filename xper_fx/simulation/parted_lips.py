@@ -5,8 +5,8 @@ Facing facets have permanent points, made for lips that stay near each other. On
 them and they are `_FAR` of their size apart, these points retire and the search takes over, where
 a contact between the two groups is named: broken pieces meet again wherever they go.
 
-Where ranks divide the bodies each looks at the lips whose points it has, and all are told which
-have broken or parted: these are few.
+Where ranks divide the bodies each looks at the points that it has, of whichever lips, and all are
+told which are loose and which lips have parted: these are few.
 """
 
 from __future__ import annotations
@@ -38,6 +38,8 @@ class PartedLips:
         with_points: numbers of those that have points.
         taken: shape (len(with_points),), bool: those of them that the search may take over.
         ranks: those that divide the points.
+        here: shape (len(with_points),), bool: of which of them this rank looks at the normals; it
+            has one of the two bodies, and where all points of a facet are on one rank, has them.
     """
 
     def __init__(
@@ -48,8 +50,10 @@ class PartedLips:
         with_points: np.ndarray,
         taken: np.ndarray,
         ranks: Ranks,
+        here: np.ndarray,
     ):
-        self._search, self._lips, self._ranks = search, with_points, ranks
+        self._search, self._lips, self._ranks, self._here = search, with_points, ranks, here
+        self._loose = np.zeros((len(taken), 0), bool)  # by point, once there are any
         self._waiting = taken.copy()
         self._broken, self._ajar, self._retired = np.zeros((3, len(taken)), bool)
         self._num_facets, dim = len(facets), x.shape[1]
@@ -78,28 +82,32 @@ class PartedLips:
         """
         if not self._waiting.any():
             return
-        count = len(self._lips)
-        own = interactions.numbers
-        own = own[own < count * each]
-        lips, places = own[::each] // each, slice(len(own))
-        waiting = np.flatnonzero(self._waiting[lips])
-        loose = interactions.local_unbonded()[places].reshape(-1, each)[waiting]
-        half, apart = lips[waiting[loose.any(axis=1)]], waiting[loose.all(axis=1)]
-        told = [half[~self._ajar[half]], count + lips[apart[~self._broken[lips[apart]]]]]
-        new = self._ranks.union(np.concatenate(told))
-        self._open(new[new < count], new[new >= count] - count)
-        if not self._broken[self._waiting].any():
+        if not self._loose.size:
+            self._loose = np.zeros((len(self._lips), each), bool)
+        loose, own = self._loose.reshape(-1), interactions.numbers
+        own = own[own < len(loose)]  # those of ties and walls come behind
+        lips, points = own // each, np.arange(len(own))
+        waiting = np.flatnonzero(self._waiting[lips] & ~loose[own])
+        unbonded = interactions.local_unbonded()[waiting]
+        new = self._ranks.union(own[waiting[unbonded]])
+        loose[new] = True
+        opened = np.unique(new // each)
+        broken = opened[self._loose[opened].all(axis=1)]
+        self._open(opened[~self._ajar[opened]], broken[~self._broken[broken]])
+        gone = self._broken & self._waiting
+        if not gone.any():
             return
         at = moved()
-        jump = np.linalg.norm(interactions.local("jump")[places], axis=1).reshape(-1, each)[apart]
-        broken = lips[apart]
+        points = points[gone[lips]]
+        jump = np.linalg.norm(interactions.local("jump")[points], axis=1)
+        apart = lips[points[jump > self._far[lips[points]]]]
+        broken = np.flatnonzero(gone & self._here)
         normals, framed = lip_normals(at[self._nodes[broken]]), self._normals[broken]
         if interactions.turns:
-            frame = interactions.points.frame[places][::each, 0][apart]
+            frame = interactions.points.frame[np.searchsorted(own, broken * each), 0]
             framed = (self._side[broken, None] * frame)[:, None]
         turned = np.einsum("lsd,lsd->ls", normals, framed).min(axis=1, initial=1.0) < _TURNED
-        parted = broken[turned | (jump.max(axis=1, initial=0.0) > self._far[broken])]
-        parted = self._ranks.union(parted)
+        parted = self._ranks.union(np.concatenate([apart, broken[turned]]))
         if len(parted):
             self._retire(parted)
             interactions.deactivate((parted[:, None] * each + np.arange(each)).ravel())

@@ -16,6 +16,7 @@ from xper_fx.bulk.state import State, StepOutcome
 from xper_fx.nscd.solvers.solver import Solver
 from xper_fx.simulation.course import Course
 from xper_fx.simulation.readings import Readings
+from xper_fx.support.errors import CheckpointError
 from xper_fx.support.ranks import ALONE, Ranks
 from xper_fx.support.saved_rows import Rows
 
@@ -87,6 +88,8 @@ class Restartable(Readings):
             "ledger": model.ledger.saved(),
             "course": self._course.saved(),
         }
+        if self._numbers_of_spread:
+            saved["spread"] = 1
         if self.last is not None:
             saved["last"] = {
                 "reactions": by_cell(self.last.reactions),
@@ -102,6 +105,12 @@ class Restartable(Readings):
         if model.interactions is not None:
             saved["solvers"] = _solver_memories(self)
         return saved
+
+    @property
+    def _numbers_of_spread(self) -> bool:
+        """Whether cells have the numbers of a mesh that is spread over ranks."""
+        bodies = self.model.scene.bodies
+        return bodies is not None and bodies.spread is not None
 
     def saved_in_order(self) -> dict:
         """`saved` of all ranks, with arrays in the place of `Rows`: what `restore` takes."""
@@ -132,11 +141,18 @@ class Restartable(Readings):
 
         Raises:
             ValueError: not what `saved` gave.
+            CheckpointError: of a mesh that was spread over ranks where this one is not, or was not.
         """
         lacking = {"time", "step_number", "last_size", "ledger", "course"} - set(saved)
         if lacking:
             raise ValueError(
                 f"What is restored is what `saved()` gave, and lacks {sorted(lacking)}."
+            )
+        if bool(saved.get("spread", 0)) != self._numbers_of_spread:
+            now, then = ("", " not") if self._numbers_of_spread else (" not", "")
+            raise CheckpointError(
+                f"The state is of another scene: its mesh was{now} whole on each rank, and that of "
+                f"this one is{then}. Ranks number the cells otherwise where the mesh is spread."
             )
         model, from_cells = self.model, self.model.bulk.unknowns.from_cells
         state = saved.get("state", {})

@@ -26,7 +26,7 @@ def condenses(scene: Scene, laws: Sequence[Law]) -> bool:
     return nodal and any(law.kernels(scene.dim).rigid for law in laws)
 
 
-def ranks_split(points: InteractionPoints, ranks: Ranks) -> bool:
+def ranks_split(points: InteractionPoints, ranks: Ranks, searched: bool) -> bool:
     """Whether vertices that are solved alone split on ranks: all have some, at small strain.
 
     At finite strain the couples of lips act on vertices of other ranks, which would have to
@@ -35,8 +35,18 @@ def ranks_split(points: InteractionPoints, ranks: Ranks) -> bool:
     Args:
         points: of this rank.
         ranks: that divide the bodies.
+        searched: whether contacts are looked for, which takes vertices that split.
+
+    Raises:
+        ValueError: it is, and a rank has no vertices.
     """
-    return ranks.all(len(points) > 0 and points.lips is None)
+    all_split = ranks.all(len(points) > 0 and points.lips is None)
+    if searched and not all_split:
+        raise ValueError(
+            f"One of the {ranks.size} ranks has no vertex of the initially rigid bonds: run on "
+            "fewer ranks."
+        )
+    return all_split
 
 
 def share_motions(

@@ -31,16 +31,16 @@ class HeldRows:
     """The rows that hold, in the middle of a step.
 
     Args:
-        interactions: with the rows of the step.
-        blocks: w of each rigid body, shape (num_rigid, 2 dim, 2 dim).
+        interactions: with the rows of the step; those of other ranks move other bodies.
     """
 
-    def __init__(self, interactions: Interactions, blocks: np.ndarray):
+    def __init__(self, interactions: Interactions):
         kernels = Held().kernels(interactions.dim)
         self._group = next((g for g in interactions.joints if g.kernels is kernels), None)
         if self._group is None:
             return
         self._first = interactions.bulk_inverse.num_nodes * interactions.dim
+        blocks = interactions.rigid_blocks
         count, size = blocks.shape[:2]
         self._h = _rows_of(self._group.points, self._first, count * size)
         w = sp.bsr_array((blocks, np.arange(count), np.arange(count + 1)))

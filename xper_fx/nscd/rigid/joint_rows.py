@@ -189,29 +189,31 @@ class JointRows:
         reach = np.where(self.kind == LENGTH, self._offset, arms + self._least)
         return np.where(self.on_spins, 1.0, reach)
 
-    def points(self, place: Place, num_nodes: int, ground: int, law: np.ndarray) -> FoundPoints:
-        """The rows as points of the interaction layer, candidate b and antagonist a.
+    def points(
+        self, place: Place, slots: np.ndarray, ground: int, law: np.ndarray, which: np.ndarray
+    ) -> FoundPoints:
+        """Some rows as points of the interaction layer, candidate b and antagonist a.
 
         Args:
-            place: of the rows.
-            num_nodes: nodes of meshed bodies, which come before those of rigid ones.
+            place: of all rows.
+            slots: first of the two nodes of each body, shape (num_bodies,).
             ground: number of the ground's node.
             law: index of each row's law, shape (n,).
+            which: numbers of the rows, ascending.
         """
-        sides = self.pairs[:, ::-1]
-        first = num_nodes + 2 * sides + self.on_spins[:, None]
-        nodes = np.where(sides < self._count, first, ground)
-        count = len(self.kind)
+        sides = self.pairs[which, ::-1]
+        moves = sides < self._count
+        nodes = np.where(moves, np.append(slots, 0)[sides] + self.on_spins[which, None], ground)
+        count = len(which)
         points = InteractionPoints(
             nodes[:, :, None].astype(np.int32),
             np.ones((count, 2, 1)),
-            place.normal[:, None],
+            place.normal[which, None],
             np.ones(count),
-            place.gap,
-            np.where(sides[..., None] < self._count, place.arms, 0.0),
+            place.gap[which],
+            np.where(moves[..., None], place.arms[which], 0.0),
         )
-        number = np.arange(count)
-        return FoundPoints(points, law, np.stack([number, np.zeros_like(number)], axis=1))
+        return FoundPoints(points, law[which], np.stack([which, np.zeros_like(which)], axis=1))
 
 
 def _matrices(rotation: np.ndarray) -> np.ndarray:

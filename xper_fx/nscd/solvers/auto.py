@@ -141,7 +141,7 @@ class Automatic(Solver):
         bonded = bonded and interactions.halo is None
         if bonded and interactions.anchors is not None:
             return self._solver("subdomains").solve(interactions, velocity, options)
-        count = sum(len(g) for g in interactions.groups)
+        count = int(interactions.total(sum(len(g) for g in interactions.groups)))
         rigid = interactions.uses_velocity_criterion
         few = rigid and count < _FEW_RIGID
         if few:

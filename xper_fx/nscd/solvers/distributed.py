@@ -89,7 +89,7 @@ class DistributedSweeps(Solver):
         halo = interactions.halo
         halo.everywhere.forward(velocity)
         report = self._vertices.solve(interactions, velocity, options)
-        halo.everywhere.back(velocity)
+        halo.corners.back(velocity)
         numbers = np.array([report.sweeps, report.residual, report.traction_change])
         sweeps, residual, traction = halo.ranks.max(numbers).tolist()
         converged = halo.ranks.all(report.converged)

@@ -14,7 +14,7 @@ from xper_fx.nscd.laws.law import Law
 from xper_fx.nscd.point_group import PointGroup
 from xper_fx.nscd.points import InteractionPoints
 from xper_fx.nscd.splitting.growing import GrowingGroup
-from xper_fx.nscd.splitting.vertex_graphs import vertex_graphs
+from xper_fx.nscd.splitting.vertex_graphs import compliance_of_slots, vertex_graphs
 
 if TYPE_CHECKING:
     from xper_fx.nscd.turning_frames import LipMotion
@@ -124,6 +124,32 @@ class FusedPoints:
         self.tables = tuple(
             [np.zeros((0, 1)) for _ in still] + [np.concatenate(table) for table in tables]
         )
+
+    def move(
+        self,
+        slots: np.ndarray,
+        inverse: BodyInverse,
+        moved: Callable[[PointGroup], PointGroup],
+    ) -> None:
+        """Put all points on other slots of the same cells.
+
+        Args:
+            slots: shape (n,), by the old slot.
+            inverse: on the new slots, of which it holds the diagonal.
+            moved: a group that does not grow on the new slots.
+        """
+        corner = self.graphs.corner
+        impulses = np.zeros((inverse.num_slots, inverse.dim))
+        impulses[slots[corner]] = self.impulses[corner]
+        self.impulses, self._giving = impulses, None
+        self.graphs = self.graphs._replace(
+            corner=slots[corner].astype(corner.dtype), compliance=compliance_of_slots(inverse)
+        )
+        self.__dict__.pop("vertex_of_slot", None)
+        still, growing = self.groups[: self._num_still], self._growing
+        for group in growing:
+            group.move(slots, inverse)
+        self.groups[:] = [*map(moved, still), *(g.group for g in growing)]
 
     def wake(self, vertices: np.ndarray) -> list[PointGroup]:
         """Give vertices the arrays of all their points.

@@ -7,6 +7,8 @@ from dataclasses import fields, replace
 
 import numpy as np
 
+from xper_fx.nscd.couplings import couple_nodes
+from xper_fx.nscd.inverse_blocks import BodyInverse
 from xper_fx.nscd.point_group import PointGroup
 
 
@@ -45,6 +47,16 @@ class GrowingGroup:
         self._size = len(places)
         for room in self._room.values():
             room[: self._size] = room[places]
+        self._show()
+
+    def move(self, slots: np.ndarray, inverse: BodyInverse) -> None:
+        """Put the points on other slots; arguments as of `FusedPoints.move`."""
+        nodes = self._room["points.nodes"][: self._size]
+        nodes[:] = slots[nodes]
+        couplings = couple_nodes(nodes, inverse)
+        for name in ("start", "body", "size", "rows"):
+            self._room[f"couplings.{name}"][: self._size] = getattr(couplings, name)
+        self.group = replace(self.group, couplings=self.group.couplings._replace(w=inverse.data))
         self._show()
 
     def _show(self) -> None:

@@ -43,6 +43,7 @@ class SplittingVertices(Solver):
 
     def __init__(self) -> None:
         self._work: VertexWork | None = None
+        self._touching = False
 
     def solve(
         self, interactions: Interactions, velocity: np.ndarray, options: SolveOptions
@@ -52,14 +53,20 @@ class SplittingVertices(Solver):
         if self._work is None:
             self._work = vertex_work(graphs, interactions.dim)
             self._all = np.arange(graphs.num_vertices, dtype=np.int32)
+        # a search renews contacts on all ranks, of which some may have none
+        searched = interactions.renewals > 0
+        self._touching = searched and interactions.largest(len(interactions.contacts)) > 0
         move = partial(self._move, interactions, velocity, options)
-        if not interactions.contacts:
+        if not self._touching:
             report = move(self._all)
             interactions.evolve(velocity)  # vertices have; it tells whether some have gone too far
             return report
-        from xper_fx.nscd.splitting.touching_clusters import TouchingClusters
+        if interactions.halo is None:
+            from xper_fx.nscd.splitting.touching_clusters import TouchingClusters as Clusters
+        else:
+            from xper_fx.nscd.splitting.shared_clusters import SharedClusters as Clusters
 
-        return TouchingClusters(interactions, velocity, move, options).solve(self._all)
+        return Clusters(interactions, velocity, move, options).solve(self._all)
 
     def _move(
         self,
@@ -92,6 +99,6 @@ class SplittingVertices(Solver):
         sweeps, error, missed = split_kernel(laws, dim)(
             velocity, fused.impulses, step, ground, graphs, self._work, split, fused.rows,
             fused.group_of, tuple(g.parameters for g in fused.groups), arrays, options.tolerance,
-            fused.clusters if interactions.contacts or interactions.turns else _NOT_ASKED,
+            fused.clusters if self._touching or interactions.turns else _NOT_ASKED,
         )  # fmt: skip
         return SolveReport(missed == 0, sweeps, error, 0.0)

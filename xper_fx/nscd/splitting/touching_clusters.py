@@ -30,6 +30,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cache
+from typing import NamedTuple
 
 import numpy as np
 
@@ -40,6 +41,7 @@ from xper_fx.nscd.couplings import Sides
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.kernel_options import LEAN_ENTRY
 from xper_fx.nscd.laws.law import LawKernels
+from xper_fx.nscd.point_group import PointGroup
 from xper_fx.nscd.solvers.solver import SolveOptions, SolveReport
 
 # Share of the tolerance to which contacts are swept between turns of the vertices, and how often
@@ -53,6 +55,30 @@ _MEMORY, _PLAIN = 8, 3
 _CREEPS, _GROWTH, _SHORTER, _SHORTEST = 1e-2, 3.0, 0.25, 1e-7
 # Turns after which to give up: bonds snap to and fro, and a shorter step will do.
 _TURNS = 150
+
+
+class SweptContacts(NamedTuple):
+    """Contacts of one law as sweeps have them: of `PointGroup`, and `nodes` of the points."""
+
+    kernels: LawKernels
+    sides: Sides
+    nodes: np.ndarray
+    weights: np.ndarray
+    frame: np.ndarray
+    impulse: np.ndarray
+    compliance: np.ndarray
+    inverse_area: np.ndarray
+    parameters: np.ndarray
+    terms: np.ndarray
+    details: np.ndarray
+
+    @classmethod
+    def of(cls, g: PointGroup) -> SweptContacts:
+        """Those of a group, whose arrays they are."""
+        return cls(
+            g.kernels, g.sides, g.points.nodes, g.points.weights, g.couplings.frame, g.impulse,
+            g.compliance, g.inverse_area, g.parameters, g.terms, g.details,
+        )  # fmt: skip
 
 
 class TouchingClusters:
@@ -77,13 +103,21 @@ class TouchingClusters:
         self._fused, graphs = fused, fused.graphs
         self._velocity = velocity.reshape(-1, interactions.dim)
         self._free = self._velocity.copy()
-        self._touched = np.unique(np.concatenate([g.points.nodes.ravel() for g in self._groups]))
+        self._touched = self._touched_slots()
         vertices = np.unique(fused.vertex_of_slot[self._touched])
         self._vertices = vertices[vertices >= 0]
         self._moved = np.union1d(self._touched, graphs.corners_of(self._vertices))
         self._root = np.arange(len(self._velocity), dtype=np.int32)
         self._mobility = graphs.compliance.copy()
         self._least = interactions.rounding(velocity) / options.tolerance
+        self._swept = [SweptContacts.of(g) for g in self._groups]
+        # velocities, the row of each node's cluster there, and one over its mass
+        self._of_clusters = self._velocity, self._root, self._mobility
+
+    def _touched_slots(self) -> np.ndarray:
+        """Slots of the contacts' nodes, ascending."""
+        nodes = [g.points.nodes.ravel() for g in self._groups]
+        return np.unique(np.concatenate([np.zeros(0, np.int32), *nodes]))
 
     def solve(self, vertices: np.ndarray) -> SolveReport:
         """Find the impulses of contacts and bonds; what it returns is that of `Solver.solve`.
@@ -92,7 +126,8 @@ class TouchingClusters:
             vertices: all that there are.
         """
         tolerance, most = self._options.tolerance, self._options.max_sweeps
-        memory = AndersonMixing(sum(g.impulse.size for g in self._groups), _MEMORY, _PLAIN)
+        size = int(self._interactions.total(sum(g.impulse.size for g in self._groups)))
+        memory = AndersonMixing(size, _MEMORY, _PLAIN)
         count, before, least = 0, np.inf, np.inf
         ahead, share = None, 0.0  # from where the last turn began, and how much of it was gone
         self._push(self._touched)
@@ -134,17 +169,21 @@ class TouchingClusters:
     def _take(self, impulses: np.ndarray) -> None:
         """Let contacts have impulses that are given one after the other."""
         first = 0
-        for g in self._groups:
-            last = first + g.impulse.size
-            g.impulse.reshape(-1)[:] = impulses[first:last]
+        for contacts in self._swept:
+            last = first + contacts.impulse.size
+            contacts.impulse.reshape(-1)[:] = impulses[first:last]
             first = last
 
     def _impulses(self) -> np.ndarray:
-        return np.concatenate([g.impulse.ravel() for g in self._groups])
+        return np.concatenate([contacts.impulse.ravel() for contacts in self._swept])
+
+    def _impulses_on_slots(self) -> np.ndarray:
+        """What contacts give each slot, shape (num_slots, dim), N s."""
+        return self._interactions.spread(self._groups)
 
     def _push(self, slots: np.ndarray) -> None:
         """Let the impulses of contacts act on free cells, at some slots."""
-        impulses = self._interactions.spread(self._groups)[slots]
+        impulses = self._impulses_on_slots()[slots]
         pushed = self._fused.graphs.compliance[slots] * impulses
         self._velocity[slots] = self._free[slots] + pushed
 
@@ -154,11 +193,20 @@ class TouchingClusters:
         _take_clusters(
             self._vertices, fused.whole, fused.clusters, fused.graphs, self._root, self._mobility
         )
+        self._take_compliances(self._root, self._mobility)
+
+    def _take_compliances(self, root: np.ndarray, mobility: np.ndarray) -> None:
+        """Give contacts those of the clusters at their nodes.
+
+        Args:
+            root: shape (num_slots,), a slot for the cluster of each.
+            mobility: shape (num_slots, dim), one over the mass of the cluster that a slot is for.
+        """
         for g in self._groups:
             w = np.empty_like(g.compliance)
             _compliances(
                 g.points.nodes, g.points.weights, g.points.frame,
-                *sym_indices(g.kernels.components), self._root, self._mobility, w,
+                *sym_indices(g.kernels.components), root, mobility, w,
             )  # fmt: skip
             if not np.array_equal(w, g.compliance):
                 g.compliance[:] = w
@@ -179,13 +227,9 @@ class TouchingClusters:
             acts: whether impulses change; else the changes are what contacts still ask for.
         """
         changed = total = largest = 0.0
-        for g in self._groups:
-            kernel = _sweep_kernel(g.kernels, g.sides)
-            x, y, z = kernel(
-                self._velocity, self._root, self._mobility, g.points.nodes, g.points.weights,
-                g.couplings.frame, acts, g.impulse, g.compliance, g.inverse_area, g.parameters,
-                g.terms, g.details,
-            )  # fmt: skip
+        for kernels, sides, nodes, weights, frame, *others in self._swept:
+            kernel = _sweep_kernel(kernels, sides)
+            x, y, z = kernel(*self._of_clusters, nodes, weights, frame, acts, *others)
             changed, total, largest = changed + x, total + y, max(largest, z)
         total = max(total, self._least**2)
         relative = np.sqrt(changed / total) if total > 0.0 else np.sqrt(changed)

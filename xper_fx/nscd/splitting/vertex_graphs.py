@@ -102,7 +102,7 @@ def vertex_graphs(
             it is not initially rigid.
         inverse: one block a node, of which it holds the diagonal.
     """
-    dim, count = points.dim, int(vertex.max()) + 1
+    count = int(vertex.max()) + 1
     order = np.lexsort((group_of_point, vertex))
     slots = points.nodes[order, :, 0].astype(np.int64)
     at = vertex[order].astype(np.int64)
@@ -112,7 +112,7 @@ def vertex_graphs(
     corner_offsets = np.searchsorted(corners, np.arange(count + 1) * inverse.num_slots)
     local = sides.reshape(-1, 2) - corner_offsets[at][:, None]
     corner = (corners % inverse.num_slots).astype(np.int32)
-    compliance = _alike(inverse.data.reshape(-1, dim))
+    compliance = compliance_of_slots(inverse)
     driven = np.any(compliance[corner] == 0.0, axis=1)
     mass = np.divide(1.0, compliance[corner, 0], out=np.zeros(len(corner)), where=~driven)
     first = corner_offsets[:-1]
@@ -143,8 +143,16 @@ def vertex_graphs(
     )
 
 
-def _alike(compliance) -> np.ndarray:
-    """The largest compliance of each slot in all directions that are not driven."""
+def compliance_of_slots(inverse: BodyInverse) -> np.ndarray:
+    """The largest compliance of each slot in all directions that are not driven.
+
+    Args:
+        inverse: one block a node, of which it holds the diagonal.
+
+    Returns:
+        Shape (num_slots, dim), see `VertexGraphs`.
+    """
+    compliance = inverse.data.reshape(-1, inverse.dim)
     most = compliance.max(axis=1, keepdims=True)
     if np.all((compliance == most) | (compliance == 0.0)):
         return compliance
