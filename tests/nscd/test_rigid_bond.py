@@ -150,6 +150,18 @@ def test_the_peak_tends_to_the_strength_with_the_step():
         assert 0.0 <= 1.0 - peak / S <= rate * h / S
 
 
+@pytest.mark.parametrize("share", [1.0, 1.5, 5.0, 100.0, 1e5])
+def test_a_bond_that_opens_by_little_bears_its_strength(share):
+    """Its mean traction rises to s up to twice d0 = 1e-9 w / s, then it is a rigid curve's."""
+    h, d0 = 1e-6, 1e-9 * W / S
+    x, dc = share * d0, 2.0 * W / S - d0
+    bond = PointMass(law(), np.inf, [x / h, 0.0], area=AREA)
+    bond.step(h)
+    borne = 0.5 * share if share < 2.0 else 1.0 - 0.5 * (x - d0) ** 2 / (x * (dc - d0))
+    assert -bond.impulse[0] / (h * AREA) == pytest.approx(borne * S, rel=1e-12)
+    assert bond.damage < 1.0 or share == 1.0
+
+
 @pytest.mark.parametrize("restitution", [0.0, 0.4, 1.0])
 def test_broken_lips_rebound_by_their_restitution(restitution):
     bond = PointMass(law(restitution=restitution), 8.0 * SPENT, [1.0, 0.3], area=AREA)

@@ -5,9 +5,14 @@ A point that its law holds (contact, stick, a perfect bond) has a multiplier for
 that constraints are exact, not penalties.
 
 A correction is shortened where it would raise what is left. That is taken with the laws' answers
-for impulses, so that every inequality is kept: |R + H r| over the free unknowns, and the change of
-the answers when they are asked again, which is what held points are apart, times the bulk's
+for impulses, so that every inequality is kept: |R + H S| over the free unknowns, and S - r, how far
+the answers are from the impulses that were asked with: what held points are apart, times the bulk's
 stiffness.
+
+The next correction is taken at the impulses r, not at the answers. A bond at its strength whose
+multiplier has grown beyond it answers with what it bears; linearised there it would count as sound,
+its multiplier would grow again, and the iteration would stay where it is, with all branches the
+same and the balance unfound. With r it opens. So with lips that are pulled: r says that they part.
 
 The iteration is quadratic near its end and may go round in circles far from it, where contact alone
 holds slender bodies or slips: `augmented_lagrangian.py` then finds who is in contact.
@@ -28,6 +33,8 @@ logger = logging.getLogger(__name__)
 _PROXIMAL = 1e-3
 # Lengths of a correction that are tried, and what is left of how many iterations it may not exceed.
 _LENGTHS, _MEMORY = (1.0, 0.5, 0.25, 0.1), 3
+# Relative difference of what is left from what two iterations ago was, at which it is the same.
+_AGAIN = 0.1
 # Iterations after which more may be left, and how much beside the tolerance: bonds that flip
 # between loading and unloading may go round in circles too small to matter.
 _PATIENCE, _ROUND = 7, 100.0
@@ -59,13 +66,19 @@ class SemismoothNewton:
 
     def __init__(self, step: CoupledStep):
         self._step = step
-        self._apart = 0.0, 0.0
+        self._answers: list[np.ndarray] = []
         self._most = self.left = np.inf
         self.failure = ""
 
     def run(self, tolerance: float, most: int) -> bool:
-        """Whether what is left came within the tolerance in that many iterations at most."""
+        """Whether what is left came within the tolerance in that many iterations at most.
+
+        Impulses are then the laws' answers.
+        """
+        step = self._step
+        self._answers = step.impulses_of_points()
         self.failure = self._iterate(tolerance, most)
+        step.set_impulses(self._answers)
         return not self.failure
 
     def _iterate(self, tolerance: float, most: int) -> str:
@@ -81,15 +94,15 @@ class SemismoothNewton:
             best = None
             start = step.velocity, step.loading.time, step.impulses_of_points()
             for length in _LENGTHS:
-                self._go(start, correction, length)
-                merit = self._merit()
+                merit = self._go(start, correction, length)
+                if length == 1.0 and _to_and_fro(history, merit):
+                    continue
                 if best is None or merit < best[0]:
                     best = merit, length
                 if not history or merit < max(history[-_MEMORY:]):
                     break
             if best[1] != length:
                 self._go(start, correction, best[1])
-                self._merit()
             history.append(best[0])
             if not np.isfinite(best[0]):
                 return _NOT_FINITE
@@ -122,40 +135,36 @@ class SemismoothNewton:
 
     def start_from(self, time: float, velocity: np.ndarray) -> None:
         """Take a state to start from: its loads, and the laws' answers to it."""
-        self._step.move(velocity, time)
-        self._answer()
+        step = self._step
+        step.move(velocity, time)
+        step.set_impulses(step.answers())
 
-    def _go(self, start, correction: Correction, length: float) -> None:
-        """The state at a length of a correction from a start; the laws answer there."""
-        velocity, time, impulses = start
-        self._step.move(velocity + length * correction.velocity, time + length * correction.time)
-        changes = zip(impulses, correction.impulses, strict=True)
-        self._step.set_impulses([old + length * change for old, change in changes])
-        self._answer()
-        self._apart = self._answer()
-
-    def _answer(self) -> tuple[float, float]:
-        """Impulses become the laws' answers, which keep every inequality.
+    def _go(self, start, correction: Correction, length: float) -> float:
+        """Take the state at a length of a correction from a start.
 
         Returns:
-            Sum of squares and largest entry of their change (N s), of this rank's points.
+            What is left there; `_most` is its largest entry.
         """
-        total, most, step = 0.0, 0.0, self._step
-        answers = step.answers()
-        for old, answer in zip(step.impulses_of_points(), answers, strict=True):
-            apart = answer - old
-            total += float(np.vdot(apart, apart))
-            most = max(most, float(np.abs(apart).max(initial=0.0)))
-        step.set_impulses(answers)
-        return total, most
-
-    def _merit(self) -> float:
-        """What is left; `_most` is its largest entry."""
-        step = self._step
-        step.impulses = step.on_unknowns(step.impulses_of_points())
+        (velocity, time, impulses), step = start, self._step
+        step.move(velocity + length * correction.velocity, time + length * correction.time)
+        changes = zip(impulses, correction.impulses, strict=True)
+        asked = [old + length * change for old, change in changes]
+        step.set_impulses(asked)
+        self._answers = [answer.copy() for answer in step.answers()]
+        step.impulses = step.on_unknowns(self._answers)
         balance = step.balance()
-        self._most = step.ranks.max(max(self._apart[1], float(np.abs(balance).max(initial=0.0))))
-        return float(np.sqrt(step.ranks.sum(self._apart[0]) + step.dot(balance, balance)))
+        total, most = step.dot(balance, balance), float(np.abs(balance).max(initial=0.0))
+        apart = 0.0
+        for answer, own in zip(self._answers, asked, strict=True):
+            apart += float(np.vdot(answer - own, answer - own))
+            most = max(most, float(np.abs(answer - own).max(initial=0.0)))
+        self._most = step.ranks.max(most)
+        return float(np.sqrt(step.ranks.sum(apart) + total))
+
+
+def _to_and_fro(history: list[float], merit: float) -> bool:
+    """Whether as much is left as two iterations ago: two sets of branches take turns."""
+    return len(history) > 1 and abs(merit - history[-2]) <= _AGAIN * history[-2]
 
 
 def _stalls(history: list[float]) -> bool:

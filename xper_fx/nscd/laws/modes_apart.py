@@ -133,7 +133,7 @@ class ModesApart(Bond):
     def weakening(self) -> Weakening:
         """See `Bond`."""
         curve = type(self.curve)
-        return _modes_apart(curve, len(self.curve.constants), self.criterion, self._rubs)
+        return modes_apart(curve, len(self.curve.constants), self.criterion, self._rubs)
 
     def shape(self) -> tuple:
         """Openings of onset (m), energies (J/m^2), exponent, constants of the curve."""
@@ -143,10 +143,18 @@ class ModesApart(Bond):
 
 
 @cache
-def _modes_apart(
-    curve: type[Curve], num_constants: int, criterion: str, friction: bool
+def modes_apart(
+    curve: type[Curve], num_constants: int, criterion: str, friction: bool, rigid: bool = False
 ) -> Weakening:
-    """A curve whose shape hangs on the direction of the jump."""
+    """A curve whose shape hangs on the direction of the jump.
+
+    Args:
+        curve: the curve.
+        num_constants: that it has.
+        criterion: of the energies of mixtures.
+        friction: whether lips rub.
+        rigid: whether the bond bears its strength from the start (`RigidBond.starts_rigid`).
+    """
     first, functions = shape_column(friction), curve.functions
     num_columns = _CONSTANTS + num_constants
     constants = take_columns(first + _CONSTANTS, num_constants)
@@ -168,6 +176,8 @@ def _modes_apart(
             parameters[i, first + _G_II],
             parameters[i, first + _EXPONENT],
         )
+        if rigid:
+            energy -= 0.5 * stiffness * onset * onset
         return make_shape(stiffness, stiffness * onset, energy, *constants(i, parameters))
 
     @njit(**LEAN_INNER)

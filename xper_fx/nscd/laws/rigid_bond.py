@@ -2,10 +2,18 @@
 """What laws of initially rigid bonds share (`rigid_cohesive_zone.py` derives them).
 
 A bond of strength s and fracture energy w has a stiffness after all, of an opening of 1e-9 w / s
-at the strength: numbers of `curves/curve.py` then serve as they are, elastic part included, and w
-stays exact. No bond is ever seen with it, as one that would open by less is held. (Implicit steps
-with a point on each facet need it: with 1e-11 solvers find different states, or none. What it costs
-are tractions that are too low in steps that open a bond by no more than some 1e-8 w / s.)
+at the strength: numbers of `curves/curve.py` then serve as they are. No bond is ever seen with it,
+as one that would open by less is held.
+
+The mean traction of a step that opens a sound bond to x takes the bond for rigid all the same: over
+its elastic part d0 it bears s, not what rises to s. That is the mean of the curve and s d0 / (2 x)
+more, which leaves
+
+    s x / (2 d0)  up to x = 2 d0,  and from there on the mean of a curve that begins at s.
+
+Without it a bond that opens by little would bear less than a sound one, and where a vertex is at
+its limit, with bonds that just open, no state would obey the law. So that w stays exact, the area
+below the curve is s d0 / 2 less.
 """
 
 from __future__ import annotations
@@ -38,6 +46,11 @@ class RigidBond(Bond):
     modes_apart: ClassVar[bool] = False
     initial_damage: ClassVar[float] = 1.0
     damage_options: ClassVar[tuple[str, ...]] = ("auto", "mean", "end")
+
+    @property
+    def starts_rigid(self) -> bool:
+        """Whether a step that opens the bond takes it for rigid (module docstring)."""
+        return self.damage != "end"
 
     @property
     def least_strength(self) -> Any:

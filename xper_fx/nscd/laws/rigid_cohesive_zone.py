@@ -137,5 +137,8 @@ class RigidCohesiveZone(RigidBond):
 
     def shape(self) -> tuple:
         """d0, dc (m), and what else the curve has."""
-        numbers = self.stiffnesses()[0], self.strength, self.fracture_energy
+        stiffness, strength, energy = self.stiffnesses()[0], self.strength, self.fracture_energy
+        if self.starts_rigid:
+            energy = energy - 0.5 * strength**2 / stiffness
+        numbers = stiffness, strength, energy
         return self.curve.shape(*numbers, *self.curve.constants)

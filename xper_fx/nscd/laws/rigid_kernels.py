@@ -55,8 +55,9 @@ PUSHED = 2  # column of the state, after those of all bonds
 _MONOTONE, _MOST = 40, 200
 # Error of s, relative, and a difference of neighbouring floats.
 _CLOSE, _NEIGHBOURS = 1e-14, 4e-16
-# Opening that a solver's tolerance may leave a bond that holds, relative to the critical one.
-_LEFT = 1e-6
+# Opening that a solver's tolerance may leave a bond that holds, relative to the critical one, and
+# what holding it would take beyond the strength, relative.
+_LEFT, _OVER = 1e-6, 1e-6
 # Difference of the squares of friction and its bound, relative, at which lips slide.
 _SLIDES = 1e-12
 # What is added to compliances to tell the impulse that holds, relative, and where both lips are
@@ -206,14 +207,19 @@ def rigid_kernels(
         return sym_solve(w, subtract(scale(0.5, part(terms, i, start_at)), free))
 
     @njit(**LEAN_INNER)
-    def held(i, u, r, parameters, terms, details):
+    def held_but(i, over, u, r, parameters, terms, details):
+        """As `held`, for a strength that is higher by a share `over`."""
         if details[i, rigid] == 0.0 or details[i, soundest] < details[i, old]:
             return False
         if details[i, snapped] == 1.0:
             return False
-        hold = holding(i, u, r, terms, details)
+        hold = scale(1.0 - over, holding(i, u, r, terms, details))
         step_area = details[i, spring] / (0.5 * details[i, h_theta] * parameters[i, C_N])
         return bears(i, hold, step_area, parameters)
+
+    @njit(**LEAN_INNER)
+    def held(i, u, r, parameters, terms, details):
+        return held_but(i, 0.0, u, r, parameters, terms, details)
 
     if viscous:
         open_lips = (1.0,) + (0.0,) * (dim - 1)
@@ -260,12 +266,26 @@ def rigid_kernels(
         return scale(details[i, h_theta], subtract(y, at_start))
 
     @njit(inline="always")
+    def mean_with(i, x1, both, p, parameters, details):
+        """Mean damage of a step that ends with an opening x1 (m) on a curve of shape p.
+
+        `both` is the opening of U0 + U1: of a sound bond U0 is what tolerances have left, and its
+        mean traction is that of a bond that opens from 0.
+        """
+        beta, beta0 = details[i, old], parameters[i, BETA0]
+        x_max = reach(details[i, limit], beta / beta0, p)
+        mean = mean_damage(x1, details[i, jump_start], x_max, beta, p, beta0)
+        if details[i, rigid] == 1.0 and both > 0.0:
+            x = max(x1, x_max)
+            mean = min(beta, (mean + beta * (p[0] / x) ** 2) * x / both)
+        return mean
+
+    @njit(inline="always")
     def mean_after(i, y, parameters, terms, details):
         """Mean damage of a step that ends with y."""
-        beta, jump = details[i, old], jump_after(i, y, terms, details)
-        p, beta0 = shape(i, jump, parameters), parameters[i, BETA0]
-        x_max = reach(details[i, limit], beta / beta0, p)
-        return mean_damage(opening(jump), details[i, jump_start], x_max, beta, p, beta0)
+        jump, both = jump_after(i, y, terms, details), details[i, h_theta] * opening(y)
+        p = shape(i, jump, parameters)
+        return mean_with(i, opening(jump), both, p, parameters, details)
 
     @njit(**LEAN_INNER)
     def following(i, s, kappa, free, w, parameters, terms, details):
@@ -373,7 +393,7 @@ def rigid_kernels(
     @njit(**LEAN_INNER)
     def commit(i, jump0, jump1, u, r, area, step, theta, parameters, state, terms, details, energy):
         x1, p = opening(jump1), shape(i, jump1, parameters)
-        if x1 <= _LEFT * p[1] and held(i, u, r, parameters, terms, details):
+        if x1 <= _LEFT * p[1] and held_but(i, _OVER, u, r, parameters, terms, details):
             for j in range(len(energies)):
                 energy[i, j] = 0.0
             energy[i, NUMERICAL] = -dot(r, subtract(jump1, jump0)) / step  # of the tolerance
@@ -383,14 +403,14 @@ def rigid_kernels(
             state[i, PUSHED] = r[0]
             return book_impact(i, r, subtract(jump1, jump0), step, parameters, energy)
         beta0 = parameters[i, BETA0]
-        x_max = reach(details[i, limit], details[i, old] / beta0, p)
-        beta = mean_damage(x1, details[i, jump_start], x_max, details[i, old], p, beta0)
+        beta = mean_with(i, x1, x1, p, parameters, details)
         new = min(beta, damage(x1, p, beta0))
         moved = subtract(jump1, jump0)
         e0 = energy_with(i, jump0, area, parameters)
         e1 = energy_with(i, jump1, area, parameters)
         y = add(u, part(terms, i, push))
-        hat = add(r, pulled(i, beta, y, parameters, terms, details))
+        pulls = mean_with(i, x1, opening(add(jump0, jump1)), p, parameters, details)
+        hat = add(r, pulled(i, pulls, y, parameters, terms, details))
         closed = hat[0] * mean_of(part_of_compliance(i, details))
         pressing = closed > u[0] + terms[i, push] - 0.5 * terms[i, start_at]
         state[i, OPENING_MAX] = max(state[i, OPENING_MAX], x1)

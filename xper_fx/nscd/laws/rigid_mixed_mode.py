@@ -35,9 +35,10 @@ import numpy as np
 
 from xper_fx.nscd.laws.curves.curve import Curve
 from xper_fx.nscd.laws.curves.linear import Linear
-from xper_fx.nscd.laws.modes_apart import ModesApart
+from xper_fx.nscd.laws.modes_apart import ModesApart, modes_apart
 from xper_fx.nscd.laws.parameters import take_parameters
 from xper_fx.nscd.laws.rigid_bond import RigidBond, stiffness_of
+from xper_fx.nscd.laws.weakening import Weakening
 
 
 @dataclass(frozen=True)
@@ -95,3 +96,8 @@ class RigidMixedMode(RigidBond, ModesApart):
         first, second = self.fracture_energies
         energy = np.sqrt(first) * np.sqrt(second)
         return tuple(stiffness_of(strength, energy) for strength in self.strengths)
+
+    def weakening(self) -> Weakening:
+        """See `Bond`."""
+        numbers = len(self.curve.constants), self.criterion, self._rubs
+        return modes_apart(type(self.curve), *numbers, self.starts_rigid)
