@@ -89,7 +89,7 @@ def stop_at(folder, step: int, beyond: int = 4, simulation=None, **options) -> N
             recorder.checkpoint()
         if record.step == step + beyond:
             recorder._history.close()
-            recorder._leave_folder()
+            recorder._lock.release()
             return
 
 
@@ -638,7 +638,7 @@ def test_a_run_killed_after_its_last_step_is_complete(make, tmp_path, caplog):
         recorder.record(record)
     recorder.checkpoint()
     recorder._history.close()
-    recorder._leave_folder()
+    recorder._lock.release()
     again = recorded(folder, make(), end, end_time=end, restart=True)
     assert "there is nothing left to do" in caplog.text
     assert again.simulation.step_number == steps

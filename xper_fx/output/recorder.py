@@ -272,7 +272,8 @@ class Recorder:
 
     def _take_folder(self) -> None:
         prepare_folder(self.folder)
-        self._holds.callback(FolderLock(self.folder).release)
+        self._lock = FolderLock(self.folder)
+        self._holds.callback(self._lock.release)
 
     def vertex_displacement(self) -> np.ndarray:
         """Displacement of the exploded mesh's geometry nodes, shape (num_nodes, dim), m.
