@@ -199,3 +199,25 @@ def test_the_smallest_strength_is_what_a_vertex_may_count_on():
 def test_bad_input_is_refused(make, words):
     with pytest.raises((TypeError, ValueError), match=words):
         make()
+
+
+def test_no_mean_traction_leaves_the_ellipse():
+    """Forces just beyond the strength, one after the other in another direction each time.
+
+    A bond that was held opens by what tolerances leave, and then opens in another mode.
+    """
+    random = np.random.default_rng(0)
+    weak, mass = xf.laws.RigidMixedMode((S_N, 0.3 * S_N), (W_N, 9.0 * W_N), M), 8.0 * W_N * AREA
+    first = 0
+    for _ in range(100):
+        bond = PointMass(weak, mass, [0.0, 0.0], area=AREA)
+        step = W_N / S_N / 50.0
+        while bond.opening_max == 0.0:
+            force = random.normal(size=2) * (1.0, 0.3) * S_N * AREA
+            limit = np.hypot(max(force[0], 0.0) / S_N, force[1] / (0.3 * S_N)) / AREA
+            bond.step(step, force / limit * (1.0 + 10.0 ** random.uniform(-9.0, -3.0)))
+            pulled = -bond.impulse[0] / (step * AREA), -bond.impulse[1] / (step * AREA)
+            used = np.hypot(max(pulled[0], 0.0) / S_N, pulled[1] / (0.3 * S_N))
+            assert used <= 1.0 + 1e-6
+            first += bond.opening_max > 0.0
+    assert first == 100

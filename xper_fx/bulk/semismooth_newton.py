@@ -91,11 +91,12 @@ class SemismoothNewton:
                 return _SINGULAR
             if correction is None:
                 return _NO_LOAD
-            best = None
+            best, allowed = None, tolerance * (1.0 if count <= _PATIENCE else _ROUND)
             start = step.velocity, step.loading.time, step.impulses_of_points()
             for length in _LENGTHS:
                 merit = self._go(start, correction, length)
-                if length == 1.0 and _to_and_fro(history, merit):
+                turns = length == 1.0 and _to_and_fro(history, merit)
+                if turns and not self._is_small(allowed):
                     continue
                 if best is None or merit < best[0]:
                     best = merit, length
@@ -106,8 +107,7 @@ class SemismoothNewton:
             history.append(best[0])
             if not np.isfinite(best[0]):
                 return _NOT_FINITE
-            reference, floor = step.size(), step.rounding()
-            self.left = self._most / reference if reference > 0.0 else 0.0
+            small = self._is_small(allowed)
             logger.debug(
                 "iteration %d: length %g, %.2e left, growth %.1e, %d points held",
                 count,
@@ -116,17 +116,21 @@ class SemismoothNewton:
                 step.growth_left(),
                 step.num_held(),
             )
-            allowed = tolerance * (1.0 if count <= _PATIENCE else _ROUND)
-            small = self._most <= max(allowed * reference, floor) or reference <= step.noise()
             if small and best[1] == 1.0 and abs(step.growth_left()) <= _GROWN:
                 if step.interactions is None or step.interactions.evolve(step.slots) <= tolerance:
                     return ""
                 history.clear()
-            elif best[0] > _ASTRAY * reference:
+            elif best[0] > _ASTRAY * step.size():
                 return _NOT_FINITE
             elif _stalls(history):
                 return self._short(small) or _STUCK
         return self._short(small) or _SLOW.format(most)
+
+    def _is_small(self, allowed: float) -> bool:
+        """Whether what is left is allowed, or rounding; `left` is it, relative."""
+        reference, floor = self._step.size(), self._step.rounding()
+        self.left = self._most / reference if reference > 0.0 else 0.0
+        return self._most <= max(allowed * reference, floor) or reference <= self._step.noise()
 
     def _short(self, small: bool) -> str:
         """What is wrong with the growth where little is left."""

@@ -266,26 +266,29 @@ def rigid_kernels(
         return scale(details[i, h_theta], subtract(y, at_start))
 
     @njit(inline="always")
-    def mean_with(i, x1, both, p, parameters, details):
+    def mean_with(i, x1, pull, p, parameters, details):
         """Mean damage of a step that ends with an opening x1 (m) on a curve of shape p.
 
-        `both` is the opening of U0 + U1: of a sound bond U0 is what tolerances have left, and its
-        mean traction is that of a bond that opens from 0.
+        `pull` is U0 + U1 (m), along which the bond pulls. Of a sound bond U0 is what tolerances
+        have left: its mean traction is that of a bond that opens from 0, of the strength it has
+        along `pull`.
         """
         beta, beta0 = details[i, old], parameters[i, BETA0]
         x_max = reach(details[i, limit], beta / beta0, p)
         mean = mean_damage(x1, details[i, jump_start], x_max, beta, p, beta0)
+        both = opening(pull)
         if details[i, rigid] == 1.0 and both > 0.0:
-            x = max(x1, x_max)
-            mean = min(beta, (mean + beta * (p[0] / x) ** 2) * x / both)
+            x, along = max(x1, x_max), shape(i, pull, parameters)
+            whole = (mean + beta * (p[0] / x) ** 2) * x / both
+            mean = min(beta, whole * along[0] / p[0])
         return mean
 
     @njit(inline="always")
     def mean_after(i, y, parameters, terms, details):
         """Mean damage of a step that ends with y."""
-        jump, both = jump_after(i, y, terms, details), details[i, h_theta] * opening(y)
+        jump, pull = jump_after(i, y, terms, details), scale(details[i, h_theta], y)
         p = shape(i, jump, parameters)
-        return mean_with(i, opening(jump), both, p, parameters, details)
+        return mean_with(i, opening(jump), pull, p, parameters, details)
 
     @njit(**LEAN_INNER)
     def following(i, s, kappa, free, w, parameters, terms, details):
@@ -403,13 +406,13 @@ def rigid_kernels(
             state[i, PUSHED] = r[0]
             return book_impact(i, r, subtract(jump1, jump0), step, parameters, energy)
         beta0 = parameters[i, BETA0]
-        beta = mean_with(i, x1, x1, p, parameters, details)
+        beta = mean_with(i, x1, jump1, p, parameters, details)
         new = min(beta, damage(x1, p, beta0))
         moved = subtract(jump1, jump0)
         e0 = energy_with(i, jump0, area, parameters)
         e1 = energy_with(i, jump1, area, parameters)
         y = add(u, part(terms, i, push))
-        pulls = mean_with(i, x1, opening(add(jump0, jump1)), p, parameters, details)
+        pulls = mean_with(i, x1, add(jump0, jump1), p, parameters, details)
         hat = add(r, pulled(i, pulls, y, parameters, terms, details))
         closed = hat[0] * mean_of(part_of_compliance(i, details))
         pressing = closed > u[0] + terms[i, push] - 0.5 * terms[i, start_at]
