@@ -13,7 +13,8 @@ more, which leaves
 
 Without it a bond that opens by little would bear less than a sound one, and where a vertex is at
 its limit, with bonds that just open, no state would obey the law. So that w stays exact, the area
-below the curve is s d0 / 2 less.
+below the curve is s d0 / 2 less. (Up to that much, 5e-10 of w, is not spent where the first opening
+ends below 2 d0.)
 """
 
 from __future__ import annotations
