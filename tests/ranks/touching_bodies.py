@@ -99,21 +99,16 @@ def heap():
     return scene, {"step": 1e-3, "tolerance": 1e-10, "newton_tolerance": 1e-11}, 30
 
 
-def shards(material=ELASTIC):
-    """Two plates of bonded blocks, drawn out of shape, break and fly into each other."""
-    bodies = box_bodies(
-        (2.0, 1.0), (12, 6),
-        label=lambda x: 3 * (2.999 * x[0]).astype(int) + (2.999 * x[1]).astype(int),
-        material={2: lambda x: x[0] > 1.0 - 1e-9},
-    )  # fmt: skip
+def flying_plates(bodies, shift, speed, spread, material, bond):
+    """Two plates, of material 1 and 2, fly into each other as they are drawn out of shape."""
     second = np.unique(geometry_dofmap(bodies.mesh)[bodies.material_of_cell == 2])
-    bodies.mesh.geometry.x[second, :2] += (0.01, 0.13)
+    bodies.mesh.geometry.x[second, :2] += shift
     velocity = {
-        tag: lambda x, v=v: np.stack([v + 0.5 * (x[0] - 1.0), 6.0 * (x[1] - 0.5)])
-        for tag, v in ((1, 0.7), (2, -0.7))
+        tag: lambda x, v=v: np.stack([v + 0.5 * (x[0] - 1.0), spread * (x[1] - 0.5)])
+        for tag, v in ((1, speed), (2, -speed))
     }
-    scene = Scene(
-        bodies, {1: material, 2: material}, interactions={(1, 2): None}, default_interaction=BOND,
+    return Scene(
+        bodies, {1: material, 2: material}, interactions={(1, 2): None}, default_interaction=bond,
         surfaces={"left": (1,), "right": (2,)},
         contacts=[
             Contact(pair, RUB)
@@ -121,6 +116,16 @@ def shards(material=ELASTIC):
         ],
         initial_velocity=velocity,
     )  # fmt: skip
+
+
+def shards(material=ELASTIC):
+    """Two plates of bonded blocks, drawn out of shape, break and fly into each other."""
+    bodies = box_bodies(
+        (2.0, 1.0), (12, 6),
+        label=lambda x: 3 * (2.999 * x[0]).astype(int) + (2.999 * x[1]).astype(int),
+        material={2: lambda x: x[0] > 1.0 - 1e-9},
+    )  # fmt: skip
+    scene = flying_plates(bodies, (0.01, 0.13), 0.7, 6.0, material, BOND)
     return scene, {"step": 1e-3, "tolerance": 1e-10, "scheme": "implicit"}, 30
 
 
@@ -138,22 +143,8 @@ def explicit_shards():
 def split_shards():
     """Two plates of cells that initially rigid bonds join fly into each other and break."""
     bodies = box_bodies((2.0, 1.0), (10, 5), material={2: lambda x: x[0] > 1.0 - 1e-9})
-    second = np.unique(geometry_dofmap(bodies.mesh)[bodies.material_of_cell == 2])
-    bodies.mesh.geometry.x[second, :2] += (0.004, 0.13)
-    velocity = {
-        tag: lambda x, v=v: np.stack([v + 0.5 * (x[0] - 1.0), 4.0 * (x[1] - 0.5)])
-        for tag, v in ((1, 0.5), (2, -0.5))
-    }
     bond = RigidCohesiveZone(Weibull(10.0, 12.0, seed=1), 0.1)
-    scene = Scene(
-        bodies, {1: ELASTIC, 2: ELASTIC}, interactions={(1, 2): None}, default_interaction=bond,
-        surfaces={"left": (1,), "right": (2,)},
-        contacts=[
-            Contact(pair, RUB)
-            for pair in (("left", "right"), ("left", "left"), ("right", "right"))
-        ],
-        initial_velocity=velocity,
-    )  # fmt: skip
+    scene = flying_plates(bodies, (0.004, 0.13), 0.5, 4.0, ELASTIC, bond)
     return scene, {"scheme": "explicit", "tolerance": 1e-10}, 42
 
 

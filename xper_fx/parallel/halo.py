@@ -185,7 +185,7 @@ class Halo:
     def extended(
         self, inverse: BodyInverse, more: Mapping[int, np.ndarray], meetings: np.ndarray
     ) -> Halo:
-        """A halo with more ghosts; all ranks make it together.
+        """A halo with more ghosts than this one, which has none but its points'; all ranks make it.
 
         Args:
             inverse: blocks of w on this rank's slots.

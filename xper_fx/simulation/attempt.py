@@ -168,7 +168,7 @@ class StepAttempts:
     def along_path(
         self, state: State, size: float, path: PathFollower, end_time: float
     ) -> tuple[StepOutcome, float]:
-        """A static step whose load is found; one to the end where no load opens bonds further.
+        """A static step whose load is found; one to the end if bonds then do no more than they may.
 
         A step beyond the end is made shorter, some times; the end is not a load to be jumped to.
 

@@ -210,9 +210,9 @@ class _BentPaths(Solver):
             )
 
     def _bend(self, interactions: Interactions, velocity: np.ndarray) -> np.ndarray:
-        """c of each row, zero where there is none, for end velocities of all slots.
+        """c of each row for end velocities of all slots; all ranks call it together.
 
-        So it is of rows of other ranks. All ranks call it together.
+        It is zero of rows that have none, and of those of other ranks.
         """
         ahead = self._rows.at(*self._rigid.next_middle(interactions.rigid_part(velocity)))
         nodal, bend = velocity.reshape(-1, interactions.dim), np.zeros(len(self._rows))

@@ -11,7 +11,8 @@ The error is estimated as in `nlgs.py`, from changes summed over all ranks, and 
 bodies are judged by velocities, as there: the points that two ranks share are visited one after
 another like all others, so that what is summed is the same violation. Where vertices are
 solved alone (`vertex_blocks.py`, `splitting/`) each is on one rank: velocities go to the ghosts
-before, and back after, once a step.
+before, and back after, once a step. Where contacts touch vertices that split, ranks exchange what
+moves as one in each turn besides (`splitting/shared_clusters.py`).
 """
 
 from __future__ import annotations
