@@ -3,8 +3,11 @@
 
 import numpy as np
 from asked_scenes import run_asked
-from scenes import BOTTOM, box_bodies
+from scenes import BOTTOM, box_bodies, mesh_of
 
+from xper_fx.bodies.explode import explode
+from xper_fx.bodies.join import join_meshes
+from xper_fx.bodies.meshes import tag_cells
 from xper_fx.forms.loads import Gravity, PrescribedVelocity
 from xper_fx.materials import LinearElastic, NeoHookean
 from xper_fx.nscd.laws import (
@@ -99,7 +102,7 @@ def heap():
     return scene, {"step": 1e-3, "tolerance": 1e-10, "newton_tolerance": 1e-11}, 30
 
 
-def flying_plates(bodies, shift, speed, spread, material, bond):
+def flying_plates(bodies, shift, speed, spread, material, bond, one_mesh=True):
     """Two plates, of material 1 and 2, fly into each other as they are drawn out of shape."""
     second = np.unique(geometry_dofmap(bodies.mesh)[bodies.material_of_cell == 2])
     bodies.mesh.geometry.x[second, :2] += shift
@@ -108,8 +111,8 @@ def flying_plates(bodies, shift, speed, spread, material, bond):
         for tag, v in ((1, speed), (2, -speed))
     }
     return Scene(
-        bodies, {1: material, 2: material}, interactions={(1, 2): None}, default_interaction=bond,
-        surfaces={"left": (1,), "right": (2,)},
+        bodies, {1: material, 2: material}, default_interaction=bond,
+        interactions={(1, 2): None} if one_mesh else {}, surfaces={"left": (1,), "right": (2,)},
         contacts=[
             Contact(pair, RUB)
             for pair in (("left", "right"), ("left", "left"), ("right", "right"))
@@ -146,6 +149,25 @@ def split_shards():
     bond = RigidCohesiveZone(Weibull(10.0, 12.0, seed=1), 0.1)
     scene = flying_plates(bodies, (0.004, 0.13), 0.5, 4.0, ELASTIC, bond)
     return scene, {"scheme": "explicit", "tolerance": 1e-10}, 42
+
+
+def lone():
+    """A plate that initially rigid bonds join flies into one body, alone on its rank."""
+    meshes = [mesh_of((1.0, 1.0), (cells, cells)) for cells in (4, 9)]
+    meshes[1].geometry.x[:, 0] += 1.0
+    tags = [tag_cells(mesh, {tag: everywhere}) for tag, mesh in enumerate(meshes, 1)]
+    joined = join_meshes(meshes, tags)
+    each_and_one = np.minimum(np.arange(len(joined.part)), 64)
+    bodies = explode(joined.mesh, each_and_one, joined.cell_tags)
+    bond = RigidCohesiveZone(Weibull(10.0, 12.0, seed=1), 0.1)
+    scene = flying_plates(bodies, (0.004, 0.13), 0.5, 4.0, ELASTIC, bond, one_mesh=False)
+    # the critical step of bodies of several sizes is estimated, on other ranks otherwise
+    return scene, {"step": 1e-3, "scheme": "explicit", "tolerance": 1e-10}, 44
+
+
+def everywhere(x):
+    """At all cells."""
+    return np.ones(x.shape[1], bool)
 
 
 def slide():
@@ -248,8 +270,8 @@ def pelted():
 SCENES = {
     f.__name__: f
     for f in (
-        cloud, explicit, boxes, heap, shards, turning_shards, explicit_shards, split_shards, slide,
-        struck, rammed, pelted,
+        cloud, explicit, boxes, heap, shards, turning_shards, explicit_shards, split_shards, lone,
+        slide, struck, rammed, pelted,
     )
 }  # fmt: skip
 

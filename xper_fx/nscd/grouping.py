@@ -197,9 +197,9 @@ class Grouping:
             points.branches is not None,
         )  # fmt: skip
         which = law_of_point[indices]
-        parameters = self._rows("parameters", which, law_of_point, indices)
+        parameters = self._rows("parameters", kernels, which, law_of_point, indices)
         born = "later_state" if later else "initial_state"
-        state = self._rows(born, which, law_of_point, indices)
+        state = self._rows(born, kernels, which, law_of_point, indices)
         jump = np.zeros((n, components))
         jump[:, 0] = points.gap
         turning = None
@@ -231,17 +231,21 @@ class Grouping:
             turning=turning,
         )
 
-    def _rows(self, what: str, which, law_of_point, indices) -> np.ndarray:
+    def _rows(self, what: str, kernels: LawKernels, which, law_of_point, indices) -> np.ndarray:
         """What a method of the laws gives for each of some points, numbers or arrays over points.
 
         Args:
             what: the method.
+            kernels: of the laws; where there are no points they tell how wide rows are.
             which: shape (n,), law of each.
             law_of_point: shape (num_points,), of all.
             indices: shape (n,), of the points among all.
         """
         rows = np.zeros((len(which), 0))
-        for number in np.flatnonzero(np.bincount(which)).tolist():
+        numbers = np.flatnonzero(np.bincount(which)).tolist()
+        if not numbers:
+            numbers = [[law.kernels(self._dim) for law in self._laws].index(kernels)]
+        for number in numbers:
             law = self._laws[number]
             given = getattr(law, what, law.initial_state)()
             here = np.flatnonzero(which == number)

@@ -321,9 +321,7 @@ class Model:
             laws, self.bulk.dim, self.points.law_of_point, points.gap, self.options.inertia,
             self.monolithic,
         )  # fmt: skip
-        splits = self.by_vertex and (
-            self.part is None or ranks_split(points, self.ranks, self.detection is not None)
-        )
+        splits = self.by_vertex and (self.part is None or ranks_split(points, self.ranks))
         stepped = self.monolithic and self.options.path is None
         condensed = stepped and self.part is None and condenses(self.scene, laws)
         return Interactions(

@@ -26,27 +26,17 @@ def condenses(scene: Scene, laws: Sequence[Law]) -> bool:
     return nodal and any(law.kernels(scene.dim).rigid for law in laws)
 
 
-def ranks_split(points: InteractionPoints, ranks: Ranks, searched: bool) -> bool:
-    """Whether vertices that are solved alone split on ranks: all have some, at small strain.
+def ranks_split(points: InteractionPoints, ranks: Ranks) -> bool:
+    """Whether vertices that are solved alone split on ranks, as they do at small strain.
 
     At finite strain the couples of lips act on vertices of other ranks, which would have to
-    tell which of their cells move as one.
+    tell which of their cells move as one. A rank may have no vertices.
 
     Args:
         points: of this rank.
         ranks: that divide the bodies.
-        searched: whether contacts are looked for, which takes vertices that split.
-
-    Raises:
-        ValueError: it is, and a rank has no vertices.
     """
-    all_split = ranks.all(len(points) > 0 and points.lips is None)
-    if searched and not all_split:
-        raise ValueError(
-            f"One of the {ranks.size} ranks has no vertex of the initially rigid bonds: run on "
-            "fewer ranks."
-        )
-    return all_split
+    return ranks.all(points.lips is None)
 
 
 def share_motions(

@@ -72,8 +72,10 @@ def snap_of_cells(interactions: Interactions, step: float) -> tuple[float, int]:
         step: h (s).
 
     Returns:
-        The number, and which of this rank's points has it.
+        The number, and which of this rank's points has it; zeros where a rank has no points.
     """
+    if not len(interactions):
+        return 0.0, 0
     points, apart = interactions.fused.compliance_of_cells()
     law_of_point, numbers = interactions.law_of_point, np.zeros(len(interactions))
     numbers[points] = 0.25 * step**2 * apart * interactions.points.area[points]

@@ -102,7 +102,7 @@ def vertex_graphs(
             it is not initially rigid.
         inverse: one block a node, of which it holds the diagonal.
     """
-    count = int(vertex.max()) + 1
+    count = int(vertex.max(initial=-1)) + 1
     order = np.lexsort((group_of_point, vertex))
     slots = points.nodes[order, :, 0].astype(np.int64)
     at = vertex[order].astype(np.int64)
