@@ -3,6 +3,9 @@
 
 A linear bulk has the same one whenever it is made, and keeps those of the step and of its halves.
 That of another bulk hangs on the state at which it was made, which a checkpoint therefore holds.
+
+Without inertia, damping, rates and interactions the matrix is h^2 theta^2 K: one inverse, made at
+whatever step size, is that of all others but for a factor.
 """
 
 from __future__ import annotations
@@ -39,6 +42,23 @@ class _Origin(NamedTuple):
         return cls(displacement, forms.history_by_cell(), form_step)
 
 
+class _ScaledInverse:
+    """A multiple of an inverse of bodies without interactions; see `xper_fx.bulk.body_inverse`."""
+
+    def __init__(self, inverse, factor: float):
+        self._inverse, self._factor = inverse, factor
+
+    def advance(self, residual: np.ndarray) -> np.ndarray:
+        """Newton's increment of all velocities, shape (num_dofs,)."""
+        return self._factor * self._inverse.advance(residual)
+
+    def learn(self, velocity: np.ndarray, residual: np.ndarray, trusted: bool) -> None:
+        """Nothing, as no interactions answer."""
+
+    def unlearn(self) -> None:
+        """Nothing, as nothing was learnt."""
+
+
 class KeptInverses:
     """Inverses by step size.
 
@@ -53,6 +73,8 @@ class KeptInverses:
         self.bulk, self.theta, self._stopwatch = bulk, theta, stopwatch
         self._interacting = interacting
         self._interacts = bulk.ranks.max(len(interacting)) > 0
+        alike = bulk.inertia is None and bulk.damping is None and not bulk.forms.viscous
+        self._scales = alike and not self._interacts
         self._inverses: dict[float, CellwiseInverse | ClusterInverse] = {}
         self._made_at: dict[float, _Origin] = {}
         stopwatch.owns("inverse", lambda: self.nbytes)
@@ -61,6 +83,11 @@ class KeptInverses:
         """The inverse for a step size; for a bulk that is not linear, near `displacement`."""
         if step in self._inverses and not renew:
             return self._inverses[step]
+        if self._scales and self._inverses:
+            if not renew:
+                [(made, inverse)] = self._inverses.items()
+                return _ScaledInverse(inverse, (made / step) ** 2)
+            self.drop(step)
         with self._stopwatch.phase("inverse"):
             bulk, layout = self.bulk, self.bulk.layout
             if bulk.floating:
@@ -101,8 +128,9 @@ class KeptInverses:
 
     def drop(self, step: float) -> None:
         """Forget the inverse for a step size."""
-        self._inverses.pop(step, None)
-        self._made_at.pop(step, None)
+        for kept in list(self._inverses) if self._scales else [step]:
+            self._inverses.pop(kept, None)
+            self._made_at.pop(kept, None)
 
     def _iteration_matrix(
         self, step: float, stiffness: sp.bsr_array, checked: bool

@@ -53,14 +53,13 @@ _REJECT = 4.0
 _LARGEST_TURN = 12.0
 # Estimate over what is allowed, expected of a longer step, below which it is taken.
 _SPARE = 0.6
-# Weight of what a material leaves in a static run, where it adds up with one sign.
-_ADD_UP = 1.5
 # Weight of the last step in the mean of the estimates.
 _FRESH = 0.5
-# Steps of a size before a larger one is tried, and before a tolerance is halved again.
-_PATIENCE = 3
+# Steps of a size before a larger one is tried, and before a tolerance is halved again; of a static
+# run before a larger one.
+_PATIENCE, _STATIC_PATIENCE = 3, 2
 # A static run starts with this part of its longest step, and its shortest is that part.
-_FIRST, _FINEST = 8, 64
+_FIRST, _FINEST = 4, 64
 # Difference of steps, relative, that is rounding, as of what is left to the end time.
 _ALIKE = 1e-9
 # Shortest step for bonds that snap, over the shortest otherwise.
@@ -136,6 +135,7 @@ class AccuracyControl:
         self._only_falls = base is not None and largest <= base  # that of an explicit bulk
         self._event_share = accuracy if interacting else math.sqrt(accuracy)
         self._static = base is None
+        self._patience = _STATIC_PATIENCE if self._static else _PATIENCE
         self._strikes = interacting or not self._static  # else power turns smoothly
         # what was learnt of the step and of the tolerance serves a control that starts alike
         self._starts_from = (accuracy, base or 0.0, largest, requested.tolerance)
@@ -208,7 +208,8 @@ class AccuracyControl:
         if learnt.ratio > 0.0:
             halvings = min(max(1, round(0.5 * math.log2(learnt.ratio))), 3)
         learnt.size = max(size * 0.5**halvings, learnt.least)
-        learnt.same, learnt.smooth, learnt.rough = 0, 0.5, 0.0
+        learnt.same, learnt.smooth = 0, 0.5
+        learnt.rough *= (0.5 if self._static else 0.25) ** halvings
 
     def learn(
         self,
@@ -235,7 +236,7 @@ class AccuracyControl:
         learnt.smooth += _FRESH * (learnt.ratio - learnt.smooth)
         if max(learnt.smooth, learnt.rough) > 1.0:
             self._shorten(size)
-        elif learnt.same >= _PATIENCE and size > 0.99 * learnt.size:
+        elif learnt.same >= self._patience and size > 0.99 * learnt.size:
             times = self._longer()
             if times > 1.0:
                 learnt.size, learnt.same = min(times * learnt.size, self._largest), 0
@@ -251,8 +252,10 @@ class AccuracyControl:
         """
         learnt = self._learnt
         for times in (4.0, 2.0) if self._static else (2.0,):
-            rough = (_ADD_UP * times if self._static else times**2) * learnt.rough
-            if max(times**2 * learnt.smooth, rough) < _SPARE:
+            smooth, rough = times**2 * learnt.smooth, times**2 * learnt.rough
+            if self._static:
+                rough = times * learnt.rough * _SPARE  # may reach what is allowed
+            if max(smooth, rough) < _SPARE:
                 return times
         return 1.0
 

@@ -83,6 +83,8 @@ class BulkEnergies(NamedTuple):
         kinetic_change, elastic_change: what they gained in the step.
         plastic, viscous, damped: dissipated in the step by the bulk and, above theta = 1/2, by the
             scheme.
+        power_before, power: of the supports at the end of a static step, moved as in the step
+            before and as in this one (W; 2D: W/m).
     """
 
     work: float
@@ -93,6 +95,8 @@ class BulkEnergies(NamedTuple):
     plastic: float = 0.0
     viscous: float = 0.0
     damped: float = 0.0
+    power_before: float = 0.0
+    power: float = 0.0
 
 
 class EnergyLedger:
@@ -190,6 +194,7 @@ class EnergyLedger:
             total(lost.get("plastic", 0.0)),
             viscous,
             self._damped(before, outcome, rigid),
+            *self._powers(before, outcome, step),
         )
 
     def _work_on_nodes(
@@ -206,6 +211,17 @@ class EnergyLedger:
             impulse = 0.5 * (impulse + step * np.broadcast_to(borne, outcome.reactions.shape)[at])
         moved = outcome.state.displacement[at] - before.displacement[at]
         return float(moved @ impulse) / step
+
+    def _powers(self, before: State, outcome: StepOutcome, step: float) -> tuple[float, float]:
+        """Of the supports at the end of a static step; see `BulkEnergies`."""
+        if not self._static:
+            return 0.0, 0.0
+        nodal = self._bulk.unknowns.num_nodes * self._bulk.dim
+        motions = np.stack([before.velocity, outcome.state.velocity])
+        forces = outcome.reactions / step
+        powers = self._bulk.ranks.sum(motions[:, :nodal] @ forces[:nodal])
+        last, now = powers + motions[:, nodal:] @ forces[nodal:]  # every rank has all of a gradient
+        return float(last), float(now)
 
     def _damped(self, before: State, outcome: StepOutcome, rigid: RigidWork | None) -> float:
         """What the scheme takes in a step above theta = 1/2 (J; 2D: J/m)."""

@@ -54,8 +54,6 @@ _OF_IMPULSES = 3.0
 _AN_IMPACT, _OF_IMPACTS, _LATE = 1e-6, 1.4, 0.5
 # Change of the velocities of bodies that bounce, over their velocities.
 _REBOUND = 1.5
-# Error of global quantities over what materials leave within steps: stresses that err go on to.
-_OF_MATERIALS = 2.0
 # Work of the loads, relative to the largest energy, below which its power is no force to be missed.
 _LITTLE_WORK = 1e-3
 
@@ -120,17 +118,22 @@ class ErrorEstimate:
 
     Args:
         energy: energy held at the start (J; 2D: J/m).
-        doubles: whether steps are compared with those of twice the size now and then.
+        doubling: compares steps with those of twice the size now and then, None if that is not
+            called for.
         supported: whether supports bear forces, so that the largest of them is watched.
         lag: time by which the mean force of a step lags behind its end, in steps.
         ranks: that simulate the scene.
-
-    Attributes:
-        doubling: compares steps with those of twice the size, None where that is not called for.
     """
 
-    def __init__(self, energy: float, doubles: bool, supported: bool, lag: float, ranks: Ranks):
-        self.doubling = StepDoubling() if doubles else None
+    def __init__(
+        self,
+        energy: float,
+        doubling: StepDoubling | None,
+        supported: bool,
+        lag: float,
+        ranks: Ranks,
+    ):
+        self.doubling = doubling
         self._supported, self._lag, self._ranks = supported, lag, ranks
         self._parts = _Parts(energy)
         self._turned = np.zeros(3)  # energies in steps of impacts, summed
@@ -152,7 +155,7 @@ class ErrorEstimate:
         impacts = np.hypot(np.sqrt(parts.impacts), _LATE * np.abs(self._turned).max())
         impulses = _OF_IMPULSES * parts.impulses / max(parts.steps, 1)
         watched = self._supported or parts.worked > _LITTLE_WORK * scale
-        within = 0.0 if self.doubling is None else _OF_MATERIALS * self.doubling.error
+        within = 0.0 if self.doubling is None else self.doubling.error
         return {
             "time step": parts.left / scale,
             "material": within / scale,

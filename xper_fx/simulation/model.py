@@ -390,6 +390,7 @@ class Model:
         from xper_fx.nscd.laws.softening import softening_numbers
         from xper_fx.simulation.accuracy_control import AccuracyControl
         from xper_fx.simulation.error_estimate import ErrorEstimate
+        from xper_fx.simulation.step_doubling import StepDoubling
 
         requested = self.options.requested
         softening, base = np.inf, self.step_size
@@ -398,11 +399,13 @@ class Model:
             softening = base / math.sqrt(number) if number > 0.0 else np.inf
         held, inertia = self.ledger.energies, self.bulk.inertia is not None
         interacting = self.interactions is not None
+        flows, doubling = self.bulk.forms.plastic, None
+        if self.detection is None and self.options.scheme != "explicit":  # twice may be unstable
+            if flows or (interacting and not inertia):
+                doubling = StepDoubling(follows=flows and not inertia)
         estimate = ErrorEstimate(
             held.kinetic + held.elastic,
-            doubles=self.detection is None
-            and self.options.scheme != "explicit"  # twice its step may be unstable
-            and (self.bulk.forms.plastic or (interacting and not inertia)),
+            doubling=doubling,
             supported=self.ranks.max(bool(self.bulk.layout.prescribed.any())) > 0,
             lag=1.0 - self.scheme.theta,
             ranks=self.ranks,

@@ -6,12 +6,25 @@ Backward Euler leaves an error of c h^2 a step. One step of 2 h leaves 4 c h^2 w
 section II.4). It is taken of the works of a step and spread over the steps since the last one that
 was doubled, with its sign: a path that turns to and fro makes up for some of its error.
 
-The long step is tried before the two and is not kept. One in `_EVERY` steps costs 1 / `_EVERY` of
-a run.
+Stresses that err go on to the next steps, until flow forgets them. A deviator s that flows changes
+by s' = 2 G (e' - n (n : e')) with n = s / |s|, so that two deviators near each other approach each
+other at the rate 2 G |e_p'| / |s|: the plastic power over twice the elastic energy s : s / (4 G),
+which is taken to be half of all elastic energy, as pressures have theirs. In a static run of a
+material that flows
+
+- the error of the elastic energy falls at that rate, and the dissipation takes what it loses;
+- the error of the power of the supports, which the long step shows at its end, falls at the same
+  rate, and what it does meanwhile is an error of the external work and of the dissipation.
+
+With inertia the forces of supports are waves, and friction has its own memory: what is left counts
+twice there.
+
+The long step is tried before the two and is not kept: one step in six.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -19,8 +32,10 @@ import numpy as np
 
 from xper_fx.simulation.energy_ledger import BulkEnergies
 
-# Steps between those that are doubled.
-_EVERY = 6
+# Steps from one that is doubled to the next, of which the two are no part.
+_EVERY = 4
+# Error of global quantities over what steps leave, where it is not followed.
+_OTHERWISE = 2.0
 # Difference over the works of both steps above which they have come to another state.
 _ANOTHER_STATE = 0.2
 
@@ -41,27 +56,36 @@ def works(energies: BulkEnergies) -> np.ndarray:
 class StepDoubling:
     """Compares steps with one of twice the size.
 
+    Args:
+        follows: whether errors of stresses are followed: of static flow.
+
     Attributes:
         left: by the steps made, of each of the works (J; 2D: J/m), shape (4,).
-        local: by a step, the largest of the works (J; 2D: J/m).
+        power: error of the power of the supports (W; 2D: W/m).
+        local: by a step, the largest of the works; of the external one with what the error of the
+            power is still to do (J; 2D: J/m).
         size: of the steps that are being compared (s), 0 without.
         difference: of the long step's works to those made since, shape (4,).
+        last: power of the supports at the end of the long step (W; 2D: W/m).
         moved: sum of the sizes of their works (J; 2D: J/m).
         made, since: steps made of the two, and since the last that were compared.
     """
 
+    follows: bool
     left: np.ndarray = field(default_factory=lambda: np.zeros(4))
+    power: float = 0.0
     local: float = 0.0
     size: float = 0.0
     difference: np.ndarray = field(default_factory=lambda: np.zeros(4))
+    last: float = 0.0
     moved: float = 0.0
     made: int = 0
     since: int = _EVERY
 
     @property
     def error(self) -> float:
-        """The largest of what was left (J; 2D: J/m)."""
-        return float(np.abs(self.left).max())
+        """Of the works, as global quantities err by it (J; 2D: J/m)."""
+        return (1.0 if self.follows else _OTHERWISE) * float(np.abs(self.left).max())
 
     @property
     def is_due(self) -> bool:
@@ -79,6 +103,7 @@ class StepDoubling:
             self.since = 0
         else:
             self.size, self.difference, self.made, self.moved = size, works(long), 0, 0.0
+            self.last = long.power
 
     def take(self, size: float, energies: BulkEnergies) -> bool:
         """Take a step that was made; whether two were compared now.
@@ -87,6 +112,8 @@ class StepDoubling:
             size: of the step (s).
             energies: of the step.
         """
+        if self.follows and energies.power != 0.0:  # supports at rest do no work
+            self._go_on(size, energies)
         self.since += 1
         if self.size == 0.0:
             return False
@@ -101,10 +128,25 @@ class StepDoubling:
         if float(np.abs(self.difference).sum()) > _ANOTHER_STATE * self.moved:
             self.size, self.since = 0.0, 0  # another state, as friction may have several
             return False
+        # both forces at the motion of the long step, the mean of those of the two
+        erred = self.last - 0.5 * (energies.power_before + energies.power)
         self.left = self.left + self.difference * (0.5 * self.since)
-        self.local = 0.5 * float(np.abs(self.difference).max())
+        self.power += erred * (0.5 * self.since)
+        local = np.abs(self.difference)
+        if self.follows and energies.plastic > 0.0:
+            lasts = size * energies.elastic / energies.plastic
+            local[0] = abs(self.difference[0] + erred * lasts)
+        self.local = 0.5 * float(local.max())
         self.size, self.since = 0.0, 0
         return True
+
+    def _go_on(self, size: float, energies: BulkEnergies) -> None:
+        """What earlier errors of the stresses do in a step."""
+        flows = energies.plastic > 0.0
+        kept = math.exp(-energies.plastic / energies.elastic) if flows else 1.0
+        self.power *= kept
+        done, forgotten = self.power * size, (1.0 - kept) * self.left[2]
+        self.left = self.left + np.array([done, 0.0, -forgotten, done + forgotten])
 
     def saved(self) -> dict:
         """All of it."""
