@@ -39,7 +39,7 @@ RIGID = ("struck", "rammed", "pelted")
 # Points without arrays at the end: of lips that the search has taken over, and of vertices that
 # are whole.
 RETIRED = {"struck": 10, "rammed": 10, "split_shards": 71, "lone": 15}
-RETIRED |= dict.fromkeys(("shards", "turning_shards", "explicit_shards"), 48)
+RETIRED |= dict.fromkeys(("shards", "explicit_shards"), 48)
 
 # Runs that are stopped and go on.
 RECORDED = ("rammed", "split")
@@ -171,11 +171,11 @@ def folders(tmp_path_factory):
         done = on_ranks(count, "ranks/touching_bodies.py", base, *asked)
         assert done.returncode == 0, done.stdout + done.stderr
 
-    run(2, *(f"{scene}_{run}" for scene in RECORDED for run in ("two=40", "stopped=25")))
+    run(2, *(f"{scene}_{run}" for scene in RECORDED for run in ("two=31", "stopped=25")))
     for count in (2, 3, 1):
         for scene in RECORDED:
             shutil.copytree(base / f"{scene}_stopped", base / f"{scene}_on_{count}")
-        run(count, *(f"{scene}_on_{count}=40" for scene in RECORDED), "restart")
+        run(count, *(f"{scene}_on_{count}=31" for scene in RECORDED), "restart")
     return base
 
 
