@@ -240,7 +240,7 @@ def test_lists_follow_rigid_bodies(dim):
             turn = Rotation.from_rotvec(np.outer(turn, [0.3, 0.2, 0.9])).as_matrix()
         mine = search.find(x, position, turn)
         fresh = SurfaceSearch(search.surface, x, 0.05, rigid=rigid)
-        fresh.depth, fresh._extent, fresh._share = search.depth, search._extent, search._share
+        fresh.depth, fresh.extent, fresh._share = search.depth, search.extent, search._share
         fresh = fresh.find(x, position, turn)
         assert (mine.key == fresh.key).all()
         assert mine.gap == pytest.approx(fresh.gap, abs=1e-12)

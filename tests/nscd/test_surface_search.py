@@ -489,7 +489,7 @@ def test_lists_lose_nothing(dim):
     for _ in range(60):
         x += 6e-3 * velocity[body_of] + 1e-3 * rng.normal(size=x.shape) + 0.05
         mine, fresh = search.find(x), SurfaceSearch(surface, x, 0.1, depth=0.05)
-        fresh.depth, fresh._extent, fresh._share = search.depth, search._extent, search._share
+        fresh.depth, fresh.extent, fresh._share = search.depth, search.extent, search._share
         fresh = fresh.find(x)
         assert (mine.key == fresh.key).all()
         assert mine.gap == pytest.approx(fresh.gap, abs=1e-12)

@@ -21,7 +21,8 @@ SCRIPT = "ranks/static_scenes.py"
 # paths that snap back, periodic cells, also along a path, meshes that are spread over the ranks.
 SCENES = {
     2: ("drawn", "wedged", "turned", "rigid", "touching", "held", "inert", "tied", "peeled",
-        "unrolled", "inert_cell", "cell", "turned_cell", "spread_drawn", "groups"),
+        "unrolled", "inert_cell", "cell", "turned_cell", "spread_drawn",
+        "spread_touching", "groups"),
     4: ("drawn", "wedged", "turned", "touching", "peeled", "unrolled", "turned_cell",
         "celled_path", "spread_unrolled", "spread_row", "groups"),
 }  # fmt: skip

@@ -95,7 +95,10 @@ def touching():
     scene = xf.Scene(
         bodies, {1: ELASTIC, 2: ELASTIC}, interactions={(1, 2): None}, default_interaction=GLUE,
         surfaces={"lower": (1,), "upper": (2,)},
-        contacts=[xf.Contact(("lower", "upper"), xf.laws.SignoriniCoulomb(0.3))],
+        contacts=[
+            xf.Contact(("lower", "upper"), xf.laws.SignoriniCoulomb(0.3)),
+            xf.Contact(("lower", "lower"), None), xf.Contact(("upper", "upper"), None),
+        ],
         loads=moved((BOTTOM, 0, 0.0), (BOTTOM, 1, 0.0), (TOP, 0, 1e-3), (TOP, 1, -2e-3)),
     )  # fmt: skip
     return scene, {"step": 1.0, **STATIC}, 4

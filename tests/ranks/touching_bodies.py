@@ -53,8 +53,9 @@ def apart(counts, cells, kind="crossed", gap=0.02, seed=3):
 
     bodies = box_bodies((1.0,) * len(counts), cells, kind=kind, label=label)
     random = np.random.default_rng(seed)
+    moved = random.uniform(-0.2, 0.2, (counts.prod(), len(counts)))
     place = np.stack(np.unravel_index(bodies.labels, counts), axis=1)
-    shift = gap * (place + random.uniform(-0.2, 0.2, place.shape))
+    shift = gap * (place + moved[bodies.labels])
     body = np.zeros(len(bodies.mesh.geometry.x), int)
     body[geometry_dofmap(bodies.mesh)] = bodies.body_of_cell[:, None]
     bodies.mesh.geometry.x[:, : len(counts)] += shift[body]
@@ -182,7 +183,10 @@ def slide():
     scene = Scene(
         bodies, {1: ELASTIC, 2: ELASTIC}, interactions={(1, 2): None}, default_interaction=GLUE,
         surfaces={"lower": (1,), "upper": (2,)},
-        contacts=[Contact(("lower", "upper"), SlipWeakening(0.6, 0.1, 0.2))],
+        contacts=[
+            Contact(("lower", "upper"), SlipWeakening(0.6, 0.1, 0.2)),
+            Contact(("lower", "lower"), None), Contact(("upper", "upper"), None),
+        ],
         loads=[PrescribedVelocity(BOTTOM, 0, 0.0), PrescribedVelocity(BOTTOM, 1, 0.0),
                Gravity((0.0, -10.0))],
         initial_velocity={

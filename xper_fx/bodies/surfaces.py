@@ -9,7 +9,7 @@ taken as straight.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
 
 import numpy as np
 import numpy.typing as npt
@@ -62,6 +62,19 @@ def extract_surface(
         ValueError: a periodic cell; V as in `Bodies.facing_nodes`; a tag that no cell or facet has,
             or a cell tag in two groups.
     """
+    return numbered_surface(bodies, V, groups, facet_tags)[0]
+
+
+def numbered_surface(
+    bodies: Bodies,
+    V: FunctionSpace,
+    groups: Mapping[str, Sequence[int]] | None = None,
+    facet_tags: Sequence[int] | None = None,
+) -> tuple[Surface, npt.NDArray[np.int64]]:
+    """As `extract_surface`; and a number of each facet by its cell in the parent, shape (f,).
+
+    Numbers are unique, and ascend where cells stand in the order of the parent's.
+    """
     if bodies.lattice is not None:
         raise ValueError("Bodies of a periodic cell have no surfaces that meet: explode without.")
     group_of_cell, names = _groups(bodies, groups)
@@ -79,6 +92,9 @@ def extract_surface(
     dim = bodies.mesh.topology.dim
     pieces = np.array(_PIECES[dim, nodes.shape[1]])
     facets = nodes[taken][:, pieces].reshape(-1, dim)
+    facets_a_cell = len(local_facet_vertices(bodies.mesh))
+    number = bodies.parent_cell[cell[taken]].astype(np.int64) * facets_a_cell + local[taken]
+    number = (number[:, None] * len(pieces) + np.arange(len(pieces))).ravel()
     cell, bond = (np.repeat(column[taken], len(pieces)) for column in (cell, bond))
     thickness = _turn_outward(facets, cell, bodies, V)
     return Surface(
@@ -91,7 +107,7 @@ def extract_surface(
         bond_nodes=both,
         bond_bodies=facing.bodies,
         thickness=thickness,
-    )
+    ), number
 
 
 def _groups(
@@ -103,7 +119,7 @@ def _groups(
         return np.zeros(len(tags), np.int32), ("surface",)
     of_cell = np.full(len(tags), -1, np.int32)
     for number, (name, own) in enumerate(groups.items()):
-        _check_known(own, tags, f"Group {name!r}", "cell")
+        _check_known(own, bodies.present.cells, f"Group {name!r}", "cell")
         inside = np.isin(tags, own)
         twice = np.flatnonzero(inside & (of_cell >= 0))
         if len(twice):
@@ -121,7 +137,8 @@ def _outer_facets(bodies: Bodies, facet_tags: Sequence[int] | None) -> CellFacet
     cells, local = facet_cells(mesh)
     outer = cells[:, 1] < 0
     if facet_tags is not None:
-        _check_known(facet_tags, bodies.facet_tags.values, "facet_tags", "facet")
+        there = set(bodies.facet_tags.values.tolist())
+        _check_known(facet_tags, there, "facet_tags", "facet")
         tagged = bodies.facet_tags.indices[np.isin(bodies.facet_tags.values, facet_tags)]
         bears = np.zeros(len(outer), bool)
         bears[tagged] = True
@@ -135,14 +152,12 @@ def _outer_facets(bodies: Bodies, facet_tags: Sequence[int] | None) -> CellFacet
     return CellFacets(cells[outer], local, local_facet_vertices(mesh)[local])
 
 
-def _check_known(
-    asked: Sequence[int], there: npt.NDArray[np.int32], what: str, entity: str
-) -> None:
-    unknown = set(asked) - set(there.tolist())
+def _check_known(asked: Sequence[int], there: Set[int], what: str, entity: str) -> None:
+    unknown = set(asked) - there
     if unknown:
         raise ValueError(
             f"{what} names {entity} tags {sorted(unknown)}, which no {entity} bears; tags that "
-            f"do: {sorted(set(there.tolist()))}."
+            f"do: {sorted(there)}."
         )
 
 

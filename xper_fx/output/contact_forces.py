@@ -16,7 +16,8 @@ class ContactForces(NamedTuple):
 
     Attributes:
         bodies: candidate and antagonist, shape (n, 2), int. Meshed bodies have the numbers they
-            have in `Scene.bodies`, rigid ones come after them.
+            have in `Scene.bodies`, rigid ones come after them; of a mesh that is spread over ranks,
+            their labels.
         position: of the point, shape (n, dim), m; to first order in the step. In a periodic cell
             of rigid bodies it is that at the candidate's image in the cell at the origin.
         normal: from antagonist to candidate, shape (n, dim).
@@ -88,7 +89,7 @@ def body_of_slot(simulation: Simulation) -> np.ndarray:
         first_rigid = simulation.scene.bodies.num_bodies
         body = simulation.bulk.layout.body_of_node()[simulation.model.slot_nodes]
         if simulation.part is not None:
-            body = simulation.part.body_numbers[body]
+            body = simulation.scene.bodies.numbers_on_all(simulation.part.body_numbers[body])
     if simulation.rigid is not None:
         numbers = first_rigid + np.arange(len(simulation.scene.rigid_bodies))
         numbers = numbers[_rigid_here(simulation)]

@@ -28,6 +28,78 @@ from xper_fx.parallel.search_division import SearchDivision
 from xper_fx.support.ranks import Ranks
 
 
+class FoundOwners:
+    """Which rank has which of the contacts that this rank finds, from step to step."""
+
+    def __init__(self) -> None:
+        self._found = self._committed = np.zeros((0, 2), np.int64), np.zeros(0, np.int64)
+
+    def take(self, keys: np.ndarray, owner: np.ndarray) -> bool:
+        """Take the contacts found in a step.
+
+        Args:
+            keys: shape (n, 2).
+            owner: shape (n,), rank of each.
+
+        Returns:
+            Whether one of the step done last now belongs to another rank.
+        """
+        self._found = keys, owner
+        keys, owner = map(np.concatenate, zip(self._committed, self._found, strict=True))
+        order = np.lexsort(keys.T)
+        same = (keys[order[1:]] == keys[order[:-1]]).all(axis=1)
+        return bool((owner[order[1:]] != owner[order[:-1]])[same].any())
+
+    def commit(self) -> None:
+        """The contacts found last are those of a step that is done."""
+        self._committed = self._found
+
+
+def hand_over(
+    ranks: Ranks, contacts: Contacts, owner: np.ndarray, moved: bool
+) -> tuple[Contacts, bool]:
+    """Send contacts to the ranks that have them; all ranks call it together.
+
+    Args:
+        ranks: the ranks.
+        contacts: those that this rank has found in a step.
+        owner: shape (n,), rank of each.
+        moved: told to all.
+
+    Returns:
+        This rank's contacts, sorted by key, and whether something has moved on any rank.
+    """
+    told = []
+    for rank in range(ranks.size):
+        theirs = np.flatnonzero(owner == rank) if rank != ranks.rank else ()
+        told.append((moved, contacts.take(theirs) if len(theirs) else None))
+    got = ranks.comm.alltoall(told)
+    parts = [contacts.take(np.flatnonzero(owner == ranks.rank))]
+    parts += [part for _, part in got if part is not None]
+    return join(parts), any(moved for moved, _ in got)
+
+
+def with_ghosts_of_pairs(
+    interactions: Interactions, first: Halo, given: Mapping[int, np.ndarray], meetings: np.ndarray
+) -> Halo:
+    """Let a layer take a halo with the ghosts that contacts need; all ranks call it together.
+
+    Args:
+        interactions: the layer.
+        first: its halo for its permanent points alone.
+        given: own slots that other ranks want besides, by rank.
+        meetings: as of `Halo`.
+    """
+    before = interactions.halo
+    halo = first.extended(interactions.own_inverse, given, meetings)
+    moved = np.arange(before.num_slots + 1)
+    moved[-1] = halo.num_slots
+    for rank, slots in first.wanted.items():
+        moved[before.wanted[rank][: len(slots)]] = halo.wanted[rank][: len(slots)]
+    interactions.take_halo(halo, moved)
+    return halo
+
+
 class SurfaceDivision:
     """What a rank has of the surfaces of all bodies.
 
@@ -73,7 +145,7 @@ class SurfaceDivision:
         self._touchable = np.concatenate([touchable, np.ones(2 * count, bool)])
         self.slot = np.full(len(self._body_of_node), -1)
         self._pairs = np.zeros((0, 2), np.int64)
-        self._found = self._committed = np.zeros((0, 2), np.int64), np.zeros(0, np.int64)
+        self._owners = FoundOwners()
 
     def owns(self, bodies: np.ndarray) -> np.ndarray:
         """Whether what is between two bodies is this rank's, of pairs of shape (n, 2), (n,)."""
@@ -112,26 +184,12 @@ class SurfaceDivision:
         """
         sides = self._rank_of_body[bodies]
         sides = np.where(self._moves[bodies], sides, sides[:, ::-1])
-        me, owner = self.ranks.rank, owners_of_pairs(sides)
-        self._found = contacts.key, owner
-        moved, told = self._some_moved(), []
-        for rank in range(self.ranks.size):
-            theirs = np.flatnonzero(owner == rank) if rank != me else ()
-            told.append((moved, contacts.take(theirs) if len(theirs) else None))
-        got = self.ranks.comm.alltoall(told)
-        parts = [contacts.take(np.flatnonzero(owner == me))]
-        parts += [part for _, part in got if part is not None]
-        return join(parts), any(moved for moved, _ in got)
+        owner = owners_of_pairs(sides)
+        return hand_over(self.ranks, contacts, owner, self._owners.take(contacts.key, owner))
 
     def commit(self) -> None:
         """The contacts found last are those of a step that is done."""
-        self._committed = self._found
-
-    def _some_moved(self) -> bool:
-        keys, owner = map(np.concatenate, zip(self._committed, self._found, strict=True))
-        order = np.lexsort(keys.T)
-        same = (keys[order[1:]] == keys[order[:-1]]).all(axis=1)
-        return bool((owner[order[1:]] != owner[order[:-1]])[same].any())
+        self._owners.commit()
 
     def take_ghosts(self, interactions: Interactions, pairs: np.ndarray) -> None:
         """Take the ghosts that contacts between some bodies need; all ranks call it together.
@@ -157,16 +215,10 @@ class SurfaceDivision:
                 here = met & (owner == rank)
                 nodes[other] = self._nodes_of(pairs[here][sides[here] == of])
         given = {rank: self.slot[nodes] for rank, nodes in given.items() if len(nodes)}
-        before, first = interactions.halo, self._first
-        halo = first.extended(interactions.own_inverse, given, self._meetings)
-        moved = np.arange(before.num_slots + 1)
-        moved[-1] = halo.num_slots
-        for rank, slots in first.wanted.items():
-            moved[before.wanted[rank][: len(slots)]] = halo.wanted[rank][: len(slots)]
+        halo = with_ghosts_of_pairs(interactions, self._first, given, self._meetings)
         for rank, nodes in ghosts.items():
             if len(nodes):
                 self.slot[nodes] = halo.wanted[rank][-len(nodes) :]
-        interactions.take_halo(halo, moved)
 
     def _nodes_of(self, bodies: np.ndarray) -> np.ndarray:
         """Nodes of bodies that something may touch, ascending."""

@@ -93,8 +93,7 @@ class Scene:
         rigid_bodies: the rigid bodies as arrays, None without any.
 
     Raises:
-        SerialOnlyError: rigid bodies, contacts that are searched or ties beside a mesh that is
-            spread over ranks.
+        SerialOnlyError: rigid bodies or ties beside a mesh that is spread over ranks.
         ValueError: a tag without material or law, a tag that occurs nowhere, an order or a rule
             that does not exist, groups that can meet and that no contact names, a rigid wall
             that looks away from all bodies, rigid bodies that overlap.
@@ -217,7 +216,7 @@ class Scene:
         )
 
     def _check_with_mesh(self) -> None:
-        for name in ("rigid", "surfaces", "contacts", "ties"):
+        for name in ("rigid", "ties"):
             if getattr(self, name):
                 self.bodies.require_whole(f"A scene with `{name}`")
         if self.rigid_bodies is not None and self.rigid_bodies.dim != self.dim:
@@ -291,7 +290,10 @@ class Scene:
         from xper_fx.scene.undecided_pairs import check_pairs_decided
 
         pieces, nodes = {}, {}
-        if self.surfaces:
+        if self.surfaces and self.bodies.spread is not None:
+            # no rank knows what hangs together: all groups may be of several pieces each
+            pieces = {name: [2 * n, 2 * n + 1] for n, name in enumerate(self.surfaces)}
+        elif self.surfaces:
             from xper_fx.scene.body_pieces import pieces_of_bodies
 
             piece = pieces_of_bodies(self.bodies, self.law_of_facet()[1])[self.bodies.body_of_cell]

@@ -84,6 +84,7 @@ class Detection:
         self._division: RigidDivision | None = None
         self._surfaces, self.nodes, self._listed = None, np.zeros(0, np.int64), 0
         self._shared: SurfaceDivision | None = None
+        self._depth = np.inf  # the least at which nodes are sought behind facets
         if any(set(contact.between) & set(scene.surfaces) for contact in self._contacts):
             self._surface_search(V, part)
 
@@ -138,6 +139,7 @@ class Detection:
             rigid=scene.rigid_bodies,
             share=None if self._shared is None else self._shared.search,
         )
+        self._depth = float(self._surfaces.depth.min())
         self._body_of_node = bodies_of_nodes(surface)
         self._group_of_node = np.full(surface.num_nodes, -1)
         self._group_of_node[surface.facets] = surface.group[:, None]
@@ -150,7 +152,10 @@ class Detection:
         here = np.ones(len(lips), bool)
         if self._shared is not None:
             here = self._shared.owns(facets.bodies[lips])
-        self._lips = PartedLips(self._surfaces, self._x, facets, lips, taken, self._ranks, here)
+        numbers = np.arange(len(lips))
+        self._lips = PartedLips(
+            self._surfaces, self._x, facets, lips, numbers, taken, self._ranks, here
+        )
 
     def outrun(self, state: State, rigid: RigidMotion | None, step: float) -> bool:
         """Whether something moves so far in a step (s) that it may pass through another unseen.
@@ -168,8 +173,7 @@ class Detection:
                 return True
         if self._surfaces is None:
             return False
-        depth = float(self._surfaces.depth.min())
-        return self._ranks.max(float(np.abs(state.velocity).max(initial=0.0))) * step > depth
+        return self._ranks.max(float(np.abs(state.velocity).max(initial=0.0))) * step > self._depth
 
     def overlap(
         self, interactions: Interactions, state: State, rigid: RigidMotion | None, step: float
@@ -182,7 +186,7 @@ class Detection:
             speed += float(np.abs(rigid.state.velocity).max(initial=0.0))
         gaps = [float(group.points.gap.min(initial=0.0)) for group in interactions.contacts]
         speed, deepest = self._ranks.max(np.array([speed, -min(gaps, default=0.0)])).tolist()
-        little = _LITTLE * float(self._surfaces.depth.min()) + 2.0 * speed * step
+        little = _LITTLE * self._depth + 2.0 * speed * step
         return deepest if deepest > little else 0.0
 
     def divide(self, division: RigidDivision) -> None:
@@ -260,7 +264,7 @@ class Detection:
                 contacts = self._own(contacts, interactions)
                 slot, halo = self._shared.slot, interactions.halo
             with_rigid = np.any(contacts.body >= 0, axis=1)
-            x = x if self._hold_slips else None
+            x = self._known_x(x) if self._hold_slips else None
             for which in (~with_rigid, with_rigid):
                 found.append((contacts.take(np.flatnonzero(which)), slot, x))
         rigid_slots = self._rigid_slots(len(nodes))
@@ -278,6 +282,10 @@ class Detection:
             return self._x + own
         x = self._x.copy()
         x[self._shared.own] += own
+        return x
+
+    def _known_x(self, x: np.ndarray) -> np.ndarray:
+        """Positions of the nodes that contacts name, after a search at x."""
         return x
 
     def _moved_with_known(self, displacement: np.ndarray) -> np.ndarray:

@@ -124,8 +124,11 @@ def _stays_whole(scene: Scene, options: Options, team: Ranks) -> bool:
                 "contacts that are searched where vertices split at finite strain",
                 splits and at_finite_strain(scene.materials),
             ),
-            ("contacts that are searched on a mesh that is spread", touching and spread),
-            ("fewer bodies than ranks", touching and scene.bodies.num_bodies < team.size),
+            (
+                "bonds beside contacts that are searched in space on a mesh that is spread",
+                touching and spread and scene.dim == 3 and _has_bonds(scene, team),
+            ),
+            ("fewer bodies than ranks", touching and scene.bodies.counts[0] < team.size),
             ("ties", scene.ties and _cannot_tie(scene, team.size)),
             (
                 f'no inertia and solver="{options.solver}"',
@@ -149,6 +152,12 @@ def _stays_whole(scene: Scene, options: Options, team: Ranks) -> bool:
             "each of %d ranks simulates the whole scene, as it has %s", team.size, " and ".join(why)
         )
     return bool(why)
+
+
+def _has_bonds(scene: Scene, team: Ranks) -> bool:
+    """Whether a law joins some facing facets, on any rank."""
+    _, law_of_facet = scene.law_of_facet()
+    return team.max(float((law_of_facet >= 0).any())) > 0.0
 
 
 def bonds_split(scene: Scene) -> bool:

@@ -288,12 +288,14 @@ class Model:
 
     def _detection(self) -> Detection:
         """The searches that the scene's contacts call for."""
+        scene, V, laws = self.scene, getattr(self.bulk.forms, "V", None), self.points.laws
+        if scene.bodies is not None and scene.bodies.spread is not None:
+            from xper_fx.simulation.spread_detection import SpreadDetection
+
+            return SpreadDetection(scene, self.points, V, self.part, self.ranks)
         from xper_fx.simulation.contact_detection import Detection
 
-        V = getattr(self.bulk.forms, "V", None)
-        detection = Detection(
-            self.scene, self.points.laws, V, self.part, self.ranks, self.rigid_share
-        )
+        detection = Detection(scene, laws, V, self.part, self.ranks, self.rigid_share)
         if self.division is not None:
             detection.divide(self.division)
         return detection

@@ -20,6 +20,7 @@ from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.search.surface_search import SurfaceSearch
 from xper_fx.simulation.turned_bonds import lip_normals
 from xper_fx.support.ranks import Ranks
+from xper_fx.support.saved_rows import Rows
 
 # Distance of two lips, relative to their size, at which their own points retire.
 _FAR = 0.25
@@ -36,6 +37,7 @@ class PartedLips:
         x: shape (num_nodes, dim), nodes of the surfaces at the start (m).
         facets: facing facets.
         with_points: numbers of those that have points.
+        numbers: shape (len(with_points),), ascending: what these are among those of all ranks.
         taken: shape (len(with_points),), bool: those of them that the search may take over.
         ranks: those that divide the points.
         here: shape (len(with_points),), bool: of which of them this rank looks at the normals; it
@@ -48,15 +50,17 @@ class PartedLips:
         x: np.ndarray,
         facets: FacingFacets,
         with_points: np.ndarray,
+        numbers: np.ndarray,
         taken: np.ndarray,
         ranks: Ranks,
         here: np.ndarray,
     ):
         self._search, self._lips, self._ranks, self._here = search, with_points, ranks, here
+        self._numbers, self._exist = numbers, ranks.max(float(taken.any())) > 0.0
         self._loose = np.zeros((len(taken), 0), bool)  # by point, once there are any
         self._waiting = taken.copy()
         self._broken, self._ajar, self._retired = np.zeros((3, len(taken)), bool)
-        self._num_facets, dim = len(facets), x.shape[1]
+        dim = x.shape[1]
         self._far = _FAR * facets.measure[with_points] ** (1.0 / (dim - 1))
         self._nodes = search.surface.bond_nodes[with_points]
         self._normals = lip_normals(x[self._nodes])
@@ -80,37 +84,47 @@ class PartedLips:
             moved: gives where the nodes of the surfaces are at the end of the step, shape
                 (num_nodes, dim), m; all ranks call it together.
         """
-        if not self._waiting.any():
+        if not self._exist:
             return
         if not self._loose.size:
             self._loose = np.zeros((len(self._lips), each), bool)
         loose, own = self._loose.reshape(-1), interactions.numbers
-        own = own[own < len(loose)]  # those of ties and walls come behind
-        lips, points = own // each, np.arange(len(own))
-        waiting = np.flatnonzero(self._waiting[lips] & ~loose[own])
-        unbonded = interactions.local_unbonded()[waiting]
+        points, lips = self._known(own // each)  # those of ties and walls come behind
+        own = own[points]
+        waiting = np.flatnonzero(self._waiting[lips] & ~loose[lips * each + own % each])
+        unbonded = interactions.local_unbonded()[points[waiting]]
         new = self._ranks.union(own[waiting[unbonded]])
-        loose[new] = True
-        opened = np.unique(new // each)
+        known, opened = self._known(new // each)
+        loose[opened * each + new[known] % each] = True
+        opened = np.unique(opened)
         broken = opened[self._loose[opened].all(axis=1)]
         self._open(opened[~self._ajar[opened]], broken[~self._broken[broken]])
         gone = self._broken & self._waiting
-        if not gone.any():
+        if not self._ranks.max(float(gone.any())):
             return
         at = moved()
-        points = points[gone[lips]]
+        points, lips = points[gone[lips]], lips[gone[lips]]
         jump = np.linalg.norm(interactions.local("jump")[points], axis=1)
-        apart = lips[points[jump > self._far[lips[points]]]]
+        apart = lips[jump > self._far[lips]]
         broken = np.flatnonzero(gone & self._here)
         normals, framed = lip_normals(at[self._nodes[broken]]), self._normals[broken]
         if interactions.turns:
-            frame = interactions.points.frame[np.searchsorted(own, broken * each), 0]
+            first = np.searchsorted(own, self._numbers[broken] * each)
+            frame = interactions.points.frame[first, 0]
             framed = (self._side[broken, None] * frame)[:, None]
         turned = np.einsum("lsd,lsd->ls", normals, framed).min(axis=1, initial=1.0) < _TURNED
-        parted = self._ranks.union(np.concatenate([apart, broken[turned]]))
+        parted = self._ranks.union(self._numbers[np.concatenate([apart, broken[turned]])])
         if len(parted):
-            self._retire(parted)
+            self._retire(self._known(parted)[1])
             interactions.deactivate((parted[:, None] * each + np.arange(each)).ravel())
+
+    def _known(self, numbers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Places of those numbers of facing facets that are known here, and which of `lips`."""
+        if not len(self._numbers):
+            return (np.zeros(0, int),) * 2
+        lips = np.minimum(np.searchsorted(self._numbers, numbers), len(self._numbers) - 1)
+        known = np.flatnonzero(self._numbers[lips] == numbers)
+        return known, lips[known]
 
     def _open(self, ajar: np.ndarray, broken: np.ndarray) -> None:
         if len(ajar):
@@ -125,18 +139,16 @@ class PartedLips:
         self._retired[lips] = True
         self._waiting[lips] = False
 
-    def saved(self) -> dict[str, np.ndarray]:
-        """Which facing facets have opened and which have retired, the same on all ranks."""
+    def saved(self) -> dict[str, Rows]:
+        """Which facing facets with points have opened and which have retired."""
         kept = {"exposed": self._broken, "released": self._retired, "ajar": self._ajar}
-        out = {name: np.zeros(self._num_facets, bool) for name in kept}
-        for name, mask in kept.items():
-            out[name][self._lips] = mask
-        return out
+        number = self._numbers[self._here]
+        return {name: Rows(number, mask[self._here]) for name, mask in kept.items()}
 
     def restore(self, saved: Mapping[str, np.ndarray]) -> None:
-        """Take what `saved` gave."""
+        """Take what `saved` gave, its rows in order."""
         exposed, gone, ajar = (
-            np.flatnonzero(saved[name][self._lips]) for name in ("exposed", "released", "ajar")
+            np.flatnonzero(saved[name][self._numbers]) for name in ("exposed", "released", "ajar")
         )
         self._open(ajar, exposed)
         self._retire(gone)

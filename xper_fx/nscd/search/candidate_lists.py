@@ -151,16 +151,24 @@ class CandidateLists:
         return facets[self._share.known[self._surface.body[facets]]]
 
     def _renew(self, x: np.ndarray) -> None:
-        if self._old_x is not None:
-            motion = self._motion(x)
-            if motion <= 0.5 * self.skin:
-                if self._share is not None:
-                    self._share.refresh(x)
-                return
-            speed = motion / (self.searches - self._searches_at_renewal)
-            lowest, highest = (share * self._typical for share in _SKIN_BOUNDS)
-            self.skin = float(np.clip(2.0 * _SEARCHES_A_LIST * speed, lowest, highest))
-        self._list(x, self._rigid.state())
+        if self._old_x is None or self.are_old(x):
+            self._list(x, self._rigid.state())
+        elif self._share is not None:
+            self._share.refresh(x)
+
+    def are_old(self, x: np.ndarray) -> bool:
+        """Whether something has moved too far since they were made; the next get another skin.
+
+        Args:
+            x: as of `renew_if_needed`.
+        """
+        motion = self._motion(x)
+        if motion <= 0.5 * self.skin:
+            return False
+        speed = motion / (self.searches - self._searches_at_renewal)
+        lowest, highest = (share * self._typical for share in _SKIN_BOUNDS)
+        self.skin = float(np.clip(2.0 * _SEARCHES_A_LIST * speed, lowest, highest))
+        return True
 
     def _list(self, x: np.ndarray, rigid: tuple[np.ndarray, ...] | None) -> None:
         """Make all lists for nodes at x and rigid bodies in a state of `RigidSide`."""

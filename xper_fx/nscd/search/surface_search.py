@@ -44,6 +44,7 @@ class SurfaceSearch:
     Attributes:
         bonds: `Bonds`: what is exposed, released, welded, and the fragments.
         depth: of each facet (m), shape (f,): a point deeper behind it does not touch it.
+        extent: of each facet (m), shape (f,): a point further from it does not touch it.
         lists: pairs that are looked at, `CandidateLists`.
         reach: largest gap of a contact (m).
 
@@ -58,6 +59,7 @@ class SurfaceSearch:
         rigid: rigid bodies, or None.
         depth: share of a facet's size, and of the thickness behind it, that is sought.
         share: of the ranks that divide the search; None where one makes all of it.
+        typical_size: of a facet (m), the same on all ranks; None: the median.
 
     Raises:
         ValueError: a group that there is not, two groups of one name, a reach that is not positive.
@@ -75,6 +77,7 @@ class SurfaceSearch:
         rigid: RigidBodies | None = None,
         depth: float = 0.25,
         share: SearchShare | None = None,
+        typical_size: float | None = None,
     ):
         if not (np.isfinite(reach) and reach > 0.0):
             raise ValueError(f"The reach (m) must be a finite positive number, got {reach!r}.")
@@ -89,7 +92,7 @@ class SurfaceSearch:
         meets = may_meet(surface.groups, surface.groups, pairs)
         size = surface.size(x)
         self.depth = depth * np.minimum(size, surface.thickness)
-        self._extent = np.hypot(self.reach, surface.around(self.depth))
+        self.extent = np.hypot(self.reach, surface.around(self.depth))
         self.update_areas(x)
 
         count = surface.num_nodes
@@ -103,9 +106,11 @@ class SurfaceSearch:
 
         self._normal = np.zeros((len(surface), self._dim))
         self._no_radius = np.zeros(count)
+        if typical_size is None:
+            typical_size = float(np.median(size)) if len(surface) else 1.0
         self.lists = CandidateLists(
-            surface, self.bonds, self._rigid, meets, self._extent, self.reach, self_contact,
-            float(np.median(size)) if len(surface) else 1.0, share,
+            surface, self.bonds, self._rigid, meets, self.extent, self.reach, self_contact,
+            typical_size, share,
         )  # fmt: skip
 
     @property
@@ -169,9 +174,12 @@ class SurfaceSearch:
         """
         x = self.surface.checked(x)
         self._rigid.move(position, rotation)
-        lists = self.lists
-        lists.renew_if_needed(x)
-        faces = self._faces(x)
+        self.lists.renew_if_needed(x)
+        return self.find_in_lists(x)
+
+    def find_in_lists(self, x: np.ndarray) -> Contacts:
+        """As `find`, with the lists that there are and rigid bodies where they were put last."""
+        lists, faces = self.lists, self._faces(x)
         if self._dim == 3:
             lists.follow_edges(x, faces.normal)
         parts = [empty(self._dim, self._dim)]
@@ -313,7 +321,7 @@ class SurfaceSearch:
             bonds.fragment,
             self._share,
             self.depth,
-            self._extent,
+            self.extent,
             self._own_start,
             self._own_facets,
             self._own_body,
@@ -326,3 +334,23 @@ class SurfaceSearch:
 def _keys(kind: int, a: np.ndarray, b: np.ndarray, slot: np.ndarray) -> np.ndarray:
     pair = (np.int64(kind) << 2 * _BITS) | (a.astype(np.int64) << _BITS) | b.astype(np.int64)
     return np.stack([pair, slot], axis=1)
+
+
+def renamed(keys: np.ndarray, node: np.ndarray, facet: np.ndarray) -> np.ndarray:
+    """Keys of contacts between meshed sides with other numbers of nodes and facets.
+
+    Args:
+        keys: shape (n, 2), of a search without rigid bodies.
+        node: shape (num_nodes,), ascending; of each node.
+        facet: shape (num_facets,), ascending; of each facet. Fragments stay as they are.
+    """
+    mask = (1 << _BITS) - 1
+    pair, out = keys[:, 0], keys.copy()
+    kind, first, second = pair >> 2 * _BITS, pair >> _BITS & mask, pair & mask
+    edges = kind == _EDGE_EDGE
+    nodes = ~edges
+    first[nodes] = node[first[nodes]]
+    for edge in (first, second):
+        edge[edges] = 3 * facet[edge[edges] // 3] + edge[edges] % 3
+    out[:, 0] = kind << 2 * _BITS | first << _BITS | second
+    return out

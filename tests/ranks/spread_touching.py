@@ -1,0 +1,148 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Contacts that are searched on meshes that are spread over the ranks; the first rank writes."""
+
+import numpy as np
+import scenes
+import touching_bodies
+from asked_scenes import run_asked
+from mpi4py import MPI
+from scenes import box_bodies
+from spread_scenes import bytes_held
+
+from xper_fx.nscd.laws import CohesiveZone, RigidCohesiveZone
+from xper_fx.output.contact_forces import find_contact_forces
+from xper_fx.output.recorder import Recorder
+from xper_fx.output.run import recorded_steps
+from xper_fx.parallel.launch import run_together
+from xper_fx.scene import Scene
+from xper_fx.scene.contact import Contact
+from xper_fx.simulation.simulation import Simulation
+
+WORLD = MPI.COMM_WORLD
+LAST = 60  # step of runs that are recorded
+
+
+def strength(x):
+    """Between 7 and 13 Pa, no two alike."""
+    return 10.0 + 3.0 * np.sin(7.0 * x[0] + 3.3 * x[1]) * np.cos(5.0 * x[1] - x[0])
+
+
+def split_cells():
+    """Cells that initially rigid bonds join; later steps have more than one solution."""
+    bodies = box_bodies((2.0, 1.0), (10, 5), material={2: lambda x: x[0] > 1.0 - 1e-9})
+    scene = touching_bodies.flying_plates(
+        bodies, (0.004, 0.13), 0.5, 4.0, touching_bodies.ELASTIC, RigidCohesiveZone(strength, 0.1)
+    )
+    return scene, {"scheme": "explicit", "tolerance": 1e-10}, 34
+
+
+def breaking():
+    """Plates of bonded blocks meet, break, and their lips part."""
+    scene, options, _ = touching_bodies.explicit_shards()
+    return scene, options, LAST
+
+
+def one_end():
+    """A strip breaks; pieces of one end might meet, of which some ranks know nothing."""
+    bodies = box_bodies((4.0, 1.0), (12, 3), material={2: lambda x: x[0] > 3.0 - 1e-9})
+    scene = Scene(
+        bodies, dict.fromkeys((1, 2), touching_bodies.ELASTIC),
+        default_interaction=CohesiveZone(2e4, 0.05, strength, friction=0.3),
+        surfaces={"end": (2,)}, contacts=[Contact(("end", "end"), touching_bodies.RUB)],
+        initial_velocity=lambda x: np.stack([8.0 * (x[0] - 2.0), 6.0 * (x[1] - 0.5)]),
+    )  # fmt: skip
+    return scene, {"scheme": "explicit", "tolerance": 1e-11}, 40
+
+
+SCENES = {f.__name__: f for f in (split_cells, breaking, one_end)}
+SCENES |= {name: touching_bodies.SCENES[name] for name in ("boxes", "heap", "slide")}
+
+
+def run(name: str) -> dict[str, np.ndarray]:
+    """Histories, and final values in an order that no numbers decide, the same on every rank."""
+    if name == "held":
+        return {"held": np.array(WORLD.allgather((held(scenes.COMM), held(MPI.COMM_SELF))))}
+    if name == "refused":
+        return {"told": np.array(refused())}
+    scene, options, steps = SCENES[name]()
+    simulation, dim = Simulation(scene, comm=scenes.COMM, **options), scene.dim
+    everyone, history = scenes.COMM.allgather, {}
+    for record in simulation.steps(steps * simulation.step_size):
+        momentum = (simulation.bulk.mass * simulation.state.velocity).reshape(-1, dim)
+        now = record.energies | {
+            "pushed": len(find_contact_forces(simulation).force),
+            "momentum": simulation.ranks.sum(momentum.sum(axis=0)),
+        }
+        for key, value in now.items():
+            history.setdefault(key, []).append(value)
+    dofmap = simulation.forms.V.dofmap.list
+    x = simulation.forms.V.tabulate_dof_coordinates()[dofmap][..., :dim]
+    place = np.concatenate([x, np.broadcast_to(x.mean(axis=1, keepdims=True), x.shape)], axis=2)
+    motion = np.concatenate(
+        [getattr(simulation.state, name).reshape(-1, dim)[dofmap] for name in ("displacement",
+                                                                               "velocity")], axis=2
+    )  # fmt: skip
+    rows = np.concatenate(everyone(np.concatenate([place, motion], axis=2).reshape(-1, 4 * dim)))
+    rows = rows[np.lexsort(rows[:, : 2 * dim].round(9).T)]
+    forces = find_contact_forces(simulation)
+    return {key: np.array(values) for key, values in history.items()} | {
+        "displacement": rows[:, 2 * dim : 3 * dim], "velocity": rows[:, 3 * dim :],
+        "force": np.sort(np.linalg.norm(forces.force, axis=1)),
+        "damage": np.sort(simulation.interactions.gather("damage")),
+    }  # fmt: skip
+
+
+def held(comm: MPI.Comm) -> float:
+    """Bytes that the search of plates that meet reaches after some steps, a body of this rank."""
+    scenes.COMM, before = comm, scenes.COMM
+    bodies = box_bodies((2, 1), (32, 16), material={2: lambda x: x[0] > 1.0 - 1e-9})
+    bond = CohesiveZone(2e4, 0.05, 10.0)
+    scene = touching_bodies.flying_plates(
+        bodies, (1e-3, 0.13), 0.5, 0.1, touching_bodies.ELASTIC, bond
+    )
+    simulation = Simulation(scene, scheme="explicit")
+    for _ in simulation.steps(3 * simulation.step_size):
+        pass
+    scenes.COMM = before
+    return bytes_held(simulation.detection) / simulation.bodies.num_bodies
+
+
+def refused() -> list[str]:
+    """What is said of scenes that are not divided."""
+    told = []
+    cells = {2: lambda x: x[0] > 1.0 - 1e-9}
+    pair = [Contact(("left", "right"), touching_bodies.RUB)]
+    every = [*pair, *(Contact((name, name), None) for name in ("left", "right"))]
+    for lengths, counts, contacts in (((2, 1), (4, 2), pair), ((2, 1, 1), (4, 2, 2), every)):
+        kind = "crossed" if len(lengths) == 2 else "tetrahedron"
+        bodies = box_bodies(lengths, counts, kind, material=cells)
+        try:
+            scene = Scene(
+                bodies, {1: touching_bodies.ELASTIC, 2: touching_bodies.ELASTIC},
+                interactions={(1, 2): None}, default_interaction=touching_bodies.BOND,
+                surfaces={"left": (1,), "right": (2,)}, contacts=contacts,
+            )  # fmt: skip
+            Simulation(scene, scheme="explicit")
+            told.append("nothing")
+        except ValueError as error:
+            told.append(f"{type(error).__name__}: {error}")
+    return told
+
+
+def record(folder: str, last: int, restart: bool) -> None:
+    """Run `breaking` to a step, or go on to it."""
+    scene, options, _ = breaking()
+    simulation = Simulation(scene, **options)
+    end = LAST * simulation.step_size
+    recorder = Recorder(simulation, folder, end_time=end, fields=0, restart=restart)
+    for _ in recorded_steps(recorder, last * simulation.step_size, "run", quiet=True):
+        pass
+
+
+def main() -> None:
+    scenes.COMM = WORLD
+    run_asked(run, record)
+
+
+if __name__ == "__main__":
+    run_together(main)

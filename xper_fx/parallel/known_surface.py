@@ -1,0 +1,131 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""What a rank tells others of the surfaces of its bodies, and what it knows of theirs.
+
+Of a mesh that is spread over ranks nodes, facets and bodies have numbers that no partition decides:
+those of the mesh that was cut.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from xper_fx.bodies.explode import Bodies
+from xper_fx.bodies.surfaces import numbered_surface
+from xper_fx.nscd.search.surface import Surface
+
+# Numbers that keys of contacts have room for (`surface_search.py`).
+_MOST = 1 << 30
+
+
+class Tables(NamedTuple):
+    """Facets, nodes and bodies; each is named by its number.
+
+    Attributes:
+        facet: shape (f,), ascending.
+        corners: shape (f, dim), nodes.
+        body: shape (f,).
+        group: shape (f,), int32.
+        thickness: shape (f,), m.
+        exposed: shape (f,), bool.
+        node: shape (n,), ascending.
+        start: shape (n, dim), where nodes were at the start (m).
+        weld: shape (n,), smallest node of each node's weld.
+        which: shape (b,), bodies, ascending.
+        fragment: shape (b,), smallest body of each body's fragment.
+        rank: shape (b,).
+    """
+
+    facet: np.ndarray
+    corners: np.ndarray
+    body: np.ndarray
+    group: np.ndarray
+    thickness: np.ndarray
+    exposed: np.ndarray
+    node: np.ndarray
+    start: np.ndarray
+    weld: np.ndarray
+    which: np.ndarray
+    fragment: np.ndarray
+    rank: np.ndarray
+
+    def of(self, bodies: np.ndarray) -> Tables:
+        """What belongs to some of the bodies, given by their numbers."""
+        facets = np.isin(self.body, bodies)
+        nodes = np.isin(self.node, self.corners[facets])
+        there = np.isin(self.which, bodies)
+        return Tables(
+            *(a[facets] for a in self[:6]), *(a[nodes] for a in self[6:9]),
+            *(a[there] for a in self[9:]),
+        )  # fmt: skip
+
+
+def joined(parts: Sequence[Tables]) -> Tables:
+    """Tables of several ranks as one."""
+    whole = Tables(*map(np.concatenate, zip(*parts, strict=True)))
+    orders = (np.argsort(column) for column in (whole.facet, whole.node, whole.which))
+    facets, nodes, bodies = orders
+    return Tables(
+        *(a[facets] for a in whole[:6]), *(a[nodes] for a in whole[6:9]),
+        *(a[bodies] for a in whole[9:]),
+    )  # fmt: skip
+
+
+class OwnSurface(NamedTuple):
+    """The surface of a rank's own bodies, and all bonds that the rank knows.
+
+    Attributes:
+        surface: facets of own bodies; bond i is facing facet i of the bodies known here.
+        facet, node: numbers of facets, and of nodes, which are numbered in their order.
+        start: shape (num_nodes, dim), m.
+        dof: shape (num_nodes,), of the space on all bodies that are known here.
+        body_of_node: shape (num_nodes,), among the known bodies.
+    """
+
+    surface: Surface
+    facet: np.ndarray
+    node: np.ndarray
+    start: np.ndarray
+    dof: np.ndarray
+    body_of_node: np.ndarray
+
+
+def own_surface(bodies: Bodies, V, groups, rank: int) -> OwnSurface:
+    """The surface of a rank's bodies.
+
+    Args:
+        bodies: those known here of a mesh that is spread.
+        V: Lagrange space on their mesh.
+        groups: as of `extract_surface`.
+        rank: whose bodies count.
+
+    Raises:
+        ValueError: a mesh of more cells than keys of contacts have room for.
+    """
+    whole, facet = numbered_surface(bodies, V, groups)
+    dofs = V.dofmap.list
+    k, dim = dofs.shape[1], whole.dim
+    cells = bodies.spread.num_cells
+    if max(cells * k, 36 * cells if dim == 3 else 0, int(bodies.labels.max())) >= _MOST:
+        raise ValueError(
+            "Searched contacts take labels of bodies below 2^30, and meshes of fewer than "
+            f"{_MOST // (36 if dim == 3 else k)} cells; there are {cells} cells, and labels up to "
+            f"{bodies.labels.max()}."
+        )
+    number = np.full(int(dofs.max()) + 1, np.iinfo(np.int64).max)
+    np.minimum.at(number, dofs, bodies.parent_cell[:, None].astype(np.int64) * k + np.arange(k))
+    body = np.zeros(len(number), np.int64)
+    body[dofs] = bodies.body_of_cell[:, None]
+    in_order = np.argsort(number)
+    place = np.empty(len(number), np.int32)
+    place[in_order] = np.arange(len(number))
+    own = bodies.spread.rank_of_body[whole.body] == rank
+    surface, at = Surface(
+        place[whole.facets[own]], whole.body[own], len(number), whole.group[own], whole.groups,
+        whole.bond[own], place[whole.bond_nodes], whole.bond_bodies, whole.thickness[own],
+    ).compact()  # fmt: skip
+    dof = in_order[at]
+    start = V.tabulate_dof_coordinates()[dof, :dim]
+    return OwnSurface(surface, facet[own], number[dof], start, dof, body[dof])

@@ -1,0 +1,295 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""A search for contacts of bodies of a mesh that is spread over ranks.
+
+A rank holds the surfaces of its own bodies. Whenever lists are made anew the ranks tell each other
+one box around all of their bodies, those whose boxes overlap the boxes of their bodies there, and
+each gives the others its bodies whose boxes overlap some of theirs: their facets, and the positions
+of their nodes from then on. Nothing else of other ranks is known, and nothing has the size of the
+whole.
+
+Which nodes bonds weld is known to the ranks of all cells at a vertex. Fragments reach over ranks:
+the smallest number of their bodies goes from neighbour to neighbour until none changes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from xper_fx.bodies.explode import Bodies
+from xper_fx.nscd.search.bonded_facets import Bonds
+from xper_fx.nscd.search.contact_pairs import Contacts
+from xper_fx.nscd.search.grid import box_pairs
+from xper_fx.nscd.search.surface import Surface
+from xper_fx.nscd.search.surface_search import SurfaceSearch, renamed
+from xper_fx.parallel.halo import Exchange
+from xper_fx.parallel.known_surface import OwnSurface, Tables, joined
+from xper_fx.support.ranks import Ranks
+
+
+class KnownBodies:
+    """A rank's bodies and those that others have given it, as a `SearchShare`.
+
+    Attributes:
+        tables: of these bodies.
+        own_body, own_node, body_of_node, own_rigid, known: see `SearchShare`.
+    """
+
+    def __init__(self, ranks: Ranks, tables: Tables, given: Sequence[np.ndarray]):
+        """Take the tables of all bodies that are known; all ranks call it together.
+
+        Args:
+            ranks: the ranks.
+            tables: of own bodies and of those of others.
+            given: by rank, own nodes that it knows, by their numbers, ascending.
+        """
+        self._ranks, self.tables = ranks, tables
+        node, rank = tables.node, tables.rank
+        self.body_of_node = np.zeros(len(node), np.int32)
+        place = np.searchsorted(node, tables.corners)
+        body = np.searchsorted(tables.which, tables.body)
+        self.body_of_node[place] = body[:, None]
+        self.own_body = rank == ranks.rank
+        self.own_node = self.own_body[self.body_of_node]
+        self.own_rigid = np.zeros(0, bool)
+        self.known = np.ones(len(rank), bool)
+        self.corners, self.body = place, body
+        rank_of_node = rank[self.body_of_node]
+        there = {r: np.searchsorted(node, n) for r, n in enumerate(given) if len(n)}
+        here = {r: np.flatnonzero(rank_of_node == r) for r in np.unique(rank).tolist()}
+        here.pop(ranks.rank, None)
+        self._exchange = Exchange(ranks, there, here, tables.start.shape[1])
+
+    def meet(self, x, low, high, others, joined) -> None:
+        """Bodies have met before the search was made."""
+
+    def refresh(self, x: np.ndarray) -> None:
+        """Fill in the positions of other ranks' nodes."""
+        self._exchange.forward(x.reshape(-1))
+
+    def largest(self, values: np.ndarray) -> np.ndarray:
+        """The largest of each entry over the ranks."""
+        return self._ranks.max(values)
+
+
+class SpreadSearch:
+    """A rank's search; ranks call its methods together unless they say otherwise.
+
+    Args:
+        ranks: the ranks.
+        bodies: those known here of a mesh that is spread.
+        own: the surface of this rank's.
+        reach: largest gap of a contact (m).
+        pairs: names of groups that may touch.
+        released: facing facets that never held, shape (num_facets,), bool.
+
+    Attributes:
+        surface: of own bodies, with all bonds that are known here.
+        own: its nodes that are on facets, and so of own bodies, shape (n,).
+        depth: the smallest, over all ranks, at which nodes behind a facet are sought (m).
+        known: `KnownBodies` of the last search.
+        x: shape (num_nodes, dim), positions of the nodes known in the last search (m).
+        meetings: how often ranks have given each other bodies.
+    """
+
+    def __init__(
+        self,
+        ranks: Ranks,
+        bodies: Bodies,
+        own: OwnSurface,
+        reach: float,
+        pairs: Sequence[tuple[str, str]],
+        released: np.ndarray,
+    ):
+        self.surface, self._ranks = own.surface, ranks
+        self._node, self._facet, self._start = own.node, own.facet, own.start
+        self._reach, self._pairs = reach, pairs
+        self._bonds = Bonds(own.surface, released)
+        rank_of_body = bodies.spread.rank_of_body
+        self._rank_of_node = rank_of_body[own.body_of_node]
+        self.own = np.unique(own.surface.facets)
+        self._number_of_body = bodies.labels
+        self._body_of_node = own.body_of_node
+        search = SurfaceSearch(own.surface, own.start, reach, pairs=pairs)
+        self._extent = search.extent
+        sizes = own.surface.size(own.start)
+        self.depth = -ranks.max(-float(search.depth.min(initial=np.inf)))
+        self._typical = ranks.max(float(np.median(sizes)) if len(sizes) else 0.0)
+        own_bodies = np.flatnonzero(rank_of_body == ranks.rank)
+        others = np.flatnonzero(rank_of_body != ranks.rank)
+        self._foreign = [others[rank_of_body[others] == rank] for rank in range(ranks.size)]
+        asked = ranks.comm.alltoall([bodies.labels[there] for there in self._foreign])
+        labels = bodies.labels[own_bodies]  # ascending
+        self._asked = [own_bodies[np.searchsorted(labels, numbers)] for numbers in asked]
+        self._fragment = self._fragments()
+        self._search: SurfaceSearch | None = None
+        self._stale, self.meetings, self._skin = False, 0, 0.1 * self._typical
+
+    @property
+    def nbytes(self) -> int:
+        """Memory of the lists, in bytes."""
+        return 0 if self._search is None else self._search.nbytes
+
+    @property
+    def lists_made(self) -> tuple[int, int]:
+        """Changes when lists have been made anew."""
+        return self.meetings, self._search.lists.changes
+
+    def leave_ajar(self, bonds: np.ndarray) -> None:
+        """Nothing to do, without rigid bodies; of this rank alone, as the next two."""
+
+    def expose(self, bonds: np.ndarray) -> None:
+        """Free the facets of bonds that broke, as `SurfaceSearch.expose`."""
+        self._bonds.expose(bonds)
+        self._stale = True
+
+    def release(self, bonds: np.ndarray) -> None:
+        """Let the lips of broken bonds meet like any facets, as `SurfaceSearch.release`."""
+        self._bonds.release(bonds)
+        self._stale = True
+
+    def find(self, x: np.ndarray, position: None = None, rotation: None = None) -> Contacts:
+        """The contacts that own nodes and edges have; nodes are those of `known`.
+
+        Args:
+            x: shape (len(own), dim), positions of own nodes (m).
+            position, rotation: None, as there are no rigid bodies.
+        """
+        stale = self._search is None or self._ranks.max(float(self._stale)) > 0.0
+        if not stale:
+            self.x[self.known.own_node] = x
+            if not self._search.lists.are_old(self.x):
+                self.known.refresh(self.x)
+                self._search.lists.searches += 1
+                return self._renamed(self._search.find_in_lists(self.x))
+            self._skin = self._search.lists.skin
+        self._meet(x)
+        return self._renamed(self._search.find(self.x))
+
+    def pairs_of_bodies(self) -> np.ndarray:
+        """Bodies of `known` in the lists, shape (n, 2)."""
+        return self._search.lists.pairs_of_bodies()
+
+    def at_surface(self, x: np.ndarray) -> np.ndarray:
+        """Where nodes of `surface` are, those of bodies that are not known at the start.
+
+        Args:
+            x: as of `find`.
+        """
+        at = self._start.copy()
+        if self._search is None:
+            self._meet(x)
+        there = self.x.copy()
+        there[self.known.own_node] = x
+        self.known.refresh(there)
+        node = self.known.tables.node
+        found = np.isin(self._node, node)
+        at[found] = there[np.searchsorted(node, self._node[found])]
+        return at
+
+    def _renamed(self, contacts: Contacts) -> Contacts:
+        tables = self.known.tables
+        return Contacts(*contacts[:-1], renamed(contacts.key, tables.node, tables.facet))
+
+    def _meet(self, x: np.ndarray) -> None:
+        """Know the bodies of other ranks that own ones may touch, or that are welded to them."""
+        if self._ranks.max(float(self._stale)) > 0.0:
+            self._fragment = self._fragments()
+        own = self._tables()
+        given = [own.of(bodies) for bodies in self._given(x)]
+        got = self._ranks.comm.alltoall(given)
+        got[self._ranks.rank] = own
+        tables = joined(got)
+        nodes = [part.node for part in given]
+        nodes[self._ranks.rank] = own.node[:0]
+        known = self.known = KnownBodies(self._ranks, tables, nodes)
+        surface = Surface(
+            known.corners, known.body, len(tables.node), tables.group, self.surface.groups,
+            thickness=tables.thickness,
+        )  # fmt: skip
+        search = self._search = SurfaceSearch(
+            surface, tables.start, self._reach, pairs=self._pairs, share=known,
+            typical_size=self._typical,
+        )  # fmt: skip
+        search.bonds.exposed[:] = search.bonds.ajar[:] = tables.exposed
+        search.bonds.weld[:] = np.unique(tables.weld, return_inverse=True)[1]
+        search.bonds.fragment[:] = tables.fragment
+        search.lists.skin = self._skin
+        self.x = tables.start.copy()
+        self.x[known.own_node] = x
+        known.refresh(self.x)
+        self.meetings += 1
+        self._stale = False
+
+    def _tables(self) -> Tables:
+        """Of own bodies."""
+        surface, own, bodies = self.surface, self.own, np.unique(self.surface.body)
+        return Tables(
+            self._facet, self._node[surface.facets], self._number_of_body[surface.body],
+            surface.group, surface.thickness, self._bonds.exposed, self._node[own],
+            self._start[own], self._node[self._bonds.weld[own]], self._number_of_body[bodies],
+            self._fragment[bodies], np.full(len(bodies), self._ranks.rank),
+        )  # fmt: skip
+
+    def _given(self, x: np.ndarray) -> list[np.ndarray]:
+        """By rank, numbers of own bodies that it is to know."""
+        ranks, low, high = self._ranks, *self._boxes(x)
+        bodies = np.flatnonzero((low <= high).all(axis=1))
+        low, high = low[bodies], high[bodies]
+        box = low.min(axis=0, initial=np.inf), high.max(axis=0, initial=-np.inf)
+        of_ranks = np.array(ranks.comm.allgather(box))
+        told, looked = [], []
+        for rank in range(ranks.size):
+            near = (low <= of_ranks[rank, 1]).all(axis=1) & (of_ranks[rank, 0] <= high).all(axis=1)
+            looked.append(np.flatnonzero(near) if rank != ranks.rank else np.zeros(0, int))
+            told.append((low[looked[-1]], high[looked[-1]]))
+        heard = ranks.comm.alltoall(told)
+        out = []
+        for rank, ((low_here, high_here), (low_there, high_there)) in enumerate(
+            zip(told, heard, strict=True)
+        ):
+            near = np.zeros(0, int)
+            if len(low_here) and len(low_there):
+                met = box_pairs(low_here, high_here, low_there, high_there)
+                near = bodies[looked[rank][np.unique(met[:, 0])]]
+            near = np.concatenate([near, self._welded_to(rank)])
+            out.append(self._number_of_body[np.unique(near)])
+        return out
+
+    def _boxes(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Boxes around bodies that hold what may touch own ones, of others inf and -inf."""
+        surface, at = self.surface, self._start.copy()
+        at[self.own] = x
+        beyond = (self._extent + self._skin)[:, None]
+        corners = at[surface.facets]
+        low = np.full((len(self._number_of_body), surface.dim), np.inf)
+        high = np.full(low.shape, -np.inf)
+        np.minimum.at(low, surface.body, corners.min(axis=1) - beyond)
+        np.maximum.at(high, surface.body, corners.max(axis=1) + beyond)
+        return low, high
+
+    def _welded_to(self, rank: int) -> np.ndarray:
+        """Own bodies that bonds weld to some of a rank."""
+        weld, there = self._bonds.weld, self._rank_of_node == rank
+        if rank == self._ranks.rank or not there.any():
+            return np.zeros(0, int)
+        met = np.zeros(len(weld), bool)
+        met[weld[there]] = True
+        return np.unique(self._body_of_node[self.own[met[weld[self.own]]]])
+
+    def _fragments(self) -> np.ndarray:
+        """Smallest number of the bodies that bonds connect, over all ranks, of each known body."""
+        ranks, count = self._ranks, len(self._number_of_body)
+        here = np.arange(count)
+        here[: len(self._bonds.fragment)] = self._bonds.fragment
+        of_fragment, fragment = self._number_of_body.copy(), self._number_of_body[here]
+        while True:
+            np.minimum.at(of_fragment, here, fragment)
+            new = of_fragment[here]
+            told = ranks.comm.alltoall([new[bodies] for bodies in self._asked])
+            fragment = new.copy()
+            for bodies, numbers in zip(self._foreign, told, strict=True):
+                fragment[bodies] = np.minimum(fragment[bodies], numbers)
+            if ranks.max(float(np.any(fragment != new))) == 0.0:
+                return fragment
