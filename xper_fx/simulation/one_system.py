@@ -30,6 +30,8 @@ def takes_one_system(
         return True
     if not options.allows_one_system or not (points.exist or searched):
         return False
+    if options.inertia and options.requested.accuracy is not None:
+        return False  # snap numbers are told from points on their bodies
     if options.inertia:
         alone = scene.rigid_bodies is None and not searched and bulk.ranks.alone
         return alone and condenses(scene, points.laws)
