@@ -285,6 +285,71 @@ def test_other_laws_at_a_vertex_are_asked_with_its_bonds(pointed):
     assert len(ours.interactions.fused.split) < 23
 
 
+def test_dynamic_runs_are_solved_in_one_system_where_cells_share_unknowns():
+    """Sweeps stay where points are everywhere, and where an explicit bulk is asked for."""
+    picked = drawn(2, TOUGH, True, solver="auto")
+    assert picked.model.monolithic and picked.interactions.fused is not None
+    assert not drawn(2, TOUGH, True, solver="auto", scheme="explicit", step=0.01).model.monolithic
+    elastic = xf.laws.CohesiveZone(50.0, W, S)
+    assert not drawn(2, elastic, True, solver="auto").model.monolithic
+    touching = [xf.Contact(("a", "a"), xf.laws.SignoriniCoulomb(0.3))]
+    for more in ({"points": "gauss"}, {"surfaces": {"a": (1,)}, "contacts": touching}):
+        bodies = box_bodies((2.0, 1.0), (4, 2))
+        scene = xf.Scene(bodies, {1: ELASTIC}, default_interaction=TOUGH, **more)
+        assert not xf.Simulation(scene, 0.1, scheme="implicit").model.monolithic
+
+
+def test_sweeps_take_over_from_a_system_that_was_picked(monkeypatch):
+    """Bonds that have opened stay open, as in a run of sweeps alone; a restart goes on the same."""
+    options = {"inertia": True, "tolerance": 1e-10, "max_sweeps": 100_000}
+    runs = [drawn(2, TOUGH, solver=solver, **options) for solver in ("auto", "newton")]
+    ours, reference = runs
+    attempt = monolithic_scheme.MonolithicScheme.attempt
+
+    def fails(self, state, *args):
+        outcome = attempt(self, state, *args)
+        return outcome._replace(converged=state.time < 1.6)
+
+    monkeypatch.setattr(monolithic_scheme.MonolithicScheme, "attempt", fails)
+    for simulation in runs:
+        list(simulation.steps(1.6))
+    assert ours.model.monolithic
+    opened = ours.ledger.energies.dissipated_cohesion
+    for simulation in runs:
+        list(simulation.steps(1.8))
+    assert not ours.model.monolithic and ours.interactions.fused is None
+    assert ours.step_number == reference.step_number
+    e = ours.ledger.energies
+    assert 0.1 * W < opened < e.dissipated_cohesion
+    u, u1 = ours.state.displacement, reference.state.displacement
+    assert np.abs(u - u1).max() < 1e-7 * np.abs(u1).max()
+    assert abs(ours.ledger.closure) < 1e-8 * e.external_work
+
+    again = drawn(2, TOUGH, solver="auto", **options)
+    again.restore(ours.saved_in_order())
+    for simulation in (ours, again):
+        list(simulation.steps(2.0))
+    assert not again.model.monolithic
+    assert np.array_equal(again.state.displacement, ours.state.displacement)
+    assert again.ledger.energies == ours.ledger.energies
+
+
+def test_what_bursts_runs_to_its_end():
+    """A plate that comes apart at once, where Newton's method alone stopped at 0.45 s."""
+    bodies = box_bodies((1.0, 1.0), (8, 8), "crossed")
+    scene = xf.Scene(
+        bodies, {1: ELASTIC},
+        default_interaction=xf.laws.RigidCohesiveZone(S, 2.0 * W, friction=0.3),
+        initial_velocity=lambda x: np.array([0.1 * (x[0] - 0.5), -0.05 * (x[1] - 0.5)]),
+    )  # fmt: skip
+    simulation = xf.Simulation(scene, 0.05, scheme="implicit", num_threads=1)
+    assert simulation.model.monolithic
+    list(simulation.steps(2.0))
+    e = simulation.ledger.energies
+    assert e.dissipated_cohesion > 0.5 * W
+    assert abs(simulation.ledger.closure) < 1e-9 * e.dissipated_cohesion
+
+
 def test_what_is_not_condensed_has_all_points():
     """Points at several nodes a side, sweeps, which know no system of all cells, and paths."""
     halves = box_bodies((2.0, 1.0), (4, 2), label=lambda x: x[0] > 1.0)

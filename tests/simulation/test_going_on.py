@@ -237,8 +237,8 @@ def test_rigid_bonds_go_on_where_all_have_points_and_back():
     fused = first.interactions.fused
     assert 0 < len(fused.split) < fused.graphs.num_vertices
     others = [
-        xf.Simulation(first.scene, first.step_size, scheme=scheme, num_threads=1)
-        for scheme in ("implicit", "explicit")
+        xf.Simulation(first.scene, first.step_size, scheme=scheme, solver=solver, num_threads=1)
+        for scheme, solver in (("implicit", "nlgs"), ("explicit", "auto"))
     ]
     assert others[0].interactions.fused is None
     for before, other in zip((first, others[0]), others, strict=True):

@@ -80,6 +80,7 @@ class MonolithicScheme:
         newton_tolerance: bound on what is left, relative to the largest nodal impulse.
         max_newton: iterations after which a step is given up.
         stopwatch: where phases are timed.
+        gives_up: whether a step is not converged where Newton's method goes in circles.
     """
 
     def __init__(
@@ -90,11 +91,12 @@ class MonolithicScheme:
         newton_tolerance: float,
         max_newton: int,
         stopwatch: Stopwatch,
+        gives_up: bool = False,
     ):
         self.bulk, self.theta = bulk, theta
         self._matrices = CoupledMatrices(bulk, interacting, theta)
         self._tolerance, self._max_newton = newton_tolerance, max_newton
-        self._stopwatch = stopwatch
+        self._stopwatch, self._gives_up = stopwatch, gives_up
         self._compliance: tuple[float, np.ndarray, PointsOfNodes] | None = None
         self._found: FoundContacts | None = None
         self._vertices: BreakingVertices | None = None
@@ -203,7 +205,7 @@ class MonolithicScheme:
 
         begin()
         converged = self._solve(coupled, newton)
-        if not converged and interactions is not None:
+        if not (converged or self._gives_up or interactions is None):
             begins = growth is not None and growth.begins
             if begins and self._found is not None and self._found.state is state:
                 converged = self._go_on(coupled, newton, begin)

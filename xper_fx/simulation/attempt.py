@@ -299,6 +299,11 @@ class StepAttempts:
         if model.joints is not None:
             solver = model.joints.around(solver, model.rigid)
         if not divided:
+            outcome = model.scheme.attempt(state, size, model.interactions, solver, options)
+            if outcome.converged or not (model.monolithic and model.options.may_leave_one_system):
+                return outcome
+            logger.info("%s: sweeps go on from t = %g s", outcome.failure, state.time)
+            model.leave_one_system()
             return model.scheme.attempt(state, size, model.interactions, solver, options)
         if self.solver.name != "auto":
             return model.scheme.attempt(state, size, model.interactions, solver, options)

@@ -26,11 +26,13 @@ from xper_fx.simulation.energy_ledger import EnergyLedger
 from xper_fx.simulation.initial_state import initial_state
 from xper_fx.simulation.law_checks import check_laws_suit, check_path_has_bonds
 from xper_fx.simulation.not_finite import not_finite_columns
+from xper_fx.simulation.one_system import takes_one_system
 from xper_fx.simulation.options import Options
 from xper_fx.simulation.permanent_points import ScenePoints
 from xper_fx.simulation.shared_motions import condenses, ranks_split, share_motions
 from xper_fx.support.profile import Stopwatch
 from xper_fx.support.ranks import Ranks
+from xper_fx.support.saved_rows import in_order
 
 if TYPE_CHECKING:
     from xper_fx.bulk.explicit import ExplicitScheme
@@ -133,7 +135,7 @@ class Model:
                 "Rolling resistance is of rigid discs and spheres, and a law of facets or walls of "
                 "meshed bodies, which have no spin, has it: give a law with rolling=0 there."
             )
-        self.monolithic = options.asks_for_one_system or self._calls_for_one_system(searched)
+        self.monolithic = takes_one_system(options, scene, self.points, searched, self.bulk)
         self.scheme = self._scheme()
         with stopwatch.phase("interaction points"):
             self.interactions = self._interactions()
@@ -252,17 +254,6 @@ class Model:
             )
         return float(step)
 
-    def _calls_for_one_system(self, searched: bool) -> bool:
-        """Whether a static run is better solved in one system than by points on their bodies.
-
-        That takes bodies that only their interactions hold, or bonds that may break. Contacts
-        between bodies that are held by themselves are few unknowns beside those of the bulk.
-        """
-        if not self.options.allows_one_system or not (self.points.exist or searched):
-            return False
-        breaks = any(hasattr(law, "in_statics") for law in self.points.laws)
-        return self.bulk.floating or breaks or self.options.path is not None
-
     def _scheme(self) -> EmptyScheme | ExplicitScheme | ImplicitScheme:
         options, interacting = self.options, self.points.interacting(self.detection)
         if self.scene.bodies is None:
@@ -275,7 +266,9 @@ class Model:
             by_body = not self.by_vertex
             return ExplicitScheme(self.bulk, interacting, self.stopwatch, by_body)
         if self.monolithic:
-            from xper_fx.bulk.monolithic_scheme import MonolithicScheme as Scheme
+            from xper_fx.bulk.monolithic_scheme import MonolithicScheme
+
+            Scheme = partial(MonolithicScheme, gives_up=options.may_leave_one_system)
         else:
             from xper_fx.bulk.implicit import ImplicitScheme as Scheme
 
@@ -283,6 +276,15 @@ class Model:
             self.bulk, interacting, options.theta, options.requested.newton_tolerance,
             options.max_newton, self.stopwatch,
         )  # fmt: skip
+
+    def leave_one_system(self) -> None:
+        """Go on from the last step with points everywhere, and sweeps."""
+        history, self.monolithic = in_order(self.interactions.saved()), False
+        self.scheme = self._scheme()
+        self.interactions = self._interactions()
+        self.interactions.restore(history)
+        self.stopwatch.owns("coupled system", lambda: 0)  # it is gone
+        self._account()
 
     # Interactions
 

@@ -64,7 +64,13 @@ class Options:
     @property
     def allows_one_system(self) -> bool:
         """Whether they may be, where the scene calls for it."""
-        return self.asks_for_one_system or (self.solver == "auto" and not self.inertia)
+        picks = self.solver == "auto" and self.scheme == "implicit"
+        return self.asks_for_one_system or picks
+
+    @property
+    def may_leave_one_system(self) -> bool:
+        """Whether sweeps take over where one system, if it was picked, does not converge."""
+        return self.inertia and not self.asks_for_one_system
 
     @classmethod
     def checked(

@@ -167,6 +167,9 @@ class Restartable(Readings):
         )
         self.step_number, self._last_size = saved["step_number"], saved["last_size"]
         model.bulk.restore(saved.get("bulk", {}))
+        picked = model.monolithic and model.options.may_leave_one_system
+        if picked and "split" not in saved["interactions"]:
+            model.leave_one_system()
         model.scheme.restore(saved.get("scheme", {}))
         model.ledger.restore(saved["ledger"])
         self._course = Course.restored(saved["course"])

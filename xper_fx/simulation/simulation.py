@@ -33,7 +33,12 @@ from xper_fx.support.profile import Stopwatch
 from xper_fx.support.ranks import Ranks
 
 if TYPE_CHECKING:
+    from xper_fx.bulk.explicit import ExplicitScheme
+    from xper_fx.bulk.implicit import ImplicitScheme
+    from xper_fx.bulk.monolithic_scheme import MonolithicScheme
+    from xper_fx.bulk.rigid_only import EmptyScheme
     from xper_fx.nscd.friction import FrictionProblem
+    from xper_fx.nscd.interactions import Interactions
     from xper_fx.simulation.path import PathControl
     from xper_fx.simulation.verdict import Verdict
 
@@ -67,7 +72,8 @@ class Simulation(Restartable):
             one system, `bulk/monolithic_scheme.py`), "friction_problem", "interior_point",
             "proximal_point" or "anderson" (those of `FrictionProblem` on the assembled contacts,
             where all are unilateral with Coulomb friction), or "auto", which picks: "monolithic"
-            without inertia, where bonds may break or interactions alone hold bodies. An explicit
+            without inertia, where bonds may break or interactions alone hold bodies, and with it
+            where bonds are initially rigid, until a step does not converge. An explicit
             bulk with nodal points solves each vertex alone, and takes "auto" only. A `Solver` of
             one's own is taken too (`nscd/solvers/solver.py`).
         relaxation: over-relaxation of impulses where a law is linear, in (0, 2).
@@ -152,8 +158,7 @@ class Simulation(Restartable):
             self.model = model = Model(scene, options, self.team, self.stopwatch)
         self.ranks, self.part, self.bodies = model.ranks, model.part, model.bodies
         self.bulk, self.forms, self.rigid = model.bulk, model.bulk.forms, model.rigid
-        self.detection, self.interactions = model.detection, model.interactions
-        self.scheme, self.theta, self.ledger = model.scheme, model.scheme.theta, model.ledger
+        self.detection, self.theta, self.ledger = model.detection, model.scheme.theta, model.ledger
         self.state, self.step_size, self.step_number = model.start, model.step_size, 0
         self.tolerance = requested.tolerance
         self.last: StepOutcome | None = None
@@ -185,6 +190,16 @@ class Simulation(Restartable):
     def solver(self) -> Solver:
         """Solver of the interactions."""
         return self._attempts.solver
+
+    @property
+    def interactions(self) -> Interactions | None:
+        """The points; others once sweeps have taken over from one system."""
+        return self.model.interactions
+
+    @property
+    def scheme(self) -> EmptyScheme | ExplicitScheme | ImplicitScheme | MonolithicScheme:
+        """The scheme of the bulk."""
+        return self.model.scheme
 
     def steps(self, end_time: float) -> Iterator[StepRecord]:
         """Advance to `end_time` (s), a record after each committed step.

@@ -29,6 +29,11 @@ class Rows(NamedTuple):
         return self.values[np.lexsort(keys.T[::-1])]
 
 
+def in_order(saved: Mapping) -> dict:
+    """What was saved, with arrays in the place of `Rows`, where one process has them all."""
+    return {n: value.in_order() if isinstance(value, Rows) else value for n, value in saved.items()}
+
+
 class KeepsNothing:
     """What a restarted run makes anew, so that nothing of it is saved."""
 
