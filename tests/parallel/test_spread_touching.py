@@ -77,6 +77,7 @@ def test_what_is_not_divided_is_refused(found):
         found("refused", 3)["told"].tolist(),
         (
             r"ValueError: No contact says .*\n.*\('left', 'left'\), None\),\n.*\('right', ",
+            "ValueError: .*'wrong'",
             "SerialOnlyError: .* bonds beside contacts that are searched in space",
         ),
         strict=True,

@@ -113,7 +113,9 @@ def refused() -> list[str]:
     cells = {2: lambda x: x[0] > 1.0 - 1e-9}
     pair = [Contact(("left", "right"), touching_bodies.RUB)]
     every = [*pair, *(Contact((name, name), None) for name in ("left", "right"))]
-    for lengths, counts, contacts in (((2, 1), (4, 2), pair), ((2, 1, 1), (4, 2, 2), every)):
+    on_last = [Contact(("left", "wrong"), None)] if MPI.COMM_WORLD.rank == 2 else []
+    plane, space = ((2, 1), (4, 2)), ((2, 1, 1), (4, 2, 2))
+    for (lengths, counts), contacts in ((plane, pair), (plane, every + on_last), (space, every)):
         kind = "crossed" if len(lengths) == 2 else "tetrahedron"
         bodies = box_bodies(lengths, counts, kind, material=cells)
         try:

@@ -136,16 +136,22 @@ class Scene:
             self.rigid_bodies = RigidBodies(self.rigid)
         if self.after is not None:
             self._start_after()
+        if self.bodies is not None and not isinstance(self.bodies, Bodies):
+            raise TypeError(
+                f"bodies is {self.bodies!r}; `xper_fx.bodies.explode.explode` makes them."
+            )
+        spread = None if self.bodies is None else self.bodies.spread
+        # of a mesh that is spread a rank may find what no other one knows
+        (ALONE if spread is None else spread.ranks).together(self._check)
+        self._fix()
+        if self.after is not None:
+            self.after.check(self)
+
+    def _check(self) -> None:
         if self.bodies is None:
             self._check_without_mesh()
         else:
-            if not isinstance(self.bodies, Bodies):
-                raise TypeError(
-                    f"bodies is {self.bodies!r}; `xper_fx.bodies.explode.explode` makes them."
-                )
-            # of a mesh that is spread a rank may find what no other one knows
-            spread = self.bodies.spread
-            (ALONE if spread is None else spread.ranks).together(self._check_with_mesh)
+            self._check_with_mesh()
         if self.damping is not None and not isinstance(self.damping, RayleighDamping):
             raise TypeError(f"damping should be a RayleighDamping or None, got {self.damping!r}.")
         check_loads(self.loads, self.dim)
@@ -154,9 +160,6 @@ class Scene:
             check_contacts(self.contacts, self.surfaces, self.materials, self.rigid_bodies)
         self._check_meetings()
         self._separate_rigid_bodies()
-        self._fix()
-        if self.after is not None:
-            self.after.check(self)
 
     def _fix(self) -> None:
         """Keep lists and mappings of one's own, and let no attribute be set any more."""

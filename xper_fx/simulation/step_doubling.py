@@ -36,6 +36,8 @@ from xper_fx.simulation.energy_ledger import BulkEnergies
 _EVERY = 4
 # Error of global quantities over what steps leave, where it is not followed.
 _OTHERWISE = 2.0
+# Plastic work of a step over the elastic energy below which nothing flows but by rounding.
+_LITTLE = 1e-9
 # Difference over the works of both steps above which they have come to another state.
 _ANOTHER_STATE = 0.2
 
@@ -133,7 +135,7 @@ class StepDoubling:
         self.left = self.left + self.difference * (0.5 * self.since)
         self.power += erred * (0.5 * self.since)
         local = np.abs(self.difference)
-        if self.follows and energies.plastic > 0.0:
+        if self.follows and energies.plastic > _LITTLE * energies.elastic:
             lasts = size * energies.elastic / energies.plastic
             local[0] = abs(self.difference[0] + erred * lasts)
         self.local = 0.5 * float(local.max())
@@ -142,7 +144,7 @@ class StepDoubling:
 
     def _go_on(self, size: float, energies: BulkEnergies) -> None:
         """What earlier errors of the stresses do in a step."""
-        flows = energies.plastic > 0.0
+        flows = energies.plastic > _LITTLE * energies.elastic > 0.0
         kept = math.exp(-energies.plastic / energies.elastic) if flows else 1.0
         self.power *= kept
         done, forgotten = self.power * size, (1.0 - kept) * self.left[2]
