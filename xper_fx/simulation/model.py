@@ -52,8 +52,6 @@ logger = logging.getLogger(__name__)
 _BELOW_LIMIT, _AT_LIMIT = 0.7, 0.95
 # Snap number from which bonds are told to break within a step; the coarsest printed plates have 14.
 _SPENT_AT_ONCE = 100.0
-# An adapted step with inertia stays below this multiple of the first: rounding leaves the mass.
-_LARGEST_GROWTH = 1e5
 
 
 class Model:
@@ -166,7 +164,15 @@ class Model:
                 f"At the start {wrong} are not finite: initial velocities or masses are beyond "
                 "the range of floats; take other units."
             )
-        self.control = None if options.requested.accuracy is None else self._control()
+        self.control: AccuracyControl | None = None
+        if options.requested.accuracy is not None:
+            from xper_fx.simulation.accuracy_of_run import control_of
+
+            held = self.ledger.energies
+            self.control = control_of(
+                options, self.bulk, self.interactions, self.detection is not None,
+                self.scheme.theta, held.kinetic + held.elastic, self.step_size,
+            )  # fmt: skip
 
     def nodes_of(self, facets: int) -> np.ndarray:
         """Nodes of this rank's facets with a tag."""
@@ -389,37 +395,6 @@ class Model:
     def _has_viscous_bonds(self) -> bool:
         laws = [] if self.interactions is None else self.interactions.laws
         return any("viscous" in law.kernels(self.scene.dim).energies for law in laws)
-
-    def _control(self) -> AccuracyControl:
-        from xper_fx.nscd.laws.softening import softening_numbers
-        from xper_fx.simulation.accuracy_control import AccuracyControl
-        from xper_fx.simulation.error_estimate import ErrorEstimate
-        from xper_fx.simulation.step_doubling import StepDoubling
-
-        requested = self.options.requested
-        softening, base = np.inf, self.step_size
-        if self.interactions is not None:
-            number = softening_numbers(self.interactions, base, self.scheme.theta).max(initial=0.0)
-            softening = base / math.sqrt(number) if number > 0.0 else np.inf
-        held, inertia = self.ledger.energies, self.bulk.inertia is not None
-        interacting = self.interactions is not None
-        flows, doubling = self.bulk.forms.plastic, None
-        if self.detection is None and self.options.scheme != "explicit":  # twice may be unstable
-            if flows or (interacting and not inertia):
-                doubling = StepDoubling(follows=flows and not inertia)
-        estimate = ErrorEstimate(
-            held.kinetic + held.elastic,
-            doubling=doubling,
-            supported=self.ranks.max(bool(self.bulk.layout.prescribed.any())) > 0,
-            lag=1.0 - self.scheme.theta,
-            ranks=self.ranks,
-        )
-        largest = _LARGEST_GROWTH * base if inertia else np.inf
-        return AccuracyControl(
-            requested, base if inertia or not requested.adapts_step else None,
-            largest=base if self.options.scheme == "explicit" else largest,
-            softening_step=softening, interacting=interacting, estimate=estimate,
-        )  # fmt: skip
 
     def _account(self) -> None:
         """Say which phase holds which arrays."""

@@ -1,0 +1,61 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""The control of step and tolerance that the model of a run calls for."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from xper_fx.bulk.bulk import Bulk
+from xper_fx.nscd.interactions import Interactions
+from xper_fx.nscd.laws.softening import softening_numbers
+from xper_fx.simulation.accuracy_control import AccuracyControl
+from xper_fx.simulation.error_estimate import ErrorEstimate
+from xper_fx.simulation.options import Options
+from xper_fx.simulation.step_doubling import StepDoubling
+
+# An adapted step with inertia stays below this multiple of the first: rounding leaves the mass.
+_LARGEST_GROWTH = 1e5
+
+
+def control_of(
+    options: Options,
+    bulk: Bulk,
+    points: Interactions | None,
+    searched: bool,
+    theta: float,
+    held: float,
+    base: float,
+) -> AccuracyControl:
+    """Of a run for which an accuracy is asked.
+
+    Args:
+        options, bulk, points: of the run.
+        searched: whether contacts are searched.
+        theta: weight of the end of the step.
+        held: kinetic and elastic energy at the start (J; 2D: J/m).
+        base: first step (s).
+    """
+    softening, requested = np.inf, options.requested
+    if points is not None:
+        number = softening_numbers(points, base, theta).max(initial=0.0)
+        softening = base / math.sqrt(number) if number > 0.0 else np.inf
+    inertia, explicit = bulk.inertia is not None, options.scheme == "explicit"
+    flows, interacting, doubling = bulk.forms.plastic, points is not None, None
+    if not (searched or explicit):  # twice the step of an explicit bulk may be unstable
+        if flows or (interacting and not inertia):
+            doubling = StepDoubling(follows=flows and not inertia)
+    estimate = ErrorEstimate(
+        held,
+        doubling=doubling,
+        supported=bulk.ranks.max(bool(bulk.layout.prescribed.any())) > 0,
+        lag=1.0 - theta,
+        ranks=bulk.ranks,
+    )
+    largest = _LARGEST_GROWTH * base if inertia else np.inf
+    return AccuracyControl(
+        requested, base if inertia or not requested.adapts_step else None,
+        largest=base if explicit else largest,
+        softening_step=softening, interacting=interacting, estimate=estimate,
+    )  # fmt: skip
