@@ -33,7 +33,7 @@ def split_cells():
     scene = touching_bodies.flying_plates(
         bodies, (0.004, 0.13), 0.5, 4.0, touching_bodies.ELASTIC, RigidCohesiveZone(strength, 0.1)
     )
-    return scene, {"scheme": "explicit", "tolerance": 1e-10}, 34
+    return scene, {"scheme": "explicit", "tolerance": 1e-10}, 30
 
 
 def breaking():
