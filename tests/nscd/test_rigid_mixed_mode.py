@@ -121,6 +121,24 @@ def test_random_loads_dissipate_and_close_the_balance(dim):
                 stored = energies[0]
 
 
+@each_dim
+def test_an_open_bond_pulls_along_its_mean_opening_by_both_stiffnesses(dim):
+    """Impulse over mean opening in shear is (S_T / S_N)^2 times that along the normal."""
+    rng, seen = np.random.default_rng(5), 0
+    couples = np.eye(dim) + 0.3 * (np.ones((dim, dim)) - np.eye(dim))
+    for _ in range(6):
+        bond = PointMass(law(), 2.0 * W_N * AREA, np.zeros(dim), area=AREA, couples=couples)
+        while bond.damage > 0.0:
+            h, start = 2.0 * W_N / S_N * rng.choice([0.03, 0.2]), bond.jump.copy()
+            bond.step(h, rng.normal(size=dim) * 2.5 * S_N * AREA)
+            mean, pull = 0.5 * (start + bond.jump), -bond.impulse
+            if min(start[0], bond.jump[0]) > 1e-9 and bond.damage > 0.0:  # no contact
+                ratio = (S_T / S_N) ** 2 * mean[1:] * pull[0]
+                assert pull[1:] * mean[0] == pytest.approx(ratio, rel=1e-9)
+                seen += 1
+    assert seen > 20
+
+
 def test_turning_jumps_never_heal():
     """Half opened, then turned into shear and back: damage falls where the curve there is lower."""
     driven, h = PointMass(law(), np.inf, [0.0, 0.0], area=AREA), 1e-6

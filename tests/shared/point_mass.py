@@ -21,9 +21,13 @@ class PointMass:
         area, gap: of the point.
         normal: unit normal, from antagonist to candidate.
         theta: of the scheme.
+        couples: shape (dim, dim), symmetric, by which the inverses of the masses are multiplied: a
+            push in one direction moves in the others too.
     """
 
-    def __init__(self, law, masses, velocity, *, area=1.0, gap=0.0, normal=None, theta=0.5):
+    def __init__(
+        self, law, masses, velocity, *, area=1.0, gap=0.0, normal=None, theta=0.5, couples=None
+    ):
         self.masses = np.atleast_1d(np.asarray(masses, float))
         self.velocity = np.array(velocity, float).reshape(len(self.masses), -1)
         dim = self.dim = self.velocity.shape[1]
@@ -37,7 +41,8 @@ class PointMass:
             np.array([gap]),
         )
         self.frame = points.frame[0]
-        self.inverse = BodyInverse.from_uniform(np.eye(dim) / self.masses[:, None, None], dim)
+        couples = np.eye(dim) if couples is None else couples
+        self.inverse = BodyInverse.from_uniform(couples / self.masses[:, None, None], dim)
         self.interactions = Interactions(
             points, [law], np.zeros(1, int), self.inverse, self.velocity
         )
