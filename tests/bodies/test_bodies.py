@@ -21,6 +21,7 @@ from mpi4py import MPI
 from xper_fx.bodies.explode import EACH_CELL, explode
 from xper_fx.bodies.join import join_meshes
 from xper_fx.bodies.meshes import SerialOnlyError, crossed_rectangle, tag_cells, tag_facets
+from xper_fx.bodies.node_positions import node_positions
 from xper_fx.bodies.partition import partition
 from xper_fx.forms.compiled import compiled_form
 from xper_fx.support.compat import create_exploded_mesh, geometry_dofmap
@@ -158,6 +159,9 @@ def test_facing_nodes_coincide(cell, degree, by_grain):
     assert nodes.dtype == np.int32
     x = V.tabulate_dof_coordinates()
     assert np.abs(x[nodes[:, 0]] - x[nodes[:, 1]]).max() <= 1e-14 * np.abs(x).max()
+    exact = node_positions(V)
+    assert np.abs(exact - x).max() <= 1e-14 * np.abs(x).max()
+    assert np.array_equal(exact[nodes[:, 0]], exact[nodes[:, 1]])
     # each node is in the dof map of its own side's cell, and no node is listed twice
     for side in (0, 1):
         rows = V.dofmap.list[bodies.facets.cells[:, side]]

@@ -6,9 +6,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from dolfinx import fem
+from dolfinx.fem import FunctionSpace
 
 from xper_fx.bodies.explode import Bodies
+from xper_fx.bodies.node_positions import node_positions
 from xper_fx.bulk.bulk import Bulk
 from xper_fx.bulk.state import State
 from xper_fx.scene.initial_velocity import Field, checked_velocity
@@ -37,19 +38,11 @@ def initial_state(
     if bodies is None:
         none = np.zeros(0)
         return State(0.0, none, none, none)
-    function, dim = fem.Function(bulk.forms.V), bulk.dim
-
-    def interpolate() -> None:
-        if isinstance(given, Mapping):
-            for tag, field in given.items():
-                function.interpolate(checked_velocity(field, dim), bodies.cell_tags.find(tag))
-        elif given is not None:
-            function.interpolate(checked_velocity(given, dim))
-
-    bulk.ranks.together(interpolate)
     unknowns, rest = bulk.unknowns, np.zeros(bulk.num_dofs)
     velocity = rest.copy()
-    velocity.reshape(-1, dim)[unknowns.node_of] = function.x.array.reshape(-1, dim)
+    velocity.reshape(-1, bulk.dim)[unknowns.node_of] = bulk.ranks.together(
+        lambda: _nodal_velocity(bulk.forms.V, bodies, given)
+    )
     if inertia:
         bulk.start(velocity, step)
     internal = bulk.internal(rest)
@@ -59,3 +52,22 @@ def initial_state(
             "stress of the start for a step of size zero."
         )
     return State(0.0, rest, velocity, internal, bulk.external(0.0))
+
+
+def _nodal_velocity(
+    V: FunctionSpace, bodies: Bodies, given: Field | Mapping[int, Field] | None
+) -> np.ndarray:
+    """Velocities of all nodes of V, shape (number of nodes, dim), m/s.
+
+    Lips that are together at the start have one position, and so one velocity, to the last digit.
+    """
+    x = node_positions(V)
+    velocity = np.zeros((len(x), V.dofmap.bs))
+    if given is None:
+        return velocity
+    if not isinstance(given, Mapping):
+        return checked_velocity(given, V.dofmap.bs)(x.T).T
+    for tag, field in given.items():
+        nodes = np.unique(V.dofmap.list[bodies.cell_tags.find(tag)])
+        velocity[nodes] = checked_velocity(field, V.dofmap.bs)(x[nodes].T).T
+    return velocity
