@@ -26,9 +26,7 @@ def node_positions(V: FunctionSpace) -> np.ndarray:
     nodes, corners = V.dofmap.list, V.mesh.geometry.x[geometry_dofmap(V.mesh)]
     index_map = V.dofmap.index_map
     positions = np.empty((index_map.size_local + index_map.num_ghosts, 3))
-    for entities, dofs in zip(
-        basix.topology(element.cell_type), element.entity_dofs, strict=True
-    ):
+    for entities, dofs in zip(basix.topology(element.cell_type), element.entity_dofs, strict=True):
         for vertices, at in zip(entities, dofs, strict=True):
             # in the order of their size, so that the sum does not depend on the cell
             mean = np.sort(corners[:, vertices], axis=1).mean(axis=1)
