@@ -108,7 +108,7 @@ class SemismoothNewton:
                 self._go(start, correction, best[1])
             history.append(best[0])
             if not np.isfinite(best[0]):
-                return _NOT_FINITE
+                return step.flipped or _NOT_FINITE
             reference, floor = step.size(), step.rounding()
             self.left = self._most / reference if reference > 0.0 else 0.0
             logger.debug(
@@ -122,7 +122,7 @@ class SemismoothNewton:
             allowed = tolerance * (1.0 if count <= _PATIENCE else _ROUND)
             small = self._most <= max(allowed * reference, floor) or reference <= step.noise()
             if small and best[1] == 1.0 and abs(step.growth_left()) <= _GROWN:
-                if step.interactions is None or step.interactions.evolve(step.slots) <= tolerance:
+                if step.evolve() <= tolerance:
                     return ""
                 history.clear()
             elif best[0] > _ASTRAY * reference:
@@ -171,7 +171,8 @@ class SemismoothNewton:
             apart += float(np.vdot(answer - own, answer - own))
             most = max(most, float(np.abs(answer - own).max(initial=0.0)))
         self._most = step.ranks.max(most)
-        return float(np.sqrt(step.ranks.sum(apart) + total))
+        left = float(np.sqrt(step.ranks.sum(apart) + total))
+        return left if np.isfinite(left) else np.inf
 
 
 def _to_and_fro(history: list[float], merit: float) -> bool:

@@ -8,6 +8,7 @@ Until `commit` nothing of the past is lost: a step may begin again with another 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -197,22 +198,32 @@ class SteppedPoints(PointValues):
         work = work_of_couples(self._couples, self._motion.velocity, velocity, self.theta)
         return work + float(np.vdot(self._of_cell, self._motion.rate))
 
-    def couples(self, of_gaps: bool = False) -> np.ndarray:
+    @property
+    def size_of_gradient(self) -> int:
+        """Entries of Fbar of a periodic cell with which lips turn; 0 without one."""
+        return self._motion.rate.size
+
+    def couples(
+        self, of_gaps: bool = False, impulses: Sequence[np.ndarray] | None = None
+    ) -> np.ndarray:
         """Impulses on the nodes of the couples that come with turning frames, (num_slots, dim).
 
         `of_cell` then has those on the rate of Fbar.
 
         Args:
             of_gaps: whether bonds that leave no jump count, with what the tolerance leaves of it.
+            impulses: of each group; those that the points have if not given.
         """
         from xper_fx.nscd.turning_frames import couple_loop
 
+        given = [g.impulse for g in self.groups] if impulses is None else impulses
+
         total = np.zeros((self.inverse.num_slots, self.dim))
         self._of_cell = np.zeros_like(self._motion.rate)
-        for g in self._permanent.groups:
+        for g, r in zip(self._permanent.groups, given, strict=False):
             if g.turning is not None and (of_gaps or not g.kernels.no_jump):
                 add_couples = couple_loop(g.sides, g.turning.width)
-                add_couples(total.reshape(-1), self._of_cell, g.turning, g.impulse)
+                add_couples(total.reshape(-1), self._of_cell, g.turning, r)
         alone = self.halo is None and self.fused is None  # else they are given on
         self._couples = total.reshape(-1) if alone else total.reshape(-1).copy()
         if self.halo is not None:
