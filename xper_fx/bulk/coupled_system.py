@@ -172,13 +172,13 @@ def _at_dofs(
     """
     points, dim = group.points, group.sides.dim
     if group.turning is None:
-        nodes, relative = points.nodes.reshape(len(group), -1), _relative(group)
+        nodes, relative = points.nodes.reshape(-1, 2 * points.nodes.shape[2]), _relative(group)
     else:
         from xper_fx.nscd.turning_tangents import motion_of_lips
 
         nodes, relative = motion_of_lips(group, len(gradient))
     slots = nodes[..., None].astype(np.int64) * dim + np.arange(dim)
-    dofs = dofs_of_slots[slots].reshape(len(group), nodes.shape[1] * dim)
+    dofs = dofs_of_slots[slots].reshape(-1, nodes.shape[1] * dim)
     if group.turning is not None:
         dofs = np.concatenate([dofs, np.tile(gradient, (len(group), 1))], axis=1)
     return dofs, relative

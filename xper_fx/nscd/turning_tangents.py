@@ -55,7 +55,7 @@ def motion_of_lips(group: PointGroup, cell: int) -> tuple[np.ndarray, np.ndarray
     """
     points, turning, dim = group.points, group.turning, group.sides.dim
     lips = turning.nodes[turning.site]
-    count, _, width = lips.shape
+    width = lips.shape[2]
     gradient = 0.5 * _size(turning)[:, None, None, None] * turning.gradient
     own = points.nodes[..., None] == lips[:, :, None, :]
     first = own & (np.cumsum(own, axis=3) == 1)
@@ -67,13 +67,14 @@ def motion_of_lips(group: PointGroup, cell: int) -> tuple[np.ndarray, np.ndarray
     more = slots.shape[2] - width
     along = np.pad(gradient, ((0, 0), (0, 0), (more, 0), (0, 0)))[turning.site]
     scalars = np.concatenate([apart[..., None], along], axis=3)
-    q = np.einsum("psja,de->padsje", scalars, np.eye(dim)).reshape(count, dim * dim, -1)
+    q = np.einsum("psja,de->padsje", scalars, np.eye(dim))
+    q = q.reshape(-1, dim * dim, 2 * slots.shape[2] * dim)
     if cell:
         tangent = (_size(turning)[:, None, None] * turning.tangent)[turning.site]
-        of_cell = np.zeros((count, dim, dim, dim, dim))
+        of_cell = np.zeros((len(group), dim, dim, dim, dim))
         of_cell[:, 1:] = np.einsum("pay,de->padye", tangent, np.eye(dim))
-        q = np.concatenate([q, of_cell.reshape(count, dim * dim, -1)], axis=2)
-    return slots.reshape(count, -1), q
+        q = np.concatenate([q, of_cell.reshape(-1, dim * dim, cell)], axis=2)
+    return slots.reshape(-1, 2 * slots.shape[2]), q
 
 
 def changes_of_jumps(
@@ -95,7 +96,7 @@ def changes_of_jumps(
     along = (_size(turning)[:, None, None] * along)[turning.site]
     moved = np.concatenate([(sides[:, 0] - sides[:, 1])[:, None], along], axis=1)
     rows = jump_rows(group, theta)
-    return np.einsum("piy,py->pi", rows, moved.reshape(len(group), rows.shape[2]))
+    return np.einsum("piy,py->pi", rows, moved.reshape(-1, rows.shape[2]))
 
 
 def force_rows(group: PointGroup) -> np.ndarray:
@@ -167,7 +168,7 @@ def _rows(group: PointGroup, d: np.ndarray) -> np.ndarray:
         turns = np.stack([d[:, 1], -d[:, 0]], axis=1)[..., None] * arms
     else:
         levers = np.cross(axes, np.einsum("pi,pij->pj", d, axes)[:, None])
-        turns = np.einsum("pij,pajk->piak", levers, _spins(axes, arms)).reshape(len(d), 3, 6)
+        turns = np.einsum("pij,pajk->piak", levers, _spins(axes, arms)).reshape(-1, 3, 6)
     turns /= _size(turning)[turning.site, None, None]
     turns[turning.kept] = 0.0
     components = group.impulse.shape[1]
