@@ -40,6 +40,8 @@ if TYPE_CHECKING:
 
 # Relative rounding of velocities at the ends of a spring.
 _ROUNDING = 4.0 * np.finfo(float).eps
+# Corrections after which points of turning frames stay of the kind that they need once.
+_SETTLED = 4
 # Steps of differences where nothing moves yet, relative to the size of the scene a step.
 _LEAST, _SMALLEST = 1e-16, 1e-20
 
@@ -115,7 +117,7 @@ class CoupledStep:
         """Go back to where the iterations began; impulses stay as they are."""
         self.velocity, self.slots = self.start.copy(), np.zeros(0)
         self.impulses = np.zeros_like(self.start)
-        self._evolved = np.zeros(0)
+        self._evolved, self._before = np.zeros(0), self.corrections
         self._ask_bulk()
 
     def _ask_bulk(self) -> None:
@@ -133,7 +135,10 @@ class CoupledStep:
 
         points, matrices, weight = self.interactions, self._matrices, self._matrices.weight
         mean = weight * self.velocity + (1.0 - weight) * self.start
-        turn(points, matrices.bulk, matrices.nodes, self.state, mean, self.step, matrices.theta)
+        stays = matrices.theta < 1.0 and self.corrections - self._before > _SETTLED
+        turn(
+            points, matrices.bulk, matrices.nodes, self.state, mean, self.step, matrices.theta, stays
+        )
 
     def _follow(self) -> None:
         """Let frames follow the present velocities, and laws their frames."""

@@ -23,6 +23,7 @@ def turn(
     mean: np.ndarray,
     step: float,
     theta: float,
+    stays: bool = False,
 ) -> None:
     """Turn frames to where a step looks, q0 + h theta v_theta.
 
@@ -34,6 +35,7 @@ def turn(
         mean: v_theta as far as it is known, shape (num_dofs,), m/s.
         step: h (s).
         theta: weight of the end of the step.
+        stays: see `Interactions.turn`.
 
     Raises:
         FacetFlippedError: see `Interactions.turn`.
@@ -48,7 +50,7 @@ def turn(
     motion = interactions.lip_motion(
         values[0], values[1], values[-1], *bulk.macroscopic_motion(state.displacement, mean)
     )
-    interactions.turn(motion, step, theta)
+    interactions.turn(motion, step, theta, stays)
 
 
 def couples_on(

@@ -131,13 +131,15 @@ class SteppedPoints(PointValues):
         """The rolling points of contacts that were found (`laws/rolling.py`)."""
         return self._found.rolling
 
-    def turn(self, motion: LipMotion, step: float, theta: float) -> None:
+    def turn(self, motion: LipMotion, step: float, theta: float, stays: bool = False) -> None:
         """Turn frames with their lips, before `begin_step` or `prepare`.
 
         Args:
             motion: of the slots.
             step: h (s).
             theta: weight of the end of the step.
+            stays: whether points that were of the second kind (`turning_frames.py`) when frames
+                were last turned stay so.
 
         Raises:
             FacetFlippedError: a facet has no normal any more, or the opposite one.
@@ -150,7 +152,7 @@ class SteppedPoints(PointValues):
         for g in self._permanent.groups:
             if g.turning is None:
                 continue
-            wrong = self.turn_group(g)
+            wrong = self.turn_group(g, stays)
             if wrong >= 0:
                 flipped = 1 + int(self.numbers[g.indices[wrong]])
             elif self.fused is not None:  # its vertices know compliances
@@ -162,7 +164,7 @@ class SteppedPoints(PointValues):
         if flipped := int(self.largest(flipped)):
             raise FacetFlippedError(flipped - 1)
 
-    def turn_group(self, g: PointGroup) -> int:
+    def turn_group(self, g: PointGroup, stays: bool = False) -> int:
         """As `turn`, of one group; returns the place of a point whose facet flips, or -1."""
         from xper_fx.nscd.turning_frames import site_loop, turn_loop
 
@@ -173,7 +175,7 @@ class SteppedPoints(PointValues):
         first = in_ranges(
             turn_loop(g.sides, width), len(g), new, g.couplings, g.points.gap, g.points.area,
             g.turning, self._motion, reach, _share_of_spin(self.theta), g.kernels.no_jump, g.state,
-            _damage(g.kernels), g.committed_impulse, g.compliance, g.jump, g.velocity,
+            _damage(g.kernels), g.committed_impulse, g.compliance, g.jump, g.velocity, stays,
         )  # fmt: skip
         if self.fused is not None or self._permanent.uneven is None:
             g.show_frames()
