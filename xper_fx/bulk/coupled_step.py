@@ -12,7 +12,8 @@ R being the bulk's momentum balance and S a law's answer. With its springs K and
 
 A = M + C + h^2 theta^2 dF/dq, by a sparse factorisation (`coupled_system.py`). Frames that turn
 follow the bodies in each state: H r has the couples, too, and the springs their derivatives
-(`nscd/turning_tangents.py`). Nothing is asked of A: bodies that only their interactions hold, stiff bonds and no inertia at all are the same to it.
+(`nscd/turning_tangents.py`). Nothing is asked of A: bodies that only their interactions hold, stiff
+bonds and no inertia at all are the same to it.
 
 Where ranks divide the bodies, vectors are those of a rank's bodies and points, and all ranks do
 everything together; what is left, and how large things are, is told over all of them.
@@ -133,12 +134,11 @@ class CoupledStep:
             return
         from xper_fx.bulk.turning import turn
 
-        points, matrices, weight = self.interactions, self._matrices, self._matrices.weight
+        matrices, theta, weight = self._matrices, self._matrices.theta, self._matrices.weight
         mean = weight * self.velocity + (1.0 - weight) * self.start
-        stays = matrices.theta < 1.0 and self.corrections - self._before > _SETTLED
-        turn(
-            points, matrices.bulk, matrices.nodes, self.state, mean, self.step, matrices.theta, stays
-        )
+        stays = theta < 1.0 and self.corrections - self._before > _SETTLED
+        points, bulk, nodes = self.interactions, matrices.bulk, matrices.nodes
+        turn(points, bulk, nodes, self.state, mean, self.step, theta, stays)
 
     def _follow(self) -> None:
         """Let frames follow the present velocities, and laws their frames."""

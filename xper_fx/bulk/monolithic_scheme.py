@@ -36,7 +36,6 @@ _NEAR = 1e-4
 _GOES_BACK = "the state that was found leads back along the path"
 
 
-
 class PointsOfNodes(NamedTuple):
     """Where points find their velocities: as `xper_fx.bulk.body_inverse`, without w on the bulk."""
 

@@ -24,7 +24,7 @@ n (x) c_alpha - b_alpha (x) n (2D: b), f = F^T r, m = f x d, and e_i the rows of
     db_1 = da_2 / A - b_1 dA / A,   db_2 = -da_1 / A - b_2 dA / A,   A = |a_1 x a_2|,
     dA / A = sum_beta (b_beta x n) . da_beta,   tau = t_1 . a_1 + t_2 . a_2,
 
-where t_1 . a_2 = t_2 . a_1 leaves no spin in dtau. In 2D, with phi the angle of a and dphi = b . da,
+where t_1 . a_2 = t_2 . a_1 leaves no spin in dtau. In 2D, with phi the angle of a, dphi = b . da,
 
     dU = F dd + (U_t, -U_n) dphi,   d(dr . U / dphi) = -(r . U) dphi + (J f) . dd,
     db / da = (t (x) n + n (x) t) / |a|^2.
@@ -196,9 +196,10 @@ def _curvature_in_plane(
     return out
 
 
-def _cross_matrix(a: np.ndarray) -> np.ndarray:
-    """[a] with [a] x = a x x, shape (..., 3, 3)."""
-    return np.cross(a[..., None, :], -np.eye(3))
+def _turned(spins: np.ndarray, a: np.ndarray) -> np.ndarray:
+    """What spins, shape (..., 3, 3), make of vectors a, shape (..., 3): domega x a."""
+    across = np.cross(np.eye(3), a[..., None, :])  # rows e_j x a
+    return np.einsum("...ji,...jk->...ik", across, spins)
 
 
 def _curvature_in_space(
@@ -210,11 +211,11 @@ def _curvature_in_space(
     f, d = np.einsum("pi,pij->pj", r, axes), np.einsum("pi,pij->pj", d, axes)
     m = np.cross(f, d)
     of_spin = _outer(f, d) - np.sum(f * d, axis=1)[:, None, None] * np.eye(3)
-    turned = np.einsum("pji,pajk->paik", _cross_matrix(f), spins)  # domega x f
+    turned = _turned(spins, f[:, None])  # df
     area = np.sum(n * np.cross(b[:, 0], b[:, 1]), axis=1)[:, None, None] * np.eye(3)  # 1 / A
     stretched = np.cross(b, n[:, None])  # dA / A
     drill = np.sum(axes[:, 2] * c[:, 0], axis=1)  # 1 / tau
-    tilted = np.einsum("pji,pajk->paik", _cross_matrix(n), spins)  # dn
+    tilted = _turned(spins, n[:, None])  # dn
     out = np.zeros((count, 9, 9))
     nm, bm = np.sum(n * m, axis=1), np.einsum("pai,pi->pa", b, m)
     for alpha in range(2):
@@ -222,7 +223,7 @@ def _curvature_in_space(
         out[:, :3, rows] = turned[:, alpha]
         out[:, rows, :3] = turned[:, alpha].transpose(0, 2, 1)
         for beta in range(2):
-            dc = np.einsum("pji,pjk->pik", _cross_matrix(c[:, alpha]), spins[:, beta])
+            dc = _turned(spins[:, beta], c[:, alpha])
             dc -= _outer(c[:, alpha], drill[:, None] * axes[:, 1 + beta])
             db = -_outer(b[:, alpha], stretched[:, beta])
             if alpha != beta:
