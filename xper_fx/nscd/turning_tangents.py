@@ -142,8 +142,9 @@ def curvature(group: PointGroup) -> np.ndarray:
 
 
 def _size(turning) -> np.ndarray:
-    """l of each site (m): that of its facet."""
-    return 1.0 / np.abs(turning.gradient).max(axis=(1, 2, 3))
+    """l of each site (m): that of its facet, or any where frames stay (of a wall)."""
+    steepest = np.abs(turning.gradient).max(axis=(1, 2, 3))
+    return 1.0 / np.where(steepest > 0.0, steepest, 1.0)
 
 
 def _axes(turning) -> np.ndarray:
