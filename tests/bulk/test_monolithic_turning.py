@@ -23,14 +23,14 @@ DYNAMIC = {
 }  # fmt: skip
 
 
-def block(dim, count, law, moved):
+def block(dim, count, law, moved, **options):
     """A unit block of simplices, each a body, held on one side and moved on the other (m/s)."""
     kind = "triangle" if dim == 2 else "tetrahedron"
     held, driven = (BOTTOM, TOP) if dim == 2 else (LEFT, RIGHT)
     bodies = box_bodies((1.0,) * dim, (count,) * dim, kind)
     loads = [xf.PrescribedVelocity(held, i, 0.0) for i in range(dim)]
     loads += [xf.PrescribedVelocity(driven, i, v) for i, v in enumerate(moved)]
-    return xf.Scene(bodies, {1: HYPERELASTIC}, loads=loads, default_interaction=law)
+    return xf.Scene(bodies, {1: HYPERELASTIC}, loads=loads, default_interaction=law, **options)
 
 
 def iterating(simulation, size):
@@ -56,7 +56,9 @@ def iterating(simulation, size):
 )
 def test_the_matrix_is_the_derivative_of_what_is_left(dim, law, options):
     """Of the bulk and of open bonds at large strain, that of turning frames and couples, too."""
-    simulation = xf.Simulation(block(dim, 3 - dim + 1, law, (0.0,) * dim), 0.1, **options)
+    pulled = np.eye(dim)[1 if dim == 2 else 0] * 0.3
+    scene = block(dim, 4 - dim, law, pulled, initial_velocity=lambda x: pulled[:, None] * x[:dim])
+    simulation = xf.Simulation(scene, 0.1, **options)
     run(simulation, 1)
     size, random = 0.1, np.random.default_rng(3)
     step = iterating(simulation, size)

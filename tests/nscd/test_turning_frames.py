@@ -17,7 +17,7 @@ from xper_fx.nscd.lips import facet_derivatives
 from xper_fx.nscd.points import frame_from_normal
 from xper_fx.nscd.stepped_points import FacetFlippedError
 from xper_fx.nscd.turning_frames import TurningFrames
-from xper_fx.nscd.turning_tangents import curvature, force_rows, motion_of_lips
+from xper_fx.nscd.turning_tangents import curvature, motion_of_lips, rows_of_jumps
 
 SEGMENT = np.array([[0.3, -0.2], [1.1, 0.7]])
 TRIANGLE = np.array([[0.1, 0.0, 0.2], [1.3, 0.2, -0.1], [0.4, 0.9, 0.5]])
@@ -381,7 +381,7 @@ def test_derivatives_of_forces_and_couples(name, rule):
         slots, q = motion_of_lips(group, 0)
         moved = np.einsum("pym,pm->py", q, along[slots].reshape(len(group), -1))
         total, change = np.zeros_like(forces), np.zeros_like(forces)
-        rows = np.einsum("piy,pi->py", force_rows(group), group.impulse)
+        rows = np.einsum("piy,pi->py", rows_of_jumps(group), group.impulse)
         for to, values in (
             (total, rows),
             (change, np.einsum("pxy,py->px", curvature(group), moved)),

@@ -259,7 +259,7 @@ class CoupledStep:
         from xper_fx.nscd.turning_tangents import springs as that_turn
 
         return [
-            k if g.turning is None else that_turn(g, k, self.step * theta**2, theta)
+            k if g.turning is None else that_turn(g, k, self.step * theta**2)
             for g, k in zip(self._groups, springs, strict=True)
         ]
 
@@ -275,9 +275,7 @@ class CoupledStep:
 
         motion = self._matrices.bulk.macroscopic_motion(self.state.displacement, change)
         return [
-            g.points.relative(slots)
-            if g.turning is None
-            else changes_of_jumps(g, slots, motion, self._matrices.theta)
+            g.points.relative(slots) if g.turning is None else changes_of_jumps(g, slots, motion)
             for g in self._groups
         ]
 

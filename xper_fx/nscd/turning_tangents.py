@@ -6,13 +6,15 @@ a_alpha of the middle of both lips, all of q_m, which are linear in the displace
 
     y = (d, l a_1 (, l a_2)) = Q q,   U(y) = F(a) d,   p = Q^T W^T r,   W = dU/dy:
 
-forces F^T r on the lips and those of their couple together. l is the size of the facet. So springs
-K of a law, dr = g - K du, come with
+forces F^T r on the lips and those of their couple together. l is the size of the facet. A bond's
+impulse hangs on (1 - theta) U0 + theta U1, which is U(y) where a point is of the first kind and
+where theta = 1. So springs K of a law, dr = g - K du, come with du = W Q dv and
 
-    dp = Q^T [W^T dr + h theta^2 M Q dv],   du = Z Q dv,   M = sum_i r_i d^2 U_i / dy^2,
+    dp = Q^T [W^T dr + h theta^2 M Q dv],   M = sum_i r_i d^2 U_i / dy^2,
 
-as dq_m = h theta^2 dv of the velocities at the end of the step; Z tells how much U1 / (h theta)
-changes. With theta = 1 that is W, as U1 = U(y), and what is left is symmetric where K is.
+as dq_m = h theta^2 dv of the velocities at the end of the step; the matrix is symmetric where K is.
+With theta < 1 points of the second kind have more terms, which are smaller by the turn of a step
+and left out.
 
 With the spin domega = sum_alpha Omega_alpha da_alpha of the frame, Omega_alpha =
 n (x) c_alpha - b_alpha (x) n (2D: b), f = F^T r, m = f x d, and e_i the rows of F,
@@ -26,11 +28,8 @@ n (x) c_alpha - b_alpha (x) n (2D: b), f = F^T r, m = f x d, and e_i the rows of
 
 where t_1 . a_2 = t_2 . a_1 leaves no spin in dtau. In 2D, with phi the angle of a, dphi = b . da,
 
-    dU = F dd + (U_t, -U_n) dphi,   d(dr . U / dphi) = -(r . U) dphi + (J f) . dd,
+    dU = F dd + (U_t, -U_n) dphi,   d(r . dU / dphi) = -(r . U) dphi + (J f) . dd,
     db / da = (t (x) n + n (x) t) / |a|^2.
-
-With theta < 1 a point of the first kind has U1 = F_m d1, and the arm theta d1 stands for d in Z;
-of the second kind terms are left out that are smaller by the turn of a step.
 """
 
 from __future__ import annotations
@@ -78,15 +77,14 @@ def motion_of_lips(group: PointGroup, cell: int) -> tuple[np.ndarray, np.ndarray
 
 
 def changes_of_jumps(
-    group: PointGroup, slots: np.ndarray, motion: Sequence[np.ndarray], theta: float
+    group: PointGroup, slots: np.ndarray, motion: Sequence[np.ndarray]
 ) -> np.ndarray:
-    """Z Q dv of the points of a group, shape (n, components), m/s.
+    """W Q dv of the points of a group, shape (n, components), m/s.
 
     Args:
         group: of points that turn.
         slots: change of velocities, shape (num_slots, dim), m/s.
         motion: Fbar of a periodic cell and its rate; without entries where there is none.
-        theta: weight of the end of the step.
     """
     points, turning = group.points, group.turning
     sides = np.einsum("psk,pskd->psd", points.weights, slots[points.nodes])
@@ -95,37 +93,36 @@ def changes_of_jumps(
         along += np.einsum("de,pae->pad", motion[1], turning.tangent)
     along = (_size(turning)[:, None, None] * along)[turning.site]
     moved = np.concatenate([(sides[:, 0] - sides[:, 1])[:, None], along], axis=1)
-    rows = jump_rows(group, theta)
+    rows = rows_of_jumps(group)
     return np.einsum("piy,py->pi", rows, moved.reshape(-1, rows.shape[2]))
 
 
-def force_rows(group: PointGroup) -> np.ndarray:
+def rows_of_jumps(group: PointGroup) -> np.ndarray:
     """W of the points of a group, shape (n, components, dim^2)."""
-    return _rows(group, group.turning.jump)
+    turning, d, dim = group.turning, group.turning.jump, group.sides.dim
+    axes, arms = _axes(turning), turning.arms[turning.site]
+    if dim == 2:
+        turns = np.stack([d[:, 1], -d[:, 0]], axis=1)[..., None] * arms
+    else:
+        levers = np.cross(axes, np.einsum("pi,pij->pj", d, axes)[:, None])
+        turns = np.einsum("pij,pajk->piak", levers, _spins(axes, arms)).reshape(-1, 3, 6)
+    turns /= _size(turning)[turning.site, None, None]
+    turns[turning.kept] = 0.0
+    components = group.impulse.shape[1]
+    frame = group.points.frame[:, :components]
+    return np.concatenate([frame, turns[:, :components]], axis=2)
 
 
-def jump_rows(group: PointGroup, theta: float) -> np.ndarray:
-    """Z of the points of a group, shape (n, components, dim^2)."""
-    d = group.turning.jump
-    if theta < 1.0:
-        start = np.zeros_like(d)
-        start[:, : group.jump.shape[1]] = group.jump
-        start[:, 0] -= group.points.gap
-        d = np.where(group.turning.by_spin[:, None], d, d - (1.0 - theta) * start)
-    return _rows(group, d)
-
-
-def springs(group: PointGroup, stiffness: np.ndarray, reach: float, theta: float) -> np.ndarray:
-    """W^T K Z - h theta^2 M of the points of a group, shape (n, dim^2, dim^2).
+def springs(group: PointGroup, stiffness: np.ndarray, reach: float) -> np.ndarray:
+    """W^T K W - h theta^2 M of the points of a group, shape (n, dim^2, dim^2).
 
     Args:
         group: of points that turn, with their impulses r.
         stiffness: K, shape (n, components, components).
         reach: h theta^2 (s).
-        theta: weight of the end of the step.
     """
-    w, z = force_rows(group), jump_rows(group, theta)
-    return w.transpose(0, 2, 1) @ stiffness @ z - reach * curvature(group)
+    w = rows_of_jumps(group)
+    return w.transpose(0, 2, 1) @ stiffness @ w - reach * curvature(group)
 
 
 def curvature(group: PointGroup) -> np.ndarray:
@@ -159,22 +156,6 @@ def _spins(axes: np.ndarray, arms: np.ndarray) -> np.ndarray:
     """Omega_alpha, shape (n, 2, 3, 3)."""
     n, b, c = axes[:, None, 0], arms[:, :2], arms[:, 2:]
     return n[..., :, None] * c[..., None, :] - b[..., :, None] * n[..., None, :]
-
-
-def _rows(group: PointGroup, d: np.ndarray) -> np.ndarray:
-    """dU/dy for arms d, shape (n, dim), in the frames."""
-    turning, dim = group.turning, group.sides.dim
-    axes, arms = _axes(turning), turning.arms[turning.site]
-    if dim == 2:
-        turns = np.stack([d[:, 1], -d[:, 0]], axis=1)[..., None] * arms
-    else:
-        levers = np.cross(axes, np.einsum("pi,pij->pj", d, axes)[:, None])
-        turns = np.einsum("pij,pajk->piak", levers, _spins(axes, arms)).reshape(-1, 3, 6)
-    turns /= _size(turning)[turning.site, None, None]
-    turns[turning.kept] = 0.0
-    components = group.impulse.shape[1]
-    frame = group.points.frame[:, :components]
-    return np.concatenate([frame, turns[:, :components]], axis=2)
 
 
 def _outer(a: np.ndarray, b: np.ndarray) -> np.ndarray:
