@@ -17,6 +17,7 @@ from xper_fx.nscd.lips import facet_derivatives
 from xper_fx.nscd.points import frame_from_normal
 from xper_fx.nscd.stepped_points import FacetFlippedError
 from xper_fx.nscd.turning_frames import TurningFrames
+from xper_fx.nscd.turning_tangents import curvature, motion_of_lips, rows_of_jumps
 
 SEGMENT = np.array([[0.3, -0.2], [1.1, 0.7]])
 TRIANGLE = np.array([[0.1, 0.0, 0.2], [1.3, 0.2, -0.1], [0.4, 0.9, 0.5]])
@@ -356,3 +357,37 @@ def test_points_that_are_taken_keep_their_lips():
     part = points.take(np.array([2, 0]))
     assert np.array_equal(part.lips.nodes, points.lips.nodes[[2, 0]])
     assert np.array_equal(part.lips.gradient, points.lips.gradient[[2, 0]])
+
+
+@pytest.mark.parametrize("name, rule", RULES)
+def test_derivatives_of_forces_and_couples(name, rule):
+    """As displacements change, for impulses that do not; also of points whose lips have others."""
+    for apart in (False, True):
+        facet = Facet(name, rule)
+        if apart:  # as points of a tie, which lie on no node of the facets that turn them
+            facet.group.points.nodes[:] = facet.group.points.nodes[:, ::-1].copy()
+            facet.layer.groups[0].couplings.start[:] = facet.group.points.nodes * facet.dim
+        u, along, still = facet.random(31, 0.1), facet.random(32, 1.0), 0.0 * facet.both
+
+        def given(x, facet=facet, still=still):
+            facet.turn(x, still)
+            r = np.random.default_rng(33).standard_normal(facet.group.impulse.shape)
+            facet.group.impulse[:] = r
+            return (facet.layer.impulses() + facet.layer.couples())[:-1]
+
+        eps = 1e-6
+        expected = (given(u + eps * along) - given(u - eps * along)) / (2.0 * eps)
+        forces, group = given(u), facet.group
+        slots, q = motion_of_lips(group, 0)
+        moved = np.einsum("pym,pm->py", q, along[slots].reshape(len(group), -1))
+        total, change = np.zeros_like(forces), np.zeros_like(forces)
+        rows = np.einsum("piy,pi->py", rows_of_jumps(group), group.impulse)
+        for to, values in (
+            (total, rows),
+            (change, np.einsum("pxy,py->px", curvature(group), moved)),
+        ):
+            at_nodes = np.einsum("pym,py->pm", q, values).reshape(*slots.shape, facet.dim)
+            np.add.at(to, slots, at_nodes)
+        assert np.abs(total - forces).max() < 1e-13 * np.abs(forces).max()
+        assert np.abs(change - expected).max() < 1e-8 * np.abs(expected).max()
+        assert (slots.shape[1] > 2 * len(facet.x)) == apart

@@ -166,11 +166,15 @@ class _Line:
         self._velocity, self._time = step.velocity, step.loading.time
 
     def go(self, length: float) -> float:
-        """Take the state at a length; the slope of the convex function there."""
+        """Take the state at a length; the slope of the convex function there.
+
+        It is infinite where cells or facets flip.
+        """
         step, along = self._step, self._correction.velocity
         step.move(self._velocity + length * along, self._time + length * self._correction.time)
         step.impulses = step.on_unknowns(step.answers())
-        return -step.dot(along, step.balance())
+        slope = -step.dot(along, step.balance())
+        return slope if np.isfinite(slope) else np.inf
 
     def shorten(self) -> None:
         """Go to a length at which the slope is flat: the whole one, or one within it."""
@@ -181,7 +185,7 @@ class _Line:
             if flat or first >= 0.0:
                 return
             length = low - at_low * (high - low) / (at_high - at_low)
-            if tried % 3 == 2:
+            if tried % 3 == 2 or not np.isfinite(at_high):
                 length = 0.5 * (low + high)
             last = self.go(length)
             if last > 0.0:

@@ -107,23 +107,25 @@ class CoupledMatrices:
         renewals = 0 if interactions is None else interactions.renewals
         if self._system is None or self.bulk.ranks.max(renewals != self._renewals):
             layout, halo = self.bulk.layout, None
-            dofs_of_slots = np.zeros(0, np.int64)
+            dofs_of_slots = gradient = np.zeros(0, np.int64)
             if interactions is not None:
                 dofs_of_slots = np.full(interactions.inverse.num_slots * self.bulk.dim, -1)
                 dofs = layout.dofs(self.nodes)
                 dofs_of_slots[: len(dofs)] = dofs
                 halo = interactions.halo
+                if interactions.turns:
+                    size = self.bulk.num_dofs
+                    gradient = np.arange(size - interactions.size_of_gradient, size)
             prescribed = layout.prescribed
             if self.shared is not None:
                 prescribed, dofs_of_slots = self.shared.prescribed, self.shared.at(dofs_of_slots)
-            own = matrix, prescribed, dofs_of_slots, interactions
+                gradient = self.shared.at(gradient)
+            own = matrix, prescribed, dofs_of_slots, interactions, gradient
             if halo is None:
                 self._system = CoupledSystem(*own)
             else:
                 self._system = halo.coupled_system(*own, self.bulk.num_common)
             self._renewals = renewals
-        elif interactions is not None and interactions.turns:
-            self._system.turn(interactions)
         return self._system
 
     def unstable_ways(self) -> int:

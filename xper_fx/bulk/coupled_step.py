@@ -10,8 +10,10 @@ R being the bulk's momentum balance and S a law's answer. With its springs K and
 
     (A + H K H^T) dv = R + H r + H g,      dr = g - K H^T dv,
 
-A = M + C + h^2 theta^2 dF/dq, by a sparse factorisation (`coupled_system.py`). Nothing is asked of
-A: bodies that only their interactions hold, stiff bonds and no inertia at all are the same to it.
+A = M + C + h^2 theta^2 dF/dq, by a sparse factorisation (`coupled_system.py`). Frames that turn
+follow the bodies in each state: H r has the couples, too, and the springs their derivatives
+(`nscd/turning_tangents.py`). Nothing is asked of A: bodies that only their interactions hold, stiff
+bonds and no inertia at all are the same to it.
 
 Where ranks divide the bodies, vectors are those of a rank's bodies and points, and all ranks do
 everything together; what is left, and how large things are, is told over all of them.
@@ -31,6 +33,7 @@ from xper_fx.bulk.state import State
 from xper_fx.bulk.step_equations import StepEquations
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.point_tangents import PointTangents
+from xper_fx.nscd.stepped_points import FacetFlippedError
 from xper_fx.support.profile import Stopwatch
 
 if TYPE_CHECKING:
@@ -38,6 +41,8 @@ if TYPE_CHECKING:
 
 # Relative rounding of velocities at the ends of a spring.
 _ROUNDING = 4.0 * np.finfo(float).eps
+# Corrections after which points of turning frames stay of the kind that they need once.
+_SETTLED = 4
 # Steps of differences where nothing moves yet, relative to the size of the scene a step.
 _LEAST, _SMALLEST = 1e-16, 1e-20
 
@@ -75,11 +80,11 @@ class CoupledStep:
         velocity: of all unknowns (m/s).
         residual, internal: of the bulk there, without impulses (N s), and its forces (N).
         slots: velocities of the points' nodes.
-        impulses: H r on all unknowns (N s).
+        impulses: H r on all unknowns (N s), with the couples of frames that turn.
         corrections: how many were solved for.
         start: velocities that iterations begin from (m/s).
         turns: whether frames of points turn with the bodies.
-        couples: impulses on all unknowns that come with turning frames (N s), part of `residual`.
+        flipped: what facet is flipped or degenerate in the present state, in words; or empty.
     """
 
     def __init__(
@@ -106,51 +111,56 @@ class CoupledStep:
         self.start = state.velocity if inert else np.zeros_like(state.displacement)
         self._stiffest, self.corrections, self.state = 0.0, 0, state
         self.turns = interactions is not None and interactions.turns
-        self.couples: np.ndarray | float = 0.0
+        self.flipped = ""
         self.restart()
 
     def restart(self) -> None:
         """Go back to where the iterations began; impulses stay as they are."""
         self.velocity, self.slots = self.start.copy(), np.zeros(0)
         self.impulses = np.zeros_like(self.start)
+        self._evolved, self._before = np.zeros(0), self.corrections
         self._ask_bulk()
 
     def _ask_bulk(self) -> None:
         self.residual, self.internal = self._equations.residual(self.velocity)
-        self.residual += self.couples
 
-    def turn(self, velocity: np.ndarray) -> float:
-        """Turn frames of points to where velocities at the end of the step lead.
+    def turn(self) -> None:
+        """Turn frames of points, if they turn, to where the present velocities lead.
 
-        Args:
-            velocity: of all unknowns (m/s).
-
-        Returns:
-            The largest change of a direction (rad); 0 where frames do not turn.
+        Raises:
+            FacetFlippedError: see `Interactions.turn`.
         """
         if not self.turns:
-            return 0.0
+            return
         from xper_fx.bulk.turning import turn
 
-        points, matrices, state = self.interactions, self._matrices, self.state
-        before = [g.points.frame.copy() for g in points.groups]
-        weight = matrices.weight
-        mean = weight * velocity + (1.0 - weight) * self.start
-        turn(points, matrices.bulk, matrices.nodes, state, mean, self.step, matrices.theta)
-        self.take_couples()
-        changes = (
-            np.abs(g.points.frame - old).max(initial=0.0)
-            for g, old in zip(points.groups, before, strict=True)
-        )
-        return self.ranks.max(float(max(changes, default=0.0)))
+        matrices, theta, weight = self._matrices, self._matrices.theta, self._matrices.weight
+        mean = weight * self.velocity + (1.0 - weight) * self.start
+        stays = theta < 1.0 and self.corrections - self._before > _SETTLED
+        points, bulk, nodes = self.interactions, matrices.bulk, matrices.nodes
+        turn(points, bulk, nodes, self.state, mean, self.step, theta, stays)
 
-    def take_couples(self) -> None:
-        """Take the couples of the present impulses, where frames turn."""
-        if self.turns:
-            from xper_fx.bulk.turning import couples_on
+    def _follow(self) -> None:
+        """Let frames follow the present velocities, and laws their frames."""
+        self.flipped = ""
+        try:
+            self.turn()
+        except FacetFlippedError as error:
+            self.flipped = str(error)
+            self.residual = np.full_like(self.residual, np.nan)
+            return
+        for g in self._groups:
+            if g.turning is not None:
+                self.interactions.prepare_group(g)
+        if len(self._evolved):  # internal variables are to be what they were
+            self.interactions.evolve(self._evolved)
 
-            nodes, count = self._matrices.nodes, len(self.velocity)
-            self.couples = couples_on(self.interactions, nodes, count)
+    def evolve(self) -> float:
+        """Let internal variables of laws follow; see `Interactions.evolve`."""
+        if self.interactions is None:
+            return 0.0
+        self._evolved = self.slots
+        return self.interactions.evolve(self.slots)
 
     # Impulses of the points
 
@@ -180,11 +190,15 @@ class CoupledStep:
         return self._tangents.response
 
     def on_unknowns(self, impulses: Sequence[np.ndarray]) -> np.ndarray:
-        """H r of impulses of each group, shape (num_dofs,), N s."""
+        """H r of impulses of each group, with their couples, shape (num_dofs,), N s."""
         out = np.zeros_like(self.velocity)
         if self._tangents is not None:
             slots, nodes = self._tangents.spread(impulses), self._matrices.nodes
             out.reshape(-1, self.interactions.dim)[nodes] = slots[: len(nodes)]
+            if self.turns:
+                from xper_fx.bulk.turning import couples_on
+
+                out += couples_on(self.interactions, nodes, len(out), impulses=impulses)
         return out
 
     # Corrections
@@ -211,7 +225,7 @@ class CoupledStep:
             with watch.phase("point tangents"):
                 self.slots = self._slots(self.velocity)
                 self._tangents.linearise(self.slots, self._least(), proximal)
-                stiffness = self._tangents.stiffness
+                stiffness = self._springs()
                 source = [
                     g.impulse + s for g, s in zip(self._groups, self._tangents.source, strict=True)
                 ]
@@ -226,16 +240,44 @@ class CoupledStep:
                 along = matrices.solve(np.broadcast_to(force, dv.shape), motion)
         if growth is not None:
             now = self._jumps(self.velocity)
-            start, slope = self._moved(dv), self._moved(along)
-            start = [x + y for x, y in zip(now, start, strict=True)]
+            scaled = self.step * matrices.theta
+            start = [x + scaled * du for x, du in zip(now, self._changes(dv), strict=True)]
+            slope = [scaled * du for du in self._changes(along)]
             found = growth.change(now, self._tangents.held, start, slope)
             if found is None or not np.isfinite(found):
                 return None
             change, dv = found, dv + found * along
         if self._tangents is None:
             return Correction(dv, change, [])
-        moved = self._slots(dv).reshape(-1, interactions.dim)
-        return Correction(dv, change, self._tangents.changes(moved))
+        return Correction(dv, change, self._tangents.changes(self._changes(dv)))
+
+    def _springs(self) -> list[np.ndarray]:
+        """K of each group, or what points whose frames turn have in its place."""
+        springs, theta = self._tangents.stiffness, self._matrices.theta
+        if not self.turns:
+            return springs
+        from xper_fx.nscd.turning_tangents import springs as that_turn
+
+        return [
+            k if g.turning is None else that_turn(g, k, self.step * theta**2)
+            for g, k in zip(self._groups, springs, strict=True)
+        ]
+
+    def _changes(self, change: np.ndarray) -> list[np.ndarray]:
+        """Change of the velocities u of each group where those of the unknowns change (m/s).
+
+        Where frames turn it is that of the jumps' rates.
+        """
+        slots = self._slots(change).reshape(-1, self.interactions.dim)
+        if not self.turns:
+            return [g.points.relative(slots) for g in self._groups]
+        from xper_fx.nscd.turning_tangents import changes_of_jumps
+
+        motion = self._matrices.bulk.macroscopic_motion(self.state.displacement, change)
+        return [
+            g.points.relative(slots) if g.turning is None else changes_of_jumps(g, slots, motion)
+            for g in self._groups
+        ]
 
     def move(self, velocity: np.ndarray, time: float) -> None:
         """Take velocities and the time of the loads; the bulk answers."""
@@ -244,6 +286,9 @@ class CoupledStep:
             self.loading.set(time)
         with self._stopwatch.phase("free velocity"):
             self._ask_bulk()
+        if self.turns:
+            with self._stopwatch.phase("interaction terms"):
+                self._follow()
 
     # What is left
 
@@ -316,14 +361,11 @@ class CoupledStep:
     def _jumps(self, velocity: np.ndarray) -> list[np.ndarray]:
         """Jumps of each group at the end of the step for end velocities, m."""
         rest = self.step * (1.0 - self._matrices.theta)
-        moved = self._moved(velocity)
-        return [g.jump + rest * g.velocity + m for g, m in zip(self._groups, moved, strict=True)]
-
-    def _moved(self, velocity: np.ndarray) -> list[np.ndarray]:
-        """h theta H^T v of each group, m."""
         slots = self._slots(velocity).reshape(-1, self.interactions.dim)
         scaled = self.step * self._matrices.theta
-        return [scaled * g.points.relative(slots) for g in self._groups]
+        return [
+            g.jump + rest * g.velocity + scaled * g.points.relative(slots) for g in self._groups
+        ]
 
     def _slots(self, velocity: np.ndarray) -> np.ndarray:
         at_nodes = velocity.reshape(-1, self.interactions.dim)[self._matrices.nodes]

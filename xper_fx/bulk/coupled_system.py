@@ -35,6 +35,7 @@ class CoupledSystem:
         dofs_of_slots: shape (num_slots * dim,), the unknown that each entry of the points'
             velocities is, -1 for the ground's.
         interactions: the points, None without any.
+        gradient: shape (dim^2,), the unknowns of Fbar, with which lips of points turn; or none.
     """
 
     def __init__(
@@ -43,11 +44,12 @@ class CoupledSystem:
         prescribed: np.ndarray,
         dofs_of_slots: np.ndarray,
         interactions: Interactions | None,
+        gradient: np.ndarray,
     ):
         self._size, self._own = len(prescribed), bulk.shape[0]
         self._free = ~prescribed
         groups = [] if interactions is None else interactions.groups
-        self._springs = [_at_dofs(g, dofs_of_slots) for g in groups]
+        self._springs = [_at_dofs(g, dofs_of_slots, gradient) for g in groups]
         keys = [np.repeat(np.arange(self._own), np.diff(bulk.indptr)) * self._size + bulk.indices]
         for dofs, _ in self._springs:
             pairs = dofs[:, :, None] * self._size + dofs[:, None, :]
@@ -65,19 +67,13 @@ class CoupledSystem:
         self._data = self._factorised = np.zeros(0)
         self._used: SparseDirect | None = None
 
-    def turn(self, interactions: Interactions) -> None:
-        """Take the frames that points have now."""
-        self._springs = [
-            (dofs, _relative(g))
-            for (dofs, _), g in zip(self._springs, interactions.groups, strict=True)
-        ]
-
     def take(self, bulk: sp.csr_array, stiffness: Sequence[np.ndarray]) -> None:
         """Take the values; factorise them unless they are those of the last time.
 
         Args:
             bulk: A, of the pattern given.
-            stiffness: K of each group, shape (n, components, components).
+            stiffness: K of each group, shape (n, components, components), or what points that turn
+                have in its place (`nscd/turning_tangents.py`).
 
         Raises:
             SingularMatrixError: they cannot be factorised.
@@ -167,12 +163,25 @@ class CoupledSystem:
         )
 
 
-def _at_dofs(group: PointGroup, dofs_of_slots: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Unknowns at each point of a group, (n, 2 k dim), and H^T there, (n, components, 2 k dim)."""
+def _at_dofs(
+    group: PointGroup, dofs_of_slots: np.ndarray, gradient: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Unknowns at each point of a group, shape (n, m), and H^T there, (n, components, m).
+
+    Of points that turn it is Q, (n, dim^2, m).
+    """
     points, dim = group.points, group.sides.dim
-    entries = 2 * points.nodes.shape[2] * dim
-    slots = points.nodes[..., None].astype(np.int64) * dim + np.arange(dim)
-    return dofs_of_slots[slots].reshape(-1, entries), _relative(group)
+    if group.turning is None:
+        nodes, relative = points.nodes.reshape(-1, 2 * points.nodes.shape[2]), _relative(group)
+    else:
+        from xper_fx.nscd.turning_tangents import motion_of_lips
+
+        nodes, relative = motion_of_lips(group, len(gradient))
+    slots = nodes[..., None].astype(np.int64) * dim + np.arange(dim)
+    dofs = dofs_of_slots[slots].reshape(-1, nodes.shape[1] * dim)
+    if group.turning is not None:
+        dofs = np.concatenate([dofs, np.tile(gradient, (len(group), 1))], axis=1)
+    return dofs, relative
 
 
 def _relative(group: PointGroup) -> np.ndarray:

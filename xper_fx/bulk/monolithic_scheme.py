@@ -7,7 +7,6 @@ from the contacts that `augmented_lagrangian.py` finds.
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -24,7 +23,6 @@ from xper_fx.bulk.step_equations import StepEquations
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.inverse_blocks import BodyInverse
 from xper_fx.nscd.solvers.solver import SolveOptions, Solver
-from xper_fx.nscd.stepped_points import FacetFlippedError
 from xper_fx.support.profile import Stopwatch
 
 if TYPE_CHECKING:
@@ -32,19 +30,10 @@ if TYPE_CHECKING:
     from xper_fx.nscd.growth import GrowthLimit
 
 
-# How often frames follow the bodies in a step, and change of a direction (rad) that is none.
-_TURNS, _TURNED = 20, 1e-6
-# What may be left beside what is asked where the iteration goes in circles while frames follow.
-_CIRCLES = 100.0
-# What may be left before frames follow for the first time, and what of it before the next ones.
-_FIRST, _LESS = 1e-3, 1e-3
 # How well contacts are found before Newton's method goes on, beside the largest nodal impulse.
 _NEAR = 1e-4
 # What may fail beside Newton's method.
 _GOES_BACK = "the state that was found leads back along the path"
-_STILL_TURNS = f"the frames of bonds have not settled after {_TURNS} rounds"
-
-logger = logging.getLogger(__name__)
 
 
 class PointsOfNodes(NamedTuple):
@@ -189,19 +178,17 @@ class MonolithicScheme:
         )
         newton = SemismoothNewton(coupled)
 
-        def begin() -> None:
+        def begin(guess: tuple[float, np.ndarray] | None = guess) -> None:
             if interactions is not None:
                 with watch.phase("interaction terms"):
-                    try:
-                        coupled.turn(coupled.start if guess is None else guess[1])
-                    except FacetFlippedError:  # the guess leads too far
-                        coupled.turn(coupled.start)
+                    coupled.velocity = coupled.start
+                    coupled.turn()
                     interactions.begin_step(step, self.theta)
-                    # those of impulses that an attempt before has left may be astray
-                    coupled.take_couples()
             coupled.restart()
             if guess is not None:
                 newton.start_from(*guess)
+                if coupled.flipped:  # it leads too far
+                    begin(None)
 
         begin()
         converged = self._solve(coupled, newton)
@@ -211,7 +198,7 @@ class MonolithicScheme:
                 converged = self._go_on(coupled, newton, begin)
             else:
                 converged = self._from_contacts(coupled, newton, begin, begins)
-        velocity, impulses = coupled.velocity, coupled.impulses + coupled.couples
+        velocity, impulses = coupled.velocity, coupled.impulses
         reactions = reactions_on(
             bulk.layout, lambda d: -(coupled.residual[d] + coupled.impulses[d])
         )
@@ -264,29 +251,10 @@ class MonolithicScheme:
         return self._solve(coupled, newton)
 
     def _solve(self, coupled: CoupledStep, newton: SemismoothNewton) -> bool:
-        """Whether the step was solved, with frames that turn as its bodies do.
-
-        Each time that frames have followed the bodies what is left is less, and asked to be less.
-        """
-        asked = max(self._tolerance, _FIRST) if coupled.turns else self._tolerance
-        for _ in range(_TURNS):
-            found = newton.run(asked, self._max_newton)
-            if not found and not (coupled.turns and newton.left <= _CIRCLES * asked):
-                return False
-            try:
-                turned = coupled.turn(coupled.velocity)
-            except FacetFlippedError as error:
-                newton.failure = str(error)
-                logger.info("%s", error)
-                return False
-            if turned <= _TURNED and asked <= self._tolerance:
-                newton.failure = "" if coupled.goes_on else _GOES_BACK
-                return not newton.failure
-            asked = max(self._tolerance, _LESS * asked)
-            coupled.interactions.prepare()
-            coupled.move(coupled.velocity, coupled.loading.time)
-        newton.failure = _STILL_TURNS
-        return False
+        """Whether the step was solved."""
+        if newton.run(self._tolerance, self._max_newton) and not coupled.goes_on:
+            newton.failure = _GOES_BACK
+        return not newton.failure
 
     def unstable_ways(self) -> int:
         """As of `CoupledMatrices`."""

@@ -41,6 +41,10 @@ _AGAIN = 0.1
 # Iterations after which more may be left, and how much beside the tolerance: bonds that flip
 # between loading and unloading may go round in circles too small to matter.
 _PATIENCE, _ROUND = 7, 100.0
+# What may be left, relative, when internal variables of turning points follow for the first time.
+_NEAR = 1e-3
+# How many times as many iterations there may be where each changes these variables.
+_LONGEST = 3
 # Iterations within which what is left has to become less than a share of the least before.
 _STALLED, _PROGRESS = 6, 0.7
 # Relative error of the growth that a step is asked for.
@@ -87,7 +91,9 @@ class SemismoothNewton:
     def _iterate(self, tolerance: float, most: int) -> str:
         """What failed, empty if nothing has; see `run`."""
         step, history, small = self._step, [], False
-        for count in range(1, most + 1):
+        count, last = 0, most
+        while count < last:
+            count += 1
             try:
                 correction = step.correction(_PROXIMAL)
             except SingularMatrixError:
@@ -108,7 +114,7 @@ class SemismoothNewton:
                 self._go(start, correction, best[1])
             history.append(best[0])
             if not np.isfinite(best[0]):
-                return _NOT_FINITE
+                return step.flipped or _NOT_FINITE
             reference, floor = step.size(), step.rounding()
             self.left = self._most / reference if reference > 0.0 else 0.0
             logger.debug(
@@ -122,14 +128,18 @@ class SemismoothNewton:
             allowed = tolerance * (1.0 if count <= _PATIENCE else _ROUND)
             small = self._most <= max(allowed * reference, floor) or reference <= step.noise()
             if small and best[1] == 1.0 and abs(step.growth_left()) <= _GROWN:
-                if step.interactions is None or step.interactions.evolve(step.slots) <= tolerance:
+                if step.evolve() <= tolerance:
                     return ""
                 history.clear()
+            elif step.turns and best[1] == 1.0 and self._most <= _NEAR * reference:
+                if step.evolve() > tolerance:
+                    history.clear()
+                    last = min(last + 1, _LONGEST * most)
             elif best[0] > _ASTRAY * reference:
                 return _NOT_FINITE
             elif _stalls(history):
                 return self._short(small) or _STUCK
-        return self._short(small) or _SLOW.format(most)
+        return self._short(small) or _SLOW.format(last)
 
     def _short(self, small: bool) -> str:
         """What is wrong with the growth where little is left."""
@@ -171,7 +181,8 @@ class SemismoothNewton:
             apart += float(np.vdot(answer - own, answer - own))
             most = max(most, float(np.abs(answer - own).max(initial=0.0)))
         self._most = step.ranks.max(most)
-        return float(np.sqrt(step.ranks.sum(apart) + total))
+        left = float(np.sqrt(step.ranks.sum(apart) + total))
+        return left if np.isfinite(left) else np.inf
 
 
 def _to_and_fro(history: list[float], merit: float) -> bool:

@@ -6,6 +6,8 @@ See `nscd/turning_frames.py` for the equations.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from xper_fx.bulk.bulk import Bulk
@@ -21,6 +23,7 @@ def turn(
     mean: np.ndarray,
     step: float,
     theta: float,
+    stays: bool = False,
 ) -> None:
     """Turn frames to where a step looks, q0 + h theta v_theta.
 
@@ -32,6 +35,7 @@ def turn(
         mean: v_theta as far as it is known, shape (num_dofs,), m/s.
         step: h (s).
         theta: weight of the end of the step.
+        stays: see `Interactions.turn`.
 
     Raises:
         FacetFlippedError: see `Interactions.turn`.
@@ -46,17 +50,21 @@ def turn(
     motion = interactions.lip_motion(
         values[0], values[1], values[-1], *bulk.macroscopic_motion(state.displacement, mean)
     )
-    interactions.turn(motion, step, theta)
+    interactions.turn(motion, step, theta, stays)
 
 
 def couples_on(
-    interactions: Interactions, nodes: np.ndarray, num_dofs: int, of_gaps: bool = False
+    interactions: Interactions,
+    nodes: np.ndarray,
+    num_dofs: int,
+    of_gaps: bool = False,
+    impulses: Sequence[np.ndarray] | None = None,
 ) -> np.ndarray:
     """Impulses of the couples on all dofs, shape (num_dofs,), N s; see `Interactions.couples`.
 
     Those of Fbar, column after column, come last.
     """
-    out = on_nodes(interactions.couples(of_gaps), nodes, num_dofs)
+    out = on_nodes(interactions.couples(of_gaps, impulses), nodes, num_dofs)
     of_cell = interactions.couples_of_cell()
     if of_cell.size:
         out[-of_cell.size :] = of_cell.T.ravel()

@@ -132,6 +132,7 @@ class PointHalo(AnyHalo, Protocol):
         prescribed: np.ndarray,
         dofs_of_slots: np.ndarray,
         interactions: Any,
+        gradient: np.ndarray,
         num_common: int,
     ) -> Any:
         """Bulk and points of all ranks as one matrix (`bulk/coupled_system.py`)."""

@@ -17,6 +17,7 @@ and impulses that are yet to be found weigh alike.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cache
 
 import numpy as np
@@ -176,16 +177,15 @@ class PointTangents:
         for g, response in zip(self._interactions.groups, self.response, strict=True):
             _response_kernel(g.kernels, g.sides)(velocity, g.couplings, g.law_arrays(), response)
 
-    def changes(self, moved: np.ndarray) -> list[np.ndarray]:
-        """dr of each group, shape (n, components) (N s), where the nodes' velocities change.
+    def changes(self, relative: Sequence[np.ndarray]) -> list[np.ndarray]:
+        """dr of each group, shape (n, components) (N s).
 
         Args:
-            moved: shape (num_slots, dim), change of the velocities (m/s).
+            relative: of each group, shape (n, components), change of its velocities u (m/s).
         """
-        groups = self._interactions.groups
         return [
-            g_source - np.einsum("pij,pj->pi", k, g.points.relative(moved))
-            for g, k, g_source in zip(groups, self.stiffness, self.source, strict=True)
+            source - np.einsum("pij,pj->pi", k, du)
+            for k, source, du in zip(self.stiffness, self.source, relative, strict=True)
         ]
 
     def spread(self, local: list[np.ndarray]) -> np.ndarray:

@@ -8,6 +8,7 @@ Until `commit` nothing of the past is lost: a step may begin again with another 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -130,13 +131,15 @@ class SteppedPoints(PointValues):
         """The rolling points of contacts that were found (`laws/rolling.py`)."""
         return self._found.rolling
 
-    def turn(self, motion: LipMotion, step: float, theta: float) -> None:
+    def turn(self, motion: LipMotion, step: float, theta: float, stays: bool = False) -> None:
         """Turn frames with their lips, before `begin_step` or `prepare`.
 
         Args:
             motion: of the slots.
             step: h (s).
             theta: weight of the end of the step.
+            stays: whether points that were of the second kind (`turning_frames.py`) when frames
+                were last turned stay so.
 
         Raises:
             FacetFlippedError: a facet has no normal any more, or the opposite one.
@@ -149,7 +152,7 @@ class SteppedPoints(PointValues):
         for g in self._permanent.groups:
             if g.turning is None:
                 continue
-            wrong = self.turn_group(g)
+            wrong = self.turn_group(g, stays)
             if wrong >= 0:
                 flipped = 1 + int(self.numbers[g.indices[wrong]])
             elif self.fused is not None:  # its vertices know compliances
@@ -161,7 +164,7 @@ class SteppedPoints(PointValues):
         if flipped := int(self.largest(flipped)):
             raise FacetFlippedError(flipped - 1)
 
-    def turn_group(self, g: PointGroup) -> int:
+    def turn_group(self, g: PointGroup, stays: bool = False) -> int:
         """As `turn`, of one group; returns the place of a point whose facet flips, or -1."""
         from xper_fx.nscd.turning_frames import site_loop, turn_loop
 
@@ -172,7 +175,7 @@ class SteppedPoints(PointValues):
         first = in_ranges(
             turn_loop(g.sides, width), len(g), new, g.couplings, g.points.gap, g.points.area,
             g.turning, self._motion, reach, _share_of_spin(self.theta), g.kernels.no_jump, g.state,
-            _damage(g.kernels), g.committed_impulse, g.compliance, g.jump, g.velocity,
+            _damage(g.kernels), g.committed_impulse, g.compliance, g.jump, g.velocity, stays,
         )  # fmt: skip
         if self.fused is not None or self._permanent.uneven is None:
             g.show_frames()
@@ -197,22 +200,32 @@ class SteppedPoints(PointValues):
         work = work_of_couples(self._couples, self._motion.velocity, velocity, self.theta)
         return work + float(np.vdot(self._of_cell, self._motion.rate))
 
-    def couples(self, of_gaps: bool = False) -> np.ndarray:
+    @property
+    def size_of_gradient(self) -> int:
+        """Entries of Fbar of a periodic cell with which lips turn; 0 without one."""
+        return self._motion.rate.size
+
+    def couples(
+        self, of_gaps: bool = False, impulses: Sequence[np.ndarray] | None = None
+    ) -> np.ndarray:
         """Impulses on the nodes of the couples that come with turning frames, (num_slots, dim).
 
         `of_cell` then has those on the rate of Fbar.
 
         Args:
             of_gaps: whether bonds that leave no jump count, with what the tolerance leaves of it.
+            impulses: of each group; those that the points have if not given.
         """
         from xper_fx.nscd.turning_frames import couple_loop
 
+        given = [g.impulse for g in self.groups] if impulses is None else impulses
+
         total = np.zeros((self.inverse.num_slots, self.dim))
         self._of_cell = np.zeros_like(self._motion.rate)
-        for g in self._permanent.groups:
+        for g, r in zip(self._permanent.groups, given, strict=False):
             if g.turning is not None and (of_gaps or not g.kernels.no_jump):
                 add_couples = couple_loop(g.sides, g.turning.width)
-                add_couples(total.reshape(-1), self._of_cell, g.turning, g.impulse)
+                add_couples(total.reshape(-1), self._of_cell, g.turning, r)
         alone = self.halo is None and self.fused is None  # else they are given on
         self._couples = total.reshape(-1) if alone else total.reshape(-1).copy()
         if self.halo is not None:

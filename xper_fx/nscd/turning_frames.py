@@ -310,7 +310,9 @@ def turn_loop(sides: Sides, width: int):
 
     That is frames, jumps and velocities. Facets have `width` nodes, `pressed` are the impulses of
     the last step, of which a solver may leave rounding where lips are open. Sites from `new` on are
-    found on the way. It returns the first point whose facet flips, or -1.
+    found on the way. Points of the second kind `stays` so if that is said: iterations on which
+    a point takes turns between the kinds would not end. It returns the first point whose facet
+    flips, or -1.
     """
     dim, components = sides[:2]
     own, world = for_dimension(dim, components), for_dimension(dim)
@@ -336,7 +338,7 @@ def turn_loop(sides: Sides, width: int):
     @njit(nogil=True, fastmath={"contract"}, **LEAN_ENTRY)
     def turn_range(
         first, last, new, c, gap, area, turning, motion, reach, inverse, no_jump, state, damage,
-        pressed, compliance, jump, velocity,
+        pressed, compliance, jump, velocity, stays,
     ):  # fmt: skip
         known = first
         for number in range(first, last):
@@ -380,6 +382,7 @@ def turn_loop(sides: Sides, width: int):
             if not closed and pressed[i, 0] > 0.0:
                 given = pressed[i, 0] * compliance[i, 0]
                 closed = given * given > _ALIKE * _ALIKE * dot_world(rate0, rate0)
+            closed = closed or (stays and turning.by_spin[i])
             by_spin = not no_jump and (closed or not turning.isotropic[i])
             turning.by_spin[i] = by_spin
             # no branch, which could not be foretold

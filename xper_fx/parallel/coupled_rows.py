@@ -25,6 +25,7 @@ class SharedCoupledSystem(CoupledSystem):
         prescribed: shape (num_dofs,), bool, of this rank's dofs.
         dofs_of_slots: as of `CoupledSystem`, -1 for ghosts, too.
         interactions: this rank's points, with a halo.
+        gradient: as of `CoupledSystem`.
         num_common: how many of the last dofs all ranks have (`Bulk.num_common`).
     """
 
@@ -34,6 +35,7 @@ class SharedCoupledSystem(CoupledSystem):
         prescribed: np.ndarray,
         dofs_of_slots: np.ndarray,
         interactions: Interactions,
+        gradient: np.ndarray,
         num_common: int,
     ):
         halo, own, dim = interactions.halo, bulk.shape[0], interactions.dim
@@ -43,7 +45,7 @@ class SharedCoupledSystem(CoupledSystem):
         dofs_of_slots = dofs_of_slots.copy()
         dofs_of_slots[self._ghosts] = own + np.arange(last - first)
         held = self._with_ghosts(prescribed.astype(float)) > 0.0
-        super().__init__(bulk, held, dofs_of_slots, interactions)
+        super().__init__(bulk, held, dofs_of_slots, interactions, gradient)
 
         self._common = slice(own - num_common, own)
         have = own if self._ranks.rank == 0 else own - num_common

@@ -241,12 +241,15 @@ class Halo:
         prescribed: np.ndarray,
         dofs_of_slots: np.ndarray,
         interactions: Interactions,
+        gradient: np.ndarray,
         num_common: int,
     ) -> SharedCoupledSystem:
         """Bulk and points of all ranks as one matrix, as `CoupledSystem`; they make it together."""
         from xper_fx.parallel.coupled_rows import SharedCoupledSystem
 
-        return SharedCoupledSystem(bulk, prescribed, dofs_of_slots, interactions, num_common)
+        return SharedCoupledSystem(
+            bulk, prescribed, dofs_of_slots, interactions, gradient, num_common
+        )
 
     def with_ghosts(self, inverse: BodyInverse) -> BodyInverse:
         """Blocks of w of this rank and of its ghosts, as their owners have them now."""
