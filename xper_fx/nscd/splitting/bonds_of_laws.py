@@ -9,7 +9,7 @@ import numpy as np
 
 from xper_fx.cache import njit
 from xper_fx.nscd.algebra.small import for_dimension
-from xper_fx.nscd.kernel_options import LEAN_INNER
+from xper_fx.nscd.kernel_options import LEAN_INNER, MERGED
 from xper_fx.nscd.laws.law import LawKernels
 from xper_fx.nscd.splitting.holding import local_flow
 
@@ -62,7 +62,7 @@ def _law_kernels(law: LawKernels, dim: int):
         world_set(work.v, c, world_add(world_row(work.v, c), weigh(work.w, c, p)))
         world_set(work.v, a, world_subtract(world_row(work.v, a), weigh(work.w, a, p)))
 
-    @njit(**LEAN_INNER)
+    @njit(**MERGED)
     def begin(b, g, work, group, rows, step, arrays, group_of):
         """Compliances and constants of active bonds; their impulses act."""
         frame, impulse, compliance, area, jump, velocity, parameters, state, terms, details = arrays
@@ -100,7 +100,7 @@ def _law_kernels(law: LawKernels, dim: int):
         stop = _SMALL * np.sqrt(dot(u, u)) / w if w > 0.0 else 0.0
         return max(np.sqrt(dot(r, r)), stop)
 
-    @njit(**LEAN_INNER)
+    @njit(**MERGED)
     def sweep(b, g, work, group, rows, count, arrays, group_of):
         """Visit active bonds; returns the largest change and the largest impulse."""
         frame, impulse, compliance, area, jump, velocity, parameters, state, terms, details = arrays
@@ -121,7 +121,7 @@ def _law_kernels(law: LawKernels, dim: int):
                 insist(i, u, count > _SETTLES, parameters, terms, details)
         return worst, big
 
-    @njit(**LEAN_INNER)
+    @njit(**MERGED)
     def settle(b, g, work, group, rows, arrays, group_of):
         """Internal variables of active bonds follow; returns the largest relative change."""
         largest = 0.0
@@ -172,7 +172,7 @@ def _law_kernels(law: LawKernels, dim: int):
                 set_row(impulse, i, add(row(impulse, i), change))
                 push(q, g, work, to_global(frame, i, change))
 
-    @njit(**LEAN_INNER)
+    @njit(**MERGED)
     def give(b, g, work, group, rows, arrays, group_of, factor):
         """Add to the source of each corner what active bonds give it, times a factor."""
         frame, impulse, corners = arrays[0], arrays[1], work.source
@@ -184,7 +184,7 @@ def _law_kernels(law: LawKernels, dim: int):
                 world_set(corners, c, world_add(world_row(corners, c), p))
                 world_set(corners, a, world_subtract(world_row(corners, a), p))
 
-    @njit(**LEAN_INNER)
+    @njit(**MERGED)
     def all_bear(b, g, work, group, rows, step, parameters, group_of):
         """Whether fused bonds bear their flows; `rows` are those of `parameters`."""
         if rigid:
@@ -196,7 +196,7 @@ def _law_kernels(law: LawKernels, dim: int):
                         return False
         return True
 
-    @njit(**LEAN_INNER)
+    @njit(**MERGED)
     def find_fused(b, g, work, group, rows, arrays, group_of):
         """Bonds that have never opened are fused."""
         first = g.bond_offsets[b]

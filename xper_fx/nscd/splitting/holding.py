@@ -12,6 +12,11 @@ the vertex with these sources. The set-valued law asks for one whose tractions a
   the length L = sum_c |s_c|, taken from where one likes. Two of its points, A and B, halve it, and
   each point P has |P - (A + B) / 2| <= (|P - A| + |P - B|) / 2 <= L / 4. The sum is at most the
   root of k sum_c |s_c|^2 for k corners.
+- The least flow below is no larger than sum_c |s_c| / 2 either: along any direction n it is that
+  of the sources n . s_c, whose sum of sizes is no larger; sources and sinks can be paired, and what
+  one unit from a source to a sink puts on any resistor is one at most. Where corners are driven,
+  to which all of a source may go, sum_c |s_c| bounds it. The bonds of a cracked vertex are not
+  asked one by one if the weakest of them bears that.
 - The flow along a tree of shortest ways from one corner, with what it takes to make the sum of
   (p_f / l_f)^2 along each ring as small as can be, l_f the weakest impulse of each bond, costs some
   ten operations a bond; if all |p_f| <= l_f, the vertex holds. In the plane it is the next one.

@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 
 from xper_fx.cache import njit
-from xper_fx.nscd.kernel_options import LEAN_ENTRY, LEAN_INNER
+from xper_fx.nscd.kernel_options import LEAN_ENTRY, LEAN_INNER, MERGED
 from xper_fx.nscd.laws.law import LawKernels
 from xper_fx.nscd.splitting.bonds_of_laws import kernels_of_laws
 from xper_fx.nscd.splitting.vertex_kernels import vertex_kernels
@@ -95,7 +95,7 @@ def split_kernel(laws: tuple[LawKernels, ...], dim: int):
             worst = left
         return worst
 
-    @njit(**LEAN_INNER)
+    @njit(**MERGED)
     def iterate(b, g, work, rows, tolerance, groups, group_of):
         """Solve the active bonds; returns sweeps and the relative change of the last one."""
         count, batch, stage, error = 0, _FIRST, 0, np.inf
@@ -126,16 +126,26 @@ def split_kernel(laws: tuple[LawKernels, ...], dim: int):
             return 0, 0.0
         return iterate(b, g, work, rows, tolerance, groups, group_of)
 
-    @njit(**LEAN_INNER)
+    @njit(**MERGED)
     def holds(b, g, work, rows, step, tables, groups, group_of):
         """Whether fused bonds bear what they transmit."""
         k = g.corner_offsets[b + 1] - g.corner_offsets[b]
         sources(b, k, g, work)
         give(b, g, work, 0, rows, groups, group_of, -1.0)
+        total, share, weakest = 0.0, 0.5, np.inf
         for c in range(k):
+            squared = 0.0
             for d in range(dim):
                 if work.driven[c, d]:
-                    work.source[c, d] = 0.0
+                    work.source[c, d], share = 0.0, 1.0
+                squared += work.source[c, d] ** 2
+            total += np.sqrt(squared)
+        first = g.bond_offsets[b]
+        for q in range(first, g.bond_offsets[b + 1]):
+            if work.fused[q - first]:
+                weakest = min(weakest, g.least[q])
+        if share * total <= step * weakest:
+            return True  # so are the least flows, see `holding.py`
         least_flow(b, k, g, work)
         return bear(b, g, work, 0, rows, step, tables, group_of)
 
@@ -147,7 +157,7 @@ def split_kernel(laws: tuple[LawKernels, ...], dim: int):
             if g.least[q] > 0.0 and work.cluster[g.sides[q, 0]] == work.cluster[g.sides[q, 1]]:
                 work.fused[q - first] = True
 
-    @njit(**LEAN_INNER)
+    @njit(**MERGED)
     def solve_vertex(b, v, step, tolerance, g, work, rows, tables, groups, group_of):
         """Returns corners, sweeps, error."""
         k, bonds = gather(b, v, g, work), g.bond_offsets[b + 1] - g.bond_offsets[b]

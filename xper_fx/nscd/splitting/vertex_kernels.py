@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from xper_fx.cache import njit
-from xper_fx.nscd.kernel_options import LEAN_INNER
+from xper_fx.nscd.kernel_options import LEAN_INNER, MERGED
 from xper_fx.nscd.splitting.holding import flow_kernel
 from xper_fx.nscd.splitting.vertex_graphs import VertexGraphs
 
@@ -74,7 +74,7 @@ def vertex_kernels(dim: int):
     """What is done at a vertex whatever its laws are."""
     flow = flow_kernel(dim)
 
-    @njit(**LEAN_INNER)
+    @njit(**MERGED)
     def gather(b, v, g, work):
         """Free velocities of the corners; returns how many there are."""
         first = g.corner_offsets[b]
@@ -86,7 +86,7 @@ def vertex_kernels(dim: int):
                 work.driven[c, d] = g.compliance[slot, d] == 0.0
         return k
 
-    @njit(**LEAN_INNER)
+    @njit(**MERGED)
     def partition(b, k, g, work):
         """Clusters of corners that fused bonds join; returns how many there are."""
         cluster = work.cluster
@@ -104,7 +104,7 @@ def vertex_kernels(dim: int):
                             cluster[c] = low
         return count
 
-    @njit(**LEAN_INNER)
+    @njit(**MERGED)
     def activate(b, g, work, group_of):
         """Bonds that have not retired act between clusters; returns how many do."""
         first, count = g.bond_offsets[b], 0
@@ -115,7 +115,7 @@ def vertex_kernels(dim: int):
             count += acts
         return count
 
-    @njit(**LEAN_INNER)
+    @njit(**MERGED)
     def form(b, k, g, work):
         """Compliance and free velocity of the clusters."""
         first = g.corner_offsets[b]
@@ -146,7 +146,7 @@ def vertex_kernels(dim: int):
         form(b, k, g, work)
         return k
 
-    @njit(**LEAN_INNER)
+    @njit(**MERGED)
     def sources(b, k, g, work):
         """Impulses that bonds give each corner; returns half their sum, or all if one is driven."""
         first = g.corner_offsets[b]
@@ -163,7 +163,7 @@ def vertex_kernels(dim: int):
             total += np.sqrt(squared)
         return share * total
 
-    @njit(**LEAN_INNER)
+    @njit(**MERGED)
     def put(b, k, ground, v, impulses, g, work, external):
         """Velocities and impulses of the corners; `external` has those of other clusters."""
         first = g.corner_offsets[b]
