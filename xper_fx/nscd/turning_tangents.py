@@ -105,7 +105,7 @@ def rows_of_jumps(group: PointGroup) -> np.ndarray:
         turns = np.stack([d[:, 1], -d[:, 0]], axis=1)[..., None] * arms
     else:
         levers = np.cross(axes, np.einsum("pi,pij->pj", d, axes)[:, None])
-        turns = np.einsum("pij,pajk->piak", levers, _spins(axes, arms)).reshape(-1, 3, 6)
+        turns = (levers[:, None] @ _spins(axes, arms)).transpose(0, 2, 1, 3).reshape(-1, 3, 6)
     turns /= _size(turning)[turning.site, None, None]
     turns[turning.kept] = 0.0
     components = group.impulse.shape[1]
@@ -181,7 +181,7 @@ def _curvature_in_plane(
 def _turned(spins: np.ndarray, a: np.ndarray) -> np.ndarray:
     """What spins, shape (..., 3, 3), make of vectors a, shape (..., 3): domega x a."""
     across = np.cross(np.eye(3), a[..., None, :])  # rows e_j x a
-    return np.einsum("...ji,...jk->...ik", across, spins)
+    return np.swapaxes(across, -1, -2) @ spins
 
 
 def _curvature_in_space(
@@ -210,9 +210,7 @@ def _curvature_in_space(
             db = -_outer(b[:, alpha], stretched[:, beta])
             if alpha != beta:
                 db += area if alpha == 0 else -area
-            block = np.einsum(
-                "pji,pjk,pkl->pil", spins[:, alpha], of_spin, spins[:, beta], optimize=True
-            )
+            block = spins[:, alpha].transpose(0, 2, 1) @ of_spin @ spins[:, beta]
             block += nm[:, None, None] * dc
             block += _outer(c[:, alpha], np.einsum("pi,pij->pj", m, tilted[:, beta]))
             block -= bm[:, alpha, None, None] * tilted[:, beta]
