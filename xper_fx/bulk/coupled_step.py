@@ -139,6 +139,8 @@ class CoupledStep:
         stays = theta < 1.0 and self.corrections - self._before > _SETTLED
         points, bulk, nodes = self.interactions, matrices.bulk, matrices.nodes
         turn(points, bulk, nodes, self.state, mean, self.step, theta, stays)
+        if points.fused is not None:
+            points.turn_compliances()
 
     def _follow(self) -> None:
         """Let frames follow the present velocities, and laws their frames."""

@@ -164,6 +164,12 @@ class SteppedPoints(PointValues):
         if flipped := int(self.largest(flipped)):
             raise FacetFlippedError(flipped - 1)
 
+    def turn_compliances(self) -> None:
+        """Take W_aa in the frames that points now have, for solvers beside those of vertices."""
+        for g in self._permanent.groups:
+            if g.turning is not None:
+                update_compliance(g, self.inverse)
+
     def turn_group(self, g: PointGroup, stays: bool = False) -> int:
         """As `turn`, of one group; returns the place of a point whose facet flips, or -1."""
         from xper_fx.nscd.turning_frames import site_loop, turn_loop
