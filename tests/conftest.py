@@ -98,8 +98,10 @@ def pytest_runtest_setup(item):
 def given_back():
     """What a file has built goes with it: simulations are cycles, figures are kept by pyplot.
 
-    What compiling took goes back to the system as far as glibc can tell.
+    What there is before it is not looked at again, libraries and kernels for the most part. What
+    compiling took goes back to the system as far as glibc can tell.
     """
+    gc.freeze()
     yield
     if "matplotlib.pyplot" in sys.modules:
         sys.modules["matplotlib.pyplot"].close("all")

@@ -54,7 +54,7 @@ def start(tmp_path, monkeypatch):
 @pytest.mark.slow
 def test_what_a_killed_process_has_left_is_compiled_anew(start, tmp_path):
     assert start("kill -KILL $PPID").wait() == -signal.SIGKILL
-    (source,) = (tmp_path / "forms").glob("*.c")
+    (source,) = (tmp_path / "forms").glob("*/*.c")
     assert compiled._is_pending(source)
     assert area() == pytest.approx(1.0)
     assert not compiled._is_pending(source)

@@ -23,8 +23,6 @@ _SYMMETRIC = 1e-5
 # Share of the bulk's diagonal that is added to it, so that bodies which nothing holds for the
 # moment do not end the iteration: what it leaves the next iteration corrects.
 _SHIFT = 1e-12
-# Rows of a point up to which sums take less than products of matrices; 9 where it turns in 3D.
-_FEW = 4
 
 
 class CoupledSystem:
@@ -84,10 +82,7 @@ class CoupledSystem:
         shift = _SHIFT * np.abs(data[self._diagonal])
         symmetric = True
         for (dofs, g), where, k in zip(self._springs, self._of_springs, stiffness, strict=True):
-            if k.shape[1] > _FEW:
-                entries = g.transpose(0, 2, 1) @ (k @ g)
-            else:
-                entries = np.einsum("pia,pij,pjb->pab", g, k, g, optimize=True)
+            entries = g.transpose(0, 2, 1) @ (k @ g)
             there = dofs >= 0
             entries *= there[:, :, None] & there[:, None, :]
             data += np.bincount(where, entries.ravel(), len(self._rows))

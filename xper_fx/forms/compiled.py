@@ -5,6 +5,9 @@ FFCx lets the process that first asks for a form compile it; the others wait for
 leaves at its end. A process that is killed or interrupted before leaves none, and the others would
 wait in vain, those of later runs too. So a process holds a lock while it compiles, which the kernel
 takes back whatever ends it: where nobody compiles, what is waited for is begun anew.
+
+FFCx lists the whole folder of its cache for each form that it loads, so forms are spread over
+folders by their signature: among 4000 files listing took 4 of the 5 ms of a form.
 """
 
 from __future__ import annotations
@@ -36,7 +39,7 @@ def compiled_form(form: Any) -> fem.Form:
     Raises:
         TimeoutError: another process has been compiling it for half an hour.
     """
-    return _built(lambda: fem.form(form, jit_options=OPTIONS))
+    return _built(lambda options: fem.form(form, jit_options=options), form.signature()[:2])
 
 
 def compiled_expression(expression: Any, points: Any) -> fem.Expression:
@@ -45,16 +48,19 @@ def compiled_expression(expression: Any, points: Any) -> fem.Expression:
     Raises:
         TimeoutError: another process has been compiling it for half an hour.
     """
-    return _built(lambda: fem.Expression(expression, points, jit_options=OPTIONS))
+    return _built(
+        lambda options: fem.Expression(expression, points, jit_options=options), "expressions"
+    )
 
 
-def _built(build: Callable[[], Any]) -> Any:
-    folder = Path(get_options(OPTIONS)["cache_dir"])
+def _built(build: Callable[[dict[str, Any]], Any], folder_name: str) -> Any:
+    folder = Path(get_options(OPTIONS)["cache_dir"]) / folder_name
+    options = OPTIONS | {"cache_dir": str(folder)}
     end = time.monotonic() + _PATIENCE
     while True:
         with _lock(folder, fcntl.LOCK_SH):
             try:
-                return build()
+                return build(options)
             except TimeoutError as error:
                 named = re.search(r"remove (.+\.c)\)", str(error))
                 if named is None or time.monotonic() > end:

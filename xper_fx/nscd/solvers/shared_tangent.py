@@ -102,16 +102,17 @@ def springs_of_points(points: InteractionPoints, stiffness: np.ndarray) -> np.nd
     n, sides, k = points.nodes.shape
     dim = points.dim
     frame = points.frame[:, :components]
-    world = np.einsum("pix,pij,pjy->pxy", frame, stiffness, frame, optimize=True)
+    world = frame.transpose(0, 2, 1) @ stiffness @ frame
     signs = np.array([1.0, -1.0])
     signed = (points.weights * signs[:, None]).reshape(n, sides * k)
     if points.lever_arms is None:
-        values = np.einsum("pa,pb,pxy->paxby", signed, signed, world, optimize=True)
+        pairs = signed[:, :, None] * signed[:, None, :]
+        values = pairs[:, :, None, :, None] * world[:, None, :, None, :]
         return values.reshape(n, sides * k * dim, sides * k * dim)
     moved = np.einsum("pa,xy->pxay", signed, np.eye(dim))
     turned = np.einsum("s,psxy->pxsy", signs, _by_rotation(points.lever_arms))
     relative = np.concatenate([moved, turned], axis=2).reshape(n, dim, (sides * k + sides) * dim)
-    return np.einsum("pxa,pxy,pyb->pab", relative, world, relative, optimize=True)
+    return relative.transpose(0, 2, 1) @ world @ relative
 
 
 def _by_rotation(arms: np.ndarray) -> np.ndarray:
