@@ -20,7 +20,7 @@ from pathlib import Path
 import effect_scenes
 import effect_table
 import pytest
-from on_ranks import on_ranks
+from on_ranks import on_new_ranks
 from scenes import box_bodies
 
 from xper_fx.forms.loads import Gravity
@@ -63,7 +63,7 @@ def observer():
 
 def observed(observer, scene: str, removed=()) -> dict:
     if scene == "divided":
-        run = on_ranks(2, SCRIPT, scene, *removed)
+        run = on_new_ranks(2, SCRIPT, scene, *removed)
         assert run.returncode == 0, run.stderr
         return json.loads(run.stdout.splitlines()[-1])
     print(json.dumps([scene, *removed]), file=observer.stdin, flush=True)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from on_ranks import on_ranks
+from on_ranks import on_new_ranks, on_ranks
 from scenes import COMM, EXACT, LEFT, RIGHT, box_bodies
 
 from xper_fx.forms.loads import PrescribedVelocity
@@ -223,7 +223,7 @@ def test_bonds_broke_in_what_was_compared(found):
 @pytest.mark.ranks
 @pytest.mark.parametrize(("kind", "said"), [("all", "wrong on all"), ("last", "on the last")])
 def test_an_error_stops_all_with_one_message(kind, said):
-    done = on_ranks(3, "ranks/errors.py", kind)
+    done = on_new_ranks(3, "ranks/errors.py", kind)
     assert done.returncode != 0
     assert (done.stdout + done.stderr).count(
         f"ValueError: {'wrong ' * (kind == 'last')}{said}"
@@ -233,13 +233,13 @@ def test_an_error_stops_all_with_one_message(kind, said):
 
 @pytest.mark.ranks
 def test_what_fails_at_the_root_fails_on_all():
-    done = on_ranks(3, "ranks/errors.py", "root")
+    done = on_new_ranks(3, "ranks/errors.py", "root")
     assert done.returncode == 0, done.stderr
     assert done.stdout.count("no space") == 3
 
 
 @pytest.mark.ranks
 def test_ghosts_of_one_side_only_are_exchanged():
-    done = on_ranks(3, "ranks/one_way_ghosts.py", timeout=60)
+    done = on_new_ranks(3, "ranks/one_way_ghosts.py", timeout=60)
     assert done.returncode == 0, done.stderr
     assert "exchanged" in done.stdout

@@ -9,7 +9,7 @@ from pathlib import Path
 import meshio
 import numpy as np
 import pytest
-from on_ranks import on_ranks
+from on_ranks import on_new_ranks
 
 from xper_fx.output.history import read_history
 
@@ -22,7 +22,7 @@ pytestmark = pytest.mark.ranks
 def run(count, last, *options):
     """Runs to the last step of each folder, one after the other."""
     runs = [f"{folder}={step}" for folder, step in last.items()]
-    done = on_ranks(count, "ranks/recorded.py", *runs, *options)
+    done = on_new_ranks(count, "ranks/recorded.py", *runs, *options)
     assert done.returncode == 0, done.stdout + done.stderr
 
 
@@ -98,7 +98,7 @@ def test_another_number_of_ranks_goes_on_to_the_tolerance(folders):
 def test_rigid_bodies_go_on_on_the_ranks_that_had_them(tmp_path):
     """Bodies have met when a signal comes; their contacts are divided as they were, not anew."""
     whole, stopped = tmp_path / "whole", tmp_path / "signalled"
-    done = on_ranks(2, "ranks/recorded.py", f"{whole}=60", f"{stopped}=60", "rigid")
+    done = on_new_ranks(2, "ranks/recorded.py", f"{whole}=60", f"{stopped}=60", "rigid")
     assert done.returncode == 143  # as of SIGTERM, though one rank alone got it
     assert done.stderr.count("ended by SIGTERM") == 1, done.stderr
     assert len(read_history(stopped / "history.csv")["step"]) in (45, 46)

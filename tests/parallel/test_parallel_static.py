@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from on_ranks import on_ranks, runs_of
+from on_ranks import on_new_ranks, on_ranks, runs_of
 
 from xper_fx.output.history import read_history
 
@@ -105,7 +105,7 @@ def test_what_was_compared_has_weakened_and_slid(found):
 def test_what_nothing_holds_is_told_as_on_one_rank(tmp_path, name):
     with pytest.raises(ValueError, match="is free with the 71 it is joined to") as raised:
         static_scenes.run(name)
-    done = on_ranks(2, SCRIPT, tmp_path, name)
+    done = on_new_ranks(2, SCRIPT, tmp_path, name)
     assert done.returncode != 0 and str(raised.value) in done.stderr
 
 

@@ -1,19 +1,25 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Scripts run by several MPI processes."""
 
+import atexit
+import json
 import os
 import shutil
 import subprocess
 import sys
+import threading
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
+import standing_ranks
 
 # Whether the present test is marked `ranks`; tests/conftest.py says so.
 marked = True
 FOLDER = Path(__file__).parents[1]
+# Seconds after which a script is stopped.
+_PATIENCE = 1800.0
 # More ranks than cores, as the tests are one of several things that a machine does.
 _SETTINGS = {
     "OMPI_MCA_rmaps_base_oversubscribe": "true",
@@ -40,8 +46,30 @@ def _take_one_core() -> None:
         os.sched_setaffinity(0, {cores[int(worker.removeprefix("gw")) % len(cores)]})
 
 
-def on_ranks(count: int, script: Path, *arguments, timeout: float = 1800.0):
-    """Run a Python script on `count` ranks.
+def _require_ranks() -> None:
+    if not marked:
+        raise RuntimeError("This test runs mpirun: mark it with `pytest.mark.ranks`.")
+    if shutil.which("mpirun") is None:
+        pytest.skip("mpirun is not installed")
+
+
+def _start(count: int, *command, **options) -> subprocess.Popen:
+    """Run Python on `count` ranks, its output as text."""
+    paths = [
+        FOLDER.parent,
+        FOLDER / "shared",
+        FOLDER.parent / "demos",
+        os.environ.get("PYTHONPATH", ""),
+    ]
+    return subprocess.Popen(
+        list(map(str, ["mpirun", "-n", count, sys.executable, *command])), text=True,
+        env=os.environ | _SETTINGS | {"PYTHONPATH": os.pathsep.join(map(str, paths))},
+        stdout=subprocess.PIPE, preexec_fn=_take_one_core, **options,
+    )  # fmt: skip
+
+
+def on_new_ranks(count: int, script: Path, *arguments, timeout: float = _PATIENCE):
+    """Run a Python script on ranks of its own, of which one may fail.
 
     Args:
         count: number of ranks.
@@ -52,29 +80,52 @@ def on_ranks(count: int, script: Path, *arguments, timeout: float = 1800.0):
     Returns:
         The completed process with its output as text.
     """
-    if not marked:
-        raise RuntimeError("This test runs mpirun: mark it with `pytest.mark.ranks`.")
-    if shutil.which("mpirun") is None:
-        pytest.skip("mpirun is not installed")
-    paths = [
-        FOLDER.parent,
-        FOLDER / "shared",
-        FOLDER.parent / "demos",
-        os.environ.get("PYTHONPATH", ""),
-    ]
-    environment = os.environ | _SETTINGS | {"PYTHONPATH": os.pathsep.join(map(str, paths))}
-    command = ["mpirun", "-n", count, sys.executable, FOLDER / script, *arguments]
-    with subprocess.Popen(
-        list(map(str, command)), env=environment, text=True,
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, preexec_fn=_take_one_core,
-    ) as process:  # fmt: skip
+    _require_ranks()
+    with _start(count, FOLDER / script, *arguments, stderr=subprocess.PIPE) as process:
         try:
             out, error = process.communicate(timeout=timeout)
         except subprocess.TimeoutExpired:
             process.terminate()  # mpirun then ends its ranks; a kill would leave them
             process.communicate()
             raise
-    return subprocess.CompletedProcess(command, process.returncode, out, error)
+    return subprocess.CompletedProcess(process.args, process.returncode, out, error)
+
+
+def on_ranks(count: int, script: Path, *arguments):
+    """Run a Python script on ranks that have run others before, and will run the next.
+
+    Args:
+        count: number of ranks.
+        script: path, relative to the tests' folder or absolute.
+        arguments: of the script.
+
+    Returns:
+        The completed process with all its output as text; of one that has failed, that of the
+        ranks, which have ended.
+    """
+    _require_ranks()
+    ranks = _standing(count)
+    command = [str(FOLDER / script), *map(str, arguments)]
+    print(json.dumps(command), file=ranks.stdin, flush=True)
+    stop = threading.Timer(_PATIENCE, ranks.terminate)
+    stop.start()
+    out, status = "", 0
+    while (line := ranks.stdout.readline()).rstrip("\n") != standing_ranks.DONE:
+        if not line:  # they have ended: the next script has others
+            _standing.cache_clear()
+            status = ranks.wait()
+            break
+        out += line
+    stop.cancel()
+    return subprocess.CompletedProcess(command, status, out, "")
+
+
+@cache
+def _standing(count: int) -> subprocess.Popen:
+    script = standing_ranks.__file__
+    ranks = _start(count, script, stdin=subprocess.PIPE, stderr=subprocess.STDOUT)
+    atexit.register(ranks.stdin.close)
+    return ranks
 
 
 def runs_of(script: Path, scenes: dict[int, tuple[str, ...]], run_alone, factory):
@@ -101,8 +152,8 @@ def runs_of(script: Path, scenes: dict[int, tuple[str, ...]], run_alone, factory
             return run_alone(name)
         names = scenes[count] if number == 1 else (name,)
         folder, done = run_all(names, count, number)
-        assert done.returncode == 0, done.stdout + done.stderr
-        assert "simulates the whole scene" not in done.stdout + done.stderr
+        assert done.returncode == 0, done.stdout
+        assert "simulates the whole scene" not in done.stdout
         return dict(np.load(folder / f"{name}.npz"))
 
     return found
