@@ -416,10 +416,9 @@ def small_parts() -> list[Misuse]:
         allowed={"reach": (None,)},
         fixed={"between": ("a", "b"), "law": law},
     )
-    out += bad_numbers(
-        "GrowthControl", xf.GrowthControl, {"growth": 0.3, "relative": 5.0, "iterations": 6}
-    )
-    spent = {"energy": 1.0, "iterations": 12}
+    opened = {"growth": 0.3, "relative": 5.0, "iterations": 6, "longest": 0.05}
+    out += bad_numbers("GrowthControl", xf.GrowthControl, opened)
+    spent = {"energy": 1.0, "iterations": 12, "longest": 0.05}
     out += bad_numbers("DissipationControl", xf.DissipationControl, spent)
     gauge = {"low": 1, "high": 2, "component": 0, "length": 1.0, "section": 1.0}
     free = {"component": (0.0,), "low": (-1.0, 0.0), "high": (-1.0, 0.0)}

@@ -2,6 +2,7 @@
 """Static runs whose load is found: a bar on its exact curve, snap-back, ledger, restart, errors."""
 
 from dataclasses import replace
+from functools import partial
 from itertools import islice
 
 import numpy as np
@@ -234,16 +235,91 @@ def test_bonds_within_a_part_that_came_loose_open_by_no_rounding(path):
     assert np.unique(spent.round(9)).tolist() == [0.0, 1.0]
 
 
-@pytest.mark.slow
-def test_a_path_that_stops_says_what_failed():
-    """The weaker bond breaks, and the whole one has no load at which it dissipates anything."""
-    simulation = follow(bonds_in_a_row(), xf.DissipationControl(2.0))
+@pytest.mark.parametrize("longest", [0.2, 1.0])
+def test_dissipation_control_goes_to_its_end_where_a_part_comes_loose(longest):
+    """A step asks for more than the weaker bond has left; that breaks, the whole one does not."""
+    simulation = follow(bonds_in_a_row(), xf.DissipationControl(2.0, longest=longest))
+    *_, last = simulation.steps(1e3)
+    assert last.time == 1e3
+    assert last.energies["dissipated_cohesion"] == pytest.approx(100.0 * HEIGHT, rel=1e-9)
+    assert simulation.interactions.gather("spent").round(9).tolist() == [1.0, 1.0, 0.0, 0.0]
+
+
+def test_a_path_that_stops_says_what_failed(monkeypatch):
+    """The weaker bond breaks, and no load opens the whole one."""
+    monkeypatch.setattr("xper_fx.nscd.growth.GrowthLimit.allows", lambda *_: False)
+    simulation = follow(bonds_in_a_row(), longest=0.2)
     with pytest.raises(xf.ConvergenceError, match=r"share of 0\.0001 of what") as caught:
         for _ in simulation.steps(1e3):
             pass
     assert caught.value.failure.startswith("no load keeps all bonds within")
     assert caught.value.failure in str(caught.value)
     assert simulation.interactions.gather("spent").max() > 0.99
+
+
+@pytest.mark.parametrize("path", [
+    xf.GrowthControl(longest=0.02), xf.DissipationControl(7.0, longest=0.02)
+])  # fmt: skip
+@pytest.mark.parametrize("end", [450.0, 499.9, 1e3])
+def test_no_step_changes_the_load_by_more_than_it_may(path, end):
+    """Up to an end before the peak, at it and beyond a snap-back; the states are on the curve."""
+    length = 20.0 * CRITICAL
+    simulation = follow(bar(length), path)
+    times = [0.0]
+    for step in simulation.steps(end):
+        times.append(step.time)
+        x, traction = on_the_curve(simulation)
+        if not 0.0 < x < 0.998 * BOND.critical_opening:
+            continue
+        if step.energies["dissipated_cohesion"] > 0.0:
+            assert simulation.reaction(RIGHT)[0] == pytest.approx(traction * HEIGHT, rel=1e-6)
+            assert 1e-6 * step.time == pytest.approx(traction * length / E + x, rel=1e-6)
+        assert abs(step.energies["closure"]) < 1e-9 * step.energies["external_work"]
+    assert times[-1] == end
+    changes = np.abs(np.diff(times)) / end
+    assert changes.max() == pytest.approx(0.02, rel=1e-9)
+    if end < 500.0:
+        assert np.all(np.diff(times) > 0.0) and len(times) < 65
+        assert step.energies["dissipated_cohesion"] < 1.0
+    else:
+        assert min(times[20:]) < 100.0
+        assert step.energies["dissipated_cohesion"] == pytest.approx(100.0 * HEIGHT, rel=1e-6)
+
+
+def test_the_first_steps_up_to_a_load_are_those_of_no_bound():
+    """Where steps are shorter than they may be, the path is the same to the last digit."""
+    times = [
+        [step.time for step in islice(follow(cantilever(), longest=longest).steps(1.0), 15)]
+        for longest in (0.05, 1.0)
+    ]
+    assert times[0] == times[1]
+
+
+def test_matter_that_flows_in_place_of_bonds_is_followed():
+    """Its stress hangs on the steps: those of a path that bonds do not hinder are equal ones."""
+
+    def flows(young, poisson, density):
+        hardening = xf.materials.Linear(1e9)
+        return xf.materials.J2SmallStrain(young, poisson, 1e6, hardening, density)
+
+    bond = CohesiveZone(1e14, 1e4, 30e6)
+    along_path = follow(bar(1.0, bond, kind=flows))
+    times = [step.time for step in along_path.steps(200.0)]
+    np.testing.assert_allclose(times, 10.0 * np.arange(1, 21), rtol=1e-12)
+    given = xf.Simulation(bar(1.0, bond, kind=flows), 10.0, inertia=False)
+    *_, last = given.steps(200.0)
+    assert last.energies["dissipated_plastic"] > 0.0
+    forces = [simulation.reaction(RIGHT)[0] for simulation in (along_path, given)]
+    assert forces[0] == pytest.approx(forces[1], rel=1e-6)
+
+
+def test_a_load_that_changes_too_much_is_told(monkeypatch):
+    monkeypatch.setattr("xper_fx.simulation.path._LEAST", 0.5)
+    with pytest.raises(xf.ConvergenceError, match="changes by more than a step may") as caught:
+        for _ in follow(bar(200.0 * CRITICAL), longest=1e-3, growth=0.5).steps(6e3):
+            pass
+    assert caught.value.time > 4e3
+    assert caught.value.newton_residual < 1e-8
 
 
 def test_states_that_lead_back_are_not_called_residuals(monkeypatch):
@@ -256,7 +332,7 @@ def test_states_that_lead_back_are_not_called_residuals(monkeypatch):
 
 def test_a_load_that_dissipates_nothing_the_other_way():
     """Pressed, the parts dissipate nothing however far: the energy has one end alone."""
-    simulation = follow(bonds_in_a_row(), xf.DissipationControl(2.0))
+    simulation = follow(bonds_in_a_row(), xf.DissipationControl(2.0, longest=0.2))
     step = next(simulation.steps(1e3))
     assert step.energies["dissipated_cohesion"] == pytest.approx(2.0, rel=1e-9)
 
@@ -368,7 +444,7 @@ def test_a_path_is_restarted(tmp_path, kind, path):
     checkpoint.save(tmp_path / "state.h5", first)
     checkpoint.restore(tmp_path / "state.h5", second)
     np.testing.assert_equal(second.path.saved(), first.path.saved())
-    guesses = [simulation.path.guess(simulation.state) for simulation in (first, second)]
+    guesses = [simulation.path.guess(simulation.state, 1.0) for simulation in (first, second)]
     assert guesses[0][0] == guesses[1][0] != first.time
     np.testing.assert_array_equal(guesses[0][1], guesses[1][1])
     for step, expected in zip(second.steps(1e6), records[5:], strict=False):
@@ -382,6 +458,9 @@ def test_paths_that_cannot_be_followed_are_refused():
         xf.Simulation(bar(1.0), 1.0, inertia=False, path="growth")
     with pytest.raises(ValueError, match="growth"):
         xf.GrowthControl(growth=-1.0)
+    for control in (xf.GrowthControl, partial(xf.DissipationControl, 1.0)):
+        with pytest.raises(ValueError, match="longest should be a finite number above zero"):
+            control(longest=0.0)
     for law in (CohesiveZone(1e14, 100.0, 3e6, damage="mean"), xf.laws.PerfectBond()):
         with pytest.raises(ValueError, match="no point of the scene has a law"):
             follow(bar(1.0, law))

@@ -316,17 +316,20 @@ class CoupledStep:
 
     def rounding(self) -> float:
         """What rounding of displacements leaves in the bulk and at the stiffest spring (N s)."""
+        return _ROUNDING * self._product_of_largest(self._stiffest_spring(), self.velocity)
+
+    def noise(self) -> float:
+        """Nodal impulses (N s) that rounding of displacements gives: less of them is none."""
+        displacement = self.state.displacement / self.step
+        return _ROUNDING * self._product_of_largest(self._stiffest_spring(), displacement)
+
+    def _stiffest_spring(self) -> float:
+        """Of the bulk and of points that are not held."""
         stiffest = self._stiffest
         if self._tangents is not None:
             for k, held in zip(self._tangents.stiffness, self._tangents.held, strict=True):
                 stiffest = max(stiffest, float(np.abs(k[~held]).max(initial=0.0)))
-        return _ROUNDING * self._product_of_largest(stiffest, self.velocity)
-
-    def noise(self) -> float:
-        """Nodal impulses (N s) that rounding of displacements gives: less of them is none."""
-        return _ROUNDING * self._product_of_largest(
-            self._stiffest, self.state.displacement / self.step
-        )
+        return stiffest
 
     def _product_of_largest(self, stiffness: float, values: np.ndarray) -> float:
         """Of all ranks the largest stiffness times the largest of values."""

@@ -52,9 +52,6 @@ _LARGEST_FLOW = 0.05
 # Damage beyond what the opening found asks for, above which the step is cut: it came from iterates
 # on the way, and would cost no energy.
 _LARGEST_EXCESS = 0.1
-# How often a step along a path that goes beyond the end is made shorter, and how far beyond it may
-# go, relative to what was left.
-_APPROACHES, _BEYOND = 5, 1e-3
 # Explicit steps after which bonds are looked at that should not turn.
 _LOOKS_EVERY = 40
 # Share of the sweeps allowed after which contacts that ranks divide are left to other solvers.
@@ -166,42 +163,28 @@ class StepAttempts:
         return captured.problem
 
     def along_path(
-        self, state: State, size: float, path: PathFollower, end_time: float
+        self, state: State, last_size: float, size: float, path: PathFollower, end_time: float
     ) -> tuple[StepOutcome, float]:
-        """A static step whose load is found; one to the end if bonds then do no more than they may.
-
-        A step beyond the end is made shorter, some times; the end is not a load to be jumped to.
+        """A static step whose load is found (`path_step.py`).
 
         Args:
             state: at its start, which is not changed.
-            size: time by which velocities are defined (s).
+            last_size: time by which its velocities are defined (s).
+            size: time by which those of the outcome are (s).
             path: where the run is on its path.
             end_time: at which the path ends (s).
 
         Returns:
             The outcome, converged or not, and the time by which its velocities are defined (s).
         """
-        model, options = self._model, self._model.options.solve
+        from xper_fx.simulation.path_step import PathStep
+
+        model = self._model
         self._find_contacts(state, size, None)
-        to_end, points = end_time - state.time, model.interactions
-        if path.limit(points).exhausted:
-            return model.scheme.attempt(state, to_end, points, self.solver, options), to_end
-        for _ in range(_APPROACHES):
-            limit = path.limit(points)
-            outcome = model.scheme.attempt(
-                state, size, points, self.solver, options, limit, path.guess(state)
-            )  # fmt: skip
-            if not outcome.converged and limit.idle:
-                whole = model.scheme.attempt(state, to_end, points, self.solver, options)
-                velocity = whole.slots.reshape(-1, points.dim)
-                moved = [to_end * g.points.relative(velocity) for g in points.groups]
-                if whole.converged and limit.allows(moved):
-                    return whole, to_end
-            change = outcome.state.time - state.time
-            if not outcome.converged or change <= (1.0 + _BEYOND) * to_end:
-                break
-            path.shorten(to_end / change)
-        return outcome, size
+        return PathStep(
+            model.scheme, model.interactions, self.solver, model.options.solve,
+            path, state, last_size, end_time,
+        ).attempt(size)  # fmt: skip
 
     def advice(self, residual: float, newton: float, tolerance: float) -> tuple[str, ...]:
         """What may help after the last attempt, which did not converge; empty if nothing is known.

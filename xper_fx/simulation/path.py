@@ -25,6 +25,8 @@ _BRANCHES = (
 _LEAST, _SHORTENED = 1e-4, 0.4
 # Share at which a step that fails is near enough to a corner to go round it (`nscd/growth.py`).
 _AT_CORNER = 0.05
+# Relative difference of changes of the load that are the same.
+_ROUNDING = 1e-9
 # Exponent and bounds of the change of the share by the number of iterations.
 _EXPONENT, _SLOWEST, _FASTEST = 0.7, 0.5, 2.0
 
@@ -42,6 +44,7 @@ class GrowthControl:
             step has less where iterations were many, more where they were few.
         relative: the same, relative to its largest opening so far.
         iterations: of Newton's method at which the growth stays as it is.
+        longest: share of the path's end by which the load may change in a step.
 
     Raises:
         ValueError: a number out of range.
@@ -50,9 +53,10 @@ class GrowthControl:
     growth: float = 0.3
     relative: float = 5.0
     iterations: int = 6
+    longest: float = 0.05
 
     def __post_init__(self) -> None:
-        for name in ("growth", "relative"):
+        for name in ("growth", "relative", "longest"):
             require_number(name, getattr(self, name))
             require_positive(name, getattr(self, name))
         require_count("iterations", self.iterations, 1)
@@ -84,6 +88,7 @@ class DissipationControl:
             less: with a large first step several cracks may start that a small one tells apart.
             Where less than twice the energy is left in all bonds, a step dissipates half of that.
         iterations: of Newton's method above which the next step dissipates less.
+        longest: share of the path's end by which the load may change in a step.
 
     Raises:
         ValueError: a number out of range.
@@ -91,10 +96,12 @@ class DissipationControl:
 
     energy: float
     iterations: int = 12
+    longest: float = 0.05
 
     def __post_init__(self) -> None:
-        require_number("energy", self.energy)
-        require_positive("energy", self.energy)
+        for name in ("energy", "longest"):
+            require_number(name, getattr(self, name))
+            require_positive(name, getattr(self, name))
         require_count("iterations", self.iterations, 1)
 
     most: ClassVar[float] = 1.0
@@ -146,12 +153,30 @@ class PathFollower:
             self._limit.follow(self._leading)
         return self._limit
 
-    def guess(self, state: State):
-        """Time and velocities to start from: the last increment, scaled; None without one."""
+    def longest(self, time: float, end_time: float) -> float:
+        """By how much the load may change in the next step (s).
+
+        Args:
+            time: of the loads (s).
+            end_time: at which the path ends (s).
+        """
+        return self._control.longest * max(abs(end_time), abs(time))
+
+    def rose_by(self, longest: float) -> bool:
+        """Whether the load rose in the last step by as much as it may."""
+        return self._last_change >= (1.0 - _ROUNDING) * longest
+
+    def guess(self, state: State, scale: float):
+        """Time and velocities to start from: the last increment, scaled; None without one.
+
+        Args:
+            state: at its end.
+            scale: of its velocities, to those of the same motion in the next step.
+        """
         if not self._guesses or self._last_share == 0.0:
             return None
         share = self.share / self._last_share
-        return state.time + share * self._last_change, share * state.velocity
+        return state.time + share * self._last_change, share * scale * state.velocity
 
     def shorten(self, share: float) -> None:
         """Ask for a share of that in the step that is made again."""

@@ -204,9 +204,8 @@ class Simulation(Restartable):
     def steps(self, end_time: float) -> Iterator[StepRecord]:
         """Advance to `end_time` (s), a record after each committed step.
 
-        The last step may go beyond the end: steps of a given size are whole, and a path ends with
-        the first state there. A run that has done so, restarted or not, has no step left to the
-        same end.
+        The last step may go beyond the end: steps of a given size are whole. A run that has done
+        so, restarted or not, has no step left to the same end. A path ends at the end.
 
         Raises:
             ValueError: an end that is not finite, or before the present time and not the one that
@@ -326,7 +325,7 @@ class Simulation(Restartable):
         while end_time - self.state.time > _ROUNDING * abs(end_time):
             with self.stopwatch.phase("step"):
                 outcome, size = self._attempts.along_path(
-                    self.state, self.step_size, path, end_time
+                    self.state, self._last_size, self.step_size, path, end_time
                 )
                 if outcome.converged:
                     start, ways = self.state.time, self.scheme.unstable_ways()
