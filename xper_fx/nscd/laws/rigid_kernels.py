@@ -298,9 +298,9 @@ def rigid_kernels(
 
     @njit(**LEAN_INNER)
     def damage_from(i, s, least, kappa, free, w, parameters, terms, details):
-        """The mean damage at the first fixed point that is met from s on, up to 1 or down to `least`.
+        """The mean damage at the first root that is met from s on, up to 1 or down to `least`.
 
-        Steps are safe, or secants that are longer; what has gone past is bracketed.
+        Steps are safe ones, or secants that are longer; a root that was passed is bracketed.
         """
         sound = details[i, rigid] == 1.0
         last, before, rises, end, count = s, 0.0, True, s, 0
