@@ -362,6 +362,8 @@ class SteppedPoints(PointValues):
         if self.turns:
             totals["numerical"] -= (0.5 if static else 1.0) * self._work_of_couples(velocity)
         for g in self.groups:
+            if not len(g):
+                continue
             if static:
                 totals["numerical"] += self._work_of_change(g, velocity)
             names, before = g.kernels.state_names, None
