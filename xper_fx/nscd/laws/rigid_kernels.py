@@ -297,12 +297,12 @@ def rigid_kernels(
         return mean_after(i, y, parameters, terms, details)
 
     @njit(**LEAN_INNER)
-    def damage_from(i, s, least, kappa, free, w, parameters, terms, details):
-        """The mean damage at the first root that is met from s on, up to 1 or down to `least`.
+    def damage_from(i, s, kappa, free, w, parameters, terms, details):
+        """The mean damage at the first root that is met from s on, up to 1 or down to the least.
 
         Steps are safe ones, or secants that are longer; a root that was passed is bracketed.
         """
-        sound = details[i, rigid] == 1.0
+        sound, least = details[i, rigid] == 1.0, 1.0 / (1.0 + kappa * details[i, soundest])
         last, before, rises, end, count = s, 0.0, True, s, 0
         while True:
             beta = following(i, s, kappa, free, w, parameters, terms, details)
@@ -352,7 +352,7 @@ def rigid_kernels(
             return mean_after(i, free, parameters, terms, details)
         least = 1.0 / (1.0 + kappa * details[i, soundest])
         start = 1.0 if details[i, snapped] == 1.0 else least
-        beta = damage_from(i, start, least, kappa, free, w, parameters, terms, details)
+        beta = damage_from(i, start, kappa, free, w, parameters, terms, details)
         return min(beta, details[i, soundest])
 
     @njit(**LEAN_INNER)
