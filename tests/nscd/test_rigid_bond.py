@@ -162,6 +162,39 @@ def test_a_bond_that_opens_by_little_bears_its_strength(share):
     assert bond.damage < 1.0 or share == 1.0
 
 
+@pytest.mark.parametrize("snap", [0.3, 0.99, 1.5, 12.0, 1e4])
+@pytest.mark.parametrize("over", [1e-3, 1.0, 30.0])
+def test_a_bond_that_opens_has_the_least_damaged_state(snap, over):
+    """A force beyond the strength acts on a mass at rest, with a linear curve.
+
+    Of 2 m x / h^2 + A T(x) = F, T the mean of the curve from 0 to x, the least x is in closed form:
+    on the slope if the snap number is below 1, beyond it otherwise.
+    """
+    h, dc = 1e-6, law().critical_opening
+    mass = h**2 * AREA * S / (4.0 * dc * snap)
+    bond = PointMass(law(), mass, [0.0, 0.0], area=AREA)
+    force, inertia = (1.0 + over) * S * AREA, 2.0 * mass / h**2
+    opening = over * S * AREA / (inertia - 0.5 * S * AREA / dc)
+    if not 0.0 < opening < dc:
+        opening = (force + np.sqrt(force**2 - 4.0 * inertia * SPENT)) / (2.0 * inertia)
+    bond.step(h, [0.6 * force, 0.8 * force])
+    # a bond is next to rigid, which its least opening shows
+    assert bond.jump == pytest.approx(opening * np.array([0.6, 0.8]), rel=1e-5, abs=0.0)
+
+
+def test_a_bond_that_may_hold_or_break_in_a_long_step_holds():
+    """Once weakened it could bear the force as it is, or be torn by it, with a snap number of 100."""
+    h, dc = 1e-6, law().critical_opening
+    mass = h**2 * AREA * S / (4.0 * dc * 100.0)
+    bond = PointMass(law(), mass, [0.2 * dc / (1e-3 * h), 0.0], area=AREA)
+    bond.step(1e-3 * h)
+    damage, opening = bond.damage, bond.opening_max
+    assert 0.1 * dc < opening < 0.3 * dc
+    bond.velocity[:] = bond.interactions.groups[0].velocity[:] = 0.0
+    bond.step(h, [0.7 * S * AREA, 0.0])
+    assert (bond.damage, bond.opening_max) == (damage, opening)
+
+
 @pytest.mark.parametrize("restitution", [0.0, 0.4, 1.0])
 def test_broken_lips_rebound_by_their_restitution(restitution):
     bond = PointMass(law(restitution=restitution), 8.0 * SPENT, [1.0, 0.3], area=AREA)

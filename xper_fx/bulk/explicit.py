@@ -172,7 +172,7 @@ class ExplicitScheme(KeepsNothing):
 
                     nodes = None if inverse.in_order else inverse.nodes
                     turn(interactions, bulk, nodes, state, v0, step, self.theta)
-                interactions.begin_step(step, self.theta)
+                interactions.begin_step(step, self.theta, solver.prepares_bonds)
             with watch.phase("interaction solve"):
                 velocity, impulses, slots, report = interact(
                     inverse, interactions, solver, free, options

@@ -246,15 +246,23 @@ class SteppedPoints(PointValues):
         """
         return self.total(self._of_cell)
 
-    def begin_step(self, step: float, theta: float) -> None:
-        """Set the constants of the step in every law; impulses start from the last step's."""
+    def begin_step(self, step: float, theta: float, by_vertex: bool = False) -> None:
+        """Set the constants of the step in every law; impulses start from the last step's.
+
+        Args:
+            step: h (s).
+            theta: weight of the end of the step.
+            by_vertex: whether the solver sets those of permanent points, as it goes through their
+                vertices (`Solver.prepares_bonds`).
+        """
         ratio = step / self.committed_step if self.committed_step > 0.0 else 1.0
         for g in self.groups:
             np.multiply(g.committed_impulse, ratio, out=g.impulse)
         self.step_size, self.theta = step, theta
         if self.turns:  # it is that of frames of a step before, which a restarted run does not know
             self._stiffness = None
-        self.prepare()
+        for g in self.groups[len(self._permanent.groups) if by_vertex else 0 :]:
+            self.prepare_group(g)
 
     def prepare(self) -> None:
         """Renew the laws' constants of the step, after `update_inverse`."""
@@ -354,6 +362,8 @@ class SteppedPoints(PointValues):
         if self.turns:
             totals["numerical"] -= (0.5 if static else 1.0) * self._work_of_couples(velocity)
         for g in self.groups:
+            if not len(g):
+                continue
             if static:
                 totals["numerical"] += self._work_of_change(g, velocity)
             names, before = g.kernels.state_names, None

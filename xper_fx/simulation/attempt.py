@@ -252,7 +252,9 @@ class StepAttempts:
     def _attempt(self, state: State, size: float, tolerance: float) -> StepOutcome | None:
         """One step with the rigid bodies; None if one of them spins too fast for it."""
         rigid, interactions = self._model.rigid, self._model.interactions
-        options = replace(self._model.options.solve, tolerance=tolerance)
+        options = self._model.options.solve
+        if tolerance != options.tolerance:
+            options = replace(options, tolerance=tolerance)
         if rigid is None:
             return self._interact(state, size, options, None)
         try:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
@@ -90,5 +91,5 @@ def _bodies(outcome: StepOutcome) -> str | None:
 
 def not_finite_columns(energies: Mapping[str, float]) -> str | None:
     """Names of the energies that are not finite; None if all are."""
-    names = [name for name, value in energies.items() if not np.isfinite(value)]
+    names = [name for name, value in energies.items() if not math.isfinite(value)]
     return f"the energies {', '.join(names)}" if names else None

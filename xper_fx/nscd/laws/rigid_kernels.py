@@ -51,9 +51,9 @@ from xper_fx.nscd.laws.weakening import Weakening
 
 PUSHED = 2  # column of the state, after those of all bonds
 
-# Iterations for the mean damage: monotone ones, then with a bracket.
+# Iterations for the mean damage: steps in one direction, then with a bracket.
 _MONOTONE, _MOST = 40, 200
-# Error of s, relative, and a difference of neighbouring floats.
+# Error of the balance of s, and a difference of neighbouring floats.
 _CLOSE, _NEIGHBOURS = 1e-14, 4e-16
 # Opening that a solver's tolerance may leave a bond that holds, relative to the critical one, and
 # what holding it would take beyond the strength, relative.
@@ -297,60 +297,48 @@ def rigid_kernels(
         return mean_after(i, y, parameters, terms, details)
 
     @njit(**LEAN_INNER)
-    def most_damaged(i, kappa, free, w, parameters, terms, details):
-        """The mean damage at the largest s, from above, and no more than the bond may have."""
-        s = 1.0
-        for _ in range(_MOST):
-            beta = following(i, s, kappa, free, w, parameters, terms, details)
-            new = 1.0 / (1.0 + kappa * beta)
-            if s - new <= _CLOSE * s:
-                break
-            s = new
-        return min(beta, details[i, soundest])
+    def damage_from(i, s, kappa, free, w, parameters, terms, details):
+        """The mean damage at the first root that is met from s on, up to 1 or down to the least.
 
-    @njit(**LEAN_INNER)
-    def least_damaged(i, kappa, free, w, parameters, terms, details):
-        """The mean damage at the smallest s, from that of the start; monotone, then bracketed."""
-        low = 1.0 / (1.0 + kappa * details[i, soundest])
-        beta = following(i, low, kappa, free, w, parameters, terms, details)
-        above = 1.0 / (1.0 + kappa * beta) - low
-        if above <= _CLOSE * low:
-            return min(beta, details[i, soundest])
-        s, high, below = low + above, 1.0, 0.0
-        for _ in range(_MONOTONE):
+        Steps are safe ones, or secants that are longer; a root that was passed is bracketed.
+        """
+        sound, least = details[i, rigid] == 1.0, 1.0 / (1.0 + kappa * details[i, soundest])
+        last, before, rises, end, count = s, 0.0, True, s, 0
+        while True:
             beta = following(i, s, kappa, free, w, parameters, terms, details)
-            error = 1.0 / (1.0 + kappa * beta) - s
-            if abs(error) <= _CLOSE * s:
+            error = 1.0 - s * (1.0 + kappa * beta)
+            if abs(error) <= _CLOSE:
                 return beta
-            if error < 0.0:
-                high, below = s, error
+            if count == 0:
+                rises = error > 0.0
+                end = 1.0 if rises else least
+            if (error > 0.0) != rises:
                 break
-            further = s + error
-            if above > error:  # secant, no shorter than the fixed point's step
-                further = max(further, min(1.0, s + (s - low) * error / (above - error)))
-            low, above, s = s, error, further
-        if below == 0.0:
-            beta = following(i, 1.0, kappa, free, w, parameters, terms, details)
-            below = 1.0 / (1.0 + kappa * beta) - 1.0
-            if below == 0.0:
+            if s == end:
                 return beta
+            further = error if sound else error / (1.0 + kappa * beta)
+            if abs(before) > abs(error):
+                secant = (s - last) * error / (before - error)
+                further = secant if abs(secant) > abs(further) else further
+            last, before, count = s, error, count + 1
+            s = min(1.0, max(least, s + further)) if count < _MONOTONE else end
         # Illinois
-        side = 0
+        other, beyond, side = s, error, 0
         for _ in range(_MOST):
-            s = (low * below - high * above) / (below - above)
-            if not low < s < high:
-                s = 0.5 * (low + high)
+            s = (last * beyond - other * before) / (beyond - before)
+            if not min(last, other) < s < max(last, other):
+                s = 0.5 * (last + other)
             beta = following(i, s, kappa, free, w, parameters, terms, details)
-            error = 1.0 / (1.0 + kappa * beta) - s
-            if abs(error) <= _CLOSE * s or high - low <= _NEIGHBOURS * high:
+            error = 1.0 - s * (1.0 + kappa * beta)
+            if abs(error) <= _CLOSE or abs(last - other) <= _NEIGHBOURS * last:
                 break
-            if error > 0.0:
-                low, above = s, error
-                below *= 0.5 if side == 1 else 1.0
+            if (error > 0.0) == rises:
+                last, before = s, error
+                beyond *= 0.5 if side == 1 else 1.0
                 side = 1
             else:
-                high, below = s, error
-                above *= 0.5 if side == -1 else 1.0
+                other, beyond = s, error
+                before *= 0.5 if side == -1 else 1.0
                 side = -1
         return beta
 
@@ -362,9 +350,10 @@ def rigid_kernels(
             return 0.0
         if kappa == 0.0:
             return mean_after(i, free, parameters, terms, details)
-        if details[i, snapped] == 1.0:
-            return most_damaged(i, kappa, free, w, parameters, terms, details)
-        return least_damaged(i, kappa, free, w, parameters, terms, details)
+        least = 1.0 / (1.0 + kappa * details[i, soundest])
+        start = 1.0 if details[i, snapped] == 1.0 else least
+        beta = damage_from(i, start, kappa, free, w, parameters, terms, details)
+        return min(beta, details[i, soundest])
 
     @njit(**LEAN_INNER)
     def solve(i, u, r, w, parameters, terms, details):

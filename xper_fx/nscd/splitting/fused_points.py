@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from xper_fx.cache import njit
 from xper_fx.nscd.inverse_blocks import BodyInverse
+from xper_fx.nscd.kernel_options import LEAN_ENTRY
 from xper_fx.nscd.laws.law import Law
 from xper_fx.nscd.point_group import PointGroup
 from xper_fx.nscd.points import InteractionPoints
@@ -21,6 +23,13 @@ if TYPE_CHECKING:
 
 # Difference of velocities, relative to the largest, that is rounding.
 _ROUNDING = 1e-12
+
+
+@njit(**LEAN_ENTRY)
+def _copy_rows(rows, source, out):
+    for row in rows:
+        for d in range(out.shape[1]):
+            out[row, d] = source[row, d]
 
 
 class FusedPoints:
@@ -194,7 +203,7 @@ class FusedPoints:
             driven = np.flatnonzero(self.graphs.compliance_of_vertex == 0.0)
             self._giving = self.graphs.corners_of(np.concatenate([self.split, driven]))
         given = np.zeros(self.impulses.shape)
-        given[self._giving] = self.impulses[self._giving]
+        _copy_rows(self._giving, self.impulses, given)
         return given
 
     def _find_rows(self, groups: list[PointGroup]) -> None:

@@ -51,8 +51,8 @@ def _nest(count: int):
 @cache
 def split_kernel(laws: tuple[LawKernels, ...], dim: int):
     """Vertices that are not whole."""
-    gather, _, partition, activate, form, sources, put, least_flow, newton = vertex_kernels(dim)
-    of_laws = kernels_of_laws(laws, dim)
+    of_vertex, of_laws = vertex_kernels(dim), kernels_of_laws(laws, dim)
+    gather, _, partition, activate, form, sources, bound, put, least_flow, newton = of_vertex
     begin, sweep, settle, linearise, correct, give, bear, find_fused, cut = of_laws
     nest = _nest(len(laws))
 
@@ -120,7 +120,7 @@ def split_kernel(laws: tuple[LawKernels, ...], dim: int):
         """Solve the vertex with the clusters that there are; returns sweeps and error."""
         k = g.corner_offsets[b + 1] - g.corner_offsets[b]
         acting = activate(b, g, work, group_of)
-        form(b, k, g, work)
+        form(k, work)
         begin(b, g, work, 0, rows, step, groups, group_of)
         if acting == 0:
             return 0, 0.0
@@ -130,21 +130,14 @@ def split_kernel(laws: tuple[LawKernels, ...], dim: int):
     def holds(b, g, work, rows, step, tables, groups, group_of):
         """Whether fused bonds bear what they transmit."""
         k = g.corner_offsets[b + 1] - g.corner_offsets[b]
-        sources(b, k, g, work)
+        sources(k, work)
         give(b, g, work, 0, rows, groups, group_of, -1.0)
-        total, share, weakest = 0.0, 0.5, np.inf
-        for c in range(k):
-            squared = 0.0
-            for d in range(dim):
-                if work.driven[c, d]:
-                    work.source[c, d], share = 0.0, 1.0
-                squared += work.source[c, d] ** 2
-            total += np.sqrt(squared)
+        weakest, largest = np.inf, bound(k, work)
         first = g.bond_offsets[b]
         for q in range(first, g.bond_offsets[b + 1]):
             if work.fused[q - first]:
                 weakest = min(weakest, g.least[q])
-        if share * total <= step * weakest:
+        if largest <= step * weakest:
             return True  # so are the least flows, see `holding.py`
         least_flow(b, k, g, work)
         return bear(b, g, work, 0, rows, step, tables, group_of)
@@ -226,7 +219,7 @@ def split_kernel(laws: tuple[LawKernels, ...], dim: int):
                     work.source[c, d] = 0.0
             give(b, g, work, 0, rows, groups, group_of, 1.0)
             # velocities that many sweeps have added to carry their rounding: from the start again
-            form(b, k, g, work)
+            form(k, work)
             for c in range(k):
                 root = work.cluster[c]
                 for d in range(dim):

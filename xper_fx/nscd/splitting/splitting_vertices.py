@@ -40,6 +40,7 @@ class SplittingVertices(Solver):
     """Whole vertices as nodes of finite elements, cracked ones solved each for itself."""
 
     name = "splitting_vertices"
+    prepares_bonds = True
 
     def __init__(self) -> None:
         self._work: VertexWork | None = None

@@ -86,13 +86,13 @@ class StrengthOfVertices:
 @cache
 def _flow_kernel(dim: int):
     """Kernel: the least flows of vertices whose bonds all are rigid."""
-    _, gather_whole, _, _, _, sources, _, least_flow, _ = vertex_kernels(dim)
+    _, gather_whole, _, _, _, sources, _, _, least_flow, _ = vertex_kernels(dim)
 
     @njit(**LEAN_ENTRY)
     def flows(v, g, work, vertices, out):
         for b in vertices:
             k, first, last = gather_whole(b, v, g, work), g.bond_offsets[b], g.bond_offsets[b + 1]
-            sources(b, k, g, work)
+            sources(k, work)
             least_flow(b, k, g, work)
             for q in range(first, last):
                 for d in range(dim):

@@ -28,6 +28,7 @@ class VertexWork(NamedTuple):
         cluster: shape (k,), first corner of each corner's cluster.
         pinned: shape (k,).
         driven: shape (k, dim).
+        mass: shape (k, dim), of the corners, zero where they are driven.
         free: shape (k, dim), velocities of the cells for themselves (m/s).
         v, w: shape (k, dim), velocity and compliance of the cluster whose first corner it is.
         source: shape (k, dim).
@@ -43,6 +44,7 @@ class VertexWork(NamedTuple):
     cluster: np.ndarray
     pinned: np.ndarray
     driven: np.ndarray
+    mass: np.ndarray
     free: np.ndarray
     v: np.ndarray
     w: np.ndarray
@@ -61,7 +63,7 @@ def vertex_work(graphs: VertexGraphs, dim: int) -> VertexWork:
     """Work space for the vertices of a scene."""
     k = int(np.diff(graphs.corner_offsets).max(initial=1))
     e = int(np.diff(graphs.bond_offsets).max(initial=1))
-    corners = [np.zeros((k, dim)) for _ in range(4)]
+    corners = [np.zeros((k, dim)) for _ in range(5)]
     return VertexWork(
         np.zeros(k, np.int64), np.zeros(k, bool), np.zeros((k, dim), bool), *corners,
         np.zeros((k, k)), *(np.zeros(e, bool) for _ in range(3)), np.zeros((e, dim)),
@@ -82,8 +84,10 @@ def vertex_kernels(dim: int):
         for c in range(k):
             slot = g.corner[first + c]
             for d in range(dim):
+                compliance = g.compliance[slot, d]
                 work.free[c, d] = v[slot * dim + d]
-                work.driven[c, d] = g.compliance[slot, d] == 0.0
+                work.driven[c, d] = compliance == 0.0
+                work.mass[c, d] = 1.0 / compliance if compliance > 0.0 else 0.0
         return k
 
     @njit(**MERGED)
@@ -116,9 +120,8 @@ def vertex_kernels(dim: int):
         return count
 
     @njit(**MERGED)
-    def form(b, k, g, work):
+    def form(k, work):
         """Compliance and free velocity of the clusters."""
-        first = g.corner_offsets[b]
         for c in range(k):
             if work.cluster[c] != c:
                 continue
@@ -129,9 +132,8 @@ def vertex_kernels(dim: int):
                         if work.driven[other, d]:
                             held, speed = True, work.free[other, d]
                         else:
-                            own = 1.0 / g.compliance[g.corner[first + other], d]
-                            mass += own
-                            momentum += own * work.free[other, d]
+                            mass += work.mass[other, d]
+                            momentum += work.mass[other, d] * work.free[other, d]
                 work.w[c, d] = 0.0 if held else 1.0 / mass
                 work.v[c, d] = speed if held else momentum / mass
 
@@ -143,23 +145,27 @@ def vertex_kernels(dim: int):
             work.fused[q] = True
         for c in range(k):
             work.cluster[c] = 0
-        form(b, k, g, work)
+        form(k, work)
         return k
 
     @njit(**MERGED)
-    def sources(b, k, g, work):
-        """Impulses that bonds give each corner; returns half their sum, or all if one is driven."""
-        first = g.corner_offsets[b]
+    def sources(k, work):
+        """Impulses that bonds give each corner, those for what drives it left out."""
+        for c in range(k):
+            for d in range(dim):
+                lag = work.v[work.cluster[c], d] - work.free[c, d]
+                work.source[c, d] = work.mass[c, d] * lag
+
+    @njit(**MERGED)
+    def bound(k, work):
+        """What bounds each flow of the sources; see `holding.py`. Driven corners have none."""
         total, share = 0.0, 0.5
         for c in range(k):
-            root, squared = work.cluster[c], 0.0
+            squared = 0.0
             for d in range(dim):
                 if work.driven[c, d]:
                     work.source[c, d], share = 0.0, 1.0
-                else:
-                    mass = 1.0 / g.compliance[g.corner[first + c], d]
-                    work.source[c, d] = mass * (work.v[root, d] - work.free[c, d])
-                    squared += work.source[c, d] ** 2
+                squared += work.source[c, d] ** 2
             total += np.sqrt(squared)
         return share * total
 
@@ -174,8 +180,7 @@ def vertex_kernels(dim: int):
             for d in range(dim):
                 v[slot * dim + d] = work.v[root, d]
                 if not work.driven[c, d]:
-                    mass = 1.0 / g.compliance[slot, d]
-                    impulses[slot, d] = mass * (work.v[root, d] - work.free[c, d])
+                    impulses[slot, d] = work.mass[c, d] * (work.v[root, d] - work.free[c, d])
                     continue
                 # what the others of the cluster do not take, shared among those that are driven
                 rest, sharing = 0.0, 0
@@ -186,8 +191,7 @@ def vertex_kernels(dim: int):
                     if work.driven[other, d]:
                         sharing += 1
                     else:
-                        mass = 1.0 / g.compliance[g.corner[first + other], d]
-                        rest -= mass * (work.v[root, d] - work.free[other, d])
+                        rest -= work.mass[other, d] * (work.v[root, d] - work.free[other, d])
                 impulses[slot, d] = rest / sharing
 
     @njit(**LEAN_INNER)
@@ -271,4 +275,4 @@ def vertex_kernels(dim: int):
                 n += dim
         return True
 
-    return gather, gather_whole, partition, activate, form, sources, put, least_flow, newton
+    return gather, gather_whole, partition, activate, form, sources, bound, put, least_flow, newton

@@ -23,7 +23,7 @@ _INLINED = {"inline": "always"}
 @cache
 def whole_kernel(laws: tuple[LawKernels, ...], dim: int):
     """The kernel `move_whole`."""
-    _, gather_whole, _, _, _, sources, put, least_flow, _ = vertex_kernels(dim)
+    _, gather_whole, _, _, _, sources, bound, put, least_flow, _ = vertex_kernels(dim)
     bear_all = kernels_of_laws(laws, dim)[6]
     world = for_dimension(dim)
     add, scale, subtract, dot = world.add, world.scale, world.subtract, world.dot
@@ -134,7 +134,8 @@ def whole_kernel(laws: tuple[LawKernels, ...], dim: int):
             if g.compliance_of_vertex[b] > 0.0 and holds_easily(b, v, step, g, work):
                 continue
             k = gather_whole(b, v, g, work)
-            if sources(b, k, g, work) > step * g.weakest[b]:
+            sources(k, work)
+            if bound(k, work) > step * g.weakest[b]:
                 least_flow(b, k, g, work)
                 if not bear_all(b, g, work, 0, rows, step, tables, group_of):
                     failed[count] = b
