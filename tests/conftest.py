@@ -24,20 +24,23 @@ MOST_WORKERS = 4
 OTHER_TIERS = ("slow", "ranks", "docs", "demos")
 # Files that take longest, in this order: begun first, so that all workers end together.
 LONGEST = (
-    "parallel/test_parallel.py",
     "parallel/test_touching.py",
-    "hard_cases/test_periodic_compression.py",
+    "parallel/test_parallel_static.py",
+    "parallel/test_spread_touching.py",
     "output/test_effects.py",
-    "parallel/test_parallel_output.py",
-    "materials/test_plastic_structures.py",
-    "hard_cases/test_slivers_and_masses.py",
-    "demos/test_notched_plate.py",
+    "project/test_docs.py",
+    "periodic/test_microstructure.py",
+    "parallel/test_parallel.py",
     "output/test_restart.py",
     "periodic/test_periodic_interactions.py",
-    "demos/test_impact_fragmentation.py",
-    "parallel/test_parallel_cell.py",
-    "parallel/test_parallel_solvers.py",
-    "scene/test_body_to_body.py",
+    "cache/test_kept_kernels.py",
+    "parallel/test_spread.py",
+    "demos/test_notched_plate.py",
+    "published/test_beam_delamination.py",
+    "hard_cases/test_orders_of_turning.py",
+    "parallel/test_parallel_rigid.py",
+    "materials/test_plastic_structures.py",
+    "hard_cases/test_periodic_compression.py",
 )
 
 

@@ -183,7 +183,7 @@ def test_a_bond_that_opens_has_the_least_damaged_state(snap, over):
 
 
 def test_a_bond_that_may_hold_or_break_in_a_long_step_holds():
-    """Once weakened it could bear the force as it is, or be torn by it, with a snap number of 100."""
+    """Once weakened it could bear the force as it is, or be torn by it: its snap number is 100."""
     h, dc = 1e-6, law().critical_opening
     mass = h**2 * AREA * S / (4.0 * dc * 100.0)
     bond = PointMass(law(), mass, [0.2 * dc / (1e-3 * h), 0.0], area=AREA)

@@ -24,7 +24,7 @@ z = 2 U0 / (h theta), b = u - W r and k = h^2 theta A C / 2,
     y = b + z + (1 - theta) / theta u0 + W r,    r = rhat - beta_m k y,    U1 = h theta (y - z / 2).
 
 beta_m hangs on y, and is found at each visit: s = 1 / (1 + k w beta_m) in (0, 1], w the mean
-compliance, is a fixed point of s -> 1 / (1 + k w beta_m(y(s))), which only rises:
+compliance, is a root of 1 - s (1 + k w beta_m(y(s))), which is nearly straight in s:
 from the damage at the start upwards the least damaged state is met first. Where the step is so long
 that the bond has several (a softening number above 1), that one is taken.
 
