@@ -22,7 +22,7 @@ _BRANCHES = (
     "there, and small imperfections decide which it goes"
 )
 # Least share of what was asked for in a step, and what a failure leaves of it.
-_LEAST, _SHORTENED = 1e-4, 0.4
+_LEAST, _SHORTENED = 1e-6, 0.4
 # Share at which a step that fails is near enough to a corner to go round it (`nscd/growth.py`).
 _AT_CORNER = 0.05
 # Relative difference of changes of the load that are the same.
