@@ -211,6 +211,18 @@ def test_friction_that_grows_holds_a_bond_that_begins_to_slip(snap, angle):
     assert 0.0 < bond.damage <= 1.0 - share
 
 
+@pytest.mark.parametrize("snap", [0.3, 1e2, 1e5])
+def test_a_drag_holds_a_bond_that_begins_to_open(snap):
+    """s (1 + eta v / s) bears the force at an opening that is small; beyond, the bond is torn."""
+    h, dc, over = 1e-6, law().critical_opening, 0.5
+    mass = h**2 * AREA * S / (4.0 * dc * snap)
+    eta = over * S * h / (1e-2 * dc)
+    bond = PointMass(law(viscosity=eta), mass, [0.0, 0.0], area=AREA)
+    bond.step(h, [(1.0 + over) * S * AREA, 0.0])
+    opening = over * S / (eta / h + 2.0 * mass / (h**2 * AREA))
+    assert bond.jump[0] == pytest.approx(opening, rel=0.05)
+
+
 @pytest.mark.parametrize("restitution", [0.0, 0.4, 1.0])
 def test_broken_lips_rebound_by_their_restitution(restitution):
     bond = PointMass(law(restitution=restitution), 8.0 * SPENT, [1.0, 0.3], area=AREA)

@@ -87,7 +87,7 @@ def rigid_kernels(
     sym_row, sym_vector, sym_solve = algebra.sym_row, algebra.sym_vector, algebra.sym_solve
     soften, diagonal = algebra.compliance_with_springs, algebra.multiply_diagonal
     rubs, friction_of = friction is not Friction.NONE, friction_by_damage(friction)
-    stiffens = friction is Friction.GROWING
+    stiffens = viscous or friction is Friction.GROWING
     contact, book_losses = contact_solver(dim, rubs), contact_losses(dim, rubs)
     num_sym = dim * (dim + 1) // 2
     diagonal_of = (0, 2) if dim == 2 else (0, 3, 5)
@@ -303,7 +303,7 @@ def rigid_kernels(
 
         Steps are safe ones, or secants that are longer; a root that was passed is bracketed. With
         the impulse of a sound bond, k w beta_m s, falling in s those are s <- 1 - k w beta_m s;
-        friction that grows as the bond opens would hold it before, and s <- 1 / (1 + k w beta_m).
+        friction that grows or a drag may hold it before, and then s <- 1 / (1 + k w beta_m).
         """
         falls = details[i, rigid] == 1.0 and not stiffens
         least = 1.0 / (1.0 + kappa * details[i, soundest])
