@@ -16,6 +16,12 @@ theorem: corrections may then go round in circles between stick and slip, with t
 found. They are left after some; the impulses that the laws answer there are nearer to the solution,
 and the circles end (an inexact proximal point algorithm).
 
+Where bonds soften the function curves down along some directions, and a correction, which asks for
+the state at which it is flat, may lead up along one. The other way leads down: it is taken, so that
+here too corrections do not go round between two states. A softening bond may yet open and close
+with the given impulses in turns. The rounds that follow then lead away from a state that was nearly
+found; Newton's method goes on from the nearest one.
+
 Between two changes of branches the impulses of contacts that hold each other round a node creep by
 steps d of one direction that hardly shrink, as the load that such contacts bear by themselves is
 nearly free. Where the last two steps have one direction the next is stretched to where they would
@@ -58,37 +64,49 @@ _LITTLE = 0.1
 _FLAT, _TRIED = 0.5, 12
 
 
-def find_contacts(step: CoupledStep, good: float) -> bool:
-    """Bring velocities and impulses of a step near to its solution; whether that was found.
+def find_contacts(step: CoupledStep, good: float) -> float:
+    """Bring velocities and impulses of a step near to its solution.
 
     Args:
         step: begins at its present velocities, loads and impulses.
         good: change of the impulses at which they are found, beside the largest nodal impulse.
+
+    Returns:
+        The least change of balanced velocities, beside the largest nodal impulse, or `good` if it
+        came down to that; the step is where it was.
     """
     follows = step.growth is not None and not step.growth.begins
     if step.growth is not None and not follows and not _load_a_little(step):
-        return False
+        return np.inf
     circles, least, length, last = 0, np.inf, 1.0, np.zeros(0)
+    best: tuple[float, np.ndarray, float, list[np.ndarray]] | None = None
     for outer in range(1, _OUTER + 1):
         given = step.impulses_of_points()
         error = min(_BALANCED, _OF_CHANGE * good)
         balanced = _balance(step, given, error, outer == 1, follows)
         if balanced is None:
-            return False
+            break
         moved = [answer - m for answer, m in zip(step.answers(), given, strict=True)]
         now = np.concatenate([np.zeros(0), *(d.ravel() for d in moved)])  # a rank may have none
         change = step.ranks.max(float(np.abs(now).max(initial=0.0)))
         may_creep = balanced and not step.turns
         circles = 0 if may_creep or change < _NEARER * least else circles + 1
-        least = min(least, change)
-        if circles > _CIRCLES:
-            return False
+        size = step.size()
+        logger.debug("impulses %d change by %.2e of %.2e N s", outer, change, size)
         length, last = _stretched(length, last, now, step.ranks) if outer > 1 else 1.0, now
         step.set_impulses([m + length * d for m, d in zip(given, moved, strict=True)])
-        logger.debug("impulses %d change by %.2e of %.2e N s", outer, change, step.size())
-        if balanced and change <= good * step.size():
-            return True
-    return False
+        least = min(least, change)
+        if balanced and change <= good * size:
+            return good
+        if balanced and (best is None or change < best[0] * size):
+            best = change / size, step.velocity, step.loading.time, step.impulses_of_points()
+        if circles > _CIRCLES:
+            break
+    if best is None:
+        return np.inf
+    step.move(best[1], best[2])
+    step.set_impulses(best[3])
+    return best[0]
 
 
 def _stretched(length: float, last: np.ndarray, now: np.ndarray, ranks: Ranks) -> float:
@@ -179,8 +197,12 @@ class _Line:
         return slope if np.isfinite(slope) else np.inf
 
     def shorten(self) -> None:
-        """Go to a length at which the slope is flat: the whole one, or one within it."""
-        first, last = self.go(0.0), self.go(1.0)
+        """Go to a length at which the slope is flat, the whole one or one within it, downwards."""
+        first = self.go(0.0)
+        if 0.0 < first < np.inf:
+            self._correction = self._correction._replace(velocity=-self._correction.velocity)
+            first = -first
+        last = self.go(1.0)
         low, high, at_low, at_high = 0.0, 1.0, first, last
         for tried in range(_TRIED):
             flat = abs(last) <= _FLAT * abs(first) if tried else last <= _FLAT * abs(first)

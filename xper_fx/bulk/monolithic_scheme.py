@@ -32,6 +32,8 @@ if TYPE_CHECKING:
 
 # How well contacts are found before Newton's method goes on, beside the largest nodal impulse.
 _NEAR = 1e-4
+# How well at least, where they are not found.
+_ROUGH = 1e-2
 # What may fail beside Newton's method.
 _GOES_BACK = "the state that was found leads back along the path"
 
@@ -228,12 +230,16 @@ class MonolithicScheme:
         for good in (_NEAR, self._tolerance):
             coupled.loading.set(start.time + (0.0 if coupled.growth is not None else coupled.step))
             begin()
-            if not find_contacts(coupled, good):
+            change = find_contacts(coupled, good)
+            if change > _ROUGH:
                 break
-            there = coupled.loading.time, coupled.velocity
-            impulses = coupled.impulses_of_points()
+            if change <= good:
+                there = coupled.loading.time, coupled.velocity
+                impulses = coupled.impulses_of_points()
             if self._solve(coupled, newton):
                 return True
+            if change > good:
+                break
         if keep:
             self._found = FoundContacts(start, there, impulses)
         return False
