@@ -38,6 +38,7 @@ impulses together are quadratic (`semismooth_newton.py`).
 from __future__ import annotations
 
 import logging
+from typing import NamedTuple
 
 import numpy as np
 
@@ -53,6 +54,8 @@ _OUTER, _INNER = 300, 12
 # share of the smallest change before below which they do. Lips that turn may have gaps that no
 # impulses close all: there it counts where forces balance, too.
 _CIRCLES, _NEARER = 20, 0.9
+# How often corrections that go in circles may do so after one of them led up.
+_CIRCLES_UP = 1
 # Cosine between changes that creep along one direction, and how far one may be stretched.
 _CREEP, _FURTHEST = 0.95, 1e4
 # Error of the balance for given impulses beside the largest nodal impulse, and beside the change
@@ -62,6 +65,18 @@ _BALANCED, _OF_CHANGE = 1e-6, 0.1
 _LITTLE = 0.1
 # Slope at which a length is good, beside that at its start, and how many lengths are tried.
 _FLAT, _TRIED = 0.5, 12
+
+
+class Balance(NamedTuple):
+    """What the corrections for given impulses come to.
+
+    Attributes:
+        found: whether velocities in balance were found, or only nearly.
+        led_up: whether a correction led up.
+    """
+
+    found: bool
+    led_up: bool
 
 
 def find_contacts(step: CoupledStep, good: float) -> float:
@@ -78,14 +93,16 @@ def find_contacts(step: CoupledStep, good: float) -> float:
     follows = step.growth is not None and not step.growth.begins
     if step.growth is not None and not follows and not _load_a_little(step):
         return np.inf
-    circles, least, length, last = 0, np.inf, 1.0, np.zeros(0)
+    circles, up, least, length, last = 0, 0, np.inf, 1.0, np.zeros(0)
     best: tuple[float, np.ndarray, float, list[np.ndarray]] | None = None
     for outer in range(1, _OUTER + 1):
         given = step.impulses_of_points()
         error = min(_BALANCED, _OF_CHANGE * good)
-        balanced = _balance(step, given, error, outer == 1, follows)
-        if balanced is None:
+        balance = _balance(step, given, error, outer == 1, follows)
+        if balance is None:
             break
+        balanced = balance.found
+        up += balance.led_up and not balanced
         moved = [answer - m for answer, m in zip(step.answers(), given, strict=True)]
         now = np.concatenate([np.zeros(0), *(d.ravel() for d in moved)])  # a rank may have none
         change = step.ranks.max(float(np.abs(now).max(initial=0.0)))
@@ -100,7 +117,7 @@ def find_contacts(step: CoupledStep, good: float) -> float:
             return good
         if balanced and (best is None or change < best[0] * size):
             best = change / size, step.velocity, step.loading.time, step.impulses_of_points()
-        if circles > _CIRCLES:
+        if circles > _CIRCLES or up > _CIRCLES_UP:
             break
     if best is None:
         return np.inf
@@ -139,7 +156,7 @@ def _load_a_little(step: CoupledStep) -> bool:
 
 def _balance(
     step: CoupledStep, given: list[np.ndarray], error: float, moves: bool, follows: bool
-) -> bool | None:
+) -> Balance | None:
     """Look for the velocities in balance with the answers to given impulses.
 
     Args:
@@ -150,8 +167,9 @@ def _balance(
         follows: whether the load is to be found from the growth.
 
     Returns:
-        Whether they were found, or only nearly; None if the corrections lead nowhere.
+        What came of it; None if the corrections lead nowhere.
     """
+    led_up = False
     for count in range(_INNER):
         step.set_impulses(given)
         try:
@@ -164,13 +182,13 @@ def _balance(
         if (moves and count == 0) or follows:
             line.go(1.0)
         else:
-            line.shorten()
+            led_up |= line.shorten()
         left = step.ranks.max(float(np.abs(step.balance()).max(initial=0.0)))
         if not np.isfinite(left):
             return None
         if left <= max(error * step.size(), step.rounding()):
-            return True
-    return False
+            return Balance(True, led_up)
+    return Balance(False, led_up)
 
 
 class _Line:
@@ -196,10 +214,15 @@ class _Line:
         slope = -step.dot(along, step.balance())
         return slope if np.isfinite(slope) else np.inf
 
-    def shorten(self) -> None:
-        """Go to a length at which the slope is flat, the whole one or one within it, downwards."""
+    def shorten(self) -> bool:
+        """Go to a length at which the slope is flat, the whole one or one within it, downwards.
+
+        Returns:
+            Whether the correction led up, so that the other way was taken.
+        """
         first = self.go(0.0)
-        if 0.0 < first < np.inf:
+        up = bool(0.0 < first < np.inf)
+        if up:
             self._correction = self._correction._replace(velocity=-self._correction.velocity)
             first = -first
         last = self.go(1.0)
@@ -207,7 +230,7 @@ class _Line:
         for tried in range(_TRIED):
             flat = abs(last) <= _FLAT * abs(first) if tried else last <= _FLAT * abs(first)
             if flat or first >= 0.0:
-                return
+                return up
             length = low - at_low * (high - low) / (at_high - at_low)
             if tried % 3 == 2 or not np.isfinite(at_high):
                 length = 0.5 * (low + high)
@@ -216,3 +239,4 @@ class _Line:
                 high, at_high = length, last
             else:
                 low, at_low = length, last
+        return up
