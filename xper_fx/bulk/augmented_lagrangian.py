@@ -17,10 +17,12 @@ found. They are left after some; the impulses that the laws answer there are nea
 and the circles end (an inexact proximal point algorithm).
 
 Where bonds soften the function curves down along some directions, and a correction, which asks for
-the state at which it is flat, may lead up along one. The other way leads down: it is taken, so that
-here too corrections do not go round between two states. A softening bond may yet open and close
-with the given impulses in turns. The rounds that follow then lead away from a state that was nearly
-found; Newton's method goes on from the nearest one.
+the state at which it is flat, may lead up along one. The other way leads down, and is taken. Where
+such corrections find no balance twice, the load may have no equilibrium: the step is given up, to
+be cut. A softening bond may also open and close with the given impulses in turns. The impulses then
+go away from a state that was nearly found; Newton's method goes on from the nearest one. All this
+is for loads that are given, without inertia and viscosity. Else a shorter step has a state near the
+last one, and what lies down there may be far away, beyond a snap.
 
 Between two changes of branches the impulses of contacts that hold each other round a node creep by
 steps d of one direction that hardly shrink, as the load that such contacts bear by themselves is
@@ -54,8 +56,8 @@ _OUTER, _INNER = 300, 12
 # share of the smallest change before below which they do. Lips that turn may have gaps that no
 # impulses close all: there it counts where forces balance, too.
 _CIRCLES, _NEARER = 20, 0.9
-# How often corrections that go in circles may do so after one of them led up.
-_CIRCLES_UP = 1
+# How often they may be left after one of them led up: where that does not end soon, it never ends.
+_LEFT_UP = 1
 # Cosine between changes that creep along one direction, and how far one may be stretched.
 _CREEP, _FURTHEST = 0.95, 1e4
 # Error of the balance for given impulses beside the largest nodal impulse, and beside the change
@@ -88,7 +90,7 @@ def find_contacts(step: CoupledStep, good: float) -> float:
 
     Returns:
         The least change of balanced velocities, beside the largest nodal impulse, or `good` if it
-        came down to that; the step is where it was.
+        came down to that; the step is where it was. Infinite if all others are of no use.
     """
     follows = step.growth is not None and not step.growth.begins
     if step.growth is not None and not follows and not _load_a_little(step):
@@ -115,9 +117,9 @@ def find_contacts(step: CoupledStep, good: float) -> float:
         least = min(least, change)
         if balanced and change <= good * size:
             return good
-        if balanced and (best is None or change < best[0] * size):
+        if balanced and step.may_jump and (best is None or change < best[0] * size):
             best = change / size, step.velocity, step.loading.time, step.impulses_of_points()
-        if circles > _CIRCLES or up > _CIRCLES_UP:
+        if circles > _CIRCLES or up > _LEFT_UP:
             break
     if best is None:
         return np.inf
@@ -221,7 +223,7 @@ class _Line:
             Whether the correction led up, so that the other way was taken.
         """
         first = self.go(0.0)
-        up = bool(0.0 < first < np.inf)
+        up = bool(self._step.may_jump and 0.0 < first < np.inf)
         if up:
             self._correction = self._correction._replace(velocity=-self._correction.velocity)
             first = -first
