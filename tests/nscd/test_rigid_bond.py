@@ -195,6 +195,34 @@ def test_a_bond_that_may_hold_or_break_in_a_long_step_holds():
     assert (bond.damage, bond.opening_max) == (damage, opening)
 
 
+@pytest.mark.parametrize("snap", [0.3, 1e3, 1e5])
+@pytest.mark.parametrize("angle", [0.0, 1.0])
+def test_friction_that_grows_holds_a_bond_that_begins_to_slip(snap, angle):
+    """Sheared by more than s, of which mu |R_N| bears the rest at once, but could not bear all."""
+    h, mu, share = 1e-6, 0.5, 0.3
+    mass = h**2 * AREA * S / (4.0 * law().critical_opening * snap)
+    bond = PointMass(law(friction=mu, friction_grows=True), mass, np.zeros(3), area=AREA)
+    pressed = S * AREA
+    sheared = S * AREA + share * mu * pressed
+    force = np.array([-pressed, sheared * np.cos(angle), sheared * np.sin(angle)])
+    bond.step(h, force)
+    assert bond.impulse == pytest.approx(-h * force, rel=1e-6, abs=1e-12 * h * pressed)
+    assert 0.0 < bond.opening_max < 1e-7 * law().critical_opening
+    assert 0.0 < bond.damage <= 1.0 - share
+
+
+@pytest.mark.parametrize("snap", [0.3, 1e2, 1e5])
+def test_a_drag_holds_a_bond_that_begins_to_open(snap):
+    """s (1 + eta v / s) bears the force at an opening that is small; beyond, the bond is torn."""
+    h, dc, over = 1e-6, law().critical_opening, 0.5
+    mass = h**2 * AREA * S / (4.0 * dc * snap)
+    eta = over * S * h / (1e-2 * dc)
+    bond = PointMass(law(viscosity=eta), mass, [0.0, 0.0], area=AREA)
+    bond.step(h, [(1.0 + over) * S * AREA, 0.0])
+    opening = over * S / (eta / h + 2.0 * mass / (h**2 * AREA))
+    assert bond.jump[0] == pytest.approx(opening, rel=0.05)
+
+
 @pytest.mark.parametrize("restitution", [0.0, 0.4, 1.0])
 def test_broken_lips_rebound_by_their_restitution(restitution):
     bond = PointMass(law(restitution=restitution), 8.0 * SPENT, [1.0, 0.3], area=AREA)

@@ -59,11 +59,13 @@ def counts(package: Path) -> Counts:
     for file in files:
         compiled = set()
         for node in ast.walk(ast.parse(file.read_text())):
-            where = f"{file.relative_to(package)}:{getattr(node, 'name', '')}"
+            if not isinstance(node, ast.ClassDef | ast.FunctionDef):
+                continue
+            where = f"{file.relative_to(package)}:{node.name}"
             many += isinstance(node, ast.FunctionDef) and parameters(node) > 8
             if isinstance(node, ast.ClassDef):
                 classes.append((length(node), where))
-            elif isinstance(node, ast.FunctionDef) and node not in compiled:
+            elif node not in compiled:
                 if is_compiled(node):
                     compiled |= {n for n in ast.walk(node) if isinstance(n, ast.FunctionDef)}
                 else:

@@ -8,6 +8,7 @@ import shutil
 import subprocess
 import sys
 import threading
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
 
@@ -18,6 +19,8 @@ import standing_ranks
 # Whether the present test is marked `ranks`; tests/conftest.py says so.
 marked = True
 FOLDER = Path(__file__).parents[1]
+# Those that have run scripts and wait for the next, by their number.
+_standing: dict[int, subprocess.Popen] = {}
 # Seconds after which a script is stopped.
 _PATIENCE = 1800.0
 # More ranks than cores, as the tests are one of several things that a machine does.
@@ -104,28 +107,40 @@ def on_ranks(count: int, script: Path, *arguments):
         ranks, which have ended.
     """
     _require_ranks()
-    ranks = _standing(count)
+    ranks = _standing_ranks(count)
     command = [str(FOLDER / script), *map(str, arguments)]
-    print(json.dumps(command), file=ranks.stdin, flush=True)
     stop = threading.Timer(_PATIENCE, ranks.terminate)
     stop.start()
-    out, status = "", 0
-    while (line := ranks.stdout.readline()).rstrip("\n") != standing_ranks.DONE:
-        if not line:  # they have ended: the next script has others
-            _standing.cache_clear()
-            status = ranks.wait()
-            break
-        out += line
-    stop.cancel()
-    return subprocess.CompletedProcess(command, status, out, "")
+    out, end, status = "", f"{standing_ranks.DONE}\n", 0
+    try:
+        print(json.dumps(command), file=ranks.stdin, flush=True)
+        while not out.endswith(end):  # a script may leave its last line open
+            if not (line := ranks.stdout.readline()):  # they have ended: the next script has others
+                status = ranks.wait()
+                break
+            out += line
+    except BaseException:  # as of Ctrl-C: what they do is not asked for any more
+        ranks.terminate()
+        ranks.wait()
+        raise
+    finally:
+        stop.cancel()
+    return subprocess.CompletedProcess(command, status, out.removesuffix(end), "")
 
 
-@cache
-def _standing(count: int) -> subprocess.Popen:
-    script = standing_ranks.__file__
-    ranks = _start(count, script, stdin=subprocess.PIPE, stderr=subprocess.STDOUT)
-    atexit.register(ranks.stdin.close)
+def _standing_ranks(count: int) -> subprocess.Popen:
+    ranks = _standing.get(count)
+    if ranks is None or ranks.poll() is not None:
+        options = {"stdin": subprocess.PIPE, "stderr": subprocess.STDOUT}
+        ranks = _standing[count] = _start(count, standing_ranks.__file__, **options)
     return ranks
+
+
+@atexit.register
+def _dismiss() -> None:
+    for ranks in _standing.values():
+        with suppress(BrokenPipeError):  # of ranks that have ended
+            ranks.stdin.close()
 
 
 def runs_of(script: Path, scenes: dict[int, tuple[str, ...]], run_alone, factory):

@@ -524,6 +524,18 @@ def test_viscous_bonds_snap_in_time():
     assert viscous > 0.1 * (0.5 * peak**2 * length / E - 100.0 * HEIGHT)
 
 
+@pytest.mark.parametrize("path", [xf.GrowthControl(), xf.DissipationControl(SPENT)])
+@pytest.mark.parametrize("share", [0.3, 20.0])
+def test_lips_that_are_pressed_do_not_lead_the_path(path, share):
+    """How closed lips move is rounding: it tells neither a load nor which way goes on."""
+    length = share * CRITICAL
+    pressed = [xf.PrescribedDisplacement(RIGHT, 0, lambda t: -1e-6 * t)]
+    simulation = follow(bar(length, loads=pressed), path)
+    times = [step.time for step in simulation.steps(1e3)]
+    np.testing.assert_allclose(times, 50.0 * np.arange(1, 21), rtol=1e-12)
+    assert simulation.reaction(RIGHT)[0] == pytest.approx(-1e-3 * E * HEIGHT / length, rel=1e-9)
+
+
 def test_an_end_before_the_present_is_refused():
     simulation = follow(bar(1.0))
     next(simulation.steps(1e6))

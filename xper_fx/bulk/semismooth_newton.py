@@ -104,18 +104,19 @@ class SemismoothNewton:
             start = step.velocity, step.loading.time, step.impulses_of_points()
             for length in _LENGTHS:
                 merit = self._go(start, correction, length)
-                if length == 1.0 and _to_and_fro(history, merit):
+                small = length == 1.0 and self._is_little(tolerance, count)
+                if length == 1.0 and not small and _to_and_fro(history, merit):
                     continue
                 if best is None or merit < best[0]:
                     best = merit, length
-                if not history or merit < max(history[-_MEMORY:]):
+                if small or not history or merit < max(history[-_MEMORY:]):
                     break
             if best[1] != length:
                 self._go(start, correction, best[1])
             history.append(best[0])
             if not np.isfinite(best[0]):
                 return step.flipped or _NOT_FINITE
-            reference, floor = step.size(), step.rounding()
+            reference = step.size()
             self.left = self._most / reference if reference > 0.0 else 0.0
             logger.debug(
                 "iteration %d: length %g, %.2e left, growth %.1e, %d points held",
@@ -125,8 +126,7 @@ class SemismoothNewton:
                 step.growth_left(),
                 step.num_held(),
             )
-            allowed = tolerance * (1.0 if count <= _PATIENCE else _ROUND)
-            small = self._most <= max(allowed * reference, floor) or reference <= step.noise()
+            small = self._is_little(tolerance, count)
             if small and best[1] == 1.0 and abs(step.growth_left()) <= _GROWN:
                 if step.evolve() <= tolerance:
                     return ""
@@ -145,6 +145,12 @@ class SemismoothNewton:
                     return ""
                 return self._short(small) or _STUCK
         return self._short(small) or _SLOW.format(last)
+
+    def _is_little(self, tolerance: float, count: int) -> bool:
+        """Whether what is left after some iterations is little enough."""
+        step, allowed = self._step, tolerance * (1.0 if count <= _PATIENCE else _ROUND)
+        reference = step.size()
+        return self._most <= max(allowed * reference, step.rounding()) or reference <= step.noise()
 
     def _short(self, small: bool) -> str:
         """What is wrong with the growth where little is left."""

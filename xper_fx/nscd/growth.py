@@ -30,7 +30,8 @@ from xper_fx.nscd.interactions import Interactions
 
 # An opening this near to the largest one so far grew in the last step.
 _ROUNDING = 1e-9
-# Of the fastest lips, how fast those are at most that the load does not move.
+# Of the fastest lips, how fast those are at most that the load does not move; of a bond's largest
+# opening, how far lips move in a step of which nothing is told.
 _STILL = 1e-9
 # How much of what a step may do, relative, at which an iteration goes astray.
 _ASTRAY = 10.0
@@ -63,7 +64,8 @@ class GrowthLimit:
         # a step's end velocities have the direction of its jumps, as theta is 1
         self._area = np.concatenate([none[0], *(g.points.area for _, g in groups)])
         self._start = self._all([g.jump for g in interactions.groups])
-        forward = self._area[:, None] * self._all([g.velocity for g in interactions.groups])
+        velocity = self._all([g.velocity for g in interactions.groups])
+        forward = self._area[:, None] * self._but_rounding(velocity, interactions.committed_step)
         x = _opening(self._start)
         grew = x > (1.0 - _ROUNDING) * self._reached
         self._grows = np.flatnonzero(whole)
@@ -93,6 +95,11 @@ class GrowthLimit:
         """
         turning = self._grown[0] != self._grown[1]
         return None if self._nowhere(turning)[0] else turning
+
+    def _but_rounding(self, moved: np.ndarray, time: float = 1.0) -> np.ndarray:
+        """Changes of all jumps in a time without what may be rounding, as of closed lips."""
+        still = time * np.abs(moved).max(axis=1, initial=0.0) < _STILL * self._reached
+        return np.where(still[:, None], 0.0, moved)
 
     def _nowhere(self, *conditions: np.ndarray) -> list[bool]:
         """Of each condition whether it holds for no bond of all ranks."""
@@ -155,7 +162,7 @@ class GrowthLimit:
         """
         if self.begins:
             return change < 0.0
-        return self._sum(self._forward, self._all(moved)) < 0.0
+        return self._sum(self._forward, self._but_rounding(self._all(moved))) < 0.0
 
     def allows(self, moved: Sequence[np.ndarray]) -> bool:
         """Whether bonds do in a step what they may, or less.

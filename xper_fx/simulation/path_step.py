@@ -10,8 +10,8 @@ last value t1, the end of the path or before it, and may fall by no more than a 
 Where the load that is found lies beyond t1, the step goes to t1 itself, from the state on the way
 there, and bonds then do less than they may. A state at t1 in which they do more, or that leads
 back, is not taken; then, and where the load falls too far, bonds may do less in the step. Where no
-load is found at all, as where all that opens is broken, the step goes up to t1, and less far as
-bonds may do less.
+load is found at all, as where all that opens is broken or pressed, the step goes up to t1, and less
+far as bonds may do less.
 """
 
 from __future__ import annotations
@@ -83,14 +83,15 @@ class PathStep:
             limit, guess = path.limit(self._points), path.guess(state, self._last_size / size)
             outcome = self._attempt(size, growth=limit, guess=guess)
             change = outcome.state.time - state.time
+            in_reach = -self._longest <= change <= rise
             if not outcome.converged:
-                if limit.idle:
+                if limit.idle or not in_reach:
                     part = min(path.share, 1.0) * rise
                     there = self._to(state.time + part if part < rise else self._last, None)
-                    if self._may_be(there, part, back=True):
+                    if self._may_be(there, part, back=bool(limit.idle)):
                         return there, part
                 return outcome, size
-            if -self._longest <= change <= rise:
+            if in_reach:
                 return outcome, size
             if change > 0.0:
                 there = self._to(self._last, outcome.state.velocity * (size / change))

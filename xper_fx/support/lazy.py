@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Mapping
 from importlib import import_module
 from typing import Any
@@ -27,7 +28,8 @@ def importer(
         if name in whole:
             return import_module(f"{package}.{whole[name]}")
         if name not in module_of:
-            raise AttributeError(f"module {package!r} has no attribute {name!r}")
+            message = f"module {package!r} has no attribute {name!r}"
+            raise AttributeError(message, name=name, obj=sys.modules[package])
         return getattr(import_module(f"{package}.{module_of[name]}"), name)
 
     return __getattr__

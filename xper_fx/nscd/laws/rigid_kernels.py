@@ -87,6 +87,7 @@ def rigid_kernels(
     sym_row, sym_vector, sym_solve = algebra.sym_row, algebra.sym_vector, algebra.sym_solve
     soften, diagonal = algebra.compliance_with_springs, algebra.multiply_diagonal
     rubs, friction_of = friction is not Friction.NONE, friction_by_damage(friction)
+    stiffens = viscous or friction is Friction.GROWING
     contact, book_losses = contact_solver(dim, rubs), contact_losses(dim, rubs)
     num_sym = dim * (dim + 1) // 2
     diagonal_of = (0, 2) if dim == 2 else (0, 3, 5)
@@ -300,9 +301,12 @@ def rigid_kernels(
     def damage_from(i, s, kappa, free, w, parameters, terms, details):
         """The mean damage at the first root that is met from s on, up to 1 or down to the least.
 
-        Steps are safe ones, or secants that are longer; a root that was passed is bracketed.
+        Steps are safe ones, or secants that are longer; a root that was passed is bracketed. With
+        the impulse of a sound bond, k w beta_m s, falling in s those are s <- 1 - k w beta_m s;
+        friction that grows or a drag may hold it before, and then s <- 1 / (1 + k w beta_m).
         """
-        sound, least = details[i, rigid] == 1.0, 1.0 / (1.0 + kappa * details[i, soundest])
+        falls = details[i, rigid] == 1.0 and not stiffens
+        least = 1.0 / (1.0 + kappa * details[i, soundest])
         last, before, rises, end, count = s, 0.0, True, s, 0
         while True:
             beta = following(i, s, kappa, free, w, parameters, terms, details)
@@ -316,7 +320,7 @@ def rigid_kernels(
                 break
             if s == end:
                 return beta
-            further = error if sound else error / (1.0 + kappa * beta)
+            further = error if falls else error / (1.0 + kappa * beta)
             if abs(before) > abs(error):
                 secant = (s - last) * error / (before - error)
                 further = secant if abs(secant) > abs(further) else further

@@ -132,23 +132,26 @@ class Tessellation:
         centroid o + sum(a_i - o) / (dim + 1). In 3D a face is cut into triangles around its mean
         corner.
         """
-        volumes = np.zeros(len(self.boundaries))
-        centroids = np.zeros((len(volumes), self.dim))
-        for piece, sides in enumerate(self.boundaries):
-            corners = [self.face_corners(side) for side in sides]
-            tip = np.mean([x.mean(axis=0) for x in corners], axis=0)
-            for x in corners:
-                arms = x - tip
-                if self.dim == 3:
-                    fan = np.broadcast_to(arms.mean(axis=0), arms.shape)
-                    simplices = np.stack([fan, arms, np.roll(arms, -1, axis=0)], axis=1)
-                else:
-                    simplices = arms[np.newaxis]
-                parts = np.linalg.det(simplices) / factorial(self.dim)
-                volumes[piece] += parts.sum()
-                centroids[piece] += parts @ simplices.sum(axis=1) / (self.dim + 1)
-            centroids[piece] = tip + centroids[piece] / volumes[piece]
-        return volumes, centroids
+        sides = [side for boundary in self.boundaries for side in boundary]
+        piece = np.repeat(np.arange(len(self.boundaries)), list(map(len, self.boundaries)))
+        corners = [self.face_corners(side) for side in sides]
+        sizes = np.array(list(map(len, corners)))
+        x, first = np.concatenate(corners), np.cumsum(sizes) - sizes
+        middle = np.add.reduceat(x, first) / sizes[:, np.newaxis]  # of a face
+        starts = np.searchsorted(piece, np.arange(len(self.boundaries)))
+        tip = np.add.reduceat(middle, starts) / np.bincount(piece)[:, np.newaxis]
+        if self.dim == 3:
+            face, after = np.repeat(np.arange(len(sides)), sizes), np.arange(1, len(x) + 1)
+            after[first + sizes - 1] = first
+            simplices, piece = np.stack([middle[face], x, x[after]], axis=1), piece[face]
+        else:
+            simplices = x.reshape(-1, 2, 2)
+        simplices = simplices - tip[piece][:, np.newaxis]
+        parts = np.linalg.det(simplices) / factorial(self.dim)
+        volumes = np.bincount(piece, parts)
+        moments = parts[:, np.newaxis] * simplices.sum(axis=1) / (self.dim + 1)
+        starts = np.searchsorted(piece, np.arange(len(volumes)))
+        return volumes, tip + np.add.reduceat(moments, starts) / volumes[:, np.newaxis]
 
     @property
     def volumes(self) -> npt.NDArray[np.float64]:
