@@ -110,17 +110,17 @@ def find_contacts(step: CoupledStep, good: float) -> float:
         change = step.ranks.max(float(np.abs(now).max(initial=0.0)))
         may_creep = balanced and not step.turns
         circles = 0 if may_creep or change < _NEARER * least else circles + 1
+        least = min(least, change)
+        if circles > _CIRCLES or up > _LEFT_UP:
+            break
         size = step.size()
         logger.debug("impulses %d change by %.2e of %.2e N s", outer, change, size)
         length, last = _stretched(length, last, now, step.ranks) if outer > 1 else 1.0, now
         step.set_impulses([m + length * d for m, d in zip(given, moved, strict=True)])
-        least = min(least, change)
         if balanced and change <= good * size:
             return good
         if balanced and step.may_jump and (best is None or change < best[0] * size):
             best = change / size, step.velocity, step.loading.time, step.impulses_of_points()
-        if circles > _CIRCLES or up > _LEFT_UP:
-            break
     if best is None:
         return np.inf
     step.move(best[1], best[2])
