@@ -72,6 +72,7 @@ class MonolithicScheme:
         max_newton: iterations after which a step is given up.
         stopwatch: where phases are timed.
         gives_up: whether a step is not converged where Newton's method goes in circles.
+        jumps: whether a step may end beyond a snap, as none along a path may.
     """
 
     def __init__(
@@ -83,11 +84,12 @@ class MonolithicScheme:
         max_newton: int,
         stopwatch: Stopwatch,
         gives_up: bool = False,
+        jumps: bool = True,
     ):
         self.bulk, self.theta = bulk, theta
         self._matrices = CoupledMatrices(bulk, interacting, theta)
         self._tolerance, self._max_newton = newton_tolerance, max_newton
-        self._stopwatch, self._gives_up = stopwatch, gives_up
+        self._stopwatch, self._gives_up, self._jumps = stopwatch, gives_up, jumps
         self._compliance: tuple[float, np.ndarray, PointsOfNodes] | None = None
         self._found: FoundContacts | None = None
         self._vertices: BreakingVertices | None = None
@@ -178,6 +180,7 @@ class MonolithicScheme:
         coupled = CoupledStep(
             self._matrices, equations, loading, interactions, state, step, growth, watch
         )
+        coupled.may_jump &= self._jumps
         newton = SemismoothNewton(coupled)
 
         def begin(guess: tuple[float, np.ndarray] | None = guess) -> None:
