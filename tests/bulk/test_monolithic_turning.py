@@ -150,3 +150,44 @@ def test_closed_lips_around_a_vertex_whose_gaps_differ():
     records = run(simulation, 8)
     assert len(records) == 8  # no step was cut
     assert max(record.newton_iterations for record in records[6:]) <= 12
+
+
+CURVE = xf.laws.CohesiveCurve(([0.0, 0.005, 0.1, 0.4], [0.0, 0.1, 0.05, 0.0]))
+
+
+@pytest.mark.parametrize(
+    "law, moved",
+    [
+        (xf.laws.RigidCohesiveZone(0.1, 0.02), (0.4, 0.15)),
+        (CURVE, (0.4, 0.15)),
+        (CURVE, (0.1, -0.3)),
+    ],
+    ids=["rigid, sheared", "curve, sheared", "curve, pressed"],
+)
+def test_a_block_that_cracks_in_large_steps(law, moved, caplog):
+    """Newton's method goes in circles; corrections for given impulses that lead up are reversed."""
+    simulation = xf.Simulation(block(2, 3, law, moved), 0.1, **STATIC, max_halvings=0)
+    with caplog.at_level(logging.DEBUG, logger="xper_fx.bulk.augmented_lagrangian"):
+        records = run(simulation, 8)
+    assert any(r.getMessage().startswith("impulses") for r in caplog.records)
+    assert sum(r.newton_iterations for r in records) < 300
+    held, driven = simulation.reaction(BOTTOM), simulation.reaction(TOP)
+    np.testing.assert_allclose(held, -driven, atol=1e-7 * np.abs(driven).max())
+    assert simulation.interactions.gather("damage").min() < 0.5
+    assert simulation.ledger.energies.dissipated_cohesion > 0.0
+
+
+def test_a_load_without_equilibrium_is_given_up_soon(monkeypatch):
+    """Loose triangles pressed sideways, with friction: no state bears them."""
+    corrections, correction = [], CoupledStep.correction
+
+    def counted(step, *given):
+        corrections.append(step)
+        return correction(step, *given)
+
+    monkeypatch.setattr(CoupledStep, "correction", counted)
+    loose = block(2, 3, xf.laws.SignoriniCoulomb(0.3), (0.1, -0.3))
+    simulation = xf.Simulation(loose, 0.1, **STATIC)
+    with pytest.raises(xf.ConvergenceError):
+        run(simulation, 1)
+    assert len(corrections) < 500

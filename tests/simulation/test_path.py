@@ -215,6 +215,15 @@ def test_a_path_goes_to_its_end_where_a_part_comes_loose():
     assert abs(simulation.reaction(RIGHT)[0]) < 1e-6 * BOND.strength
 
 
+def test_parts_that_are_free_of_each_other_take_no_corrections_for_rounding():
+    """Of strains at finite strain, where all is loose: no force is left but rounding."""
+    simulation = follow(bar(20.0 * CRITICAL, kind=xf.materials.NeoHookean))
+    records = list(simulation.steps(1e6))
+    assert simulation.interactions.gather("spent").min() > 0.999
+    assert max(record.newton_iterations for record in records) < 20
+    assert abs(simulation.reaction(RIGHT)[0]) < 1e-9 * BOND.strength
+
+
 @pytest.mark.parametrize("path", [xf.GrowthControl(0.1), xf.DissipationControl(2e-3)])
 def test_bonds_within_a_part_that_came_loose_open_by_no_rounding(path):
     """Two rows of two blocks, of which the load takes two off: what joins these is left alone."""

@@ -16,6 +16,14 @@ theorem: corrections may then go round in circles between stick and slip, with t
 found. They are left after some; the impulses that the laws answer there are nearer to the solution,
 and the circles end (an inexact proximal point algorithm).
 
+Where bonds soften the function curves down along some directions, and a correction, which asks for
+the state at which it is flat, may lead up along one. The other way leads down, and is taken. Where
+such corrections find no balance twice, the load may have no equilibrium: the step is given up, to
+be cut. A softening bond may also open and close with the given impulses in turns. The impulses then
+go away from a state that was nearly found; Newton's method goes on from the nearest one. All this
+is for loads that are given, without inertia and viscosity. Else a shorter step has a state near the
+last one, and what lies down there may be far away, beyond a snap.
+
 Between two changes of branches the impulses of contacts that hold each other round a node creep by
 steps d of one direction that hardly shrink, as the load that such contacts bear by themselves is
 nearly free. Where the last two steps have one direction the next is stretched to where they would
@@ -32,6 +40,7 @@ impulses together are quadratic (`semismooth_newton.py`).
 from __future__ import annotations
 
 import logging
+from typing import NamedTuple
 
 import numpy as np
 
@@ -47,6 +56,8 @@ _OUTER, _INNER = 300, 12
 # share of the smallest change before below which they do. Lips that turn may have gaps that no
 # impulses close all: there it counts where forces balance, too.
 _CIRCLES, _NEARER = 20, 0.9
+# How often they may be left after one of them led up: where that does not end soon, it never ends.
+_LEFT_UP = 1
 # Cosine between changes that creep along one direction, and how far one may be stretched.
 _CREEP, _FURTHEST = 0.95, 1e4
 # Error of the balance for given impulses beside the largest nodal impulse, and beside the change
@@ -58,37 +69,63 @@ _LITTLE = 0.1
 _FLAT, _TRIED = 0.5, 12
 
 
-def find_contacts(step: CoupledStep, good: float) -> bool:
-    """Bring velocities and impulses of a step near to its solution; whether that was found.
+class Balance(NamedTuple):
+    """What the corrections for given impulses come to.
+
+    Attributes:
+        found: whether velocities in balance were found, or only nearly.
+        led_up: whether a correction led up.
+    """
+
+    found: bool
+    led_up: bool
+
+
+def find_contacts(step: CoupledStep, good: float) -> float:
+    """Bring velocities and impulses of a step near to its solution.
 
     Args:
         step: begins at its present velocities, loads and impulses.
         good: change of the impulses at which they are found, beside the largest nodal impulse.
+
+    Returns:
+        The least change of balanced velocities, beside the largest nodal impulse, or `good` if it
+        came down to that; the step is where it was. Infinite if all others are of no use.
     """
     follows = step.growth is not None and not step.growth.begins
     if step.growth is not None and not follows and not _load_a_little(step):
-        return False
-    circles, least, length, last = 0, np.inf, 1.0, np.zeros(0)
+        return np.inf
+    circles, up, least, length, last = 0, 0, np.inf, 1.0, np.zeros(0)
+    best: tuple[float, np.ndarray, float, list[np.ndarray]] | None = None
     for outer in range(1, _OUTER + 1):
         given = step.impulses_of_points()
         error = min(_BALANCED, _OF_CHANGE * good)
-        balanced = _balance(step, given, error, outer == 1, follows)
-        if balanced is None:
-            return False
+        balance = _balance(step, given, error, outer == 1, follows)
+        if balance is None:
+            break
+        balanced = balance.found
+        up += balance.led_up and not balanced
         moved = [answer - m for answer, m in zip(step.answers(), given, strict=True)]
         now = np.concatenate([np.zeros(0), *(d.ravel() for d in moved)])  # a rank may have none
         change = step.ranks.max(float(np.abs(now).max(initial=0.0)))
         may_creep = balanced and not step.turns
         circles = 0 if may_creep or change < _NEARER * least else circles + 1
         least = min(least, change)
-        if circles > _CIRCLES:
-            return False
+        if circles > _CIRCLES or up > _LEFT_UP:
+            break
+        size = step.size()
+        logger.debug("impulses %d change by %.2e of %.2e N s", outer, change, size)
         length, last = _stretched(length, last, now, step.ranks) if outer > 1 else 1.0, now
         step.set_impulses([m + length * d for m, d in zip(given, moved, strict=True)])
-        logger.debug("impulses %d change by %.2e of %.2e N s", outer, change, step.size())
-        if balanced and change <= good * step.size():
-            return True
-    return False
+        if balanced and change <= good * size:
+            return good
+        if balanced and step.may_jump and (best is None or change < best[0] * size):
+            best = change / size, step.velocity, step.loading.time, step.impulses_of_points()
+    if best is None:
+        return np.inf
+    step.move(best[1], best[2])
+    step.set_impulses(best[3])
+    return best[0]
 
 
 def _stretched(length: float, last: np.ndarray, now: np.ndarray, ranks: Ranks) -> float:
@@ -121,7 +158,7 @@ def _load_a_little(step: CoupledStep) -> bool:
 
 def _balance(
     step: CoupledStep, given: list[np.ndarray], error: float, moves: bool, follows: bool
-) -> bool | None:
+) -> Balance | None:
     """Look for the velocities in balance with the answers to given impulses.
 
     Args:
@@ -132,8 +169,9 @@ def _balance(
         follows: whether the load is to be found from the growth.
 
     Returns:
-        Whether they were found, or only nearly; None if the corrections lead nowhere.
+        What came of it; None if the corrections lead nowhere.
     """
+    led_up = False
     for count in range(_INNER):
         step.set_impulses(given)
         try:
@@ -146,13 +184,13 @@ def _balance(
         if (moves and count == 0) or follows:
             line.go(1.0)
         else:
-            line.shorten()
+            led_up |= line.shorten()
         left = step.ranks.max(float(np.abs(step.balance()).max(initial=0.0)))
         if not np.isfinite(left):
             return None
         if left <= max(error * step.size(), step.rounding()):
-            return True
-    return False
+            return Balance(True, led_up)
+    return Balance(False, led_up)
 
 
 class _Line:
@@ -178,14 +216,23 @@ class _Line:
         slope = -step.dot(along, step.balance())
         return slope if np.isfinite(slope) else np.inf
 
-    def shorten(self) -> None:
-        """Go to a length at which the slope is flat: the whole one, or one within it."""
-        first, last = self.go(0.0), self.go(1.0)
+    def shorten(self) -> bool:
+        """Go to a length at which the slope is flat, the whole one or one within it, downwards.
+
+        Returns:
+            Whether the correction led up, so that the other way was taken.
+        """
+        first = self.go(0.0)
+        up = bool(self._step.may_jump and 0.0 < first < np.inf)
+        if up:
+            self._correction = self._correction._replace(velocity=-self._correction.velocity)
+            first = -first
+        last = self.go(1.0)
         low, high, at_low, at_high = 0.0, 1.0, first, last
         for tried in range(_TRIED):
             flat = abs(last) <= _FLAT * abs(first) if tried else last <= _FLAT * abs(first)
             if flat or first >= 0.0:
-                return
+                return up
             length = low - at_low * (high - low) / (at_high - at_low)
             if tried % 3 == 2 or not np.isfinite(at_high):
                 length = 0.5 * (low + high)
@@ -194,3 +241,4 @@ class _Line:
                 high, at_high = length, last
             else:
                 low, at_low = length, last
+        return up

@@ -84,6 +84,8 @@ class CoupledStep:
         corrections: how many were solved for.
         start: velocities that iterations begin from (m/s).
         turns: whether frames of points turn with the bodies.
+        may_jump: whether shorter steps, too, may have no state near the last one: their load is
+            given, and neither inertia nor viscosity bounds how fast bonds break.
         flipped: what facet is flipped or degenerate in the present state, in words; or empty.
     """
 
@@ -111,6 +113,8 @@ class CoupledStep:
         self.start = state.velocity if inert else np.zeros_like(state.displacement)
         self._stiffest, self.corrections, self.state = 0.0, 0, state
         self.turns = interactions is not None and interactions.turns
+        viscous = any("viscous" in g.kernels.energies for g in self._groups)  # a rank may have none
+        self.may_jump = not inert and growth is None and not self.ranks.max(float(viscous))
         self.flipped = ""
         self.restart()
 
@@ -319,9 +323,15 @@ class CoupledStep:
         return _ROUNDING * self._product_of_largest(self._stiffest_spring(), self.velocity)
 
     def noise(self) -> float:
-        """Nodal impulses (N s) that rounding of displacements gives: less of them is none."""
-        displacement = self.state.displacement / self.step
-        return _ROUNDING * self._product_of_largest(self._stiffest_spring(), displacement)
+        """Nodal impulses (N s) that rounding gives: less of them is none.
+
+        At finite strain that is rounding of positions, F = 1 + grad u, else of displacements.
+        """
+        displacement = self.state.displacement
+        if self._matrices.bulk.forms.finite_strain:
+            displacement = np.full(1, self._extent)
+        product = self._product_of_largest(self._stiffest_spring(), displacement / self.step)
+        return _ROUNDING * product
 
     def _stiffest_spring(self) -> float:
         """Of the bulk and of points that are not held."""

@@ -32,6 +32,8 @@ if TYPE_CHECKING:
 
 # How well contacts are found before Newton's method goes on, beside the largest nodal impulse.
 _NEAR = 1e-4
+# How well at least, where they are not found.
+_ROUGH = 1e-2
 # What may fail beside Newton's method.
 _GOES_BACK = "the state that was found leads back along the path"
 
@@ -70,6 +72,7 @@ class MonolithicScheme:
         max_newton: iterations after which a step is given up.
         stopwatch: where phases are timed.
         gives_up: whether a step is not converged where Newton's method goes in circles.
+        jumps: whether a step may end beyond a snap, as none along a path may.
     """
 
     def __init__(
@@ -81,11 +84,12 @@ class MonolithicScheme:
         max_newton: int,
         stopwatch: Stopwatch,
         gives_up: bool = False,
+        jumps: bool = True,
     ):
         self.bulk, self.theta = bulk, theta
         self._matrices = CoupledMatrices(bulk, interacting, theta)
         self._tolerance, self._max_newton = newton_tolerance, max_newton
-        self._stopwatch, self._gives_up = stopwatch, gives_up
+        self._stopwatch, self._gives_up, self._jumps = stopwatch, gives_up, jumps
         self._compliance: tuple[float, np.ndarray, PointsOfNodes] | None = None
         self._found: FoundContacts | None = None
         self._vertices: BreakingVertices | None = None
@@ -176,6 +180,7 @@ class MonolithicScheme:
         coupled = CoupledStep(
             self._matrices, equations, loading, interactions, state, step, growth, watch
         )
+        coupled.may_jump &= self._jumps
         newton = SemismoothNewton(coupled)
 
         def begin(guess: tuple[float, np.ndarray] | None = guess) -> None:
@@ -228,12 +233,16 @@ class MonolithicScheme:
         for good in (_NEAR, self._tolerance):
             coupled.loading.set(start.time + (0.0 if coupled.growth is not None else coupled.step))
             begin()
-            if not find_contacts(coupled, good):
+            change = find_contacts(coupled, good)
+            if change > _ROUGH:
                 break
-            there = coupled.loading.time, coupled.velocity
-            impulses = coupled.impulses_of_points()
+            if change <= good:
+                there = coupled.loading.time, coupled.velocity
+                impulses = coupled.impulses_of_points()
             if self._solve(coupled, newton):
                 return True
+            if change > good:
+                break
         if keep:
             self._found = FoundContacts(start, there, impulses)
         return False

@@ -49,6 +49,8 @@ logger = logging.getLogger(__name__)
 _ONE_WAY = ("nlgs", "accelerated", "newton")
 # Inelastic strain of a step above which the step is cut.
 _LARGEST_FLOW = 0.05
+# An attempt whose iterates run away is rejected, as it does not converge: NumPy need not warn.
+_RUNS_AWAY = {"over": "ignore", "invalid": "ignore"}
 # Damage beyond what the opening found asks for, above which the step is cut: it came from iterates
 # on the way, and would cost no energy.
 _LARGEST_EXCESS = 0.1
@@ -162,6 +164,7 @@ class StepAttempts:
             raise ValueError(f"No contact is closed in the step from t = {state.time:g} s.")
         return captured.problem
 
+    @np.errstate(**_RUNS_AWAY)
     def along_path(
         self, state: State, last_size: float, size: float, path: PathFollower, end_time: float
     ) -> tuple[StepOutcome, float]:
@@ -249,6 +252,7 @@ class StepAttempts:
             return None
         return bonds
 
+    @np.errstate(**_RUNS_AWAY)
     def _attempt(self, state: State, size: float, tolerance: float) -> StepOutcome | None:
         """One step with the rigid bodies; None if one of them spins too fast for it."""
         rigid, interactions = self._model.rigid, self._model.interactions

@@ -274,7 +274,11 @@ class Model:
         if self.monolithic:
             from xper_fx.bulk.monolithic_scheme import MonolithicScheme
 
-            Scheme = partial(MonolithicScheme, gives_up=options.may_leave_one_system)
+            Scheme = partial(
+                MonolithicScheme,
+                gives_up=options.may_leave_one_system,
+                jumps=options.path is None,
+            )
         else:
             from xper_fx.bulk.implicit import ImplicitScheme as Scheme
 
