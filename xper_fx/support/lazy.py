@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Mapping
 from importlib import import_module
 from typing import Any
@@ -29,7 +28,7 @@ def importer(
             return import_module(f"{package}.{whole[name]}")
         if name not in module_of:
             message = f"module {package!r} has no attribute {name!r}"
-            raise AttributeError(message, name=name, obj=sys.modules[package])
+            raise AttributeError(message, name=name, obj=import_module(package))
         return getattr(import_module(f"{package}.{module_of[name]}"), name)
 
     return __getattr__
