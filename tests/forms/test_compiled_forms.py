@@ -61,6 +61,17 @@ def test_what_a_killed_process_has_left_is_compiled_anew(start, tmp_path):
 
 
 @pytest.mark.slow
+def test_what_cannot_be_loaded_is_compiled_anew(start, tmp_path, caplog):
+    assert start("").wait() == 0
+    (library,) = (tmp_path / "forms").glob("*/*.so")
+    library.write_bytes(b"")  # as after a machine has lost power
+    with caplog.at_level("INFO", compiled.logger.name):
+        assert area() == pytest.approx(1.0)
+    assert [str(library) in message for message in caplog.messages] == [True]
+    assert library.stat().st_size > 0
+
+
+@pytest.mark.slow
 def test_what_another_process_compiles_is_waited_for(start, tmp_path, monkeypatch):
     """However long it takes: its file is not taken away."""
     for name in ("compiling", "go on"):

@@ -13,6 +13,7 @@ folders by their signature: among 4000 files listing took 4 of the 5 ms of a for
 from __future__ import annotations
 
 import fcntl
+import logging
 import re
 import time
 from collections.abc import Callable, Iterator
@@ -24,6 +25,8 @@ from dolfinx import fem
 from dolfinx.jit import get_options
 
 __all__ = ["compiled_expression", "compiled_form"]
+
+logger = logging.getLogger(__name__)
 
 # FFCx itself looks for another process's result once a second; it gives up at the first look.
 OPTIONS: dict[str, Any] = {"timeout": 1}
@@ -56,7 +59,7 @@ def compiled_expression(expression: Any, points: Any) -> fem.Expression:
 def _built(build: Callable[[dict[str, Any]], Any], folder_name: str) -> Any:
     folder = Path(get_options(OPTIONS)["cache_dir"]) / folder_name
     options = OPTIONS | {"cache_dir": str(folder)}
-    end = time.monotonic() + _PATIENCE
+    end, seen = time.monotonic() + _PATIENCE, set[Path]()
     while True:
         with _lock(folder, fcntl.LOCK_SH):
             try:
@@ -65,6 +68,15 @@ def _built(build: Callable[[dict[str, Any]], Any], folder_name: str) -> Any:
                 named = re.search(r"remove (.+\.c)\)", str(error))
                 if named is None or time.monotonic() > end:
                     raise
+            except ImportError as error:
+                broken = Path(error.path or "")
+                if broken.parent != folder or broken in seen:
+                    raise
+                logger.info("%s cannot be loaded, and is compiled anew: %s", broken, error)
+                seen.add(broken)
+                for file in folder.glob(f"{broken.name.partition('.')[0]}*"):
+                    file.unlink()
+                continue
         _wait(Path(named[1]), folder, end)
 
 
