@@ -25,22 +25,22 @@ OTHER_TIERS = ("slow", "ranks", "docs", "demos")
 # Files that take longest, in this order: begun first, so that all workers end together.
 LONGEST = (
     "parallel/test_touching.py",
-    "parallel/test_parallel_static.py",
-    "parallel/test_spread_touching.py",
     "output/test_effects.py",
     "project/test_docs.py",
-    "periodic/test_microstructure.py",
-    "parallel/test_parallel.py",
+    "parallel/test_parallel_static.py",
+    "parallel/test_spread_touching.py",
     "output/test_restart.py",
     "periodic/test_periodic_interactions.py",
+    "parallel/test_parallel_output.py",
     "cache/test_kept_kernels.py",
-    "parallel/test_spread.py",
-    "demos/test_notched_plate.py",
+    "parallel/test_parallel.py",
     "published/test_beam_delamination.py",
-    "hard_cases/test_orders_of_turning.py",
-    "parallel/test_parallel_rigid.py",
-    "materials/test_plastic_structures.py",
+    "demos/test_notched_plate.py",
+    "periodic/test_microstructure.py",
     "hard_cases/test_periodic_compression.py",
+    "hard_cases/test_spinning_plates.py",
+    "materials/test_plastic_structures.py",
+    "scene/test_joints.py",
 )
 
 
