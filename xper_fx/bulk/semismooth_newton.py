@@ -104,10 +104,8 @@ class SemismoothNewton:
             start = step.velocity, step.loading.time, step.impulses_of_points()
             for length in _LENGTHS:
                 merit = self._go(start, correction, length)
-                if length == 1.0:
-                    whole_is_little = self._is_within(_ROUND * tolerance)
-                    if _to_and_fro(history, merit):
-                        continue
+                if length == 1.0 and _to_and_fro(history, merit):
+                    continue
                 if best is None or merit < best[0]:
                     best = merit, length
                 if not history or merit < max(history[-_MEMORY:]):
@@ -117,7 +115,8 @@ class SemismoothNewton:
             history.append(best[0])
             if not np.isfinite(best[0]):
                 return step.flipped or _NOT_FINITE
-            reference, self.left = step.size(), self._share_left()
+            reference, floor = step.size(), step.rounding()
+            self.left = self._most / reference if reference > 0.0 else 0.0
             logger.debug(
                 "iteration %d: length %g, %.2e left, growth %.1e, %d points held",
                 count,
@@ -126,7 +125,8 @@ class SemismoothNewton:
                 step.growth_left(),
                 step.num_held(),
             )
-            small = self._is_within(tolerance * (1.0 if count <= _PATIENCE else _ROUND))
+            allowed = tolerance * (1.0 if count <= _PATIENCE else _ROUND)
+            small = self._most <= max(allowed * reference, floor) or reference <= step.noise()
             if small and best[1] == 1.0 and abs(step.growth_left()) <= _GROWN:
                 if step.evolve() <= tolerance:
                     return ""
@@ -141,25 +141,12 @@ class SemismoothNewton:
                 # gaps of turned lips that are closed around a vertex agree only nearly: no
                 # impulses close them all, and what differs is left for good. So are flips too small
                 # to matter along a path, where shorter steps have them too.
-                if step.growth is not None and whole_is_little:
-                    self._go(start, correction, 1.0)
-                    self.left = self._share_left()
                 for_good = step.turns or step.growth is not None
                 little = for_good and self.left <= _ROUND * tolerance
                 if little and abs(step.growth_left()) <= _GROWN and step.evolve() <= tolerance:
                     return ""
                 return self._short(small) or _STUCK
         return self._short(small) or _SLOW.format(last)
-
-    def _share_left(self) -> float:
-        """What is left beside the largest nodal impulse."""
-        size = self._step.size()
-        return self._most / size if size > 0.0 else 0.0
-
-    def _is_within(self, tolerance: float) -> bool:
-        """Whether what is left is within a tolerance, or rounding."""
-        step, size = self._step, self._step.size()
-        return self._most <= max(tolerance * size, step.rounding()) or size <= step.noise()
 
     def _short(self, small: bool) -> str:
         """What is wrong with the growth where little is left."""
