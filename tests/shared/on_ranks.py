@@ -116,12 +116,12 @@ def on_ranks(count: int, script: Path, *arguments):
         print(json.dumps(command), file=ranks.stdin, flush=True)
         while not out.endswith(end):  # a script may leave its last line open
             if not (line := ranks.stdout.readline()):  # they have ended: the next script has others
-                status = ranks.wait()
+                status = _end(ranks)
                 break
             out += line
     except BaseException:  # as of Ctrl-C: what they do is not asked for any more
         ranks.terminate()
-        ranks.wait()
+        _end(ranks)
         raise
     finally:
         stop.cancel()
@@ -131,6 +131,8 @@ def on_ranks(count: int, script: Path, *arguments):
 def _standing_ranks(count: int) -> subprocess.Popen:
     ranks = _standing.get(count)
     if ranks is None or ranks.poll() is not None:
+        if ranks is not None:
+            _end(ranks)
         options = {"stdin": subprocess.PIPE, "stderr": subprocess.STDOUT}
         ranks = _standing[count] = _start(count, standing_ranks.__file__, **options)
     return ranks
@@ -139,8 +141,17 @@ def _standing_ranks(count: int) -> subprocess.Popen:
 @atexit.register
 def _dismiss() -> None:
     for ranks in _standing.values():
-        with suppress(BrokenPipeError):  # of ranks that have ended
-            ranks.stdin.close()
+        _end(ranks)
+
+
+def _end(ranks: subprocess.Popen) -> int:
+    """Ask for no more; what the ranks exit with."""
+    with suppress(BrokenPipeError):  # of ranks that have ended
+        ranks.stdin.close()
+    with ranks:
+        if not ranks.stdout.closed:
+            ranks.stdout.read()
+    return ranks.returncode
 
 
 def runs_of(script: Path, scenes: dict[int, tuple[str, ...]], run_alone, factory):
