@@ -467,9 +467,14 @@ def test_paths_that_cannot_be_followed_are_refused():
         xf.Simulation(bar(1.0), 1.0, inertia=False, path="growth")
     with pytest.raises(ValueError, match="growth"):
         xf.GrowthControl(growth=-1.0)
+    for share in ({"growth": 1e-17}, {"relative": 1e-17}):
+        with pytest.raises(ValueError, match="should be at least 1e-06"):
+            xf.GrowthControl(**share)
     for control in (xf.GrowthControl, partial(xf.DissipationControl, 1.0)):
         with pytest.raises(ValueError, match="longest should be a finite number above zero"):
             control(longest=0.0)
+        with pytest.raises(ValueError, match="longest should be at least 1e-06, or no path ends"):
+            control(longest=1e-17)
     for law in (CohesiveZone(1e14, 100.0, 3e6, damage="mean"), xf.laws.PerfectBond()):
         with pytest.raises(ValueError, match="no point of the scene has a law"):
             follow(bar(1.0, law))

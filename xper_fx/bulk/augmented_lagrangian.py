@@ -56,6 +56,9 @@ _OUTER, _INNER = 300, 12
 # share of the smallest change before below which they do. Lips that turn may have gaps that no
 # impulses close all: there it counts where forces balance, too.
 _CIRCLES, _NEARER = 20, 0.9
+# How many rounds get no nearer before all are left: where forces balance in some, and stretched
+# changes lead back, impulses go in circles, too. Those that creep get nearer within fewer.
+_STANDS = 60
 # How often they may be left after one of them led up: where that does not end soon, it never ends.
 _LEFT_UP = 1
 # Cosine between changes that creep along one direction, and how far one may be stretched.
@@ -95,7 +98,7 @@ def find_contacts(step: CoupledStep, good: float) -> float:
     follows = step.growth is not None and not step.growth.begins
     if step.growth is not None and not follows and not _load_a_little(step):
         return np.inf
-    circles, up, least, length, last = 0, 0, np.inf, 1.0, np.zeros(0)
+    circles, stands, up, least, length, last = 0, 0, 0, np.inf, 1.0, np.zeros(0)
     best: tuple[float, np.ndarray, float, list[np.ndarray]] | None = None
     for outer in range(1, _OUTER + 1):
         given = step.impulses_of_points()
@@ -109,9 +112,11 @@ def find_contacts(step: CoupledStep, good: float) -> float:
         now = np.concatenate([np.zeros(0), *(d.ravel() for d in moved)])  # a rank may have none
         change = step.ranks.max(float(np.abs(now).max(initial=0.0)))
         may_creep = balanced and not step.turns
-        circles = 0 if may_creep or change < _NEARER * least else circles + 1
+        nearer = change < _NEARER * least
+        circles = 0 if may_creep or nearer else circles + 1
+        stands = 0 if nearer else stands + 1
         least = min(least, change)
-        if circles > _CIRCLES or up > _LEFT_UP:
+        if circles > _CIRCLES or stands > _STANDS or up > _LEFT_UP:
             break
         size = step.size()
         logger.debug("impulses %d change by %.2e of %.2e N s", outer, change, size)

@@ -6,14 +6,14 @@ from __future__ import annotations
 import logging
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
 from xper_fx.bulk.state import State
 from xper_fx.nscd.growth import GrowthLimit
 from xper_fx.nscd.interactions import Interactions
-from xper_fx.support.checks import require_count, require_number, require_positive
+from xper_fx.support.checks import require_count, require_positive
 
 logger = logging.getLogger(__name__)
 
@@ -23,12 +23,25 @@ _BRANCHES = (
 )
 # Least share of what was asked for in a step, and what a failure leaves of it.
 _LEAST, _SHORTENED = 1e-6, 0.4
+# Least shares that a control may have: with less a path goes on for ever, or stands still.
+_SMALLEST = 1e-6
 # Share at which a step that fails is near enough to a corner to go round it (`nscd/growth.py`).
 _AT_CORNER = 0.05
 # Relative difference of changes of the load that are the same.
 _ROUNDING = 1e-9
 # Exponent and bounds of the change of the share by the number of iterations.
 _EXPONENT, _SLOWEST, _FASTEST = 0.7, 0.5, 2.0
+
+
+def _require_share(name: str, value: Any) -> None:
+    """Refuse a share of so little that no path would end.
+
+    Raises:
+        TypeError: no real number.
+        ValueError: not a finite number above zero, or below the smallest share.
+    """
+    if require_positive(name, value) < _SMALLEST:
+        raise ValueError(f"{name} should be at least {_SMALLEST:g}, or no path ends, got {value}.")
 
 
 @dataclass(frozen=True)
@@ -47,7 +60,7 @@ class GrowthControl:
         longest: share of the path's end by which the load may change in a step.
 
     Raises:
-        ValueError: a number out of range.
+        ValueError: a number out of range; a share below 1e-6, with which no path ends.
     """
 
     growth: float = 0.3
@@ -57,8 +70,7 @@ class GrowthControl:
 
     def __post_init__(self) -> None:
         for name in ("growth", "relative", "longest"):
-            require_number(name, getattr(self, name))
-            require_positive(name, getattr(self, name))
+            _require_share(name, getattr(self, name))
         require_count("iterations", self.iterations, 1)
 
     most: ClassVar[float] = 5.0
@@ -91,7 +103,7 @@ class DissipationControl:
         longest: share of the path's end by which the load may change in a step.
 
     Raises:
-        ValueError: a number out of range.
+        ValueError: a number out of range; a share below 1e-6, with which no path ends.
     """
 
     energy: float
@@ -99,9 +111,8 @@ class DissipationControl:
     longest: float = 0.05
 
     def __post_init__(self) -> None:
-        for name in ("energy", "longest"):
-            require_number(name, getattr(self, name))
-            require_positive(name, getattr(self, name))
+        require_positive("energy", self.energy)
+        _require_share("longest", self.longest)
         require_count("iterations", self.iterations, 1)
 
     most: ClassVar[float] = 1.0

@@ -1,0 +1,43 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""When corrections for given impulses are left."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from xper_fx.bulk import augmented_lagrangian
+from xper_fx.bulk.augmented_lagrangian import Balance, find_contacts
+from xper_fx.support.ranks import ALONE
+
+
+@pytest.mark.parametrize(("last", "rounds"), [(2.0, 62), (np.inf, None)], ids=["circle", "creep"])
+def test_stretched_changes_that_lead_back_are_left(monkeypatch, last, rounds):
+    """Impulses that rise by 1 up to a last one, beyond which an answer is 0, circle as 0, 1, 3.
+
+    Forces balance, and the second change has the direction of the first, in each circle: it does
+    not count as one that only creeps. Answers at most 100 end a creep by ones.
+    """
+    given, seen = [np.zeros((1, 1))], []
+
+    def answers():
+        now = given[0][0, 0]
+        return [np.array([[min(now + 1.0, 100.0) if now < last else 0.0]])]
+
+    def take(impulses):
+        given[0] = impulses[0].copy()
+        seen.append(given[0][0, 0])
+
+    monkeypatch.setattr(
+        augmented_lagrangian, "_balance", lambda *_: Balance(found=True, led_up=False)
+    )
+    step = SimpleNamespace(
+        growth=None, turns=False, may_jump=False, ranks=ALONE, answers=answers,
+        impulses_of_points=lambda: [given[0].copy()], set_impulses=take, size=lambda: 1.0,
+    )  # fmt: skip
+    change = find_contacts(step, 1e-6)
+    if rounds is None:
+        assert change == 1e-6 and seen[-1] == 100.0 and len(seen) < 30
+    else:
+        assert change == np.inf and seen[:6] == [1.0, 3.0, 0.0, 1.0, 3.0, 0.0]
+        assert len(seen) <= rounds
