@@ -20,7 +20,7 @@ OVERLAP = "bodies overlap at the start; place them apart"
 TURNED = "bonds turn beyond what small strain bears; take a material at finite strain"
 _SNAPS = (
     "the load snaps, as it frees energy that no bond takes up; with path=xf.GrowthControl() the "
-    "load is found that the structure bears"
+    "load is found that the structure bears, if its bonds are not initially rigid ones"
 )
 # Energy that nothing accounts for beside what a static step dissipates, above which it has snapped.
 _SNAPPED = 0.5
