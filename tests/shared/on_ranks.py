@@ -114,7 +114,7 @@ def on_ranks(count: int, script: Path, *arguments):
     out, end, status = "", f"{standing_ranks.DONE}\n", 0
     try:
         print(json.dumps(command), file=ranks.stdin, flush=True)
-        while out.count(end) < count:  # a script may leave its last line open
+        while not out.endswith(end):  # a script may leave its last line open
             if not (line := ranks.stdout.readline()):  # they have ended: the next script has others
                 status = _end(ranks)
                 break
@@ -125,7 +125,7 @@ def on_ranks(count: int, script: Path, *arguments):
         raise
     finally:
         stop.cancel()
-    return subprocess.CompletedProcess(command, status, out.replace(end, ""), "")
+    return subprocess.CompletedProcess(command, status, out.removesuffix(end), "")
 
 
 def _standing_ranks(count: int) -> subprocess.Popen:
