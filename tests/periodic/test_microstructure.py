@@ -3,11 +3,12 @@
 
 import signal
 from itertools import product
+from math import factorial
 
 import numpy as np
 import pytest
 from mpi4py import MPI
-from scipy.spatial import cKDTree
+from scipy.spatial import Delaunay, cKDTree
 
 import xper_fx.periodic.microstructure.tessellation as tessellation_module
 from xper_fx.bodies.explode import explode
@@ -227,6 +228,20 @@ def test_origin_does_not_matter(dim):
     assert len(first.vertices) == len(second.vertices)
     places = cKDTree(np.mod(first.vertices + move, periods), boxsize=periods)
     assert places.query(np.mod(second.vertices, periods))[0].max() < 1e-12
+
+
+@pytest.mark.parametrize("periods", [(1.0, 2.0), (1.0, 2.0, 1.5)])
+@pytest.mark.parametrize("pieces", [lambda whole: whole, cut_by_box], ids=["whole", "cut"])
+def test_volumes_and_centroids_are_those_of_the_corners_triangulation(periods, pieces):
+    tessellation = pieces(tessellate(random_seeds(8, periods, 3, relaxation=0), periods))
+    for piece, sides in enumerate(tessellation.boundaries):
+        corners = np.concatenate([tessellation.face_corners(side) for side in sides])
+        simplices = corners[Delaunay(corners).simplices]
+        arms = simplices[:, 1:] - simplices[:, :1]
+        volumes = np.abs(np.linalg.det(arms)) / factorial(tessellation.dim)
+        centroid = volumes @ simplices.mean(axis=1) / volumes.sum()
+        assert tessellation.piece_volumes[piece] == pytest.approx(volumes.sum(), rel=1e-9)
+        np.testing.assert_allclose(tessellation.centroids[piece], centroid, rtol=0, atol=1e-9)
 
 
 @pytest.mark.slow
