@@ -27,10 +27,13 @@ step after, and the latter are those of the middle of the next step: each step a
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from xper_fx.bulk.body_inverse import LumpedInverse
 from xper_fx.bulk.bulk import Bulk
+from xper_fx.bulk.stable_step import StableStep
 from xper_fx.bulk.state import (
     State,
     StepOutcome,
@@ -44,7 +47,6 @@ from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.kernel_options import LEAN_ENTRY
 from xper_fx.nscd.solvers.solver import SolveOptions, Solver
 from xper_fx.support.profile import Stopwatch
-from xper_fx.support.saved_rows import KeepsNothing
 
 
 @njit(**LEAN_ENTRY)
@@ -111,7 +113,7 @@ def _give(more, nodes, w, impulses, velocity, slots):
             slots[i, d] = velocity[dof]
 
 
-class ExplicitScheme(KeepsNothing):
+class ExplicitScheme:
     """Central differences of the bulk with implicit interactions.
 
     Args:
@@ -132,6 +134,7 @@ class ExplicitScheme(KeepsNothing):
         stopwatch.owns("inverse", lambda: self.nbytes)
         with stopwatch.phase("assemble"):
             bulk.forces_by_cell()
+            self._stable = StableStep(bulk) if bulk.forms.finite_strain else None
         self._stopwatch = stopwatch
         self._ahead: tuple[np.ndarray | None, float, np.ndarray | None] = (None, 0.0, None)
 
@@ -151,6 +154,12 @@ class ExplicitScheme(KeepsNothing):
         bulk, watch, inverse = self.bulk, self._stopwatch, self._inverse
         time = state.time + step
         q0, v0 = state.displacement, state.velocity
+        if not self._bears(step, q0):
+            nothing = np.zeros_like(v0)
+            return StepOutcome(
+                state, np.zeros(0), nothing, nothing, 0.0, 0.0, 0, np.nan, 0.0, 0, np.nan, False,
+                failure=self._stable.failure(),
+            )  # fmt: skip
         bulk.forms.set_step(0.5 * step)
         with watch.phase("free velocity"):
             viscous = bulk.viscous(v0)
@@ -222,6 +231,12 @@ class ExplicitScheme(KeepsNothing):
             0.0, converged, (float(shadow[0]), float(shadow[1])),
         )  # fmt: skip
 
+    def _bears(self, step: float, displacement: np.ndarray) -> bool:
+        if self._stable is None:
+            return True
+        with self._stopwatch.phase("critical step"):
+            return self._stable.bears(step, displacement)
+
     def _force_ahead(self, state: State, step: float) -> np.ndarray | None:
         """Internal forces half a step after a state, if the last step left them."""
         displacement, size, force = self._ahead
@@ -231,6 +246,15 @@ class ExplicitScheme(KeepsNothing):
     def nbytes(self) -> int:
         """Memory held by the inverse of the mass, in bytes."""
         return self._inverse.nbytes
+
+    def saved(self) -> dict:
+        """The critical step that the run has come to, at finite strain."""
+        return {} if self._stable is None else self._stable.saved()
+
+    def restore(self, saved: Mapping) -> None:
+        """Take what `saved` gave, its rows in order."""
+        if self._stable is not None and saved:
+            self._stable.restore(saved)
 
     def holds(self, step: float) -> bool:
         """As of `ImplicitScheme`."""
