@@ -1,8 +1,14 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
-r"""The critical step of an explicit bulk at finite strain, which falls as cells are flattened.
+r"""The step below which an explicit bulk is stable, which falls as cells are flattened.
 
 Central differences are stable for h < 2 / omega_max, omega_max^2 being the largest eigenvalue of
-M^-1 K. At finite strain K is that of the present configuration: a cell squeezed to a third of its
+M^-1 K. Viscous forces C v are those of the velocity at the start of the step. Of a mode with
+C = c M, v1 = (1 - h c - s) v0 - h omega^2 q0 and q1 = q0 + h (v0 + v1) / 2 with s = (h omega)^2 / 2
+have the determinant 1 - h c and the trace 2 - h c - 2 s, and no eigenvalue beyond one for
+
+    (h omega)^2 + 2 h c <= 4,   h <= 4 / (c + sqrt(c^2 + 4 omega^2)).
+
+At finite strain K is that of the present configuration: a cell squeezed to a third of its
 height vibrates some three times as fast. Beyond the limit the fastest vibration grows by a factor
 in each step, and takes its energy from nowhere.
 
@@ -12,7 +18,7 @@ enough. With F_0 of a cell when K was last looked at, f = F F_0^-1 and the strai
     e = max |f^T f - I| / 2   (row sums),
 
 a cell squeezed by e vibrates up to 1 / (1 - e) times as fast, and a material that stiffens does so
-too. K is assembled again once e exceeds half of the margin 1 - h omega_max / 2.
+too. K is assembled again once e exceeds half of the margin, one less h over the stable step.
 """
 
 from __future__ import annotations
@@ -33,7 +39,7 @@ logger = logging.getLogger(__name__)
 
 # Steps between two looks at the strains: a wave passes a cell in one or two.
 _LOOKS_EVERY = 4
-# Share of the present critical step that a step may be once that one has fallen.
+# Share of the present stable step that a step may be once that one has fallen.
 _SAFE = 0.9
 
 
@@ -65,20 +71,30 @@ def _largest_strain(gradients, inverses):
     return largest
 
 
+def stable_step(bulk: Bulk, displacement: np.ndarray | None = None) -> float:
+    """Largest step (s) at which an explicit bulk is stable, with its damping; at rest or not."""
+    critical = bulk.critical_step(displacement)
+    if bulk.damping is None:
+        return critical
+    omega = 2.0 / critical
+    rate = bulk.damping.rate(omega)
+    return 4.0 / (rate + np.hypot(rate, 2.0 * omega))
+
+
 class StableStep:
-    """Follows the critical step of a bulk along a run.
+    """Follows the stable step of a bulk along a run.
 
     Args:
         bulk: at finite strain, as it is at rest.
 
     Attributes:
-        step: the shortest critical step so far (s). It does not rise again: an explicit step that
+        step: the shortest stable step so far (s). It does not rise again: an explicit step that
             goes up and down near it feeds the fastest vibrations.
     """
 
     def __init__(self, bulk: Bulk):
         self._bulk = bulk
-        self.step = self._at_rest = bulk.critical_step()
+        self.step = self._at_rest = stable_step(bulk)
         mesh, dim = bulk.forms.bodies.mesh, bulk.dim
         kind = getattr(basix.CellType, mesh.topology.cell_name())
         middle = basix.geometry(kind).mean(axis=0, keepdims=True)
@@ -104,11 +120,11 @@ class StableStep:
         if strain <= 0.5 * (1.0 - size / self.step):
             return
         self._inverses = np.linalg.inv(np.eye(bulk.dim) + gradients)
-        now = bulk.critical_step(displacement)
+        now = stable_step(bulk, displacement)
         if now < self.step:
             self.step = now
             logger.info(
-                "the critical step of the bulk has fallen from %.3g to %.3g s, as cells are "
+                "the stable step of the bulk has fallen from %.3g to %.3g s, as cells are "
                 "flattened or stiffen", self._at_rest, now,
             )  # fmt: skip
 
