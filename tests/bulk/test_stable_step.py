@@ -9,14 +9,15 @@ import logging
 
 import numpy as np
 import pytest
-from scenes import BOTTOM, TOP, box_bodies
+from scenes import BOTTOM, TOP, box_bodies, field
 from scipy.linalg import eigh
 
 from xper_fx.bulk.bulk import Bulk
 from xper_fx.forms.loads import PrescribedVelocity, RayleighDamping
 from xper_fx.materials import LinearElastic, NeoHookean, SaintVenantKirchhoff
-from xper_fx.nscd.laws import PerfectBond
-from xper_fx.scene import Scene
+from xper_fx.nscd.laws import PerfectBond, SignoriniCoulomb
+from xper_fx.nscd.rigid import wall
+from xper_fx.scene import Contact, Scene
 from xper_fx.simulation.simulation import Simulation
 from xper_fx.support.errors import ConvergenceError
 
@@ -136,6 +137,31 @@ def test_a_restart_goes_on_to_the_bit(stop):
         pass
     assert second.step_number == whole.step_number
     np.testing.assert_array_equal(second.state.velocity, whole.state.velocity)
+
+
+def test_a_block_that_hits_a_rigid_floor_at_half_the_speed_of_sound():
+    """Beside a rigid body, whose half of a step that is not tried must not be moved either."""
+
+    def bounce(**options):
+        bodies = box_bodies((1, 1), (4, 4), label=0)
+        scene = Scene(
+            bodies,
+            {1: NeoHookean(100.0, 0.3, 1.0)},
+            surfaces={"block": (1,)},
+            rigid=[wall((0.0, 0.0), (0.1, 1.0), "floor")],
+            contacts=[Contact(("block", "floor"), SignoriniCoulomb(friction=0.3))],
+            initial_velocity=lambda x: np.stack([0 * x[0], -5.0 + 0 * x[1]]),
+        )
+        simulation = Simulation(scene, num_threads=1, **options)
+        *_, record = simulation.steps(0.25)
+        mass, velocity = simulation.bulk.mass.reshape(-1, 2), field(simulation, "velocity")
+        return (mass * velocity).sum(axis=0) / mass.sum(axis=0), record, simulation.step_size
+
+    explicit, record, first = bounce(scheme="explicit")
+    assert record.size < 0.6 * first
+    assert abs(record.energies["closure"]) < 1e-2 * 12.5
+    implicit, *_ = bounce(scheme="implicit", step=5e-4, tolerance=1e-8)
+    np.testing.assert_allclose(explicit, implicit, atol=0.02 * 5.0)
 
 
 @pytest.mark.parametrize("mass, stiffness", [(0.0, 6e-3), (0.0, 0.05), (300.0, 0.0), (100.0, 2e-3)])

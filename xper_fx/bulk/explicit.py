@@ -150,16 +150,17 @@ class ExplicitScheme:
         solver: Solver,
         options: SolveOptions,
     ) -> StepOutcome:
-        """One step from `state`, which is not changed; see `ImplicitScheme.attempt`."""
+        """One step from `state`, which is not changed; see `ImplicitScheme.attempt`.
+
+        Raises:
+            UnstableStepError: the step is too long for what cells have become.
+        """
         bulk, watch, inverse = self.bulk, self._stopwatch, self._inverse
         time = state.time + step
         q0, v0 = state.displacement, state.velocity
-        if not self._bears(step, q0):
-            nothing = np.zeros_like(v0)
-            return StepOutcome(
-                state, np.zeros(0), nothing, nothing, 0.0, 0.0, 0, np.nan, 0.0, 0, np.nan, False,
-                failure=self._stable.failure(),
-            )  # fmt: skip
+        if self._stable is not None:
+            with watch.phase("critical step"):
+                self._stable.require(step, q0)
         bulk.forms.set_step(0.5 * step)
         with watch.phase("free velocity"):
             viscous = bulk.viscous(v0)
@@ -230,12 +231,6 @@ class ExplicitScheme:
             end, slots, impulses, reactions, force_impulse, viscous, sweeps, error, traction, 1,
             0.0, converged, (float(shadow[0]), float(shadow[1])),
         )  # fmt: skip
-
-    def _bears(self, step: float, displacement: np.ndarray) -> bool:
-        if self._stable is None:
-            return True
-        with self._stopwatch.phase("critical step"):
-            return self._stable.bears(step, displacement)
 
     def _force_ahead(self, state: State, step: float) -> np.ndarray | None:
         """Internal forces half a step after a state, if the last step left them."""

@@ -81,6 +81,10 @@ def stable_step(bulk: Bulk, displacement: np.ndarray | None = None) -> float:
     return 4.0 / (rate + np.hypot(rate, 2.0 * omega))
 
 
+class UnstableStepError(FloatingPointError):
+    """The step is too long for the present configuration."""
+
+
 class StableStep:
     """Follows the stable step of a bulk along a run.
 
@@ -103,13 +107,18 @@ class StableStep:
         self._inverses = np.tile(np.eye(dim), (len(self._cells), 1, 1))
         self._since = 0
 
-    def bears(self, size: float, displacement: np.ndarray) -> bool:
-        """Whether a step of size h (s) from a displacement is stable."""
+    def require(self, size: float, displacement: np.ndarray) -> None:
+        """Raise an UnstableStepError if a step of size h (s) from a displacement is not stable."""
         self._since += 1
         if self._since >= _LOOKS_EVERY:
             self._since = 0
             self._look(size, displacement)
-        return size <= (self._at_rest if self.step == self._at_rest else _SAFE * self.step)
+        if size > (self._at_rest if self.step == self._at_rest else _SAFE * self.step):
+            raise UnstableStepError(
+                f"Cells are flattened, or have stiffened, so far that the explicit bulk is stable "
+                f"below {self.step:.3g} s alone, {self._at_rest:.3g} s at rest: look at the last "
+                'output, and take a smaller step, scheme="implicit", or coarser cells there.'
+            )
 
     def _look(self, size: float, displacement: np.ndarray) -> None:
         bulk = self._bulk
@@ -127,14 +136,6 @@ class StableStep:
                 "the stable step of the bulk has fallen from %.3g to %.3g s, as cells are "
                 "flattened or stiffen", self._at_rest, now,
             )  # fmt: skip
-
-    def failure(self) -> str:
-        """Why a step is not tried."""
-        return (
-            "cells are flattened, or have stiffened, so far that the explicit bulk is stable below "
-            f"{self.step:.3g} s alone, {self._at_rest:.3g} s at rest: look at the last output, and "
-            'take a smaller step, scheme="implicit", or coarser cells there'
-        )
 
     def saved(self) -> dict:
         """What steps to come depend on."""

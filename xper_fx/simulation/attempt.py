@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from xper_fx.bulk.stable_step import UnstableStepError
 from xper_fx.bulk.state import State, StepOutcome
 from xper_fx.nscd import solvers
 from xper_fx.nscd.point_values import BROKEN
@@ -81,7 +82,7 @@ class StepAttempts:
         self._model, self._watch = model, model.stopwatch
         self.solver = _solver(model)
         self.doubts, self.breaks_for_nothing = Doubts(), False
-        self._flipped: int | None = None
+        self._error: FloatingPointError | None = None
         self.rigid_work: RigidWork | None = None
         self.rigid_reactions: np.ndarray | None = None
         bodies = model.scene.rigid_bodies
@@ -107,13 +108,11 @@ class StepAttempts:
         outrun = self._outruns_contacts(state, size)
         if outrun and not last_try:
             return None
-        self._flipped = None
+        self._error = None
         try:
             outcome = self._attempt(state, size, tolerance)
         except FloatingPointError as error:
-            logger.info("%s", error)
-            if isinstance(error, FacetFlippedError):
-                self._flipped = error.point
+            self._note(error)
             return None
         if outcome is None:
             return None
@@ -202,8 +201,10 @@ class StepAttempts:
             path: where the run is on its path, if it follows one.
         """
         options = self._model.options
-        if self._flipped is not None:
-            return (flipped(self._model.points.place(self._flipped)),)
+        if isinstance(self._error, FacetFlippedError):
+            return (flipped(self._model.points.place(self._error.point)),)
+        if isinstance(self._error, UnstableStepError):
+            return (str(self._error),)
         if self.breaks_for_nothing:
             return (FOR_NOTHING,)
         if path is not None:
@@ -286,9 +287,13 @@ class StepAttempts:
                 if self._some_driven:
                     self.rigid_reactions = rigid.reactions(pushed)
         except FloatingPointError as error:
-            logger.info("%s", error)
+            self._note(error)
             return None
         return outcome
+
+    def _note(self, error: FloatingPointError) -> None:
+        logger.info("%s", error)
+        self._error = error
 
     def _interact(
         self, state: State, size: float, options: SolveOptions, prediction: Prediction | None

@@ -84,7 +84,8 @@ def verdict(simulation: Readings) -> Verdict | None:
     if control is None:
         return None
     asked = simulation.model.options.requested.accuracy
-    parts = dict(sorted(control.estimate.errors.items(), key=lambda part: -part[1]))
+    parts = {name: float(part) for name, part in control.estimate.errors.items()}
+    parts = dict(sorted(parts.items(), key=lambda part: -part[1]))
     limits = []
     for name, part in parts.items():
         if part > _WORTH_NAMING * asked:
@@ -109,7 +110,7 @@ def verdict(simulation: Readings) -> Verdict | None:
     if bulk is not None and bulk**2 > asked:
         mesh_is_fine = False
         limits.append(f"the mesh leaves {bulk**2:.1g} of the elastic energy (a finer mesh)")
-    error = control.estimate.error
+    error = float(control.estimate.error)
     return Verdict(
         asked, error, error <= asked and mesh_is_fine, parts, bulk, facets, tuple(limits)
     )
