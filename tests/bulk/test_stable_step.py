@@ -9,10 +9,11 @@ import logging
 
 import numpy as np
 import pytest
-from scenes import BOTTOM, TOP, box_bodies, field
+from scenes import BOTTOM, TOP, box_bodies, field, nodes
 from scipy.linalg import eigh
 
 from xper_fx.bulk.bulk import Bulk
+from xper_fx.bulk.stable_step import stable_step
 from xper_fx.forms.loads import PrescribedVelocity, RayleighDamping
 from xper_fx.materials import LinearElastic, NeoHookean, SaintVenantKirchhoff
 from xper_fx.nscd.laws import PerfectBond, SignoriniCoulomb
@@ -72,6 +73,21 @@ def test_what_is_followed_is_the_largest_eigenvalue_of_the_present_stiffness():
     top = eigh(stiffness, np.diag(bulk.weights), eigvals_only=True)[-1]
     assert bulk.critical_step(place) == pytest.approx(2.0 / np.sqrt(top), rel=1e-3)
     assert bulk.critical_step() > 1.5 * bulk.critical_step(place)
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_a_cell_that_bends_is_not_strained_in_its_middle(order):
+    """One edge of a square is squeezed to a third, the other stretched."""
+    bodies = box_bodies((1, 1), (1, 1), "quadrilateral", label=0)
+    scene = Scene(bodies, {1: NeoHookean(100.0, 0.3, 1.0)}, order=order)
+    simulation = Simulation(scene, scheme="explicit", num_threads=1)
+    bulk, stable, (x, y) = simulation.bulk, simulation.model.scheme._stable, nodes(simulation).T
+    place = np.stack([-1.4 * (x - 0.5) * (y - 0.5), 0.0 * x], axis=1).ravel()
+    expected = stable_step(bulk, place)
+    assert expected < 0.95 * stable.step
+    for _ in range(4):
+        stable.require(0.5 * expected, place)
+    assert stable.step == pytest.approx(expected, rel=1e-12)
 
 
 def test_a_material_that_stiffens_as_it_is_pulled():

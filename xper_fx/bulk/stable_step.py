@@ -13,11 +13,12 @@ height vibrates some three times as fast. Beyond the limit the fastest vibration
 in each step, and takes its energy from nowhere.
 
 K costs some ten times as much as forces, so it is assembled again only where it may have changed
-enough. With F_0 of a cell when K was last looked at, f = F F_0^-1 and the strain since then,
+enough. With F_0 when K was last looked at, f = F F_0^-1 and the strain since then,
 
     e = max |f^T f - I| / 2   (row sums),
 
-a cell squeezed by e vibrates up to 1 / (1 - e) times as fast, and a material that stiffens does so
+of all points of quadrature, as a cell that bends need not be strained in its middle. A cell
+squeezed by e vibrates up to 1 / (1 - e) times as fast, and a material that stiffens does so
 too. K is assembled again once e exceeds half of the margin, one less h over the stable step.
 """
 
@@ -26,7 +27,6 @@ from __future__ import annotations
 import logging
 from collections.abc import Mapping
 
-import basix
 import numpy as np
 import ufl
 
@@ -45,21 +45,21 @@ _SAFE = 0.9
 
 @njit
 def _largest_strain(gradients, inverses):
-    """Largest strain of all cells since F was the inverse of `inverses`; a NaN is left out.
+    """Largest strain of all points since F was the inverse of `inverses`; a NaN is left out.
 
     Args:
-        gradients: of the displacement, shape (num_cells, dim, dim).
+        gradients: of the displacement, shape (num_points, dim, dim).
         inverses: of the deformation gradients before, of the same shape.
     """
     dim = gradients.shape[1]
     largest = 0.0
     f = np.empty((dim, dim))
-    for cell in range(len(gradients)):
+    for point in range(len(gradients)):
         for i in range(dim):
             for j in range(dim):
-                f[i, j] = inverses[cell, i, j]
+                f[i, j] = inverses[point, i, j]
                 for k in range(dim):
-                    f[i, j] += gradients[cell, i, k] * inverses[cell, k, j]
+                    f[i, j] += gradients[point, i, k] * inverses[point, k, j]
         for i in range(dim):
             row = 0.0
             for j in range(dim):
@@ -99,12 +99,10 @@ class StableStep:
     def __init__(self, bulk: Bulk):
         self._bulk = bulk
         self.step = self._at_rest = stable_step(bulk)
-        mesh, dim = bulk.forms.bodies.mesh, bulk.dim
-        kind = getattr(basix.CellType, mesh.topology.cell_name())
-        middle = basix.geometry(kind).mean(axis=0, keepdims=True)
-        self._gradient = compiled_expression(ufl.grad(bulk.forms.u), middle)
+        points, _ = bulk.forms.quadrature
+        self._gradient = compiled_expression(ufl.grad(bulk.forms.u), points)
         self._cells = np.arange(len(bulk.forms.bodies.parent_cell), dtype=np.int32)
-        self._inverses = np.tile(np.eye(dim), (len(self._cells), 1, 1))
+        self._inverses = np.tile(np.eye(bulk.dim), (len(self._cells), len(points), 1, 1))
         self._since = 0
 
     def require(self, size: float, displacement: np.ndarray) -> None:
@@ -125,7 +123,10 @@ class StableStep:
         bulk.forms.u.x.array[:] = bulk.unknowns.expand(displacement)
         gradients = self._gradient.eval(bulk.forms.bodies.mesh, self._cells)
         gradients = gradients.reshape(self._inverses.shape)
-        strain = bulk.ranks.max(_largest_strain(gradients, self._inverses))
+        by_point = -1, bulk.dim, bulk.dim
+        strain = bulk.ranks.max(
+            _largest_strain(gradients.reshape(by_point), self._inverses.reshape(by_point))
+        )
         if strain <= 0.5 * (1.0 - size / self.step):
             return
         self._inverses = np.linalg.inv(np.eye(bulk.dim) + gradients)

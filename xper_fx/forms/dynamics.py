@@ -137,8 +137,7 @@ class BulkForms:
 
     def _increment_expressions(self):
         """Inelastic strains of a step at quadrature points, and the cells they belong to."""
-        cell = getattr(basix.CellType, self.bodies.mesh.topology.cell_name())
-        points, _ = basix.make_quadrature(cell, self._degree)
+        points, _ = self.quadrature
         tags = self.bodies.material_of_cell
         return [
             (
@@ -148,6 +147,12 @@ class BulkForms:
             for tag, r in self._responses.items()
             if r.increment is not None
         ]
+
+    @property
+    def quadrature(self) -> tuple[np.ndarray, np.ndarray]:
+        """Points of the reference cell, shape (num_points, dim), at which stresses are, and weights."""
+        cell = getattr(basix.CellType, self.bodies.mesh.topology.cell_name())
+        return basix.make_quadrature(cell, self._degree)
 
     @property
     def flows(self) -> bool:
@@ -351,8 +356,7 @@ class BulkForms:
             midpoints; of inelastic materials, means over the quadrature points.
         """
         mesh = self.bodies.mesh
-        cell = getattr(basix.CellType, mesh.topology.cell_name())
-        points, weights = basix.make_quadrature(cell, self._degree)
+        points, weights = self.quadrature
         middle = interpolation_points(fem.functionspace(mesh, ("DG", 0)).element)
         tags = self.bodies.material_of_cell
         pieces = []
