@@ -150,7 +150,7 @@ class BulkForms:
 
     @property
     def quadrature(self) -> tuple[np.ndarray, np.ndarray]:
-        """Points of the reference cell, shape (num_points, dim), at which stresses are, and weights."""
+        """Points of the reference cell at which stresses are, (num_points, dim), and weights."""
         cell = getattr(basix.CellType, self.bodies.mesh.topology.cell_name())
         return basix.make_quadrature(cell, self._degree)
 
