@@ -15,7 +15,14 @@ from scipy.linalg import eigh
 from xper_fx.bulk.bulk import Bulk
 from xper_fx.bulk.stable_step import stable_step
 from xper_fx.forms.loads import PrescribedVelocity, RayleighDamping
-from xper_fx.materials import LinearElastic, NeoHookean, SaintVenantKirchhoff
+from xper_fx.materials import (
+    J2FiniteStrain,
+    LinearElastic,
+    LinearViscoelastic,
+    NeoHookean,
+    SaintVenantKirchhoff,
+)
+from xper_fx.materials.hardening import Linear
 from xper_fx.nscd.laws import PerfectBond, SignoriniCoulomb
 from xper_fx.nscd.rigid import wall
 from xper_fx.scene import Contact, Scene
@@ -27,9 +34,12 @@ SPEED = 0.5  # 0.05 of the speed of waves
 
 def pressed(material=None, speed=-SPEED, kind="crossed", label=0, **options):
     """A block of 4 x 1 whose top moves at a speed towards its bottom, or away from it."""
+    default = {1: material or NeoHookean(100.0, 0.3, 1.0)}
+    materials = material if isinstance(material, dict) else default
+    right = {tag: lambda x: x[0] > 2 for tag in materials if tag > 1}
     scene = Scene(
-        box_bodies((4, 1), (8, 2), kind, label),
-        {1: material or NeoHookean(100.0, 0.3, 1.0)},
+        box_bodies((4, 1), (8, 2), kind, label, right),
+        materials,
         loads=[PrescribedVelocity(BOTTOM, 1, 0.0), PrescribedVelocity(TOP, 1, speed)],
         initial_velocity=lambda x: np.stack([0 * x[0], speed * x[1]]),
     )
@@ -86,7 +96,7 @@ def test_a_cell_that_bends_is_not_strained_in_its_middle(order):
     expected = stable_step(bulk, place)
     assert expected < 0.95 * stable.step
     for _ in range(4):
-        stable.require(0.5 * expected, place)
+        stable.require(0.5 * expected, place, 0.0 * place)
     assert stable.step == pytest.approx(expected, rel=1e-12)
 
 
@@ -96,6 +106,22 @@ def test_a_material_that_stiffens_as_it_is_pulled():
     energy, closure, halvings = squeezed(simulation, 1.0)
     assert halvings >= 1.0
     assert closure < 1e-3 * energy
+
+
+def test_matter_that_flows_is_as_stiff_as_where_it_does_not():
+    """The tangent of flow is soft; what has flowed vibrates on an elastic one, unstrained.
+
+    With the tangent of flow, steps were up to 1.1 times the elastic stable one.
+    """
+    simulation = pressed(J2FiniteStrain(100.0, 0.2, 2.0, Linear(1.0), 1.0), step=0.0225)
+    bulk, least = simulation.bulk, np.inf
+    for record in simulation.steps(1.2):
+        state = simulation.state
+        if record.step % 4 == 0:
+            place = state.displacement - 1e-4 * record.size * state.velocity
+            least = min(least, stable_step(bulk, place) / record.size)
+    assert record.energies["dissipated_plastic"] > 5.0
+    assert 1.0 < least < 1.3
 
 
 def test_each_cell_a_body():
@@ -153,6 +179,25 @@ def test_a_restart_goes_on_to_the_bit(stop):
         pass
     assert second.step_number == whole.step_number
     np.testing.assert_array_equal(second.state.velocity, whole.state.velocity)
+
+
+def test_the_stable_step_of_a_restart_is_that_of_the_whole_run():
+    """A material whose stiffness depends on the step is looked at in no time, not in the last."""
+    material = LinearViscoelastic(100.0, 0.3, ((0.5, 0.02),), 1.0)
+
+    def half_viscoelastic():
+        return pressed({1: SaintVenantKirchhoff(100.0, 0.3, 1.0), 2: material})
+
+    whole = half_viscoelastic()
+    saved = [whole.saved_in_order() for _ in whole.steps(0.9)]
+    followed = whole.model.scheme._stable.step
+    assert followed < whole.bulk.critical_step()
+    for before in saved[10:-4:3]:
+        second = half_viscoelastic()
+        second.restore(before)
+        for _ in second.steps(0.9):
+            pass
+        assert second.model.scheme._stable.step == followed
 
 
 def test_a_block_that_hits_a_rigid_floor_at_half_the_speed_of_sound():

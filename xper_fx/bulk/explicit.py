@@ -160,7 +160,7 @@ class ExplicitScheme:
         q0, v0 = state.displacement, state.velocity
         if self._stable is not None:
             with watch.phase("critical step"):
-                self._stable.require(step, q0)
+                self._stable.require(step, q0, v0)
         bulk.forms.set_step(0.5 * step)
         with watch.phase("free velocity"):
             viscous = bulk.viscous(v0)

@@ -20,6 +20,10 @@ enough. With F_0 when K was last looked at, f = F F_0^-1 and the strain since th
 of all points of quadrature, as a cell that bends need not be strained in its middle. A cell
 squeezed by e vibrates up to 1 / (1 - e) times as fast, and a material that stiffens does so
 too. K is assembled again once e exceeds half of the margin, one less h over the stable step.
+
+Matter that has flowed counts as flowing on, with a tangent that is soft along the flow; as soon as
+it vibrates it is as stiff as it is where nothing flows, without being strained. K of such a bulk is
+therefore that of a place a little back on the way it came, in no time.
 """
 
 from __future__ import annotations
@@ -39,6 +43,8 @@ logger = logging.getLogger(__name__)
 
 # Steps between two looks at the strains: a wave passes a cell in one or two.
 _LOOKS_EVERY = 4
+# Part of a step by which matter that flows goes back, so that it is elastic.
+_BACK = 1e-3
 # Share of the present stable step that a step may be once that one has fallen.
 _SAFE = 0.9
 
@@ -105,12 +111,12 @@ class StableStep:
         self._inverses = np.tile(np.eye(bulk.dim), (len(self._cells), len(points), 1, 1))
         self._since = 0
 
-    def require(self, size: float, displacement: np.ndarray) -> None:
-        """Raise an UnstableStepError if a step of size h (s) from a displacement is not stable."""
+    def require(self, size: float, displacement: np.ndarray, velocity: np.ndarray) -> None:
+        """Raise an UnstableStepError if a step of size h (s) from a state is not stable."""
         self._since += 1
         if self._since >= _LOOKS_EVERY:
             self._since = 0
-            self._look(size, displacement)
+            self._look(size, displacement, velocity)
         if size > (self._at_rest if self.step == self._at_rest else _SAFE * self.step):
             raise UnstableStepError(
                 f"Cells are flattened, or have stiffened, so far that the explicit bulk is stable "
@@ -118,7 +124,7 @@ class StableStep:
                 'output, and take a smaller step, scheme="implicit", or coarser cells there.'
             )
 
-    def _look(self, size: float, displacement: np.ndarray) -> None:
+    def _look(self, size: float, displacement: np.ndarray, velocity: np.ndarray) -> None:
         bulk = self._bulk
         bulk.forms.u.x.array[:] = bulk.unknowns.expand(displacement)
         gradients = self._gradient.eval(bulk.forms.bodies.mesh, self._cells)
@@ -130,7 +136,9 @@ class StableStep:
         if strain <= 0.5 * (1.0 - size / self.step):
             return
         self._inverses = np.linalg.inv(np.eye(bulk.dim) + gradients)
-        now = stable_step(bulk, displacement)
+        bulk.forms.set_step(0.0)
+        back = _BACK * size * velocity if bulk.forms.flows else 0.0
+        now = stable_step(bulk, displacement - back)
         if now < self.step:
             self.step = now
             logger.info(
