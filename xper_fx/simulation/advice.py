@@ -10,8 +10,8 @@ ON_PATH = (
     "softer bonds, or facets that resolve the cohesive zone; look at the last output first."
 )
 LOADS_BEND = (
-    "The loads are not linear in time, and a path finds no way on at their largest value: let it "
-    "end there, or take steps in time from there on; look at the last output first."
+    "The loads are not linear in time, and a path finds no way on where they are largest or stand "
+    "still: let it end there, or take steps in time from there on; look at the last output first."
 )
 UNDER_LOAD = (
     "There may be no equilibrium at this load, or it snaps: follow its path "
