@@ -14,6 +14,7 @@ a triangle where K has 36, and 30 a tetrahedron where K has 144.
 from __future__ import annotations
 
 from functools import cache
+from math import isqrt
 
 import numpy as np
 import scipy.sparse as sp
@@ -34,16 +35,17 @@ _VOIGT = {2: ((0, 0), (1, 1), (0, 1)), 3: ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2
 
 @cache
 def _forces_kernel(dim: int):
-    """Kernel `forces(first, last, nodes, gradients, moduli, u, out)` of a range of cells."""
+    """Kernel `forces(first, last, gradients, moduli, u, out)` of a range of cells.
+
+    Rows of `u` and `out`, which may be the same, are cells.
+    """
     options = LEAN_ENTRY | {"nogil": True, "fastmath": {"contract"}}
 
     @njit(**options)
-    def in_plane(first, last, nodes, gradients, moduli, u, out):
-        for c in range(first, last):
-            i, j, k = nodes[c, 0], nodes[c, 1], nodes[c, 2]
-            x, y = u[i, 0], u[i, 1]
-            jx, jy, kx, ky = u[j, 0] - x, u[j, 1] - y, u[k, 0] - x, u[k, 1] - y
-            g, d = gradients[c], moduli[c]
+    def in_plane(first, last, gradients, moduli, u, out):
+        for c in range(np.uintp(first), np.uintp(last)):
+            x, y, g, d = u[c, 0], u[c, 1], gradients[c], moduli[c]
+            jx, jy, kx, ky = u[c, 2] - x, u[c, 3] - y, u[c, 4] - x, u[c, 5] - y
             xx, yy = jx * g[0] + kx * g[2], jy * g[1] + ky * g[3]
             xy = jx * g[1] + jy * g[0] + kx * g[3] + ky * g[2]
             s_xx = d[0] * xx + d[1] * yy + d[2] * xy
@@ -51,18 +53,17 @@ def _forces_kernel(dim: int):
             s_xy = d[2] * xx + d[4] * yy + d[5] * xy
             f_jx, f_jy = s_xx * g[0] + s_xy * g[1], s_xy * g[0] + s_yy * g[1]
             f_kx, f_ky = s_xx * g[2] + s_xy * g[3], s_xy * g[2] + s_yy * g[3]
-            out[j, 0], out[j, 1] = f_jx, f_jy
-            out[k, 0], out[k, 1] = f_kx, f_ky
-            out[i, 0], out[i, 1] = -(f_jx + f_kx), -(f_jy + f_ky)
+            out[c, 0], out[c, 1] = -(f_jx + f_kx), -(f_jy + f_ky)
+            out[c, 2], out[c, 3], out[c, 4], out[c, 5] = f_jx, f_jy, f_kx, f_ky
 
     @njit(**options)
-    def in_space(first, last, nodes, gradients, moduli, u, out):
-        for c in range(first, last):
-            i, g, d = nodes[c, 0], gradients[c], moduli[c]
+    def in_space(first, last, gradients, moduli, u, out):
+        for c in range(np.uintp(first), np.uintp(last)):
+            g, d = gradients[c], moduli[c]
             xx, yy, zz, yz, xz, xy = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
             for a in range(3):
-                j = nodes[c, a + 1]
-                x, y, z = u[j, 0] - u[i, 0], u[j, 1] - u[i, 1], u[j, 2] - u[i, 2]
+                j = 3 * a + 3
+                x, y, z = u[c, j] - u[c, 0], u[c, j + 1] - u[c, 1], u[c, j + 2] - u[c, 2]
                 g_x, g_y, g_z = g[3 * a], g[3 * a + 1], g[3 * a + 2]
                 xx += x * g_x
                 yy += y * g_y
@@ -78,32 +79,51 @@ def _forces_kernel(dim: int):
             s_xy = d[5] * xx + d[10] * yy + d[14] * zz + d[17] * yz + d[19] * xz + d[20] * xy
             f_x, f_y, f_z = 0.0, 0.0, 0.0
             for a in range(3):
-                j = nodes[c, a + 1]
+                j = 3 * a + 3
                 g_x, g_y, g_z = g[3 * a], g[3 * a + 1], g[3 * a + 2]
                 x = s_xx * g_x + s_xy * g_y + s_xz * g_z
                 y = s_xy * g_x + s_yy * g_y + s_yz * g_z
                 z = s_xz * g_x + s_yz * g_y + s_zz * g_z
-                out[j, 0], out[j, 1], out[j, 2] = x, y, z
+                out[c, j], out[c, j + 1], out[c, j + 2] = x, y, z
                 f_x += x
                 f_y += y
                 f_z += z
-            out[i, 0], out[i, 1], out[i, 2] = -f_x, -f_y, -f_z
+            out[c, 0], out[c, 1], out[c, 2] = -f_x, -f_y, -f_z
 
     return in_plane if dim == 2 else in_space
 
 
+@cache
+def _step_kernel(dim: int):
+    """Kernel that ends a step of a range of cells; rows of all arrays are cells."""
+    forces, size = _forces_kernel(dim), dim * (dim + 1)
+
+    @njit(nogil=True, **LEAN_ENTRY)
+    def end_step(first, last, gradients, moduli, half, q0, v0, v1, halfway, q1, ahead, end, power):
+        for c in range(np.uintp(first), np.uintp(last)):
+            for i in range(size):
+                q1[c, i] = half * v1[c, i] + (half * v0[c, i] + q0[c, i])
+                ahead[c, i] = half * v1[c, i] + q1[c, i]
+            forces(c, c + np.uintp(1), gradients, moduli, ahead, ahead)
+            power[c] = 0.0
+            for i in range(size):
+                end[c, i] = 0.5 * (halfway[c, i] + ahead[c, i])
+                power[c] += v1[c, i] * (end[c, i] - halfway[c, i])
+
+    return end_step
+
+
 class CellForces:
-    """f = K u of bodies of one simplex of order 1 each.
+    """f = K u of bodies of one simplex of order 1 each, whose nodes are those of V in their order.
 
     Args:
-        nodes: of each cell in V, shape (num_cells, dim + 1).
         gradients: of all shape functions but the first, shape (num_cells, dim^2), 1/m.
         moduli: V D, upper triangle by rows, shape (num_cells, 6 or 21), N m (2D: N).
     """
 
-    def __init__(self, nodes: np.ndarray, gradients: np.ndarray, moduli: np.ndarray):
-        self._arrays = nodes.astype(np.uint32), gradients, moduli
-        self._dim = nodes.shape[1] - 1
+    def __init__(self, gradients: np.ndarray, moduli: np.ndarray):
+        self._arrays = gradients, moduli
+        self._dim = isqrt(gradients.shape[1])
 
     @classmethod
     def of(cls, stiffness: sp.bsr_array, V: FunctionSpace) -> CellForces | None:
@@ -118,7 +138,8 @@ class CellForces:
         cells, dim = V.dofmap.list, V.dofmap.index_map_bs
         num_cells, size = cells.shape
         one_simplex = size == dim + 1 and V.mesh.topology.cell_name() in ("triangle", "tetrahedron")
-        if not one_simplex or cells.size * dim != stiffness.shape[0]:
+        alone = one_simplex and cells.size * dim == stiffness.shape[0]
+        if not alone or not np.array_equal(cells.ravel(), np.arange(cells.size)):
             return None
         x = V.tabulate_dof_coordinates()[:, :dim]
         voigt = _VOIGT[dim]
@@ -152,7 +173,7 @@ class CellForces:
                 moduli[at] = d[:, upper[0], upper[1]]
 
         in_ranges(measure, num_cells)
-        return cls(cells, gradients, moduli) if same.all() else None
+        return cls(gradients, moduli) if same.all() else None
 
     @property
     def nbytes(self) -> int:
@@ -161,6 +182,32 @@ class CellForces:
 
     def __call__(self, u: np.ndarray) -> np.ndarray:
         """K u, shape (num_dofs of V,), N (2D: N/m)."""
-        nodes, out = self._arrays[0], np.empty((u.size // self._dim, self._dim))
-        in_ranges(_forces_kernel(self._dim), len(nodes), *self._arrays, u.reshape(out.shape), out)
+        u, out = self._by_cell(u), self._by_cell(np.empty(len(u)))
+        in_ranges(_forces_kernel(self._dim), len(u), *self._arrays, u, out)
         return out.reshape(-1)
+
+    def end_step(
+        self, half: float, q0: np.ndarray, v0: np.ndarray, v1: np.ndarray, halfway: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
+        """End a step of central differences (`explicit.py`), in one pass through memory.
+
+        Args:
+            half: h / 2 (s).
+            q0, v0: at the start of the step, shape (num_dofs,), m and m/s.
+            v1: at its end.
+            halfway: forces in its middle, N (2D: N/m).
+
+        Returns:
+            Displacements at the end, forces there and half a step later, shape (num_dofs,), and the
+            power at v1 of the change of forces since the middle (W; 2D: W/m).
+        """
+        given = [self._by_cell(a) for a in (q0, v0, v1, halfway)]
+        q1, ahead, end = (np.empty_like(given[0]) for _ in range(3))
+        power = np.empty(len(q1))
+        in_ranges(
+            _step_kernel(self._dim), len(q1), *self._arrays, half, *given, q1, ahead, end, power
+        )
+        return q1.reshape(-1), end.reshape(-1), ahead.reshape(-1), float(power.sum())
+
+    def _by_cell(self, values: np.ndarray) -> np.ndarray:
+        return values.reshape(len(self._arrays[0]), -1)

@@ -27,6 +27,8 @@ step after, and the latter are those of the middle of the next step: each step a
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from xper_fx.bulk.body_inverse import LumpedInverse
@@ -37,7 +39,6 @@ from xper_fx.bulk.state import (
     interact,
     on_nodes,
     put_on_nodes,
-    reactions_on,
 )
 from xper_fx.cache import njit
 from xper_fx.nscd.interactions import Interactions
@@ -58,37 +59,14 @@ def _set_free(v0, w, step, force, others, out):
         out[i] = w[i] * impulse + v0[i]
 
 
-@njit(fastmath={"reassoc", "contract"}, **LEAN_ENTRY)
-def _powers(v0, v1, start, halfway, end):
-    """Powers of what internal forces change by in either half of a step."""
-    first = second = 0.0
-    for i in range(len(v0)):
-        first += v0[i] * (halfway[i] - start[i])
-        second += v1[i] * (end[i] - halfway[i])
-    return first, second
-
-
-@njit(fastmath={"reassoc", "contract"}, **LEAN_ENTRY)
-def _end_linear(v0, v1, start, halfway, ahead, end):
-    """Internal forces at the end of a step of a linear bulk, and what `_powers` gives.
-
-    They are the mean of those half a step before and after it.
-    """
-    first = second = 0.0
-    for i in range(len(v0)):
-        mean = 0.5 * (halfway[i] + ahead[i])
-        first += v0[i] * (halfway[i] - start[i])
-        second += v1[i] * (mean - halfway[i])
-        end[i] = mean
-    return first, second
-
-
 @njit(**LEAN_ENTRY)
-def _move(q0, v0, v1, half, q1, ahead):
-    """Displacements at the end of a step, and half a step later."""
-    for i in range(len(q1)):
-        q1[i] = half * v1[i] + (half * v0[i] + q0[i])
-        ahead[i] = half * v1[i] + q1[i]
+def _react(dofs, mass, v0, v1, step, force, impulses, others, out):
+    """Impulses of the supports; arguments as of `_set_free`."""
+    several = len(others) > 1
+    for d in dofs:
+        out[d] = mass[d] * (v1[d] - v0[d]) + step * force[d] - impulses[d]
+        if several:
+            out[d] -= others[d]
 
 
 @njit(**LEAN_ENTRY)
@@ -133,7 +111,8 @@ class ExplicitScheme(KeepsNothing):
         with stopwatch.phase("assemble"):
             bulk.forces_by_cell()
         self._stopwatch = stopwatch
-        self._ahead: tuple[np.ndarray | None, float, np.ndarray | None] = (None, 0.0, None)
+        # what `_halfway` asks for, and of which displacement and step it is
+        self._left: tuple = (None, 0.0, None, 0.0)
 
     def inverse(self, step: float, displacement: np.ndarray) -> LumpedInverse:
         """The inverse of the mass, the same for every step."""
@@ -149,83 +128,99 @@ class ExplicitScheme(KeepsNothing):
     ) -> StepOutcome:
         """One step from `state`, which is not changed; see `ImplicitScheme.attempt`."""
         bulk, watch, inverse = self.bulk, self._stopwatch, self._inverse
-        time = state.time + step
+        time, size = state.time + step, len(state.velocity)
         q0, v0 = state.displacement, state.velocity
         bulk.forms.set_step(0.5 * step)
         with watch.phase("free velocity"):
             viscous = bulk.viscous(v0)
             force_impulse = step * bulk.external(state.time + 0.5 * step)
             others = np.atleast_1d(force_impulse - step * viscous)
-            halfway = self._force_ahead(state, step)
-            if halfway is None:
-                halfway = bulk.internal(0.5 * step * v0 + q0)
-            free = np.empty_like(v0)
+            halfway, shadow = self._halfway(state, step)
+            in_slots = interactions is not None and inverse.in_order
+            room = np.empty(interactions.inverse.num_slots * bulk.dim if in_slots else size)
+            free = room[:size]
             _set_free(v0, inverse.diagonal, step, halfway, others, free)
             bulk.prescribe(free, time, step, self.theta, q0, v0)
         sweeps, error, traction, converged = 0, 0.0, 0.0, True
         if interactions is None:
-            velocity, impulses, slots = free, np.zeros_like(v0), np.zeros(0)
+            velocity, impulses, slots = free, np.zeros(size), np.zeros(0)
         else:
             with watch.phase("interaction terms"):
                 if interactions.turns:
                     from xper_fx.bulk.turning import turn
 
+                    free = free.copy()  # solvers change what is in slots
                     nodes = None if inverse.in_order else inverse.nodes
                     turn(interactions, bulk, nodes, state, v0, step, self.theta)
                 interactions.begin_step(step, self.theta, solver.prepares_bonds)
             with watch.phase("interaction solve"):
                 velocity, impulses, slots, report = interact(
-                    inverse, interactions, solver, free, options
+                    inverse, interactions, solver, room, options
                 )
             if interactions.turns:
                 with watch.phase("turning frames"):
                     couples = interactions.couples(True)
                     by_slot = slots.reshape(couples.shape)
                     if interactions.fused is None and inverse.in_order:
-                        velocity = slots[: len(free)]
+                        velocity = slots[:size]
                         _give_all(couples.ravel(), inverse.diagonal, impulses, free, velocity)
                         interactions.refresh_ghosts(slots)
                     elif interactions.fused is None:
-                        velocity = free.copy()
+                        velocity = free
                         _give(couples, inverse.nodes, inverse.diagonal, impulses, velocity, by_slot)
                         interactions.refresh_ghosts(slots)
                     else:
                         interactions.fused.push_couples(couples, by_slot)
-                        impulses += on_nodes(couples, inverse.nodes, len(impulses))
-                        velocity = free.copy()
+                        impulses += on_nodes(couples, inverse.nodes, size)
+                        velocity = free
                         put_on_nodes(by_slot, inverse.nodes, velocity)
             sweeps, error, traction, converged = report[1], report[2], report[3], report[0]
-        reactions = reactions_on(
-            bulk.layout,
-            lambda d: (
-                bulk.mass[d] * (velocity[d] - v0[d]) + step * halfway[d] - impulses[d]
-                - (others[d] if len(others) > 1 else 0.0)
-            ),
-        )  # fmt: skip
-        displacement, ahead = np.empty_like(q0), np.empty_like(q0)
-        _move(q0, v0, velocity, 0.5 * step, displacement, ahead)
+        reactions = np.zeros(size)
+        dofs, mass = bulk.layout.prescribed_dofs, bulk.mass
+        _react(dofs, mass, v0, velocity, step, halfway, impulses, others, reactions)
         bulk.forms.set_step(step)
         with watch.phase("energy"):
-            if bulk.linear:
-                force, internal = bulk.internal(ahead), np.empty_like(q0)
-                powers = _end_linear(v0, velocity, state.internal, halfway, force, internal)
-                self._ahead = displacement, step, force
-            else:
-                internal = bulk.internal(displacement)
-                powers = _powers(v0, velocity, state.internal, halfway, internal)
-            shadow = bulk.ranks.sum(-0.25 * step * np.array(powers))
+            displacement, internal, ahead, power = self._end(state, velocity, halfway, step)
+            shadow_at_end = self._shadow(power, step)
+        self._left = displacement, step, ahead, shadow_at_end
         # what is not finite is so in the sums too
-        converged = bulk.ranks.all(converged and np.all(np.isfinite(shadow)))
+        converged = bulk.ranks.all(converged and math.isfinite(shadow + shadow_at_end))
         end = State(time, displacement, velocity, internal)
         return StepOutcome(
             end, slots, impulses, reactions, force_impulse, viscous, sweeps, error, traction, 1,
-            0.0, converged, (float(shadow[0]), float(shadow[1])),
+            0.0, converged, (shadow, shadow_at_end),
         )  # fmt: skip
 
-    def _force_ahead(self, state: State, step: float) -> np.ndarray | None:
-        """Internal forces half a step after a state, if the last step left them."""
-        displacement, size, force = self._ahead
-        return force if displacement is state.displacement and size == step else None
+    def _halfway(self, state: State, step: float) -> tuple[np.ndarray, float]:
+        """Internal forces in the middle of a step, and the shadow energy at its start.
+
+        The step before may have left them.
+        """
+        displacement, size, force, shadow = self._left
+        if force is None or displacement is not state.displacement or size != step:
+            velocity = state.velocity
+            force = self.bulk.internal(0.5 * step * velocity + state.displacement)
+            shadow = self._shadow(float(velocity @ (force - state.internal)), step)
+        return force, shadow
+
+    def _end(
+        self, state: State, velocity: np.ndarray, halfway: np.ndarray, step: float
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray | None, float]:
+        """What `CellForces.end_step` gives; no forces half a step later unless they are linear."""
+        bulk, half, q0, v0 = self.bulk, 0.5 * step, state.displacement, state.velocity
+        if bulk.by_cell is not None:
+            return bulk.by_cell.end_step(half, q0, v0, velocity, halfway)
+        displacement, ahead = half * velocity + (half * v0 + q0), None
+        if bulk.linear:
+            ahead = bulk.internal(half * velocity + displacement)
+            internal = 0.5 * (halfway + ahead)
+        else:
+            internal = bulk.internal(displacement)
+        return displacement, internal, ahead, float(velocity @ (internal - halfway))
+
+    def _shadow(self, power: float, step: float) -> float:
+        """S on all ranks, of the power of what forces change by in half a step."""
+        return self.bulk.ranks.sum(-0.25 * step * power)
 
     @property
     def nbytes(self) -> int:
