@@ -128,8 +128,7 @@ class ExplicitScheme(KeepsNothing):
     ) -> StepOutcome:
         """One step from `state`, which is not changed; see `ImplicitScheme.attempt`."""
         bulk, watch, inverse = self.bulk, self._stopwatch, self._inverse
-        time, size = state.time + step, len(state.velocity)
-        q0, v0 = state.displacement, state.velocity
+        q0, v0, size = state.displacement, state.velocity, len(state.velocity)
         bulk.forms.set_step(0.5 * step)
         with watch.phase("free velocity"):
             viscous = bulk.viscous(v0)
@@ -140,7 +139,7 @@ class ExplicitScheme(KeepsNothing):
             room = np.empty(interactions.inverse.num_slots * bulk.dim if in_slots else size)
             free = room[:size]
             _set_free(v0, inverse.diagonal, step, halfway, others, free)
-            bulk.prescribe(free, time, step, self.theta, q0, v0)
+            bulk.prescribe(free, state.time + step, step, self.theta, q0, v0)
         sweeps, error, traction, converged = 0, 0.0, 0.0, True
         if interactions is None:
             velocity, impulses, slots = free, np.zeros(size), np.zeros(0)
@@ -180,15 +179,14 @@ class ExplicitScheme(KeepsNothing):
         _react(dofs, mass, v0, velocity, step, halfway, impulses, others, reactions)
         bulk.forms.set_step(step)
         with watch.phase("energy"):
-            displacement, internal, ahead, power = self._end(state, velocity, halfway, step)
-            shadow_at_end = self._shadow(power, step)
-        self._left = displacement, step, ahead, shadow_at_end
+            end, ahead, power, held = self._end(state, velocity, halfway, step)
+            shadow_at_end = -0.25 * step * power
+        self._left = end.displacement, step, ahead, shadow_at_end
         # what is not finite is so in the sums too
         converged = bulk.ranks.all(converged and math.isfinite(shadow + shadow_at_end))
-        end = State(time, displacement, velocity, internal)
         return StepOutcome(
             end, slots, impulses, reactions, force_impulse, viscous, sweeps, error, traction, 1,
-            0.0, converged, (shadow, shadow_at_end),
+            0.0, converged, (shadow, shadow_at_end), held,
         )  # fmt: skip
 
     def _halfway(self, state: State, step: float) -> tuple[np.ndarray, float]:
@@ -200,27 +198,42 @@ class ExplicitScheme(KeepsNothing):
         if force is None or displacement is not state.displacement or size != step:
             velocity = state.velocity
             force = self.bulk.internal(0.5 * step * velocity + state.displacement)
-            shadow = self._shadow(float(velocity @ (force - state.internal)), step)
+            power = self.bulk.dot(velocity, force - state.internal)
+            shadow = -0.25 * step * power
         return force, shadow
 
     def _end(
         self, state: State, velocity: np.ndarray, halfway: np.ndarray, step: float
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray | None, float]:
-        """What `CellForces.end_step` gives; no forces half a step later unless they are linear."""
-        bulk, half, q0, v0 = self.bulk, 0.5 * step, state.displacement, state.velocity
-        if bulk.by_cell is not None:
-            return bulk.by_cell.end_step(half, q0, v0, velocity, halfway)
-        displacement, ahead = half * velocity + (half * v0 + q0), None
-        if bulk.linear:
-            ahead = bulk.internal(half * velocity + displacement)
-            internal = 0.5 * (halfway + ahead)
-        else:
-            internal = bulk.internal(displacement)
-        return displacement, internal, ahead, float(velocity @ (internal - halfway))
+    ) -> tuple[State, np.ndarray | None, float, tuple[float, float] | None]:
+        """End a step.
 
-    def _shadow(self, power: float, step: float) -> float:
-        """S on all ranks, of the power of what forces change by in half a step."""
-        return self.bulk.ranks.sum(-0.25 * step * power)
+        Args:
+            state: at its start.
+            velocity: at its end (m/s).
+            halfway: internal forces in its middle, N (2D: N/m).
+            step: h (s).
+
+        Returns:
+            State at the end, internal forces half a step later if the bulk is linear, power of what
+            they change by in the second half of the step (W; 2D: W/m), `StepOutcome.held`.
+        """
+        bulk, half, q0, v0 = self.bulk, 0.5 * step, state.displacement, state.velocity
+        ahead = held = None
+        if bulk.by_cell is not None:
+            q1, internal, ahead, sums = bulk.by_cell.end_step(
+                half, bulk.mass, q0, v0, velocity, halfway
+            )
+            power, kinetic, elastic = bulk.ranks.sum(sums).tolist()
+            held = 0.5 * kinetic, 0.5 * elastic
+        else:
+            q1 = half * velocity + (half * v0 + q0)
+            if bulk.linear:
+                ahead = bulk.internal(half * velocity + q1)
+                internal = 0.5 * (halfway + ahead)
+            else:
+                internal = bulk.internal(q1)
+            power = bulk.dot(velocity, internal - halfway)
+        return State(state.time + step, q1, velocity, internal), ahead, power, held
 
     @property
     def nbytes(self) -> int:
