@@ -196,7 +196,7 @@ class Bulk:
         facets = self.forms.bodies.facet_tags.find(motion.facets)
         fdim = self.forms.bodies.mesh.topology.dim - 1
         nodes = fem.locate_dofs_topological(self.forms.V, fdim, facets)
-        return nodes * self.dim + motion.component
+        return nodes.astype(np.intp) * self.dim + motion.component
 
     def _nodal_mass(self) -> np.ndarray:
         """Mass of each node of V: a cell's mass shared as the diagonal of its consistent matrix.
