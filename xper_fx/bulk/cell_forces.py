@@ -22,19 +22,19 @@ from dolfinx.fem import FunctionSpace
 
 from xper_fx.bulk.body_dofs import BodyLayout
 from xper_fx.cache import njit
-from xper_fx.nscd.kernel_options import LEAN_ENTRY, LEAN_INNER
-from xper_fx.support.threads import in_ranges, num_ranges
+from xper_fx.nscd.kernel_options import LEAN_ENTRY
+from xper_fx.support.threads import in_ranges
 
 # Relative difference of V B^T D B and K that is rounding.
 _SAME = 1e-10
-# Cells whose blocks are looked at together, and whose steps are ended: they stay in cache.
-_BATCH, _TILE = 1024, 64
+# Cells whose blocks are looked at together: they stay in cache.
+_BATCH = 1024
 # Components of the strains as rows and columns, shears last and as angles (Voigt).
 _VOIGT = {2: ((0, 0), (1, 1), (0, 1)), 3: ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))}
 
 
 @cache
-def _forces_kernel(dim: int):
+def forces_kernel(dim: int):
     """Kernel `forces(first, last, gradients, moduli, u, out)` of a range of cells.
 
     Rows of `u` and `out`, which may be the same, are cells.
@@ -93,49 +93,6 @@ def _forces_kernel(dim: int):
     return in_plane if dim == 2 else in_space
 
 
-@njit(**LEAN_INNER)
-def _move(first, last, half, q0, v0, v1, q1, ahead):
-    """Displacements at the end of a step, and half a step later, of a range of dofs."""
-    for i in range(np.uintp(first), np.uintp(last)):
-        q1[i] = half * v1[i] + (half * v0[i] + q0[i])
-        ahead[i] = half * v1[i] + q1[i]
-
-
-@njit(fastmath={"reassoc", "contract"}, **LEAN_INNER)
-def _finish(first, last, mass, v1, q1, halfway, ahead, end):
-    """Forces at the end of a step, of a range of dofs; see `CellForces.end_step`."""
-    power = kinetic = elastic = 0.0
-    for i in range(np.uintp(first), np.uintp(last)):
-        mean = 0.5 * (halfway[i] + ahead[i])
-        power += v1[i] * (mean - halfway[i])
-        kinetic += mass[i] * v1[i] * v1[i]
-        elastic += q1[i] * mean
-        end[i] = mean
-    return power, kinetic, elastic
-
-
-@cache
-def _step_kernel(dim: int):
-    """Kernel that ends a step of a range of tiles: their dofs stay in cache."""
-    forces, size = _forces_kernel(dim), dim * (dim + 1)
-
-    @njit(nogil=True, **LEAN_ENTRY)
-    def end_step(
-        first, last, gradients, moduli, half, mass, q0, v0, v1, halfway, q1, ahead, by_cell, end,
-        sums,
-    ):  # fmt: skip
-        for tile in range(first, last):
-            low, high = tile * _TILE, min((tile + 1) * _TILE, len(gradients))
-            at, to = size * low, size * high
-            _move(at, to, half, q0, v0, v1, q1, ahead)
-            forces(low, high, gradients, moduli, by_cell, by_cell)
-            sums[tile, 0], sums[tile, 1], sums[tile, 2] = _finish(
-                at, to, mass, v1, q1, halfway, ahead, end
-            )
-
-    return end_step
-
-
 class CellForces:
     """f = K u of bodies of one simplex of order 1 each, whose nodes are those of V in their order.
 
@@ -145,8 +102,8 @@ class CellForces:
     """
 
     def __init__(self, gradients: np.ndarray, moduli: np.ndarray):
-        self._arrays = gradients, moduli
-        self._dim = isqrt(gradients.shape[1])
+        self.arrays = gradients, moduli
+        self.dim = isqrt(gradients.shape[1])
 
     @classmethod
     def of(cls, stiffness: sp.bsr_array, V: FunctionSpace) -> CellForces | None:
@@ -201,44 +158,13 @@ class CellForces:
     @property
     def nbytes(self) -> int:
         """Memory held, in bytes."""
-        return sum(array.nbytes for array in self._arrays)
+        return sum(array.nbytes for array in self.arrays)
 
     def __call__(self, u: np.ndarray) -> np.ndarray:
         """K u, shape (num_dofs of V,), N (2D: N/m)."""
         u, out = self._by_cell(u), self._by_cell(np.empty(len(u)))
-        in_ranges(_forces_kernel(self._dim), len(u), *self._arrays, u, out)
+        in_ranges(forces_kernel(self.dim), len(u), *self.arrays, u, out)
         return out.reshape(-1)
 
-    def end_step(
-        self,
-        half: float,
-        mass: np.ndarray,
-        q0: np.ndarray,
-        v0: np.ndarray,
-        v1: np.ndarray,
-        halfway: np.ndarray,
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """End a step of central differences (`explicit.py`), in one pass through memory.
-
-        Args:
-            half: h / 2 (s).
-            mass: shape (num_dofs,), kg (2D: kg/m).
-            q0, v0: at the start of the step, shape (num_dofs,), m and m/s.
-            v1: at its end.
-            halfway: forces in its middle, N (2D: N/m).
-
-        Returns:
-            Displacements at the end, forces there and half a step later, shape (num_dofs,), and
-            v1 . (forces at the end less those in the middle), v1 . M v1 and q1 . forces at the end.
-        """
-        q1, ahead, end = np.empty_like(q0), np.empty_like(q0), np.empty_like(q0)
-        num_cells = len(self._arrays[0])
-        sums = np.empty((-(-num_cells // _TILE), 3))
-        in_ranges(
-            _step_kernel(self._dim), len(sums), *self._arrays, half, mass, q0, v0, v1, halfway, q1,
-            ahead, self._by_cell(ahead), end, spaces=[sums] * num_ranges(num_cells),
-        )  # fmt: skip
-        return q1, end, ahead, sums.sum(axis=0)
-
     def _by_cell(self, values: np.ndarray) -> np.ndarray:
-        return values.reshape(len(self._arrays[0]), -1)
+        return values.reshape(len(self.arrays[0]), -1)

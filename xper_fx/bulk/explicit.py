@@ -28,18 +28,14 @@ step after, and the latter are those of the middle of the next step: each step a
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from xper_fx.bulk.body_inverse import LumpedInverse
 from xper_fx.bulk.bulk import Bulk
-from xper_fx.bulk.state import (
-    State,
-    StepOutcome,
-    interact,
-    on_nodes,
-    put_on_nodes,
-)
+from xper_fx.bulk.state import State, StepOutcome, interact, on_nodes, put_on_nodes
+from xper_fx.bulk.step_by_cell import NO_LOADS, EndedStep, StepByCell, set_free
 from xper_fx.cache import njit
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.kernel_options import LEAN_ENTRY
@@ -49,19 +45,8 @@ from xper_fx.support.saved_rows import KeepsNothing
 
 
 @njit(**LEAN_ENTRY)
-def _set_free(v0, w, step, force, others, out):
-    """Velocities without interactions, `others` being other impulses, or a zero for none."""
-    several = len(others) > 1
-    for i in range(len(out)):
-        impulse = -step * force[i]
-        if several:
-            impulse += others[i]
-        out[i] = w[i] * impulse + v0[i]
-
-
-@njit(**LEAN_ENTRY)
 def _react(dofs, mass, v0, v1, step, force, impulses, others, out):
-    """Impulses of the supports; arguments as of `_set_free`."""
+    """Impulses of the supports; arguments as of `set_free`."""
     several = len(others) > 1
     for d in dofs:
         out[d] = mass[d] * (v1[d] - v0[d]) + step * force[d] - impulses[d]
@@ -89,6 +74,19 @@ def _give(more, nodes, w, impulses, velocity, slots):
             slots[i, d] = velocity[dof]
 
 
+class _Left(NamedTuple):
+    """What a step has left for the next one: its end, size, and shadow energy there."""
+
+    end: EndedStep
+    step: float
+    shadow: float
+
+    def suits(self, state: State, step: float) -> bool:
+        """Whether it serves a step of some size from a state."""
+        same = self.end.displacement is state.displacement and self.step == step
+        return same and self.end.ahead is not None
+
+
 class ExplicitScheme(KeepsNothing):
     """Central differences of the bulk with implicit interactions.
 
@@ -111,8 +109,10 @@ class ExplicitScheme(KeepsNothing):
         with stopwatch.phase("assemble"):
             bulk.forces_by_cell()
         self._stopwatch = stopwatch
-        # what `_halfway` asks for, and of which displacement and step it is
-        self._left: tuple = (None, 0.0, None, 0.0)
+        self._by_cell = None
+        if bulk.by_cell is not None:
+            self._by_cell = StepByCell(bulk.by_cell, bulk.mass, self._inverse.diagonal)
+        self._left: _Left | None = None
 
     def inverse(self, step: float, displacement: np.ndarray) -> LumpedInverse:
         """The inverse of the mass, the same for every step."""
@@ -134,11 +134,10 @@ class ExplicitScheme(KeepsNothing):
             viscous = bulk.viscous(v0)
             force_impulse = step * bulk.external(state.time + 0.5 * step)
             others = np.atleast_1d(force_impulse - step * viscous)
-            halfway, shadow = self._halfway(state, step)
             in_slots = interactions is not None and inverse.in_order
-            room = np.empty(interactions.inverse.num_slots * bulk.dim if in_slots else size)
+            length = interactions.inverse.num_slots * bulk.dim if in_slots else size
+            halfway, room, shadow = self._begin(state, step, others, length)
             free = room[:size]
-            _set_free(v0, inverse.diagonal, step, halfway, others, free)
             bulk.prescribe(free, state.time + step, step, self.theta, q0, v0)
         sweeps, error, traction, converged = 0, 0.0, 0.0, True
         if interactions is None:
@@ -179,61 +178,62 @@ class ExplicitScheme(KeepsNothing):
         _react(dofs, mass, v0, velocity, step, halfway, impulses, others, reactions)
         bulk.forms.set_step(step)
         with watch.phase("energy"):
-            end, ahead, power, held = self._end(state, velocity, halfway, step)
+            loaded = len(others) > 1
+            end = self._end(state, velocity, halfway, step, 0 if loaded else length)
+            power, *held = bulk.ranks.sum(end.sums).tolist()
             shadow_at_end = -0.25 * step * power
-        self._left = end.displacement, step, ahead, shadow_at_end
+        self._left = _Left(end, step, shadow_at_end)
         # what is not finite is so in the sums too
         converged = bulk.ranks.all(converged and math.isfinite(shadow + shadow_at_end))
         return StepOutcome(
-            end, slots, impulses, reactions, force_impulse, viscous, sweeps, error, traction, 1,
-            0.0, converged, (shadow, shadow_at_end), held,
+            State(state.time + step, end.displacement, velocity, end.internal), slots, impulses,
+            reactions, force_impulse, viscous, sweeps, error, traction, 1, 0.0, converged,
+            (shadow, shadow_at_end), tuple(held),
         )  # fmt: skip
 
-    def _halfway(self, state: State, step: float) -> tuple[np.ndarray, float]:
-        """Internal forces in the middle of a step, and the shadow energy at its start.
+    def _begin(
+        self, state: State, step: float, others: np.ndarray, length: int
+    ) -> tuple[np.ndarray, np.ndarray, float]:
+        """What the step before may have left.
 
-        The step before may have left them.
+        Args:
+            state: at the start.
+            step: h (s).
+            others: impulses of loads and damping (N s), one number for none.
+            length: of the free velocities.
+
+        Returns:
+            Internal forces in the middle of the step, free velocities at its end, in front if they
+            are fewer than `length`, and the shadow energy at its start.
         """
-        displacement, size, force, shadow = self._left
-        if force is None or displacement is not state.displacement or size != step:
+        left, self._left = self._left, None  # once: solvers change free velocities
+        if left is None or not left.suits(state, step):
             velocity = state.velocity
             force = self.bulk.internal(0.5 * step * velocity + state.displacement)
             power = self.bulk.dot(velocity, force - state.internal)
-            shadow = -0.25 * step * power
-        return force, shadow
+            free, shadow = NO_LOADS[:0], -0.25 * step * power
+        else:
+            force, free, shadow = left.end.ahead, left.end.free, left.shadow
+        if len(free) != length or len(others) > 1:
+            free, size = np.empty(length), len(force)
+            set_free(0, size, state.velocity, self._inverse.diagonal, step, force, others, free)
+        return force, free, shadow
 
     def _end(
-        self, state: State, velocity: np.ndarray, halfway: np.ndarray, step: float
-    ) -> tuple[State, np.ndarray | None, float, tuple[float, float] | None]:
-        """End a step.
-
-        Args:
-            state: at its start.
-            velocity: at its end (m/s).
-            halfway: internal forces in its middle, N (2D: N/m).
-            step: h (s).
-
-        Returns:
-            State at the end, internal forces half a step later if the bulk is linear, power of what
-            they change by in the second half of the step (W; 2D: W/m), `StepOutcome.held`.
-        """
-        bulk, half, q0, v0 = self.bulk, 0.5 * step, state.displacement, state.velocity
-        ahead = held = None
-        if bulk.by_cell is not None:
-            q1, internal, ahead, sums = bulk.by_cell.end_step(
-                half, bulk.mass, q0, v0, velocity, halfway
-            )
-            power, kinetic, elastic = bulk.ranks.sum(sums).tolist()
-            held = 0.5 * kinetic, 0.5 * elastic
+        self, state: State, velocity: np.ndarray, halfway: np.ndarray, step: float, room: int
+    ) -> EndedStep:
+        """End a step; arguments as of `StepByCell`."""
+        if self._by_cell is not None:
+            return self._by_cell.end(state, velocity, halfway, step, room)
+        bulk, half, ahead = self.bulk, 0.5 * step, None
+        q1 = half * velocity + (half * state.velocity + state.displacement)
+        if bulk.linear:
+            ahead = bulk.internal(half * velocity + q1)
+            internal = 0.5 * (halfway + ahead)
         else:
-            q1 = half * velocity + (half * v0 + q0)
-            if bulk.linear:
-                ahead = bulk.internal(half * velocity + q1)
-                internal = 0.5 * (halfway + ahead)
-            else:
-                internal = bulk.internal(q1)
-            power = bulk.dot(velocity, internal - halfway)
-        return State(state.time + step, q1, velocity, internal), ahead, power, held
+            internal = bulk.internal(q1)
+        sums = np.array([velocity @ (internal - halfway)])
+        return EndedStep(q1, internal, ahead, NO_LOADS[:0], sums)
 
     @property
     def nbytes(self) -> int:

@@ -172,7 +172,7 @@ class EnergyLedger:
             stresses -= 0.5 * (borne + self._bulk.borne) if self._static else borne
         moved = after.displacement[nodal:] - before.displacement[nodal:]
         work += float(moved @ stresses)  # every rank has all of it
-        if outcome.held is not None:
+        if outcome.held:
             kinetic, elastic = outcome.held
         else:
             kinetic = self._bulk.kinetic_energy(after.velocity)

@@ -1,0 +1,145 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Steps of central differences (`explicit.py`) of linear simplices, in one pass through memory.
+
+What a step ends with and the next one begins with is found cell by cell, while the numbers of a few
+cells are in cache: displacements, forces, energies, and the next free velocities.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+
+from xper_fx.bulk.cell_forces import CellForces, forces_kernel
+from xper_fx.bulk.state import State
+from xper_fx.cache import njit
+from xper_fx.nscd.kernel_options import LEAN_ENTRY, LEAN_INNER
+from xper_fx.support.threads import in_ranges, num_ranges
+
+# Other impulses where there are none.
+NO_LOADS = np.zeros(1)
+# Cells whose steps are ended together: they stay in cache.
+_TILE = 64
+
+
+class EndedStep(NamedTuple):
+    """The end of a step.
+
+    Attributes:
+        displacement, internal: at the end, shape (num_dofs,), m and N (2D: N/m).
+        ahead: internal forces half a step later, if the bulk is linear.
+        free: velocities after another step of this size without interactions and loads, shape
+            (num_dofs,) or longer, m/s; of no length if nobody has found them.
+        sums: on this rank, the power of what internal forces change by in the second half of the
+            step (W; 2D: W/m), and, if they are found on the way, kinetic and elastic energy at its
+            end (J; 2D: J/m).
+    """
+
+    displacement: np.ndarray
+    internal: np.ndarray
+    ahead: np.ndarray | None
+    free: np.ndarray
+    sums: np.ndarray
+
+
+@njit(**LEAN_ENTRY)
+def set_free(first, last, v0, w, step, force, others, out):
+    """Velocities without interactions of a range of dofs.
+
+    Args:
+        first, last: the range.
+        v0: velocities at the start of the step (m/s).
+        w: one over the mass, zero where motions are given.
+        step: h (s).
+        force: internal forces, N (2D: N/m).
+        others: other impulses (N s), or one number for none.
+        out: takes the velocities.
+    """
+    several = len(others) > 1
+    for i in range(np.uintp(first), np.uintp(last)):
+        impulse = -step * force[i]
+        if several:
+            impulse += others[i]
+        out[i] = w[i] * impulse + v0[i]
+
+
+@njit(**LEAN_INNER)
+def _move(first, last, half, q0, v0, v1, q1, ahead):
+    """Displacements at the end of a step, and half a step later, of a range of dofs."""
+    for i in range(np.uintp(first), np.uintp(last)):
+        q1[i] = half * v1[i] + (half * v0[i] + q0[i])
+        ahead[i] = half * v1[i] + q1[i]
+
+
+@njit(fastmath={"reassoc", "contract"}, **LEAN_INNER)
+def _finish(first, last, mass, v1, q1, halfway, ahead, end):
+    """Forces at the end of a step, of a range of dofs; and what `StepByCell` sums up."""
+    power = kinetic = elastic = 0.0
+    for i in range(np.uintp(first), np.uintp(last)):
+        mean = 0.5 * (halfway[i] + ahead[i])
+        power += v1[i] * (mean - halfway[i])
+        kinetic += mass[i] * v1[i] * v1[i]
+        elastic += q1[i] * mean
+        end[i] = mean
+    return power, 0.5 * kinetic, 0.5 * elastic
+
+
+@cache
+def _step_kernel(dim: int):
+    """Kernel that ends a step of a range of tiles: their dofs stay in cache."""
+    forces, size = forces_kernel(dim), dim * (dim + 1)
+
+    @njit(nogil=True, **LEAN_ENTRY)
+    def end_step(
+        first, last, gradients, moduli, step, mass, w, q0, v0, v1, halfway, q1, ahead, by_cell,
+        end, none, free, sums,
+    ):  # fmt: skip
+        for tile in range(first, last):
+            low, high = tile * _TILE, min((tile + 1) * _TILE, len(gradients))
+            at, to = size * low, size * high
+            _move(at, to, 0.5 * step, q0, v0, v1, q1, ahead)
+            forces(low, high, gradients, moduli, by_cell, by_cell)
+            sums[tile, 0], sums[tile, 1], sums[tile, 2] = _finish(
+                at, to, mass, v1, q1, halfway, ahead, end
+            )
+            if len(free) > 0:
+                set_free(at, to, v1, w, step, ahead, none, free)
+
+    return end_step
+
+
+class StepByCell:
+    """Ends steps of linear simplices.
+
+    Args:
+        forces: of the cells.
+        mass, compliance: of each dof, the latter zero where its motion is given.
+    """
+
+    def __init__(self, forces: CellForces, mass: np.ndarray, compliance: np.ndarray):
+        self._forces, self._mass, self._compliance = forces, mass, compliance
+
+    def end(
+        self, state: State, velocity: np.ndarray, halfway: np.ndarray, step: float, room: int
+    ) -> EndedStep:
+        """End a step.
+
+        Args:
+            state: at its start.
+            velocity: at its end, shape (num_dofs,), m/s.
+            halfway: internal forces in its middle, N (2D: N/m).
+            step: h (s).
+            room: length that `EndedStep.free` is to have; 0 if nobody wants it.
+        """
+        q0, forces = state.displacement, self._forces
+        q1, ahead, end, free = *(np.empty_like(q0) for _ in range(3)), np.empty(room)
+        num_cells = len(forces.arrays[0])
+        sums = np.empty((-(-num_cells // _TILE), 3))
+        in_ranges(
+            _step_kernel(forces.dim), len(sums), *forces.arrays, step, self._mass,
+            self._compliance, q0, state.velocity, velocity, halfway, q1, ahead,
+            ahead.reshape(num_cells, -1), end, NO_LOADS, free, spaces=[sums] * num_ranges(num_cells),
+        )  # fmt: skip
+        return EndedStep(q1, end, ahead, free, sums.sum(axis=0))
