@@ -61,7 +61,7 @@ class Bulk:
             shape (num_dofs,), kg (2D: kg/m).
         layout: nodes body by body, prescribed dofs.
         stiffness: K of a linear bulk, or at rest for damping, on the nodes of V; None without use.
-        by_cell: what gives the forces of bodies that are simplices, once it is asked for; else None.
+        by_cell: forces of bodies that are linear simplices, if asked for; else None.
         num_common: how many of the last unknowns all ranks have, with the same values.
 
     Raises:

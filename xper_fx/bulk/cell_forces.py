@@ -99,6 +99,10 @@ class CellForces:
     Args:
         gradients: of all shape functions but the first, shape (num_cells, dim^2), 1/m.
         moduli: V D, upper triangle by rows, shape (num_cells, 6 or 21), N m (2D: N).
+
+    Attributes:
+        arrays: both.
+        dim: dimension of space.
     """
 
     def __init__(self, gradients: np.ndarray, moduli: np.ndarray):
@@ -162,9 +166,7 @@ class CellForces:
 
     def __call__(self, u: np.ndarray) -> np.ndarray:
         """K u, shape (num_dofs of V,), N (2D: N/m)."""
-        u, out = self._by_cell(u), self._by_cell(np.empty(len(u)))
+        u = u.reshape(len(self.arrays[0]), -1)
+        out = np.empty_like(u)
         in_ranges(forces_kernel(self.dim), len(u), *self.arrays, u, out)
         return out.reshape(-1)
-
-    def _by_cell(self, values: np.ndarray) -> np.ndarray:
-        return values.reshape(len(self.arrays[0]), -1)

@@ -35,7 +35,7 @@ import numpy as np
 from xper_fx.bulk.body_inverse import LumpedInverse
 from xper_fx.bulk.bulk import Bulk
 from xper_fx.bulk.state import State, StepOutcome, interact, on_nodes, put_on_nodes
-from xper_fx.bulk.step_by_cell import NO_LOADS, EndedStep, StepByCell, set_free
+from xper_fx.bulk.step_by_cell import EndedStep, StepByCell, set_free
 from xper_fx.cache import njit
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.kernel_options import LEAN_ENTRY
@@ -211,7 +211,7 @@ class ExplicitScheme(KeepsNothing):
             velocity = state.velocity
             force = self.bulk.internal(0.5 * step * velocity + state.displacement)
             power = self.bulk.dot(velocity, force - state.internal)
-            free, shadow = NO_LOADS[:0], -0.25 * step * power
+            free, shadow = np.zeros(0), -0.25 * step * power
         else:
             force, free, shadow = left.end.ahead, left.end.free, left.shadow
         if len(free) != length or len(others) > 1:
@@ -233,7 +233,7 @@ class ExplicitScheme(KeepsNothing):
         else:
             internal = bulk.internal(q1)
         sums = np.array([velocity @ (internal - halfway)])
-        return EndedStep(q1, internal, ahead, NO_LOADS[:0], sums)
+        return EndedStep(q1, internal, ahead, np.zeros(0), sums)
 
     @property
     def nbytes(self) -> int:

@@ -19,7 +19,7 @@ from xper_fx.nscd.kernel_options import LEAN_ENTRY, LEAN_INNER
 from xper_fx.support.threads import in_ranges, num_ranges
 
 # Other impulses where there are none.
-NO_LOADS = np.zeros(1)
+_NO_LOADS = np.zeros(1)
 # Cells whose steps are ended together: they stay in cache.
 _TILE = 64
 
@@ -140,6 +140,7 @@ class StepByCell:
         in_ranges(
             _step_kernel(forces.dim), len(sums), *forces.arrays, step, self._mass,
             self._compliance, q0, state.velocity, velocity, halfway, q1, ahead,
-            ahead.reshape(num_cells, -1), end, NO_LOADS, free, spaces=[sums] * num_ranges(num_cells),
+            ahead.reshape(num_cells, -1), end, _NO_LOADS, free,
+            spaces=[sums] * num_ranges(num_cells),
         )  # fmt: skip
         return EndedStep(q1, end, ahead, free, sums.sum(axis=0))
