@@ -45,13 +45,10 @@ from xper_fx.support.saved_rows import KeepsNothing
 
 
 @njit(**LEAN_ENTRY)
-def _react(dofs, mass, v0, v1, step, force, impulses, others, out):
-    """Impulses of the supports; arguments as of `set_free`."""
-    several = len(others) > 1
+def _react(dofs, mass, v0, v1, step, force, impulses, out):
+    """Impulses on the dofs of supports, but for those of loads."""
     for d in dofs:
         out[d] = mass[d] * (v1[d] - v0[d]) + step * force[d] - impulses[d]
-        if several:
-            out[d] -= others[d]
 
 
 @njit(**LEAN_ENTRY)
@@ -134,6 +131,7 @@ class ExplicitScheme(KeepsNothing):
             viscous = bulk.viscous(v0)
             force_impulse = step * bulk.external(state.time + 0.5 * step)
             others = np.atleast_1d(force_impulse - step * viscous)
+            loaded = len(others) > 1
             in_slots = interactions is not None and inverse.in_order
             length = interactions.inverse.num_slots * bulk.dim if in_slots else size
             halfway, room, shadow = self._begin(state, step, others, length)
@@ -175,10 +173,11 @@ class ExplicitScheme(KeepsNothing):
             sweeps, error, traction, converged = report[1], report[2], report[3], report[0]
         reactions = np.zeros(size)
         dofs, mass = bulk.layout.prescribed_dofs, bulk.mass
-        _react(dofs, mass, v0, velocity, step, halfway, impulses, others, reactions)
+        _react(dofs, mass, v0, velocity, step, halfway, impulses, reactions)
+        if loaded:
+            reactions[dofs] -= others[dofs]
         bulk.forms.set_step(step)
         with watch.phase("energy"):
-            loaded = len(others) > 1
             end = self._end(state, velocity, halfway, step, 0 if loaded else length)
             power, *held = bulk.ranks.sum(end.sums).tolist()
             shadow_at_end = -0.25 * step * power

@@ -44,6 +44,25 @@ class EndedStep(NamedTuple):
     sums: np.ndarray
 
 
+class _Arrays(NamedTuple):
+    """What the pass reads and writes: of cells, of dofs at the start of a step, at its end."""
+
+    gradients: np.ndarray
+    moduli: np.ndarray
+    mass: np.ndarray
+    w: np.ndarray
+    q0: np.ndarray
+    v0: np.ndarray
+    v1: np.ndarray
+    halfway: np.ndarray
+    q1: np.ndarray
+    ahead: np.ndarray
+    by_cell: np.ndarray
+    end: np.ndarray
+    free: np.ndarray
+    none: np.ndarray
+
+
 @njit(**LEAN_ENTRY)
 def set_free(first, last, v0, w, step, force, others, out):
     """Velocities without interactions of a range of dofs.
@@ -92,20 +111,17 @@ def _step_kernel(dim: int):
     forces, size = forces_kernel(dim), dim * (dim + 1)
 
     @njit(nogil=True, **LEAN_ENTRY)
-    def end_step(
-        first, last, gradients, moduli, step, mass, w, q0, v0, v1, halfway, q1, ahead, by_cell,
-        end, none, free, sums,
-    ):  # fmt: skip
+    def end_step(first, last, step, a, sums):
         for tile in range(first, last):
-            low, high = tile * _TILE, min((tile + 1) * _TILE, len(gradients))
+            low, high = tile * _TILE, min((tile + 1) * _TILE, len(a.gradients))
             at, to = size * low, size * high
-            _move(at, to, 0.5 * step, q0, v0, v1, q1, ahead)
-            forces(low, high, gradients, moduli, by_cell, by_cell)
+            _move(at, to, 0.5 * step, a.q0, a.v0, a.v1, a.q1, a.ahead)
+            forces(low, high, a.gradients, a.moduli, a.by_cell, a.by_cell)
             sums[tile, 0], sums[tile, 1], sums[tile, 2] = _finish(
-                at, to, mass, v1, q1, halfway, ahead, end
+                at, to, a.mass, a.v1, a.q1, a.halfway, a.ahead, a.end
             )
-            if len(free) > 0:
-                set_free(at, to, v1, w, step, ahead, none, free)
+            if len(a.free) > 0:
+                set_free(at, to, a.v1, a.w, step, a.ahead, a.none, a.free)
 
     return end_step
 
@@ -137,10 +153,10 @@ class StepByCell:
         q1, ahead, end, free = *(np.empty_like(q0) for _ in range(3)), np.empty(room)
         num_cells = len(forces.arrays[0])
         sums = np.empty((-(-num_cells // _TILE), 3))
-        in_ranges(
-            _step_kernel(forces.dim), len(sums), *forces.arrays, step, self._mass,
-            self._compliance, q0, state.velocity, velocity, halfway, q1, ahead,
-            ahead.reshape(num_cells, -1), end, _NO_LOADS, free,
-            spaces=[sums] * num_ranges(num_cells),
+        arrays = _Arrays(
+            *forces.arrays, self._mass, self._compliance, q0, state.velocity, velocity, halfway,
+            q1, ahead, ahead.reshape(num_cells, -1), end, free, _NO_LOADS,
         )  # fmt: skip
+        spaces = [sums] * num_ranges(num_cells)
+        in_ranges(_step_kernel(forces.dim), len(sums), step, arrays, spaces=spaces)
         return EndedStep(q1, end, ahead, free, sums.sum(axis=0))
