@@ -179,7 +179,7 @@ class ExplicitScheme(KeepsNothing):
         bulk.forms.set_step(step)
         with watch.phase("energy"):
             end = self._end(state, velocity, halfway, step, 0 if loaded else length)
-            power, *held = bulk.ranks.sum(end.sums).tolist()
+            power, *held = map(float, bulk.ranks.sum(end.sums))
             shadow_at_end = -0.25 * step * power
         self._left = _Left(end, step, shadow_at_end)
         # what is not finite is so in the sums too
@@ -231,8 +231,8 @@ class ExplicitScheme(KeepsNothing):
             internal = 0.5 * (halfway + ahead)
         else:
             internal = bulk.internal(q1)
-        sums = np.array([velocity @ (internal - halfway)])
-        return EndedStep(q1, internal, ahead, np.zeros(0), sums)
+        power = float(velocity @ (internal - halfway))
+        return EndedStep(q1, internal, ahead, np.zeros(0), (power,))
 
     @property
     def nbytes(self) -> int:
