@@ -108,7 +108,7 @@ class ExplicitScheme(KeepsNothing):
         self._stopwatch = stopwatch
         self._by_cell = None
         if bulk.by_cell is not None:
-            self._by_cell = StepByCell(bulk.by_cell, bulk.mass, self._inverse.diagonal)
+            self._by_cell = StepByCell(bulk.by_cell, self._inverse.diagonal)
         self._left: _Left | None = None
 
     def inverse(self, step: float, displacement: np.ndarray) -> LumpedInverse:
@@ -179,15 +179,14 @@ class ExplicitScheme(KeepsNothing):
         bulk.forms.set_step(step)
         with watch.phase("energy"):
             end = self._end(state, velocity, halfway, step, 0 if loaded else length)
-            power, *held = map(float, bulk.ranks.sum(end.sums))
-            shadow_at_end = -0.25 * step * power
+            shadow_at_end = -0.25 * step * bulk.ranks.sum(end.power)
         self._left = _Left(end, step, shadow_at_end)
         # what is not finite is so in the sums too
         converged = bulk.ranks.all(converged and math.isfinite(shadow + shadow_at_end))
         return StepOutcome(
             State(state.time + step, end.displacement, velocity, end.internal), slots, impulses,
             reactions, force_impulse, viscous, sweeps, error, traction, 1, 0.0, converged,
-            (shadow, shadow_at_end), tuple(held),
+            (shadow, shadow_at_end),
         )  # fmt: skip
 
     def _begin(
@@ -232,7 +231,7 @@ class ExplicitScheme(KeepsNothing):
         else:
             internal = bulk.internal(q1)
         power = float(velocity @ (internal - halfway))
-        return EndedStep(q1, internal, ahead, np.zeros(0), (power,))
+        return EndedStep(q1, internal, ahead, np.zeros(0), power)
 
     @property
     def nbytes(self) -> int:

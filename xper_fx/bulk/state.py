@@ -42,8 +42,6 @@ class StepOutcome(NamedTuple):
         converged: whether both are within their tolerances.
         shadow: at the start and at the end of the step, what the energy that the scheme conserves
             has beside the physical one (J; 2D: J/m); zero but for `bulk/explicit.py`.
-        held: kinetic and elastic energy of the bulk at the end (J; 2D: J/m), where the scheme finds
-            them on its way; else empty.
         failure: of a step that has not converged, what failed, in words; empty if all that is
             known is that the residuals are too large.
     """
@@ -61,7 +59,6 @@ class StepOutcome(NamedTuple):
     newton_residual: float
     converged: bool
     shadow: tuple[float, float] = (0.0, 0.0)
-    held: tuple[float, ...] = ()
     failure: str = ""
 
 

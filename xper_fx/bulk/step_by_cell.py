@@ -2,11 +2,12 @@
 """Steps of central differences (`explicit.py`) of linear simplices, in one pass through memory.
 
 What a step ends with and the next one begins with is found cell by cell, while the numbers of a few
-cells are in cache: displacements, forces, energies, and the next free velocities.
+cells are in cache: displacements, forces, and the next free velocities.
 """
 
 from __future__ import annotations
 
+import math
 from functools import cache
 from typing import NamedTuple
 
@@ -32,16 +33,15 @@ class EndedStep(NamedTuple):
         ahead: internal forces half a step later, if the bulk is linear.
         free: velocities after another step of this size without interactions and loads, shape
             (num_dofs,) or longer, m/s; of no length if nobody has found them.
-        sums: on this rank, the power of what internal forces change by in the second half of the
-            step (W; 2D: W/m), and, if they are found on the way, kinetic and elastic energy at its
-            end (J; 2D: J/m).
+        power: of what internal forces change by in the second half of the step, on this rank (W;
+            2D: W/m).
     """
 
     displacement: np.ndarray
     internal: np.ndarray
     ahead: np.ndarray | None
     free: np.ndarray
-    sums: tuple[float, ...]
+    power: float
 
 
 class _Arrays(NamedTuple):
@@ -49,7 +49,6 @@ class _Arrays(NamedTuple):
 
     gradients: np.ndarray
     moduli: np.ndarray
-    mass: np.ndarray
     w: np.ndarray
     q0: np.ndarray
     v0: np.ndarray
@@ -93,27 +92,14 @@ def _move(first, last, half, q0, v0, v1, q1, ahead):
 
 
 @njit(fastmath={"reassoc", "contract"}, **LEAN_INNER)
-def _finish(first, last, mass, v1, q1, halfway, ahead, end):
-    """Forces at the end of a step, of a range of dofs; and what `StepByCell` sums up."""
-    power = kinetic = elastic = 0.0
+def _finish(first, last, v1, halfway, ahead, end):
+    """Forces at the end of a step, of a range of dofs; returns the power of `EndedStep`."""
+    power = 0.0
     for i in range(np.uintp(first), np.uintp(last)):
         mean = 0.5 * (halfway[i] + ahead[i])
         power += v1[i] * (mean - halfway[i])
-        kinetic += mass[i] * v1[i] * v1[i]
-        elastic += q1[i] * mean
         end[i] = mean
-    return power, 0.5 * kinetic, 0.5 * elastic
-
-
-@njit(**LEAN_ENTRY)
-def _totals(sums):
-    """Sums of three columns; NumPy's function takes as long as a fortieth of a small step."""
-    x = y = z = 0.0
-    for i in range(len(sums)):
-        x += sums[i, 0]
-        y += sums[i, 1]
-        z += sums[i, 2]
-    return x, y, z
+    return power
 
 
 @cache
@@ -122,15 +108,13 @@ def _step_kernel(dim: int):
     forces, size = forces_kernel(dim), dim * (dim + 1)
 
     @njit(nogil=True, **LEAN_ENTRY)
-    def end_step(first, last, step, a, sums):
+    def end_step(first, last, step, a, power):
         for tile in range(first, last):
             low, high = tile * _TILE, min((tile + 1) * _TILE, len(a.gradients))
             at, to = size * low, size * high
             _move(at, to, 0.5 * step, a.q0, a.v0, a.v1, a.q1, a.ahead)
             forces(low, high, a.gradients, a.moduli, a.by_cell, a.by_cell)
-            sums[tile, 0], sums[tile, 1], sums[tile, 2] = _finish(
-                at, to, a.mass, a.v1, a.q1, a.halfway, a.ahead, a.end
-            )
+            power[tile] = _finish(at, to, a.v1, a.halfway, a.ahead, a.end)
             if len(a.free) > 0:
                 set_free(at, to, a.v1, a.w, step, a.ahead, a.none, a.free)
 
@@ -142,11 +126,11 @@ class StepByCell:
 
     Args:
         forces: of the cells.
-        mass, compliance: of each dof, the latter zero where its motion is given.
+        compliance: one over the mass of each dof, zero where its motion is given.
     """
 
-    def __init__(self, forces: CellForces, mass: np.ndarray, compliance: np.ndarray):
-        self._forces, self._mass, self._compliance = forces, mass, compliance
+    def __init__(self, forces: CellForces, compliance: np.ndarray):
+        self._forces, self._compliance = forces, compliance
 
     def end(
         self, state: State, velocity: np.ndarray, halfway: np.ndarray, step: float, room: int
@@ -163,11 +147,11 @@ class StepByCell:
         q0, forces = state.displacement, self._forces
         q1, ahead, end, free = *(np.empty_like(q0) for _ in range(3)), np.empty(room)
         num_cells = len(forces.arrays[0])
-        sums = np.empty((-(-num_cells // _TILE), 3))
+        power = np.empty(-(-num_cells // _TILE))
         arrays = _Arrays(
-            *forces.arrays, self._mass, self._compliance, q0, state.velocity, velocity, halfway,
+            *forces.arrays, self._compliance, q0, state.velocity, velocity, halfway,
             q1, ahead, ahead.reshape(num_cells, -1), end, free, _NO_LOADS,
         )  # fmt: skip
-        spaces = [sums] * num_ranges(num_cells)
-        in_ranges(_step_kernel(forces.dim), len(sums), step, arrays, spaces=spaces)
-        return EndedStep(q1, end, ahead, free, _totals(sums))
+        spaces = [power] * num_ranges(num_cells)
+        in_ranges(_step_kernel(forces.dim), len(power), step, arrays, spaces=spaces)
+        return EndedStep(q1, end, ahead, free, math.fsum(power.tolist()))

@@ -172,11 +172,8 @@ class EnergyLedger:
             stresses -= 0.5 * (borne + self._bulk.borne) if self._static else borne
             moved = after.displacement[nodal:] - before.displacement[nodal:]
             work += float(moved @ stresses)  # every rank has all of it
-        if outcome.held:
-            kinetic, elastic = outcome.held
-        else:
-            kinetic = self._bulk.kinetic_energy(after.velocity)
-            elastic = self._bulk.elastic_energy(after.displacement, after.internal)
+        kinetic = self._bulk.kinetic_energy(after.velocity)
+        elastic = self._bulk.elastic_energy(after.displacement, after.internal)
         if rigid is not None:
             kinetic += rigid.kinetic
             work += rigid.loads + rigid.prescribed
