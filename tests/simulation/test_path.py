@@ -322,6 +322,38 @@ def test_matter_that_flows_in_place_of_bonds_is_followed():
     assert forces[0] == pytest.approx(forces[1], rel=1e-6)
 
 
+@pytest.mark.parametrize("path", [None, xf.DissipationControl(20.0)])
+def test_loads_that_are_not_linear_in_time(path):
+    """u = 1.5 u_peak sin(pi t): the bar snaps back on its curve, to where the bond is broken.
+
+    Over the time by which velocities are defined, 1 s, this load changes the other way.
+    """
+    length = 20.0 * CRITICAL
+    largest = 1.5 * (BOND.strength * length / E + BOND.elastic_opening)
+    load = xf.PrescribedDisplacement(RIGHT, 0, lambda t: largest * np.sin(np.pi * t))
+    simulation = follow(bar(length, loads=[load]), path)
+    for step in simulation.steps(0.45):
+        moved = largest * np.sin(np.pi * step.time)
+        x, traction = on_the_curve(simulation)
+        force = simulation.reaction(RIGHT)[0]
+        stretched = force * length / E + (x if x > BOND.elastic_opening else force / 1e14)
+        assert stretched == pytest.approx(moved, rel=1e-6)
+        assert x <= BOND.elastic_opening or force == pytest.approx(traction, rel=1e-6, abs=1e-3)
+    assert step.time == pytest.approx(0.45)
+    assert x > BOND.critical_opening
+    assert len(simulation.path.limit_points) == 2
+
+
+def test_a_path_at_the_largest_load_says_so(monkeypatch):
+    """The load falls from 0.5 s on, and no bond has opened that could go on."""
+    monkeypatch.setattr("xper_fx.simulation.path._LEAST", 0.05)
+    monkeypatch.setattr("xper_fx.nscd.growth.GrowthLimit.allows", lambda *_: False)
+    load = xf.PrescribedDisplacement(RIGHT, 0, lambda t: 1e-9 * np.sin(np.pi * t))
+    with pytest.raises(xf.ConvergenceError, match="not linear in time"):
+        for _ in follow(bar(1.0, loads=[load])).steps(1.0):
+            pass
+
+
 def test_a_load_that_changes_too_much_is_told(monkeypatch):
     monkeypatch.setattr("xper_fx.simulation.path._LEAST", 0.5)
     with pytest.raises(xf.ConvergenceError, match="changes by more than a step may") as caught:

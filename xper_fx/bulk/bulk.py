@@ -358,18 +358,19 @@ class Bulk:
                 u0, u1, u2 = (value_at(motion.value, t) for t in (0.0, 0.5 * step, step))
                 velocity[dofs] = (4.0 * u1 - u2 - 3.0 * u0) / step
 
-    def critical_step(self) -> float:
-        """Largest stable step (s) of the explicit bulk alone: 2 / omega_max at rest."""
-        if self._critical_step == 0.0:
-            from xper_fx.bulk.critical_step import largest_eigenvalue
+    def critical_step(self, displacement: np.ndarray | None = None) -> float:
+        """Largest stable step (s) of the explicit bulk alone, 2 / omega_max, at rest or not."""
+        if displacement is None and self._critical_step > 0.0:
+            return self._critical_step
+        from xper_fx.bulk.critical_step import largest_eigenvalue
 
-            stiffness = self.stiffness
-            if stiffness is None:
-                stiffness = self.tangent(np.zeros(self.num_dofs))
-            stiffness = self.unknowns.condense(stiffness)
-            top = self.ranks.max(largest_eigenvalue(stiffness, self.weights, self.layout))
-            self._critical_step = 2.0 / float(np.sqrt(top))
-        return self._critical_step
+        place = np.zeros(self.num_dofs) if displacement is None else displacement
+        stiffness = self.unknowns.condense(self.stiffness if self.linear else self.tangent(place))
+        top = self.ranks.max(largest_eigenvalue(stiffness, self.weights, self.layout))
+        critical = 2.0 / float(np.sqrt(top))
+        if displacement is None:
+            self._critical_step = critical
+        return critical
 
     def saved(self) -> dict:
         """What the next step depends on beside the state: internal variables."""

@@ -37,6 +37,10 @@ class ViscousDamping:
         force = np.zeros_like(velocity) if self._mass is None else a * self._mass * velocity
         return force + b * (self._stiffness @ velocity) if b > 0.0 else force
 
+    def rate(self, omega: float) -> float:
+        """c = a + b omega^2 (1/s) of a vibration at omega (1/s), whose C is c M."""
+        return self._coefficients.mass + self._coefficients.stiffness * omega**2
+
     def add_to(self, matrix: sp.bsr_array, scaled: float) -> None:
         """Add the part of h theta C that the stiffness gives to an iteration matrix.
 

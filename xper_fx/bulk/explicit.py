@@ -28,20 +28,41 @@ step after, and the latter are those of the middle of the next step: each step a
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
 
 from xper_fx.bulk.body_inverse import LumpedInverse
 from xper_fx.bulk.bulk import Bulk
+from xper_fx.bulk.stable_step import StableStep
 from xper_fx.bulk.state import State, StepOutcome, interact, on_nodes, put_on_nodes
-from xper_fx.bulk.step_by_cell import EndedStep, StepByCell, set_free
+from xper_fx.bulk.step_by_cell import EndedStep, StepByCell
 from xper_fx.cache import njit
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.kernel_options import LEAN_ENTRY
 from xper_fx.nscd.solvers.solver import SolveOptions, Solver
 from xper_fx.support.profile import Stopwatch
-from xper_fx.support.saved_rows import KeepsNothing
+
+
+@njit(**LEAN_ENTRY)
+def _free_velocities(v0, w, step, force, others, out):
+    """Velocities at the end of a step without interactions.
+
+    Args:
+        v0: velocities at the start of the step (m/s).
+        w: one over the mass, zero where motions are given.
+        step: h (s).
+        force: internal forces, N (2D: N/m).
+        others: other impulses (N s), or one number for none.
+        out: takes the velocities in front.
+    """
+    several = len(others) > 1
+    for i in range(len(v0)):
+        impulse = -step * force[i]
+        if several:
+            impulse += others[i]
+        out[i] = w[i] * impulse + v0[i]
 
 
 @njit(**LEAN_ENTRY)
@@ -84,7 +105,7 @@ class _Left(NamedTuple):
         return same and self.end.ahead is not None
 
 
-class ExplicitScheme(KeepsNothing):
+class ExplicitScheme:
     """Central differences of the bulk with implicit interactions.
 
     Args:
@@ -105,10 +126,11 @@ class ExplicitScheme(KeepsNothing):
         stopwatch.owns("inverse", lambda: self.nbytes)
         with stopwatch.phase("assemble"):
             bulk.forces_by_cell()
+            self._stable = StableStep(bulk) if bulk.forms.finite_strain else None
         self._stopwatch = stopwatch
         self._by_cell = None
         if bulk.by_cell is not None:
-            self._by_cell = StepByCell(bulk.by_cell, self._inverse.diagonal)
+            self._by_cell = StepByCell(bulk.by_cell)
         self._left: _Left | None = None
 
     def inverse(self, step: float, displacement: np.ndarray) -> LumpedInverse:
@@ -126,15 +148,21 @@ class ExplicitScheme(KeepsNothing):
         """One step from `state`, which is not changed; see `ImplicitScheme.attempt`."""
         bulk, watch, inverse = self.bulk, self._stopwatch, self._inverse
         q0, v0, size = state.displacement, state.velocity, len(state.velocity)
+        if not self._bears(step, q0):
+            nothing = np.zeros_like(v0)
+            return StepOutcome(
+                state, np.zeros(0), nothing, nothing, 0.0, 0.0, 0, np.nan, 0.0, 0, np.nan, False,
+                failure=self._stable.failure(),
+            )  # fmt: skip
         bulk.forms.set_step(0.5 * step)
         with watch.phase("free velocity"):
             viscous = bulk.viscous(v0)
             force_impulse = step * bulk.external(state.time + 0.5 * step)
             others = np.atleast_1d(force_impulse - step * viscous)
-            loaded = len(others) > 1
+            halfway, shadow = self._begin(state, step)
             in_slots = interactions is not None and inverse.in_order
-            length = interactions.inverse.num_slots * bulk.dim if in_slots else size
-            halfway, room, shadow = self._begin(state, step, others, length)
+            room = np.empty(interactions.inverse.num_slots * bulk.dim if in_slots else size)
+            _free_velocities(v0, inverse.diagonal, step, halfway, others, room)
             free = room[:size]
             bulk.prescribe(free, state.time + step, step, self.theta, q0, v0)
         sweeps, error, traction, converged = 0, 0.0, 0.0, True
@@ -174,11 +202,11 @@ class ExplicitScheme(KeepsNothing):
         reactions = np.zeros(size)
         dofs, mass = bulk.layout.prescribed_dofs, bulk.mass
         _react(dofs, mass, v0, velocity, step, halfway, impulses, reactions)
-        if loaded:
+        if len(others) > 1:
             reactions[dofs] -= others[dofs]
         bulk.forms.set_step(step)
         with watch.phase("energy"):
-            end = self._end(state, velocity, halfway, step, 0 if loaded else length)
+            end = self._end(state, velocity, halfway, step)
             shadow_at_end = -0.25 * step * bulk.ranks.sum(end.power)
         self._left = _Left(end, step, shadow_at_end)
         # what is not finite is so in the sums too
@@ -189,40 +217,27 @@ class ExplicitScheme(KeepsNothing):
             (shadow, shadow_at_end),
         )  # fmt: skip
 
-    def _begin(
-        self, state: State, step: float, others: np.ndarray, length: int
-    ) -> tuple[np.ndarray, np.ndarray, float]:
-        """What the step before may have left.
+    def _bears(self, step: float, displacement: np.ndarray) -> bool:
+        if self._stable is None:
+            return True
+        with self._stopwatch.phase("critical step"):
+            return self._stable.bears(step, displacement)
 
-        Args:
-            state: at the start.
-            step: h (s).
-            others: impulses of loads and damping (N s), one number for none.
-            length: of the free velocities.
-
-        Returns:
-            Internal forces in the middle of the step, free velocities at its end, in front if they
-            are fewer than `length`, and the shadow energy at its start.
-        """
-        left, self._left = self._left, None  # once: solvers change free velocities
-        if left is None or not left.suits(state, step):
-            velocity = state.velocity
-            force = self.bulk.internal(0.5 * step * velocity + state.displacement)
-            power = self.bulk.dot(velocity, force - state.internal)
-            free, shadow = np.zeros(0), -0.25 * step * power
-        else:
-            force, free, shadow = left.end.ahead, left.end.free, left.shadow
-        if len(free) != length or len(others) > 1:
-            free, size = np.empty(length), len(force)
-            set_free(0, size, state.velocity, self._inverse.diagonal, step, force, others, free)
-        return force, free, shadow
+    def _begin(self, state: State, step: float) -> tuple[np.ndarray, float]:
+        """Internal forces in the middle of a step, and the shadow energy at its start."""
+        left = self._left
+        if left is not None and left.suits(state, step):
+            return left.end.ahead, left.shadow
+        velocity = state.velocity
+        force = self.bulk.internal(0.5 * step * velocity + state.displacement)
+        return force, -0.25 * step * self.bulk.dot(velocity, force - state.internal)
 
     def _end(
-        self, state: State, velocity: np.ndarray, halfway: np.ndarray, step: float, room: int
+        self, state: State, velocity: np.ndarray, halfway: np.ndarray, step: float
     ) -> EndedStep:
         """End a step; arguments as of `StepByCell`."""
         if self._by_cell is not None:
-            return self._by_cell.end(state, velocity, halfway, step, room)
+            return self._by_cell.end(state, velocity, halfway, step)
         bulk, half, ahead = self.bulk, 0.5 * step, None
         q1 = half * velocity + (half * state.velocity + state.displacement)
         if bulk.linear:
@@ -230,13 +245,21 @@ class ExplicitScheme(KeepsNothing):
             internal = 0.5 * (halfway + ahead)
         else:
             internal = bulk.internal(q1)
-        power = float(velocity @ (internal - halfway))
-        return EndedStep(q1, internal, ahead, np.zeros(0), power)
+        return EndedStep(q1, internal, ahead, float(velocity @ (internal - halfway)))
 
     @property
     def nbytes(self) -> int:
         """Memory held by the inverse of the mass, in bytes."""
         return self._inverse.nbytes
+
+    def saved(self) -> dict:
+        """The critical step that the run has come to, at finite strain."""
+        return {} if self._stable is None else self._stable.saved()
+
+    def restore(self, saved: Mapping) -> None:
+        """Take what `saved` gave, its rows in order."""
+        if self._stable is not None and saved:
+            self._stable.restore(saved)
 
     def holds(self, step: float) -> bool:
         """As of `ImplicitScheme`."""

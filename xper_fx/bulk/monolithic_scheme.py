@@ -73,6 +73,9 @@ class MonolithicScheme:
         stopwatch: where phases are timed.
         gives_up: whether a step is not converged where Newton's method goes in circles.
         jumps: whether a step may end beyond a snap, as none along a path may.
+
+    Attributes:
+        loads_bend: whether loads along a path were found not to be linear in time.
     """
 
     def __init__(
@@ -92,6 +95,7 @@ class MonolithicScheme:
         self._stopwatch, self._gives_up, self._jumps = stopwatch, gives_up, jumps
         self._compliance: tuple[float, np.ndarray, PointsOfNodes] | None = None
         self._found: FoundContacts | None = None
+        self.loads_bend = False
         self._vertices: BreakingVertices | None = None
         stopwatch.owns("coupled system", lambda: self.nbytes)
 
@@ -203,6 +207,7 @@ class MonolithicScheme:
                 converged = self._go_on(coupled, newton, begin)
             else:
                 converged = self._from_contacts(coupled, newton, begin, begins)
+        self.loads_bend |= loading.bends
         velocity, impulses = coupled.velocity, coupled.impulses
         reactions = reactions_on(
             bulk.layout, lambda d: -(coupled.residual[d] + coupled.impulses[d])

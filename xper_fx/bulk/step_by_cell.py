@@ -2,7 +2,7 @@
 """Steps of central differences (`explicit.py`) of linear simplices, in one pass through memory.
 
 What a step ends with and the next one begins with is found cell by cell, while the numbers of a few
-cells are in cache: displacements, forces, and the next free velocities.
+cells are in cache: displacements and forces.
 """
 
 from __future__ import annotations
@@ -19,8 +19,6 @@ from xper_fx.cache import njit
 from xper_fx.nscd.kernel_options import LEAN_ENTRY, LEAN_INNER
 from xper_fx.support.threads import in_ranges, num_ranges
 
-# Other impulses where there are none.
-_NO_LOADS = np.zeros(1)
 # Cells whose steps are ended together: they stay in cache.
 _TILE = 64
 
@@ -31,8 +29,6 @@ class EndedStep(NamedTuple):
     Attributes:
         displacement, internal: at the end, shape (num_dofs,), m and N (2D: N/m).
         ahead: internal forces half a step later, if the bulk is linear.
-        free: velocities after another step of this size without interactions and loads, shape
-            (num_dofs,) or longer, m/s; of no length if nobody has found them.
         power: of what internal forces change by in the second half of the step, on this rank (W;
             2D: W/m).
     """
@@ -40,7 +36,6 @@ class EndedStep(NamedTuple):
     displacement: np.ndarray
     internal: np.ndarray
     ahead: np.ndarray | None
-    free: np.ndarray
     power: float
 
 
@@ -49,7 +44,6 @@ class _Arrays(NamedTuple):
 
     gradients: np.ndarray
     moduli: np.ndarray
-    w: np.ndarray
     q0: np.ndarray
     v0: np.ndarray
     v1: np.ndarray
@@ -58,29 +52,6 @@ class _Arrays(NamedTuple):
     ahead: np.ndarray
     by_cell: np.ndarray
     end: np.ndarray
-    free: np.ndarray
-    none: np.ndarray
-
-
-@njit(**LEAN_ENTRY)
-def set_free(first, last, v0, w, step, force, others, out):
-    """Velocities without interactions of a range of dofs.
-
-    Args:
-        first, last: the range.
-        v0: velocities at the start of the step (m/s).
-        w: one over the mass, zero where motions are given.
-        step: h (s).
-        force: internal forces, N (2D: N/m).
-        others: other impulses (N s), or one number for none.
-        out: takes the velocities.
-    """
-    several = len(others) > 1
-    for i in range(np.uintp(first), np.uintp(last)):
-        impulse = -step * force[i]
-        if several:
-            impulse += others[i]
-        out[i] = w[i] * impulse + v0[i]
 
 
 @njit(**LEAN_INNER)
@@ -115,8 +86,6 @@ def _step_kernel(dim: int):
             _move(at, to, 0.5 * step, a.q0, a.v0, a.v1, a.q1, a.ahead)
             forces(low, high, a.gradients, a.moduli, a.by_cell, a.by_cell)
             power[tile] = _finish(at, to, a.v1, a.halfway, a.ahead, a.end)
-            if len(a.free) > 0:
-                set_free(at, to, a.v1, a.w, step, a.ahead, a.none, a.free)
 
     return end_step
 
@@ -126,14 +95,13 @@ class StepByCell:
 
     Args:
         forces: of the cells.
-        compliance: one over the mass of each dof, zero where its motion is given.
     """
 
-    def __init__(self, forces: CellForces, compliance: np.ndarray):
-        self._forces, self._compliance = forces, compliance
+    def __init__(self, forces: CellForces):
+        self._forces = forces
 
     def end(
-        self, state: State, velocity: np.ndarray, halfway: np.ndarray, step: float, room: int
+        self, state: State, velocity: np.ndarray, halfway: np.ndarray, step: float
     ) -> EndedStep:
         """End a step.
 
@@ -142,16 +110,15 @@ class StepByCell:
             velocity: at its end, shape (num_dofs,), m/s.
             halfway: internal forces in its middle, N (2D: N/m).
             step: h (s).
-            room: length that `EndedStep.free` is to have; 0 if nobody wants it.
         """
         q0, forces = state.displacement, self._forces
-        q1, ahead, end, free = *(np.empty_like(q0) for _ in range(3)), np.empty(room)
+        q1, ahead, end = (np.empty_like(q0) for _ in range(3))
         num_cells = len(forces.arrays[0])
         power = np.empty(-(-num_cells // _TILE))
         arrays = _Arrays(
-            *forces.arrays, self._compliance, q0, state.velocity, velocity, halfway,
-            q1, ahead, ahead.reshape(num_cells, -1), end, free, _NO_LOADS,
+            *forces.arrays, q0, state.velocity, velocity, halfway, q1, ahead,
+            ahead.reshape(num_cells, -1), end,
         )  # fmt: skip
         spaces = [power] * num_ranges(num_cells)
         in_ranges(_step_kernel(forces.dim), len(power), step, arrays, spaces=spaces)
-        return EndedStep(q1, end, ahead, free, math.fsum(power.tolist()))
+        return EndedStep(q1, end, ahead, math.fsum(power.tolist()))

@@ -82,7 +82,10 @@ def nodal_shares(dim: int, k: int) -> np.ndarray:
         ValueError: facets of this kind have no nodal rule.
     """
     if (dim, k) not in _NODAL_SHARES:
-        raise ValueError(f"There is no nodal rule for facets of {k} nodes in dimension {dim}.")
+        raise ValueError(
+            f"Facets of {k} nodes in dimension {dim} carry no interaction points: take order=1, or "
+            "triangles or tetrahedra."
+        )
     return np.array(_NODAL_SHARES[dim, k])
 
 

@@ -33,6 +33,8 @@ _ROUNDING = 1e-9
 # Of the fastest lips, how fast those are at most that the load does not move; of a bond's largest
 # opening, how far lips move in a step of which nothing is told.
 _STILL = 1e-9
+# Iterations within which a bond is told that takes turns.
+_TURNS = 6
 # How much of what a step may do, relative, at which an iteration goes astray.
 _ASTRAY = 10.0
 
@@ -58,7 +60,7 @@ class GrowthLimit:
         groups = [(n, g) for n, g in enumerate(interactions.groups) if g.kernels.growth is not None]
         known = [g.kernels.growth(g.parameters, g.state) for _, g in groups]
         none = np.zeros(0), np.zeros(0), np.zeros(0, bool)  # a rank may have no bond
-        self._reached, length, whole = map(np.concatenate, zip(none, *known, strict=True))
+        self._reached, length, self._whole = map(np.concatenate, zip(none, *known, strict=True))
         self._length = np.minimum(length, relative * self._reached)
         self._numbers = [n for n, _ in groups]
         # a step's end velocities have the direction of its jumps, as theta is 1
@@ -68,10 +70,10 @@ class GrowthLimit:
         forward = self._area[:, None] * self._but_rounding(velocity, interactions.committed_step)
         x = _opening(self._start)
         grew = x > (1.0 - _ROUNDING) * self._reached
-        self._grows = np.flatnonzero(whole)
-        none_grew, self.exhausted = self._nowhere(grew, whole)
+        self._grows = np.flatnonzero(self._whole)
+        none_grew, self.exhausted = self._nowhere(grew, self._whole)
         self._go(forward if none_grew else np.where(grew[:, None], forward, 0.0))
-        self._grown = [np.zeros(len(grew), bool)] * 2
+        self._opened = [np.zeros(len(grew))] * 2
         self.idle: bool | None = None
 
     def follow(self, leading: np.ndarray) -> None:
@@ -93,8 +95,26 @@ class GrowthLimit:
 
         Shape (n,), bool; None if there are none.
         """
-        turning = self._grown[0] != self._grown[1]
-        return None if self._nowhere(turning)[0] else turning
+        before, last = (x > self._reached for x in self._opened[-2:])
+        return None if self._nowhere(before != last)[0] else before != last
+
+    @property
+    def contested(self) -> int | None:
+        """The bond that took turns in the last iterations and whose opening changed most.
+
+        Beside the length of its curve; its number in the scene's order, None if none took turns.
+        """
+        opened = np.stack(self._opened)
+        least, largest = opened.min(axis=0), opened.max(axis=0)
+        turned = self._whole & (least <= self._reached) & (largest > self._reached)
+        if self._nowhere(turned)[0]:
+            return None
+        change = np.where(turned, (largest - least) / self._length, 0.0)
+        most = float(self._points.largest(change.max(initial=0.0)))
+        groups, none = self._points.groups, np.zeros(0, np.int64)
+        numbers = [self._points.numbers[groups[n].indices] for n in self._numbers]
+        own = np.concatenate([none, *numbers])[turned & (change == most)]
+        return int(self._points.largest(own.max(initial=-1)))
 
     def _but_rounding(self, moved: np.ndarray, time: float = 1.0) -> np.ndarray:
         """Changes of all jumps in a time without what may be rounding, as of closed lips."""
@@ -132,7 +152,7 @@ class GrowthLimit:
         # the load does not reach a part that has come loose: what is left there is rounding
         fastest = float(self._points.largest(np.abs(b).max(initial=0.0)))
         b[np.abs(b).max(axis=1, initial=0.0) < _STILL * fastest] = 0.0
-        self._grown = [self._grown[1], _opening(self._all(now)) > self._reached]
+        self._opened = [*self._opened[-_TURNS + 1 :], _opening(self._all(now))]
         closed = np.concatenate([np.zeros(0, bool), *(held[n] for n in self._numbers)])
         a[closed, 0] = b[closed, 0] = 0.0
         goes_on = self._sum(self._forward, b)

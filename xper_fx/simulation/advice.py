@@ -9,6 +9,10 @@ ON_PATH = (
     "Bonds may flip between loading and unloading: try a smaller growth or energy of the path, "
     "softer bonds, or facets that resolve the cohesive zone; look at the last output first."
 )
+LOADS_BEND = (
+    "The loads are not linear in time, and a path finds no way on at their largest value: let it "
+    "end there, or take steps in time from there on; look at the last output first."
+)
 UNDER_LOAD = (
     "There may be no equilibrium at this load, or it snaps: follow its path "
     "(path=xf.GrowthControl(); not of initially rigid bonds, which take viscosity), or give the "
@@ -45,6 +49,17 @@ def comes_loose(bodies: np.ndarray, place: np.ndarray) -> str:
         f"A fragment comes loose: bodies {few} ({len(bodies)} in all) around {_place(place)}, "
         "whose bonds to all others have spent their energy, and without inertia nothing but "
         "contact holds it: prescribe some of its motion, or take inertia=True."
+    )
+
+
+def contested(place: np.ndarray) -> str:
+    """Of the bond at a place (m) that neither loading nor unloading agrees with, along a path."""
+    return (
+        f"The bond at {_place(place)} opens beyond its limit where it is to unload, and closes "
+        "where it is to open: there may be no equilibrium to go on to, whatever the load, so that "
+        "the structure snaps here. Take steps in time with viscosity= of the bonds, or inertia; "
+        "or try a smaller growth or energy of the path, softer bonds, or facets that resolve the "
+        "cohesive zone; look at the last output first."
     )
 
 

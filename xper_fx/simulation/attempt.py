@@ -19,11 +19,13 @@ from xper_fx.simulation.advice import (
     AT_POINTS,
     CONTRADICTORY,
     FOR_NOTHING,
+    LOADS_BEND,
     OF_BULK,
     OF_ONE_SOLVER,
     ON_PATH,
     UNDER_LOAD,
     comes_loose,
+    contested,
     flipped,
 )
 from xper_fx.simulation.doubts import (
@@ -189,20 +191,23 @@ class StepAttempts:
             path, state, last_size, end_time,
         ).attempt(size)  # fmt: skip
 
-    def advice(self, residual: float, newton: float, tolerance: float) -> tuple[str, ...]:
+    def advice(
+        self, residual: float, newton: float, tolerance: float, path: PathFollower | None
+    ) -> tuple[str, ...]:
         """What may help after the last attempt, which did not converge; empty if nothing is known.
 
         Args:
             residual, newton: that the interactions and the bulk left.
             tolerance: of the interactions.
+            path: where the run is on its path, if it follows one.
         """
         options = self._model.options
         if self._flipped is not None:
             return (flipped(self._model.points.place(self._flipped)),)
         if self.breaks_for_nothing:
             return (FOR_NOTHING,)
-        if options.path is not None:
-            return (ON_PATH,)
+        if path is not None:
+            return (self._along(path),)
         if self._model.monolithic:
             return () if options.inertia else (self._loose_fragment() or UNDER_LOAD,)
         if not options.inertia and self._model.interactions is not None:
@@ -211,6 +216,14 @@ class StepAttempts:
             bulk = newton > options.requested.newton_tolerance
             return (OF_BULK if bulk else CONTRADICTORY,)
         return (OF_ONE_SOLVER,) if options.solver in _ONE_WAY else ()
+
+    def _along(self, path: PathFollower) -> str:
+        """What may help where no step along a path converges."""
+        if self._model.scheme.loads_bend:
+            return LOADS_BEND
+        bond = path.contested
+        place = np.full(1, np.nan) if bond is None else self._model.points.place(bond)
+        return ON_PATH if np.isnan(place).any() else contested(place)
 
     def _loose_fragment(self) -> str:
         """What is told of a fragment that no bond holds any more; empty if there is none.

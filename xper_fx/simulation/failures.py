@@ -58,7 +58,7 @@ def give_up(
                 model.scene, model.bulk, model.interactions, simulation.state, outcome, size
             )
             require_finite(simulation, source, size)
-    helps = attempts.advice(residual, newton, simulation.tolerance)
+    helps = attempts.advice(residual, newton, simulation.tolerance, simulation.path)
     number, time = simulation.step_number + 1, simulation.time
     raise ConvergenceError(
         number, time, size, (residual, newton), simulation.save_state(), *helps, failure=failure,

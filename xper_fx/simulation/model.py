@@ -249,7 +249,9 @@ class Model:
         step, explicit = self.options.requested.step, self.options.scheme == "explicit"
         if step is not None and not explicit:
             return float(step)
-        critical = self.bulk.critical_step()
+        from xper_fx.bulk.stable_step import stable_step
+
+        critical = stable_step(self.bulk) if explicit else self.bulk.critical_step()
         if step is None:
             at_limit = explicit and self.options.requested.adapts_step and self.bulk.linear
             return (_AT_LIMIT if at_limit else _BELOW_LIMIT) * critical

@@ -145,6 +145,7 @@ class PathFollower:
         share: of what was asked for, in the next step.
         limit_points: times of the loads (s) at which they turned.
         branches: times of the loads (s) of steps with more than one unstable way to go on.
+        contested: as of `GrowthLimit`, of the last attempts at the step; None if they had none.
     """
 
     def __init__(self, control: PathControl):
@@ -153,6 +154,7 @@ class PathFollower:
         self._guesses = True
         self._leading: np.ndarray | None = None
         self._limit: GrowthLimit
+        self.contested: int | None = None
         self.share = 1.0
         self.limit_points: list[float] = []
         self.branches: list[float] = []
@@ -213,7 +215,7 @@ class PathFollower:
             if tells and not self.branches:
                 logger.warning(_BRANCHES, start + change, ways)
             self.branches.append(start + change)
-        self._leading = None
+        self._leading = self.contested = None
         self._last_share, self._last_change, self._guesses = self.share, change, True
         faster = (self._control.iterations / iterations) ** _EXPONENT
         share = self.share * min(max(faster, _SLOWEST), _FASTEST)
@@ -221,6 +223,8 @@ class PathFollower:
 
     def failed(self) -> bool:
         """A step has not converged; whether another is to be tried."""
+        bond = self._limit.contested
+        self.contested = self.contested if bond is None else bond
         if self._guesses and self._last_share > 0.0:
             self._guesses = False
             return True

@@ -21,7 +21,9 @@ so they do, in axes of space, where T is the same in all directions, as of perfe
 that stick and of open bonds with C_N = C_T. The inverse therefore stays in the frames K of the
 start: what point i answers in its frame F_i reaches it as K_i K_p^T F_p F_i^T of it, p being the
 vertex's first point with a whole frame. Left out is a relative turn of points whose T has
-directions.
+directions. Where a motion of a node is prescribed its w has directions too, those of space, and
+K_p^T F_p gives way to the identity: W of redundant bonds has a kernel, which the inverse would
+otherwise hold in wrong axes and amplify by 1 / (1 - `_REGULAR`).
 
 On the notched plate at 20 x 20 this takes less than half the time of sweeps while bonds are sound,
 and a quarter or less once cracks open and close, where sweeps often do not converge.
@@ -93,6 +95,7 @@ class _Blocks(NamedTuple):
         rounding: shape (num_vertices,), sum of 1 / (trace W_ii)^2: r^2 for a unit velocity.
         tilt: work space, shape (widest, 1, 2) in 2D and (widest, 3, 3) in 3D: K_i K_p^T F_p F_i^T,
             its first row in 2D; empty where frames stay.
+        directed: shape (num_vertices,), whether w of a node is not the same in all directions.
         free: velocities without impulses, of the step at hand.
     """
 
@@ -107,6 +110,7 @@ class _Blocks(NamedTuple):
     slope: np.ndarray
     rounding: np.ndarray
     tilt: np.ndarray
+    directed: np.ndarray
     free: np.ndarray
 
     def for_thread(self, free: np.ndarray) -> _Blocks:
@@ -145,6 +149,15 @@ def _vertices(interactions: Interactions) -> np.ndarray:
     return np.concatenate([np.repeat(np.arange(len(o) - 1), np.diff(o)) for o in offsets])
 
 
+def _directed(interactions: Interactions, vertex: np.ndarray) -> np.ndarray:
+    """Whether a vertex has a node whose w, (dim, dim), is not the same in all directions."""
+    dim = interactions.dim
+    w = interactions.groups[0].couplings.w.reshape(-1, dim, dim)
+    node = np.concatenate([g.couplings.start for g in interactions.groups])[:, :, 0] // dim
+    same = w[:, :1, :1] * np.eye(dim)
+    return np.bincount(vertex, (w != same).any(axis=(1, 2))[node].any(axis=1)) > 0
+
+
 def build(interactions: Interactions) -> _Blocks:
     """The vertices' arrays of a scene."""
     unknowns, groups = _unknowns(interactions), interactions.groups
@@ -180,6 +193,7 @@ def build(interactions: Interactions) -> _Blocks:
         slope=np.zeros((total, unknowns, unknowns)),
         rounding=np.bincount(vertex[order], squared),
         tilt=np.zeros((widest if interactions.turns else 0, *frame.shape[1:])),
+        directed=_directed(interactions, vertex),
         free=np.zeros(0),
     )
 
@@ -697,7 +711,7 @@ def _solve_kernel(laws: tuple[LawKernels, ...], dim: int, unknowns: int, turns: 
             if changed > max(floor, _CLEAR * bound * total):
                 if turns:
                     if not tilted:
-                        tilt_all(b, blocks, 0, False, not_turned, groups)
+                        tilt_all(b, blocks, 0, blocks.directed[b], not_turned, groups)
                         tilted = True
                     turn_all(b, blocks, 0, groups)
                 if changed > _SLOW * _SLOW * previous:

@@ -1,0 +1,171 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Explicit steps are stable: with damping, and as cells are flattened or a material stiffens.
+
+A block squeezed to a quarter of its height vibrates three times as fast as at rest. With the step
+of the start the fastest vibration grew until numbers were not finite.
+"""
+
+import logging
+
+import numpy as np
+import pytest
+from scenes import BOTTOM, TOP, box_bodies
+from scipy.linalg import eigh
+
+from xper_fx.bulk.bulk import Bulk
+from xper_fx.forms.loads import PrescribedVelocity, RayleighDamping
+from xper_fx.materials import LinearElastic, NeoHookean, SaintVenantKirchhoff
+from xper_fx.nscd.laws import PerfectBond
+from xper_fx.scene import Scene
+from xper_fx.simulation.simulation import Simulation
+from xper_fx.support.errors import ConvergenceError
+
+SPEED = 0.5  # 0.05 of the speed of waves
+
+
+def pressed(material=None, speed=-SPEED, kind="crossed", label=0, **options):
+    """A block of 4 x 1 whose top moves at a speed towards its bottom, or away from it."""
+    scene = Scene(
+        box_bodies((4, 1), (8, 2), kind, label),
+        {1: material or NeoHookean(100.0, 0.3, 1.0)},
+        loads=[PrescribedVelocity(BOTTOM, 1, 0.0), PrescribedVelocity(TOP, 1, speed)],
+        initial_velocity=lambda x: np.stack([0 * x[0], speed * x[1]]),
+    )
+    return Simulation(scene, scheme="explicit", num_threads=1, **options)
+
+
+def squeezed(simulation, end_time=1.4):
+    """Elastic energy, the largest error of the balance of energies, how often steps are halved."""
+    records = list(simulation.steps(end_time))
+    closure = max(abs(record.energies["closure"]) for record in records)
+    halvings = np.log2(simulation.step_size / records[-1].size)
+    return records[-1].energies["elastic"], closure, halvings
+
+
+@pytest.mark.parametrize("kind", ["crossed", "quadrilateral"])
+def test_a_block_is_squeezed_to_less_than_a_third(kind):
+    coarse, closure, _ = squeezed(pressed(kind=kind, step=1.4 / 80))
+    fine, *_ = squeezed(pressed(kind=kind, step=1.4 / 800))
+    assert coarse == pytest.approx(fine, rel=2e-3)
+    assert closure < 1e-4 * coarse
+    assert coarse > 50.0  # a strain energy of 100 Pa and more in the mean
+
+
+def test_steps_are_halved_and_stay_short():
+    simulation = pressed()
+    first = simulation.step_size
+    sizes = [record.size for record in simulation.steps(1.4)]
+    halvings = np.log2(first / np.array(sizes))
+    np.testing.assert_allclose(halvings, np.round(halvings), atol=1e-9)
+    assert halvings[0] == 0.0
+    assert 1 <= halvings[-1] <= 3
+    assert np.all(np.diff(halvings) >= 0.0)
+
+
+def test_what_is_followed_is_the_largest_eigenvalue_of_the_present_stiffness():
+    simulation = pressed()
+    for _ in simulation.steps(1.0):
+        pass
+    bulk, place = simulation.bulk, simulation.state.displacement
+    stiffness = bulk.tangent(place).toarray()
+    top = eigh(stiffness, np.diag(bulk.weights), eigvals_only=True)[-1]
+    assert bulk.critical_step(place) == pytest.approx(2.0 / np.sqrt(top), rel=1e-3)
+    assert bulk.critical_step() > 1.5 * bulk.critical_step(place)
+
+
+def test_a_material_that_stiffens_as_it_is_pulled():
+    """Stretched to twice its length, a Saint-Venant-Kirchhoff bar is 5.5 times as stiff."""
+    simulation = pressed(SaintVenantKirchhoff(100.0, 0.3, 1.0), speed=1.0)
+    energy, closure, halvings = squeezed(simulation, 1.0)
+    assert halvings >= 1.0
+    assert closure < 1e-3 * energy
+
+
+def test_each_cell_a_body():
+    """The largest eigenvalue is sought body by body."""
+    scene = Scene(
+        box_bodies((1, 1), (2, 2)),
+        {1: NeoHookean(100.0, 0.3, 1.0)},
+        default_interaction=PerfectBond(),
+        loads=[PrescribedVelocity(BOTTOM, 1, 0.0), PrescribedVelocity(TOP, 1, -SPEED)],
+        initial_velocity=lambda x: np.stack([0 * x[0], -SPEED * x[1]]),
+    )
+    simulation = Simulation(scene, scheme="explicit", num_threads=1)
+    energy, closure, halvings = squeezed(simulation)
+    assert halvings >= 1.0
+    assert closure < 1e-3 * energy
+
+
+@pytest.mark.parametrize("material", [LinearElastic, NeoHookean])
+def test_nothing_is_assembled_again_where_nothing_is_strained(monkeypatch, material):
+    """At small strain K stays; a body that turns is not strained."""
+    scene = Scene(
+        box_bodies((1, 1), (2, 2), label=0),
+        {1: material(100.0, 0.3, 1.0)},
+        initial_velocity=lambda x: np.stack([0.05 - 0.1 * x[1], 0.1 * x[0] - 0.05]),
+    )
+    simulation = Simulation(scene, scheme="explicit", num_threads=1)
+    asked = []
+    monkeypatch.setattr(Bulk, "critical_step", lambda *a: asked.append(a))
+    *_, record = simulation.steps(20.0 if material is NeoHookean else 1.0)
+    assert asked == []
+    assert record.size == pytest.approx(simulation.step_size, rel=1e-12)
+
+
+def test_a_run_that_may_not_be_cut_says_why(caplog):
+    simulation = pressed(max_halvings=0)
+    with (
+        caplog.at_level(logging.INFO, "xper_fx"),
+        pytest.raises(ConvergenceError, match="explicit bulk is stable below 0.0"),
+    ):
+        squeezed(simulation)
+    assert "stable step of the bulk has fallen from 0.0248" in caplog.text
+    assert np.all(np.isfinite(simulation.state.displacement))
+
+
+@pytest.mark.parametrize("stop", [0.5, 1.2])
+def test_a_restart_goes_on_to_the_bit(stop):
+    whole, first, second = pressed(), pressed(), pressed()
+    for _ in whole.steps(1.4):
+        pass
+    for record in first.steps(1.4):
+        if record.time > stop:
+            break
+    second.restore(first.saved_in_order())
+    for _ in second.steps(1.4):
+        pass
+    assert second.step_number == whole.step_number
+    np.testing.assert_array_equal(second.state.velocity, whole.state.velocity)
+
+
+@pytest.mark.parametrize("mass, stiffness", [(0.0, 6e-3), (0.0, 0.05), (300.0, 0.0), (100.0, 2e-3)])
+def test_damping_shortens_the_stable_step(mass, stiffness):
+    """Viscous forces lag by half a step: the fastest vibration grows beyond the limit, not below.
+
+    With a stiffness that damps at 1e-2 s the step of the undamped bulk gave energies of 1e68 J.
+    """
+    scene = Scene(
+        box_bodies((1, 1), (4, 4), label=0),
+        {1: LinearElastic(100.0, 0.3, 1.0)},
+        damping=RayleighDamping(mass=mass, stiffness=stiffness),
+        initial_velocity=lambda x: np.random.default_rng(1).normal(size=(2, x.shape[1])),
+    )
+    simulation = Simulation(scene, scheme="explicit", num_threads=1)
+    limit = simulation.step_size / 0.7
+    omega = 2.0 / simulation.bulk.critical_step()
+    rate = mass + stiffness * omega**2
+
+    def growth(step):
+        s = 0.5 * (step * omega) ** 2
+        end = np.array([-step * omega**2, 1.0 - step * rate - s])  # v1 of (q0, v0)
+        move = np.array([1.0, 0.5 * step]) + 0.5 * step * end
+        return np.abs(np.linalg.eigvals([move, end])).max()
+
+    assert growth(0.9999 * limit) <= 1.0 < growth(1.0001 * limit)
+    with pytest.raises(ValueError, match="unstable at the step"):
+        Simulation(scene, 1.01 * limit, scheme="explicit")
+    simulation = Simulation(scene, 0.99 * limit, scheme="explicit", num_threads=1)
+    start = simulation.ledger.energies.kinetic
+    *_, record = simulation.steps(500 * limit)
+    assert record.energies["kinetic"] + record.energies["elastic"] < start
+    assert abs(record.energies["closure"]) < 1e-11 * start
