@@ -214,7 +214,7 @@ class ExplicitScheme:
         return StepOutcome(
             State(state.time + step, end.displacement, velocity, end.internal), slots, impulses,
             reactions, force_impulse, viscous, sweeps, error, traction, 1, 0.0, converged,
-            (shadow, shadow_at_end),
+            (float(shadow), float(shadow_at_end)),
         )  # fmt: skip
 
     def _bears(self, step: float, displacement: np.ndarray) -> bool:
