@@ -83,7 +83,7 @@ class BodyInverse:
         return cls(dim, offsets, data, offsets * dim, diagonal=True)
 
     def diagonal_of_nodes(self) -> BodyInverse:
-        """The same, of one block a node, held as `of_nodes` holds it; the first nodes are shared."""
+        """The same, of one block a node, held as `of_nodes` holds it."""
         places, nodes = np.arange(self.dim) * (self.dim + 1), self.node_offsets
         data = self.data.reshape(-1, self.dim * self.dim)[:, places].ravel()
         return BodyInverse(self.dim, nodes, data, nodes * self.dim, diagonal=True)
