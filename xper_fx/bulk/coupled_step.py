@@ -385,7 +385,9 @@ class CoupledStep:
         ]
 
     def _slots(self, velocity: np.ndarray) -> np.ndarray:
-        at_nodes = velocity.reshape(-1, self.interactions.dim)[self._matrices.nodes]
-        slots = self.interactions.free_velocities(at_nodes)
-        self.interactions.refresh_ghosts(slots)
-        return slots
+        points, nodes = self.interactions, self._matrices.nodes
+        slots = np.empty((points.inverse.num_slots, points.dim))
+        slots[: len(nodes)] = velocity.reshape(-1, points.dim)[nodes]
+        points.complete(slots.reshape(-1))
+        points.refresh_ghosts(slots.reshape(-1))
+        return slots.reshape(-1)
