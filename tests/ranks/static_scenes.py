@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Static and monolithic runs of meshed bodies by all ranks; the first writes what came out."""
 
+from contextlib import ExitStack
 from dataclasses import replace
 from itertools import islice
+from unittest.mock import patch
 
 import meshed_scenes
 import numpy as np
@@ -13,10 +15,14 @@ from mpi4py import MPI
 from scenes import BOTTOM, LEFT, RIGHT, TOP, box_bodies, midpoints
 
 import xper_fx as xf
+from xper_fx.bulk import augmented_lagrangian
 from xper_fx.bulk.rigid_motions import loose_bodies
 from xper_fx.output.recorder import Recorder, macroscopic_columns
 from xper_fx.output.run import recorded_steps
+from xper_fx.parallel import coupled_rows
+from xper_fx.parallel.halo import Exchange
 from xper_fx.parallel.launch import run_together
+from xper_fx.simulation import path
 from xper_fx.support.ranks import Ranks
 
 ELASTIC = xf.materials.LinearElastic(1.0, 0.3, 1.0)
@@ -188,6 +194,23 @@ def row():
     return scene, {"step": 1.0, "path": path, **STATIC}, 4
 
 
+def stopped():
+    """A block on a beam, pushed until it rocks and slides: its path has nowhere to go on to."""
+    joint = xf.laws.CohesiveZone(82e9, 18.0, 0.25e6, friction=0.7)
+    bodies = box_bodies(
+        (0.88, 0.625), (8, 10), "quadrilateral",
+        label=lambda x: np.where(x[1] > 0.0625, 1 + (x[0] / 0.22).astype(int), 0),
+        interior={7: lambda x: np.isclose(x[1], 0.0625)},
+    )  # fmt: skip
+    scene = xf.Scene(
+        bodies, {1: xf.materials.LinearElastic(16.7e9, 0.15, 1900.0)},
+        default_interaction=xf.laws.PerfectBond(), facet_interactions={7: joint},
+        loads=[*moved((BOTTOM, 0, 0.0), (BOTTOM, 1, 0.0), (TOP, 0, 4e-3)),
+               xf.SurfaceTraction(TOP, (0.0, -0.3e6))],
+    )  # fmt: skip
+    return scene, {"step": 1.0, "path": xf.GrowthControl(), "inertia": False}, 100
+
+
 def inert_cell():
     """The system of a cell with inertia."""
     scene, _ = periodic_cells.small_strain()
@@ -227,7 +250,7 @@ def loose():
 SCENES = {
     f.__name__: f
     for f in (drawn, wedged, turned, rigid, touching, held, inert, tied, peeled, unrolled, row,
-              inert_cell, cell, turned_cell, celled_path, loose)
+              stopped, inert_cell, cell, turned_cell, celled_path, loose)
 }  # fmt: skip
 
 
@@ -248,17 +271,65 @@ def groups() -> dict[str, np.ndarray]:
     return {"told": np.array(told)}
 
 
+def stop(scene: xf.Scene, options: dict) -> dict[str, np.ndarray]:
+    """Loads of a path up to where it stops, and what each rank tells, after few attempts."""
+    loads, told = [], ""
+    with (
+        patch.object(path, "_LEAST", 0.9),
+        patch.object(augmented_lagrangian, "_STANDS", 1),
+        patch.object(augmented_lagrangian, "_CIRCLES", 1),
+    ):
+        simulation = xf.Simulation(scene, **options)
+        try:
+            for record in simulation.steps(1.0):
+                loads.append([record.time, simulation.reaction(TOP)[0]])
+        except xf.ConvergenceError as error:
+            told = str(error)
+    points, everyone = simulation.model.points, simulation.team.comm.allgather
+    places = [points.place(k) for k in range(len(simulation.interactions.gather("damage")))]
+    return {
+        "loads": np.array(loads), "told": np.array(everyone(told)),
+        "places": np.array(everyone(np.array(places))),
+    }  # fmt: skip
+
+
+def messages() -> dict[str, np.ndarray]:
+    """How many sums, ghosts and decisions ranks exchange for a correction of `peeled`."""
+    scene, options, steps = peeled()
+    counts, simulation = [0], xf.Simulation(scene, **options)
+
+    def counted(call):
+        def tell(*given):
+            counts[0] += 1
+            return call(*given)
+
+        return tell
+
+    calls = ((Ranks, "_of_all"), (Exchange, "forward"), (Exchange, "add_back"))
+    with ExitStack() as stack:
+        for kind, name in calls:
+            stack.enter_context(patch.object(kind, name, counted(getattr(kind, name))))
+        records = list(islice(simulation.steps(1e6), steps))
+    return {"messages": counts[0] / sum(record.newton_iterations for record in records)}
+
+
 def run(name: str) -> dict[str, np.ndarray]:
     """Histories and final values of a scene, the same on every rank.
 
-    Where a name begins with "spread_" the mesh is spread over the ranks, and fields are sorted.
+    Where a name begins with "spread_" the mesh is spread over the ranks, and fields are sorted;
+    where it begins with "factored_" all ranks factor the matrix, as they do a large one.
     """
-    if name == "groups":
-        return groups()
+    if name in ("groups", "messages"):
+        return groups() if name == "groups" else messages()
+    if name.startswith("factored_"):
+        with patch.object(coupled_rows, "_ON_FIRST", 0):
+            return run(name.removeprefix("factored_"))
     spread = name.startswith("spread_")
     scenes.COMM = MPI.COMM_WORLD if spread else MPI.COMM_SELF
     scene, options, steps = SCENES[name.removeprefix("spread_")]()
     scenes.COMM = MPI.COMM_SELF
+    if name.endswith("stopped"):
+        return stop(scene, options)
     simulation = xf.Simulation(scene, **options)
     history: dict[str, list] = {}
     sides = sorted({load.facets for load in scene.loads if hasattr(load, "facets")})

@@ -61,6 +61,7 @@ class Bulk:
             shape (num_dofs,), kg (2D: kg/m).
         layout: nodes body by body, prescribed dofs.
         stiffness: K of a linear bulk, or at rest for damping, on the nodes of V; None without use.
+        by_cell: forces of bodies that are linear simplices, if asked for; else None.
         num_common: how many of the last unknowns all ranks have, with the same values.
 
     Raises:
@@ -96,7 +97,7 @@ class Bulk:
             self.inertia = Inertia(self._mass())
         else:
             self.floating = self._held_by_interactions(np.reshape(joined, (-1, 2)).astype(int))
-        self._matrix, self._by_cell, self._critical_step = None, None, 0.0
+        self._matrix, self.by_cell, self._critical_step = None, None, 0.0
         damps_stiffness = damping is not None and damping.stiffness > 0.0
         self.stiffness = None
         if self.linear or damps_stiffness:
@@ -187,15 +188,15 @@ class Bulk:
         if self.stiffness is not None:
             k = self.stiffness
             kept += k.data.nbytes + k.indices.nbytes + k.indptr.nbytes
-        if self._by_cell is not None:
-            kept += self._by_cell.nbytes
+        if self.by_cell is not None:
+            kept += self.by_cell.nbytes
         return self.weights.nbytes + kept
 
     def _motion_dofs(self, motion) -> np.ndarray:
         facets = self.forms.bodies.facet_tags.find(motion.facets)
         fdim = self.forms.bodies.mesh.topology.dim - 1
         nodes = fem.locate_dofs_topological(self.forms.V, fdim, facets)
-        return nodes * self.dim + motion.component
+        return nodes.astype(np.intp) * self.dim + motion.component
 
     def _nodal_mass(self) -> np.ndarray:
         """Mass of each node of V: a cell's mass shared as the diagonal of its consistent matrix.
@@ -230,8 +231,8 @@ class Bulk:
     def internal(self, displacement: np.ndarray) -> np.ndarray:
         """Internal forces, shape (num_dofs,), N (2D: N/m)."""
         u = self.unknowns.expand(displacement)
-        if self._by_cell is not None:
-            force = self._by_cell(u)
+        if self.by_cell is not None:
+            force = self.by_cell(u)
         else:
             force = multiply(self.stiffness, u) if self.linear else self.forms.assemble_internal(u)
         return self.unknowns.collect(force)
@@ -246,8 +247,8 @@ class Bulk:
         from xper_fx.bulk.cell_forces import CellForces
 
         self.critical_step()  # the last that asks for K
-        self._by_cell = CellForces.of(self.stiffness, self.forms.V)
-        if self._by_cell is not None:
+        self.by_cell = CellForces.of(self.stiffness, self.forms.V)
+        if self.by_cell is not None:
             self.stiffness = None
 
     def external(self, time: float) -> np.ndarray | float:

@@ -14,6 +14,7 @@ a triangle where K has 36, and 30 a tetrahedron where K has 144.
 from __future__ import annotations
 
 from functools import cache
+from math import isqrt
 
 import numpy as np
 import scipy.sparse as sp
@@ -33,17 +34,18 @@ _VOIGT = {2: ((0, 0), (1, 1), (0, 1)), 3: ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2
 
 
 @cache
-def _forces_kernel(dim: int):
-    """Kernel `forces(first, last, nodes, gradients, moduli, u, out)` of a range of cells."""
+def forces_kernel(dim: int):
+    """Kernel `forces(first, last, gradients, moduli, u, out)` of a range of cells.
+
+    Rows of `u` and `out`, which may be the same, are cells.
+    """
     options = LEAN_ENTRY | {"nogil": True, "fastmath": {"contract"}}
 
     @njit(**options)
-    def in_plane(first, last, nodes, gradients, moduli, u, out):
-        for c in range(first, last):
-            i, j, k = nodes[c, 0], nodes[c, 1], nodes[c, 2]
-            x, y = u[i, 0], u[i, 1]
-            jx, jy, kx, ky = u[j, 0] - x, u[j, 1] - y, u[k, 0] - x, u[k, 1] - y
-            g, d = gradients[c], moduli[c]
+    def in_plane(first, last, gradients, moduli, u, out):
+        for c in range(np.uintp(first), np.uintp(last)):
+            x, y, g, d = u[c, 0], u[c, 1], gradients[c], moduli[c]
+            jx, jy, kx, ky = u[c, 2] - x, u[c, 3] - y, u[c, 4] - x, u[c, 5] - y
             xx, yy = jx * g[0] + kx * g[2], jy * g[1] + ky * g[3]
             xy = jx * g[1] + jy * g[0] + kx * g[3] + ky * g[2]
             s_xx = d[0] * xx + d[1] * yy + d[2] * xy
@@ -51,18 +53,17 @@ def _forces_kernel(dim: int):
             s_xy = d[2] * xx + d[4] * yy + d[5] * xy
             f_jx, f_jy = s_xx * g[0] + s_xy * g[1], s_xy * g[0] + s_yy * g[1]
             f_kx, f_ky = s_xx * g[2] + s_xy * g[3], s_xy * g[2] + s_yy * g[3]
-            out[j, 0], out[j, 1] = f_jx, f_jy
-            out[k, 0], out[k, 1] = f_kx, f_ky
-            out[i, 0], out[i, 1] = -(f_jx + f_kx), -(f_jy + f_ky)
+            out[c, 0], out[c, 1] = -(f_jx + f_kx), -(f_jy + f_ky)
+            out[c, 2], out[c, 3], out[c, 4], out[c, 5] = f_jx, f_jy, f_kx, f_ky
 
     @njit(**options)
-    def in_space(first, last, nodes, gradients, moduli, u, out):
-        for c in range(first, last):
-            i, g, d = nodes[c, 0], gradients[c], moduli[c]
+    def in_space(first, last, gradients, moduli, u, out):
+        for c in range(np.uintp(first), np.uintp(last)):
+            g, d = gradients[c], moduli[c]
             xx, yy, zz, yz, xz, xy = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
             for a in range(3):
-                j = nodes[c, a + 1]
-                x, y, z = u[j, 0] - u[i, 0], u[j, 1] - u[i, 1], u[j, 2] - u[i, 2]
+                j = 3 * a + 3
+                x, y, z = u[c, j] - u[c, 0], u[c, j + 1] - u[c, 1], u[c, j + 2] - u[c, 2]
                 g_x, g_y, g_z = g[3 * a], g[3 * a + 1], g[3 * a + 2]
                 xx += x * g_x
                 yy += y * g_y
@@ -78,32 +79,35 @@ def _forces_kernel(dim: int):
             s_xy = d[5] * xx + d[10] * yy + d[14] * zz + d[17] * yz + d[19] * xz + d[20] * xy
             f_x, f_y, f_z = 0.0, 0.0, 0.0
             for a in range(3):
-                j = nodes[c, a + 1]
+                j = 3 * a + 3
                 g_x, g_y, g_z = g[3 * a], g[3 * a + 1], g[3 * a + 2]
                 x = s_xx * g_x + s_xy * g_y + s_xz * g_z
                 y = s_xy * g_x + s_yy * g_y + s_yz * g_z
                 z = s_xz * g_x + s_yz * g_y + s_zz * g_z
-                out[j, 0], out[j, 1], out[j, 2] = x, y, z
+                out[c, j], out[c, j + 1], out[c, j + 2] = x, y, z
                 f_x += x
                 f_y += y
                 f_z += z
-            out[i, 0], out[i, 1], out[i, 2] = -f_x, -f_y, -f_z
+            out[c, 0], out[c, 1], out[c, 2] = -f_x, -f_y, -f_z
 
     return in_plane if dim == 2 else in_space
 
 
 class CellForces:
-    """f = K u of bodies of one simplex of order 1 each.
+    """f = K u of bodies of one simplex of order 1 each, whose nodes are those of V in their order.
 
     Args:
-        nodes: of each cell in V, shape (num_cells, dim + 1).
         gradients: of all shape functions but the first, shape (num_cells, dim^2), 1/m.
         moduli: V D, upper triangle by rows, shape (num_cells, 6 or 21), N m (2D: N).
+
+    Attributes:
+        arrays: both.
+        dim: dimension of space.
     """
 
-    def __init__(self, nodes: np.ndarray, gradients: np.ndarray, moduli: np.ndarray):
-        self._arrays = nodes.astype(np.uint32), gradients, moduli
-        self._dim = nodes.shape[1] - 1
+    def __init__(self, gradients: np.ndarray, moduli: np.ndarray):
+        self.arrays = gradients, moduli
+        self.dim = isqrt(gradients.shape[1])
 
     @classmethod
     def of(cls, stiffness: sp.bsr_array, V: FunctionSpace) -> CellForces | None:
@@ -118,7 +122,8 @@ class CellForces:
         cells, dim = V.dofmap.list, V.dofmap.index_map_bs
         num_cells, size = cells.shape
         one_simplex = size == dim + 1 and V.mesh.topology.cell_name() in ("triangle", "tetrahedron")
-        if not one_simplex or cells.size * dim != stiffness.shape[0]:
+        alone = one_simplex and cells.size * dim == stiffness.shape[0]
+        if not alone or not np.array_equal(cells.ravel(), np.arange(cells.size)):
             return None
         x = V.tabulate_dof_coordinates()[:, :dim]
         voigt = _VOIGT[dim]
@@ -152,15 +157,16 @@ class CellForces:
                 moduli[at] = d[:, upper[0], upper[1]]
 
         in_ranges(measure, num_cells)
-        return cls(cells, gradients, moduli) if same.all() else None
+        return cls(gradients, moduli) if same.all() else None
 
     @property
     def nbytes(self) -> int:
         """Memory held, in bytes."""
-        return sum(array.nbytes for array in self._arrays)
+        return sum(array.nbytes for array in self.arrays)
 
     def __call__(self, u: np.ndarray) -> np.ndarray:
         """K u, shape (num_dofs of V,), N (2D: N/m)."""
-        nodes, out = self._arrays[0], np.empty((u.size // self._dim, self._dim))
-        in_ranges(_forces_kernel(self._dim), len(nodes), *self._arrays, u.reshape(out.shape), out)
+        u = u.reshape(len(self.arrays[0]), -1)
+        out = np.empty_like(u)
+        in_ranges(forces_kernel(self.dim), len(u), *self.arrays, u, out)
         return out.reshape(-1)

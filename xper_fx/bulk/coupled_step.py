@@ -121,6 +121,7 @@ class CoupledStep:
     def restart(self) -> None:
         """Go back to where the iterations began; impulses stay as they are."""
         self.velocity, self.slots = self.start.copy(), np.zeros(0)
+        self._of_slots = self.slots
         self.impulses = np.zeros_like(self.start)
         self._evolved, self._before = np.zeros(0), self.corrections
         self._ask_bulk()
@@ -190,9 +191,9 @@ class CoupledStep:
         """
         if self._tangents is None:
             return []
-        self.slots = self._slots(self.velocity)
+        slots = self._present()
         with self._stopwatch.phase("point tangents"):
-            self._tangents.respond(self.slots)
+            self._tangents.respond(slots)
         return self._tangents.response
 
     def on_unknowns(self, impulses: Sequence[np.ndarray]) -> np.ndarray:
@@ -229,8 +230,7 @@ class CoupledStep:
         right, stiffness = self.residual, []
         if self._tangents is not None:
             with watch.phase("point tangents"):
-                self.slots = self._slots(self.velocity)
-                self._tangents.linearise(self.slots, self._least(), proximal)
+                self._tangents.linearise(self._present(), self._least(), proximal)
                 stiffness = self._springs()
                 source = [
                     g.impulse + s for g, s in zip(self._groups, self._tangents.source, strict=True)
@@ -245,7 +245,7 @@ class CoupledStep:
                 force, motion = loading.rates()
                 along = matrices.solve(np.broadcast_to(force, dv.shape), motion)
         if growth is not None:
-            now = self._jumps(self.velocity)
+            now = self._jumps()
             scaled = self.step * matrices.theta
             start = [x + scaled * du for x, du in zip(now, self._changes(dv), strict=True)]
             slope = [scaled * du for du in self._changes(along)]
@@ -367,25 +367,33 @@ class CoupledStep:
         """Whether a step along a path does not go back on it."""
         if self.growth is None:
             return True
-        jumps = zip(self._groups, self._jumps(self.velocity), strict=True)
+        jumps = zip(self._groups, self._jumps(), strict=True)
         moved = [jump - g.jump for g, jump in jumps]
         return not self.growth.turns_back(moved, self.loading.time - self.state.time)
 
     def growth_left(self) -> float:
         """By how much the growth differs from the one that the step asks for, relative."""
-        return 0.0 if self.growth is None else self.growth.left(self._jumps(self.velocity))
+        return 0.0 if self.growth is None else self.growth.left(self._jumps())
 
-    def _jumps(self, velocity: np.ndarray) -> list[np.ndarray]:
-        """Jumps of each group at the end of the step for end velocities, m."""
+    def _jumps(self) -> list[np.ndarray]:
+        """Jumps of each group at the end of the step for the present velocities, m."""
         rest = self.step * (1.0 - self._matrices.theta)
-        slots = self._slots(velocity).reshape(-1, self.interactions.dim)
+        slots = self._present().reshape(-1, self.interactions.dim)
         scaled = self.step * self._matrices.theta
         return [
             g.jump + rest * g.velocity + scaled * g.points.relative(slots) for g in self._groups
         ]
 
+    def _present(self) -> np.ndarray:
+        """`slots` at the present velocities, which ranks tell each other once."""
+        if self._of_slots is not self.velocity:
+            self.slots, self._of_slots = self._slots(self.velocity), self.velocity
+        return self.slots
+
     def _slots(self, velocity: np.ndarray) -> np.ndarray:
-        at_nodes = velocity.reshape(-1, self.interactions.dim)[self._matrices.nodes]
-        slots = self.interactions.free_velocities(at_nodes)
-        self.interactions.refresh_ghosts(slots)
-        return slots
+        points, nodes = self.interactions, self._matrices.nodes
+        slots = np.empty((points.inverse.num_slots, points.dim))
+        slots[: len(nodes)] = velocity.reshape(-1, points.dim)[nodes]
+        points.complete(slots.reshape(-1))
+        points.refresh_ghosts(slots.reshape(-1))
+        return slots.reshape(-1)

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 import scipy.sparse as sp
 
-from xper_fx.bulk.sparse_direct import SingularMatrixError, SparseDirect
+from xper_fx.bulk.sparse_direct import Direct, SingularMatrixError, SparseDirect
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.point_group import PointGroup
 
@@ -63,9 +63,9 @@ class CoupledSystem:
         self._diagonal = places[ends[-2] :]
         self._rows, self._columns = np.divmod(unique, self._size)
         self._kept = self._free[self._rows] & self._free[self._columns]
-        self._solvers: dict[bool, SparseDirect] = {}
+        self._solvers: dict[bool, Direct] = {}
         self._data = self._factorised = np.zeros(0)
-        self._used: SparseDirect | None = None
+        self._used: Direct | None = None
 
     def take(self, bulk: sp.csr_array, stiffness: Sequence[np.ndarray]) -> None:
         """Take the values; factorise them unless they are those of the last time.
@@ -94,20 +94,20 @@ class CoupledSystem:
         diagonal = masked[self._diagonal]
         masked[self._diagonal] = np.where(self._free[: self._own], diagonal + shift, 1.0)
         known = self._used is not None and np.array_equal(masked, self._factorised)
-        if self._on_all(known):
+        known, symmetric = self._on_all(known, symmetric)
+        if known:
             return
-        symmetric = self._on_all(symmetric)
         if symmetric not in self._solvers:
             self._solvers[symmetric] = self._direct(symmetric)
         self._used, self._factorised = None, masked
         self._solvers[symmetric].factorise(self._summed(masked))
         self._used = self._solvers[symmetric]
 
-    def _on_all(self, condition: bool) -> bool:
-        """Whether something holds on all ranks that have rows."""
-        return condition
+    def _on_all(self, *conditions: bool) -> Sequence[bool]:
+        """Of each condition whether it holds on all ranks that have rows."""
+        return conditions
 
-    def _direct(self, symmetric: bool) -> SparseDirect:
+    def _direct(self, symmetric: bool) -> Direct:
         """Factorisations of matrices of this pattern."""
         indptr = np.searchsorted(self._rows, np.arange(self._size + 1))
         return SparseDirect(indptr, self._columns, symmetric)

@@ -27,21 +27,17 @@ step after, and the latter are those of the middle of the next step: each step a
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
+from typing import NamedTuple
 
 import numpy as np
 
 from xper_fx.bulk.body_inverse import LumpedInverse
 from xper_fx.bulk.bulk import Bulk
 from xper_fx.bulk.stable_step import StableStep
-from xper_fx.bulk.state import (
-    State,
-    StepOutcome,
-    interact,
-    on_nodes,
-    put_on_nodes,
-    reactions_on,
-)
+from xper_fx.bulk.state import State, StepOutcome, interact, on_nodes, put_on_nodes
+from xper_fx.bulk.step_by_cell import EndedStep, StepByCell
 from xper_fx.cache import njit
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.kernel_options import LEAN_ENTRY
@@ -50,47 +46,30 @@ from xper_fx.support.profile import Stopwatch
 
 
 @njit(**LEAN_ENTRY)
-def _set_free(v0, w, step, force, others, out):
-    """Velocities without interactions, `others` being other impulses, or a zero for none."""
+def _free_velocities(v0, w, step, force, others, out):
+    """Velocities at the end of a step without interactions.
+
+    Args:
+        v0: velocities at the start of the step (m/s).
+        w: one over the mass, zero where motions are given.
+        step: h (s).
+        force: internal forces, N (2D: N/m).
+        others: other impulses (N s), or one number for none.
+        out: takes the velocities in front.
+    """
     several = len(others) > 1
-    for i in range(len(out)):
+    for i in range(len(v0)):
         impulse = -step * force[i]
         if several:
             impulse += others[i]
         out[i] = w[i] * impulse + v0[i]
 
 
-@njit(fastmath={"reassoc", "contract"}, **LEAN_ENTRY)
-def _powers(v0, v1, start, halfway, end):
-    """Powers of what internal forces change by in either half of a step."""
-    first = second = 0.0
-    for i in range(len(v0)):
-        first += v0[i] * (halfway[i] - start[i])
-        second += v1[i] * (end[i] - halfway[i])
-    return first, second
-
-
-@njit(fastmath={"reassoc", "contract"}, **LEAN_ENTRY)
-def _end_linear(v0, v1, start, halfway, ahead, end):
-    """Internal forces at the end of a step of a linear bulk, and what `_powers` gives.
-
-    They are the mean of those half a step before and after it.
-    """
-    first = second = 0.0
-    for i in range(len(v0)):
-        mean = 0.5 * (halfway[i] + ahead[i])
-        first += v0[i] * (halfway[i] - start[i])
-        second += v1[i] * (mean - halfway[i])
-        end[i] = mean
-    return first, second
-
-
 @njit(**LEAN_ENTRY)
-def _move(q0, v0, v1, half, q1, ahead):
-    """Displacements at the end of a step, and half a step later."""
-    for i in range(len(q1)):
-        q1[i] = half * v1[i] + (half * v0[i] + q0[i])
-        ahead[i] = half * v1[i] + q1[i]
+def _react(dofs, mass, v0, v1, step, force, impulses, out):
+    """Impulses on the dofs of supports, but for those of loads."""
+    for d in dofs:
+        out[d] = mass[d] * (v1[d] - v0[d]) + step * force[d] - impulses[d]
 
 
 @njit(**LEAN_ENTRY)
@@ -111,6 +90,19 @@ def _give(more, nodes, w, impulses, velocity, slots):
             impulses[dof] += more[i, d]
             velocity[dof] += w[dof] * impulses[dof]
             slots[i, d] = velocity[dof]
+
+
+class _Left(NamedTuple):
+    """What a step has left for the next one: its end, size, and shadow energy there."""
+
+    end: EndedStep
+    step: float
+    shadow: float
+
+    def suits(self, state: State, step: float) -> bool:
+        """Whether it serves a step of some size from a state."""
+        same = self.end.displacement is state.displacement and self.step == step
+        return same and self.end.ahead is not None
 
 
 class ExplicitScheme:
@@ -136,7 +128,10 @@ class ExplicitScheme:
             bulk.forces_by_cell()
             self._stable = StableStep(bulk) if bulk.forms.finite_strain else None
         self._stopwatch = stopwatch
-        self._ahead: tuple[np.ndarray | None, float, np.ndarray | None] = (None, 0.0, None)
+        self._by_cell = None
+        if bulk.by_cell is not None:
+            self._by_cell = StepByCell(bulk.by_cell)
+        self._left: _Left | None = None
 
     def inverse(self, step: float, displacement: np.ndarray) -> LumpedInverse:
         """The inverse of the mass, the same for every step."""
@@ -156,8 +151,7 @@ class ExplicitScheme:
             UnstableStepError: the step is too long for what cells have become.
         """
         bulk, watch, inverse = self.bulk, self._stopwatch, self._inverse
-        time = state.time + step
-        q0, v0 = state.displacement, state.velocity
+        q0, v0, size = state.displacement, state.velocity, len(state.velocity)
         if self._stable is not None:
             with watch.phase("critical step"):
                 self._stable.require(step, q0, v0)
@@ -166,76 +160,87 @@ class ExplicitScheme:
             viscous = bulk.viscous(v0)
             force_impulse = step * bulk.external(state.time + 0.5 * step)
             others = np.atleast_1d(force_impulse - step * viscous)
-            halfway = self._force_ahead(state, step)
-            if halfway is None:
-                halfway = bulk.internal(0.5 * step * v0 + q0)
-            free = np.empty_like(v0)
-            _set_free(v0, inverse.diagonal, step, halfway, others, free)
-            bulk.prescribe(free, time, step, self.theta, q0, v0)
+            halfway, shadow = self._begin(state, step)
+            in_slots = interactions is not None and inverse.in_order
+            room = np.empty(interactions.inverse.num_slots * bulk.dim if in_slots else size)
+            _free_velocities(v0, inverse.diagonal, step, halfway, others, room)
+            free = room[:size]
+            bulk.prescribe(free, state.time + step, step, self.theta, q0, v0)
         sweeps, error, traction, converged = 0, 0.0, 0.0, True
         if interactions is None:
-            velocity, impulses, slots = free, np.zeros_like(v0), np.zeros(0)
+            velocity, impulses, slots = free, np.zeros(size), np.zeros(0)
         else:
             with watch.phase("interaction terms"):
                 if interactions.turns:
                     from xper_fx.bulk.turning import turn
 
+                    free = free.copy()  # solvers change what is in slots
                     nodes = None if inverse.in_order else inverse.nodes
                     turn(interactions, bulk, nodes, state, v0, step, self.theta)
                 interactions.begin_step(step, self.theta, solver.prepares_bonds)
             with watch.phase("interaction solve"):
                 velocity, impulses, slots, report = interact(
-                    inverse, interactions, solver, free, options
+                    inverse, interactions, solver, room, options
                 )
             if interactions.turns:
                 with watch.phase("turning frames"):
                     couples = interactions.couples(True)
                     by_slot = slots.reshape(couples.shape)
                     if interactions.fused is None and inverse.in_order:
-                        velocity = slots[: len(free)]
+                        velocity = slots[:size]
                         _give_all(couples.ravel(), inverse.diagonal, impulses, free, velocity)
                         interactions.refresh_ghosts(slots)
                     elif interactions.fused is None:
-                        velocity = free.copy()
+                        velocity = free
                         _give(couples, inverse.nodes, inverse.diagonal, impulses, velocity, by_slot)
                         interactions.refresh_ghosts(slots)
                     else:
                         interactions.fused.push_couples(couples, by_slot)
-                        impulses += on_nodes(couples, inverse.nodes, len(impulses))
-                        velocity = free.copy()
+                        impulses += on_nodes(couples, inverse.nodes, size)
+                        velocity = free
                         put_on_nodes(by_slot, inverse.nodes, velocity)
             sweeps, error, traction, converged = report[1], report[2], report[3], report[0]
-        reactions = reactions_on(
-            bulk.layout,
-            lambda d: (
-                bulk.mass[d] * (velocity[d] - v0[d]) + step * halfway[d] - impulses[d]
-                - (others[d] if len(others) > 1 else 0.0)
-            ),
-        )  # fmt: skip
-        displacement, ahead = np.empty_like(q0), np.empty_like(q0)
-        _move(q0, v0, velocity, 0.5 * step, displacement, ahead)
+        reactions = np.zeros(size)
+        dofs, mass = bulk.layout.prescribed_dofs, bulk.mass
+        _react(dofs, mass, v0, velocity, step, halfway, impulses, reactions)
+        if len(others) > 1:
+            reactions[dofs] -= others[dofs]
         bulk.forms.set_step(step)
         with watch.phase("energy"):
-            if bulk.linear:
-                force, internal = bulk.internal(ahead), np.empty_like(q0)
-                powers = _end_linear(v0, velocity, state.internal, halfway, force, internal)
-                self._ahead = displacement, step, force
-            else:
-                internal = bulk.internal(displacement)
-                powers = _powers(v0, velocity, state.internal, halfway, internal)
-            shadow = bulk.ranks.sum(-0.25 * step * np.array(powers))
+            end = self._end(state, velocity, halfway, step)
+            shadow_at_end = -0.25 * step * bulk.ranks.sum(end.power)
+        self._left = _Left(end, step, shadow_at_end)
         # what is not finite is so in the sums too
-        converged = bulk.ranks.all(converged and np.all(np.isfinite(shadow)))
-        end = State(time, displacement, velocity, internal)
+        converged = bulk.ranks.all(converged and math.isfinite(shadow + shadow_at_end))
         return StepOutcome(
-            end, slots, impulses, reactions, force_impulse, viscous, sweeps, error, traction, 1,
-            0.0, converged, (float(shadow[0]), float(shadow[1])),
+            State(state.time + step, end.displacement, velocity, end.internal), slots, impulses,
+            reactions, force_impulse, viscous, sweeps, error, traction, 1, 0.0, converged,
+            (float(shadow), float(shadow_at_end)),
         )  # fmt: skip
 
-    def _force_ahead(self, state: State, step: float) -> np.ndarray | None:
-        """Internal forces half a step after a state, if the last step left them."""
-        displacement, size, force = self._ahead
-        return force if displacement is state.displacement and size == step else None
+    def _begin(self, state: State, step: float) -> tuple[np.ndarray, float]:
+        """Internal forces in the middle of a step, and the shadow energy at its start."""
+        left = self._left
+        if left is not None and left.suits(state, step):
+            return left.end.ahead, left.shadow
+        velocity = state.velocity
+        force = self.bulk.internal(0.5 * step * velocity + state.displacement)
+        return force, -0.25 * step * self.bulk.dot(velocity, force - state.internal)
+
+    def _end(
+        self, state: State, velocity: np.ndarray, halfway: np.ndarray, step: float
+    ) -> EndedStep:
+        """End a step; arguments as of `StepByCell`."""
+        if self._by_cell is not None:
+            return self._by_cell.end(state, velocity, halfway, step)
+        bulk, half, ahead = self.bulk, 0.5 * step, None
+        q1 = half * velocity + (half * state.velocity + state.displacement)
+        if bulk.linear:
+            ahead = bulk.internal(half * velocity + q1)
+            internal = 0.5 * (halfway + ahead)
+        else:
+            internal = bulk.internal(q1)
+        return EndedStep(q1, internal, ahead, float(velocity @ (internal - halfway)))
 
     @property
     def nbytes(self) -> int:

@@ -7,6 +7,8 @@ arrives: two runs may differ by rounding.
 
 from __future__ import annotations
 
+from typing import Protocol
+
 import numpy as np
 from petsc4py import PETSc
 
@@ -21,6 +23,19 @@ _NEGATIVE = 12
 
 class SingularMatrixError(ArithmeticError):
     """A matrix that cannot be factorised."""
+
+
+class Direct(Protocol):
+    """What factors a matrix; all methods are those of `SparseDirect`."""
+
+    def factorise(self, data: np.ndarray) -> None:
+        """Take new values."""
+
+    def negative_pivots(self) -> int | None:
+        """Negative eigenvalues of the matrix."""
+
+    def solve(self, right: np.ndarray) -> np.ndarray:
+        """The solution for one right-hand side."""
 
 
 class SparseDirect:

@@ -71,22 +71,28 @@ def interact(
         inverse: one of `xper_fx.bulk.body_inverse`.
         interactions: points after `begin_step`.
         solver: of the interactions.
-        free: free velocities, shape (num_dofs,), m/s.
+        free: free velocities, shape (num_dofs,), m/s; where the inverse is `in_order` shape
+            (num_slots * dim,), of which those of the nodes, which come first, are set, and which
+            become end velocities.
         options: of the solver.
 
     Returns:
         End velocities and H r on all dofs, velocities of the interacting nodes, solver's report.
     """
     dim, nodes = interactions.dim, inverse.nodes
-    at_start = free.reshape(-1, dim) if inverse.in_order else at_nodes(free, nodes, dim)
-    slots = interactions.free_velocities(at_start)
+    if inverse.in_order:
+        slots = free
+    else:
+        slots = at_nodes(free, nodes, dim, interactions.inverse.num_slots).reshape(-1)
+    interactions.complete(slots)
     report = solver.solve(interactions, slots, options)
     if not isinstance(report, SolveReport):
         raise TypeError(
             f"{type(solver).__name__}.solve should return a SolveReport, got {report!r}."
         )
     if inverse.in_order:
-        return slots[: len(free)], interactions.impulses().ravel()[: len(free)], slots, report
+        size = inverse.num_nodes * dim
+        return slots[:size], interactions.impulses().ravel()[:size], slots, report
     impulses = on_nodes(interactions.impulses(), nodes, len(free))
     if len(nodes) == inverse.num_nodes or interactions.fused is not None:
         velocity = free.copy()

@@ -214,23 +214,27 @@ class Interactions(SteppedPoints):
             self.refresh_ghosts(at_slots[-1])
         return LipMotion(*at_slots[:2], at_slots[-1], mean is velocity, gradient, rate)
 
-    def free_velocities(self, bulk: np.ndarray) -> np.ndarray:
-        """Free velocities of all slots, flat.
+    def complete(self, free: np.ndarray) -> None:
+        """Set the free velocities of all slots but those of meshed bodies.
 
         Args:
-            bulk: shape (num_nodes, dim), those of the interacting nodes of meshed bodies (m/s).
+            free: shape (num_slots * dim,), of which those of meshed bodies come first (m/s).
         """
-        velocity = self._slots(bulk, self._rigid_free).reshape(-1)
+        self._set_others(free.reshape(-1, self.dim), self._rigid_free)
         if self._rigid_share is not None:  # what impulses do is judged by changes of velocities
-            self.refresh_ghosts(velocity)
-        return velocity
+            self.refresh_ghosts(free)
 
     def _slots(self, bulk: np.ndarray, rigid: np.ndarray) -> np.ndarray:
-        slots, count = np.empty((self.inverse.num_slots, self.dim)), len(bulk) + len(rigid)
+        slots = np.empty((self.inverse.num_slots, self.dim))
         slots[: len(bulk)] = bulk
-        slots[len(bulk) : count] = rigid
-        slots[count:] = 0.0
+        self._set_others(slots, rigid)
         return slots
+
+    def _set_others(self, slots: np.ndarray, rigid: np.ndarray) -> None:
+        first = self.bulk_inverse.num_nodes
+        last = first + len(rigid)
+        slots[first:last] = rigid
+        slots[last:] = 0.0
 
     def rigid_part(self, slots: np.ndarray) -> np.ndarray:
         """Of velocities of all slots those of rigid bodies, shape (2 num_rigid, dim).

@@ -84,8 +84,9 @@ class BodyInverse:
 
     def diagonal_of_nodes(self) -> BodyInverse:
         """The same, of one block a node, held as `of_nodes` holds it."""
-        places = np.arange(self.dim) * (self.dim + 1)
-        return self.of_nodes(self.data.reshape(-1, self.dim * self.dim)[:-1, places], self.dim)
+        places, nodes = np.arange(self.dim) * (self.dim + 1), self.node_offsets
+        data = self.data.reshape(-1, self.dim * self.dim)[:, places].ravel()
+        return BodyInverse(self.dim, nodes, data, nodes * self.dim, diagonal=True)
 
     @classmethod
     def from_blocks(cls, blocks: list[np.ndarray], dim: int) -> BodyInverse:

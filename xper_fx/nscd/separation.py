@@ -115,7 +115,8 @@ class Separation:
         found = FoundPoints(points, np.zeros(len(points), int), contacts.key)
         layer.find_contacts([found], np.zeros((0, dim)), 1.0, 1.0)
         layer.begin_step(1.0, 1.0)
-        moved = layer.free_velocities(np.zeros((0, dim)))
+        moved = np.empty(layer.inverse.num_slots * dim)
+        layer.complete(moved)
         NonlinearGaussSeidel().solve(layer, moved, _OPTIONS)
         motion = layer.rigid_part(moved).reshape(count, 2, dim)
         way, turned = np.linalg.norm(motion, axis=2).T

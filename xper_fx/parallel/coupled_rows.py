@@ -5,6 +5,8 @@ A rank adds up what its bodies and its points give, as on one rank; its points r
 Rows of ghosts then go to their owners, which add them in the order of the ranks. So do the rows of
 unknowns that all ranks have, the gradient of a periodic cell, to the first rank: each rank gives
 what its bodies add to them, and right-hand sides are whole on every rank.
+
+MUMPS factors a large matrix over all ranks; a small one the first rank factors (`direct_on_first`).
 """
 
 from __future__ import annotations
@@ -13,8 +15,12 @@ import numpy as np
 import scipy.sparse as sp
 
 from xper_fx.bulk.coupled_system import CoupledSystem
-from xper_fx.bulk.sparse_direct import SparseDirect
+from xper_fx.bulk.sparse_direct import Direct, SparseDirect
 from xper_fx.nscd.interactions import Interactions
+from xper_fx.parallel.direct_on_first import DirectOnFirst
+
+# Unknowns up to which the first rank factors the whole.
+_ON_FIRST = 6_000
 
 
 class SharedCoupledSystem(CoupledSystem):
@@ -65,7 +71,7 @@ class SharedCoupledSystem(CoupledSystem):
             np.concatenate(parts)
             for parts in zip((rows[self._here], columns[self._here]), *got, strict=True)
         )
-        size = int(self._ranks.sum(have))
+        self._whole_size = size = int(self._ranks.sum(have))
         unique, self._place = np.unique((rows - mine) * size + columns, return_inverse=True)
         rows, columns = np.divmod(unique, size)
         self._pattern = np.searchsorted(rows, np.arange(have + 1)), columns
@@ -81,11 +87,12 @@ class SharedCoupledSystem(CoupledSystem):
         self._halo.everywhere.forward(slots)
         return np.concatenate([values, slots[self._ghosts]])
 
-    def _on_all(self, condition: bool) -> bool:
-        return self._ranks.all(condition)
+    def _on_all(self, *conditions: bool) -> list[bool]:
+        return [not there for there in self._ranks.max(~np.array(conditions))]
 
-    def _direct(self, symmetric: bool) -> SparseDirect:
-        return SparseDirect(*self._pattern, symmetric, self._ranks)
+    def _direct(self, symmetric: bool) -> Direct:
+        kind = DirectOnFirst if self._whole_size <= _ON_FIRST else SparseDirect
+        return kind(*self._pattern, symmetric, self._ranks)
 
     def _summed(self, data: np.ndarray) -> np.ndarray:
         got = self._ranks.comm.alltoall([data[g] for g in self._given])

@@ -166,12 +166,12 @@ class EnergyLedger:
         after = outcome.state
         nodal = self._bulk.unknowns.num_nodes * self._bulk.dim
         work = self._bulk.ranks.sum(self._work_on_nodes(before, outcome, step, borne))
-        stresses = 0.5 * (before.internal[nodal:] + after.internal[nodal:])
-        if len(stresses):  # of a periodic cell, whose bonds bear couples
+        if nodal < len(after.displacement):  # of a periodic cell, whose bonds bear couples
+            stresses = 0.5 * (before.internal[nodal:] + after.internal[nodal:])
             borne = outcome.impulses[nodal:] / step
             stresses -= 0.5 * (borne + self._bulk.borne) if self._static else borne
-        moved = after.displacement[nodal:] - before.displacement[nodal:]
-        work += float(moved @ stresses)  # every rank has all of it
+            moved = after.displacement[nodal:] - before.displacement[nodal:]
+            work += float(moved @ stresses)  # every rank has all of it
         kinetic = self._bulk.kinetic_energy(after.velocity)
         elastic = self._bulk.elastic_energy(after.displacement, after.internal)
         if rigid is not None:
@@ -180,7 +180,7 @@ class EnergyLedger:
         total = self._bulk.ranks.sum
         lost = self._bulk.forms.assemble_dissipation(self._bulk.unknowns.expand(after.displacement))
         viscous = total(lost.get("viscous", 0.0))
-        if np.ndim(outcome.viscous):
+        if isinstance(outcome.viscous, np.ndarray):
             force = outcome.viscous
             if self._static:
                 force = 0.5 * (force + self._bulk.viscous(before.velocity))
@@ -202,7 +202,7 @@ class EnergyLedger:
     ) -> float:
         """Work of loads and supports on this rank's nodes in a step (J; 2D: J/m)."""
         num_dofs, given = self._bulk.unknowns.num_nodes * self._bulk.dim, outcome.force_impulse
-        if self._static or np.ndim(given):
+        if self._static or isinstance(given, np.ndarray):
             at, impulse = slice(num_dofs), (given + outcome.reactions)[:num_dofs]
         else:  # supports alone do any
             at = self._bulk.layout.prescribed_dofs

@@ -353,12 +353,14 @@ class Model:
         number, point = snap_of_cells(self.interactions, self.step_size)
         largest = self.interactions.largest(number)
         if largest > _SPENT_AT_ONCE and self.ranks.rank == 0:
-            place = ", ".join(f"{x:g}" for x in self.points.place(point))
+            where = ""
+            if self.ranks.alone:  # else no rank knows which point it is
+                where = f" at ({', '.join(f'{x:g}' for x in self.points.place(point))}) m"
             logger.warning(
                 "initially rigid bonds%s break within a step, as their fracture energy is small: "
                 "the snap number may be %.2g; a step of %.2g s would make it one, or a larger "
                 "fracture energy, a lower strength or smaller cells",
-                f" at ({place}) m" if self.ranks.alone else "", largest,
+                where, largest,
                 self.step_size / math.sqrt(largest),
             )  # fmt: skip
 

@@ -221,14 +221,18 @@ class ScenePoints:
     def place(self, point: int) -> np.ndarray:
         """Where a point's facet was at the start, shape (dim,), m; NaN of ties and walls.
 
+        Of a mesh that is spread a rank has some facets: all ranks ask together, and all hear of it.
+
         Args:
             point: its number in the scene's order.
         """
-        dim, count = self._scene.dim, len(self.facets_with_law) * self.points_a_facet
-        if point >= count:
-            return np.full(dim, np.nan)
-        facet = self.facets_with_law[point // self.points_a_facet]
-        return self._scene.bodies.facets.midpoint[facet]
+        if self._scene.bodies is None:
+            return np.full(self._scene.dim, np.nan)
+        here = self.facet_numbers == point // max(self.points_a_facet, 1)
+        facets = self.facets_with_law[here]
+        own = self._scene.bodies.facets.midpoint[facets].max(axis=0, initial=-np.inf)
+        place = self._bulk.ranks.max(own)
+        return np.where(np.isfinite(place), place, np.nan)
 
     def interacting(self, detection: Detection | None) -> np.ndarray:
         """Nodes at which interactions act or contacts may come about, body by body."""

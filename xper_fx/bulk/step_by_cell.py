@@ -1,0 +1,124 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Steps of central differences (`explicit.py`) of linear simplices, in one pass through memory.
+
+What a step ends with and the next one begins with is found cell by cell, while the numbers of a few
+cells are in cache: displacements and forces.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+
+from xper_fx.bulk.cell_forces import CellForces, forces_kernel
+from xper_fx.bulk.state import State
+from xper_fx.cache import njit
+from xper_fx.nscd.kernel_options import LEAN_ENTRY, LEAN_INNER
+from xper_fx.support.threads import in_ranges, num_ranges
+
+# Cells whose steps are ended together: they stay in cache.
+_TILE = 64
+
+
+class EndedStep(NamedTuple):
+    """The end of a step.
+
+    Attributes:
+        displacement, internal: at the end, shape (num_dofs,), m and N (2D: N/m).
+        ahead: internal forces half a step later, if the bulk is linear.
+        power: of what internal forces change by in the second half of the step, on this rank (W;
+            2D: W/m).
+    """
+
+    displacement: np.ndarray
+    internal: np.ndarray
+    ahead: np.ndarray | None
+    power: float
+
+
+class _Arrays(NamedTuple):
+    """What the pass reads and writes: of cells, of dofs at the start of a step, at its end."""
+
+    gradients: np.ndarray
+    moduli: np.ndarray
+    q0: np.ndarray
+    v0: np.ndarray
+    v1: np.ndarray
+    halfway: np.ndarray
+    q1: np.ndarray
+    ahead: np.ndarray
+    by_cell: np.ndarray
+    end: np.ndarray
+
+
+@njit(**LEAN_INNER)
+def _move(first, last, half, q0, v0, v1, q1, ahead):
+    """Displacements at the end of a step, and half a step later, of a range of dofs."""
+    for i in range(np.uintp(first), np.uintp(last)):
+        q1[i] = half * v1[i] + (half * v0[i] + q0[i])
+        ahead[i] = half * v1[i] + q1[i]
+
+
+@njit(fastmath={"reassoc", "contract"}, **LEAN_INNER)
+def _finish(first, last, v1, halfway, ahead, end):
+    """Forces at the end of a step, of a range of dofs; returns the power of `EndedStep`."""
+    power = 0.0
+    for i in range(np.uintp(first), np.uintp(last)):
+        mean = 0.5 * (halfway[i] + ahead[i])
+        power += v1[i] * (mean - halfway[i])
+        end[i] = mean
+    return power
+
+
+@cache
+def _step_kernel(dim: int):
+    """Kernel that ends a step of a range of tiles: their dofs stay in cache."""
+    forces, size = forces_kernel(dim), dim * (dim + 1)
+
+    @njit(nogil=True, **LEAN_ENTRY)
+    def end_step(first, last, step, a, power):
+        for tile in range(first, last):
+            low, high = tile * _TILE, min((tile + 1) * _TILE, len(a.gradients))
+            at, to = size * low, size * high
+            _move(at, to, 0.5 * step, a.q0, a.v0, a.v1, a.q1, a.ahead)
+            forces(low, high, a.gradients, a.moduli, a.by_cell, a.by_cell)
+            power[tile] = _finish(at, to, a.v1, a.halfway, a.ahead, a.end)
+
+    return end_step
+
+
+class StepByCell:
+    """Ends steps of linear simplices.
+
+    Args:
+        forces: of the cells.
+    """
+
+    def __init__(self, forces: CellForces):
+        self._forces = forces
+
+    def end(
+        self, state: State, velocity: np.ndarray, halfway: np.ndarray, step: float
+    ) -> EndedStep:
+        """End a step.
+
+        Args:
+            state: at its start.
+            velocity: at its end, shape (num_dofs,), m/s.
+            halfway: internal forces in its middle, N (2D: N/m).
+            step: h (s).
+        """
+        q0, forces = state.displacement, self._forces
+        q1, ahead, end = (np.empty_like(q0) for _ in range(3))
+        num_cells = len(forces.arrays[0])
+        power = np.empty(-(-num_cells // _TILE))
+        arrays = _Arrays(
+            *forces.arrays, q0, state.velocity, velocity, halfway, q1, ahead,
+            ahead.reshape(num_cells, -1), end,
+        )  # fmt: skip
+        spaces = [power] * num_ranges(num_cells)
+        in_ranges(_step_kernel(forces.dim), len(power), step, arrays, spaces=spaces)
+        return EndedStep(q1, end, ahead, math.fsum(power.tolist()))
