@@ -22,6 +22,9 @@ _SNAPS = (
     "the load snaps, as it frees energy that no bond takes up; with path=xf.GrowthControl() the "
     "load is found that the structure bears, if its bonds are not initially rigid ones"
 )
+# Energy from nowhere, relative to what a run was given and holds, above which a user is told; not
+# in the first steps, in which energies are as small as their errors.
+_UNBALANCED, _FIRST_STEPS = 0.1, 50
 # Energy that nothing accounts for beside what a static step dissipates, above which it has snapped.
 _SNAPPED = 0.5
 
@@ -31,6 +34,7 @@ class Doubts:
 
     def __init__(self) -> None:
         self._counts: Counter[str] = Counter()
+        self._told_balance = False
 
     def tell(self, doubt: str, number: int, size: float, detail: str = "") -> None:
         """Warn of a step's doubt if it is the first of its kind.
@@ -55,6 +59,22 @@ class Doubts:
         if work.cohesion > 0.0 and work.numerical > _SNAPPED * work.cohesion:
             freed = f": bonds dissipate {work.cohesion:.3g} J, {work.numerical:.3g} J more is freed"
             self.tell(_SNAPS, number, size, freed)
+
+    def tell_balance(self, from_nowhere: float, number: int) -> None:
+        """Warn once of energies that do not balance.
+
+        Args:
+            from_nowhere: relative energy (`EnergyLedger.from_nowhere`).
+            number: of the step.
+        """
+        if self._told_balance or number < _FIRST_STEPS or from_nowhere < _UNBALANCED:
+            return
+        self._told_balance = True
+        logger.warning(
+            "after step %d %.2g of the energy has come from nowhere or is lost "
+            "(dissipated_numerical below zero, closure): take a smaller step or tolerance, or ask for an accuracy",
+            number, from_nowhere,
+        )  # fmt: skip
 
     def sum_up(self) -> None:
         """Warn of what was not the only step of its kind, and begin anew."""

@@ -145,6 +145,14 @@ class EnergyLedger:
         given = self.energies.external_work + self.energies.healing
         return given - (self.energies.held_and_lost - self._at_start)
 
+    @property
+    def from_nowhere(self) -> float:
+        """Energy gained or lost for no reason, relative to what the run was given and holds."""
+        e = self.energies
+        wrong = abs(self.closure) + max(-e.dissipated_numerical, 0.0)
+        given = abs(self._at_start) + abs(e.external_work) + e.kinetic + e.elastic + e.cohesive
+        return wrong / given if given > 0.0 else 0.0
+
     def bulk_energies(
         self,
         before: State,
