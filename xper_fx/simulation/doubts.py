@@ -72,7 +72,8 @@ class Doubts:
         self._told_balance = True
         logger.warning(
             "after step %d %.2g of the energy has come from nowhere or is lost "
-            "(dissipated_numerical below zero, closure): take a smaller step or tolerance, or ask for an accuracy",
+            "(dissipated_numerical below zero, closure): take a smaller step or tolerance, or ask "
+            "for an accuracy",
             number, from_nowhere,
         )  # fmt: skip
 
