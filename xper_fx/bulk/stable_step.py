@@ -46,7 +46,7 @@ _LOOKS_EVERY = 4
 # Part of a step by which matter that flows goes back, so that it is elastic.
 _BACK = 1e-3
 # Share of the present stable step that a step may be once that one has fallen.
-_SAFE = 0.9
+_SAFE = 0.97
 
 
 @njit
