@@ -13,7 +13,7 @@ from scenes import BOTTOM, TOP, box_bodies, field, nodes
 from scipy.linalg import eigh
 
 from xper_fx.bulk.bulk import Bulk
-from xper_fx.bulk.stable_step import StableStep, stable_step
+from xper_fx.bulk.stable_step import stable_step
 from xper_fx.forms.loads import PrescribedVelocity, RayleighDamping
 from xper_fx.materials import (
     J2FiniteStrain,
@@ -258,13 +258,17 @@ def test_damping_shortens_the_stable_step(mass, stiffness):
     assert abs(record.energies["closure"]) < 1e-11 * start
 
 
-def test_energy_from_nowhere_is_told_once(caplog, monkeypatch):
-    """Squeezed with a step that is not cut, just before numbers cease to be finite."""
-    monkeypatch.setattr(StableStep, "require", lambda *a: None)
-    simulation = pressed(step=1.4 * pressed().step_size)
+def test_energy_from_nowhere_is_told_once(caplog):
+    simulation = pressed()
+    energies = simulation.ledger.energies
     with caplog.at_level(logging.WARNING, "xper_fx"):
-        for end in (1.0, 1.113, 1.113):
+        for end, invented in ((1.0, 0.0), (1.1, 0.3), (1.2, 0.0)):
+            # booked as numerical and in no energy, it is missed by the closure too
+            energies.dissipated_numerical -= invented * energies.elastic
             for _ in simulation.steps(end):
                 pass
             told = [r.getMessage() for r in caplog.records if "from nowhere" in r.getMessage()]
-            assert len(told) == (end > 1.0), simulation.ledger.from_nowhere
+            assert len(told) == (end > 1.0)
+    given = energies.external_work + energies.kinetic + energies.elastic + 4.0 * SPEED**2 / 6.0
+    wrong = simulation.ledger.closure - energies.dissipated_numerical
+    assert simulation.ledger.from_nowhere == pytest.approx(wrong / given, rel=1e-3)
