@@ -8,7 +8,8 @@ hardening 100 MPa, without friction; an explicit bulk of a quarter to 80 us, whe
 rest. After Wilkins and Guinan (1973). Published radii of the face at the wall: 7.12 mm (Simo 1992),
 7.11 mm (Zienkiewicz and others 1998), 7.22 mm (Foulk and others 2021, hexahedra of 0.047 mm with a
 mean pressure each). The code Carina has 21.42 mm of length in its own benchmark of this bar, with
-tetrahedra of 15 nodes, and 5.45 mm of radius at 12 us. The strains at the wall exceed 3, and the critical step falls tenfold.
+tetrahedra of 15 nodes, and 5.45 mm of radius at 12 us. Cells are flattened at the wall: with
+quadratic tetrahedra the stable step falls to less than a fifth.
 """
 
 from __future__ import annotations
