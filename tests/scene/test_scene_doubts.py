@@ -56,6 +56,7 @@ def in_cell(*speeds):
         lambda: near_block(1.3),
         lambda: in_cell(0.3, -0.3),
         lambda: blocks(1.0),
+        lambda: of_material(2.1e5, 7.8e-9),  # steel in N, mm, t
         of_plate,
     ],
 )

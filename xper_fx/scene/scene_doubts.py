@@ -36,6 +36,8 @@ _BEHIND, _SOFT = 1e-3, 0.1
 # Speed (m/s) that no wave in a solid reaches, and a step beside the time in which a wave crosses
 # the smallest body.
 _FASTEST, _SHORTEST = 1e5, 1e-5
+# Densities of solids in t/mm^3: with stresses in MPa the fastest wave is in mm/s.
+_TONNES = 1e-10, 3e-8
 # Momentum of grains in a cell, beside that of each, that is rounding.
 _STILL = 1e-9
 
@@ -169,8 +171,9 @@ def _units(scene: Scene, step: float | None) -> Iterator[str]:
     if not speeds:
         return
     tag = max(speeds, key=speeds.get)
-    if speeds[tag] > _FASTEST:
-        material = elastic[tag]
+    material = elastic[tag]
+    in_millimetres = _TONNES[0] < material.density < _TONNES[1]
+    if speeds[tag] > _FASTEST * (1e3 if in_millimetres else 1.0):
         yield (
             f"waves in the material of cell tag {tag} go at {speeds[tag]:.2g} m/s, as its young is "
             f"{np.max(material.young):.3g} Pa and its density {material.density:.3g} kg/m^3; look "
