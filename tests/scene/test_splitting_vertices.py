@@ -220,6 +220,18 @@ def test_rigid_bonds_beside_other_laws():
     assert e.dissipated_cohesion > 0.1 * W
 
 
+def test_the_scheme_that_is_picked():
+    """Explicit where no step says that it should be longer, and each cell is a body."""
+    elastic = xf.laws.CohesiveZone(10.0, W, S)
+    for scene, step, scheme in (
+        (pulled(2), None, "explicit"),
+        (pulled(2), 1e-2, "implicit"),
+        (pulled(2, law=elastic), None, "implicit"),
+        (pulled(2, label=lambda x: x[0] > 1.0), None, "implicit"),
+    ):
+        assert xf.Simulation(scene, step, num_threads=1).options.scheme == scheme
+
+
 @pytest.mark.parametrize("solver", ["nlgs", "newton", "monolithic"])
 def test_other_schemes_take_the_law(solver):
     """One bond between two bodies, implicit: it spends w, and the ledger closes."""

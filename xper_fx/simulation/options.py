@@ -101,7 +101,8 @@ class Options:
             theta = 0.5 if inertia else 1.0
         picked = scheme is None
         if scheme is None:
-            explicit = requested.adapts_step and _suits_explicit(scene, theta, solver, inertia)
+            short = requested.adapts_step or (requested.step is None and _breaks_at_once(scene))
+            explicit = short and _suits_explicit(scene, theta, solver, inertia)
             scheme = "explicit" if explicit else "implicit"
         options = cls(
             requested,
@@ -207,6 +208,13 @@ class Options:
                     "An explicit bulk with nodal points solves each vertex alone, and ties join "
                     'several: take scheme="implicit" or points="gauss".'
                 )
+
+
+def _breaks_at_once(scene: Scene) -> bool:
+    """Whether bonds of a mesh are initially rigid."""
+    if scene.bodies is None:
+        return False
+    return any(hasattr(law, "least_strength") for law in scene.law_of_facet()[0])
 
 
 def _suits_explicit(scene: Scene, theta: float, solver: str | Solver, inertia: bool) -> bool:

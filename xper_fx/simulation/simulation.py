@@ -55,8 +55,9 @@ class Simulation(Restartable):
         scene: what to simulate.
         step: h (s); 0.7 of the critical step of the explicit bulk if not given; "auto" adapts it.
         scheme: "implicit" or "explicit" bulk; interactions are implicit with both. If not given,
-            implicit; with an adapted step explicit where each cell is a body that has mass, as
-            waves then go from body to body by sweeps, and longer steps need as many more.
+            implicit; with an adapted step, and with initially rigid bonds and no step, explicit
+            where each cell is a body that has mass, as waves then go from body to body by sweeps,
+            and longer steps need as many more.
         theta: weight of the end of the step, in [1/2, 1]. If not given 1/2, which the explicit bulk
             has; 1 without inertia.
         accuracy: relative error asked for, in (0, 1): step and tolerances that are not given are
