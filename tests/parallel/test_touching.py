@@ -95,7 +95,8 @@ def test_ranks_agree(found, name, count):
         # of the two that joints join on either side, seven rows and four, each is on one rank
         assert np.sort(many["rows"]).tolist()[-2:] == [4, 7] and sum(many["rows"]) == 11
         assert np.abs(many["closure"]).max() <= 1e-12 * energies
-    for key in ("momentum", "force", "displacement", "velocity", "damage", *each, *solids):
+    each += ("momentum", "force", "displacement", "velocity", "damage", "pieces")
+    for key in (*each, *solids):
         scale = np.abs(one[key]).max(initial=0.0)
         assert np.abs(one[key] - many[key]).max(initial=0.0) <= 1e-8 * scale, key
 

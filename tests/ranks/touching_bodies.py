@@ -309,7 +309,9 @@ def run(name: str) -> dict[str, np.ndarray]:
     }
     order = np.lexsort((*forces.position.T.round(6), *forces.bodies.T))
     found |= {f"contact_{k}": v[order] for k, v in forces._asdict().items()}
-    found |= {"fragment": measure_fragments(simulation).fragment, "start": start}
+    pieces = measure_fragments(simulation)
+    moved = np.column_stack([pieces.mass, pieces.mass[:, None] * pieces.velocity, pieces.volume])
+    found |= {"fragment": pieces.fragment, "pieces": moved, "start": start}
     if scene.joints:
         rows = simulation.team.comm.allgather(len(simulation.model.joints.here))
         found |= {"joint_force": np.column_stack(find_joint_forces(simulation)), "rows": rows}

@@ -182,7 +182,6 @@ def measure_fragments(simulation: Simulation, share: float = BROKEN) -> Fragment
         flat = values[kept].reshape(np.count_nonzero(kept), -1)
         sums = [np.bincount(label[kept], column, minlength=count) for column in flat.T]
         out = np.array(sums).T.reshape(count, *values.shape[1:])
-        # meshed bodies are divided among ranks, rigid ones are not
         return out if simulation.part is None else simulation.ranks.sum(out)
 
     a = _masses(simulation, fragment)
@@ -223,6 +222,13 @@ def _node_fragments(simulation: Simulation, fragment: np.ndarray) -> np.ndarray:
     return fragment[_own_bodies(simulation)][simulation.bulk.layout.body_of_node()]
 
 
+def _rigid_fragments(simulation: Simulation, fragment: np.ndarray) -> np.ndarray:
+    """Of the rigid bodies, which all ranks have and one counts; -1 for walls and on other ranks."""
+    label = fragment[len(fragment) - len(simulation.rigid.bodies) :]
+    elsewhere = simulation.part is not None and simulation.ranks.rank > 0
+    return np.full(len(label), -1) if elsewhere else label
+
+
 def _in_space(values: np.ndarray) -> np.ndarray:
     return np.pad(values, ((0, 0), (0, 3 - values.shape[1])))
 
@@ -251,7 +257,7 @@ def _masses(simulation: Simulation, fragment: np.ndarray) -> _Masses:
             inertia, spin = inertia * np.eye(3), np.pad(spin, ((0, 0), (2, 0)))
         parts.append(
             _Masses(
-                fragment[len(fragment) - len(has) :][has],
+                _rigid_fragments(simulation, fragment)[has],
                 mass,
                 _in_space(rigid.state.position[has]),
                 _in_space(rigid.state.velocity[has]),
@@ -275,7 +281,7 @@ def _sizes(
         parts.append((label, cell_moments(V, now[V.dofmap.list] - centre[label][:, None])))
     if simulation.rigid is not None:
         rigid = simulation.rigid
-        label = fragment[len(fragment) - len(rigid.bodies) :]
+        label = _rigid_fragments(simulation, fragment)
         shapes = [
             body.shape if number >= 0 else None
             for body, number in zip(simulation.scene.rigid, label, strict=True)
