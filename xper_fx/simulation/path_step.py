@@ -11,7 +11,9 @@ Where the load that is found lies beyond t1, the step goes to t1 itself, from th
 there, and bonds then do less than they may. A state at t1 in which they do more, or that leads
 back, is not taken; then, and where the load falls too far, bonds may do less in the step. Where no
 load is found at all, as where all that opens is broken or pressed, the step goes up to t1, and less
-far as bonds may do less.
+far as bonds may do less. So it does on a path that has gone up where loads turn or stand still,
+from the last step to t1: bonds then close as the loads say. Time in which no load moves does not
+count where a step passes it by (`bulk/loading.py`).
 """
 
 from __future__ import annotations
@@ -59,6 +61,7 @@ class PathStep:
         end_time: float,
     ):
         self._points, self._path, self._state, self._last_size = points, path, state, last_size
+        self._scheme = scheme
         self._attempt = partial(
             scheme.attempt, state, interactions=points, solver=solver, options=options
         )
@@ -82,13 +85,16 @@ class PathStep:
         for _ in range(_APPROACHES):
             limit, guess = path.limit(self._points), path.guess(state, self._last_size / size)
             outcome = self._attempt(size, growth=limit, guess=guess)
-            change = outcome.state.time - state.time
+            change = outcome.state.time - state.time - self._scheme.loading.held
             in_reach = -self._longest <= change <= rise
             if not outcome.converged:
-                if limit.idle or not in_reach:
+                since = state.time - path.last_rise
+                path.loads_turn = self._scheme.loading.turn_between(since, self._last)
+                turned = path.loads_turn and path.last_rise >= 0.0
+                if limit.idle or turned or not in_reach:
                     part = min(path.share, 1.0) * rise
                     there = self._to(state.time + part if part < rise else self._last, None)
-                    if self._may_be(there, part, back=bool(limit.idle)):
+                    if self._may_be(there, part, back=bool(limit.idle) or turned):
                         return there, part
                 return outcome, size
             if in_reach:

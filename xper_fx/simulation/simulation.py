@@ -334,7 +334,8 @@ class Simulation(Restartable):
                     change = outcome.state.time - start
                     record = self._commit(outcome, size, self._bulk_energies(outcome, size))
                     iterations, tells = outcome.newton_iterations, self.team.rank == 0
-                    path.succeeded(change, iterations, start, ways, tells)
+                    moved = change - self.scheme.loading.held
+                    path.succeeded(moved, iterations, start, ways, tells)
             if outcome.converged:
                 yield record._replace(size=change)
             elif not path.failed():
