@@ -380,7 +380,7 @@ def test_a_snap_back_passes_by_a_hold(path):
 
 @pytest.mark.parametrize("path", PATHS)
 def test_a_load_that_falls_again_unloads(path):
-    """Up to 0.9 of the peak and back to nothing, no bond having opened; then with bonds that have."""
+    """Up to 0.9 of the peak and back, before any bond has opened; then beyond it."""
     for share, largest in ((20.0, 0.9), (0.3, 1.2)):
         length = share * CRITICAL
         peak = BOND.strength * length / E + BOND.elastic_opening

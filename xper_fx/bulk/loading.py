@@ -140,11 +140,13 @@ class Loading:
             self.set(at)
             rates.append([np.ravel(change) for change in self._changes(short)])
         total, largest = self._bulk.ranks.sum, self._bulk.ranks.max
-        sizes = [largest(max(np.abs(r).max(initial=0.0) for r in kind)) for kind in zip(*rates)]
-        return any(
-            total(sum(np.vdot(a, b) / s**2 for a, b, s in zip(*two, sizes) if s > 0.0)) <= 0.0
-            for two in pairwise(rates)
-        )
+        of_kinds = zip(*rates, strict=True)
+        sizes = [largest(max(np.abs(r).max(initial=0.0) for r in kind)) for kind in of_kinds]
+        for two in pairwise(rates):
+            kinds = zip(*two, sizes, strict=True)
+            if total(sum(np.vdot(a, b) / size**2 for a, b, size in kinds if size > 0.0)) <= 0.0:
+                return True
+        return False
 
     def _changes(self, later: float) -> tuple[np.ndarray, np.ndarray]:
         """Of the force impulse of a step (N s / h) and of the wanted velocities, in a time (s)."""
