@@ -44,7 +44,7 @@ class RequestedAccuracy(NamedTuple):
         step: float | str | None,
         tolerance: float | str | None,
         newton_tolerance: float | None,
-        inertia: bool,
+        inertia: bool = True,
     ) -> RequestedAccuracy:
         """From what was given: a number stays, None with an accuracy or "auto" is picked.
 
