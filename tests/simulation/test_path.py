@@ -413,6 +413,23 @@ def test_advice_knows_loads_that_turn_from_those_that_bend(monkeypatch):
         assert stop - 0.05 <= caught.value.time < stop
 
 
+def test_bonds_that_ask_for_no_load_do_not_stop_the_path(monkeypatch):
+    """As of parts that have come loose: loads are given, and iterations shorten no step."""
+
+    def none(limit, *_):
+        limit.idle = False
+
+    monkeypatch.setattr("xper_fx.nscd.growth.GrowthLimit.change", none)
+    simulation = follow(bar(0.3 * CRITICAL), longest=1.0)
+    *_, last = simulation.steps(1.0)
+    assert last.time == pytest.approx(1.0)
+    assert simulation.reaction(RIGHT)[0] == pytest.approx(E * 1e-6 / (0.3 * CRITICAL), rel=0.01)
+    path = xf.GrowthControl().follower()
+    path.share, path.idles = 1e-3, True
+    path.succeeded(1.0, 60, 0.0, 0, False)
+    assert path.share == 2e-3
+
+
 def test_a_load_that_changes_too_much_is_told(monkeypatch):
     monkeypatch.setattr("xper_fx.simulation.path._LEAST", 0.5)
     with pytest.raises(xf.ConvergenceError, match="changes by more than a step may") as caught:

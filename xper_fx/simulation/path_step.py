@@ -33,6 +33,8 @@ from xper_fx.simulation.path import PathFollower
 _APPROACHES = 5
 # Relative rounding of the sum of many steps.
 _ROUNDING = 1e-9
+# Share of what bonds may do at which a load is tried that is not found from them.
+_AT_LAST = 0.05
 _TOO_FAR = "the load changes by more than a step may, however little bonds do"
 
 
@@ -76,6 +78,7 @@ class PathStep:
             size: such a time where the load is found (s).
         """
         path, state, rise = self._path, self._state, self._last - self._state.time
+        path.idles = False
         if path.limit(self._points).exhausted:
             return self._to(self._last, None), rise
         if path.rose_by(self._longest):
@@ -91,10 +94,11 @@ class PathStep:
                 since = state.time - path.last_rise
                 path.loads_turn = self._scheme.loading.turn_between(since, self._last)
                 turned = path.loads_turn and path.last_rise >= 0.0
-                if limit.idle or turned or not in_reach:
+                if limit.idle or turned or not in_reach or path.share <= _AT_LAST:
                     part = min(path.share, 1.0) * rise
                     there = self._to(state.time + part if part < rise else self._last, None)
                     if self._may_be(there, part, back=bool(limit.idle) or turned):
+                        path.idles = True
                         return there, part
                 return outcome, size
             if in_reach:
