@@ -399,7 +399,7 @@ def test_a_load_that_falls_again_unloads(path):
 
 def test_advice_knows_loads_that_turn_from_those_that_bend(monkeypatch):
     """Near the largest load it names that; before, where loads but bend, what took turns."""
-    monkeypatch.setattr("xper_fx.simulation.path._LEAST", 0.05)
+    monkeypatch.setattr("xper_fx.simulation.path._LEAST", 0.3)
     load = xf.PrescribedDisplacement(RIGHT, 0, lambda t: 1e-9 * np.sin(np.pi * t))
     for stop, told in ((0.475, "The loads turn or stand still"), (0.2, "Bonds may flip")):
 

@@ -95,7 +95,7 @@ class PathStep:
                 path.loads_turn = self._scheme.loading.turn_between(since, self._last)
                 turned = path.loads_turn and path.last_rise >= 0.0
                 if limit.idle or turned or not in_reach or path.share <= _AT_LAST:
-                    part = min(path.share, 1.0) * rise
+                    part = min(path.share * self._longest, rise)
                     there = self._to(state.time + part if part < rise else self._last, None)
                     if self._may_be(there, part, back=bool(limit.idle) or turned):
                         path.idles = True
