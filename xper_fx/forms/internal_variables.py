@@ -16,8 +16,6 @@ import ufl
 from dolfinx import fem
 
 from xper_fx.bodies.explode import Bodies
-from xper_fx.forms.compiled import compiled_expression
-from xper_fx.support.compat import interpolation_points
 
 _PLACES = {
     2: ((0, 0), (1, 1), (2, 2), (0, 1)),
@@ -57,11 +55,8 @@ class History:
         )
         space = fem.functionspace(mesh, element)
         self._function = fem.Function(space, name="history")
-        self._points = interpolation_points(space.element)
         self._dofs = space.dofmap.list
-        self._mesh = mesh
         self._values = self._function.x.array.reshape(-1, width)
-        self._updates: dict[int, fem.Expression] = {}
         for tag, values in start.items():
             whole = np.concatenate(list(values.values()))
             self._values[self._dofs[self._cells[tag]], : len(whole)] = whole
@@ -105,8 +100,12 @@ class History:
             rows[i][j] = rows[j][i] = component
         return ufl.as_tensor(rows)
 
-    def update(self, tag: int, new: Mapping) -> None:
-        """Say what a commit makes of the variables of a cell tag.
+    def has(self, tag: int) -> bool:
+        """Whether the material of a cell tag has any."""
+        return tag in self._cells
+
+    def packed(self, tag: int, new: Mapping) -> list:
+        """New values of the variables of a cell tag, as they are stored.
 
         Args:
             tag: cell tag.
@@ -131,18 +130,17 @@ class History:
                     f"have the shape {shape}, got {value.ufl_shape}."
                 )
             components += [value[place] for place in self._places] if shape else [value]
-        self._updates[tag] = compiled_expression(ufl.as_vector(components), self._points)
+        return components
 
-    def commit(self) -> None:
-        """Evaluate all new values, then make them the committed ones."""
-        new = {tag: self.evaluate(update, tag) for tag, update in self._updates.items()}
+    def commit(self, new: Mapping[int, np.ndarray]) -> None:
+        """Make new values the committed ones.
+
+        Args:
+            new: by cell tag, what `packed` gave at the points, shape (num_cells, num_points,
+                components).
+        """
         for tag, values in new.items():
             self._values[self._dofs[self._cells[tag]], : values.shape[-1]] = values
-
-    def evaluate(self, expression: fem.Expression, tag: int) -> np.ndarray:
-        """An expression at the points of a cell tag, shape (num_cells, num_points, components)."""
-        cells = self._cells[tag]
-        return expression.eval(self._mesh, cells).reshape(len(cells), len(self._points), -1)
 
     def copy(self) -> dict[str, np.ndarray]:
         """Committed variables, by "name tag".
