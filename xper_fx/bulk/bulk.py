@@ -8,7 +8,7 @@ never calls the forms again. In explicit runs its forces are had cell by cell wh
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import basix
 import numpy as np
@@ -237,10 +237,11 @@ class Bulk:
             force = multiply(self.stiffness, u) if self.linear else self.forms.assemble_internal(u)
         return self.unknowns.collect(force)
 
-    def internal_at_end(self) -> Callable[[np.ndarray], np.ndarray]:
+    def internal_at_end(self, displacement: np.ndarray) -> np.ndarray:
         """As `internal`, of a bulk that is not linear, where energies are asked for, too."""
-        assemble, unknowns = self.forms.internal_at_end(), self.unknowns
-        return lambda displacement: unknowns.collect(assemble(unknowns.expand(displacement)))
+        return self.unknowns.collect(
+            self.forms.internal_at_end(self.unknowns.expand(displacement))
+        )
 
     def forces_by_cell(self) -> None:
         """Have forces of a linear bulk cell by cell from now on, if each body is a simplex.

@@ -127,7 +127,6 @@ class ExplicitScheme:
         with stopwatch.phase("assemble"):
             bulk.forces_by_cell()
             self._stable = StableStep(bulk) if bulk.forms.finite_strain else None
-            self._internal_at_end = None if bulk.linear else bulk.internal_at_end()
         self._stopwatch = stopwatch
         self._by_cell = None
         if bulk.by_cell is not None:
@@ -240,7 +239,7 @@ class ExplicitScheme:
             ahead = bulk.internal(half * velocity + q1)
             internal = 0.5 * (halfway + ahead)
         else:
-            internal = self._internal_at_end(q1)
+            internal = bulk.internal_at_end(q1)
         return EndedStep(q1, internal, ahead, float(velocity @ (internal - halfway)))
 
     @property

@@ -14,7 +14,7 @@ All derivatives are UFL's. What a scene does not call for has no form.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import basix
@@ -97,11 +97,13 @@ class BulkForms:
             ufl.inner(r.nominal_stress, displacement_gradient(test)) * self._dx(t)
             for t, r in self._responses.items()
         )
-        self._elastic_force = 0
+        self._elastic_energy = self._elastic_force = None
         if energies:
-            self._elastic_force = ufl.derivative(sum(energies), self.u, test)
-            force += self._elastic_force
-        self._elastic_energy = compiled_form(sum(energies)) if energies else None
+            elastic = ufl.derivative(sum(energies), self.u, test)
+            force += elastic
+            self._elastic_energy = compiled_form(sum(energies))
+            if self._responses:
+                self._elastic_force = compiled_form(elastic)
         self.internal = compiled_form(force)
         self.tangent = compiled_form(ufl.derivative(force, self.u, trial))
         self._cell_energy: tuple[fem.Form, np.ndarray] | None = None
@@ -213,22 +215,18 @@ class BulkForms:
         self.u.x.array[:] = displacement
         return fem.assemble_vector(self.internal).array
 
-    def internal_at_end(self) -> Callable[[np.ndarray], np.ndarray]:
-        """A function as `assemble_internal`, for displacements at which energies are asked for.
+    def internal_at_end(self, displacement: np.ndarray) -> np.ndarray:
+        """As `assemble_internal`, for displacements at which energies are asked for, too.
 
         Inelastic materials answer once for forces and energies. Last digits differ.
         """
         if self._at_points is None:
-            return self.assemble_internal
-        work, renew = self._at_points.stress_form(ufl.TestFunction(self.V), self._dx)
-        form = compiled_form(self._elastic_force + work)
-
-        def assemble(displacement: np.ndarray) -> np.ndarray:
-            self.u.x.array[:] = displacement
-            renew()
-            return fem.assemble_vector(form).array
-
-        return assemble
+            return self.assemble_internal(displacement)
+        self.u.x.array[:] = displacement
+        force = self._at_points.forces()
+        if self._elastic_force is not None:
+            force += fem.assemble_vector(self._elastic_force).array
+        return force
 
     def assemble_energy(self, displacement: np.ndarray) -> float:
         """Stored energy at a displacement, J (2D: J/m).

@@ -57,9 +57,10 @@ class History:
         self._function = fem.Function(space, name="history")
         self._dofs = space.dofmap.list
         self._values = self._function.x.array.reshape(-1, width)
+        self._rows = {tag: _rows(self._dofs[cells]) for tag, cells in self._cells.items()}
         for tag, values in start.items():
             whole = np.concatenate(list(values.values()))
-            self._values[self._dofs[self._cells[tag]], : len(whole)] = whole
+            self._values[self._rows[tag], : len(whole)] = whole
 
     @property
     def nbytes(self) -> int:
@@ -140,7 +141,8 @@ class History:
                 components).
         """
         for tag, values in new.items():
-            self._values[self._dofs[self._cells[tag]], : values.shape[-1]] = values
+            width = values.shape[-1]
+            self._values[self._rows[tag], :width] = values.reshape(-1, width)
 
     def copy(self) -> dict[str, np.ndarray]:
         """Committed variables, by "name tag".
@@ -183,3 +185,11 @@ class History:
 def _slices(values: Mapping[str, np.ndarray]) -> dict[str, slice]:
     ends = np.cumsum([0] + [len(v) for v in values.values()])
     return {name: slice(a, b) for name, a, b in zip(values, ends[:-1], ends[1:], strict=True)}
+
+
+def _rows(dofs: np.ndarray) -> slice | np.ndarray:
+    """Numbers as an index; a slice, which is faster, where they follow each other."""
+    dofs = dofs.ravel()
+    first = dofs[0] if len(dofs) else 0
+    follow = np.array_equal(dofs, np.arange(first, first + len(dofs)))
+    return slice(first, first + len(dofs)) if follow else dofs

@@ -12,17 +12,19 @@ and the Jacobian J of a cell,
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
+from functools import cache
 from typing import TYPE_CHECKING, Any
 
 import basix
-import basix.ufl
 import numpy as np
 import ufl
 from dolfinx import fem
 
 from xper_fx.bodies.explode import Bodies
+from xper_fx.cache import njit
 from xper_fx.forms.compiled import compiled_expression
+from xper_fx.forms.shape_gradients import ShapeGradients
 from xper_fx.materials.material import Response
 
 if TYPE_CHECKING:
@@ -81,7 +83,7 @@ class PointResponses:
         history: History | None,
     ):
         self._mesh, self._u, self._step, self._history = bodies.mesh, u, step, history
-        cell_name, self._degree = self._mesh.topology.cell_name(), degree
+        cell_name = self._mesh.topology.cell_name()
         points, weights = basix.make_quadrature(getattr(basix.CellType, cell_name), degree)
         dim = self._mesh.geometry.dim
         self.losses = tuple(
@@ -111,14 +113,17 @@ class PointResponses:
             tag: jacobian.eval(self._mesh, one.cells).reshape(-1, len(points)) * weights
             for tag, one in self._passes.items()
         }
+        self._points, self._gradients = points, None  # forces alone need them
         self._values: dict[int, np.ndarray] = {}
         self._at: tuple[np.ndarray, float] | None = None
 
     @property
     def nbytes(self) -> int:
-        """Memory of weights and of the values that are kept."""
+        """Memory of weights, inverse Jacobians and the values that are kept."""
         kept = [*self._weights.values(), *self._values.values()]
-        return sum(values.nbytes for values in kept) + self._u.x.array.nbytes
+        if self._gradients is not None:
+            kept.append(self._gradients.inverses)
+        return sum(values.nbytes for values in kept)
 
     def _evaluate(self) -> dict[int, np.ndarray]:
         """Values of all materials at the present displacement and step."""
@@ -160,27 +165,61 @@ class PointResponses:
         """Values are those of other committed variables."""
         self._at = None
 
-    def stress_form(self, test: Any, dx: Callable) -> tuple[ufl.Form, Callable[[], None]]:
-        """Virtual work of the nominal stresses as they were evaluated.
-
-        Returns:
-            The form, and a function that gives it the stresses at the present displacement.
-        """
+    def forces(self) -> np.ndarray:
+        """Internal forces of the nominal stresses, shape (num_dofs,), N (2D: N/m)."""
+        if self._gradients is None:
+            self._gradients = ShapeGradients(self._u.function_space, self._points)
         dim = self._mesh.geometry.dim
-        element = basix.ufl.quadrature_element(
-            self._mesh.topology.cell_name(), value_shape=(dim, dim), scheme="default",
-            degree=self._degree,
-        )  # fmt: skip
-        space = fem.functionspace(self._mesh, element)
-        stress, dofs = fem.Function(space, name="nominal_stress"), space.dofmap.list
-        at_points = stress.x.array.reshape(-1, dim * dim)
+        push, out = _push_kernel(dim), np.zeros((len(self._u.x.array) // dim, dim))
+        for tag, stress in self._parts("stress").items():
+            g = self._gradients
+            push(
+                stress, self._weights[tag], self._passes[tag].cells, g.inverses, g.shape, g.dofmap,
+                out,
+            )  # fmt: skip
+        return out.reshape(-1)
 
-        def renew() -> None:
-            for tag, part in self._parts("stress").items():
-                at_points[dofs[self._passes[tag].cells]] = part
 
-        form = sum(ufl.inner(stress, ufl.grad(test)) * dx(tag) for tag in self._passes)
-        return form, renew
+@cache
+def _push_kernel(dim: int):
+    """Kernel that adds the forces of some cells to those of all nodes, its loops unrolled."""
+
+    @njit
+    def push(stress, weights, cells, inverses, shape, dofmap, out):
+        """Add forces.
+
+        Args:
+            stress: nominal, shape (len(cells), num_points, dim * dim), Pa.
+            weights: w |det J|, shape (len(cells), num_points).
+            cells: their numbers.
+            inverses, shape, dofmap: of `ShapeGradients`.
+            out: takes the forces, shape (num_nodes, dim).
+        """
+        num_points, num_nodes, _ = shape.shape
+        scaled, last = np.empty((dim, dim)), inverses.shape[1] - 1
+        forces = np.empty((num_nodes, dim))
+        for c in range(len(cells)):
+            cell = cells[c]
+            forces[:] = 0.0
+            for q in range(num_points):
+                at = min(q, last)
+                for i in range(dim):
+                    for k in range(dim):
+                        total = 0.0
+                        for j in range(dim):
+                            total += stress[c, q, i * dim + j] * inverses[cell, at, k, j]
+                        scaled[i, k] = weights[c, q] * total
+                for node in range(num_nodes):
+                    for i in range(dim):
+                        total = 0.0
+                        for k in range(dim):
+                            total += scaled[i, k] * shape[q, node, k]
+                        forces[node, i] += total
+            for node in range(num_nodes):
+                for i in range(dim):
+                    out[dofmap[cell, node], i] += forces[node, i]
+
+    return push
 
 
 def _components(expression: Any) -> list:

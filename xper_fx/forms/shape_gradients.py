@@ -1,0 +1,98 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Gradients of shape functions at points of quadrature, as kernels take them.
+
+The gradient of shape function n is J^-T times that in the reference cell. The latter are a table
+for all cells, the Jacobian J of a linear simplex is the same at all of its points.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import ufl
+from dolfinx import fem
+
+from xper_fx.cache import njit
+from xper_fx.forms.compiled import compiled_expression
+
+
+class ShapeGradients:
+    """Of a vector Lagrange space.
+
+    Args:
+        V: the space.
+        points: of quadrature, in the reference cell, shape (num_points, dim).
+
+    Attributes:
+        inverses: J^-1, shape (num_cells, num_points or one where all are the same, dim, dim), 1/m.
+        shape: derivatives of the shape functions in the reference cell, shape (num_points,
+            num_nodes, dim).
+        dofmap: nodes of the cells, shape (num_cells, num_nodes).
+    """
+
+    def __init__(self, V: fem.FunctionSpace, points: np.ndarray):
+        mesh = V.mesh
+        same = mesh.ufl_domain().is_piecewise_linear_simplex_domain()
+        inverse = compiled_expression(ufl.JacobianInverse(mesh), points[:1] if same else points)
+        self.dofmap, dim = V.dofmap.list, mesh.geometry.dim
+        cells = np.arange(len(self.dofmap), dtype=np.int32)
+        self.inverses = inverse.eval(mesh, cells).reshape(len(cells), -1, dim, dim)
+        table = V.sub(0).element.basix_element.tabulate(1, points)[1:, :, :, 0]
+        self.shape = np.ascontiguousarray(table.transpose(1, 2, 0))
+
+    def spread(self) -> np.ndarray:
+        """Largest sum, at a point of each cell, of the lengths of the gradients (1/m).
+
+        The first node's is left out: with displacements taken from those of this node, the
+        displacement gradient is no larger than this times the largest of them.
+        """
+        out = np.empty(len(self.dofmap))
+        _spread(self.inverses, self.shape, out)
+        return out
+
+
+@njit
+def _spread(inverses, shape, out):
+    """Fill `ShapeGradients.spread`."""
+    num_points, num_nodes, dim = shape.shape
+    last = inverses.shape[1] - 1
+    for cell in range(len(out)):
+        out[cell] = 0.0
+        for q in range(num_points):
+            inverse = inverses[cell, min(q, last)]
+            total = 0.0
+            for node in range(1, num_nodes):
+                square = 0.0
+                for i in range(dim):
+                    component = 0.0
+                    for k in range(dim):
+                        component += inverse[k, i] * shape[q, node, k]
+                    square += component * component
+                total += np.sqrt(square)
+            out[cell] = max(out[cell], total)
+
+
+@cache
+def gradient_kernel(dim: int):
+    """Kernel `gradient(values, nodes, inverse, shape, out)`, to be called by others.
+
+    Values are those of all nodes, shape (num_nodes, dim), `nodes` those of a cell, `inverse` its J^-1
+    and `shape` the derivatives at a point, shape (nodes of the cell, dim); `out` takes the gradient.
+    """
+
+    @njit
+    def gradient(values, nodes, inverse, shape, out):
+        for i in range(dim):
+            for j in range(dim):
+                out[i, j] = 0.0
+        for n in range(len(nodes)):
+            for i in range(dim):
+                value = values[nodes[n], i]
+                for k in range(dim):
+                    derivative = 0.0
+                    for m in range(dim):
+                        derivative += inverse[m, k] * shape[n, m]
+                    out[i, k] += value * derivative
+
+    return gradient
