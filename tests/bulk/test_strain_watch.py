@@ -9,6 +9,7 @@ from scenes import box_bodies
 
 from xper_fx.bulk.strain_watch import StrainWatch
 from xper_fx.forms.dynamics import BulkForms
+from xper_fx.forms.shape_gradients import ShapeGradients
 from xper_fx.materials import NeoHookean
 
 BOUND = 0.1
@@ -62,7 +63,7 @@ def test_what_is_beyond_the_bound_is_seen_at_once(kind, order):
 
 
 def test_cells_that_are_hardly_strained_are_looked_at_seldom():
-    """A body that is carried along is not looked at, one that turns each hundredth of a radian or so."""
+    """A body that is carried along is not looked at, one that turns each hundredth of a radian."""
     watch, _, x = watched("tetrahedron", 1)
     looks = 0
     for number in range(1, 1001):
@@ -77,6 +78,17 @@ def test_cells_that_are_hardly_strained_are_looked_at_seldom():
         assert watch.largest(turned - x, BOUND) < 1e-2
         looks += np.any(watch._kept != before, axis=(1, 2)).mean()
     assert 5 < looks < 200
+
+
+def test_displacement_gradients_are_bounded_by_what_nodes_move():
+    """Of triangles: grad N_n are the rows of the inverse of the edges."""
+    bodies = box_bodies((1.0, 1.0), (2, 2), "triangle", label=0)
+    V = fem.functionspace(bodies.mesh, ("Lagrange", 1, (2,)))
+    shapes = ShapeGradients(V, np.array([[1 / 3, 1 / 3]]))
+    x = V.tabulate_dof_coordinates()[:, :2][shapes.dofmap]
+    gradients = np.linalg.inv(x[:, 1:] - x[:, :1])
+    expected = np.linalg.norm(gradients, axis=1).sum(axis=1)
+    np.testing.assert_allclose(shapes.spread(), expected, rtol=1e-13)
 
 
 def test_a_bound_that_gets_smaller_holds_at_once():

@@ -25,7 +25,11 @@ def pulled(material=NEO, scheme="implicit", cells=2, order=1, step=0.005, **opti
         {1: material},
         order=order,
         default_interaction=PerfectBond(),
-        loads=[PrescribedVelocity(BOTTOM, 1, 0.0), PrescribedVelocity(TOP, 1, 0.1)],
+        loads=[
+            PrescribedVelocity(BOTTOM, 0, 0.0),
+            PrescribedVelocity(BOTTOM, 1, 0.0),
+            PrescribedVelocity(TOP, 1, 0.1),
+        ],
     )
     return Simulation(scene, step, scheme=scheme, num_threads=1, **options)
 

@@ -13,9 +13,9 @@ height vibrates some three times as fast. Beyond the limit the fastest vibration
 in each step, and takes its energy from nowhere.
 
 K costs some ten times as much as forces, so it is assembled again only where it may have changed
-enough. enough: once a cell has been strained by e since then (`strain_watch.py`), it vibrates up to 1 / (1 - e)
-times as fast, and a material that stiffens does so too. The bound is half of the margin, one less h
-over the stable step.
+enough. A cell strained by e since then vibrates up to 1 / (1 - e) times as fast, and a
+material that stiffens does so too. K is assembled again once e exceeds half of the margin, one less
+h over the stable step; `strain_watch.py` sees it in the step after, whatever crushes a cell.
 
 Matter that has flowed counts as flowing on, with a tangent that is soft along the flow; as soon as
 it vibrates it is as stiff as it is where nothing flows, without being strained. K of such a bulk is

@@ -7,15 +7,16 @@ With F_0 at a place that strains are counted from, f = F F_0^-1 and the strain o
 
 of its points of quadrature, as a cell that bends need not be strained in its middle.
 
-Strains are looked at where they may be beyond the bound m alone. Let no node of a cell have moved by
-more than r against its first node since the last look, which saw e. As sum_n |grad N_n| <= g, f
-has changed by less than b = g r |F_0^-1|. With |f|^2 <= 1 + 2 e the strain has changed, in row sums,
-by less than
+Strains are looked at where they may be beyond the bound m alone. Let no node of a cell have moved
+by more than r against its first node since the last look, which saw e. As sum_n |grad N_n| <= g, f
+has changed by less than b = g r |F_0^-1|. With |f|^2 <= 1 + 2 e the strain has changed, in row
+sums, by less than
 
     sqrt(dim) (b sqrt(1 + 2 e) + b^2 / 2) = m - e   at   b = sqrt(1 + 2 c) - sqrt(1 + 2 e),
 
-c = e + (m - e) / sqrt(dim). A cell is looked at again once a node of it is beyond its r: none passes
-the bound unseen, be it crushed in one step, and what is found does not depend on earlier looks.
+c = e + (m - e) / sqrt(dim). A cell is looked at again once a node of it is beyond its r: none
+passes the bound unseen, be it crushed in one step, and what is found does not depend on earlier
+looks.
 """
 
 from __future__ import annotations

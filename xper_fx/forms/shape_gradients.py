@@ -77,8 +77,9 @@ def _spread(inverses, shape, out):
 def gradient_kernel(dim: int):
     """Kernel `gradient(values, nodes, inverse, shape, out)`, to be called by others.
 
-    Values are those of all nodes, shape (num_nodes, dim), `nodes` those of a cell, `inverse` its J^-1
-    and `shape` the derivatives at a point, shape (nodes of the cell, dim); `out` takes the gradient.
+    Values are those of all nodes, shape (num_nodes, dim), `nodes` those of a cell, `inverse` its
+    J^-1 and `shape` the derivatives at a point, shape (nodes of the cell, dim); `out` takes the
+    gradient.
     """
 
     @njit

@@ -53,7 +53,7 @@ from xper_fx.materials.radial_return import radial_return
 
 # Newton from the trial's x: enough for steps that double the length.
 _ITERATIONS = 6
-# From the x at the end of the step to that at K(alpha): at most |d| p H / (3 mu) away, squared thrice.
+# From the x at the end of a step to that at K(alpha), near by: a distance that is squared thrice.
 _NEARBY = 3
 
 

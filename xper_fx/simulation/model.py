@@ -262,9 +262,9 @@ class Model:
             )
         if self.bulk.forms.finite_strain and step > SAFE * critical and team.rank == 0:
             logger.warning(
-                "The step %.3g s is %.2f of the critical one, which falls as cells are flattened or "
-                "stiffen: at the first fall the step will be cut by half, for the rest of the run. "
-                "Leave some room, or leave the step out: it is then %.1f of the critical one.",
+                "The step %.3g s is %.2f of the critical one, which falls as cells are flattened "
+                "or stiffen: at the first fall the step will be cut by half, for the rest of the "
+                "run. Leave some room, or leave the step out: it is %.1f of the critical one then.",
                 step, step / critical, _BELOW_LIMIT,
             )  # fmt: skip
         return float(step)
