@@ -84,7 +84,7 @@ def test_displacement_gradients_are_bounded_by_what_nodes_move():
     """Of triangles: grad N_n are the rows of the inverse of the edges."""
     bodies = box_bodies((1.0, 1.0), (2, 2), "triangle", label=0)
     V = fem.functionspace(bodies.mesh, ("Lagrange", 1, (2,)))
-    shapes = ShapeGradients(V, np.array([[1 / 3, 1 / 3]]))
+    shapes = ShapeGradients.of(V, np.array([[1 / 3, 1 / 3]]))
     x = V.tabulate_dof_coordinates()[:, :2][shapes.dofmap]
     gradients = np.linalg.inv(x[:, 1:] - x[:, :1])
     expected = np.linalg.norm(gradients, axis=1).sum(axis=1)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""What inelastic materials answer in one pass is what a form of each would give, and never stale."""
+"""What inelastic materials answer in one pass is what forms would give, and never stale."""
 
 from __future__ import annotations
 
@@ -137,9 +137,7 @@ def test_materials_answer_once_a_step(scheme, material, monkeypatch):
         point_responses._Pass, "evaluate", lambda *a: calls.append(a) or evaluate(*a)
     )
     forces, assemble = [], BulkForms.assemble_internal
-    monkeypatch.setattr(
-        BulkForms, "assemble_internal", lambda *a: forces.append(a) or assemble(*a)
-    )
+    monkeypatch.setattr(BulkForms, "assemble_internal", lambda *a: forces.append(a) or assemble(*a))
     records = list(simulation.steps(0.2))
     assert len(calls) == len(records) == 20
     assert scheme == "implicit" or len(forces) == 20  # those of mid-step

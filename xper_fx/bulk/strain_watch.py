@@ -35,12 +35,13 @@ _SLACK = 1e-9
 
 @cache
 def _kernels(dim: int):
-    """Kernels that fill the inverses of F, and that look at strains."""
+    """Kernels that fill gradients, and that look at strains."""
     gradient = gradient_kernel(dim)
 
     @njit
-    def invert(place, dofmap, jacobians, shape, out):
+    def displacement_gradients(place, shapes, out):
         """F - I at all points of all cells; arguments as of `largest`."""
+        dofmap, jacobians, shape = shapes
         for cell in range(len(out)):
             for q in range(len(shape)):
                 jacobian = jacobians[cell, min(q, jacobians.shape[1] - 1)]
@@ -60,17 +61,18 @@ def _kernels(dim: int):
         return False
 
     @njit
-    def largest(place, dofmap, jacobians, shape, spread, inverses, bound, radii, kept):
+    def largest(place, shapes, spread, inverses, bound, radii, kept):
         """Largest strain of the cells looked at; a NaN is left out.
 
         Args:
             place: displacements, shape (num_nodes, dim).
-            dofmap, jacobians, shape, spread: of `ShapeGradients`.
+            shapes, spread: a `ShapeGradients` and its `spread`.
             inverses: F_0^-1, shape (num_cells, num_points, dim, dim).
             bound: m.
             radii: r of each cell, renewed where it is looked at (m).
             kept: displacements of the nodes of each cell at its last look, renewed.
         """
+        dofmap, jacobians, shape = shapes
         top, f, h = 0.0, np.empty((dim, dim)), np.empty((dim, dim))
         for cell in range(len(radii)):
             nodes = dofmap[cell]
@@ -105,7 +107,7 @@ def _kernels(dim: int):
                     kept[cell, n, i] = place[nodes[n], i]
         return top
 
-    return invert, largest
+    return displacement_gradients, largest
 
 
 class StrainWatch:
@@ -120,19 +122,18 @@ class StrainWatch:
     """
 
     def __init__(self, V: fem.FunctionSpace, points: np.ndarray):
-        shapes, dim = ShapeGradients(V, points), V.mesh.geometry.dim
-        self._invert, self._largest = _kernels(dim)
-        self._shapes = shapes.dofmap, shapes.inverses, shapes.shape
-        self._spread = shapes.spread()
+        self._shapes, dim = ShapeGradients.of(V, points), V.mesh.geometry.dim
+        self._gradients, self._largest = _kernels(dim)
+        self._spread = self._shapes.spread()
         self.inverses = np.tile(np.eye(dim), (len(self._spread), len(points), 1, 1))
         self._bound = np.inf
         self._radii = np.zeros(len(self._spread))
-        self._kept = np.zeros((*shapes.dofmap.shape, dim))
+        self._kept = np.zeros((*self._shapes.dofmap.shape, dim))
 
     def count_from(self, place: np.ndarray) -> None:
         """Count strains from displacements, shape (num_nodes, dim)."""
         gradients = np.empty_like(self.inverses)
-        self._invert(place, *self._shapes, gradients)
+        self._gradients(place, self._shapes, gradients)
         self.take(np.linalg.inv(np.eye(place.shape[1]) + gradients))
 
     def take(self, inverses: np.ndarray) -> None:
@@ -150,5 +151,5 @@ class StrainWatch:
             self._radii[:] = 0.0
         self._bound = bound
         return self._largest(
-            place, *self._shapes, self._spread, self.inverses, bound, self._radii, self._kept
+            place, self._shapes, self._spread, self.inverses, bound, self._radii, self._kept
         )

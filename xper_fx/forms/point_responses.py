@@ -87,9 +87,7 @@ class PointResponses:
         points, weights = basix.make_quadrature(getattr(basix.CellType, cell_name), degree)
         dim = self._mesh.geometry.dim
         self.losses = tuple(
-            name
-            for name in LOSSES
-            if any(getattr(r, name) is not None for r in responses.values())
+            name for name in LOSSES if any(getattr(r, name) is not None for r in responses.values())
         )
         self.flows = any(r.increment is not None for r in responses.values())
         self._passes: dict[int, _Pass] = {}
@@ -168,15 +166,11 @@ class PointResponses:
     def forces(self) -> np.ndarray:
         """Internal forces of the nominal stresses, shape (num_dofs,), N (2D: N/m)."""
         if self._gradients is None:
-            self._gradients = ShapeGradients(self._u.function_space, self._points)
+            self._gradients = ShapeGradients.of(self._u.function_space, self._points)
         dim = self._mesh.geometry.dim
         push, out = _push_kernel(dim), np.zeros((len(self._u.x.array) // dim, dim))
         for tag, stress in self._parts("stress").items():
-            g = self._gradients
-            push(
-                stress, self._weights[tag], self._passes[tag].cells, g.inverses, g.shape, g.dofmap,
-                out,
-            )  # fmt: skip
+            push(stress, self._weights[tag], self._passes[tag].cells, self._gradients, out)
         return out.reshape(-1)
 
 
@@ -185,16 +179,17 @@ def _push_kernel(dim: int):
     """Kernel that adds the forces of some cells to those of all nodes, its loops unrolled."""
 
     @njit
-    def push(stress, weights, cells, inverses, shape, dofmap, out):
+    def push(stress, weights, cells, gradients, out):
         """Add forces.
 
         Args:
             stress: nominal, shape (len(cells), num_points, dim * dim), Pa.
             weights: w |det J|, shape (len(cells), num_points).
             cells: their numbers.
-            inverses, shape, dofmap: of `ShapeGradients`.
+            gradients: a `ShapeGradients`.
             out: takes the forces, shape (num_nodes, dim).
         """
+        dofmap, inverses, shape = gradients
         num_points, num_nodes, _ = shape.shape
         scaled, last = np.empty((dim, dim)), inverses.shape[1] - 1
         forces = np.empty((num_nodes, dim))

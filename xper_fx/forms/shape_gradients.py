@@ -8,6 +8,7 @@ for all cells, the Jacobian J of a linear simplex is the same at all of its poin
 from __future__ import annotations
 
 from functools import cache
+from typing import NamedTuple
 
 import numpy as np
 import ufl
@@ -17,29 +18,35 @@ from xper_fx.cache import njit
 from xper_fx.forms.compiled import compiled_expression
 
 
-class ShapeGradients:
+class ShapeGradients(NamedTuple):
     """Of a vector Lagrange space.
 
-    Args:
-        V: the space.
-        points: of quadrature, in the reference cell, shape (num_points, dim).
-
     Attributes:
+        dofmap: nodes of the cells, shape (num_cells, num_nodes).
         inverses: J^-1, shape (num_cells, num_points or one where all are the same, dim, dim), 1/m.
         shape: derivatives of the shape functions in the reference cell, shape (num_points,
             num_nodes, dim).
-        dofmap: nodes of the cells, shape (num_cells, num_nodes).
     """
 
-    def __init__(self, V: fem.FunctionSpace, points: np.ndarray):
-        mesh = V.mesh
+    dofmap: np.ndarray
+    inverses: np.ndarray
+    shape: np.ndarray
+
+    @classmethod
+    def of(cls, V: fem.FunctionSpace, points: np.ndarray) -> ShapeGradients:
+        """Those of a space.
+
+        Args:
+            V: vector Lagrange space.
+            points: of quadrature, in the reference cell, shape (num_points, dim).
+        """
+        mesh, dofmap = V.mesh, V.dofmap.list
         same = mesh.ufl_domain().is_piecewise_linear_simplex_domain()
         inverse = compiled_expression(ufl.JacobianInverse(mesh), points[:1] if same else points)
-        self.dofmap, dim = V.dofmap.list, mesh.geometry.dim
-        cells = np.arange(len(self.dofmap), dtype=np.int32)
-        self.inverses = inverse.eval(mesh, cells).reshape(len(cells), -1, dim, dim)
+        dim, cells = mesh.geometry.dim, np.arange(len(dofmap), dtype=np.int32)
+        inverses = inverse.eval(mesh, cells).reshape(len(cells), -1, dim, dim)
         table = V.sub(0).element.basix_element.tabulate(1, points)[1:, :, :, 0]
-        self.shape = np.ascontiguousarray(table.transpose(1, 2, 0))
+        return cls(dofmap, inverses, np.ascontiguousarray(table.transpose(1, 2, 0)))
 
     def spread(self) -> np.ndarray:
         """Largest sum, at a point of each cell, of the lengths of the gradients (1/m).
