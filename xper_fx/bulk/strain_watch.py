@@ -39,13 +39,14 @@ def _kernels(dim: int):
     gradient = gradient_kernel(dim)
 
     @njit
-    def displacement_gradients(place, shapes, out):
-        """F - I at all points of all cells; arguments as of `largest`."""
-        dofmap, jacobians, shape = shapes
+    def displacement_gradients(places, shapes, out):
+        """F - I at all points of all cells, from the displacements of the nodes of each."""
+        _, jacobians, shape = shapes
+        work = np.empty((dim, dim))
         for cell in range(len(out)):
             for q in range(len(shape)):
                 jacobian = jacobians[cell, min(q, jacobians.shape[1] - 1)]
-                gradient(place, dofmap[cell], jacobian, shape[q], out[cell, q])
+                gradient(places[cell], jacobian, shape[q], work, out[cell, q])
 
     @njit
     def moved(place, nodes, before, radius):
@@ -73,15 +74,18 @@ def _kernels(dim: int):
             kept: displacements of the nodes of each cell at its last look, renewed.
         """
         dofmap, jacobians, shape = shapes
-        top, f, h = 0.0, np.empty((dim, dim)), np.empty((dim, dim))
+        top, f, h, work = 0.0, np.empty((dim, dim)), np.empty((dim, dim)), np.empty((dim, dim))
         for cell in range(len(radii)):
             nodes = dofmap[cell]
             if not moved(place, nodes, kept[cell], radii[cell]):
                 continue
+            for n in range(len(nodes)):
+                for i in range(dim):
+                    kept[cell, n, i] = place[nodes[n], i]
             strain, stretch = 0.0, 0.0
             for q in range(len(shape)):
                 jacobian = jacobians[cell, min(q, jacobians.shape[1] - 1)]
-                gradient(place, nodes, jacobian, shape[q], h)
+                gradient(kept[cell], jacobian, shape[q], work, h)
                 square = 0.0
                 for i in range(dim):
                     for j in range(dim):
@@ -102,9 +106,6 @@ def _kernels(dim: int):
             far = 1.0 + 2.0 * (strain + (bound - strain) / np.sqrt(dim))
             change = max(np.sqrt(max(far, 0.0)) - np.sqrt(1.0 + 2.0 * strain), 0.0)
             radii[cell] = (1.0 - _SLACK) * change / (spread[cell] * stretch)
-            for n in range(len(nodes)):
-                for i in range(dim):
-                    kept[cell, n, i] = place[nodes[n], i]
         return top
 
     return displacement_gradients, largest
@@ -133,7 +134,7 @@ class StrainWatch:
     def count_from(self, place: np.ndarray) -> None:
         """Count strains from displacements, shape (num_nodes, dim)."""
         gradients = np.empty_like(self.inverses)
-        self._gradients(place, self._shapes, gradients)
+        self._gradients(place[self._shapes.dofmap], self._shapes, gradients)
         self.take(np.linalg.inv(np.eye(place.shape[1]) + gradients))
 
     def take(self, inverses: np.ndarray) -> None:

@@ -190,9 +190,9 @@ def _push_kernel(dim: int):
             out: takes the forces, shape (num_nodes, dim).
         """
         dofmap, inverses, shape = gradients
-        num_points, num_nodes, _ = shape.shape
+        num_points, _, num_nodes = shape.shape
         scaled, last = np.empty((dim, dim)), inverses.shape[1] - 1
-        forces = np.empty((num_nodes, dim))
+        forces = np.empty((dim, num_nodes))
         for c in range(len(cells)):
             cell = cells[c]
             forces[:] = 0.0
@@ -204,15 +204,15 @@ def _push_kernel(dim: int):
                         for j in range(dim):
                             total += stress[c, q, i * dim + j] * inverses[cell, at, k, j]
                         scaled[i, k] = weights[c, q] * total
-                for node in range(num_nodes):
-                    for i in range(dim):
+                for i in range(dim):
+                    for node in range(num_nodes):
                         total = 0.0
                         for k in range(dim):
-                            total += scaled[i, k] * shape[q, node, k]
-                        forces[node, i] += total
+                            total += scaled[i, k] * shape[q, k, node]
+                        forces[i, node] += total
             for node in range(num_nodes):
                 for i in range(dim):
-                    out[dofmap[cell, node], i] += forces[node, i]
+                    out[dofmap[cell, node], i] += forces[i, node]
 
     return push
 

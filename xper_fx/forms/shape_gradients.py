@@ -24,8 +24,8 @@ class ShapeGradients(NamedTuple):
     Attributes:
         dofmap: nodes of the cells, shape (num_cells, num_nodes).
         inverses: J^-1, shape (num_cells, num_points or one where all are the same, dim, dim), 1/m.
-        shape: derivatives of the shape functions in the reference cell, shape (num_points,
-            num_nodes, dim).
+        shape: derivatives of the shape functions in the reference cell, shape (num_points, dim,
+            num_nodes).
     """
 
     dofmap: np.ndarray
@@ -46,7 +46,7 @@ class ShapeGradients(NamedTuple):
         dim, cells = mesh.geometry.dim, np.arange(len(dofmap), dtype=np.int32)
         inverses = inverse.eval(mesh, cells).reshape(len(cells), -1, dim, dim)
         table = V.sub(0).element.basix_element.tabulate(1, points)[1:, :, :, 0]
-        return cls(dofmap, inverses, np.ascontiguousarray(table.transpose(1, 2, 0)))
+        return cls(dofmap, inverses, np.ascontiguousarray(table.transpose(1, 0, 2)))
 
     def spread(self) -> np.ndarray:
         """Largest sum, at a point of each cell, of the lengths of the gradients (1/m).
@@ -62,7 +62,7 @@ class ShapeGradients(NamedTuple):
 @njit
 def _spread(inverses, shape, out):
     """Fill `ShapeGradients.spread`."""
-    num_points, num_nodes, dim = shape.shape
+    num_points, dim, num_nodes = shape.shape
     last = inverses.shape[1] - 1
     for cell in range(len(out)):
         out[cell] = 0.0
@@ -74,7 +74,7 @@ def _spread(inverses, shape, out):
                 for i in range(dim):
                     component = 0.0
                     for k in range(dim):
-                        component += inverse[k, i] * shape[q, node, k]
+                        component += inverse[k, i] * shape[q, k, node]
                     square += component * component
                 total += np.sqrt(square)
             out[cell] = max(out[cell], total)
@@ -82,25 +82,26 @@ def _spread(inverses, shape, out):
 
 @cache
 def gradient_kernel(dim: int):
-    """Kernel `gradient(values, nodes, inverse, shape, out)`, to be called by others.
+    """Kernel `gradient(values, inverse, shape, work, out)`, to be called by others.
 
-    Values are those of all nodes, shape (num_nodes, dim), `nodes` those of a cell, `inverse` its
-    J^-1 and `shape` the derivatives at a point, shape (nodes of the cell, dim); `out` takes the
-    gradient.
+    Values are those of the nodes of a cell, shape (num_nodes, dim), `inverse` its J^-1 and `shape`
+    the derivatives at a point, shape (dim, num_nodes); `out` takes the gradient, `work` is as large.
     """
 
     @njit
-    def gradient(values, nodes, inverse, shape, out):
+    def gradient(values, inverse, shape, work, out):
+        for i in range(dim):
+            for k in range(dim):
+                work[i, k] = 0.0
+        for n in range(len(values)):
+            for i in range(dim):
+                for k in range(dim):
+                    work[i, k] += values[n, i] * shape[k, n]
         for i in range(dim):
             for j in range(dim):
-                out[i, j] = 0.0
-        for n in range(len(nodes)):
-            for i in range(dim):
-                value = values[nodes[n], i]
+                total = 0.0
                 for k in range(dim):
-                    derivative = 0.0
-                    for m in range(dim):
-                        derivative += inverse[m, k] * shape[n, m]
-                    out[i, k] += value * derivative
+                    total += work[i, k] * inverse[k, j]
+                out[i, j] = total
 
     return gradient
