@@ -85,7 +85,8 @@ def gradient_kernel(dim: int):
     """Kernel `gradient(values, inverse, shape, work, out)`, to be called by others.
 
     Values are those of the nodes of a cell, shape (num_nodes, dim), `inverse` its J^-1 and `shape`
-    the derivatives at a point, shape (dim, num_nodes); `out` takes the gradient, `work` is as large.
+    the derivatives at a point, shape (dim, num_nodes); `out` takes the gradient, `work` is of its
+    shape.
     """
 
     @njit
