@@ -13,7 +13,7 @@ from scenes import BOTTOM, TOP, box_bodies, field, nodes
 from scipy.linalg import eigh
 
 from xper_fx.bulk.bulk import Bulk
-from xper_fx.bulk.stable_step import stable_step
+from xper_fx.bulk.stable_step import UnstableStepError, stable_step
 from xper_fx.forms.loads import PrescribedVelocity, RayleighDamping
 from xper_fx.materials import (
     J2FiniteStrain,
@@ -98,6 +98,42 @@ def test_a_cell_that_bends_is_not_strained_in_its_middle(order):
     for _ in range(4):
         stable.require(0.5 * expected, place, 0.0 * place)
     assert stable.step == pytest.approx(expected, rel=1e-12)
+
+
+def test_a_cell_crushed_in_one_step_is_seen_in_the_next():
+    """Strains were looked at each four steps: particles at half of the wave speed came later."""
+    simulation = pressed(speed=-5.0, step=0.005)
+    bulk, stable = simulation.bulk, simulation.model.scheme._stable
+    place = 0.0 * simulation.state.displacement
+    stable.require(0.01, place, place)
+    crushed = (nodes(simulation) * (0.0, -0.4)).ravel()
+    with pytest.raises(UnstableStepError, match="flattened"):
+        stable.require(0.02, crushed, place)
+    assert stable.step == pytest.approx(stable_step(bulk, crushed), rel=1e-12)
+
+
+def test_a_step_that_is_known_to_be_too_long_costs_nothing(monkeypatch):
+    """Each step begins with the size asked for, and K was assembled for each that failed."""
+    simulation = pressed()
+    for _ in simulation.steps(1.0):
+        pass
+    asked = []
+    monkeypatch.setattr(Bulk, "critical_step", lambda *a: asked.append(a))
+    state, stable = simulation.state, simulation.model.scheme._stable
+    for _ in range(8):
+        with pytest.raises(UnstableStepError):
+            stable.require(simulation.step_size, 1.1 * state.displacement, state.velocity)
+    assert asked == []
+
+
+@pytest.mark.parametrize("material", [LinearElastic, NeoHookean])
+@pytest.mark.parametrize("share", [0.96, 0.98])
+def test_a_step_near_the_limit_is_told_at_finite_strain(material, share, caplog):
+    critical = pressed().step_size / 0.7
+    with caplog.at_level(logging.WARNING, "xper_fx"):
+        pressed(material(100.0, 0.3, 1.0), step=share * critical)
+    told = [r.getMessage() for r in caplog.records if "will be cut by half" in r.getMessage()]
+    assert len(told) == (share > 0.97 and material is NeoHookean)
 
 
 def test_a_material_that_stiffens_as_it_is_pulled():

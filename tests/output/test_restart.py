@@ -788,7 +788,7 @@ def assert_same(one, other) -> None:
         for name in one:
             assert_same(one[name], other[name])
     else:
-        assert np.array_equal(one, other, equal_nan=True)
+        np.testing.assert_equal(one, other)
 
 
 @pytest.mark.slow

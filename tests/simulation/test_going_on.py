@@ -61,7 +61,7 @@ def test_the_same_scene_goes_on_with_the_same_bits(name):
     whole, parts = left(first), left(other)
     assert set(whole) == set(parts)
     for what, values in whole.items():
-        assert np.array_equal(values, parts[what], equal_nan=True), what
+        np.testing.assert_equal(values, parts[what], what)
 
 
 def heap(*more, **options):

@@ -237,6 +237,10 @@ class Bulk:
             force = multiply(self.stiffness, u) if self.linear else self.forms.assemble_internal(u)
         return self.unknowns.collect(force)
 
+    def internal_at_end(self, displacement: np.ndarray) -> np.ndarray:
+        """As `internal`, of a bulk that is not linear, where energies are asked for, too."""
+        return self.unknowns.collect(self.forms.internal_at_end(self.unknowns.expand(displacement)))
+
     def forces_by_cell(self) -> None:
         """Have forces of a linear bulk cell by cell from now on, if each body is a simplex.
 

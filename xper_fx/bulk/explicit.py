@@ -239,7 +239,7 @@ class ExplicitScheme:
             ahead = bulk.internal(half * velocity + q1)
             internal = 0.5 * (halfway + ahead)
         else:
-            internal = bulk.internal(q1)
+            internal = bulk.internal_at_end(q1)
         return EndedStep(q1, internal, ahead, float(velocity @ (internal - halfway)))
 
     @property

@@ -106,8 +106,8 @@ class ImplicitScheme:
 
     def saved(self) -> dict:
         """At what the kept inverses were made."""
-        return self._inverses.saved()
+        return {"inverses": self._inverses.saved()}
 
     def restore(self, saved: Mapping) -> None:
-        """Make the inverses that `saved` told of."""
-        self._inverses.restore(saved)
+        """Make the inverses that `saved` told of; other solvers keep others."""
+        self._inverses.restore(saved.get("inverses", {}))

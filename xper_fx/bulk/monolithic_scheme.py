@@ -288,9 +288,9 @@ class MonolithicScheme:
         if self.bulk.linear or self._compliance is None:
             return {}
         step, compliance, _ = self._compliance
-        return self.bulk.unknowns.by_cell(compliance) | {"step": step}
+        return {"compliance": self.bulk.unknowns.by_cell(compliance) | {"step": step}}
 
     def restore(self, saved: Mapping) -> None:
-        """Take what `saved` gave."""
-        if saved:
-            self._take(saved["step"], self.bulk.unknowns.from_cells(saved))
+        """Take what `saved` gave; other solvers keep none."""
+        if kept := saved.get("compliance"):
+            self._take(kept["step"], self.bulk.unknowns.from_cells(kept))

@@ -13,13 +13,9 @@ height vibrates some three times as fast. Beyond the limit the fastest vibration
 in each step, and takes its energy from nowhere.
 
 K costs some ten times as much as forces, so it is assembled again only where it may have changed
-enough. With F_0 when K was last looked at, f = F F_0^-1 and the strain since then,
-
-    e = max |f^T f - I| / 2   (row sums),
-
-of all points of quadrature, as a cell that bends need not be strained in its middle. A cell
-squeezed by e vibrates up to 1 / (1 - e) times as fast, and a material that stiffens does so
-too. K is assembled again once e exceeds half of the margin, one less h over the stable step.
+enough. A cell strained by e since then vibrates up to 1 / (1 - e) times as fast, and a
+material that stiffens does so too. K is assembled again once e exceeds half of the margin, one less
+h over the stable step; `strain_watch.py` sees it in the step after, whatever crushes a cell.
 
 Matter that has flowed counts as flowing on, with a tangent that is soft along the flow; as soon as
 it vibrates it is as stiff as it is where nothing flows, without being strained. K of such a bulk is
@@ -32,49 +28,20 @@ import logging
 from collections.abc import Mapping
 
 import numpy as np
-import ufl
 
 from xper_fx.bulk.bulk import Bulk
-from xper_fx.cache import njit
-from xper_fx.forms.compiled import compiled_expression
+from xper_fx.bulk.strain_watch import StrainWatch
 from xper_fx.support.saved_rows import Rows
 
 logger = logging.getLogger(__name__)
 
-# Steps between two looks at the strains: a wave passes a cell in one or two.
-_LOOKS_EVERY = 4
+# Least margin of the strain. A step at its limit may be beyond it by as much before K is assembled
+# again: the fastest vibration then grows by less than a tenth a step, and soon is a larger strain.
+_LEAST = 1e-3
 # Part of a step by which matter that flows goes back, so that it is elastic.
 _BACK = 1e-3
 # Share of the present stable step that a step may be once that one has fallen.
-_SAFE = 0.97
-
-
-@njit
-def _largest_strain(gradients, inverses):
-    """Largest strain of all points since F was the inverse of `inverses`; a NaN is left out.
-
-    Args:
-        gradients: of the displacement, shape (num_points, dim, dim).
-        inverses: of the deformation gradients before, of the same shape.
-    """
-    dim = gradients.shape[1]
-    largest = 0.0
-    f = np.empty((dim, dim))
-    for point in range(len(gradients)):
-        for i in range(dim):
-            for j in range(dim):
-                f[i, j] = inverses[point, i, j]
-                for k in range(dim):
-                    f[i, j] += gradients[point, i, k] * inverses[point, k, j]
-        for i in range(dim):
-            row = 0.0
-            for j in range(dim):
-                c = -1.0 if i == j else 0.0
-                for k in range(dim):
-                    c += f[k, i] * f[k, j]
-                row += abs(c)
-            largest = max(largest, 0.5 * row)
-    return largest
+SAFE = 0.97
 
 
 def stable_step(bulk: Bulk, displacement: np.ndarray | None = None) -> float:
@@ -106,36 +73,30 @@ class StableStep:
         self._bulk = bulk
         self.step = self._at_rest = stable_step(bulk)
         points, _ = bulk.forms.quadrature
-        self._gradient = compiled_expression(ufl.grad(bulk.forms.u), points)
-        self._cells = np.arange(len(bulk.forms.bodies.parent_cell), dtype=np.int32)
-        self._inverses = np.tile(np.eye(bulk.dim), (len(self._cells), len(points), 1, 1))
-        self._since = 0
+        self._watch = StrainWatch(bulk.forms.V, points)
 
     def require(self, size: float, displacement: np.ndarray, velocity: np.ndarray) -> None:
         """Raise an UnstableStepError if a step of size h (s) from a state is not stable."""
-        self._since += 1
-        if self._since >= _LOOKS_EVERY:
-            self._since = 0
-            self._look(size, displacement, velocity)
-        if size > (self._at_rest if self.step == self._at_rest else _SAFE * self.step):
+        if self._bears(size):
+            place = self._bulk.unknowns.expand(displacement).reshape(-1, self._bulk.dim)
+            bound = max(0.5 * (1.0 - size / self.step), _LEAST)
+            if self._bulk.ranks.max(self._watch.largest(place, bound)) > bound:
+                self._watch.count_from(place)
+                self._assemble(size, displacement, velocity)
+        if not self._bears(size):
             raise UnstableStepError(
                 f"Cells are flattened, or have stiffened, so far that the explicit bulk is stable "
                 f"below {self.step:.3g} s alone, {self._at_rest:.3g} s at rest: look at the last "
                 'output, and take a smaller step, scheme="implicit", or coarser cells there.'
             )
 
-    def _look(self, size: float, displacement: np.ndarray, velocity: np.ndarray) -> None:
+    def _bears(self, size: float) -> bool:
+        """Whether a step is below the stable one as it is known."""
+        return size <= (self._at_rest if self.step == self._at_rest else SAFE * self.step)
+
+    def _assemble(self, size: float, displacement: np.ndarray, velocity: np.ndarray) -> None:
+        """Look at K."""
         bulk = self._bulk
-        bulk.forms.u.x.array[:] = bulk.unknowns.expand(displacement)
-        gradients = self._gradient.eval(bulk.forms.bodies.mesh, self._cells)
-        gradients = gradients.reshape(self._inverses.shape)
-        by_point = -1, bulk.dim, bulk.dim
-        strain = bulk.ranks.max(
-            _largest_strain(gradients.reshape(by_point), self._inverses.reshape(by_point))
-        )
-        if strain <= 0.5 * (1.0 - size / self.step):
-            return
-        self._inverses = np.linalg.inv(np.eye(bulk.dim) + gradients)
         bulk.forms.set_step(0.0)
         back = _BACK * size * velocity if bulk.forms.flows else 0.0
         now = stable_step(bulk, displacement - back)
@@ -149,11 +110,9 @@ class StableStep:
     def saved(self) -> dict:
         """What steps to come depend on."""
         number = self._bulk.forms.bodies.parent_cell
-        return {
-            "step": self.step, "since": self._since, "inverses": Rows(number, self._inverses),
-        }  # fmt: skip
+        return {"step": self.step, "inverses": Rows(number, self._watch.inverses)}
 
     def restore(self, saved: Mapping) -> None:
         """Take what `saved` gave, its rows in order."""
-        self.step, self._since = saved["step"], int(saved["since"])
-        self._inverses = saved["inverses"][self._bulk.forms.bodies.parent_cell]
+        self.step = saved["step"]
+        self._watch.take(saved["inverses"][self._bulk.forms.bodies.parent_cell])

@@ -97,14 +97,15 @@ class BulkForms:
             ufl.inner(r.nominal_stress, displacement_gradient(test)) * self._dx(t)
             for t, r in self._responses.items()
         )
+        self._elastic_energy = self._elastic_force = None
         if energies:
-            force += ufl.derivative(sum(energies), self.u, test)
-        energies += [r.energy * self._dx(t) for t, r in self._responses.items()]
-        self.energy = compiled_form(sum(energies))
+            elastic = ufl.derivative(sum(energies), self.u, test)
+            force += elastic
+            self._elastic_energy = compiled_form(sum(energies))
+            if self._responses:
+                self._elastic_force = compiled_form(elastic)
         self.internal = compiled_form(force)
         self.tangent = compiled_form(ufl.derivative(force, self.u, trial))
-        self._dissipations = self._dissipation_forms()
-        self._increments = self._increment_expressions()
         self._cell_energy: tuple[fem.Form, np.ndarray] | None = None
         self._loads: list[tuple[fem.Constant, VectorValue]] = []
         self._initial_stress = self._stress_at_start(forces)
@@ -132,21 +133,13 @@ class BulkForms:
             response = material.response(self.u, old, self.step, self._constant)
             _check_response(tag, response)
             self._responses[tag] = response
-            if tag in variables:
-                self._history.update(tag, response.new)
+        self._at_points = None
+        if inelastic:
+            from xper_fx.forms.point_responses import PointResponses
 
-    def _increment_expressions(self):
-        """Inelastic strains of a step at quadrature points, and the cells they belong to."""
-        points, _ = self.quadrature
-        tags = self.bodies.material_of_cell
-        return [
-            (
-                compiled_expression(ufl.as_ufl(r.increment), points),
-                np.flatnonzero(tags == tag).astype(np.int32),
+            self._at_points = PointResponses(
+                self.bodies, self._degree, self._responses, self.u, self.step, self._history
             )
-            for tag, r in self._responses.items()
-            if r.increment is not None
-        ]
 
     @property
     def quadrature(self) -> tuple[np.ndarray, np.ndarray]:
@@ -157,24 +150,12 @@ class BulkForms:
     @property
     def flows(self) -> bool:
         """Whether a material says by how much it flows in a step."""
-        return bool(self._increments)
+        return self._at_points is not None and self._at_points.flows
 
     def largest_increment(self, displacement: np.ndarray) -> float:
         """Largest inelastic strain that a step to a displacement adds anywhere."""
         self.u.x.array[:] = displacement
-        mesh = self.bodies.mesh
-        return max(
-            float(np.abs(e.eval(mesh, cells)).max(initial=0.0)) for e, cells in self._increments
-        )
-
-    def _dissipation_forms(self):
-        forms = {}
-        for name in ("plastic", "viscous"):
-            densities = {t: getattr(r, name) for t, r in self._responses.items()}
-            terms = [d * self._dx(t) for t, d in densities.items() if d is not None]
-            if terms:
-                forms[name] = compiled_form(sum(terms))
-        return forms
+        return self._at_points.largest_increment()
 
     def _stress_at_start(self, forces) -> fem.Function | None:
         """Sum of the initial stresses, linear in each cell; None without any."""
@@ -234,13 +215,31 @@ class BulkForms:
         self.u.x.array[:] = displacement
         return fem.assemble_vector(self.internal).array
 
+    def internal_at_end(self, displacement: np.ndarray) -> np.ndarray:
+        """As `assemble_internal`, for displacements at which energies are asked for, too.
+
+        Inelastic materials answer once for forces and energies. Last digits differ.
+        """
+        if self._at_points is None:
+            return self.assemble_internal(displacement)
+        self.u.x.array[:] = displacement
+        force = self._at_points.forces()
+        if self._elastic_force is not None:
+            force += fem.assemble_vector(self._elastic_force).array
+        return force
+
     def assemble_energy(self, displacement: np.ndarray) -> float:
         """Stored energy at a displacement, J (2D: J/m).
 
         With internal variables: at the end of a step that leads to the displacement.
         """
         self.u.x.array[:] = displacement
-        return fem.assemble_scalar(self.energy)
+        energy = 0.0
+        if self._elastic_energy is not None:
+            energy += fem.assemble_scalar(self._elastic_energy)
+        if self._at_points is not None:
+            energy += self._at_points.total("energy")
+        return energy
 
     def cell_energies(self, displacement: np.ndarray) -> np.ndarray:
         """Stored energy of each cell at a displacement that was committed.
@@ -275,20 +274,20 @@ class BulkForms:
             J (2D: J/m), by "plastic" and "viscous" where a material has such a term; each zero or
             above.
         """
-        if not self._dissipations:
+        if self._at_points is None:
             return {}
         self.u.x.array[:] = displacement
-        return {name: fem.assemble_scalar(form) for name, form in self._dissipations.items()}
+        return {name: self._at_points.total(name) for name in self._at_points.losses}
 
     @property
     def plastic(self) -> bool:
         """Whether a material dissipates by plasticity."""
-        return "plastic" in self._dissipations
+        return self._at_points is not None and "plastic" in self._at_points.losses
 
     @property
     def viscous(self) -> bool:
         """Whether a material dissipates by viscosity."""
-        return "viscous" in self._dissipations
+        return self._at_points is not None and "viscous" in self._at_points.losses
 
     @property
     def has_history(self) -> bool:
@@ -298,13 +297,13 @@ class BulkForms:
     @property
     def history_nbytes(self) -> int:
         """Memory of the internal variables."""
-        return self._history.nbytes if self.has_history else 0
+        return self._history.nbytes + self._at_points.nbytes if self.has_history else 0
 
     def commit(self, displacement: np.ndarray) -> None:
         """End the step at a displacement: its internal variables become the committed ones."""
         if self.has_history:
             self.u.x.array[:] = displacement
-            self._history.commit()
+            self._at_points.commit()
 
     def history(self) -> dict[str, np.ndarray]:
         """Copies of the committed internal variables, empty where no material has any.
@@ -323,6 +322,7 @@ class BulkForms:
             ValueError: names or shapes of other materials or of another mesh.
         """
         if self.has_history:
+            self._at_points.forget()
             self._history.restore(history)
 
     def history_by_cell(self) -> np.ndarray | None:
@@ -332,6 +332,7 @@ class BulkForms:
     def restore_by_cell(self, values: np.ndarray | None) -> None:
         """Take the committed internal variables back from what `history_by_cell` gave."""
         if self.has_history:
+            self._at_points.forget()
             self._history.from_cells(values)
 
     def cell_density(self) -> np.ndarray:

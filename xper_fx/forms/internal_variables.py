@@ -16,8 +16,6 @@ import ufl
 from dolfinx import fem
 
 from xper_fx.bodies.explode import Bodies
-from xper_fx.forms.compiled import compiled_expression
-from xper_fx.support.compat import interpolation_points
 
 _PLACES = {
     2: ((0, 0), (1, 1), (2, 2), (0, 1)),
@@ -57,14 +55,12 @@ class History:
         )
         space = fem.functionspace(mesh, element)
         self._function = fem.Function(space, name="history")
-        self._points = interpolation_points(space.element)
         self._dofs = space.dofmap.list
-        self._mesh = mesh
         self._values = self._function.x.array.reshape(-1, width)
-        self._updates: dict[int, fem.Expression] = {}
+        self._rows = {tag: _rows(self._dofs[cells]) for tag, cells in self._cells.items()}
         for tag, values in start.items():
             whole = np.concatenate(list(values.values()))
-            self._values[self._dofs[self._cells[tag]], : len(whole)] = whole
+            self._values[self._rows[tag], : len(whole)] = whole
 
     @property
     def nbytes(self) -> int:
@@ -105,8 +101,12 @@ class History:
             rows[i][j] = rows[j][i] = component
         return ufl.as_tensor(rows)
 
-    def update(self, tag: int, new: Mapping) -> None:
-        """Say what a commit makes of the variables of a cell tag.
+    def has(self, tag: int) -> bool:
+        """Whether the material of a cell tag has any."""
+        return tag in self._cells
+
+    def packed(self, tag: int, new: Mapping) -> list:
+        """New values of the variables of a cell tag, as they are stored.
 
         Args:
             tag: cell tag.
@@ -131,18 +131,18 @@ class History:
                     f"have the shape {shape}, got {value.ufl_shape}."
                 )
             components += [value[place] for place in self._places] if shape else [value]
-        self._updates[tag] = compiled_expression(ufl.as_vector(components), self._points)
+        return components
 
-    def commit(self) -> None:
-        """Evaluate all new values, then make them the committed ones."""
-        new = {tag: self.evaluate(update, tag) for tag, update in self._updates.items()}
+    def commit(self, new: Mapping[int, np.ndarray]) -> None:
+        """Make new values the committed ones.
+
+        Args:
+            new: by cell tag, what `packed` gave at the points, shape (num_cells, num_points,
+                components).
+        """
         for tag, values in new.items():
-            self._values[self._dofs[self._cells[tag]], : values.shape[-1]] = values
-
-    def evaluate(self, expression: fem.Expression, tag: int) -> np.ndarray:
-        """An expression at the points of a cell tag, shape (num_cells, num_points, components)."""
-        cells = self._cells[tag]
-        return expression.eval(self._mesh, cells).reshape(len(cells), len(self._points), -1)
+            width = values.shape[-1]
+            self._values[self._rows[tag], :width] = values.reshape(-1, width)
 
     def copy(self) -> dict[str, np.ndarray]:
         """Committed variables, by "name tag".
@@ -185,3 +185,11 @@ class History:
 def _slices(values: Mapping[str, np.ndarray]) -> dict[str, slice]:
     ends = np.cumsum([0] + [len(v) for v in values.values()])
     return {name: slice(a, b) for name, a, b in zip(values, ends[:-1], ends[1:], strict=True)}
+
+
+def _rows(dofs: np.ndarray) -> slice | np.ndarray:
+    """Numbers as an index; a slice, which is faster, where they follow each other."""
+    dofs = dofs.ravel()
+    first = dofs[0] if len(dofs) else 0
+    follow = np.array_equal(dofs, np.arange(first, first + len(dofs)))
+    return slice(first, first + len(dofs)) if follow else dofs

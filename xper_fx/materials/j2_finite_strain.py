@@ -53,6 +53,8 @@ from xper_fx.materials.radial_return import radial_return
 
 # Newton from the trial's x: enough for steps that double the length.
 _ITERATIONS = 6
+# From the x at the end of a step to that at K(alpha), near by: a distance that is squared thrice.
+_NEARBY = 3
 
 
 @dataclass(frozen=True)
@@ -101,21 +103,24 @@ class J2FiniteStrain:
         m = 3.0 * mu * mean
         s, p = radial_return(mu * ufl.dev(b), m, alpha, curve)
         tau = 0.5 * bulk * (J**2 - 1.0) * ufl.Identity(3) + s
-        x = _unit_determinant(s / mu, mean)
-        metric = J ** (2.0 / 3.0) * inverse * (s / mu + x * ufl.Identity(3)) * inverse.T
+        deviator = s / mu
+        x = _unit_determinant(
+            0.5 * ufl.inner(deviator, deviator), ufl.det(deviator), mean, _ITERATIONS
+        )
+        metric = J ** (2.0 / 3.0) * inverse * (deviator + x * ufl.Identity(3)) * inverse.T
         volumetric = 0.5 * bulk * (0.5 * (J**2 - 1.0) - ufl.ln(J))
 
         n = s / ufl.sqrt(ufl.inner(s, s))
         cubic = 3.0 * ufl.det(n)
 
-        def flow_share(stress: Expression) -> Expression:
-            """c where the equivalent stress is `stress` and the direction that of s."""
-            d = sqrt(2.0 / 3.0) * stress / mu
-            x = _unit_determinant(d * n, mean)
+        def flow_share(d: Expression, x: Expression) -> Expression:
+            """c where s = mu d n, x being that of its b."""
             return d * (x - d * cubic) / (3.0 * x**2 - 0.5 * d**2)
 
-        share = 0.5 * (flow_share(curve.stress(alpha)) + flow_share(curve.stress(alpha + p)))
-        excess = ufl.inner(ufl.dev(b), n) - sqrt(2.0 / 3.0) * curve.stress(alpha) / mu
+        d, d_old = (sqrt(2.0 / 3.0) * curve.stress(a) / mu for a in (alpha + p, alpha))
+        x_old = _unit_determinant(0.5 * d_old**2, d_old * d_old * d_old * cubic / 3.0, x, _NEARBY)
+        share = 0.5 * (flow_share(d_old, x_old) + flow_share(d, x))
+        excess = ufl.inner(ufl.dev(b), n) - d_old
         share *= ufl.exp(-0.5 * cubic * excess / mean)
         return Response(
             nominal_stress=tau * inverse.T,
@@ -127,14 +132,22 @@ class J2FiniteStrain:
         )
 
 
-def _unit_determinant(deviator: Expression, start: Expression) -> Expression:
-    """The largest x with det(deviator + x I) = 1, by Newton from a start above it.
+def _unit_determinant(
+    half: Expression, det: Expression, start: Expression, iterations: int
+) -> Expression:
+    """The largest x with det(d + x I) = 1 for a traceless d, by Newton.
 
     det(d + x I) - 1 = x^3 - d : d / 2 x + det d - 1 is convex above its largest root, so that
-    Newton comes down to it. The x of a larger deviator in the same direction is above.
+    Newton comes down to it from any start above it, as the x of a larger deviator in the same
+    direction is; from a little below it passes it once. A power of three would be a call of `pow`.
+
+    Args:
+        half: d : d / 2.
+        det: det d.
+        start: of the iterations.
+        iterations: their number.
     """
-    half, det = 0.5 * ufl.inner(deviator, deviator), ufl.det(deviator)
     x = start
-    for _ in range(_ITERATIONS):
-        x = x - (x**3 - half * x + det - 1.0) / (3.0 * x**2 - half)
+    for _ in range(iterations):
+        x = x - ((x * x - half) * x + det - 1.0) / (3.0 * x * x - half)
     return x

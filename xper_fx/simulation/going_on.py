@@ -59,7 +59,7 @@ def go_on(simulation: Restartable, after: Snapshot) -> None:
 def _carried(simulation: Restartable, after: Snapshot) -> dict:
     """The state of the run, of what is in both scenes, as a simulation of the new one saves it."""
     model, scene, before = simulation.model, simulation.model.scene, after.scene
-    saved = dict(after.saved) | {"course": Course().saved()}
+    saved = dict(after.saved) | {"course": Course().saved(), "equations": simulation.equations}
     number = after.numbers_of(scene.rigid)
     same_bodies = np.array_equal(number, np.arange(len(before.rigid)))
     if not same_bodies:

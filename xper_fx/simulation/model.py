@@ -105,7 +105,7 @@ class Model:
         self.bodies = scene.bodies if self.part is None else self.part.bodies
         self.bulk = self._bulk()
         self.rigid = self._rigid_motion()
-        self.step_size = self._step_size()
+        self.step_size = self._step_size(team)
         self.start = initial_state(
             self.bulk, self.bodies, scene.initial_velocity, self.step_size, options.inertia
         )
@@ -240,7 +240,7 @@ class Model:
 
         return RigidMotion(bodies, scene.gravity)
 
-    def _step_size(self) -> float:
+    def _step_size(self, team: Ranks) -> float:
         """The step asked for, or a share of the critical one.
 
         Raises:
@@ -249,7 +249,7 @@ class Model:
         step, explicit = self.options.requested.step, self.options.scheme == "explicit"
         if step is not None and not explicit:
             return float(step)
-        from xper_fx.bulk.stable_step import stable_step
+        from xper_fx.bulk.stable_step import SAFE, stable_step
 
         critical = stable_step(self.bulk) if explicit else self.bulk.critical_step()
         if step is None:
@@ -260,6 +260,13 @@ class Model:
                 f"The explicit bulk is unstable at the step {step:g} s; it should be below the "
                 f'critical one, {critical:.3g} s. Take a smaller step or scheme="implicit".'
             )
+        if self.bulk.forms.finite_strain and step > SAFE * critical and team.rank == 0:
+            logger.warning(
+                "The step %.3g s is %.2f of the critical one, which falls as cells are flattened "
+                "or stiffen: at the first fall the step will be cut by half, for the rest of the "
+                "run. Leave some room, or leave the step out: it is %.1f of the critical one then.",
+                step, step / critical, _BELOW_LIMIT,
+            )  # fmt: skip
         return float(step)
 
     def _scheme(self) -> EmptyScheme | ExplicitScheme | ImplicitScheme:

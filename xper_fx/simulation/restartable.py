@@ -74,11 +74,12 @@ class Restartable(Readings):
         """All that the rest of the run depends on, in nested dictionaries.
 
         Returns:
-            By name numbers, arrays that are the same for all processes, and `Rows`; a restarted
-            run equals this one if it has the same scene and options.
+            By name numbers, texts, arrays that are the same for all processes, and `Rows`; a
+            restarted run equals this one if it has the same scene and options.
         """
         model, by_cell = self.model, self.model.bulk.unknowns.by_cell
         saved = {
+            "equations": self.equations,
             "step_number": self.step_number,
             "time": self.state.time,
             "last_size": self._last_size,
@@ -105,6 +106,18 @@ class Restartable(Readings):
         if model.interactions is not None:
             saved["solvers"] = _solver_memories(self)
         return saved
+
+    @property
+    def equations(self) -> str:
+        """What a state is one of: others have other vectors, or other meanings of them."""
+        options, bulk, scene = self.model.options, self.model.bulk, self.model.scene
+        text = f"scheme={options.scheme!r}, theta={self.model.scheme.theta:g}, "
+        text += f"inertia={options.inertia}, {len(scene.rigid)} rigid bodies"
+        if scene.bodies is None:
+            return text
+        cells = int(bulk.ranks.sum(len(bulk.forms.bodies.parent_cell)))
+        materials = {tag: type(m).__name__ for tag, m in sorted(scene.materials.items())}
+        return f"{text}, {cells} cells of order {scene.order} and materials {materials}"
 
     @property
     def _numbers_of_spread(self) -> bool:
@@ -141,9 +154,10 @@ class Restartable(Readings):
 
         Raises:
             ValueError: not what `saved` gave.
-            CheckpointError: of a mesh that was spread over ranks where this one is not, or was not.
+            CheckpointError: of other equations or unknowns; of a mesh that was spread over ranks
+                where this one is not, or was not. Nothing is changed.
         """
-        lacking = {"time", "step_number", "last_size", "ledger", "course"} - set(saved)
+        lacking = {"equations", "time", "step_number", "last_size", "ledger", "course"} - set(saved)
         if lacking:
             raise ValueError(
                 f"What is restored is what `saved()` gave, and lacks {sorted(lacking)}."
@@ -153,6 +167,11 @@ class Restartable(Readings):
             raise CheckpointError(
                 f"The state is of another scene: its mesh was{now} whole on each rank, and that of "
                 f"this one is{then}. Ranks number the cells otherwise where the mesh is spread."
+            )
+        if saved["equations"] != self.equations:
+            raise CheckpointError(
+                f"The state is of {saved['equations']}; this simulation is of {self.equations}. "
+                "Restore it into one of the same scene, with the same scheme, theta and inertia."
             )
         model, from_cells = self.model, self.model.bulk.unknowns.from_cells
         state = saved.get("state", {})
