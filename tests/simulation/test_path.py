@@ -49,6 +49,20 @@ def on_the_curve(simulation, bond=BOND):
 CRITICAL = E / BOND.softening_slope
 
 
+def test_a_step_past_a_snap_back_is_told(caplog):
+    """A bar of three critical lengths frees 1/2 of what it spends; small steps follow it back."""
+    for growth, told in ((0.3, True), (0.1, False)):
+        caplog.clear()
+        simulation = follow(bar(3.0 * CRITICAL), growth=growth)
+        *_, step = simulation.steps(1e6 * 3.0 * CRITICAL * BOND.strength / E * 1.5)
+        lost = step.energies["dissipated_numerical"]
+        words = [record.getMessage() for record in caplog.records]
+        assert any("passes by a snap-back" in line for line in words) == told
+        assert len(simulation.path.limit_points) == (0 if told else 2)
+        assert lost > 30.0 if told else abs(lost) < 5.0
+        assert step.energies["dissipated_cohesion"] == pytest.approx(100.0, rel=1e-9)
+
+
 @pytest.mark.parametrize("share, dim", [(0.3, 2), (20.0, 2), (200.0, 2), (20.0, 3)])
 def test_a_bar_stays_on_its_curve(share, dim):
     """Displacement = s L / E + x, s = R (1 - y^2); beyond a critical length the bar snaps back."""

@@ -27,11 +27,17 @@ _SLIDES = (
     "the load snaps, as bodies slide and free energy that friction does not take up, and no state "
     "on the way is in balance; give the bodies inertia to see what happens there"
 )
+_PASSED = (
+    "a step along the path breaks more than it follows and loses energy, as where it passes by a "
+    "snap-back; take a smaller growth or energy of the path"
+)
 # Energy from nowhere, relative to what a run was given and holds, above which a user is told; not
 # in the first steps, in which energies are as small as their errors.
 _UNBALANCED, _FIRST_STEPS = 0.1, 50
 # Energy that nothing accounts for beside what a static step dissipates, above which it has snapped.
 _SNAPPED = 0.5
+# Energy lost in a step along a path beside all that bonds have dissipated, above which it is told.
+_LOST = 0.1
 # Energy that a slide frees, beside df . du / 2 of loads and beside what is held, above
 # which it is a snap (`Doubts.tell_snap`).
 _STEEP, _MUCH = 10.0, 1e-3
@@ -82,6 +88,17 @@ class Doubts:
         elif work.cohesion > 0.0 and work.numerical > _SNAPPED * work.cohesion:
             told = f": bonds dissipate {work.cohesion:.3g} J, {work.numerical:.3g} J more is freed"
             self.tell(_SNAPS, number, size, told)
+
+    def tell_passed(self, work: StepWork, cohesion: float, number: int, size: float) -> None:
+        """Warn of a step along a path between whose ends there are states that it has left out.
+
+        Args:
+            work: of the interactions in the step.
+            cohesion: what bonds have dissipated so far (J).
+            number, size: as of `tell`.
+        """
+        if work.numerical > _LOST * cohesion and work.cohesion > 0.0:
+            self.tell(_PASSED, number, size, f": {work.numerical:.3g} J of {cohesion:.3g} J")
 
     def tell_balance(self, from_nowhere: float, number: int) -> None:
         """Warn once of energies that do not balance.

@@ -357,7 +357,10 @@ class Simulation(Restartable):
         if wrong := not_finite_columns(self.ledger.as_columns()):
             # the interactions have moved on, so the present state is not one to go on from
             raise NotFiniteError(number, self.time, size, wrong, None)
-        if work is not None and not self.options.inertia and self.path is None:
+        if work is not None and self.path is not None:
+            cohesion = self.ledger.energies.dissipated_cohesion
+            attempts.doubts.tell_passed(work, cohesion, number, size)
+        elif work is not None and not self.options.inertia:
             attempts.doubts.tell_snap(work, energies, number, size)
         if control is not None:
             snap = 0.0
