@@ -119,6 +119,14 @@ def wrong() -> list[str]:
         lambda: Simulation(
             replace(
                 scene,
+                materials={1: xf.materials.SaintVenantKirchhoff(1000.0, 0.3, 1.0)},
+                default_interaction=xf.laws.RigidCohesiveZone(10.0, 0.1),
+            ),
+            **options,
+        ),
+        lambda: Simulation(
+            replace(
+                scene,
                 default_interaction=replace(
                     meshed_scenes.BOND, strength=Uniform(9.0, 11.0, seed=1)
                 ),

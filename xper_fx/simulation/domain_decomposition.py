@@ -12,6 +12,7 @@ from xper_fx.bodies.meshes import SerialOnlyError
 from xper_fx.forms.dynamics import at_finite_strain
 from xper_fx.scene.scene import Scene
 from xper_fx.simulation.options import Options
+from xper_fx.simulation.shared_motions import bonds_split
 from xper_fx.support.profile import Stopwatch
 from xper_fx.support.ranks import ALONE, Ranks
 
@@ -111,18 +112,22 @@ def _stays_whole(scene: Scene, options: Options, team: Ranks) -> bool:
     """
     spread = scene.bodies is not None and scene.bodies.spread is not None
     touching = scene.bodies is not None and _searches(scene)
-    splits = touching and options.scheme == "explicit" and scene.points == "nodal"
-    splits = splits and scene.rigid_bodies is None and bonds_split(scene)
+    alone = options.scheme == "explicit" and scene.points == "nodal" and bonds_split(scene)
+    splits = alone and scene.rigid_bodies is None
     why = [
         name
         for name, there in (
             ("rigid bodies alone", scene.bodies is None),
             ("rigid bodies and a mesh that is spread", spread and scene.rigid_bodies is not None),
             ("a lattice of rigid bodies", scene.lattice is not None),
-            ("searched contacts and walls where vertices split", splits and scene.walls),
             (
-                "contacts that are searched where vertices split at finite strain",
-                splits and at_finite_strain(scene.materials),
+                "searched contacts and walls where vertices split",
+                splits and touching and scene.walls,
+            ),
+            # the couples of lips act on vertices of other ranks
+            (
+                "initially rigid bonds of an explicit bulk at finite strain",
+                alone and at_finite_strain(scene.materials),
             ),
             (
                 "bonds beside contacts that are searched in space on a mesh that is spread",
@@ -158,14 +163,6 @@ def _has_bonds(scene: Scene, team: Ranks) -> bool:
     """Whether a law joins some facing facets, on any rank."""
     _, law_of_facet = scene.law_of_facet()
     return team.max(float((law_of_facet >= 0).any())) > 0.0
-
-
-def bonds_split(scene: Scene) -> bool:
-    """Whether there are initially rigid bonds, at vertices that split where each is alone."""
-    if scene.bodies is None:
-        return False
-    laws, _ = scene.law_of_facet()
-    return any(getattr(law.kernels(scene.dim), "rigid", None) for law in laws)
 
 
 def _cannot_tie(scene: Scene, num_ranks: int) -> bool:

@@ -21,7 +21,7 @@ from xper_fx.nscd.points import InteractionPoints
 from xper_fx.scene.facet_laws import require_kernels
 from xper_fx.scene.scene import Scene
 from xper_fx.scene.scene_doubts import tell_doubts
-from xper_fx.simulation.domain_decomposition import bonds_split, decomposed
+from xper_fx.simulation.domain_decomposition import decomposed
 from xper_fx.simulation.energy_ledger import EnergyLedger
 from xper_fx.simulation.initial_state import initial_state
 from xper_fx.simulation.law_checks import check_laws_suit, check_path_has_bonds
@@ -29,7 +29,7 @@ from xper_fx.simulation.not_finite import not_finite_columns
 from xper_fx.simulation.one_system import takes_one_system
 from xper_fx.simulation.options import Options
 from xper_fx.simulation.permanent_points import ScenePoints
-from xper_fx.simulation.shared_motions import condenses, ranks_split, share_motions
+from xper_fx.simulation.shared_motions import bonds_split, condenses, share_motions
 from xper_fx.support.profile import Stopwatch
 from xper_fx.support.ranks import Ranks
 from xper_fx.support.saved_rows import in_order
@@ -344,13 +344,13 @@ class Model:
             laws, self.bulk.dim, self.points.law_of_point, points.gap, self.options.inertia,
             self.monolithic,
         )  # fmt: skip
-        splits = self.by_vertex and (self.part is None or ranks_split(points, self.ranks))
         stepped = self.monolithic and self.options.path is None
         condensed = stepped and self.part is None and condenses(self.scene, laws)
+        splits = self.by_vertex or condensed
         return Interactions(
             points, laws, self.points.law_of_point, inverse.blocks, velocity,
-            ordering="vertices" if self.by_vertex or condensed else "tiles",
-            rigid_blocks=rigid_blocks, halo=halo, splits=splits or condensed, rigid_share=share,
+            ordering="vertices" if splits else "tiles",
+            rigid_blocks=rigid_blocks, halo=halo, splits=splits, rigid_share=share,
         )  # fmt: skip
 
     def _doubt_fracture_energies(self) -> None:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from xper_fx.nscd.solvers.solver import SolveOptions, Solver
 from xper_fx.scene.scene import Scene
 from xper_fx.simulation.requested_accuracy import RequestedAccuracy
+from xper_fx.simulation.shared_motions import bonds_split
 from xper_fx.support.checks import require_count, require_flag, require_kind, require_number
 
 if TYPE_CHECKING:
@@ -101,7 +102,7 @@ class Options:
             theta = 0.5 if inertia else 1.0
         picked = scheme is None
         if scheme is None:
-            short = requested.adapts_step or (requested.step is None and _breaks_at_once(scene))
+            short = requested.adapts_step or (requested.step is None and bonds_split(scene))
             explicit = short and _suits_explicit(scene, theta, solver, inertia)
             scheme = "explicit" if explicit else "implicit"
         options = cls(
@@ -208,13 +209,6 @@ class Options:
                     "An explicit bulk with nodal points solves each vertex alone, and ties join "
                     'several: take scheme="implicit" or points="gauss".'
                 )
-
-
-def _breaks_at_once(scene: Scene) -> bool:
-    """Whether bonds of a mesh are initially rigid."""
-    if scene.bodies is None:
-        return False
-    return any(hasattr(law, "least_strength") for law in scene.law_of_facet()[0])
 
 
 def _suits_explicit(scene: Scene, theta: float, solver: str | Solver, inertia: bool) -> bool:

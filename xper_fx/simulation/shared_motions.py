@@ -10,9 +10,15 @@ import numpy as np
 from xper_fx.bulk.state import State
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.laws.law import Law
-from xper_fx.nscd.points import InteractionPoints
 from xper_fx.scene.scene import Scene
-from xper_fx.support.ranks import Ranks
+
+
+def bonds_split(scene: Scene) -> bool:
+    """Whether there are initially rigid bonds, at vertices that split where each is alone."""
+    if scene.bodies is None:
+        return False
+    laws, _ = scene.law_of_facet()
+    return any(getattr(law.kernels(scene.dim), "rigid", None) for law in laws)
 
 
 def condenses(scene: Scene, laws: Sequence[Law]) -> bool:
@@ -24,19 +30,6 @@ def condenses(scene: Scene, laws: Sequence[Law]) -> bool:
     """
     nodal = scene.points == "nodal" and not scene.ties
     return nodal and any(law.kernels(scene.dim).rigid for law in laws)
-
-
-def ranks_split(points: InteractionPoints, ranks: Ranks) -> bool:
-    """Whether vertices that are solved alone split on ranks, as they do at small strain.
-
-    At finite strain the couples of lips act on vertices of other ranks, which would have to
-    tell which of their cells move as one. A rank may have no vertices.
-
-    Args:
-        points: of this rank.
-        ranks: that divide the bodies.
-    """
-    return ranks.all(points.lips is None)
 
 
 def share_motions(
