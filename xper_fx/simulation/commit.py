@@ -3,7 +3,10 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from xper_fx.bulk.state import StepOutcome
+from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.stepped_points import StepWork
 from xper_fx.simulation.energy_ledger import BulkEnergies
 from xper_fx.simulation.model import Model
@@ -30,6 +33,20 @@ def commit_interactions(
             energies = energies._replace(damped=energies.damped - points.from_scheme)
         model.ledger.record(outcome, size, energies, work)
     return work
+
+
+def deepest(points: Interactions) -> np.ndarray:
+    """How deep meshed bodies are in what they touch at the velocity level, on any rank.
+
+    Returns:
+        The largest depth beside the size of a point's share of a facet, and the largest (m).
+    """
+    found = np.zeros(2)
+    for g in points.groups:
+        if len(g) and "pushed" in g.kernels.state_names and not g.sides.lever_arms:
+            depth, size = -g.jump[:, 0], g.inverse_area ** (-1.0 / (points.dim - 1))
+            found = np.maximum(found, [np.max(depth / size), np.max(depth)])
+    return points.largest(found)
 
 
 def commit_bodies(model: Model, outcome: StepOutcome, size: float) -> None:

@@ -17,6 +17,10 @@ STRAYED = (
     "broken lips that have slid press along the directions that they had, and their bodies have "
     "turned on; name a contact between the bodies' surfaces (Scene(contacts=...))"
 )
+SUNK = (
+    "bodies that touch have moved into each other within a step; take a smaller step, or in slow "
+    'runs laws with contact="position"'
+)
 OVERLAP = "bodies overlap at the start; place them apart"
 TURNED = "bonds turn beyond what small strain bears; take a material at finite strain"
 _SNAPS = (
@@ -31,6 +35,8 @@ _PASSED = (
     "a step along the path breaks more than it follows and loses energy, as where it passes by a "
     "snap-back; take a smaller growth or energy of the path"
 )
+# Depth beside the size of a point's share of a facet, from which on it is told.
+_DEEP = 0.2
 # Energy from nowhere, relative to what a run was given and holds, above which a user is told; not
 # in the first steps, in which energies are as small as their errors.
 _UNBALANCED, _FIRST_STEPS = 0.1, 50
@@ -97,8 +103,19 @@ class Doubts:
             cohesion: what bonds have dissipated so far (J).
             number, size: as of `tell`.
         """
-        if work.numerical > _LOST * cohesion and work.cohesion > 0.0:
+        passed = work.numerical > _SNAPPED * work.cohesion > 0.0
+        if passed and work.numerical > _LOST * cohesion:
             self.tell(_PASSED, number, size, f": {work.numerical:.3g} J of {cohesion:.3g} J")
+
+    def tell_depth(self, share: float, depth: float, number: int, size: float) -> None:
+        """Warn of bodies that are in each other.
+
+        Args:
+            share, depth: as `deepest` of the contacts gives them.
+            number, size: as of `tell`.
+        """
+        if share > _DEEP:
+            self.tell(SUNK, number, size, f": by up to {depth:.3g} m")
 
     def tell_balance(self, from_nowhere: float, number: int) -> None:
         """Warn once of energies that do not balance.

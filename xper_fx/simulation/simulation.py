@@ -16,7 +16,7 @@ from xper_fx.bulk.state import State, StepOutcome
 from xper_fx.nscd.solvers.solver import SolveOptions, Solver
 from xper_fx.scene.scene import Scene
 from xper_fx.simulation.attempt import StepAttempts
-from xper_fx.simulation.commit import commit_bodies, commit_interactions
+from xper_fx.simulation.commit import commit_bodies, commit_interactions, deepest
 from xper_fx.simulation.course import Course
 from xper_fx.simulation.energy_ledger import BulkEnergies
 from xper_fx.simulation.failures import give_up, require_finite, require_small_turns
@@ -362,6 +362,10 @@ class Simulation(Restartable):
             attempts.doubts.tell_passed(work, cohesion, number, size)
         elif work is not None and not self.options.inertia:
             attempts.doubts.tell_snap(work, energies, number, size)
+        elif work is not None and self.options.scheme == "implicit":
+            share, depth = deepest(self.interactions)
+            if self.team.rank == 0:
+                attempts.doubts.tell_depth(share, depth, number, size)
         if control is not None:
             snap = 0.0
             if work is not None and work.cohesion > 0.0:

@@ -19,6 +19,8 @@ _STILL_CLOSED = 1e-3
 def least_speed(gap, speed, step, pushed, restitution):
     """The least normal velocity (m/s) that a point may end a step with; -inf if it is open.
 
+    One that is closed but for a small gap may close it: it would bear a load across the gap else.
+
     Args:
         gap: in the middle of the step (m).
         speed: normal velocity at the start (m/s).
@@ -26,6 +28,8 @@ def least_speed(gap, speed, step, pushed, restitution):
         pushed: speed that the point's impulse of the last step gives (m/s).
         restitution: Newton's e.
     """
-    if gap <= _STILL_CLOSED * step * pushed:
+    if gap <= 0.0:
         return -restitution * speed
+    if gap <= _STILL_CLOSED * step * pushed:
+        return min(-restitution * speed, -gap / step)
     return -np.inf
