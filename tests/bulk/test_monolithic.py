@@ -310,3 +310,18 @@ def test_a_cell_that_nothing_joins_is_refused():
 def test_what_it_cannot_take_is_refused():
     with pytest.raises(ValueError, match="monolithic solver takes meshed bodies"):
         xf.Simulation(moving(), 0.01, scheme="explicit", solver="monolithic")
+
+
+def test_advice_without_bonds_names_no_path():
+    """A block pushed off along a floor has no equilibrium, and no bonds to follow."""
+    bodies = box_bodies((2.0, 1.0), (2, 2), "crossed", label=lambda x: x[1] > 0.5)
+    loads = [xf.PrescribedDisplacement(BOTTOM, axis, 0.0) for axis in (0, 1)]
+    push = xf.SurfaceTraction(TOP, (lambda t: 0.4 * t, -1.0))
+    scene = xf.Scene(
+        bodies, {1: xf.materials.LinearElastic(1e3, 0.3, 1.0)},
+        default_interaction=xf.laws.SignoriniCoulomb(0.3), loads=[*loads, push],
+    )  # fmt: skip
+    simulation = xf.Simulation(scene, 0.1, inertia=False)
+    with pytest.raises(xf.ConvergenceError, match="no bonds whose path could be followed"):
+        list(simulation.steps(1.0))
+    assert 0.7 < simulation.time < 0.75 + 1e-6  # 0.3 / 0.4

@@ -18,6 +18,11 @@ UNDER_LOAD = (
     "(path=xf.GrowthControl(); not of initially rigid bonds, which take viscosity), or give the "
     "bodies inertia; look at the last output first."
 )
+OF_FRICTION = (
+    "There may be no equilibrium at this load, as where bodies slide faster than it moves them, "
+    "and no bonds whose path could be followed: give the bodies inertia (theta=1 damps what is not "
+    "asked for), or take a smaller step; look at the last output first."
+)
 FOR_NOTHING = (
     "Iterates broke bonds that stay closed, for no energy: try a smaller step or tolerance, or "
     "forgiving=True to go on with that; look at the last output first."

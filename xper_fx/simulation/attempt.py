@@ -22,6 +22,7 @@ from xper_fx.simulation.advice import (
     FOR_NOTHING,
     LOADS_TURN,
     OF_BULK,
+    OF_FRICTION,
     OF_ONE_SOLVER,
     ON_PATH,
     UNDER_LOAD,
@@ -210,13 +211,19 @@ class StepAttempts:
         if path is not None:
             return (self._along(path),)
         if self._model.monolithic:
-            return () if options.inertia else (self._loose_fragment() or UNDER_LOAD,)
+            return () if options.inertia else (self._loose_fragment() or self._under_load(),)
         if not options.inertia and self._model.interactions is not None:
             return (AT_POINTS,)
         if residual <= tolerance < np.inf:
             bulk = newton > options.requested.newton_tolerance
             return (OF_BULK if bulk else CONTRADICTORY,)
         return (OF_ONE_SOLVER,) if options.solver in _ONE_WAY else ()
+
+    def _under_load(self) -> str:
+        """What may help where a static step has no equilibrium near the last one."""
+        laws = [law.kernels(self._model.scene.dim) for law in self._model.interactions.laws]
+        breaks = any(law.growth is not None or law.rigid is not None for law in laws)
+        return UNDER_LOAD if breaks else OF_FRICTION
 
     def _along(self, path: PathFollower) -> str:
         """What may help where no step along a path converges."""
