@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Warnings of steps: once, with a count at the end."""
 
+from xper_fx.nscd.stepped_points import StepWork
 from xper_fx.simulation.doubts import BROKEN_FOR_NOTHING, UNSEEN, Doubts
+from xper_fx.simulation.energy_ledger import BulkEnergies
 
 
 def test_a_doubt_is_told_once_and_counted(caplog):
@@ -20,3 +22,16 @@ def test_a_doubt_is_told_once_and_counted(caplog):
         doubts.sum_up()
     (told,) = (r.getMessage() for r in caplog.records)
     assert told == f"3 steps: {BROKEN_FOR_NOTHING}"
+
+
+def test_what_is_rounding_beside_the_run_is_no_snap(caplog):
+    """Bodies that have parted: 1e-30 J of friction and 3e-30 J that are freed."""
+    doubts, bulk = Doubts(), BulkEnergies(0.0, 0.0, 1.0, 0.0, 0.0)
+    nothing = StepWork(0.0, 0.0, 0.0, 0.0, 0.0)
+    doubts.tell_snap(nothing._replace(friction=0.1), bulk, 1, 1.0)
+    for kind in ("friction", "cohesion"):
+        work = nothing._replace(numerical=3e-30, **{kind: 1e-30})
+        doubts.tell_snap(work, bulk._replace(elastic=0.0), 2, 1.0)
+    assert not caplog.records
+    doubts.tell_snap(nothing._replace(cohesion=0.1, numerical=0.1), bulk, 3, 1.0)
+    assert "the load snaps" in caplog.records[0].message

@@ -63,6 +63,21 @@ def test_a_step_past_a_snap_back_is_told(caplog):
         assert step.energies["dissipated_cohesion"] == pytest.approx(100.0, rel=1e-9)
 
 
+@pytest.mark.parametrize("control", [xf.GrowthControl(), xf.DissipationControl(3.0)])
+def test_a_bond_that_weakens_from_the_first_opening_is_followed(control):
+    """Tvergaard's curve (27/4) s y (1 - y)^2 has no elastic part to measure a first step by."""
+    bond = CohesiveZone(None, 100.0, 3e6, curve=xf.laws.curves.Tvergaard())
+    simulation, largest = follow(bar(0.1, bond=bond), control), 0.0
+    for _ in simulation.steps(200.0):
+        y = simulation.interactions.gather("opening_max").max() / (16.0 * 100.0 / (9.0 * 3e6))
+        traction = 6.75 * 3e6 * y * max(1.0 - y, 0.0) ** 2
+        force = simulation.reaction(RIGHT)[0]
+        assert force == pytest.approx(traction, rel=1e-6, abs=1e-3)
+        largest = max(largest, force)
+    assert largest == pytest.approx(3e6, rel=0.02)
+    assert simulation.ledger.energies.dissipated_cohesion == pytest.approx(100.0, rel=1e-9)
+
+
 @pytest.mark.parametrize("share, dim", [(0.3, 2), (20.0, 2), (200.0, 2), (20.0, 3)])
 def test_a_bar_stays_on_its_curve(share, dim):
     """Displacement = s L / E + x, s = R (1 - y^2); beyond a critical length the bar snaps back."""

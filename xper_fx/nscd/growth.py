@@ -35,6 +35,8 @@ _ROUNDING = 1e-9
 _STILL = 1e-9
 # Iterations within which a bond is told that takes turns.
 _TURNS = 6
+# Length beside that of its curve of a bond that weakens from the first opening, and is closed yet.
+_FIRST = 0.05
 # How much of what a step may do, relative, at which an iteration goes astray.
 _ASTRAY = 10.0
 
@@ -61,7 +63,8 @@ class GrowthLimit:
         known = [g.kernels.growth(g.parameters, g.state) for _, g in groups]
         none = np.zeros(0), np.zeros(0), np.zeros(0, bool)  # a rank may have no bond
         self._reached, length, self._whole = map(np.concatenate, zip(none, *known, strict=True))
-        self._length = np.minimum(length, relative * self._reached)
+        beside = np.where(self._reached > 0.0, relative * self._reached, _FIRST * length)
+        self._length = np.minimum(length, beside)
         self._numbers = [n for n, _ in groups]
         # a step's end velocities have the direction of its jumps, as theta is 1
         self._area = np.concatenate([none[0], *(g.points.area for _, g in groups)])

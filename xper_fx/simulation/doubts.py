@@ -44,6 +44,8 @@ _UNBALANCED, _FIRST_STEPS = 0.1, 50
 _SNAPPED = 0.5
 # Energy lost in a step along a path beside all that bonds have dissipated, above which it is told.
 _LOST = 0.1
+# Energy beside the largest that a step held or took, below which nothing has happened.
+_NOTHING = 1e-6
 # Energy that a slide frees, beside df . du / 2 of loads and beside what is held, above
 # which it is a snap (`Doubts.tell_snap`).
 _STEEP, _MUCH = 10.0, 1e-3
@@ -54,7 +56,7 @@ class Doubts:
 
     def __init__(self) -> None:
         self._counts: Counter[str] = Counter()
-        self._told_balance, self._load = False, 0.0
+        self._told_balance, self._load, self._most = False, 0.0, 0.0
 
     def tell(self, doubt: str, number: int, size: float, detail: str = "") -> None:
         """Warn of a step's doubt if it is the first of its kind.
@@ -86,12 +88,15 @@ class Doubts:
         """
         self._load = max(0.5 * self._load, abs(bulk.change_work) / size**2)
         freed = work.numerical + work.impact
-        least = _MUCH * (bulk.elastic + work.stored + work.friction)
-        steep = freed > max(_STEEP * self._load * size**2, least)
+        held = bulk.elastic + work.stored + work.friction + work.cohesion
+        self._most = max(self._most, held)
+        steep = freed > max(_STEEP * self._load * size**2, _MUCH * held, _NOTHING * self._most)
         if steep and work.friction > work.cohesion:
             told = f": friction takes {work.friction:.3g} J, {freed:.3g} J more is freed"
             self.tell(_SLIDES, number, size, told)
-        elif work.cohesion > 0.0 and work.numerical > _SNAPPED * work.cohesion:
+            return
+        snapped = work.numerical > _SNAPPED * work.cohesion > 0.0
+        if snapped and work.numerical > _NOTHING * self._most:
             told = f": bonds dissipate {work.cohesion:.3g} J, {work.numerical:.3g} J more is freed"
             self.tell(_SNAPS, number, size, told)
 
