@@ -1,7 +1,15 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Loads and prescribed motions at the end of a step, whose time may be unknown."""
+r"""Loads and prescribed motions at the end of a step, whose time may be unknown.
+
+Along a path the time is found from changes of the loads f, by their rates df/dt. Where no load
+moves there is none, and nothing on the way: a hold from a to b is one state of the loads, and a
+path that comes to it from one side goes on at the other, as if the time in between were not there.
+"""
 
 from __future__ import annotations
+
+import math
+from itertools import pairwise
 
 import numpy as np
 
@@ -13,6 +21,10 @@ from xper_fx.bulk.step_equations import StepEquations
 _BENT = 1e-9
 # Part of the step over which differences of such loads are taken.
 _SHORT = 1e-6
+# Relative difference of loads that are the same.
+_SAME = 4.0 * np.finfo(float).eps
+# How often the end of a hold is looked for in half of where it may be.
+_HALVINGS = 60
 
 
 class Loading:
@@ -30,6 +42,8 @@ class Loading:
         external: forces there (N).
         wanted: velocities at its end, those of the start where nothing is prescribed (m/s).
         bends: whether `rates` has found loads or motions that are not linear in time.
+        held: time (s) within the step in which no load moves, as far as `rates` passed it by;
+            negative where it leads back.
     """
 
     def __init__(
@@ -37,6 +51,7 @@ class Loading:
     ):
         self._bulk, self._equations, self._state = bulk, equations, state
         self._step, self._theta, self.bends = step, theta, False
+        self._last, self.held = state.time, 0.0
         self.set(state.time + step)
 
     def set(self, time: float) -> None:
@@ -49,7 +64,8 @@ class Loading:
         """Change of the force impulse (N) and of the wanted velocities (m/s^2) with the time.
 
         By differences over h, exact where loads are linear in time. Over h a load that turns may
-        change the other way, so that those of loads that bend are taken over a short time.
+        change the other way, so that those of loads that bend are taken over a short time. Where
+        no load moves the time becomes the end of that, on the way from the last time asked at.
         """
         step = self._step
         whole, half = self._changes(step), self._changes(0.5 * step)
@@ -63,8 +79,74 @@ class Loading:
         if self.bends:
             step *= _SHORT
             whole = self._changes(step)
+            if not self._moved(whole):
+                step = -step
+                whole = self._changes(step)
+            if not self._moved(whole) and (time := self._after_hold()) is not None:
+                step = math.copysign(step, time - self.time)
+                self.set(time)
+                whole = self._changes(step)
+        self._last = self.time
         force, motion = whole
         return force * (self._step / step), motion / step
+
+    def _moved(self, changes: tuple[np.ndarray, np.ndarray]) -> bool:
+        """Whether changes of forces or velocities, as of `_changes`, are more than rounding."""
+        values = self._theta * self.external, self.wanted
+        moved = [
+            np.abs(change).max(initial=0.0) > _SAME * np.abs(value).max(initial=0.0)
+            for change, value in zip(changes, values, strict=True)
+        ]
+        return bool(self._bulk.ranks.max(float(any(moved))))
+
+    def _after_hold(self) -> float | None:
+        """Where loads move again that stand still at the present time; None if they do not.
+
+        It is looked for no further away than the time itself, or the step.
+        """
+        now, came = self.time, self.time - self._last
+        if came == 0.0:
+            return None
+        longest, later = max(abs(now), self._step), came
+        while not self._moved(self._changes(later)):
+            if abs(later) >= longest:
+                return None
+            later = math.copysign(min(2.0 * abs(later), longest), came)
+        end = now + self._least_change(later)
+        self.held += end - now
+        if self._moved(self._changes(-came)):
+            self.held -= self._least_change(-came)
+        else:
+            self.held += came
+        return end
+
+    def _least_change(self, later: float) -> float:
+        """The part of a time (s) by whose end loads have changed that do not at its start."""
+        same, other = 0.0, later
+        for _ in range(_HALVINGS):
+            middle = 0.5 * (same + other)
+            if self._moved(self._changes(middle)):
+                other = middle
+            else:
+                same = middle
+        return same
+
+    def turn_between(self, since: float, until: float) -> bool:
+        """Whether loads turn or stand still between times (s) before and after the step's start."""
+        short, start = _SHORT * self._step, self._state.time
+        before = [since, start - short] if since < start - short else []
+        rates = []
+        for at in (*before, start, until - short):
+            self.set(at)
+            rates.append([np.ravel(change) for change in self._changes(short)])
+        total, largest = self._bulk.ranks.sum, self._bulk.ranks.max
+        of_kinds = zip(*rates, strict=True)
+        sizes = [largest(max(np.abs(r).max(initial=0.0) for r in kind)) for kind in of_kinds]
+        for two in pairwise(rates):
+            kinds = zip(*two, sizes, strict=True)
+            if total(sum(np.vdot(a, b) / size**2 for a, b, size in kinds if size > 0.0)) <= 0.0:
+                return True
+        return False
 
     def _changes(self, later: float) -> tuple[np.ndarray, np.ndarray]:
         """Of the force impulse of a step (N s / h) and of the wanted velocities, in a time (s)."""

@@ -75,7 +75,7 @@ class MonolithicScheme:
         jumps: whether a step may end beyond a snap, as none along a path may.
 
     Attributes:
-        loads_bend: whether loads along a path were found not to be linear in time.
+        loading: of the last attempt.
     """
 
     def __init__(
@@ -95,7 +95,7 @@ class MonolithicScheme:
         self._stopwatch, self._gives_up, self._jumps = stopwatch, gives_up, jumps
         self._compliance: tuple[float, np.ndarray, PointsOfNodes] | None = None
         self._found: FoundContacts | None = None
-        self.loads_bend = False
+        self.loading: Loading
         self._vertices: BreakingVertices | None = None
         stopwatch.owns("coupled system", lambda: self.nbytes)
 
@@ -173,7 +173,7 @@ class MonolithicScheme:
         bulk, watch, weight = self.bulk, self._stopwatch, self._matrices.weight
         bulk.forms.set_step(step)
         equations = StepEquations(bulk, state, step, weight)
-        loading = Loading(bulk, equations, state, step, self.theta)
+        self.loading = loading = Loading(bulk, equations, state, step, self.theta)
         if growth is not None:
             loading.set(state.time)
         if interactions is not None:
@@ -207,7 +207,6 @@ class MonolithicScheme:
                 converged = self._go_on(coupled, newton, begin)
             else:
                 converged = self._from_contacts(coupled, newton, begin, begins)
-        self.loads_bend |= loading.bends
         velocity, impulses = coupled.velocity, coupled.impulses
         reactions = reactions_on(
             bulk.layout, lambda d: -(coupled.residual[d] + coupled.impulses[d])

@@ -9,9 +9,9 @@ ON_PATH = (
     "Bonds may flip between loading and unloading: try a smaller growth or energy of the path, "
     "softer bonds, or facets that resolve the cohesive zone; look at the last output first."
 )
-LOADS_BEND = (
-    "The loads are not linear in time, and a path finds no way on where they are largest or stand "
-    "still: let it end there, or take steps in time from there on; look at the last output first."
+LOADS_TURN = (
+    "The loads turn or stand still here, and none of them leads the structure on: let the path end "
+    "before, or take steps in time from there on; look at the last output first."
 )
 UNDER_LOAD = (
     "There may be no equilibrium at this load, or it snaps: follow its path "

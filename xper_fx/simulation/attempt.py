@@ -20,7 +20,7 @@ from xper_fx.simulation.advice import (
     AT_POINTS,
     CONTRADICTORY,
     FOR_NOTHING,
-    LOADS_BEND,
+    LOADS_TURN,
     OF_BULK,
     OF_ONE_SOLVER,
     ON_PATH,
@@ -220,8 +220,8 @@ class StepAttempts:
 
     def _along(self, path: PathFollower) -> str:
         """What may help where no step along a path converges."""
-        if self._model.scheme.loads_bend:
-            return LOADS_BEND
+        if path.loads_turn:
+            return LOADS_TURN
         bond = path.contested
         place = np.full(1, np.nan) if bond is None else self._model.points.place(bond)
         return ON_PATH if np.isnan(place).any() else contested(place)

@@ -7,6 +7,7 @@ import logging
 from collections import Counter
 
 from xper_fx.nscd.stepped_points import StepWork
+from xper_fx.simulation.energy_ledger import BulkEnergies
 
 logger = logging.getLogger(__name__)
 
@@ -22,11 +23,18 @@ _SNAPS = (
     "the load snaps, as it frees energy that no bond takes up; with path=xf.GrowthControl() the "
     "load is found that the structure bears, if its bonds are not initially rigid ones"
 )
+_SLIDES = (
+    "the load snaps, as bodies slide and free energy that friction does not take up, and no state "
+    "on the way is in balance; give the bodies inertia to see what happens there"
+)
 # Energy from nowhere, relative to what a run was given and holds, above which a user is told; not
 # in the first steps, in which energies are as small as their errors.
 _UNBALANCED, _FIRST_STEPS = 0.1, 50
 # Energy that nothing accounts for beside what a static step dissipates, above which it has snapped.
 _SNAPPED = 0.5
+# Energy that a slide frees, beside df . du / 2 of loads and beside what is held, above
+# which it is a snap (`Doubts.tell_snap`).
+_STEEP, _MUCH = 10.0, 1e-3
 
 
 class Doubts:
@@ -34,7 +42,7 @@ class Doubts:
 
     def __init__(self) -> None:
         self._counts: Counter[str] = Counter()
-        self._told_balance = False
+        self._told_balance, self._load = False, 0.0
 
     def tell(self, doubt: str, number: int, size: float, detail: str = "") -> None:
         """Warn of a step's doubt if it is the first of its kind.
@@ -49,16 +57,31 @@ class Doubts:
         if self._counts[doubt] == 1:
             logger.warning("step %d at h = %.3g s: %s%s", number, size, doubt, detail)
 
-    def tell_snap(self, work: StepWork, number: int, size: float) -> None:
-        """Warn of a static step that jumped to a state in which bonds are broken.
+    def tell_snap(self, work: StepWork, bulk: BulkEnergies, number: int, size: float) -> None:
+        """Warn of a static step that jumped to a state in which bonds are broken, or bodies slid.
+
+        From forces in balance at both ends a linear bulk takes up du . K du / 2 = F + L, beside
+        the work of friction by its forces at the end: F = (r1 - r0) . dU / 2, freed where friction
+        falls while lips slide, and L = (f1 - f0) . du / 2 of the loads. Both go with the square of
+        the step where states on the way are in balance, and F / L is then how steeply lips follow
+        the load. In a snap L goes to nothing with the step, and F does not. As L vanishes where the
+        load is largest, it is at least half of that of the step before, scaled.
 
         Args:
             work: of the interactions in the step.
+            bulk: energies of the bulk in it.
             number, size: as of `tell`.
         """
-        if work.cohesion > 0.0 and work.numerical > _SNAPPED * work.cohesion:
-            freed = f": bonds dissipate {work.cohesion:.3g} J, {work.numerical:.3g} J more is freed"
-            self.tell(_SNAPS, number, size, freed)
+        self._load = max(0.5 * self._load, abs(bulk.change_work) / size**2)
+        freed = work.numerical + work.impact
+        least = _MUCH * (bulk.elastic + work.stored + work.friction)
+        steep = freed > max(_STEEP * self._load * size**2, least)
+        if steep and work.friction > work.cohesion:
+            told = f": friction takes {work.friction:.3g} J, {freed:.3g} J more is freed"
+            self.tell(_SLIDES, number, size, told)
+        elif work.cohesion > 0.0 and work.numerical > _SNAPPED * work.cohesion:
+            told = f": bonds dissipate {work.cohesion:.3g} J, {work.numerical:.3g} J more is freed"
+            self.tell(_SNAPS, number, size, told)
 
     def tell_balance(self, from_nowhere: float, number: int) -> None:
         """Warn once of energies that do not balance.

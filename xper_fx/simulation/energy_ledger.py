@@ -85,6 +85,7 @@ class BulkEnergies(NamedTuple):
             scheme.
         power_before, power: of the supports at the end of a static step, moved as in the step
             before and as in this one (W; 2D: W/m).
+        change_work: of half the change of loads and reactions over a static step, df . du / 2.
     """
 
     work: float
@@ -97,6 +98,7 @@ class BulkEnergies(NamedTuple):
     damped: float = 0.0
     power_before: float = 0.0
     power: float = 0.0
+    change_work: float = 0.0
 
 
 class EnergyLedger:
@@ -172,7 +174,7 @@ class EnergyLedger:
                 (num_dofs,), N; of use in static runs.
         """
         after = outcome.state
-        nodal = self._bulk.unknowns.num_nodes * self._bulk.dim
+        nodal, held = self._bulk.unknowns.num_nodes * self._bulk.dim, borne
         work = self._bulk.ranks.sum(self._work_on_nodes(before, outcome, step, borne))
         if nodal < len(after.displacement):  # of a periodic cell, whose bonds bear couples
             stresses = 0.5 * (before.internal[nodal:] + after.internal[nodal:])
@@ -203,6 +205,7 @@ class EnergyLedger:
             viscous,
             self._damped(before, outcome, rigid),
             *self._powers(before, outcome, step),
+            self._work_of_change(before, outcome, step, held),
         )
 
     def _work_on_nodes(
@@ -219,6 +222,18 @@ class EnergyLedger:
             impulse = 0.5 * (impulse + step * np.broadcast_to(borne, outcome.reactions.shape)[at])
         moved = outcome.state.displacement[at] - before.displacement[at]
         return float(moved @ impulse) / step
+
+    def _work_of_change(
+        self, before: State, outcome: StepOutcome, step: float, borne: np.ndarray | float
+    ) -> float:
+        """`BulkEnergies.change_work`; of a periodic cell's gradient none."""
+        if not self._static:
+            return 0.0
+        num_dofs = self._bulk.unknowns.num_nodes * self._bulk.dim
+        now = outcome.force_impulse + outcome.reactions
+        change = 0.5 * (now / step - np.broadcast_to(borne, now.shape))[:num_dofs]
+        moved = (outcome.state.displacement - before.displacement)[:num_dofs]
+        return self._bulk.ranks.sum(float(moved @ change))
 
     def _powers(self, before: State, outcome: StepOutcome, step: float) -> tuple[float, float]:
         """Of the supports at the end of a static step; see `BulkEnergies`."""

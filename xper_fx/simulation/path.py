@@ -146,6 +146,9 @@ class PathFollower:
         limit_points: times of the loads (s) at which they turned.
         branches: times of the loads (s) of steps with more than one unstable way to go on.
         contested: as of `GrowthLimit`, of the last attempts at the step; None if they had none.
+        idles: whether the last attempt went part of the way to a given load, as its bonds asked for
+            none: iterations are then those of contacts, and shorter steps do not have fewer.
+        loads_turn: whether loads turn or stand still from the last step to where this one may go.
     """
 
     def __init__(self, control: PathControl):
@@ -155,6 +158,7 @@ class PathFollower:
         self._leading: np.ndarray | None = None
         self._limit: GrowthLimit
         self.contested: int | None = None
+        self.loads_turn = self.idles = False
         self.share = 1.0
         self.limit_points: list[float] = []
         self.branches: list[float] = []
@@ -178,6 +182,11 @@ class PathFollower:
     def rose_by(self, longest: float) -> bool:
         """Whether the load rose in the last step by as much as it may."""
         return self._last_change >= (1.0 - _ROUNDING) * longest
+
+    @property
+    def last_rise(self) -> float:
+        """By how much the time rose in the last step (s); negative where it fell."""
+        return self._last_change
 
     def guess(self, state: State, scale: float):
         """Time and velocities to start from: the last increment, scaled; None without one.
@@ -216,8 +225,10 @@ class PathFollower:
                 logger.warning(_BRANCHES, start + change, ways)
             self.branches.append(start + change)
         self._leading = self.contested = None
+        self.loads_turn = False
         self._last_share, self._last_change, self._guesses = self.share, change, True
-        faster = (self._control.iterations / iterations) ** _EXPONENT
+        few = 1 if self.idles else iterations
+        faster = (self._control.iterations / few) ** _EXPONENT
         share = self.share * min(max(faster, _SLOWEST), _FASTEST)
         self.share = min(max(share, _LEAST), self._control.most)
 

@@ -11,7 +11,9 @@ Where the load that is found lies beyond t1, the step goes to t1 itself, from th
 there, and bonds then do less than they may. A state at t1 in which they do more, or that leads
 back, is not taken; then, and where the load falls too far, bonds may do less in the step. Where no
 load is found at all, as where all that opens is broken or pressed, the step goes up to t1, and less
-far as bonds may do less.
+far as bonds may do less. So it does on a path that has gone up where loads turn or stand still,
+from the last step to t1: bonds then close as the loads say. Time in which no load moves does not
+count where a step passes it by (`bulk/loading.py`).
 """
 
 from __future__ import annotations
@@ -31,6 +33,8 @@ from xper_fx.simulation.path import PathFollower
 _APPROACHES = 5
 # Relative rounding of the sum of many steps.
 _ROUNDING = 1e-9
+# Share of what bonds may do at which a load is tried that is not found from them.
+_AT_LAST = 0.05
 _TOO_FAR = "the load changes by more than a step may, however little bonds do"
 
 
@@ -59,6 +63,7 @@ class PathStep:
         end_time: float,
     ):
         self._points, self._path, self._state, self._last_size = points, path, state, last_size
+        self._scheme = scheme
         self._attempt = partial(
             scheme.attempt, state, interactions=points, solver=solver, options=options
         )
@@ -73,6 +78,7 @@ class PathStep:
             size: such a time where the load is found (s).
         """
         path, state, rise = self._path, self._state, self._last - self._state.time
+        path.idles = False
         if path.limit(self._points).exhausted:
             return self._to(self._last, None), rise
         if path.rose_by(self._longest):
@@ -82,13 +88,17 @@ class PathStep:
         for _ in range(_APPROACHES):
             limit, guess = path.limit(self._points), path.guess(state, self._last_size / size)
             outcome = self._attempt(size, growth=limit, guess=guess)
-            change = outcome.state.time - state.time
+            change = outcome.state.time - state.time - self._scheme.loading.held
             in_reach = -self._longest <= change <= rise
             if not outcome.converged:
-                if limit.idle or not in_reach:
-                    part = min(path.share, 1.0) * rise
+                since = state.time - path.last_rise
+                path.loads_turn = self._scheme.loading.turn_between(since, self._last)
+                turned = path.loads_turn and path.last_rise >= 0.0
+                if limit.idle or turned or not in_reach or path.share <= _AT_LAST:
+                    part = min(path.share * self._longest, rise)
                     there = self._to(state.time + part if part < rise else self._last, None)
-                    if self._may_be(there, part, back=bool(limit.idle)):
+                    if self._may_be(there, part, back=bool(limit.idle) or turned):
+                        path.idles = True
                         return there, part
                 return outcome, size
             if in_reach:

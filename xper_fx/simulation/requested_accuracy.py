@@ -10,8 +10,9 @@ from xper_fx.support.checks import require_number, require_positive
 # Share of an accuracy that impulses may make of the error, as tolerance and as energy.
 IMPULSES = 0.1
 # Without an accuracy: the tolerance of the impulses and of Newton's corrections, and the accuracy
-# where only one of them is left to be picked.
-_TOLERANCE, _NEWTON_TOLERANCE, _ACCURACY = 1e-3, 1e-8, 1e-2
+# where only one of them is left to be picked. A static step finds impulses that bear all of a load,
+# and what it leaves of them moves lips by so much of what the load moves, in each step again.
+_TOLERANCE, _STATIC_TOLERANCE, _NEWTON_TOLERANCE, _ACCURACY = 1e-3, 1e-6, 1e-8, 1e-2
 # Shortest step (s), and one over the longest.
 _SHORTEST = 1e-150
 # Newton's tolerance, relative to the accuracy.
@@ -43,6 +44,7 @@ class RequestedAccuracy(NamedTuple):
         step: float | str | None,
         tolerance: float | str | None,
         newton_tolerance: float | None,
+        inertia: bool = True,
     ) -> RequestedAccuracy:
         """From what was given: a number stays, None with an accuracy or "auto" is picked.
 
@@ -69,8 +71,10 @@ class RequestedAccuracy(NamedTuple):
         adapts_step, adapts_tolerance = step in picked, tolerance in picked
         if accuracy is None and (adapts_step or adapts_tolerance):
             accuracy = _ACCURACY
-        if tolerance is None or adapts_tolerance:
-            tolerance = IMPULSES * accuracy if adapts_tolerance else _TOLERANCE
+        if adapts_tolerance:
+            tolerance = IMPULSES * accuracy
+        elif tolerance is None:
+            tolerance = _TOLERANCE if inertia else _STATIC_TOLERANCE
         if newton_tolerance is None:
             newton_tolerance = _NEWTON_TOLERANCE if accuracy is None else _NEWTON * accuracy
         return cls(

@@ -65,7 +65,7 @@ class Simulation(Restartable):
             them is "auto".
         tolerance: bound on the estimated relative error of the impulses, or on the violation of
             the laws where all contacts are of rigid bodies (`nscd/solvers/nlgs.py`); 1e-3 if not
-            given; "auto" adapts it.
+            given, in static runs 1e-6; "auto" adapts it.
         max_sweeps: sweeps after which the interaction solver gives up.
         solver: of the interactions: "nlgs" (sweeps), "newton" (all points at once, for steps far
             beyond the explicit limit), "accelerated" (mixed sweeps), "subdomains" (conjugate
@@ -144,7 +144,7 @@ class Simulation(Restartable):
         comm: MPI.Comm = MPI.COMM_WORLD,
     ):
         require_kind("comm", comm, MPI.Comm)
-        requested = RequestedAccuracy.chosen(accuracy, step, tolerance, newton_tolerance)
+        requested = RequestedAccuracy.chosen(accuracy, step, tolerance, newton_tolerance, inertia)
         options = Options.checked(
             scene, requested, scheme=scheme, theta=theta, solver=solver,
             solve=SolveOptions(requested.tolerance, max_sweeps, relaxation, num_threads),
@@ -335,7 +335,8 @@ class Simulation(Restartable):
                     change = outcome.state.time - start
                     record = self._commit(outcome, size, self._bulk_energies(outcome, size))
                     iterations, tells = outcome.newton_iterations, self.team.rank == 0
-                    path.succeeded(change, iterations, start, ways, tells)
+                    moved = change - self.scheme.loading.held
+                    path.succeeded(moved, iterations, start, ways, tells)
             if outcome.converged:
                 yield record._replace(size=change)
             elif not path.failed():
@@ -357,7 +358,7 @@ class Simulation(Restartable):
             # the interactions have moved on, so the present state is not one to go on from
             raise NotFiniteError(number, self.time, size, wrong, None)
         if work is not None and not self.options.inertia and self.path is None:
-            attempts.doubts.tell_snap(work, number, size)
+            attempts.doubts.tell_snap(work, energies, number, size)
         if control is not None:
             snap = 0.0
             if work is not None and work.cohesion > 0.0:
