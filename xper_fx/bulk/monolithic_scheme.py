@@ -201,11 +201,12 @@ class MonolithicScheme:
                     begin(None)
 
         begin()
-        converged, circled = self._solve(coupled, newton), False
+        converged = self._solve(coupled, newton)
+        circled = coupled.rubs and newton.left > self._tolerance
         if not (converged or self._gives_up or interactions is None):
             begins = growth is not None and growth.begins
             if coupled.rubs and not begins:
-                converged = circled = self._softer(coupled, newton, begin)
+                converged = self._softer(coupled, newton, begin)
             if begins and self._found is not None and self._found.state is state:
                 converged = self._go_on(coupled, newton, begin)
             elif not converged and (guess is None or not coupled.rubs):
