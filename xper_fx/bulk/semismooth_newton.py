@@ -20,14 +20,12 @@ some states were 4e-4 of the largest load off an independent arc-length solution
 The iteration is quadratic near its end and may go round in circles far from it, where contact alone
 holds slender bodies or slips: `augmented_lagrangian.py` then finds who is in contact.
 
-**Lips that are locked, and rub.** Where many lips meet at a vertex of a mesh in 3D, those that stick
-and those that are closed lock others: these have no slip, whether they stick or are at the bound of
-their friction, and which of them bear what is not told by the structure, only by where the impulses
-come from. With a small p a correction takes such impulses far beyond their bound, or brings them
-back, in turns: the points flip between stick and slip by slips of 1e-13 m, for ever. With a larger
-p they go there in short steps, and the flips end; a correction then leaves more of a multiplier's
-error, and below some share of the largest impulse what is left creeps. So a step in which lips rub
-is tried with p of `SOFTER` where it went in circles.
+**Lips that rub and hardly slip.** Where many lips meet at a vertex, as in 3D, those that stick and
+those that are closed hold others, which are at the bound of their friction and hardly slip. With a
+small p a correction takes their impulses far beyond the bound, or far back: they flip between stick
+and slip for ever. With a larger p impulses change less in a correction, and the flips end.
+More of a multiplier's error is left then, and impulses creep near the end. So a step in which lips
+rub is tried with p of `SOFTER` where it goes in circles.
 """
 
 from __future__ import annotations
