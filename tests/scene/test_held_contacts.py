@@ -9,8 +9,11 @@ import xper_fx as xf
 WEIGHT = 9.81 * 2000.0
 
 
-def two_and_one(dim, where):
-    """Blocks of 0.4 x 0.2 side by side, held below, and a third across both, of depth 0.4 in 3D."""
+def two_and_one(dim, where, lower=0.0, into=0.0):
+    """Blocks of 0.4 x 0.2 side by side, held below, and a third across both, of depth 0.4 in 3D.
+
+    The foot of the second one lies lower, and lies in the first one, by as much as meshers leave.
+    """
     corners = [(0.0, 0.0), (0.4, 0.0), (0.2, 0.2)]
     if dim == 2:
         meshes = [
@@ -28,19 +31,25 @@ def two_and_one(dim, where):
             )
             for x, y in corners
         ]  # fmt: skip
+    x = meshes[1].geometry.x
+    x[:, 0] -= into
+    x[x[:, dim - 1] < 1e-9, dim - 1] -= lower
     below = [xf.tag_facets(mesh, {1: lambda x: x[dim - 1] < 1e-9}) for mesh in meshes[:2]]
     joined = xf.join_meshes(meshes, facet_tags=[*below, None])
     return xf.explode(joined.mesh, joined.part, joined.cell_tags, joined.facet_tags)
 
 
-@pytest.mark.parametrize(("dim", "where"), [(2, 0.0), (2, 3e3), (3, 0.0)])
-def test_blocks_held_side_by_side(dim, where):
+@pytest.mark.parametrize(
+    ("dim", "where", "apart"),
+    [(2, 0.0, ()), (2, 3e3, ()), (3, 0.0, ()), (2, 0.0, (1e-10, 1e-10)), (2, 0.0, (1e-8, 1e-10))],
+)
+def test_blocks_held_side_by_side(dim, where, apart):
     """Nodes of both feet lie in each other's facets but for a rounding: a compliance of rounding
     squared had an impulse of 1e18 N, beside which all other contacts counted as solved."""
     law = xf.laws.SignoriniCoulomb(friction=0.6, contact="position")
     down = np.eye(dim)[dim - 1]
     scene = xf.Scene(
-        two_and_one(dim, where),
+        two_and_one(dim, where, *apart),
         {1: xf.materials.LinearElastic(young=5e9, poisson=0.2, density=2000.0)},
         surfaces={"blocks": (1,)},
         contacts=[xf.Contact(("blocks", "blocks"), law)],

@@ -442,6 +442,16 @@ def test_advice_knows_loads_that_turn_from_those_that_bend(monkeypatch):
         assert stop - 0.05 <= caught.value.time < stop
 
 
+def test_advice_names_loads_that_turn_before_one_that_is_never_reached():
+    """To and fro ever further: at the first turn the bond asks for a load beyond all of them."""
+    peak = BOND.strength * 0.3 * CRITICAL / E + BOND.elastic_opening
+    load = xf.PrescribedDisplacement(RIGHT, 0, lambda t: 3.0 * peak * t * np.sin(6.0 * np.pi * t))
+    with pytest.raises(xf.ConvergenceError, match="than a step may.*The loads turn") as caught:
+        for _ in follow(bar(0.3 * CRITICAL, loads=[load])).steps(1.0):
+            pass
+    assert caught.value.time == pytest.approx(0.1)
+
+
 def test_bonds_that_ask_for_no_load_do_not_stop_the_path(monkeypatch):
     """As of parts that have come loose: loads are given, and iterations shorten no step."""
 

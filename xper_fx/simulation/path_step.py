@@ -91,8 +91,7 @@ class PathStep:
             change = outcome.state.time - state.time - self._scheme.loading.held
             in_reach = -self._longest <= change <= rise
             if not outcome.converged:
-                since = state.time - path.last_rise
-                path.loads_turn = self._scheme.loading.turn_between(since, self._last)
+                path.loads_turn = self._loads_turn()
                 turned = path.loads_turn and path.last_rise >= 0.0
                 if limit.idle or turned or not in_reach or path.share <= _AT_LAST:
                     part = min(path.share * self._longest, rise)
@@ -108,7 +107,13 @@ class PathStep:
                 if self._may_be(there, rise, back=False):
                     return there, rise
             path.shorten((rise if change > 0.0 else -self._longest) / change)
+        path.loads_turn = self._loads_turn()
         return outcome._replace(converged=False, failure=_TOO_FAR), size
+
+    def _loads_turn(self) -> bool:
+        """Whether loads turn or stand still from the last step to where this one may go."""
+        since = self._state.time - self._path.last_rise
+        return self._scheme.loading.turn_between(since, self._last)
 
     def _to(self, time: float, velocity: np.ndarray | None) -> StepOutcome:
         """The step to a load.

@@ -19,6 +19,8 @@ from xper_fx.nscd.kernel_options import LEAN_ENTRY, LEAN_INNER
 _NO_WEIGHT = 1e-9
 # How many roundings of a position, beside the size of a facet, a weight may be off.
 _ROUNDINGS = 64.0 * np.finfo(float).eps
+# Weights below that are rounding of the mesh: modellers join points at 1e-8 of a size.
+_LEAST_WEIGHT = 1e-6
 # By how much (a sine) the surface around a point may lean towards what it touches at a corner.
 _LEANING = 1e-6
 
@@ -140,7 +142,7 @@ def without_rounding(p, size, weights, out):
     """Write the weights of a point of a facet near p into `out`, with zeros for what is rounding.
 
     Otherwise a point between two nodes that are held would have a compliance of rounding squared,
-    and an impulse as large as its inverse.
+    and an impulse as large as its inverse. The force moves by as small a part of a facet.
 
     Args:
         p: position, shape (dim,), m.
@@ -153,8 +155,9 @@ def without_rounding(p, size, weights, out):
         far = max(far, abs(p[d]))
         if abs(weights[d]) > abs(weights[heaviest]):
             heaviest = d
+    least = max(_LEAST_WEIGHT, _ROUNDINGS * (1.0 + far / size))
     for d in range(len(p)):
-        out[d] = weights[d] if abs(weights[d]) > _ROUNDINGS * (1.0 + far / size) else 0.0
+        out[d] = weights[d] if abs(weights[d]) > least else 0.0
         if d != heaviest:
             others += out[d]
     out[heaviest] = 1.0 - others
