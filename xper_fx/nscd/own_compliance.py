@@ -11,6 +11,10 @@ from xper_fx.nscd.inverse_blocks import BodyInverse
 from xper_fx.nscd.kernel_options import LEAN_ENTRY
 from xper_fx.nscd.point_group import PointGroup
 
+# Compliance of a point beside that of the loosest of its nodes, at which it is held: where those
+# that can move have a share of 1e-4 of it, their impulses would be 1e4 times what holds them.
+_HELD = 1e-8
+
 
 def update_compliance(group: PointGroup, inverse: BodyInverse) -> None:
     """Take the values of w; the compliances of a group's points follow."""
@@ -21,6 +25,7 @@ def update_compliance(group: PointGroup, inverse: BodyInverse) -> None:
         nodal = inverse.data.reshape(-1, inverse.dim)[group.points.nodes]
         w = np.einsum("psk,pskd->pd", group.points.weights**2, nodal)
         frame = group.points.frame
+        w[w.sum(axis=1) <= _HELD * nodal.max(axis=(1, 2, 3))] = 0.0
         group.compliance[:] = np.einsum("ped,pd,ped->pe", frame[:, rows], w, frame[:, cols])
         return
     arguments = group.couplings, group.points.frame, rows, cols, group.compliance
@@ -130,11 +135,18 @@ def _compliance_with_lever_arms(c, frame, rows, cols, out, h, at):
 def _compliance(c, frame, rows, cols, out):
     """W_aa = H_c^T w H_c + H_a^T w H_a at each point, packed symmetric.
 
-    Where the normal stands alone, zero if it is rounding beside the trace over all directions.
+    Where the normal stands alone, zero if it is rounding beside the trace over all directions; so
+    is all of it where next to nothing of a point is on nodes that can move.
     """
     k, dim = c.start.shape[2], frame.shape[2]
     for i in range(len(out)):
-        trace = 0.0
+        trace = loosest = 0.0
+        for s in range(2):
+            for a in range(k):
+                column = c.start[i, s, a] - c.body[i, s]
+                for x in range(dim):
+                    own = c.w[c.rows[i, s, a] + x * c.size[i, s] + column + x]
+                    loosest = max(loosest, own)
         for entry in range(len(rows)):
             total = 0.0
             for s in range(2):
@@ -156,3 +168,6 @@ def _compliance(c, frame, rows, cols, out):
             out[i, entry] = total
         if len(rows) == 1 and out[i, 0] <= SINGULAR * trace:
             out[i, 0] = 0.0
+        if trace <= _HELD * loosest:
+            for entry in range(len(rows)):
+                out[i, entry] = 0.0

@@ -17,10 +17,6 @@ from xper_fx.nscd.kernel_options import LEAN_ENTRY, LEAN_INNER
 
 # What a weight may be below 0 by rounding, and what counts as 0 on an edge.
 _NO_WEIGHT = 1e-9
-# How many roundings of a position, beside the size of a facet, a weight may be off.
-_ROUNDINGS = 64.0 * np.finfo(float).eps
-# Weights below that are rounding of the mesh: modellers join points at 1e-8 of a size.
-_LEAST_WEIGHT = 1e-6
 # By how much (a sine) the surface around a point may lean towards what it touches at a corner.
 _LEANING = 1e-6
 
@@ -135,32 +131,6 @@ def closest_weights(p, x, facets, f, weights, m):
             q += weights[m, j] * x[facets[f, j], d]
         square += (p[d] - q) * (p[d] - q)
     return square, size
-
-
-@njit(**LEAN_INNER)
-def without_rounding(p, size, weights, out):
-    """Write the weights of a point of a facet near p into `out`, with zeros for what is rounding.
-
-    Otherwise a point between two nodes that are held would have a compliance of rounding squared,
-    and an impulse as large as its inverse. The force moves by as small a part of a facet.
-
-    Args:
-        p: position, shape (dim,), m.
-        size: of the facet, or less (m).
-        weights: shape (dim,), as they were found.
-        out: shape (dim,).
-    """
-    far, heaviest, others = 0.0, 0, 0.0
-    for d in range(len(p)):
-        far = max(far, abs(p[d]))
-        if abs(weights[d]) > abs(weights[heaviest]):
-            heaviest = d
-    least = max(_LEAST_WEIGHT, _ROUNDINGS * (1.0 + far / size))
-    for d in range(len(p)):
-        out[d] = weights[d] if abs(weights[d]) > least else 0.0
-        if d != heaviest:
-            others += out[d]
-    out[heaviest] = 1.0 - others
 
 
 @njit(**LEAN_INNER)

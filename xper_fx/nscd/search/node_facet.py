@@ -37,7 +37,6 @@ from xper_fx.nscd.search.facet_geometry import (
     facing_area,
     is_tip,
     plane_weights,
-    without_rounding,
 )
 from xper_fx.nscd.search.pair_list import PairList
 
@@ -539,7 +538,7 @@ def _point_facet(points, pairs, faces, reach, out, room):
                 out.gap[count] = ways.gap[a]
                 out.area[count] = ways.area[a]
                 for d in range(dim):
+                    out.weights[count, d] = ways.weights[a, d]
                     out.normal[count, d] = ways.normal[a, d]
-                without_rounding(p, depth[ways.facet[a]], ways.weights[a], out.weights[count])
             count += 1
     return count
