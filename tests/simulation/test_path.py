@@ -7,7 +7,7 @@ from itertools import islice
 
 import numpy as np
 import pytest
-from scenes import BACK, BOTTOM, FRONT, LEFT, RIGHT, TOP, box_bodies
+from scenes import BOTTOM, LEFT, RIGHT, TOP, box_bodies
 
 import xper_fx as xf
 from xper_fx.nscd.laws import CohesiveZone
@@ -686,24 +686,6 @@ def test_lips_that_are_pressed_do_not_lead_the_path(path, share):
     times = [step.time for step in simulation.steps(1e3)]
     np.testing.assert_allclose(times, 50.0 * np.arange(1, 21), rtol=1e-12)
     assert simulation.reaction(RIGHT)[0] == pytest.approx(-1e-3 * E * HEIGHT / length, rel=1e-9)
-
-
-def test_lips_that_rub_in_3d_are_followed_to_the_end():
-    """Cells that are pressed and sheared: lips that flip between stick and slip shorten no steps.
-
-    With one proximal term, and steps by all iterations, it took 160 steps and 1243 corrections.
-    """
-    bodies = box_bodies((0.2, 0.1, 0.2), (3, 1, 3), "tetrahedron")
-    loads = [xf.PrescribedDisplacement(BACK, axis, 0.0) for axis in range(3)]
-    moved = (lambda t: 1e-4 * t, 0.0, lambda t: -2e-5 * t)
-    loads += [xf.PrescribedDisplacement(FRONT, axis, value) for axis, value in enumerate(moved)]
-    bond = CohesiveZone(3e13, 60.0, 3e6, friction=0.3)
-    material = {1: xf.materials.LinearElastic(E, 0.2, 2400.0)}
-    simulation = follow(xf.Scene(bodies, material, default_interaction=bond, loads=loads))
-    steps = list(simulation.steps(2.0))
-    assert steps[-1].time == 2.0 and simulation.path.circles
-    assert len(steps) < 90 and sum(step.newton_iterations for step in steps) < 900
-    assert abs(steps[-1].energies["closure"]) < 1e-6 * steps[-1].energies["external_work"]
 
 
 def test_an_end_before_the_present_is_refused():

@@ -83,7 +83,6 @@ class CoupledStep:
         impulses: H r on all unknowns (N s), with the couples of frames that turn.
         corrections: how many were solved for.
         start: velocities that iterations begin from (m/s).
-        rubs: whether some points have friction, of a scene without inertia.
         turns: whether frames of points turn with the bodies.
         may_jump: whether shorter steps, too, may have no state near the last one: their load is
             given, and neither inertia nor viscosity bounds how fast bonds break.
@@ -115,8 +114,6 @@ class CoupledStep:
         self._stiffest, self.corrections, self.state = 0.0, 0, state
         self.turns = interactions is not None and interactions.turns
         viscous = any("viscous" in g.kernels.energies for g in self._groups)  # a rank may have none
-        rubs = any("friction" in dict(g.kernels.effects) for g in self._groups)
-        self.rubs = not inert and bool(self.ranks.max(float(rubs)))
         self.may_jump = not inert and growth is None and not self.ranks.max(float(viscous))
         self.flipped = ""
         self.restart()

@@ -2,8 +2,7 @@
 """Theta scheme of bulk and interactions in one system (`coupled_step.py`).
 
 A step is solved by a semismooth Newton method (`semismooth_newton.py`); where that goes in circles,
-with larger p if lips rub and nothing is inert, or from the contacts that `augmented_lagrangian.py`
-finds.
+from the contacts that `augmented_lagrangian.py` finds.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ from xper_fx.bulk.bulk import Bulk
 from xper_fx.bulk.coupled_matrices import CoupledMatrices
 from xper_fx.bulk.coupled_step import CoupledStep
 from xper_fx.bulk.loading import Loading
-from xper_fx.bulk.semismooth_newton import PROXIMAL, SOFTER, SemismoothNewton
+from xper_fx.bulk.semismooth_newton import SemismoothNewton
 from xper_fx.bulk.state import State, StepOutcome, reactions_on
 from xper_fx.bulk.step_equations import StepEquations
 from xper_fx.nscd.interactions import Interactions
@@ -202,14 +201,11 @@ class MonolithicScheme:
 
         begin()
         converged = self._solve(coupled, newton)
-        circled = coupled.rubs and newton.left > self._tolerance
         if not (converged or self._gives_up or interactions is None):
             begins = growth is not None and growth.begins
-            if coupled.rubs and not begins:
-                converged = self._softer(coupled, newton, begin)
             if begins and self._found is not None and self._found.state is state:
                 converged = self._go_on(coupled, newton, begin)
-            elif not converged and (guess is None or not coupled.rubs):
+            else:
                 converged = self._from_contacts(coupled, newton, begin, begins)
         velocity, impulses = coupled.velocity, coupled.impulses
         reactions = reactions_on(
@@ -223,26 +219,8 @@ class MonolithicScheme:
         outcome = StepOutcome(
             end, coupled.slots, impulses, reactions, equations.force_impulse, bulk.viscous(mean), 0,
             newton.left, 0.0, coupled.corrections, newton.left, converged, failure=newton.failure,
-            circled=circled,
         )  # fmt: skip
         return outcome, coupled
-
-    def _softer(
-        self, coupled: CoupledStep, newton: SemismoothNewton, begin: Callable[[], None]
-    ) -> bool:
-        """Whether the step was solved with a larger p; see `_from_contacts`."""
-        for proximal in SOFTER:
-            self._again(coupled, begin)
-            if self._solve(coupled, newton, proximal):
-                return True
-        return False
-
-    @staticmethod
-    def _again(coupled: CoupledStep, begin: Callable[[], None]) -> None:
-        """Take a step to its start, and its loads to where they are looked for from."""
-        start = coupled.state.time
-        coupled.loading.set(start + (0.0 if coupled.growth is not None else coupled.step))
-        begin()
 
     def _from_contacts(
         self, coupled: CoupledStep, newton: SemismoothNewton, begin: Callable[[], None], keep: bool
@@ -257,7 +235,8 @@ class MonolithicScheme:
         start = coupled.state
         there, impulses = None, []
         for good in (_NEAR, self._tolerance):
-            self._again(coupled, begin)
+            coupled.loading.set(start.time + (0.0 if coupled.growth is not None else coupled.step))
+            begin()
             change = find_contacts(coupled, good)
             if change > _ROUGH:
                 break
@@ -284,11 +263,9 @@ class MonolithicScheme:
         newton.start_from(*found.there)
         return self._solve(coupled, newton)
 
-    def _solve(
-        self, coupled: CoupledStep, newton: SemismoothNewton, proximal: float = PROXIMAL
-    ) -> bool:
+    def _solve(self, coupled: CoupledStep, newton: SemismoothNewton) -> bool:
         """Whether the step was solved."""
-        if newton.run(self._tolerance, self._max_newton, proximal) and not coupled.goes_on:
+        if newton.run(self._tolerance, self._max_newton) and not coupled.goes_on:
             newton.failure = _GOES_BACK
         return not newton.failure
 

@@ -19,13 +19,6 @@ some states were 4e-4 of the largest load off an independent arc-length solution
 
 The iteration is quadratic near its end and may go round in circles far from it, where contact alone
 holds slender bodies or slips: `augmented_lagrangian.py` then finds who is in contact.
-
-**Lips that rub and hardly slip.** Where many lips meet at a vertex, as in 3D, those that stick and
-those that are closed hold others, which are at the bound of their friction and hardly slip. With a
-small p a correction takes their impulses far beyond the bound, or far back: they flip between stick
-and slip for ever. With a larger p impulses change less in a correction, and the flips end.
-More of a multiplier's error is left then, and impulses creep near the end. So a step in which lips
-rub is tried with p of `SOFTER` where it goes in circles.
 """
 
 from __future__ import annotations
@@ -39,8 +32,8 @@ from xper_fx.bulk.sparse_direct import SingularMatrixError
 
 logger = logging.getLogger(__name__)
 
-# p of the points' springs; those that are tried one after the other where lips that rub flip.
-PROXIMAL, SOFTER = 1e-3, (1e-2, 3e-2, 1e-1)
+# p of the points' springs.
+_PROXIMAL = 1e-3
 # Lengths of a correction that are tried, and what is left of how many iterations it may not exceed.
 _LENGTHS, _MEMORY = (1.0, 0.5, 0.25, 0.1), 3
 # Relative difference of what is left from what two iterations ago was, at which it is the same.
@@ -54,8 +47,6 @@ _NEAR = 1e-3
 _LONGEST = 3
 # Iterations within which what is left has to become less than a share of the least before.
 _STALLED, _PROGRESS = 6, 0.7
-# As many with a larger p, as corrections are shorter, and how many times as many there may be.
-_LONGER, _MORE = 15, 2
 # Relative error of the growth that a step is asked for.
 _GROWN = 1e-6
 # Growth of what is left at which an iteration has gone astray.
@@ -86,31 +77,25 @@ class SemismoothNewton:
         self._most = self.left = np.inf
         self.failure = ""
 
-    def run(self, tolerance: float, most: int, proximal: float = PROXIMAL) -> bool:
+    def run(self, tolerance: float, most: int) -> bool:
         """Whether what is left came within the tolerance in that many iterations at most.
 
         Impulses are then the laws' answers.
-
-        Args:
-            tolerance: of what is left, relative to the largest nodal impulse.
-            most: iterations, for the p that is not given.
-            proximal: p of the points' springs.
         """
         step = self._step
         self._answers = step.impulses_of_points()
-        self.failure = self._iterate(tolerance, most, proximal)
+        self.failure = self._iterate(tolerance, most)
         step.set_impulses(self._answers)
         return not self.failure
 
-    def _iterate(self, tolerance: float, most: int, proximal: float) -> str:
+    def _iterate(self, tolerance: float, most: int) -> str:
         """What failed, empty if nothing has; see `run`."""
         step, history, small = self._step, [], False
-        within = _STALLED if proximal == PROXIMAL else _LONGER
-        count, last = 0, most if proximal == PROXIMAL else _MORE * most
+        count, last = 0, most
         while count < last:
             count += 1
             try:
-                correction = step.correction(proximal)
+                correction = step.correction(_PROXIMAL)
             except SingularMatrixError:
                 return _SINGULAR
             if correction is None:
@@ -152,7 +137,7 @@ class SemismoothNewton:
                     last = min(last + 1, _LONGEST * most)
             elif best[0] > _ASTRAY * reference:
                 return _NOT_FINITE
-            elif _stalls(history, within):
+            elif _stalls(history):
                 # gaps of turned lips that are closed around a vertex agree only nearly: no
                 # impulses close them all, and what differs is left for good. So are flips too small
                 # to matter along a path, where shorter steps have them too.
@@ -212,8 +197,8 @@ def _to_and_fro(history: list[float], merit: float) -> bool:
     return len(history) > 1 and abs(merit - history[-2]) <= _AGAIN * history[-2]
 
 
-def _stalls(history: list[float], within: int) -> bool:
-    """Whether that many last iterations have got nowhere."""
-    if len(history) <= within:
+def _stalls(history: list[float]) -> bool:
+    """Whether the last iterations have got nowhere."""
+    if len(history) <= _STALLED:
         return False
-    return min(history[-within:]) > _PROGRESS * min(history[:-within])
+    return min(history[-_STALLED:]) > _PROGRESS * min(history[:-_STALLED])

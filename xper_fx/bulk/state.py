@@ -44,8 +44,6 @@ class StepOutcome(NamedTuple):
             has beside the physical one (J; 2D: J/m); zero but for `bulk/explicit.py`.
         failure: of a step that has not converged, what failed, in words; empty if all that is
             known is that the residuals are too large.
-        circled: whether lips that rub flipped, by too little to matter or until corrections were
-            shorter (`bulk/semismooth_newton.py`).
     """
 
     state: State
@@ -62,7 +60,6 @@ class StepOutcome(NamedTuple):
     converged: bool
     shadow: tuple[float, float] = (0.0, 0.0)
     failure: str = ""
-    circled: bool = False
 
 
 def interact(

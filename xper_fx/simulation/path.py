@@ -31,8 +31,6 @@ _AT_CORNER = 0.05
 _ROUNDING = 1e-9
 # Exponent and bounds of the change of the share by the number of iterations.
 _EXPONENT, _SLOWEST, _FASTEST = 0.7, 0.5, 2.0
-# The least of these changes where iterations go in circles.
-_ONWARDS = 1.2
 
 
 def _require_share(name: str, value: Any) -> None:
@@ -151,8 +149,6 @@ class PathFollower:
         idles: whether the last attempt went part of the way to a given load, as its bonds asked for
             none: iterations are then those of contacts, and shorter steps do not have fewer.
         loads_turn: whether loads turn or stand still from the last step to where this one may go.
-        circles: whether lips that rub flipped in a step (`StepOutcome.circled`). From then on
-            iterations shorten no step: points that flip take as many in short ones as in long ones.
     """
 
     def __init__(self, control: PathControl):
@@ -162,7 +158,7 @@ class PathFollower:
         self._leading: np.ndarray | None = None
         self._limit: GrowthLimit
         self.contested: int | None = None
-        self.loads_turn = self.idles = self.circles = False
+        self.loads_turn = self.idles = False
         self.share = 1.0
         self.limit_points: list[float] = []
         self.branches: list[float] = []
@@ -233,8 +229,7 @@ class PathFollower:
         self._last_share, self._last_change, self._guesses = self.share, change, True
         few = 1 if self.idles else iterations
         faster = (self._control.iterations / few) ** _EXPONENT
-        slowest = _ONWARDS if self.circles and self.share < 1.0 else _SLOWEST
-        share = self.share * min(max(faster, slowest), _FASTEST)
+        share = self.share * min(max(faster, _SLOWEST), _FASTEST)
         self.share = min(max(share, _LEAST), self._control.most)
 
     def failed(self) -> bool:
@@ -262,7 +257,7 @@ class PathFollower:
         return {
             "share": self.share, "last_share": self._last_share,
             "last_change": self._last_change, "limit_points": np.array(self.limit_points),
-            "branches": np.array(self.branches), "circles": self.circles,
+            "branches": np.array(self.branches),
         }  # fmt: skip
 
     def restore(self, saved: Mapping) -> None:
@@ -271,5 +266,4 @@ class PathFollower:
         self._last_share, self._last_change = saved["last_share"], saved["last_change"]
         self.limit_points = saved["limit_points"].tolist()
         self.branches = saved["branches"].tolist()
-        self.circles = bool(saved["circles"])
         self._guesses = True

@@ -336,7 +336,6 @@ class Simulation(Restartable):
                     record = self._commit(outcome, size, self._bulk_energies(outcome, size))
                     iterations, tells = outcome.newton_iterations, self.team.rank == 0
                     moved = change - self.scheme.loading.held
-                    path.circles |= outcome.circled
                     path.succeeded(moved, iterations, start, ways, tells)
             if outcome.converged:
                 yield record._replace(size=change)
