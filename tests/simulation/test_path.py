@@ -464,7 +464,7 @@ def test_bonds_that_ask_for_no_load_do_not_stop_the_path(monkeypatch):
     assert last.time == pytest.approx(1.0)
     assert simulation.reaction(RIGHT)[0] == pytest.approx(E * 1e-6 / (0.3 * CRITICAL), rel=0.01)
     path = xf.GrowthControl().follower()
-    path.share, path.idles = 1e-3, True
+    path.share, path.idles, path.coasts = 1e-3, True, True
     path.succeeded(1.0, 60, 0.0, 0, False)
     assert path.share == 2e-3
 

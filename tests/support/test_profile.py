@@ -197,8 +197,9 @@ def test_phases_hold_what_their_arrays_take(recorded):
     files = [recorder.folder / name for name in ("history.csv", "bulk.xdmf", "bulk.h5")]
     assert held == {
         "set-up > forms": simulation.bulk.nbytes,
-        # 8 triangles, one point each: e_p has four components, alpha is one
-        "step > commit": 8 * 5 * 8,
+        # 8 triangles, one point each: e_p has four components, alpha is one; twelve answers of the
+        # end of the step, and a weight
+        "step > commit": 8 * (5 + 12 + 1) * 8,
         "output": sum(path.stat().st_size for path in files),
         "step > inverse": simulation.scheme.nbytes,
     }

@@ -221,9 +221,10 @@ class StepAttempts:
 
     def _under_load(self) -> str:
         """What may help where a static step has no equilibrium near the last one."""
-        laws = [law.kernels(self._model.scene.dim) for law in self._model.interactions.laws]
+        points = self._model.interactions
+        laws = [] if points is None else [law.kernels(points.dim) for law in points.laws]
         breaks = any(law.growth is not None or law.rigid is not None for law in laws)
-        return UNDER_LOAD if breaks else OF_FRICTION
+        return UNDER_LOAD if breaks or not laws else OF_FRICTION
 
     def _along(self, path: PathFollower) -> str:
         """What may help where no step along a path converges."""

@@ -27,6 +27,8 @@ _LEAST, _SHORTENED = 1e-6, 0.4
 _SMALLEST = 1e-6
 # Share at which a step that fails is near enough to a corner to go round it (`nscd/growth.py`).
 _AT_CORNER = 0.05
+# Share at which a load is tried that is not found from what bonds do.
+AT_LAST = 1e-5
 # Relative difference of changes of the load that are the same.
 _ROUNDING = 1e-9
 # Exponent and bounds of the change of the share by the number of iterations.
@@ -147,7 +149,9 @@ class PathFollower:
         branches: times of the loads (s) of steps with more than one unstable way to go on.
         contested: as of `GrowthLimit`, of the last attempts at the step; None if they had none.
         idles: whether the last attempt went part of the way to a given load, as its bonds asked for
-            none: iterations are then those of contacts, and shorter steps do not have fewer.
+            none: iterations are then those of contacts, and short steps do not have fewer.
+        coasts: whether it did so as nothing else was left, or as the step before did: the path goes
+            on by given loads until bonds ask for one.
         loads_turn: whether loads turn or stand still from the last step to where this one may go.
     """
 
@@ -158,7 +162,7 @@ class PathFollower:
         self._leading: np.ndarray | None = None
         self._limit: GrowthLimit
         self.contested: int | None = None
-        self.loads_turn = self.idles = False
+        self.loads_turn = self.idles = self.coasts = False
         self.share = 1.0
         self.limit_points: list[float] = []
         self.branches: list[float] = []
@@ -227,7 +231,8 @@ class PathFollower:
         self._leading = self.contested = None
         self.loads_turn = False
         self._last_share, self._last_change, self._guesses = self.share, change, True
-        few = 1 if self.idles else iterations
+        self.coasts = self.idles and (self.coasts or self.share <= AT_LAST)
+        few = 1 if self.coasts else iterations
         faster = (self._control.iterations / few) ** _EXPONENT
         share = self.share * min(max(faster, _SLOWEST), _FASTEST)
         self.share = min(max(share, _LEAST), self._control.most)
@@ -257,7 +262,7 @@ class PathFollower:
         return {
             "share": self.share, "last_share": self._last_share,
             "last_change": self._last_change, "limit_points": np.array(self.limit_points),
-            "branches": np.array(self.branches),
+            "branches": np.array(self.branches), "coasts": self.coasts,
         }  # fmt: skip
 
     def restore(self, saved: Mapping) -> None:
@@ -265,5 +270,5 @@ class PathFollower:
         self.share = min(saved["share"], self._control.most)
         self._last_share, self._last_change = saved["last_share"], saved["last_change"]
         self.limit_points = saved["limit_points"].tolist()
-        self.branches = saved["branches"].tolist()
+        self.branches, self.coasts = saved["branches"].tolist(), bool(saved["coasts"])
         self._guesses = True

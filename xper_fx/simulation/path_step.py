@@ -27,14 +27,12 @@ from xper_fx.bulk.monolithic_scheme import MonolithicScheme
 from xper_fx.bulk.state import State, StepOutcome
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.solvers.solver import SolveOptions, Solver
-from xper_fx.simulation.path import PathFollower
+from xper_fx.simulation.path import AT_LAST, PathFollower
 
 # How often bonds may do less in a step, as its load goes too far, before it has failed.
 _APPROACHES = 5
 # Relative rounding of the sum of many steps.
 _ROUNDING = 1e-9
-# Share of what bonds may do at which a load is tried that is not found from them.
-_AT_LAST = 0.05
 _TOO_FAR = "the load changes by more than a step may, however little bonds do"
 
 
@@ -93,7 +91,8 @@ class PathStep:
             if not outcome.converged:
                 path.loads_turn = self._loads_turn()
                 turned = path.loads_turn and path.last_rise >= 0.0
-                if limit.idle or turned or not in_reach or path.share <= _AT_LAST:
+                last = path.coasts or path.share <= AT_LAST
+                if limit.idle or turned or not in_reach or last:
                     part = min(path.share * self._longest, rise)
                     there = self._to(state.time + part if part < rise else self._last, None)
                     if self._may_be(there, part, back=bool(limit.idle) or turned):

@@ -16,21 +16,16 @@ _STILL_CLOSED = 1e-3
 
 
 @njit(inline="always")
-def least_speed(gap, speed, step, theta, pushed, restitution):
+def least_speed(gap, speed, step, pushed, restitution):
     """The least normal velocity (m/s) that a point may end a step with; -inf if it is open.
-
-    With theta = 1, where the gap is that of the start of the step, one that is closed but for a
-    small gap may close it: it would bear a load across the gap else, in slow runs a wide one.
 
     Args:
         gap: in the middle of the step (m).
         speed: normal velocity at the start (m/s).
         step: h (s).
-        theta: weight of the end of the step.
         pushed: speed that the point's impulse of the last step gives (m/s).
         restitution: Newton's e.
     """
     if gap <= _STILL_CLOSED * step * pushed:
-        least = -restitution * speed
-        return min(least, -gap / step) if theta == 1.0 and gap > 0.0 else least
+        return -restitution * speed
     return -np.inf

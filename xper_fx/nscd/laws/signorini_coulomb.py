@@ -26,8 +26,7 @@ e_T = 0 beside e > 0 as well, the default: an impact that turns the slip round m
 
 It rests without bouncing, at a constant penetration of at most |dU0| h / 2. A point that pushed
 in the last step also counts as closed while its gap is below 1e-3 of what the speed it gave,
-W_NN r_N, covers in a step: else the rounding of a gap of zero, or what a solver leaves of it, would
-let it fall for a step. With theta = 1 it may close that gap.
+W_NN r_N, covers in a step: else the rounding of a gap of zero would let it fall for a step.
 
 A point that arrives loses r_N (1 - e) |dU0_N| / 2, whatever theta is (`stepped_points.py`). One
 that was leaving (dU0_N > 0) and is pressed back gains at most r_N dU0_N / 2, and one whose slip a
@@ -247,8 +246,7 @@ def contact_kernels(
         middle = jump[0] + step * (1.0 - theta) * velocity[0]
         if impact:
             pushed = w[i, 0] * state[i, 0]
-            bounce = parameters[i, e]
-            terms[i, _V_MIN] = least_speed(middle, velocity[0], step, theta, pushed, bounce)
+            terms[i, _V_MIN] = least_speed(middle, velocity[0], step, pushed, parameters[i, e])
         else:
             terms[i, _V_MIN] = -middle / (step * theta)
         if friction:
