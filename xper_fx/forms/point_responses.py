@@ -28,7 +28,7 @@ from xper_fx.forms.shape_gradients import ShapeGradients
 from xper_fx.materials.material import Response
 
 if TYPE_CHECKING:
-    from xper_fx.forms.internal_variables import History
+    from xper_fx.forms import internal_variables
 
 # Energy densities that a response may have beside the stored one.
 LOSSES = ("plastic", "viscous")
@@ -80,7 +80,7 @@ class PointResponses:
         responses: Mapping[int, Response],
         u: fem.Function,
         step: fem.Constant,
-        history: History | None,
+        history: internal_variables.History | None,
     ):
         self._mesh, self._u, self._step, self._history = bodies.mesh, u, step, history
         cell_name = self._mesh.topology.cell_name()
