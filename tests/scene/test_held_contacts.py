@@ -40,10 +40,14 @@ def two_and_one(dim, where, lower=0.0, into=0.0):
 
 
 @pytest.mark.parametrize(
-    ("dim", "where", "apart"),
-    [(2, 0.0, ()), (2, 3e3, ()), (3, 0.0, ()), (2, 0.0, (1e-8, 1e-10)), (2, 0.0, (1e-6, 1e-9))],
-)
-def test_blocks_held_side_by_side(dim, where, apart):
+    ("dim", "where", "apart", "solver"),
+    [
+        (2, 0.0, (), "auto"), (2, 3e3, (), "auto"), (3, 0.0, (), "auto"),
+        (2, 0.0, (1e-8, 1e-10), "auto"), (2, 0.0, (1e-6, 1e-9), "auto"),
+        (2, 0.0, (1e-8, 1e-10), "monolithic"),
+    ],
+)  # fmt: skip
+def test_blocks_held_side_by_side(dim, where, apart, solver):
     """Nodes of both feet lie in each other's facets but for a rounding: a compliance of rounding
     squared had an impulse of 1e18 N, beside which all other contacts counted as solved.
     """
@@ -59,7 +63,7 @@ def test_blocks_held_side_by_side(dim, where, apart):
             *(xf.PrescribedDisplacement(1, component, 0.0) for component in range(dim)),
         ],
     )
-    simulation = xf.Simulation(scene, step=1e-3, theta=1.0)
+    simulation = xf.Simulation(scene, step=1e-3, theta=1.0, solver=solver)
     *_, step = simulation.steps(0.06)
     volume = 3 * 0.08 * 0.4 ** (dim - 2)
     assert simulation.reaction(1) @ down == pytest.approx(WEIGHT * volume, rel=1e-2)
