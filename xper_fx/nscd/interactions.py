@@ -81,6 +81,7 @@ class Interactions(SteppedPoints):
     ):
         self.dim, self.ordering, self.laws = inverse.dim, ordering, laws
         self._rigid_blocks, self.halo, self._rigid_share = rigid_blocks, halo, rigid_share
+        self._by_node = ordering == "vertices"
         self._rigid_start = self._rigid_free = np.zeros((0, inverse.dim))
         self.bulk_inverse, inverse = inverse, self._joined(inverse)
         self.committed_step, self.step_size, self.theta = 0.0, 0.0, 0.5
@@ -140,7 +141,7 @@ class Interactions(SteppedPoints):
         """With blocks of rigid bodies and of ghosts behind those of meshed ones."""
         rigid = self._rigid_blocks is not None
         if rigid:
-            inverse = inverse.joined(self.rigid_blocks)
+            inverse = inverse.joined(self.rigid_blocks, self._by_node)
         self.own_inverse = inverse
         alone = self.halo is None or (rigid and self._rigid_share is None)
         return inverse if alone else self.halo.with_ghosts(inverse)
@@ -154,7 +155,8 @@ class Interactions(SteppedPoints):
     def take_rigid(self, start: np.ndarray, free: np.ndarray) -> None:
         """Take what a prediction of the rigid bodies' step gives; `rigid_blocks` holds their w.
 
-        In 2D w does not change as bodies turn, and is not read again.
+        In 2D w does not change as bodies turn, and is not read again. Where vertices split,
+        contacts read `rigid_blocks`.
 
         Args:
             start: shape (2 num_rigid, dim), velocities at the start of the step (m/s, rad/s).
@@ -165,7 +167,7 @@ class Interactions(SteppedPoints):
             start, free = (a.reshape(-1, 2, self.dim)[share.here] for a in (start, free))
         self._rigid_start = start.reshape(-1, self.dim)
         self._rigid_free = free.reshape(-1, self.dim)
-        if self.dim == 2:
+        if self.dim == 2 or self._by_node:
             return
         last = self.own_inverse.data_offsets[-2]
         self.inverse.data[last - blocks.size : last] = blocks.ravel()

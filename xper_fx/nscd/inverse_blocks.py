@@ -96,11 +96,18 @@ class BodyInverse:
         data = np.concatenate([b.ravel() for b in blocks] + [np.zeros(dim * dim)])
         return cls(dim, nodes, data, np.concatenate([[0], np.cumsum(sizes**2)]))
 
-    def joined(self, blocks: np.ndarray) -> BodyInverse:
+    def joined(self, blocks: np.ndarray, by_node: bool = False) -> BodyInverse:
         """With blocks of one size behind these, shape (num_bodies, n, n); the ground stays last.
 
         The ground's block is as large as theirs, so that kernels can be compiled for that size.
+
+        Args:
+            blocks: of w.
+            by_node: whether each node gets a block, which has the diagonal alone.
         """
+        if by_node:
+            entries = np.einsum("bii->bi", blocks).reshape(-1, self.dim)
+            blocks = entries[:, :, None] * np.eye(self.dim)
         count, n = blocks.shape[:2]
         nodes, data = self.node_offsets[:-1], self.data[: self.data_offsets[-2]]
         steps = np.arange(1, count + 2, dtype=np.int64)

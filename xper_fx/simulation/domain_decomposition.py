@@ -12,7 +12,7 @@ from xper_fx.bodies.meshes import SerialOnlyError
 from xper_fx.forms.dynamics import at_finite_strain
 from xper_fx.scene.scene import Scene
 from xper_fx.simulation.options import Options
-from xper_fx.simulation.shared_motions import bonds_split
+from xper_fx.simulation.shared_motions import bonds_split, splits_beside_rigid_bodies
 from xper_fx.support.profile import Stopwatch
 from xper_fx.support.ranks import ALONE, Ranks
 
@@ -123,6 +123,10 @@ def _stays_whole(scene: Scene, options: Options, team: Ranks) -> bool:
             (
                 "searched contacts and walls where vertices split",
                 splits and touching and scene.walls,
+            ),
+            (
+                "rigid bodies where vertices split",
+                alone and scene.rigid_bodies is not None and splits_beside_rigid_bodies(scene),
             ),
             # the couples of lips act on vertices of other ranks
             (

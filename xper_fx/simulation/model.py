@@ -29,7 +29,12 @@ from xper_fx.simulation.not_finite import not_finite_columns
 from xper_fx.simulation.one_system import takes_one_system
 from xper_fx.simulation.options import Options
 from xper_fx.simulation.permanent_points import ScenePoints
-from xper_fx.simulation.shared_motions import bonds_split, condenses, share_motions
+from xper_fx.simulation.shared_motions import (
+    bonds_split,
+    condenses,
+    share_motions,
+    splits_beside_rigid_bodies,
+)
 from xper_fx.support.profile import Stopwatch
 from xper_fx.support.ranks import Ranks
 from xper_fx.support.saved_rows import in_order
@@ -113,9 +118,10 @@ class Model:
         # a wall's points are on the rank of their body, a vertex's on that of the first body there
         divided_walls = self.part is not None and len(scene.walls) > 0
         self.by_vertex = (
-            options.scheme == "explicit" and scene.points == "nodal" and self.rigid is None
+            options.scheme == "explicit" and scene.points == "nodal"
             and not divided_walls
             and (not searched or bonds_split(scene))
+            and (self.rigid is None or (self.part is None and splits_beside_rigid_bodies(scene)))
         )  # fmt: skip
         self.points = ScenePoints(scene, self.bulk, self._ties, self.part, self.by_vertex)
         self.detection = self._detection() if searched else None

@@ -7,7 +7,8 @@ of the signed weights of those of its nodes that move with cluster r, and M_r th
     u_c = sum_r H_cr v_r,    W_cc = sum_r H_cr^2 / M_r,    v_r += H_cr p_c / M_r.
 
 Contacts and vertices take turns. Given what bonds bear and which cells move as one, the contacts
-are swept by Gauss-Seidel with these numbers; given the impulses of the contacts, each of which acts
+are swept by Gauss-Seidel with these numbers, those on rigid bodies with the spins of these, too;
+given the impulses of the contacts, each of which acts
 on the corners of its nodes, the vertices that they touch are solved anew from the free velocities
 of their cells, and may open. Contacts of whole vertices that hold take one turn. Where bonds and
 contacts hold pieces more than once, turns by themselves would creep: impulses that a turn starts
@@ -37,7 +38,7 @@ import numpy as np
 from xper_fx.cache import njit
 from xper_fx.nscd.algebra.anderson_mixing import AndersonMixing
 from xper_fx.nscd.algebra.small import for_dimension, sym_indices
-from xper_fx.nscd.couplings import Sides
+from xper_fx.nscd.couplings import Couplings, Sides, lever_arm_kernels
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.kernel_options import LEAN_ENTRY
 from xper_fx.nscd.laws.law import LawKernels
@@ -58,10 +59,14 @@ _TURNS = 150
 
 
 class SweptContacts(NamedTuple):
-    """Contacts of one law as sweeps have them: of `PointGroup`, and `nodes` of the points."""
+    """Contacts of one law as sweeps have them: of `PointGroup`, and `nodes` of the points.
+
+    `turned` are the couplings of those that have lever arms.
+    """
 
     kernels: LawKernels
     sides: Sides
+    turned: Couplings | None
     nodes: np.ndarray
     weights: np.ndarray
     frame: np.ndarray
@@ -76,7 +81,8 @@ class SweptContacts(NamedTuple):
     def of(cls, g: PointGroup) -> SweptContacts:
         """Those of a group, whose arrays they are."""
         return cls(
-            g.kernels, g.sides, g.points.nodes, g.points.weights, g.couplings.frame, g.impulse,
+            g.kernels, g.sides, g.couplings if g.sides.lever_arms else None, g.points.nodes,
+            g.points.weights, g.couplings.frame, g.impulse,
             g.compliance, g.inverse_area, g.parameters, g.terms, g.details,
         )  # fmt: skip
 
@@ -107,6 +113,8 @@ class TouchingClusters:
         vertices = np.unique(fused.vertex_of_slot[self._touched])
         self._vertices = vertices[vertices >= 0]
         self._moved = np.union1d(self._touched, graphs.corners_of(self._vertices))
+        blocks, self._first_rigid = interactions.rigid_blocks, interactions.bulk_inverse.num_nodes
+        self._rigid_w = np.zeros((0, 0, 0)) if blocks is None else blocks
         self._root = np.arange(len(self._velocity), dtype=np.int32)
         self._mobility = graphs.compliance.copy()
         self._least = interactions.rounding(velocity) / options.tolerance
@@ -182,10 +190,15 @@ class TouchingClusters:
         return self._interactions.spread(self._groups)
 
     def _push(self, slots: np.ndarray) -> None:
-        """Let the impulses of contacts act on free cells, at some slots."""
-        impulses = self._impulses_on_slots()[slots]
-        pushed = self._fused.graphs.compliance[slots] * impulses
+        """Let the impulses of contacts act on free cells, at some slots, and on rigid bodies."""
+        impulses = self._impulses_on_slots()
+        pushed = self._fused.graphs.compliance[slots] * impulses[slots]
         self._velocity[slots] = self._free[slots] + pushed
+        count = len(self._rigid_w)
+        if count:
+            rigid = slice(self._first_rigid, self._first_rigid + 2 * count)
+            pushed = self._rigid_w @ impulses[rigid].reshape(count, -1, 1)
+            self._velocity[rigid] = self._free[rigid] + pushed.reshape(2 * count, -1)
 
     def _find_clusters(self) -> None:
         """Take what moves as one now; the compliances of contacts follow."""
@@ -208,6 +221,11 @@ class TouchingClusters:
                 g.points.nodes, g.points.weights, g.points.frame,
                 *sym_indices(g.kernels.components), root, mobility, w,
             )  # fmt: skip
+            if g.sides.lever_arms:
+                _add_turning(
+                    g.couplings, g.points.frame, *sym_indices(g.kernels.components),
+                    self._rigid_w, self._first_rigid, w,
+                )  # fmt: skip
             if not np.array_equal(w, g.compliance):
                 g.compliance[:] = w
                 self._interactions.prepare_group(g)
@@ -227,9 +245,12 @@ class TouchingClusters:
             acts: whether impulses change; else the changes are what contacts still ask for.
         """
         changed = total = largest = 0.0
-        for kernels, sides, nodes, weights, frame, *others in self._swept:
+        rigid = self._rigid_w, self._first_rigid
+        for kernels, sides, turned, nodes, weights, frame, *others in self._swept:
             kernel = _sweep_kernel(kernels, sides)
-            x, y, z = kernel(*self._of_clusters, nodes, weights, frame, acts, *others)
+            x, y, z = kernel(
+                *self._of_clusters, *rigid, turned, nodes, weights, frame, acts, *others
+            )
             changed, total, largest = changed + x, total + y, max(largest, z)
         total = max(total, self._least**2)
         relative = np.sqrt(changed / total) if total > 0.0 else np.sqrt(changed)
@@ -277,10 +298,40 @@ def _compliances(nodes, weights, frame, rows, cols, root, mobility, out):
                     out[i, entry] += own * frame[i, rows[entry], d] * frame[i, cols[entry], d]
 
 
+@njit(inline="always")
+def _moment(c, frame, i, s, x, d):
+    """Component d of a x e for the arm of a side and direction x of the frame."""
+    e, g = (0, 1) if frame.shape[2] == 2 else ((d + 1) % 3, (d + 2) % 3)
+    return c.lever_arms[i, s, e] * frame[i, x, g] - c.lever_arms[i, s, g] * frame[i, x, e]
+
+
+@njit(**LEAN_ENTRY)
+def _add_turning(c, frame, rows, cols, rigid_w, first_rigid, out):
+    """Add what the spins of rigid bodies have of W_cc: with J^-1 of a body, (a x e) . J^-1 (a x f).
+
+    `first_rigid` is the first slot of rigid bodies, which have two each.
+    """
+    dim = frame.shape[2]
+    turns = dim if dim == 3 else 1
+    for i in range(len(out)):
+        for s in range(2):
+            if c.rotation_dof[i, s] == c.start[i, s, 0]:
+                continue
+            body = (c.start[i, s, 0] // dim - first_rigid) // 2
+            for entry in range(len(rows)):
+                for d in range(turns):
+                    for e in range(turns):
+                        w = rigid_w[body, dim + d, dim + e]
+                        here = _moment(c, frame, i, s, rows[entry], d)
+                        out[i, entry] += here * w * _moment(c, frame, i, s, cols[entry], e)
+
+
 @cache
 def _sweep_kernel(law: LawKernels, sides: Sides):
     """Kernel `sweep(...)` over contacts of a law: sums |dr|^2 and |r|^2, largest |dr|^2/area^2."""
-    dim, k = sides.dim, sides.k
+    dim, k, lever_arms = sides.dim, sides.k, sides.lever_arms
+    turns = dim if dim == 3 else 1
+    turned_by, _, moment = lever_arm_kernels(dim) if lever_arms else (None, None, None)
     algebra = for_dimension(dim, sides.components)
     row, set_row, dot, subtract = algebra.row, algebra.set_row, algebra.dot, algebra.subtract
     to_local, to_global = algebra.to_local, algebra.to_global
@@ -300,16 +351,20 @@ def _sweep_kernel(law: LawKernels, sides: Sides):
 
     @njit(**LEAN_ENTRY)
     def sweep(
-        v, root, mobility, nodes, weights, frame, acts, r, w, inverse_area, parameters, terms,
-        details
+        v, root, mobility, rigid_w, first_rigid, turned, nodes, weights, frame, acts, r, w,
+        inverse_area, parameters, terms, details
     ):  # fmt: skip
         changed = total = largest = 0.0
+        flat = v.reshape(-1)
         for i in range(len(r)):
             apart = scale(0.0, world_row(v, root[nodes[i, 0, 0]]))
             for s in range(2):
                 for j in range(k):
                     there = world_row(v, root[nodes[i, s, j]])
                     apart = add(apart, scale(signed(weights, i, s, j), there))
+            if lever_arms:
+                apart = add(apart, turned_by(flat, turned, i, 0))
+                apart = add(apart, scale(-1.0, turned_by(flat, turned, i, 1)))
             old = row(r, i)
             new, _ = solve(i, to_local(frame, i, apart), old, w, parameters, terms, details)
             change = subtract(new, old)
@@ -326,6 +381,13 @@ def _sweep_kernel(law: LawKernels, sides: Sides):
                     slot = root[nodes[i, s, j]]
                     pushed = scale(signed(weights, i, s, j), lightened(f, mobility, slot))
                     world_set(v, slot, add(world_row(v, slot), pushed))
+                if lever_arms and turned.rotation_dof[i, s] != turned.start[i, s, 0]:
+                    first = turned.rotation_dof[i, s]
+                    body = (first // dim - first_rigid) // 2
+                    g = moment(turned, i, s, scale(1.0 if s == 0 else -1.0, f))
+                    for d in range(turns):
+                        for e in range(turns):
+                            flat[first + d] += rigid_w[body, dim + d, dim + e] * g[e]
         return changed, total, largest
 
     return sweep
