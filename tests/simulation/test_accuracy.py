@@ -354,8 +354,11 @@ def test_what_a_control_has_learnt_is_restored_field_by_field():
     assert again.saved()["learnt"] == saved["learnt"]
     assert again.saved()["estimate"]["parts"] == parts
     assert np.any(saved["estimate"]["turned"])
-    for name in ("rates", "turned"):
+    for name in ("now", "turned"):
         np.testing.assert_array_equal(again.saved()["estimate"][name], saved["estimate"][name])
+    for name in ("swings", "force"):
+        for part, value in saved["estimate"][name].items():
+            np.testing.assert_array_equal(again.saved()["estimate"][name][part], value)
     # both go on alike, the next halving of the tolerance included
     ends = [feed(c, lambda t: (0.0, 1.0 + 1e-3 * t, 0.0), 3, size=1.0, work=wrong)
             and (c.tolerance, c.estimate.error) for c in (one, again)]  # fmt: skip
@@ -372,7 +375,7 @@ def test_what_a_control_has_learnt_is_restored_field_by_field():
 def taken(one: ErrorEstimate, changes, work=None, size=1.0, kinetic=0.0, **of_outcome) -> None:
     """Let an estimate take a step in which work, kinetic and elastic energy change."""
     bulk = BulkEnergies(changes[0], kinetic, 0.0, changes[1], changes[2])
-    one.see(0.0 if not one._rates else one._now.time + 0.5 * size, size, np.array(changes))
+    one.see(0.0 if not one._swings.rates else one._now.time + 0.5 * size, size, np.array(changes))
     one.take(size, bulk, work, 0.0, outcome(**of_outcome))
 
 
