@@ -7,7 +7,7 @@ largest energy held or to the largest force. What makes it, by name:
 - **time step**: with P = dE/dt of the external work, the kinetic and the elastic energy, a scheme
   of second order leaves about h^3 |P''| / 12 a step, until what swings is out of phase
   (`swings.py`). P'' comes from three steps. Energy that an impact takes at once is no power and is
-  left out;
+  left out. Static flow has no waves: doubled steps and the closure tell what its steps leave;
 - **material**: `step_doubling.py`, for materials with a history and static paths with interactions;
 - **tolerance**: what impulses leave of wrong sign (`StepWork.numerical`), or `_OF_IMPULSES` times
   the mean error that the solver left of the impulses themselves, whichever is more: tractions that
@@ -59,6 +59,9 @@ _AN_IMPACT, _OF_IMPACTS, _LATE = 1e-6, 1.4, 0.5
 _REBOUND = 1.5
 # Error of a largest force over what swings fastest of the force, where it is out of phase.
 _WAVES = 3.0 * 2.0**0.5
+# Forces of supports beside those of the bulk that are what its iterations leave: of cells that
+# stresses drive, and bodies that are held where nothing pulls.
+_LITTLE_FORCE = 1e-4
 # Work of the loads, relative to the largest energy, below which its power is no force to be missed.
 _LITTLE_WORK = 1e-3
 
@@ -152,8 +155,9 @@ class ErrorEstimate:
         impulses = _OF_IMPULSES * parts.impulses / max(parts.steps, 1)
         watched = self._supported or parts.worked > _LITTLE_WORK * scale
         within = 0.0 if self.doubling is None else self.doubling.error
+        lags = self.doubling is None or not self.doubling.follows
         return {
-            "time step": self._swings.error / scale,
+            "time step": self._swings.error / scale if lags else 0.0,
             "material": within / scale,
             "tolerance": max(self.numerical, impulses),
             "impacts": float(impacts / (scale + impacts)),
@@ -258,7 +262,10 @@ class ErrorEstimate:
             parts.fastest = max(parts.fastest, fast)
         force = abs(energies.work)
         if self._supported:
-            force = self._ranks.sum(float(outcome.reactions @ outcome.reactions)) ** 0.5
+            squares = [outcome.reactions @ outcome.reactions, state.internal @ state.internal]
+            force, inner = np.sqrt(self._ranks.sum(np.array(squares))).tolist()
+            if force < _LITTLE_FORCE * inner * size:
+                force = 0.0
         self._watch(force / size, size)
 
     def _watch(self, force: float, size: float) -> None:
