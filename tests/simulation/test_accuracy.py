@@ -406,6 +406,8 @@ def test_a_largest_force_errs_among_waves_that_are_out_of_phase():
     waves = 3.0 * np.sqrt(2.0) * ripple / np.sqrt(2.0) / (1.0 + ripple) * lost
     assert one.errors["waves"] == pytest.approx(waves, rel=2e-2)
     assert one.error == one.errors["waves"]
+    one._supported = False  # the power of loads is no wave
+    assert one.errors["waves"] == 0.0
 
 
 def test_forces_of_supports_that_are_rounding_are_none():

@@ -29,7 +29,8 @@ largest energy held or to the largest force. What makes it, by name:
   that of the supports, or else the external power;
 - **waves**: where waves are out of phase they add up to another largest force. It errs by three
   times what two unrelated waves of the force differ by, `_WAVES` (calibrated, as several waves do),
-  times the share of the lags of the energies that is lost. The other parts are not added to it.
+  times the share of the lags of the energies that is lost; of supports alone, as powers are no
+  waves. The other parts are not added to it.
 
 `benchmarks/estimate_coverage.py` compares them with true errors.
 """
@@ -165,7 +166,7 @@ class ErrorEstimate:
             "closure": abs(parts.closure) / scale,
             "events": parts.missed if watched else 0.0,
             "motion": self._motion,
-            "waves": self._waves if watched else 0.0,
+            "waves": self._waves if self._supported else 0.0,
         }
 
     @property
