@@ -17,7 +17,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import ClassVar
 
@@ -259,6 +259,68 @@ def sheared_block() -> xf.Scene:
     return accuracy_cost.sheared_block(6, 1)
 
 
+def disc_on_beam(density: float, speed: tuple[float, float]) -> xf.Scene:
+    """A rigid disc thrown on a clamped beam, which it leaves and hits again and again."""
+    disc = xf.RigidBody(xf.rigid.Disc(0.1), (0.4, 0.201), "disc", density=density, velocity=speed)
+    return xf.Scene(
+        rectangle((1.0, 0.1), (20, 2)),
+        {1: xf.materials.LinearElastic(1e7, 0.3, 1000.0)},
+        surfaces={"beam": (1,)},
+        rigid=[disc],
+        contacts=[
+            xf.Contact(("beam", "disc"), xf.laws.SignoriniCoulomb(0.5)),
+            xf.Contact(("beam", "beam"), None),
+        ],
+        loads=[*clamped(), xf.Gravity((0.0, -9.81))],
+    )
+
+
+def clamped() -> list[xf.PrescribedVelocity]:
+    """Both ends of a beam or plate are held."""
+    return [xf.PrescribedVelocity(side, i, 0.0) for side in (LEFT, RIGHT) for i in (0, 1)]
+
+
+def ball_on_plate() -> xf.Scene:
+    """A meshed ball thrown on a clamped meshed plate, obliquely."""
+    plate_mesh = xf.crossed_rectangle((0.0, 0.0), (1.0, 0.1), (20, 3))
+    ball = xf.crossed_rectangle((-1.0, -1.0), (1.0, 1.0), (6, 6))
+    x, y = ball.geometry.x[:, :2].T.copy()
+    across = np.column_stack([x * np.sqrt(1.0 - 0.5 * y**2), y * np.sqrt(1.0 - 0.5 * x**2)])
+    ball.geometry.x[:, :2] = np.array([0.45, 0.181]) + 0.08 * across
+    sides = {LEFT: lambda x: x[0] < 1e-9, RIGHT: lambda x: x[0] > 1.0 - 1e-9}
+    joined = xf.join_meshes(
+        [plate_mesh, ball],
+        [xf.tag_cells(plate_mesh, {}, 1), xf.tag_cells(ball, {}, 2)],
+        [xf.tag_facets(plate_mesh, sides), None],
+    )
+    still = np.zeros((2, 1))
+    return xf.Scene(
+        xf.explode(joined.mesh, joined.part, joined.cell_tags, joined.facet_tags),
+        {
+            1: xf.materials.LinearElastic(1e7, 0.3, 1000.0),
+            2: xf.materials.LinearElastic(2e7, 0.3, 1500.0),
+        },
+        surfaces={"plate": (1,), "ball": (2,)},
+        contacts=[
+            xf.Contact(("ball", "plate"), xf.laws.SignoriniCoulomb(0.3)),
+            xf.Contact(("ball", "ball"), None),
+            xf.Contact(("plate", "plate"), None),
+        ],
+        loads=clamped(),
+        initial_velocity={
+            1: lambda x: still + 0.0 * x[:2],
+            2: lambda x: np.array([[0.3], [-1.0]]) + 0.0 * x[:2],
+        },
+    )
+
+
+def stressed_cell() -> xf.Scene:
+    """The ductile cell under a stress that is given."""
+    stress = {"11": lambda t: 6.5e8 * t, "22": 0.0}
+    drive = xf.MacroscopicDrive(gradient={"12": 0.0, "21": 0.0}, stress=stress)
+    return replace(accuracy_asked.ductile_cell(), macroscopic=drive)
+
+
 STATIC = {"theta": 1.0, "inertia": False}
 GAUGE_END = 0.0075 * plate.SIZE / (2.0 * plate.SPEED)
 
@@ -323,6 +385,20 @@ def cases() -> dict[str, Case]:
         "torn plate, static": Case(
             pulled_plate, 1.0, {"step": 1e-3, "tolerance": 1e-8}, STATIC, TOP
         ),
+        "stressed cell, static": Case(stressed_cell, 1.0, {"step": 1e-3}, STATIC),
+        "disc on a beam": Case(
+            lambda: disc_on_beam(300.0, (0.0, -1.0)),
+            0.3,
+            {"step": 2e-5, "tolerance": 1e-6},
+            force=LEFT,
+        ),
+        "heavy disc on a beam": Case(
+            lambda: disc_on_beam(1e4, (0.5, -0.5)),
+            0.1,
+            {"step": 1e-5, "tolerance": 1e-6},
+            force=LEFT,
+        ),
+        "ball on a plate": Case(ball_on_plate, 0.05, {"step": 1e-5, "tolerance": 1e-6}, force=LEFT),
         "sliding block": Case(sliding_block, 1.0, {"step": 1e-4}, {"step": 1e-2}),
         "rocking block": Case(rocking_block, 2.0, {"step": 5e-5}, {"step": 5e-3}),
         "falling discs": Case(

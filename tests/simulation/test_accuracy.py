@@ -66,9 +66,11 @@ def control(accuracy=1e-2, base=1.0, step="auto", **options) -> AccuracyControl:
     return AccuracyControl(RequestedAccuracy.chosen(accuracy, step, None, None), base, **settings)
 
 
-def outcome(residual=0.0, force=0.0, displacement=NONE, velocity=NONE) -> StepOutcome:
+def outcome(
+    residual=0.0, force=0.0, displacement=NONE, velocity=NONE, internal=NONE
+) -> StepOutcome:
     """A step whose supports give an impulse (N s), with what the solver left of the impulses."""
-    state = State(0.0, displacement, velocity, NONE)
+    state = State(0.0, displacement, velocity, internal)
     return StepOutcome(
         state, NONE, NONE, np.array([force]), 0.0, 0.0, 0, residual, 0.0, 1, 0.0, True
     )
@@ -354,8 +356,11 @@ def test_what_a_control_has_learnt_is_restored_field_by_field():
     assert again.saved()["learnt"] == saved["learnt"]
     assert again.saved()["estimate"]["parts"] == parts
     assert np.any(saved["estimate"]["turned"])
-    for name in ("rates", "turned"):
+    for name in ("now", "turned"):
         np.testing.assert_array_equal(again.saved()["estimate"][name], saved["estimate"][name])
+    for name in ("swings", "force"):
+        for part, value in saved["estimate"][name].items():
+            np.testing.assert_array_equal(again.saved()["estimate"][name][part], value)
     # both go on alike, the next halving of the tolerance included
     ends = [feed(c, lambda t: (0.0, 1.0 + 1e-3 * t, 0.0), 3, size=1.0, work=wrong)
             and (c.tolerance, c.estimate.error) for c in (one, again)]  # fmt: skip
@@ -372,7 +377,7 @@ def test_what_a_control_has_learnt_is_restored_field_by_field():
 def taken(one: ErrorEstimate, changes, work=None, size=1.0, kinetic=0.0, **of_outcome) -> None:
     """Let an estimate take a step in which work, kinetic and elastic energy change."""
     bulk = BulkEnergies(changes[0], kinetic, 0.0, changes[1], changes[2])
-    one.see(0.0 if not one._rates else one._now.time + 0.5 * size, size, np.array(changes))
+    one.see(0.0 if not one._swings.rates else one._now.time + 0.5 * size, size, np.array(changes))
     one.take(size, bulk, work, 0.0, outcome(**of_outcome))
 
 
@@ -388,6 +393,30 @@ def test_a_largest_force_is_missed_by_a_third_of_its_growth_or_fall():
     for force in (6.0, 9.0, 10.0):
         taken(at_end, (0.0, 0.0, 0.0), force=force)
         assert at_end.errors["events"] == 0.0
+
+
+def test_a_largest_force_errs_among_waves_that_are_out_of_phase():
+    """By 3 times 2^(1/2) of its own waves, by the share of the energies' lags that is lost."""
+    one, ripple = estimate(supported=True), 0.1
+    energy = [0.02 * np.sin(2.4 * k) for k in range(401)]
+    for k in range(400):
+        taken(one, (0.0, energy[k + 1] - energy[k], 0.0), force=1.0 + ripple * np.sin(1.1 * k))
+    lost = one._swings.out_of_phase
+    assert 0.5 < lost < 1.0
+    waves = 3.0 * np.sqrt(2.0) * ripple / np.sqrt(2.0) / (1.0 + ripple) * lost
+    assert one.errors["waves"] == pytest.approx(waves, rel=2e-2)
+    assert one.error == one.errors["waves"]
+    one._supported = False  # the power of loads is no wave
+    assert one.errors["waves"] == 0.0
+
+
+def test_forces_of_supports_that_are_rounding_are_none():
+    """Beside those of the bulk, as in a cell that stresses drive."""
+    for inner, told in ((1e3, True), (1e6, False)):
+        one = estimate(supported=True)
+        for force in (1.0, 10.0, 7.0):
+            taken(one, (0.0, 0.0, 0.0), force=force, internal=np.array([inner]))
+        assert (one.errors["events"] > 0.0) == told
 
 
 def test_an_impact_errs_by_what_turns_in_its_step_and_is_no_power():
@@ -519,6 +548,15 @@ def test_an_error_of_the_elastic_energy_goes_to_the_dissipation():
     kept = 0.5 * 6 * erred * math.exp(-k * 50 * h)
     assert doubling.left[2] == pytest.approx(kept)
     assert doubling.left[3] == pytest.approx(0.5 * 6 * erred - kept)
+
+
+def test_static_flow_has_no_waves():
+    """Where errors of stresses are followed, third differences of the works are not told."""
+    for follows in (False, True):
+        one = ErrorEstimate(1.0, StepDoubling(follows), False, 0.0, Ranks(MPI.COMM_SELF))
+        for k in range(5):
+            taken(one, (0.0, 1e-3 * k**3, 0.0))
+        assert (one.errors["time step"] > 0.0) == (not follows)
 
 
 @pytest.mark.slow

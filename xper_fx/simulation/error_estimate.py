@@ -5,8 +5,9 @@ The error is that of global quantities: energies, work, largest force, motion, r
 largest energy held or to the largest force. What makes it, by name:
 
 - **time step**: with P = dE/dt of the external work, the kinetic and the elastic energy, a scheme
-  of second order leaves about h^3 |P''| / 12 a step. P'' comes from three steps. Energy that an
-  impact takes at once is no power and is left out;
+  of second order leaves about h^3 |P''| / 12 a step, until what swings is out of phase
+  (`swings.py`). P'' comes from three steps. Energy that an impact takes at once is no power and is
+  left out. Static flow has no waves: doubled steps and the closure tell what its steps leave;
 - **material**: `step_doubling.py`, for materials with a history and static paths with interactions;
 - **tolerance**: what impulses leave of wrong sign (`StepWork.numerical`), or `_OF_IMPULSES` times
   the mean error that the solver left of the impulses themselves, whichever is more: tractions that
@@ -25,17 +26,19 @@ largest energy held or to the largest force. What makes it, by name:
   is seen or in that after it, and exceeds it by about a third of what the force grows by in the one
   or falls by in the other, whichever is less: a smooth largest one is of second order. One that
   still grows at the end lags by 1 - theta of a step, as forces are means over steps. The force is
-  that of the supports, or else the external power.
+  that of the supports, or else the external power;
+- **waves**: where waves are out of phase they add up to another largest force. It errs by three
+  times what two unrelated waves of the force differ by, `_WAVES` (calibrated, as several waves do),
+  times the share of the lags of the energies that is lost; of supports alone, as powers are no
+  waves. The other parts are not added to it.
 
 `benchmarks/estimate_coverage.py` compares them with true errors.
 """
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -43,6 +46,7 @@ from xper_fx.bulk.state import StepOutcome
 from xper_fx.nscd.stepped_points import StepWork
 from xper_fx.simulation.energy_ledger import BulkEnergies
 from xper_fx.simulation.step_doubling import StepDoubling
+from xper_fx.simulation.swings import Rate, Swings, lag
 from xper_fx.support.ranks import Ranks
 
 # Steps without damage after which bonds count as at rest.
@@ -54,6 +58,11 @@ _OF_IMPULSES = 3.0
 _AN_IMPACT, _OF_IMPACTS, _LATE = 1e-6, 1.4, 0.5
 # Change of the velocities of bodies that bounce, over their velocities.
 _REBOUND = 1.5
+# Error of a largest force over what swings fastest of the force, where it is out of phase.
+_WAVES = 3.0 * 2.0**0.5
+# Forces of supports beside those of the bulk that are what its iterations leave: of cells that
+# stresses drive, and bodies that are held where nothing pulls.
+_LITTLE_FORCE = 1e-4
 # Work of the loads, relative to the largest energy, below which its power is no force to be missed.
 _LITTLE_WORK = 1e-3
 
@@ -70,7 +79,6 @@ class _Parts:
     Attributes:
         scale: largest energy held.
         quiet: steps since bonds were damaged.
-        left: by the time integration.
         numerical, closure, damped: by impulses, what the ledger misses, by theta above 1/2.
         work, worked: external, and the sum of its sizes.
         impulses, steps: sum of the errors of the impulses (relative), steps made.
@@ -87,7 +95,6 @@ class _Parts:
 
     scale: float
     quiet: int = REST
-    left: float = 0.0
     numerical: float = 0.0
     closure: float = 0.0
     damped: float = 0.0
@@ -104,13 +111,6 @@ class _Parts:
     late: float = 0.0
     fastest: float = 0.0
     moved: float = 0.0
-
-
-class _Rate(NamedTuple):
-    """Rates of external work, kinetic and elastic energy (W; 2D: W/m) at the middle of a step."""
-
-    time: float
-    rate: np.ndarray
 
 
 class ErrorEstimate:
@@ -137,15 +137,15 @@ class ErrorEstimate:
         self._supported, self._lag, self._ranks = supported, lag, ranks
         self._parts = _Parts(energy)
         self._turned = np.zeros(3)  # energies in steps of impacts, summed
-        self._rates: deque[_Rate] = deque(maxlen=2)
-        self._now = _Rate(0.0, np.zeros(3))
+        self._swings, self._force = Swings(3), Swings(1)  # of the energies, of the force
+        self._now = Rate(0.0, np.zeros(3))
 
     @property
     def error(self) -> float:
-        """Relative error so far: the sum of `errors`, but for `motion`, or that if it is more."""
+        """Relative error so far: the sum of `errors`; or `motion` or `waves` if one is more."""
         errors = self.errors
-        motion = errors.pop("motion")
-        return max(sum(errors.values()), motion)
+        alone = errors.pop("motion"), errors.pop("waves")
+        return max(sum(errors.values()), *alone)
 
     @property
     def errors(self) -> dict[str, float]:
@@ -156,8 +156,9 @@ class ErrorEstimate:
         impulses = _OF_IMPULSES * parts.impulses / max(parts.steps, 1)
         watched = self._supported or parts.worked > _LITTLE_WORK * scale
         within = 0.0 if self.doubling is None else self.doubling.error
+        lags = self.doubling is None or not self.doubling.follows
         return {
-            "time step": parts.left / scale,
+            "time step": self._swings.error / scale if lags else 0.0,
             "material": within / scale,
             "tolerance": max(self.numerical, impulses),
             "impacts": float(impacts / (scale + impacts)),
@@ -165,7 +166,14 @@ class ErrorEstimate:
             "closure": abs(parts.closure) / scale,
             "events": parts.missed if watched else 0.0,
             "motion": self._motion,
+            "waves": self._waves if self._supported else 0.0,
         }
+
+    @property
+    def _waves(self) -> float:
+        """Relative error of the largest force, as waves in it are out of phase."""
+        swings = self._force.amplitude / (self._parts.force or np.inf)
+        return _WAVES * swings * self._swings.out_of_phase
 
     @property
     def _motion(self) -> float:
@@ -201,20 +209,11 @@ class ErrorEstimate:
             What it leaves, all energies together, and by how much they turn from their last rates
             (J; 2D: J/m); zero in the first steps.
         """
-        self._now = _Rate(time + 0.5 * size, change / size)
-        if len(self._rates) < 2:
+        self._now, rates = Rate(time + 0.5 * size, change / size), self._swings.rates
+        if len(rates) < 2:
             return 0.0, 0.0
-        turn = float(np.abs(change - size * self._rates[-1].rate).sum())
-        return float(self._left(size).sum()), turn
-
-    def _left(self, size: float) -> np.ndarray:
-        """What the last step leaves of each energy (J; 2D: J/m), shape (3,)."""
-        if len(self._rates) < 2:
-            return np.zeros(3)
-        (first, second), now = self._rates, self._now
-        bends = (now.rate - second.rate) / (now.time - second.time)
-        bends -= (second.rate - first.rate) / (second.time - first.time)
-        return size**3 / 6.0 * np.abs(bends) / (now.time - first.time)
+        turn = float(np.abs(change - size * rates[-1].rate).sum())
+        return float(lag(rates, self._now, size**3).sum()), turn
 
     def take(
         self,
@@ -243,15 +242,13 @@ class ErrorEstimate:
             self._now.rate[1] += (work.impact + work.friction) / size
             parts.impulses += min(outcome.residual, 1.0)
             strikes = share > 0.0 and work.impact > _AN_IMPACT * parts.scale
-            if strikes and self._rates:
-                turn = size * (self._now.rate - self._rates[-1].rate)
+            if strikes and self._swings.rates:
+                turn = size * (self._now.rate - self._swings.rates[-1].rate)
                 parts.impacts += (_OF_IMPACTS * float(np.abs(turn).max())) ** 2
                 self._turned = self._turned + turn
                 parts.struck += work.impact
                 parts.late += work.impact * size * share
-        # kinetic and elastic energy mirror each other; amplitudes err by half as much
-        parts.left += 0.5 * float(self._left(size).max())
-        self._rates.append(self._now)
+        self._swings.take(self._now, size)
         parts.steps += 1
         parts.work += energies.work
         parts.worked += abs(energies.work)
@@ -266,11 +263,16 @@ class ErrorEstimate:
             parts.fastest = max(parts.fastest, fast)
         force = abs(energies.work)
         if self._supported:
-            force = self._ranks.sum(float(outcome.reactions @ outcome.reactions)) ** 0.5
-        self._watch(force / size)
+            squares = [outcome.reactions @ outcome.reactions, state.internal @ state.internal]
+            force, inner = np.sqrt(self._ranks.sum(np.array(squares))).tolist()
+            if force < _LITTLE_FORCE * inner * size:
+                force = 0.0
+        self._watch(force / size, size)
 
-    def _watch(self, force: float) -> None:
+    def _watch(self, force: float, size: float) -> None:
         parts = self._parts
+        grows = (force - parts.last_force) / size if parts.steps > 1 else 0.0
+        self._force.take(Rate(self._now.time, np.array([grows])), size)
         if force > parts.force:
             before = parts.last_force if parts.steps > 1 else force
             parts.growth, parts.force = force - before, force
@@ -281,14 +283,20 @@ class ErrorEstimate:
 
     def saved(self) -> dict:
         """What the error is made of."""
-        rates = [[r.time, *r.rate] for r in (*self._rates, self._now)]
-        saved = {"parts": vars(self._parts), "turned": self._turned, "rates": np.array(rates)}
+        saved = {
+            "parts": vars(self._parts),
+            "turned": self._turned,
+            "now": np.array([self._now.time, *self._now.rate]),
+            "swings": self._swings.saved(),
+            "force": self._force.saved(),
+        }
         return saved if self.doubling is None else saved | {"doubling": self.doubling.saved()}
 
     def restore(self, saved: Mapping) -> None:
         """Take what `saved` gave."""
         self._parts, self._turned = _Parts(**saved["parts"]), saved["turned"]
-        *rates, self._now = (_Rate(float(row[0]), row[1:].copy()) for row in saved["rates"])
-        self._rates = deque(rates, maxlen=2)
+        self._now = Rate(float(saved["now"][0]), saved["now"][1:].copy())
+        self._swings.restore(saved["swings"])
+        self._force.restore(saved["force"])
         if self.doubling is not None and "doubling" in saved:
             self.doubling.restore(saved["doubling"])

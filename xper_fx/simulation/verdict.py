@@ -21,10 +21,12 @@ _CAUSES = {
     "damping": ("what theta above 1/2 damps", "theta = 1/2"),
     "closure": ("the energy balance", "a shorter step"),
     "motion": ("displacements after impacts, which come late by up to a step", "a shorter step"),
+    "waves": ("a largest force among waves that are out of phase", "a shorter step"),
     "events": ("a largest force between steps", "a shorter step"),
 }
 # Where the step is as short as the control goes, 0.7 of the critical step of the mesh.
-_AT_THE_FLOOR = {"time step": "smoother loads, or the waves resolved by a finer mesh"}
+_SMOOTHER = "smoother loads, or the waves resolved by a finer mesh"
+_AT_THE_FLOOR = {"time step": _SMOOTHER, "waves": _SMOOTHER}
 _BY_HAND = "a shorter step, given by hand"
 # Share of what was asked for from which a part of the error is named.
 _WORTH_NAMING = 0.25
