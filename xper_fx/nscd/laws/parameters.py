@@ -152,7 +152,7 @@ def _taken(name: str, value: Any) -> Any:
         refuse_expression(name, value, "a number, an array, a function or a scalar one of DOLFINx")
     if is_field(value) or isinstance(value, PointArray):
         return value
-    if isinstance(value, list | tuple | np.ndarray) and np.ndim(value):
+    if isinstance(value, list | tuple) or (isinstance(value, np.ndarray) and value.ndim):
         array = require_numbers(name, value)
         if array.ndim != 1 or len(array) < 2:
             raise ValueError(
