@@ -201,7 +201,9 @@ class MonolithicScheme:
 
         begin()
         converged = self._solve(coupled, newton)
-        if not (converged or self._gives_up or interactions is None):
+        # along a path another attempt begins from rest, from which contacts are found as well
+        again = growth is not None and guess is not None
+        if not (converged or self._gives_up or interactions is None or again):
             begins = growth is not None and growth.begins
             if begins and self._found is not None and self._found.state is state:
                 converged = self._go_on(coupled, newton, begin)
