@@ -52,6 +52,8 @@ logger = logging.getLogger(__name__)
 
 # Changes of the given impulses, and corrections for each.
 _OUTER, _INNER = 300, 12
+# Changes along a path, where shorter steps cost less than searches that go on for long.
+_ON_PATH = 12
 # How often in a row corrections that go in circles are left while impulses get no nearer, and the
 # share of the smallest change before below which they do. Lips that turn may have gaps that no
 # impulses close all: there it counts where forces balance, too.
@@ -100,7 +102,7 @@ def find_contacts(step: CoupledStep, good: float) -> float:
         return np.inf
     circles, stands, up, least, length, last = 0, 0, 0, np.inf, 1.0, np.zeros(0)
     best: tuple[float, np.ndarray, float, list[np.ndarray]] | None = None
-    for outer in range(1, _OUTER + 1):
+    for outer in range(1, (_ON_PATH if follows else _OUTER) + 1):
         given = step.impulses_of_points()
         error = min(_BALANCED, _OF_CHANGE * good)
         balance = _balance(step, given, error, outer == 1, follows)
