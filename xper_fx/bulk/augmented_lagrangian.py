@@ -52,8 +52,6 @@ logger = logging.getLogger(__name__)
 
 # Changes of the given impulses, and corrections for each.
 _OUTER, _INNER = 300, 12
-# Changes along a path, where shorter steps cost less than searches that go on for long.
-_ON_PATH = 12
 # How often in a row corrections that go in circles are left while impulses get no nearer, and the
 # share of the smallest change before below which they do. Lips that turn may have gaps that no
 # impulses close all: there it counts where forces balance, too.
@@ -86,12 +84,13 @@ class Balance(NamedTuple):
     led_up: bool
 
 
-def find_contacts(step: CoupledStep, good: float) -> float:
+def find_contacts(step: CoupledStep, good: float, most: float = np.inf) -> float:
     """Bring velocities and impulses of a step near to its solution.
 
     Args:
         step: begins at its present velocities, loads and impulses.
         good: change of the impulses at which they are found, beside the largest nodal impulse.
+        most: corrections after which no other change is begun.
 
     Returns:
         The least change of balanced velocities, beside the largest nodal impulse, or `good` if it
@@ -100,9 +99,12 @@ def find_contacts(step: CoupledStep, good: float) -> float:
     follows = step.growth is not None and not step.growth.begins
     if step.growth is not None and not follows and not _load_a_little(step):
         return np.inf
+    begun = step.corrections
     circles, stands, up, least, length, last = 0, 0, 0, np.inf, 1.0, np.zeros(0)
     best: tuple[float, np.ndarray, float, list[np.ndarray]] | None = None
-    for outer in range(1, (_ON_PATH if follows else _OUTER) + 1):
+    for outer in range(1, _OUTER + 1):
+        if step.corrections - begun >= most:
+            break
         given = step.impulses_of_points()
         error = min(_BALANCED, _OF_CHANGE * good)
         balance = _balance(step, given, error, outer == 1, follows)
