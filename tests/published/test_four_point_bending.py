@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import sys
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -24,8 +23,9 @@ def test_the_steady_load_of_equal_layers():
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["equal layers", "cut layer a third as stiff"])
 def test_cracks_run_at_the_steady_load(name):
-    found = delaminate(replace(SPECIMENS[name], facet=0.5e-3))
-    assert found.plateau == pytest.approx(1.0, abs=8e-3)
+    """Facets of a quarter of a millimetre; the load stays while the cracks grow by 12 mm."""
+    found = delaminate(SPECIMENS[name])
+    assert found.plateau == pytest.approx(1.0, abs=1e-2)
     assert found.spread < 5e-3
-    assert found.spent == pytest.approx(1.0, abs=5e-3)
-    assert abs(found.closure) < 1e-7
+    assert found.spent == pytest.approx(1.0, abs=2e-3)
+    assert abs(found.closure) < 1e-8
