@@ -4,10 +4,10 @@ McMeeking 1989), against the steady energy release rate of beam theory.
 
     ./fenicsx python3 benchmarks/four_point_bending.py [--facets MM ...]
 
-The lower layer, of thickness h1 and modulus E1' = E1 / (1 - nu^2), is cut through in the middle, and
-cracks run along the interface to both sides. Between the inner rollers the moment is M = P l, P being
-the force of a roller and l the distance of an inner roller from the outer one. Behind a crack the
-upper layer bears M alone, ahead of it the whole section, so that the crack takes, whatever its
+The lower layer, of thickness h1 and modulus E1' = E1 / (1 - nu^2), is cut through in the middle,
+and cracks run along the interface to both sides. Between the inner rollers the moment is M = P l, P
+being the force of a roller and l the distance of an inner roller from the outer one. Behind a crack
+the upper layer bears M alone, ahead of it the whole section, so that the crack takes, whatever its
 length,
 
     G = M^2 / 2 (1 / (E2' I2) - 1 / D),   I2 = h2^3 / 12,

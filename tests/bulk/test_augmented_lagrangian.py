@@ -45,7 +45,7 @@ def test_stretched_changes_that_lead_back_are_left(monkeypatch, last, rounds):
 
 
 def test_no_more_corrections_than_may_be(monkeypatch):
-    """Impulses that get nearer for ever, by twelve corrections each, which 30 end at the third."""
+    """Impulses that creep for ever, by twelve corrections each, which 30 end at the third."""
     given, step = [np.zeros((1, 1))], SimpleNamespace()
 
     def balance(*_):
@@ -55,7 +55,7 @@ def test_no_more_corrections_than_may_be(monkeypatch):
     monkeypatch.setattr(augmented_lagrangian, "_balance", balance)
     step.__dict__.update(
         growth=None, turns=False, may_jump=False, ranks=ALONE, corrections=7, size=lambda: 1.0,
-        answers=lambda: [0.5 * given[0] + 1.0], impulses_of_points=lambda: [given[0].copy()],
+        answers=lambda: [given[0] + 1.0], impulses_of_points=lambda: [given[0].copy()],
         set_impulses=lambda impulses: given.__setitem__(0, impulses[0].copy()),
     )  # fmt: skip
     assert find_contacts(step, 1e-6, most=30) == np.inf

@@ -34,8 +34,8 @@ if TYPE_CHECKING:
 _NEAR = 1e-4
 # How well at least, where they are not found.
 _ROUGH = 1e-2
-# Corrections of a search for contacts along a path, but in its first step: those that find them take
-# 4 to 70, and a shorter step costs less than others.
+# Corrections of a search for contacts along a path, but in its first step: those that find them
+# take 4 to 70, and a shorter step costs less than others.
 _FEW = 80
 # What may fail beside Newton's method.
 _GOES_BACK = "the state that was found leads back along the path"

@@ -93,7 +93,8 @@ class PathStep:
                 turned = path.loads_turn and path.last_rise >= 0.0
                 last = path.coasts or path.share <= AT_LAST
                 if limit.idle or turned or not in_reach or last:
-                    part, back = min(path.share * self._longest, rise), bool(limit.idle) or turned
+                    part = min(path.share * self._longest, rise)
+                    back = bool(limit.idle) or turned
                     if (part, back) in path.refused:
                         return outcome, size
                     there = self._to(state.time + part if part < rise else self._last, None)
