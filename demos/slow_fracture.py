@@ -23,7 +23,7 @@
 # within 5 % of the measured one. With the default curve of the bonds, which falls slowly at first
 # (`--curve parabolic`), the peak is 45 % too high.
 #
-# With lips that rub (`--friction 0.5`) the panel of 15 mm takes 109 steps instead of 89.
+# With lips that rub (`--friction 0.5`) the panel of 15 mm takes 100 steps instead of 95.
 #
 # **Limitation.** The crack can only follow facets, which hold it near its end: the last part of the
 # section turns as a hinge, and bears more than measured from 0.6 mm on.

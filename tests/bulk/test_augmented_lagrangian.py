@@ -34,6 +34,7 @@ def test_stretched_changes_that_lead_back_are_left(monkeypatch, last, rounds):
     step = SimpleNamespace(
         growth=None, turns=False, may_jump=False, ranks=ALONE, answers=answers,
         impulses_of_points=lambda: [given[0].copy()], set_impulses=take, size=lambda: 1.0,
+        corrections=0,
     )  # fmt: skip
     change = find_contacts(step, 1e-6)
     if rounds is None:
@@ -41,3 +42,21 @@ def test_stretched_changes_that_lead_back_are_left(monkeypatch, last, rounds):
     else:
         assert change == np.inf and seen[:6] == [1.0, 3.0, 0.0, 1.0, 3.0, 0.0]
         assert len(seen) <= rounds
+
+
+def test_no_more_corrections_than_may_be(monkeypatch):
+    """Impulses that creep for ever, by twelve corrections each, which 30 end at the third."""
+    given, step = [np.zeros((1, 1))], SimpleNamespace()
+
+    def balance(*_):
+        step.corrections += 12
+        return Balance(found=True, led_up=False)
+
+    monkeypatch.setattr(augmented_lagrangian, "_balance", balance)
+    step.__dict__.update(
+        growth=None, turns=False, may_jump=False, ranks=ALONE, corrections=7, size=lambda: 1.0,
+        answers=lambda: [given[0] + 1.0], impulses_of_points=lambda: [given[0].copy()],
+        set_impulses=lambda impulses: given.__setitem__(0, impulses[0].copy()),
+    )  # fmt: skip
+    assert find_contacts(step, 1e-6, most=30) == np.inf
+    assert step.corrections == 7 + 3 * 12

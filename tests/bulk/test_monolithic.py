@@ -155,9 +155,9 @@ def test_a_first_step_along_a_path_with_friction(monkeypatch):
     """Its growth is cut three times; its contacts are found once, and are those of its load."""
     calls, find = [], monolithic_scheme.find_contacts
 
-    def counted(step, good):
+    def counted(step, good, most):
         calls.append(step.growth is not None)
-        return find(step, good)
+        return find(step, good, most)
 
     monkeypatch.setattr(monolithic_scheme, "find_contacts", counted)
     scene = crooked(0, CohesiveZone(400.0, 1e-3, 1e-2, friction=0.6))

@@ -469,6 +469,27 @@ def test_bonds_that_ask_for_no_load_do_not_stop_the_path(monkeypatch):
     assert path.share == 2e-3
 
 
+def test_a_load_that_was_refused_is_not_tried_again(monkeypatch):
+    """A step that is made again with less does not bear the load that it was refused."""
+    simulation = follow(bar(0.1), longest=0.01)
+    steps = simulation.steps(200.0)
+    for _ in range(3):
+        next(steps)
+    attempt, asked = simulation.scheme.attempt, []
+
+    def fails(state, size, growth=None, guess=None, **others):
+        if growth is None:
+            asked.append((size, guess is None))
+        outcome = attempt(state, size, growth=growth, guess=guess, **others)
+        return outcome._replace(converged=False)
+
+    monkeypatch.setattr(simulation.scheme, "attempt", fails)
+    with pytest.raises(xf.ConvergenceError):
+        next(steps)
+    assert len(asked) > 2
+    assert len(asked) == len(set(asked))
+
+
 def test_a_load_that_changes_too_much_is_told(monkeypatch):
     monkeypatch.setattr("xper_fx.simulation.path._LEAST", 0.5)
     with pytest.raises(xf.ConvergenceError, match="changes by more than a step may") as caught:

@@ -84,12 +84,13 @@ class Balance(NamedTuple):
     led_up: bool
 
 
-def find_contacts(step: CoupledStep, good: float) -> float:
+def find_contacts(step: CoupledStep, good: float, most: float = np.inf) -> float:
     """Bring velocities and impulses of a step near to its solution.
 
     Args:
         step: begins at its present velocities, loads and impulses.
         good: change of the impulses at which they are found, beside the largest nodal impulse.
+        most: corrections after which no other change is begun.
 
     Returns:
         The least change of balanced velocities, beside the largest nodal impulse, or `good` if it
@@ -98,9 +99,12 @@ def find_contacts(step: CoupledStep, good: float) -> float:
     follows = step.growth is not None and not step.growth.begins
     if step.growth is not None and not follows and not _load_a_little(step):
         return np.inf
+    begun = step.corrections
     circles, stands, up, least, length, last = 0, 0, 0, np.inf, 1.0, np.zeros(0)
     best: tuple[float, np.ndarray, float, list[np.ndarray]] | None = None
     for outer in range(1, _OUTER + 1):
+        if step.corrections - begun >= most:
+            break
         given = step.impulses_of_points()
         error = min(_BALANCED, _OF_CHANGE * good)
         balance = _balance(step, given, error, outer == 1, follows)

@@ -27,6 +27,7 @@ from xper_fx.forms.loads import (
     PrescribedDisplacement,
     PrescribedVelocity,
     RayleighDamping,
+    nodes_that_move,
     value_at,
 )
 from xper_fx.support.compat import geometry_dofmap
@@ -196,6 +197,8 @@ class Bulk:
         facets = self.forms.bodies.facet_tags.find(motion.facets)
         fdim = self.forms.bodies.mesh.topology.dim - 1
         nodes = fem.locate_dofs_topological(self.forms.V, fdim, facets)
+        there = self.forms.V.tabulate_dof_coordinates()[nodes].T
+        nodes = nodes[nodes_that_move(motion, there)]
         return nodes.astype(np.intp) * self.dim + motion.component
 
     def _nodal_mass(self) -> np.ndarray:

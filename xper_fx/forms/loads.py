@@ -22,6 +22,7 @@ _LARGEST = 1e250
 _LARGEST_STRESS = 1e150
 
 Value = float | Callable[[float], float]
+Where = Callable[[np.ndarray], npt.ArrayLike]
 VectorValue = Sequence[Value] | Callable[[float], Sequence[float]]
 
 
@@ -87,11 +88,15 @@ class PrescribedVelocity:
         facets: facet tag.
         component: 0, 1 (or 2).
         value: velocity (m/s).
+        where: which of their nodes, a function of positions x, shape (3, n), m, that returns
+            shape (n,), bool; None for all. A node in 2D, or a row of them in 3D, bears as a
+            roller or a knife edge does: it leaves the rotation free, which a whole facet holds.
     """
 
     facets: int
     component: int
     value: Value
+    where: Where | None = None
 
 
 @dataclass(frozen=True)
@@ -102,11 +107,38 @@ class PrescribedDisplacement:
         facets: facet tag.
         component: 0, 1 (or 2).
         value: displacement (m), zero at the start.
+        where: which of their nodes, a function of positions x, shape (3, n), m, that returns
+            shape (n,), bool; None for all. A node in 2D, or a row of them in 3D, bears as a
+            roller or a knife edge does: it leaves the rotation free, which a whole facet holds.
     """
 
     facets: int
     component: int
     value: Value
+    where: Where | None = None
+
+
+def nodes_that_move(
+    motion: PrescribedVelocity | PrescribedDisplacement, x: np.ndarray
+) -> npt.NDArray[np.bool_]:
+    """Of nodes of a motion's facets at positions x, shape (3, n), m, those that it moves.
+
+    Raises:
+        ValueError: its `where` returns another shape.
+        TypeError: it is no function, or does not return booleans.
+    """
+    n = x.shape[1]
+    if motion.where is None:
+        return np.ones(n, bool)
+    name = f"The `where` of {type(motion).__name__} on tag {motion.facets}"
+    if not callable(motion.where):
+        raise TypeError(f"{name} is {motion.where!r}; expected a function of positions.")
+    says = np.asarray(motion.where(x))
+    if says.dtype != np.bool_:
+        raise TypeError(f"{name} returned {says.dtype}; expected bool.")
+    if says.shape != (n,):
+        raise ValueError(f"{name} returned shape {says.shape}; expected {(n,)}.")
+    return says
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from numbers import Integral
 
 import numpy as np
+from dolfinx.mesh import entities_to_geometry
 
 from xper_fx.bodies.explode import Bodies
 from xper_fx.bodies.meshes import facet_cells
@@ -17,6 +18,7 @@ from xper_fx.forms.loads import (
     PrescribedDisplacement,
     PrescribedVelocity,
     SurfaceTraction,
+    nodes_that_move,
     value_at,
     vector_at,
 )
@@ -121,7 +123,8 @@ def check_motions(loads: Sequence[Load], bodies: Bodies) -> None:
         bodies: the bodies.
 
     Raises:
-        ValueError: two that are not.
+        ValueError: two that are not; a `where` that holds at no vertex.
+        TypeError: a `where` that gives no booleans.
     """
     motions = [load for load in loads if isinstance(load, Motion)]
     if not motions:
@@ -130,16 +133,24 @@ def check_motions(loads: Sequence[Load], bodies: Bodies) -> None:
     fdim = mesh.topology.dim - 1
     mesh.topology.create_connectivity(fdim, 0)
     vertices_of = mesh.topology.connectivity(fdim, 0)
-    vertices = {
-        tag: {vertex for f in tags.find(tag) for vertex in vertices_of.links(f).tolist()}
-        for tag in {m.facets for m in motions}
-    }
+    mesh.topology.create_connectivity(0, mesh.topology.dim)
+    moved = []
+    for motion in motions:
+        links = [vertices_of.links(f) for f in tags.find(motion.facets)]
+        vertices = np.unique(np.concatenate([np.zeros(0, np.int32), *links]))
+        x = mesh.geometry.x[entities_to_geometry(mesh, 0, vertices).ravel()].T
+        moved.append(set(vertices[nodes_that_move(motion, x)].tolist()))
+        if not moved[-1] and bodies.spread is None:
+            raise ValueError(
+                f"The `where` of {motion} holds at none of the {len(vertices)} vertices of its "
+                "facets; positions carry rounding: prefer `np.isclose(x[0], 0)` to `x[0] == 0`."
+            )
     for a, first in enumerate(motions):
-        for second in motions[a + 1 :]:
+        for b, second in enumerate(motions[a + 1 :], a + 1):
             same = type(first) is type(second) and first.value == second.value
             if first.component != second.component or same:
                 continue
-            if vertices[first.facets] & vertices[second.facets]:
+            if moved[a] & moved[b]:
                 raise ValueError(
                     f"{first} and {second} prescribe the same component of the same nodes; "
                     "let their facets be apart or give both the same value."

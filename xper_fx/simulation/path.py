@@ -148,6 +148,8 @@ class PathFollower:
         limit_points: times of the loads (s) at which they turned.
         branches: times of the loads (s) of steps with more than one unstable way to go on.
         contested: as of `GrowthLimit`, of the last attempts at the step; None if they had none.
+        refused: changes of the load that attempts at the step went by in vain, as it is given: with
+            whether they may lead back. With a smaller share they are refused again.
         idles: whether the last attempt went part of the way to a given load, as its bonds asked for
             none: iterations are then those of contacts, and short steps do not have fewer.
         coasts: whether it did so as nothing else was left, or as the step before did: the path goes
@@ -164,6 +166,7 @@ class PathFollower:
         self.contested: int | None = None
         self.loads_turn = self.idles = self.coasts = False
         self.share = 1.0
+        self.refused: set[tuple[float, bool]] = set()
         self.limit_points: list[float] = []
         self.branches: list[float] = []
 
@@ -184,8 +187,11 @@ class PathFollower:
         return self._control.longest * max(abs(end_time), abs(time))
 
     def rose_by(self, longest: float) -> bool:
-        """Whether the load rose in the last step by as much as it may."""
-        return self._last_change >= (1.0 - _ROUNDING) * longest
+        """Whether the load rose in the last step by as much as it may, and may do so again.
+
+        A step that such a load was refused is made again with less, which bears it no better.
+        """
+        return self._guesses and self._last_change >= (1.0 - _ROUNDING) * longest
 
     @property
     def last_rise(self) -> float:
@@ -230,6 +236,7 @@ class PathFollower:
             self.branches.append(start + change)
         self._leading = self.contested = None
         self.loads_turn = False
+        self.refused.clear()
         self._last_share, self._last_change, self._guesses = self.share, change, True
         self.coasts = self.idles and (self.coasts or self.share <= AT_LAST)
         few = 1 if self.coasts else iterations

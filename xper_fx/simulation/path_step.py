@@ -94,10 +94,14 @@ class PathStep:
                 last = path.coasts or path.share <= AT_LAST
                 if limit.idle or turned or not in_reach or last:
                     part = min(path.share * self._longest, rise)
+                    back = bool(limit.idle) or turned
+                    if (part, back) in path.refused:
+                        return outcome, size
                     there = self._to(state.time + part if part < rise else self._last, None)
-                    if self._may_be(there, part, back=bool(limit.idle) or turned):
+                    if self._may_be(there, part, back):
                         path.idles = True
                         return there, part
+                    path.refused.add((part, back))
                 return outcome, size
             if in_reach:
                 return outcome, size
