@@ -171,6 +171,7 @@ SPECIMENS = {
     "equal layers": Bilayer(),
     "cut layer half as thick": Bilayer((0.5e-3, 1e-3)),
     "cut layer three times as stiff": Bilayer(moduli=(210e9, 70e9)),
+    "cut layer a third as stiff": Bilayer(moduli=(70e9, 210e9)),
 }
 
 

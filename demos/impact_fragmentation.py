@@ -46,10 +46,12 @@ LENGTH, THICKNESS, HEIGHT = 1.0, 0.2, 0.35
 SUPPORT = 0.12
 RADIUS, CLEARANCE = 0.1, 2e-3
 SLAB = xf.materials.NeoHookean(young=20e6, poisson=0.2, density=1000.0)
-STRENGTH = {"fracture_energy": 20.0, "strength": 60e3, "friction": 0.5}
+TOUGHNESS, STRENGTH = 20.0, 60e3  # J/m^2, Pa
 BONDS = {
-    "elastic": xf.laws.CohesiveZone(normal_stiffness=1e10, **STRENGTH),
-    "rigid": xf.laws.RigidCohesiveZone(**STRENGTH),
+    "elastic": xf.laws.CohesiveZone(
+        normal_stiffness=1e10, fracture_energy=TOUGHNESS, strength=STRENGTH, friction=0.5
+    ),
+    "rigid": xf.laws.RigidCohesiveZone(fracture_energy=TOUGHNESS, strength=STRENGTH, friction=0.5),
 }
 FRICTION = xf.laws.SignoriniCoulomb(friction=0.5)
 GRAVITY = 9.81
