@@ -16,6 +16,10 @@ logger = logging.getLogger(__name__)
 _MANY_STEPS = 100_000
 # Steps of a given size that hardly anyone waits for.
 _TOO_MANY = 10**9
+# Steps of an explicit bulk that begin in halves after one that had to be cut. Each change of the
+# step feeds waves near the stability limit, where what the scheme conserves hangs on the step
+# (`EnergyLedger`): steps that are cut now and then, and are whole between, are pumped.
+_CAUTIOUS = 100
 # Part of a step that may be rounding of the end time.
 _LITTLE_LEFT = 1e-6
 
@@ -30,6 +34,7 @@ class Course:
         left: whole steps left, where the step is given.
         pieces: sizes (s) and halvings of what is left of a step that is cut, the next one last.
         resumes: whether it was restored, and no step has been made since.
+        cautious: steps to come that begin in halves.
     """
 
     end_time: float = math.nan
@@ -37,6 +42,21 @@ class Course:
     left: int = 0
     pieces: list[tuple[float, int]] = field(default_factory=list)
     resumes: bool = False
+    cautious: int = 0
+
+    def begin(self, size: float) -> None:
+        """Begin the next step, of a size (s), in one piece or two."""
+        if self.cautious > 0:
+            self.cautious -= 1
+            self.pieces += [(0.5 * size, 1)] * 2
+        else:
+            self.pieces.append((size, 0))
+
+    def cut(self, size: float, halvings: int, explicit: bool) -> None:
+        """Put two pieces in the place of one of a size (s) that has failed."""
+        self.pieces += [(0.5 * size, halvings + 1)] * 2
+        if explicit:
+            self.cautious = _CAUTIOUS
 
     def towards(self, time: float, end_time: float, step: float) -> Course:
         """The way from a time to an end time in steps of a size (s): this one where it resumes."""
@@ -44,7 +64,7 @@ class Course:
         if resumes and (self.end_time, self.step) == (end_time, step):
             return self
         count = math.ceil((end_time - time) / step - _LITTLE_LEFT)
-        return Course(end_time, step, max(count, 0))
+        return Course(end_time, step, max(count, 0), cautious=self.cautious)
 
     def warn_of_units(self) -> None:
         """Warn of steps of a given size that hardly anyone waits for."""
@@ -66,10 +86,14 @@ class Course:
     def saved(self) -> dict:
         """All of it."""
         pieces = np.reshape(np.array(self.pieces, float), (-1, 2))
-        return {"end_time": self.end_time, "step": self.step, "left": self.left, "pieces": pieces}
+        return {
+            "end_time": self.end_time, "step": self.step, "left": self.left, "pieces": pieces,
+            "cautious": self.cautious,
+        }  # fmt: skip
 
     @classmethod
     def restored(cls, saved: Mapping) -> Course:
         """From what `saved` gave."""
         pieces = [(size, int(halvings)) for size, halvings in saved["pieces"].tolist()]
-        return cls(saved["end_time"], saved["step"], saved["left"], pieces, True)
+        here = saved["end_time"], saved["step"], saved["left"]
+        return cls(*here, pieces, True, saved["cautious"])

@@ -273,10 +273,10 @@ class Simulation(Restartable):
         yield from self._advance(end_time)
         while fixed and course.left > 0:
             course.left -= 1
-            course.pieces.append((self.step_size, 0))
+            course.begin(self.step_size)
             yield from self._advance(end_time)
         while not fixed and end_time - self.state.time > _ROUNDING * abs(end_time):
-            course.pieces.append((control.size(self.state.time, end_time), 0))
+            course.begin(control.size(self.state.time, end_time))
             yield from self._advance(end_time)
 
     def _advance(self, end_time: float) -> Iterator[StepRecord]:
@@ -309,7 +309,7 @@ class Simulation(Restartable):
                     "step %d at h = %.3g s did not converge, or went too far: halved",
                     self.step_number, size,
                 )  # fmt: skip
-                pieces += [(0.5 * size, halvings + 1)] * 2
+                self._course.cut(size, halvings, self.options.scheme == "explicit")
 
     def _twice(self, size: float, end_time: float) -> BulkEnergies | None:
         """Energies of a step of twice the size, which is not kept; None if it does not converge."""
