@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Explicit steps that are cut now and then: their energy, their sizes, and a run that is taken up."""
+"""Explicit steps that are cut now and then: their energy, their sizes, a run that is taken up."""
 
 from __future__ import annotations
 
