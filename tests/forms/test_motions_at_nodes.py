@@ -70,10 +70,38 @@ def test_two_motions_may_share_facets_but_no_node():
         xf.Scene(bodies, {1: material}, default_interaction=xf.laws.PerfectBond(), loads=loads)
 
 
+def in_the_middle(x):
+    """Nodes in the middle of a face of the unit cube that y runs through."""
+    return np.isclose(x[[0, 2]], 0.5).all(axis=0)
+
+
+@pytest.mark.parametrize("kind", ["triangle", "quadrilateral", "tetrahedron", "hexahedron"])
+def test_nodes_in_the_middle_of_edges_and_faces_have_one_motion(kind):
+    """Two motions that share no vertex may share the middle of an edge or of a face."""
+    dim = 2 if kind in ("triangle", "quadrilateral") else 3
+    bodies = box_bodies((1.0,) * dim, (1,) * dim, kind, label=0)
+    material = {1: xf.materials.LinearElastic(1e9, 0.0, 1.0)}
+
+    def scene(first, second, order):
+        loads = [
+            xf.PrescribedVelocity(BOTTOM, 1, 0.0, where=first),
+            xf.PrescribedVelocity(BOTTOM, 1, 1.0, where=second),
+        ]
+        xf.Scene(bodies, material, loads=loads, order=order)
+
+    scene(lambda x: x[0] < 0.4, lambda x: x[0] > 0.4, 2)
+    overlapping = lambda x: x[0] < 0.6, lambda x: x[0] > 0.4
+    scene(*overlapping, 1)
+    with pytest.raises(ValueError, match="prescribe the same component of the same nodes"):
+        scene(*overlapping, 2)
+    if kind == "hexahedron":
+        scene(in_the_middle, lambda x: ~in_the_middle(x), 2)
+
+
 @pytest.mark.parametrize(
     "where, error, words",
     [
-        (along(0.1234), ValueError, "holds at none of the 41 vertices"),
+        (along(0.1234), ValueError, "holds at none of the 81 nodes"),
         (lambda x: x[0], TypeError, "returned float64; expected bool"),
         (lambda x: x > 0.0, ValueError, "returned shape"),
         (0.5, TypeError, "is 0.5; expected a function of positions"),

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from numbers import Integral
 
 import numpy as np
-from dolfinx.mesh import entities_to_geometry
+from dolfinx.mesh import CellType, entities_to_geometry
 
 from xper_fx.bodies.explode import Bodies
 from xper_fx.bodies.meshes import facet_cells
@@ -115,36 +115,20 @@ def check_initial_stresses(
         )
 
 
-def check_motions(loads: Sequence[Load], bodies: Bodies) -> None:
+def check_motions(loads: Sequence[Load], bodies: Bodies, order: int) -> None:
     """See that motions which share a node and a component are the same motion.
 
     Args:
         loads: of the scene, motions among them.
         bodies: the bodies.
+        order: of the elements.
 
     Raises:
-        ValueError: two that are not; a `where` that holds at no vertex.
+        ValueError: two that are not; a `where` that holds at no node.
         TypeError: a `where` that gives no booleans.
     """
     motions = [load for load in loads if isinstance(load, Motion)]
-    if not motions:
-        return
-    mesh, tags = bodies.mesh, bodies.facet_tags
-    fdim = mesh.topology.dim - 1
-    mesh.topology.create_connectivity(fdim, 0)
-    vertices_of = mesh.topology.connectivity(fdim, 0)
-    mesh.topology.create_connectivity(0, mesh.topology.dim)
-    moved = []
-    for motion in motions:
-        links = [vertices_of.links(f) for f in tags.find(motion.facets)]
-        vertices = np.unique(np.concatenate([np.zeros(0, np.int32), *links]))
-        x = mesh.geometry.x[entities_to_geometry(mesh, 0, vertices).ravel()].T
-        moved.append(set(vertices[nodes_that_move(motion, x)].tolist()))
-        if not moved[-1] and bodies.spread is None:
-            raise ValueError(
-                f"The `where` of {motion} holds at none of the {len(vertices)} vertices of its "
-                "facets; positions carry rounding: prefer `np.isclose(x[0], 0)` to `x[0] == 0`."
-            )
+    moved = [_nodes_moved(motion, bodies, order) for motion in motions]
     for a, first in enumerate(motions):
         for b, second in enumerate(motions[a + 1 :], a + 1):
             same = type(first) is type(second) and first.value == second.value
@@ -155,6 +139,37 @@ def check_motions(loads: Sequence[Load], bodies: Bodies) -> None:
                     f"{first} and {second} prescribe the same component of the same nodes; "
                     "let their facets be apart or give both the same value."
                 )
+
+
+def _nodes_moved(motion: Motion, bodies: Bodies, order: int) -> set[tuple[int, int]]:
+    """Nodes that a motion moves, each by dimension and number of what it is in the middle of.
+
+    Elements of order 2 have nodes in the middle of edges, and of faces but for triangles.
+    """
+    mesh, fdim = bodies.mesh, bodies.mesh.topology.dim - 1
+    facets = bodies.facet_tags.find(motion.facets)
+    last = 0 if order == 1 else fdim
+    if mesh.topology.cell_type == CellType.tetrahedron:
+        last = min(last, 1)
+    nodes, places = [], []
+    for dim in range(last + 1):
+        entities = facets
+        if dim < fdim:
+            mesh.topology.create_connectivity(fdim, dim)
+            of_facet = mesh.topology.connectivity(fdim, dim)
+            links = [of_facet.links(facet) for facet in facets]
+            entities = np.unique(np.concatenate([np.zeros(0, np.int32), *links]))
+        mesh.topology.create_connectivity(dim, mesh.topology.dim)
+        corners = entities_to_geometry(mesh, dim, entities).reshape(len(entities), 2**dim)
+        nodes += [(dim, entity) for entity in entities.tolist()]
+        places.append(mesh.geometry.x[corners].mean(axis=1))
+    there = nodes_that_move(motion, np.concatenate(places).T)
+    if not there.any() and bodies.spread is None:
+        raise ValueError(
+            f"The `where` of {motion} holds at none of the {len(nodes)} nodes of its facets; "
+            "positions carry rounding: prefer `np.isclose(x[0], 0)` to `x[0] == 0`."
+        )
+    return {node for node, moves in zip(nodes, there.tolist(), strict=True) if moves}
 
 
 def check_outer(loads: Sequence[Load], walls: Sequence[Wall], bodies: Bodies) -> None:

@@ -239,7 +239,7 @@ class Scene:
             tie.check(self.bodies, self.order)
         self._check_tags()
         check_initial_stresses(self.loads, self.bodies, self.materials)
-        check_motions(self.loads, self.bodies)
+        check_motions(self.loads, self.bodies, self.order)
         check_outer(self.loads, self.walls, self.bodies)
         self.law_of_facet()
 
