@@ -151,7 +151,7 @@ def _nodes_moved(motion: Motion, bodies: Bodies, order: int) -> set[tuple[int, i
     last = 0 if order == 1 else fdim
     if mesh.topology.cell_type == CellType.tetrahedron:
         last = min(last, 1)
-    nodes, places = [], []
+    nodes, places = [], [np.zeros((0, 3))]
     for dim in range(last + 1):
         entities = facets
         if dim < fdim:
@@ -159,6 +159,8 @@ def _nodes_moved(motion: Motion, bodies: Bodies, order: int) -> set[tuple[int, i
             of_facet = mesh.topology.connectivity(fdim, dim)
             links = [of_facet.links(facet) for facet in facets]
             entities = np.unique(np.concatenate([np.zeros(0, np.int32), *links]))
+        if not len(entities):  # on another rank
+            continue
         mesh.topology.create_connectivity(dim, mesh.topology.dim)
         corners = entities_to_geometry(mesh, dim, entities).reshape(len(entities), 2**dim)
         nodes += [(dim, entity) for entity in entities.tolist()]
