@@ -53,6 +53,19 @@ def test_slab_breaks_into_pieces(broken):
         assert (out / name).stat().st_size > 0
 
 
+def test_bonds_without_a_stiffness_break_where_they_must(tmp_path):
+    """The explicit bulk, whose vertices split one by one beside ball and supports."""
+    rigid = [*SMALL, "--bonds", "rigid", "--end-time", "0.1", "--no-plot", "--out", str(tmp_path)]
+    result = demo.main(rigid)
+    simulation, e = result["simulation"], result["simulation"].ledger.energies
+    split = simulation.interactions.fused.split
+    assert 0 < len(split) < simulation.interactions.fused.graphs.num_vertices
+    assert len(demo.pieces(result)) > 3
+    assert e.dissipated_cohesion > 20.0
+    assert abs(simulation.ledger.closure) < 1e-3 * e.kinetic
+    assert abs(e.dissipated_numerical) < 0.01 * e.kinetic
+
+
 def test_fragments_are_what_bonds_connect(broken):
     """Grow every fragment from its first cell by standing bonds, one after the other."""
     simulation = broken[0]["simulation"]
