@@ -139,3 +139,13 @@ def test_where_it_does_not_hold_there_is_none():
         list(simulation.steps(0.1))
         assert bulk_resolution(simulation) is None
         assert simulation.verdict().bulk is None
+
+
+def test_a_body_in_flight_has_no_stress_to_resolve():
+    """What rounding leaves of stresses differs from cell to cell by all of it."""
+    bodies = box_bodies((1.0, 1.0), (4, 4), label=0)
+    thrown = lambda x: np.outer([1.0, 0.3], np.ones(x.shape[1]))  # noqa: E731
+    simulation = Simulation(Scene(bodies, {1: MATERIAL}, initial_velocity=thrown), 1e-2)
+    list(simulation.steps(1.7))
+    assert simulation.ledger.energies.elastic != 0.0
+    assert bulk_resolution(simulation) == 0.0
