@@ -6,9 +6,11 @@ of the signed weights of those of its nodes that move with cluster r, and M_r th
 
     u_c = sum_r H_cr v_r,    W_cc = sum_r H_cr^2 / M_r,    v_r += H_cr p_c / M_r.
 
+A rigid body has v and a spin s: at a side of arm a it moves with v + s x a, and an impulse p there
+turns it by J^-1 (a x p).
+
 Contacts and vertices take turns. Given what bonds bear and which cells move as one, the contacts
-are swept by Gauss-Seidel with these numbers, those on rigid bodies with the spins of these, too;
-given the impulses of the contacts, each of which acts
+are swept by Gauss-Seidel with these numbers; given the impulses of the contacts, each of which acts
 on the corners of its nodes, the vertices that they touch are solved anew from the free velocities
 of their cells, and may open. Contacts of whole vertices that hold take one turn. Where bonds and
 contacts hold pieces more than once, turns by themselves would creep: impulses that a turn starts
