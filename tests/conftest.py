@@ -3,7 +3,8 @@
 
 With pytest-xdist, a run of several files has a worker of one thread for each core, four at most;
 `-n 0`, `--pdb` and `-s` run in one process, as does a single file. A file's tests run in one worker
-(`--dist loadfile`): what one has built serves the next.
+(`--dist loadfile`): what one has built serves the next. So do all files of `parallel/`: the ranks
+that stand by for one serve the next.
 
 A test is `fast` unless it is marked otherwise.
 """
@@ -22,18 +23,16 @@ numba.set_num_threads(1)
 
 MOST_WORKERS = 4
 OTHER_TIERS = ("slow", "ranks", "docs", "demos")
-# Files that take longest, in this order: begun first, so that all workers end together.
+# A folder whose files are run one after the other by one worker.
+TOGETHER = "tests/parallel"
+# What takes longest, in this order: begun first, so that all workers end together.
 LONGEST = (
-    "parallel/test_touching.py",
+    "parallel",
     "output/test_effects.py",
     "project/test_docs.py",
-    "parallel/test_parallel_static.py",
-    "parallel/test_spread_touching.py",
     "output/test_restart.py",
     "periodic/test_periodic_interactions.py",
-    "parallel/test_parallel_output.py",
     "cache/test_kept_kernels.py",
-    "parallel/test_parallel.py",
     "published/test_beam_delamination.py",
     "demos/test_notched_plate.py",
     "periodic/test_microstructure.py",
@@ -70,7 +69,7 @@ def pytest_cmdline_main(config):
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config, log):
-    """The longest files first; xdist takes those of most tests first."""
+    """Those that take longest first; xdist takes those of most tests first."""
     if config.option.dist != "loadfile":
         return None
     from xdist.scheduler import LoadFileScheduling
@@ -81,6 +80,10 @@ def pytest_xdist_make_scheduler(config, log):
                 if f"tests/{file}" in self.workqueue:
                     self.workqueue.move_to_end(f"tests/{file}", last=False)
             super()._assign_work_unit(node)
+
+        def _split_scope(self, nodeid):
+            together = nodeid.startswith(f"{TOGETHER}/")
+            return TOGETHER if together else super()._split_scope(nodeid)
 
     return LongestFirst(config, log)
 

@@ -82,11 +82,9 @@ def test_compiling_is_said_at_a_terminal(monkeypatch, capsys):
 PLAIN = """
 import xper_fx as xf
 
-law = xf.laws.SignoriniCoulomb(friction=0.5)
-block = xf.RigidBody(xf.rigid.Polygon.box((1.0, 1.0)), (0.0, 0.5), "blocks", density=2000.0)
-ground = xf.rigid.wall((0.0, 0.0), (0.0, 1.0), "ground")
-scene = xf.Scene(rigid=[block, ground], contacts=[xf.Contact(("blocks", "ground"), law)],
-                 loads=[xf.Gravity((0.0, -9.81))])
+body = xf.RigidBody(xf.rigid.Disc(0.1), (0.0, 0.5), "bodies", density=2000.0)
+alone = xf.Contact(("bodies", "bodies"), None)
+scene = xf.Scene(rigid=[body], contacts=[alone], loads=[xf.Gravity((0.0, -9.81))])
 next(xf.Simulation(scene, 1e-3).steps(1e-3))
 """
 

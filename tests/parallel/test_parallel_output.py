@@ -9,7 +9,7 @@ from pathlib import Path
 import meshio
 import numpy as np
 import pytest
-from on_ranks import on_new_ranks
+from on_ranks import on_new_ranks, on_ranks
 
 from xper_fx.output.history import read_history
 
@@ -22,7 +22,7 @@ pytestmark = pytest.mark.ranks
 def run(count, last, *options):
     """Runs to the last step of each folder, one after the other."""
     runs = [f"{folder}={step}" for folder, step in last.items()]
-    done = on_new_ranks(count, "ranks/recorded.py", *runs, *options)
+    done = on_ranks(count, "ranks/recorded.py", *runs, *options)
     assert done.returncode == 0, done.stdout + done.stderr
 
 
