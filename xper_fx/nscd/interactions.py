@@ -243,15 +243,16 @@ class Interactions(SteppedPoints):
 
         All ranks call it together.
         """
-        own = self._own_rigid(slots)
+        own = self.own_rigid(slots)
         return own if self._rigid_share is None else self._all_rigid(self._rigid_share.of_all, own)
 
     def rigid_impulses(self) -> np.ndarray:
         """Of `impulses` those on rigid bodies, shape (2 num_rigid, dim)."""
-        own = self._own_rigid(self.impulses())
+        own = self.own_rigid(self.impulses())
         return own if self._rigid_share is None else self._all_rigid(self._rigid_share.sum, own)
 
-    def _own_rigid(self, slots: np.ndarray) -> np.ndarray:
+    def own_rigid(self, slots: np.ndarray) -> np.ndarray:
+        """As `rigid_part`, of this rank's rigid bodies alone: a view."""
         first, last = self.bulk_inverse.num_nodes, self.own_inverse.num_nodes
         return slots.reshape(-1, self.dim)[first:last]
 

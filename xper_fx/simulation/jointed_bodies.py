@@ -34,6 +34,7 @@ from xper_fx.nscd.laws.law import Law
 from xper_fx.nscd.rigid.held_rows import HeldRows
 from xper_fx.nscd.rigid.joint_rows import JointRows, Place
 from xper_fx.nscd.rigid.motion import Prediction, RigidMotion
+from xper_fx.nscd.rigid.normal_rows import NormalRows
 from xper_fx.nscd.solvers.solver import SolveOptions, Solver, SolveReport
 from xper_fx.nscd.stepped_points import ROUNDING
 from xper_fx.scene.joints import rows_of_joints
@@ -174,6 +175,8 @@ class _BentPaths(Solver):
         dim, free, sweeps = interactions.dim, velocity.copy(), 0
         kinds = (Held().kernels(dim), Stop().kernels(dim))
         self._bent = [group for group in interactions.joints if group.kernels in kinds]
+        first, count = interactions.bulk_inverse.num_nodes, len(interactions.rigid_blocks)
+        self._rows_of_bent = [NormalRows(group.points, first, count) for group in self._bent]
         held, read = HeldRows(interactions), self._size(interactions, self._rounding())
         straight = [group.jump[:, 0].copy() for group in self._bent]
         interactions.add_velocity(velocity)
@@ -215,10 +218,10 @@ class _BentPaths(Solver):
         It is zero of rows that have none, and of those of other ranks.
         """
         ahead = self._rows.at(*self._rigid.next_middle(interactions.rigid_part(velocity)))
-        nodal, bend = velocity.reshape(-1, interactions.dim), np.zeros(len(self._rows))
-        for group in self._bent:
+        rigid, bend = interactions.own_rigid(velocity).ravel(), np.zeros(len(self._rows))
+        for group, rows in zip(self._bent, self._rows_of_bent, strict=True):
             row = self._here[group.indices]
-            straight = interactions.step_size * group.points.relative(nodal)[:, 0]
+            straight = interactions.step_size * rows.closing(rigid)
             bend[row] = ahead.gap[row] - self._place.gap[row] - straight
         return bend
 

@@ -60,10 +60,11 @@ def in_ranges(work: Callable, count: int, *arguments, spaces: Sequence | None = 
     Returns:
         What `work` returned, range by range.
     """
-    last_ones = [()] * num_ranges(count) if spaces is None else [(space,) for space in spaces]
-    ranges = len(last_ones)
-    if ranges > 1:
-        work(0, 0, *arguments, *last_ones[0])  # a kernel is compiled here, not in a thread
+    ranges = num_ranges(count) if spaces is None else len(spaces)
+    last_ones = [()] * ranges if spaces is None else [(space,) for space in spaces]
+    if ranges == 1:
+        return [work(0, count, *arguments, *last_ones[0])]
+    work(0, 0, *arguments, *last_ones[0])  # a kernel is compiled here, not in a thread
     ends = [count * part // ranges for part in range(ranges + 1)]
     here, *others = [
         (first, last, *arguments, *own)

@@ -25,7 +25,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from xper_fx.cache import njit
 from xper_fx.nscd.found_contacts import FoundPoints
+from xper_fx.nscd.kernel_options import ENTRY, MERGED
 from xper_fx.nscd.laws.law import Law
 from xper_fx.nscd.points import InteractionPoints
 from xper_fx.nscd.rigid.bodies import RigidBodies, plane_rotations
@@ -141,46 +143,14 @@ class JointRows:
             rotation: angles (2D) or matrices from the bodies to space (3D).
         """
         centre, axes = self._with_ground(position, _matrices(rotation))
-        centre = centre[self.pairs]
-        arm = np.einsum("nsij,nsj->nsi", axes[self.pairs], self._ends)
-        end = centre + arm
-        direction = np.einsum("nsij,nsj->nsi", axes[self.pairs[:, [0, 0, 1]]], self._directions)
-        apart = end[:, 1] - end[:, 0]
-        gap, normal = np.zeros(len(self.kind)), np.zeros(apart.shape)
-        arms = np.zeros((len(gap), 2, self._dim))
-
-        row = np.flatnonzero(self.kind == PLANE)
-        normal[row] = self._sign[row, None] * direction[row, 0]
-        gap[row] = _dot(normal[row], apart[row]) + self._offset[row]
-        arms[row] = end[row, 1, None] - centre[row][:, ::-1]
-
-        row = np.flatnonzero(self.kind == LENGTH)
-        length = np.linalg.norm(apart[row], axis=1)
-        normal[row, 0] = 1.0  # whatever it is where both ends are in one place
-        spans = length > 0.0
-        normal[row[spans]] = -apart[row[spans]] / length[spans, None]
-        gap[row] = self._offset[row] - length
-        arms[row] = arm[row][:, ::-1]
-
-        if self._dim == 2:
-            row = np.flatnonzero(self.kind == TURN)
-            normal[row, 0] = self._sign[row]
-            gap[row] = self._sign[row] * self._turned(rotation)[row] + self._offset[row]
-            return Place(gap, normal, arms)
-
-        row = np.flatnonzero(self.kind == ALIGN)
-        of_a, of_b = direction[row, 1], direction[row, 2]
-        across = np.cross(of_b, of_a)
-        size = np.linalg.norm(across, axis=1)
-        normal[row] = across / size[:, None]
-        gap[row] = _dot(of_a, of_b) / size
-
-        row = np.flatnonzero(self.kind == TWIST)
-        axis, first, second = direction[row, 0], direction[row, 1], direction[row, 2]
-        angle = np.arctan2(_dot(axis, np.cross(first, second)), _dot(first, second))
-        normal[row] = self._sign[row, None] * axis
-        gap[row] = self._sign[row] * angle + self._offset[row]
-        return Place(gap, normal, arms)
+        angle = np.append(rotation, 0.0) if self._dim == 2 else np.zeros(len(centre))
+        count = len(self)
+        place = Place(
+            np.empty(count), np.zeros((count, self._dim)), np.zeros((count, 2, self._dim))
+        )
+        rows = self.kind, self._sign, self._offset, self.pairs, self._ends, self._directions
+        _place_rows(rows, (centre, axes, angle), (place.gap, place.normal, place.arms))
+        return place
 
     def reach(self, place: Place) -> np.ndarray:
         """Size of what turns with each row, shape (n,): its arms or its length, m; 1 on spins."""
@@ -221,5 +191,73 @@ def _matrices(rotation: np.ndarray) -> np.ndarray:
     return rotation if rotation.ndim == 3 else plane_rotations(rotation)
 
 
-def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    return np.einsum("ni,ni->n", a, b)
+@njit(**ENTRY)
+def _place_rows(rows, bodies, place):
+    """See the module docstring; directions are d, e and c in the axes of a, a and b."""
+    (kind, sign, offset, pairs, ends, directions), (centre, axes, angle) = rows, bodies
+    gap, normal, arms = place
+    dim = centre.shape[1]
+    apart, arm = np.zeros(3), np.zeros((2, 3))
+    turned = np.zeros((3, 3))
+    for row in range(len(kind)):
+        a, b = pairs[row]
+        for k in range(dim):
+            for side in range(2):
+                arm[side, k] = _turned(axes[pairs[row, side]], ends[row, side], k)
+            apart[k] = centre[b, k] + arm[1, k] - centre[a, k] - arm[0, k]
+            for which in range(3):
+                body = b if which == 2 else a
+                turned[which, k] = _turned(axes[body], directions[row, which], k)
+        d, e, c = turned
+        if kind[row] == PLANE:
+            gap[row] = offset[row]
+            for k in range(dim):
+                normal[row, k] = sign[row] * d[k]
+                gap[row] += normal[row, k] * apart[k]
+                arms[row, 0, k] = arm[1, k]
+                arms[row, 1, k] = centre[b, k] + arm[1, k] - centre[a, k]
+        elif kind[row] == LENGTH:
+            length = np.sqrt(_dot(apart, apart))
+            gap[row] = offset[row] - length
+            normal[row, 0] = 1.0  # whatever it is where both ends are in one place
+            for k in range(dim):
+                if length > 0.0:
+                    normal[row, k] = -apart[k] / length
+                arms[row, 0, k], arms[row, 1, k] = arm[1, k], arm[0, k]
+        elif kind[row] == TURN:
+            normal[row, 0] = sign[row]
+            gap[row] = sign[row] * (angle[b] - angle[a]) + offset[row]
+        elif kind[row] == ALIGN:
+            across = _cross(c, e)
+            size = np.sqrt(_dot(across, across))
+            gap[row] = _dot(e, c) / size
+            for k in range(3):
+                normal[row, k] = across[k] / size
+        else:
+            phi = np.arctan2(_dot(d, _cross(e, c)), _dot(e, c))
+            gap[row] = sign[row] * phi + offset[row]
+            for k in range(3):
+                normal[row, k] = sign[row] * d[k]
+
+
+@njit(**MERGED)
+def _turned(axes, vector, k):
+    """Component k in space of a vector in the axes of a body."""
+    found = 0.0
+    for j in range(len(vector)):
+        found += axes[k, j] * vector[j]
+    return found
+
+
+@njit(**MERGED)
+def _dot(a, b):
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@njit(**MERGED)
+def _cross(a, b):
+    return (
+        a[1] * b[2] - a[2] * b[1],
+        a[2] * b[0] - a[0] * b[2],
+        a[0] * b[1] - a[1] * b[0],
+    )
