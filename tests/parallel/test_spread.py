@@ -85,6 +85,7 @@ def test_what_does_not_fit_is_refused_on_all_ranks(folder):
             "CheckpointError: .* of another scene: its mesh was whole on each rank, .* is not",
             "CheckpointError: .* of another scene: its mesh was not whole on each rank, .* is",
             "ValueError: .*InitialStress",
+            "ValueError: The `where` of .* holds at no node of its facets",
         ),
         strict=True,
     ):

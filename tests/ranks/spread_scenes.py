@@ -109,6 +109,7 @@ def wrong() -> list[str]:
     one_state = Simulation(alone, comm=MPI.COMM_SELF, **options).saved_in_order()
     scenes.COMM = WORLD
     holed_stress = xf.InitialStress(lambda x: holed(x)[0] * np.eye(2)[..., None])
+    moved_nowhere = xf.PrescribedVelocity(scenes.LEFT, 0, 1.0, where=lambda x: x[0] > 5.0)
     told = []
     spread_state = Simulation(scene, **options).saved_in_order()
     for call in (
@@ -142,6 +143,7 @@ def wrong() -> list[str]:
         lambda: Simulation(scene, **options).restore(one_state),
         lambda: Simulation(alone, comm=MPI.COMM_SELF, **options).restore(spread_state),
         lambda: replace(scene, loads=[holed_stress]),
+        lambda: replace(scene, loads=[moved_nowhere]),
     ):
         try:
             call()

@@ -25,6 +25,7 @@ from xper_fx.forms.loads import (
 from xper_fx.materials.material import InelasticMaterial, Material
 from xper_fx.scene.wall import Wall
 from xper_fx.support.checks import refuse_expression, require_number
+from xper_fx.support.ranks import Ranks
 
 Motion = PrescribedVelocity | PrescribedDisplacement
 # Forces from which on their works are infinite.
@@ -124,7 +125,7 @@ def check_motions(loads: Sequence[Load], bodies: Bodies, order: int) -> None:
         order: of the elements.
 
     Raises:
-        ValueError: two that are not; a `where` that holds at no node.
+        ValueError: two that are not.
         TypeError: a `where` that gives no booleans.
     """
     motions = [load for load in loads if isinstance(load, Motion)]
@@ -138,6 +139,28 @@ def check_motions(loads: Sequence[Load], bodies: Bodies, order: int) -> None:
                 raise ValueError(
                     f"{first} and {second} prescribe the same component of the same nodes; "
                     "let their facets be apart or give both the same value."
+                )
+
+
+def check_places(loads: Sequence[Load], bodies: Bodies, order: int, ranks: Ranks) -> None:
+    """See that motions whose facets occur move nodes; ranks that share a mesh call it together.
+
+    Args:
+        loads: of the scene, motions among them, each of which a rank can take by itself.
+        bodies: the bodies.
+        order: of the elements.
+        ranks: that share the mesh.
+
+    Raises:
+        ValueError: a `where` that holds at no node.
+    """
+    for motion in loads:
+        if isinstance(motion, Motion) and motion.where is not None:
+            if not ranks.sum(len(_nodes_moved(motion, bodies, order))):
+                raise ValueError(
+                    f"The `where` of {type(motion).__name__} on tag {motion.facets}, component "
+                    f"{motion.component}, holds at no node of its facets; positions carry "
+                    "rounding: prefer `np.isclose(x[0], 0)` to `x[0] == 0`."
                 )
 
 
@@ -166,11 +189,6 @@ def _nodes_moved(motion: Motion, bodies: Bodies, order: int) -> set[tuple[int, i
         nodes += [(dim, entity) for entity in entities.tolist()]
         places.append(mesh.geometry.x[corners].mean(axis=1))
     there = nodes_that_move(motion, np.concatenate(places).T)
-    if not there.any() and bodies.spread is None:
-        raise ValueError(
-            f"The `where` of {motion} holds at none of the {len(nodes)} nodes of its facets; "
-            "positions carry rounding: prefer `np.isclose(x[0], 0)` to `x[0] == 0`."
-        )
     return {node for node, moves in zip(nodes, there.tolist(), strict=True) if moves}
 
 

@@ -29,6 +29,7 @@ from xper_fx.scene.load_checks import (
     check_loads,
     check_motions,
     check_outer,
+    check_places,
 )
 from xper_fx.scene.material_checks import check_materials
 from xper_fx.scene.wall import Wall
@@ -142,7 +143,10 @@ class Scene:
             )
         spread = None if self.bodies is None else self.bodies.spread
         # of a mesh that is spread a rank may find what no other one knows
-        (ALONE if spread is None else spread.ranks).together(self._check)
+        ranks = ALONE if spread is None else spread.ranks
+        ranks.together(self._check)
+        if self.bodies is not None:
+            check_places(self.loads, self.bodies, self.order, ranks)
         self._fix()
         if self.after is not None:
             self.after.check(self)
