@@ -377,7 +377,7 @@ def test_what_a_control_has_learnt_is_restored_field_by_field():
 def taken(one: ErrorEstimate, changes, work=None, size=1.0, kinetic=0.0, **of_outcome) -> None:
     """Let an estimate take a step in which work, kinetic and elastic energy change."""
     bulk = BulkEnergies(changes[0], kinetic, 0.0, changes[1], changes[2])
-    one.see(0.0 if not one._swings.rates else one._now.time + 0.5 * size, size, np.array(changes))
+    one.see(0.0 if not one._swings.rates else one._now.time + 0.5 * size, size, changes)
     one.take(size, bulk, work, 0.0, outcome(**of_outcome))
 
 
@@ -500,7 +500,7 @@ def test_a_doubled_step_tells_what_two_leave():
     for _ in range(24):
         if doubling.is_due:
             doubling.begin(h, flow(2.0 * moved, 2.0 * moved + 4.0 * c * h**2))
-        doubling.take(h, flow(moved, moved + c * h**2))
+        doubling.take(h, flow(moved, moved + c * h**2), 1.0)
     # 1 to 6, then every sixth: the first two steps stand for six as well
     assert doubling.left[0] == 0.0
     assert doubling.left[3] == pytest.approx(24 * c * h**2, rel=1e-9)
@@ -510,9 +510,9 @@ def test_a_doubled_step_tells_what_two_leave():
 def test_a_doubled_step_is_dropped_if_steps_change_or_it_found_another_state():
     doubling = StepDoubling(follows=False)
     doubling.begin(0.1, flow(2.0, 2.1))
-    assert not doubling.take(0.05, flow(0.5, 0.5)) and doubling.is_due
+    assert not doubling.take(0.05, flow(0.5, 0.5), 1.0) and doubling.is_due
     doubling.begin(0.1, flow(2.0, 9.0))
-    assert [doubling.take(0.1, flow(1.0, 1.0)) for _ in range(2)] == [False, False]
+    assert [doubling.take(0.1, flow(1.0, 1.0), 1.0) for _ in range(2)] == [False, False]
     assert not doubling.left.any() and not doubling.is_due
     doubling.begin(0.1, None)
     assert doubling.size == 0.0 and not doubling.is_due
@@ -529,8 +529,8 @@ def test_errors_of_stresses_work_until_flow_forgets_them():
     long = step._replace(work=2 * step.work, plastic=2 * step.plastic, power=2.0 * (force + erred))
     doubling.begin(h, long)
     for _ in range(1000):
-        doubling.take(h, step)
-    error = 2.0 * erred * 0.5 * 6 * (1.0 - math.exp(-k * 998 * h)) / k
+        doubling.take(h, step, 1.0)
+    error = 2.0 * erred * (1.0 - math.exp(-k * 998 * h)) / k
     assert doubling.left[0] == pytest.approx(error, rel=2e-3)
     assert doubling.left[3] == pytest.approx(error, rel=2e-3)
     assert doubling.error == pytest.approx(error, rel=2e-3)
@@ -541,13 +541,13 @@ def test_an_error_of_the_elastic_energy_goes_to_the_dissipation():
     step = BulkEnergies(1.0, 0.0, 1.0, 0.0, 0.5, k * h, power_before=1.0, power=1.0)
     doubling.begin(h, step._replace(work=2.0, elastic_change=1.0 + erred, plastic=2.0 * k * h))
     for _ in range(2):
-        doubling.take(h, step)
-    assert doubling.left[2] == pytest.approx(0.5 * 6 * erred)
+        doubling.take(h, step, 1.0)
+    assert doubling.left[2] == pytest.approx(erred)
     for _ in range(50):
-        doubling.take(h, step)
-    kept = 0.5 * 6 * erred * math.exp(-k * 50 * h)
+        doubling.take(h, step, 1.0)
+    kept = erred * math.exp(-k * 50 * h)
     assert doubling.left[2] == pytest.approx(kept)
-    assert doubling.left[3] == pytest.approx(0.5 * 6 * erred - kept)
+    assert doubling.left[3] == pytest.approx(erred - kept)
 
 
 def test_static_flow_has_no_waves():

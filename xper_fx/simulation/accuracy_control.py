@@ -195,7 +195,7 @@ class AccuracyControl:
         """
         learnt, scale = self._learnt, self.estimate.scale_with(energies)
         change = changes(energies)
-        share = max(float(np.abs(change).sum()), scale * size / end_time)
+        share = max(sum(map(abs, change)), scale * size / end_time)
         self._allowed, learnt.ratio = self._accuracy * share or np.inf, 0.0
         self._rest = end_time - time - size
         doubling = self.estimate.doubling
