@@ -27,10 +27,12 @@ largest energy held or to the largest force. What makes it, by name:
   or falls by in the other, whichever is less: a smooth largest one is of second order. One that
   still grows at the end lags by 1 - theta of a step, as forces are means over steps. The force is
   that of the supports, or else the external power;
-- **waves**: where waves are out of phase they add up to another largest force. It errs by three
-  times what two unrelated waves of the force differ by, `_WAVES` (calibrated, as several waves do),
-  times the share of the lags of the energies that is lost; of supports alone, as powers are no
-  waves. The other parts are not added to it.
+- **waves**: where waves are out of phase they add up to another largest force. A force errs by
+  three times what two unrelated waves of it differ by, `_WAVES` (calibrated, as several waves do),
+  times the share of the lags of the energies that is lost; the largest by what it erred by when it
+  was seen, or by how much a later one may exceed it with its own error (waves of a bar that snaps
+  come after its largest force). Of supports alone, as powers are no waves. The other parts are not
+  added to it.
 
 `benchmarks/estimate_coverage.py` compares them with true errors.
 """
@@ -85,6 +87,7 @@ class _Parts:
         force, last_force, growth: largest force seen (N, or W), that of the last step, and by how
             much it grew in the step of the largest.
         missed: of a largest force, relative.
+        waves: error of the largest force as waves are out of phase (N).
         impacts: squares of what steps of impacts left by their times, summed (J^2; 2D: J^2/m^2).
         struck: energy that impacts took (J; 2D: J/m).
         late: sum of the energies that impacts took times their steps (J s; 2D: J s/m), each by the
@@ -106,6 +109,7 @@ class _Parts:
     last_force: float = 0.0
     growth: float = 0.0
     missed: float = 0.0
+    waves: float = 0.0
     impacts: float = 0.0
     struck: float = 0.0
     late: float = 0.0
@@ -166,14 +170,8 @@ class ErrorEstimate:
             "closure": abs(parts.closure) / scale,
             "events": parts.missed if watched else 0.0,
             "motion": self._motion,
-            "waves": self._waves if self._supported else 0.0,
+            "waves": parts.waves / (parts.force or np.inf),
         }
-
-    @property
-    def _waves(self) -> float:
-        """Relative error of the largest force, as waves in it are out of phase."""
-        swings = self._force.amplitude / (self._parts.force or np.inf)
-        return _WAVES * swings * self._swings.out_of_phase
 
     @property
     def _motion(self) -> float:
@@ -275,7 +273,12 @@ class ErrorEstimate:
         parts = self._parts
         grows = (force - parts.last_force) / size if parts.steps > 1 else 0.0
         self._force.take(Rate(self._now.time, [grows]), size)
+        erring = 0.0
+        if self._supported:
+            erring = _WAVES * self._force.amplitude * self._swings.out_of_phase
+        parts.waves = max(parts.waves, force + erring - parts.force)
         if force > parts.force:
+            parts.waves = erring
             before = parts.last_force if parts.steps > 1 else force
             parts.growth, parts.force = force - before, force
             parts.missed = self._lag * parts.growth / force

@@ -34,8 +34,8 @@ import numpy as np
 
 from xper_fx.simulation.energy_ledger import BulkEnergies
 
-# Steps from one that is doubled to the next, of which the two are no part; those from the first that
-# flows to one that is doubled; those in which flow begins.
+# Steps from one that is doubled to the next, of which the two are no part; those from the first
+# that flows to one that is doubled; those in which flow begins.
 _EVERY, _FIRST, _BEGINNING = 4, 1, 5
 # Error of global quantities over what steps leave, where it is not followed.
 _OTHERWISE = 2.0
