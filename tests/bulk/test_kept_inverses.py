@@ -8,6 +8,7 @@ import pytest
 from scenes import LEFT, RIGHT, box_bodies
 
 import xper_fx as xf
+from xper_fx.bulk.body_inverse import CellwiseInverse
 
 FLOWING = xf.materials.J2SmallStrain(1.0, 0.3, 1e-3, xf.materials.Linear(0.05), 1.0)
 
@@ -65,3 +66,16 @@ def test_inertia_and_damping_have_a_matrix_for_each_step_size(factors, inertia, 
     for step in (0.01, 0.02, 0.005):
         inverses.at(step, displacement)
     assert len(factors.made) == 3
+
+
+def test_newton_finds_each_increment_once(factors, monkeypatch):
+    """What tells that it has not arrived is what it goes on with, if the tangent is the same."""
+    found = []
+    advance = CellwiseInverse.advance
+    monkeypatch.setattr(CellwiseInverse, "advance", lambda *a: (found.append(1), advance(*a))[1])
+    simulation = run(factors, step=0.05, inertia=False)
+    records = list(simulation.steps(1.0))
+    iterations = sum(record.newton_iterations for record in records)
+    assert iterations > 3 * len(records) and len(factors.made) > 2
+    # the first of a step, one that tells after each iteration, one for each new tangent
+    assert len(found) == len(records) + iterations + len(factors.made) - 1

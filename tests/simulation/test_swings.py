@@ -16,7 +16,7 @@ def followed(signal, steps: int, end: float, count: int = 1) -> Swings:
     swings, size = Swings(count), end / steps
     for k in range(steps):
         start, stop = (np.atleast_1d(signal(size * i)) for i in (k, k + 1))
-        swings.take(Rate((k + 0.5) * size, (stop - start) / size), size)
+        swings.take(Rate((k + 0.5) * size, ((stop - start) / size).tolist()), size)
     return swings
 
 
@@ -58,6 +58,6 @@ def test_what_was_seen_is_restored():
     again.restore(swings.saved())
     for one in (swings, again):
         for k in range(9):
-            one.take(Rate(5.0 + 0.1 * k, np.array([0.1 * k, (-1.0) ** k])), 0.1)
+            one.take(Rate(5.0 + 0.1 * k, [0.1 * k, (-1.0) ** k]), 0.1)
     assert again.error == swings.error and again.linear == swings.linear
     assert again.out_of_phase == swings.out_of_phase

@@ -88,6 +88,8 @@ class ImplicitStep:
         self._solver_error = self._traction_change = 0.0
         # Newton's correction relative to the velocities, and that of the iteration before
         self._correction, self._correction_before = 0.0, np.inf
+        # without interactions: the next increment of all velocities, once it is known
+        self._increment: np.ndarray | None = None
 
     def solve(self) -> StepOutcome:
         """The outcome, converged or not."""
@@ -157,7 +159,8 @@ class ImplicitStep:
             residual = self._residual
             if self._turns:
                 residual = residual + couples
-            free = previous + advance(residual)
+            known, self._increment = self._increment, None
+            free = previous + (advance(residual) if known is None else known)
         self._velocity = free
         if not self._bare:
             if iteration > 1:  # what an earlier iterate damaged is whole again
@@ -210,7 +213,10 @@ class ImplicitStep:
         left = self._residual + self._impulses
         if self._turns:
             left += self._couples_left
-        correction = self._bulk.norm(solve(left))
+        increment = solve(left)
+        if self._bare:
+            self._increment = increment
+        correction = self._bulk.norm(increment)
         self._displacement = self._equations.displacement(self._velocity)
         # towards rest velocities vanish, and the rounding of positions is what is left
         rounding = self._limits.rounding
@@ -234,6 +240,7 @@ class ImplicitStep:
         slow = correction > _SLOW * before and left > _FEW
         if self._balance.worse or (slow and not self._bulk.linear):
             self._inverse = self._inverses.at(self._step, self._displacement, renew=True)
+            self._increment = None
             if not self._bare:
                 with self._watch.phase("interaction terms"):
                     self._interactions.update_inverse(self._inverse.blocks)

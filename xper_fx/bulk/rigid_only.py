@@ -66,7 +66,7 @@ class EmptyBulk(KeepsNothing):
 
     linear, floating = True, False
     inertia = damping = mass = stiffness = None
-    num_dofs = num_dofs_of_all = nbytes = 0
+    num_dofs = num_dofs_of_all = num_common = nbytes = 0
     ranks = ALONE
 
     def __init__(self, dim: int):

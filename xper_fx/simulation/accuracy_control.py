@@ -6,7 +6,10 @@ None of what makes the error (`error_estimate.py`) is made better than the other
 - **time integration**: what a step leaves is held to the share `accuracy` of what the energies
   change by in the step. A vibration of one frequency omega is so stepped with
   (omega h)^2 / 3 = accuracy. A step that leaves much more is taken again, shorter. Below 0.7 of the
-  critical step of the bulk it never goes for that: there the mesh's own dispersion is what is left;
+  critical step of the bulk it never goes for that: there the mesh's own dispersion is what is left.
+  In static flow nothing lags (`error_estimate.py`): doubled steps say how long steps may be, and a
+  power that bends only tells, sooner than they do, that the path turns. Where flow begins, cell by
+  cell, it always bends, and counts a quarter;
 - **events**: what breaks, closes or slides does so somewhere within a step: h <= accuracy * end
   time where there are interactions, and the square root of it where everything is smooth. A step in
   which power turns so suddenly that it moves more than 12 times `accuracy` of the energy held (an
@@ -48,6 +51,8 @@ logger = logging.getLogger(__name__)
 
 # Estimate over what is allowed, above which a step is taken again.
 _REJECT = 4.0
+# What a power that bends counts where static flow begins.
+_BEGINS = 0.25
 # Energy by which a step may differ from going on at the last power, relative to accuracy and energy
 # held: four times what a vibration stepped as asked for does.
 _LARGEST_TURN = 12.0
@@ -144,6 +149,8 @@ class AccuracyControl:
         self._learnt = _Learnt(first, first, first, softest, requested.tolerance)
         self.estimate = estimate
         self._allowed = np.inf  # what the last step may leave (J; 2D: J/m)
+        self._rest = np.inf  # of the run after the last step (s)
+        self._counts = 1.0  # what its bends do
 
     @property
     def tolerance(self) -> float:
@@ -188,12 +195,15 @@ class AccuracyControl:
         """
         learnt, scale = self._learnt, self.estimate.scale_with(energies)
         change = changes(energies)
-        share = max(float(np.abs(change).sum()), scale * size / end_time)
+        share = max(sum(map(abs, change)), scale * size / end_time)
         self._allowed, learnt.ratio = self._accuracy * share or np.inf, 0.0
+        self._rest = end_time - time - size
+        doubling = self.estimate.doubling
+        self._counts = _BEGINS if doubling is not None and doubling.begins else 1.0
         left, turn = self.estimate.see(time, size, change)
         learnt.ratio = left / self._allowed
         bound = _LARGEST_TURN * self._accuracy * scale if self._strikes else np.inf
-        coarse = learnt.ratio > _REJECT or turn > bound
+        coarse = self._counts * learnt.ratio > _REJECT or turn > bound
         if self.adapts_step and size > (1.0 + _ALIKE) * learnt.least and coarse:
             learnt.ratio = max(learnt.ratio, (turn / bound) ** 2 if bound > 0.0 else 0.0)
             self._shorten(size)
@@ -230,10 +240,10 @@ class AccuracyControl:
             learnt.one_state = min(learnt.one_state, learnt.snap_step)
             learnt.snapped = max(learnt.snapped, snap)
         self._adapt_tolerance()
-        if doubling is not None and doubling.take(size, energies):
+        if doubling is not None and doubling.take(size, energies, self._rest):
             learnt.rough = doubling.local / self._allowed
         learnt.same += 1
-        learnt.smooth += _FRESH * (learnt.ratio - learnt.smooth)
+        learnt.smooth += _FRESH * (self._counts * learnt.ratio - learnt.smooth)
         if max(learnt.smooth, learnt.rough) > 1.0:
             self._shorten(size)
         elif learnt.same >= self._patience and size > 0.99 * learnt.size:

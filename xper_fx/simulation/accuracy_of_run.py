@@ -46,10 +46,11 @@ def control_of(
     if not (searched or explicit):  # twice the step of an explicit bulk may be unstable
         if flows or (interacting and not inertia):
             doubling = StepDoubling(follows=flows and not inertia)
+    holds = bulk.num_common == 0  # supports of a driven cell bear nothing but rounding
     estimate = ErrorEstimate(
         held,
         doubling=doubling,
-        supported=bulk.ranks.max(bool(bulk.layout.prescribed.any())) > 0,
+        supported=holds and bulk.ranks.max(bool(bulk.layout.prescribed.any())) > 0,
         lag=1.0 - theta,
         ranks=bulk.ranks,
     )

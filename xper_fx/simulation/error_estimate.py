@@ -27,10 +27,12 @@ largest energy held or to the largest force. What makes it, by name:
   or falls by in the other, whichever is less: a smooth largest one is of second order. One that
   still grows at the end lags by 1 - theta of a step, as forces are means over steps. The force is
   that of the supports, or else the external power;
-- **waves**: where waves are out of phase they add up to another largest force. It errs by three
-  times what two unrelated waves of the force differ by, `_WAVES` (calibrated, as several waves do),
-  times the share of the lags of the energies that is lost; of supports alone, as powers are no
-  waves. The other parts are not added to it.
+- **waves**: where waves are out of phase they add up to another largest force. A force errs by
+  three times what two unrelated waves of it differ by, `_WAVES` (calibrated, as several waves do),
+  times the share of the lags of the energies that is lost; the largest by what it erred by when it
+  was seen, or by how much a later one may exceed it with its own error (waves of a bar that snaps
+  come after its largest force). Of supports alone, as powers are no waves. The other parts are not
+  added to it.
 
 `benchmarks/estimate_coverage.py` compares them with true errors.
 """
@@ -67,9 +69,9 @@ _LITTLE_FORCE = 1e-4
 _LITTLE_WORK = 1e-3
 
 
-def changes(energies: BulkEnergies) -> np.ndarray:
-    """External work, gains of kinetic and elastic energy in a step (J; 2D: J/m), shape (3,)."""
-    return np.array([energies.work, energies.kinetic_change, energies.elastic_change])
+def changes(energies: BulkEnergies) -> list[float]:
+    """External work, gains of kinetic and elastic energy in a step (J; 2D: J/m)."""
+    return [energies.work, energies.kinetic_change, energies.elastic_change]
 
 
 @dataclass
@@ -85,6 +87,7 @@ class _Parts:
         force, last_force, growth: largest force seen (N, or W), that of the last step, and by how
             much it grew in the step of the largest.
         missed: of a largest force, relative.
+        waves: error of the largest force as waves are out of phase (N).
         impacts: squares of what steps of impacts left by their times, summed (J^2; 2D: J^2/m^2).
         struck: energy that impacts took (J; 2D: J/m).
         late: sum of the energies that impacts took times their steps (J s; 2D: J s/m), each by the
@@ -106,6 +109,7 @@ class _Parts:
     last_force: float = 0.0
     growth: float = 0.0
     missed: float = 0.0
+    waves: float = 0.0
     impacts: float = 0.0
     struck: float = 0.0
     late: float = 0.0
@@ -138,7 +142,7 @@ class ErrorEstimate:
         self._parts = _Parts(energy)
         self._turned = np.zeros(3)  # energies in steps of impacts, summed
         self._swings, self._force = Swings(3), Swings(1)  # of the energies, of the force
-        self._now = Rate(0.0, np.zeros(3))
+        self._now = Rate(0.0, [0.0] * 3)
 
     @property
     def error(self) -> float:
@@ -166,14 +170,8 @@ class ErrorEstimate:
             "closure": abs(parts.closure) / scale,
             "events": parts.missed if watched else 0.0,
             "motion": self._motion,
-            "waves": self._waves if self._supported else 0.0,
+            "waves": parts.waves / (parts.force or np.inf),
         }
-
-    @property
-    def _waves(self) -> float:
-        """Relative error of the largest force, as waves in it are out of phase."""
-        swings = self._force.amplitude / (self._parts.force or np.inf)
-        return _WAVES * swings * self._swings.out_of_phase
 
     @property
     def _motion(self) -> float:
@@ -197,7 +195,7 @@ class ErrorEstimate:
         """The largest energy held (J; 2D: J/m), a step's included that is not taken yet."""
         return max(self._parts.scale, energies.kinetic + energies.elastic)
 
-    def see(self, time: float, size: float, change: np.ndarray) -> tuple[float, float]:
+    def see(self, time: float, size: float, change: list[float]) -> tuple[float, float]:
         """Look at a step that may not be kept.
 
         Args:
@@ -209,11 +207,11 @@ class ErrorEstimate:
             What it leaves, all energies together, and by how much they turn from their last rates
             (J; 2D: J/m); zero in the first steps.
         """
-        self._now, rates = Rate(time + 0.5 * size, change / size), self._swings.rates
+        self._now, rates = Rate(time + 0.5 * size, [c / size for c in change]), self._swings.rates
         if len(rates) < 2:
             return 0.0, 0.0
-        turn = float(np.abs(change - size * rates[-1].rate).sum())
-        return float(lag(rates, self._now, size**3).sum()), turn
+        turn = sum(abs(c - size * r) for c, r in zip(change, rates[-1].rate, strict=True))
+        return sum(lag(rates, self._now, size**3)), turn
 
     def take(
         self,
@@ -243,7 +241,7 @@ class ErrorEstimate:
             parts.impulses += min(outcome.residual, 1.0)
             strikes = share > 0.0 and work.impact > _AN_IMPACT * parts.scale
             if strikes and self._swings.rates:
-                turn = size * (self._now.rate - self._swings.rates[-1].rate)
+                turn = size * np.subtract(self._now.rate, self._swings.rates[-1].rate)
                 parts.impacts += (_OF_IMPACTS * float(np.abs(turn).max())) ** 2
                 self._turned = self._turned + turn
                 parts.struck += work.impact
@@ -256,15 +254,17 @@ class ErrorEstimate:
         parts.damped += energies.damped
         parts.scale = max(parts.scale, held, abs(parts.work))
         state = outcome.state
-        squares = [state.velocity @ state.velocity, state.displacement @ state.displacement]
-        fast, moved = np.sqrt(self._ranks.sum(np.array(squares))).tolist()
+        vectors = [state.velocity, state.displacement]
+        if self._supported:
+            vectors += [outcome.reactions, state.internal]
+        squares = self._ranks.sum(np.array([vector @ vector for vector in vectors]))
+        fast, moved, *forces = np.sqrt(squares).tolist()
         parts.moved = max(parts.moved, moved)
         if parts.struck > 0.0:
             parts.fastest = max(parts.fastest, fast)
         force = abs(energies.work)
         if self._supported:
-            squares = [outcome.reactions @ outcome.reactions, state.internal @ state.internal]
-            force, inner = np.sqrt(self._ranks.sum(np.array(squares))).tolist()
+            force, inner = forces
             if force < _LITTLE_FORCE * inner * size:
                 force = 0.0
         self._watch(force / size, size)
@@ -272,8 +272,13 @@ class ErrorEstimate:
     def _watch(self, force: float, size: float) -> None:
         parts = self._parts
         grows = (force - parts.last_force) / size if parts.steps > 1 else 0.0
-        self._force.take(Rate(self._now.time, np.array([grows])), size)
+        self._force.take(Rate(self._now.time, [grows]), size)
+        erring = 0.0
+        if self._supported:
+            erring = _WAVES * self._force.amplitude * self._swings.out_of_phase
+        parts.waves = max(parts.waves, force + erring - parts.force)
         if force > parts.force:
+            parts.waves = erring
             before = parts.last_force if parts.steps > 1 else force
             parts.growth, parts.force = force - before, force
             parts.missed = self._lag * parts.growth / force
@@ -295,7 +300,7 @@ class ErrorEstimate:
     def restore(self, saved: Mapping) -> None:
         """Take what `saved` gave."""
         self._parts, self._turned = _Parts(**saved["parts"]), saved["turned"]
-        self._now = Rate(float(saved["now"][0]), saved["now"][1:].copy())
+        self._now = Rate(float(saved["now"][0]), saved["now"][1:].tolist())
         self._swings.restore(saved["swings"])
         self._force.restore(saved["force"])
         if self.doubling is not None and "doubling" in saved:

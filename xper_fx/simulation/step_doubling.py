@@ -19,7 +19,9 @@ material that flows
 With inertia the forces of supports are waves, and friction has its own memory: what is left counts
 twice there.
 
-The long step is tried before the two and is not kept: one step in six.
+The long step is tried before the two and is not kept: one step in six. In a static run of a
+material that flows, steps in which nothing flows leave nothing, and are neither doubled nor
+counted; where flow begins, the step after the next is doubled.
 """
 
 from __future__ import annotations
@@ -32,8 +34,9 @@ import numpy as np
 
 from xper_fx.simulation.energy_ledger import BulkEnergies
 
-# Steps from one that is doubled to the next, of which the two are no part.
-_EVERY = 4
+# Steps from one that is doubled to the next, of which the two are no part; those from the first
+# that flows to one that is doubled; those in which flow begins.
+_EVERY, _FIRST, _BEGINNING = 4, 1, 5
 # Error of global quantities over what steps leave, where it is not followed.
 _OTHERWISE = 2.0
 # Plastic work of a step over the elastic energy below which nothing flows but by rounding.
@@ -70,7 +73,10 @@ class StepDoubling:
         difference: of the long step's works to those made since, shape (4,).
         last: power of the supports at the end of the long step (W; 2D: W/m).
         moved: sum of the sizes of their works (J; 2D: J/m).
-        made, since: steps made of the two, and since the last that were compared.
+        made: of the two steps.
+        since: steps since the last that were compared, of static flow those that flowed.
+        wait: steps until the next that is doubled.
+        flowed: how many of the last steps did in a row.
     """
 
     follows: bool
@@ -83,6 +89,12 @@ class StepDoubling:
     moved: float = 0.0
     made: int = 0
     since: int = _EVERY
+    wait: int = 0
+    flowed: int = 0
+
+    def __post_init__(self) -> None:
+        if self.follows:
+            self.since = 0
 
     @property
     def error(self) -> float:
@@ -92,7 +104,12 @@ class StepDoubling:
     @property
     def is_due(self) -> bool:
         """Whether the next step should be tried at twice its size first."""
-        return self.size == 0.0 and self.since >= _EVERY
+        return self.size == 0.0 and self.wait <= 0 and (self.flowed > 0 or not self.follows)
+
+    @property
+    def begins(self) -> bool:
+        """Whether static flow begins, or has not begun."""
+        return self.follows and self.flowed < _BEGINNING
 
     def begin(self, size: float, long: BulkEnergies | None) -> None:
         """Take a step of twice the size; None if it did not converge.
@@ -102,21 +119,25 @@ class StepDoubling:
             long: of the long step.
         """
         if long is None:
-            self.since = 0
+            self.wait = _EVERY
         else:
             self.size, self.difference, self.made, self.moved = size, works(long), 0, 0.0
             self.last = long.power
 
-    def take(self, size: float, energies: BulkEnergies) -> bool:
+    def take(self, size: float, energies: BulkEnergies, rest: float) -> bool:
         """Take a step that was made; whether two were compared now.
 
         Args:
             size: of the step (s).
             energies: of the step.
+            rest: of the run after it (s).
         """
+        flows = energies.plastic > _LITTLE * energies.elastic > 0.0
+        self.flowed = self.flowed + 1 if flows else 0
         if self.follows and energies.power != 0.0:  # supports at rest do no work
             self._go_on(size, energies)
-        self.since += 1
+        self.since += flows or not self.follows
+        self.wait = _FIRST if self.follows and self.flowed == 1 else self.wait - 1
         if self.size == 0.0:
             return False
         if abs(size - self.size) > 1e-6 * self.size:
@@ -128,24 +149,23 @@ class StepDoubling:
         if self.made < 2:
             return False
         if float(np.abs(self.difference).sum()) > _ANOTHER_STATE * self.moved:
-            self.size, self.since = 0.0, 0  # another state, as friction may have several
+            self.size, self.wait = 0.0, _EVERY  # another state, as friction may have several
             return False
         # both forces at the motion of the long step, the mean of those of the two
         erred = self.last - 0.5 * (energies.power_before + energies.power)
         self.left = self.left + self.difference * (0.5 * self.since)
         self.power += erred * (0.5 * self.since)
         local = np.abs(self.difference)
-        if self.follows and energies.plastic > _LITTLE * energies.elastic:
-            lasts = size * energies.elastic / energies.plastic
+        if self.follows and flows:
+            lasts = min(size * energies.elastic / energies.plastic, rest)
             local[0] = abs(self.difference[0] + erred * lasts)
         self.local = 0.5 * float(local.max())
-        self.size, self.since = 0.0, 0
+        self.size, self.since, self.wait = 0.0, 0, _EVERY
         return True
 
     def _go_on(self, size: float, energies: BulkEnergies) -> None:
         """What earlier errors of the stresses do in a step."""
-        flows = energies.plastic > _LITTLE * energies.elastic > 0.0
-        kept = math.exp(-energies.plastic / energies.elastic) if flows else 1.0
+        kept = math.exp(-energies.plastic / energies.elastic) if self.flowed > 0 else 1.0
         self.power *= kept
         done, forgotten = self.power * size, (1.0 - kept) * self.left[2]
         self.left = self.left + np.array([done, 0.0, -forgotten, done + forgotten])

@@ -30,19 +30,19 @@ _ROWS = ("rates", "_means")
 
 
 class Rate(NamedTuple):
-    """Rates of n signals at a time.
+    """Rates of n signals at a time; plain floats, as there are few and a step asks often.
 
     Attributes:
         time: middle of a step, or of several (s).
-        rate: mean rates in them, shape (n,).
+        rate: mean rates in them, n of them.
     """
 
     time: float
-    rate: np.ndarray
+    rate: list[float]
 
 
-def lag(before: deque[Rate], now: Rate, cubes: float) -> np.ndarray:
-    """h^3 |rate''| / 12: what lags of each signal over the span of a rate, shape (n,).
+def lag(before: deque[Rate], now: Rate, cubes: float) -> list[float]:
+    """h^3 |rate''| / 12: what lags of each signal over the span of a rate, n of them.
 
     Args:
         before: the two rates before; with less nothing is known, and zero.
@@ -50,11 +50,14 @@ def lag(before: deque[Rate], now: Rate, cubes: float) -> np.ndarray:
         cubes: h^3 summed over the steps of its span (s^3).
     """
     if len(before) < 2:
-        return np.zeros(len(now.rate))
-    first, second = before
-    bends = (now.rate - second.rate) / (now.time - second.time)
-    bends -= (second.rate - first.rate) / (second.time - first.time)
-    return cubes / 6.0 * np.abs(bends) / (now.time - first.time)
+        return [0.0] * len(now.rate)
+    (start, first), (middle, second) = before
+    end, third = now
+    ahead, behind, share = end - middle, middle - start, cubes / 6.0 / (end - start)
+    return [
+        share * abs((c - b) / ahead - (b - a) / behind)
+        for a, b, c in zip(first, second, third, strict=True)
+    ]
 
 
 class Swings:
@@ -73,16 +76,17 @@ class Swings:
         self.rates: deque[Rate] = deque(maxlen=2)
         self._means: deque[Rate] = deque(maxlen=2)
         self._steps = 0
-        self._squares = np.zeros((2, count))  # of differences of second and third order
-        self._since = np.zeros(count + 3)  # the last mean: h, h^3, h t, changes of the signals
+        # squares of differences of second and third order, summed
+        self._second, self._third = [0.0] * count, [0.0] * count
+        # since the last mean: h, h^3, h t; changes of the signals
+        self._since, self._changes = [0.0] * 3, [0.0] * count
 
     @property
     def amplitude(self) -> float:
         """Root mean square a of what swings fastest, of the largest of the signals."""
-        second, third = self._squares
-        some = third > 0.0
-        swings = second[some] ** 1.5 / third[some]
-        return float(swings.max(initial=0.0)) / math.sqrt(max(self._steps, 1))
+        squares = zip(self._second, self._third, strict=True)
+        swings = (second**1.5 / third for second, third in squares if third > 0.0)
+        return max(swings, default=0.0) / math.sqrt(max(self._steps, 1))
 
     @property
     def error(self) -> float:
@@ -97,28 +101,32 @@ class Swings:
     def take(self, now: Rate, size: float) -> None:
         """Take a step of a size (s) and its rates."""
         self._steps += 1
+        cube = size * size * size
         if len(self.rates) == 2:
-            lags = lag(self.rates, now, size**3)
-            turns = size * (now.rate - self.rates[-1].rate)
-            self.linear += 0.5 * float(lags.max())  # amplitudes err by half as much
-            self._squares += np.array([turns, 12.0 * lags]) ** 2
+            lags, last = lag(self.rates, now, cube), self.rates[-1].rate
+            self.linear += 0.5 * max(lags)  # amplitudes err by half as much
+            for i, (c, b) in enumerate(zip(now.rate, last, strict=True)):
+                self._second[i] += (size * (c - b)) ** 2
+                self._third[i] += (12.0 * lags[i]) ** 2
         self.rates.append(now)
-        self._since += np.array([size, size**3, size * now.time, *(size * now.rate)])
+        span, cubes, moment = self._since
+        self._since = [span + size, cubes + cube, moment + size * now.time]
+        self._changes = [a + size * b for a, b in zip(self._changes, now.rate, strict=True)]
         if self._steps % _A_MEAN == 0:
-            span, cubes, moment = self._since[:3]
-            mean = Rate(moment / span, self._since[3:] / span)
-            self._slow += 0.5 * float(lag(self._means, mean, cubes).max())
+            span, cubes, moment = self._since
+            mean = Rate(moment / span, [change / span for change in self._changes])
+            self._slow += 0.5 * max(lag(self._means, mean, cubes))
             self._means.append(mean)
-            self._since[:] = 0.0
+            self._since, self._changes = [0.0] * 3, [0.0] * len(now.rate)
 
     def saved(self) -> dict:
         """All of it."""
         rows = {k: np.array([[r.time, *r.rate] for r in vars(self)[k]]) for k in _ROWS}
-        return vars(self) | rows
+        return {k: np.array(v) if isinstance(v, list) else v for k, v in vars(self).items()} | rows
 
     def restore(self, saved: Mapping) -> None:
         """Take what `saved` gave."""
-        vars(self).update({k: np.copy(v) if np.ndim(v) else v for k, v in saved.items()})
+        vars(self).update({k: v.tolist() if np.ndim(v) else v for k, v in saved.items()})
         for name in _ROWS:
-            rows = (Rate(float(row[0]), row[1:].copy()) for row in saved[name])
+            rows = (Rate(float(row[0]), row[1:].tolist()) for row in saved[name])
             vars(self)[name] = deque(rows, maxlen=2)
