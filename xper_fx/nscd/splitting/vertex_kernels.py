@@ -36,6 +36,7 @@ class VertexWork(NamedTuple):
         fused, active: shape (e,), what transmits within a cluster, and what acts between two.
         kept: shape (e,), what was fused before it was tried whether more opens.
         flow: shape (e, dim); also residuals and corrections (N s).
+        answer: shape (e, dim), impulses that laws ask for, in their axes (N s).
         direction: shape (e, dim), of a Newton step (N s).
         slope: shape (e, dim, dim).
         system: shape (e dim, e dim).
@@ -54,6 +55,7 @@ class VertexWork(NamedTuple):
     active: np.ndarray
     kept: np.ndarray
     flow: np.ndarray
+    answer: np.ndarray
     direction: np.ndarray
     slope: np.ndarray
     system: np.ndarray
@@ -66,8 +68,9 @@ def vertex_work(graphs: VertexGraphs, dim: int) -> VertexWork:
     corners = [np.zeros((k, dim)) for _ in range(5)]
     return VertexWork(
         np.zeros(k, np.int64), np.zeros(k, bool), np.zeros((k, dim), bool), *corners,
-        np.zeros((k, k)), *(np.zeros(e, bool) for _ in range(3)), np.zeros((e, dim)),
-        np.zeros((e, dim)), np.zeros((e, dim, dim)), np.zeros((e * dim, e * dim)),
+        np.zeros((k, k)), *(np.zeros(e, bool) for _ in range(3)),
+        *(np.zeros((e, dim)) for _ in range(3)), np.zeros((e, dim, dim)),
+        np.zeros((e * dim, e * dim)),
     )  # fmt: skip
 
 
@@ -106,17 +109,6 @@ def vertex_kernels(dim: int):
                     for c in range(k):
                         if cluster[c] == high:
                             cluster[c] = low
-        return count
-
-    @njit(**MERGED)
-    def activate(b, g, work, group_of):
-        """Bonds that have not retired act between clusters; returns how many do."""
-        first, count = g.bond_offsets[b], 0
-        for q in range(first, g.bond_offsets[b + 1]):
-            apart = work.cluster[g.sides[q, 0]] != work.cluster[g.sides[q, 1]]
-            acts = apart and group_of[q] >= 0
-            work.active[q - first] = acts
-            count += acts
         return count
 
     @njit(**MERGED)
@@ -275,4 +267,4 @@ def vertex_kernels(dim: int):
                 n += dim
         return True
 
-    return gather, gather_whole, partition, activate, form, sources, bound, put, least_flow, newton
+    return gather, gather_whole, partition, form, sources, bound, put, least_flow, newton
