@@ -389,7 +389,11 @@ def rigid_kernels(
     @njit(**LEAN_INNER)
     def commit(i, jump0, jump1, u, r, area, step, theta, parameters, state, terms, details, energy):
         x1, p = opening(jump1), shape(i, jump1, parameters)
-        if x1 <= _LEFT * p[1] and held_but(i, _OVER, u, r, parameters, terms, details):
+        # lips that are one, at a vertex whose solver has set no constants for them
+        still = state[i, OPENING_MAX] == 0.0 and dot(jump1, jump1) + dot(r, r) == 0.0
+        if still or (
+            x1 <= _LEFT * p[1] and held_but(i, _OVER, u, r, parameters, terms, details)
+        ):
             for j in range(len(energies)):
                 energy[i, j] = 0.0
             energy[i, NUMERICAL] = -dot(r, subtract(jump1, jump0)) / step  # of the tolerance

@@ -79,8 +79,17 @@ def _kernels_of_bond(law: LawKernels, dim: int) -> _OfBond:
         world_set(work.v, a, world_subtract(world_row(work.v, a), weigh(work.w, a, p)))
 
     @njit(**MERGED)
+    def sound(arrays, q, e, g, work, i):
+        """Whether a bond has never opened."""
+        return rigid and arrays[7][i, 0] == 0.0
+
+    @njit(**MERGED)
     def begin(arrays, q, e, g, work, i, step):
-        """Compliance and constants of a bond; if it is active, its impulse acts."""
+        """Compliance and constants of a bond; if it is active, its impulse acts.
+
+        Nothing of an attempt to open it stays where it is not. A sound bond that has never moved
+        has no use for constants then: its lips stay one.
+        """
         frame, impulse, compliance, area, jump, velocity, parameters, state, terms, details = arrays
         if work.active[e]:
             c, a = work.cluster[g.sides[q, 0]], work.cluster[g.sides[q, 1]]
@@ -95,7 +104,10 @@ def _kernels_of_bond(law: LawKernels, dim: int) -> _OfBond:
             push(q, g, work, to_global(frame, i, row(impulse, i)))
         else:
             set_row(impulse, i, scale(0.0, row(impulse, i)))
-        prepare(  # nothing of an attempt to open it stays
+            still = dot(row(jump, i), row(jump, i)) + dot(row(velocity, i), row(velocity, i)) == 0.0
+            if still and sound(arrays, q, e, g, work, i):
+                return
+        prepare(
             i, row(jump, i), row(velocity, i), compliance, area[i], step, 0.5, parameters, state,
             terms, details,
         )  # fmt: skip
@@ -176,11 +188,6 @@ def _kernels_of_bond(law: LawKernels, dim: int) -> _OfBond:
         if not rigid:
             return True
         return bears_flow(i, local(g.normal, q, work.flow, e), step * g.area[q], parameters)
-
-    @njit(**MERGED)
-    def sound(arrays, q, e, g, work, i):
-        """Whether a bond has never opened."""
-        return rigid and arrays[7][i, 0] == 0.0
 
     @njit(**MERGED)
     def opens(arrays, q, e, g, work, i):

@@ -103,31 +103,37 @@ def vertex_kernels(dim: int):
         for q in range(first, g.bond_offsets[b + 1]):
             if work.fused[q - first]:
                 x, y = cluster[g.sides[q, 0]], cluster[g.sides[q, 1]]
-                if x != y:
-                    count -= 1
-                    low, high = min(x, y), max(x, y)
-                    for c in range(k):
-                        if cluster[c] == high:
-                            cluster[c] = low
+                while x != cluster[x]:
+                    x = cluster[x]
+                while y != cluster[y]:
+                    y = cluster[y]
+                count -= x != y
+                cluster[max(x, y)] = min(x, y)
+        for c in range(k):  # none leads to a later corner
+            cluster[c] = cluster[cluster[c]]
         return count
 
     @njit(**MERGED)
     def form(k, work):
         """Compliance and free velocity of the clusters."""
         for c in range(k):
-            if work.cluster[c] != c:
-                continue
+            root = work.cluster[c]
             for d in range(dim):
-                mass, momentum, held, speed = 0.0, 0.0, False, 0.0
-                for other in range(c, k):
-                    if work.cluster[other] == c:
-                        if work.driven[other, d]:
-                            held, speed = True, work.free[other, d]
-                        else:
-                            mass += work.mass[other, d]
-                            momentum += work.mass[other, d] * work.free[other, d]
-                work.w[c, d] = 0.0 if held else 1.0 / mass
-                work.v[c, d] = speed if held else momentum / mass
+                if root == c:
+                    work.w[c, d] = work.v[c, d] = 0.0
+                work.w[root, d] += work.mass[c, d]
+                work.v[root, d] += work.mass[c, d] * work.free[c, d]
+        for c in range(k):
+            if work.cluster[c] == c:
+                for d in range(dim):
+                    mass = work.w[c, d]
+                    work.w[c, d] = 1.0 / mass
+                    work.v[c, d] /= mass
+        for c in range(k):
+            for d in range(dim):
+                if work.driven[c, d]:
+                    root = work.cluster[c]
+                    work.w[root, d], work.v[root, d] = 0.0, work.free[c, d]
 
     @njit(**LEAN_INNER)
     def gather_whole(b, v, g, work):
