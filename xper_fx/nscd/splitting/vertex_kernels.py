@@ -84,13 +84,16 @@ def vertex_kernels(dim: int):
         """Free velocities of the corners; returns how many there are."""
         first = g.corner_offsets[b]
         k = g.corner_offsets[b + 1] - first
+        some_driven = g.compliance_of_vertex[b] == 0.0
         for c in range(k):
             slot = g.corner[first + c]
             for d in range(dim):
-                compliance = g.compliance[slot, d]
+                driven = some_driven and g.compliance[slot, d] == 0.0
                 work.free[c, d] = v[slot * dim + d]
-                work.driven[c, d] = compliance == 0.0
-                work.mass[c, d] = 1.0 / compliance if compliance > 0.0 else 0.0
+                work.driven[c, d] = driven
+                work.mass[c, d] = g.mass[first + c]
+                if some_driven:
+                    work.mass[c, d] = 0.0 if driven else 1.0 / g.compliance[slot, d]
         return k
 
     @njit(**MERGED)
