@@ -320,9 +320,9 @@ class SteppedPoints(PointValues):
     def impulses(self) -> np.ndarray:
         """H r: impulses of the current step on the interacting nodes, shape (num_slots, dim)."""
         if self.fused is not None:
-            total = self.fused.given_impulses()
-            if self.contacts:
-                total += self.spread(self.contacts)
+            total = self.fused.impulses
+            if self.contacts or self.halo is not None:  # those of vertices stay as they are
+                total = total + self.spread(self.contacts)
         else:
             total = self.spread(self.groups)
         if self.halo is not None:

@@ -141,6 +141,10 @@ def whole_kernel(laws: tuple[LawKernels, ...], dim: int):
                     failed[count] = b
                     count += 1
                     continue
+            if g.compliance_of_vertex[b] > 0.0:
+                for c in range(g.corner_offsets[b], g.corner_offsets[b + 1]):
+                    put_at(v, g.corner[c], world.row(work.v, 0))
+                continue
             for c in range(k):
                 for d in range(dim):
                     work.source[c, d] = 0.0
