@@ -24,14 +24,16 @@ def ended(dim, cells=7):
     q0, v0, v1, halfway = rng.standard_normal((4, bulk.num_dofs))
     forces = CellForces.of(bulk.stiffness, bulk.forms.V)
     state = SimpleNamespace(displacement=q0, velocity=v0)
-    return StepByCell(forces).end(state, v1, halfway, STEP), bulk, (q0, v0, v1, halfway)
+    mass = rng.random(bulk.num_dofs)
+    end = StepByCell(forces, mass).end(state, v1, halfway, STEP)
+    return end, bulk, (q0, v0, v1, halfway, mass)
 
 
 @pytest.mark.parametrize("dim", [2, 3])
 def test_one_pass_is_the_equations(dim):
     """Of cells whose number is no multiple of those that are ended together."""
     cells = {2: 7, 3: 3}[dim]
-    end, bulk, (q0, v0, v1, halfway) = ended(dim, cells)
+    end, bulk, (q0, v0, v1, halfway, mass) = ended(dim, cells)
     q1 = q0 + 0.5 * STEP * (v0 + v1)
     ahead = bulk.stiffness @ (q1 + 0.5 * STEP * v1)
     internal = 0.5 * (halfway + ahead)
@@ -40,6 +42,7 @@ def test_one_pass_is_the_equations(dim):
     np.testing.assert_allclose(end.ahead, ahead, atol=1e-12 * size)
     np.testing.assert_allclose(end.internal, internal, atol=1e-12 * size)
     assert end.power == pytest.approx(v1 @ (internal - halfway), rel=1e-11)
+    assert end.held == pytest.approx((0.5 * mass @ v1**2, 0.5 * q1 @ internal), rel=1e-11)
 
 
 def test_threads_change_no_bit(monkeypatch):

@@ -130,7 +130,7 @@ class ExplicitScheme:
         self._stopwatch = stopwatch
         self._by_cell = None
         if bulk.by_cell is not None:
-            self._by_cell = StepByCell(bulk.by_cell)
+            self._by_cell = StepByCell(bulk.by_cell, bulk.mass)
         self._left: _Left | None = None
 
     def inverse(self, step: float, displacement: np.ndarray) -> LumpedInverse:
@@ -215,7 +215,7 @@ class ExplicitScheme:
         return StepOutcome(
             State(state.time + step, end.displacement, velocity, end.internal), slots, impulses,
             reactions, force_impulse, viscous, sweeps, error, traction, 1, 0.0, converged,
-            (float(shadow), float(shadow_at_end)),
+            (float(shadow), float(shadow_at_end)), held=end.held,
         )  # fmt: skip
 
     def _begin(self, state: State, step: float) -> tuple[np.ndarray, float]:

@@ -44,6 +44,8 @@ class StepOutcome(NamedTuple):
             has beside the physical one (J; 2D: J/m); zero but for `bulk/explicit.py`.
         failure: of a step that has not converged, what failed, in words; empty if all that is
             known is that the residuals are too large.
+        held: kinetic and elastic energy at the end on this rank (J; 2D: J/m), where the scheme
+            comes by them; None elsewhere.
     """
 
     state: State
@@ -60,6 +62,7 @@ class StepOutcome(NamedTuple):
     converged: bool
     shadow: tuple[float, float] = (0.0, 0.0)
     failure: str = ""
+    held: tuple[float, float] | None = None
 
 
 def interact(

@@ -31,12 +31,14 @@ class EndedStep(NamedTuple):
         ahead: internal forces half a step later, if the bulk is linear.
         power: of what internal forces change by in the second half of the step, on this rank (W;
             2D: W/m).
+        held: kinetic and elastic energy on this rank where they come along (J; 2D: J/m), else None.
     """
 
     displacement: np.ndarray
     internal: np.ndarray
     ahead: np.ndarray | None
     power: float
+    held: tuple[float, float] | None = None
 
 
 class _Arrays(NamedTuple):
@@ -44,6 +46,7 @@ class _Arrays(NamedTuple):
 
     gradients: np.ndarray
     moduli: np.ndarray
+    mass: np.ndarray
     q0: np.ndarray
     v0: np.ndarray
     v1: np.ndarray
@@ -63,14 +66,19 @@ def _move(first, last, half, q0, v0, v1, q1, ahead):
 
 
 @njit(fastmath={"reassoc", "contract"}, **LEAN_INNER)
-def _finish(first, last, v1, halfway, ahead, end):
-    """Forces at the end of a step, of a range of dofs; returns the power of `EndedStep`."""
-    power = 0.0
+def _finish(first, last, mass, q1, v1, halfway, ahead, end):
+    """Forces at the end of a step, of a range of dofs; returns what `EndedStep` has sums of.
+
+    That is the power, and twice both energies.
+    """
+    power = moving = strained = 0.0
     for i in range(np.uintp(first), np.uintp(last)):
         mean = 0.5 * (halfway[i] + ahead[i])
         power += v1[i] * (mean - halfway[i])
+        moving += mass[i] * v1[i] * v1[i]
+        strained += q1[i] * mean
         end[i] = mean
-    return power
+    return power, moving, strained
 
 
 @cache
@@ -79,13 +87,15 @@ def _step_kernel(dim: int):
     forces, size = forces_kernel(dim), dim * (dim + 1)
 
     @njit(nogil=True, **LEAN_ENTRY)
-    def end_step(first, last, step, a, power):
+    def end_step(first, last, step, a, sums):
         for tile in range(first, last):
             low, high = tile * _TILE, min((tile + 1) * _TILE, len(a.gradients))
             at, to = size * low, size * high
             _move(at, to, 0.5 * step, a.q0, a.v0, a.v1, a.q1, a.ahead)
             forces(low, high, a.gradients, a.moduli, a.by_cell, a.by_cell)
-            power[tile] = _finish(at, to, a.v1, a.halfway, a.ahead, a.end)
+            sums[0, tile], sums[1, tile], sums[2, tile] = _finish(
+                at, to, a.mass, a.q1, a.v1, a.halfway, a.ahead, a.end
+            )
 
     return end_step
 
@@ -95,10 +105,11 @@ class StepByCell:
 
     Args:
         forces: of the cells.
+        mass: shape (num_dofs,), kg (2D: kg/m).
     """
 
-    def __init__(self, forces: CellForces):
-        self._forces = forces
+    def __init__(self, forces: CellForces, mass: np.ndarray):
+        self._forces, self._mass = forces, mass
 
     def end(
         self, state: State, velocity: np.ndarray, halfway: np.ndarray, step: float
@@ -114,11 +125,12 @@ class StepByCell:
         q0, forces = state.displacement, self._forces
         q1, ahead, end = (np.empty_like(q0) for _ in range(3))
         num_cells = len(forces.arrays[0])
-        power = np.empty(-(-num_cells // _TILE))
+        sums = np.empty((3, -(-num_cells // _TILE)))
         arrays = _Arrays(
-            *forces.arrays, q0, state.velocity, velocity, halfway, q1, ahead,
+            *forces.arrays, self._mass, q0, state.velocity, velocity, halfway, q1, ahead,
             ahead.reshape(num_cells, -1), end,
         )  # fmt: skip
-        spaces = [power] * num_ranges(num_cells)
-        in_ranges(_step_kernel(forces.dim), len(power), step, arrays, spaces=spaces)
-        return EndedStep(q1, end, ahead, math.fsum(power.tolist()))
+        spaces = [sums] * num_ranges(num_cells)
+        in_ranges(_step_kernel(forces.dim), sums.shape[1], step, arrays, spaces=spaces)
+        power, moving, strained = map(math.fsum, sums.tolist())
+        return EndedStep(q1, end, ahead, power, (0.5 * moving, 0.5 * strained))

@@ -182,8 +182,11 @@ class EnergyLedger:
             stresses -= 0.5 * (borne + self._bulk.borne) if self._static else borne
             moved = after.displacement[nodal:] - before.displacement[nodal:]
             work += float(moved @ stresses)  # every rank has all of it
-        kinetic = self._bulk.kinetic_energy(after.velocity)
-        elastic = self._bulk.elastic_energy(after.displacement, after.internal)
+        if outcome.held is None:
+            kinetic = self._bulk.kinetic_energy(after.velocity)
+            elastic = self._bulk.elastic_energy(after.displacement, after.internal)
+        else:
+            kinetic, elastic = map(self._bulk.ranks.sum, outcome.held)
         if rigid is not None:
             kinetic += rigid.kinetic
             work += rigid.loads + rigid.prescribed

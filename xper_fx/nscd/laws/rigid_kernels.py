@@ -235,6 +235,13 @@ def rigid_kernels(
             return details[i, whole_drag] * left * opening_with(left, p) / p[0]
 
     @njit(inline="always")
+    def touching(i, beta, y, soft, parameters, terms):
+        """Impulse of the contact of lips that would end with y, given way to by `soft`."""
+        mu = friction_of(i, beta, parameters) if rubs else 0.0
+        hat, _ = contact(y, soft, terms[i, closed_at], slipped(i, terms), mu, 0.0)
+        return hat
+
+    @njit(inline="always")
     def respond(i, beta, free, w, parameters, terms, details):
         """y, and the impulse of the contact, for a mean damage; `free` is y without any impulse."""
         k_n, k_t = beta * details[i, spring], beta * details[i, spring + 1]
@@ -246,10 +253,8 @@ def rigid_kernels(
         if y[0] >= terms[i, closed_at]:
             return y, scale(0.0, y)
         soft = soften(w, k_n, k_t)
-        mu = friction_of(i, beta, parameters) if rubs else 0.0
-        hat, _ = contact(y, soft, terms[i, closed_at], slipped(i, terms), mu, 0.0)
-        y = add(y, sym_vector(soft, hat))
-        return y, hat
+        hat = touching(i, beta, y, soft, parameters, terms)
+        return add(y, sym_vector(soft, hat)), hat
 
     @njit(inline="always")
     def pulled(i, beta, y, parameters, terms, details):
@@ -350,8 +355,6 @@ def rigid_kernels(
     def mean_of_step(i, free, w, parameters, terms, details):
         """Mean damage of the step, from `free`, y without any impulse."""
         kappa = details[i, spring] * mean_of(w)
-        if details[i, soundest] == 0.0:
-            return 0.0
         if kappa == 0.0:
             return mean_after(i, free, parameters, terms, details)
         least = 1.0 / (1.0 + kappa * details[i, soundest])
@@ -361,10 +364,12 @@ def rigid_kernels(
 
     @njit(**LEAN_INNER)
     def solve(i, u, r, w, parameters, terms, details):
-        if held(i, u, r, parameters, terms, details):
+        if details[i, rigid] == 1.0 and held(i, u, r, parameters, terms, details):
             return holding(i, u, r, terms, details), True
         w_i = sym_row(w, i)
         free = add(subtract(u, sym_vector(w_i, r)), part(terms, i, push))
+        if details[i, soundest] == 0.0:
+            return touching(i, 0.0, free, w_i, parameters, terms), False
         beta = mean_of_step(i, free, w_i, parameters, terms, details)
         y, hat = respond(i, beta, free, w_i, parameters, terms, details)
         return subtract(hat, pulled(i, beta, y, parameters, terms, details)), False
@@ -377,8 +382,6 @@ def rigid_kernels(
     @njit(**LEAN_INNER)
     def book_impact(i, r, moved, step, parameters, energy):
         """Energies of lips that nothing bonds; returns their status."""
-        for j in range(len(energies)):
-            energy[i, j] = 0.0
         energy[i, IMPACT] = -r[0] * moved[0] / step
         energy[i, FRICTION] = (r[0] * moved[0] - dot(r, moved)) / step
         if r[0] <= 0.0:
@@ -388,10 +391,13 @@ def rigid_kernels(
 
     @njit(**LEAN_INNER)
     def commit(i, jump0, jump1, u, r, area, step, theta, parameters, state, terms, details, energy):
+        for j in range(len(energies)):
+            energy[i, j] = 0.0
+        # lips that are one, for which a vertex sets no constants
+        if state[i, OPENING_MAX] == 0.0 and dot(jump1, jump1) + dot(r, r) == 0.0:
+            return 1
         x1, p = opening(jump1), shape(i, jump1, parameters)
         if x1 <= _LEFT * p[1] and held_but(i, _OVER, u, r, parameters, terms, details):
-            for j in range(len(energies)):
-                energy[i, j] = 0.0
             energy[i, NUMERICAL] = -dot(r, subtract(jump1, jump0)) / step  # of the tolerance
             return 1
         state[i, PUSHED] = 0.0

@@ -9,9 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from xper_fx.cache import njit
 from xper_fx.nscd.inverse_blocks import BodyInverse
-from xper_fx.nscd.kernel_options import LEAN_ENTRY
 from xper_fx.nscd.laws.law import Law
 from xper_fx.nscd.point_group import PointGroup
 from xper_fx.nscd.points import InteractionPoints
@@ -23,13 +21,6 @@ if TYPE_CHECKING:
 
 # Difference of velocities, relative to the largest, that is rounding.
 _ROUNDING = 1e-12
-
-
-@njit(**LEAN_ENTRY)
-def _copy_rows(rows, source, out):
-    for row in rows:
-        for d in range(out.shape[1]):
-            out[row, d] = source[row, d]
 
 
 class FusedPoints:
@@ -54,8 +45,8 @@ class FusedPoints:
         tables, table_rows: parameters of the bonds of each group, and the row of each bond there.
         whole: shape (num_vertices,), bool.
         split: those that are not, in the order in which they came.
-        impulses: shape (num_slots, dim), of the step on each slot (N s); of no account where a
-            vertex is whole and not driven.
+        impulses: shape (num_slots, dim), of the step on each slot (N s); zero where a vertex is
+            whole and not driven, whose bonds nobody asks for theirs. Each step has its own.
         failed: shape (num_vertices,), room for vertices that do not hold.
         clusters: shape (num_corners,), first corner of the cluster of each corner of vertices that
             are not whole, counted in the vertex; made where contacts or couples ask for it.
@@ -95,7 +86,6 @@ class FusedPoints:
         self.whole = np.ones(graphs.num_vertices, bool)
         self.split = np.zeros(0, np.int32)
         self.impulses = np.zeros((inverse.num_slots, inverse.dim))
-        self._giving: np.ndarray | None = None
         self.failed = np.zeros(graphs.num_vertices, np.int32)
         other = np.unique(vertex[group_of_law[law_of_point] < 0])
         if len(other):
@@ -150,7 +140,7 @@ class FusedPoints:
         corner = self.graphs.corner
         impulses = np.zeros((inverse.num_slots, inverse.dim))
         impulses[slots[corner]] = self.impulses[corner]
-        self.impulses, self._giving = impulses, None
+        self.impulses = impulses
         self.graphs = self.graphs._replace(
             corner=slots[corner].astype(corner.dtype), compliance=compliance_of_slots(inverse)
         )
@@ -171,7 +161,6 @@ class FusedPoints:
         """
         graphs, grown = self.graphs, []
         self.whole[vertices] = False
-        self._giving = None
         self.split = np.concatenate([self.split, vertices])
         counts = graphs.bond_offsets[vertices + 1] - graphs.bond_offsets[vertices]
         ends = np.cumsum(counts)
@@ -192,19 +181,6 @@ class FusedPoints:
         ground = graphs.corner == len(graphs.compliance) - 1
         touched = np.logical_or.reduceat(ground, graphs.corner_offsets[:-1])
         return np.flatnonzero(touched & self.whole).astype(np.int32)
-
-    def given_impulses(self) -> np.ndarray:
-        """Impulses of the step on each slot, shape (num_slots, dim), N s.
-
-        They are zero where a vertex is whole and not driven, whose bonds nobody asks for theirs:
-        memory that is never written costs nothing.
-        """
-        if self._giving is None:
-            driven = np.flatnonzero(self.graphs.compliance_of_vertex == 0.0)
-            self._giving = self.graphs.corners_of(np.concatenate([self.split, driven]))
-        given = np.zeros(self.impulses.shape)
-        _copy_rows(self._giving, self.impulses, given)
-        return given
 
     def _find_rows(self, groups: list[PointGroup]) -> None:
         row = np.full(len(self.graphs.point), -1, np.int32)

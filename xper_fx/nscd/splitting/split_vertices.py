@@ -52,8 +52,8 @@ def _nest(count: int):
 def split_kernel(laws: tuple[LawKernels, ...], dim: int):
     """Vertices that are not whole."""
     of_vertex, of_laws = vertex_kernels(dim), kernels_of_laws(laws, dim)
-    gather, _, partition, activate, form, sources, bound, put, least_flow, newton = of_vertex
-    begin, sweep, settle, linearise, correct, give, bear, find_fused, cut = of_laws
+    gather, _, partition, form, sources, bound, put, least_flow, newton = of_vertex
+    begin, sweep, settle, ask, slopes, correct, give, bear, find_fused, cut = of_laws
     nest = _nest(len(laws))
 
     @njit(**LEAN_INNER)
@@ -62,35 +62,38 @@ def split_kernel(laws: tuple[LawKernels, ...], dim: int):
         for q in range(g.bond_offsets[b + 1] - g.bond_offsets[b]):
             for d in range(dim):
                 work.flow[q, d] = share * work.direction[q, d]
-        correct(b, g, work, 0, rows, groups, group_of)
+        correct(b, g, work, rows, groups, group_of)
 
     @njit(**LEAN_INNER)
     def newton_steps(b, g, work, rows, groups, group_of):
         """Newton steps, as long as what the laws still ask for does not grow; returns that."""
-        worst, big = linearise(b, g, work, 0, rows, groups, group_of)
+        worst, big = ask(b, g, work, rows, groups, group_of)
         for _ in range(_NEWTON_STEPS):
-            if worst <= _TOLERANCE * big or not newton(b, g, work):
+            if worst <= _TOLERANCE * big:
+                break
+            slopes(b, g, work, rows, groups, group_of)
+            if not newton(b, g, work):
                 break
             for q in range(g.bond_offsets[b + 1] - g.bond_offsets[b]):
                 for d in range(dim):
                     work.direction[q, d] = work.flow[q, d]
-            correct(b, g, work, 0, rows, groups, group_of)
+            correct(b, g, work, rows, groups, group_of)
             share = 1.0
-            left, big = linearise(b, g, work, 0, rows, groups, group_of)
+            left, big = ask(b, g, work, rows, groups, group_of)
             while left > _ALIKE * worst and share > _SHORTEST:
                 move_along(b, (1.0 / _LONGER - 1.0) * share, g, work, rows, groups, group_of)
                 share /= _LONGER
-                left, big = linearise(b, g, work, 0, rows, groups, group_of)
+                left, big = ask(b, g, work, rows, groups, group_of)
             if left > _ALIKE * worst:
                 move_along(b, -share, g, work, rows, groups, group_of)
                 break
             while _ALIKE * left > worst and 1.0 <= share < _LONGEST:
                 move_along(b, (_LONGER - 1.0) * share, g, work, rows, groups, group_of)
                 share *= _LONGER
-                left, big = linearise(b, g, work, 0, rows, groups, group_of)
+                left, big = ask(b, g, work, rows, groups, group_of)
                 if left > _ALIKE * worst:
                     move_along(b, (1.0 / _LONGER - 1.0) * share, g, work, rows, groups, group_of)
-                    left, big = linearise(b, g, work, 0, rows, groups, group_of)
+                    left, big = ask(b, g, work, rows, groups, group_of)
                     break
             worst = left
         return worst
@@ -103,10 +106,10 @@ def split_kernel(laws: tuple[LawKernels, ...], dim: int):
         while count < _MOST:
             for _ in range(batch):
                 count += 1
-                worst, big = sweep(b, g, work, 0, rows, count, groups, group_of)
+                worst, big = sweep(b, g, work, rows, count, groups, group_of)
                 error = worst / big if big > 0.0 else 0.0
                 if error <= bound:
-                    if settle(b, g, work, 0, rows, groups, group_of) <= _SETTLED:
+                    if settle(b, g, work, rows, groups, group_of) <= _SETTLED:
                         return count, error
             worst = newton_steps(b, g, work, rows, groups, group_of)
             bound = min(tolerance, _AT_REST) if worst > 0.5 * before else _TOLERANCE
@@ -115,14 +118,11 @@ def split_kernel(laws: tuple[LawKernels, ...], dim: int):
             batch = _BATCH if stage < _EARLY else _LONG_BATCH
         return count, error
 
-    @njit(**LEAN_INNER)
+    @njit(**MERGED)
     def solve_clusters(b, g, work, rows, step, tolerance, groups, group_of):
         """Solve the vertex with the clusters that there are; returns sweeps and error."""
-        k = g.corner_offsets[b + 1] - g.corner_offsets[b]
-        acting = activate(b, g, work, group_of)
-        form(k, work)
-        begin(b, g, work, 0, rows, step, groups, group_of)
-        if acting == 0:
+        form(g.corner_offsets[b + 1] - g.corner_offsets[b], work)
+        if begin(b, g, work, rows, step, groups, group_of) == 0:
             return 0, 0.0
         return iterate(b, g, work, rows, tolerance, groups, group_of)
 
@@ -131,7 +131,7 @@ def split_kernel(laws: tuple[LawKernels, ...], dim: int):
         """Whether fused bonds bear what they transmit."""
         k = g.corner_offsets[b + 1] - g.corner_offsets[b]
         sources(k, work)
-        give(b, g, work, 0, rows, groups, group_of, -1.0)
+        give(b, g, work, rows, groups, group_of, -1.0)
         weakest, largest = np.inf, bound(k, work)
         first = g.bond_offsets[b]
         for q in range(first, g.bond_offsets[b + 1]):
@@ -140,7 +140,7 @@ def split_kernel(laws: tuple[LawKernels, ...], dim: int):
         if largest <= step * weakest:
             return True  # so are the least flows, see `holding.py`
         least_flow(b, k, g, work)
-        return bear(b, g, work, 0, rows, step, tables, group_of)
+        return bear(b, g, work, rows, step, tables, group_of)
 
     @njit(**LEAN_INNER)
     def fuse_within_clusters(b, g, work):
@@ -154,35 +154,33 @@ def split_kernel(laws: tuple[LawKernels, ...], dim: int):
     def solve_vertex(b, v, step, tolerance, g, work, rows, tables, groups, group_of):
         """Returns corners, sweeps, error."""
         k, bonds = gather(b, v, g, work), g.bond_offsets[b + 1] - g.bond_offsets[b]
-        work.fused[:bonds] = False
-        find_fused(b, g, work, 0, rows, groups, group_of)
-        sweeps, error = 0, 0.0
-        for turn in range(_ROUNDS):
-            parts = partition(b, k, g, work)
+        find_fused(b, g, work, rows, groups, group_of)
+        parts = partition(b, k, g, work)
+        sweeps, rounds, each_for_itself = 0, _ROUNDS, False
+        while True:
             count, error = solve_clusters(b, g, work, rows, step, tolerance, groups, group_of)
             sweeps += count
-            if turn == _ROUNDS - 1 or parts == k:
-                break
+            if each_for_itself:
+                before, each_for_itself = parts, False
+                opened = cut(b, g, work, rows, groups, group_of) > 0
+                parts = partition(b, k, g, work)
+                if opened and parts > before:
+                    fuse_within_clusters(b, g, work)
+                    continue
+                for q in range(bonds):
+                    work.fused[q] = work.kept[q]
+                parts, rounds = partition(b, k, g, work), 0
+                continue
+            rounds -= 1
+            if rounds <= 0 or parts == k:
+                return k, sweeps, error
             if holds(b, g, work, rows, step, tables, groups, group_of):
-                break
-            # each cell for itself
+                return k, sweeps, error
+            each_for_itself = True
             for q in range(bonds):
                 work.kept[q] = work.fused[q]
             for c in range(k):
                 work.cluster[c] = c
-            count, _ = solve_clusters(b, g, work, rows, step, tolerance, groups, group_of)
-            sweeps += count
-            opened = cut(b, g, work, 0, rows, groups, group_of) > 0
-            if opened and partition(b, k, g, work) > parts:
-                fuse_within_clusters(b, g, work)
-                continue
-            for q in range(bonds):
-                work.fused[q] = work.kept[q]
-            partition(b, k, g, work)
-            count, error = solve_clusters(b, g, work, rows, step, tolerance, groups, group_of)
-            sweeps += count
-            break
-        return k, sweeps, error
 
     @njit(**LEAN_ENTRY)
     def solve_split(
@@ -217,7 +215,7 @@ def split_kernel(laws: tuple[LawKernels, ...], dim: int):
             for c in range(k):
                 for d in range(dim):
                     work.source[c, d] = 0.0
-            give(b, g, work, 0, rows, groups, group_of, 1.0)
+            give(b, g, work, rows, groups, group_of, 1.0)
             # velocities that many sweeps have added to carry their rounding: from the start again
             form(k, work)
             for c in range(k):

@@ -57,6 +57,7 @@ class SplittingVertices(Solver):
         # a search renews contacts on all ranks, of which some may have none
         searched = interactions.renewals > 0
         self._touching = searched and interactions.largest(len(interactions.contacts)) > 0
+        interactions.fused.impulses = np.zeros((interactions.inverse.num_slots, interactions.dim))
         move = partial(self._move, interactions, velocity, options)
         if not self._touching:
             report = move(self._all)

@@ -86,7 +86,7 @@ class StrengthOfVertices:
 @cache
 def _flow_kernel(dim: int):
     """Kernel: the least flows of vertices whose bonds all are rigid."""
-    _, gather_whole, _, _, _, sources, _, _, least_flow, _ = vertex_kernels(dim)
+    _, gather_whole, _, _, sources, _, _, least_flow, _ = vertex_kernels(dim)
 
     @njit(**LEAN_ENTRY)
     def flows(v, g, work, vertices, out):

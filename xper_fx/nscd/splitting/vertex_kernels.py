@@ -36,6 +36,7 @@ class VertexWork(NamedTuple):
         fused, active: shape (e,), what transmits within a cluster, and what acts between two.
         kept: shape (e,), what was fused before it was tried whether more opens.
         flow: shape (e, dim); also residuals and corrections (N s).
+        answer: shape (e, dim), impulses that laws ask for, in their axes (N s).
         direction: shape (e, dim), of a Newton step (N s).
         slope: shape (e, dim, dim).
         system: shape (e dim, e dim).
@@ -54,6 +55,7 @@ class VertexWork(NamedTuple):
     active: np.ndarray
     kept: np.ndarray
     flow: np.ndarray
+    answer: np.ndarray
     direction: np.ndarray
     slope: np.ndarray
     system: np.ndarray
@@ -66,8 +68,9 @@ def vertex_work(graphs: VertexGraphs, dim: int) -> VertexWork:
     corners = [np.zeros((k, dim)) for _ in range(5)]
     return VertexWork(
         np.zeros(k, np.int64), np.zeros(k, bool), np.zeros((k, dim), bool), *corners,
-        np.zeros((k, k)), *(np.zeros(e, bool) for _ in range(3)), np.zeros((e, dim)),
-        np.zeros((e, dim)), np.zeros((e, dim, dim)), np.zeros((e * dim, e * dim)),
+        np.zeros((k, k)), *(np.zeros(e, bool) for _ in range(3)),
+        *(np.zeros((e, dim)) for _ in range(3)), np.zeros((e, dim, dim)),
+        np.zeros((e * dim, e * dim)),
     )  # fmt: skip
 
 
@@ -81,13 +84,16 @@ def vertex_kernels(dim: int):
         """Free velocities of the corners; returns how many there are."""
         first = g.corner_offsets[b]
         k = g.corner_offsets[b + 1] - first
+        some_driven = g.compliance_of_vertex[b] == 0.0
         for c in range(k):
             slot = g.corner[first + c]
             for d in range(dim):
-                compliance = g.compliance[slot, d]
+                driven = some_driven and g.compliance[slot, d] == 0.0
                 work.free[c, d] = v[slot * dim + d]
-                work.driven[c, d] = compliance == 0.0
-                work.mass[c, d] = 1.0 / compliance if compliance > 0.0 else 0.0
+                work.driven[c, d] = driven
+                work.mass[c, d] = g.mass[first + c]
+                if some_driven:
+                    work.mass[c, d] = 0.0 if driven else 1.0 / g.compliance[slot, d]
         return k
 
     @njit(**MERGED)
@@ -100,42 +106,37 @@ def vertex_kernels(dim: int):
         for q in range(first, g.bond_offsets[b + 1]):
             if work.fused[q - first]:
                 x, y = cluster[g.sides[q, 0]], cluster[g.sides[q, 1]]
-                if x != y:
-                    count -= 1
-                    low, high = min(x, y), max(x, y)
-                    for c in range(k):
-                        if cluster[c] == high:
-                            cluster[c] = low
-        return count
-
-    @njit(**MERGED)
-    def activate(b, g, work, group_of):
-        """Bonds that have not retired act between clusters; returns how many do."""
-        first, count = g.bond_offsets[b], 0
-        for q in range(first, g.bond_offsets[b + 1]):
-            apart = work.cluster[g.sides[q, 0]] != work.cluster[g.sides[q, 1]]
-            acts = apart and group_of[q] >= 0
-            work.active[q - first] = acts
-            count += acts
+                while x != cluster[x]:
+                    x = cluster[x]
+                while y != cluster[y]:
+                    y = cluster[y]
+                count -= x != y
+                cluster[max(x, y)] = min(x, y)
+        for c in range(k):  # none leads to a later corner
+            cluster[c] = cluster[cluster[c]]
         return count
 
     @njit(**MERGED)
     def form(k, work):
         """Compliance and free velocity of the clusters."""
         for c in range(k):
-            if work.cluster[c] != c:
-                continue
+            root = work.cluster[c]
             for d in range(dim):
-                mass, momentum, held, speed = 0.0, 0.0, False, 0.0
-                for other in range(c, k):
-                    if work.cluster[other] == c:
-                        if work.driven[other, d]:
-                            held, speed = True, work.free[other, d]
-                        else:
-                            mass += work.mass[other, d]
-                            momentum += work.mass[other, d] * work.free[other, d]
-                work.w[c, d] = 0.0 if held else 1.0 / mass
-                work.v[c, d] = speed if held else momentum / mass
+                if root == c:
+                    work.w[c, d] = work.v[c, d] = 0.0
+                work.w[root, d] += work.mass[c, d]
+                work.v[root, d] += work.mass[c, d] * work.free[c, d]
+        for c in range(k):
+            if work.cluster[c] == c:
+                for d in range(dim):
+                    mass = work.w[c, d]
+                    work.w[c, d] = 1.0 / mass
+                    work.v[c, d] /= mass
+        for c in range(k):
+            for d in range(dim):
+                if work.driven[c, d]:
+                    root = work.cluster[c]
+                    work.w[root, d], work.v[root, d] = 0.0, work.free[c, d]
 
     @njit(**LEAN_INNER)
     def gather_whole(b, v, g, work):
@@ -275,4 +276,4 @@ def vertex_kernels(dim: int):
                 n += dim
         return True
 
-    return gather, gather_whole, partition, activate, form, sources, bound, put, least_flow, newton
+    return gather, gather_whole, partition, form, sources, bound, put, least_flow, newton

@@ -23,8 +23,8 @@ _INLINED = {"inline": "always"}
 @cache
 def whole_kernel(laws: tuple[LawKernels, ...], dim: int):
     """The kernel `move_whole`."""
-    _, gather_whole, _, _, _, sources, bound, put, least_flow, _ = vertex_kernels(dim)
-    bear_all = kernels_of_laws(laws, dim)[6]
+    _, gather_whole, _, _, sources, bound, put, least_flow, _ = vertex_kernels(dim)
+    bear_all = kernels_of_laws(laws, dim)[7]
     world = for_dimension(dim)
     add, scale, subtract, dot = world.add, world.scale, world.subtract, world.dot
 
@@ -137,10 +137,14 @@ def whole_kernel(laws: tuple[LawKernels, ...], dim: int):
             sources(k, work)
             if bound(k, work) > step * g.weakest[b]:
                 least_flow(b, k, g, work)
-                if not bear_all(b, g, work, 0, rows, step, tables, group_of):
+                if not bear_all(b, g, work, rows, step, tables, group_of):
                     failed[count] = b
                     count += 1
                     continue
+            if g.compliance_of_vertex[b] > 0.0:
+                for c in range(g.corner_offsets[b], g.corner_offsets[b + 1]):
+                    put_at(v, g.corner[c], world.row(work.v, 0))
+                continue
             for c in range(k):
                 for d in range(dim):
                     work.source[c, d] = 0.0
