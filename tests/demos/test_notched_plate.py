@@ -102,7 +102,7 @@ def test_files_hold_what_they_promise(folder):
 def implicit():
     """Strong interfaces at 20 x 20, implicit, beyond the peak."""
     scene = demo.notched_plate(20, "strong")
-    return curve(scene, 0.0045, scheme="implicit", tolerance=1e-4)
+    return curve(scene, 0.0042, scheme="implicit", tolerance=1e-4)
 
 
 def test_the_implicit_ledger_closes_while_bonds_break(implicit):
@@ -128,8 +128,8 @@ def test_the_peak_does_not_depend_on_the_tolerance(implicit):
         return curve(scene, 0.0042, scheme=scheme, tolerance=tolerance)[1].max()
 
     assert peak("explicit", 1e-4) == pytest.approx(peak("explicit", 1e-6), rel=1e-2)
-    strain, stress = implicit[:2]
-    assert stress[strain <= 0.0042].max() == pytest.approx(peak("implicit", 1e-6), rel=5e-3)
+    stress = implicit[1]
+    assert stress.max() == pytest.approx(peak("implicit", 1e-6), rel=5e-3)
 
 
 @pytest.mark.slow

@@ -71,7 +71,7 @@ def test_neo_hookean(cut, across, figure):
     errors = []
     simulation = cell_run(
         cell_of((1, 1), (1, 1), label=label), {1: NeoHookean(YOUNG, POISSON, LIGHT)},
-        drive(across), law, step=0.05, steps=22, theta=1.0, tolerance=1e-10,
+        drive(across), law, step=0.1, steps=12, theta=1.0, tolerance=1e-10,
         check=watched(errors),
     )  # fmt: skip
     wide = 1.0
@@ -103,7 +103,7 @@ def test_von_mises(cut, figure):
     material = J2FiniteStrain(YOUNG, POISSON, 0.1, Linear(0.05), LIGHT)
     simulation = cell_run(
         cell_of((1, 1), (1, 1), label=label), {1: material}, drive("P22"), law,
-        step=0.05, steps=22, theta=1.0, tolerance=1e-10, check=watched(errors),
+        step=0.1, steps=12, theta=1.0, tolerance=1e-10, check=watched(errors),
     )  # fmt: skip
     state = simulation.macroscopic
     alpha = simulation.forms.history()["accumulated 1"]
