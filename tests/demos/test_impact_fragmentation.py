@@ -54,7 +54,7 @@ def test_slab_breaks_into_pieces(broken):
 
 def test_bonds_without_a_stiffness_break_where_they_must(tmp_path):
     """The explicit bulk, whose vertices split one by one beside ball and supports."""
-    rigid = [*SMALL, "--bonds", "rigid", "--end-time", "0.1", "--no-plot", "--out", str(tmp_path)]
+    rigid = [*SMALL, "--bonds", "rigid", "--end-time", "0.06", "--no-plot", "--out", str(tmp_path)]
     result = demo.main(rigid)
     simulation, e = result["simulation"], result["simulation"].ledger.energies
     split = simulation.interactions.fused.split
