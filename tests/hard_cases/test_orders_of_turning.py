@@ -81,8 +81,7 @@ def test_orders_of_what_is_lost(theta, tangential, figure):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("theta", [0.5, 1.0])
-@pytest.mark.parametrize("tangential", [None, 400.0])
+@pytest.mark.parametrize("theta, tangential", [(0.5, 400.0), (1.0, None)])
 def test_a_bond_spends_its_energy_whatever_theta_is(theta, tangential, figure):
     """Turned by 90 degrees, then pulled apart: the area under the normal curve at any step.
 

@@ -76,7 +76,8 @@ def test_neo_hookean(cut, across, figure):
     errors = []
     simulation = cell_run(
         cell_of((1, 1), (1, 1), label=label), {1: NeoHookean(YOUNG, POISSON, LIGHT)},
-        drive(across), law, step=0.05, steps=22, theta=1.0, check=watched(errors), **tolerances(law),
+        drive(across), law, step=0.05, steps=22, theta=1.0, check=watched(errors),
+        **tolerances(law),
     )  # fmt: skip
     wide = 1.0
     if across == "P22":

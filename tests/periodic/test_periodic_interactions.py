@@ -197,7 +197,7 @@ def test_breaking_spends_w_whatever_the_step(step):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("tolerance", (1e-4, 1e-12))
+@pytest.mark.parametrize("tolerance", (1e-4, 1e-8, 1e-12))
 @pytest.mark.parametrize("stresses", (("22",), ("12",), ("22", "12")))
 def test_a_broken_cell_goes_on(tolerance, stresses):
     """Once apart nothing carries stress: Pibar = 0 is all rounding, and no reason to stop."""
