@@ -493,9 +493,7 @@ def test_energy_closes_whatever_breaks(theta, label, tolerance):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "density, theta", [(50.0, 0.5), (50.0, 1.0)], ids=("waves", "damped")
-)
+@pytest.mark.parametrize("density, theta", [(50.0, 0.5), (50.0, 1.0)], ids=("waves", "damped"))
 def test_stress_driven_and_strain_driven_runs_agree(density, theta):
     """A: F11 and P22 = P12 = 0. B: F11 and the F22(t), F12(t) of A. The same Pibar."""
     law = CohesiveZone(2e3, 0.3, 3.0, friction=0.2)
