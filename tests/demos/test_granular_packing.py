@@ -22,8 +22,8 @@ pytestmark = pytest.mark.demos
 def packed(tmp_path_factory):
     """Nine grains, three of them rigid."""
     out = tmp_path_factory.mktemp("packing")
-    options = "--columns 3 --rows 3 --rings 2 --packing 0.84 --step-size 8e-4 --threads 1 --quiet"
-    return demo.main([*options.split(), "--out", str(out)]), out
+    options = f"--columns 3 --rows 3 --rings 2 --packing 0.84 --threads 1 --quiet --out {out}"
+    return demo.main(options.split()), out
 
 
 def test_grains_of_the_start_fill_what_they_should():

@@ -70,8 +70,8 @@ def test_the_matrix_alone_at_finite_strain():
 def composite(tmp_path_factory):
     """The coarsest composite, to 0.6 %: folder, result and history."""
     out = tmp_path_factory.mktemp("ductile")
-    options = "--cells 20 --final-strain 0.006 --step-size 1e-9 --tolerance 1e-4 --fields 3"
-    options += f" --threads 1 --quiet --out {out}"
+    options = "--cells 20 --final-strain 0.006 --tolerance 1e-4 --fields 3 --threads 1 --quiet"
+    options += f" --out {out}"
     return out, ductile.main(options.split()), read_history(out / "history.csv")
 
 
