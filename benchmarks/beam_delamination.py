@@ -76,8 +76,6 @@ MODULUS = MATERIAL.young / (1.0 - MATERIAL.poisson**2)
 SHEAR = 0.5 * MATERIAL.young / (1.0 + MATERIAL.poisson)
 LOWER_END, UPPER_END, FAR_END, MIDDLE, PUSHED, CRACK, HELD = range(1, 8)
 KINDS = ("dcb", "enf", "mmb")
-# Elements across an arm.
-ACROSS = 4
 
 
 @dataclass(frozen=True)
@@ -93,6 +91,7 @@ class Beam:
         growth: of the crack at the end of the run (m).
         fracture_energy, strength, stiffness: w (J/m^2), Rmax (Pa) and C_N = C_T (Pa/m).
         facet: length of a facet along the crack's path (m).
+        across: elements across an arm.
         step: growth of the bonds in a step (`GrowthControl`).
     """
 
@@ -106,6 +105,7 @@ class Beam:
     strength: float = 57e6
     stiffness: float = 5e15
     facet: float = 0.25e-3
+    across: int = 4
     step: float = 0.3
 
     @property
@@ -201,13 +201,13 @@ def arms(beam: Beam) -> Bodies:
     stops = stations(beam)
     mesh = create_rectangle(
         MPI.COMM_SELF,
-        [np.zeros(2), np.array([len(stops) - 1.0, 2.0 * ACROSS])],
-        [len(stops) - 1, 2 * ACROSS],
+        [np.zeros(2), np.array([len(stops) - 1.0, 2.0 * beam.across])],
+        [len(stops) - 1, 2 * beam.across],
         CellType.quadrilateral,
     )
     points = mesh.geometry.x
     points[:, 0] = np.interp(points[:, 0], np.arange(len(stops)), stops)
-    points[:, 1] = (points[:, 1] / ACROSS - 1.0) * beam.height
+    points[:, 1] = (points[:, 1] / beam.across - 1.0) * beam.height
     small, end, top = 1e-6 * beam.height, stops[-1], beam.height
     where = {
         LOWER_END: lambda x: (x[0] < small) & (x[1] < small),

@@ -12,6 +12,7 @@ step is chance, so that errors are root mean squares over eight angles around th
 from __future__ import annotations
 
 import argparse
+from functools import cache
 
 import numpy as np
 from scipy.integrate import solve_ivp
@@ -54,6 +55,7 @@ def course(angle: float, step: float, **scheme) -> tuple[np.ndarray, np.ndarray,
     return tuple(np.array(rows).T)
 
 
+@cache
 def exact(angle: float) -> tuple[float, float]:
     """When the block is upright (s), and its angle at `EARLY` (rad)."""
 

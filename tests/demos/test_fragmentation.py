@@ -17,7 +17,7 @@ pytestmark = pytest.mark.demos
 
 def test_a_ring_breaks_into_pieces_of_the_published_size(tmp_path):
     options = demo.parse(
-        f"--pieces 16 --cells 6 --threads 1 --quiet --fields 2 --out {tmp_path}".split()
+        f"--pieces 12 --cells 5 --threads 1 --quiet --fields 2 --out {tmp_path}".split()
     )
     demo.xf.prepare_folder(options.out)
     result = demo.run(options)

@@ -24,14 +24,17 @@ pytestmark = pytest.mark.demos
 LOSSES = tuple(name for name in HISTORY_COLUMNS if name.startswith("dissipated"))
 
 
-def curve(scene, final_strain, **options):
-    """Strains, stresses and energies of a run without files."""
-    simulation = Simulation(scene, num_threads=1, **options)
+def curve(final_strain, toughening=1.0, **options):
+    """Strains, stresses and energies of a strong plate, pulled twice as fast as in the demo."""
     gauge = TensileGauge(demo.LEFT, demo.RIGHT, 0, demo.SIZE, demo.SIZE)
     rows, energies = [], []
-    for step in simulation.steps(final_strain * demo.SIZE / (2.0 * demo.SPEED)):
-        rows.append(gauge.read(simulation))
-        energies.append(step.energies)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(demo, "SPEED", 2.0 * demo.SPEED)
+        scene = demo.notched_plate(20, "strong", toughening=toughening)
+        simulation = Simulation(scene, num_threads=1, **options)
+        for step in simulation.steps(final_strain * demo.SIZE / (2.0 * demo.SPEED)):
+            rows.append(gauge.read(simulation))
+            energies.append(step.energies)
     strain, stress = np.array(rows).T
     columns = {name: np.array([e[name] for e in energies]) for name in energies[0]}
     return strain, stress, columns, simulation
@@ -101,8 +104,7 @@ def test_files_hold_what_they_promise(folder):
 @pytest.fixture(scope="module")
 def implicit():
     """Strong interfaces at 20 x 20, implicit, beyond the peak."""
-    scene = demo.notched_plate(20, "strong")
-    return curve(scene, 0.0045, scheme="implicit", tolerance=1e-4)
+    return curve(0.0042, scheme="implicit", tolerance=1e-4)
 
 
 def test_the_implicit_ledger_closes_while_bonds_break(implicit):
@@ -110,7 +112,7 @@ def test_the_implicit_ledger_closes_while_bonds_break(implicit):
     _, _, energies, simulation = implicit
     work = energies["external_work"]
     assert np.abs(energies["closure"]).max() <= 1e-8 * work[-1]
-    assert np.count_nonzero(simulation.interactions.gather("damage") < 1e-3) > 30
+    assert np.count_nonzero(simulation.interactions.gather("damage") < 1e-3) > 20
     for name in LOSSES:
         scale = work[-1]
         # what the tolerance of the solver leaves is booked as numerical, and may have any sign
@@ -124,12 +126,11 @@ def test_the_peak_does_not_depend_on_the_tolerance(implicit):
     """Within 0.5 % from 1e-4 to 1e-6; 1 % explicit, where a bond may snap within a step."""
 
     def peak(scheme, tolerance):
-        scene = demo.notched_plate(20, "strong")
-        return curve(scene, 0.0042, scheme=scheme, tolerance=tolerance)[1].max()
+        return curve(0.0042, scheme=scheme, tolerance=tolerance)[1].max()
 
     assert peak("explicit", 1e-4) == pytest.approx(peak("explicit", 1e-6), rel=1e-2)
-    strain, stress = implicit[:2]
-    assert stress[strain <= 0.0042].max() == pytest.approx(peak("implicit", 1e-6), rel=5e-3)
+    stress = implicit[1]
+    assert stress.max() == pytest.approx(peak("implicit", 1e-6), rel=5e-3)
 
 
 @pytest.mark.slow
@@ -139,11 +140,11 @@ def test_resolved_results_converge():
     The crack runs straight through: 22.5 um of matrix, 15 um of inclusions, all broken at a strain
     of 0.0089. Mesh by mesh they converge in `benchmarks/plate_study.py`.
     """
-    found = {}
+    scene = demo.notched_plate(20, "strong", toughening=demo.toughening())
+    critical, found = Simulation(scene, scheme="explicit").step_size, {}
     for factor in (1.0, 0.5):
-        scene = demo.notched_plate(20, "strong", toughening=demo.toughening())
-        step = factor * Simulation(scene, scheme="explicit").step_size
-        _, stress, energies, simulation = curve(scene, 0.0091, scheme="explicit", step=step)
+        options = {"scheme": "explicit", "step": factor * critical}
+        _, stress, energies, simulation = curve(0.0091, demo.toughening(), **options)
         segments, kind = find_cracks(simulation, demo.INCLUSION, (demo.NOTCH,))
         lengths = np.bincount(kind, np.linalg.norm(np.diff(segments, axis=1)[:, 0], axis=1), 3)
         found[factor] = stress.max(), energies["dissipated_cohesion"][-1], lengths

@@ -52,9 +52,16 @@ def start(tmp_path, monkeypatch):
 
 
 @pytest.mark.slow
-def test_what_a_killed_process_has_left_is_compiled_anew(start, tmp_path):
+def test_what_a_killed_process_has_left_is_compiled_anew(start, tmp_path, monkeypatch):
+    """Where patience ends before, it is told as FFCx tells it: what to remove."""
     assert start("kill -KILL $PPID").wait() == -signal.SIGKILL
     (source,) = (tmp_path / "forms").glob("*/*.c")
+    assert compiled._is_pending(source)
+    with monkeypatch.context() as patch:
+        patch.setattr(compiled, "_STRANGERS", 1e9)
+        patch.setattr(compiled, "_PATIENCE", 0.0)
+        with pytest.raises(TimeoutError, match="remove .*forms.*[.]c"):
+            area()
     assert compiled._is_pending(source)
     assert area() == pytest.approx(1.0)
     assert not compiled._is_pending(source)
@@ -98,13 +105,3 @@ def test_what_another_process_compiles_is_waited_for(start, tmp_path, monkeypatc
         for pipe in (at_work, go_on):
             os.close(pipe)
     assert status == 0 and np.all(looks[:10])
-
-
-@pytest.mark.slow
-def test_patience_ends(tmp_path, start, monkeypatch):
-    """Told as FFCx tells it: what to remove."""
-    assert start("kill -KILL $PPID").wait() == -signal.SIGKILL
-    monkeypatch.setattr(compiled, "_STRANGERS", 1e9)
-    monkeypatch.setattr(compiled, "_PATIENCE", 0.0)
-    with pytest.raises(TimeoutError, match="remove .*forms.*[.]c"):
-        area()

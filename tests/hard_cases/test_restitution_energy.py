@@ -56,7 +56,7 @@ def test_two_masses_under_changing_forces(e, share, dim, figure):
         law = SignoriniCoulomb(friction, e)
         masses = 10.0 ** rng.uniform(-1.0, 1.0, 2)
         pair = PointMass(law, masses, rng.normal(size=(2, dim)), gap=0.02, theta=theta)
-        for count in range(400):
+        for count in range(200):
             if count % 20 == 0:
                 force = 50.0 * rng.normal(size=(2, dim))
                 force[0, 0] -= 40.0
@@ -147,8 +147,8 @@ def gains(simulation, steps):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "scheme, solver, friction",
-    [("implicit", s, mu) for s in ("nlgs", "newton", "accelerated", "auto") for mu in (0.0, 0.5)]
-    + [("explicit", "auto", 0.5)],
+    [("implicit", "nlgs", 0.5), ("implicit", "newton", 0.5), ("implicit", "accelerated", 0.5)]
+    + [("implicit", "auto", 0.0), ("implicit", "auto", 0.5), ("explicit", "auto", 0.5)],
 )
 def test_blocks_thrown_at_the_ground(scheme, solver, friction, figure):
     """Bodies that hit the ground and each other askew never have more energy than at the start."""
@@ -158,7 +158,7 @@ def test_blocks_thrown_at_the_ground(scheme, solver, friction, figure):
             theta = theta_of(share, e)
             simulation = blocks(theta, e, friction, scheme=scheme, solver=solver)
             start = bulk_energy(simulation)
-            gained, allowed, arriving = gains(simulation, 200)
+            gained, allowed, arriving = gains(simulation, 120)
             assert arriving.sum() > 8
             assert np.all(gained <= allowed + 1e-12 * start), (e, theta)
             if friction == 0.0 or theta == 1.0:

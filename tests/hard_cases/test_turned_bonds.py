@@ -94,7 +94,7 @@ def test_momenta_are_kept_to_rounding(kind, tangential, figure):
 
 @pytest.mark.slow
 def test_what_is_booked_as_numerical_falls_with_the_step(figure):
-    """C_N unlike C_T: one turn; the energy of jumps read anew is of higher order than two."""
+    """C_N unlike C_T: half a turn; the energy of jumps read anew is of higher order than two."""
     booked = []
     for share in (1.0, 0.5):
         scene = Scene(
@@ -105,12 +105,12 @@ def test_what_is_booked_as_numerical_falls_with_the_step(figure):
         )
         critical = Simulation(scene, scheme="explicit").step_size
         simulation = Simulation(scene, share * critical, tolerance=1e-10, num_threads=1)
-        *_, record = simulation.steps(2.0 * np.pi)
+        *_, record = simulation.steps(np.pi)
         kinetic = simulation.ledger.energies.kinetic
         booked.append(abs(record.energies["dissipated_numerical"]) / kinetic)
         assert np.all(simulation.interactions.gather("damage") == 1.0)
-    figure("one turn, C_N unlike C_T", "booked as numerical < 1e-5 of the energy", booked[0])
-    assert booked[0] < 1e-5
+    figure("half a turn, C_N unlike C_T", "booked as numerical < 5e-6 of the energy", booked[0])
+    assert booked[0] < 5e-6
     assert booked[1] < 0.25 * booked[0]
 
 
@@ -191,9 +191,10 @@ def breaking_box(dim, R, wind, scheme, bond):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("dim", [2, 3])
-@pytest.mark.parametrize("scheme", ["explicit", "implicit"])
-@pytest.mark.parametrize("tangential", [None, 300.0])
+@pytest.mark.parametrize(
+    "dim, scheme, tangential",
+    [(2, "explicit", None), (2, "implicit", 300.0), (3, "explicit", 300.0), (3, "implicit", None)],
+)
 def test_turned_or_moving_scenes_have_the_same_history(dim, scheme, tangential, figure):
     """The whole scene turned by 37 degrees (3D: 60 about a diagonal), or in steady motion."""
     bond = CohesiveZone(1000.0, 0.3, 5.0, tangential)
@@ -314,7 +315,7 @@ def test_small_strain_may_go_on(caplog):
 def grain_on_a_slope():
     """A disc of cells that rolls down a slope on a wall that stands across it."""
     radius, slope, speed = 0.05, np.radians(20.0), 1.5
-    mesh = mesh_of((2, 2), (8, 8))
+    mesh = mesh_of((2, 2), (6, 6))
     x = mesh.geometry.x
     u, v = x[:, 0] - 1.0, x[:, 1] - 1.0
     x[:, 0] = radius * u * np.sqrt(1.0 - 0.5 * v * v)
@@ -342,7 +343,7 @@ def test_a_grain_rolls_and_breaks(figure):
     """Its bonds turn with it; it breaks when it hits the wall; the energies are closed."""
     simulation, spin = grain_on_a_slope()
     kinetic = simulation.ledger.energies.kinetic
-    bonds = slice(0, 736)
+    bonds = slice(0, 408)
     *_, record = simulation.steps(9e-3)
     assert simulation.interactions.gather("damage")[bonds].min() == 1.0
     frame = simulation.interactions.points.frame[0]

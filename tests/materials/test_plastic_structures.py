@@ -115,7 +115,7 @@ def test_crossed_triangles_do_not_lock():
     found = {}
     for name, family in FAMILIES.items():
         for cells in (8, 16):
-            found[name, cells] = press(punch, family, cells, 0.06, 30)[:2]
+            found[name, cells] = press(punch, family, cells, 0.06, 12)[:2]
             print(f"{name}, {cells}: force {found[name, cells][0]:.4f} of the exact one")
     plain, crossed, second, both, bodies = (
         [found[name, cells] for cells in (8, 16)] for name in FAMILIES
@@ -240,10 +240,10 @@ def bar(columns, rows, pull, step):
 def test_the_bar_of_simo_necks():
     """Force, neck and far radius at an elongation of 14 mm, on two meshes.
 
-    Twelve rows carry the neck: three columns instead of two narrow it by no more than 0.01.
+    Twelve rows carry the neck: two columns instead of one narrow it by no more than 0.02.
     """
     peaks, necks = [], []
-    for columns, rows in ((1, 8), (2, 12)):
+    for columns, rows in ((1, 8), (1, 12)):
         pulls, forces, simulation = bar(columns, rows, 7.0, 0.25)
         x, u = nodes(simulation), field(simulation)
         middle, end = x[:, 2] < 1e-9, x[:, 2] > LENGTH - 1e-9

@@ -67,8 +67,7 @@ SLOW = pytest.mark.slow
 RANDOM = [
     pytest.param(dim, count, weighted, seed, marks=SLOW if (dim, count) == (3, 20) else ())
     for dim, count in ((2, 1), (2, 2), (2, 3), (2, 30), (3, 1), (3, 2), (3, 20))
-    for weighted in (False, True)
-    for seed in (0, 1)
+    for weighted, seed in ((False, 0), (True, 1))
 ]
 
 
@@ -128,13 +127,13 @@ def test_faces_are_where_powers_are_equal(dim, count, weighted, seed):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("dim", (2, 3))
-@pytest.mark.parametrize("margin", (0.1, 0.6, 1.0, 1.4))
+@pytest.mark.parametrize("margin", (0.1, 1.0))
 def test_too_few_images_are_noticed(monkeypatch, dim, margin):
     """Begun with the images near the box only, the search for the cells goes on until right."""
     monkeypatch.setattr(tessellation_module, "_FIRST_MARGIN", margin)
     periods = np.array([1.0, 0.8, 1.3][:dim])
     for count in (1, 2, 3, 5, 12):
-        for seed in range(4):
+        for seed in range(2):
             seeds = random_seeds(count, periods, seed, relaxation=0)
             weights = np.random.default_rng(seed).random(count) * 0.3 * periods.min() ** 2 / count
             found = tessellate(seeds, periods, weights)
@@ -442,12 +441,12 @@ def check_conforming(microstructure, tessellation):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", range(2))
 def test_plane_meshes(seed):
     """50 to 100 grains on 100 um: periodic, conforming, of good cells near the size asked for."""
     pytest.importorskip("gmsh")
-    count = (50, 100, 75)[seed % 3]
-    periods = np.array([1e-4, 1e-4 if seed % 2 else 1.7e-4])
+    count = (50, 100)[seed]
+    periods = np.array([1e-4, (1.7e-4, 1e-4)[seed]])
     tessellation = regular(count, periods, seed)
     phase = np.where(np.isin(np.arange(count), nearest_grains(tessellation, (0, 0), 5)), 7, 3)
     size = 0.3 * spacing(tessellation)
@@ -463,7 +462,7 @@ def test_plane_meshes(seed):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("count", "seed"), ((10, 0), (15, 1), (15, 2), (20, 3)))
+@pytest.mark.parametrize(("count", "seed"), ((10, 0), (15, 1)))
 def test_solid_meshes(count, seed):
     """The same in 3D."""
     pytest.importorskip("gmsh")

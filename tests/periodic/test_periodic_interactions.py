@@ -118,10 +118,8 @@ STAIRS, HOLDS = 10, 8
 @pytest.mark.parametrize(
     "lateral, shift, mesh, order",
     [
-        ("F22", 0.0, ("crossed", (4, 2)), 1),
         ("F22", 1.0, ("quadrilateral", (2, 2)), 1),
         ("P22", 0.0, ("quadrilateral", (4, 1)), 2),
-        ("P22", 1.0, ("triangle", (2, 2)), 1),
         ("P22", 0.5, ("crossed", (4, 2)), 1),
     ],
 )
@@ -223,13 +221,12 @@ def test_a_broken_cell_goes_on(tolerance, stresses):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("size", (2e-6, 5e-7))
 @pytest.mark.parametrize(
     "law",
     [ZIRCALOY_BOND, CohesiveZone(2e18, 0.5, 1e9, tangential_stiffness=1e18)],
     ids=["C_T = C_N", "C_T = C_N / 2"],
 )
-@pytest.mark.parametrize("cells", [(1, 1), (3, 2)], ids=str)
+@pytest.mark.parametrize("size, cells", [(2e-6, (1, 1)), (5e-7, (3, 2))])
 def test_artificial_compliance_without_edges(size, law, cells):
     r"""1/E'* = 1/E' + (1 + 1/sqrt 2) / (s C_N) + (1/sqrt 2) / (s C_T), along x and along y."""
     c_n, c_t = law.parameters()[:2]
@@ -263,8 +260,7 @@ def phases(kind):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", (LinearElastic, NeoHookean))
-@pytest.mark.parametrize("order", (1, 2))
+@pytest.mark.parametrize("kind, order", [(LinearElastic, 2), (NeoHookean, 1)])
 def test_perfectly_bonded_cells_are_the_connected_cell(kind, order):
     """Domain decomposition in the cell: N bodies glued, across its boundary too, are one."""
     states = []
@@ -357,12 +353,11 @@ def grains(shift):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("shift", ((1 / 3, 0.0), (1 / 6, 1 / 3)))
-def test_grains_cut_elsewhere(shift):
+def test_grains_cut_elsewhere():
     """Grains that cross the boundary are tied to themselves: the same curve, damage included."""
     law = CohesiveZone(2e3, 0.3, 3.0, friction=0.2)
     curves = []
-    for moved in ((0.0, 0.0), shift):
+    for moved in ((0.0, 0.0), (1 / 6, 1 / 3)):
         label = grains(moved)
         bodies = cell_of(
             (1, 1), (6, 3), "quadrilateral", label=label,
@@ -462,10 +457,9 @@ def test_a_plane_opens_without_stress_and_closes():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("theta", (0.5, 1.0))
 @pytest.mark.parametrize(
-    "label, tolerance",
-    [(None, 1e-12), (grains((0.0, 0.0)), 1e-8)],
+    "theta, label, tolerance",
+    [(0.5, None, 1e-12), (1.0, grains((0.0, 0.0)), 1e-8)],
     ids=("each cell", "grains"),
 )
 def test_energy_closes_whatever_breaks(theta, label, tolerance):
@@ -499,9 +493,7 @@ def test_energy_closes_whatever_breaks(theta, label, tolerance):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "density, theta", [(1.0, 1.0), (50.0, 0.5), (50.0, 1.0)], ids=("at rest", "waves", "damped")
-)
+@pytest.mark.parametrize("density, theta", [(50.0, 0.5), (50.0, 1.0)], ids=("waves", "damped"))
 def test_stress_driven_and_strain_driven_runs_agree(density, theta):
     """A: F11 and P22 = P12 = 0. B: F11 and the F22(t), F12(t) of A. The same Pibar."""
     law = CohesiveZone(2e3, 0.3, 3.0, friction=0.2)

@@ -136,14 +136,18 @@ def test_stress_held_on_bodies_that_flow():
         gradient=SHEARS, stress={"11": lambda t: 560e6 * min(t / end, 1.0), "22": 0.0}
     )
     inclusion = {2: lambda x: (abs(x[0] - 5e-5) < 2.6e-5) & (abs(x[1] - 5e-5) < 2.6e-5)}
+    materials = {1: J2SmallStrain(**ZIRCALOY), 2: LinearElastic(135e9, 0.32, 7800.0)}
     strains = []
     cell_run(
-        cell_of((1e-4, 1e-4), (4, 4), label=None, material=inclusion),
-        {1: J2SmallStrain(**ZIRCALOY), 2: LinearElastic(135e9, 0.32, 7800.0)},
-        drive, CohesiveZone(2e18, 5e6, 1e12), step=1e-6, steps=50, theta=1.0, tolerance=1e-6,
+        cell_of((1e-4, 1e-4), (2, 2), label=None, material=inclusion), materials, drive,
+        CohesiveZone(2e18, 5e6, 1e12), step=1e-6, steps=50, theta=1.0, tolerance=1e-6,
         check=lambda s, r: strains.append(s.macroscopic.gradient[0, 0] - 1.0),
     )  # fmt: skip
-    assert strains[-1] == pytest.approx(0.006327, rel=2e-3)
+    one = cell_run(
+        cell_of((1e-4, 1e-4), (2, 2), material=inclusion), materials, drive, step=1e-6, steps=50
+    )
+    # the bonds give a little besides
+    assert 1.0 < strains[-1] / (one.macroscopic.gradient[0, 0] - 1.0) < 1.005
     assert np.ptp(strains[-5:]) < 2e-6
 
 

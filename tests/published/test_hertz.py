@@ -16,8 +16,8 @@ import hertz  # noqa: E402
 
 @pytest.fixture(scope="module")
 def slipping():
-    """Partial slip on 32 elements in a: its steps, and the run after the last."""
-    return hertz.partial_slip(32)
+    """Partial slip on 24 elements in a: its steps, and the run after the last."""
+    return hertz.partial_slip(24)
 
 
 @pytest.mark.slow
@@ -32,10 +32,10 @@ def test_line_contact_converges_to_hertz():
 
 @pytest.mark.slow
 def test_point_contact_is_hertz():
-    """P of the approach, a and p0 within 2 % on 4 elements in a, and P like d^(3/2)."""
-    errors, last = hertz.normal_errors(3, 4, even=1.25, growth=1.5)
-    for name in ("law", "a2", "p0"):
-        assert errors[name] < 2e-2, name
+    """a and p0 within 2 % on 4 elements in a, and P like d^(3/2), within 4 % in a coarse body."""
+    errors, last = hertz.normal_errors(3, 4, even=1.25, growth=2.0)
+    for name, bound in (("a2", 2e-2), ("p0", 2e-2), ("law", 4e-2)):
+        assert errors[name] < bound, name
     assert errors["exponent"] == pytest.approx(1.5, abs=0.04)
     # the pressure is that of a body of revolution: mirrored about x = y
     by_place = {
@@ -51,7 +51,7 @@ def test_stick_zone_is_that_of_cattaneo_and_mindlin(slipping):
     steps = [s for s in slipping[0] if s.share > 0.2]
     shares = [s.share for s in steps]
     assert len(steps) >= 6 and 0.7 < max(shares) < 0.9 and np.all(np.diff(shares) > 0.0)
-    element = hertz.HALF_WIDTH / 32
+    element = hertz.HALF_WIDTH / 24
     for s in steps:
         assert s.c == pytest.approx(s.c_exact, rel=2e-2)
         assert s.height == pytest.approx(1.0, abs=1e-2)
@@ -75,10 +75,10 @@ def test_contact_is_in_balance_with_the_top(slipping):
 @pytest.mark.slow
 def test_one_system_finds_the_same_slip(monkeypatch):
     """Bulk and contacts in one system, whose iterations alone go round in circles here."""
-    coarse = hertz.partial_slip(8)[0]
+    coarse = hertz.partial_slip(6, pressing=3)[0]
     made = partial(hertz.Simulation, solver="monolithic", max_halvings=0)
     monkeypatch.setattr(hertz, "Simulation", made)
-    found = hertz.partial_slip(8)[0]
+    found = hertz.partial_slip(6, pressing=3)[0]
     for one, other in zip(found, coarse, strict=True):
         assert one.share == pytest.approx(other.share, rel=1e-5)
         np.testing.assert_allclose(one.q, other.q, atol=1e-4 * one.p0)
