@@ -215,6 +215,11 @@ def test_a_broken_cell_goes_on(tolerance, stresses):
     # the halves still swing a little, freely
     assert np.abs(simulation.macroscopic.stress).max() < max(1e-4, tolerance) * LAW.strength
     assert simulation.ledger.energies.dissipated_cohesion == pytest.approx(1.0, rel=1e-3)
+    cell = simulation.bulk
+    bears = np.zeros(cell.num_dofs)
+    misses = bears.copy()
+    misses[cell.unknowns.macroscopic] = 1e-3 * cell.volume * cell.largest_stress
+    assert cell.imbalance(misses, bears, 1.0) == pytest.approx(1e-3, rel=1e-12)
 
 
 # Each cell a body
