@@ -281,7 +281,8 @@ class Bulk:
     def elastic_energy(self, displacement: np.ndarray, internal: np.ndarray) -> float:
         """Stored energy (J; 2D: J/m) at a displacement whose internal forces are known."""
         if self.linear:
-            return 0.5 * self.dot(displacement, internal)
+            # each rank's share by itself: of others the step may have found it (`StepOutcome.held`)
+            return self.dot(0.5 * displacement, internal)
         return self.ranks.sum(self.forms.assemble_energy(self.unknowns.expand(displacement)))
 
     def commit(self, displacement, internal, impulses, step: float) -> None:
