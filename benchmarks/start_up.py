@@ -133,6 +133,7 @@ def processor_time(lines: list[list[str]], kernels: Path, work: Path) -> float:
         "XPER_FX_CACHE": str(kernels), "NUMBA_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1",
         "PYTHONPATH": os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")]),
     }  # fmt: skip
+    environment.pop("PYTHONDONTWRITEBYTECODE", None)  # bytecode is kept, as it is by default
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     processes = [
         subprocess.Popen(

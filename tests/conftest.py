@@ -31,15 +31,15 @@ LONGEST = (
     "output/test_effects.py",
     "project/test_docs.py",
     "output/test_restart.py",
-    "periodic/test_periodic_interactions.py",
     "cache/test_kept_kernels.py",
-    "published/test_beam_delamination.py",
-    "demos/test_notched_plate.py",
+    "periodic/test_periodic_interactions.py",
     "periodic/test_microstructure.py",
-    "hard_cases/test_periodic_compression.py",
-    "hard_cases/test_spinning_plates.py",
-    "materials/test_plastic_structures.py",
+    "simulation/test_path.py",
     "scene/test_joints.py",
+    "demos/test_impact_fragmentation.py",
+    "study/test_study.py",
+    "simulation/test_accuracy.py",
+    "demos/test_periodic_demos.py",
 )
 
 
