@@ -463,3 +463,17 @@ MISTAKES = {
 def test_a_mistake_is_named(message):
     with pytest.raises((TypeError, ValueError), match=message):
         MISTAKES[message]()
+
+
+def test_the_same_joint_with_its_bodies_turned_round_is_one_too_many():
+    """Its rows are those of the first, turned: forces of both are not unique, and grew."""
+    ends = (-0.4, 0.0), (2.4, 0.1)
+    for joint, again in (
+        (xf.Hinge((FIRST, SECOND), (1.0, 0.0)), xf.Hinge((SECOND, FIRST), (1.0, 0.0))),
+        (xf.Weld((None, FIRST), (0.0, 0.0)), xf.Weld((FIRST, None), (0.0, 0.0))),
+        (xf.Tendon((FIRST, SECOND), ends), xf.Tendon((SECOND, FIRST), ends[::-1])),
+    ):
+        with pytest.raises(ValueError, match="joint 0 does, between the same"):
+            xf.Scene(rigid=[FIRST, SECOND], joints=[joint, again])
+    crossing = xf.Tendon((FIRST, SECOND), ends), xf.Tendon((SECOND, FIRST), ends)
+    xf.Scene(rigid=[FIRST, SECOND], joints=crossing)
