@@ -328,9 +328,13 @@ def check_joints(joints: Sequence[Joint], rigid: Sequence[RigidBody], bodies: Ri
         dim = np.shape(joint.at)[-1]
         if dim != bodies.dim:
             raise ValueError(f"{what} is in {dim}D, the rigid bodies in {bodies.dim}D.")
-        if all(held[[number_of.get(id(body), -1) for body in joint.between]]):
+        pair = [number_of.get(id(body), -1) for body in joint.between]
+        if all(held[pair]):
             raise ValueError(f"{what} joins two bodies whose every motion is prescribed.")
-        told = (type(joint), *map(id, joint.between), *np.ravel(joint.at).tolist())
+        ends = np.reshape(joint.at, (-1, dim))
+        if pair[0] > pair[1]:  # the same joint with its bodies turned round
+            pair, ends = pair[::-1], ends[::-1]
+        told = (type(joint), *pair, *ends.ravel().tolist())
         if told in first:
             raise ValueError(
                 f"{what} stands where joint {first[told]} does, between the same bodies: forces "

@@ -12,6 +12,8 @@ or stops.
 
 Joints that hold more than the bodies need make the matrix singular: a share of its diagonal is
 added, and what that leaves is taken away by solving again.
+It starts from no impulses: what those of the last step have along rows that depend on each other
+moves nothing at first, but grew from step to step as the bodies turned.
 """
 
 from __future__ import annotations
@@ -49,7 +51,7 @@ class HeldRows:
         self._factors = splu(matrix)
 
     def solve(self, velocity: np.ndarray) -> None:
-        """Change the impulses of the rows so that they hold.
+        """Find impulses of the rows with which they hold.
 
         Args:
             velocity: of all slots with all impulses, flat, which follows; m/s.
@@ -57,6 +59,8 @@ class HeldRows:
         if self._group is None:
             return
         rigid = self._own(velocity).reshape(-1)
+        self._pushed.push(-self._group.impulse[:, 0], rigid)
+        self._group.impulse[:, 0] = 0.0
         for _ in range(_SOLUTIONS):
             change = self._factors.solve(self._group.terms[:, 0] - self._rows.closing(rigid))
             self._group.impulse[:, 0] += change
