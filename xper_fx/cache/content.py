@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 from numba.core import types
 from numba.core.dispatcher import Dispatcher
-from numba.core.registry import cpu_target
+from numba.core.typing.templates import builtin_registry
 from numba.extending import _Intrinsic
 
 _VERSIONED = frozenset(sys.stdlib_module_names) | {"numpy", "numba", "llvmlite"}
@@ -151,12 +151,10 @@ class _Reader:
             self._tell("named", home, function.__qualname__)
             return
         self._read_function(function)
-        try:
-            overloads = cpu_target.typing_context.resolve_value_type(function).templates
-        except (ValueError, AttributeError):  # no overloads
-            return
-        for template in overloads:
-            self.read(getattr(template, "_overload_func", None))
+        for overloaded, kind in builtin_registry.globals:
+            if overloaded is function:
+                for template in kind.templates:
+                    self.read(getattr(template, "_overload_func", None))
 
     def _read_function(self, function: FunctionType) -> None:
         met = self.met.get(id(function))

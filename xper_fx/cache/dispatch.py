@@ -19,6 +19,7 @@ from numba.core import config, event, serialize, sigutils, types
 from numba.core.bytecode import FunctionIdentity
 from numba.core.compiler import CompileResult
 from numba.core.dispatcher import Dispatcher
+from numba.core.runtime import rtsys
 
 from xper_fx.cache.compiling import KIND
 from xper_fx.cache.content import INHERITED, UnknownContentError, digest
@@ -122,8 +123,12 @@ class _Kept:
         self._keys: dict[tuple, str] = {}  # of argument types that are being compiled
 
     def load_overload(self, signature, context) -> CompileResult | None:
-        """The compiled kernel for a signature, if it is kept."""
-        context.refresh()
+        """The compiled kernel for a signature, if it is kept.
+
+        It needs memory that counts its references and no more: what Numba knows of functions and
+        types, a fifth of a start, is loaded when something is compiled.
+        """
+        rtsys.initialize(context)
         folder = kernel_folder()
         if folder is None:
             return None
