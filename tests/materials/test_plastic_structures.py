@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Structures: Cook's membrane, Prandtl's punch, the necking of a strip and of a bar.
+"""Structures: Cook's membrane, Prandtl's punch, the necking of a strip and of a bar, cycles.
 
 Where the figures come from:
 
@@ -24,13 +24,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from dolfinx.mesh import compute_midpoints
 from scenes import BACK, BOTTOM, FRONT, LEFT, RIGHT, TOP, field, mesh_of, nodes, side_tags
 from scipy.optimize import minimize_scalar
 
 from xper_fx.bodies.explode import explode
 from xper_fx.bodies.meshes import tag_cells
 from xper_fx.forms.loads import PrescribedDisplacement, SurfaceTraction
-from xper_fx.materials import J2FiniteStrain, LinearElastic, Voce
+from xper_fx.materials import J2FiniteStrain, J2SmallStrain, Linear, LinearElastic, Voce
+from xper_fx.nscd.laws import CohesiveZone
 from xper_fx.scene.scene import Scene
 from xper_fx.simulation.simulation import Simulation
 
@@ -269,3 +271,63 @@ def test_the_bar_of_simo_necks():
     assert abs(peaks[1] / peaks[0] - 1.0) < 1e-3
     # more rows let the neck localise further, towards the published 35 to 40 %
     assert 0.35 < necks[1] < 0.42 and necks[1] < necks[0] < 0.5
+
+
+def unlike_halves(kind, material, label=None, bond=None):
+    """The unit square, weak and strong across its diagonal, its right side driven by `kind`."""
+    mesh = mesh_of((1, 1), (4, 4))
+    count = mesh.topology.index_map(2).size_local
+    tags = tag_cells(mesh, {2: lambda x: x[0] + x[1] > 1.0})
+    label = np.zeros(count, int) if label is None else label(mesh)
+    bodies = explode(mesh, label, tags, side_tags(mesh, (1, 1)))
+    loads = [PrescribedDisplacement(LEFT, component, 0.0) for component in (0, 1)]
+    loads.append(PrescribedDisplacement(RIGHT, 0, kind))
+    materials = {1: material(1.0), 2: material(2.0)}
+    return Scene(bodies, materials, default_interaction=bond, loads=loads)
+
+
+@pytest.mark.parametrize("step", [0.8, 0.3])
+def test_loads_that_turn_round(step):
+    """Flow that turns round within a step: no step is cut, and one system finds the same."""
+
+    def material(times):
+        return J2SmallStrain(1.0, 0.3, 1e-3 * times, Linear(0.05), 1.0)
+
+    def load(t):
+        return 1.2e-3 * (1.0 + 0.1 * t) * np.sin(2.0 * np.pi * t)
+
+    ends = {}
+    for solver in ("auto", "monolithic"):
+        scene = unlike_halves(load, material)
+        simulation = Simulation(scene, step, theta=1.0, inertia=False, solver=solver)
+        *steps, last = simulation.steps(step * round(11.0 / step))
+        assert all(record.size == pytest.approx(step) for record in steps)
+        ends[solver] = field(simulation), last.energies
+        if solver == "auto":
+            assert sum(record.newton_iterations for record in steps) < 8 * len(steps)
+    np.testing.assert_allclose(ends["auto"][0], ends["monolithic"][0], atol=1e-8)
+    for name, energy in ends["monolithic"][1].items():
+        assert ends["auto"][1][name] == pytest.approx(energy, rel=1e-5, abs=1e-11)
+
+
+def test_ductile_halves_that_bonds_hold():
+    """Finite plastic flow has no symmetric tangent; the system of bulk and bonds is solved so."""
+
+    def material(times):
+        return J2FiniteStrain(1.0, 0.3, 1e-2 * times, Linear(0.01), 1.0)
+
+    def halves(mesh):
+        middle = compute_midpoints(mesh, 2, np.arange(len(mesh.geometry.dofmap), dtype=np.int32))
+        return (middle[:, 0] > 0.5).astype(int)
+
+    bond = CohesiveZone(1e4, fracture_energy=1.0, strength=1.0)
+    forces = []
+    for label, law in ((halves, bond), (None, None)):
+        scene = unlike_halves(lambda t: 0.1 * t, material, label, law)
+        simulation = Simulation(scene, 0.025, theta=1.0, inertia=False)
+        steps = list(simulation.steps(0.5))
+        assert len(steps) == 20
+        iterations = sum(record.newton_iterations for record in steps)
+        assert law is None or iterations <= 4 * len(steps)
+        forces.append(simulation.reaction(RIGHT)[0])
+    assert forces[0] == pytest.approx(forces[1], rel=1e-4)

@@ -24,6 +24,12 @@ from xper_fx.support.profile import Stopwatch
 _SLOW, _FEW = 0.2, 3
 # Times that a Newton step is halved before the time step is given up.
 _CUTS = 5
+# Work of the residual along an increment, over what it was at its start, that an increment may end
+# with; an increment that is too long ends no nearer than this to where it is known to be long or
+# short, as a share of what is between.
+_LEFT_OF_WORK, _OFF_ENDS = 0.5, 0.1
+# Times the velocities before that are guessed at most: where they are rounding they tell nothing.
+_MOST_GUESSED = 10.0
 # Newton's tolerance is at least this part of that of the impulses, which blurs it.
 _BLUR = 1e-2
 
@@ -88,8 +94,10 @@ class ImplicitStep:
         self._solver_error = self._traction_change = 0.0
         # Newton's correction relative to the velocities, and that of the iteration before
         self._correction, self._correction_before = 0.0, np.inf
-        # without interactions: the next increment of all velocities, once it is known
+        # without interactions: the next increment of all velocities, once it is known, and the work
+        # that the residual before the last one did along it
         self._increment: np.ndarray | None = None
+        self._descent = 0.0
 
     def solve(self) -> StepOutcome:
         """The outcome, converged or not."""
@@ -120,6 +128,8 @@ class ImplicitStep:
             self._equations.load(self._external)
             self._velocity = v0.copy()
             bulk.prescribe(self._velocity, time, step, theta, start.displacement, v0)
+            if self._bare and bulk.inertia is None:
+                self._guess(v0)
         self._inverse = self._inverses.at(step, start.displacement)
         if not self._bare:
             with self._watch.phase("interaction terms"):
@@ -130,6 +140,20 @@ class ImplicitStep:
                 self._take_couples()
         with self._watch.phase("free velocity"):
             self._residual, self._internal = self._equations.residual(self._velocity)
+
+    def _guess(self, before: np.ndarray) -> None:
+        """Let what is free follow what is prescribed as it did in the step before.
+
+        Where loads turn round, bodies then turn with their supports: else what lies between would
+        flow in the first guess.
+        """
+        bulk, given = self._bulk, self._bulk.layout.prescribed
+        was = np.where(given, before, 0.0)
+        size = bulk.dot(was, was)
+        if size > 0.0:
+            share = bulk.dot(was, self._velocity) / size
+            share = min(max(share, -_MOST_GUESSED), _MOST_GUESSED)
+            self._velocity = np.where(given, self._velocity, share * before)
 
     def _turn(self, velocity: np.ndarray) -> None:
         """Let frames of bonds follow their bodies, which move by mean velocities over the step."""
@@ -160,7 +184,10 @@ class ImplicitStep:
             if self._turns:
                 residual = residual + couples
             known, self._increment = self._increment, None
-            free = previous + (advance(residual) if known is None else known)
+            increment = advance(residual) if known is None else known
+            free = previous + increment
+            if self._bare:
+                self._descent = self._bulk.dot(residual, increment)
         self._velocity = free
         if not self._bare:
             if iteration > 1:  # what an earlier iterate damaged is whole again
@@ -196,6 +223,8 @@ class ImplicitStep:
             # what other unknowns stir up is no step that went wrong
             self._correction_before = np.inf
         with self._watch.phase("free velocity"):
+            if self._bare and not self._corrected:
+                self._shorten(previous)
             self._correction = self._next_correction()
             for _ in range(_CUTS):
                 bound = 2.0 * self._correction_before
@@ -205,6 +234,33 @@ class ImplicitStep:
                 self._residual, self._internal = self._equations.residual(self._velocity)
                 # the impulses belong to the whole step: this is not yet the end
                 self._correction = max(self._next_correction(), 2.0 * self._tolerance)
+
+    def _shorten(self, previous: np.ndarray) -> None:
+        """End an increment where the residual does little work along it, if it went beyond.
+
+        The residual r is minus the gradient of the energy that a step minimises. Its work r . d
+        along the increment d falls from above zero to below where an increment is too long, as
+        where flow turns round and w is that of the flow before: Newton's method then goes to and
+        fro. The zero is looked for between (false position, kept off the ends).
+        """
+        bulk, increment = self._bulk, self._velocity - previous
+        bound = _LEFT_OF_WORK * self._descent
+        low, high = (0.0, self._descent), (1.0, bulk.dot(self._residual, increment))
+        if bound <= 0.0 or not high[1] < -bound:
+            return
+        for _ in range(_CUTS):
+            share = low[1] / (low[1] - high[1])
+            share = min(max(share, _OFF_ENDS), 1.0 - _OFF_ENDS)
+            length = low[0] + share * (high[0] - low[0])
+            self._velocity = previous + length * increment
+            self._residual, self._internal = self._equations.residual(self._velocity)
+            work = bulk.dot(self._residual, increment)
+            if abs(work) <= bound:
+                return
+            if work > 0.0:
+                low = length, work
+            else:  # or not finite
+                high = length, work if np.isfinite(work) else -np.inf
 
     def _next_correction(self) -> float:
         """Newton's next correction relative to the velocities; infinite if it is not finite."""
