@@ -15,7 +15,7 @@ from scenes import LEFT, RIGHT, box_bodies, field, nodes
 
 import xper_fx as xf
 from xper_fx.bulk.state import State, StepOutcome
-from xper_fx.forms.loads import PrescribedDisplacement, PrescribedVelocity
+from xper_fx.forms.loads import PrescribedDisplacement, PrescribedVelocity, SurfaceTraction
 from xper_fx.materials import J2SmallStrain, Linear, LinearElastic
 from xper_fx.nscd.laws import CohesiveZone, RigidCohesiveZone, SignoriniCoulomb
 from xper_fx.nscd.stepped_points import StepWork
@@ -24,6 +24,7 @@ from xper_fx.scene import Scene, Wall
 from xper_fx.simulation.accuracy_control import AccuracyControl
 from xper_fx.simulation.energy_ledger import BulkEnergies
 from xper_fx.simulation.error_estimate import REST, ErrorEstimate
+from xper_fx.simulation.load_histories import LoadHistories
 from xper_fx.simulation.requested_accuracy import RequestedAccuracy
 from xper_fx.simulation.simulation import Simulation
 from xper_fx.simulation.step_doubling import StepDoubling
@@ -61,7 +62,8 @@ def estimate(energy=1.0, doubles=False, supported=False, lag=0.5) -> ErrorEstima
 
 def control(accuracy=1e-2, base=1.0, step="auto", **options) -> AccuracyControl:
     settings = {
-        "largest": np.inf, "softening_step": np.inf, "interacting": False, "estimate": estimate()
+        "largest": np.inf, "softening_step": np.inf, "interacting": False, "estimate": estimate(),
+        "histories": LoadHistories(vibrating_bar()),
     } | options  # fmt: skip
     return AccuracyControl(RequestedAccuracy.chosen(accuracy, step, None, None), base, **settings)
 
@@ -398,17 +400,19 @@ def test_a_largest_force_is_missed_by_a_third_of_its_growth_or_fall():
 def test_a_largest_force_errs_among_waves_that_are_out_of_phase():
     """By 3 times 2^(1/2) of its own waves, by the share of the energies' lags that is lost."""
     one, power, ripple = estimate(supported=True), estimate(), 0.1
+    static = estimate(supported=True)
     energy = [0.02 * np.sin(2.4 * k) for k in range(401)]
     for k in range(400):
         for each in (one, power):
             change = (0.0, energy[k + 1] - energy[k], 0.0)
-            taken(each, change, force=1.0 + ripple * np.sin(1.1 * k))
+            taken(each, change, kinetic=1e-9, force=1.0 + ripple * np.sin(1.1 * k))
+        taken(static, change, force=1.0 + ripple * np.sin(1.1 * k))
     lost = one._swings.out_of_phase
     assert 0.5 < lost < 1.0
     waves = 3.0 * np.sqrt(2.0) * ripple / np.sqrt(2.0) / (1.0 + ripple) * lost
     assert one.errors["waves"] == pytest.approx(waves, rel=2e-2)
     assert one.error == one.errors["waves"]
-    assert power.errors["waves"] == 0.0  # that of loads is no wave
+    assert power.errors["waves"] == static.errors["waves"] == 0.0  # that of loads is no wave
 
 
 @pytest.mark.parametrize("first, told", [(2.0, False), (1.2, True)])
@@ -419,7 +423,7 @@ def test_waves_after_a_largest_force_err_by_what_may_exceed_it(first, told):
     energy = [0.02 * np.sin(2.4 * k) for k in range(401)]
     for k in range(400):
         change = (0.0, energy[k + 1] - energy[k], 0.0)
-        taken(one, change, force=1.0 + 0.1 * np.sin(1.1 * k))
+        taken(one, change, kinetic=1e-9, force=1.0 + 0.1 * np.sin(1.1 * k))
     erring = 3.0 * np.sqrt(2.0) * one._force.amplitude * one._swings.out_of_phase
     assert one._parts.force == first and 0.1 < erring < 0.5
     exceeds = (1.1 + erring - first) / first if told else 0.0
@@ -606,11 +610,21 @@ def test_a_power_that_bends_counts_a_quarter_where_flow_begins():
         watched = ErrorEstimate(1.0, doubling, False, 0.0, Ranks(MPI.COMM_SELF))
         one = control(base=None, estimate=watched)
         for k, work in enumerate((1.0, 1.0, 3.5)):
-            energies = BulkEnergies(work, 0.0, 1.0, 0.0, 0.0)
+            energies = BulkEnergies(work, 0.0, 1.0, 0.0, 0.0, plastic=work)
             taken_again = not one.accepts(float(k), 1.0, energies, 40.0)
             watched.take(1.0, energies, None, 0.0, outcome())
         sizes.append((taken_again, one._counts))
     assert sizes == [(False, 0.25), (True, 1.0)]
+
+
+def test_energy_that_a_static_step_misses_shortens_it():
+    """Where nothing but the bulk takes energy."""
+    taken_again = []
+    for missing, interacting in ((0.001, False), (0.1, False), (0.1, True)):
+        one = control(base=None, interacting=interacting)
+        energies = BulkEnergies(1.0, 0.0, 1.0, 0.0, 0.4, plastic=0.6 - missing)
+        taken_again.append(not one.accepts(0.0, 1.0, energies, 40.0))
+    assert taken_again == [False, True, False]
 
 
 def test_static_flow_has_no_waves():
@@ -721,3 +735,42 @@ def test_a_mesh_that_does_not_resolve_its_bonds_is_said():
 def test_bad_options_are_refused(options, message):
     with pytest.raises(ValueError, match=message):
         Simulation(vibrating_bar(), **options)
+
+
+@pytest.mark.parametrize(
+    "value, size, bent",
+    [
+        (lambda t: np.sin(2.0 * np.pi * t), 1.0, True),
+        (lambda t: np.sin(2.0 * np.pi * t), 0.5, True),
+        (lambda t: np.sin(20.0 * np.pi * t), 1.0, True),
+        (lambda t: np.sin(2.0 * np.pi * t), 0.125, False),
+        (lambda t: 0.3 * t - 0.1, 5.0, False),
+        (lambda t: 0.3, 5.0, False),
+        (lambda t: min(t, 1.0), 5.0, True),
+        (lambda t: 1.0 * (t > 2.4), 4.0, True),
+        (lambda t: 1.0 * (t > 2.4), 2.0, False),
+    ],
+)
+def test_loads_within_a_step(value, size, bent):
+    """A step of a period sees nothing of its load at its ends."""
+    bar = vibrating_bar()
+    for load in (
+        PrescribedVelocity(RIGHT, 0, value),
+        SurfaceTraction(RIGHT, (0.0, value)),
+        SurfaceTraction(RIGHT, lambda t: (1.0, value(t))),
+    ):
+        scene = Scene(bar.bodies, bar.materials, loads=[load])
+        assert LoadHistories(scene).bend(0.0, size, 10.0) == bent
+    scene = Scene(bar.bodies, bar.materials, loads=[SurfaceTraction(RIGHT, (0.0, 1.0))])
+    assert not LoadHistories(scene).bend(0.0, size, 10.0)
+
+
+def test_steps_of_a_period_are_not_taken_for_rest():
+    """A static bar that is pulled to and fro 20 times in 20 s, with 0.01 asked for."""
+    loads = [PrescribedDisplacement(LEFT, 0, 0.0), PrescribedDisplacement(LEFT, 1, 0.0)]
+    loads.append(PrescribedDisplacement(RIGHT, 0, lambda t: 1e-3 * np.sin(2.0 * np.pi * t)))
+    scene = Scene(box_bodies((1.0, 0.1), (4, 1), label=0), {1: ELASTIC}, loads=loads)
+    simulation = Simulation(scene, theta=1.0, inertia=False, accuracy=1e-2)
+    forces = [simulation.reaction(RIGHT)[0] for _ in simulation.steps(20.0)]
+    assert max(forces) == pytest.approx(1e-4, rel=2e-2)
+    assert min(forces) == pytest.approx(-1e-4, rel=2e-2)

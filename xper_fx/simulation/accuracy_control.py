@@ -9,7 +9,9 @@ None of what makes the error (`error_estimate.py`) is made better than the other
   critical step of the bulk it never goes for that: there the mesh's own dispersion is what is left.
   In static flow nothing lags (`error_estimate.py`): doubled steps say how long steps may be, and a
   power that bends only tells, sooner than they do, that the path turns. Where flow begins, cell by
-  cell, it always bends, and counts a quarter;
+  cell, it always bends, and counts a quarter. Where nothing but the bulk takes energy, what a
+  static step misses of it counts, too;
+- **loads** of static runs: a step ends before they have gone far from a line (`load_histories.py`);
 - **events**: what breaks, closes or slides does so somewhere within a step: h <= accuracy * end
   time where there are interactions, and the square root of it where everything is smooth. A step in
   which power turns so suddenly that it moves more than 12 times `accuracy` of the energy held (an
@@ -45,6 +47,7 @@ from xper_fx.bulk.state import StepOutcome
 from xper_fx.nscd.stepped_points import StepWork
 from xper_fx.simulation.energy_ledger import BulkEnergies
 from xper_fx.simulation.error_estimate import REST, ErrorEstimate, changes
+from xper_fx.simulation.load_histories import LoadHistories
 from xper_fx.simulation.requested_accuracy import IMPULSES, RequestedAccuracy
 
 logger = logging.getLogger(__name__)
@@ -116,6 +119,7 @@ class AccuracyControl:
         softening_step: step (s) above which weakening bonds may snap; infinite without such.
         interacting: whether the scene has interactions.
         estimate: of the errors.
+        histories: of the loads.
 
     Attributes:
         adapts_step: whether it picks the step.
@@ -132,6 +136,7 @@ class AccuracyControl:
         softening_step: float,
         interacting: bool,
         estimate: ErrorEstimate,
+        histories: LoadHistories,
     ):
         accuracy = requested.accuracy
         self._accuracy = accuracy
@@ -139,7 +144,7 @@ class AccuracyControl:
         self._largest = largest
         self._only_falls = base is not None and largest <= base  # that of an explicit bulk
         self._event_share = accuracy if interacting else math.sqrt(accuracy)
-        self._static = base is None
+        self._static, self._histories = base is None, histories
         self._patience = _STATIC_PATIENCE if self._static else _PATIENCE
         self._strikes = interacting or not self._static  # else power turns smoothly
         # what was learnt of the step and of the tolerance serves a control that starts alike
@@ -175,6 +180,9 @@ class AccuracyControl:
             learnt.least, learnt.size = learnt.base / _FINEST, learnt.base / _FIRST
         events = math.sqrt(2.0) * self._event_share * end_time  # the nearest of the ladder's steps
         most = min(learnt.size, self._largest, events)
+        if self._static:
+            while most > learnt.least and self._histories.bend(time, most, end_time):
+                most *= 0.5
         if self.estimate.quiet < REST:
             most = min(most, learnt.softening_step)
         if self.estimate.quiet < REST or self._only_falls:
@@ -201,6 +209,8 @@ class AccuracyControl:
         doubling = self.estimate.doubling
         self._counts = _BEGINS if doubling is not None and doubling.begins else 1.0
         left, turn = self.estimate.see(time, size, change)
+        if not self._strikes:  # nothing else takes energy: what is missing is the step's
+            left = max(left, abs(change[0] - sum(change[1:]) - energies.plastic - energies.viscous))
         learnt.ratio = left / self._allowed
         bound = _LARGEST_TURN * self._accuracy * scale if self._strikes else np.inf
         coarse = self._counts * learnt.ratio > _REJECT or turn > bound

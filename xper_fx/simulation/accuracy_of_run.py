@@ -10,8 +10,10 @@ import numpy as np
 from xper_fx.bulk.bulk import Bulk
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.laws.softening import softening_numbers
+from xper_fx.scene.scene import Scene
 from xper_fx.simulation.accuracy_control import AccuracyControl
 from xper_fx.simulation.error_estimate import ErrorEstimate
+from xper_fx.simulation.load_histories import LoadHistories
 from xper_fx.simulation.options import Options
 from xper_fx.simulation.step_doubling import StepDoubling
 
@@ -21,6 +23,7 @@ _LARGEST_GROWTH = 1e5
 
 def control_of(
     options: Options,
+    scene: Scene,
     bulk: Bulk,
     points: Interactions | None,
     searched: bool,
@@ -31,7 +34,7 @@ def control_of(
     """Of a run for which an accuracy is asked.
 
     Args:
-        options, bulk, points: of the run.
+        options, scene, bulk, points: of the run.
         searched: whether contacts are searched.
         theta: weight of the end of the step.
         held: kinetic and elastic energy at the start (J; 2D: J/m).
@@ -59,4 +62,5 @@ def control_of(
         requested, base if inertia or not requested.adapts_step else None,
         largest=base if explicit else largest,
         softening_step=softening, interacting=interacting, estimate=estimate,
+        histories=LoadHistories(scene),
     )  # fmt: skip

@@ -31,8 +31,8 @@ largest energy held or to the largest force. What makes it, by name:
   three times what two unrelated waves of it differ by, `_WAVES` (calibrated, as several waves do),
   times the share of the lags of the energies that is lost; the largest by what it erred by when it
   was seen, or by how much a later one may exceed it with its own error (waves of a bar that snaps
-  come after its largest force). Of supports alone, as powers are no waves. The other parts are not
-  added to it.
+  come after its largest force). Of supports alone, as powers are no waves, and with inertia. The
+  other parts are not added to it.
 
 `benchmarks/estimate_coverage.py` compares them with true errors.
 """
@@ -267,14 +267,15 @@ class ErrorEstimate:
             force, inner = forces
             if force < _LITTLE_FORCE * inner * size:
                 force = 0.0
-        self._watch(force / size, size)
+        self._watch(force / size, size, self._supported and energies.kinetic > 0.0)
 
-    def _watch(self, force: float, size: float) -> None:
+    def _watch(self, force: float, size: float, waves: bool) -> None:
+        """Look at the force of a step (N, or W); whether it is one of waves."""
         parts = self._parts
         grows = (force - parts.last_force) / size if parts.steps > 1 else 0.0
         self._force.take(Rate(self._now.time, [grows]), size)
         erring = 0.0
-        if self._supported:
+        if waves:
             erring = _WAVES * self._force.amplitude * self._swings.out_of_phase
         parts.waves = max(parts.waves, force + erring - parts.force)
         if force > parts.force:

@@ -176,7 +176,7 @@ class Model:
 
             held = self.ledger.energies
             self.control = control_of(
-                options, self.bulk, self.interactions, self.detection is not None,
+                options, self.scene, self.bulk, self.interactions, self.detection is not None,
                 self.scheme.theta, held.kinetic + held.elastic, self.step_size,
             )  # fmt: skip
 
