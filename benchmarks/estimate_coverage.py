@@ -151,6 +151,21 @@ def plastic_cycle() -> xf.Scene:
     return xf.Scene(rectangle((1.0, 1.0), (4, 4)), materials, loads=[*turn, *hold])
 
 
+def plastic_cycles() -> xf.Scene:
+    """A square, weak and strong across its diagonal, pulled to and fro: flow in bursts that grow."""
+    square = rectangle((1.0, 1.0), (4, 4), material={2: lambda x: x[0] + x[1] > 1.0})
+    materials = {
+        tag: xf.materials.J2SmallStrain(1.0, 0.3, tag * 1e-3, xf.materials.Linear(0.05), 1.0)
+        for tag in (1, 2)
+    }
+    hold = [xf.PrescribedDisplacement(LEFT, i, 0.0) for i in (0, 1)]
+
+    def pull(t: float) -> float:
+        return 1.2e-3 * (1.0 + 0.15 * t) * np.sin(2.0 * np.pi * t)
+
+    return xf.Scene(square, materials, loads=[*hold, xf.PrescribedDisplacement(RIGHT, 0, pull)])
+
+
 def sliding_block() -> xf.Scene:
     """A rigid block thrown on a floor, which friction stops."""
     block = xf.rigid.Polygon([(-0.5, -0.25), (0.5, -0.25), (0.5, 0.25), (-0.5, 0.25)])
@@ -360,6 +375,7 @@ def cases() -> dict[str, Case]:
             lambda: plastic_plate(1e-2), 1.0, {"step": 1e-3}, STATIC, RIGHT
         ),
         "plastic cycle, static": Case(plastic_cycle, 2.0, {"step": 2e-3}, STATIC, RIGHT),
+        "plastic cycles, static": Case(plastic_cycles, 6.0, {"step": 2e-3}, STATIC, RIGHT),
         "plastic plate": Case(lambda: plastic_plate(1e-3), 10.0, {"step": 5e-3}, force=RIGHT),
         "plastic plate, explicit": Case(
             lambda: plastic_plate(1e-3),

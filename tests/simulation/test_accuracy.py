@@ -548,12 +548,26 @@ def test_errors_of_stresses_work_until_flow_forgets_them():
     )  # fmt: skip
     long = step._replace(work=2 * step.work, plastic=2 * step.plastic, power=2.0 * (force + erred))
     doubling.begin(h, long)
-    for _ in range(1000):
-        doubling.take(h, step, 1.0)
+    for taken_before in range(1000):
+        before = step.power_before if taken_before < 2 else step.power
+        doubling.take(h, step._replace(power_before=before), 1.0)
     error = 2.0 * erred * (1.0 - math.exp(-k * 998 * h)) / k
     assert doubling.left[0] == pytest.approx(error, rel=2e-3)
     assert doubling.left[3] == pytest.approx(error, rel=2e-3)
     assert doubling.error == pytest.approx(error, rel=2e-3)
+
+
+def test_a_force_that_errs_works_the_other_way_where_supports_turn_round():
+    """To and fro at one speed and at half of it: what is there last goes with the speed."""
+    doubling, h, erred = StepDoubling(follows=True), 0.1, 0.3
+    step = BulkEnergies(h, 0.0, 1.0, 0.0, 0.0, 1e-8, power_before=1.0, power=1.0)
+    doubling.begin(h, step._replace(work=2.0 * h, plastic=2e-8, power=1.0 + erred))
+    works = []
+    for before, now in ((1.0, 1.0), (1.0, 1.0), (1.0, -1.0), (-1.0, -0.5), (-0.5, 1.0)):
+        done = doubling.left[0]
+        doubling.take(h, step._replace(power_before=before, power=now), 1.0)
+        works.append(doubling.left[0] - done)
+    assert works == pytest.approx([0.0, 0.0, -erred * h, -0.5 * erred * h, erred * h], rel=1e-6)
 
 
 def test_an_error_of_the_elastic_energy_goes_to_the_dissipation():

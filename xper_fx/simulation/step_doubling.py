@@ -14,7 +14,8 @@ material that flows
 
 - the error of the elastic energy falls at that rate, and the dissipation takes what it loses;
 - the error of the power of the supports, which the long step shows at its end, falls at the same
-  rate, and what it does meanwhile is an error of the external work and of the dissipation.
+  rate and goes with their velocity, and what it does meanwhile is an error of the external work and
+  of the dissipation.
 
 With inertia the forces of supports are waves, and friction has its own memory: what is left counts
 twice there.
@@ -41,6 +42,9 @@ _EVERY, _FIRST, _BEGINNING = 4, 1, 5
 _OTHERWISE = 2.0
 # Plastic work of a step over the elastic energy below which nothing flows but by rounding.
 _LITTLE = 1e-9
+# Times as fast as in the step before that supports move at most, for errors of power: where forces
+# turn, powers hardly tell.
+_FASTER = 2.0
 # Difference over the works of both steps above which they have come to another state.
 _ANOTHER_STATE = 0.2
 
@@ -167,6 +171,8 @@ class StepDoubling:
         """What earlier errors of the stresses do in a step."""
         kept = math.exp(-energies.plastic / energies.elastic) if self.flowed > 0 else 1.0
         self.power *= kept
+        if energies.power_before != 0.0:
+            self.power *= min(max(energies.power / energies.power_before, -_FASTER), _FASTER)
         done, forgotten = self.power * size, (1.0 - kept) * self.left[2]
         self.left = self.left + np.array([done, 0.0, -forgotten, done + forgotten])
 
