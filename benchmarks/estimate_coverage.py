@@ -152,7 +152,7 @@ def plastic_cycle() -> xf.Scene:
 
 
 def plastic_cycles() -> xf.Scene:
-    """A square, weak and strong across its diagonal, pulled to and fro: flow in bursts that grow."""
+    """A square, weak and strong across its diagonal, to and fro: flow in bursts that grow."""
     square = rectangle((1.0, 1.0), (4, 4), material={2: lambda x: x[0] + x[1] > 1.0})
     materials = {
         tag: xf.materials.J2SmallStrain(1.0, 0.3, tag * 1e-3, xf.materials.Linear(0.05), 1.0)
