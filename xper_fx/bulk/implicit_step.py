@@ -94,10 +94,9 @@ class ImplicitStep:
         self._solver_error = self._traction_change = 0.0
         # Newton's correction relative to the velocities, and that of the iteration before
         self._correction, self._correction_before = 0.0, np.inf
-        # without interactions: the next increment of all velocities, once it is known, and the work
-        # that the residual before the last one did along it
+        # without interactions: the next increment of all velocities, once it is known
         self._increment: np.ndarray | None = None
-        self._descent = 0.0
+        self._before = np.zeros(0)  # the residual before the last increment
 
     def solve(self) -> StepOutcome:
         """The outcome, converged or not."""
@@ -128,7 +127,7 @@ class ImplicitStep:
             self._equations.load(self._external)
             self._velocity = v0.copy()
             bulk.prescribe(self._velocity, time, step, theta, start.displacement, v0)
-            if self._bare and bulk.inertia is None:
+            if bulk.inertia is None:
                 self._guess(v0)
         self._inverse = self._inverses.at(step, start.displacement)
         if not self._bare:
@@ -176,6 +175,7 @@ class ImplicitStep:
     def _iterate(self, iteration: int) -> None:
         """Take the free velocities, and from them those with impulses."""
         watch, inverse, previous = self._watch, self._inverse, self._velocity
+        self._before = self._residual
         couples = self._couples
         with watch.phase("free velocity"):
             self._corrected = self._balance.missing
@@ -184,10 +184,7 @@ class ImplicitStep:
             if self._turns:
                 residual = residual + couples
             known, self._increment = self._increment, None
-            increment = advance(residual) if known is None else known
-            free = previous + increment
-            if self._bare:
-                self._descent = self._bulk.dot(residual, increment)
+            free = previous + (advance(residual) if known is None else known)
         self._velocity = free
         if not self._bare:
             if iteration > 1:  # what an earlier iterate damaged is whole again
@@ -223,53 +220,61 @@ class ImplicitStep:
             # what other unknowns stir up is no step that went wrong
             self._correction_before = np.inf
         with self._watch.phase("free velocity"):
-            if self._bare and not self._corrected:
-                self._shorten(previous)
+            shortened = not self._corrected and self._shorten(previous)
             self._correction = self._next_correction()
+            if shortened and not self._bare:  # the impulses belong to the whole step
+                self._correction = max(self._correction, 2.0 * self._tolerance)
             for _ in range(_CUTS):
                 bound = 2.0 * self._correction_before
                 if np.isfinite(self._correction) and self._correction <= bound:
                     break
                 self._velocity = 0.5 * (self._velocity + previous)
                 self._residual, self._internal = self._equations.residual(self._velocity)
-                # the impulses belong to the whole step: this is not yet the end
                 self._correction = max(self._next_correction(), 2.0 * self._tolerance)
 
-    def _shorten(self, previous: np.ndarray) -> None:
-        """End an increment where the residual does little work along it, if it went beyond.
+    def _left(self, residual: np.ndarray) -> np.ndarray:
+        """What is left of a residual with the impulses found (N s)."""
+        left = residual + self._impulses
+        return left + self._couples_left if self._turns else left
 
-        The residual r is minus the gradient of the energy that a step minimises. Its work r . d
-        along the increment d falls from above zero to below where an increment is too long, as
-        where flow turns round and w is that of the flow before: Newton's method then goes to and
-        fro. The zero is looked for between (false position, kept off the ends).
+    def _shorten(self, previous: np.ndarray) -> bool:
+        """End an increment where what is left does little work along it, if it went beyond.
+
+        What is left, r, is minus the gradient of the energy that a step minimises with the impulses
+        found. Its work r . d along the increment d falls from above zero to below where an
+        increment is too long, as where flow turns round and w is that of the flow before: Newton's
+        method then goes to and fro. The zero is looked for between (false position, kept off the
+        ends).
+
+        Returns:
+            Whether the increment was too long.
         """
         bulk, increment = self._bulk, self._velocity - previous
-        bound = _LEFT_OF_WORK * self._descent
-        low, high = (0.0, self._descent), (1.0, bulk.dot(self._residual, increment))
+        descent = bulk.dot(self._left(self._before), increment)
+        bound = _LEFT_OF_WORK * descent
+        low, high = (0.0, descent), (1.0, bulk.dot(self._left(self._residual), increment))
         if bound <= 0.0 or not high[1] < -bound:
-            return
+            return False
         for _ in range(_CUTS):
             share = low[1] / (low[1] - high[1])
             share = min(max(share, _OFF_ENDS), 1.0 - _OFF_ENDS)
             length = low[0] + share * (high[0] - low[0])
             self._velocity = previous + length * increment
             self._residual, self._internal = self._equations.residual(self._velocity)
-            work = bulk.dot(self._residual, increment)
+            work = bulk.dot(self._left(self._residual), increment)
             if abs(work) <= bound:
-                return
+                break
             if work > 0.0:
                 low = length, work
             else:  # or not finite
                 high = length, work if np.isfinite(work) else -np.inf
+        return True
 
     def _next_correction(self) -> float:
         """Newton's next correction relative to the velocities; infinite if it is not finite."""
         # without interactions all unknowns are corrected at once
         solve = self._inverse.advance if self._bare else self._inverse.apply
-        left = self._residual + self._impulses
-        if self._turns:
-            left += self._couples_left
-        increment = solve(left)
+        increment = solve(self._left(self._residual))
         if self._bare:
             self._increment = increment
         correction = self._bulk.norm(increment)
