@@ -14,7 +14,7 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
 from xper_fx.bulk.body_dofs import BodyLayout
-from xper_fx.bulk.sparse_blocks import apply_blocks
+from xper_fx.bulk.sparse_blocks import apply_blocks, is_symmetric
 from xper_fx.nscd.inverse_blocks import BodyInverse
 from xper_fx.support.threads import in_ranges
 
@@ -110,8 +110,15 @@ class ClusterInverse(_OnBodies):
         self.nodes = np.concatenate(nodes) if nodes else np.zeros(0, np.int64)
 
     def factor(self, matrix: sp.sparray) -> None:
-        """Factorise each body's free block and form w on its interacting dofs."""
+        """Factorise each body's free block and form w on its interacting dofs.
+
+        Of bodies that interact it is the symmetric part of `matrix`, as plastic flow at finite
+        strain has other tangents: impulses are found for a symmetric w on the interacting dofs,
+        and have to move bodies by the same.
+        """
         matrix = sp.csr_array(matrix, copy=True)
+        if any(len(known) for _, known, *_ in self._bodies) and not is_symmetric(matrix):
+            matrix = sp.csr_array(0.5 * (matrix + matrix.T))
         matrix.eliminate_zeros()  # of blocks; they would fill in, and cost a fifth of a solution
         self._factors, blocks = [], []
         for free, known, where, size in self._bodies:

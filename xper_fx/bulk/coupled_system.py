@@ -13,14 +13,14 @@ from collections.abc import Sequence
 import numpy as np
 import scipy.sparse as sp
 
+from xper_fx.bulk.sparse_blocks import is_symmetric
 from xper_fx.bulk.sparse_direct import Direct, SingularMatrixError, SparseDirect
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.point_group import PointGroup
 
 # Difference from its transpose, relative to its entries, up to which a spring is symmetric:
-# tangents are taken by differences. And up to which the bulk is, whose softest motions may be many
-# times softer than its cells: plastic flow at finite strain is not.
-_SYMMETRIC, _SYMMETRIC_BULK = 1e-5, 1e-12
+# tangents are taken by differences.
+_SYMMETRIC = 1e-5
 # Share of the bulk's diagonal that is added to it, so that bodies which nothing holds for the
 # moment do not end the iteration: what it leaves the next iteration corrects.
 _SHIFT = 1e-12
@@ -82,7 +82,9 @@ class CoupledSystem:
         """
         data = np.bincount(self._of_bulk, bulk.data, len(self._rows))
         shift = _SHIFT * np.abs(data[self._diagonal])
-        symmetric = self._is_symmetric(bulk)
+        if self._looked_at is None or self._looked_at[0] is not bulk:
+            self._looked_at = bulk, is_symmetric(bulk)
+        symmetric = self._looked_at[1]
         for (dofs, g), where, k in zip(self._springs, self._of_springs, stiffness, strict=True):
             entries = g.transpose(0, 2, 1) @ (k @ g)
             there = dofs >= 0
@@ -104,14 +106,6 @@ class CoupledSystem:
         self._used, self._factorised = None, masked
         self._solvers[symmetric].factorise(self._summed(masked))
         self._used = self._solvers[symmetric]
-
-    def _is_symmetric(self, bulk: sp.csr_array) -> bool:
-        """Whether A is, looked at once while it is the same."""
-        if self._looked_at is None or self._looked_at[0] is not bulk:
-            apart = np.abs((bulk - bulk.T).data).max(initial=0.0)
-            bound = _SYMMETRIC_BULK * np.abs(bulk.data).max(initial=0.0)
-            self._looked_at = bulk, bool(apart <= bound)
-        return self._looked_at[1]
 
     def _on_all(self, *conditions: bool) -> Sequence[bool]:
         """Of each condition whether it holds on all ranks that have rows."""

@@ -2,7 +2,7 @@
 """Products of a vector with the blocks of bodies and with sparse matrices of small blocks.
 
 Kernels over a range of bodies, or of rows, that write nothing outside it: `support/threads.py` runs
-them in threads.
+them in threads. And whether a sparse matrix is symmetric.
 """
 
 from __future__ import annotations
@@ -15,6 +15,16 @@ import scipy.sparse as sp
 from xper_fx.cache import njit
 from xper_fx.nscd.kernel_options import ENTRY, LEAN_ENTRY
 from xper_fx.support.threads import in_ranges
+
+# Difference from its transpose, relative to its largest entry, up to which a matrix is symmetric:
+# the softest motions of bodies may be many times softer than their cells.
+_SYMMETRIC = 1e-12
+
+
+def is_symmetric(matrix: sp.sparray) -> bool:
+    """Whether a matrix is, as all tangents of the bulk but those of plastic flow at finite strain."""
+    apart = np.abs((matrix - matrix.T).data).max(initial=0.0)
+    return bool(apart <= _SYMMETRIC * np.abs(matrix.data).max(initial=0.0))
 
 
 @cache
