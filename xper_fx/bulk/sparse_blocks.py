@@ -22,7 +22,7 @@ _SYMMETRIC = 1e-12
 
 
 def is_symmetric(matrix: sp.sparray) -> bool:
-    """Whether a matrix is, as all tangents of the bulk but those of plastic flow at finite strain."""
+    """Whether a matrix is, as tangents of the bulk but those of flow at finite strain are."""
     apart = np.abs((matrix - matrix.T).data).max(initial=0.0)
     return bool(apart <= _SYMMETRIC * np.abs(matrix.data).max(initial=0.0))
 
