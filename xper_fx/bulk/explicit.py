@@ -36,7 +36,7 @@ import numpy as np
 from xper_fx.bulk.body_inverse import LumpedInverse
 from xper_fx.bulk.bulk import Bulk
 from xper_fx.bulk.stable_step import StableStep
-from xper_fx.bulk.state import State, StepOutcome, interact, on_nodes, put_on_nodes
+from xper_fx.bulk.state import State, StepOutcome, Supports, interact, on_nodes, put_on_nodes
 from xper_fx.bulk.step_by_cell import EndedStep, StepByCell
 from xper_fx.cache import njit
 from xper_fx.nscd.interactions import Interactions
@@ -67,9 +67,10 @@ def _free_velocities(v0, w, step, force, others, out):
 
 @njit(**LEAN_ENTRY)
 def _react(dofs, mass, v0, v1, step, force, impulses, out):
-    """Impulses on the dofs of supports, but for those of loads."""
-    for d in dofs:
-        out[d] = mass[d] * (v1[d] - v0[d]) + step * force[d] - impulses[d]
+    """Impulses on the dofs of supports, shape (num_prescribed,), but for those of loads."""
+    for i in range(len(dofs)):
+        d = np.uintp(dofs[i])
+        out[i] = mass[d] * (v1[d] - v0[d]) + step * force[d] - impulses[d]
 
 
 @njit(**LEAN_ENTRY)
@@ -200,11 +201,11 @@ class ExplicitScheme:
                         velocity = free
                         put_on_nodes(by_slot, inverse.nodes, velocity)
             sweeps, error, traction, converged = report[1], report[2], report[3], report[0]
-        reactions = np.zeros(size)
-        dofs, mass = bulk.layout.prescribed_dofs, bulk.mass
-        _react(dofs, mass, v0, velocity, step, halfway, impulses, reactions)
+        dofs = bulk.layout.prescribed_dofs
+        reactions = np.empty(len(dofs))
+        _react(dofs, bulk.mass, v0, velocity, step, halfway, impulses, reactions)
         if len(others) > 1:
-            reactions[dofs] -= others[dofs]
+            reactions -= others[dofs]
         bulk.forms.set_step(step)
         with watch.phase("energy"):
             end = self._end(state, velocity, halfway, step)
@@ -214,7 +215,7 @@ class ExplicitScheme:
         converged = bulk.ranks.all(converged and math.isfinite(shadow + shadow_at_end))
         return StepOutcome(
             State(state.time + step, end.displacement, velocity, end.internal), slots, impulses,
-            reactions, force_impulse, viscous, sweeps, error, traction, 1, 0.0, converged,
+            Supports(dofs, reactions), force_impulse, viscous, sweeps, error, traction, 1, 0.0, converged,
             (float(shadow), float(shadow_at_end)), held=end.held,
         )  # fmt: skip
 

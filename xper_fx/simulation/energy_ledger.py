@@ -219,10 +219,9 @@ class EnergyLedger:
         if self._static or isinstance(given, np.ndarray):
             at, impulse = slice(num_dofs), (given + outcome.reactions)[:num_dofs]
         else:  # supports alone do any
-            at = self._bulk.layout.prescribed_dofs
-            impulse = outcome.reactions[at]
+            at, impulse = outcome.supports
         if self._static:
-            impulse = 0.5 * (impulse + step * np.broadcast_to(borne, outcome.reactions.shape)[at])
+            impulse = 0.5 * (impulse + step * np.broadcast_to(borne, before.displacement.shape)[at])
         moved = outcome.state.displacement[at] - before.displacement[at]
         return float(moved @ impulse) / step
 
