@@ -72,9 +72,7 @@ def outcome(
     """A step whose supports give an impulse (N s), with what the solver left of the impulses."""
     state = State(0.0, displacement, velocity, internal)
     supports = Supports(np.zeros(1, int), np.array([force]))
-    return StepOutcome(
-        state, NONE, NONE, supports, 0.0, 0.0, 0, residual, 0.0, 1, 0.0, True
-    )
+    return StepOutcome(state, NONE, NONE, supports, 0.0, 0.0, 0, residual, 0.0, 1, 0.0, True)
 
 
 def feed(

@@ -131,7 +131,7 @@ class ExplicitScheme:
         self._stopwatch = stopwatch
         self._by_cell = None
         if bulk.by_cell is not None:
-            self._by_cell = StepByCell(bulk.by_cell, bulk.mass)
+            self._by_cell = StepByCell(bulk.by_cell, bulk.mass, self._inverse.diagonal)
         self._left: _Left | None = None
 
     def inverse(self, step: float, displacement: np.ndarray) -> LumpedInverse:
@@ -161,10 +161,12 @@ class ExplicitScheme:
             viscous = bulk.viscous(v0)
             force_impulse = step * bulk.external(state.time + 0.5 * step)
             others = np.atleast_1d(force_impulse - step * viscous)
-            halfway, shadow = self._begin(state, step)
+            halfway, shadow, room = self._begin(state, step)
             in_slots = interactions is not None and inverse.in_order
-            room = np.empty(interactions.inverse.num_slots * bulk.dim if in_slots else size)
-            _free_velocities(v0, inverse.diagonal, step, halfway, others, room)
+            length = interactions.inverse.num_slots * bulk.dim if in_slots else size
+            if room is None or len(room) != length or len(others) > 1:
+                room = np.empty(length)
+                _free_velocities(v0, inverse.diagonal, step, halfway, others, room)
             free = room[:size]
             bulk.prescribe(free, state.time + step, step, self.theta, q0, v0)
         sweeps, error, traction, converged = 0, 0.0, 0.0, True
@@ -208,32 +210,36 @@ class ExplicitScheme:
             reactions -= others[dofs]
         bulk.forms.set_step(step)
         with watch.phase("energy"):
-            end = self._end(state, velocity, halfway, step)
+            end = self._end(state, velocity, halfway, step, length)
             shadow_at_end = -0.25 * step * bulk.ranks.sum(end.power)
         self._left = _Left(end, step, shadow_at_end)
         # what is not finite is so in the sums too
         converged = bulk.ranks.all(converged and math.isfinite(shadow + shadow_at_end))
         return StepOutcome(
-            State(state.time + step, end.displacement, velocity, end.internal), slots, impulses,
-            Supports(dofs, reactions), force_impulse, viscous, sweeps, error, traction, 1, 0.0, converged,
-            (float(shadow), float(shadow_at_end)), held=end.held,
+            State(state.time + step, end.displacement, velocity, end.forces), slots, impulses,
+            Supports(dofs, reactions), force_impulse, viscous, sweeps, error, traction, 1, 0.0,
+            converged, (float(shadow), float(shadow_at_end)), held=end.held,
         )  # fmt: skip
 
-    def _begin(self, state: State, step: float) -> tuple[np.ndarray, float]:
-        """Internal forces in the middle of a step, and the shadow energy at its start."""
+    def _begin(self, state: State, step: float) -> tuple[np.ndarray, float, np.ndarray | None]:
+        """Internal forces in the middle of a step, the shadow energy at its start, and `free`.
+
+        The last is what `EndedStep` has, which is given once, as solvers change it.
+        """
         left = self._left
         if left is not None and left.suits(state, step):
-            return left.end.ahead, left.shadow
+            self._left = left._replace(end=left.end._replace(free=None))
+            return left.end.ahead, left.shadow, left.end.free
         velocity = state.velocity
         force = self.bulk.internal(0.5 * step * velocity + state.displacement)
-        return force, -0.25 * step * self.bulk.dot(velocity, force - state.internal)
+        return force, -0.25 * step * self.bulk.dot(velocity, force - state.internal), None
 
     def _end(
-        self, state: State, velocity: np.ndarray, halfway: np.ndarray, step: float
+        self, state: State, velocity: np.ndarray, halfway: np.ndarray, step: float, room: int
     ) -> EndedStep:
         """End a step; arguments as of `StepByCell`."""
         if self._by_cell is not None:
-            return self._by_cell.end(state, velocity, halfway, step)
+            return self._by_cell.end(state, velocity, halfway, step, room)
         bulk, half, ahead = self.bulk, 0.5 * step, None
         q1 = half * velocity + (half * state.velocity + state.displacement)
         if bulk.linear:

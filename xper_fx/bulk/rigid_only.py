@@ -83,7 +83,7 @@ class EmptyBulk(KeepsNothing):
         """Zero."""
         return 0.0
 
-    def commit(self, displacement, internal, impulses, step: float) -> None:
+    def commit(self, state: State, impulses: np.ndarray, step: float) -> None:
         """No internal variables to move on."""
 
 

@@ -16,13 +16,25 @@ from xper_fx.nscd.solvers.solver import SolveOptions, Solver, SolveReport
 
 @dataclass
 class State:
-    """Displacement (m), velocity (m/s) of all dofs at a time (s), and the forces there (N)."""
+    """Displacement (m), velocity (m/s) of all dofs at a time (s), and the forces there (N).
+
+    Attributes:
+        forces: the internal ones, or a pair whose mean they are: few ask for them.
+    """
 
     time: float
     displacement: np.ndarray
     velocity: np.ndarray
-    internal: np.ndarray
+    forces: np.ndarray | tuple[np.ndarray, np.ndarray]
     external: np.ndarray | float = 0.0
+
+    @property
+    def internal(self) -> np.ndarray:
+        """Internal forces, shape (num_dofs,), N (2D: N/m)."""
+        if isinstance(self.forces, tuple):
+            before, after = self.forces
+            self.forces = 0.5 * (before + after)
+        return self.forces
 
 
 class Supports(NamedTuple):

@@ -57,7 +57,7 @@ def commit_bodies(model: Model, outcome: StepOutcome, size: float) -> None:
             expanded = model.bulk.unknowns.expand(displacement)
             model.detection.release(model.interactions, model.points.points_a_facet, expanded)
     with watch.phase("commit"):
-        model.bulk.commit(displacement, outcome.state.internal, outcome.impulses, size)
+        model.bulk.commit(outcome.state, outcome.impulses, size)
         if model.rigid is not None:
             model.rigid.commit()
     if model.healing is not None:
