@@ -160,13 +160,15 @@ class ExplicitScheme:
         with watch.phase("free velocity"):
             viscous = bulk.viscous(v0)
             force_impulse = step * bulk.external(state.time + 0.5 * step)
-            others = np.atleast_1d(force_impulse - step * viscous)
+            others = force_impulse - step * viscous
+            loaded = isinstance(others, np.ndarray)
             halfway, shadow, room = self._begin(state, step)
             in_slots = interactions is not None and inverse.in_order
             length = interactions.inverse.num_slots * bulk.dim if in_slots else size
-            if room is None or len(room) != length or len(others) > 1:
+            if room is None or len(room) != length or loaded:
                 room = np.empty(length)
-                _free_velocities(v0, inverse.diagonal, step, halfway, others, room)
+                given = np.atleast_1d(others)
+                _free_velocities(v0, inverse.diagonal, step, halfway, given, room)
             free = room[:size]
             bulk.prescribe(free, state.time + step, step, self.theta, q0, v0)
         sweeps, error, traction, converged = 0, 0.0, 0.0, True
@@ -206,7 +208,7 @@ class ExplicitScheme:
         dofs = bulk.layout.prescribed_dofs
         reactions = np.empty(len(dofs))
         _react(dofs, bulk.mass, v0, velocity, step, halfway, impulses, reactions)
-        if len(others) > 1:
+        if loaded:
             reactions -= others[dofs]
         bulk.forms.set_step(step)
         with watch.phase("energy"):

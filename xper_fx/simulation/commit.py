@@ -30,7 +30,8 @@ def commit_interactions(
         work, points = None, model.interactions
         if points is not None:
             work = points.commit(outcome.slots, not model.options.inertia)
-            energies = energies._replace(damped=energies.damped - points.from_scheme)
+            if points.from_scheme != 0.0:
+                energies = energies._replace(damped=energies.damped - points.from_scheme)
         model.ledger.record(outcome, size, energies, work)
     return work
 

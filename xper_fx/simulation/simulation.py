@@ -354,7 +354,7 @@ class Simulation(Restartable):
         attempts, control, number = self._attempts, self.model.control, self.step_number + 1
         require_small_turns(self, attempts.turned_bonds(outcome.state, number, size), size)
         work = commit_interactions(self.model, outcome, size, energies)
-        if wrong := not_finite_columns(self.ledger.as_columns()):
+        if wrong := not_finite_columns(vars(self.ledger.energies)):
             # the interactions have moved on, so the present state is not one to go on from
             raise NotFiniteError(number, self.time, size, wrong, None)
         if work is not None and self.path is not None:
