@@ -133,6 +133,7 @@ class ExplicitScheme:
         if bulk.by_cell is not None:
             self._by_cell = StepByCell(bulk.by_cell, bulk.mass, self._inverse.diagonal)
         self._left: _Left | None = None
+        self._free: np.ndarray | None = None
 
     def inverse(self, step: float, displacement: np.ndarray) -> LumpedInverse:
         """The inverse of the mass, the same for every step."""
@@ -214,7 +215,7 @@ class ExplicitScheme:
         with watch.phase("energy"):
             end = self._end(state, velocity, halfway, step, length)
             shadow_at_end = -0.25 * step * bulk.ranks.sum(end.power)
-        self._left = _Left(end, step, shadow_at_end)
+        self._left, self._free = _Left(end, step, shadow_at_end), end.free
         # what is not finite is so in the sums too
         converged = bulk.ranks.all(converged and math.isfinite(shadow + shadow_at_end))
         return StepOutcome(
@@ -230,8 +231,8 @@ class ExplicitScheme:
         """
         left = self._left
         if left is not None and left.suits(state, step):
-            self._left = left._replace(end=left.end._replace(free=None))
-            return left.end.ahead, left.shadow, left.end.free
+            free, self._free = self._free, None
+            return left.end.ahead, left.shadow, free
         velocity = state.velocity
         force = self.bulk.internal(0.5 * step * velocity + state.displacement)
         return force, -0.25 * step * self.bulk.dot(velocity, force - state.internal), None

@@ -214,15 +214,15 @@ class EnergyLedger:
         self, before: State, outcome: StepOutcome, step: float, borne: np.ndarray | float
     ) -> float:
         """Work of loads and supports on this rank's nodes in a step (J; 2D: J/m)."""
-        num_dofs, given = self._bulk.unknowns.num_nodes * self._bulk.dim, outcome.force_impulse
-        if self._static or isinstance(given, np.ndarray):
-            at, impulse = slice(num_dofs), (given + outcome.reactions)[:num_dofs]
-        else:  # supports alone do any
-            at, impulse = outcome.supports
+        start, end, given = before.displacement, outcome.state.displacement, outcome.force_impulse
+        if not (self._static or isinstance(given, np.ndarray)):  # supports alone do any
+            dofs, impulse = outcome.supports
+            return float((end.take(dofs) - start.take(dofs)).dot(impulse)) / step
+        at = slice(self._bulk.unknowns.num_nodes * self._bulk.dim)
+        impulse = (given + outcome.reactions)[at]
         if self._static:
-            impulse = 0.5 * (impulse + step * np.broadcast_to(borne, before.displacement.shape)[at])
-        moved = outcome.state.displacement[at] - before.displacement[at]
-        return float(moved @ impulse) / step
+            impulse = 0.5 * (impulse + step * np.broadcast_to(borne, start.shape)[at])
+        return float((end[at] - start[at]) @ impulse) / step
 
     def _of_static_step(
         self, before: State, outcome: StepOutcome, step: float, borne: np.ndarray | float
