@@ -122,7 +122,7 @@ def stretched(cells: int, holds: bool, share: float) -> xf.Simulation:
     x = simulation.forms.V.tabulate_dof_coordinates()[:, :2]
     u = (x * [STRETCH, 0.0]).ravel()
     internal = simulation.bulk.internal(u)
-    simulation.state = replace(simulation.state, displacement=u, internal=internal)
+    simulation.state = replace(simulation.state, displacement=u, forces=internal)
     list(simulation.steps(3.0 * simulation.step_size))
     return simulation
 

@@ -14,7 +14,7 @@ from mpi4py import MPI
 from scenes import LEFT, RIGHT, box_bodies, field, nodes
 
 import xper_fx as xf
-from xper_fx.bulk.state import State, StepOutcome
+from xper_fx.bulk.state import State, StepOutcome, Supports
 from xper_fx.forms.loads import PrescribedDisplacement, PrescribedVelocity, SurfaceTraction
 from xper_fx.materials import J2SmallStrain, Linear, LinearElastic
 from xper_fx.nscd.laws import CohesiveZone, RigidCohesiveZone, SignoriniCoulomb
@@ -31,7 +31,7 @@ from xper_fx.simulation.step_doubling import StepDoubling
 from xper_fx.support.ranks import Ranks
 
 ELASTIC = LinearElastic(1.0, 0.0, 1.0)
-NO_WORK, NONE = StepWork(0.0, 0.0, 0.0, 0.0, 0.0), np.zeros(0)
+NO_WORK, NONE, STILL = StepWork(0.0, 0.0, 0.0, 0.0, 0.0), np.zeros(0), np.zeros(1)
 
 
 def vibrating_bar() -> Scene:
@@ -69,13 +69,12 @@ def control(accuracy=1e-2, base=1.0, step="auto", **options) -> AccuracyControl:
 
 
 def outcome(
-    residual=0.0, force=0.0, displacement=NONE, velocity=NONE, internal=NONE
+    residual=0.0, force=0.0, displacement=STILL, velocity=NONE, internal=NONE
 ) -> StepOutcome:
     """A step whose supports give an impulse (N s), with what the solver left of the impulses."""
     state = State(0.0, displacement, velocity, internal)
-    return StepOutcome(
-        state, NONE, NONE, np.array([force]), 0.0, 0.0, 0, residual, 0.0, 1, 0.0, True
-    )
+    supports = Supports(np.zeros(1, int), np.array([force]))
+    return StepOutcome(state, NONE, NONE, supports, 0.0, 0.0, 0, residual, 0.0, 1, 0.0, True)
 
 
 def feed(

@@ -26,7 +26,7 @@ def displaced(bodies, field, **interactions) -> Simulation:
     x = simulation.forms.V.tabulate_dof_coordinates().T
     nodal = np.array(field(x)[: simulation.bulk.dim]).T.ravel()
     simulation.state.displacement = simulation.bulk.unknowns.collect(nodal)
-    simulation.state.internal = simulation.bulk.internal(simulation.state.displacement)
+    simulation.state.forces = simulation.bulk.internal(simulation.state.displacement)
     return simulation
 
 

@@ -21,6 +21,7 @@ from xper_fx.bulk.body_dofs import BodyLayout
 from xper_fx.bulk.force_balance import InBalance
 from xper_fx.bulk.rigid_motions import free_rigid_motions, loose_bodies
 from xper_fx.bulk.sparse_blocks import multiply
+from xper_fx.bulk.state import State
 from xper_fx.bulk.unknowns import NodalUnknowns
 from xper_fx.forms.dynamics import BulkForms
 from xper_fx.forms.loads import (
@@ -285,10 +286,10 @@ class Bulk:
             return self.dot(0.5 * displacement, internal)
         return self.ranks.sum(self.forms.assemble_energy(self.unknowns.expand(displacement)))
 
-    def commit(self, displacement, internal, impulses, step: float) -> None:
-        """End the step; internal forces are of its end (N), impulses of interactions (N s)."""
+    def commit(self, state: State, impulses: np.ndarray, step: float) -> None:
+        """End the step, with the state there and impulses of interactions (N s)."""
         if self.forms.has_history:
-            self.forms.commit(self.unknowns.expand(displacement))
+            self.forms.commit(self.unknowns.expand(state.displacement))
 
     def forget(self) -> None:
         """Take back what an attempt at a step has taught, as it failed."""

@@ -36,7 +36,7 @@ import numpy as np
 from xper_fx.bulk.body_inverse import LumpedInverse
 from xper_fx.bulk.bulk import Bulk
 from xper_fx.bulk.stable_step import StableStep
-from xper_fx.bulk.state import State, StepOutcome, interact, on_nodes, put_on_nodes
+from xper_fx.bulk.state import State, StepOutcome, Supports, interact, on_nodes, put_on_nodes
 from xper_fx.bulk.step_by_cell import EndedStep, StepByCell
 from xper_fx.cache import njit
 from xper_fx.nscd.interactions import Interactions
@@ -67,9 +67,10 @@ def _free_velocities(v0, w, step, force, others, out):
 
 @njit(**LEAN_ENTRY)
 def _react(dofs, mass, v0, v1, step, force, impulses, out):
-    """Impulses on the dofs of supports, but for those of loads."""
-    for d in dofs:
-        out[d] = mass[d] * (v1[d] - v0[d]) + step * force[d] - impulses[d]
+    """Impulses on the dofs of supports, shape (num_prescribed,), but for those of loads."""
+    for i in range(len(dofs)):
+        d = np.uintp(dofs[i])
+        out[i] = mass[d] * (v1[d] - v0[d]) + step * force[d] - impulses[d]
 
 
 @njit(**LEAN_ENTRY)
@@ -130,8 +131,9 @@ class ExplicitScheme:
         self._stopwatch = stopwatch
         self._by_cell = None
         if bulk.by_cell is not None:
-            self._by_cell = StepByCell(bulk.by_cell, bulk.mass)
+            self._by_cell = StepByCell(bulk.by_cell, bulk.mass, self._inverse.diagonal)
         self._left: _Left | None = None
+        self._free: np.ndarray | None = None
 
     def inverse(self, step: float, displacement: np.ndarray) -> LumpedInverse:
         """The inverse of the mass, the same for every step."""
@@ -159,11 +161,15 @@ class ExplicitScheme:
         with watch.phase("free velocity"):
             viscous = bulk.viscous(v0)
             force_impulse = step * bulk.external(state.time + 0.5 * step)
-            others = np.atleast_1d(force_impulse - step * viscous)
-            halfway, shadow = self._begin(state, step)
+            others = force_impulse - step * viscous
+            loaded = isinstance(others, np.ndarray)
+            halfway, shadow, room = self._begin(state, step)
             in_slots = interactions is not None and inverse.in_order
-            room = np.empty(interactions.inverse.num_slots * bulk.dim if in_slots else size)
-            _free_velocities(v0, inverse.diagonal, step, halfway, others, room)
+            length = interactions.inverse.num_slots * bulk.dim if in_slots else size
+            if room is None or len(room) != length or loaded:
+                room = np.empty(length)
+                given = np.atleast_1d(others)
+                _free_velocities(v0, inverse.diagonal, step, halfway, given, room)
             free = room[:size]
             bulk.prescribe(free, state.time + step, step, self.theta, q0, v0)
         sweeps, error, traction, converged = 0, 0.0, 0.0, True
@@ -200,39 +206,43 @@ class ExplicitScheme:
                         velocity = free
                         put_on_nodes(by_slot, inverse.nodes, velocity)
             sweeps, error, traction, converged = report[1], report[2], report[3], report[0]
-        reactions = np.zeros(size)
-        dofs, mass = bulk.layout.prescribed_dofs, bulk.mass
-        _react(dofs, mass, v0, velocity, step, halfway, impulses, reactions)
-        if len(others) > 1:
-            reactions[dofs] -= others[dofs]
+        dofs = bulk.layout.prescribed_dofs
+        reactions = np.empty(len(dofs))
+        _react(dofs, bulk.mass, v0, velocity, step, halfway, impulses, reactions)
+        if loaded:
+            reactions -= others[dofs]
         bulk.forms.set_step(step)
         with watch.phase("energy"):
-            end = self._end(state, velocity, halfway, step)
+            end = self._end(state, velocity, halfway, step, length)
             shadow_at_end = -0.25 * step * bulk.ranks.sum(end.power)
-        self._left = _Left(end, step, shadow_at_end)
+        self._left, self._free = _Left(end, step, shadow_at_end), end.free
         # what is not finite is so in the sums too
         converged = bulk.ranks.all(converged and math.isfinite(shadow + shadow_at_end))
         return StepOutcome(
-            State(state.time + step, end.displacement, velocity, end.internal), slots, impulses,
-            reactions, force_impulse, viscous, sweeps, error, traction, 1, 0.0, converged,
-            (float(shadow), float(shadow_at_end)), held=end.held,
+            State(state.time + step, end.displacement, velocity, end.forces), slots, impulses,
+            Supports(dofs, reactions), force_impulse, viscous, sweeps, error, traction, 1, 0.0,
+            converged, (float(shadow), float(shadow_at_end)), held=end.held,
         )  # fmt: skip
 
-    def _begin(self, state: State, step: float) -> tuple[np.ndarray, float]:
-        """Internal forces in the middle of a step, and the shadow energy at its start."""
+    def _begin(self, state: State, step: float) -> tuple[np.ndarray, float, np.ndarray | None]:
+        """Internal forces in the middle of a step, the shadow energy at its start, and `free`.
+
+        The last is what `EndedStep` has, which is given once, as solvers change it.
+        """
         left = self._left
         if left is not None and left.suits(state, step):
-            return left.end.ahead, left.shadow
+            free, self._free = self._free, None
+            return left.end.ahead, left.shadow, free
         velocity = state.velocity
         force = self.bulk.internal(0.5 * step * velocity + state.displacement)
-        return force, -0.25 * step * self.bulk.dot(velocity, force - state.internal)
+        return force, -0.25 * step * self.bulk.dot(velocity, force - state.internal), None
 
     def _end(
-        self, state: State, velocity: np.ndarray, halfway: np.ndarray, step: float
+        self, state: State, velocity: np.ndarray, halfway: np.ndarray, step: float, room: int
     ) -> EndedStep:
         """End a step; arguments as of `StepByCell`."""
         if self._by_cell is not None:
-            return self._by_cell.end(state, velocity, halfway, step)
+            return self._by_cell.end(state, velocity, halfway, step, room)
         bulk, half, ahead = self.bulk, 0.5 * step, None
         q1 = half * velocity + (half * state.velocity + state.displacement)
         if bulk.linear:

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from xper_fx.bulk.kept_inverses import KeptInverses
-from xper_fx.bulk.state import State, StepOutcome, interact, reactions_on
+from xper_fx.bulk.state import State, StepOutcome, Supports, interact
 from xper_fx.bulk.step_equations import StepEquations
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.solvers.solver import SolveOptions, Solver
@@ -320,13 +320,14 @@ class ImplicitStep:
             if not bulk.linear:
                 self._inverses.drop(self._step)
         left = self._residual, self._impulses
-        reactions = reactions_on(bulk.layout, lambda d: -(left[0][d] + left[1][d]))
+        dofs = bulk.layout.prescribed_dofs
+        supports = Supports(dofs, -(left[0][dofs] + left[1][dofs]))
         end = State(
             self._start.time + self._step, self._equations.displacement(velocity), velocity,
             self._internal, self._external,
         )  # fmt: skip
         return StepOutcome(
-            end, self._slots, self._impulses, reactions, self._equations.force_impulse,
+            end, self._slots, self._impulses, supports, self._equations.force_impulse,
             bulk.viscous(self._mean(velocity)), self._sweeps, self._solver_error,
             self._traction_change, iterations, max(self._correction, self._balance.error),
             converged,

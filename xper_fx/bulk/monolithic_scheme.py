@@ -18,7 +18,7 @@ from xper_fx.bulk.coupled_matrices import CoupledMatrices
 from xper_fx.bulk.coupled_step import CoupledStep
 from xper_fx.bulk.loading import Loading
 from xper_fx.bulk.semismooth_newton import SemismoothNewton
-from xper_fx.bulk.state import State, StepOutcome, reactions_on
+from xper_fx.bulk.state import State, StepOutcome, Supports
 from xper_fx.bulk.step_equations import StepEquations
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.inverse_blocks import BodyInverse
@@ -159,9 +159,10 @@ class MonolithicScheme:
                 return outcome
             transmitted = self._matrices.shared.transmitted(coupled.residual + coupled.impulses)
             if not vertices.split(transmitted, state):
-                borne = np.where(self.bulk.layout.prescribed, transmitted, 0.0)
+                dofs, reactions = outcome.supports
                 return outcome._replace(
-                    impulses=outcome.impulses + transmitted, reactions=outcome.reactions - borne
+                    impulses=outcome.impulses + transmitted,
+                    supports=Supports(dofs, reactions - transmitted[dofs]),
                 )
 
     def _attempt(
@@ -213,16 +214,15 @@ class MonolithicScheme:
             else:
                 converged = self._from_contacts(coupled, newton, begin, begins)
         velocity, impulses = coupled.velocity, coupled.impulses
-        reactions = reactions_on(
-            bulk.layout, lambda d: -(coupled.residual[d] + coupled.impulses[d])
-        )
+        dofs = bulk.layout.prescribed_dofs
+        supports = Supports(dofs, -(coupled.residual[dofs] + coupled.impulses[dofs]))
         end = State(
             loading.time, equations.displacement(velocity), velocity, coupled.internal,
             loading.external,
         )  # fmt: skip
         mean = weight * velocity + (1.0 - weight) * state.velocity
         outcome = StepOutcome(
-            end, coupled.slots, impulses, reactions, equations.force_impulse, bulk.viscous(mean), 0,
+            end, coupled.slots, impulses, supports, equations.force_impulse, bulk.viscous(mean), 0,
             newton.left, 0.0, coupled.corrections, newton.left, converged, failure=newton.failure,
         )  # fmt: skip
         return outcome, coupled

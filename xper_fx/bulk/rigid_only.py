@@ -11,7 +11,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from xper_fx.bulk.body_dofs import BodyLayout
-from xper_fx.bulk.state import State, StepOutcome, interact
+from xper_fx.bulk.state import State, StepOutcome, Supports, interact
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.inverse_blocks import BodyInverse
 from xper_fx.nscd.solvers.solver import SolveOptions, Solver
@@ -83,7 +83,7 @@ class EmptyBulk(KeepsNothing):
         """Zero."""
         return 0.0
 
-    def commit(self, displacement, internal, impulses, step: float) -> None:
+    def commit(self, state: State, impulses: np.ndarray, step: float) -> None:
         """No internal variables to move on."""
 
 
@@ -131,7 +131,8 @@ class EmptyScheme(KeepsNothing):
                 self._inverse, interactions, solver, np.zeros(0), options
             )
         return StepOutcome(
-            State(state.time + step, none, none, none), slots, impulses, none, 0.0, 0.0,
+            State(state.time + step, none, none, none), slots, impulses,
+            Supports(self._inverse.nodes, none), 0.0, 0.0,
             report.sweeps, report.residual, report.traction_change, 1, 0.0, report.converged,
         )  # fmt: skip
 

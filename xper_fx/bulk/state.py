@@ -3,13 +3,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
-from xper_fx.bulk.body_dofs import BodyLayout
 from xper_fx.cache import njit
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.kernel_options import LEAN_ENTRY
@@ -18,13 +16,37 @@ from xper_fx.nscd.solvers.solver import SolveOptions, Solver, SolveReport
 
 @dataclass
 class State:
-    """Displacement (m), velocity (m/s) of all dofs at a time (s), and the forces there (N)."""
+    """Displacement (m), velocity (m/s) of all dofs at a time (s), and the forces there (N).
+
+    Attributes:
+        forces: the internal ones, or a pair whose mean they are: few ask for them.
+    """
 
     time: float
     displacement: np.ndarray
     velocity: np.ndarray
-    internal: np.ndarray
+    forces: np.ndarray | tuple[np.ndarray, np.ndarray]
     external: np.ndarray | float = 0.0
+
+    @property
+    def internal(self) -> np.ndarray:
+        """Internal forces, shape (num_dofs,), N (2D: N/m)."""
+        if isinstance(self.forces, tuple):
+            before, after = self.forces
+            self.forces = 0.5 * (before + after)
+        return self.forces
+
+
+class Supports(NamedTuple):
+    """What the supports gave in a step.
+
+    Attributes:
+        dofs: the prescribed ones, shape (num_prescribed,).
+        impulses: on them, shape (num_prescribed,), N s.
+    """
+
+    dofs: np.ndarray
+    impulses: np.ndarray
 
 
 class StepOutcome(NamedTuple):
@@ -34,7 +56,7 @@ class StepOutcome(NamedTuple):
         state: state at the end of the step.
         slots: shape (num_slots * dim,), end velocities of the interacting nodes (m/s).
         impulses: H r on all dofs, shape (num_dofs,), N s.
-        reactions: impulses on prescribed dofs, shape (num_dofs,), zero elsewhere, N s.
+        supports: impulses on prescribed dofs.
         force_impulse: h times the time-weighted external forces on all dofs, N s.
         viscous: viscous force acting over the step (N).
         sweeps, residual, traction_change: of the interaction solver, over all iterations.
@@ -51,7 +73,7 @@ class StepOutcome(NamedTuple):
     state: State
     slots: np.ndarray
     impulses: np.ndarray
-    reactions: np.ndarray
+    supports: Supports
     force_impulse: np.ndarray | float
     viscous: np.ndarray | float
     sweeps: int
@@ -63,6 +85,13 @@ class StepOutcome(NamedTuple):
     shadow: tuple[float, float] = (0.0, 0.0)
     failure: str = ""
     held: tuple[float, float] | None = None
+
+    @property
+    def reactions(self) -> np.ndarray:
+        """Impulses of the supports, shape (num_dofs,), zero on what is free, N s."""
+        out = np.zeros(len(self.state.displacement))
+        out[self.supports.dofs] = self.supports.impulses
+        return out
 
 
 def interact(
@@ -152,15 +181,3 @@ def put_on_nodes(values, nodes, out):
         first = np.uintp(nodes[i] * dim)
         for d in range(dim):
             out[first + np.uintp(d)] = values[i, d]
-
-
-def reactions_on(layout: BodyLayout, impulse: Callable[[np.ndarray], np.ndarray]):
-    """Impulses of the supports, zero on what is free, shape (num_dofs,).
-
-    Args:
-        layout: of the bodies.
-        impulse: gives those of some dofs.
-    """
-    out, dofs = np.zeros(len(layout.prescribed)), layout.prescribed_dofs
-    out[dofs] = impulse(dofs)
-    return out

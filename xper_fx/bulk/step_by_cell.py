@@ -2,12 +2,11 @@
 """Steps of central differences (`explicit.py`) of linear simplices, in one pass through memory.
 
 What a step ends with and the next one begins with is found cell by cell, while the numbers of a few
-cells are in cache: displacements and forces.
+cells are in cache: displacements, forces, and velocities that nothing changes but these forces.
 """
 
 from __future__ import annotations
 
-import math
 from functools import cache
 from typing import NamedTuple
 
@@ -27,18 +26,22 @@ class EndedStep(NamedTuple):
     """The end of a step.
 
     Attributes:
-        displacement, internal: at the end, shape (num_dofs,), m and N (2D: N/m).
+        displacement: at the end, shape (num_dofs,), m.
+        forces: as of `State`.
         ahead: internal forces half a step later, if the bulk is linear.
         power: of what internal forces change by in the second half of the step, on this rank (W;
             2D: W/m).
         held: kinetic and elastic energy on this rank where they come along (J; 2D: J/m), else None.
+        free: velocities at the end of a next step of the same size in which nothing but internal
+            forces acts, first in room for those of all slots (m/s), where they come along.
     """
 
     displacement: np.ndarray
-    internal: np.ndarray
+    forces: np.ndarray | tuple[np.ndarray, np.ndarray]
     ahead: np.ndarray | None
     power: float
     held: tuple[float, float] | None = None
+    free: np.ndarray | None = None
 
 
 class _Arrays(NamedTuple):
@@ -47,6 +50,7 @@ class _Arrays(NamedTuple):
     gradients: np.ndarray
     moduli: np.ndarray
     mass: np.ndarray
+    w: np.ndarray
     q0: np.ndarray
     v0: np.ndarray
     v1: np.ndarray
@@ -54,7 +58,7 @@ class _Arrays(NamedTuple):
     q1: np.ndarray
     ahead: np.ndarray
     by_cell: np.ndarray
-    end: np.ndarray
+    free: np.ndarray
 
 
 @njit(**LEAN_INNER)
@@ -66,8 +70,8 @@ def _move(first, last, half, q0, v0, v1, q1, ahead):
 
 
 @njit(fastmath={"reassoc", "contract"}, **LEAN_INNER)
-def _finish(first, last, mass, q1, v1, halfway, ahead, end):
-    """Forces at the end of a step, of a range of dofs; returns what `EndedStep` has sums of.
+def _sum_up(first, last, mass, q1, v1, halfway, ahead):
+    """What `EndedStep` has sums of, of a range of dofs.
 
     That is the power, and twice both energies.
     """
@@ -77,8 +81,32 @@ def _finish(first, last, mass, q1, v1, halfway, ahead, end):
         power += v1[i] * (mean - halfway[i])
         moving += mass[i] * v1[i] * v1[i]
         strained += q1[i] * mean
-        end[i] = mean
     return power, moving, strained
+
+
+@njit(**LEAN_INNER)
+def _push(first, last, step, w, v, force, free):
+    """Velocities at the end of a step in which internal forces alone act, of a range of dofs."""
+    for i in range(np.uintp(first), np.uintp(last)):
+        impulse = -step * force[i]
+        free[i] = w[i] * impulse + v[i]
+
+
+@njit(**LEAN_INNER)
+def _exact_sum(row):
+    high = low = 0.0
+    for x in row:
+        total = high + x
+        part = total - high
+        low += (high - (total - part)) + (x - part)
+        high = total
+    return high + low
+
+
+@njit(**LEAN_ENTRY)
+def _sum_of_tiles(sums):
+    """Sums of three rows to the last bit, of twice the digits (Dekker 1971, Knuth's two-sum)."""
+    return _exact_sum(sums[0]), _exact_sum(sums[1]), _exact_sum(sums[2])
 
 
 @cache
@@ -93,9 +121,10 @@ def _step_kernel(dim: int):
             at, to = size * low, size * high
             _move(at, to, 0.5 * step, a.q0, a.v0, a.v1, a.q1, a.ahead)
             forces(low, high, a.gradients, a.moduli, a.by_cell, a.by_cell)
-            sums[0, tile], sums[1, tile], sums[2, tile] = _finish(
-                at, to, a.mass, a.q1, a.v1, a.halfway, a.ahead, a.end
+            sums[0, tile], sums[1, tile], sums[2, tile] = _sum_up(
+                at, to, a.mass, a.q1, a.v1, a.halfway, a.ahead
             )
+            _push(at, to, step, a.w, a.v1, a.ahead, a.free)
 
     return end_step
 
@@ -106,13 +135,14 @@ class StepByCell:
     Args:
         forces: of the cells.
         mass: shape (num_dofs,), kg (2D: kg/m).
+        w: one over it, zero where motions are given.
     """
 
-    def __init__(self, forces: CellForces, mass: np.ndarray):
-        self._forces, self._mass = forces, mass
+    def __init__(self, forces: CellForces, mass: np.ndarray, w: np.ndarray):
+        self._forces, self._mass, self._w = forces, mass, w
 
     def end(
-        self, state: State, velocity: np.ndarray, halfway: np.ndarray, step: float
+        self, state: State, velocity: np.ndarray, halfway: np.ndarray, step: float, room: int
     ) -> EndedStep:
         """End a step.
 
@@ -121,16 +151,18 @@ class StepByCell:
             velocity: at its end, shape (num_dofs,), m/s.
             halfway: internal forces in its middle, N (2D: N/m).
             step: h (s).
+            room: length of `free`.
         """
         q0, forces = state.displacement, self._forces
-        q1, ahead, end = (np.empty_like(q0) for _ in range(3))
+        q1, ahead, free = np.empty_like(q0), np.empty_like(q0), np.empty(room)
         num_cells = len(forces.arrays[0])
         sums = np.empty((3, -(-num_cells // _TILE)))
         arrays = _Arrays(
-            *forces.arrays, self._mass, q0, state.velocity, velocity, halfway, q1, ahead,
-            ahead.reshape(num_cells, -1), end,
+            *forces.arrays, self._mass, self._w, q0, state.velocity, velocity, halfway, q1, ahead,
+            ahead.reshape(num_cells, -1), free,
         )  # fmt: skip
         spaces = [sums] * num_ranges(num_cells)
         in_ranges(_step_kernel(forces.dim), sums.shape[1], step, arrays, spaces=spaces)
-        power, moving, strained = map(math.fsum, sums.tolist())
-        return EndedStep(q1, end, ahead, power, (0.5 * moving, 0.5 * strained))
+        power, moving, strained = _sum_of_tiles(sums)
+        held = 0.5 * moving, 0.5 * strained
+        return EndedStep(q1, (halfway, ahead), ahead, power, held, free)

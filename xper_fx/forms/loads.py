@@ -34,7 +34,7 @@ def value_at(value: Value, time: float) -> float:
         TypeError: it gives no number, or an expression of UFL.
     """
     given = _called(value, time) if callable(value) else value
-    if not isinstance(given, Real):
+    if not isinstance(given, float | Real):
         refuse_expression(f"A load at t = {time} s", given, "a number, as `float(constant)`")
         given = np.asarray(given)
         if given.size != 1 or given.dtype.kind not in "biuf":

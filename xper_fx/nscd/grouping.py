@@ -49,6 +49,8 @@ class Grouping:
         self._laws, self._dim, self._vertex = laws, inverse.dim, vertex
         self._still = inverse.still()
         self._block_of_node = inverse.block_of_node
+        # numbers that laws gave for all of their points, which they need not be asked for again
+        self._given: dict[tuple[str, int], np.ndarray] = {}
 
     def by_tiles(self) -> Grouping:
         """Makes groups of points that are visited in tiles, as those that a search finds are."""
@@ -112,8 +114,7 @@ class Grouping:
         like = _Like(
             indices, NO_ORDER, NO_TILES, couple_nodes(points.nodes[indices], inverse)
         )  # fmt: skip
-        still = np.zeros((inverse.num_slots, inverse.dim))
-        group = self._group(inverse, kernels, points, law_of_point, indices, still, False, like)
+        group = self._group(inverse, kernels, points, law_of_point, indices, None, False, like)
         update_compliance(group, inverse)
         return group
 
@@ -177,7 +178,10 @@ class Grouping:
     def _group(
         self, inverse, kernels, points, law_of_point, indices, nodal, later, like=None
     ) -> PointGroup:
-        """A group with the start of its points; `like` has the same points as they were before."""
+        """A group with the start of its points; `like` has the same points as they were before.
+
+        They are at rest where `nodal` is None.
+        """
         points = points.with_components(kernels.components)
         if like is None:
             num_blocks = len(self._still)
@@ -221,7 +225,7 @@ class Grouping:
             compliance=np.zeros((n, components * (components + 1) // 2)),
             inverse_area=(1.0 / points.area).astype(np.float32),
             jump=jump,
-            velocity=points.relative(nodal),
+            velocity=np.zeros((n, components)) if nodal is None else points.relative(nodal),
             impulse=np.zeros((n, components)),
             committed_impulse=np.zeros((n, components)),
             energy=np.zeros((n, len(kernels.energies))),
@@ -246,16 +250,20 @@ class Grouping:
         if not numbers:
             numbers = [[law.kernels(self._dim) for law in self._laws].index(kernels)]
         for number in numbers:
-            law = self._laws[number]
-            given = getattr(law, what, law.initial_state)()
-            here = np.flatnonzero(which == number)
+            given, here = self._given.get((what, number)), which == number
+            if given is None:
+                law = self._laws[number]
+                given = getattr(law, what, law.initial_state)()
+                if not any(map(np.ndim, given)):
+                    given = self._given[what, number] = np.array(given, float)
             if rows.shape[1] != len(given):
                 rows = np.zeros((len(which), len(given)))
-            if any(map(np.ndim, given)):
-                place = np.searchsorted(np.flatnonzero(law_of_point == number), indices[here])
-                given = [values[place] if np.ndim(values) else values for values in given]
+            if isinstance(given, np.ndarray):
+                rows[here] = given
+                continue
+            place = np.searchsorted(np.flatnonzero(law_of_point == number), indices[here])
             for column, values in enumerate(given):
-                rows[here, column] = values
+                rows[here, column] = values[place] if np.ndim(values) else values
         return rows
 
     def _ordered(self, blocks, num_blocks: int, indices) -> Ordering:

@@ -235,7 +235,8 @@ class Interactions(SteppedPoints):
     def _set_others(self, slots: np.ndarray, rigid: np.ndarray) -> None:
         first = self.bulk_inverse.num_nodes
         last = first + len(rigid)
-        slots[first:last] = rigid
+        if len(rigid):
+            slots[first:last] = rigid
         slots[last:] = 0.0
 
     def rigid_part(self, slots: np.ndarray) -> np.ndarray:

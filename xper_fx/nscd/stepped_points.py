@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import cache
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -16,9 +17,9 @@ import numpy as np
 from xper_fx.cache import njit
 from xper_fx.nscd.couplings import push_kernel, spread_kernel
 from xper_fx.nscd.found_contacts import FoundContacts
-from xper_fx.nscd.kernel_options import ENTRY
+from xper_fx.nscd.kernel_options import LEAN_ENTRY
 from xper_fx.nscd.law_loops import evolve_loop, step_loops
-from xper_fx.nscd.laws.law import LawKernels
+from xper_fx.nscd.laws.law import NUMERICAL, LawKernels
 from xper_fx.nscd.own_compliance import update_compliance, update_diagonal
 from xper_fx.nscd.point_group import PointGroup
 from xper_fx.nscd.point_values import PointValues
@@ -71,14 +72,31 @@ class StepWork(NamedTuple):
     viscous: float = 0.0
 
 
-@njit(**ENTRY)
-def _sums(rows):
-    """The sum of rows; NumPy takes eight times as long where they are short."""
-    total = np.zeros(rows.shape[1])
-    for i in range(len(rows)):
-        for j in range(len(total)):
-            total[j] += rows[i, j]
-    return total
+@njit(**LEAN_ENTRY)
+def _end(impulse, committed, energy, columns, totals):
+    """Impulses become those of the last step; energies are added up, each to its place."""
+    for i in range(len(impulse)):
+        for d in range(impulse.shape[1]):
+            committed[i, d] = impulse[i, d]
+    for j in range(len(columns)):
+        total = 0.0
+        for i in range(len(energy)):
+            total += energy[i, j]
+        totals[columns[j]] += total
+
+
+@cache
+def _places(energies: tuple[str, ...]) -> np.ndarray:
+    """Where the energies of a law stand in `StepWork`."""
+    return np.array([StepWork._fields.index(name) for name in energies])
+
+
+def _before_percussions(group: PointGroup) -> tuple[np.ndarray, np.ndarray] | None:
+    """What `_take_percussions` is given of contacts before their law's `commit`; None of others."""
+    names = group.kernels.state_names
+    if "pushed" not in names or "stored" in group.kernels.energies:
+        return None
+    return group.velocity.copy(), group.state[:, names.index("pushed")] > 0.0
 
 
 def _take_percussions(
@@ -370,35 +388,32 @@ class SteppedPoints(PointValues):
         Returns:
             The energies of the step.
         """
-        totals, percussions = dict.fromkeys(StepWork._fields, 0.0), 0.0
+        totals, percussions = np.zeros(len(StepWork._fields) + 1), -1
         if self.turns:
-            totals["numerical"] -= (0.5 if static else 1.0) * self._work_of_couples(velocity)
+            totals[NUMERICAL] -= (0.5 if static else 1.0) * self._work_of_couples(velocity)
         for g in self.groups:
             if not len(g):
                 continue
             if static:
-                totals["numerical"] += self._work_of_change(g, velocity)
-            names, before = g.kernels.state_names, None
-            bonds = "stored" in g.kernels.energies
-            pushed = "pushed" in names and not bonds and g.turning is None
-            if self.theta > 0.5 and not static and pushed:
-                before = g.velocity.copy(), g.state[:, names.index("pushed")] > 0.0
+                totals[NUMERICAL] += self._work_of_change(g, velocity)
+            before = None
+            if self.theta > 0.5 and not static and g.turning is None:
+                before = _before_percussions(g)
             given = len(g), velocity, g.couplings, g.law_arrays(), self.step_size, self.theta
             if g.turning is None:
                 in_ranges(step_loops(g.kernels, g.sides)[1], *given)
             else:
-                totals["numerical"] += self._commit_turned(g, given)
+                totals[NUMERICAL] += self._commit_turned(g, given)
             if before is not None:
-                percussions += _take_percussions(g, *before, self.theta)
-            g.committed_impulse[:] = g.impulse
-            for name, total in zip(g.kernels.energies, _sums(g.energy), strict=True):
-                totals[name] += total
+                totals[percussions] += _take_percussions(g, *before, self.theta)
+            places = _places(g.kernels.energies)
+            _end(g.impulse, g.committed_impulse, g.energy, places, totals)
         self.committed_step = self.step_size
         if self.renewals:
             self._found.commit()
         if self._jointed:
             self._carried.commit()
-        *work, self.from_scheme = self.total(np.array([*totals.values(), percussions])).tolist()
+        *work, self.from_scheme = self.total(totals).tolist()
         return StepWork(*work)
 
     def _commit_turned(self, group: PointGroup, given: tuple) -> float:

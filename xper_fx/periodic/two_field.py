@@ -34,6 +34,7 @@ from scipy.sparse.csgraph import connected_components
 
 from xper_fx.bulk.bulk import Bulk
 from xper_fx.bulk.force_balance import InBalance
+from xper_fx.bulk.state import State
 from xper_fx.forms.dynamics import BulkForms
 from xper_fx.periodic.drive import MacroscopicDrive
 from xper_fx.periodic.periodic_unknowns import CellUnknowns
@@ -196,12 +197,12 @@ class CellBulk(Bulk):
         rates = self.drive.rates(self.dim, displacement0[part], time, step, elapsed)
         velocity[part] = np.where(self.drive.kinematic(self.dim), rates, self._guess)
 
-    def commit(self, displacement, internal, impulses, step) -> None:
+    def commit(self, state: State, impulses: np.ndarray, step: float) -> None:
         """See `Bulk`; the stresses reached and the compliance learnt are remembered."""
-        super().commit(displacement, internal, impulses, step)
+        super().commit(state, impulses, step)
         self.borne = impulses[self.unknowns.macroscopic] / step
         self._committed_compliance = self._compliance.copy()
-        stress = np.abs(self.macroscopic_stress(internal)).max()
+        stress = np.abs(self.macroscopic_stress(state.internal)).max()
         self.largest_stress = max(self.largest_stress, float(stress))
 
     def forget(self) -> None:

@@ -30,7 +30,8 @@ def commit_interactions(
         work, points = None, model.interactions
         if points is not None:
             work = points.commit(outcome.slots, not model.options.inertia)
-            energies = energies._replace(damped=energies.damped - points.from_scheme)
+            if points.from_scheme != 0.0:
+                energies = energies._replace(damped=energies.damped - points.from_scheme)
         model.ledger.record(outcome, size, energies, work)
     return work
 
@@ -57,7 +58,7 @@ def commit_bodies(model: Model, outcome: StepOutcome, size: float) -> None:
             expanded = model.bulk.unknowns.expand(displacement)
             model.detection.release(model.interactions, model.points.points_a_facet, expanded)
     with watch.phase("commit"):
-        model.bulk.commit(displacement, outcome.state.internal, outcome.impulses, size)
+        model.bulk.commit(outcome.state, outcome.impulses, size)
         if model.rigid is not None:
             model.rigid.commit()
     if model.healing is not None:

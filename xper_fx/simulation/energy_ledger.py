@@ -207,47 +207,39 @@ class EnergyLedger:
             total(lost.get("plastic", 0.0)),
             viscous,
             self._damped(before, outcome, rigid),
-            *self._powers(before, outcome, step),
-            self._work_of_change(before, outcome, step, held),
+            *(self._of_static_step(before, outcome, step, held) if self._static else ()),
         )
 
     def _work_on_nodes(
         self, before: State, outcome: StepOutcome, step: float, borne: np.ndarray | float
     ) -> float:
         """Work of loads and supports on this rank's nodes in a step (J; 2D: J/m)."""
-        num_dofs, given = self._bulk.unknowns.num_nodes * self._bulk.dim, outcome.force_impulse
-        if self._static or isinstance(given, np.ndarray):
-            at, impulse = slice(num_dofs), (given + outcome.reactions)[:num_dofs]
-        else:  # supports alone do any
-            at = self._bulk.layout.prescribed_dofs
-            impulse = outcome.reactions[at]
+        start, end, given = before.displacement, outcome.state.displacement, outcome.force_impulse
+        if not (self._static or isinstance(given, np.ndarray)):  # supports alone do any
+            dofs, impulse = outcome.supports
+            return float((end.take(dofs) - start.take(dofs)).dot(impulse)) / step
+        at = slice(self._bulk.unknowns.num_nodes * self._bulk.dim)
+        impulse = (given + outcome.reactions)[at]
         if self._static:
-            impulse = 0.5 * (impulse + step * np.broadcast_to(borne, outcome.reactions.shape)[at])
-        moved = outcome.state.displacement[at] - before.displacement[at]
-        return float(moved @ impulse) / step
+            impulse = 0.5 * (impulse + step * np.broadcast_to(borne, start.shape)[at])
+        return float((end[at] - start[at]) @ impulse) / step
 
-    def _work_of_change(
+    def _of_static_step(
         self, before: State, outcome: StepOutcome, step: float, borne: np.ndarray | float
-    ) -> float:
-        """`BulkEnergies.change_work`; of a periodic cell's gradient none."""
-        if not self._static:
-            return 0.0
-        num_dofs = self._bulk.unknowns.num_nodes * self._bulk.dim
-        now = outcome.force_impulse + outcome.reactions
-        change = 0.5 * (now / step - np.broadcast_to(borne, now.shape))[:num_dofs]
-        moved = (outcome.state.displacement - before.displacement)[:num_dofs]
-        return self._bulk.ranks.sum(float(moved @ change))
+    ) -> tuple[float, float, float]:
+        """What `BulkEnergies` has of static steps alone; a periodic cell's gradient has no change.
 
-    def _powers(self, before: State, outcome: StepOutcome, step: float) -> tuple[float, float]:
-        """Of the supports at the end of a static step; see `BulkEnergies`."""
-        if not self._static:
-            return 0.0, 0.0
-        nodal = self._bulk.unknowns.num_nodes * self._bulk.dim
+        Every rank has all of a gradient.
+        """
+        nodal, reactions = self._bulk.unknowns.num_nodes * self._bulk.dim, outcome.reactions
         motions = np.stack([before.velocity, outcome.state.velocity])
-        forces = outcome.reactions / step
+        forces = reactions / step
         powers = self._bulk.ranks.sum(motions[:, :nodal] @ forces[:nodal])
-        last, now = powers + motions[:, nodal:] @ forces[nodal:]  # every rank has all of a gradient
-        return float(last), float(now)
+        last, now = powers + motions[:, nodal:] @ forces[nodal:]
+        given = outcome.force_impulse + reactions
+        change = 0.5 * (given / step - np.broadcast_to(borne, given.shape))[:nodal]
+        moved = (outcome.state.displacement - before.displacement)[:nodal]
+        return float(last), float(now), self._bulk.ranks.sum(float(moved @ change))
 
     def _damped(self, before: State, outcome: StepOutcome, rigid: RigidWork | None) -> float:
         """What the scheme takes in a step above theta = 1/2 (J; 2D: J/m)."""

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from xper_fx.bulk.state import State, StepOutcome
+from xper_fx.bulk.state import State, StepOutcome, Supports
 from xper_fx.nscd.solvers.solver import Solver
 from xper_fx.simulation.course import Course
 from xper_fx.simulation.readings import Readings
@@ -202,9 +202,11 @@ class Restartable(Readings):
             last = saved.get("last", {})
             before = from_cells(last.get("displacement_before", {}))
             self._before = replace(self.state, displacement=before)
+            dofs = model.bulk.layout.prescribed_dofs
+            supports = Supports(dofs, from_cells(last.get("reactions", {}))[dofs])
             self.last = StepOutcome(
-                self.state, _NONE, from_cells(last.get("impulses", {})),
-                from_cells(last.get("reactions", {})), 0.0, 0.0, 0, 0.0, 0.0, 0, 0.0, True,
+                self.state, _NONE, from_cells(last.get("impulses", {})), supports,
+                0.0, 0.0, 0, 0.0, 0.0, 0, 0.0, True,
             )  # fmt: skip
         if self.macroscopic is not None:
             self.macroscopic = self._macroscopic(None, None, self._last_size)

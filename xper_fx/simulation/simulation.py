@@ -347,14 +347,17 @@ class Simulation(Restartable):
             energies = self.ledger.bulk_energies(
                 self.state, outcome, size, self._attempts.rigid_work, self.borne
             )
-        require_finite(self, not_finite_columns(energies._asdict()), size)
+        if not math.isfinite(sum(energies)):
+            require_finite(self, not_finite_columns(energies._asdict()), size)
         return energies
 
     def _commit(self, outcome: StepOutcome, size: float, energies: BulkEnergies) -> StepRecord:
         attempts, control, number = self._attempts, self.model.control, self.step_number + 1
         require_small_turns(self, attempts.turned_bonds(outcome.state, number, size), size)
         work = commit_interactions(self.model, outcome, size, energies)
-        if wrong := not_finite_columns(self.ledger.as_columns()):
+        if not math.isfinite(self.ledger.closure) and (
+            wrong := not_finite_columns(self.ledger.as_columns())
+        ):
             # the interactions have moved on, so the present state is not one to go on from
             raise NotFiniteError(number, self.time, size, wrong, None)
         if work is not None and self.path is not None:

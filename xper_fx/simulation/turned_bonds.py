@@ -7,9 +7,14 @@ bonds keep the frames of the start.
 
 from __future__ import annotations
 
+from functools import cache
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+
+from xper_fx.cache import njit
+from xper_fx.nscd.algebra.small import for_dimension
+from xper_fx.nscd.kernel_options import LEAN_ENTRY
 
 if TYPE_CHECKING:
     from xper_fx.bodies.explode import Bodies
@@ -84,8 +89,8 @@ class BondTurns:
             interactions: the points, those on facets first.
             displacement: of all nodes of V on this rank, flat (m).
         """
-        moved = np.take(self._x + displacement.reshape(self._x.shape), self._nodes, axis=0)
-        cosine = np.einsum("fd,fd->f", lip_normals(moved), self._normal)
+        cosine, u = np.empty(len(self._nodes)), displacement.reshape(self._x.shape)
+        _turn_kernel(u.shape[1])(self._x, u, self._nodes, self._normal, cosine)
         far = cosine < np.cos(LARGEST_TURN)
         if interactions.everywhere(not far.any()):
             return None
@@ -109,3 +114,29 @@ def lip_normals(x: np.ndarray) -> np.ndarray:
     else:
         normal = np.cross(along, x[..., 2, :] - x[..., 0, :])
     return normal / np.linalg.norm(normal, axis=-1, keepdims=True)
+
+
+@cache
+def _turn_kernel(dim: int):
+    """Kernel: cosines of the angles between `lip_normals` and where lips have moved to."""
+    algebra = for_dimension(dim)
+    row, add, subtract, dot = algebra.row, algebra.add, algebra.subtract, algebra.dot
+
+    @njit(**LEAN_ENTRY)
+    def cosines(x, u, nodes, normal, out):
+        for f in range(len(nodes)):
+            i, j = nodes[f, 0], nodes[f, 1]
+            first = add(row(x, i), row(u, i))
+            along = subtract(add(row(x, j), row(u, j)), first)
+            if dim == 2:
+                turned = along[1], -along[0]
+            else:
+                k = nodes[f, 2]
+                (a, b, c), beside = along, subtract(add(row(x, k), row(u, k)), first)
+                turned = (
+                    b * beside[2] - c * beside[1], c * beside[0] - a * beside[2],
+                    a * beside[1] - b * beside[0],
+                )  # fmt: skip
+            out[f] = dot(turned, row(normal, f)) / np.sqrt(dot(turned, turned))
+
+    return cosines
