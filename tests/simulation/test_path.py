@@ -691,10 +691,10 @@ def test_viscous_bonds_snap_in_time():
         viscous = step.energies["dissipated_viscous_bonds"]
         assert viscous >= before
         before, peak = viscous, max(peak, simulation.reaction(RIGHT)[0])
-        assert abs(step.energies["closure"]) < 1e-9 * step.energies["external_work"]
+        assert abs(step.energies["closure"]) < 1e-8 * step.energies["external_work"]
     assert step.energies["dissipated_cohesion"] == pytest.approx(100.0 * HEIGHT, rel=1e-9)
     assert simulation.reaction(RIGHT)[0] == pytest.approx(0.0, abs=1e-6 * law.strength)
-    assert viscous > 0.1 * (0.5 * peak**2 * length / E - 100.0 * HEIGHT)
+    assert viscous > 0.45 * (0.5 * peak**2 * length / E - 100.0 * HEIGHT)
 
 
 @pytest.mark.parametrize("path", PATHS)
