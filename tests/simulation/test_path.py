@@ -295,6 +295,25 @@ def test_a_path_that_stops_says_what_failed(monkeypatch):
     assert simulation.interactions.gather("spent").max() > 0.99
 
 
+def test_contacts_are_looked_for_in_vain_three_times_in_a_step(monkeypatch):
+    """No load opens the whole bond: most attempts at the last step do without."""
+    from xper_fx.bulk import monolithic_scheme
+
+    searches, find = [], monolithic_scheme.find_contacts
+
+    def counted(step, *options):
+        searches.append(step.state.time)
+        return find(step, *options)
+
+    monkeypatch.setattr("xper_fx.nscd.growth.GrowthLimit.allows", lambda *_: False)
+    monkeypatch.setattr(monolithic_scheme, "find_contacts", counted)
+    simulation = follow(bonds_in_a_row(), longest=0.2)
+    with pytest.raises(xf.ConvergenceError):
+        for _ in simulation.steps(1e3):
+            pass
+    assert searches.count(simulation.time) == 3
+
+
 @pytest.mark.parametrize("path", [
     xf.GrowthControl(longest=0.02), xf.DissipationControl(7.0, longest=0.02)
 ])  # fmt: skip
