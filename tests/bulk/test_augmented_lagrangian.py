@@ -60,3 +60,23 @@ def test_no_more_corrections_than_may_be(monkeypatch):
     )  # fmt: skip
     assert find_contacts(step, 1e-6, most=30) == np.inf
     assert step.corrections == 7 + 3 * 12
+
+
+@pytest.mark.parametrize(("found", "rounds"), [((), 11), ((5, 14), 25)], ids=["never", "twice"])
+def test_rounds_that_find_no_balance_are_left(monkeypatch, found, rounds):
+    """Impulses that get nearer in each round, by a fifth; balance is found in some of them."""
+    given, count = [np.zeros((1, 2))], [0]
+
+    def balance(*_):
+        count[0] += 1
+        return Balance(found=count[0] in found, led_up=False)
+
+    monkeypatch.setattr(augmented_lagrangian, "_balance", balance)
+    step = SimpleNamespace(
+        growth=None, turns=False, may_jump=False, ranks=ALONE, corrections=0, size=lambda: 1.0,
+        answers=lambda: [given[0] + 0.8 ** count[0] * np.eye(2)[count[0] % 2]],
+        impulses_of_points=lambda: [given[0].copy()],
+        set_impulses=lambda impulses: given.__setitem__(0, impulses[0].copy()),
+    )  # fmt: skip
+    assert find_contacts(step, 1e-30) == np.inf
+    assert count[0] == rounds

@@ -295,6 +295,25 @@ def test_a_path_that_stops_says_what_failed(monkeypatch):
     assert simulation.interactions.gather("spent").max() > 0.99
 
 
+def test_contacts_are_looked_for_in_vain_three_times_in_a_step(monkeypatch):
+    """No load opens the whole bond: most attempts at the last step do without."""
+    from xper_fx.bulk import monolithic_scheme
+
+    searches, find = [], monolithic_scheme.find_contacts
+
+    def counted(step, *options):
+        searches.append(step.state.time)
+        return find(step, *options)
+
+    monkeypatch.setattr("xper_fx.nscd.growth.GrowthLimit.allows", lambda *_: False)
+    monkeypatch.setattr(monolithic_scheme, "find_contacts", counted)
+    simulation = follow(bonds_in_a_row(), longest=0.2)
+    with pytest.raises(xf.ConvergenceError):
+        for _ in simulation.steps(1e3):
+            pass
+    assert searches.count(simulation.time) == 3
+
+
 @pytest.mark.parametrize("path", [
     xf.GrowthControl(longest=0.02), xf.DissipationControl(7.0, longest=0.02)
 ])  # fmt: skip
@@ -691,10 +710,10 @@ def test_viscous_bonds_snap_in_time():
         viscous = step.energies["dissipated_viscous_bonds"]
         assert viscous >= before
         before, peak = viscous, max(peak, simulation.reaction(RIGHT)[0])
-        assert abs(step.energies["closure"]) < 1e-9 * step.energies["external_work"]
+        assert abs(step.energies["closure"]) < 1e-8 * step.energies["external_work"]
     assert step.energies["dissipated_cohesion"] == pytest.approx(100.0 * HEIGHT, rel=1e-9)
     assert simulation.reaction(RIGHT)[0] == pytest.approx(0.0, abs=1e-6 * law.strength)
-    assert viscous > 0.1 * (0.5 * peak**2 * length / E - 100.0 * HEIGHT)
+    assert viscous > 0.45 * (0.5 * peak**2 * length / E - 100.0 * HEIGHT)
 
 
 @pytest.mark.parametrize("path", PATHS)

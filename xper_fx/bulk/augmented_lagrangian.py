@@ -59,6 +59,9 @@ _CIRCLES, _NEARER = 20, 0.9
 # How many rounds get no nearer before all are left: where forces balance in some, and stretched
 # changes lead back, impulses go in circles, too. Those that creep get nearer within fewer.
 _STANDS = 60
+# How many rounds in a row find no balance before all are left. Those that find contacts in the end
+# have found some within 6; the others go on for 25 to 60 rounds, as loads that nothing holds.
+_UNFOUND = 10
 # How often they may be left after one of them led up: where that does not end soon, it never ends.
 _LEFT_UP = 1
 # Cosine between changes that creep along one direction, and how far one may be stretched.
@@ -100,7 +103,7 @@ def find_contacts(step: CoupledStep, good: float, most: float = np.inf) -> float
     if step.growth is not None and not follows and not _load_a_little(step):
         return np.inf
     begun = step.corrections
-    circles, stands, up, least, length, last = 0, 0, 0, np.inf, 1.0, np.zeros(0)
+    circles, stands, unfound, up, least, length, last = 0, 0, 0, 0, np.inf, 1.0, np.zeros(0)
     best: tuple[float, np.ndarray, float, list[np.ndarray]] | None = None
     for outer in range(1, _OUTER + 1):
         if step.corrections - begun >= most:
@@ -119,8 +122,9 @@ def find_contacts(step: CoupledStep, good: float, most: float = np.inf) -> float
         nearer = change < _NEARER * least
         circles = 0 if may_creep or nearer else circles + 1
         stands = 0 if nearer else stands + 1
+        unfound = 0 if balanced else unfound + 1
         least = min(least, change)
-        if circles > _CIRCLES or stands > _STANDS or up > _LEFT_UP:
+        if circles > _CIRCLES or stands > _STANDS or unfound > _UNFOUND or up > _LEFT_UP:
             break
         size = step.size()
         logger.debug("impulses %d change by %.2e of %.2e N s", outer, change, size)

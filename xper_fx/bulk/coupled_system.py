@@ -63,7 +63,8 @@ class CoupledSystem:
         self._of_springs = [places[a:b] for a, b in zip(ends[:-2], ends[1:-1], strict=True)]
         self._diagonal = places[ends[-2] :]
         self._rows, self._columns = np.divmod(unique, self._size)
-        self._kept = self._free[self._rows] & self._free[self._columns]
+        self._left_out = np.flatnonzero(~(self._free[self._rows] & self._free[self._columns]))
+        self._indptr = np.searchsorted(self._rows, np.arange(self._size + 1))
         self._solvers: dict[bool, Direct] = {}
         self._data = self._factorised = np.zeros(0)
         self._used: Direct | None = None
@@ -80,7 +81,8 @@ class CoupledSystem:
         Raises:
             SingularMatrixError: they cannot be factorised.
         """
-        data = np.bincount(self._of_bulk, bulk.data, len(self._rows))
+        data = np.zeros(len(self._rows))
+        data[self._of_bulk] = bulk.data  # one for each place
         shift = _SHIFT * np.abs(data[self._diagonal])
         if self._looked_at is None or self._looked_at[0] is not bulk:
             self._looked_at = bulk, is_symmetric(bulk)
@@ -94,7 +96,8 @@ class CoupledSystem:
             bound = _SYMMETRIC * np.abs(k).max(axis=(1, 2), initial=0.0)
             symmetric = symmetric and bool(np.all(apart <= bound))
         self._data = data
-        masked = np.where(self._kept, data, 0.0)
+        masked = data.copy()
+        masked[self._left_out] = 0.0
         diagonal = masked[self._diagonal]
         masked[self._diagonal] = np.where(self._free[: self._own], diagonal + shift, 1.0)
         known = self._used is not None and np.array_equal(masked, self._factorised)
@@ -113,8 +116,7 @@ class CoupledSystem:
 
     def _direct(self, symmetric: bool) -> Direct:
         """Factorisations of matrices of this pattern."""
-        indptr = np.searchsorted(self._rows, np.arange(self._size + 1))
-        return SparseDirect(indptr, self._columns, symmetric)
+        return SparseDirect(self._indptr, self._columns, symmetric)
 
     def _summed(self, data: np.ndarray) -> np.ndarray:
         """Entries of the matrix that is factorised, of those that points and bodies here give."""
@@ -128,7 +130,8 @@ class CoupledSystem:
         """The matrix, prescribed rows and columns too, times x, both of shape (num_dofs,)."""
         if not np.any(x):
             return 0.0
-        return np.bincount(self._rows, self._data * x[self._columns], self._size)
+        shape = self._size, self._size
+        return sp.csr_array((self._data, self._columns, self._indptr), shape=shape) @ x
 
     def unstable_ways(self) -> int:
         """Negative eigenvalues of the last matrix; 0 if friction makes it unsymmetric."""
@@ -161,7 +164,7 @@ class CoupledSystem:
     @property
     def nbytes(self) -> int:
         """Memory held, factors apart, in bytes."""
-        own = (self._of_bulk, self._rows, self._columns, self._kept, self._data, self._diagonal)
+        own = (self._of_bulk, self._rows, self._columns, self._left_out, self._data, self._diagonal)
         return sum(a.nbytes for a in (*own, *self._of_springs)) + sum(
             d.nbytes + g.nbytes for d, g in self._springs
         )

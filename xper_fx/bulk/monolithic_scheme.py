@@ -37,6 +37,9 @@ _ROUGH = 1e-2
 # Corrections of a search for contacts along a path, but in its first step: those that find them
 # take 4 to 70, and a shorter step costs less than others.
 _FEW = 80
+# Searches of a step along a path that may be in vain before its attempts do without: those that
+# solved a step were its first or second.
+_VAIN = 3
 # What may fail beside Newton's method.
 _GOES_BACK = "the state that was found leads back along the path"
 
@@ -98,6 +101,7 @@ class MonolithicScheme:
         self._stopwatch, self._gives_up, self._jumps = stopwatch, gives_up, jumps
         self._compliance: tuple[float, np.ndarray, PointsOfNodes] | None = None
         self._found: FoundContacts | None = None
+        self._vain: tuple[State | None, int] = (None, 0)
         self.loading: Loading
         self._vertices: BreakingVertices | None = None
         stopwatch.owns("coupled system", lambda: self.nbytes)
@@ -209,10 +213,12 @@ class MonolithicScheme:
         again = growth is not None and guess is not None
         if not (converged or self._gives_up or interactions is None or again):
             begins = growth is not None and growth.begins
+            vain = self._vain[1] if self._vain[0] is state else 0
             if begins and self._found is not None and self._found.state is state:
                 converged = self._go_on(coupled, newton, begin)
-            else:
+            elif self._jumps or vain < _VAIN:
                 converged = self._from_contacts(coupled, newton, begin, begins)
+                self._vain = state, vain + (not converged)
         velocity, impulses = coupled.velocity, coupled.impulses
         dofs = bulk.layout.prescribed_dofs
         supports = Supports(dofs, -(coupled.residual[dofs] + coupled.impulses[dofs]))

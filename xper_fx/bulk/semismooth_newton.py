@@ -131,6 +131,7 @@ class SemismoothNewton:
                 if step.evolve() <= tolerance:
                     return ""
                 history.clear()
+                last = min(count + most, _LONGEST * most)
             elif step.turns and best[1] == 1.0 and self._most <= _NEAR * reference:
                 if step.evolve() > tolerance:
                     history.clear()

@@ -16,6 +16,10 @@ path turns there: this bond opens, the others close. `turning` tells the bonds t
 `follow` lets the path go on where they open. What the others would have opened up to the corner is
 left out, which a step bounds by its growth.
 
+**Slip.** Of joints that slip weakens what grows is the slip that they have made, to and fro. Their
+jumps are measured from where the step begins, where nothing is reached, without the normal part,
+and L is the whole length, as nothing is elastic before.
+
 Where ranks divide the points each has the bonds of its own; ends, sums and decisions are those of
 all, and all ranks ask together.
 """
@@ -62,17 +66,25 @@ class GrowthLimit:
         groups = [(n, g) for n, g in enumerate(interactions.groups) if g.kernels.growth is not None]
         known = [g.kernels.growth(g.parameters, g.state) for _, g in groups]
         none = np.zeros(0), np.zeros(0), np.zeros(0, bool)  # a rank may have no bond
-        self._reached, length, self._whole = map(np.concatenate, zip(none, *known, strict=True))
-        beside = np.where(self._reached > 0.0, relative * self._reached, _FIRST * length)
-        self._length = np.minimum(length, beside)
+        reached, length, self._whole = map(np.concatenate, zip(none, *known, strict=True))
+        slips = np.concatenate([none[2], *(np.full(len(g), g.kernels.slips) for _, g in groups)])
+        beside = np.where(reached > 0.0, relative * reached, _FIRST * length)
+        self._length = np.where(slips, length, np.minimum(length, beside))
+        self._reached = np.where(slips, 0.0, reached)
+        self._moves_by = np.where(slips, length, reached)
         self._numbers = [n for n, _ in groups]
+        self._counts = np.ones((len(slips), interactions.dim))
+        self._counts[slips, 0] = 0.0
         # a step's end velocities have the direction of its jumps, as theta is 1
         self._area = np.concatenate([none[0], *(g.points.area for _, g in groups)])
-        self._start = self._all([g.jump for g in interactions.groups])
+        self._origin = np.zeros_like(self._counts)
+        jumps = self._all([g.jump for g in interactions.groups])
+        self._origin[slips] = jumps[slips]
+        self._start = jumps - self._origin
         velocity = self._all([g.velocity for g in interactions.groups])
         forward = self._area[:, None] * self._but_rounding(velocity, interactions.committed_step)
-        x = _opening(self._start)
-        grew = x > (1.0 - _ROUNDING) * self._reached
+        grew = _opening(self._start) > (1.0 - _ROUNDING) * self._reached
+        grew[slips] = (forward[slips] != 0.0).any(axis=1)
         self._grows = np.flatnonzero(self._whole)
         none_grew, self.exhausted = self._nowhere(grew, self._whole)
         self._go(forward if none_grew else np.where(grew[:, None], forward, 0.0))
@@ -121,7 +133,7 @@ class GrowthLimit:
 
     def _but_rounding(self, moved: np.ndarray, time: float = 1.0) -> np.ndarray:
         """Changes of all jumps in a time without what may be rounding, as of closed lips."""
-        still = time * np.abs(moved).max(axis=1, initial=0.0) < _STILL * self._reached
+        still = time * np.abs(moved).max(axis=1, initial=0.0) < _STILL * self._moves_by
         return np.where(still[:, None], 0.0, moved)
 
     def _nowhere(self, *conditions: np.ndarray) -> list[bool]:
@@ -134,8 +146,13 @@ class GrowthLimit:
         return float(self._points.total(np.vdot(a, b)))
 
     def _all(self, arrays: Sequence[np.ndarray]) -> np.ndarray:
+        """Vectors of all groups that have bonds, without what does not count."""
         none = np.zeros((0, self._points.dim))
-        return np.concatenate([none, *(arrays[n] for n in self._numbers)])
+        return self._counts * np.concatenate([none, *(arrays[n] for n in self._numbers)])
+
+    def _from_origin(self, jumps: Sequence[np.ndarray]) -> np.ndarray:
+        """Jumps from where they are measured."""
+        return self._all(jumps) - self._origin
 
     def change(
         self,
@@ -151,11 +168,11 @@ class GrowthLimit:
             held: of each group, shape (n,), whether the lips are closed.
             start, slope: A and B of each group, shape (n, components), m.
         """
-        a, b = self._all(start), self._all(slope)
+        a, b = self._from_origin(start), self._all(slope)
         # the load does not reach a part that has come loose: what is left there is rounding
         fastest = float(self._points.largest(np.abs(b).max(initial=0.0)))
         b[np.abs(b).max(axis=1, initial=0.0) < _STILL * fastest] = 0.0
-        self._opened = [*self._opened[-_TURNS + 1 :], _opening(self._all(now))]
+        self._opened = [*self._opened[-_TURNS + 1 :], _opening(self._from_origin(now))]
         closed = np.concatenate([np.zeros(0, bool), *(held[n] for n in self._numbers)])
         a[closed, 0] = b[closed, 0] = 0.0
         goes_on = self._sum(self._forward, b)
@@ -171,7 +188,7 @@ class GrowthLimit:
             return None
         if not self.begins:
             return ends[-1] if goes_on >= 0.0 else ends[0]
-        present, a, b = self._all(now)[self._grows], a[self._grows], b[self._grows]
+        present, a, b = self._from_origin(now)[self._grows], a[self._grows], b[self._grows]
         if self._nowhere(present)[0]:
             return ends[-1]
         return min(ends, key=lambda s: self._sum(a + s * b - present, a + s * b - present))
@@ -197,7 +214,7 @@ class GrowthLimit:
 
     def left(self, now: Sequence[np.ndarray]) -> float:
         """By how much a step does more than it was asked to, relative."""
-        return self._used(self._all(now)) - 1.0
+        return self._used(self._from_origin(now)) - 1.0
 
     def _ends(self, a: np.ndarray, b: np.ndarray) -> tuple[float, float]:
         """Between which s the jumps a + s b of all points, shape (n, components), may be."""

@@ -63,7 +63,8 @@ class SharedCoupledSystem(CoupledSystem):
         number = self._with_ghosts(numbers).astype(np.int64)
         rows, columns = number[self._rows], number[self._columns]
         owner = np.searchsorted(firsts, rows, side="right") - 1
-        given = (self._rows >= have) & self._kept
+        given = self._rows >= have
+        given[self._left_out] = False
         self._given = [np.flatnonzero(given & (owner == r)) for r in range(self._ranks.size)]
         self._here = np.flatnonzero(self._rows < have)
         got = self._ranks.comm.alltoall([(rows[g], columns[g]) for g in self._given])

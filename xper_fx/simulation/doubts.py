@@ -80,6 +80,8 @@ class Doubts:
         the step where states on the way are in balance, and F / L is then how steeply lips follow
         the load. In a snap L goes to nothing with the step, and F does not. As L vanishes where the
         load is largest, it is at least half of that of the step before, scaled.
+        Bonds dissipate less than is freed in a snap if F is more than L, too: joints that slip
+        weakens have little left to dissipate in their last step.
 
         Args:
             work: of the interactions in the step.
@@ -96,7 +98,7 @@ class Doubts:
             self.tell(_SLIDES, number, size, told)
             return
         snapped = work.numerical > _SNAPPED * work.cohesion > 0.0
-        if snapped and work.numerical > _NOTHING * self._most:
+        if snapped and work.numerical > max(self._load * size**2, _NOTHING * self._most):
             told = f": bonds dissipate {work.cohesion:.3g} J, {work.numerical:.3g} J more is freed"
             self.tell(_SNAPS, number, size, told)
 

@@ -29,9 +29,12 @@ load may go (`xper_fx/nscd/growth.py`): the largest opening so far (m), the leng
 curve (m), and whether there is a bond left. None for a law whose damage is not that of the end of
 the step.
 
+`slips` says that what grows is the slip that the point has made, to and fro, whatever it is open:
+`reached` is that slip, and `length` the one after which it is weakened for good.
+
 `cost(i, jump0, jump1, area, parameters, details) -> J` (2D: J/m), a compiled function, tells what
 the bond of a point dissipates in a step that ends with jump1: the column "cohesion" of `commit`.
-Laws with a `growth` have it.
+Laws with a `growth` have it, but those that slip weakens: the pressure decides what a slip costs.
 
 A law may have a method `later_state()`, the history of a contact that a search finds after the
 first step; it is `initial_state()` otherwise.
@@ -86,8 +89,8 @@ ALL_ENERGIES = (*ENERGIES, "viscous")  # of a law that has viscous work besides
 LawKernels = namedtuple(
     "LawKernels",
     "name effects components prepare solve evolve commit num_terms num_details state_names "
-    "energies growth spent stored no_jump rigid coulomb rolling cost",
-    defaults=(None, None, None, False, None, None, None, None),
+    "energies growth spent stored no_jump rigid coulomb rolling cost slips",
+    defaults=(None, None, None, False, None, None, None, None, False),
 )
 
 
