@@ -38,7 +38,7 @@ _ROUGH = 1e-2
 # take 4 to 70, and a shorter step costs less than others.
 _FEW = 80
 # Searches of a step along a path that may be in vain before its attempts do without: those that
-# solved a step were its first or second.
+# solved a step were its first or second, and of the first step of a path its first.
 _VAIN = 3
 # What may fail beside Newton's method.
 _GOES_BACK = "the state that was found leads back along the path"
@@ -50,21 +50,6 @@ class PointsOfNodes(NamedTuple):
     nodes: np.ndarray
     num_nodes: int
     blocks: BodyInverse
-
-
-class FoundContacts(NamedTuple):
-    """What was found for the first step of a path, whose contacts do not depend on its growth.
-
-    Attributes:
-        state: at the start of the step.
-        there: time (s) and velocities, shape (num_dofs,), of a small load with these contacts;
-            None if none were found.
-        impulses: of each group there (N s).
-    """
-
-    state: State
-    there: tuple[float, np.ndarray] | None
-    impulses: list[np.ndarray]
 
 
 class MonolithicScheme:
@@ -100,7 +85,6 @@ class MonolithicScheme:
         self._tolerance, self._max_newton = newton_tolerance, max_newton
         self._stopwatch, self._gives_up, self._jumps = stopwatch, gives_up, jumps
         self._compliance: tuple[float, np.ndarray, PointsOfNodes] | None = None
-        self._found: FoundContacts | None = None
         self._vain: tuple[State | None, int] = (None, 0)
         self.loading: Loading
         self._vertices: BreakingVertices | None = None
@@ -214,9 +198,7 @@ class MonolithicScheme:
         if not (converged or self._gives_up or interactions is None or again):
             begins = growth is not None and growth.begins
             vain = self._vain[1] if self._vain[0] is state else 0
-            if begins and self._found is not None and self._found.state is state:
-                converged = self._go_on(coupled, newton, begin)
-            elif self._jumps or vain < _VAIN:
+            if self._jumps or vain < (1 if begins else _VAIN):
                 converged = self._from_contacts(coupled, newton, begin, begins)
                 self._vain = state, vain + (not converged)
         velocity, impulses = coupled.velocity, coupled.impulses
@@ -234,46 +216,28 @@ class MonolithicScheme:
         return outcome, coupled
 
     def _from_contacts(
-        self, coupled: CoupledStep, newton: SemismoothNewton, begin: Callable[[], None], keep: bool
+        self, coupled: CoupledStep, newton: SemismoothNewton, begin: Callable[[], None], first: bool
     ) -> bool:
         """Whether the step was solved from contacts that the method of multipliers finds.
 
         Args:
             coupled, newton: of the step.
             begin: takes the step to its start.
-            keep: whether another attempt at the step goes on from what was found.
+            first: whether it is the first of a path.
         """
-        start = coupled.state
-        there, impulses = None, []
-        most = np.inf if keep or self._jumps else _FEW
+        most = np.inf if first or self._jumps else _FEW
         for good in (_NEAR, self._tolerance):
-            coupled.loading.set(start.time + (0.0 if coupled.growth is not None else coupled.step))
+            time = coupled.state.time + (0.0 if coupled.growth is not None else coupled.step)
+            coupled.loading.set(time)
             begin()
             change = find_contacts(coupled, good, most)
             if change > _ROUGH:
                 break
-            if change <= good:
-                there = coupled.loading.time, coupled.velocity
-                impulses = coupled.impulses_of_points()
             if self._solve(coupled, newton):
                 return True
             if change > good:
                 break
-        if keep:
-            self._found = FoundContacts(start, there, impulses)
         return False
-
-    def _go_on(
-        self, coupled: CoupledStep, newton: SemismoothNewton, begin: Callable[[], None]
-    ) -> bool:
-        """Whether the first step of a path was solved from what an attempt at it has found."""
-        found = self._found
-        if found.there is None:
-            return False
-        begin()
-        coupled.set_impulses(found.impulses)
-        newton.start_from(*found.there)
-        return self._solve(coupled, newton)
 
     def _solve(self, coupled: CoupledStep, newton: SemismoothNewton) -> bool:
         """Whether the step was solved."""
