@@ -11,6 +11,7 @@ from scipy.sparse.linalg import spsolve
 
 import xper_fx as xf
 from xper_fx.bulk import monolithic_scheme
+from xper_fx.bulk.coupled_step import CoupledStep
 from xper_fx.nscd.laws import CohesiveZone, PerfectBond, SignoriniCoulomb
 
 E, LX, LY = 30e9, 0.4, 0.1
@@ -191,6 +192,29 @@ def test_lips_that_were_open_close_where_they_meet(friction):
         np.testing.assert_allclose(jump, max(0.5 * moved, 0.0), atol=1e-15)
         force = E * (0.5 * moved if moved > 0.0 else moved)
         assert simulation.reaction(RIGHT)[0] == pytest.approx(force, rel=1e-8)
+
+
+@pytest.mark.parametrize("given, far, ends", [(1.0, 1.5, True), (1.0, 2.5, False), (5.0, -2.0, True)])
+def test_a_static_step_throws_nothing_away(monkeypatch, given, far, ends):
+    """Forces balance wherever a body goes that nothing holds: not beyond the scene's size."""
+    throws, extent = [], 2.0
+
+    def moved(step):
+        step._extent = extent
+        step.loading.wanted = np.full_like(step.velocity, given)
+        step.velocity = np.full_like(step.velocity, given + far)
+        throws.append(ask(step))
+        return throws[-1]
+
+    ask = CoupledStep.moved_too_far
+    monkeypatch.setattr(CoupledStep, "moved_too_far", moved)
+    simulation = static(strip(2, 10.0, PULLED), max_halvings=0)
+    if ends:
+        run(simulation, 1)
+        assert throws == [0.0]
+        return
+    with pytest.raises(xf.ConvergenceError, match="a body that nothing holds moves by 3.5 m"):
+        run(simulation, 1)
 
 
 def test_stiff_bonds_are_one_body():

@@ -348,6 +348,20 @@ class CoupledStep:
         largest = float(np.abs(values).max(initial=0.0))
         return float(np.prod(self.ranks.max(np.array([stiffness, largest]))))
 
+    def moved_too_far(self) -> float:
+        """How far a static step moves a body beyond its supports (m), 0 within the scene's size.
+
+        What nothing holds for a moment goes wherever rounding leads it, and forces balance there.
+        """
+        bulk = self._matrices.bulk
+        if bulk.inertia is not None:
+            return 0.0
+        nodal = slice(bulk.unknowns.num_nodes * bulk.dim)  # not the gradient of a periodic cell
+        velocities = self.velocity[nodal], self.loading.wanted[nodal]
+        far = self.step * np.array([np.abs(v).max(initial=0.0) for v in velocities])
+        moved, given = self.ranks.max(far)
+        return moved if moved > given + self._extent else 0.0
+
     def num_held(self) -> int:
         """This rank's points whose impulses are multipliers."""
         return 0 if self._tangents is None else sum(int(h.sum()) for h in self._tangents.held)

@@ -57,6 +57,7 @@ _NO_LOAD = "no load keeps all bonds within what the step may open or dissipate"
 _NOT_FINITE = "iterates run away"
 _STUCK = "Newton's method goes round in circles"
 _SLOW = "Newton's method takes more than {} iterations"
+_LOOSE = "a body that nothing holds moves by {:.3g} m, more than the size of the scene"
 _NOT_GROWN = "forces balance, but with {:.3g} times what the step is to open or dissipate"
 
 
@@ -129,7 +130,7 @@ class SemismoothNewton:
             small = self._most <= max(allowed * reference, floor) or reference <= step.noise()
             if small and best[1] == 1.0 and abs(step.growth_left()) <= _GROWN:
                 if step.evolve() <= tolerance:
-                    return ""
+                    return self._loose()
                 history.clear()
                 last = min(count + most, _LONGEST * most)
             elif step.turns and best[1] == 1.0 and self._most <= _NEAR * reference:
@@ -145,9 +146,14 @@ class SemismoothNewton:
                 for_good = step.turns or step.growth is not None
                 little = for_good and self.left <= _ROUND * tolerance
                 if little and abs(step.growth_left()) <= _GROWN and step.evolve() <= tolerance:
-                    return ""
+                    return self._loose()
                 return self._short(small) or _STUCK
         return self._short(small) or _SLOW.format(last)
+
+    def _loose(self) -> str:
+        """What is wrong with where bodies are, where forces balance."""
+        moved = self._step.moved_too_far()
+        return _LOOSE.format(moved) if moved > 0.0 else ""
 
     def _short(self, small: bool) -> str:
         """What is wrong with the growth where little is left."""
