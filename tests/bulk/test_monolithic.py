@@ -194,7 +194,9 @@ def test_lips_that_were_open_close_where_they_meet(friction):
         assert simulation.reaction(RIGHT)[0] == pytest.approx(force, rel=1e-8)
 
 
-@pytest.mark.parametrize("given, far, ends", [(1.0, 1.5, True), (1.0, 2.5, False), (5.0, -2.0, True)])
+@pytest.mark.parametrize(
+    "given, far, ends", [(1.0, 1.5, True), (1.0, 2.5, False), (5.0, -2.0, True)]
+)
 def test_a_static_step_throws_nothing_away(monkeypatch, given, far, ends):
     """Forces balance wherever a body goes that nothing holds: not beyond the scene's size."""
     throws, extent = [], 2.0

@@ -104,6 +104,7 @@ class Model:
             check_same_on_ranks(scene, options, team)
         tell_doubts(scene, options.requested.step, team)
         self._tagged_nodes: dict[int, np.ndarray] = {}
+        self._supports: dict[int, tuple[np.ndarray, np.ndarray]] = {}
         self.ranks, self.part, self.division, self.rigid_share = decomposed(
             scene, options, team, stopwatch
         )
@@ -188,6 +189,14 @@ class Model:
                 self.bulk.forms.V, fdim, self.bodies.facet_tags.find(facets)
             )
         return self._tagged_nodes[facets]
+
+    def supports_of(self, facets: int) -> tuple[np.ndarray, np.ndarray]:
+        """Of this rank's facets with a tag the places among the prescribed dofs, the components."""
+        if facets not in self._supports:
+            dim, prescribed = self.bulk.dim, self.bulk.layout.prescribed_dofs
+            place = np.flatnonzero(np.isin(prescribed // dim, self.nodes_of(facets)))
+            self._supports[facets] = place, prescribed[place] % dim
+        return self._supports[facets]
 
     # Bulk
 

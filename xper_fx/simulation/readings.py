@@ -125,8 +125,9 @@ class Readings:
         self._require_tag(facets)
         if self.last is None:
             return np.zeros(dim)
-        reactions = self.last.reactions.reshape(-1, dim)[self.model.nodes_of(facets)].sum(axis=0)
-        return self.model.ranks.sum(reactions) / self._last_size
+        places, components = self.model.supports_of(facets)
+        impulses = np.bincount(components, self.last.supports.impulses[places], dim)
+        return self.model.ranks.sum(impulses) / self._last_size
 
     def reaction_of(self, group: str) -> np.ndarray:
         """Mean force over the last step that drives or holds the rigid bodies of a group.
@@ -151,12 +152,11 @@ class Readings:
     def _mean_over(self, facets: int, displacement: np.ndarray) -> np.ndarray:
         self._require_tag(facets)
         bulk, ranks = self.model.bulk, self.model.ranks
-        values = bulk.unknowns.expand(displacement).reshape(-1, bulk.dim)[
-            self.model.nodes_of(facets)
-        ]
+        nodes, nodal = self.model.nodes_of(facets), bulk.unknowns.expand(displacement)
+        total = np.add.reduce(nodal.reshape(-1, bulk.dim).take(nodes, axis=0))
         if ranks.alone:
-            return values.mean(axis=0)
-        return ranks.sum(values.sum(axis=0)) / ranks.sum(len(values))
+            return total / len(nodes)
+        return ranks.sum(total) / ranks.sum(len(nodes))
 
     def _require_mesh(self, what: str) -> None:
         if self.model.scene.bodies is None:
