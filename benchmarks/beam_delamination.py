@@ -285,7 +285,7 @@ class Gauges:
 
     def _slope(self, tag: int) -> float:
         """v' of a section, by the line through its u_x."""
-        nodes = self._simulation.model.nodes_of(tag)
+        nodes = self._simulation.model.facets.nodes(tag)
         moved = self._simulation.state.displacement.reshape(-1, 2)[nodes, 0]
         return -np.polyfit(self._x[nodes, 1], moved, 1)[0]
 

@@ -9,7 +9,6 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
-from dolfinx import fem
 
 from xper_fx.bulk.bulk import Bulk
 from xper_fx.forms.dynamics import BulkForms
@@ -35,6 +34,7 @@ from xper_fx.simulation.shared_motions import (
     share_motions,
     splits_beside_rigid_bodies,
 )
+from xper_fx.simulation.tagged_facets import TaggedFacets
 from xper_fx.support.profile import Stopwatch
 from xper_fx.support.ranks import Ranks
 from xper_fx.support.saved_rows import in_order
@@ -76,6 +76,7 @@ class Model:
         rigid_share: what this rank has of rigid bodies beside divided meshed ones, None if all.
         bodies: this rank's meshed bodies.
         bulk: of these.
+        facets: what is read of those with a tag.
         rigid: motion of the rigid bodies, None without any.
         step_size: h (s) at the start.
         start: state at the start.
@@ -103,13 +104,12 @@ class Model:
 
             check_same_on_ranks(scene, options, team)
         tell_doubts(scene, options.requested.step, team)
-        self._tagged_nodes: dict[int, np.ndarray] = {}
-        self._supports: dict[int, tuple[np.ndarray, np.ndarray]] = {}
         self.ranks, self.part, self.division, self.rigid_share = decomposed(
             scene, options, team, stopwatch
         )
         self.bodies = scene.bodies if self.part is None else self.part.bodies
         self.bulk = self._bulk()
+        self.facets = TaggedFacets(self.bodies, self.bulk)
         self.rigid = self._rigid_motion()
         self.step_size = self._step_size(team)
         self.start = initial_state(
@@ -180,23 +180,6 @@ class Model:
                 options, self.scene, self.bulk, self.interactions, self.detection is not None,
                 self.scheme.theta, held.kinetic + held.elastic, self.step_size,
             )  # fmt: skip
-
-    def nodes_of(self, facets: int) -> np.ndarray:
-        """Nodes of this rank's facets with a tag."""
-        if facets not in self._tagged_nodes:
-            fdim = self.bodies.mesh.topology.dim - 1
-            self._tagged_nodes[facets] = fem.locate_dofs_topological(
-                self.bulk.forms.V, fdim, self.bodies.facet_tags.find(facets)
-            )
-        return self._tagged_nodes[facets]
-
-    def supports_of(self, facets: int) -> tuple[np.ndarray, np.ndarray]:
-        """Of this rank's facets with a tag the places among the prescribed dofs, the components."""
-        if facets not in self._supports:
-            dim, prescribed = self.bulk.dim, self.bulk.layout.prescribed_dofs
-            place = np.flatnonzero(np.isin(prescribed // dim, self.nodes_of(facets)))
-            self._supports[facets] = place, prescribed[place] % dim
-        return self._supports[facets]
 
     # Bulk
 

@@ -125,7 +125,7 @@ class Readings:
         self._require_tag(facets)
         if self.last is None:
             return np.zeros(dim)
-        places, components = self.model.supports_of(facets)
+        places, components = self.model.facets.supports(facets)
         impulses = np.bincount(components, self.last.supports.impulses[places], dim)
         return self.model.ranks.sum(impulses) / self._last_size
 
@@ -152,7 +152,7 @@ class Readings:
     def _mean_over(self, facets: int, displacement: np.ndarray) -> np.ndarray:
         self._require_tag(facets)
         bulk, ranks = self.model.bulk, self.model.ranks
-        nodes, nodal = self.model.nodes_of(facets), bulk.unknowns.expand(displacement)
+        nodes, nodal = self.model.facets.nodes(facets), bulk.unknowns.expand(displacement)
         total = np.add.reduce(nodal.reshape(-1, bulk.dim).take(nodes, axis=0))
         if ranks.alone:
             return total / len(nodes)
