@@ -336,6 +336,27 @@ def test_ductile_halves_that_bonds_hold():
     assert forces[0] == pytest.approx(forces[1], rel=1e-4)
 
 
+def test_ductile_halves_that_part():
+    """The bond breaks at once, and what bears the load then is found after rounds in vain."""
+    mesh = mesh_of((1.0, 0.5), (4, 2))
+    middle = compute_midpoints(mesh, 2, np.arange(32, dtype=np.int32))
+    sides = side_tags(mesh, (1.0, 0.5))
+    scene = Scene(
+        explode(mesh, (middle[:, 0] > 0.5).astype(int), tag_cells(mesh, {}), sides),
+        {1: J2FiniteStrain(1.0, 0.3, 1e-2, Linear(0.05), 1.0)},
+        default_interaction=CohesiveZone(1e2, fracture_energy=2e-5, strength=6e-3, friction=0.2),
+        loads=[
+            PrescribedDisplacement(LEFT, 0, lambda t: -0.04 * t),
+            PrescribedDisplacement(LEFT, 1, 0.0),
+            PrescribedDisplacement(RIGHT, 0, lambda t: 0.004 * np.sin(8.0 * t)),
+            PrescribedDisplacement(RIGHT, 1, lambda t: 0.04 * t),
+        ],
+    )
+    *steps, last = Simulation(scene, 0.05, theta=1.0, inertia=False).steps(1.0)
+    assert len(steps) == 19
+    assert last.energies["dissipated_cohesion"] == pytest.approx(1e-5, rel=1e-6)
+
+
 def test_tied_ductile_halves_whose_load_turns_round():
     """Ties whose impulses sweeps find: no step is cut, and the matter flows as it should."""
     coarse, fine = mesh_of((1.0, 0.5), (4, 2)), mesh_of((1.0, 0.5), (6, 3))
