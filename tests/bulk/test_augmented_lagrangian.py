@@ -62,7 +62,7 @@ def test_no_more_corrections_than_may_be(monkeypatch):
     assert step.corrections == 7 + 3 * 12
 
 
-@pytest.mark.parametrize(("found", "rounds"), [((), 11), ((5, 14), 25)], ids=["never", "twice"])
+@pytest.mark.parametrize(("found", "rounds"), [((), 16), ((5, 14), 30)], ids=["never", "twice"])
 def test_rounds_that_find_no_balance_are_left(monkeypatch, found, rounds):
     """Impulses that get nearer in each round, by a fifth; balance is found in some of them."""
     given, count = [np.zeros((1, 2))], [0]

@@ -336,6 +336,40 @@ def test_ductile_halves_that_bonds_hold():
     assert forces[0] == pytest.approx(forces[1], rel=1e-4)
 
 
+def ductile_halves(law, left, right):
+    """Two squares side by side; displacements of the outer sides by component."""
+    mesh = mesh_of((1.0, 0.5), (4, 2))
+    middle = compute_midpoints(mesh, 2, np.arange(32, dtype=np.int32))
+    sides = side_tags(mesh, (1.0, 0.5))
+    moved = ((LEFT, left), (RIGHT, right))
+    return Scene(
+        explode(mesh, (middle[:, 0] > 0.5).astype(int), tag_cells(mesh, {}), sides),
+        {1: J2FiniteStrain(1.0, 0.3, 1e-2, Linear(0.05), 1.0)},
+        default_interaction=law,
+        loads=[PrescribedDisplacement(tag, i, to[i]) for tag, to in moved for i in (0, 1)],
+    )
+
+
+def test_ductile_halves_that_part():
+    """The bond breaks at once, and what bears the load then is found after rounds in vain."""
+    bond = CohesiveZone(1e2, fracture_energy=2e-5, strength=6e-3, friction=0.2)
+    right = lambda t: 0.004 * np.sin(8.0 * t), lambda t: 0.04 * t
+    scene = ductile_halves(bond, (lambda t: -0.04 * t, 0.0), right)
+    *steps, last = Simulation(scene, 0.05, theta=1.0, inertia=False).steps(1.0)
+    assert len(steps) == 19
+    assert last.energies["dissipated_cohesion"] == pytest.approx(1e-5, rel=1e-6)
+
+
+def test_ductile_halves_that_touch_now_and_then():
+    """Where an increment is rounding its work is, too: no reason to shorten it, and to go on."""
+    contact = SignoriniCoulomb(friction=0.3, contact="position")
+    right = lambda t: 0.02 * np.sin(2.0 * np.pi * t), 0.0
+    scene = ductile_halves(contact, (0.0, 0.0), right)
+    *steps, last = Simulation(scene, accuracy=1e-2, theta=1.0, inertia=False).steps(1.0)
+    assert len(steps) < 200
+    assert last.energies["dissipated_plastic"] == pytest.approx(5.46e-5, rel=1e-2)
+
+
 def test_tied_ductile_halves_whose_load_turns_round():
     """Ties whose impulses sweeps find: no step is cut, and the matter flows as it should."""
     coarse, fine = mesh_of((1.0, 0.5), (4, 2)), mesh_of((1.0, 0.5), (6, 3))

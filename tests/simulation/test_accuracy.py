@@ -762,6 +762,8 @@ def test_bad_options_are_refused(options, message):
         (lambda t: min(t, 1.0), 5.0, True),
         (lambda t: 1.0 * (t > 2.4), 4.0, True),
         (lambda t: 1.0 * (t > 2.4), 2.0, False),
+        (lambda t: 0.3 + 1e-7 * np.sin(2.0 * np.pi * t), 1.0, True),
+        (lambda t: ((t + 1e-6) - (t - 1e-6)) / 2e-6, 5.0, False),  # rounding, of 1e-10
     ],
 )
 def test_loads_within_a_step(value, size, bent):
@@ -771,6 +773,7 @@ def test_loads_within_a_step(value, size, bent):
         PrescribedVelocity(RIGHT, 0, value),
         SurfaceTraction(RIGHT, (0.0, value)),
         SurfaceTraction(RIGHT, lambda t: (1.0, value(t))),
+        SurfaceTraction(RIGHT, lambda t: iter((1.0, np.array([value(t)])))),
     ):
         scene = Scene(bar.bodies, bar.materials, loads=[load])
         assert LoadHistories(scene).bend(0.0, size, 10.0) == bent

@@ -60,8 +60,9 @@ _CIRCLES, _NEARER = 20, 0.9
 # changes lead back, impulses go in circles, too. Those that creep get nearer within fewer.
 _STANDS = 60
 # How many rounds in a row find no balance before all are left. Those that find contacts in the end
-# have found some within 6; the others go on for 25 to 60 rounds, as loads that nothing holds.
-_UNFOUND = 10
+# have found some within 6, within 12 where ductile halves part; the others go on for 25 to 60
+# rounds, as loads that nothing holds.
+_UNFOUND = 15
 # How often they may be left after one of them led up: where that does not end soon, it never ends.
 _LEFT_UP = 1
 # Cosine between changes that creep along one direction, and how far one may be stretched.

@@ -244,7 +244,7 @@ class ImplicitStep:
         found. Its work r . d along the increment d falls from above zero to below where an
         increment is too long, as where flow turns round and w is that of the flow before: Newton's
         method then goes to and fro. The zero is looked for between (false position, kept off the
-        ends).
+        ends). Of an increment within the tolerance works are rounding.
 
         Returns:
             Whether the increment was too long.
@@ -253,7 +253,7 @@ class ImplicitStep:
         descent = bulk.dot(self._left(self._before), increment)
         bound = _LEFT_OF_WORK * descent
         low, high = (0.0, descent), (1.0, bulk.dot(self._left(self._residual), increment))
-        if bound <= 0.0 or not high[1] < -bound:
+        if bound <= 0.0 or not high[1] < -bound or self._relative(increment) <= self._tolerance:
             return False
         for _ in range(_CUTS):
             share = low[1] / (low[1] - high[1])
@@ -277,6 +277,10 @@ class ImplicitStep:
         increment = solve(self._left(self._residual))
         if self._bare:
             self._increment = increment
+        return self._relative(increment)
+
+    def _relative(self, increment: np.ndarray) -> float:
+        """Size of an increment beside the velocities; infinite if it is not finite."""
         correction = self._bulk.norm(increment)
         self._displacement = self._equations.displacement(self._velocity)
         # towards rest velocities vanish, and the rounding of positions is what is left

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from xper_fx.forms.loads import InitialStress
+from xper_fx.forms.loads import InitialStress, value_at
 from xper_fx.scene.scene import Scene
 
 # Where loads are looked at within a step, as shares of it that no period divides.
@@ -21,6 +21,8 @@ _OVER = np.append(np.arange(100) * 0.6180339887498949 % 1.0, 1.0)
 # How far a load may be from the line between the ends of a step, over its range: the middle of a
 # quarter of a sine from its zero is 0.21 of the amplitude from it.
 _BENT = 0.15
+# Share of the largest component of a load that is rounding, as of velocities that are differences.
+_ROUNDING = 1e-9
 
 
 class LoadHistories:
@@ -43,7 +45,7 @@ class LoadHistories:
         """
         if self._end_time != end_time:
             self._end_time = end_time
-            self._ranges = [np.ptp(_values(f, end_time * _OVER), axis=0) for f in self._functions]
+            self._ranges = [_range(_values(f, end_time * _OVER)) for f in self._functions]
         size = min(size, end_time - time)
         for function, over_run in zip(self._functions, self._ranges, strict=True):
             first, last = _values(function, time + size * np.array([0.0, 1.0]))
@@ -54,9 +56,19 @@ class LoadHistories:
         return False
 
 
+def _range(values: np.ndarray) -> np.ndarray:
+    """How far each component goes, and what would be rounding of the largest at least."""
+    return np.maximum(np.ptp(values, axis=0), _ROUNDING / _BENT * np.abs(values).max())
+
+
 def _values(function: Callable[[float], object], times: np.ndarray) -> np.ndarray:
     """Components of a load at times, shape (num_times, num_components)."""
-    return np.array([np.atleast_1d(function(time)) for time in times], dtype=float)
+    return np.array([_components(function(time), time) for time in times])
+
+
+def _components(given: object, time: float) -> list[float]:
+    """What a load's function gives, in all forms that loads take."""
+    return [value_at(each, time) for each in (given if np.iterable(given) else (given,))]
 
 
 def _functions(scene: Scene) -> Iterator[Callable[[float], object]]:
