@@ -55,6 +55,7 @@ def control_of(
         doubling=doubling,
         supported=holds and bulk.ranks.max(bool(bulk.layout.prescribed.any())) > 0,
         lag=1.0 - theta,
+        lags=inertia or (interacting and not flows),
         ranks=bulk.ranks,
     )
     largest = _LARGEST_GROWTH * base if inertia else np.inf

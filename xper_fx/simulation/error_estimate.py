@@ -7,7 +7,8 @@ largest energy held or to the largest force. What makes it, by name:
 - **time step**: with P = dE/dt of the external work, the kinetic and the elastic energy, a scheme
   of second order leaves about h^3 |P''| / 12 a step, until what swings is out of phase
   (`swings.py`). P'' comes from three steps. Energy that an impact takes at once is no power and is
-  left out. Static flow has no waves: doubled steps and the closure tell what its steps leave;
+  left out. Static flow has no waves, and no history either without flow: doubled steps and the
+  closure tell what steps leave there;
 - **material**: `step_doubling.py`, for materials with a history and static paths with interactions;
 - **tolerance**: what impulses leave of wrong sign (`StepWork.numerical`), or `_OF_IMPULSES` times
   the mean error that the solver left of the impulses themselves, whichever is more: tractions that
@@ -126,6 +127,8 @@ class ErrorEstimate:
             called for.
         supported: whether supports bear forces, so that the largest of them is watched.
         lag: time by which the mean force of a step lags behind its end, in steps.
+        lags: whether steps leave an error of their own size: not those of a bulk without inertia
+            and interactions, whose states are those of its loads.
         ranks: that simulate the scene.
     """
 
@@ -135,10 +138,11 @@ class ErrorEstimate:
         doubling: StepDoubling | None,
         supported: bool,
         lag: float,
+        lags: bool,
         ranks: Ranks,
     ):
         self.doubling = doubling
-        self._supported, self._lag, self._ranks = supported, lag, ranks
+        self._supported, self._lag, self._lags, self._ranks = supported, lag, lags, ranks
         self._parts = _Parts(energy)
         self._turned = np.zeros(3)  # energies in steps of impacts, summed
         self._swings, self._force = Swings(3), Swings(1)  # of the energies, of the force
@@ -160,9 +164,8 @@ class ErrorEstimate:
         impulses = _OF_IMPULSES * parts.impulses / max(parts.steps, 1)
         watched = self._supported or parts.worked > _LITTLE_WORK * scale
         within = 0.0 if self.doubling is None else self.doubling.error
-        lags = self.doubling is None or not self.doubling.follows
         return {
-            "time step": self._swings.error / scale if lags else 0.0,
+            "time step": self._swings.error / scale if self._lags else 0.0,
             "material": within / scale,
             "tolerance": max(self.numerical, impulses),
             "impacts": float(impacts / (scale + impacts)),
