@@ -630,6 +630,15 @@ def test_a_power_that_bends_counts_a_quarter_where_flow_begins():
     assert sizes == [(False, 0.25), (True, 1.0)]
 
 
+@pytest.mark.parametrize("base, kept", [(None, 0.5), (1.0, 0.25)])
+def test_a_shortened_step_keeps_its_share_of_what_a_doubled_one_told(base, kept):
+    """Of first order in static runs, of second with inertia."""
+    one = control(base=base)
+    one._learnt.rough = 1.0
+    one._shorten(1.0)
+    assert one._learnt.rough == kept
+
+
 def test_energy_that_a_static_step_misses_shortens_it():
     """Where nothing but the bulk takes energy."""
     taken_again = []
