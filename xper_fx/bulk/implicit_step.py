@@ -22,7 +22,7 @@ from xper_fx.support.profile import Stopwatch
 # Contraction of Newton's corrections above which w is renewed, unless no more than a few iterations
 # are left to make, which cost less.
 _SLOW, _FEW = 0.2, 3
-# Times that a Newton step is halved before the time step is given up.
+# Times that a Newton step is halved before the time step is given up, or its length looked for.
 _CUTS = 5
 # Work of the residual along an increment, over what it was at its start, that an increment may end
 # with; an increment that is too long ends no nearer than this to where it is known to be long or

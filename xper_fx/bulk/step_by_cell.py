@@ -105,7 +105,7 @@ def _exact_sum(row):
 
 @njit(**LEAN_ENTRY)
 def _sum_of_tiles(sums):
-    """Sums of three rows to the last bit, of twice the digits (Dekker 1971, Knuth's two-sum)."""
+    """Sums of three rows, carried with twice the digits (Knuth's two-sum; Dekker 1971)."""
     return _exact_sum(sums[0]), _exact_sum(sums[1]), _exact_sum(sums[2])
 
 
