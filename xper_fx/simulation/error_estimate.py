@@ -40,7 +40,7 @@ largest energy held or to the largest force. What makes it, by name:
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -256,21 +256,25 @@ class ErrorEstimate:
         parts.closure = closure
         parts.damped += energies.damped
         parts.scale = max(parts.scale, held, abs(parts.work))
-        state = outcome.state
-        vectors = [state.velocity, state.displacement]
-        if self._supported:
-            vectors += [outcome.reactions, state.internal]
-        squares = self._ranks.sum(np.array([vector @ vector for vector in vectors]))
-        fast, moved, *forces = np.sqrt(squares).tolist()
-        parts.moved = max(parts.moved, moved)
-        if parts.struck > 0.0:
-            parts.fastest = max(parts.fastest, fast)
+        if work is not None:  # only what interactions strike comes late
+            state = outcome.state
+            vectors = state.velocity, state.displacement
+            fast, moved = self._norms(vectors).tolist()
+            parts.moved = max(parts.moved, moved)
+            if parts.struck > 0.0:
+                parts.fastest = max(parts.fastest, fast)
         force = abs(energies.work)
         if self._supported:
-            force, inner = forces
-            if force < _LITTLE_FORCE * inner * size:
-                force = 0.0
+            force = float(self._norms([outcome.supports.impulses])[0])
+            if force > parts.force * size:
+                inner = float(self._norms([outcome.state.internal])[0])
+                if force < _LITTLE_FORCE * inner * size:
+                    force = 0.0
         self._watch(force / size, size, self._supported and energies.kinetic > 0.0)
+
+    def _norms(self, vectors: Sequence[np.ndarray]) -> np.ndarray:
+        """Norms of vectors over all ranks."""
+        return np.sqrt(self._ranks.sum(np.array([vector @ vector for vector in vectors])))
 
     def _watch(self, force: float, size: float, waves: bool) -> None:
         """Look at the force of a step (N, or W); whether it is one of waves."""
