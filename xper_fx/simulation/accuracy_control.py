@@ -13,7 +13,9 @@ None of what makes the error (`error_estimate.py`) is made better than the other
   static step misses of it counts, too;
 - **loads** of static runs: a step ends before they have gone far from a line (`load_histories.py`);
 - **events**: what breaks, closes or slides does so somewhere within a step: h <= accuracy * end
-  time where there are interactions, and the square root of it where everything is smooth. A step in
+  time where there are interactions, and the square root of it where everything is smooth, as it is
+  where contacts are searched until bodies touch: a longer step in which they do is taken again. A
+  step in
   which power turns so suddenly that it moves more than 12 times `accuracy` of the energy held (an
   impact) is taken again, shorter;
 - **weakening bonds**: where the softening number (`cohesive_scales.py`) exceeds one a bond may snap
@@ -82,6 +84,8 @@ class _Learnt:
 
     Attributes:
         base, least, size: of the ladder of steps, of its shortest step, of the next step (s).
+        end_time: for which a static run has its ladder (s).
+        meets: whether there are interactions; bodies that touched, if these are to be found.
         softening_step: in which a bond may snap (s).
         tolerance: of the impulses.
         same, tight_since: steps since the step, and the tolerance, were changed.
@@ -97,6 +101,8 @@ class _Learnt:
     size: float
     softening_step: float
     tolerance: float
+    meets: bool
+    end_time: float = 0.0
     same: int = 0
     tight_since: int = 0
     smooth: float = 0.0
@@ -118,6 +124,7 @@ class AccuracyControl:
         largest: no step is longer (s).
         softening_step: step (s) above which weakening bonds may snap; infinite without such.
         interacting: whether the scene has interactions.
+        waits: whether they have to be found, so that there are none before bodies touch.
         estimate: of the errors.
         histories: of the loads.
 
@@ -135,6 +142,7 @@ class AccuracyControl:
         largest: float,
         softening_step: float,
         interacting: bool,
+        waits: bool,
         estimate: ErrorEstimate,
         histories: LoadHistories,
     ):
@@ -143,7 +151,6 @@ class AccuracyControl:
         self.adapts_step, self._adapts_tolerance = requested.adapts_step, requested.adapts_tolerance
         self._largest = largest
         self._only_falls = base is not None and largest <= base  # that of an explicit bulk
-        self._event_share = accuracy if interacting else math.sqrt(accuracy)
         self._static, self._histories = base is None, histories
         self._patience = _STATIC_PATIENCE if self._static else _PATIENCE
         self._strikes = interacting or not self._static  # else power turns smoothly
@@ -151,7 +158,10 @@ class AccuracyControl:
         self._starts_from = (accuracy, base or 0.0, largest, requested.tolerance)
         first = base or 0.0
         softest = max(softening_step, first)
-        self._learnt = _Learnt(first, first, first, softest, requested.tolerance)
+        self._learnt = _Learnt(
+            first, first, first, softest, requested.tolerance, interacting and not waits
+        )
+        self._waits = waits
         self.estimate = estimate
         self._allowed = np.inf  # what the last step may leave (J; 2D: J/m)
         self._rest = np.inf  # of the run after the last step (s)
@@ -175,11 +185,9 @@ class AccuracyControl:
     def size(self, time: float, end_time: float) -> float:
         """The next step (s), at most what is left to `end_time`."""
         learnt = self._learnt
-        if learnt.base == 0.0:
-            learnt.base = self._event_share * end_time
-            learnt.least, learnt.size = learnt.base / _FINEST, learnt.base / _FIRST
-        events = math.sqrt(2.0) * self._event_share * end_time  # the nearest of the ladder's steps
-        most = min(learnt.size, self._largest, events)
+        if self._static and learnt.end_time != end_time:
+            self._scale_with(end_time)
+        most = min(learnt.size, self._largest, self._events(end_time))
         if self._static:
             while most > learnt.least and self._histories.bend(time, most, end_time):
                 most *= 0.5
@@ -192,18 +200,56 @@ class AccuracyControl:
         count = math.ceil(left / size - _ALIKE)
         return left / count if count <= 2 else size
 
-    def accepts(self, time: float, size: float, energies: BulkEnergies, end_time: float) -> bool:
+    def _scale_with(self, end_time: float) -> None:
+        """Let the ladder of a static run be that of an end time; its steps stay steps of it."""
+        learnt, base = self._learnt, self._event_share(self._strikes) * end_time
+        if learnt.base == 0.0:
+            learnt.base, learnt.size = base, base / _FIRST
+        learnt.base *= 2.0 ** round(math.log2(base / learnt.base))
+        learnt.least, learnt.end_time = learnt.base / _FINEST, end_time
+
+    def _event_share(self, meets: bool) -> float:
+        """Longest step over the end time, where interactions bear or not."""
+        return self._accuracy if meets else math.sqrt(self._accuracy)
+
+    def _events(self, end_time: float) -> float:
+        """Longest step (s) for events: the nearest of the ladder's."""
+        return math.sqrt(2.0) * self._event_share(self._learnt.meets) * end_time
+
+    def meet(self, size: float, end_time: float) -> bool:
+        """Take it that bodies touch first in a step (s); whether it is too long to tell when."""
+        self._learnt.meets = True
+        return self.adapts_step and size > self._events(end_time)
+
+    @property
+    def waits(self) -> bool:
+        """Whether nothing has touched yet of what is to be found."""
+        return self._waits and not self._learnt.meets
+
+    def accepts(
+        self,
+        time: float,
+        size: float,
+        energies: BulkEnergies,
+        outcome: StepOutcome,
+        end_time: float,
+    ) -> bool:
         """Whether a step from `time` is as accurate as asked for; if not the next is shorter.
 
         Args:
             time: at the start of the step (s).
             size: h (s).
             energies: of the bulk at the end of the step.
+            outcome: of the step.
             end_time: of the run (s), over which the error is spread.
         """
-        learnt, scale = self._learnt, self.estimate.scale_with(energies)
+        learnt = self._learnt
+        displacement = outcome.state.displacement
+        scale = self.estimate.scale_with(energies, displacement)
         change = changes(energies)
-        share = max(sum(map(abs, change)), scale * size / end_time)
+        share = max(
+            sum(map(abs, change)), scale * size / end_time, self.estimate.rounding(displacement)
+        )
         self._allowed, learnt.ratio = self._accuracy * share or np.inf, 0.0
         self._rest = end_time - time - size
         doubling = self.estimate.doubling

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 
@@ -19,6 +20,8 @@ from xper_fx.simulation.step_doubling import StepDoubling
 
 # An adapted step with inertia stays below this multiple of the first: rounding leaves the mass.
 _LARGEST_GROWTH = 1e5
+# Rounding of an elastic energy, relative to that which the stiffest vibration would have.
+_ROUNDING = 1e-13
 
 
 def control_of(
@@ -27,6 +30,7 @@ def control_of(
     bulk: Bulk,
     points: Interactions | None,
     searched: bool,
+    fixed: bool,
     theta: float,
     held: float,
     base: float,
@@ -36,6 +40,7 @@ def control_of(
     Args:
         options, scene, bulk, points: of the run.
         searched: whether contacts are searched.
+        fixed: whether there are interactions that are not, or rigid bodies.
         theta: weight of the end of the step.
         held: kinetic and elastic energy at the start (J; 2D: J/m).
         base: first step (s).
@@ -57,11 +62,22 @@ def control_of(
         lag=1.0 - theta,
         lags=inertia or (interacting and not flows),
         ranks=bulk.ranks,
+        rounding=None if inertia or not requested.adapts_step else rounding_of(bulk),
     )
     largest = _LARGEST_GROWTH * base if inertia else np.inf
     return AccuracyControl(
         requested, base if inertia or not requested.adapts_step else None,
         largest=base if explicit else largest,
-        softening_step=softening, interacting=interacting, estimate=estimate,
+        softening_step=softening, interacting=interacting, waits=searched and not fixed,
+        estimate=estimate,
         histories=LoadHistories(scene),
     )  # fmt: skip
+
+
+def rounding_of(bulk: Bulk) -> Callable[[np.ndarray], float]:
+    """Rounding of the elastic energy u . K u / 2 (J; 2D: J/m), as a function of displacements u.
+
+    Sums of entries of K u leave about as many ulps of omega^2 M u, omega of the stiffest vibration.
+    """
+    stiffest = 2.0 / bulk.critical_step()
+    return lambda displacement: _ROUNDING * (stiffest * bulk.norm(displacement)) ** 2

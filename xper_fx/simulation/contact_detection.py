@@ -275,6 +275,12 @@ class Detection:
         ]
         interactions.find_contacts(points, velocity, step, theta, halo)
 
+    def touches(self, bulk: Bulk, state: State) -> bool:
+        """Whether surfaces of meshed bodies, of scenes without rigid ones, touch in a state."""
+        x = self._moved(bulk.unknowns.expand(state.displacement))
+        gap = self._surfaces.find(x, None, None).gap
+        return self._ranks.max(float(np.any(gap <= 0.0))) > 0.0
+
     def _moved(self, displacement: np.ndarray) -> np.ndarray:
         """Where nodes of surfaces are, this rank's own, from displacements of V, flat (m)."""
         own = displacement.reshape(-1, self._scene.dim)[self._at]

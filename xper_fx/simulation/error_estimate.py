@@ -40,7 +40,7 @@ largest energy held or to the largest force. What makes it, by name:
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -130,6 +130,8 @@ class ErrorEstimate:
         lags: whether steps leave an error of their own size: not those of a bulk without inertia
             and interactions, whose states are those of its loads.
         ranks: that simulate the scene.
+        rounding: of the elastic energy at a displacement (J; 2D: J/m), for runs without inertia,
+            whose loads may move bodies and strain none; None for others.
     """
 
     def __init__(
@@ -140,8 +142,9 @@ class ErrorEstimate:
         lag: float,
         lags: bool,
         ranks: Ranks,
+        rounding: Callable[[np.ndarray], float] | None = None,
     ):
-        self.doubling = doubling
+        self.doubling, self._rounding = doubling, rounding
         self._supported, self._lag, self._lags, self._ranks = supported, lag, lags, ranks
         self._parts = _Parts(energy)
         self._turned = np.zeros(3)  # energies in steps of impacts, summed
@@ -194,9 +197,14 @@ class ErrorEstimate:
         """Steps since bonds were damaged."""
         return self._parts.quiet
 
-    def scale_with(self, energies: BulkEnergies) -> float:
+    def scale_with(self, energies: BulkEnergies, displacement: np.ndarray) -> float:
         """The largest energy held (J; 2D: J/m), a step's included that is not taken yet."""
-        return max(self._parts.scale, energies.kinetic + energies.elastic)
+        held = energies.kinetic + energies.elastic
+        return max(self._parts.scale, held, self.rounding(displacement))
+
+    def rounding(self, displacement: np.ndarray) -> float:
+        """Of the elastic energy at a displacement (J; 2D: J/m); 0 where inertia bears bodies."""
+        return 0.0 if self._rounding is None else self._rounding(displacement)
 
     def see(self, time: float, size: float, change: list[float]) -> tuple[float, float]:
         """Look at a step that may not be kept.
@@ -255,7 +263,8 @@ class ErrorEstimate:
         parts.worked += abs(energies.work)
         parts.closure = closure
         parts.damped += energies.damped
-        parts.scale = max(parts.scale, held, abs(parts.work))
+        scale = self.scale_with(energies, outcome.state.displacement)
+        parts.scale = max(scale, held, abs(parts.work))
         if work is not None:  # only what interactions strike comes late
             state = outcome.state
             vectors = state.velocity, state.displacement
@@ -267,8 +276,10 @@ class ErrorEstimate:
         if self._supported:
             force = float(self._norms([outcome.supports.impulses])[0])
             if force > parts.force * size:
-                inner = float(self._norms([outcome.state.internal])[0])
-                if force < _LITTLE_FORCE * inner * size:
+                state = outcome.state
+                inner, moved = self._norms([state.internal, state.displacement]).tolist()
+                rounding = self.rounding(state.displacement) / (moved or np.inf)
+                if force < max(_LITTLE_FORCE * inner, rounding) * size:
                     force = 0.0
         self._watch(force / size, size, self._supported and energies.kinetic > 0.0)
 

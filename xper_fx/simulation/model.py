@@ -178,7 +178,7 @@ class Model:
             held = self.ledger.energies
             self.control = control_of(
                 options, self.scene, self.bulk, self.interactions, self.detection is not None,
-                self.scheme.theta, held.kinetic + held.elastic, self.step_size,
+                self.points.exist or self.rigid is not None, self.scheme.theta, held.kinetic + held.elastic, self.step_size,
             )  # fmt: skip
 
     # Bulk

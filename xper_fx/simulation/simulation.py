@@ -294,9 +294,16 @@ class Simulation(Restartable):
                     self.state, size, self.tolerance, self.step_number + 1, last_try
                 )
                 if outcome is not None and outcome.converged:
+                    if control is not None and control.waits:
+                        touch = self.detection.touches(self.bulk, outcome.state)
+                        if touch and control.meet(size, end_time):
+                            pieces.clear()
+                            return
                     energies = self._bulk_energies(outcome, size)
                     time = self.state.time
-                    good = control is None or control.accepts(time, size, energies, end_time)
+                    good = control is None or control.accepts(
+                        time, size, energies, outcome, end_time
+                    )
                     if not (good or halvings):
                         return
                     record = self._commit(outcome, size, energies)
