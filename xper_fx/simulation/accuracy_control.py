@@ -15,9 +15,8 @@ None of what makes the error (`error_estimate.py`) is made better than the other
 - **events**: what breaks, closes or slides does so somewhere within a step: h <= accuracy * end
   time where there are interactions, and the square root of it where everything is smooth, as it is
   where contacts are searched until bodies touch: a longer step in which they do is taken again. A
-  step in
-  which power turns so suddenly that it moves more than 12 times `accuracy` of the energy held (an
-  impact) is taken again, shorter;
+  step in which power turns so suddenly that it moves more than 12 times `accuracy` of the energy
+  held (an impact) is taken again, shorter;
 - **weakening bonds**: where the softening number (`cohesive_scales.py`) exceeds one a bond may snap
   within a step; while bonds weaken the step stays below that, but not below 0.7 of the critical
   step either: what follows is then faster than the mesh can carry. Initially rigid bonds have
@@ -124,7 +123,6 @@ class AccuracyControl:
         largest: no step is longer (s).
         softening_step: step (s) above which weakening bonds may snap; infinite without such.
         interacting: whether the scene has interactions.
-        waits: whether they have to be found, so that there are none before bodies touch.
         estimate: of the errors.
         histories: of the loads.
 
@@ -142,7 +140,6 @@ class AccuracyControl:
         largest: float,
         softening_step: float,
         interacting: bool,
-        waits: bool,
         estimate: ErrorEstimate,
         histories: LoadHistories,
     ):
@@ -153,15 +150,13 @@ class AccuracyControl:
         self._only_falls = base is not None and largest <= base  # that of an explicit bulk
         self._static, self._histories = base is None, histories
         self._patience = _STATIC_PATIENCE if self._static else _PATIENCE
+        self._interacting = interacting
         self._strikes = interacting or not self._static  # else power turns smoothly
         # what was learnt of the step and of the tolerance serves a control that starts alike
         self._starts_from = (accuracy, base or 0.0, largest, requested.tolerance)
         first = base or 0.0
         softest = max(softening_step, first)
-        self._learnt = _Learnt(
-            first, first, first, softest, requested.tolerance, interacting and not waits
-        )
-        self._waits = waits
+        self._learnt = _Learnt(first, first, first, softest, requested.tolerance, interacting)
         self.estimate = estimate
         self._allowed = np.inf  # what the last step may leave (J; 2D: J/m)
         self._rest = np.inf  # of the run after the last step (s)
@@ -201,11 +196,15 @@ class AccuracyControl:
         return left / count if count <= 2 else size
 
     def _scale_with(self, end_time: float) -> None:
-        """Let the ladder of a static run be that of an end time; its steps stay steps of it."""
-        learnt, base = self._learnt, self._event_share(self._strikes) * end_time
+        """Let the ladder of a static run, and where it stands on it, be those of an end time.
+
+        The ladder moves by a power of two, so that its steps stay steps of it.
+        """
+        learnt, base = self._learnt, self._event_share(self._interacting) * end_time
         if learnt.base == 0.0:
             learnt.base, learnt.size = base, base / _FIRST
-        learnt.base *= 2.0 ** round(math.log2(base / learnt.base))
+        times = 2.0 ** round(math.log2(base / learnt.base))
+        learnt.base, learnt.size = times * learnt.base, times * learnt.size
         learnt.least, learnt.end_time = learnt.base / _FINEST, end_time
 
     def _event_share(self, meets: bool) -> float:
@@ -216,15 +215,19 @@ class AccuracyControl:
         """Longest step (s) for events: the nearest of the ladder's."""
         return math.sqrt(2.0) * self._event_share(self._learnt.meets) * end_time
 
+    @property
+    def waits(self) -> bool:
+        """Whether nothing has touched yet of what is to be found."""
+        return self._interacting and not self._learnt.meets
+
+    def wait(self) -> None:
+        """Let there be no interactions before bodies touch, as all are to be found."""
+        self._learnt.meets = False
+
     def meet(self, size: float, end_time: float) -> bool:
         """Take it that bodies touch first in a step (s); whether it is too long to tell when."""
         self._learnt.meets = True
         return self.adapts_step and size > self._events(end_time)
-
-    @property
-    def waits(self) -> bool:
-        """Whether nothing has touched yet of what is to be found."""
-        return self._waits and not self._learnt.meets
 
     def accepts(
         self,

@@ -30,7 +30,6 @@ def control_of(
     bulk: Bulk,
     points: Interactions | None,
     searched: bool,
-    fixed: bool,
     theta: float,
     held: float,
     base: float,
@@ -40,7 +39,6 @@ def control_of(
     Args:
         options, scene, bulk, points: of the run.
         searched: whether contacts are searched.
-        fixed: whether there are interactions that are not, or rigid bodies.
         theta: weight of the end of the step.
         held: kinetic and elastic energy at the start (J; 2D: J/m).
         base: first step (s).
@@ -62,19 +60,19 @@ def control_of(
         lag=1.0 - theta,
         lags=inertia or (interacting and not flows),
         ranks=bulk.ranks,
-        rounding=None if inertia or not requested.adapts_step else rounding_of(bulk),
     )
+    if not inertia and requested.adapts_step:
+        estimate.rounding = _rounding_of(bulk)
     largest = _LARGEST_GROWTH * base if inertia else np.inf
     return AccuracyControl(
         requested, base if inertia or not requested.adapts_step else None,
         largest=base if explicit else largest,
-        softening_step=softening, interacting=interacting, waits=searched and not fixed,
-        estimate=estimate,
+        softening_step=softening, interacting=interacting, estimate=estimate,
         histories=LoadHistories(scene),
     )  # fmt: skip
 
 
-def rounding_of(bulk: Bulk) -> Callable[[np.ndarray], float]:
+def _rounding_of(bulk: Bulk) -> Callable[[np.ndarray], float]:
     """Rounding of the elastic energy u . K u / 2 (J; 2D: J/m), as a function of displacements u.
 
     Sums of entries of K u leave about as many ulps of omega^2 M u, omega of the stiffest vibration.

@@ -118,6 +118,10 @@ class _Parts:
     moved: float = 0.0
 
 
+def _no_rounding(displacement: np.ndarray) -> float:
+    return 0.0
+
+
 class ErrorEstimate:
     """Estimates the relative error of a run.
 
@@ -130,8 +134,11 @@ class ErrorEstimate:
         lags: whether steps leave an error of their own size: not those of a bulk without inertia
             and interactions, whose states are those of its loads.
         ranks: that simulate the scene.
-        rounding: of the elastic energy at a displacement (J; 2D: J/m), for runs without inertia,
-            whose loads may move bodies and strain none; None for others.
+
+    Attributes:
+        doubling: as given.
+        rounding: of the elastic energy at a displacement (J; 2D: J/m), which loads of a static run
+            may move bodies by that strain none; zero until it is set.
     """
 
     def __init__(
@@ -142,9 +149,9 @@ class ErrorEstimate:
         lag: float,
         lags: bool,
         ranks: Ranks,
-        rounding: Callable[[np.ndarray], float] | None = None,
     ):
-        self.doubling, self._rounding = doubling, rounding
+        self.doubling = doubling
+        self.rounding: Callable[[np.ndarray], float] = _no_rounding
         self._supported, self._lag, self._lags, self._ranks = supported, lag, lags, ranks
         self._parts = _Parts(energy)
         self._turned = np.zeros(3)  # energies in steps of impacts, summed
@@ -201,10 +208,6 @@ class ErrorEstimate:
         """The largest energy held (J; 2D: J/m), a step's included that is not taken yet."""
         held = energies.kinetic + energies.elastic
         return max(self._parts.scale, held, self.rounding(displacement))
-
-    def rounding(self, displacement: np.ndarray) -> float:
-        """Of the elastic energy at a displacement (J; 2D: J/m); 0 where inertia bears bodies."""
-        return 0.0 if self._rounding is None else self._rounding(displacement)
 
     def see(self, time: float, size: float, change: list[float]) -> tuple[float, float]:
         """Look at a step that may not be kept.

@@ -178,8 +178,10 @@ class Model:
             held = self.ledger.energies
             self.control = control_of(
                 options, self.scene, self.bulk, self.interactions, self.detection is not None,
-                self.points.exist or self.rigid is not None, self.scheme.theta, held.kinetic + held.elastic, self.step_size,
+                self.scheme.theta, held.kinetic + held.elastic, self.step_size,
             )  # fmt: skip
+            if self.detection is not None and self.rigid is None and not self.points.exist:
+                self.control.wait()
 
     # Bulk
 
