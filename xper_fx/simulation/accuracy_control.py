@@ -67,6 +67,10 @@ _FRESH = 0.5
 # Steps of a size before a larger one is tried, and before a tolerance is halved again; of a static
 # run before a larger one.
 _PATIENCE, _STATIC_PATIENCE = 3, 2
+# The same before the bulk is another.
+_A_WHILE = 8
+# An adapted step with inertia stays below this multiple of the first: rounding leaves the mass.
+LARGEST_GROWTH = 1e5
 # A static run starts with this part of its longest step, and its shortest is that part.
 _FIRST, _FINEST = 4, 64
 # Difference of steps, relative, that is rounding, as of what is left to the end time.
@@ -83,6 +87,7 @@ class _Learnt:
 
     Attributes:
         base, least, size: of the ladder of steps, of its shortest step, of the next step (s).
+        largest: no step is longer (s).
         end_time: for which a static run has its ladder (s).
         meets: whether there are interactions; bodies that touched, if these are to be found.
         softening_step: in which a bond may snap (s).
@@ -98,6 +103,7 @@ class _Learnt:
     base: float
     least: float
     size: float
+    largest: float
     softening_step: float
     tolerance: float
     meets: bool
@@ -146,8 +152,6 @@ class AccuracyControl:
         accuracy = requested.accuracy
         self._accuracy = accuracy
         self.adapts_step, self._adapts_tolerance = requested.adapts_step, requested.adapts_tolerance
-        self._largest = largest
-        self._only_falls = base is not None and largest <= base  # that of an explicit bulk
         self._static, self._histories = base is None, histories
         self._patience = _STATIC_PATIENCE if self._static else _PATIENCE
         self._interacting = interacting
@@ -156,7 +160,9 @@ class AccuracyControl:
         self._starts_from = (accuracy, base or 0.0, largest, requested.tolerance)
         first = base or 0.0
         softest = max(softening_step, first)
-        self._learnt = _Learnt(first, first, first, softest, requested.tolerance, interacting)
+        self._learnt = _Learnt(
+            first, first, first, largest, softest, requested.tolerance, interacting
+        )
         self.estimate = estimate
         self._allowed = np.inf  # what the last step may leave (J; 2D: J/m)
         self._rest = np.inf  # of the run after the last step (s)
@@ -182,7 +188,7 @@ class AccuracyControl:
         learnt = self._learnt
         if self._static and learnt.end_time != end_time:
             self._scale_with(end_time)
-        most = min(learnt.size, self._largest, self._events(end_time))
+        most = min(learnt.size, learnt.largest, self._events(end_time))
         if self._static:
             while most > learnt.least and self._histories.bend(time, most, end_time):
                 most *= 0.5
@@ -214,6 +220,29 @@ class AccuracyControl:
     def _events(self, end_time: float) -> float:
         """Longest step (s) for events: the nearest of the ladder's."""
         return math.sqrt(2.0) * self._event_share(self._learnt.meets) * end_time
+
+    @property
+    def _only_falls(self) -> bool:
+        """Whether the step is that of an explicit bulk."""
+        return not self._static and self._learnt.largest <= self._learnt.base
+
+    def bears(self, longer: float, last: float, end_time: float) -> bool:
+        """Whether steps may be so much longer (s) than the last (s), from what several left."""
+        learnt = self._learnt
+        smooth = (longer / last) ** 2 * learnt.smooth < _SPARE
+        return smooth and learnt.same >= _A_WHILE and longer <= self._events(end_time)
+
+    def leave_explicit(self, least: float, size: float) -> None:
+        """Pick steps of an implicit bulk from now on.
+
+        Args:
+            least: the shortest (s).
+            size: the next (s).
+        """
+        learnt = self._learnt
+        learnt.base, learnt.least, learnt.size = least, least, size
+        learnt.largest, learnt.same = LARGEST_GROWTH * least, 0
+        self.estimate.lagging = 1.0
 
     @property
     def waits(self) -> bool:
@@ -305,10 +334,10 @@ class AccuracyControl:
         learnt.smooth += _FRESH * (self._counts * learnt.ratio - learnt.smooth)
         if max(learnt.smooth, learnt.rough) > 1.0:
             self._shorten(size)
-        elif learnt.same >= self._patience and size > 0.99 * learnt.size:
+        elif learnt.same >= self._patience and 0.99 * learnt.size < size < learnt.largest:
             times = self._longer()
             if times > 1.0:
-                learnt.size, learnt.same = min(times * learnt.size, self._largest), 0
+                learnt.size, learnt.same = min(times * learnt.size, learnt.largest), 0
                 learnt.rough *= times
 
     def _longer(self) -> float:

@@ -139,6 +139,7 @@ class ErrorEstimate:
         doubling: as given.
         rounding: of the elastic energy at a displacement (J; 2D: J/m), which loads of a static run
             may move bodies by that strain none; zero until it is set.
+        lagging: what waves lag or run ahead by over what they lag with the trapezoidal rule.
     """
 
     def __init__(
@@ -151,6 +152,7 @@ class ErrorEstimate:
         ranks: Ranks,
     ):
         self.doubling = doubling
+        self.lagging = 1.0
         self.rounding: Callable[[np.ndarray], float] = _no_rounding
         self._supported, self._lag, self._lags, self._ranks = supported, lag, lags, ranks
         self._parts = _Parts(energy)
@@ -260,7 +262,7 @@ class ErrorEstimate:
                 self._turned = self._turned + turn
                 parts.struck += work.impact
                 parts.late += work.impact * size * share
-        self._swings.take(self._now, size)
+        self._swings.take(self._now, size, self.lagging)
         parts.steps += 1
         parts.work += energies.work
         parts.worked += abs(energies.work)

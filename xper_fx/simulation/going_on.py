@@ -23,6 +23,7 @@ from xper_fx.nscd.laws.law import Law
 from xper_fx.nscd.rigid.bodies import RigidBodies
 from xper_fx.scene.snapshot import Snapshot
 from xper_fx.simulation.course import Course
+from xper_fx.simulation.explicit_start import leave_explicit
 
 if TYPE_CHECKING:
     from xper_fx.simulation.restartable import Restartable
@@ -35,7 +36,11 @@ def go_on(simulation: Restartable, after: Snapshot) -> None:
         ValueError: another scheme of meshed bodies.
     """
     model = simulation.model
+    if model.begins_explicit and after.scheme == "implicit":
+        leave_explicit(model)
     now = (model.options.scheme, model.options.inertia)
+    if not after.laws and after.scheme == "explicit":  # nothing but the bulk is of the scheme
+        now = ("explicit", now[1])
     if model.scene.bodies is not None and now != (after.scheme, after.inertia):
         raise ValueError(
             "A scene with a mesh goes on with the scheme of the run, "
@@ -44,6 +49,8 @@ def go_on(simulation: Restartable, after: Snapshot) -> None:
     stored = 0.0 if model.joints is None else model.joints.stored
     saved = _carried(simulation, after)
     simulation.restore(saved)
+    if model.options.scheme == "implicit":
+        model.ledger.leave_shadow()
     if model.scene.bodies is not None and model.options.path is None:
         loads = model.bulk.external(simulation.time)
         simulation.state = replace(simulation.state, external=loads)

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import logging
 import math
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -22,6 +23,7 @@ from xper_fx.scene.scene import Scene
 from xper_fx.scene.scene_doubts import tell_doubts
 from xper_fx.simulation.domain_decomposition import decomposed
 from xper_fx.simulation.energy_ledger import EnergyLedger
+from xper_fx.simulation.explicit_start import begins_explicit
 from xper_fx.simulation.initial_state import initial_state
 from xper_fx.simulation.law_checks import check_laws_suit, check_path_has_bonds
 from xper_fx.simulation.not_finite import not_finite_columns
@@ -109,6 +111,9 @@ class Model:
         )
         self.bodies = scene.bodies if self.part is None else self.part.bodies
         self.bulk = self._bulk()
+        self.begins_explicit = begins_explicit(options, scene, self.bulk, self.part)
+        if self.begins_explicit:
+            self.options = options = replace(options, scheme="explicit")
         self.facets = TaggedFacets(self.bodies, self.bulk)
         self.rigid = self._rigid_motion()
         self.step_size = self._step_size(team)
@@ -141,7 +146,7 @@ class Model:
                 "meshed bodies, which have no spin, has it: give a law with rolling=0 there."
             )
         self.monolithic = takes_one_system(options, scene, self.points, searched, self.bulk)
-        self.scheme = self._scheme()
+        self.scheme = self.new_scheme()
         with stopwatch.phase("interaction points"):
             self.interactions = self._interactions()
             if self.detection is not None and self.part is not None:
@@ -269,7 +274,8 @@ class Model:
             )  # fmt: skip
         return float(step)
 
-    def _scheme(self) -> EmptyScheme | ExplicitScheme | ImplicitScheme:
+    def new_scheme(self) -> EmptyScheme | ExplicitScheme | ImplicitScheme:
+        """The scheme that the options ask for."""
         options, interacting = self.options, self.points.interacting(self.detection)
         if self.scene.bodies is None:
             from xper_fx.bulk.rigid_only import EmptyScheme
@@ -299,7 +305,7 @@ class Model:
     def leave_one_system(self) -> None:
         """Go on from the last step with points everywhere, and sweeps."""
         history, self.monolithic = in_order(self.interactions.saved()), False
-        self.scheme = self._scheme()
+        self.scheme = self.new_scheme()
         self.interactions = self._interactions()
         self.interactions.restore(history)
         self.stopwatch.owns("coupled system", lambda: 0)  # it is gone

@@ -15,6 +15,7 @@ import numpy as np
 from xper_fx.bulk.state import State, StepOutcome, Supports
 from xper_fx.nscd.solvers.solver import Solver
 from xper_fx.simulation.course import Course
+from xper_fx.simulation.explicit_start import leave_explicit
 from xper_fx.simulation.readings import Readings
 from xper_fx.support.errors import CheckpointError
 from xper_fx.support.ranks import ALONE, Ranks
@@ -168,12 +169,16 @@ class Restartable(Readings):
                 f"The state is of another scene: its mesh was{now} whole on each rank, and that of "
                 f"this one is{then}. Ranks number the cells otherwise where the mesh is spread."
             )
+        model = self.model
+        implicit = self.equations.replace("scheme='explicit'", "scheme='implicit'")
+        if model.begins_explicit and saved["equations"] == implicit:
+            leave_explicit(model)
         if saved["equations"] != self.equations:
             raise CheckpointError(
                 f"The state is of {saved['equations']}; this simulation is of {self.equations}. "
                 "Restore it into one of the same scene, with the same scheme, theta and inertia."
             )
-        model, from_cells = self.model, self.model.bulk.unknowns.from_cells
+        from_cells = model.bulk.unknowns.from_cells
         state = saved.get("state", {})
         vectors = {
             name: state[name] if isinstance(state[name], float) else from_cells(state[name])

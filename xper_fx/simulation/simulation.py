@@ -6,6 +6,7 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,6 +20,7 @@ from xper_fx.simulation.attempt import StepAttempts
 from xper_fx.simulation.commit import commit_bodies, commit_interactions, deepest
 from xper_fx.simulation.course import Course
 from xper_fx.simulation.energy_ledger import BulkEnergies
+from xper_fx.simulation.explicit_start import leave_explicit, outgrown
 from xper_fx.simulation.failures import give_up, require_finite, require_small_turns
 from xper_fx.simulation.model import Model
 from xper_fx.simulation.not_finite import not_finite_columns
@@ -260,6 +262,13 @@ class Simulation(Restartable):
 
         return verdict(self)
 
+    @property
+    def _stays_explicit(self) -> bool:
+        """Whether an explicit bulk was picked for good."""
+        options = self.options
+        picked = options.scheme_is_picked and options.scheme == "explicit"
+        return picked and not self.model.begins_explicit
+
     def _step_on(self, end_time: float) -> Iterator[StepRecord]:
         """Steps whose times are given or picked."""
         control, time = self.model.control, self.state.time
@@ -268,7 +277,7 @@ class Simulation(Restartable):
         if self.team.rank == 0:
             if fixed:
                 course.warn_of_units()
-            elif self.options.scheme_is_picked and self.options.scheme == "explicit":
+            elif self._stays_explicit:
                 course.suggest_implicit(time)
         yield from self._advance(end_time)
         while fixed and course.left > 0:
@@ -278,6 +287,9 @@ class Simulation(Restartable):
         while not fixed and end_time - self.state.time > _ROUNDING * abs(end_time):
             course.begin(control.size(self.state.time, end_time))
             yield from self._advance(end_time)
+            if self.model.begins_explicit and outgrown(self.model, self._last_size, end_time):
+                leave_explicit(self.model)
+                self.state = replace(self.state, external=self.bulk.external(self.time))
 
     def _advance(self, end_time: float) -> Iterator[StepRecord]:
         """The pieces of a step that are left to do; none if it should be shorter."""

@@ -98,13 +98,13 @@ class Swings:
         """Share of the lags that is beyond the error: 0 in phase, 1 where phases are lost."""
         return 1.0 - self.error / self.linear if self.linear > 0.0 else 0.0
 
-    def take(self, now: Rate, size: float) -> None:
-        """Take a step of a size (s) and its rates."""
+    def take(self, now: Rate, size: float, lagging: float = 1.0) -> None:
+        """Take a step of a size (s) and its rates; waves lag so much of what they lag here."""
         self._steps += 1
         cube = size * size * size
         if len(self.rates) == 2:
             lags, last = lag(self.rates, now, cube), self.rates[-1].rate
-            self.linear += 0.5 * max(lags)  # amplitudes err by half as much
+            self.linear += 0.5 * lagging * max(lags)  # amplitudes err by half as much
             for i, (c, b) in enumerate(zip(now.rate, last, strict=True)):
                 self._second[i] += (size * (c - b)) ** 2
                 self._third[i] += (12.0 * lags[i]) ** 2
@@ -115,7 +115,7 @@ class Swings:
         if self._steps % _A_MEAN == 0:
             span, cubes, moment = self._since
             mean = Rate(moment / span, [change / span for change in self._changes])
-            self._slow += 0.5 * max(lag(self._means, mean, cubes))
+            self._slow += 0.5 * lagging * max(lag(self._means, mean, cubes))
             self._means.append(mean)
             self._since, self._changes = [0.0] * 3, [0.0] * len(now.rate)
 
