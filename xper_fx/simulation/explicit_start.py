@@ -11,34 +11,13 @@ times the shortest of that would leave no more than is asked for.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
-from xper_fx.bulk.bulk import Bulk
-from xper_fx.parallel.local_bodies import LocalBodies
-from xper_fx.scene.scene import Scene
-from xper_fx.simulation.options import Options
-
-if TYPE_CHECKING:
-    from xper_fx.simulation.model import Model
+from xper_fx.simulation.model import Model
 
 # Implicit steps over the shortest from which they are cheaper, and the unknowns that are few.
 _OF_FEW, _OF_MANY, _FEW = 4.0, 8.0, 1000
 # The shortest implicit step, over the critical one.
 _SHORTEST = 0.7
-
-
-def begins_explicit(options: Options, scene: Scene, bulk: Bulk, part: LocalBodies | None) -> bool:
-    """Whether a run begins with an explicit bulk, to go on with an implicit one if need be."""
-    picked = options.scheme_is_picked and options.scheme == "implicit"
-    if not (picked and options.requested.adapts_step and options.inertia and options.theta == 0.5):
-        return False
-    if scene.bodies is None or part is not None or not bulk.linear or bulk.damping is not None:
-        return False
-    bonds = scene.law_of_facet()[1] >= 0
-    others = scene.rigid, scene.contacts, scene.walls, scene.ties, scene.joints
-    num_bodies, num_cells = scene.bodies.counts
-    alone = scene.macroscopic is None and not bonds.any() and not any(map(len, others))
-    return alone and num_bodies < num_cells
 
 
 def outgrown(model: Model, last: float, end_time: float) -> bool:

@@ -23,7 +23,6 @@ from xper_fx.scene.scene import Scene
 from xper_fx.scene.scene_doubts import tell_doubts
 from xper_fx.simulation.domain_decomposition import decomposed
 from xper_fx.simulation.energy_ledger import EnergyLedger
-from xper_fx.simulation.explicit_start import begins_explicit
 from xper_fx.simulation.initial_state import initial_state
 from xper_fx.simulation.law_checks import check_laws_suit, check_path_has_bonds
 from xper_fx.simulation.not_finite import not_finite_columns
@@ -46,6 +45,7 @@ if TYPE_CHECKING:
     from xper_fx.bulk.implicit import ImplicitScheme
     from xper_fx.bulk.rigid_only import EmptyScheme
     from xper_fx.nscd.rigid.motion import RigidMotion
+    from xper_fx.parallel.local_bodies import LocalBodies
     from xper_fx.simulation.accuracy_control import AccuracyControl
     from xper_fx.simulation.contact_detection import Detection
     from xper_fx.simulation.healing import Healing
@@ -111,7 +111,7 @@ class Model:
         )
         self.bodies = scene.bodies if self.part is None else self.part.bodies
         self.bulk = self._bulk()
-        self.begins_explicit = begins_explicit(options, scene, self.bulk, self.part)
+        self.begins_explicit = _begins_explicit(options, scene, self.bulk, self.part)
         if self.begins_explicit:
             self.options = options = replace(options, scheme="explicit")
         self.facets = TaggedFacets(self.bodies, self.bulk)
@@ -425,3 +425,17 @@ class Model:
             owns("commit", lambda: forms.history_nbytes)
         if interactions is not None:
             owns("interaction points", lambda: bytes_of_groups(interactions.groups))
+
+
+def _begins_explicit(options: Options, scene: Scene, bulk: Bulk, part: LocalBodies | None) -> bool:
+    """Whether a run begins with an explicit bulk, to go on with an implicit one if need be."""
+    picked = options.scheme_is_picked and options.scheme == "implicit"
+    if not (picked and options.requested.adapts_step and options.inertia and options.theta == 0.5):
+        return False
+    if scene.bodies is None or part is not None or not bulk.linear or bulk.damping is not None:
+        return False
+    bonds = scene.law_of_facet()[1] >= 0
+    others = scene.rigid, scene.contacts, scene.walls, scene.ties, scene.joints
+    num_bodies, num_cells = scene.bodies.counts
+    alone = scene.macroscopic is None and not bonds.any() and not any(map(len, others))
+    return alone and num_bodies < num_cells
