@@ -285,11 +285,11 @@ class Simulation(Restartable):
             course.begin(self.step_size)
             yield from self._advance(end_time)
         while not fixed and end_time - self.state.time > _ROUNDING * abs(end_time):
-            course.begin(control.size(self.state.time, end_time))
-            yield from self._advance(end_time)
             if self.model.begins_explicit and outgrown(self.model, self._last_size, end_time):
                 leave_explicit(self.model)
                 self.state = replace(self.state, external=self.bulk.external(self.time))
+            course.begin(control.size(self.state.time, end_time))
+            yield from self._advance(end_time)
 
     def _advance(self, end_time: float) -> Iterator[StepRecord]:
         """The pieces of a step that are left to do; none if it should be shorter."""
