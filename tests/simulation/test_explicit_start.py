@@ -42,7 +42,8 @@ def test_waves_are_stepped_explicitly_and_a_slow_load_is_not():
     sizes = [step.size for step in slow.steps(END)]
     assert slow.options.scheme == "implicit"
     count = sum(size == slow.step_size for size in sizes)
-    assert 8 <= count < 40 and sizes[:count] == [slow.step_size] * count
+    # as long as eight implicit steps of 4 times the shortest, of 0.7 for 0.95 of the critical one
+    assert 24 <= count < 60 and sizes[:count] == [slow.step_size] * count
     shortest = 0.7 / 0.95 * slow.step_size  # of the implicit bulk
     assert min(sizes[count : len(sizes) // 2]) == pytest.approx(2.0 * shortest, rel=1e-9)
     assert len(sizes) < 0.4 * END / slow.step_size
@@ -83,9 +84,9 @@ def test_a_restarted_run_is_the_same():
     whole, saved, explicit = Simulation(pulled(), accuracy=1e-2), [], 0
     for step in whole.steps(END):
         explicit += step.size == whole.step_size
-        if step.step < 60:
+        if step.step < 80:
             saved.append(copy.deepcopy(whole.saved_in_order()))
-    for place in (4, explicit, explicit + 1, 50):
+    for place in (4, explicit, explicit + 1, 75):
         again = Simulation(pulled(), accuracy=1e-2)
         again.restore(saved[place - 1])
         assert again.model.begins_explicit == (place <= explicit)

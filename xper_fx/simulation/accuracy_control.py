@@ -67,7 +67,7 @@ _FRESH = 0.5
 # Steps of a size before a larger one is tried, and before a tolerance is halved again; of a static
 # run before a larger one.
 _PATIENCE, _STATIC_PATIENCE = 3, 2
-# The same before the bulk is another.
+# Steps of an implicit bulk in whose time none is too long, before it takes an explicit one's place.
 _A_WHILE = 8
 # An adapted step with inertia stays below this multiple of the first: rounding leaves the mass.
 LARGEST_GROWTH = 1e5
@@ -92,6 +92,7 @@ class _Learnt:
         meets: whether there are interactions; bodies that touched, if these are to be found.
         softening_step: in which a bond may snap (s).
         tolerance: of the impulses.
+        calm: time for which steps as long as `awaited` would have left little enough (s).
         same, tight_since: steps since the step, and the tolerance, were changed.
         smooth, ratio: estimate over what is allowed, of steps past and of the last one.
         rough: the same of the last steps that were doubled.
@@ -108,6 +109,7 @@ class _Learnt:
     tolerance: float
     meets: bool
     end_time: float = 0.0
+    calm: float = 0.0
     same: int = 0
     tight_since: int = 0
     smooth: float = 0.0
@@ -136,6 +138,8 @@ class AccuracyControl:
         adapts_step: whether it picks the step.
         tolerance: of the impulses.
         estimate: of the errors.
+        awaited: step (s) that an explicit bulk gives its place to an implicit one for; infinite
+            for others.
     """
 
     def __init__(
@@ -163,7 +167,7 @@ class AccuracyControl:
         self._learnt = _Learnt(
             first, first, first, largest, softest, requested.tolerance, interacting
         )
-        self.estimate = estimate
+        self.estimate, self.awaited = estimate, np.inf
         self._allowed = np.inf  # what the last step may leave (J; 2D: J/m)
         self._rest = np.inf  # of the run after the last step (s)
         self._counts = 1.0  # what its bends do
@@ -226,21 +230,15 @@ class AccuracyControl:
         """Whether the step is that of an explicit bulk."""
         return not self._static and self._learnt.largest <= self._learnt.base
 
-    def bears(self, longer: float, last: float, end_time: float) -> bool:
-        """Whether steps may be so much longer (s) than the last (s), from what several left."""
-        learnt = self._learnt
-        smooth = (longer / last) ** 2 * learnt.smooth < _SPARE
-        return smooth and learnt.same >= _A_WHILE and longer <= self._events(end_time)
+    def outgrows(self, end_time: float) -> bool:
+        """Whether steps may be as long as `awaited`, from what many left."""
+        calm = self._learnt.calm >= _A_WHILE * self.awaited
+        return calm and self.awaited <= self._events(end_time)
 
-    def leave_explicit(self, least: float, size: float) -> None:
-        """Pick steps of an implicit bulk from now on.
-
-        Args:
-            least: the shortest (s).
-            size: the next (s).
-        """
+    def leave_explicit(self, least: float) -> None:
+        """Pick steps of an implicit bulk from now on, the shortest `least` (s), first `awaited`."""
         learnt = self._learnt
-        learnt.base, learnt.least, learnt.size = least, least, size
+        learnt.base, learnt.least, learnt.size = least, least, self.awaited
         learnt.largest, learnt.same = LARGEST_GROWTH * least, 0
         self.estimate.lagging = 1.0
 
@@ -330,6 +328,9 @@ class AccuracyControl:
         self._adapt_tolerance()
         if doubling is not None and doubling.take(size, energies, self._rest):
             learnt.rough = doubling.local / self._allowed
+        if self.awaited < np.inf:
+            calm = (self.awaited / size) ** 2 * learnt.ratio < _SPARE
+            learnt.calm = learnt.calm + size if calm else 0.0
         learnt.same += 1
         learnt.smooth += _FRESH * (self._counts * learnt.ratio - learnt.smooth)
         if max(learnt.smooth, learnt.rough) > 1.0:

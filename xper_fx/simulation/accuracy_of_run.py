@@ -18,6 +18,11 @@ from xper_fx.simulation.load_histories import LoadHistories
 from xper_fx.simulation.options import Options
 from xper_fx.simulation.step_doubling import StepDoubling
 
+# Implicit steps over the shortest from which they are cheaper than explicit ones, by the number of
+# unknowns that there are fewer of; of more.
+_CHEAPER, _OF_MORE = {1000: 4.0, 4000: 8.0}, 16.0
+# The shortest implicit step, over the critical one.
+SHORTEST = 0.7
 # Phases of waves run ahead by half of what those of the trapezoidal rule lag (Hughes 1987, 9.1.3).
 _OF_CENTRAL_DIFFERENCES = 0.5
 # Rounding of an elastic energy, relative to that which the stiffest vibration would have.
@@ -72,6 +77,13 @@ def control_of(
         softening_step=softening, interacting=interacting, estimate=estimate,
         histories=LoadHistories(scene),
     )  # fmt: skip
+
+
+def first_implicit_step(bulk: Bulk) -> float:
+    """Of a run that begins with an explicit bulk (s): it is cheaper from there on."""
+    count = bulk.num_dofs_of_all
+    times = next((times for most, times in _CHEAPER.items() if count < most), _OF_MORE)
+    return times * SHORTEST * bulk.critical_step()
 
 
 def _rounding_of(bulk: Bulk) -> Callable[[np.ndarray], float]:

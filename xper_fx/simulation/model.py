@@ -177,17 +177,7 @@ class Model:
                 f"At the start {wrong} are not finite: initial velocities or masses are beyond "
                 "the range of floats; take other units."
             )
-        self.control: AccuracyControl | None = None
-        if options.requested.accuracy is not None:
-            from xper_fx.simulation.accuracy_of_run import control_of
-
-            held = self.ledger.energies
-            self.control = control_of(
-                options, self.scene, self.bulk, self.interactions, self.detection is not None,
-                self.scheme.theta, held.kinetic + held.elastic, self.step_size,
-            )  # fmt: skip
-            if self.detection is not None and self.rigid is None and not self.points.exist:
-                self.control.wait()
+        self.control = _control(self)
 
     # Bulk
 
@@ -455,3 +445,21 @@ def _begins_explicit(options: Options, scene: Scene, bulk: Bulk, part: LocalBodi
     num_bodies, num_cells = scene.bodies.counts
     alone = scene.macroscopic is None and not bonds.any() and not any(map(len, others))
     return alone and num_bodies < num_cells
+
+
+def _control(model: Model) -> AccuracyControl | None:
+    """Of step and tolerance, None if no accuracy is asked for."""
+    if model.options.requested.accuracy is None:
+        return None
+    from xper_fx.simulation.accuracy_of_run import control_of, first_implicit_step
+
+    held = model.ledger.energies
+    control = control_of(
+        model.options, model.scene, model.bulk, model.interactions, model.detection is not None,
+        model.scheme.theta, held.kinetic + held.elastic, model.step_size,
+    )  # fmt: skip
+    if model.detection is not None and model.rigid is None and not model.points.exist:
+        control.wait()
+    if model.begins_explicit:
+        control.awaited = first_implicit_step(model.bulk)
+    return control

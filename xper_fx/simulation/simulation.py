@@ -20,7 +20,7 @@ from xper_fx.simulation.attempt import StepAttempts
 from xper_fx.simulation.commit import commit_bodies, commit_interactions, deepest
 from xper_fx.simulation.course import Course
 from xper_fx.simulation.energy_ledger import BulkEnergies
-from xper_fx.simulation.explicit_start import leave_explicit, outgrown
+from xper_fx.simulation.explicit_start import leave_explicit
 from xper_fx.simulation.failures import give_up, require_finite, require_small_turns
 from xper_fx.simulation.model import Model
 from xper_fx.simulation.not_finite import not_finite_columns
@@ -59,7 +59,8 @@ class Simulation(Restartable):
         scheme: "implicit" or "explicit" bulk; interactions are implicit with both. If not given,
             implicit; with an adapted step, and with initially rigid bonds and no step, explicit
             where each cell is a body that has mass, as waves then go from body to body by sweeps,
-            and longer steps need as many more.
+            and longer steps need as many more; with an adapted step a linear bulk on which nothing
+            acts but loads begins explicit, too (`explicit_start.py`).
         theta: weight of the end of the step, in [1/2, 1]. If not given 1/2, which the explicit bulk
             has; 1 without inertia.
         accuracy: relative error asked for, in (0, 1): step and tolerances that are not given are
@@ -285,7 +286,7 @@ class Simulation(Restartable):
             course.begin(self.step_size)
             yield from self._advance(end_time)
         while not fixed and end_time - self.state.time > _ROUNDING * abs(end_time):
-            if self.model.begins_explicit and outgrown(self.model, self._last_size, end_time):
+            if self.model.begins_explicit and control.outgrows(end_time):
                 leave_explicit(self.model)
                 self.state = replace(self.state, external=self.bulk.external(self.time))
             course.begin(control.size(self.state.time, end_time))
