@@ -87,6 +87,7 @@ class CoupledStep:
         corrections: how many were solved for.
         start: velocities that iterations begin from (m/s).
         turns: whether frames of points turn with the bodies.
+        frames_differ: whether points of one node may have frames that part.
         may_jump: whether shorter steps, too, may have no state near the last one: their load is
             given, and neither inertia nor viscosity bounds how fast bonds break.
         flipped: what facet is flipped or degenerate in the present state, in words; or empty.
@@ -116,6 +117,8 @@ class CoupledStep:
         self.start = state.velocity if inert else np.zeros_like(state.displacement)
         self._stiffest, self.corrections, self.state = 0.0, 0, state
         self.turns = interactions is not None and interactions.turns
+        searched = 0.0 if interactions is None else float(len(interactions.contacts))
+        self.frames_differ = self.turns or self.ranks.max(searched) > 0.0
         viscous = any("viscous" in g.kernels.energies for g in self._groups)  # a rank may have none
         self.may_jump = not inert and growth is None and not self.ranks.max(float(viscous))
         self.flipped = ""
