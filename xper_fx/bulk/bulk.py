@@ -54,6 +54,7 @@ class Bulk:
         ranks: ranks that divide the bodies; vectors are this rank's, sums those of all.
         numbers: shape (num_bodies,), which of the bodies of all ranks this rank's are; None where
             it has all.
+        leaning: which bodies contacts with walls, or such that are searched, may hold.
 
     Attributes:
         unknowns: what the unknowns are.
@@ -79,8 +80,10 @@ class Bulk:
         joined: npt.ArrayLike = (),
         ranks: Ranks = ALONE,
         numbers: np.ndarray | None = None,
+        leaning: npt.ArrayLike = (),
     ):
         self.forms, self.ranks, self._numbers = forms, ranks, numbers
+        self._leaning = np.asarray(leaning, int)
         self.num_common = 0
         self.linear = forms.linear
         self.dim = forms.V.dofmap.index_map_bs
@@ -150,6 +153,7 @@ class Bulk:
         """As `rigid_motions.loose_bodies`, for pairs of bodies, shape (n, 2)."""
         x, held = self.nodes_of_bodies()
         sizes = np.diff(self.layout.offsets)
+        held[np.repeat(np.isin(np.arange(len(sizes)), self._leaning), sizes)] = True
         return loose_bodies(x, sizes, held, joined, self._numbers, self.ranks)
 
     def _held_by_interactions(self, joined: np.ndarray) -> bool:
@@ -171,7 +175,7 @@ class Bulk:
             "Without inertia what is prescribed should hold every body, or one of those that "
             f"interactions join to it, and body {bodies[0]} is free{others} to move as a whole in "
             f"{ways} way(s) (translations and rotations): prescribe more components on its "
-            "facets, or take inertia=True."
+            "facets, let it lean on a wall, or take inertia=True."
         )
 
     def _mass(self) -> np.ndarray:

@@ -27,8 +27,9 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from xper_fx.bulk.coupled_matrices import CoupledMatrices
-from xper_fx.bulk.extent import extent
+from xper_fx.bulk.extent import extent, moved_too_far
 from xper_fx.bulk.loading import Loading
+from xper_fx.bulk.sparse_direct import SingularMatrixError
 from xper_fx.bulk.state import State
 from xper_fx.bulk.step_equations import StepEquations
 from xper_fx.nscd.interactions import Interactions
@@ -37,6 +38,8 @@ from xper_fx.nscd.stepped_points import FacetFlippedError
 from xper_fx.support.profile import Stopwatch
 
 if TYPE_CHECKING:
+    from scipy.sparse import csr_array
+
     from xper_fx.nscd.growth import GrowthLimit
 
 # Relative rounding of velocities at the ends of a spring.
@@ -220,17 +223,42 @@ class CoupledStep:
         Raises:
             SingularMatrixError: the system cannot be factorised.
         """
-        matrices, interactions, watch = self._matrices, self.interactions, self._stopwatch
-        loading, growth = self.loading, self.growth if follows else None
+        watch, tangents = self._stopwatch, self._tangents
         self.corrections += 1
         with watch.phase("bulk matrix"):
             displacement = self._equations.displacement(self.velocity)
-            matrix = matrices.of_bulk(self.step, displacement)
+            matrix = self._matrices.of_bulk(self.step, displacement)
             self._stiffest = float(np.abs(matrix.data).max())
-        right, stiffness = self.residual, []
+        if tangents is not None:
+            with watch.phase("point tangents"):
+                tangents.linearise(self._present(), self._least(), proximal)
+        growth = self.growth if follows else None
+        try:
+            found = self._solved(matrix, growth)
+            flies = found is not None and self.moved_too_far(found.velocity) > 0.0
+            return self._solved(matrix, growth) if flies and self._press(proximal) else found
+        except SingularMatrixError:
+            if not self._press(proximal):
+                raise
+            return self._solved(matrix, growth)
+
+    def _press(self, proximal: float) -> bool:
+        """Whether lips that touch, without impulse yet, were open and are now taken as closed.
+
+        In statics bodies may hang by such lips alone. Open, they let them go anywhere.
+        """
+        if self._tangents is None or self._matrices.bulk.inertia is not None:
+            return False
+        with self._stopwatch.phase("point tangents"):
+            pressed = self._tangents.press(self._present(), self._least(), proximal)
+        return bool(self.ranks.max(float(pressed)))
+
+    def _solved(self, matrix: csr_array, growth: GrowthLimit | None) -> Correction | None:
+        """The correction of the bulk's matrix and the points' springs; see `correction`."""
+        matrices, interactions, watch = self._matrices, self.interactions, self._stopwatch
+        loading, right, stiffness = self.loading, self.residual, []
         if self._tangents is not None:
             with watch.phase("point tangents"):
-                self._tangents.linearise(self._present(), self._least(), proximal)
                 stiffness = self._springs()
                 source = [
                     g.impulse + s for g, s in zip(self._groups, self._tangents.source, strict=True)
@@ -348,19 +376,10 @@ class CoupledStep:
         largest = float(np.abs(values).max(initial=0.0))
         return float(np.prod(self.ranks.max(np.array([stiffness, largest]))))
 
-    def moved_too_far(self) -> float:
-        """How far a static step moves a body beyond its supports (m), 0 within the scene's size.
-
-        What nothing holds for a moment goes wherever rounding leads it, and forces balance there.
-        """
-        bulk = self._matrices.bulk
-        if bulk.inertia is not None:
-            return 0.0
-        nodal = slice(bulk.unknowns.num_nodes * bulk.dim)  # not the gradient of a periodic cell
-        velocities = self.velocity[nodal], self.loading.wanted[nodal]
-        far = self.step * np.array([np.abs(v).max(initial=0.0) for v in velocities])
-        moved, given = self.ranks.max(far)
-        return moved if moved > given + self._extent else 0.0
+    def moved_too_far(self, change: float | np.ndarray = 0.0) -> float:
+        """How far velocities with a change (m/s) move a body too far (m); see `moved_too_far`."""
+        velocities = self.velocity + change, self.loading.wanted
+        return moved_too_far(self._matrices.bulk, self.step, *velocities, self._extent)
 
     def num_held(self) -> int:
         """This rank's points whose impulses are multipliers."""

@@ -17,6 +17,11 @@ Along a path, whose load lets no bond grow further than it may, it is taken at t
 some states were 4e-4 of the largest load off an independent arc-length solution, at the answers
 2e-6.
 
+Two facets that meet at a node and have turned by different angles have different gaps where their
+lips have slid: one of them bears all, and the other opens by next to nothing. The multiplier of the
+other then has to fall to zero, by that next to nothing times 1 / p in each iteration: where little
+is left and iterations stall, p becomes smaller.
+
 The iteration is quadratic near its end and may go round in circles far from it, where contact alone
 holds slender bodies or slips: `augmented_lagrangian.py` then finds who is in contact.
 """
@@ -32,8 +37,8 @@ from xper_fx.bulk.sparse_direct import SingularMatrixError
 
 logger = logging.getLogger(__name__)
 
-# p of the points' springs.
-_PROXIMAL = 1e-3
+# p of the points' springs, and where iterations stall near the end.
+_PROXIMAL, _FIRM = 1e-3, 1e-6
 # Lengths of a correction that are tried, and what is left of how many iterations it may not exceed.
 _LENGTHS, _MEMORY = (1.0, 0.5, 0.25, 0.1), 3
 # Relative difference of what is left from what two iterations ago was, at which it is the same.
@@ -92,11 +97,11 @@ class SemismoothNewton:
     def _iterate(self, tolerance: float, most: int) -> str:
         """What failed, empty if nothing has; see `run`."""
         step, history, small = self._step, [], False
-        count, last = 0, most
+        count, last, proximal = 0, most, _PROXIMAL
         while count < last:
             count += 1
             try:
-                correction = step.correction(_PROXIMAL)
+                correction = step.correction(proximal)
             except SingularMatrixError:
                 return _SINGULAR
             if correction is None:
@@ -140,14 +145,16 @@ class SemismoothNewton:
             elif best[0] > _ASTRAY * reference:
                 return _NOT_FINITE
             elif _stalls(history):
-                # gaps of turned lips that are closed around a vertex agree only nearly: no
-                # impulses close them all, and what differs is left for good. So are flips too small
-                # to matter along a path, where shorter steps have them too.
+                # flips too small to matter along a path, where shorter steps have them too; and
+                # lips that turn, below
                 for_good = step.turns or step.growth is not None
                 little = for_good and self.left <= _ROUND * tolerance
                 if little and abs(step.growth_left()) <= _GROWN and step.evolve() <= tolerance:
                     return self._loose()
-                return self._short(small) or _STUCK
+                if proximal == _FIRM or self.left > _NEAR:
+                    return self._short(small) or _STUCK
+                proximal = _FIRM
+                history.clear()
         return self._short(small) or _SLOW.format(last)
 
     def _loose(self) -> str:

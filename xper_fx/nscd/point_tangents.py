@@ -32,6 +32,8 @@ from xper_fx.nscd.laws.law import LawKernels
 # Steps of the differences, relative to the local velocity, or to a share of the one that the
 # impulse makes: that of a bond may be far larger than its opening, where its law is curved.
 _REACH, _OF_IMPULSE = 1e-7, 3e-3
+# Speed of lips that are taken as pressed, beside the velocity that differences are taken over.
+_APPROACH = 1e6
 # Entry of S_r above which a point is held: its impulse is a multiplier.
 _HELD = 0.5
 # Pivot of I - (1 - p) S_r that counts as zero.
@@ -70,13 +72,13 @@ def _tangent_kernel(law: LawKernels, sides: Sides):
     columns = 2 * components + 1
 
     @njit(nogil=True, **LEAN_ENTRY)
-    def tangents(v, c, points, least, proximal, springs, a):
+    def tangents(v, c, points, least, proximal, approach, springs, a):
         # a: shape (components, 2 components + 1): I - (1 - p) S_r, S_u, S - r
         r, w, parameters = points.impulse, points.compliance, points.parameters
         terms, details = points.terms, points.details
         response, stiffness, source, held = springs
         for i in range(len(r)):
-            old, u = row(r, i), read(v, c, i)
+            old, u = row(r, i), add(read(v, c, i), unit(0, -approach[i]))
             base, _ = solve(i, u, old, w, parameters, terms, details)
             set_row(response, i, base)
             moved_by = sym_vector(sym_row(w, i), old)
@@ -155,6 +157,7 @@ class PointTangents:
         self.source = [np.zeros(shape) for shape in shapes]
         self.response = [np.zeros(shape) for shape in shapes]
         self.held = [np.zeros(shape[0], bool) for shape in shapes]
+        self._approach = [np.zeros(shape[0]) for shape in shapes]
 
     def linearise(self, velocity: np.ndarray, least: float, proximal: float) -> None:
         """Take the springs around a state.
@@ -164,13 +167,33 @@ class PointTangents:
             least: velocity (m/s) that differences are at least taken over.
             proximal: p; 1 where the impulses are given, so that S_r does not count.
         """
+        for approach in self._approach:
+            approach[:] = 0.0
+        self._linearise(velocity, least, proximal)
+
+    def press(self, velocity: np.ndarray, least: float, proximal: float) -> bool:
+        """Take the springs, after `linearise`, as if lips approached that hold nothing.
+
+        Where lips touch and no impulse is known yet, this is the other branch: closed, and stuck.
+
+        Returns:
+            Whether there are such points.
+        """
+        for approach, stiffness in zip(self._approach, self.stiffness, strict=True):
+            approach[:] = np.where(stiffness.any(axis=(1, 2)), 0.0, _APPROACH * least)
+        self._linearise(velocity, least, proximal)
+        closed = zip(self._approach, self.held, strict=True)
+        return any(np.any(held[approach > 0.0]) for approach, held in closed)
+
+    def _linearise(self, velocity: np.ndarray, least: float, proximal: float) -> None:
         for number, g in enumerate(self._interactions.groups):
             n, tangents = g.kernels.components, _tangent_kernel(g.kernels, g.sides)
             springs = tuple(
                 each[number] for each in (self.response, self.stiffness, self.source, self.held)
             )
-            room = np.empty((n, 2 * n + 1))
-            tangents(velocity, g.couplings, g.law_arrays(), least, proximal, springs, room)
+            room, approach = np.empty((n, 2 * n + 1)), self._approach[number]
+            arrays = g.couplings, g.law_arrays()
+            tangents(velocity, *arrays, least, proximal, approach, springs, room)
 
     def respond(self, velocity: np.ndarray) -> None:
         """Take `response` alone."""

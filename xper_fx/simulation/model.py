@@ -24,6 +24,7 @@ from xper_fx.simulation.domain_decomposition import decomposed
 from xper_fx.simulation.energy_ledger import EnergyLedger
 from xper_fx.simulation.initial_state import initial_state
 from xper_fx.simulation.law_checks import check_laws_suit, check_path_has_bonds
+from xper_fx.simulation.leaning_bodies import leaning_bodies
 from xper_fx.simulation.not_finite import not_finite_columns
 from xper_fx.simulation.one_system import takes_one_system
 from xper_fx.simulation.options import Options
@@ -204,7 +205,10 @@ class Model:
         joined = () if inertia else self._joined_bodies()
         if scene.macroscopic is None:
             numbers = self.part and scene.bodies.numbers_on_all(self.part.body_numbers)
-            return Bulk(forms, motions, scene.damping, inertia, joined, self.ranks, numbers)
+            leaning = () if inertia else leaning_bodies(scene, self.bodies)
+            return Bulk(
+                forms, motions, scene.damping, inertia, joined, self.ranks, numbers, leaning
+            )
         from xper_fx.periodic.two_field import CellBulk
 
         bulk = CellBulk(forms, scene.macroscopic, inertia, joined, self.ranks)
