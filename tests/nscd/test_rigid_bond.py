@@ -85,6 +85,21 @@ def test_a_bond_that_sweeps_leave_open_is_booked_as_open(opened, spent):
     assert left == pytest.approx(spent * SPENT, rel=2e-3, abs=1e-15)
 
 
+def test_a_bond_at_rest_books_nothing_until_it_is_prepared_again():
+    """What its last step booked is not booked again, and its lips stay one for this step alone."""
+    bond = PointMass(law(), 2.0, [1.0, 0.0], area=AREA)
+    (group,), v = bond.interactions.groups, np.array([1.0, 0.0, 0.0, 0.0])
+    bond.interactions.begin_step(1e-6, 0.5)
+    group.kernels.rigid.rest(0, group.details)
+    group.energy[:], group.status[:] = 1.0, 0
+    assert not np.any(bond.interactions.commit(v))
+    assert not np.any(group.energy) and not np.any(group.jump)
+    assert group.status[0] == 1
+    bond.interactions.begin_step(1e-6, 0.5)
+    assert bond.interactions.commit(v).cohesion > 0.0
+    assert group.jump[0, 0] > 0.0
+
+
 @pytest.mark.parametrize("theta", [0.5, 0.75, 1.0])
 def test_no_traction_exceeds_the_strength(theta):
     """A heavy mass opens the bond in small steps: tractions are means of the curve."""

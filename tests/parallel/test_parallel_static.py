@@ -17,12 +17,12 @@ import static_scenes
 pytestmark = pytest.mark.ranks
 SCRIPT = "ranks/static_scenes.py"
 # Bonds that weaken, contacts that Newton's method does not find by itself, finite strain on a wall,
-# initially rigid bonds in space, searched contacts, contacts solved at their points, inertia, ties,
-# paths that snap back, periodic cells, also along a path, meshes that are spread over the ranks,
-# matrices that all ranks factor.
+# initially rigid bonds in space, searched contacts, contacts solved at their points, contacts that
+# alone hold, inertia, ties, paths that snap back, periodic cells, also along a path, meshes that
+# are spread over the ranks, matrices that all ranks factor.
 SCENES = {
-    2: ("drawn", "wedged", "turned", "rigid", "touching", "held", "inert", "tied", "peeled",
-        "unrolled", "inert_cell", "cell", "turned_cell", "spread_drawn",
+    2: ("drawn", "wedged", "turned", "rigid", "touching", "held", "leaning", "inert", "tied",
+        "peeled", "unrolled", "inert_cell", "cell", "turned_cell", "spread_drawn",
         "spread_touching", "factored_drawn", "factored_turned_cell", "groups", "messages",
         "stopped", "spread_stopped"),
     3: ("stopped", "spread_stopped"),

@@ -120,6 +120,17 @@ def held():
     return scene, {"step": 1.0, "tolerance": 1e-11, **STATIC}, 3
 
 
+def leaning():
+    """Blocks that nothing holds: four on a wall, three on these, pushed aside by their weight."""
+    scene = xf.Scene(
+        box_bodies((4.0, 2.0), (16, 8), label=lambda x: np.where(x[1] < 1, x[0], 4 + x[0] / 1.34)),
+        {1: ELASTIC}, default_interaction=xf.laws.SignoriniCoulomb(0.4, contact="position"),
+        walls=[xf.Wall(BOTTOM, (0.0, 0.0), (0.0, 1.0), xf.laws.SignoriniCoulomb(0.5))],
+        loads=[xf.Gravity(lambda t: (2.0 * t, -9.81 * t))],
+    )  # fmt: skip
+    return scene, {"step": 0.25, **STATIC}, 4
+
+
 def inert():
     """The system with inertia: a plate is torn by a wave."""
     scene, _, _ = drawn()
@@ -249,8 +260,8 @@ def loose():
 
 SCENES = {
     f.__name__: f
-    for f in (drawn, wedged, turned, rigid, touching, held, inert, tied, peeled, unrolled, row,
-              stopped, inert_cell, cell, turned_cell, celled_path, loose)
+    for f in (drawn, wedged, turned, rigid, touching, held, leaning, inert, tied, peeled, unrolled,
+              row, stopped, inert_cell, cell, turned_cell, celled_path, loose)
 }  # fmt: skip
 
 

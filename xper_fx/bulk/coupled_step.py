@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from xper_fx.bulk.coupled_matrices import CoupledMatrices
-from xper_fx.bulk.extent import extent
+from xper_fx.bulk.extent import extent, moved_too_far
 from xper_fx.bulk.loading import Loading
 from xper_fx.bulk.sparse_direct import SingularMatrixError
 from xper_fx.bulk.state import State
@@ -87,6 +87,7 @@ class CoupledStep:
         corrections: how many were solved for.
         start: velocities that iterations begin from (m/s).
         turns: whether frames of points turn with the bodies.
+        frames_differ: whether points of one node may have frames that part.
         may_jump: whether shorter steps, too, may have no state near the last one: their load is
             given, and neither inertia nor viscosity bounds how fast bonds break.
         flipped: what facet is flipped or degenerate in the present state, in words; or empty.
@@ -116,6 +117,8 @@ class CoupledStep:
         self.start = state.velocity if inert else np.zeros_like(state.displacement)
         self._stiffest, self.corrections, self.state = 0.0, 0, state
         self.turns = interactions is not None and interactions.turns
+        searched = 0.0 if interactions is None else float(len(interactions.contacts))
+        self.frames_differ = self.turns or self.ranks.max(searched) > 0.0
         viscous = any("viscous" in g.kernels.energies for g in self._groups)  # a rank may have none
         self.may_jump = not inert and growth is None and not self.ranks.max(float(viscous))
         self.flipped = ""
@@ -235,13 +238,12 @@ class CoupledStep:
         growth = self.growth if follows else None
         try:
             found = self._solved(matrix, growth)
+            flies = found is not None and self.moved_too_far(found.velocity) > 0.0
+            return self._solved(matrix, growth) if flies and self._press(proximal) else found
         except SingularMatrixError:
             if not self._press(proximal):
                 raise
             return self._solved(matrix, growth)
-        if found is not None and self._far(self.velocity + found.velocity) and self._press(proximal):
-            return self._solved(matrix, growth)
-        return found
 
     def _press(self, proximal: float) -> bool:
         """Whether lips that touch, without impulse yet, were open and are now taken as closed.
@@ -377,22 +379,10 @@ class CoupledStep:
         largest = float(np.abs(values).max(initial=0.0))
         return float(np.prod(self.ranks.max(np.array([stiffness, largest]))))
 
-    def moved_too_far(self) -> float:
-        """How far a static step moves a body beyond its supports (m), 0 within the scene's size.
-
-        What nothing holds for a moment goes wherever rounding leads it, and forces balance there.
-        """
-        return self._far(self.velocity)
-
-    def _far(self, velocity: np.ndarray) -> float:
-        bulk = self._matrices.bulk
-        if bulk.inertia is not None:
-            return 0.0
-        nodal = slice(bulk.unknowns.num_nodes * bulk.dim)  # not the gradient of a periodic cell
-        velocities = velocity[nodal], self.loading.wanted[nodal]
-        far = self.step * np.array([np.abs(v).max(initial=0.0) for v in velocities])
-        moved, given = self.ranks.max(far)
-        return moved if moved > given + self._extent else 0.0
+    def moved_too_far(self, change: float | np.ndarray = 0.0) -> float:
+        """How far velocities with a change (m/s) move a body too far (m); see `moved_too_far`."""
+        velocities = self.velocity + change, self.loading.wanted
+        return moved_too_far(self._matrices.bulk, self.step, *velocities, self._extent)
 
     def num_held(self) -> int:
         """This rank's points whose impulses are multipliers."""

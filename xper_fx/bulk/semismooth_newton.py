@@ -18,9 +18,10 @@ some states were 4e-4 of the largest load off an independent arc-length solution
 2e-6.
 
 Two facets that meet at a node and have turned by different angles have different gaps where their
-lips have slid: one of them bears all, and the other opens by next to nothing. The multiplier of the
-other then has to fall to zero, by that next to nothing times 1 / p in each iteration: where little
-is left and iterations stall, p becomes smaller.
+lips have slid, and so have two nodes that a search finds on each other's facets: one bears all, and
+the other opens by next to nothing. The multiplier of the other then has to fall to zero, by that
+next to nothing times 1 / p in each iteration: where little is left and iterations stall, p becomes
+smaller.
 
 The iteration is quadratic near its end and may go round in circles far from it, where contact alone
 holds slender bodies or slips: `augmented_lagrangian.py` then finds who is in contact.
@@ -151,7 +152,7 @@ class SemismoothNewton:
                 little = for_good and self.left <= _ROUND * tolerance
                 if little and abs(step.growth_left()) <= _GROWN and step.evolve() <= tolerance:
                     return self._loose()
-                if proximal == _FIRM or self.left > _NEAR:
+                if proximal == _FIRM or self.left > _NEAR or not step.frames_differ:
                     return self._short(small) or _STUCK
                 proximal = _FIRM
                 history.clear()

@@ -42,7 +42,9 @@ def step_loops(law: LawKernels, sides: Sides):
     read, _ = motion(sides)
     algebra = for_dimension(sides.dim, sides.components)
     row, add, scale = algebra.row, algebra.add, algebra.scale
-    prepare, end = law.prepare, ending(law, sides)
+    prepare, end, energies = law.prepare, ending(law, sides), len(law.energies)
+    may_rest = law.rigid is not None and law.rigid.rests is not None
+    rests = law.rigid.rests if may_rest else None
 
     @njit(nogil=True, **LEAN_ENTRY)
     def prepare_range(first, last, p, step, theta):
@@ -55,6 +57,11 @@ def step_loops(law: LawKernels, sides: Sides):
     @njit(nogil=True, **LEAN_ENTRY)
     def commit_range(first, last, v, c, p, step, theta):
         for i in range(first, last):
+            if may_rest and rests(i, p.details):  # nothing moves on
+                p.status[i] = 1
+                for j in range(energies):
+                    p.energy[i, j] = 0.0
+                continue
             jump0, u = row(p.jump, i), read(v, c, i)
             mean = add(scale(theta, u), scale(1.0 - theta, row(p.velocity, i)))
             end(i, jump0, mean, u, p, step, theta)

@@ -73,16 +73,18 @@ class StepWork(NamedTuple):
 
 
 @njit(**LEAN_ENTRY)
-def _end(impulse, committed, energy, columns, totals):
-    """Impulses become those of the last step; energies are added up, each to its place."""
+def _end(impulse, committed, energy, columns, sums, totals):
+    """Impulses become those of the last step; energies are added up, each to its place.
+
+    `sums` are zeros, as many as `columns`.
+    """
     for i in range(len(impulse)):
         for d in range(impulse.shape[1]):
             committed[i, d] = impulse[i, d]
+        for j in range(len(columns)):
+            sums[j] += energy[i, j]
     for j in range(len(columns)):
-        total = 0.0
-        for i in range(len(energy)):
-            total += energy[i, j]
-        totals[columns[j]] += total
+        totals[columns[j]] += sums[j]
 
 
 @cache
@@ -407,7 +409,8 @@ class SteppedPoints(PointValues):
             if before is not None:
                 totals[percussions] += _take_percussions(g, *before, self.theta)
             places = _places(g.kernels.energies)
-            _end(g.impulse, g.committed_impulse, g.energy, places, totals)
+            sums = np.zeros(len(places))
+            _end(g.impulse, g.committed_impulse, g.energy, places, sums, totals)
         self.committed_step = self.step_size
         if self.renewals:
             self._found.commit()

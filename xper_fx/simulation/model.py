@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from xper_fx.bodies.meshes import facet_cells
 from xper_fx.bulk.bulk import Bulk
 from xper_fx.forms.dynamics import BulkForms
 from xper_fx.forms.loads import PrescribedDisplacement, PrescribedVelocity
@@ -26,6 +25,7 @@ from xper_fx.simulation.domain_decomposition import decomposed
 from xper_fx.simulation.energy_ledger import EnergyLedger
 from xper_fx.simulation.initial_state import initial_state
 from xper_fx.simulation.law_checks import check_laws_suit, check_path_has_bonds
+from xper_fx.simulation.leaning_bodies import leaning_bodies
 from xper_fx.simulation.not_finite import not_finite_columns
 from xper_fx.simulation.one_system import takes_one_system
 from xper_fx.simulation.options import Options
@@ -202,7 +202,7 @@ class Model:
         joined = () if inertia else self._joined_bodies()
         if scene.macroscopic is None:
             numbers = self.part and scene.bodies.numbers_on_all(self.part.body_numbers)
-            leaning = () if inertia else self._leaning_bodies()
+            leaning = () if inertia else leaning_bodies(scene, self.bodies)
             return Bulk(
                 forms, motions, scene.damping, inertia, joined, self.ranks, numbers, leaning
             )
@@ -224,18 +224,6 @@ class Model:
             own = [self.part.body_numbers[pair] for pair in tied]
             tied = [pair for pairs in self.ranks.comm.allgather(own) for pair in pairs]
         return bodies.numbers_on_all(np.concatenate([bodies.facets.bodies[law >= 0], *tied]))
-
-    def _leaning_bodies(self) -> np.ndarray:
-        """This rank's bodies that contacts with walls, or such that are searched, may hold."""
-        scene, bodies = self.scene, self.bodies
-        cells = [np.zeros(0, np.int32)]
-        if scene.walls:
-            facets = np.concatenate([bodies.facet_tags.find(wall.facets) for wall in scene.walls])
-            cells.append(facet_cells(bodies.mesh)[0][facets, 0])
-        touching = {name for c in scene.contacts if c.law is not None for name in c.between}
-        for name in touching & set(scene.surfaces):
-            cells += [bodies.cell_tags.find(tag) for tag in scene.surfaces[name]]
-        return np.unique(bodies.body_of_cell[np.concatenate(cells)])
 
     def _rigid_motion(self) -> RigidMotion | None:
         if self.scene.rigid_bodies is None:

@@ -11,6 +11,9 @@ rigid still, or may be:
     insist(i, u, for_good, parameters, terms, details)
         from now on in this step, of the states that the bond may have, the most damaged one is
         taken if velocity u breaks it; with `for_good` the bond is no sounder than u leaves it
+    rest(i, details), rests(i, details) -> bool
+        in place of `prepare`, for lips that are one, have not moved and bear no impulse; whether
+        that was so
 """
 
 from __future__ import annotations
@@ -60,6 +63,8 @@ _CLOSE, _NEIGHBOURS = 1e-14, 4e-16
 _LEFT, _OVER = 1e-6, 1e-6
 # Difference of the squares of friction and its bound, relative, at which lips slide.
 _SLIDES = 1e-12
+# In the column of what is rigid: lips that are one, for which no constants are set.
+_RESTS = 2.0
 # What is added to compliances to tell the impulse that holds, relative, and where both lips are
 # driven: whatever parts them opens the bond.
 _REGULAR, _DRIVEN = 1e-12, 1e-200
@@ -183,12 +188,13 @@ def rigid_kernels(
         if rubs:
             for j in range(1, dim):
                 terms[i, slip + j - 1] = -terms[i, push + j if broken else start_at + j]
-        details[i, old] = state[i, DAMAGE]
-        details[i, limit] = first_limit(i, parameters, state)
+        details[i, old] = details[i, soundest] = state[i, DAMAGE]
         sound = state[i, OPENING_MAX] == 0.0
         details[i, rigid] = 1.0 if sound else 0.0
+        if broken:  # contact asks for no more
+            return
+        details[i, limit] = first_limit(i, parameters, state)
         details[i, jump_start] = 0.0 if sound else opening(jump)
-        details[i, soundest] = state[i, DAMAGE]
         details[i, snapped] = 0.0
         details[i, h_theta] = scaled
         details[i, spring] = 0.5 * step * scaled * area * parameters[i, C_N]
@@ -396,14 +402,14 @@ def rigid_kernels(
         # lips that are one, for which a vertex sets no constants
         if state[i, OPENING_MAX] == 0.0 and dot(jump1, jump1) + dot(r, r) == 0.0:
             return 1
+        if details[i, old] == 0.0:
+            state[i, PUSHED] = r[0]
+            return book_impact(i, r, subtract(jump1, jump0), step, parameters, energy)
         x1, p = opening(jump1), shape(i, jump1, parameters)
         if x1 <= _LEFT * p[1] and held_but(i, _OVER, u, r, parameters, terms, details):
             energy[i, NUMERICAL] = -dot(r, subtract(jump1, jump0)) / step  # of the tolerance
             return 1
         state[i, PUSHED] = 0.0
-        if details[i, old] == 0.0:
-            state[i, PUSHED] = r[0]
-            return book_impact(i, r, subtract(jump1, jump0), step, parameters, energy)
         beta0 = parameters[i, BETA0]
         beta = mean_with(i, x1, jump1, p, parameters, details)
         new = min(beta, damage(x1, p, beta0))
@@ -434,6 +440,8 @@ def rigid_kernels(
 
     @njit(**LEAN_INNER)
     def insist(i, u, for_good, parameters, terms, details):
+        if details[i, soundest] == 0.0:
+            return
         y = add(u, part(terms, i, push))
         if for_good:
             beta = mean_after(i, y, parameters, terms, details)
@@ -442,6 +450,14 @@ def rigid_kernels(
         jump = jump_after(i, y, terms, details)
         if opening(jump) >= shape(i, jump, parameters)[1]:
             details[i, snapped] = 1.0
+
+    @njit(inline="always")
+    def rest(i, details):
+        details[i, rigid] = _RESTS
+
+    @njit(inline="always")
+    def rests(i, details):
+        return details[i, rigid] == _RESTS
 
     @njit(inline="always")
     def stored(i, jump, area, parameters, state):
@@ -463,5 +479,5 @@ def rigid_kernels(
         energies=energies,
         spent=weakening.spent,
         stored=stored,
-        rigid=RigidKernels(bears, held, insist),
+        rigid=RigidKernels(bears, held, insist, rest, rests),
     )

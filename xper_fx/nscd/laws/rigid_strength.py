@@ -16,8 +16,8 @@ from xper_fx.nscd.laws.damage_curve import BETA0, C_N, C_T
 from xper_fx.nscd.laws.friction_of_lips import Friction, friction_by_damage
 from xper_fx.nscd.laws.weakening import Weakening
 
-# Those of `rigid_kernels.py`; `held` and `insist` are None of laws that are for no explicit bulk.
-RigidKernels = namedtuple("RigidKernels", "bears held insist", defaults=(None, None))
+# Those of `rigid_kernels.py`; all but `bears` are None of laws that are for no explicit bulk.
+RigidKernels = namedtuple("RigidKernels", "bears held insist rest rests", defaults=4 * (None,))
 
 # Excess of a traction over the strength, relative, that is rounding.
 _ROUNDING = 1e-12

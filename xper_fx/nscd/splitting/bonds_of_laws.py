@@ -54,7 +54,7 @@ def _kernels_of_bond(law: LawKernels, dim: int) -> _OfBond:
     world_set = world.set_row
     solve, prepare, evolve, local = law.solve, law.prepare, law.evolve, local_flow(dim)
     rigid = law.rigid is not None
-    bears_flow, held, insist = law.rigid if rigid else (None, None, None)
+    bears_flow, held, insist, rest, _ = law.rigid if rigid else 5 * (None,)
     world_add, world_subtract = world.add, world.subtract
     world_unit, world_scale = world.unit, world.scale
 
@@ -105,7 +105,8 @@ def _kernels_of_bond(law: LawKernels, dim: int) -> _OfBond:
         else:
             set_row(impulse, i, scale(0.0, row(impulse, i)))
             still = dot(row(jump, i), row(jump, i)) + dot(row(velocity, i), row(velocity, i)) == 0.0
-            if still and sound(arrays, q, e, g, work, i):
+            if rigid and still and sound(arrays, q, e, g, work, i):
+                rest(i, details)
                 return
         prepare(
             i, row(jump, i), row(velocity, i), compliance, area[i], step, 0.5, parameters, state,

@@ -12,6 +12,7 @@ from xper_fx.nscd.kernel_options import LEAN_ENTRY, LEAN_INNER, MERGED
 from xper_fx.nscd.laws.law import LawKernels
 from xper_fx.nscd.splitting.bonds_of_laws import kernels_of_laws
 from xper_fx.nscd.splitting.vertex_kernels import vertex_kernels
+from xper_fx.nscd.splitting.whole_vertices import whole_kernel
 
 # Relative change of the impulses of a vertex at which it is solved: a few unknowns, cheap to have.
 _TOLERANCE = 1e-11
@@ -50,8 +51,9 @@ def _nest(count: int):
 
 @cache
 def split_kernel(laws: tuple[LawKernels, ...], dim: int):
-    """Vertices that are not whole."""
+    """Vertices that are not whole, once those that are have moved."""
     of_vertex, of_laws = vertex_kernels(dim), kernels_of_laws(laws, dim)
+    move_whole = whole_kernel(laws, dim)
     gather, _, partition, form, sources, bound, put, least_flow, newton = of_vertex
     begin, sweep, settle, ask, slopes, correct, give, bear, find_fused, cut = of_laws
     nest = _nest(len(laws))
@@ -190,28 +192,43 @@ def split_kernel(laws: tuple[LawKernels, ...], dim: int):
         ground,
         g,
         work,
+        vertices,
+        whole,
+        table_rows,
+        group_of,
+        whole_tables,
+        failed,
         split,
         rows,
-        group_of,
         tables,
         arrays,
         tolerance,
         clusters,
     ):
-        """All of `split`; returns the most sweeps, the largest error, and how many failed.
+        """Move whole ones of `vertices`, then all of `split` if the former hold.
 
         `clusters`, shape (num_corners,), takes the first corner of each one's cluster, counted in
         the vertex; it has no length where nobody asks.
+
+        Returns:
+            How many whole ones do not hold, as of `move_whole`, and of the others the most sweeps,
+            the largest error, and how many failed.
         """
+        weak = move_whole(
+            v, impulses, step, ground, g, work, vertices, whole, table_rows, group_of,
+            whole_tables, failed
+        )  # fmt: skip
+        if weak > 0:
+            return weak, 0, 0.0, 0
         groups = nest(arrays)
-        most, largest, failed = 0, 0.0, 0
+        most, largest, missed = 0, 0.0, 0
         for n in range(len(split)):
             b = split[n]
             k, sweeps, error = solve_vertex(
                 b, v, step, tolerance, g, work, rows, tables, groups, group_of
             )
             most, largest = max(most, sweeps), max(largest, error)
-            failed += error > tolerance
+            missed += error > tolerance
             for c in range(k):
                 for d in range(dim):
                     work.source[c, d] = 0.0
@@ -226,6 +243,6 @@ def split_kernel(laws: tuple[LawKernels, ...], dim: int):
             if len(clusters) > 0:
                 for c in range(k):
                     clusters[g.corner_offsets[b] + c] = work.cluster[c]
-        return most, largest, failed
+        return 0, most, largest, missed
 
     return solve_split

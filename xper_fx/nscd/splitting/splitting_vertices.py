@@ -33,7 +33,7 @@ from xper_fx.nscd.splitting.split_vertices import split_kernel
 from xper_fx.nscd.splitting.vertex_kernels import VertexWork, vertex_work
 from xper_fx.nscd.splitting.whole_vertices import whole_kernel
 
-_NOT_ASKED = np.zeros(0, np.int16)
+_NOT_ASKED, _NONE = np.zeros(0, np.int16), np.zeros(0, np.int32)
 
 
 class SplittingVertices(Solver):
@@ -79,28 +79,31 @@ class SplittingVertices(Solver):
     ) -> SolveReport:
         """Solve some vertices, in which velocities are those of their cells for themselves."""
         fused: FusedPoints = interactions.fused
-        graphs, dim, step = fused.graphs, interactions.dim, interactions.step_size
-        laws = tuple(g.kernels for g in fused.groups)
-        ground = interactions.inverse.num_nodes
-        move_whole = whole_kernel(laws, dim)
-        failed = move_whole(
-            velocity, fused.impulses, step, ground, graphs, self._work, vertices, fused.whole,
-            fused.table_rows, fused.group_of, fused.tables, fused.failed,
-        )  # fmt: skip
-        if failed:
+        dim, step, ground = interactions.dim, interactions.step_size, interactions.inverse.num_nodes
+        still = vertices
+        while True:
+            split = fused.split if vertices is self._all else vertices[~fused.whole[vertices]]
+            laws = tuple(g.kernels for g in fused.groups)
+            sweeps, error, missed = 0, 0.0, 0
+            given = (
+                velocity, fused.impulses, step, ground, fused.graphs, self._work, still,
+                fused.whole, fused.table_rows, fused.group_of, fused.tables, fused.failed,
+            )  # fmt: skip
+            if len(split):
+                arrays = tuple(
+                    array
+                    for g in fused.groups
+                    for array in (g.couplings.frame, g.impulse, g.compliance, g.points.area,
+                                  g.jump, g.velocity, g.parameters, g.state, g.terms, g.details)
+                )  # fmt: skip
+                failed, sweeps, error, missed = split_kernel(laws, dim)(
+                    *given, split, fused.rows, tuple(g.parameters for g in fused.groups), arrays,
+                    options.tolerance,
+                    fused.clusters if self._touching or interactions.turns else _NOT_ASKED,
+                )  # fmt: skip
+            else:
+                failed = whole_kernel(laws, dim)(*given)
+            if not failed:
+                return SolveReport(missed == 0, sweeps, error, 0.0)
             interactions.wake(fused.failed[:failed].copy())
-        split = fused.split if vertices is self._all else vertices[~fused.whole[vertices]]
-        if not len(split):
-            return SolveReport(True, 0, 0.0, 0.0)
-        arrays = tuple(
-            array
-            for g in fused.groups
-            for array in (g.couplings.frame, g.impulse, g.compliance, g.points.area, g.jump,
-                          g.velocity, g.parameters, g.state, g.terms, g.details)
-        )  # fmt: skip
-        sweeps, error, missed = split_kernel(laws, dim)(
-            velocity, fused.impulses, step, ground, graphs, self._work, split, fused.rows,
-            fused.group_of, tuple(g.parameters for g in fused.groups), arrays, options.tolerance,
-            fused.clusters if self._touching or interactions.turns else _NOT_ASKED,
-        )  # fmt: skip
-        return SolveReport(missed == 0, sweeps, error, 0.0)
+            still = _NONE
