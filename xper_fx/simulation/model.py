@@ -446,7 +446,8 @@ def _control(model: Model) -> AccuracyControl | None:
         model.options, model.scene, model.bulk, model.interactions, model.detection is not None,
         model.scheme.theta, held.kinetic + held.elastic, model.step_size,
     )  # fmt: skip
-    if model.detection is not None and model.rigid is None and not model.points.exist:
+    found = model.detection is not None and model.rigid is None
+    if found and model.ranks.sum(len(model.points.law_of_point)) == 0:
         control.wait()
     if model.begins_explicit:
         control.awaited = first_implicit_step(model.bulk)
