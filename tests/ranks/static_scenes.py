@@ -12,9 +12,10 @@ import periodic_cells
 import scenes
 from asked_scenes import run_asked
 from mpi4py import MPI
-from scenes import BOTTOM, LEFT, RIGHT, TOP, box_bodies, midpoints
+from scenes import BOTTOM, LEFT, RIGHT, TOP, box_bodies, mesh_of, midpoints
 
 import xper_fx as xf
+from xper_fx.bodies.join import join_meshes
 from xper_fx.bulk import augmented_lagrangian
 from xper_fx.bulk.rigid_motions import loose_bodies
 from xper_fx.output.recorder import Recorder, macroscopic_columns
@@ -108,6 +109,30 @@ def touching():
         loads=moved((BOTTOM, 0, 0.0), (BOTTOM, 1, 0.0), (TOP, 0, 1e-3), (TOP, 1, -2e-3)),
     )  # fmt: skip
     return scene, {"step": 1.0, **STATIC}, 4
+
+
+def nearing():
+    """Blocks on a plate and one that comes down on them, in steps picked until they touch."""
+    meshes = [mesh_of((2.0, 1.0), (8, 4)), mesh_of((1.0, 1.0), (3, 3))]
+    meshes[1].geometry.x[:, :2] += (0.5, 1.05)
+    tags = [
+        xf.tag_facets(
+            meshes[0],
+            {LEFT: lambda x: x[0] < 1e-9, RIGHT: lambda x: x[0] > 2.0 - 1e-9,
+             BOTTOM: lambda x: x[1] < 1e-9},
+        ),
+        xf.tag_facets(meshes[1], {TOP: lambda x: x[1] > 2.05 - 1e-9}),
+    ]  # fmt: skip
+    cells = [xf.tag_cells(mesh, {}, number + 1) for number, mesh in enumerate(meshes)]
+    joined = join_meshes(meshes, cell_tags=cells, facet_tags=tags)
+    scene = xf.Scene(
+        xf.explode(joined.mesh, joined.part, joined.cell_tags, joined.facet_tags),
+        {1: ELASTIC, 2: ELASTIC}, surfaces={"lower": (1,), "upper": (2,)},
+        contacts=[xf.Contact(("lower", "upper"), xf.laws.SignoriniCoulomb(0.3))],
+        loads=moved((LEFT, 0, 0.0), (LEFT, 1, 0.0), (BOTTOM, 1, 0.0), (RIGHT, 0, 1e-2),
+                    (TOP, 0, 0.0), (TOP, 1, -0.1)),
+    )  # fmt: skip
+    return scene, {"accuracy": 1e-2, "end_time": 0.6, "tolerance": 1e-12, **STATIC}, 200
 
 
 def held():
@@ -260,8 +285,8 @@ def loose():
 
 SCENES = {
     f.__name__: f
-    for f in (drawn, wedged, turned, rigid, touching, held, leaning, inert, tied, peeled, unrolled,
-              row, stopped, inert_cell, cell, turned_cell, celled_path, loose)
+    for f in (drawn, wedged, turned, rigid, touching, nearing, held, leaning, inert, tied, peeled,
+              unrolled, row, stopped, inert_cell, cell, turned_cell, celled_path, loose)
 }  # fmt: skip
 
 
@@ -341,11 +366,11 @@ def run(name: str) -> dict[str, np.ndarray]:
     scenes.COMM = MPI.COMM_SELF
     if name.endswith("stopped"):
         return stop(scene, options)
+    path = "path" in options
+    end = options.pop("end_time", 1e6 if path else steps * options.get("step", 0.0))
     simulation = xf.Simulation(scene, **options)
     history: dict[str, list] = {}
     sides = sorted({load.facets for load in scene.loads if hasattr(load, "facets")})
-    path = simulation.path is not None
-    end = 1e6 if path else steps * options["step"]
     for record in islice(simulation.steps(end), steps):
         if path and record.step == steps // 2:
             saved = simulation.saved_in_order()
