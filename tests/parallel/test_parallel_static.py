@@ -66,8 +66,8 @@ def test_ranks_agree(found, name, count):
 def test_forces_balance_and_energy_is_exact(found, name, count):
     run = found(name, count)
     work = np.abs(run["external_work"]).max()
-    # frames that turn end each step within their tolerance, forces of points that close in a step do
-    # not change linearly in it
+    # frames that turn end each step within their tolerance, forces of points that close in a step
+    # do not change linearly in it
     if not name.endswith(("turned", "tied", "unrolled", "turned_cell", "nearing")):
         assert np.abs(run["closure"]).max() <= 1e-11 * work
     if "hill_mandel" in run:
