@@ -132,7 +132,8 @@ def _stays_whole(scene: Scene, options: Options, team: Ranks) -> bool:
             (
                 "walls or rigid bodies beside initially rigid bonds of an explicit bulk at finite "
                 "strain",
-                alone and at_finite_strain(scene.materials)
+                alone
+                and at_finite_strain(scene.materials)
                 and (scene.walls or scene.rigid_bodies is not None),
             ),
             (
