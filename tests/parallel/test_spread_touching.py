@@ -18,12 +18,12 @@ import spread_touching
 
 pytestmark = pytest.mark.ranks
 
-# Vertices that split, bonds that break and lips that part, hexahedra and edges that cross, order 2
-# on a wall, friction that weakens where nodes slide from body to body of one fragment, and ranks
-# without a surface.
+# Vertices that split, at either strain, bonds that break and lips that part, hexahedra and edges
+# that cross, order 2 on a wall, friction that weakens where nodes slide from body to body of one
+# fragment, and ranks without a surface.
 SCENES = {
     2: ("split_cells", "heap", "breaking"),
-    3: ("breaking", "boxes", "slide", "held", "refused"),
+    3: ("turning_cells", "breaking", "boxes", "slide", "held", "refused"),
     4: ("one_end",),
 }
 runs = [(n, name) for n in SCENES for name in SCENES[n] if name in spread_touching.SCENES]
@@ -52,7 +52,7 @@ def test_ranks_agree(found, name, count):
         elif key == "force" and name == "boxes":
             one[key], many[key] = one[key].sum(), many[key].sum()
         assert np.abs(one[key] - many[key]).max(initial=0.0) <= 1e-8 * scale, key
-    if name != "heap":  # at small strain energy closes to rounding
+    if name not in ("heap", "turning_cells"):  # at small strain energy closes to rounding
         assert np.abs(many["closure"]).max() <= 1e-12 * energy
 
 

@@ -18,35 +18,37 @@ import touching_bodies
 
 # Free flight by either bulk, hexahedra with edges that cross, order 2 at finite strain on a wall,
 # bonds that break, in small strain, turning and with an explicit bulk, there also with vertices
-# that split and a block that has none alone on its rank, friction that weakens, and rigid bodies:
-# discs that break a plate on an anvil, jointed ones, spheres and a box in space.
+# that split, at either strain, and a block that has none alone on its rank, friction that weakens,
+# and rigid bodies: discs that break a plate on an anvil, jointed ones, spheres and a box in space.
 SCENES = {
     2: ("cloud", "explicit", "boxes", "heap", "shards", "turning_shards", "explicit_shards",
         "split_shards", "slide", "struck", "rammed", "pelted"),
-    3: ("lone",),
-    4: ("shards", "split_shards", "lone", "slide"),
+    3: ("lone", "turning_lone"),
+    4: ("shards", "split_shards", "turning_split_shards", "lone", "slide"),
 }  # fmt: skip
 several = pytest.mark.parametrize(
     ("count", "name"), [(count, name) for count, names in SCENES.items() for name in names]
 )
 ENERGIES = ("kinetic", "elastic", "external_work", "dissipated_friction", "dissipated_impact")
-# Nothing acts on them from outside, and small strain keeps the energy to rounding.
+# Nothing acts on them from outside; at small strain the energy is kept to rounding.
 FREE = ("cloud", "explicit", "boxes", "shards", "explicit_shards", "split_shards", "lone",
-        "pelted")  # fmt: skip
+        "pelted", "turning_split_shards", "turning_lone")  # fmt: skip
 
 RIGID = ("struck", "rammed", "pelted")
 
 # Points without arrays at the end: of lips that the search has taken over, and of vertices that
 # are whole.
-RETIRED = {"struck": 10, "rammed": 10, "split_shards": 71, "lone": 15}
+RETIRED = {"struck": 10, "rammed": 10}
+RETIRED |= dict.fromkeys(("split_shards", "turning_split_shards"), 71)
+RETIRED |= dict.fromkeys(("lone", "turning_lone"), 15)
 RETIRED |= dict.fromkeys(("shards", "explicit_shards"), 48)
 
 # Runs that are stopped and go on.
-RECORDED = ("rammed", "split")
+RECORDED = tuple(touching_bodies.RECORDED)
 
 # Contacts of hexahedra, face on face, or of cells in plates that press each other can push in more
 # ways than one: their sum is compared.
-WEDGED = ("boxes", "split_shards")
+WEDGED = ("boxes", "split_shards", "turning_split_shards")
 
 
 def test_ranks_that_met_before_meet_in_the_same_phase():
@@ -123,7 +125,8 @@ def test_momentum_and_energy_are_exact(found, name, count):
     assert np.abs(run["momentum"] - run["start"]).max() <= 1e-13 * size
     lost = run["dissipated_friction"][-1] + run["dissipated_impact"][-1]
     assert lost > 0.02 * run["kinetic"][0]
-    assert np.abs(run["closure"]).max() <= 1e-12 * run["kinetic"][0]
+    bound = 2e-4 if "turning" in name else 1e-12
+    assert np.abs(run["closure"]).max() <= bound * run["kinetic"][0]
 
 
 @pytest.mark.ranks
@@ -132,12 +135,12 @@ def test_a_rank_holds_its_share(found, name, count):
     """Bodies, unknowns and contacts, each of which is on one rank."""
     one, many = found(name, 1)["held"], found(name, count)["held"]
     assert len(many) == count and many[:, :2].min() > 0
-    assert name != "lone" or many[:, 0].min() == 1
+    assert not name.endswith("lone") or many[:, 0].min() == 1
     # the fifth are the pairs that the search looks at
     for column in (0, 1, 2, 4):
         assert many[:, column].sum() == one[0, column]
         # few bodies cannot be shared more evenly, and contacts are where they are
-        uneven = column == 2 or name == "lone"
+        uneven = column == 2 or name.endswith("lone")
         assert uneven or many[:, column].max() <= 1.45 * one[0, column] / count
 
 

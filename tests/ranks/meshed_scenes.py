@@ -7,14 +7,14 @@ from dataclasses import fields, replace
 import numpy as np
 from mpi4py import MPI
 from outside_law import LinearSoftening
-from scenes import BOTTOM, LEFT, RIGHT, box_bodies, midpoints
+from scenes import BOTTOM, LEFT, RIGHT, box_bodies, midpoints, nodes
 
 import xper_fx as xf
 from xper_fx.bodies.explode import explode
 from xper_fx.bodies.join import join_meshes
 from xper_fx.bodies.meshes import crossed_rectangle, tag_facets
 from xper_fx.forms.loads import Gravity, PrescribedVelocity, RayleighDamping
-from xper_fx.materials import J2SmallStrain, LinearElastic, NeoHookean
+from xper_fx.materials import J2SmallStrain, LinearElastic, NeoHookean, SaintVenantKirchhoff
 from xper_fx.materials.hardening import Linear
 from xper_fx.nscd.laws import (
     CohesiveCurve,
@@ -210,6 +210,41 @@ def splitting():
     return scene, {"scheme": "explicit", "tolerance": 1e-10}, 60
 
 
+def strength(x):
+    """Between 7 and 13 Pa, no two alike."""
+    return 10.0 + 3.0 * np.sin(7.0 * x[0] + 3.3 * x[1]) * np.cos(5.0 * x[1] - x[0])
+
+
+def notched(loads, start, size=6):
+    """Cells at finite strain that initially rigid bonds join, but for a notch of contact."""
+    notch = {7: lambda x: (np.abs(x[0] - 0.5) < 1e-9) & (x[1] < 0.334)}
+    scene = Scene(
+        box_bodies((1, 1), (size, size), interior=notch),
+        {1: SaintVenantKirchhoff(1000.0, 0.3, 1.0)},
+        default_interaction=RigidCohesiveZone(strength, 5e-3, friction=0.3),
+        facet_interactions={7: CONTACT}, loads=loads, initial_velocity=start,
+    )  # fmt: skip
+    return scene, {"scheme": "explicit", "tolerance": 1e-10}, 60
+
+
+def pulled():
+    """A notched plate whose bonds turn as it breaks; couples of lips act on driven cells, too."""
+    loads, start = stretched(0.15)
+    return notched(loads, lambda x: start(x)[:2])
+
+
+def spun():
+    """A notched plate that spins by a radian as it flies apart; nothing holds it."""
+    return notched((), lambda x: np.stack([0.3 * x[0] - 9.0 * x[1], 9.0 * x[0] + 0.1 * x[1]]))
+
+
+def crushed():
+    """One end is crushed so fast that lips there flip as bonds open; steps are cut."""
+    end = lambda x: np.maximum(x[0] - 0.7, 0.0)  # noqa: E731
+    scene, options, _ = notched((), lambda x: np.stack([-500.0 * end(x), 0.0 * x[0]]))
+    return scene, options, 5
+
+
 @xf.njit
 def falling(x, strength, length):
     """Traction of an opening x."""
@@ -246,6 +281,9 @@ SCENES = {
         uneven,
         rigid,
         splitting,
+        pulled,
+        spun,
+        crushed,
         own,
         own_curve,
     )  # fmt: skip
@@ -258,18 +296,21 @@ def run(name: str) -> dict[str, np.ndarray]:
     simulation = Simulation(scene, **options)
     history: dict[str, list] = {}
 
-    def momentum():
+    def momenta():
+        """The momentum, and the angular one about the z axis."""
         state = simulation.state
-        values = (simulation.bulk.mass * state.velocity).reshape(-1, scene.dim)
-        return simulation.ranks.sum(values.sum(axis=0))
+        p = (simulation.bulk.mass * state.velocity).reshape(-1, scene.dim)
+        x = nodes(simulation) + state.displacement.reshape(-1, scene.dim)
+        turn = np.sum(x[:, 0] * p[:, 1] - x[:, 1] * p[:, 0])
+        return simulation.ranks.sum(np.array([*p.sum(axis=0), turn]))
 
-    start = momentum()
+    start = momenta()
     for record in simulation.steps(steps * simulation.step_size):
         now = record.energies | {
             "time": record.time,
             "reaction": simulation.reaction(RIGHT) if scene.loads else np.zeros(scene.dim),
             "mean": simulation.mean_displacement(RIGHT),
-            "momentum": momentum(),
+            "momenta": momenta(),
         }
         for key, value in now.items():
             history.setdefault(key, []).append(value)

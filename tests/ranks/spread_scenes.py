@@ -122,6 +122,7 @@ def wrong() -> list[str]:
                 scene,
                 materials={1: xf.materials.SaintVenantKirchhoff(1000.0, 0.3, 1.0)},
                 default_interaction=xf.laws.RigidCohesiveZone(10.0, 0.1),
+                walls=[xf.Wall(scenes.BOTTOM, (0.0, 0.0), (0.0, 1.0), meshed_scenes.CONTACT)],
             ),
             **options,
         ),

@@ -36,6 +36,12 @@ def split_cells():
     return scene, {"scheme": "explicit", "tolerance": 1e-10}, 30
 
 
+def turning_cells():
+    """The same at finite strain, where bonds turn and lips have nodes at vertices of others."""
+    scene, options, steps = split_cells()
+    return touching_bodies.at_finite_strain(scene), options, steps
+
+
 def breaking():
     """Plates of bonded blocks meet, break, and their lips part."""
     scene, options, _ = touching_bodies.explicit_shards()
@@ -54,7 +60,7 @@ def one_end():
     return scene, {"scheme": "explicit", "tolerance": 1e-11}, 40
 
 
-SCENES = {f.__name__: f for f in (split_cells, breaking, one_end)}
+SCENES = {f.__name__: f for f in (split_cells, turning_cells, breaking, one_end)}
 SCENES |= {name: touching_bodies.SCENES[name] for name in ("boxes", "heap", "slide")}
 
 

@@ -1,6 +1,9 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Meshed bodies whose contacts are searched, run by all ranks; the first writes what came out."""
 
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
 from asked_scenes import run_asked
 from scenes import BOTTOM, box_bodies, mesh_of
@@ -122,21 +125,26 @@ def flying_plates(bodies, shift, speed, spread, material, bond, one_mesh=True):
     )  # fmt: skip
 
 
-def shards(material=ELASTIC):
+def shards():
     """Two plates of bonded blocks, drawn out of shape, break and fly into each other."""
     bodies = box_bodies(
         (2.0, 1.0), (12, 6),
         label=lambda x: 3 * (2.999 * x[0]).astype(int) + (2.999 * x[1]).astype(int),
         material={2: lambda x: x[0] > 1.0 - 1e-9},
     )  # fmt: skip
-    scene = flying_plates(bodies, (0.01, 0.13), 0.7, 6.0, material, BOND)
+    scene = flying_plates(bodies, (0.01, 0.13), 0.7, 6.0, ELASTIC, BOND)
     return scene, {"step": 1e-3, "tolerance": 1e-10, "scheme": "implicit"}, 30
 
 
+def at_finite_strain(scene):
+    """The same, of a material whose bonds turn with it."""
+    return replace(scene, materials=dict.fromkeys(scene.materials, NeoHookean(1000.0, 0.3, 1.0)))
+
+
 def turning_shards():
-    """The same at finite strain, where bonds turn, until the plates have met."""
-    scene, options, _ = shards(NeoHookean(1000.0, 0.3, 1.0))
-    return scene, options, 14
+    """The same at finite strain, until the plates have met."""
+    scene, options, _ = shards()
+    return at_finite_strain(scene), options, 14
 
 
 def explicit_shards():
@@ -153,6 +161,12 @@ def split_shards():
     return scene, {"scheme": "explicit", "tolerance": 1e-10}, 42
 
 
+def turning_split_shards():
+    """The same at finite strain."""
+    scene, options, steps = split_shards()
+    return at_finite_strain(scene), options, steps
+
+
 def lone():
     """A plate that initially rigid bonds join flies into one body, alone on its rank."""
     meshes = [mesh_of((1.0, 1.0), (cells, cells)) for cells in (4, 9)]
@@ -165,6 +179,12 @@ def lone():
     scene = flying_plates(bodies, (0.004, 0.13), 0.5, 4.0, ELASTIC, bond, one_mesh=False)
     # the critical step of bodies of several sizes is estimated, on other ranks otherwise
     return scene, {"step": 1e-3, "scheme": "explicit", "tolerance": 1e-10}, 44
+
+
+def turning_lone():
+    """The same at finite strain, where the block's rank has no points whose frames turn."""
+    scene, options, steps = lone()
+    return at_finite_strain(scene), options, steps
 
 
 def everywhere(x):
@@ -275,8 +295,8 @@ def pelted():
 SCENES = {
     f.__name__: f
     for f in (
-        cloud, explicit, boxes, heap, shards, turning_shards, explicit_shards, split_shards, lone,
-        slide, struck, rammed, pelted,
+        cloud, explicit, boxes, heap, shards, turning_shards, explicit_shards, split_shards,
+        turning_split_shards, lone, turning_lone, slide, struck, rammed, pelted,
     )
 }  # fmt: skip
 
@@ -340,9 +360,12 @@ def searched(simulation) -> tuple[int, int]:
     return lists.num_pairs, len(lists.known(np.arange(len(search.surface))))
 
 
+RECORDED = {"rammed": rammed, "split": split_shards, "turning": turning_split_shards}
+
+
 def record(folder: str, last: int, restart: bool) -> None:
-    """Run to a step of `rammed` or `split_shards`, or go on to it."""
-    scene, options, _ = (split_shards if "split" in folder else rammed)()
+    """Run to a step of one of `RECORDED`, with whose name the folder's begins, or go on to it."""
+    scene, options, _ = RECORDED[Path(folder).name.partition("_")[0]]()
     simulation = Simulation(scene, **options)
     end = LAST * simulation.step_size
     recorder = Recorder(simulation, folder, end_time=end, fields=10, restart=restart)

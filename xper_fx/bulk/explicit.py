@@ -201,7 +201,7 @@ class ExplicitScheme:
                         _give(couples, inverse.nodes, inverse.diagonal, impulses, velocity, by_slot)
                         interactions.refresh_ghosts(slots)
                     else:
-                        interactions.fused.push_couples(couples, by_slot)
+                        interactions.push_couples(couples, by_slot)
                         impulses += on_nodes(couples, inverse.nodes, size)
                         velocity = free
                         put_on_nodes(by_slot, inverse.nodes, velocity)

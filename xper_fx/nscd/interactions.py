@@ -18,7 +18,7 @@ from xper_fx.nscd.own_compliance import update_compliance
 from xper_fx.nscd.permanent_groups import PermanentGroups
 from xper_fx.nscd.point_group import PointGroup
 from xper_fx.nscd.points import InteractionPoints
-from xper_fx.nscd.stepped_points import ROUNDING, FacetFlippedError, SteppedPoints
+from xper_fx.nscd.stepped_points import ROUNDING, SteppedPoints
 
 if TYPE_CHECKING:
     from xper_fx.nscd.anchors import Anchors
@@ -110,21 +110,23 @@ class Interactions(SteppedPoints):
         alone = self.halo is None and self.fused is None
         return alone and self._permanent.lip_slots <= count
 
-    def wake(self, vertices: np.ndarray) -> None:
+    def wake(self, vertices: np.ndarray) -> int:
         """Give whole vertices the points of their bonds, within a step.
 
         Args:
             vertices: their numbers.
 
-        Raises:
-            FacetFlippedError: see `turn`.
+        Returns:
+            What `require_no_flips` takes.
         """
+        flipped = 0
         for group in self.fused.wake(vertices):
-            if group.turning is not None and (flipped := self.turn_group(group)) >= 0:
-                raise FacetFlippedError(int(group.indices[flipped]))
-            if self.step_size > 0.0:
+            if group.turning is not None and (place := self.turn_group(group)) >= 0:
+                flipped = 1 + int(self.numbers[group.indices[place]])
+            elif self.step_size > 0.0:
                 self.prepare_group(group)
         self._join_groups()
+        return flipped
 
     def update_inverse(self, inverse: BodyInverse) -> None:
         """Take new values of w (same blocks) of meshed bodies; the compliances W_aa follow."""

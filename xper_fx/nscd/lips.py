@@ -61,6 +61,10 @@ class Lips:
         share = np.divide(w[:, ::-1], whole, out=np.full(w.shape, 0.5), where=unlike)
         return replace(self, gradient=2.0 * share[..., None] * self.gradient)
 
+    def on(self, slots: np.ndarray) -> Lips:
+        """The same on other nodes: those that `slots`, shape (n,), has in the places of these."""
+        return replace(self, nodes=slots[self.nodes].astype(np.int32))
+
     @property
     def nbytes(self) -> int:
         """Memory held, in bytes."""

@@ -99,9 +99,7 @@ class InteractionPoints:
 
     def on(self, slots: np.ndarray) -> InteractionPoints:
         """The points on other nodes: those that `slots`, shape (n,), has in the places of these."""
-        lips = self.lips
-        if lips is not None:
-            lips = replace(lips, nodes=slots[lips.nodes].astype(np.int32))
+        lips = None if self.lips is None else self.lips.on(slots)
         return replace(self, nodes=slots[self.nodes].astype(np.int32), lips=lips)
 
     def _arrays(self):

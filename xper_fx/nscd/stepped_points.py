@@ -193,6 +193,17 @@ class SteppedPoints(PointValues):
                 update_compliance(g, self.inverse)
             else:
                 update_diagonal(g, *self._permanent.uneven[id(g)])
+        self.require_no_flips(flipped)
+
+    def require_no_flips(self, flipped: int) -> None:
+        """End an attempt if the facet of a point has flipped; all ranks call it together.
+
+        Args:
+            flipped: one more than the number of such a point in the scene's order, 0 without one.
+
+        Raises:
+            FacetFlippedError: there is one on some rank.
+        """
         if flipped := int(self.largest(flipped)):
             raise FacetFlippedError(flipped - 1)
 
@@ -269,6 +280,22 @@ class SteppedPoints(PointValues):
         if self.halo is not None:
             self.halo.everywhere.add_back(total.reshape(-1))
         return total
+
+    def push_couples(self, couples: np.ndarray, velocity: np.ndarray) -> None:
+        """Let `couples` act on the clusters of vertices that split.
+
+        A lip has nodes at vertices of other ranks: owners of nodes, which have added the couples of
+        all up, tell those of the vertices, who tell how nodes move.
+
+        Args:
+            couples, velocity: as of `FusedPoints.push_couples`; ghosts follow.
+        """
+        self.refresh_ghosts(couples.reshape(-1))
+        self.fused.push_couples(couples, velocity)
+        if self.halo is not None:
+            for values in (couples, velocity):
+                self.halo.corners.back(values.reshape(-1))
+            self.refresh_ghosts(velocity.reshape(-1))
 
     def couples_of_cell(self) -> np.ndarray:
         """Of what `couples` gave last, what does work with the rate of Fbar of a periodic cell.

@@ -50,6 +50,7 @@ numerical. Areas stay those of the reference configuration: A e(U) is then a pot
 
 from __future__ import annotations
 
+import math
 from functools import cache
 from typing import NamedTuple
 
@@ -198,10 +199,12 @@ _OF_SITES = TurningFrames._fields.index("site")
 
 def _sites(lips: Lips) -> tuple[np.ndarray, np.ndarray]:
     """A point of each site, and the site of each point."""
-    count = len(lips.nodes)
-    parts = (lips.nodes, lips.gradient, lips.tangent)
-    rows = np.hstack([np.ascontiguousarray(a).reshape(count, -1).view(np.uint8) for a in parts])
-    return _in_order(np.ascontiguousarray(rows).view(np.dtype((np.void, rows.shape[1]))).ravel())
+    flat = [
+        np.ascontiguousarray(a).reshape(len(a), math.prod(a.shape[1:])).view(np.uint8)
+        for a in (lips.nodes, lips.gradient, lips.tangent)
+    ]
+    rows = np.ascontiguousarray(np.hstack(flat))
+    return _in_order(rows.view(np.dtype((np.void, rows.shape[1]))).ravel())
 
 
 def _in_order(keys: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

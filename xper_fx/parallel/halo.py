@@ -116,6 +116,8 @@ class Halo:
         numbers: shape (num_points,), numbers of this rank's points in the whole scene.
         phase: shape (num_points,), phase of each point, 0 where both bodies are here or, vertex by
             vertex, where there are no phases.
+        at_points: by rank, which of `given` and of `wanted` are nodes of points, others being of
+            their lips alone; None where all are, or nobody asks.
 
     Attributes:
         meetings: as given.
@@ -133,9 +135,10 @@ class Halo:
         meetings: np.ndarray,
         numbers: np.ndarray,
         phase: np.ndarray,
+        at_points: tuple[Mapping[int, np.ndarray], Mapping[int, np.ndarray]] | None = None,
     ):
         self.ranks, self.numbers, self.phase = ranks, numbers, phase
-        self.meetings, self._given = meetings, given
+        self.meetings, self._given, self._at_points = meetings, given, at_points
         blocks_of = inverse.block_of_node
         self._blocks = {rank: np.unique(blocks_of[slots]) for rank, slots in given.items()}
         sizes = np.diff(inverse.node_offsets)
@@ -162,8 +165,10 @@ class Halo:
             self.wanted[rank] = at + place
             self._sizes.append(counts)
             at += int(counts.sum())
-        dim = inverse.dim
+        self._dim = dim = inverse.dim
         self.everywhere = self.corners = Exchange(ranks, all_given, ghosts, dim)
+        if at_points is not None:
+            self.corners = self._exchange_at_points(self.wanted)
         self.phases = []
         phase_of_rank = meetings[ranks.rank]
         for phase in range(1, int(meetings.max(initial=0)) + 1):
@@ -176,7 +181,6 @@ class Halo:
                     dim,
                 )
             )
-        self._dim = dim
         self._first, self._last = inverse.num_nodes * dim, at * dim
         self._rank_of_slot = np.full(at + 1, ranks.rank)
         for rank, slots in ghosts.items():
@@ -201,8 +205,18 @@ class Halo:
         }
         halo = Halo(self.ranks, inverse, given, meetings, self.numbers, self.phase)
         wanted = {rank: halo.wanted[rank][: len(slots)] for rank, slots in self.wanted.items()}
-        halo.corners = Exchange(self.ranks, self._given, wanted, self._dim)
+        halo.corners = self._exchange_at_points(wanted)
         return halo
+
+    def _exchange_at_points(self, wanted: Mapping[int, np.ndarray]) -> Exchange:
+        """Exchange of the nodes of points alone, which are among `wanted` here."""
+        given = self._given
+        if self._at_points is not None:
+            given, wanted = (
+                {rank: slots[of_points[rank]] for rank, slots in there.items()}
+                for there, of_points in zip((given, wanted), self._at_points, strict=True)
+            )
+        return Exchange(self.ranks, given, wanted, self._dim)
 
     def phase_of(self, points: InteractionPoints) -> np.ndarray:
         """Phase of points on these slots, 0 where all bodies are this rank's, (num_points,)."""

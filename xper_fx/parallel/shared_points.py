@@ -36,6 +36,7 @@ class SharedPoints(NamedTuple):
         asked: by rank, nodes of this rank that are ghosts there.
         num_ghosts: by rank, how many of its nodes are ghosts here.
         points_a_facet: points on each facet.
+        at_points: as of `Halo`, where vertices are solved alone and points have lips.
     """
 
     points: InteractionPoints
@@ -48,6 +49,7 @@ class SharedPoints(NamedTuple):
     asked: dict[int, np.ndarray]
     num_ghosts: dict[int, int]
     points_a_facet: int
+    at_points: tuple[dict[int, np.ndarray], dict[int, np.ndarray]] | None
 
 
 def shared_points(
@@ -140,8 +142,14 @@ def shared_points(
         there[ghosts] = num_nodes + renumbered[there[ghosts] - num_nodes]
 
     rank_of_ghost, node = np.divmod(keys[used], step)
-    wanted = [node[rank_of_ghost == rank] for rank in range(ranks.size)]
-    asked = ranks.comm.alltoall([w if len(w) else None for w in wanted])
+    of_point = np.isin(num_nodes + np.arange(len(used)), points.nodes)
+    theirs = [rank_of_ghost == rank for rank in range(ranks.size)]
+    wanted = {rank: (node[here], of_point[here]) for rank, here in enumerate(theirs) if here.any()}
+    told = ranks.comm.alltoall([wanted.get(rank) for rank in range(ranks.size)])
+    asked = {rank: nodes for rank, nodes in enumerate(told) if nodes is not None}
+    at_points = None
+    if by_vertex and turns:
+        at_points = tuple({rank: at for rank, (_, at) in of.items()} for of in (asked, wanted))
     phase = np.zeros(len(points), np.int64)
     table = np.zeros((ranks.size, ranks.size), np.int64)
     if not by_vertex:
@@ -156,9 +164,10 @@ def shared_points(
         int(ranks.sum(len(points))),
         phase,
         table,
-        {rank: nodes for rank, nodes in enumerate(asked) if nodes is not None},
-        {rank: len(w) for rank, w in enumerate(wanted) if len(w)},
+        {rank: nodes for rank, (nodes, _) in asked.items()},
+        {rank: len(nodes) for rank, (nodes, _) in wanted.items()},
         a_facet,
+        at_points,
     )
 
 

@@ -128,10 +128,13 @@ def _stays_whole(scene: Scene, options: Options, team: Ranks) -> bool:
                 "rigid bodies where vertices split",
                 alone and scene.rigid_bodies is not None and splits_beside_rigid_bodies(scene),
             ),
-            # the couples of lips act on vertices of other ranks
+            # vertices are not solved alone then, and bonds would be points that turn from the start
             (
-                "initially rigid bonds of an explicit bulk at finite strain",
-                alone and at_finite_strain(scene.materials),
+                "walls or rigid bodies beside initially rigid bonds of an explicit bulk at finite "
+                "strain",
+                alone
+                and at_finite_strain(scene.materials)
+                and (scene.walls or scene.rigid_bodies is not None),
             ),
             (
                 "bonds beside contacts that are searched in space on a mesh that is spread",

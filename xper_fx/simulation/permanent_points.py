@@ -279,7 +279,7 @@ class ScenePoints:
         halo = Halo(
             ranks, blocks, {rank: slot[asked] for rank, asked in shared.asked.items()},
             shared.meetings, np.concatenate(numbers),
-            np.concatenate([shared.phase, np.zeros(here, int)]),
+            np.concatenate([shared.phase, np.zeros(here, int)]), shared.at_points,
         )  # fmt: skip
         slot[self._num_nodes : -1] = np.concatenate(
             [np.zeros(0, int), *(halo.wanted[rank] for rank in shared.num_ghosts)]

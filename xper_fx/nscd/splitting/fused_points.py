@@ -145,6 +145,8 @@ class FusedPoints:
             corner=slots[corner].astype(corner.dtype), compliance=compliance_of_slots(inverse)
         )
         self.__dict__.pop("vertex_of_slot", None)
+        if self._lips is not None:
+            self._lips = self._lips.on(slots)
         still, growing = self.groups[: self._num_still], self._growing
         for group in growing:
             group.move(slots, inverse)

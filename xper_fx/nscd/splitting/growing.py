@@ -57,8 +57,11 @@ class GrowingGroup:
 
     def move(self, slots: np.ndarray, inverse: BodyInverse) -> None:
         """Put the points on other slots; arguments as of `FusedPoints.move`."""
+        for part in ("points", "turning"):
+            if "nodes" in self._room[part]:
+                moved = self._room[part]["nodes"][: self._size]
+                moved[:] = slots[moved]
         nodes = self._room["points"]["nodes"][: self._size]
-        nodes[:] = slots[nodes]
         couplings = couple_nodes(nodes, inverse)
         for name in ("start", "body", "size", "rows"):
             self._room["couplings"][name][: self._size] = getattr(couplings, name)

@@ -80,8 +80,8 @@ class SplittingVertices(Solver):
         """Solve some vertices, in which velocities are those of their cells for themselves."""
         fused: FusedPoints = interactions.fused
         dim, step, ground = interactions.dim, interactions.step_size, interactions.inverse.num_nodes
-        still = vertices
-        while True:
+        still, flipped = vertices, 0
+        while not flipped:
             split = fused.split if vertices is self._all else vertices[~fused.whole[vertices]]
             laws = tuple(g.kernels for g in fused.groups)
             sweeps, error, missed = 0, 0.0, 0
@@ -104,6 +104,9 @@ class SplittingVertices(Solver):
             else:
                 failed = whole_kernel(laws, dim)(*given)
             if not failed:
-                return SolveReport(missed == 0, sweeps, error, 0.0)
-            interactions.wake(fused.failed[:failed].copy())
+                break
+            flipped = interactions.wake(fused.failed[:failed].copy())
             still = _NONE
+        if interactions.turns:
+            interactions.require_no_flips(flipped)
+        return SolveReport(missed == 0, sweeps, error, 0.0)
