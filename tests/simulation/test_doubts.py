@@ -35,3 +35,13 @@ def test_what_is_rounding_beside_the_run_is_no_snap(caplog):
     assert not caplog.records
     doubts.tell_snap(nothing._replace(cohesion=0.1, numerical=0.1), bulk, 3, 1.0)
     assert "the load snaps" in caplog.records[0].message
+
+
+def test_bodies_that_let_go_of_each_other_are_told(caplog):
+    """Neither friction nor bonds take what that frees."""
+    work, bulk = StepWork(0.0, 0.0, 0.0, 0.0, 0.0), BulkEnergies(0.0, 0.0, 1.0, 0.0, 0.0)
+    with caplog.at_level("WARNING", logger="xper_fx"):
+        Doubts().tell_snap(work._replace(numerical=0.1, friction=1e-9), bulk, 1, 1.0)
+        Doubts().tell_snap(work._replace(numerical=5e-4), bulk, 1, 1.0)
+    (told,) = caplog.records
+    assert "let go of each other" in told.message and told.message.endswith(": 0.1 J")

@@ -31,6 +31,11 @@ _SLIDES = (
     "the load snaps, as bodies slide and free energy that friction does not take up, and no state "
     "on the way is in balance; give the bodies inertia to see what happens there"
 )
+_LETS_GO = (
+    "the load snaps, as bodies let go of each other and free energy that nothing takes up; take "
+    'laws with contact="position", whose lips do not sink in, or give the bodies inertia to see '
+    "what happens there"
+)
 _PASSED = (
     "a step along the path breaks more than it follows and loses energy, as where it passes by a "
     "snap-back; take a smaller growth or energy of the path"
@@ -81,7 +86,9 @@ class Doubts:
         the load. In a snap L goes to nothing with the step, and F does not. As L vanishes where the
         load is largest, it is at least half of that of the step before, scaled.
         Bonds dissipate less than is freed in a snap if F is more than L, too: joints that slip
-        weakens have little left to dissipate in their last step.
+        weakens have little left to dissipate in their last step. Where neither friction nor bonds
+        take any of it, bodies have let go of each other: a corner that had sunk into another body
+        has slid off, or bodies fall that nothing holds.
 
         Args:
             work: of the interactions in the step.
@@ -93,9 +100,12 @@ class Doubts:
         held = bulk.elastic + work.stored + work.friction + work.cohesion
         self._most = max(self._most, held)
         steep = freed > max(_STEEP * self._load * size**2, _MUCH * held, _NOTHING * self._most)
-        if steep and work.friction > work.cohesion:
+        if steep and work.friction > max(work.cohesion, _MUCH * freed):
             told = f": friction takes {work.friction:.3g} J, {freed:.3g} J more is freed"
             self.tell(_SLIDES, number, size, told)
+            return
+        if steep and work.cohesion < _MUCH * freed:
+            self.tell(_LETS_GO, number, size, f": {freed:.3g} J")
             return
         snapped = work.numerical > _SNAPPED * work.cohesion > 0.0
         if snapped and work.numerical > max(self._load * size**2, _NOTHING * self._most):

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from xper_fx.simulation.accuracy_of_run import SHORTEST
 from xper_fx.simulation.model import Model
 
 
@@ -23,4 +22,6 @@ def leave_explicit(model: Model) -> None:
     model.scheme = model.new_scheme()
     model.ledger.leave_shadow()
     if model.control is not None:
+        from xper_fx.simulation.accuracy_of_run import SHORTEST
+
         model.control.leave_explicit(SHORTEST * model.bulk.critical_step())
