@@ -146,6 +146,7 @@ def shared_points(
     theirs = [rank_of_ghost == rank for rank in range(ranks.size)]
     wanted = {rank: (node[here], of_point[here]) for rank, here in enumerate(theirs) if here.any()}
     told = ranks.comm.alltoall([wanted.get(rank) for rank in range(ranks.size)])
+    asked: dict[int, tuple[np.ndarray, np.ndarray]]
     asked = {rank: both for rank, both in enumerate(told) if both is not None}
     at_points = None
     if by_vertex and turns:
