@@ -243,7 +243,7 @@ def crushed():
     """One end is crushed so fast that lips there flip as bonds open; steps are cut."""
     end = lambda x: np.maximum(x[0] - 0.7, 0.0)  # noqa: E731
     scene, options, _ = notched((), lambda x: np.stack([-500.0 * end(x), 0.0 * x[0]]))
-    return scene, options, 5
+    return replace(scene, facet_interactions={}), options, 5
 
 
 @xf.njit
