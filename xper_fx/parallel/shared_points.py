@@ -164,8 +164,8 @@ def shared_points(
         int(ranks.sum(len(points))),
         phase,
         table,
-        {rank: nodes for rank, (nodes, _) in asked.items()},
-        {rank: len(nodes) for rank, (nodes, _) in wanted.items()},
+        {rank: given[0] for rank, given in asked.items()},
+        {rank: len(given[0]) for rank, given in wanted.items()},
         a_facet,
         at_points,
     )
