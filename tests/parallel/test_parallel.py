@@ -207,6 +207,16 @@ def test_couples_across_ranks_leave_both_momenta(found, count):
 
 
 @pytest.mark.ranks
+@pytest.mark.parametrize("count", [2, 4])
+def test_couples_on_driven_cells_of_other_ranks_are_in_the_ledger(found, count):
+    """Supports bear what cells of their vertices hand on."""
+    one, several = found[1]["pulled"], found[count]["pulled"]
+    assert one["dissipated_cohesion"][0] == 0.0 < one["dissipated_cohesion"][-1]
+    for key in ("closure", "external_work"):
+        assert np.abs(several[key] - one[key]).max() <= 1e-11 * one["external_work"].max()
+
+
+@pytest.mark.ranks
 @pytest.mark.parametrize("count", [1, 2, 4])
 def test_a_facet_that_flips_on_one_rank_cuts_the_step_of_all(found, count):
     assert len(found[count]["crushed"]["time"]) > 5

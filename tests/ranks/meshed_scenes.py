@@ -7,7 +7,7 @@ from dataclasses import fields, replace
 import numpy as np
 from mpi4py import MPI
 from outside_law import LinearSoftening
-from scenes import BOTTOM, LEFT, RIGHT, box_bodies, midpoints, nodes
+from scenes import BOTTOM, LEFT, RIGHT, TOP, box_bodies, midpoints, nodes
 
 import xper_fx as xf
 from xper_fx.bodies.explode import explode
@@ -228,9 +228,10 @@ def notched(loads, start, size=6):
 
 
 def pulled():
-    """A notched plate whose bonds turn as it breaks; couples of lips act on driven cells, too."""
-    loads, start = stretched(0.15)
-    return notched(loads, lambda x: start(x)[:2])
+    """A notched plate drawn at all sides; couples of lips act on driven cells of other ranks."""
+    loads, _ = stretched(0.5)
+    loads += [PrescribedVelocity(BOTTOM, 1, -0.5), PrescribedVelocity(TOP, 1, 0.5)]
+    return notched(loads, lambda x: 0.5 * (2.0 * x[:2] - 1.0), size=4)
 
 
 def spun():

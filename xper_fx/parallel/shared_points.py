@@ -146,10 +146,12 @@ def shared_points(
     theirs = [rank_of_ghost == rank for rank in range(ranks.size)]
     wanted = {rank: (node[here], of_point[here]) for rank, here in enumerate(theirs) if here.any()}
     told = ranks.comm.alltoall([wanted.get(rank) for rank in range(ranks.size)])
-    asked = {rank: nodes for rank, nodes in enumerate(told) if nodes is not None}
+    asked: dict[int, tuple[np.ndarray, np.ndarray]]
+    asked = {rank: both for rank, both in enumerate(told) if both is not None}
     at_points = None
     if by_vertex and turns:
-        at_points = tuple({rank: at for rank, (_, at) in of.items()} for of in (asked, wanted))
+        at_asked, at_wanted = ({r: at for r, (_, at) in of.items()} for of in (asked, wanted))
+        at_points = at_asked, at_wanted
     phase = np.zeros(len(points), np.int64)
     table = np.zeros((ranks.size, ranks.size), np.int64)
     if not by_vertex:
@@ -164,8 +166,8 @@ def shared_points(
         int(ranks.sum(len(points))),
         phase,
         table,
-        {rank: given[0] for rank, given in asked.items()},
-        {rank: len(given[0]) for rank, given in wanted.items()},
+        {rank: own_nodes for rank, (own_nodes, _) in asked.items()},
+        {rank: len(its_nodes) for rank, (its_nodes, _) in wanted.items()},
         a_facet,
         at_points,
     )
