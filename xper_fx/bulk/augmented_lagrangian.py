@@ -53,8 +53,8 @@ logger = logging.getLogger(__name__)
 # Changes of the given impulses, and corrections for each.
 _OUTER, _INNER = 300, 12
 # How often in a row corrections that go in circles are left while impulses get no nearer, and the
-# share of the smallest change before below which they do. Lips that turn may have gaps that no
-# impulses close all: there it counts where forces balance, too.
+# share of the smallest change before below which they do. Lips that have turned apart may pass
+# impulses on to each other for long: there it counts where forces balance, too.
 _CIRCLES, _NEARER = 20, 0.9
 # How many rounds get no nearer before all are left: where forces balance in some, and stretched
 # changes lead back, impulses go in circles, too. Those that creep get nearer within fewer.

@@ -146,8 +146,8 @@ class SemismoothNewton:
             elif best[0] > _ASTRAY * reference:
                 return _NOT_FINITE
             elif _stalls(history):
-                # flips too small to matter along a path, where shorter steps have them too; and
-                # lips that turn, below
+                # flips too small to matter, which shorter steps of a path have too, and gaps of
+                # lips that have turned apart
                 for_good = step.turns or step.growth is not None
                 little = for_good and self.left <= _ROUND * tolerance
                 if little and abs(step.growth_left()) <= _GROWN and step.evolve() <= tolerance:
