@@ -22,7 +22,8 @@ What is no contact: a facet deeper than its own `depth`, or behind another one t
 of; one that none of p's own facets faces (the back of a thin body); facets that p is welded to; of
 several from which p would be driven out of one fragment, all but the nearest; of contacts of p with
 one fragment whose normals differ by less than 18 degrees, all but the nearest, and of walls of
-pockets and facets that p is in front of, by less than half a degree.
+pockets and facets that p is in front of, by less than half a degree. A disc or sphere next to a
+node of a facet touches the node: two contacts in one place would share friction in no one way.
 """
 
 from __future__ import annotations
@@ -54,6 +55,8 @@ _NO_DISTANCE = 1e-9
 _RISE = 1e-2
 # Relative difference of distances that is rounding.
 _EQUAL = 1e-12
+# Weight of a facet's node from which on a disc or sphere touches the node and not the facet.
+_AT_NODE = 0.99
 
 # What touches: a closest point, one on an edge or at a vertex seen from inside, a pocket's wall, a
 # facet that the point is in front of.
@@ -147,6 +150,15 @@ def _along(n, normal, f):
     for d in range(len(n)):
         total += n[d] * normal[f, d]
     return total
+
+
+@njit(**LEAN_INNER)
+def _largest(weights, a):
+    """The largest weight of facet a's nodes."""
+    largest = weights[a, 0]
+    for j in range(1, weights.shape[1]):
+        largest = max(largest, weights[a, j])
+    return largest
 
 
 @njit(**LEAN_INNER)
@@ -503,6 +515,8 @@ def _point_facet(points, pairs, faces, reach, out, room):
                 point = node, p, leaning, meshed
                 touches, kind, gap, tip = _way_out(a, m, touches, point, near, faces, n, away)
             if not touches or gap - r > reach or gap - r < -depth[f]:
+                continue
+            if r > 0.0 and _largest(weights, a) > _AT_NODE:
                 continue
             if gap < 0.0 and kind != _POCKET and _is_back(a, m, gap, n, near, faces):
                 continue
