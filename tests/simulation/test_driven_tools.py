@@ -62,7 +62,8 @@ def test_a_disc_is_pressed_into_a_block_whatever_the_solver(material):
 
 def test_what_tools_do_tends_to_one_curve_with_the_step():
     """Contacts are those of the start of a step, so that the force is of first order in it."""
-    force = [run(indented({1: -SPEED}), step)[0].reaction_of("tool")[1] for step in (0.1, 0.05, 0.025)]
+    runs = (run(indented({1: -SPEED}), step)[0] for step in (0.1, 0.05, 0.025))
+    force = [simulation.reaction_of("tool")[1] for simulation in runs]
     apart = np.diff(force)
     assert apart[1] / apart[0] == pytest.approx(0.5, abs=0.15)
     assert abs(apart[1] / force[2]) < 5e-3
@@ -175,7 +176,7 @@ def test_a_beam_cracks_on_rollers_as_on_knife_edges():
 
 
 def test_rollers_that_do_not_turn_hold_a_beam_back_along_its_path_as_in_steps():
-    """Their friction f presses the lower side of the beam: P (L / 4 - f h / 2 ...) is what bends."""
+    """Their friction presses the lower side of the beam together."""
     steps, energies = bent(True, friction=0.3)
     path, followed = bent(True, friction=0.3, path=xf.GrowthControl())
     free, _ = bent(True)

@@ -27,21 +27,20 @@ def shrunk():
     joined = xf.join_meshes([a, b], cells, [a_tags, b_tags])
     elastic = xf.materials.LinearElastic(YOUNG, POISSON, 1000.0)
     slides = xf.laws.SignoriniCoulomb(0.0, contact="position")
+    sides = (1, 0), (2, 1), (3, 0), (4, 1)
     return xf.Scene(
         xf.explode(joined.mesh, joined.part, joined.cell_tags, joined.facet_tags),
         {1: elastic, 2: elastic},
         default_interaction=xf.laws.PerfectBond(),
         surfaces={"inner": (1,), "outer": (2,)},
         contacts=[xf.Contact(("inner", "outer"), slides)],
-        loads=[xf.PrescribedDisplacement(tag, i, 0.0) for tag, i in ((1, 0), (2, 1), (3, 0), (4, 1))],
+        loads=[xf.PrescribedDisplacement(tag, i, 0.0) for tag, i in sides],
     )
 
 
 def pressure():
     """Of two thick rings in plane strain (Lame 1852; Timoshenko and Goodier 1970, section 28)."""
-    stretch = sum(
-        (r * r + FACE**2) / abs(r * r - FACE**2) for r in (INNER, OUTER)
-    )
+    stretch = sum((r * r + FACE**2) / abs(r * r - FACE**2) for r in (INNER, OUTER))
     return OVERLAP * YOUNG / (1.0 - POISSON**2) / (FACE * stretch)
 
 

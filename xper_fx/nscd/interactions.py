@@ -168,20 +168,16 @@ class Interactions(SteppedPoints):
             free: shape (2 num_rigid, dim), free velocities.
         """
         blocks, share = self.rigid_blocks, self._rigid_share
-        self._rigid_start, self._rigid_free = self._rigid_here(start), self._rigid_here(free)
+        if share is not None:
+            start, free = (a.reshape(-1, 2, self.dim)[share.here] for a in (start, free))
+        self._rigid_start = start.reshape(-1, self.dim)
+        self._rigid_free = free.reshape(-1, self.dim)
         if self.dim == 2 or self._by_node:
             return
         last = self.own_inverse.data_offsets[-2]
         self.inverse.data[last - blocks.size : last] = blocks.ravel()
         if share is not None:
             self.halo.renew_ghosts(self.inverse)
-
-    def _rigid_here(self, slots: np.ndarray) -> np.ndarray:
-        """Of slots of all rigid bodies those of this rank's."""
-        share = self._rigid_share
-        if share is None:
-            return slots
-        return slots.reshape(-1, 2, self.dim)[share.here].reshape(-1, self.dim)
 
     def _take_inverse(self, groups: list[PointGroup]) -> None:
         for group in groups:
@@ -230,9 +226,10 @@ class Interactions(SteppedPoints):
 
         Args:
             free: shape (num_slots * dim,), of which those of meshed bodies come first (m/s).
-            driven: of all rigid bodies, shape (2 num_rigid, dim); None as `take_rigid` had them.
+            driven: of rigid bodies that are driven, shape (2 num_rigid, dim), which every rank has;
+                None as `take_rigid` had them.
         """
-        rigid = self._rigid_free if driven is None else self._rigid_here(driven)
+        rigid = self._rigid_free if driven is None else driven
         self._set_others(free.reshape(-1, self.dim), rigid)
         if self._rigid_share is not None:  # what impulses do is judged by changes of velocities
             self.refresh_ghosts(free)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
-r"""Motion of rigid bodies in runs without inertia: tools, punches, rollers, whose motions are given.
+r"""Motion of rigid bodies in runs without inertia: punches and rollers, whose motions are given.
 
 With the prescribed velocity v(t) a static step from t0 to t1 moves a body by the integral of v over
 it, by Gauss's rule with three points, whatever theta says. The step's velocity is their quotient

@@ -22,8 +22,8 @@ What is no contact: a facet deeper than its own `depth`, or behind another one t
 of; one that none of p's own facets faces (the back of a thin body); facets that p is welded to; of
 several from which p would be driven out of one fragment, all but the nearest; of contacts of p with
 one fragment whose normals differ by less than 18 degrees, all but the nearest, and of nodes with
-walls of pockets and facets that p is in front of, by less than half a degree. A disc or sphere next to a
-node of a facet touches the node: two contacts in one place would share friction in no one way.
+walls of pockets and facets that p is in front of, by less than half a degree. A disc or sphere next
+to a node of a facet touches the node: two contacts in one place share friction in no one way.
 """
 
 from __future__ import annotations
