@@ -226,8 +226,7 @@ class Interactions(SteppedPoints):
 
         Args:
             free: shape (num_slots * dim,), of which those of meshed bodies come first (m/s).
-            driven: of rigid bodies that are driven, shape (2 num_rigid, dim), which every rank has;
-                None as `take_rigid` had them.
+            driven: of `driven` bodies, shape (2 num_rigid, dim); None as `take_rigid` had them.
         """
         rigid = self._rigid_free if driven is None else driven
         self._set_others(free.reshape(-1, self.dim), rigid)
@@ -242,10 +241,9 @@ class Interactions(SteppedPoints):
 
     def _set_others(self, slots: np.ndarray, rigid: np.ndarray) -> None:
         first = self.bulk_inverse.num_nodes
-        last = first + len(rigid)
         if len(rigid):
-            slots[first:last] = rigid
-        slots[last:] = 0.0
+            slots[first : first + len(rigid)] = rigid
+        slots[first + len(rigid) :] = 0.0
 
     def rigid_part(self, slots: np.ndarray) -> np.ndarray:
         """Of velocities of all slots those of rigid bodies, shape (2 num_rigid, dim).
@@ -355,8 +353,7 @@ class Interactions(SteppedPoints):
         """
         if self._stiffness is None:
             self._add_up()
-        speed = self.largest(float(np.abs(velocity).max(initial=0.0)))
-        return ROUNDING * speed * self._stiffness
+        return ROUNDING * self.largest(float(np.abs(velocity).max(initial=0.0))) * self._stiffness
 
     @property
     def uses_velocity_criterion(self) -> bool:
