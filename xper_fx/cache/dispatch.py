@@ -25,6 +25,7 @@ from xper_fx.cache.compiling import KIND
 from xper_fx.cache.content import INHERITED, UnknownContentError, digest
 from xper_fx.cache.folder import kernel_folder
 from xper_fx.cache.numba_flags import compare_at_once
+from xper_fx.cache.numba_lifetimes import look_when_asked
 from xper_fx.cache.numba_operators import choose_once
 
 logger = logging.getLogger("xper_fx.cache")
@@ -55,6 +56,7 @@ def _number_functions() -> None:
 
 compare_at_once()
 choose_once()
+look_when_asked()
 _number_functions()
 os.register_at_fork(after_in_child=_number_functions)
 
