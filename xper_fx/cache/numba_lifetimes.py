@@ -15,6 +15,8 @@ from numba.core.postproc import PostProcessor, VariableLifetime
 from numba.core.transforms import canonicalize_cfg
 from numba.misc.special import literal_unroll
 
+_NAMED = (ir.Global, ir.FreeVar)
+
 
 class _AtEntry(dict):
     """Names of the variables that live where a block begins, by block."""
@@ -36,11 +38,11 @@ def _is_changed_by(blocks: dict[int, ir.Block]) -> bool:
     """Whether a pass reads where variables live while it changes the function."""
     for block in blocks.values():
         for statement in block.body:
-            value = getattr(statement, "value", None)
-            if isinstance(statement, ir.EnterWith) or (
-                isinstance(value, (ir.Global, ir.FreeVar)) and value.value is literal_unroll
-            ):
+            if isinstance(statement, ir.EnterWith):
                 return True
+            if isinstance(statement, ir.Assign) and isinstance(statement.value, _NAMED):
+                if statement.value.value is literal_unroll:
+                    return True
     return False
 
 
