@@ -305,7 +305,7 @@ class CoupledStep:
 
         Where frames turn it is that of the jumps' rates.
         """
-        slots = self._slots(change).reshape(-1, self.interactions.dim)
+        slots = self._slots(change, False).reshape(-1, self.interactions.dim)
         if not self.turns:
             return [g.points.relative(slots) for g in self._groups]
         from xper_fx.nscd.turning_tangents import changes_of_jumps
@@ -426,10 +426,11 @@ class CoupledStep:
             self.slots, self._of_slots = self._slots(self.velocity), self.velocity
         return self.slots
 
-    def _slots(self, velocity: np.ndarray) -> np.ndarray:
+    def _slots(self, velocity: np.ndarray, driven: bool = True) -> np.ndarray:
+        """Velocities at the points' nodes, or their change where rigid bodies are not `driven`."""
         points, nodes = self.interactions, self._matrices.nodes
         slots = np.empty((points.inverse.num_slots, points.dim))
         slots[: len(nodes)] = velocity.reshape(-1, points.dim)[nodes]
-        points.complete(slots.reshape(-1))
+        points.complete(slots.reshape(-1), driven)
         points.refresh_ghosts(slots.reshape(-1))
         return slots.reshape(-1)

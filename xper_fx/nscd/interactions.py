@@ -218,13 +218,15 @@ class Interactions(SteppedPoints):
             self.refresh_ghosts(at_slots[-1])
         return LipMotion(*at_slots[:2], at_slots[-1], mean is velocity, gradient, rate)
 
-    def complete(self, free: np.ndarray) -> None:
+    def complete(self, free: np.ndarray, driven: bool = True) -> None:
         """Set the free velocities of all slots but those of meshed bodies.
 
         Args:
             free: shape (num_slots * dim,), of which those of meshed bodies come first (m/s).
+            driven: whether rigid bodies have theirs; else 0, as of changes of what is driven.
         """
-        self._set_others(free.reshape(-1, self.dim), self._rigid_free)
+        rigid = self._rigid_free if driven else np.zeros_like(self._rigid_free)
+        self._set_others(free.reshape(-1, self.dim), rigid)
         if self._rigid_share is not None:  # what impulses do is judged by changes of velocities
             self.refresh_ghosts(free)
 

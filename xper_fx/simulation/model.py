@@ -235,6 +235,10 @@ class Model:
             if scene.macroscopic is not None:
                 return DrivenCellMotion(bodies, scene.lattice, scene.macroscopic)
             return CellMotion(bodies, scene.lattice, scene.gravity)
+        if not self.options.inertia:
+            from xper_fx.nscd.rigid.driven_motion import DrivenMotion
+
+            return DrivenMotion(bodies)
         from xper_fx.nscd.rigid.motion import RigidMotion
 
         return RigidMotion(bodies, scene.gravity)
