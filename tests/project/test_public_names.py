@@ -72,7 +72,7 @@ print("dolfinx" in sys.modules, "xper_fx.nscd.laws.perfect_bond" in sys.modules)
 
 
 def test_a_run_of_cells_needs_no_sparse_algebra():
-    """SciPy's sparse matrices take a tenth of a start; what DOLFINx brings is not searched again."""
+    """They take a tenth of a start; and what DOLFINx brings is not searched again for garbage."""
     script = """
 import sys
 import xper_fx as xf
