@@ -273,20 +273,30 @@ class CoupledStep:
         with watch.phase("solution"):
             dv = matrices.solve(right, loading.wanted - self.velocity)
             if growth is not None:
-                force, motion = loading.rates()
-                along = matrices.solve(np.broadcast_to(force, dv.shape), motion)
+                force, motion, driven = loading.rates()
+                pushed = self._pushed_by(driven)
+                along = matrices.solve(np.broadcast_to(force, dv.shape) + pushed, motion)
+        rigid = 0.0 * loading.driven
         if growth is not None:
             now = self._jumps()
             scaled = self.step * matrices.theta
-            start = [x + scaled * du for x, du in zip(now, self._changes(dv), strict=True)]
-            slope = [scaled * du for du in self._changes(along)]
+            start = [x + scaled * du for x, du in zip(now, self._changes(dv, rigid), strict=True)]
+            slope = [scaled * du for du in self._changes(along, driven)]
             found = growth.change(now, self._tangents.held, start, slope)
             if found is None or not np.isfinite(found):
                 return None
-            change, dv = found, dv + found * along
+            change, dv, rigid = found, dv + found * along, found * driven
         if self._tangents is None:
             return Correction(dv, change, [])
-        return Correction(dv, change, self._tangents.changes(self._changes(dv)))
+        return Correction(dv, change, self._tangents.changes(self._changes(dv, rigid)))
+
+    def _pushed_by(self, driven: np.ndarray) -> np.ndarray | float:
+        """What springs do to the unknowns where rigid bodies are driven at velocities (N s)."""
+        if not driven.any():
+            return 0.0
+        moved = self._changes(np.zeros_like(self.velocity), driven)
+        springs = zip(self._tangents.stiffness, moved, strict=True)
+        return -self.on_unknowns([np.einsum("pij,pj->pi", k, du) for k, du in springs])
 
     def _springs(self) -> list[np.ndarray]:
         """K of each group, or what points whose frames turn have in its place."""
@@ -300,12 +310,16 @@ class CoupledStep:
             for g, k in zip(self._groups, springs, strict=True)
         ]
 
-    def _changes(self, change: np.ndarray) -> list[np.ndarray]:
+    def _changes(self, change: np.ndarray, driven: np.ndarray) -> list[np.ndarray]:
         """Change of the velocities u of each group where those of the unknowns change (m/s).
 
         Where frames turn it is that of the jumps' rates.
+
+        Args:
+            change: of velocities of the unknowns (m/s).
+            driven: of those of rigid bodies, shape (2 n, dim), m/s and rad/s.
         """
-        slots = self._slots(change, False).reshape(-1, self.interactions.dim)
+        slots = self._slots(change, driven).reshape(-1, self.interactions.dim)
         if not self.turns:
             return [g.points.relative(slots) for g in self._groups]
         from xper_fx.nscd.turning_tangents import changes_of_jumps
@@ -423,14 +437,15 @@ class CoupledStep:
     def _present(self) -> np.ndarray:
         """`slots` at the present velocities, which ranks tell each other once."""
         if self._of_slots is not self.velocity:
-            self.slots, self._of_slots = self._slots(self.velocity), self.velocity
+            self.slots = self._slots(self.velocity, self.loading.driven)
+            self._of_slots = self.velocity
         return self.slots
 
-    def _slots(self, velocity: np.ndarray, driven: bool = True) -> np.ndarray:
-        """Velocities at the points' nodes, or their change where rigid bodies are not `driven`."""
+    def _slots(self, velocity: np.ndarray, driven: np.ndarray) -> np.ndarray:
+        """Velocities at the points' nodes for those of the unknowns and of rigid bodies."""
         points, nodes = self.interactions, self._matrices.nodes
         slots = np.empty((points.inverse.num_slots, points.dim))
         slots[: len(nodes)] = velocity.reshape(-1, points.dim)[nodes]
-        points.complete(slots.reshape(-1), driven)
+        points.complete(slots.reshape(-1), driven if len(driven) else None)
         points.refresh_ghosts(slots.reshape(-1))
         return slots.reshape(-1)

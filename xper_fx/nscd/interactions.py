@@ -22,6 +22,7 @@ from xper_fx.nscd.stepped_points import ROUNDING, SteppedPoints
 
 if TYPE_CHECKING:
     from xper_fx.nscd.anchors import Anchors
+    from xper_fx.nscd.rigid.driven_motion import DrivenMotion
     from xper_fx.nscd.turning_frames import LipMotion
 
 # Fbar and its rate where there is no periodic cell.
@@ -58,6 +59,7 @@ class Interactions(SteppedPoints):
             them before each solve.
         own_inverse: blocks of w of this rank's bodies, meshed and rigid, without those of ghosts.
         groups: all points by law: permanent ones, contacts found, their rolling points.
+        driven: motion of rigid bodies that are driven, in static runs; None without any.
         renewals: how often contacts were found anew.
         exchanges: how often w of meshed bodies was exchanged for another.
 
@@ -87,6 +89,7 @@ class Interactions(SteppedPoints):
         self.committed_step, self.step_size, self.theta = 0.0, 0.0, 0.5
         self.too_far = self.from_scheme = 0.0
         self.anchors: Anchors | None = None
+        self.driven: DrivenMotion | None = None
         nodal = np.zeros((inverse.num_slots, self.dim))
         if initial_velocity is not None:
             nodal[: len(initial_velocity)] = initial_velocity
@@ -165,16 +168,20 @@ class Interactions(SteppedPoints):
             free: shape (2 num_rigid, dim), free velocities.
         """
         blocks, share = self.rigid_blocks, self._rigid_share
-        if share is not None:
-            start, free = (a.reshape(-1, 2, self.dim)[share.here] for a in (start, free))
-        self._rigid_start = start.reshape(-1, self.dim)
-        self._rigid_free = free.reshape(-1, self.dim)
+        self._rigid_start, self._rigid_free = self._rigid_here(start), self._rigid_here(free)
         if self.dim == 2 or self._by_node:
             return
         last = self.own_inverse.data_offsets[-2]
         self.inverse.data[last - blocks.size : last] = blocks.ravel()
         if share is not None:
             self.halo.renew_ghosts(self.inverse)
+
+    def _rigid_here(self, slots: np.ndarray) -> np.ndarray:
+        """Of slots of all rigid bodies those of this rank's."""
+        share = self._rigid_share
+        if share is None:
+            return slots
+        return slots.reshape(-1, 2, self.dim)[share.here].reshape(-1, self.dim)
 
     def _take_inverse(self, groups: list[PointGroup]) -> None:
         for group in groups:
@@ -218,14 +225,14 @@ class Interactions(SteppedPoints):
             self.refresh_ghosts(at_slots[-1])
         return LipMotion(*at_slots[:2], at_slots[-1], mean is velocity, gradient, rate)
 
-    def complete(self, free: np.ndarray, driven: bool = True) -> None:
+    def complete(self, free: np.ndarray, driven: np.ndarray | None = None) -> None:
         """Set the free velocities of all slots but those of meshed bodies.
 
         Args:
             free: shape (num_slots * dim,), of which those of meshed bodies come first (m/s).
-            driven: whether rigid bodies have theirs; else 0, as of changes of what is driven.
+            driven: of all rigid bodies, shape (2 num_rigid, dim); None as `take_rigid` had them.
         """
-        rigid = self._rigid_free if driven else np.zeros_like(self._rigid_free)
+        rigid = self._rigid_free if driven is None else self._rigid_here(driven)
         self._set_others(free.reshape(-1, self.dim), rigid)
         if self._rigid_share is not None:  # what impulses do is judged by changes of velocities
             self.refresh_ghosts(free)

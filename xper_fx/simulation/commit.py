@@ -57,8 +57,9 @@ def _at_start(model: Model, last: np.ndarray | float, size: float) -> np.ndarray
     forces[: len(model.slot_nodes)] = last[model.slot_nodes]
     if model.rigid is not None:
         pushed, share = model.rigid.pushed, model.rigid_share
-        if share is not None:
-            pushed = pushed.reshape(-1, 2 * bulk.dim)[share.here].reshape(-1, bulk.dim)
+        if share is not None:  # they are on every rank, which has a part of what pushes them
+            counted = np.repeat(share.rank_of_body == model.ranks.rank, 2)
+            pushed = np.where(counted[:, None], pushed, 0.0)
         points.own_rigid(forces)[:] = pushed
     return size * forces
 

@@ -45,11 +45,22 @@ class DrivenMotion(RigidMotion):
         self.pushed = self._pushed = np.zeros((2 * len(bodies), bodies.dim))
 
     def _given(self, step: float, time: float) -> np.ndarray:
-        """Means of the prescribed velocities over a step (s) from a time (s), (n, 2 dim)."""
+        """As of `RigidMotion`, by which bodies move in the step."""
+        return self._moved(time, time + step) / step
+
+    def velocities(self, step: float, since: float, until: float) -> np.ndarray:
+        """By which bodies move in a step (s) as from one time to another, shape (2 n, dim).
+
+        Along a path a step of a given size may end at any time.
+        """
+        return (self._moved(since, until) / step).reshape(-1, self.bodies.dim)
+
+    def _moved(self, since: float, until: float) -> np.ndarray:
+        """Integrals of the prescribed velocities over a time (s), shape (n, 2 dim)."""
         if not self._motions:
-            return self._constant_motion.copy()
-        rule = zip(_WEIGHTS, _PLACES, strict=True)
-        return sum(weight * self._given_at(time + place * step) for weight, place in rule)
+            return (until - since) * self._constant_motion
+        rule = zip(_WEIGHTS, since + (until - since) * _PLACES, strict=True)
+        return (until - since) * sum(weight * self._given_at(time) for weight, time in rule)
 
     def work(self, contacts: npt.ArrayLike) -> RigidWork:
         """As of `RigidMotion`, by the mean of what contacts do at the start and the end."""

@@ -21,8 +21,8 @@ no sum, and no moment if r is along n. A tangential impulse r_T has the moment g
 What is no contact: a facet deeper than its own `depth`, or behind another one that p is in front
 of; one that none of p's own facets faces (the back of a thin body); facets that p is welded to; of
 several from which p would be driven out of one fragment, all but the nearest; of contacts of p with
-one fragment whose normals differ by less than 18 degrees, all but the nearest, and of walls of
-pockets and facets that p is in front of, by less than half a degree. A disc or sphere next to a
+one fragment whose normals differ by less than 18 degrees, all but the nearest, and of nodes with
+walls of pockets and facets that p is in front of, by less than half a degree. A disc or sphere next to a
 node of a facet touches the node: two contacts in one place would share friction in no one way.
 """
 
@@ -45,7 +45,7 @@ from xper_fx.nscd.search.pair_list import PairList
 
 # Least part of a node's area that faces a contact.
 _FACING = 0.05
-# Cosine above which two normals are one, and that of facets of which p is behind none.
+# Cosine above which two normals are one, and that of facets of which a node is behind none.
 _ALIKE, _FLAT = 0.95, 0.99996
 # Cosine between the way out behind a corner and the normals there, at least.
 _STRAIGHT_OUT = 0.5
@@ -411,8 +411,11 @@ def _one_way_out(found, inside, equal, ways):
 
 
 @njit(**LEAN_INNER)
-def _nearest_of_each_normal(found, equal, ways, kept):
-    """Write into `kept`, nearest first, contacts whose normals differ within a fragment."""
+def _nearest_of_each_normal(found, equal, flat, ways, kept):
+    """Write into `kept`, nearest first, contacts whose normals differ within a fragment.
+
+    `flat` is the cosine above which two facets of a hollow are one.
+    """
     fragment, square, alive, normal = ways.fragment, ways.square, ways.alive, ways.normal
     kind, count = ways.kind, 0
     while True:
@@ -427,7 +430,7 @@ def _nearest_of_each_normal(found, equal, ways, kept):
         for e in range(count):
             b = kept[e]
             if fragment[b] == fragment[a]:
-                alike = _FLAT if max(kind[a], kind[b]) >= _POCKET else _ALIKE
+                alike = flat if max(kind[a], kind[b]) >= _POCKET else _ALIKE
                 fresh = fresh and _along(normal[a], normal, b) < alike
         if fresh:
             kept[count] = a
@@ -543,7 +546,8 @@ def _point_facet(points, pairs, faces, reach, out, room):
             continue
         equal = _NO_DISTANCE * depth[near_facet[0]]
         _one_way_out(found, -equal - r, equal, ways)
-        accepted = _nearest_of_each_normal(found, equal, ways, kept)
+        flat = _FLAT if r == 0.0 else 1.0 - _EQUAL  # discs touch facets apart from each other
+        accepted = _nearest_of_each_normal(found, equal, flat, ways, kept)
         for e in range(accepted):
             if count < len(out.gap):
                 a = kept[e]
