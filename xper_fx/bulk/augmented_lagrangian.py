@@ -202,7 +202,8 @@ def _balance(
         left = step.ranks.max(float(np.abs(step.balance()).max(initial=0.0)))
         if not np.isfinite(left):
             return None
-        if left <= max(error * step.size(), step.rounding()):
+        size = step.size()
+        if left <= max(error * size, step.rounding()) or size <= step.noise():
             return Balance(True, led_up)
     return Balance(False, led_up)
 
