@@ -131,7 +131,7 @@ def find_contacts(step: CoupledStep, good: float, most: float = np.inf) -> float
         logger.debug("impulses %d change by %.2e of %.2e N s", outer, change, size)
         length, last = _stretched(length, last, now, step.ranks) if outer > 1 else 1.0, now
         step.set_impulses([m + length * d for m, d in zip(given, moved, strict=True)])
-        if balanced and change <= good * size:
+        if balanced and change <= max(good * size, step.noise()):
             return good
         if balanced and step.may_jump and (best is None or change < best[0] * size):
             best = change / size, step.velocity, step.loading.time, step.impulses_of_points()
