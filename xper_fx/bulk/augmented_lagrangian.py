@@ -19,7 +19,9 @@ and the circles end (an inexact proximal point algorithm).
 Where bonds soften the function curves down along some directions, and a correction, which asks for
 the state at which it is flat, may lead up along one. The other way leads down, and is taken. Where
 such corrections find no balance twice, the load may have no equilibrium: the step is given up, to
-be cut. A softening bond may also open and close with the given impulses in turns. The impulses then
+be cut. Where it cannot be cut any more, springs that push are turned round in such corrections, so
+that each leads down, and states are followed downwards to one in balance: the load has snapped.
+A softening bond may also open and close with the given impulses in turns. The impulses then
 go away from a state that was nearly found; Newton's method goes on from the nearest one. All this
 is for loads that are given, without inertia and viscosity. Else a shorter step has a state near the
 last one, and what lies down there may be far away, beyond a snap.
@@ -52,6 +54,8 @@ logger = logging.getLogger(__name__)
 
 # Changes of the given impulses, and corrections for each.
 _OUTER, _INNER = 300, 12
+# Corrections for each where states are followed down a snap.
+_DOWN = 100
 # How often in a row corrections that go in circles are left while impulses get no nearer, and the
 # share of the smallest change before below which they do. Lips that have turned apart may pass
 # impulses on to each other for long: there it counts where forces balance, too.
@@ -115,7 +119,7 @@ def find_contacts(step: CoupledStep, good: float, most: float = np.inf) -> float
         if balance is None:
             break
         balanced = balance.found
-        up += balance.led_up and not balanced
+        up += balance.led_up and not (balanced or step.descends)
         moved = [answer - m for answer, m in zip(step.answers(), given, strict=True)]
         now = np.concatenate([np.zeros(0), *(d.ravel() for d in moved)])  # a rank may have none
         change = step.ranks.max(float(np.abs(now).max(initial=0.0)))
@@ -123,7 +127,7 @@ def find_contacts(step: CoupledStep, good: float, most: float = np.inf) -> float
         nearer = change < _NEARER * least
         circles = 0 if may_creep or nearer else circles + 1
         stands = 0 if nearer else stands + 1
-        unfound = 0 if balanced else unfound + 1
+        unfound = 0 if balanced or (nearer and step.descends) else unfound + 1
         least = min(least, change)
         if circles > _CIRCLES or stands > _STANDS or unfound > _UNFOUND or up > _LEFT_UP:
             break
@@ -186,19 +190,19 @@ def _balance(
         What came of it; None if the corrections lead nowhere.
     """
     led_up = False
-    for count in range(_INNER):
+    for count in range(_DOWN if step.descends else _INNER):
         step.set_impulses(given)
         try:
             correction = step.correction(1.0, follows)
+            if correction is None:
+                return None
+            line = _Line(step, correction)
+            if (moves and count == 0) or follows:
+                line.go(1.0)
+            else:
+                led_up |= line.shorten()
         except SingularMatrixError:
             return None
-        if correction is None:
-            return None
-        line = _Line(step, correction)
-        if (moves and count == 0) or follows:
-            line.go(1.0)
-        else:
-            led_up |= line.shorten()
         left = step.ranks.max(float(np.abs(step.balance()).max(initial=0.0)))
         if not np.isfinite(left):
             return None
@@ -236,8 +240,14 @@ class _Line:
 
         Returns:
             Whether the correction led up, so that the other way was taken.
+
+        Raises:
+            SingularMatrixError: that of springs that do not push cannot be factorised.
         """
         first = self.go(0.0)
+        if self._step.descends and first > 0.0:
+            self._correction = self._step.correction(1.0, convex=True)
+            first = self.go(0.0)
         up = bool(self._step.may_jump and 0.0 < first < np.inf)
         if up:
             self._correction = self._correction._replace(velocity=-self._correction.velocity)

@@ -90,6 +90,7 @@ class CoupledStep:
         frames_differ: whether points of one node may have frames that part.
         may_jump: whether shorter steps, too, may have no state near the last one: their load is
             given, and neither inertia nor viscosity bounds how fast bonds break.
+        descends: whether a state is looked for wherever the energy is least, beyond a snap.
         flipped: what facet is flipped or degenerate in the present state, in words; or empty.
     """
 
@@ -121,7 +122,7 @@ class CoupledStep:
         self.frames_differ = self.turns or self.ranks.max(searched) > 0.0
         viscous = any("viscous" in g.kernels.energies for g in self._groups)  # a rank may have none
         self.may_jump = not inert and growth is None and not self.ranks.max(float(viscous))
-        self.flipped = ""
+        self.descends, self.flipped = False, ""
         self.restart()
 
     def restart(self) -> None:
@@ -216,12 +217,15 @@ class CoupledStep:
 
     # Corrections
 
-    def correction(self, proximal: float, follows: bool = True) -> Correction | None:
+    def correction(
+        self, proximal: float, follows: bool = True, convex: bool = False
+    ) -> Correction | None:
         """The correction from the present state; None if no load keeps bonds within their growth.
 
         Args:
             proximal: p of the springs (`nscd/point_tangents.py`), 1 where impulses are given.
             follows: whether the load is found from the growth, if the step has one.
+            convex: whether springs that push are turned round (`nscd/point_tangents.py`).
 
         Raises:
             SingularMatrixError: the system cannot be factorised.
@@ -234,7 +238,7 @@ class CoupledStep:
             self._stiffest = float(np.abs(matrix.data).max())
         if tangents is not None:
             with watch.phase("point tangents"):
-                tangents.linearise(self._present(), self._least(), proximal)
+                tangents.linearise(self._present(), self._least(), proximal, convex)
         growth = self.growth if follows else None
         try:
             found = self._solved(matrix, growth)

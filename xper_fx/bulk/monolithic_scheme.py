@@ -128,11 +128,11 @@ class MonolithicScheme:
             guess: time (s) and velocities to start from, shape (num_dofs,).
         """
         if interactions is not None and interactions.fused is not None:
-            return self._while_vertices_split(state, step, interactions)
-        return self._attempt(state, step, interactions, growth, guess)[0]
+            return self._while_vertices_split(state, step, interactions, options.last_try)
+        return self._attempt(state, step, interactions, growth, guess, options.last_try)[0]
 
     def _while_vertices_split(
-        self, state: State, step: float, interactions: Interactions
+        self, state: State, step: float, interactions: Interactions, last_try: bool
     ) -> StepOutcome:
         """One step, made again with those vertices split that turn out not to bear it."""
         from xper_fx.bulk.breaking_vertices import BreakingVertices
@@ -142,7 +142,9 @@ class MonolithicScheme:
         vertices = self._vertices
         while True:
             vertices.begin(state, step, self.theta)
-            outcome, coupled = self._attempt(state, step, interactions, None, None)
+            outcome, coupled = self._attempt(
+                state, step, interactions, None, None, last_try
+            )
             if not outcome.converged:
                 return outcome
             transmitted = self._matrices.shared.transmitted(coupled.residual + coupled.impulses)
@@ -160,6 +162,7 @@ class MonolithicScheme:
         interactions: Interactions | None,
         growth: GrowthLimit | None,
         guess: tuple[float, np.ndarray] | None,
+        last_try: bool,
     ) -> tuple[StepOutcome, CoupledStep]:
         """As `attempt`, with the points there are; with the state of the step's unknowns."""
         bulk, watch, weight = self.bulk, self._stopwatch, self._matrices.weight
@@ -177,6 +180,7 @@ class MonolithicScheme:
             self._matrices, equations, loading, interactions, state, step, growth, watch
         )
         coupled.may_jump &= self._jumps
+        coupled.descends = coupled.may_jump and last_try
         newton = SemismoothNewton(coupled)
 
         def begin(guess: tuple[float, np.ndarray] | None = guess) -> None:

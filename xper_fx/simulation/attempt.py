@@ -111,7 +111,7 @@ class StepAttempts:
             return None
         self._error = None
         try:
-            outcome = self._attempt(state, size, tolerance)
+            outcome = self._attempt(state, size, tolerance, last_try)
         except FloatingPointError as error:
             self._note(error)
             return None
@@ -275,12 +275,14 @@ class StepAttempts:
         return bonds
 
     @np.errstate(**_RUNS_AWAY)
-    def _attempt(self, state: State, size: float, tolerance: float) -> StepOutcome | None:
+    def _attempt(
+        self, state: State, size: float, tolerance: float, last_try: bool = False
+    ) -> StepOutcome | None:
         """One step with the rigid bodies; None if one of them spins too fast for it."""
         rigid, interactions = self._model.rigid, self._model.interactions
         options = self._model.options.solve
-        if tolerance != options.tolerance:
-            options = replace(options, tolerance=tolerance)
+        if last_try or tolerance != options.tolerance:
+            options = replace(options, tolerance=tolerance, last_try=last_try)
         if rigid is None:
             return self._interact(state, size, options, None)
         try:
