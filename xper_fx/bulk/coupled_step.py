@@ -90,6 +90,7 @@ class CoupledStep:
         frames_differ: whether points of one node may have frames that part.
         may_jump: whether shorter steps, too, may have no state near the last one: their load is
             given, and neither inertia nor viscosity bounds how fast bonds break.
+        softens: whether there are bonds that soften.
         descends: whether a state is looked for wherever the energy is least, beyond a snap.
         flipped: what facet is flipped or degenerate in the present state, in words; or empty.
     """
@@ -122,6 +123,8 @@ class CoupledStep:
         self.frames_differ = self.turns or self.ranks.max(searched) > 0.0
         viscous = any("viscous" in g.kernels.energies for g in self._groups)  # a rank may have none
         self.may_jump = not inert and growth is None and not self.ranks.max(float(viscous))
+        softens = any(g.kernels.growth is not None for g in self._groups)
+        self.softens = bool(self.ranks.max(float(softens)))
         self.descends, self.flipped = False, ""
         self.restart()
 

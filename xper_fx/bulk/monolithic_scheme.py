@@ -180,7 +180,6 @@ class MonolithicScheme:
             self._matrices, equations, loading, interactions, state, step, growth, watch
         )
         coupled.may_jump &= self._jumps
-        coupled.descends = coupled.may_jump and last_try
         newton = SemismoothNewton(coupled)
 
         def begin(guess: tuple[float, np.ndarray] | None = guess) -> None:
@@ -205,6 +204,9 @@ class MonolithicScheme:
             if self._jumps or vain < (1 if begins else _VAIN):
                 converged = self._from_contacts(coupled, newton, begin, begins)
                 self._vain = state, vain + (not converged)
+            if not converged and last_try and coupled.may_jump and coupled.softens:
+                coupled.descends = True
+                converged = self._from_contacts(coupled, newton, begin, begins)
         velocity, impulses = coupled.velocity, coupled.impulses
         dofs = bulk.layout.prescribed_dofs
         supports = Supports(dofs, -(coupled.residual[dofs] + coupled.impulses[dofs]))
