@@ -68,7 +68,8 @@ _STANDS = 60
 # rounds, as loads that nothing holds.
 _UNFOUND = 15
 # How often they may be left after one of them led up: where that does not end soon, it never ends.
-_LEFT_UP = 1
+# Friction alone leads up as well, as its springs are not symmetric.
+_LEFT_UP, _FRICTION_LED_UP = 1, 2
 # Cosine between changes that creep along one direction, and how far one may be stretched.
 _CREEP, _FURTHEST = 0.95, 1e4
 # Error of the balance for given impulses beside the largest nodal impulse, and beside the change
@@ -107,7 +108,7 @@ def find_contacts(step: CoupledStep, good: float, most: float = np.inf) -> float
     follows = step.growth is not None and not step.growth.begins
     if step.growth is not None and not follows and not _load_a_little(step):
         return np.inf
-    begun = step.corrections
+    begun, most_up = step.corrections, _LEFT_UP if step.softens else _FRICTION_LED_UP
     circles, stands, unfound, up, least, length, last = 0, 0, 0, 0, np.inf, 1.0, np.zeros(0)
     best: tuple[float, np.ndarray, float, list[np.ndarray]] | None = None
     for outer in range(1, _OUTER + 1):
@@ -129,7 +130,7 @@ def find_contacts(step: CoupledStep, good: float, most: float = np.inf) -> float
         stands = 0 if nearer else stands + 1
         unfound = 0 if balanced or (nearer and step.descends) else unfound + 1
         least = min(least, change)
-        if circles > _CIRCLES or stands > _STANDS or unfound > _UNFOUND or up > _LEFT_UP:
+        if circles > _CIRCLES or stands > _STANDS or unfound > _UNFOUND or up > most_up:
             break
         size = step.size()
         logger.debug("impulses %d change by %.2e of %.2e N s", outer, change, size)

@@ -196,6 +196,10 @@ class MonolithicScheme:
 
         begin()
         converged = self._solve(coupled, newton)
+        if not converged and coupled.may_jump and not coupled.softens:
+            # lips that slide on: from rest all of them stick
+            begin((loading.time, state.velocity))
+            converged = self._solve(coupled, newton)
         # along a path another attempt begins from rest, from which contacts are found as well
         again = growth is not None and guess is not None
         if not (converged or self._gives_up or interactions is None or again):
