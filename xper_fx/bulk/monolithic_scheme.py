@@ -44,6 +44,10 @@ _VAIN = 3
 _GOES_BACK = "the state that was found leads back along the path"
 
 
+# Time (s) and velocities to start from, shape (num_dofs,).
+Guess = tuple[float, np.ndarray]
+
+
 class PointsOfNodes(NamedTuple):
     """Where points find their velocities: as `xper_fx.bulk.body_inverse`, without w on the bulk."""
 
@@ -115,7 +119,7 @@ class MonolithicScheme:
         solver: Solver,
         options: SolveOptions,
         growth: GrowthLimit | None = None,
-        guess: tuple[float, np.ndarray] | None = None,
+        guess: Guess | None = None,
     ) -> StepOutcome:
         """One step from `state`, which is not changed; see `ImplicitScheme.attempt`.
 
@@ -161,7 +165,7 @@ class MonolithicScheme:
         step: float,
         interactions: Interactions | None,
         growth: GrowthLimit | None,
-        guess: tuple[float, np.ndarray] | None,
+        guess: Guess | None,
         last_try: bool,
     ) -> tuple[StepOutcome, CoupledStep]:
         """As `attempt`, with the points there are; with the state of the step's unknowns."""
@@ -182,7 +186,7 @@ class MonolithicScheme:
         coupled.may_jump &= self._jumps
         newton = SemismoothNewton(coupled)
 
-        def begin(guess: tuple[float, np.ndarray] | None = guess) -> None:
+        def begin(guess: Guess | None = guess) -> None:
             if interactions is not None:
                 with watch.phase("interaction terms"):
                     coupled.velocity = coupled.start
@@ -194,12 +198,12 @@ class MonolithicScheme:
                 if coupled.flipped:  # it leads too far
                     begin(None)
 
-        begin()
-        converged = self._solve(coupled, newton)
-        if not converged and coupled.may_jump and not coupled.softens:
-            # lips that slide on: from rest all of them stick
-            begin((loading.time, state.velocity))
+        converged = False
+        for start in _starts(coupled, guess):
+            begin(start)
             converged = self._solve(coupled, newton)
+            if converged:
+                break
         # along a path another attempt begins from rest, from which contacts are found as well
         again = growth is not None and guess is not None
         if not (converged or self._gives_up or interactions is None or again):
@@ -280,3 +284,17 @@ class MonolithicScheme:
         """Take what `saved` gave; other solvers keep none."""
         if kept := saved.get("compliance"):
             self._take(kept["step"], self.bulk.unknowns.from_cells(kept))
+
+
+def _starts(coupled: CoupledStep, guess: Guess | None) -> list[Guess | None]:
+    """Where the iterations of a step begin, one after another until one of them converges.
+
+    A static step begins from rest. That bends bodies that turn where they are driven, and lets lips
+    stick that slide on. Where the load has gone on as before, the last step's velocities are near.
+    """
+    if guess is not None or not coupled.may_jump:
+        return [guess]
+    last = coupled.loading.time, coupled.state.velocity
+    if coupled.turns:
+        return [last, None]
+    return [None] if coupled.softens else [None, last]
