@@ -350,13 +350,8 @@ class CoupledStep:
 
     def size(self) -> float:
         """Largest nodal impulse (N s)."""
-        largest = self.step * np.abs(self.internal).max(initial=0.0)
-        own = max(
-            float(largest),
-            float(np.abs(self.impulses).max(initial=0.0)),
-            float(np.abs(self._equations.start).max(initial=0.0)),
-        )
-        return self.ranks.max(own)
+        vectors = self.step * self.internal, self.impulses, self._equations.start
+        return self.ranks.max(max(float(np.abs(v).max(initial=0.0)) for v in vectors))
 
     def rounding(self) -> float:
         """What rounding of displacements leaves in the bulk and at the stiffest spring (N s)."""
@@ -397,10 +392,8 @@ class CoupledStep:
 
     def _least(self) -> float:
         """Velocity that differences are at least taken over."""
-        given = self.loading.wanted
-        speed = self.ranks.max(
-            max(np.abs(self.slots).max(initial=0.0), np.abs(given).max(initial=0.0))
-        )
+        speeds = self.slots, self.loading.wanted
+        speed = self.ranks.max(max(float(np.abs(v).max(initial=0.0)) for v in speeds))
         return max(_LEAST * float(speed), _SMALLEST * self._extent / self.step)
 
     # Openings

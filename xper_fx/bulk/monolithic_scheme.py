@@ -146,9 +146,7 @@ class MonolithicScheme:
         vertices = self._vertices
         while True:
             vertices.begin(state, step, self.theta)
-            outcome, coupled = self._attempt(
-                state, step, interactions, None, None, last_try
-            )
+            outcome, coupled = self._attempt(state, step, interactions, None, None, last_try)
             if not outcome.converged:
                 return outcome
             transmitted = self._matrices.shared.transmitted(coupled.residual + coupled.impulses)
