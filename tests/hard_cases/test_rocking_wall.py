@@ -89,19 +89,3 @@ def test_a_block_whose_toe_slides_has_no_equilibrium_on_the_way(monkeypatch):
     forces = [simulation.reaction(TOP)[0] for _ in simulation.steps(1.0)]
     assert forces[-1] == pytest.approx(0.7 * PRESSURE * WIDTH, rel=1e-6)
     assert max(forces) > 1.1 * forces[-1]
-
-
-@pytest.mark.slow
-def test_a_path_goes_on_beyond_the_snap_of_a_toe(monkeypatch, caplog):
-    """The block of the last test comes down, slides at mu p W, and the snap is told."""
-    monkeypatch.setattr("xper_fx.simulation.path._LEAST", 0.1)
-    monkeypatch.setattr("xper_fx.bulk.augmented_lagrangian._STANDS", 5)
-    path = xf.GrowthControl(past_snaps=True)
-    simulation = xf.Simulation(block(0.7), 1.0, inertia=False, path=path)
-    slides = 0.7 * PRESSURE * WIDTH
-    for _ in simulation.steps(1.0):
-        if caplog.records and simulation.reaction(TOP)[0] == pytest.approx(slides, rel=1e-3):
-            break
-    assert simulation.reaction(TOP)[0] == pytest.approx(slides, rel=1e-3)
-    assert any("no path goes on from here" in record.getMessage() for record in caplog.records)
-    assert abs(simulation.ledger.closure) < 1e-8 * simulation.ledger.energies.external_work
