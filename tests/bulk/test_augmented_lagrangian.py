@@ -32,9 +32,10 @@ def test_stretched_changes_that_lead_back_are_left(monkeypatch, last, rounds):
         augmented_lagrangian, "_balance", lambda *_: Balance(found=True, led_up=False)
     )
     step = SimpleNamespace(
-        growth=None, turns=False, may_jump=False, ranks=ALONE, answers=answers,
+        growth=None, turns=False, may_jump=False, descends=False, softens=True, ranks=ALONE,
+        answers=answers,
         impulses_of_points=lambda: [given[0].copy()], set_impulses=take, size=lambda: 1.0,
-        corrections=0,
+        corrections=0, noise=lambda: 0.0,
     )  # fmt: skip
     change = find_contacts(step, 1e-6)
     if rounds is None:
@@ -54,7 +55,9 @@ def test_no_more_corrections_than_may_be(monkeypatch):
 
     monkeypatch.setattr(augmented_lagrangian, "_balance", balance)
     step.__dict__.update(
-        growth=None, turns=False, may_jump=False, ranks=ALONE, corrections=7, size=lambda: 1.0,
+        growth=None, turns=False, may_jump=False, descends=False, softens=True, ranks=ALONE,
+        corrections=7,
+        size=lambda: 1.0, noise=lambda: 0.0,
         answers=lambda: [given[0] + 1.0], impulses_of_points=lambda: [given[0].copy()],
         set_impulses=lambda impulses: given.__setitem__(0, impulses[0].copy()),
     )  # fmt: skip
@@ -73,7 +76,9 @@ def test_rounds_that_find_no_balance_are_left(monkeypatch, found, rounds):
 
     monkeypatch.setattr(augmented_lagrangian, "_balance", balance)
     step = SimpleNamespace(
-        growth=None, turns=False, may_jump=False, ranks=ALONE, corrections=0, size=lambda: 1.0,
+        growth=None, turns=False, may_jump=False, descends=False, softens=True, ranks=ALONE,
+        corrections=0,
+        size=lambda: 1.0, noise=lambda: 0.0,
         answers=lambda: [given[0] + 0.8 ** count[0] * np.eye(2)[count[0] % 2]],
         impulses_of_points=lambda: [given[0].copy()],
         set_impulses=lambda impulses: given.__setitem__(0, impulses[0].copy()),

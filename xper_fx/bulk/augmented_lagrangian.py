@@ -19,7 +19,9 @@ and the circles end (an inexact proximal point algorithm).
 Where bonds soften the function curves down along some directions, and a correction, which asks for
 the state at which it is flat, may lead up along one. The other way leads down, and is taken. Where
 such corrections find no balance twice, the load may have no equilibrium: the step is given up, to
-be cut. A softening bond may also open and close with the given impulses in turns. The impulses then
+be cut. Where it cannot be cut any more, springs that push are turned round in such corrections, so
+that each leads down, and states are followed downwards to one in balance: the load has snapped.
+A softening bond may also open and close with the given impulses in turns. The impulses then
 go away from a state that was nearly found; Newton's method goes on from the nearest one. All this
 is for loads that are given, without inertia and viscosity. Else a shorter step has a state near the
 last one, and what lies down there may be far away, beyond a snap.
@@ -52,6 +54,8 @@ logger = logging.getLogger(__name__)
 
 # Changes of the given impulses, and corrections for each.
 _OUTER, _INNER = 300, 12
+# Corrections for each where states are followed down a snap.
+_DOWN = 100
 # How often in a row corrections that go in circles are left while impulses get no nearer, and the
 # share of the smallest change before below which they do. Lips that have turned apart may pass
 # impulses on to each other for long: there it counts where forces balance, too.
@@ -64,7 +68,8 @@ _STANDS = 60
 # rounds, as loads that nothing holds.
 _UNFOUND = 15
 # How often they may be left after one of them led up: where that does not end soon, it never ends.
-_LEFT_UP = 1
+# Friction alone leads up as well, as its springs are not symmetric.
+_LEFT_UP, _FRICTION_LED_UP = 1, 2
 # Cosine between changes that creep along one direction, and how far one may be stretched.
 _CREEP, _FURTHEST = 0.95, 1e4
 # Error of the balance for given impulses beside the largest nodal impulse, and beside the change
@@ -103,7 +108,7 @@ def find_contacts(step: CoupledStep, good: float, most: float = np.inf) -> float
     follows = step.growth is not None and not step.growth.begins
     if step.growth is not None and not follows and not _load_a_little(step):
         return np.inf
-    begun = step.corrections
+    begun, most_up = step.corrections, _LEFT_UP if step.softens else _FRICTION_LED_UP
     circles, stands, unfound, up, least, length, last = 0, 0, 0, 0, np.inf, 1.0, np.zeros(0)
     best: tuple[float, np.ndarray, float, list[np.ndarray]] | None = None
     for outer in range(1, _OUTER + 1):
@@ -115,7 +120,7 @@ def find_contacts(step: CoupledStep, good: float, most: float = np.inf) -> float
         if balance is None:
             break
         balanced = balance.found
-        up += balance.led_up and not balanced
+        up += balance.led_up and not (balanced or step.descends)
         moved = [answer - m for answer, m in zip(step.answers(), given, strict=True)]
         now = np.concatenate([np.zeros(0), *(d.ravel() for d in moved)])  # a rank may have none
         change = step.ranks.max(float(np.abs(now).max(initial=0.0)))
@@ -123,15 +128,15 @@ def find_contacts(step: CoupledStep, good: float, most: float = np.inf) -> float
         nearer = change < _NEARER * least
         circles = 0 if may_creep or nearer else circles + 1
         stands = 0 if nearer else stands + 1
-        unfound = 0 if balanced else unfound + 1
+        unfound = 0 if balanced or (nearer and step.descends) else unfound + 1
         least = min(least, change)
-        if circles > _CIRCLES or stands > _STANDS or unfound > _UNFOUND or up > _LEFT_UP:
+        if circles > _CIRCLES or stands > _STANDS or unfound > _UNFOUND or up > most_up:
             break
         size = step.size()
         logger.debug("impulses %d change by %.2e of %.2e N s", outer, change, size)
         length, last = _stretched(length, last, now, step.ranks) if outer > 1 else 1.0, now
         step.set_impulses([m + length * d for m, d in zip(given, moved, strict=True)])
-        if balanced and change <= good * size:
+        if balanced and change <= max(good * size, step.noise()):
             return good
         if balanced and step.may_jump and (best is None or change < best[0] * size):
             best = change / size, step.velocity, step.loading.time, step.impulses_of_points()
@@ -186,23 +191,24 @@ def _balance(
         What came of it; None if the corrections lead nowhere.
     """
     led_up = False
-    for count in range(_INNER):
+    for count in range(_DOWN if step.descends else _INNER):
         step.set_impulses(given)
         try:
             correction = step.correction(1.0, follows)
+            if correction is None:
+                return None
+            line = _Line(step, correction)
+            if (moves and count == 0) or follows:
+                line.go(1.0)
+            else:
+                led_up |= line.shorten()
         except SingularMatrixError:
             return None
-        if correction is None:
-            return None
-        line = _Line(step, correction)
-        if (moves and count == 0) or follows:
-            line.go(1.0)
-        else:
-            led_up |= line.shorten()
         left = step.ranks.max(float(np.abs(step.balance()).max(initial=0.0)))
         if not np.isfinite(left):
             return None
-        if left <= max(error * step.size(), step.rounding()):
+        size = step.size()
+        if left <= max(error * size, step.rounding()) or size <= step.noise():
             return Balance(True, led_up)
     return Balance(False, led_up)
 
@@ -235,8 +241,14 @@ class _Line:
 
         Returns:
             Whether the correction led up, so that the other way was taken.
+
+        Raises:
+            SingularMatrixError: that of springs that do not push cannot be factorised.
         """
         first = self.go(0.0)
+        if self._step.descends and first > 0.0:
+            self._correction = self._step.correction(1.0, convex=True)
+            first = self.go(0.0)
         up = bool(self._step.may_jump and 0.0 < first < np.inf)
         if up:
             self._correction = self._correction._replace(velocity=-self._correction.velocity)

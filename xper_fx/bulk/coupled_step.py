@@ -91,6 +91,8 @@ class CoupledStep:
         frames_differ: whether points of one node may have frames that part.
         may_jump: whether shorter steps, too, may have no state near the last one: their load is
             given, and neither inertia nor viscosity bounds how fast bonds break.
+        softens: whether there are bonds that soften.
+        descends: whether a state is looked for wherever the energy is least, beyond a snap.
         flipped: what facet is flipped or degenerate in the present state, in words; or empty.
     """
 
@@ -123,7 +125,9 @@ class CoupledStep:
         self.frames_differ = self.turns or self.ranks.max(searched) > 0.0
         viscous = any("viscous" in g.kernels.energies for g in self._groups)  # a rank may have none
         self.may_jump = not inert and growth is None and not self.ranks.max(float(viscous))
-        self.flipped = ""
+        softens = any(g.kernels.growth is not None for g in self._groups)
+        self.softens = bool(self.ranks.max(float(softens)))
+        self.descends, self.flipped = False, ""
         self.restart()
 
     def restart(self) -> None:
@@ -218,12 +222,15 @@ class CoupledStep:
 
     # Corrections
 
-    def correction(self, proximal: float, follows: bool = True) -> Correction | None:
+    def correction(
+        self, proximal: float, follows: bool = True, convex: bool = False
+    ) -> Correction | None:
         """The correction from the present state; None if no load keeps bonds within their growth.
 
         Args:
             proximal: p of the springs (`nscd/point_tangents.py`), 1 where impulses are given.
             follows: whether the load is found from the growth, if the step has one.
+            convex: whether springs that push are turned round (`nscd/point_tangents.py`).
 
         Raises:
             SingularMatrixError: the system cannot be factorised.
@@ -236,7 +243,7 @@ class CoupledStep:
             self._stiffest = float(np.abs(matrix.data).max())
         if tangents is not None:
             with watch.phase("point tangents"):
-                tangents.linearise(self._present(), self._least(), proximal)
+                tangents.linearise(self._present(), self._least(), proximal, convex)
         growth = self.growth if follows else None
         try:
             found = self._solved(matrix, growth)
@@ -339,13 +346,8 @@ class CoupledStep:
 
     def size(self) -> float:
         """Largest nodal impulse (N s)."""
-        largest = self.step * np.abs(self.internal).max(initial=0.0)
-        own = max(
-            float(largest),
-            float(np.abs(self.impulses).max(initial=0.0)),
-            float(np.abs(self._equations.start).max(initial=0.0)),
-        )
-        return self.ranks.max(own)
+        vectors = self.step * self.internal, self.impulses, self._equations.start
+        return self.ranks.max(max(float(np.abs(v).max(initial=0.0)) for v in vectors))
 
     def rounding(self) -> float:
         """What rounding of displacements leaves in the bulk and at the stiffest spring (N s)."""
@@ -386,10 +388,8 @@ class CoupledStep:
 
     def _least(self) -> float:
         """Velocity that differences are at least taken over."""
-        given = self.loading.wanted
-        speed = self.ranks.max(
-            max(np.abs(self.slots).max(initial=0.0), np.abs(given).max(initial=0.0))
-        )
+        speeds = self.slots, self.loading.wanted
+        speed = self.ranks.max(max(float(np.abs(v).max(initial=0.0)) for v in speeds))
         return max(_LEAST * float(speed), _SMALLEST * self._extent / self.step)
 
     # Openings

@@ -44,6 +44,10 @@ _VAIN = 3
 _GOES_BACK = "the state that was found leads back along the path"
 
 
+# Time (s) and velocities to start from, shape (num_dofs,).
+Guess = tuple[float, np.ndarray]
+
+
 class PointsOfNodes(NamedTuple):
     """Where points find their velocities: as `xper_fx.bulk.body_inverse`, without w on the bulk."""
 
@@ -63,7 +67,7 @@ class MonolithicScheme:
         max_newton: iterations after which a step is given up.
         stopwatch: where phases are timed.
         gives_up: whether a step is not converged where Newton's method goes in circles.
-        jumps: whether a step may end beyond a snap, as none along a path may.
+        jumps: whether a step may end beyond a snap, as along a path only a last try may.
 
     Attributes:
         loading: of the last attempt.
@@ -115,7 +119,7 @@ class MonolithicScheme:
         solver: Solver,
         options: SolveOptions,
         growth: GrowthLimit | None = None,
-        guess: tuple[float, np.ndarray] | None = None,
+        guess: Guess | None = None,
     ) -> StepOutcome:
         """One step from `state`, which is not changed; see `ImplicitScheme.attempt`.
 
@@ -128,11 +132,11 @@ class MonolithicScheme:
             guess: time (s) and velocities to start from, shape (num_dofs,).
         """
         if interactions is not None and interactions.fused is not None:
-            return self._while_vertices_split(state, step, interactions)
-        return self._attempt(state, step, interactions, growth, guess)[0]
+            return self._while_vertices_split(state, step, interactions, options.last_try)
+        return self._attempt(state, step, interactions, growth, guess, options.last_try)[0]
 
     def _while_vertices_split(
-        self, state: State, step: float, interactions: Interactions
+        self, state: State, step: float, interactions: Interactions, last_try: bool
     ) -> StepOutcome:
         """One step, made again with those vertices split that turn out not to bear it."""
         from xper_fx.bulk.breaking_vertices import BreakingVertices
@@ -142,7 +146,7 @@ class MonolithicScheme:
         vertices = self._vertices
         while True:
             vertices.begin(state, step, self.theta)
-            outcome, coupled = self._attempt(state, step, interactions, None, None)
+            outcome, coupled = self._attempt(state, step, interactions, None, None, last_try)
             if not outcome.converged:
                 return outcome
             transmitted = self._matrices.shared.transmitted(coupled.residual + coupled.impulses)
@@ -159,7 +163,8 @@ class MonolithicScheme:
         step: float,
         interactions: Interactions | None,
         growth: GrowthLimit | None,
-        guess: tuple[float, np.ndarray] | None,
+        guess: Guess | None,
+        last_try: bool,
     ) -> tuple[StepOutcome, CoupledStep]:
         """As `attempt`, with the points there are; with the state of the step's unknowns."""
         bulk, watch, weight = self.bulk, self._stopwatch, self._matrices.weight
@@ -177,10 +182,10 @@ class MonolithicScheme:
         coupled = CoupledStep(
             self._matrices, equations, loading, interactions, state, step, growth, watch
         )
-        coupled.may_jump &= self._jumps
+        coupled.may_jump &= self._jumps or last_try
         newton = SemismoothNewton(coupled)
 
-        def begin(guess: tuple[float, np.ndarray] | None = guess) -> None:
+        def begin(guess: Guess | None = guess) -> None:
             if interactions is not None:
                 with watch.phase("interaction terms"):
                     coupled.velocity = coupled.start
@@ -192,8 +197,12 @@ class MonolithicScheme:
                 if coupled.flipped:  # it leads too far
                     begin(None)
 
-        begin()
-        converged = self._solve(coupled, newton)
+        converged = False
+        for start in _starts(coupled, guess):
+            begin(start)
+            converged = self._solve(coupled, newton)
+            if converged:
+                break
         # along a path another attempt begins from rest, from which contacts are found as well
         again = growth is not None and guess is not None
         if not (converged or self._gives_up or interactions is None or again):
@@ -202,6 +211,9 @@ class MonolithicScheme:
             if self._jumps or vain < (1 if begins else _VAIN):
                 converged = self._from_contacts(coupled, newton, begin, begins)
                 self._vain = state, vain + (not converged)
+            if not converged and last_try and coupled.may_jump and coupled.softens:
+                coupled.descends = True
+                converged = self._from_contacts(coupled, newton, begin, begins)
         velocity, impulses = coupled.velocity, coupled.impulses
         dofs = bulk.layout.prescribed_dofs
         supports = Supports(dofs, -(coupled.residual[dofs] + coupled.impulses[dofs]))
@@ -226,7 +238,7 @@ class MonolithicScheme:
             begin: takes the step to its start.
             first: whether it is the first of a path.
         """
-        most = np.inf if first or self._jumps else _FEW
+        most = np.inf if first or self._jumps or coupled.may_jump else _FEW
         for good in (_NEAR, self._tolerance):
             time = coupled.state.time + (0.0 if coupled.growth is not None else coupled.step)
             coupled.loading.set(time)
@@ -271,3 +283,17 @@ class MonolithicScheme:
         """Take what `saved` gave; other solvers keep none."""
         if kept := saved.get("compliance"):
             self._take(kept["step"], self.bulk.unknowns.from_cells(kept))
+
+
+def _starts(coupled: CoupledStep, guess: Guess | None) -> list[Guess | None]:
+    """Where the iterations of a step begin, one after another until one of them converges.
+
+    A static step begins from rest. That bends bodies that turn where they are driven, and lets lips
+    stick that slide on. Where the load has gone on as before, the last step's velocities are near.
+    """
+    if guess is not None or not coupled.may_jump:
+        return [guess]
+    last = coupled.loading.time, coupled.state.velocity
+    if coupled.turns:
+        return [last, None]
+    return [None] if coupled.softens else [None, last]

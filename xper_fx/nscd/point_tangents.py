@@ -13,6 +13,10 @@ term. Each step of Newton's method then leaves some p of the error of a multipli
 constraint is exact where the iteration ends, whatever p is (Rockafellar 1976). Which branch a point
 is on S decides with W alone: 1 / W is to be the stiffness of what the point stands on, so that gaps
 and impulses that are yet to be found weigh alike.
+
+A bond that softens pushes: K has a negative eigenvalue, and where the structure is softer the
+correction leads to where forces balance at the top of a hill of energy. With |K|, the absolute
+values of its eigenvalues, it leads down (Greenstadt 1967), slower.
 """
 
 from __future__ import annotations
@@ -159,17 +163,25 @@ class PointTangents:
         self.held = [np.zeros(shape[0], bool) for shape in shapes]
         self._approach = [np.zeros(shape[0]) for shape in shapes]
 
-    def linearise(self, velocity: np.ndarray, least: float, proximal: float) -> None:
+    def linearise(
+        self, velocity: np.ndarray, least: float, proximal: float, convex: bool = False
+    ) -> None:
         """Take the springs around a state.
 
         Args:
             velocity: shape (num_slots * dim,), m/s; the impulses are the points'.
             least: velocity (m/s) that differences are at least taken over.
             proximal: p; 1 where the impulses are given, so that S_r does not count.
+            convex: whether to take |K| of the symmetric part of K.
         """
         for approach in self._approach:
             approach[:] = 0.0
         self._linearise(velocity, least, proximal)
+        if convex:
+            for k in self.stiffness:
+                values, vectors = np.linalg.eigh(0.5 * (k + k.transpose(0, 2, 1)))
+                turned = 2.0 * np.maximum(-values, 0.0)[:, None, :]
+                k += (vectors * turned) @ vectors.transpose(0, 2, 1)
 
     def press(self, velocity: np.ndarray, least: float, proximal: float) -> bool:
         """Take the springs, after `linearise`, as if lips approached that hold nothing.

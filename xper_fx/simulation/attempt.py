@@ -49,6 +49,8 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger(__name__)
 
+# By how much the load moves while a structure snaps along a path, beside its end.
+_HARDLY = 1e-6
 # Solvers between which "auto" changes.
 _ONE_WAY = ("nlgs", "accelerated", "newton")
 # Inelastic strain of a step above which the step is cut.
@@ -111,7 +113,7 @@ class StepAttempts:
             return None
         self._error = None
         try:
-            outcome = self._attempt(state, size, tolerance)
+            outcome = self._attempt(state, size, tolerance, last_try)
         except FloatingPointError as error:
             self._note(error)
             return None
@@ -195,6 +197,27 @@ class StepAttempts:
             rigid.predict(size, theta, state.time)  # of the size that was taken
             self._end_rigid(outcome)
         return outcome, size
+
+    @np.errstate(**_RUNS_AWAY)
+    def past_snap(self, state: State, path: PathFollower, end_time: float) -> StepOutcome | None:
+        """A static step from where no path goes on, whose load hardly moves: down to balance.
+
+        Args:
+            state: at its start, which is not changed.
+            path: where the run is on its path.
+            end_time: at which the path ends (s).
+
+        Returns:
+            The outcome; None where there is no such step.
+        """
+        size = _HARDLY * abs(end_time)
+        if not path.goes_past or state.time + size >= end_time:
+            return None
+        options = replace(self._model.options.solve, last_try=True)
+        self._find_contacts(state, size, None)
+        model = self._model
+        outcome = model.scheme.attempt(state, size, model.interactions, self.solver, options)
+        return outcome if outcome.converged else None
 
     def advice(
         self, residual: float, newton: float, tolerance: float, path: PathFollower | None
@@ -280,12 +303,14 @@ class StepAttempts:
         return bonds
 
     @np.errstate(**_RUNS_AWAY)
-    def _attempt(self, state: State, size: float, tolerance: float) -> StepOutcome | None:
+    def _attempt(
+        self, state: State, size: float, tolerance: float, last_try: bool = False
+    ) -> StepOutcome | None:
         """One step with the rigid bodies; None if one of them spins too fast for it."""
         rigid, interactions = self._model.rigid, self._model.interactions
         options = self._model.options.solve
-        if tolerance != options.tolerance:
-            options = replace(options, tolerance=tolerance)
+        if last_try or tolerance != options.tolerance:
+            options = replace(options, tolerance=tolerance, last_try=last_try)
         if rigid is None:
             return self._interact(state, size, options, None)
         try:

@@ -19,6 +19,7 @@ from xper_fx.scene.scene import Scene
 from xper_fx.simulation.attempt import StepAttempts
 from xper_fx.simulation.commit import commit_bodies, commit_interactions, deepest
 from xper_fx.simulation.course import Course
+from xper_fx.simulation.doubts import NO_PATH
 from xper_fx.simulation.energy_ledger import BulkEnergies
 from xper_fx.simulation.explicit_start import leave_explicit
 from xper_fx.simulation.failures import give_up, require_finite, require_small_turns
@@ -88,8 +89,7 @@ class Simulation(Restartable):
             than 5 % strain, in which iterates broke bonds that stay closed, or in which bodies
             would pass through each other unseen, is cut in two.
         forgiving: whether to go on, with a warning and a count at the end, where iterates broke
-            bonds that stay closed, for no energy, however often the step was cut; else that is a
-            ConvergenceError.
+            bonds that stay closed, for no energy, however often the step was cut; else it raises.
         inertia: False for a static run (theta = 1): bodies without mass, which motions, a
             periodic cell's ties or interactions with bodies that are held must hold, as nothing
             regularises the stiffness.
@@ -354,13 +354,26 @@ class Simulation(Restartable):
                     start, ways = self.state.time, self.scheme.unstable_ways()
                     change = outcome.state.time - start
                     record = self._commit(outcome, size, self._bulk_energies(outcome, size))
-                    iterations, tells = outcome.newton_iterations, self.team.rank == 0
-                    moved = change - self.scheme.loading.held
-                    path.succeeded(moved, iterations, start, ways, tells)
+                    moved, tells = change - self.scheme.loading.held, self.team.rank == 0
+                    path.succeeded(moved, outcome.newton_iterations, start, ways, tells)
             if outcome.converged:
                 yield record._replace(size=change)
             elif not path.failed():
-                give_up(self, self._attempts, outcome, size)
+                yield self._snap(end_time, outcome, size)
+
+    def _snap(self, end_time: float, failed: StepOutcome, size: float) -> StepRecord:
+        """A step to a state in balance at the same load, where no path goes on."""
+        before = self.ledger.energies.dissipated_numerical
+        with self.stopwatch.phase("step"):
+            outcome = self._attempts.past_snap(self.state, self.path, end_time)
+            if outcome is None:
+                give_up(self, self._attempts, failed, size)
+            size = outcome.state.time - self.state.time
+            record = self._commit(outcome, size, self._bulk_energies(outcome, size))
+        freed = self.ledger.energies.dissipated_numerical - before
+        self._attempts.doubts.tell(NO_PATH, record.step, size, f"; {freed:.3g} J are freed")
+        self.path.snapped()
+        return record
 
     def _bulk_energies(self, outcome: StepOutcome, size: float) -> BulkEnergies:
         with self.stopwatch.phase("energy"):

@@ -31,6 +31,8 @@ class SolveOptions:
             locally linear, in (0, 2).
         num_threads: threads to use; if not given all that Numba has, or one where points are few.
             Results do not depend on it beyond the rounding of the residual.
+        last_try: whether the step cannot be cut, so that a static one may go down to a state beyond
+            a snap.
 
     Raises:
         ValueError: a number out of range.
@@ -41,6 +43,7 @@ class SolveOptions:
     max_sweeps: int = 10_000
     relaxation: float = 1.0
     num_threads: int | None = None
+    last_try: bool = False
 
     def __post_init__(self) -> None:
         require_positive("tolerance", self.tolerance)
