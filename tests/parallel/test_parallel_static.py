@@ -24,8 +24,8 @@ SCRIPT = "ranks/static_scenes.py"
 SCENES = {
     2: ("drawn", "wedged", "turned", "rigid", "touching", "nearing", "held", "leaning",
         "indented", "inert", "tied", "peeled", "unrolled", "inert_cell", "cell", "turned_cell",
-        "spread_drawn", "spread_touching", "factored_drawn", "factored_turned_cell", "groups", "messages",
-        "stopped", "spread_stopped"),
+        "spread_drawn", "spread_touching", "factored_drawn", "factored_turned_cell", "groups",
+        "messages", "stopped", "spread_stopped"),
     3: ("stopped", "spread_stopped"),
     4: ("drawn", "wedged", "turned", "touching", "peeled", "unrolled", "turned_cell",
         "celled_path", "spread_unrolled", "spread_row", "groups"),
