@@ -168,7 +168,7 @@ class NewtonOnAllPoints(Solver):
         """Find the impulses of the step, as `Solver.solve` says."""
         free = velocity.copy()
         tolerance, max_sweeps = options.tolerance, options.max_sweeps
-        sweeps = steps = iterations = failures = 0
+        sweeps = steps = iterations = failures = interior = 0
         batch = _BATCH
         while True:
             velocity[:] = free
@@ -194,8 +194,14 @@ class NewtonOnAllPoints(Solver):
                 break
             attempt.restore()
             failures += 1
+            if failures == 1 and interactions.halo is None:
+                from xper_fx.nscd.solvers.central_path import follow_path
+
+                interior = follow_path(interactions, free, problem, tolerance)
             batch *= 2
         reason = f"{steps} Newton steps, {iterations} iterations, {failures} times back to sweeps"
+        if interior:
+            reason += f", {interior} of an interior point"
         return SolveReport(converged, sweeps, error, traction, "newton", reason)
 
     def kept(self) -> list[object]:

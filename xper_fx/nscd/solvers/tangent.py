@@ -722,7 +722,7 @@ class LinearisedProblem:
             velocity: shape (num_slots * dim,), v_free + w H r.
         """
         interactions, tangents = self._interactions, self.tangents
-        dim, clusters = interactions.dim, self._clusters
+        clusters = self._clusters
         tangents.take(interactions, velocity)
         marked = np.zeros(len(clusters.offsets) - 1, np.bool_)
         groups = list(zip(interactions.groups, tangents.groups, strict=True))
@@ -734,6 +734,25 @@ class LinearisedProblem:
             return
         if self._fresh:
             marked[:] = True
+        self._renew_blocks(marked)
+        self._bonded = tangents.mostly_held(interactions)
+
+    def take_springs(self) -> None:
+        """Take K as `tangents` have it; `linearise` then makes all of it anew."""
+        for g, own in zip(self._interactions.groups, self.tangents.groups, strict=True):
+            if g.turning is not None:
+                own.frame[:] = g.couplings.frame
+        if self._direct:
+            self._factor()
+        else:
+            self._renew_blocks(np.ones(len(self._clusters.offsets) - 1, np.bool_))
+        self._bonded = False
+        self.tangents.forget()
+
+    def _renew_blocks(self, marked: np.ndarray) -> None:
+        """Invert the blocks of marked clusters."""
+        interactions, clusters, dim = self._interactions, self._clusters, self._interactions.dim
+        groups = list(zip(interactions.groups, self.tangents.groups, strict=True))
         blocks, offsets = self._blocks, self._block_offsets
         _clear(marked, offsets, blocks)
         _add_bodies(
@@ -749,7 +768,6 @@ class LinearisedProblem:
             clusters, offsets, marked, blocks, self._fixed, dim, self._swaps
         )
         self._fresh = not self.solvable
-        self._bonded = tangents.mostly_held(interactions)
 
     def _factor(self) -> None:
         """Factor w^-1 + H K H^T, with ones for what is prescribed."""
@@ -788,8 +806,26 @@ class LinearisedProblem:
         Returns:
             dr of each group (arrays of this object, overwritten next time), and iterations.
         """
-        left, part = self._left, self._part
-        self._source(left)
+        self._source(self._left)
+        iterations = self.improve(self._left, step, bound, max_iterations)
+        if self._small and iterations >= MANY:
+            self._direct = self._fresh = True
+        return self.tangents.changes(self._interactions, step), iterations
+
+    def improve(
+        self, left: np.ndarray, step: np.ndarray, bound: float, max_iterations: int
+    ) -> int:
+        """Improve a solution of (w^-1 + H K H^T) dv = f.
+
+        Args:
+            left: shape (num_slots * dim,), f, zero where nothing moves; what is left on return.
+            step: shape (num_slots * dim,), dv.
+            bound, max_iterations: as of `solve`.
+
+        Returns:
+            Iterations.
+        """
+        part = self._part
         self._apply(step, part)
         left -= part
         correction = self._room[0]
@@ -800,24 +836,30 @@ class LinearisedProblem:
         iterations, _ = gmres(
             self._apply, self._precondition, left, step, bound, max_iterations, self._room
         )
-        if self._small and iterations >= MANY:
-            self._direct = self._fresh = True
-        return self.tangents.changes(self._interactions, step), iterations
+        return iterations
 
     def _source(self, total: np.ndarray) -> None:
         """total = H g."""
         self.tangents.spread_source(self._interactions, total)
-        _hold(self._held_dofs, total)
+        self.hold(total)
+
+    def hold(self, x: np.ndarray) -> None:
+        """Set x, shape (num_slots * dim,), to zero where nothing moves."""
+        _hold(self._held_dofs, x)
+
+    def momentum(self, x: np.ndarray, y: np.ndarray) -> None:
+        """y = w^-1 x, both of shape (num_slots * dim,)."""
+        inverse = self._interactions.inverse
+        _body_product(inverse.uniform_size)(
+            self._matrix, inverse.data_offsets, self._sizes, self._starts, x, y
+        )
 
     def _apply(self, x: np.ndarray, y: np.ndarray) -> None:
         """y = (w^-1 + H K H^T) x."""
-        interactions = self._interactions
-        _body_product(interactions.inverse.uniform_size)(
-            self._matrix, interactions.inverse.data_offsets, self._sizes, self._starts, x, y
-        )
-        for g, own in zip(interactions.groups, self.tangents.groups, strict=True):
+        self.momentum(x, y)
+        for g, own in zip(self._interactions.groups, self.tangents.groups, strict=True):
             self._springs(g)[0](x, g.couplings, own.stiffness, y)
-        _hold(self._held_dofs, y)
+        self.hold(y)
 
     def _cluster_solve(self, r: np.ndarray, z: np.ndarray) -> None:
         _cluster_product(self._interactions.dim)(
