@@ -486,25 +486,38 @@ def _invert_clusters(clusters, block_offsets, marked, blocks, fixed, dim, swaps)
 
 
 @cache
-def _cluster_product(dim: int):
-    """Kernel z = B r over clusters."""
+def _cluster_sweep(dim: int, size: int):
+    """Kernel z = (L + D)^-1 r over clusters; compiled for bodies of one size, or any where 0."""
 
     @_KERNEL
-    def multiply(clusters, block_offsets, blocks, r, z):
+    def sweep(data, data_offsets, sizes, starts, body, clusters, block_offsets, blocks, r, z, left):
+        z[:] = 0.0
         for a in range(len(block_offsets) - 1):
             first, last = clusters.offsets[a], clusters.offsets[a + 1]
+            n = np.uintp((last - first) * dim)
+            for k in range(last - first):
+                dof = np.uintp(clusters.nodes[first + k] * dim)
+                b = body[clusters.nodes[first + k]]
+                count = size if size > 0 else sizes[b]
+                start = np.uintp(starts[b])
+                line = np.uintp(data_offsets[b]) + (dof - start) * np.uintp(count)
+                for x in range(dim):
+                    total = r[dof + np.uintp(x)]
+                    for j in range(count):
+                        total -= data[line + np.uintp(j)] * z[start + np.uintp(j)]
+                    line += np.uintp(count)
+                    left[np.uintp(k * dim + x)] = total
             line = np.uintp(block_offsets[a])
-            for i in range(first, last):
-                for d in range(dim):
+            for k in range(last - first):
+                dof = np.uintp(clusters.nodes[first + k] * dim)
+                for x in range(dim):
                     total = 0.0
-                    for j in range(first, last):
-                        at = np.uintp(clusters.nodes[j] * dim)
-                        for e in range(dim):
-                            total += blocks[line] * r[at + np.uintp(e)]
-                            line += np.uintp(1)
-                    z[clusters.nodes[i] * dim + d] = total
+                    for j in range(n):
+                        total += blocks[line + j] * left[j]
+                    line += n
+                    z[dof + np.uintp(x)] = total
 
-    return multiply
+    return sweep
 
 
 @_KERNEL
@@ -665,6 +678,9 @@ class LinearisedProblem:
         )
         self._blocks = np.empty(self._block_offsets[-1])
         self._swaps = np.empty(np.diff(self._clusters.offsets).max() * dim, np.int64)
+        self._beside = np.empty(len(self._swaps))
+        nodes = np.diff(inverse.node_offsets)
+        self._body = np.repeat(np.arange(len(nodes)), nodes)
         self.tangents = PointTangents(interactions)
         self._room = np.empty((_BASIS + 3, inverse.num_slots * dim))
         self._left, self._part = np.empty((2, inverse.num_slots * dim))
@@ -862,9 +878,11 @@ class LinearisedProblem:
         self.hold(y)
 
     def _cluster_solve(self, r: np.ndarray, z: np.ndarray) -> None:
-        _cluster_product(self._interactions.dim)(
-            self._clusters, self._block_offsets, self._blocks, r, z
-        )
+        inverse = self._interactions.inverse
+        _cluster_sweep(inverse.dim, inverse.uniform_size)(
+            self._matrix, inverse.data_offsets, self._sizes, self._starts, self._body,
+            self._clusters, self._block_offsets, self._blocks, r, z, self._beside,
+        )  # fmt: skip
 
     def _first(self, r: np.ndarray, z: np.ndarray) -> None:
         if self._direct:
