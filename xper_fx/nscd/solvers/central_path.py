@@ -199,22 +199,22 @@ class _Path:
         for own in closed:
             least, shift, mu = own.law[:3]
             u = own.group.points.relative(slots)[own.at]
-            speeds += float(np.sum(((u[:, 0] - least) / mu) ** 2))
+            speeds += float(np.sum((u[:, 0] - least) ** 2))
             if u.shape[1] > 1:
-                speeds += float(np.sum((u[:, 1:] + shift) ** 2))
+                speeds += float(np.sum((mu[:, None] * (u[:, 1:] + shift)) ** 2))
             impulses += float(np.sum(own.group.impulse[own.at, 0] ** 2))
         self.begins = speeds > 0.0 and impulses > 0.0
         if self.begins:
             speed, impulse = np.sqrt(np.array([speeds, impulses]) / ends[-1])
-            self._z[:, 0] = speed
             for rows, own in zip(self._rows, closed, strict=True):
-                self._x[rows, 0] = impulse * own.law[2]
+                mu = own.law[2]
+                self._x[rows, 0], self._z[rows, 0] = impulse * mu, speed / mu
 
     def run(self, least: float) -> int:
         """Descend to a share of the first x . z; the number of iterations."""
         groups, problem = self._interactions.groups, self._problem
         before = [g.impulse.copy() for g in groups]
-        first, count, step = self._gap(), 0, 1.0
+        first, count, step, iterations = self._gap(), 0, 1.0, 0
         gap = first
         for g, own in zip(groups, problem.tangents.groups, strict=True):
             g.impulse[:], own.stiffness[:], own.source[:] = 0.0, 0.0, 0.0
@@ -222,6 +222,7 @@ class _Path:
             self._linearise()
             if gap <= least * first or count == _MAX_ITERATIONS or step < _SHORTEST:
                 break
+            problem.heed(iterations)
             problem.take_springs()
             if not problem.solvable:
                 break
@@ -230,12 +231,12 @@ class _Path:
             self._own -= self._left()
             self._step[:] = 0.0
             np.negative(self._z, out=self._g)
-            self._solve(bound)
+            iterations = self._solve(bound)
             self._cones.correct(
                 self._scaling, self._x, self._z, self._dx, self._dz, gap, self._missing, self._g,
                 self._unused,
             )  # fmt: skip
-            self._solve(bound)
+            iterations = max(iterations, self._solve(bound))
             if not (np.isfinite(self._step).all() and np.isfinite(self._dz).all()):
                 break
             step = self._cones.advance(self._x, self._z, self._dx, self._dz)
@@ -267,16 +268,17 @@ class _Path:
         self._problem.momentum(self._velocity - self._free, self._force)
         return self._force
 
-    def _solve(self, bound: float) -> None:
-        """dv, dx and dz for g_x, from the dv of before."""
+    def _solve(self, bound: float) -> int:
+        """dv, dx and dz for g_x, from the dv of before; iterations."""
         self._answer(self._none)
         problem, interactions = self._problem, self._interactions
         problem.tangents.spread_source(interactions, self._force)
         self._force += self._own
         problem.hold(self._force)
-        problem.improve(self._force, self._step, bound, _MAX_GMRES)
+        iterations = problem.improve(self._force, self._step, bound, _MAX_GMRES)
         self._answer(self._step)
         self._cones.to_dz(self._scaling, self._g, self._dx, self._dz)
+        return iterations
 
     def _answer(self, change: np.ndarray) -> None:
         """dx, and its impulses as the source g of the points, for a change of velocities."""

@@ -824,9 +824,13 @@ class LinearisedProblem:
         """
         self._source(self._left)
         iterations = self.improve(self._left, step, bound, max_iterations)
+        self.heed(iterations)
+        return self.tangents.changes(self._interactions, step), iterations
+
+    def heed(self, iterations: int) -> None:
+        """Factor the matrix from now on if that many iterations are too many, and it is small."""
         if self._small and iterations >= MANY:
             self._direct = self._fresh = True
-        return self.tangents.changes(self._interactions, step), iterations
 
     def improve(
         self, left: np.ndarray, step: np.ndarray, bound: float, max_iterations: int
