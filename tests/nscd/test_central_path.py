@@ -14,7 +14,12 @@ from xper_fx.nscd.solvers import NewtonOnAllPoints, NonlinearGaussSeidel, newton
 from xper_fx.nscd.solvers.central_path import follow_path
 from xper_fx.nscd.solvers.tangent import LinearisedProblem
 
-MIXED = (BOND, SignoriniCoulomb(0.4), SignoriniCoulomb(contact="position"), CohesiveZone(2e18, 0.5, 1e9))
+MIXED = (
+    BOND,
+    SignoriniCoulomb(0.4),
+    SignoriniCoulomb(contact="position"),
+    CohesiveZone(2e18, 0.5, 1e9),
+)
 
 
 def followed(make, tolerance):

@@ -10,7 +10,9 @@ slip more than their tangent says undo the gain of all others. A step is accepte
 |S(b) - r| / |r| over all points, falls; else it is halved, and the rest of it is the first guess of
 the next linear problem. Where no length helps a quarter of it is taken, a few times at most; after
 that, or where many steps gain little, sweeps go on from the best impulses found for a batch, twice
-as long each time: the user is never left with less than sweeps give.
+as long each time: the user is never left with less than sweeps give. Where all laws allow it, the
+first attempt is short, and an interior point follows, which has no branches (`central_path.py`);
+the sweeps after it judge what it found.
 
 **When it stops.** The last step dr reduced the residual by R: |dr| / |R| tells the error that a
 residual stands for, and the error so estimated is what `tolerance` bounds, as in `nlgs.py`.

@@ -16,8 +16,10 @@ also makes redundant constraints (a ring of sticking facets) harmless. With dv =
 sparse, over the bodies' degrees of freedom, symmetric but for sliding with friction. GMRES solves
 it with two corrections added up:
 
-- a cluster of facing nodes (`clusters.py`: a vertex of the mesh before it was cut) alone, K
-  included, by a dense inverse: however stiff the springs, they are inside;
+- the clusters of facing nodes (`clusters.py`: a vertex of the mesh before it was cut) one after the
+  other, K included, each by a dense inverse: however stiff the springs, they are inside. What the
+  bodies hand on from the clusters before is taken along (block Gauss-Seidel), which halves the
+  iterations of clusters that are each alone;
 - all clusters moving as one, in which no point opens: P^T w^-1 P, the matrix of the mesh before it
   was cut, by a sparse factorisation made once for each w. It carries over any distance, and on a
   sound mesh makes the number of iterations nearly independent of its size.
@@ -832,9 +834,7 @@ class LinearisedProblem:
         if self._small and iterations >= MANY:
             self._direct = self._fresh = True
 
-    def improve(
-        self, left: np.ndarray, step: np.ndarray, bound: float, max_iterations: int
-    ) -> int:
+    def improve(self, left: np.ndarray, step: np.ndarray, bound: float, max_iterations: int) -> int:
         """Improve a solution of (w^-1 + H K H^T) dv = f.
 
         Args:
