@@ -29,6 +29,7 @@ from __future__ import annotations
 
 from functools import cache
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
@@ -72,8 +73,8 @@ def _point_kernels(sides: Sides):
             t[j] = square * (2.0 * scaling[a, j] * along + (t[j] if j > 0 else -t[j]))
 
     @njit(**LEAN_ENTRY)
-    def linearise(v, c, at, law, x, z, scaling, missing, impulse, stiffness, t):
-        least, shift, mu, spring, push = law
+    def linearise(v, c, points, impulse, stiffness):
+        at, least, shift, mu, spring, push, x, z, scaling, missing, _, _, t = points
         for a in range(len(at)):
             i = at[a]
             u = read(v, c, i)
@@ -96,8 +97,8 @@ def _point_kernels(sides: Sides):
                 stiffness[i, j, j] += spring[a, j]
 
     @njit(**LEAN_ENTRY)
-    def answer(dv, c, at, law, z, scaling, missing, g, dx, source, t):
-        mu = law[2]
+    def answer(dv, c, points, source):
+        at, _, _, mu, _, _, _, z, scaling, missing, g, dx, t = points
         for a in range(len(at)):
             i = at[a]
             du = read(dv, c, i)
@@ -114,29 +115,46 @@ def _point_kernels(sides: Sides):
     return linearise, answer
 
 
-class _Closed:
-    """Points of a group that may carry impulses.
+class _ClosedPoints(NamedTuple):
+    """The n points of a group that may carry impulses, and where the path is at them.
 
     Attributes:
         at: which they are.
-        law: least, shift, mu, spring, push of them.
+        least, shift, mu, spring, push: their law, as of `CoulombPoints`.
+        x, z, missing, g, dx: shape (n, dim), see the module docstring.
+        scaling: shape (n, dim + 1), of `ConeKernels`.
+        room: dim numbers.
     """
 
-    def __init__(self, group: PointGroup, points: CoulombPoints):
-        self.group = group
-        self.at = np.flatnonzero(np.isfinite(points.least))
-        none = np.zeros((len(group), group.kernels.components))
-        spring, push = (none if a is None else a for a in (points.spring, points.push))
-        mu = np.maximum(points.friction, LEAST_FRICTION)
-        if group.kernels.components == 1:
-            mu = np.ones(len(group))
-        self.law = tuple(
-            np.ascontiguousarray(a[self.at]) for a in (points.least, points.shift, mu, spring, push)
-        )
+    at: np.ndarray
+    least: np.ndarray
+    shift: np.ndarray
+    mu: np.ndarray
+    spring: np.ndarray
+    push: np.ndarray
+    x: np.ndarray
+    z: np.ndarray
+    scaling: np.ndarray
+    missing: np.ndarray
+    g: np.ndarray
+    dx: np.ndarray
+    room: np.ndarray
 
 
-def _closed_points(interactions: Interactions) -> list[_Closed] | None:
-    """Those of each group; None where a law is of another kind."""
+def _law(group: PointGroup, points: CoulombPoints) -> tuple[np.ndarray, ...]:
+    """What a path begins with: `at`, least, shift, mu, spring and push of `_ClosedPoints`."""
+    at = np.flatnonzero(np.isfinite(points.least))
+    none = np.zeros((len(group), group.kernels.components))
+    spring, push = (none if a is None else a for a in (points.spring, points.push))
+    mu = np.maximum(points.friction, LEAST_FRICTION)
+    if group.kernels.components == 1:
+        mu = np.ones(len(group))
+    law = points.least, points.shift, mu, spring, push
+    return (at, *(np.ascontiguousarray(a[at]) for a in law))
+
+
+def _laws(interactions: Interactions) -> list[tuple[np.ndarray, ...]] | None:
+    """Of each group, see `_law`; None where a law is of another kind."""
     found = []
     for g in interactions.groups:
         if g.kernels.coulomb is None:
@@ -144,7 +162,7 @@ def _closed_points(interactions: Interactions) -> list[_Closed] | None:
         points = g.kernels.coulomb(g.terms, g.details, g.parameters)
         if np.any(points.bound) or np.any(points.tip):
             return None
-        found.append(_Closed(g, points))
+        found.append(_law(g, points))
     return found
 
 
@@ -163,10 +181,10 @@ def follow_path(
     Returns:
         Iterations made; 0 where a law is of another kind or no point is closed.
     """
-    closed = _closed_points(interactions)
-    if closed is None:
+    laws = _laws(interactions)
+    if laws is None:
         return 0
-    path = _Path(interactions, free, problem, closed)
+    path = _Path(interactions, free, problem, laws)
     return path.run(_SHARE * tolerance) if path.begins else 0
 
 
@@ -182,33 +200,35 @@ class _Path:
         interactions: Interactions,
         free: np.ndarray,
         problem: LinearisedProblem,
-        closed: list[_Closed],
+        laws: list[tuple[np.ndarray, ...]],
     ):
         self._interactions, self._free, self._problem = interactions, free, problem
-        self._closed, dim = closed, interactions.dim
-        ends = np.cumsum([0] + [len(own.at) for own in closed])
-        self._rows = [slice(*ends) for ends in pairwise(ends.tolist())]
-        self._x, self._z, self._dx, self._dz, self._missing, self._g = np.zeros((6, ends[-1], dim))
-        self._unused = np.empty((ends[-1], dim))
-        self._scaling, self._t = np.empty((ends[-1], dim + 1)), np.empty(dim)
+        dim = interactions.dim
+        ends = np.cumsum([0] + [len(law[0]) for law in laws])
+        arrays = np.zeros((7, ends[-1], dim))
+        self._x, self._z, self._missing, self._g, self._dx, self._dz, self._unused = arrays
+        self._scaling, room = np.empty((ends[-1], dim + 1)), np.empty(dim)
+        own = self._x, self._z, self._scaling, self._missing, self._g, self._dx
+        self._closed = [
+            _ClosedPoints(*law, *(a[first:last] for a in own), room)
+            for (first, last), law in zip(pairwise(ends.tolist()), laws, strict=True)
+        ]
         self._cones = cone_kernels(dim)
         self._velocity = free.copy()
         self._none, self._force, self._own, self._step = np.zeros((4, len(free)))
         speeds, impulses = 0.0, 0.0
         slots = free.reshape(-1, dim)
-        for own in closed:
-            least, shift, mu = own.law[:3]
-            u = own.group.points.relative(slots)[own.at]
-            speeds += float(np.sum((u[:, 0] - least) ** 2))
+        for g, points in zip(interactions.groups, self._closed, strict=True):
+            u = g.points.relative(slots)[points.at]
+            speeds += float(np.sum((u[:, 0] - points.least) ** 2))
             if u.shape[1] > 1:
-                speeds += float(np.sum((mu[:, None] * (u[:, 1:] + shift)) ** 2))
-            impulses += float(np.sum(own.group.impulse[own.at, 0] ** 2))
+                speeds += float(np.sum((points.mu[:, None] * (u[:, 1:] + points.shift)) ** 2))
+            impulses += float(np.sum(g.impulse[points.at, 0] ** 2))
         self.begins = speeds > 0.0 and impulses > 0.0
         if self.begins:
             speed, impulse = np.sqrt(np.array([speeds, impulses]) / ends[-1])
-            for rows, own in zip(self._rows, closed, strict=True):
-                mu = own.law[2]
-                self._x[rows, 0], self._z[rows, 0] = impulse * mu, speed / mu
+            for points in self._closed:
+                points.x[:, 0], points.z[:, 0] = impulse * points.mu, speed / points.mu
 
     def run(self, least: float) -> int:
         """Descend to a share of the first x . z; the number of iterations."""
@@ -216,8 +236,8 @@ class _Path:
         before = [g.impulse.copy() for g in groups]
         first, count, step, iterations = self._gap(), 0, 1.0, 0
         gap = first
-        for g, own in zip(groups, problem.tangents.groups, strict=True):
-            g.impulse[:], own.stiffness[:], own.source[:] = 0.0, 0.0, 0.0
+        for g, _, springs in self._groups():
+            g.impulse[:], springs.stiffness[:], springs.source[:] = 0.0, 0.0, 0.0
         while True:
             self._linearise()
             if gap <= least * first or count == _MAX_ITERATIONS or step < _SHORTEST:
@@ -254,14 +274,14 @@ class _Path:
     def _linearise(self) -> None:
         """Take impulses, K and what is missing; `_own` becomes H r."""
         self._own[:] = 0.0
-        tangents = self._problem.tangents.groups
-        for rows, own, springs in zip(self._rows, self._closed, tangents, strict=True):
-            g = own.group
-            _point_kernels(g.sides)[0](
-                self._velocity, g.couplings, own.at, own.law, self._x[rows], self._z[rows],
-                self._scaling[rows], self._missing[rows], g.impulse, springs.stiffness, self._t,
-            )  # fmt: skip
+        for g, points, springs in self._groups():
+            linearise, _ = _point_kernels(g.sides)
+            linearise(self._velocity, g.couplings, points, g.impulse, springs.stiffness)
             spread_kernel(g.sides)(self._own, g.couplings, g.impulse)
+
+    def _groups(self):
+        groups, tangents = self._interactions.groups, self._problem.tangents.groups
+        return zip(groups, self._closed, tangents, strict=True)
 
     def _left(self) -> np.ndarray:
         """w^-1 (v - v_free)."""
@@ -282,10 +302,5 @@ class _Path:
 
     def _answer(self, change: np.ndarray) -> None:
         """dx, and its impulses as the source g of the points, for a change of velocities."""
-        tangents = self._problem.tangents.groups
-        for rows, own, springs in zip(self._rows, self._closed, tangents, strict=True):
-            g = own.group
-            _point_kernels(g.sides)[1](
-                change, g.couplings, own.at, own.law, self._z[rows], self._scaling[rows],
-                self._missing[rows], self._g[rows], self._dx[rows], springs.source, self._t,
-            )  # fmt: skip
+        for g, points, springs in self._groups():
+            _point_kernels(g.sides)[1](change, g.couplings, points, springs.source)

@@ -492,7 +492,8 @@ def _cluster_sweep(dim: int, size: int):
     """Kernel z = (L + D)^-1 r over clusters; compiled for bodies of one size, or any where 0."""
 
     @_KERNEL
-    def sweep(data, data_offsets, sizes, starts, body, clusters, block_offsets, blocks, r, z, left):
+    def sweep(bodies, clusters, block_offsets, blocks, r, z, left):
+        data, data_offsets, sizes, starts, body = bodies
         z[:] = 0.0
         for a in range(len(block_offsets) - 1):
             first, last = clusters.offsets[a], clusters.offsets[a + 1]
@@ -884,7 +885,7 @@ class LinearisedProblem:
     def _cluster_solve(self, r: np.ndarray, z: np.ndarray) -> None:
         inverse = self._interactions.inverse
         _cluster_sweep(inverse.dim, inverse.uniform_size)(
-            self._matrix, inverse.data_offsets, self._sizes, self._starts, self._body,
+            (self._matrix, inverse.data_offsets, self._sizes, self._starts, self._body),
             self._clusters, self._block_offsets, self._blocks, r, z, self._beside,
         )  # fmt: skip
 
