@@ -338,7 +338,7 @@ def test_critical_step_is_that_of_the_chain():
         box_bodies((LENGTH, 1), (CELLS, 1), "quadrilateral", 0), {1: LinearElastic(100.0, 0.0, 1.0)}
     )
     simulation = Simulation(scene, 1e-3)
-    stiffness = simulation.bulk.stiffness.toarray()
+    stiffness = simulation.bulk.stiffness.to_scipy().toarray()
     top = eigh(stiffness, np.diag(simulation.bulk.mass), eigvals_only=True)[-1]
     assert simulation.bulk.critical_step() == pytest.approx(2.0 / np.sqrt(top), rel=1e-3)
     assert Simulation(scene).step_size == pytest.approx(1.4 / np.sqrt(top), rel=1e-3)

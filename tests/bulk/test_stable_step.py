@@ -79,7 +79,7 @@ def test_what_is_followed_is_the_largest_eigenvalue_of_the_present_stiffness():
     for _ in simulation.steps(1.0):
         pass
     bulk, place = simulation.bulk, simulation.state.displacement
-    stiffness = bulk.tangent(place).toarray()
+    stiffness = bulk.tangent(place).to_scipy().toarray()
     top = eigh(stiffness, np.diag(bulk.weights), eigvals_only=True)[-1]
     assert bulk.critical_step(place) == pytest.approx(2.0 / np.sqrt(top), rel=1e-3)
     assert bulk.critical_step() > 1.5 * bulk.critical_step(place)

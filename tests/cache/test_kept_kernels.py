@@ -16,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from llvmlite import binding
 from numba.core import config
 from numba.core.errors import TypingError
 
@@ -268,6 +269,29 @@ def test_a_kernel_with_threads_and_one_that_calls_itself(kept, tmp_path):
         assert module.factorial(6) == 720
         assert sum(module.squares.stats.cache_hits.values()) == number
         assert sum(module.factorial.stats.cache_hits.values()) == number
+
+
+def test_code_for_callers_is_parsed_when_one_is_compiled(kept, tmp_path, monkeypatch):
+    text = """
+        from xper_fx.cache import njit
+
+        @njit
+        def square(x):
+            return x * x
+
+        @njit
+        def power(x):
+            return square(x) * square(x) * {factor}
+    """
+    parsed = []
+    parse = binding.parse_bitcode
+    monkeypatch.setattr(binding, "parse_bitcode", lambda code: parsed.append(code) or parse(code))
+    for number, (factor, expected) in enumerate([(1.0, 0), (1.0, 0), (2.0, 1)]):
+        parsed.clear()
+        source = text.format(factor=factor)
+        module = load(tmp_path / str(number), "kernels_of_a_test", source)
+        assert module.power(3.0) == 81.0 * factor
+        assert len(parsed) == expected, number
 
 
 @pytest.mark.slow

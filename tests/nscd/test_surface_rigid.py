@@ -47,6 +47,20 @@ def test_a_block_on_walls(gap):
     assert contacts.normal == pytest.approx(normals[contacts.body[:, 1]], abs=1e-14)
 
 
+@pytest.mark.parametrize("gap", [1e-3, -1e-3])
+def test_a_disc_in_a_mild_hollow_touches_both_sides(gap):
+    """A hollow of 10 degrees, in which an elastic body lies around what is pressed into it."""
+    slope = np.tan(np.radians(5.0))
+    ground = loop([(-1, -1), (1, -1), (1, slope), (0, 0), (-1, slope)])
+    centre = (0.0, (0.3 + gap) * np.hypot(1.0, slope))
+    *_, contacts = searched([ground], [RigidBody(Disc(0.3), centre, "a", density=1.0)], 0.01)
+    contacts = of_kind(contacts, RIGID_FACET)
+    assert len(contacts) == 2
+    assert contacts.gap == pytest.approx(gap, abs=1e-14)
+    turned = np.degrees(np.arctan2(*contacts.normal.T))
+    assert np.abs(turned) == pytest.approx(5.0, abs=1e-9) and turned.sum() == pytest.approx(0.0)
+
+
 def test_a_rigid_corner_above_a_facet_is_no_corner_of_its_nodes():
     """The node beside it is not the foremost of its surface towards the corner."""
     beside = RigidBody(SQUARE, (0.6, 0.51), "a", density=1.0)  # its corners at x = 0.1 and 1.1

@@ -269,19 +269,22 @@ def test_a_gap_slides_across_facets_without_jumps():
     search = SurfaceSearch(surface, x, 0.1)
     places = np.linspace(0.1, 4.9, 2401)
     height = np.interp(places, *np.array(hills).T) + 0.03
-    gaps, distances, keys = [], [], set()
+    gaps, distances, keys, counts = [], [], set(), []
     for place in zip(places, height, strict=True):
         x[tip:] = probe + place
         contacts = search.find(x)
         mine = contacts.nodes[:, 0, 0] == tip
         gaps.append(contacts.gap[mine].min())
+        counts.append(mine.sum())
         keys |= {tuple(k) for k in contacts.key[mine]}
         distances.append(
             min(np.linalg.norm(place - on_segment(np.array(place), *x[edge])) for edge in ground[1])
         )
     assert gaps == pytest.approx(distances, abs=1e-12)
     assert np.abs(np.diff(gaps)).max() <= np.hypot(*np.diff([places, height]).max(axis=1))
-    assert len(keys) == 1  # nearly plane bends: never two at once
+    assert len(keys) == 2  # the one hollow, over which the tip touches both sides
+    both = places[np.array(counts) == 2]
+    assert np.abs(both - 3.0).max() < 0.03 * 0.2 and np.max(counts) == 2
     assert search.lists.renewals < 2401 / 8
 
 
@@ -303,6 +306,23 @@ def test_both_walls_of_a_pocket_touch_a_corner(dx, dy):
     assert mine.normal[1 - across] == pytest.approx([1, 0], abs=1e-14)
     lever = sides(mine, x)
     assert lever[:, 0] - lever[:, 1] == pytest.approx(mine.gap[:, None] * mine.normal, abs=1e-14)
+
+
+@pytest.mark.parametrize("degrees", [1.0, 5.0, 15.0])
+@pytest.mark.parametrize("height", [5e-3, 0.0, -5e-3])
+def test_both_sides_of_a_mild_hollow_hold_a_node(degrees, height):
+    """A node over, at and behind the bottom of a hollow: the gaps are those of the two planes."""
+    slope = np.tan(np.radians(0.5 * degrees))
+    ground = loop([(0, -1), (2, -1), (2, slope), (1, 0), (0, slope)])
+    probe = loop([(1, height), (1.2, 0.5), (0.8, 0.5)])
+    surface, x = assemble(ground, probe)
+    contacts = SurfaceSearch(surface, x, 0.01).find(x)
+    mine = contacts.take(np.flatnonzero(contacts.nodes[:, 0, 0] == len(ground[0])))
+    assert len(mine) == 2
+    assert mine.gap == pytest.approx(height * np.cos(np.arctan(slope)), abs=1e-14)
+    assert sorted(np.degrees(np.arctan2(*mine.normal.T))) == pytest.approx(
+        [-0.5 * degrees, 0.5 * degrees], abs=1e-9
+    )
 
 
 @settings(max_examples=150, deadline=None, derandomize=True)

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """`import xper_fx as xf`: all public names are there, and cost nothing before they are used."""
 
+import os
 import pkgutil
 import subprocess
 import sys
@@ -68,3 +69,36 @@ print("dolfinx" in sys.modules, "xper_fx.nscd.laws.perfect_bond" in sys.modules)
     }  # fmt: skip
     assert not {"numpy", "numba", "dolfinx"} & set(new)
     assert out[1] == "False False"
+
+
+def test_a_run_of_cells_needs_no_sparse_algebra():
+    """They take a tenth of a start; and what DOLFINx brings is not searched again for garbage."""
+    script = """
+import sys
+import xper_fx as xf
+mesh = xf.crossed_rectangle((0, 0), (5e-5, 5e-5), (1, 1))
+import gc
+print(gc.isenabled(), gc.get_freeze_count() > 50_000)
+scene = xf.Scene(
+    xf.explode(mesh), {1: xf.library.ZIRCALOY_4}, default_interaction=xf.library.ZIRCALOY_BOND
+)
+next(xf.Simulation(scene, 1e-12).steps(1e-11))
+print("dolfinx" in sys.modules, "scipy.sparse" in sys.modules)
+"""
+    out = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=True,
+        env=os.environ | {"NUMBA_DISABLE_JIT": "1"},  # to compile takes more modules
+    ).stdout.splitlines()  # fmt: skip
+    assert out == ["True True", "True False"]
+
+
+def test_a_program_that_collects_no_garbage_goes_on_so():
+    script = """
+import gc
+gc.disable()
+import xper_fx as xf
+xf.Scene
+print(gc.isenabled(), gc.get_freeze_count())
+"""
+    out = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert out.stdout.split() == ["False", "0"]

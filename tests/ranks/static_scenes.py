@@ -156,6 +156,20 @@ def leaning():
     return scene, {"step": 0.25, **STATIC}, 4
 
 
+def indented():
+    """Four blocks under a disc that is driven into them and along them."""
+    bodies = box_bodies((2.0, 1.0), (12, 6), label=lambda x: (1.999 * x[0]).astype(int))
+    rubs = xf.laws.SignoriniCoulomb(0.3, contact="position")
+    motion = {0: lambda t: 1e-3 * np.sin(3.0 * t), 1: -1e-2, 2: 0.0}
+    scene = xf.Scene(
+        bodies, {1: ELASTIC}, default_interaction=rubs, surfaces={"blocks": (1,)},
+        rigid=[xf.RigidBody(xf.rigid.Disc(0.5), (1.13, 1.5), "tool", prescribed=motion)],
+        contacts=[xf.Contact(("blocks", "tool"), rubs), xf.Contact(("blocks", "blocks"), rubs)],
+        loads=moved((BOTTOM, 0, 0.0), (BOTTOM, 1, 0.0)),
+    )  # fmt: skip
+    return scene, {"step": 0.1, "tolerance": 1e-11, **STATIC}, 6
+
+
 def inert():
     """The system with inertia: a plate is torn by a wave."""
     scene, _, _ = drawn()
@@ -285,8 +299,8 @@ def loose():
 
 SCENES = {
     f.__name__: f
-    for f in (drawn, wedged, turned, rigid, touching, nearing, held, leaning, inert, tied, peeled,
-              unrolled, row, stopped, inert_cell, cell, turned_cell, celled_path, loose)
+    for f in (drawn, wedged, turned, rigid, touching, nearing, held, leaning, indented, inert, tied,
+              peeled, unrolled, row, stopped, inert_cell, cell, turned_cell, celled_path, loose)
 }  # fmt: skip
 
 

@@ -98,7 +98,7 @@ def test_a_reach_is_a_length():
     [
         ({}, "takes a step"),
         ({"step": 1.0, "scheme": "explicit"}, "no scheme of the bulk"),
-        ({"step": 1.0, "theta": 1.0, "inertia": False}, "Rigid bodies have .*xf.Wall.*theta = 1"),
+        ({"step": 1.0, "theta": 1.0, "inertia": False}, "Rigid body 0 is free to move.*theta = 1"),
     ],
 )
 def test_runs_that_make_no_sense_are_refused(options, words):

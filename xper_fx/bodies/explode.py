@@ -20,8 +20,6 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx.fem import FunctionSpace
 from dolfinx.mesh import Mesh, MeshTags, meshtags
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from xper_fx.bodies.meshes import (
     SerialOnlyError,
@@ -242,6 +240,9 @@ class Bodies:
         Raises:
             ValueError: as `facing_nodes`.
         """
+        from scipy.sparse import coo_array
+        from scipy.sparse.csgraph import connected_components
+
         count = V.dofmap.index_map.size_local
         pairs = self.nodes_on_facets(V, self.ties).transpose(1, 0, 2).reshape(2, -1)
         if self.lattice is not None:

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import scipy.sparse as sp
+
+from xper_fx.bulk.sparse_blocks import BlockMatrix
 
 
 @dataclass(frozen=True)
@@ -60,7 +61,7 @@ class BodyLayout:
         return out
 
     def dense_blocks(
-        self, matrix: sp.bsr_array, bodies: np.ndarray, place: np.ndarray
+        self, matrix: BlockMatrix, bodies: np.ndarray, place: np.ndarray
     ) -> np.ndarray:
         """Blocks of bodies of one size in a matrix that couples nothing across bodies.
 

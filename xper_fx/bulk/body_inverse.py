@@ -10,11 +10,9 @@ whose motion is prescribed, and unknowns that belong to no body, have zero rows 
 from __future__ import annotations
 
 import numpy as np
-import scipy.sparse as sp
-from scipy.sparse.linalg import splu
 
 from xper_fx.bulk.body_dofs import BodyLayout
-from xper_fx.bulk.sparse_blocks import apply_blocks, is_symmetric
+from xper_fx.bulk.sparse_blocks import BlockMatrix, apply_blocks, is_symmetric
 from xper_fx.nscd.inverse_blocks import BodyInverse
 from xper_fx.support.threads import in_ranges
 
@@ -49,7 +47,7 @@ class CellwiseInverse(_OnBodies):
         self.nodes = layout.nodes
         self.num_nodes = len(layout.nodes)
 
-    def factor(self, matrix: sp.bsr_array) -> None:
+    def factor(self, matrix: BlockMatrix) -> None:
         """Invert the bodies' blocks of `matrix`, which is in blocks of dim x dim."""
         layout = self._layout
         size = self.num_nodes // layout.num_bodies * layout.dim
@@ -109,16 +107,18 @@ class ClusterInverse(_OnBodies):
             nodes.append(own[acts[own]])
         self.nodes = np.concatenate(nodes) if nodes else np.zeros(0, np.int64)
 
-    def factor(self, matrix: sp.sparray) -> None:
+    def factor(self, matrix: BlockMatrix) -> None:
         """Factorise each body's free block and form w on its interacting dofs.
 
         Of bodies that interact it is the symmetric part of `matrix`, as plastic flow at finite
         strain has other tangents: impulses are found for a symmetric w on the interacting dofs,
         and have to move bodies by the same.
         """
-        matrix = sp.csr_array(matrix, copy=True)
+        from scipy.sparse.linalg import splu
+
+        matrix = matrix.to_scipy().tocsr()
         if any(len(known) for _, known, *_ in self._bodies) and not is_symmetric(matrix):
-            matrix = sp.csr_array(0.5 * (matrix + matrix.T))
+            matrix = (0.5 * (matrix + matrix.T)).tocsr()
         matrix.eliminate_zeros()  # of blocks; they would fill in, and cost a fifth of a solution
         self._factors, blocks = [], []
         for free, known, where, size in self._bodies:
@@ -126,7 +126,7 @@ class ClusterInverse(_OnBodies):
             lu = None
             if len(free):
                 lu = splu(
-                    sp.csc_matrix(matrix[free][:, free]),
+                    matrix[free][:, free].tocsc(),
                     permc_spec="MMD_AT_PLUS_A",
                     options={"SymmetricMode": True, "DiagPivotThresh": 0.0},
                 )

@@ -13,14 +13,13 @@ from collections.abc import Mapping, Sequence
 import basix
 import numpy as np
 import numpy.typing as npt
-import scipy.sparse as sp
 from dolfinx import fem
 
 from xper_fx.bodies.meshes import cell_measure
 from xper_fx.bulk.body_dofs import BodyLayout
 from xper_fx.bulk.force_balance import InBalance
 from xper_fx.bulk.rigid_motions import free_rigid_motions, loose_bodies
-from xper_fx.bulk.sparse_blocks import multiply
+from xper_fx.bulk.sparse_blocks import BlockMatrix, multiply
 from xper_fx.bulk.state import State
 from xper_fx.bulk.unknowns import NodalUnknowns
 from xper_fx.forms.dynamics import BulkForms
@@ -227,14 +226,17 @@ class Bulk:
             minlength=len(self.unknowns.node_of),
         )
 
-    def tangent(self, displacement: np.ndarray) -> sp.bsr_array:
+    def tangent(self, displacement: np.ndarray) -> BlockMatrix:
         """K on the nodes of V at a displacement, in blocks; the next call reuses the array."""
         self.forms.u.x.array[:] = self.unknowns.expand(displacement)
         if self._matrix is None:
             self._matrix = fem.create_matrix(self.forms.tangent)
         self._matrix.set_value(0.0)
         fem.assemble_matrix(self._matrix, self.forms.tangent)
-        return self._matrix.to_scipy()
+        rows = self._matrix.index_map(0).size_local
+        indptr = self._matrix.indptr[: rows + 1]
+        blocks = self._matrix.data.reshape(-1, self.dim, self.dim)[: indptr[-1]]
+        return BlockMatrix(blocks, self._matrix.indices[: indptr[-1]], indptr)
 
     def internal(self, displacement: np.ndarray) -> np.ndarray:
         """Internal forces, shape (num_dofs,), N (2D: N/m)."""

@@ -17,10 +17,10 @@ from functools import cache
 from math import isqrt
 
 import numpy as np
-import scipy.sparse as sp
 from dolfinx.fem import FunctionSpace
 
 from xper_fx.bulk.body_dofs import BodyLayout
+from xper_fx.bulk.sparse_blocks import BlockMatrix
 from xper_fx.cache import njit
 from xper_fx.nscd.kernel_options import LEAN_ENTRY
 from xper_fx.support.threads import in_ranges
@@ -110,7 +110,7 @@ class CellForces:
         self.dim = isqrt(gradients.shape[1])
 
     @classmethod
-    def of(cls, stiffness: sp.bsr_array, V: FunctionSpace) -> CellForces | None:
+    def of(cls, stiffness: BlockMatrix, V: FunctionSpace) -> CellForces | None:
         """What stands for a stiffness; None where bodies are not of one simplex of order 1 each.
 
         So it is where rounding leaves gradients and moduli too far from K.
@@ -122,7 +122,7 @@ class CellForces:
         cells, dim = V.dofmap.list, V.dofmap.index_map_bs
         num_cells, size = cells.shape
         one_simplex = size == dim + 1 and V.mesh.topology.cell_name() in ("triangle", "tetrahedron")
-        alone = one_simplex and cells.size * dim == stiffness.shape[0]
+        alone = one_simplex and cells.size * dim == stiffness.size
         if not alone or not np.array_equal(cells.ravel(), np.arange(cells.size)):
             return None
         x = V.tabulate_dof_coordinates()[:, :dim]

@@ -47,7 +47,7 @@ class CoupledMatrices:
             return self._linear[1]
         scaled = step * self.theta
         stiffness = (bulk.stiffness if bulk.linear else bulk.tangent(displacement)).copy()
-        stiffness.data *= scaled**2
+        stiffness.data[:] *= scaled**2
         if bulk.damping is not None:
             bulk.damping.add_to(stiffness, scaled)
         matrix = bulk.unknowns.whole(stiffness)

@@ -29,6 +29,7 @@ import numpy as np
 from xper_fx.bulk.coupled_matrices import CoupledMatrices
 from xper_fx.bulk.extent import extent, moved_too_far
 from xper_fx.bulk.loading import Loading
+from xper_fx.bulk.point_motions import PointMotions
 from xper_fx.bulk.sparse_direct import SingularMatrixError
 from xper_fx.bulk.state import State
 from xper_fx.bulk.step_equations import StepEquations
@@ -112,6 +113,7 @@ class CoupledStep:
         self._free = ~bulk.layout.prescribed
         self._extent = extent(bulk)
         self._tangents = None if interactions is None else PointTangents(interactions)
+        self._motions = PointMotions(matrices, interactions, state)
         # without inertia the last step's velocities mean nothing for this one
         inert = bulk.inertia is not None
         self.start = state.velocity if inert else np.zeros_like(state.displacement)
@@ -273,20 +275,30 @@ class CoupledStep:
         with watch.phase("solution"):
             dv = matrices.solve(right, loading.wanted - self.velocity)
             if growth is not None:
-                force, motion = loading.rates()
-                along = matrices.solve(np.broadcast_to(force, dv.shape), motion)
+                force, motion, driven = loading.rates()
+                pushed = self._pushed_by(driven)
+                along = matrices.solve(np.broadcast_to(force, dv.shape) + pushed, motion)
+        rigid = 0.0 * loading.driven
         if growth is not None:
             now = self._jumps()
-            scaled = self.step * matrices.theta
-            start = [x + scaled * du for x, du in zip(now, self._changes(dv), strict=True)]
-            slope = [scaled * du for du in self._changes(along)]
+            scaled, changes = self.step * matrices.theta, self._motions.changes
+            start = [x + scaled * du for x, du in zip(now, changes(dv, rigid), strict=True)]
+            slope = [scaled * du for du in changes(along, driven)]
             found = growth.change(now, self._tangents.held, start, slope)
             if found is None or not np.isfinite(found):
                 return None
-            change, dv = found, dv + found * along
+            change, dv, rigid = found, dv + found * along, found * driven
         if self._tangents is None:
             return Correction(dv, change, [])
-        return Correction(dv, change, self._tangents.changes(self._changes(dv)))
+        return Correction(dv, change, self._tangents.changes(self._motions.changes(dv, rigid)))
+
+    def _pushed_by(self, driven: np.ndarray) -> np.ndarray | float:
+        """What springs do to the unknowns where rigid bodies are driven at velocities (N s)."""
+        if not driven.any():
+            return 0.0
+        moved = self._motions.changes(np.zeros_like(self.velocity), driven)
+        springs = zip(self._tangents.stiffness, moved, strict=True)
+        return -self.on_unknowns([np.einsum("pij,pj->pi", k, du) for k, du in springs])
 
     def _springs(self) -> list[np.ndarray]:
         """K of each group, or what points whose frames turn have in its place."""
@@ -298,22 +310,6 @@ class CoupledStep:
         return [
             k if g.turning is None else that_turn(g, k, self.step * theta**2)
             for g, k in zip(self._groups, springs, strict=True)
-        ]
-
-    def _changes(self, change: np.ndarray) -> list[np.ndarray]:
-        """Change of the velocities u of each group where those of the unknowns change (m/s).
-
-        Where frames turn it is that of the jumps' rates.
-        """
-        slots = self._slots(change).reshape(-1, self.interactions.dim)
-        if not self.turns:
-            return [g.points.relative(slots) for g in self._groups]
-        from xper_fx.nscd.turning_tangents import changes_of_jumps
-
-        motion = self._matrices.bulk.macroscopic_motion(self.state.displacement, change)
-        return [
-            g.points.relative(slots) if g.turning is None else changes_of_jumps(g, slots, motion)
-            for g in self._groups
         ]
 
     def move(self, velocity: np.ndarray, time: float) -> None:
@@ -413,23 +409,11 @@ class CoupledStep:
 
     def _jumps(self) -> list[np.ndarray]:
         """Jumps of each group at the end of the step for the present velocities, m."""
-        rest = self.step * (1.0 - self._matrices.theta)
-        slots = self._present().reshape(-1, self.interactions.dim)
-        scaled = self.step * self._matrices.theta
-        return [
-            g.jump + rest * g.velocity + scaled * g.points.relative(slots) for g in self._groups
-        ]
+        return self._motions.jumps(self._present(), self.step)
 
     def _present(self) -> np.ndarray:
         """`slots` at the present velocities, which ranks tell each other once."""
         if self._of_slots is not self.velocity:
-            self.slots, self._of_slots = self._slots(self.velocity), self.velocity
+            self.slots = self._motions.slots(self.velocity, self.loading.driven)
+            self._of_slots = self.velocity
         return self.slots
-
-    def _slots(self, velocity: np.ndarray) -> np.ndarray:
-        points, nodes = self.interactions, self._matrices.nodes
-        slots = np.empty((points.inverse.num_slots, points.dim))
-        slots[: len(nodes)] = velocity.reshape(-1, points.dim)[nodes]
-        points.complete(slots.reshape(-1))
-        points.refresh_ghosts(slots.reshape(-1))
-        return slots.reshape(-1)

@@ -4,16 +4,16 @@
 from __future__ import annotations
 
 import numpy as np
-import scipy.sparse as sp
 
 from xper_fx.bulk.body_dofs import BodyLayout
+from xper_fx.bulk.sparse_blocks import BlockMatrix
 from xper_fx.support.threads import in_ranges
 
 # Bodies whose stiffness is looked at together: their blocks stay in cache.
 _BATCH = 1024
 
 
-def largest_eigenvalue(stiffness: sp.bsr_array, mass: np.ndarray, layout: BodyLayout) -> float:
+def largest_eigenvalue(stiffness: BlockMatrix, mass: np.ndarray, layout: BodyLayout) -> float:
     """Largest eigenvalue of M^-1 K (1/s^2).
 
     Args:
@@ -23,15 +23,17 @@ def largest_eigenvalue(stiffness: sp.bsr_array, mass: np.ndarray, layout: BodyLa
     """
     if layout.uniform:
         return _largest_of_bodies(stiffness, mass, layout)
-    scale = sp.diags_array(1.0 / np.sqrt(mass[: stiffness.shape[0]]))
-    scaled = (scale @ sp.csr_array(stiffness) @ scale).tocsr()
+    import scipy.sparse as sp
+
+    scale = sp.diags_array(1.0 / np.sqrt(mass[: stiffness.size]))
+    scaled = (scale @ stiffness.to_scipy() @ scale).tocsr()
     # a fixed start of the iterations, so that runs repeat
-    start = np.random.default_rng(0).standard_normal(stiffness.shape[0])
+    start = np.random.default_rng(0).standard_normal(stiffness.size)
     top = sp.linalg.eigsh(scaled, k=1, which="LA", return_eigenvectors=False, tol=1e-3, v0=start)
     return float(top[0])
 
 
-def _largest_of_bodies(stiffness: sp.bsr_array, mass: np.ndarray, layout: BodyLayout) -> float:
+def _largest_of_bodies(stiffness: BlockMatrix, mass: np.ndarray, layout: BodyLayout) -> float:
     """The same for bodies of one size, body by body.
 
     No eigenvalue exceeds the norm of its block: bodies come by falling norms, and those whose

@@ -29,6 +29,7 @@ import scipy.sparse as sp
 from xper_fx.bulk.body_dofs import BodyLayout
 from xper_fx.bulk.body_inverse import CellwiseInverse, ClusterInverse
 from xper_fx.bulk.rigid_motions import free_rigid_modes
+from xper_fx.bulk.sparse_blocks import BlockMatrix
 from xper_fx.nscd.anchors import Anchors
 
 # rho beside the stiffness of the dof: soft beside what holds a body in its scene, so that few
@@ -65,10 +66,10 @@ class AnchoredInverse:
         self.nodes, self.num_nodes = self._held.nodes, self._held.num_nodes
         self._slot_motions = sp.csc_array(self._motions[layout.dofs(self.nodes)])
 
-    def factor(self, matrix: sp.bsr_array) -> None:
+    def factor(self, matrix: BlockMatrix) -> None:
         """Factorise the bodies' blocks of `matrix` with their anchors held, and form w."""
         self._held.factor(matrix)
-        self._springs = _SOFTNESS * matrix.diagonal()[self._dofs]
+        self._springs = _SOFTNESS * matrix.to_scipy().diagonal()[self._dofs]
         self._slot_motions.resize(self._held.blocks.num_slots * self._dim, len(self._dofs))
         self.blocks = self._on_springs(self._held.blocks)
 

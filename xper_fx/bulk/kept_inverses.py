@@ -14,10 +14,10 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
-import scipy.sparse as sp
 
 from xper_fx.bulk.body_inverse import CellwiseInverse, ClusterInverse
 from xper_fx.bulk.bulk import Bulk
+from xper_fx.bulk.sparse_blocks import BlockMatrix
 from xper_fx.forms.dynamics import BulkForms
 from xper_fx.support.profile import Stopwatch
 from xper_fx.support.saved_rows import Rows
@@ -110,7 +110,7 @@ class KeptInverses:
                 self._made_at[step] = _Origin.of(bulk.forms, displacement)
         return inverse
 
-    def _factor(self, inverse, matrix: sp.bsr_array, renew: bool) -> None:
+    def _factor(self, inverse, matrix: BlockMatrix, renew: bool) -> None:
         """Factor the iteration matrix; of an iterate that ran away it may be singular.
 
         Raises:
@@ -132,17 +132,15 @@ class KeptInverses:
             self._inverses.pop(kept, None)
             self._made_at.pop(kept, None)
 
-    def _iteration_matrix(
-        self, step: float, stiffness: sp.bsr_array, checked: bool
-    ) -> sp.bsr_array:
+    def _iteration_matrix(self, step: float, stiffness: BlockMatrix, checked: bool) -> BlockMatrix:
         bulk, scaled = self.bulk, step * self.theta
         matrix = bulk.unknowns.condense(stiffness).copy()
-        matrix.data *= scaled**2
+        matrix.data[:] *= scaled**2
         if bulk.damping is not None:
             bulk.damping.add_to(matrix, scaled)
         if bulk.inertia is None:
             return matrix
-        mass = bulk.mass[: matrix.shape[0]]
+        mass = bulk.mass[: matrix.size]
         if bulk.damping is not None:
             mass = mass * bulk.damping.mass_factor(scaled)
         # block rows are sorted: the diagonal block of row r is where its column is r

@@ -10,12 +10,20 @@ from __future__ import annotations
 
 import math
 from itertools import pairwise
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
 from xper_fx.bulk.bulk import Bulk
 from xper_fx.bulk.state import State
 from xper_fx.bulk.step_equations import StepEquations
+
+if TYPE_CHECKING:
+    from xper_fx.nscd.rigid.driven_motion import DrivenMotion
+
+# Of forces, of velocities of all unknowns, and of rigid bodies.
+_Changes: TypeAlias = tuple[np.ndarray | float, np.ndarray, np.ndarray]
+_NONE = np.zeros((0, 0))
 
 # Relative difference of the changes in both halves of a step at which loads are not linear in time.
 _BENT = 1e-9
@@ -36,20 +44,28 @@ class Loading:
         state: at the start of the step.
         step: h by which velocities are defined (s).
         theta: weight of the end of the step.
+        rigid: motion of rigid bodies that are driven, None without any.
 
     Attributes:
         time: at the end of the step (s).
         external: forces there (N).
         wanted: velocities at its end, those of the start where nothing is prescribed (m/s).
+        driven: those of rigid bodies, shape (2 n, dim), m/s and rad/s.
         bends: whether `rates` has found loads or motions that are not linear in time.
         held: time (s) within the step in which no load moves, as far as `rates` passed it by;
             negative where it leads back.
     """
 
     def __init__(
-        self, bulk: Bulk, equations: StepEquations, state: State, step: float, theta: float
+        self,
+        bulk: Bulk,
+        equations: StepEquations,
+        state: State,
+        step: float,
+        theta: float,
+        rigid: DrivenMotion | None = None,
     ):
-        self._bulk, self._equations, self._state = bulk, equations, state
+        self._bulk, self._equations, self._state, self._rigid = bulk, equations, state, rigid
         self._step, self._theta, self.bends = step, theta, False
         self._last, self.held = state.time, 0.0
         self.set(state.time + step)
@@ -57,11 +73,11 @@ class Loading:
     def set(self, time: float) -> None:
         """Let the step end at a time (s)."""
         self.time = time
-        self.external, self.wanted = self._at(time)
+        self.external, self.wanted, self.driven = self._at(time)
         self._equations.load(self.external)
 
-    def rates(self) -> tuple[np.ndarray | float, np.ndarray]:
-        """Change of the force impulse (N) and of the wanted velocities (m/s^2) with the time.
+    def rates(self) -> _Changes:
+        """Change of the force impulse (N), the wanted and the driven velocities with the time.
 
         By differences over h, exact where loads are linear in time. Over h a load that turns may
         change the other way, so that those of loads that bend are taken over a short time. Where
@@ -69,7 +85,7 @@ class Loading:
         """
         step = self._step
         whole, half = self._changes(step), self._changes(0.5 * step)
-        values = self._theta * self.external, self.wanted
+        values = self._values()
         bends = [
             np.abs(a - 2.0 * b).max(initial=0.0)
             > _BENT * max(np.abs(a).max(initial=0.0), np.abs(value).max(initial=0.0))
@@ -87,15 +103,18 @@ class Loading:
                 self.set(time)
                 whole = self._changes(step)
         self._last = self.time
-        force, motion = whole
-        return force * (self._step / step), motion / step
+        force, motion, driven = whole
+        return force * (self._step / step), motion / step, driven / step
 
-    def _moved(self, changes: tuple[np.ndarray, np.ndarray]) -> bool:
+    def _values(self) -> _Changes:
+        """What `_changes` has the changes of."""
+        return self._theta * self.external, self.wanted, self.driven
+
+    def _moved(self, changes: _Changes) -> bool:
         """Whether changes of forces or velocities, as of `_changes`, are more than rounding."""
-        values = self._theta * self.external, self.wanted
         moved = [
             np.abs(change).max(initial=0.0) > _SAME * np.abs(value).max(initial=0.0)
-            for change, value in zip(changes, values, strict=True)
+            for change, value in zip(changes, self._values(), strict=True)
         ]
         return bool(self._bulk.ranks.max(float(any(moved))))
 
@@ -148,13 +167,14 @@ class Loading:
                 return True
         return False
 
-    def _changes(self, later: float) -> tuple[np.ndarray, np.ndarray]:
-        """Of the force impulse of a step (N s / h) and of the wanted velocities, in a time (s)."""
-        external, wanted = self._at(self.time + later)
-        return np.asarray(self._theta * (external - self.external)), wanted - self.wanted
+    def _changes(self, later: float) -> _Changes:
+        """Of the force impulse of a step (N s / h) and of given velocities, in a time (s)."""
+        external, wanted, driven = self._at(self.time + later)
+        change = np.asarray(self._theta * (external - self.external))
+        return change, wanted - self.wanted, driven - self.driven
 
-    def _at(self, time: float) -> tuple[np.ndarray | float, np.ndarray]:
-        wanted, state = self._state.velocity.copy(), self._state
+    def _at(self, time: float) -> _Changes:
+        wanted, state, rigid = self._state.velocity.copy(), self._state, self._rigid
         self._bulk.prescribe(
             wanted,
             time,
@@ -164,4 +184,5 @@ class Loading:
             state.velocity,
             time - state.time,
         )
-        return self._bulk.external(time), wanted
+        driven = _NONE if rigid is None else rigid.velocities(self._step, state.time, time)
+        return self._bulk.external(time), wanted, driven

@@ -165,7 +165,8 @@ class MonolithicScheme:
         bulk, watch, weight = self.bulk, self._stopwatch, self._matrices.weight
         bulk.forms.set_step(step)
         equations = StepEquations(bulk, state, step, weight)
-        self.loading = loading = Loading(bulk, equations, state, step, self.theta)
+        rigid = None if interactions is None else interactions.driven
+        self.loading = loading = Loading(bulk, equations, state, step, self.theta, rigid)
         if growth is not None:
             loading.set(state.time)
         if interactions is not None:

@@ -6,8 +6,6 @@ from __future__ import annotations
 from itertools import combinations
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from xper_fx.support.ranks import Ranks
 
@@ -59,6 +57,8 @@ def loose_bodies(
         Its bodies, none if all groups are held, in how many ways it is free, and the mean position
         of its nodes, shape (dim,), m.
     """
+    from scipy.sparse import coo_array
+
     if numbers is None:
         numbers = np.arange(len(sizes))
     group, num_shared, num_groups = _groups(joined, numbers, ranks)
@@ -132,6 +132,9 @@ def _places(numbers: np.ndarray, asked: np.ndarray) -> np.ndarray:
 
 def _components(pairs: np.ndarray, count: int) -> np.ndarray:
     """Which of a number of things pairs join, shape (count,)."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
     graph = coo_array((np.ones(len(pairs)), tuple(pairs.T)), shape=(count, count))
     return connected_components(graph, directed=False)[1].astype(np.int64)
 

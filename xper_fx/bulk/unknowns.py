@@ -8,13 +8,17 @@ the identity; `periodic/periodic_unknowns.py` ties nodes and adds the macroscopi
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import TYPE_CHECKING
 
 import numpy as np
-import scipy.sparse as sp
 from dolfinx.fem import FunctionSpace
 
 from xper_fx.bodies.explode import Bodies
+from xper_fx.bulk.sparse_blocks import BlockMatrix
 from xper_fx.support.saved_rows import Rows
+
+if TYPE_CHECKING:
+    import scipy.sparse as sp
 
 
 class NodalUnknowns:
@@ -48,13 +52,13 @@ class NodalUnknowns:
         """N^T f: forces on the unknowns, shape (num_dofs,)."""
         return forces
 
-    def condense(self, stiffness: sp.bsr_array) -> sp.bsr_array:
+    def condense(self, stiffness: BlockMatrix) -> BlockMatrix:
         """The part of N^T K N on the nodes, in blocks of dim x dim."""
         return stiffness
 
-    def whole(self, stiffness: sp.bsr_array) -> sp.csr_array:
+    def whole(self, stiffness: BlockMatrix) -> sp.csr_array:
         """N^T K N over all unknowns, columns sorted; its pattern hangs on that of K alone."""
-        matrix = sp.csr_array(stiffness)
+        matrix = stiffness.to_scipy().tocsr()
         matrix.sort_indices()
         return matrix
 

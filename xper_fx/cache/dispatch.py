@@ -25,6 +25,8 @@ from xper_fx.cache.compiling import KIND
 from xper_fx.cache.content import INHERITED, UnknownContentError, digest
 from xper_fx.cache.folder import kernel_folder
 from xper_fx.cache.numba_flags import compare_at_once
+from xper_fx.cache.numba_libraries import parse_when_linked, reduced
+from xper_fx.cache.numba_lifetimes import look_when_asked
 from xper_fx.cache.numba_operators import choose_once
 
 logger = logging.getLogger("xper_fx.cache")
@@ -55,6 +57,8 @@ def _number_functions() -> None:
 
 compare_at_once()
 choose_once()
+look_when_asked()
+parse_when_linked()
 _number_functions()
 os.register_at_fork(after_in_child=_number_functions)
 
@@ -168,7 +172,7 @@ class _Kept:
         folder = kernel_folder()
         try:
             if not result.lifted and not result.library.has_dynamic_globals:
-                content = serialize.dumps(result._reduce())
+                content = serialize.dumps(reduced(result))
                 folder.write(key, result.fndesc.qualname, content)
         except Exception as error:  # noqa: BLE001 - of pickle: what a signature names may be local
             logger.debug("%s is not kept: %r", result.fndesc.qualname, error)

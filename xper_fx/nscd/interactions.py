@@ -22,6 +22,7 @@ from xper_fx.nscd.stepped_points import ROUNDING, SteppedPoints
 
 if TYPE_CHECKING:
     from xper_fx.nscd.anchors import Anchors
+    from xper_fx.nscd.rigid.driven_motion import DrivenMotion
     from xper_fx.nscd.turning_frames import LipMotion
 
 # Fbar and its rate where there is no periodic cell.
@@ -58,6 +59,7 @@ class Interactions(SteppedPoints):
             them before each solve.
         own_inverse: blocks of w of this rank's bodies, meshed and rigid, without those of ghosts.
         groups: all points by law: permanent ones, contacts found, their rolling points.
+        driven: motion of rigid bodies that are driven, in static runs; None without any.
         renewals: how often contacts were found anew.
         exchanges: how often w of meshed bodies was exchanged for another.
 
@@ -87,6 +89,7 @@ class Interactions(SteppedPoints):
         self.committed_step, self.step_size, self.theta = 0.0, 0.0, 0.5
         self.too_far = self.from_scheme = 0.0
         self.anchors: Anchors | None = None
+        self.driven: DrivenMotion | None = None
         nodal = np.zeros((inverse.num_slots, self.dim))
         if initial_velocity is not None:
             nodal[: len(initial_velocity)] = initial_velocity
@@ -218,13 +221,15 @@ class Interactions(SteppedPoints):
             self.refresh_ghosts(at_slots[-1])
         return LipMotion(*at_slots[:2], at_slots[-1], mean is velocity, gradient, rate)
 
-    def complete(self, free: np.ndarray) -> None:
+    def complete(self, free: np.ndarray, driven: np.ndarray | None = None) -> None:
         """Set the free velocities of all slots but those of meshed bodies.
 
         Args:
             free: shape (num_slots * dim,), of which those of meshed bodies come first (m/s).
+            driven: of `driven` bodies, shape (2 num_rigid, dim); None as `take_rigid` had them.
         """
-        self._set_others(free.reshape(-1, self.dim), self._rigid_free)
+        rigid = self._rigid_free if driven is None else driven
+        self._set_others(free.reshape(-1, self.dim), rigid)
         if self._rigid_share is not None:  # what impulses do is judged by changes of velocities
             self.refresh_ghosts(free)
 
@@ -236,10 +241,9 @@ class Interactions(SteppedPoints):
 
     def _set_others(self, slots: np.ndarray, rigid: np.ndarray) -> None:
         first = self.bulk_inverse.num_nodes
-        last = first + len(rigid)
         if len(rigid):
-            slots[first:last] = rigid
-        slots[last:] = 0.0
+            slots[first : first + len(rigid)] = rigid
+        slots[first + len(rigid) :] = 0.0
 
     def rigid_part(self, slots: np.ndarray) -> np.ndarray:
         """Of velocities of all slots those of rigid bodies, shape (2 num_rigid, dim).
@@ -349,8 +353,7 @@ class Interactions(SteppedPoints):
         """
         if self._stiffness is None:
             self._add_up()
-        speed = self.largest(float(np.abs(velocity).max(initial=0.0)))
-        return ROUNDING * speed * self._stiffness
+        return ROUNDING * self.largest(float(np.abs(velocity).max(initial=0.0))) * self._stiffness
 
     @property
     def uses_velocity_criterion(self) -> bool:

@@ -105,8 +105,11 @@ class BodyInverse:
             blocks: of w.
             by_node: whether each node gets a block, which has the diagonal alone.
         """
-        if by_node:
+        if by_node or self.diagonal:
             entries = np.einsum("bii->bi", blocks).reshape(-1, self.dim)
+            if self.diagonal:
+                own = self.data[: self.data_offsets[-2]].reshape(-1, self.dim)
+                return self.of_nodes(np.concatenate([own, entries]), self.dim)
             blocks = entries[:, :, None] * np.eye(self.dim)
         count, n = blocks.shape[:2]
         nodes, data = self.node_offsets[:-1], self.data[: self.data_offsets[-2]]

@@ -407,12 +407,16 @@ class SteppedPoints(PointValues):
         speed = self.largest(float(np.abs(velocity).max(initial=0.0)))
         return math.sqrt(max(energy, 0.0)), ROUNDING * speed * math.sqrt(self._mass)
 
-    def commit(self, velocity: np.ndarray, static: bool = False) -> StepWork:
+    def commit(
+        self, velocity: np.ndarray, static: bool = False, at_start: np.ndarray | None = None
+    ) -> StepWork:
         """End the step: jumps, damage and energies move on.
 
         Args:
             velocity: shape (num_slots * dim,), end-of-step velocities of the interacting nodes.
             static: whether tractions do the work of their mean over the step, not of its end.
+            at_start: of a static step whose points are others than those of the step before: what
+                those did to this rank's slots, impulses over this step, shape (n, dim), N s.
 
         Returns:
             The energies of the step.
@@ -420,10 +424,13 @@ class SteppedPoints(PointValues):
         totals, percussions = np.zeros(len(StepWork._fields) + 1), -1
         if self.turns:
             totals[NUMERICAL] -= (0.5 if static else 1.0) * self._work_of_couples(velocity)
+        if at_start is not None:
+            change = self.impulses()[: len(at_start)] - at_start
+            totals[NUMERICAL] += 0.5 * float(np.vdot(change, velocity[: change.size]))
         for g in self.groups:
             if not len(g):
                 continue
-            if static:
+            if static and at_start is None:
                 totals[NUMERICAL] += self._work_of_change(g, velocity)
             before = None
             if self.theta > 0.5 and not static and g.turning is None:

@@ -32,6 +32,7 @@ from __future__ import annotations
 import numpy as np
 
 from xper_fx.bulk.body_inverse import CellwiseInverse, ClusterInverse
+from xper_fx.bulk.sparse_blocks import BlockMatrix
 from xper_fx.periodic.periodic_unknowns import CellUnknowns
 from xper_fx.support.ranks import ALONE, Ranks
 
@@ -64,7 +65,7 @@ class BorderedInverse:
         bodies: CellwiseInverse | ClusterInverse,
         unknowns: CellUnknowns,
         free: np.ndarray,
-        stiffness,
+        stiffness: BlockMatrix,
         step: float,
         theta: float,
         compliance: np.ndarray | None,
@@ -74,7 +75,8 @@ class BorderedInverse:
         self.blocks, self.nodes, self.num_nodes = bodies.blocks, bodies.nodes, bodies.num_nodes
         self._places = unknowns.macroscopic.start + free
         fields = unknowns.fields(free)
-        forces = stiffness @ fields
+        matrix = stiffness.to_scipy()
+        forces = matrix @ fields
         corner = ranks.sum(fields.T @ forces)
 
         def border(columns: np.ndarray) -> np.ndarray:
@@ -84,7 +86,7 @@ class BorderedInverse:
         self._answer = np.stack([bodies.apply(c) for c in border(forces).T], axis=1)
         self._compliance = compliance
         if compliance is None:
-            self._rows = border(stiffness.T @ fields)
+            self._rows = border(matrix.T @ fields)
             self._schur = step**2 * corner - ranks.sum(self._rows.T @ self._answer)
         else:
             self._corner = np.linalg.inv(corner)

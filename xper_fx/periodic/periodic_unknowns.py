@@ -24,6 +24,7 @@ import scipy.sparse as sp
 from dolfinx.fem import FunctionSpace
 
 from xper_fx.bodies.explode import Bodies
+from xper_fx.bulk.sparse_blocks import BlockMatrix
 from xper_fx.bulk.unknowns import NodalUnknowns
 from xper_fx.support.ranks import ALONE, Ranks
 
@@ -89,7 +90,7 @@ class CellUnknowns(NodalUnknowns):
         stresses = self._ranks.sum(self.position.T @ rows)
         return np.concatenate([on_nodes, stresses]).ravel()
 
-    def condense(self, stiffness: sp.bsr_array) -> sp.bsr_array:
+    def condense(self, stiffness: BlockMatrix) -> BlockMatrix:
         """See `NodalUnknowns`."""
         if not self.tied:
             return stiffness
@@ -99,10 +100,9 @@ class CellUnknowns(NodalUnknowns):
         data = (self._blocks_of @ stiffness.data.reshape(len(stiffness.data), -1)).reshape(
             count, self.dim, self.dim
         )
-        shape = (self.num_nodes * self.dim,) * 2
-        return sp.bsr_array((data, indices, indptr), shape=shape)
+        return BlockMatrix(data, indices, indptr)
 
-    def _plan(self, stiffness: sp.bsr_array) -> None:
+    def _plan(self, stiffness: BlockMatrix) -> None:
         """Find which blocks of K add up to which block among the unknowns."""
         rows = np.repeat(self.node_of, np.diff(stiffness.indptr)).astype(np.int64)
         keys = rows * self.num_nodes + self.node_of[stiffness.indices]
@@ -115,10 +115,10 @@ class CellUnknowns(NodalUnknowns):
         indptr = np.concatenate([[0], np.cumsum(counts)]).astype(np.int32)
         self._structure = len(unique), (unique % self.num_nodes).astype(np.int32), indptr
 
-    def whole(self, stiffness: sp.bsr_array) -> sp.csr_array:
+    def whole(self, stiffness: BlockMatrix) -> sp.csr_array:
         """See `NodalUnknowns`: the rows and columns of G are full."""
         fields = self.fields(np.arange(self.dim**2))
-        forces = stiffness @ fields
+        forces = stiffness.to_scipy() @ fields
         columns = self.sum_on_nodes(forces)
         rows, width = columns.shape
         indices = np.tile(np.arange(width), rows)
@@ -126,7 +126,7 @@ class CellUnknowns(NodalUnknowns):
         full = (np.repeat(np.arange(width), width), np.tile(np.arange(width), width))
         corner = sp.coo_array(((fields.T @ forces).ravel(), full), shape=(width, width))
         matrix = sp.block_array(
-            [[self.condense(stiffness), border], [border.T, corner]], format="csr"
+            [[self.condense(stiffness).to_scipy(), border], [border.T, corner]], format="csr"
         )
         matrix.sort_indices()
         return matrix

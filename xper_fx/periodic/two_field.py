@@ -89,7 +89,7 @@ class CellBulk(Bulk):
     def _forces_of_rounding(self) -> float:
         """Forces of a macroscopic strain of 1e-14 at rest, N m (2D: N)."""
         fields = self.unknowns.fields(self.free)
-        at_rest = self.tangent(np.zeros(self.num_dofs))
+        at_rest = self.tangent(np.zeros(self.num_dofs)).to_scipy()
         return 1e-14 * float(np.abs(self.ranks.sum(fields.T @ (at_rest @ fields))).max())
 
     def _make_unknowns(self):

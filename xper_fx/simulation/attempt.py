@@ -184,12 +184,17 @@ class StepAttempts:
         """
         from xper_fx.simulation.path_step import PathStep
 
-        model = self._model
-        self._find_contacts(state, size, None)
-        return PathStep(
+        model, rigid, theta = self._model, self._model.rigid, self._model.scheme.theta
+        prediction = None if rigid is None else rigid.predict(size, theta, state.time)
+        self._find_contacts(state, size, prediction)
+        outcome, size = PathStep(
             model.scheme, model.interactions, self.solver, model.options.solve,
             path, state, last_size, end_time,
         ).attempt(size)  # fmt: skip
+        if rigid is not None:
+            rigid.predict(size, theta, state.time)  # of the size that was taken
+            self._end_rigid(outcome)
+        return outcome, size
 
     def advice(
         self, residual: float, newton: float, tolerance: float, path: PathFollower | None
@@ -288,16 +293,21 @@ class StepAttempts:
                 prediction = rigid.predict(size, self._model.scheme.theta, state.time)
                 interactions.take_rigid(prediction.start, prediction.free)
             outcome = self._interact(state, size, options, prediction)
-            with self._watch.phase("rigid bodies"):
-                rigid.end(interactions.rigid_part(outcome.slots))
-                pushed = interactions.rigid_impulses()
-                self.rigid_work = rigid.work(pushed)
-                if self._some_driven:
-                    self.rigid_reactions = rigid.reactions(pushed)
+            self._end_rigid(outcome)
         except FloatingPointError as error:
             self._note(error)
             return None
         return outcome
+
+    def _end_rigid(self, outcome: StepOutcome) -> None:
+        """Rigid bodies move on as a step says, and what drives them is told."""
+        rigid, interactions = self._model.rigid, self._model.interactions
+        with self._watch.phase("rigid bodies"):
+            rigid.end(interactions.rigid_part(outcome.slots))
+            pushed = interactions.rigid_impulses()
+            self.rigid_work = rigid.work(pushed)
+            if self._some_driven:
+                self.rigid_reactions = rigid.reactions(pushed)
 
     def _note(self, error: FloatingPointError) -> None:
         logger.info("%s", error)

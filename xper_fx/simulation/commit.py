@@ -13,7 +13,11 @@ from xper_fx.simulation.model import Model
 
 
 def commit_interactions(
-    model: Model, outcome: StepOutcome, size: float, energies: BulkEnergies
+    model: Model,
+    outcome: StepOutcome,
+    size: float,
+    energies: BulkEnergies,
+    last: np.ndarray | float,
 ) -> StepWork | None:
     """Let jumps and damage move on, and enter the energies of the step.
 
@@ -22,6 +26,7 @@ def commit_interactions(
         outcome: the step.
         size: h (s).
         energies: of the bulk in it.
+        last: what interactions did to the bulk at the start of a static step (N).
 
     Returns:
         What the interactions stored and dissipated, None without any.
@@ -29,11 +34,34 @@ def commit_interactions(
     with model.stopwatch.phase("energy"):
         work, points = None, model.interactions
         if points is not None:
-            work = points.commit(outcome.slots, not model.options.inertia)
+            work = points.commit(
+                outcome.slots, not model.options.inertia, _at_start(model, last, size)
+            )
             if points.from_scheme != 0.0:
                 energies = energies._replace(damped=energies.damped - points.from_scheme)
         model.ledger.record(outcome, size, energies, work)
     return work
+
+
+def _at_start(model: Model, last: np.ndarray | float, size: float) -> np.ndarray | None:
+    """As `Interactions.commit` takes it; None where points stay, or lips turn with their bodies.
+
+    Contacts that a search finds slide, turn, come and go between two steps.
+    """
+    points, bulk = model.interactions, model.bulk
+    moves = model.options.inertia or model.detection is None or points.turns
+    if moves or points.fused is not None or model.scene.macroscopic is not None:
+        return None
+    forces = np.zeros((points.own_inverse.num_nodes, bulk.dim))
+    last = np.broadcast_to(last, bulk.num_dofs).reshape(-1, bulk.dim)
+    forces[: len(model.slot_nodes)] = last[model.slot_nodes]
+    if model.rigid is not None:
+        pushed, share = model.rigid.pushed, model.rigid_share
+        if share is not None:  # they are on every rank, which has a part of what pushes them
+            counted = np.repeat(share.rank_of_body == model.ranks.rank, 2)
+            pushed = np.where(counted[:, None], pushed, 0.0)
+        points.own_rigid(forces)[:] = pushed
+    return size * forces
 
 
 def deepest(points: Interactions) -> np.ndarray:

@@ -235,6 +235,10 @@ class Model:
             if scene.macroscopic is not None:
                 return DrivenCellMotion(bodies, scene.lattice, scene.macroscopic)
             return CellMotion(bodies, scene.lattice, scene.gravity)
+        if not self.options.inertia:
+            from xper_fx.nscd.rigid.driven_motion import DrivenMotion
+
+            return DrivenMotion(bodies)
         from xper_fx.nscd.rigid.motion import RigidMotion
 
         return RigidMotion(bodies, scene.gravity)
@@ -347,11 +351,14 @@ class Model:
         stepped = self.monolithic and self.options.path is None
         condensed = stepped and self.part is None and condenses(self.scene, laws)
         splits = self.by_vertex or condensed
-        return Interactions(
+        interactions = Interactions(
             points, laws, self.points.law_of_point, inverse.blocks, velocity,
             ordering="vertices" if splits else "tiles",
             rigid_blocks=rigid_blocks, halo=halo, splits=splits, rigid_share=share,
         )  # fmt: skip
+        if not self.options.inertia:
+            interactions.driven = self.rigid
+        return interactions
 
     def _doubt_fracture_energies(self) -> None:
         """Warn of initially rigid bonds that are gone in a step, whatever they should spend."""

@@ -6,6 +6,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from xper_fx.nscd.solvers.solver import SolveOptions, Solver
 from xper_fx.scene.scene import Scene
 from xper_fx.simulation.requested_accuracy import RequestedAccuracy
@@ -153,11 +155,13 @@ class Options:
         self._check_path()
         if self.inertia:
             return
-        if scene.rigid_bodies is not None:
+        rigid = scene.rigid_bodies
+        if rigid is not None and not rigid.is_prescribed.all():
+            free = int(np.flatnonzero(~rigid.is_prescribed.all(axis=1))[0])
             raise ValueError(
-                "Rigid bodies have inertia; a static run (inertia=False) has none. Press meshed "
-                "bodies against an xf.Wall by moving their other side, or load them slowly with "
-                "inertia and theta = 1."
+                f"Rigid body {free} is free to move, and needs inertia for it; a static run "
+                "(inertia=False) has none. Prescribe all its velocities (RigidBody(prescribed=)), "
+                "mesh it, or load the scene slowly with inertia and theta = 1."
             )
         no_step = step is None and not self.requested.adapts_step
         if self.theta != 1.0 or scheme == "explicit" or no_step:
@@ -192,11 +196,12 @@ class Options:
             )
         if not isinstance(solver, Solver) and solver not in SOLVERS:
             raise ValueError(f"solver should be one of {', '.join(SOLVERS)}, got {solver!r}.")
-        refused = scene.rigid_bodies is not None or self.scheme == "explicit"
-        if self.asks_for_one_system and refused:
+        moving = scene.rigid_bodies is not None and self.inertia
+        if self.asks_for_one_system and (moving or self.scheme == "explicit"):
             raise ValueError(
-                "The monolithic solver takes meshed bodies and an implicit bulk; leave solver at "
-                '"auto" for a scene of rigid bodies or an explicit bulk.'
+                "The monolithic solver takes meshed bodies and an implicit bulk, and rigid bodies "
+                'in static runs alone; leave solver at "auto" for an explicit bulk or rigid bodies '
+                "with inertia."
             )
         if self.scheme == "explicit" and scene.points == "nodal":
             if solver != "auto":

@@ -85,6 +85,13 @@ class Readings:
         return self.state.external + self.last.reactions / self._last_size
 
     @property
+    def transmitted(self) -> np.ndarray | float:
+        """What interactions do to the bulk, as `borne`."""
+        if self.last is None or self.model.options.inertia:
+            return 0.0
+        return self.last.impulses / self._last_size
+
+    @property
     def facets_with_law(self) -> np.ndarray:
         """Which of `scene.bodies.facets` have interaction points, on any rank, shape (n,)."""
         return self.model.points.facets_with_law

@@ -374,7 +374,7 @@ class Simulation(Restartable):
     def _commit(self, outcome: StepOutcome, size: float, energies: BulkEnergies) -> StepRecord:
         attempts, control, number = self._attempts, self.model.control, self.step_number + 1
         require_small_turns(self, attempts.turned_bonds(outcome.state, number, size), size)
-        work = commit_interactions(self.model, outcome, size, energies)
+        work = commit_interactions(self.model, outcome, size, energies, self.transmitted)
         if not math.isfinite(self.ledger.closure) and (
             wrong := not_finite_columns(self.ledger.as_columns())
         ):

@@ -241,9 +241,7 @@ class RigidMotion:
         self._middle = RigidState(state.position + first * state.velocity, state.velocity, turn)
         self._start = self._slots(state.velocity, turn.spin)
         self._impulse = self._load_impulse(step, theta, time)
-        given = self._constant_motion.copy()
-        for i, component, motion in self._motions:
-            given[i, component] = value_at(motion, component, time + step)
+        given = self._given(step, time)
         free = _free_velocities(
             self._start, self._impulse, self._prescribed, given, turn.inertia, self._of_bodies
         )
@@ -251,6 +249,17 @@ class RigidMotion:
         return Prediction(
             self._middle.position, turn.rotation, self._start.reshape(shape), free.reshape(shape)
         )
+
+    def _given(self, step: float, time: float) -> np.ndarray:
+        """Prescribed velocities at the end of a step (s) from a time (s), shape (n, 2 dim)."""
+        return self._given_at(time + step)
+
+    def _given_at(self, time: float) -> np.ndarray:
+        """Prescribed velocities at a time (s), shape (n, 2 dim), zero where there are none."""
+        given = self._constant_motion.copy()
+        for i, component, motion in self._motions:
+            given[i, component] = value_at(motion, component, time)
+        return given
 
     def end(self, slots: npt.ArrayLike) -> RigidState:
         """The state at the end of the step, for velocities after the kick.

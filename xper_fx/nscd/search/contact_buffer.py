@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from xper_fx.cache import njit
+from xper_fx.nscd.kernel_options import MERGED
 from xper_fx.nscd.search.contact_pairs import Contacts, in_order
 
 # Area of a contact of corners, which have none, as a share of the smaller bounding radius (in 3D,
@@ -83,14 +84,14 @@ def collect(jobs: Sequence[tuple], dim: int, expected: int) -> Contacts:
     return in_order(Contacts(body, nodes, weights, point, normal, gap, area, key))
 
 
-@njit(inline="always")
+@njit(**MERGED)
 def contact_key(bodies, num_bodies, feature):
     """Key of a contact of two bodies, in whatever order, by the feature that it is known by."""
     i, j = bodies
     return min(i, j) * num_bodies + max(i, j), feature
 
 
-@njit(inline="always")
+@njit(**MERGED)
 def put_contact(found, count, bodies, key, point, normal, gap, area):
     """Write a contact if there is room, and return the count with it."""
     if count < len(found.gap):

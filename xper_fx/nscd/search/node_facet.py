@@ -12,7 +12,8 @@ A point p touches a surface where its distance to it has a local minimum q withi
   plane.
 - In a pocket, a reflex corner, the planes of both its facets bound the free space, so that each
   touches p even where p is just behind the other one: its plane is continued by the depth that is
-  sought, weights of nodes a little below 0 and above 1.
+  sought, weights of nodes a little below 0 and above 1. Surfaces that lie around what is pressed
+  into them have mild ones all along: a step without friction would slide off one side of each.
 
 Everywhere p - q = g n and q = sum_j w_j x_j: impulses +r on p and -w_j r on the facet's nodes have
 no sum, and no moment if r is along n. A tangential impulse r_T has the moment g x r_T.
@@ -20,7 +21,9 @@ no sum, and no moment if r is along n. A tangential impulse r_T has the moment g
 What is no contact: a facet deeper than its own `depth`, or behind another one that p is in front
 of; one that none of p's own facets faces (the back of a thin body); facets that p is welded to; of
 several from which p would be driven out of one fragment, all but the nearest; of contacts of p with
-one fragment whose normals differ by less than 18 degrees, all but the nearest.
+one fragment whose normals differ by less than 18 degrees, all but the nearest, and of nodes with
+walls of pockets and facets that p is in front of, by less than half a degree. A disc or sphere next
+to a node of a facet touches the node: two contacts in one place share friction in no one way.
 """
 
 from __future__ import annotations
@@ -42,8 +45,8 @@ from xper_fx.nscd.search.pair_list import PairList
 
 # Least part of a node's area that faces a contact.
 _FACING = 0.05
-# Cosine above which two normals are one.
-_ALIKE = 0.95
+# Cosine above which two normals are one, and that of facets of which a node is behind none.
+_ALIKE, _FLAT = 0.95, 0.99996
 # Cosine between the way out behind a corner and the normals there, at least.
 _STRAIGHT_OUT = 0.5
 # Share of a facet's depth below which a distance has no direction and two distances are equal, so
@@ -52,9 +55,12 @@ _NO_DISTANCE = 1e-9
 _RISE = 1e-2
 # Relative difference of distances that is rounding.
 _EQUAL = 1e-12
+# Weight of a facet's node from which on a disc or sphere touches the node and not the facet.
+_AT_NODE = 0.99
 
-# What touches: a closest point, one on an edge or at a vertex seen from inside, a pocket's wall.
-_PLAIN, _BEHIND_CORNER, _POCKET = range(3)
+# What touches: a closest point, one on an edge or at a vertex seen from inside, a pocket's wall, a
+# facet that the point is in front of.
+_PLAIN, _BEHIND_CORNER, _POCKET, _IN_FRONT = range(4)
 
 
 class _Near(NamedTuple):
@@ -144,6 +150,15 @@ def _along(n, normal, f):
     for d in range(len(n)):
         total += n[d] * normal[f, d]
     return total
+
+
+@njit(**LEAN_INNER)
+def _largest(weights, a):
+    """The largest weight of facet a's nodes."""
+    largest = weights[a, 0]
+    for j in range(1, weights.shape[1]):
+        largest = max(largest, weights[a, j])
+    return largest
 
 
 @njit(**LEAN_INNER)
@@ -287,11 +302,9 @@ def _is_pocket(a, m, near, faces):
         return False
     for b in range(m):
         g = facet[b]
-        if b == a or own[b] or height[b] >= 0.0 or height[b] < -depth[g]:
+        if b == a or own[b] or height[b] < -depth[g] or height[b] > _NO_DISTANCE * depth[g]:
             continue
         if square[b] - height[b] ** 2 > depth[g] ** 2 or not _has(welds, weights, b, a):
-            continue
-        if _along(normal[f], normal, g) > _ALIKE:
             continue
         for j in range(dim):
             rise = 0.0
@@ -352,6 +365,8 @@ def _way_out(a, m, touches, point, near, faces, n, away):
             for j in range(dim):
                 away[d] -= weights[a, j] * faces.x[faces.facets[f, j], d]
         if distance <= _NO_DISTANCE * faces.depth[f]:
+            if _is_pocket(a, m, near, faces):
+                return True, _POCKET, gap, False
             side = _most_faced(a, m, node, outward, meshed, near, faces)
             for d in range(dim):
                 n[d] = normal[near.facet[side], d]
@@ -396,10 +411,13 @@ def _one_way_out(found, inside, equal, ways):
 
 
 @njit(**LEAN_INNER)
-def _nearest_of_each_normal(found, equal, ways, kept):
-    """Write into `kept`, nearest first, contacts whose normals differ within a fragment."""
+def _nearest_of_each_normal(found, equal, flat, ways, kept):
+    """Write into `kept`, nearest first, contacts whose normals differ within a fragment.
+
+    `flat` is the cosine above which two facets of a hollow are one.
+    """
     fragment, square, alive, normal = ways.fragment, ways.square, ways.alive, ways.normal
-    count = 0
+    kind, count = ways.kind, 0
     while True:
         a = -1
         for b in range(found):
@@ -410,8 +428,10 @@ def _nearest_of_each_normal(found, equal, ways, kept):
         alive[a] = False
         fresh = True
         for e in range(count):
-            if fragment[kept[e]] == fragment[a]:
-                fresh = fresh and _along(normal[a], normal, kept[e]) < _ALIKE
+            b = kept[e]
+            if fragment[b] == fragment[a]:
+                alike = flat if max(kind[a], kind[b]) >= _POCKET else _ALIKE
+                fresh = fresh and _along(normal[a], normal, b) < alike
         if fresh:
             kept[count] = a
             count += 1
@@ -488,7 +508,8 @@ def _point_facet(points, pairs, faces, reach, out, room):
             n = normals[found]
             for d in range(dim):
                 n[d] = normal[f, d]
-            touches, kind, gap, tip = True, _PLAIN, height[a], False
+            kind = _IN_FRONT if height[a] > -_NO_DISTANCE * depth[f] else _PLAIN
+            touches, gap, tip = True, height[a], False
             if size[a] < dim:
                 noise = _EQUAL * square[a] + (_EQUAL * depth[f]) ** 2
                 touches = _is_lowest(a, m, noise, square, size, welds, weights)
@@ -497,6 +518,8 @@ def _point_facet(points, pairs, faces, reach, out, room):
                 point = node, p, leaning, meshed
                 touches, kind, gap, tip = _way_out(a, m, touches, point, near, faces, n, away)
             if not touches or gap - r > reach or gap - r < -depth[f]:
+                continue
+            if r > 0.0 and _largest(weights, a) > _AT_NODE:
                 continue
             if gap < 0.0 and kind != _POCKET and _is_back(a, m, gap, n, near, faces):
                 continue
@@ -522,8 +545,9 @@ def _point_facet(points, pairs, faces, reach, out, room):
         if found == 0:
             continue
         equal = _NO_DISTANCE * depth[near_facet[0]]
-        _one_way_out(found, equal - r, equal, ways)
-        accepted = _nearest_of_each_normal(found, equal, ways, kept)
+        _one_way_out(found, -equal - r, equal, ways)
+        flat = _FLAT if r == 0.0 else 1.0 - _EQUAL  # discs touch facets apart from each other
+        accepted = _nearest_of_each_normal(found, equal, flat, ways, kept)
         for e in range(accepted):
             if count < len(out.gap):
                 a = kept[e]
