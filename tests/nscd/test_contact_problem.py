@@ -75,7 +75,7 @@ def test_assembled_as_bodies_move(dim, contact):
     interactions.add_velocity(velocity)
     read = []
     for group, closed in zip(interactions.groups, assembled.closed, strict=True):
-        wanted = group.kernels.coulomb(group.terms)
+        wanted = group.kernels.coulomb(group.terms, group.details, group.parameters)
         u = group.points.relative(velocity.reshape(-1, dim))
         u[:, 0] -= wanted.least
         u[:, 1:] += wanted.shift

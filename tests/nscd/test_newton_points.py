@@ -21,6 +21,7 @@ from xper_fx.nscd.solvers import (
     NonlinearGaussSeidel,
     SolveOptions,
     accelerated,
+    central_path,
     newton,
     tangent,
 )
@@ -90,6 +91,7 @@ def test_newton_that_goes_in_circles_leaves_the_rest_to_mixed_sweeps(monkeypatch
     make = lambda: plate_step(8, 100, True)  # noqa: E731
     exact = solved(make, NonlinearGaussSeidel, tolerance=1e-8, max_sweeps=100_000, relaxation=1.3)
     monkeypatch.setattr(newton._Attempt, "run", lambda *_: False)
+    monkeypatch.setattr(central_path, "follow_path", lambda *_: 0)
     monkeypatch.setattr(
         accelerated.AndersonMixing, "mix", lambda *parts: mixed.append(1) or mix(*parts)
     )
@@ -261,6 +263,7 @@ def test_what_is_kept_belongs_to_the_w_of_the_last_step():
 def test_the_safeguard_saves_newton_from_cycling(monkeypatch):
     """Half of the bonds broken: whole steps alone do not come to rest in thrice the steps."""
     make = lambda: plate_step(20, 100, True)  # noqa: E731
+    monkeypatch.setattr(newton, "_SHORT_PATIENCE", newton._PATIENCE)
     *_, report = solved(make, NewtonOnAllPoints, tolerance=1e-6)
     steps = int(report.reason.split()[0])
     assert report.converged and steps <= 30
@@ -269,9 +272,8 @@ def test_the_safeguard_saves_newton_from_cycling(monkeypatch):
     solve(scene, velocity, tolerance=1e-9, max_sweeps=10, num_threads=1)
     monkeypatch.setattr(newton, "_LEAP", np.inf)
     monkeypatch.setattr(newton, "_DECREASE", -np.inf)  # any whole step is accepted
-    monkeypatch.setattr(newton, "_PATIENCE", 2 * steps)
     attempt = newton._Attempt(scene, velocity, LinearisedProblem(scene))
-    assert not attempt.run(1e-6) or attempt.steps > 1.5 * steps
+    assert not attempt.run(1e-6, 2 * steps) or attempt.steps > 1.5 * steps
 
 
 def test_auto_sweeps_where_few_are_needed_and_says_why():

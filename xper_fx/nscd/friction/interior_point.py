@@ -25,7 +25,9 @@ Without friction L has no inside; such contacts get mu = 1e-10 here.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cache
+from typing import NamedTuple
 
 import numpy as np
 
@@ -35,19 +37,40 @@ from xper_fx.nscd.friction.blocks import BlockProblem
 from xper_fx.nscd.friction.error import natural_map
 from xper_fx.nscd.friction.sparse_system import SparseSystem
 
-_LEAST_FRICTION = 1e-10
+LEAST_FRICTION = 1e-10
 _MAX_ITERATIONS = 60
 # Fraction of the way to the boundary of the cones.
 _TO_BOUNDARY = 0.99
 # Steps shorter than this, or complementarity below this of its first value, end the descent.
 _SHORTEST, _ROUNDING = 1e-3, 1e-18
-_TINY = np.finfo(float).tiny
+TINY = np.finfo(float).tiny
+
+
+class ConeKernels(NamedTuple):
+    """Kernels over points with x and z in the cones, shape (n, dim).
+
+    Attributes:
+        size_t: `size_t(x, a)`, |x_T| of point a.
+        scale: `scale(x, z, a, scaling)` sets the unit scaling point and its factor eta, dim + 1
+            numbers.
+        longest: `longest(x, dx)`, the largest step that keeps x + step dx in the cones.
+        to_dz: `to_dz(scaling, g, dx, dz)` sets dz = g - Theta dx.
+        correct: `correct(scaling, x, z, dx, dz, gap, residual, g, rhs)` takes dx and dz of the
+            predictor, and sets g and the right-hand side of the corrector.
+        advance: `advance(x, z, dx, dz)` goes nearly as far as the cones allow; returns how far.
+    """
+
+    size_t: Callable
+    scale: Callable
+    longest: Callable
+    to_dz: Callable
+    correct: Callable
+    advance: Callable
 
 
 @cache
-def _kernels(dim: int):
-    row = for_dimension(dim).row
-    residual_map = natural_map(dim)
+def cone_kernels(dim: int) -> ConeKernels:
+    """What any interior point in these cones is made of."""
 
     @njit(inline="always")
     def size_t(x, a):
@@ -59,93 +82,19 @@ def _kernels(dim: int):
     @njit(inline="always")
     def determinant(x, a):
         t = size_t(x, a)
-        return max((x[a, 0] - t) * (x[a, 0] + t), _TINY)
+        return max((x[a, 0] - t) * (x[a, 0] + t), TINY)
 
-    @njit
-    def begin(problem, mu, scaled, qs):
-        """W' and q'."""
-        offsets, columns, blocks, q = problem.offsets, problem.columns, problem.blocks, problem.q
-        for a in range(len(mu)):
-            for i in range(dim):
-                si = 1.0 / mu[a] if i == 0 else 1.0
-                qs[a, i] = q[a, i] * si
-                for k in range(offsets[a], offsets[a + 1]):
-                    sn = 1.0 / mu[columns[k]]
-                    for j in range(dim):
-                        scaled[k, i, j] = blocks[k, i, j] * si * (sn if j == 0 else 1.0)
-
-    @njit(error_model="numpy")
-    def linearise(problem, true_mu, x, z, residual, scaling, data, rhs):
-        """Residual, scaling and matrix at (x, z), right-hand side of the predictor.
-
-        `problem` has W', q' and the friction they were scaled by; `true_mu` may be zero.
-
-        `scaling[a]` holds the unit scaling point and its factor eta. Returns squared natural-map
-        error and complementarity.
-        """
-        offsets, columns, scaled = problem.offsets, problem.columns, problem.blocks
-        qs, mu = problem.q, problem.mu
-        error, gap = 0.0, 0.0
-        theta = np.empty((dim, dim))
-        d = np.zeros(dim)
-        u, r = np.empty((1, dim)), np.empty((1, dim))
-        for a in range(len(mu)):
-            for i in range(dim):
-                total = qs[a, i]
-                for k in range(offsets[a], offsets[a + 1]):
-                    b = columns[k]
-                    for j in range(dim):
-                        total += scaled[k, i, j] * x[b, j]
-                u[0, i] = total
-                residual[a, i] = total - z[a, i]
-                r[0, i] = x[a, i]
-                gap += x[a, i] * z[a, i]
-            slip = size_t(z, a)
-            residual[a, 0] += slip
-            for i in range(1, dim):
-                d[i] = z[a, i] / max(slip, _TINY)
-            u[0, 0] *= mu[a]
-            r[0, 0] /= mu[a]
-            f = residual_map(row(r, 0), row(u, 0), true_mu[a], 1.0)
-            for i in range(dim):
-                error += f[i] * f[i]
-            # Nesterov-Todd
-            dx, dz = np.sqrt(determinant(x, a)), np.sqrt(determinant(z, a))
-            product = 1.0
-            for i in range(dim):
-                product += x[a, i] * z[a, i] / (dx * dz)
-            half = 0.5 / np.sqrt(0.5 * product)
-            eta = np.sqrt(dx / dz)
-            scaling[a, 0] = (x[a, 0] / dx + z[a, 0] / dz) * half
-            for i in range(1, dim):
-                scaling[a, i] = (x[a, i] / dx - z[a, i] / dz) * half
-            scaling[a, dim] = eta
-            # Theta = (2 (J w) (J w)^T - J) / eta^2
-            square = 1.0 / (eta * eta)
-            for i in range(dim):
-                for j in range(dim):
-                    sign = -1.0 if (i == 0) != (j == 0) else 1.0
-                    theta[i, j] = 2.0 * sign * scaling[a, i] * scaling[a, j] * square
-                theta[i, i] += -square if i == 0 else square
-            length = offsets[a + 1] - offsets[a]
-            start = dim * dim * offsets[a]
-            for k in range(offsets[a], offsets[a + 1]):
-                for i in range(dim):
-                    entry = start + i * dim * length + (k - offsets[a]) * dim
-                    for j in range(dim):
-                        value = scaled[k, i, j]
-                        if columns[k] == a:
-                            value += theta[i, j]
-                            if i == 0:
-                                for t in range(1, dim):
-                                    value -= d[t] * theta[t, j]
-                        data[entry + j] = value
-            for i in range(dim):
-                rhs[a, i] = -z[a, i] - residual[a, i]
-                if i == 0:
-                    for t in range(1, dim):
-                        rhs[a, 0] += d[t] * z[a, t]
-        return error, gap
+    @njit(inline="always")
+    def scale(x, z, a, scaling):  # Nesterov-Todd
+        dx, dz = np.sqrt(determinant(x, a)), np.sqrt(determinant(z, a))
+        product = 1.0
+        for i in range(dim):
+            product += x[a, i] * z[a, i] / (dx * dz)
+        half = 0.5 / np.sqrt(0.5 * product)
+        scaling[a, 0] = (x[a, 0] / dx + z[a, 0] / dz) * half
+        for i in range(1, dim):
+            scaling[a, i] = (x[a, i] / dx - z[a, i] / dz) * half
+        scaling[a, dim] = np.sqrt(dx / dz)
 
     @njit(error_model="numpy")
     def longest(x, dx):
@@ -220,7 +169,7 @@ def _kernels(dim: int):
             for i in range(1, dim):
                 size += lam[i] * lam[i]
             size = np.sqrt(size)
-            first = (lam[0] * c[0] - inner) / max((lam[0] - size) * (lam[0] + size), _TINY)
+            first = (lam[0] * c[0] - inner) / max((lam[0] - size) * (lam[0] + size), TINY)
             for i in range(1, dim):
                 c[i] = (c[i] - lam[i] * first) / lam[0]
             c[0] = first
@@ -230,7 +179,7 @@ def _kernels(dim: int):
                 g[a, i] = p[i] - z[a, i]
                 rhs[a, i] = g[a, i] - residual[a, i]
             for i in range(1, dim):
-                rhs[a, 0] -= z[a, i] / max(slip, _TINY) * g[a, i]
+                rhs[a, 0] -= z[a, i] / max(slip, TINY) * g[a, i]
 
     @njit(error_model="numpy")
     def advance(x, z, dx, dz):
@@ -241,7 +190,93 @@ def _kernels(dim: int):
                 z[a, i] += step * dz[a, i]
         return step
 
-    return begin, linearise, to_dz, correct, advance
+    return ConeKernels(size_t, scale, longest, to_dz, correct, advance)
+
+
+@cache
+def _kernels(dim: int):
+    row = for_dimension(dim).row
+    residual_map, cones = natural_map(dim), cone_kernels(dim)
+    size_t, scale = cones.size_t, cones.scale
+
+    @njit
+    def begin(problem, mu, scaled, qs):
+        """W' and q'."""
+        offsets, columns, blocks, q = problem.offsets, problem.columns, problem.blocks, problem.q
+        for a in range(len(mu)):
+            for i in range(dim):
+                si = 1.0 / mu[a] if i == 0 else 1.0
+                qs[a, i] = q[a, i] * si
+                for k in range(offsets[a], offsets[a + 1]):
+                    sn = 1.0 / mu[columns[k]]
+                    for j in range(dim):
+                        scaled[k, i, j] = blocks[k, i, j] * si * (sn if j == 0 else 1.0)
+
+    @njit(error_model="numpy")
+    def linearise(problem, true_mu, x, z, residual, scaling, data, rhs):
+        """Residual, scaling and matrix at (x, z), right-hand side of the predictor.
+
+        `problem` has W', q' and the friction they were scaled by; `true_mu` may be zero.
+
+        `scaling[a]` holds the unit scaling point and its factor eta. Returns squared natural-map
+        error and complementarity.
+        """
+        offsets, columns, scaled = problem.offsets, problem.columns, problem.blocks
+        qs, mu = problem.q, problem.mu
+        error, gap = 0.0, 0.0
+        theta = np.empty((dim, dim))
+        d = np.zeros(dim)
+        u, r = np.empty((1, dim)), np.empty((1, dim))
+        for a in range(len(mu)):
+            for i in range(dim):
+                total = qs[a, i]
+                for k in range(offsets[a], offsets[a + 1]):
+                    b = columns[k]
+                    for j in range(dim):
+                        total += scaled[k, i, j] * x[b, j]
+                u[0, i] = total
+                residual[a, i] = total - z[a, i]
+                r[0, i] = x[a, i]
+                gap += x[a, i] * z[a, i]
+            slip = size_t(z, a)
+            residual[a, 0] += slip
+            for i in range(1, dim):
+                d[i] = z[a, i] / max(slip, TINY)
+            u[0, 0] *= mu[a]
+            r[0, 0] /= mu[a]
+            f = residual_map(row(r, 0), row(u, 0), true_mu[a], 1.0)
+            for i in range(dim):
+                error += f[i] * f[i]
+            scale(x, z, a, scaling)
+            eta = scaling[a, dim]
+            # Theta = (2 (J w) (J w)^T - J) / eta^2
+            square = 1.0 / (eta * eta)
+            for i in range(dim):
+                for j in range(dim):
+                    sign = -1.0 if (i == 0) != (j == 0) else 1.0
+                    theta[i, j] = 2.0 * sign * scaling[a, i] * scaling[a, j] * square
+                theta[i, i] += -square if i == 0 else square
+            length = offsets[a + 1] - offsets[a]
+            start = dim * dim * offsets[a]
+            for k in range(offsets[a], offsets[a + 1]):
+                for i in range(dim):
+                    entry = start + i * dim * length + (k - offsets[a]) * dim
+                    for j in range(dim):
+                        value = scaled[k, i, j]
+                        if columns[k] == a:
+                            value += theta[i, j]
+                            if i == 0:
+                                for t in range(1, dim):
+                                    value -= d[t] * theta[t, j]
+                        data[entry + j] = value
+            for i in range(dim):
+                rhs[a, i] = -z[a, i] - residual[a, i]
+                if i == 0:
+                    for t in range(1, dim):
+                        rhs[a, 0] += d[t] * z[a, t]
+        return error, gap
+
+    return begin, linearise
 
 
 def solve(
@@ -260,13 +295,14 @@ def solve(
         Whether the tolerance was reached.
     """
     dim, n = problem.dim, len(problem.mu)
-    begin, linearise, to_dz, correct, advance = _kernels(dim)
+    begin, linearise = _kernels(dim)
+    cones = cone_kernels(dim)
     size_q = np.linalg.norm(problem.q)
     if size_q == 0.0:
         r[:] = 0.0
         return True
     unit = size_q / np.sqrt(n)  # all is solved for q / unit
-    mu = np.maximum(problem.mu, _LEAST_FRICTION)
+    mu = np.maximum(problem.mu, LEAST_FRICTION)
     scaled, qs = np.empty_like(problem.blocks), np.empty((n, dim))
     begin(problem._replace(q=problem.q / unit), mu, scaled, qs)
     own = problem._replace(blocks=scaled, q=qs, mu=mu)
@@ -290,11 +326,11 @@ def solve(
         if step < _SHORTEST or gap < _ROUNDING * first_gap or not system.factorise():
             break
         dx = system.solve(rhs)
-        to_dz(scaling, -z, dx, dz)
-        correct(scaling, x, z, dx, dz, gap, residual, g, rhs)
+        cones.to_dz(scaling, -z, dx, dz)
+        cones.correct(scaling, x, z, dx, dz, gap, residual, g, rhs)
         dx = system.solve(rhs)
-        to_dz(scaling, g, dx, dz)
+        cones.to_dz(scaling, g, dx, dz)
         if not (np.isfinite(dx).all() and np.isfinite(dz).all()):
             break
-        step = advance(x, z, dx, dz)
+        step = cones.advance(x, z, dx, dz)
     return best <= tolerance

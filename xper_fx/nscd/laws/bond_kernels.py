@@ -9,7 +9,7 @@ import numpy as np
 
 from xper_fx.cache import njit
 from xper_fx.nscd.algebra.small import for_dimension
-from xper_fx.nscd.kernel_options import LEAN_INNER, MERGED, MERGED_ENTRY
+from xper_fx.nscd.kernel_options import ENTRY, LEAN_INNER, MERGED, MERGED_ENTRY
 from xper_fx.nscd.laws.contact_losses import contact_losses
 from xper_fx.nscd.laws.contact_solver import contact_solver
 from xper_fx.nscd.laws.damage_curve import (
@@ -30,6 +30,7 @@ from xper_fx.nscd.laws.law import (
     STORED,
     VISCOUS,
     Columns,
+    CoulombPoints,
     LawKernels,
 )
 from xper_fx.nscd.laws.weakening import Weakening
@@ -285,6 +286,20 @@ def mean_kernels(
         mu = friction_of(i, beta, parameters)
         return book_losses(i, hat, moved, step, pressing, numerical, mu, energy)
 
+    @njit(**ENTRY)
+    def frictions(details, parameters):
+        mu = np.empty(len(details))
+        for i in range(len(mu)):
+            mu[i] = friction_of(i, details[i, mean], parameters)
+        return mu
+
+    def coulomb(terms, details, parameters):
+        none = np.zeros(len(terms))
+        lag = details[:, shift : shift + dim - 1] if rubs else np.zeros((len(terms), dim - 1))
+        springs = terms[:, [spring, *[spring + 1] * (dim - 1)]]
+        least, mu = -terms[:, middle], frictions(details, parameters)
+        return CoulombPoints(least, lag, mu, none, none, springs, terms[:, push : push + dim])
+
     @njit(inline="always")
     def stored(i, jump, area, parameters, state):
         tractions = diagonal(parameters[i, C_N], parameters[i, C_T], jump)
@@ -304,4 +319,5 @@ def mean_kernels(
         energies=ALL_ENERGIES if viscous else ENERGIES,
         spent=weakening.spent,
         stored=stored,
+        coulomb=coulomb,
     )

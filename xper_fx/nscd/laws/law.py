@@ -52,9 +52,10 @@ read anew in each step (`nscd/turning_frames.py`). None for a law that stores no
 
 `no_jump` says that the law leaves no jump, so that frames that turn bring no couple.
 
-`coulomb(terms)`, of all points of a group after `prepare` or `evolve`, gives `CoulombPoints`, where
-the step's problem at a point is that of Signorini and Coulomb whatever its impulse was: such points
-make a `FrictionProblem`. None for a law of another kind.
+`coulomb(terms, details, parameters)`, of all points of a group after `prepare` or `evolve`, gives
+`CoulombPoints`, where the step's problem at a point is that of Signorini and Coulomb, beside a
+spring, whatever its impulse was: an interior point solves it (`solvers/central_path.py`), and where
+there are no springs it makes a `FrictionProblem`. None for a law of another kind.
 
 `rolling` has the kernels of the rolling points that stand beside contacts of rigid bodies
 (`rolling.py`); None for laws without rolling resistance.
@@ -98,13 +99,17 @@ class CoulombPoints(NamedTuple):
     """Constants of a step at n points: with r' = (r_N + tip, r_T),
 
         u_N >= least,  r'_N >= 0, complementary;
-        |r'_T| <= friction r'_N + bound,  against u_T + shift.
+        |r'_T| <= friction r'_N + bound,  against u_T + shift,
+
+    beside r'' = -spring (push + u), if there are springs, which bears its share of the impulse.
 
     Attributes:
         least: shape (n,), m/s; -inf where the point is open.
         shift: shape (n, dim - 1), m/s.
         friction: shape (n,).
         bound, tip: shape (n,), N s.
+        spring: shape (n, dim), N s per m/s; None where there is none.
+        push: shape (n, dim), m/s; None with `spring`.
     """
 
     least: np.ndarray
@@ -112,6 +117,8 @@ class CoulombPoints(NamedTuple):
     friction: np.ndarray
     bound: np.ndarray
     tip: np.ndarray
+    spring: np.ndarray | None = None
+    push: np.ndarray | None = None
 
 
 class Columns:

@@ -290,7 +290,7 @@ def contact_kernels(
         limit = terms[i, _MU] * r[0] + terms[i, _BOUND]
         return 2 if size >= (1.0 - 1e-12) * limit * limit else 1
 
-    def coulomb(terms):
+    def coulomb(terms, details, parameters):
         none = np.zeros(len(terms))
         if not friction:
             return CoulombPoints(terms[:, _V_MIN], np.zeros((len(terms), dim - 1)), *[none] * 3)

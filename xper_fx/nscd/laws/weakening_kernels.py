@@ -186,7 +186,7 @@ def weakening_kernels(dim: int, contact: str, joint: bool) -> WeakeningKernels:
             return 0
         return 2 if size >= (1.0 - 1e-12) * limit * limit else 1
 
-    def coulomb(terms):
+    def coulomb(terms, details, parameters):
         tip = terms[:, pull] if joint else np.zeros(len(terms))
         lag = terms[:, shift : shift + dim - 1]
         return CoulombPoints(terms[:, v_min], lag, terms[:, mu], terms[:, bound], tip)

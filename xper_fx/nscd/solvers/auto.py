@@ -6,10 +6,11 @@ good first guess. They start. After each batch their contraction says how many a
 is more than what a Newton solve costs, `newton.py` goes on from there, and falls back to sweeps by
 itself where a step does not help. Where Newton has nothing to work with (w singular along a
 direction that is not prescribed) or gives up, `accelerated.py` finishes. Newton gives up after two
-attempts: where half of the bonds of a plate are broken it goes in circles, and takes the sweeps
-between its attempts, in number like that of the points, while mixed ones are 1000 to 2000 with 40,
-80 and 160 squares a side (`benchmarks/half_broken.py`). Where half of the sweeps allowed do not
-do either, as between bodies of very different masses, it goes on.
+attempts, between which it tries an interior point where the laws allow it. Without one it goes in
+circles where half of the bonds of a plate are broken, and takes the sweeps between its attempts, in
+number like that of the points, while mixed ones are 1000 to 2000 with 40, 80 and 160 squares a side
+(`benchmarks/half_broken.py`). Where half of the sweeps allowed do not do either, as between bodies
+of very different masses, it goes on.
 
 Where every point is a perfect bond, `feti.py` takes Newton's place for bodies of many cells:
 3072 tetrahedra in 16 bodies took 2.6 times less at a tolerance of 1e-8 and a step thirty times what

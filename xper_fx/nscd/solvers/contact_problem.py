@@ -126,12 +126,15 @@ class _ClosedPoints:
     """
 
     def __init__(self, group: PointGroup, dim: int, num_dofs: int):
-        if group.kernels.coulomb is None:
+        coulomb = group.kernels.coulomb
+        points: CoulombPoints | None = None
+        if coulomb is not None:
+            points = coulomb(group.terms, group.details, group.parameters)
+        if points is None or points.spring is not None:
             raise UnsuitableSolverError(
                 f'The law "{group.kernels.name}" is not that of a FrictionProblem; it should be '
                 "unilateral contact with Coulomb friction alone, as xf.laws.SignoriniCoulomb(mu)."
             )
-        points: CoulombPoints = group.kernels.coulomb(group.terms)
         if np.any(points.bound > _ROUNDING * points.friction * points.tip):
             raise UnsuitableSolverError(
                 f'The law "{group.kernels.name}" has a bound on friction besides Coulomb\'s cone '

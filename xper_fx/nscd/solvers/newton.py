@@ -10,7 +10,9 @@ slip more than their tangent says undo the gain of all others. A step is accepte
 |S(b) - r| / |r| over all points, falls; else it is halved, and the rest of it is the first guess of
 the next linear problem. Where no length helps a quarter of it is taken, a few times at most; after
 that, or where many steps gain little, sweeps go on from the best impulses found for a batch, twice
-as long each time: the user is never left with less than sweeps give.
+as long each time: the user is never left with less than sweeps give. Where all laws allow it, the
+first attempt is short, and an interior point follows, which has no branches (`central_path.py`);
+the sweeps after it judge what it found.
 
 **When it stops.** The last step dr reduced the residual by R: |dr| / |R| tells the error that a
 residual stands for, and the error so estimated is what `tolerance` bounds, as in `nlgs.py`.
@@ -44,8 +46,8 @@ _HALVINGS, _DECREASE = 8, 1e-3
 _LEAP = 10.0
 # Fraction of a step taken all the same where no length helps, and how often.
 _BLIND, _BLIND_STEPS = 0.25, 5
-# Steps that should at least halve the residual.
-_PATIENCE = 8
+# Steps that should at least halve the residual: before an interior point is tried, and else.
+_SHORT_PATIENCE, _PATIENCE = 3, 8
 
 
 class _Attempt:
@@ -62,8 +64,13 @@ class _Attempt:
         self._first = self._now = 0.0  # |r|
         self._start, self._push, self._guess = np.zeros((3, len(velocity)))
 
-    def run(self, tolerance: float) -> bool:
-        """Whether the estimated error came within the tolerance, internal variables at rest."""
+    def run(self, tolerance: float, patience: int) -> bool:
+        """Whether the estimated error came within the tolerance, internal variables at rest.
+
+        Args:
+            tolerance: bound on the estimated error.
+            patience: steps that should at least halve the residual.
+        """
         amplification = np.inf
         self._floor = self.interactions.rounding(self.velocity) / tolerance
         forcing = _FORCING
@@ -78,7 +85,7 @@ class _Attempt:
                     return True
                 size, relative, self.traction = self._residual()
                 history = [relative]
-            if len(history) > _PATIENCE and relative > 0.5 * history[-1 - _PATIENCE]:
+            if len(history) > patience and relative > 0.5 * history[-1 - patience]:
                 return False
             self.problem.linearise(self.velocity)
             if not self.problem.solvable:
@@ -168,8 +175,11 @@ class NewtonOnAllPoints(Solver):
         """Find the impulses of the step, as `Solver.solve` says."""
         free = velocity.copy()
         tolerance, max_sweeps = options.tolerance, options.max_sweeps
-        sweeps = steps = iterations = failures = 0
+        sweeps = steps = iterations = failures = interior = 0
         batch = _BATCH
+        # an interior point is for one rank
+        coulomb = all(g.kernels.coulomb is not None for g in interactions.groups)
+        has_path = coulomb and interactions.halo is None
         while True:
             velocity[:] = free
             report = self._sweeps.solve(
@@ -186,16 +196,23 @@ class NewtonOnAllPoints(Solver):
                 continue
             if steps == 0:
                 problem.begin()
+            patience = _SHORT_PATIENCE if has_path and failures == 0 else _PATIENCE
             attempt = _Attempt(interactions, velocity, problem)
-            converged = attempt.run(tolerance)
+            converged = attempt.run(tolerance, patience)
             steps, iterations = steps + attempt.steps, iterations + attempt.iterations
             if converged:
                 error, traction = attempt.error, attempt.traction
                 break
             attempt.restore()
             failures += 1
+            if failures == 1 and has_path:
+                from xper_fx.nscd.solvers.central_path import follow_path
+
+                interior = follow_path(interactions, free, problem, tolerance)
             batch *= 2
         reason = f"{steps} Newton steps, {iterations} iterations, {failures} times back to sweeps"
+        if interior:
+            reason += f", {interior} of an interior point"
         return SolveReport(converged, sweeps, error, traction, "newton", reason)
 
     def kept(self) -> list[object]:

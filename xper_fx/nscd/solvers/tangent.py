@@ -16,8 +16,10 @@ also makes redundant constraints (a ring of sticking facets) harmless. With dv =
 sparse, over the bodies' degrees of freedom, symmetric but for sliding with friction. GMRES solves
 it with two corrections added up:
 
-- a cluster of facing nodes (`clusters.py`: a vertex of the mesh before it was cut) alone, K
-  included, by a dense inverse: however stiff the springs, they are inside;
+- the clusters of facing nodes (`clusters.py`: a vertex of the mesh before it was cut) one after the
+  other, K included, each by a dense inverse: however stiff the springs, they are inside. What the
+  bodies hand on from the clusters before is taken along (block Gauss-Seidel), which halves the
+  iterations of clusters that are each alone;
 - all clusters moving as one, in which no point opens: P^T w^-1 P, the matrix of the mesh before it
   was cut, by a sparse factorisation made once for each w. It carries over any distance, and on a
   sound mesh makes the number of iterations nearly independent of its size.
@@ -486,25 +488,39 @@ def _invert_clusters(clusters, block_offsets, marked, blocks, fixed, dim, swaps)
 
 
 @cache
-def _cluster_product(dim: int):
-    """Kernel z = B r over clusters."""
+def _cluster_sweep(dim: int, size: int):
+    """Kernel z = (L + D)^-1 r over clusters; compiled for bodies of one size, or any where 0."""
 
     @_KERNEL
-    def multiply(clusters, block_offsets, blocks, r, z):
+    def sweep(bodies, clusters, block_offsets, blocks, r, z, left):
+        data, data_offsets, sizes, starts, body = bodies
+        z[:] = 0.0
         for a in range(len(block_offsets) - 1):
             first, last = clusters.offsets[a], clusters.offsets[a + 1]
+            n = np.uintp((last - first) * dim)
+            for k in range(last - first):
+                dof = np.uintp(clusters.nodes[first + k] * dim)
+                b = body[clusters.nodes[first + k]]
+                count = size if size > 0 else sizes[b]
+                start = np.uintp(starts[b])
+                line = np.uintp(data_offsets[b]) + (dof - start) * np.uintp(count)
+                for x in range(dim):
+                    total = r[dof + np.uintp(x)]
+                    for j in range(count):
+                        total -= data[line + np.uintp(j)] * z[start + np.uintp(j)]
+                    line += np.uintp(count)
+                    left[np.uintp(k * dim + x)] = total
             line = np.uintp(block_offsets[a])
-            for i in range(first, last):
-                for d in range(dim):
+            for k in range(last - first):
+                dof = np.uintp(clusters.nodes[first + k] * dim)
+                for x in range(dim):
                     total = 0.0
-                    for j in range(first, last):
-                        at = np.uintp(clusters.nodes[j] * dim)
-                        for e in range(dim):
-                            total += blocks[line] * r[at + np.uintp(e)]
-                            line += np.uintp(1)
-                    z[clusters.nodes[i] * dim + d] = total
+                    for j in range(n):
+                        total += blocks[line + j] * left[j]
+                    line += n
+                    z[dof + np.uintp(x)] = total
 
-    return multiply
+    return sweep
 
 
 @_KERNEL
@@ -665,6 +681,9 @@ class LinearisedProblem:
         )
         self._blocks = np.empty(self._block_offsets[-1])
         self._swaps = np.empty(np.diff(self._clusters.offsets).max() * dim, np.int64)
+        self._beside = np.empty(len(self._swaps))
+        nodes = np.diff(inverse.node_offsets)
+        self._body = np.repeat(np.arange(len(nodes)), nodes)
         self.tangents = PointTangents(interactions)
         self._room = np.empty((_BASIS + 3, inverse.num_slots * dim))
         self._left, self._part = np.empty((2, inverse.num_slots * dim))
@@ -722,7 +741,7 @@ class LinearisedProblem:
             velocity: shape (num_slots * dim,), v_free + w H r.
         """
         interactions, tangents = self._interactions, self.tangents
-        dim, clusters = interactions.dim, self._clusters
+        clusters = self._clusters
         tangents.take(interactions, velocity)
         marked = np.zeros(len(clusters.offsets) - 1, np.bool_)
         groups = list(zip(interactions.groups, tangents.groups, strict=True))
@@ -734,6 +753,25 @@ class LinearisedProblem:
             return
         if self._fresh:
             marked[:] = True
+        self._renew_blocks(marked)
+        self._bonded = tangents.mostly_held(interactions)
+
+    def take_springs(self) -> None:
+        """Take K as `tangents` have it; `linearise` then makes all of it anew."""
+        for g, own in zip(self._interactions.groups, self.tangents.groups, strict=True):
+            if g.turning is not None:
+                own.frame[:] = g.couplings.frame
+        if self._direct:
+            self._factor()
+        else:
+            self._renew_blocks(np.ones(len(self._clusters.offsets) - 1, np.bool_))
+        self._bonded = False
+        self.tangents.forget()
+
+    def _renew_blocks(self, marked: np.ndarray) -> None:
+        """Invert the blocks of marked clusters."""
+        interactions, clusters, dim = self._interactions, self._clusters, self._interactions.dim
+        groups = list(zip(interactions.groups, self.tangents.groups, strict=True))
         blocks, offsets = self._blocks, self._block_offsets
         _clear(marked, offsets, blocks)
         _add_bodies(
@@ -749,7 +787,6 @@ class LinearisedProblem:
             clusters, offsets, marked, blocks, self._fixed, dim, self._swaps
         )
         self._fresh = not self.solvable
-        self._bonded = tangents.mostly_held(interactions)
 
     def _factor(self) -> None:
         """Factor w^-1 + H K H^T, with ones for what is prescribed."""
@@ -788,8 +825,28 @@ class LinearisedProblem:
         Returns:
             dr of each group (arrays of this object, overwritten next time), and iterations.
         """
-        left, part = self._left, self._part
-        self._source(left)
+        self._source(self._left)
+        iterations = self.improve(self._left, step, bound, max_iterations)
+        self.heed(iterations)
+        return self.tangents.changes(self._interactions, step), iterations
+
+    def heed(self, iterations: int) -> None:
+        """Factor the matrix from now on if that many iterations are too many, and it is small."""
+        if self._small and iterations >= MANY:
+            self._direct = self._fresh = True
+
+    def improve(self, left: np.ndarray, step: np.ndarray, bound: float, max_iterations: int) -> int:
+        """Improve a solution of (w^-1 + H K H^T) dv = f.
+
+        Args:
+            left: shape (num_slots * dim,), f, zero where nothing moves; what is left on return.
+            step: shape (num_slots * dim,), dv.
+            bound, max_iterations: as of `solve`.
+
+        Returns:
+            Iterations.
+        """
+        part = self._part
         self._apply(step, part)
         left -= part
         correction = self._room[0]
@@ -800,29 +857,37 @@ class LinearisedProblem:
         iterations, _ = gmres(
             self._apply, self._precondition, left, step, bound, max_iterations, self._room
         )
-        if self._small and iterations >= MANY:
-            self._direct = self._fresh = True
-        return self.tangents.changes(self._interactions, step), iterations
+        return iterations
 
     def _source(self, total: np.ndarray) -> None:
         """total = H g."""
         self.tangents.spread_source(self._interactions, total)
-        _hold(self._held_dofs, total)
+        self.hold(total)
+
+    def hold(self, x: np.ndarray) -> None:
+        """Set x, shape (num_slots * dim,), to zero where nothing moves."""
+        _hold(self._held_dofs, x)
+
+    def momentum(self, x: np.ndarray, y: np.ndarray) -> None:
+        """y = w^-1 x, both of shape (num_slots * dim,)."""
+        inverse = self._interactions.inverse
+        _body_product(inverse.uniform_size)(
+            self._matrix, inverse.data_offsets, self._sizes, self._starts, x, y
+        )
 
     def _apply(self, x: np.ndarray, y: np.ndarray) -> None:
         """y = (w^-1 + H K H^T) x."""
-        interactions = self._interactions
-        _body_product(interactions.inverse.uniform_size)(
-            self._matrix, interactions.inverse.data_offsets, self._sizes, self._starts, x, y
-        )
-        for g, own in zip(interactions.groups, self.tangents.groups, strict=True):
+        self.momentum(x, y)
+        for g, own in zip(self._interactions.groups, self.tangents.groups, strict=True):
             self._springs(g)[0](x, g.couplings, own.stiffness, y)
-        _hold(self._held_dofs, y)
+        self.hold(y)
 
     def _cluster_solve(self, r: np.ndarray, z: np.ndarray) -> None:
-        _cluster_product(self._interactions.dim)(
-            self._clusters, self._block_offsets, self._blocks, r, z
-        )
+        inverse = self._interactions.inverse
+        _cluster_sweep(inverse.dim, inverse.uniform_size)(
+            (self._matrix, inverse.data_offsets, self._sizes, self._starts, self._body),
+            self._clusters, self._block_offsets, self._blocks, r, z, self._beside,
+        )  # fmt: skip
 
     def _first(self, r: np.ndarray, z: np.ndarray) -> None:
         if self._direct:
