@@ -21,7 +21,6 @@ from xper_fx.nscd.solvers import (
     NonlinearGaussSeidel,
     SolveOptions,
     accelerated,
-    central_path,
     newton,
     tangent,
 )
@@ -91,7 +90,6 @@ def test_newton_that_goes_in_circles_leaves_the_rest_to_mixed_sweeps(monkeypatch
     make = lambda: plate_step(8, 100, True)  # noqa: E731
     exact = solved(make, NonlinearGaussSeidel, tolerance=1e-8, max_sweeps=100_000, relaxation=1.3)
     monkeypatch.setattr(newton._Attempt, "run", lambda *_: False)
-    monkeypatch.setattr(central_path, "follow_path", lambda *_: 0)
     monkeypatch.setattr(
         accelerated.AndersonMixing, "mix", lambda *parts: mixed.append(1) or mix(*parts)
     )
@@ -263,7 +261,6 @@ def test_what_is_kept_belongs_to_the_w_of_the_last_step():
 def test_the_safeguard_saves_newton_from_cycling(monkeypatch):
     """Half of the bonds broken: whole steps alone do not come to rest in thrice the steps."""
     make = lambda: plate_step(20, 100, True)  # noqa: E731
-    monkeypatch.setattr(newton, "_SHORT_PATIENCE", newton._PATIENCE)
     *_, report = solved(make, NewtonOnAllPoints, tolerance=1e-6)
     steps = int(report.reason.split()[0])
     assert report.converged and steps <= 30

@@ -10,9 +10,9 @@ slip more than their tangent says undo the gain of all others. A step is accepte
 |S(b) - r| / |r| over all points, falls; else it is halved, and the rest of it is the first guess of
 the next linear problem. Where no length helps a quarter of it is taken, a few times at most; after
 that, or where many steps gain little, sweeps go on from the best impulses found for a batch, twice
-as long each time: the user is never left with less than sweeps give. Where all laws allow it, the
-first attempt is short, and an interior point follows, which has no branches (`central_path.py`);
-the sweeps after it judge what it found.
+as long each time: the user is never left with less than sweeps give. Where points are many and all
+laws allow it, the first attempt is short, and an interior point follows, which has no branches
+(`central_path.py`); the sweeps after it judge what it found.
 
 **When it stops.** The last step dr reduced the residual by R: |dr| / |R| tells the error that a
 residual stands for, and the error so estimated is what `tolerance` bounds, as in `nlgs.py`.
@@ -48,6 +48,8 @@ _LEAP = 10.0
 _BLIND, _BLIND_STEPS = 0.25, 5
 # Steps that should at least halve the residual: before an interior point is tried, and else.
 _SHORT_PATIENCE, _PATIENCE = 3, 8
+# Points from which on an interior point is tried: few take less time by sweeps.
+_MANY = 10_000
 
 
 class _Attempt:
@@ -178,8 +180,8 @@ class NewtonOnAllPoints(Solver):
         sweeps = steps = iterations = failures = interior = 0
         batch = _BATCH
         # an interior point is for one rank
-        coulomb = all(g.kernels.coulomb is not None for g in interactions.groups)
-        has_path = coulomb and interactions.halo is None
+        has_path = interactions.halo is None and sum(map(len, interactions.groups)) >= _MANY
+        has_path = has_path and all(g.kernels.coulomb is not None for g in interactions.groups)
         while True:
             velocity[:] = free
             report = self._sweeps.solve(
