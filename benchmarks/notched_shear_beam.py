@@ -102,13 +102,11 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--facet", type=float, default=12e-3, help="(m)")
     parser.add_argument("--stiffness", type=float, default=10.0, help="of bonds, in E/h")
     parser.add_argument("--shear", type=float, nargs="+", default=[1.0, 3.0])
-    parser.add_argument("--past-snaps", action="store_true", help="go on where no load is found")
     options = parser.parse_args(arguments)
     bodies, begin = beam(options.facet), process_time()
     for shear in options.shear:
         bonded = scene(bodies, options.stiffness * YOUNG / options.facet, shear)
-        path = xf.GrowthControl(past_snaps=options.past_snaps)
-        simulation = xf.Simulation(bonded, 1.0, inertia=False, path=path)
+        simulation = xf.Simulation(bonded, 1.0, inertia=False, path=xf.GrowthControl())
         slide, load = follow(simulation).T
         first, second = np.interp((0.1, LAST), slide, load)
         begin, spent = process_time(), process_time() - begin

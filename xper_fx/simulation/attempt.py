@@ -49,8 +49,6 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger(__name__)
 
-# By how much the load moves while a structure snaps along a path, beside its end.
-_HARDLY = 1e-6
 # Solvers between which "auto" changes.
 _ONE_WAY = ("nlgs", "accelerated", "newton")
 # Inelastic strain of a step above which the step is cut.
@@ -197,27 +195,6 @@ class StepAttempts:
             rigid.predict(size, theta, state.time)  # of the size that was taken
             self._end_rigid(outcome)
         return outcome, size
-
-    @np.errstate(**_RUNS_AWAY)
-    def past_snap(self, state: State, path: PathFollower, end_time: float) -> StepOutcome | None:
-        """A static step from where no path goes on, whose load hardly moves: down to balance.
-
-        Args:
-            state: at its start, which is not changed.
-            path: where the run is on its path.
-            end_time: at which the path ends (s).
-
-        Returns:
-            The outcome; None where there is no such step.
-        """
-        size = _HARDLY * abs(end_time)
-        if not path.goes_past or state.time + size >= end_time:
-            return None
-        options = replace(self._model.options.solve, last_try=True)
-        self._find_contacts(state, size, None)
-        model = self._model
-        outcome = model.scheme.attempt(state, size, model.interactions, self.solver, options)
-        return outcome if outcome.converged else None
 
     def advice(
         self, residual: float, newton: float, tolerance: float, path: PathFollower | None

@@ -17,9 +17,6 @@ STRAYED = (
     "broken lips that have slid press along the directions that they had, and their bodies have "
     "turned on; name a contact between the bodies' surfaces (Scene(contacts=...))"
 )
-NO_PATH = (
-    "no path goes on from here, whatever the load: the structure snaps, and the path goes on beyond"
-)
 SUNK = (
     "bodies that touch have moved into each other within a step; take a smaller step, or in slow "
     'runs laws with contact="position"'

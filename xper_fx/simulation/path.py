@@ -60,8 +60,6 @@ class GrowthControl:
         relative: the same, relative to its largest opening so far.
         iterations: of Newton's method at which the growth stays as it is.
         longest: share of the path's end by which the load may change in a step.
-        past_snaps: whether the path goes on beyond a snap of a bond that no load follows, from the
-            state in balance that the structure comes down to; each is told.
 
     Raises:
         ValueError: a number out of range; a share below 1e-6, with which no path ends.
@@ -71,7 +69,6 @@ class GrowthControl:
     relative: float = 5.0
     iterations: int = 6
     longest: float = 0.05
-    past_snaps: bool = False
 
     def __post_init__(self) -> None:
         for name in ("growth", "relative", "longest"):
@@ -106,8 +103,6 @@ class DissipationControl:
             Where less than twice the energy is left in all bonds, a step dissipates half of that.
         iterations: of Newton's method above which the next step dissipates less.
         longest: share of the path's end by which the load may change in a step.
-        past_snaps: whether the path goes on beyond a snap of a bond that no load follows, from the
-            state in balance that the structure comes down to; each is told.
 
     Raises:
         ValueError: a number out of range; a share below 1e-6, with which no path ends.
@@ -116,7 +111,6 @@ class DissipationControl:
     energy: float
     iterations: int = 12
     longest: float = 0.05
-    past_snaps: bool = False
 
     def __post_init__(self) -> None:
         require_positive("energy", self.energy)
@@ -250,12 +244,6 @@ class PathFollower:
         share = self.share * min(max(faster, _SLOWEST), _FASTEST)
         self.share = min(max(share, _LEAST), self._control.most)
 
-    def snapped(self) -> None:
-        """A step has gone past a snap; the path begins anew there."""
-        again = PathFollower(self._control)
-        again.limit_points, again.branches = self.limit_points, self.branches
-        vars(self).update(vars(again))
-
     def failed(self) -> bool:
         """A step has not converged; whether another is to be tried."""
         bond = self._limit.contested
@@ -270,11 +258,6 @@ class PathFollower:
             return True
         self.share *= _SHORTENED
         return self.share >= _LEAST
-
-    @property
-    def goes_past(self) -> bool:
-        """Whether the structure is to snap where the path has stopped."""
-        return self._control.past_snaps and self.contested is not None and not self.loads_turn
 
     @property
     def shortest(self) -> str:

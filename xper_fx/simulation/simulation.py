@@ -19,7 +19,6 @@ from xper_fx.scene.scene import Scene
 from xper_fx.simulation.attempt import StepAttempts
 from xper_fx.simulation.commit import commit_bodies, commit_interactions, deepest
 from xper_fx.simulation.course import Course
-from xper_fx.simulation.doubts import NO_PATH
 from xper_fx.simulation.energy_ledger import BulkEnergies
 from xper_fx.simulation.explicit_start import leave_explicit
 from xper_fx.simulation.failures import give_up, require_finite, require_small_turns
@@ -359,21 +358,7 @@ class Simulation(Restartable):
             if outcome.converged:
                 yield record._replace(size=change)
             elif not path.failed():
-                yield self._snap(end_time, outcome, size)
-
-    def _snap(self, end_time: float, failed: StepOutcome, size: float) -> StepRecord:
-        """A step to a state in balance at the same load, where no path goes on."""
-        before = self.ledger.energies.dissipated_numerical
-        with self.stopwatch.phase("step"):
-            outcome = self._attempts.past_snap(self.state, self.path, end_time)
-            if outcome is None:
-                give_up(self, self._attempts, failed, size)
-            size = outcome.state.time - self.state.time
-            record = self._commit(outcome, size, self._bulk_energies(outcome, size))
-        freed = self.ledger.energies.dissipated_numerical - before
-        self._attempts.doubts.tell(NO_PATH, record.step, size, f"; {freed:.3g} J are freed")
-        self.path.snapped()
-        return record
+                give_up(self, self._attempts, outcome, size)
 
     def _bulk_energies(self, outcome: StepOutcome, size: float) -> BulkEnergies:
         with self.stopwatch.phase("energy"):
