@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Rigid bodies that are driven in runs without inertia: punches, rollers, moving walls."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -203,3 +205,16 @@ def test_a_run_with_a_tool_goes_on_to_the_bit(tmp_path):
     assert np.array_equal(second.state.displacement, whole.state.displacement)
     assert last.energies == expected.energies
     assert np.array_equal(second.reaction_of("tool"), whole.reaction_of("tool"))
+
+
+def test_a_scene_goes_on_from_a_run_with_a_tool():
+    """The same scene goes on with the same bits."""
+    scene = indented({1: lambda t: -SPEED * (1 + t)})
+    first, whole = (xf.Simulation(scene, 0.1, inertia=False) for _ in range(2))
+    for _ in first.steps(0.5):
+        pass
+    second = xf.Simulation(replace(scene, after=first.snapshot()), 0.1, inertia=False)
+    *_, last = second.steps(1.0)
+    *_, expected = whole.steps(1.0)
+    assert np.array_equal(second.reaction_of("tool"), whole.reaction_of("tool"))
+    assert last.energies == expected.energies

@@ -56,7 +56,7 @@ def _at_start(model: Model, last: np.ndarray | float, size: float) -> np.ndarray
     last = np.broadcast_to(last, bulk.num_dofs).reshape(-1, bulk.dim)
     forces[: len(model.slot_nodes)] = last[model.slot_nodes]
     if model.rigid is not None:
-        pushed, share = model.rigid.pushed, model.rigid_share
+        pushed, share = model.rigid.pushed.reshape(-1, bulk.dim), model.rigid_share
         if share is not None:  # they are on every rank, which has a part of what pushes them
             counted = np.repeat(share.rank_of_body == model.ranks.rank, 2)
             pushed = np.where(counted[:, None], pushed, 0.0)

@@ -35,14 +35,14 @@ class DrivenMotion(RigidMotion):
         bodies: the bodies.
 
     Attributes:
-        pushed: forces and torques of contacts at the committed state, shape (2 n, dim), N, N m.
+        pushed: forces and torques of contacts at the committed state, shape (n, 2 dim), N, N m.
     """
 
     def __init__(self, bodies: RigidBodies):
         bodies = copy.copy(bodies)
         bodies.mass, bodies.inertia = np.zeros_like(bodies.mass), np.zeros_like(bodies.inertia)
         super().__init__(bodies)
-        self.pushed = self._pushed = np.zeros((2 * len(bodies), bodies.dim))
+        self.pushed = self._pushed = np.zeros((len(bodies), 2 * bodies.dim))
 
     def _given(self, step: float, time: float) -> np.ndarray:
         """As of `RigidMotion`, by which bodies move in the step."""
