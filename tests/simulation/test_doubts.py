@@ -45,3 +45,16 @@ def test_bodies_that_let_go_of_each_other_are_told(caplog):
         Doubts().tell_snap(work._replace(numerical=5e-4), bulk, 1, 1.0)
     (told,) = caplog.records
     assert "let go of each other" in told.message and told.message.endswith(": 0.1 J")
+
+
+def test_bonds_that_break_for_energy_that_nothing_gave_are_told(caplog):
+    """Friction whose trapezoids err in a first step is no such thing."""
+    work, bulk = StepWork(0.0, 0.0, 0.0, 0.0, 0.0), BulkEnergies(0.0, 0.0, 1.0, 0.0, 0.0)
+    with caplog.at_level("WARNING", logger="xper_fx"):
+        doubts = Doubts()
+        doubts.tell_snap(work._replace(numerical=-0.2, cohesion=0.1, friction=0.3), bulk, 1, 1.0)
+        doubts.tell_snap(work._replace(numerical=-0.1, cohesion=0.5), bulk, 2, 1.0)
+        assert not caplog.records
+        doubts.tell_snap(work._replace(numerical=-0.4, cohesion=0.5), bulk, 3, 1.0)
+    (told,) = caplog.records
+    assert "energy that nothing gave" in told.message and "0.4 J" in told.message

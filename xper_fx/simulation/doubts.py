@@ -36,6 +36,11 @@ _LETS_GO = (
     'laws with contact="position", whose lips do not sink in, or give the bodies inertia to see '
     "what happens there"
 )
+_CLIMBED = (
+    "a static step breaks bonds for energy that nothing gave, as where it ends beyond a state that "
+    "would need more load, or passes by the largest load; take smaller steps, or "
+    "path=xf.GrowthControl()"
+)
 _PASSED = (
     "a step along the path breaks more than it follows and loses energy, as where it passes by a "
     "snap-back; take a smaller growth or energy of the path"
@@ -88,7 +93,8 @@ class Doubts:
         Bonds dissipate less than is freed in a snap if F is more than L, too: joints that slip
         weakens have little left to dissipate in their last step. Where neither friction nor bonds
         take any of it, bodies have let go of each other: a corner that had sunk into another body
-        has slid off, or bodies fall that nothing holds.
+        has slid off, or bodies fall that nothing holds. Where bonds take most of what is dissipated and F is
+        much below zero, iterations have gone over a barrier: states on the way need more load.
 
         Args:
             work: of the interactions in the step.
@@ -99,6 +105,10 @@ class Doubts:
         freed = work.numerical + work.impact
         held = bulk.elastic + work.stored + work.friction + work.cohesion
         self._most = max(self._most, held)
+        if -freed > _UNBALANCED * self._most and work.cohesion > work.friction:
+            told = f": bonds dissipate {work.cohesion:.3g} J, {-freed:.3g} J of it from nowhere"
+            self.tell(_CLIMBED, number, size, told)
+            return
         steep = freed > max(_STEEP * self._load * size**2, _MUCH * held, _NOTHING * self._most)
         if steep and work.friction > max(work.cohesion, _MUCH * freed):
             told = f": friction takes {work.friction:.3g} J, {freed:.3g} J more is freed"
