@@ -291,8 +291,11 @@ def _is_straight_out(a, m, n, near, faces):
 
 
 @njit(**LEAN_INNER)
-def _is_pocket(a, m, near, faces):
-    """Whether facet a is the wall of a reflex corner behind whose other wall the point is."""
+def _is_pocket(a, m, meshed, near, faces):
+    """Whether facet a is the wall of a reflex corner behind whose other wall the point is.
+
+    A rigid corner that presses a body makes mild ones wherever it is, and is in none of them.
+    """
     x, facets, normal, depth = faces.x, faces.facets, faces.normal, faces.depth
     facet, square, height, own = near.facet, near.square, near.height, near.own
     welds, weights = near.welds, near.weights
@@ -305,6 +308,8 @@ def _is_pocket(a, m, near, faces):
         if b == a or own[b] or height[b] < -depth[g] or height[b] > _NO_DISTANCE * depth[g]:
             continue
         if square[b] - height[b] ** 2 > depth[g] ** 2 or not _has(welds, weights, b, a):
+            continue
+        if not meshed and _along(normal[f], normal, g) > _ALIKE:
             continue
         for j in range(dim):
             rise = 0.0
@@ -365,7 +370,7 @@ def _way_out(a, m, touches, point, near, faces, n, away):
             for j in range(dim):
                 away[d] -= weights[a, j] * faces.x[faces.facets[f, j], d]
         if distance <= _NO_DISTANCE * faces.depth[f]:
-            if _is_pocket(a, m, near, faces):
+            if _is_pocket(a, m, meshed, near, faces):
                 return True, _POCKET, gap, False
             side = _most_faced(a, m, node, outward, meshed, near, faces)
             for d in range(dim):
@@ -376,7 +381,7 @@ def _way_out(a, m, touches, point, near, faces, n, away):
                 n[d] = away[d] / distance
             return True, kind, distance, meshed
         kind = _BEHIND_CORNER
-    if _is_pocket(a, m, near, faces):
+    if _is_pocket(a, m, meshed, near, faces):
         return True, _POCKET, gap, False
     if touches:
         for d in range(dim):
