@@ -61,6 +61,20 @@ def test_a_disc_in_a_mild_hollow_touches_both_sides(gap):
     assert np.abs(turned) == pytest.approx(5.0, abs=1e-9) and turned.sum() == pytest.approx(0.0)
 
 
+@pytest.mark.parametrize("beside, touched", [(0.0, NODE_RIGID), (5e-3, NODE_RIGID), (0.1, None)])
+def test_a_disc_next_to_a_node_touches_it_alone(beside, touched):
+    """Beside the bottom of a floor's two facets, each a metre long."""
+    ground = loop([(-1, -1), (1, -1), (1, 0), (0, 0), (-1, 0)])
+    disc = RigidBody(Disc(0.3), (beside, 0.299), "a", density=1.0)
+    *_, contacts = searched([ground], [disc], 0.02)
+    found = kind(contacts)
+    if touched is None:
+        assert sorted(found) == [NODE_RIGID, RIGID_FACET]
+    else:
+        assert found.tolist() == [touched]
+        assert contacts.gap[0] == pytest.approx(np.hypot(beside, 0.299) - 0.3, abs=1e-14)
+
+
 def test_a_rigid_corner_above_a_facet_is_no_corner_of_its_nodes():
     """The node beside it is not the foremost of its surface towards the corner."""
     beside = RigidBody(SQUARE, (0.6, 0.51), "a", density=1.0)  # its corners at x = 0.1 and 1.1

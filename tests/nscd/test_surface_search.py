@@ -325,6 +325,18 @@ def test_both_sides_of_a_mild_hollow_hold_a_node(degrees, height):
     )
 
 
+@pytest.mark.parametrize("side", [-1, 1])
+def test_of_nearly_one_plane_the_nearer_side_holds_a_node(side):
+    """A hollow of 0.4 degrees, over whose bottom a node is a little to one side."""
+    slope = np.tan(np.radians(0.2))
+    ground = loop([(0, -1), (2, -1), (2, slope), (1, 0), (0, slope)])
+    place = 1 + side * 1e-5, 5e-3
+    surface, x = assemble(ground, loop([place, (1.2, 0.5), (0.8, 0.5)]))
+    contacts = SurfaceSearch(surface, x, 0.01).find(x)
+    mine = contacts.take(np.flatnonzero(contacts.nodes[:, 0, 0] == len(ground[0])))
+    assert len(mine) == 1 and np.sign(mine.normal[0, 0]) == -side
+
+
 @settings(max_examples=150, deadline=None, derandomize=True)
 @given(st.integers(-59, 11), st.integers(-59, 11))
 def test_walls_of_a_pocket_go_on_behind_each_other_by_their_own_depths(right, up):

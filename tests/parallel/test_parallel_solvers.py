@@ -122,7 +122,8 @@ def test_bonds_break_where_they_should(together):
 def test_newton_takes_as_many_iterations_as_on_one_rank(together, alone):
     for number in (1, 3):
         ours, theirs = together[number]["counts"], alone[number]["counts"]
-        assert ours[1] <= theirs[1] + 2 and ours[2] <= 1.3 * theirs[2]
+        # a rank goes on from its own clusters alone
+        assert ours[1] <= theirs[1] + 2 and ours[2] <= 1.6 * theirs[2]
 
 
 def test_others_need_fewer_sweeps_than_sweeps(together):

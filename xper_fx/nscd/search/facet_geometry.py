@@ -16,7 +16,7 @@ from xper_fx.cache import njit
 from xper_fx.nscd.kernel_options import LEAN_ENTRY, LEAN_INNER
 
 # What a weight may be below 0 by rounding, and what counts as 0 on an edge.
-_NO_WEIGHT = 1e-9
+NO_WEIGHT = 1e-9
 # By how much (a sine) the surface around a point may lean towards what it touches at a corner.
 _LEANING = 1e-6
 
@@ -110,12 +110,12 @@ def closest_weights(p, x, facets, f, weights, m):
     lowest = weights[m, 0]
     for j in range(1, k):
         lowest = min(lowest, weights[m, j])
-    if lowest < -_NO_WEIGHT:
+    if lowest < -NO_WEIGHT:
         if k == 2:
             weights[m, 1] = min(max(weights[m, 1], 0.0), 1.0)
-            if weights[m, 1] < _NO_WEIGHT:
+            if weights[m, 1] < NO_WEIGHT:
                 weights[m, 1] = 0.0
-            elif weights[m, 1] > 1.0 - _NO_WEIGHT:
+            elif weights[m, 1] > 1.0 - NO_WEIGHT:
                 weights[m, 1] = 1.0
             weights[m, 0] = 1.0 - weights[m, 1]
         else:
@@ -153,9 +153,9 @@ def _closest_on_sides(p, x, facets, f, weights, m):
             best = square
             side = j
             along = t
-    if along < _NO_WEIGHT:
+    if along < NO_WEIGHT:
         along = 0.0
-    elif along > 1.0 - _NO_WEIGHT:
+    elif along > 1.0 - NO_WEIGHT:
         along = 1.0
     for j in range(3):
         weights[m, j] = 0.0

@@ -35,6 +35,7 @@ import numpy as np
 from xper_fx.cache import njit
 from xper_fx.nscd.kernel_options import LEAN_ENTRY, LEAN_INNER
 from xper_fx.nscd.search.facet_geometry import (
+    NO_WEIGHT,
     Faces,
     closest_weights,
     facing_area,
@@ -53,6 +54,8 @@ _STRAIGHT_OUT = 0.5
 # that rounding decides nothing that is symmetric, and by which a reflex corner rises at least.
 _NO_DISTANCE = 1e-9
 _RISE = 1e-2
+# A direction that is along nothing, by which contacts are put in order.
+_ACROSS = (1.0, 0.618, 0.382)
 # Relative difference of distances that is rounding.
 _EQUAL = 1e-12
 # Weight of a facet's node from which on a disc or sphere touches the node and not the facet.
@@ -97,7 +100,7 @@ class Touching(NamedTuple):
 
     Attributes:
         point, facet: shape (n,), int32.
-        slot: counts the contacts of a point with a fragment, shape (n,), int64.
+        slot: counts the contacts of a point with a fragment, by their normals, shape (n,), int64.
         weights: of the facet's nodes, shape (n, dim).
         normal: out of the facet, shape (n, dim).
         gap: m, shape (n,).
@@ -159,6 +162,23 @@ def _largest(weights, a):
     for j in range(1, weights.shape[1]):
         largest = max(largest, weights[a, j])
     return largest
+
+
+@njit(**LEAN_INNER)
+def _smallest(weights, a):
+    """The smallest weight of facet a's nodes."""
+    smallest = weights[a, 0]
+    for j in range(1, weights.shape[1]):
+        smallest = min(smallest, weights[a, j])
+    return smallest
+
+
+@njit(**LEAN_INNER)
+def _leave_out_small(weights, a):
+    """Let weights of facet a that are rounding be zero."""
+    for j in range(weights.shape[1]):
+        if weights[a, j] <= NO_WEIGHT:
+            weights[a, j] = 0.0
 
 
 @njit(**LEAN_INNER)
@@ -291,8 +311,11 @@ def _is_straight_out(a, m, n, near, faces):
 
 
 @njit(**LEAN_INNER)
-def _is_pocket(a, m, near, faces):
-    """Whether facet a is the wall of a reflex corner behind whose other wall the point is."""
+def _is_pocket(a, m, meshed, near, faces):
+    """Whether facet a is the wall of a reflex corner behind whose other wall the point is.
+
+    A rigid corner that presses a body makes mild ones wherever it is, and is in none of them.
+    """
     x, facets, normal, depth = faces.x, faces.facets, faces.normal, faces.depth
     facet, square, height, own = near.facet, near.square, near.height, near.own
     welds, weights = near.welds, near.weights
@@ -305,6 +328,8 @@ def _is_pocket(a, m, near, faces):
         if b == a or own[b] or height[b] < -depth[g] or height[b] > _NO_DISTANCE * depth[g]:
             continue
         if square[b] - height[b] ** 2 > depth[g] ** 2 or not _has(welds, weights, b, a):
+            continue
+        if not meshed and _along(normal[f], normal, g) > _ALIKE:
             continue
         for j in range(dim):
             rise = 0.0
@@ -365,7 +390,7 @@ def _way_out(a, m, touches, point, near, faces, n, away):
             for j in range(dim):
                 away[d] -= weights[a, j] * faces.x[faces.facets[f, j], d]
         if distance <= _NO_DISTANCE * faces.depth[f]:
-            if _is_pocket(a, m, near, faces):
+            if _is_pocket(a, m, meshed, near, faces):
                 return True, _POCKET, gap, False
             side = _most_faced(a, m, node, outward, meshed, near, faces)
             for d in range(dim):
@@ -376,7 +401,7 @@ def _way_out(a, m, touches, point, near, faces, n, away):
                 n[d] = away[d] / distance
             return True, kind, distance, meshed
         kind = _BEHIND_CORNER
-    if _is_pocket(a, m, near, faces):
+    if _is_pocket(a, m, meshed, near, faces):
         return True, _POCKET, gap, False
     if touches:
         for d in range(dim):
@@ -384,6 +409,15 @@ def _way_out(a, m, touches, point, near, faces, n, away):
         gap = -distance
         touches = _is_straight_out(a, m, n, near, faces)
     return touches, kind, gap, False
+
+
+@njit(**LEAN_INNER)
+def _comes_first(normal, b, a):
+    """Whether contact b has a lower slot than a: by their normals, however facets are numbered."""
+    apart = 0.0
+    for d in range(normal.shape[1]):
+        apart += _ACROSS[d] * (normal[b, d] - normal[a, d])
+    return apart < 0.0
 
 
 @njit(**LEAN_INNER)
@@ -508,8 +542,7 @@ def _point_facet(points, pairs, faces, reach, out, room):
             n = normals[found]
             for d in range(dim):
                 n[d] = normal[f, d]
-            kind = _IN_FRONT if height[a] > -_NO_DISTANCE * depth[f] else _PLAIN
-            touches, gap, tip = True, height[a], False
+            touches, kind, gap, tip = True, _PLAIN, height[a], False
             if size[a] < dim:
                 noise = _EQUAL * square[a] + (_EQUAL * depth[f]) ** 2
                 touches = _is_lowest(a, m, noise, square, size, welds, weights)
@@ -517,6 +550,11 @@ def _point_facet(points, pairs, faces, reach, out, room):
                     continue
                 point = node, p, leaning, meshed
                 touches, kind, gap, tip = _way_out(a, m, touches, point, near, faces, n, away)
+            elif _smallest(weights, a) > NO_WEIGHT:
+                kind = _IN_FRONT if gap > 0.0 else _PLAIN
+            elif gap <= _NO_DISTANCE * depth[f]:
+                _leave_out_small(weights, a)
+                kind = _POCKET if _is_pocket(a, m, meshed, near, faces) else _PLAIN
             if not touches or gap - r > reach or gap - r < -depth[f]:
                 continue
             if r > 0.0 and _largest(weights, a) > _AT_NODE:
@@ -545,7 +583,7 @@ def _point_facet(points, pairs, faces, reach, out, room):
         if found == 0:
             continue
         equal = _NO_DISTANCE * depth[near_facet[0]]
-        _one_way_out(found, -equal - r, equal, ways)
+        _one_way_out(found, equal - r, equal, ways)
         flat = _FLAT if r == 0.0 else 1.0 - _EQUAL  # discs touch facets apart from each other
         accepted = _nearest_of_each_normal(found, equal, flat, ways, kept)
         for e in range(accepted):
@@ -554,7 +592,7 @@ def _point_facet(points, pairs, faces, reach, out, room):
                 slot = 0
                 for o in range(accepted):
                     b = kept[o]
-                    if ways.facet[b] < ways.facet[a] and ways.fragment[b] == ways.fragment[a]:
+                    if ways.fragment[b] == ways.fragment[a] and _comes_first(ways.normal, b, a):
                         slot += 1
                 out.point[count] = node
                 out.facet[count] = ways.facet[a]
