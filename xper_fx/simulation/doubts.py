@@ -93,7 +93,7 @@ class Doubts:
         Bonds dissipate less than is freed in a snap if F is more than L, too: joints that slip
         weakens have little left to dissipate in their last step. Where neither friction nor bonds
         take any of it, bodies have let go of each other: a corner that had sunk into another body
-        has slid off, or bodies fall that nothing holds. Where bonds take most of what is dissipated and F is
+        has slid off, or bodies fall that nothing holds. Where bonds take more than friction and F is
         much below zero, iterations have gone over a barrier: states on the way need more load.
 
         Args:
