@@ -5,6 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from dolfinx.mesh import CellType, create_box
+from scenes import COMM
 
 import xper_fx as xf
 from xper_fx.output.checkpoint import restore, save
@@ -218,3 +220,38 @@ def test_a_scene_goes_on_from_a_run_with_a_tool():
     *_, expected = whole.steps(1.0)
     assert np.array_equal(second.reaction_of("tool"), whole.reaction_of("tool"))
     assert last.energies == expected.energies
+
+
+def test_a_sphere_bends_bonded_blocks_in_space():
+    """On four others, elastic: forces balance, and points of bonds and contacts are not parted."""
+    corner, cells = np.array([0.2, 0.1, 0.08]), [4, 2, 2]
+    mesh = create_box(COMM, [corner * (-1, 0, 0), corner], cells, CellType.hexahedron)
+    right = mesh.geometry.x[xf.geometry_dofmap(mesh)].mean(axis=1)[:, 0] > 0
+    still, ball = dict.fromkeys(range(6), 0.0), xf.rigid.Sphere(0.02)
+    below = [(x, y, -0.02) for x in (-0.15, 0.15) for y in (0.025, 0.075)]
+    rubs = xf.laws.SignoriniCoulomb(0.2, contact="position")
+    scene = xf.Scene(
+        xf.explode(mesh, right.astype(int)),
+        {1: xf.materials.LinearElastic(30e9, 0.2, 2400.0)},
+        default_interaction=xf.laws.CohesiveZone(3e13, fracture_energy=100.0, strength=3e6),
+        surfaces={"beam": (1,)},
+        rigid=[
+            *(xf.RigidBody(ball, place, "below", prescribed=still) for place in below),
+            xf.RigidBody(ball, (0.0, 0.05, 0.1), "punch", prescribed=still | {2: -1e-3}),
+        ],
+        contacts=[
+            xf.Contact(("beam", "below"), rubs),
+            xf.Contact(("beam", "punch"), rubs),
+            xf.Contact(("beam", "beam"), rubs),
+            *(xf.Contact((name, "below"), None) for name in ("below", "punch")),
+        ],
+    )
+    forces = []
+    for solver in ("auto", "newton"):
+        simulation = xf.Simulation(scene, 5e-3, inertia=False, solver=solver, tolerance=1e-9)
+        *_, step = simulation.steps(1e-2)
+        punch, others = (simulation.reaction_of(name) for name in ("punch", "below"))
+        assert punch + others == pytest.approx(0.0, abs=1e-6 * abs(punch[2]))
+        assert abs(step.energies["closure"]) < 1e-8 * step.energies["external_work"]
+        forces.append(punch[2])
+    assert forces[0] < -1000.0 and forces[1] == pytest.approx(forces[0], rel=2e-3)

@@ -160,8 +160,8 @@ class Interactions(SteppedPoints):
     def take_rigid(self, start: np.ndarray, free: np.ndarray) -> None:
         """Take what a prediction of the rigid bodies' step gives; `rigid_blocks` holds their w.
 
-        In 2D w does not change as bodies turn, and is not read again. Where vertices split,
-        contacts read `rigid_blocks`.
+        In 2D w does not change as bodies turn, and is not read again; that of driven bodies is
+        zero. Where vertices split, contacts read `rigid_blocks`.
 
         Args:
             start: shape (2 num_rigid, dim), velocities at the start of the step (m/s, rad/s).
@@ -172,7 +172,7 @@ class Interactions(SteppedPoints):
             start, free = (a.reshape(-1, 2, self.dim)[share.here] for a in (start, free))
         self._rigid_start = start.reshape(-1, self.dim)
         self._rigid_free = free.reshape(-1, self.dim)
-        if self.dim == 2 or self._by_node:
+        if self.dim == 2 or self._by_node or self.driven is not None:
             return
         last = self.own_inverse.data_offsets[-2]
         self.inverse.data[last - blocks.size : last] = blocks.ravel()
