@@ -31,6 +31,7 @@ class _KeptLibrary(JITCodeLibrary):
     """A library whose code for callers is parsed when there is one."""
 
     _for_callers = b""
+    _shared_module: binding.ModuleRef | None
 
     def _get_module_for_linking(self):
         if self._shared_module is None:
