@@ -61,18 +61,18 @@ def test_a_disc_in_a_mild_hollow_touches_both_sides(gap):
     assert np.abs(turned) == pytest.approx(5.0, abs=1e-9) and turned.sum() == pytest.approx(0.0)
 
 
-@pytest.mark.parametrize("beside, touched", [(0.0, NODE_RIGID), (5e-3, NODE_RIGID), (0.1, None)])
-def test_a_disc_next_to_a_node_touches_it_alone(beside, touched):
-    """Beside the bottom of a floor's two facets, each a metre long."""
+@pytest.mark.parametrize(
+    "radius, beside, alone",
+    [(0.3, 0.0, True), (0.3, 5e-3, True), (0.3, 0.1, False), (0.01, 5e-3, False)],
+)
+def test_a_disc_next_to_a_node_touches_it_alone(radius, beside, alone):
+    """Above two facets of a floor, each a metre long; next to it beside the facet and the disc."""
     ground = loop([(-1, -1), (1, -1), (1, 0), (0, 0), (-1, 0)])
-    disc = RigidBody(Disc(0.3), (beside, 0.299), "a", density=1.0)
+    disc = RigidBody(Disc(radius), (beside, radius - 1e-3), "a", density=1.0)
     *_, contacts = searched([ground], [disc], 0.02)
-    found = kind(contacts)
-    if touched is None:
-        assert sorted(found) == [NODE_RIGID, RIGID_FACET]
-    else:
-        assert found.tolist() == [touched]
-        assert contacts.gap[0] == pytest.approx(np.hypot(beside, 0.299) - 0.3, abs=1e-14)
+    node = of_kind(contacts, NODE_RIGID)
+    assert node.gap == pytest.approx([np.hypot(beside, radius - 1e-3) - radius], abs=1e-14)
+    assert of_kind(contacts, RIGID_FACET).gap == pytest.approx([] if alone else [-1e-3], abs=1e-14)
 
 
 def test_a_rigid_corner_above_a_facet_is_no_corner_of_its_nodes():

@@ -58,8 +58,9 @@ _RISE = 1e-2
 _ACROSS = (1.0, 0.618, 0.382)
 # Relative difference of distances that is rounding.
 _EQUAL = 1e-12
-# Weight of a facet's node from which on a disc or sphere touches the node and not the facet.
-_AT_NODE = 0.99
+# Weight of a facet's node from which on a disc or sphere touches the node and not the facet, and its
+# distance from there beside the radius up to which: the gap is then larger by 5e-4 of the radius.
+_AT_NODE, _BESIDE_NODE = 0.99, 0.03
 
 # What touches: a closest point, one on an edge or at a vertex seen from inside, a pocket's wall, a
 # facet that the point is in front of.
@@ -156,12 +157,17 @@ def _along(n, normal, f):
 
 
 @njit(**LEAN_INNER)
-def _largest(weights, a):
-    """The largest weight of facet a's nodes."""
-    largest = weights[a, 0]
-    for j in range(1, weights.shape[1]):
-        largest = max(largest, weights[a, j])
-    return largest
+def _is_at_node(a, p, radius, near, faces):
+    """Whether a disc or sphere around p, in front of facet a, touches the facet next to a node."""
+    weights, f = near.weights, near.facet[a]
+    node = 0
+    for j in range(1, len(p)):
+        if weights[a, j] > weights[a, node]:
+            node = j
+    apart = -near.square[a]  # of the node from the closest point, squared
+    for d in range(len(p)):
+        apart += (p[d] - faces.x[faces.facets[f, node], d]) ** 2
+    return weights[a, node] > _AT_NODE and apart < (_BESIDE_NODE * radius) ** 2
 
 
 @njit(**LEAN_INNER)
@@ -557,7 +563,7 @@ def _point_facet(points, pairs, faces, reach, out, room):
                 kind = _POCKET if _is_pocket(a, m, meshed, near, faces) else _PLAIN
             if not touches or gap - r > reach or gap - r < -depth[f]:
                 continue
-            if r > 0.0 and _largest(weights, a) > _AT_NODE:
+            if r > 0.0 and _is_at_node(a, p, r, near, faces):
                 continue
             if gap < 0.0 and kind != _POCKET and _is_back(a, m, gap, n, near, faces):
                 continue
