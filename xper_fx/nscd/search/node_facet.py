@@ -58,8 +58,8 @@ _RISE = 1e-2
 _ACROSS = (1.0, 0.618, 0.382)
 # Relative difference of distances that is rounding.
 _EQUAL = 1e-12
-# Weight of a facet's node from which on a disc or sphere touches the node and not the facet, and its
-# distance from there beside the radius up to which: the gap is then larger by 5e-4 of the radius.
+# Weight of a facet's node from which on a disc or sphere touches the node and not the facet, and
+# its distance from there beside the radius up to which: the gap is larger by 5e-4 of the radius.
 _AT_NODE, _BESIDE_NODE = 0.99, 0.03
 
 # What touches: a closest point, one on an edge or at a vertex seen from inside, a pocket's wall, a
