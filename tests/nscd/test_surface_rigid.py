@@ -53,7 +53,8 @@ def test_a_disc_in_a_mild_hollow_touches_both_sides(gap):
     slope = np.tan(np.radians(5.0))
     ground = loop([(-1, -1), (1, -1), (1, slope), (0, 0), (-1, slope)])
     centre = (0.0, (0.3 + gap) * np.hypot(1.0, slope))
-    *_, contacts = searched([ground], [RigidBody(Disc(0.3), centre, "a", density=1.0)], 0.01)
+    disc = RigidBody(Disc(0.3), centre, "a", density=1.0)
+    *_, contacts = searched([ground], [disc], 0.01, hollows=True)
     contacts = of_kind(contacts, RIGID_FACET)
     assert len(contacts) == 2
     assert contacts.gap == pytest.approx(gap, abs=1e-14)
@@ -69,7 +70,7 @@ def test_a_disc_next_to_a_node_touches_it_alone(radius, beside, alone):
     """Above two facets of a floor, each a metre long; next to it beside the facet and the disc."""
     ground = loop([(-1, -1), (1, -1), (1, 0), (0, 0), (-1, 0)])
     disc = RigidBody(Disc(radius), (beside, radius - 1e-3), "a", density=1.0)
-    *_, contacts = searched([ground], [disc], 0.02)
+    *_, contacts = searched([ground], [disc], 0.02, hollows=True)
     node = of_kind(contacts, NODE_RIGID)
     assert node.gap == pytest.approx([np.hypot(beside, radius - 1e-3) - radius], abs=1e-14)
     assert of_kind(contacts, RIGID_FACET).gap == pytest.approx([] if alone else [-1e-3], abs=1e-14)

@@ -269,22 +269,19 @@ def test_a_gap_slides_across_facets_without_jumps():
     search = SurfaceSearch(surface, x, 0.1)
     places = np.linspace(0.1, 4.9, 2401)
     height = np.interp(places, *np.array(hills).T) + 0.03
-    gaps, distances, keys, counts = [], [], set(), []
+    gaps, distances, keys = [], [], set()
     for place in zip(places, height, strict=True):
         x[tip:] = probe + place
         contacts = search.find(x)
         mine = contacts.nodes[:, 0, 0] == tip
         gaps.append(contacts.gap[mine].min())
-        counts.append(mine.sum())
         keys |= {tuple(k) for k in contacts.key[mine]}
         distances.append(
             min(np.linalg.norm(place - on_segment(np.array(place), *x[edge])) for edge in ground[1])
         )
     assert gaps == pytest.approx(distances, abs=1e-12)
     assert np.abs(np.diff(gaps)).max() <= np.hypot(*np.diff([places, height]).max(axis=1))
-    assert len(keys) == 2  # the one hollow, over which the tip touches both sides
-    both = places[np.array(counts) == 2]
-    assert np.abs(both - 3.0).max() < 0.03 * 0.2 and np.max(counts) == 2
+    assert len(keys) == 1  # nearly plane bends: never two at once
     assert search.lists.renewals < 2401 / 8
 
 
@@ -316,7 +313,7 @@ def test_both_sides_of_a_mild_hollow_hold_a_node(degrees, height):
     ground = loop([(0, -1), (2, -1), (2, slope), (1, 0), (0, slope)])
     probe = loop([(1, height), (1.2, 0.5), (0.8, 0.5)])
     surface, x = assemble(ground, probe)
-    contacts = SurfaceSearch(surface, x, 0.01).find(x)
+    contacts = SurfaceSearch(surface, x, 0.01, hollows=True).find(x)
     mine = contacts.take(np.flatnonzero(contacts.nodes[:, 0, 0] == len(ground[0])))
     assert len(mine) == 2
     assert mine.gap == pytest.approx(height * np.cos(np.arctan(slope)), abs=1e-14)
@@ -332,7 +329,7 @@ def test_of_nearly_one_plane_the_nearer_side_holds_a_node(side):
     ground = loop([(0, -1), (2, -1), (2, slope), (1, 0), (0, slope)])
     place = 1 + side * 1e-5, 5e-3
     surface, x = assemble(ground, loop([place, (1.2, 0.5), (0.8, 0.5)]))
-    contacts = SurfaceSearch(surface, x, 0.01).find(x)
+    contacts = SurfaceSearch(surface, x, 0.01, hollows=True).find(x)
     mine = contacts.take(np.flatnonzero(contacts.nodes[:, 0, 0] == len(ground[0])))
     assert len(mine) == 1 and np.sign(mine.normal[0, 0]) == -side
 

@@ -83,6 +83,7 @@ class SpreadSearch:
         reach: largest gap of a contact (m).
         pairs: names of groups that may touch.
         released: facing facets that never held, shape (num_facets,), bool.
+        hollows: as of `SurfaceSearch`.
 
     Attributes:
         surface: of own bodies, with all bonds that are known here.
@@ -101,10 +102,11 @@ class SpreadSearch:
         reach: float,
         pairs: Sequence[tuple[str, str]],
         released: np.ndarray,
+        hollows: bool,
     ):
         self.surface, self._ranks = own.surface, ranks
         self._node, self._facet, self._start = own.node, own.facet, own.start
-        self._reach, self._pairs = reach, pairs
+        self._reach, self._pairs, self._hollows = reach, pairs, hollows
         self._bonds = Bonds(own.surface, released)
         rank_of_body = bodies.spread.rank_of_body
         self._rank_of_node = rank_of_body[own.body_of_node]
@@ -210,7 +212,7 @@ class SpreadSearch:
         )  # fmt: skip
         search = self._search = SurfaceSearch(
             surface, tables.start, self._reach, pairs=self._pairs, share=known,
-            typical_size=self._typical,
+            typical_size=self._typical, hollows=self._hollows,
         )  # fmt: skip
         search.bonds.exposed[:] = search.bonds.ajar[:] = tables.exposed
         search.bonds.weld[:] = np.unique(tables.weld, return_inverse=True)[1]

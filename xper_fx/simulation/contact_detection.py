@@ -53,6 +53,7 @@ class Detection:
         part: what this rank has of the meshed bodies, None if it has all.
         ranks: those that divide them.
         rigid_share: what this rank has of rigid bodies beside divided meshed ones, None if all.
+        static: whether nothing has inertia, so that hollows hold what is in them by both sides.
 
     Attributes:
         laws: laws of all interactions: those given, and those of contacts.
@@ -67,7 +68,9 @@ class Detection:
         part: LocalBodies | None = None,
         ranks: Ranks = ALONE,
         rigid_share: RigidShare | None = None,
+        static: bool = False,
     ):
+        self._static = static
         self._scene, self._ranks, self._rigid_share = scene, ranks, rigid_share
         self._contacts = [contact for contact in scene.contacts if contact.law is not None]
         rigid = () if scene.rigid_bodies is None else scene.rigid_bodies.groups
@@ -138,6 +141,7 @@ class Detection:
             released=law_of_facet < 0,
             rigid=scene.rigid_bodies,
             share=None if self._shared is None else self._shared.search,
+            hollows=self._static,
         )
         self._depth = float(self._surfaces.depth.min())
         self._body_of_node = bodies_of_nodes(surface)

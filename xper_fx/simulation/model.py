@@ -314,13 +314,14 @@ class Model:
     def _detection(self) -> Detection:
         """The searches that the scene's contacts call for."""
         scene, V, laws = self.scene, getattr(self.bulk.forms, "V", None), self.points.laws
+        static = not self.options.inertia
         if scene.bodies is not None and scene.bodies.spread is not None:
             from xper_fx.simulation.spread_detection import SpreadDetection
 
-            return SpreadDetection(scene, self.points, V, self.part, self.ranks)
+            return SpreadDetection(scene, self.points, V, self.part, self.ranks, static)
         from xper_fx.simulation.contact_detection import Detection
 
-        detection = Detection(scene, laws, V, self.part, self.ranks, self.rigid_share)
+        detection = Detection(scene, laws, V, self.part, self.ranks, self.rigid_share, static)
         if self.division is not None:
             detection.divide(self.division)
         return detection

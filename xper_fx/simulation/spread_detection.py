@@ -41,9 +41,10 @@ class SpreadDetection(Detection):
         V: FunctionSpace,
         part: LocalBodies,
         ranks: Ranks,
+        static: bool,
     ):
         self._lip_numbers = points.facet_numbers
-        super().__init__(scene, points.laws, V, part, ranks)
+        super().__init__(scene, points.laws, V, part, ranks, static=static)
 
     def _surface_search(self, V: FunctionSpace, part: LocalBodies) -> None:
         scene, ranks = self._scene, self._ranks
@@ -57,7 +58,7 @@ class SpreadDetection(Detection):
         _, law_of_facet = scene.law_of_facet()
         search = self._surfaces = SpreadSearch(
             ranks, bodies, own, self._reach(contacts, smallest), [c.between for c in contacts],
-            law_of_facet < 0,
+            law_of_facet < 0, self._static,
         )  # fmt: skip
         self._depth, self._shared = search.depth, SpreadDivision(ranks)
         here = np.zeros(int(all_V.dofmap.list.max()) + 1, np.int64)

@@ -12,8 +12,10 @@ A point p touches a surface where its distance to it has a local minimum q withi
   plane.
 - In a pocket, a reflex corner, the planes of both its facets bound the free space, so that each
   touches p even where p is just behind the other one: its plane is continued by the depth that is
-  sought, weights of nodes a little below 0 and above 1. Surfaces that lie around what is pressed
-  into them have mild ones all along: a step without friction would slide off one side of each.
+  sought, weights of nodes a little below 0 and above 1.
+- In a *hollow*, a reflex corner of less than 18 degrees, both sides hold a node or a disc where it
+  is asked for. Bodies lie around what is pressed into them: without inertia it would slide off one
+  side from step to step. With inertia the nearer side is enough, and the sides take turns.
 
 Everywhere p - q = g n and q = sum_j w_j x_j: impulses +r on p and -w_j r on the facet's nodes have
 no sum, and no moment if r is along n. A tangential impulse r_T has the moment g x r_T.
@@ -21,9 +23,9 @@ no sum, and no moment if r is along n. A tangential impulse r_T has the moment g
 What is no contact: a facet deeper than its own `depth`, or behind another one that p is in front
 of; one that none of p's own facets faces (the back of a thin body); facets that p is welded to; of
 several from which p would be driven out of one fragment, all but the nearest; of contacts of p with
-one fragment whose normals differ by less than 18 degrees, all but the nearest, and of nodes with
-walls of pockets and facets that p is in front of, by less than half a degree. A disc or sphere next
-to a node of a facet touches the node: two contacts in one place share friction in no one way.
+one fragment whose normals differ by less than 18 degrees, all but the nearest. In hollows those are
+0.5 degrees, for nodes alone, and a disc or sphere next to a node of a facet touches the node: two
+contacts in one place share friction in no one way.
 """
 
 from __future__ import annotations
@@ -54,8 +56,6 @@ _STRAIGHT_OUT = 0.5
 # that rounding decides nothing that is symmetric, and by which a reflex corner rises at least.
 _NO_DISTANCE = 1e-9
 _RISE = 1e-2
-# A direction that is along nothing, by which contacts are put in order.
-_ACROSS = (1.0, 0.618, 0.382)
 # Relative difference of distances that is rounding.
 _EQUAL = 1e-12
 # Weight of a facet's node from which on a disc or sphere touches the node and not the facet, and
@@ -101,7 +101,7 @@ class Touching(NamedTuple):
 
     Attributes:
         point, facet: shape (n,), int32.
-        slot: counts the contacts of a point with a fragment, by their normals, shape (n,), int64.
+        slot: counts the contacts of a point with a fragment, shape (n,), int64.
         weights: of the facet's nodes, shape (n, dim).
         normal: out of the facet, shape (n, dim).
         gap: m, shape (n,).
@@ -317,10 +317,10 @@ def _is_straight_out(a, m, n, near, faces):
 
 
 @njit(**LEAN_INNER)
-def _is_pocket(a, m, meshed, near, faces):
+def _is_pocket(a, m, mild, near, faces):
     """Whether facet a is the wall of a reflex corner behind whose other wall the point is.
 
-    A rigid corner that presses a body makes mild ones wherever it is, and is in none of them.
+    `mild` tells whether the corner may be one of less than 18 degrees, and the point at its bottom.
     """
     x, facets, normal, depth = faces.x, faces.facets, faces.normal, faces.depth
     facet, square, height, own = near.facet, near.square, near.height, near.own
@@ -331,11 +331,12 @@ def _is_pocket(a, m, meshed, near, faces):
         return False
     for b in range(m):
         g = facet[b]
-        if b == a or own[b] or height[b] < -depth[g] or height[b] > _NO_DISTANCE * depth[g]:
+        behind = _NO_DISTANCE * depth[g] if mild else 0.0
+        if b == a or own[b] or height[b] >= behind or height[b] < -depth[g]:
             continue
         if square[b] - height[b] ** 2 > depth[g] ** 2 or not _has(welds, weights, b, a):
             continue
-        if not meshed and _along(normal[f], normal, g) > _ALIKE:
+        if not mild and _along(normal[f], normal, g) > _ALIKE:
             continue
         for j in range(dim):
             rise = 0.0
@@ -375,13 +376,14 @@ def _way_out(a, m, touches, point, near, faces, n, away):
 
     Args:
         touches: whether it is nearest there.
-        point: its number, place and direction out of the solid, and whether it is a node.
+        point: its number, place and direction out of the solid, whether it is a node, and whether
+            mild hollows count for it.
         n: the facet's normal; overwritten by the contact's.
 
     Returns:
         Whether it does, the kind, the gap from p, and whether p must be its surface's tip.
     """
-    node, p, outward, meshed = point
+    node, p, outward, meshed, mild = point
     normal, weights = faces.normal, near.weights
     dim = len(p)
     f = near.facet[a]
@@ -396,7 +398,7 @@ def _way_out(a, m, touches, point, near, faces, n, away):
             for j in range(dim):
                 away[d] -= weights[a, j] * faces.x[faces.facets[f, j], d]
         if distance <= _NO_DISTANCE * faces.depth[f]:
-            if _is_pocket(a, m, meshed, near, faces):
+            if mild and _is_pocket(a, m, mild, near, faces):
                 return True, _POCKET, gap, False
             side = _most_faced(a, m, node, outward, meshed, near, faces)
             for d in range(dim):
@@ -407,7 +409,7 @@ def _way_out(a, m, touches, point, near, faces, n, away):
                 n[d] = away[d] / distance
             return True, kind, distance, meshed
         kind = _BEHIND_CORNER
-    if _is_pocket(a, m, meshed, near, faces):
+    if _is_pocket(a, m, mild, near, faces):
         return True, _POCKET, gap, False
     if touches:
         for d in range(dim):
@@ -415,15 +417,6 @@ def _way_out(a, m, touches, point, near, faces, n, away):
         gap = -distance
         touches = _is_straight_out(a, m, n, near, faces)
     return touches, kind, gap, False
-
-
-@njit(**LEAN_INNER)
-def _comes_first(normal, b, a):
-    """Whether contact b has a lower slot than a: by their normals, however facets are numbered."""
-    apart = 0.0
-    for d in range(normal.shape[1]):
-        apart += _ACROSS[d] * (normal[b, d] - normal[a, d])
-    return apart < 0.0
 
 
 @njit(**LEAN_INNER)
@@ -477,7 +470,9 @@ def _nearest_of_each_normal(found, equal, flat, ways, kept):
             count += 1
 
 
-def point_facet(points: Points, pairs: PairList, faces: Faces, reach: float, out: Touching) -> int:
+def point_facet(
+    points: Points, pairs: PairList, faces: Faces, reach: float, hollows: bool, out: Touching
+) -> int:
     """Find the contacts of points with the facets listed for each.
 
     Args:
@@ -485,6 +480,7 @@ def point_facet(points: Points, pairs: PairList, faces: Faces, reach: float, out
         pairs: the facets that each may touch.
         faces: `Faces`.
         reach: largest gap (m).
+        hollows: whether both sides of mild hollows hold a point.
         out: `Touching`, where contacts go, as many as there is room for.
 
     Returns:
@@ -514,14 +510,15 @@ def point_facet(points: Points, pairs: PairList, faces: Faces, reach: float, out
     )
     room = near, ways, np.empty(longest, np.int64), np.empty(dim)
     listed = pairs.rows, pairs.start, pairs.listed
-    return _point_facet(points, listed, faces, reach, out, room)
+    return _point_facet(points, listed, faces, reach, hollows, out, room)
 
 
 @njit(**LEAN_ENTRY)
-def _point_facet(points, pairs, faces, reach, out, room):
+def _point_facet(points, pairs, faces, reach, hollows, out, room):
     near, ways, kept, away = room
     position, radius, outward, meshed = points
     rows, start, listed = pairs
+    mild = hollows and meshed  # rigid corners make mild ones wherever they are
     dim = position.shape[1]
     share, depth, fragment, body = faces.share, faces.depth, faces.fragment, faces.body
     own, height, square, near_facet = near.own, near.height, near.square, near.facet
@@ -554,16 +551,18 @@ def _point_facet(points, pairs, faces, reach, out, room):
                 touches = _is_lowest(a, m, noise, square, size, welds, weights)
                 if not touches and square[a] - flat * flat > depth[f] ** 2:
                     continue
-                point = node, p, leaning, meshed
+                point = node, p, leaning, meshed, mild
                 touches, kind, gap, tip = _way_out(a, m, touches, point, near, faces, n, away)
+            elif not hollows:
+                pass
             elif _smallest(weights, a) > NO_WEIGHT:
                 kind = _IN_FRONT if gap > 0.0 else _PLAIN
             elif gap <= _NO_DISTANCE * depth[f]:
                 _leave_out_small(weights, a)
-                kind = _POCKET if _is_pocket(a, m, meshed, near, faces) else _PLAIN
+                kind = _POCKET if _is_pocket(a, m, mild, near, faces) else _PLAIN
             if not touches or gap - r > reach or gap - r < -depth[f]:
                 continue
-            if r > 0.0 and _is_at_node(a, p, r, near, faces):
+            if hollows and r > 0.0 and _is_at_node(a, p, r, near, faces):
                 continue
             if gap < 0.0 and kind != _POCKET and _is_back(a, m, gap, n, near, faces):
                 continue
@@ -590,7 +589,9 @@ def _point_facet(points, pairs, faces, reach, out, room):
             continue
         equal = _NO_DISTANCE * depth[near_facet[0]]
         _one_way_out(found, equal - r, equal, ways)
-        flat = _FLAT if r == 0.0 else 1.0 - _EQUAL  # discs touch facets apart from each other
+        flat = _ALIKE
+        if hollows:  # discs touch facets apart from each other
+            flat = _FLAT if r == 0.0 else 1.0 - _EQUAL
         accepted = _nearest_of_each_normal(found, equal, flat, ways, kept)
         for e in range(accepted):
             if count < len(out.gap):
@@ -598,7 +599,7 @@ def _point_facet(points, pairs, faces, reach, out, room):
                 slot = 0
                 for o in range(accepted):
                     b = kept[o]
-                    if ways.fragment[b] == ways.fragment[a] and _comes_first(ways.normal, b, a):
+                    if ways.facet[b] < ways.facet[a] and ways.fragment[b] == ways.fragment[a]:
                         slot += 1
                 out.point[count] = node
                 out.facet[count] = ways.facet[a]

@@ -60,6 +60,7 @@ class SurfaceSearch:
         depth: share of a facet's size, and of the thickness behind it, that is sought.
         share: of the ranks that divide the search; None where one makes all of it.
         typical_size: of a facet (m), the same on all ranks; None: the median.
+        hollows: whether both sides of mild hollows hold what is in them (`node_facet.py`).
 
     Raises:
         ValueError: a group that there is not, two groups of one name, a reach that is not positive.
@@ -78,6 +79,7 @@ class SurfaceSearch:
         depth: float = 0.25,
         share: SearchShare | None = None,
         typical_size: float | None = None,
+        hollows: bool = False,
     ):
         if not (np.isfinite(reach) and reach > 0.0):
             raise ValueError(f"The reach (m) must be a finite positive number, got {reach!r}.")
@@ -86,7 +88,7 @@ class SurfaceSearch:
         self.surface = surface
         self.bonds = Bonds(surface, released)
         self.reach = float(reach)
-        self._dim = surface.dim
+        self._dim, self._hollows = surface.dim, hollows
         x = self.surface.checked(x)
         self._rigid = RigidSide(rigid, surface, pairs)
         meets = may_meet(surface.groups, surface.groups, pairs)
@@ -254,7 +256,7 @@ class SurfaceSearch:
         room = len(pairs.rows) + 16
         while True:
             out = room_for(room, self._dim)
-            found = point_facet(points, pairs, faces, self.reach, out)
+            found = point_facet(points, pairs, faces, self.reach, self._hollows, out)
             if found <= room:
                 return Touching(*(a[:found] for a in out))
             room = found
