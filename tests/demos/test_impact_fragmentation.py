@@ -27,7 +27,7 @@ def broken(tmp_path_factory):
     """A coarse slab a short way above the floor, until its pieces have met there."""
     out = tmp_path_factory.mktemp("impact")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(demo, "HEIGHT", 0.1)
+        patch.setattr(demo, "HEIGHT", 0.05)
         return demo.main([*SMALL, "--fields", "2", "--out", str(out)]), out
 
 
