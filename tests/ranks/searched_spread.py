@@ -83,7 +83,7 @@ def check(counts: tuple[int, ...], kind: str, bonded: bool) -> tuple[int, int]:
     places = [b.facets.midpoint[:, :dim] for b in (bodies, mine)]
     released = [drawn(place, 0) < (0.2 if bonded else 2.0) for place in places]
     whole = SurfaceSearch(surface, x, REACH, released=released[0])
-    part = SpreadSearch(ranks, mine, own, REACH, PAIRS, released[1])
+    part = SpreadSearch(ranks, mine, own, REACH, PAIRS, released[1], False)
     own_x, own_label = own.start[part.own], mine.labels[own.body_of_node[part.own]]
     opened = [r.copy() for r in released]
     found, fragments, keys = 0, set(), set()
