@@ -67,7 +67,7 @@ class MonolithicScheme:
         max_newton: iterations after which a step is given up.
         stopwatch: where phases are timed.
         gives_up: whether a step is not converged where Newton's method goes in circles.
-        jumps: whether a step may end beyond a snap, as along a path only a last try may.
+        jumps: whether a step may end beyond a snap, as none along a path may.
 
     Attributes:
         loading: of the last attempt.
@@ -182,7 +182,7 @@ class MonolithicScheme:
         coupled = CoupledStep(
             self._matrices, equations, loading, interactions, state, step, growth, watch
         )
-        coupled.may_jump &= self._jumps or last_try
+        coupled.may_jump &= self._jumps
         newton = SemismoothNewton(coupled)
 
         def begin(guess: Guess | None = guess) -> None:
@@ -238,7 +238,7 @@ class MonolithicScheme:
             begin: takes the step to its start.
             first: whether it is the first of a path.
         """
-        most = np.inf if first or self._jumps or coupled.may_jump else _FEW
+        most = np.inf if first or self._jumps else _FEW
         for good in (_NEAR, self._tolerance):
             time = coupled.state.time + (0.0 if coupled.growth is not None else coupled.step)
             coupled.loading.set(time)

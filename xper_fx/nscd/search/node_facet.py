@@ -553,11 +553,9 @@ def _point_facet(points, pairs, faces, reach, hollows, out, room):
                     continue
                 point = node, p, leaning, meshed, mild
                 touches, kind, gap, tip = _way_out(a, m, touches, point, near, faces, n, away)
-            elif not hollows:
-                pass
-            elif _smallest(weights, a) > NO_WEIGHT:
+            elif hollows and _smallest(weights, a) > NO_WEIGHT:
                 kind = _IN_FRONT if gap > 0.0 else _PLAIN
-            elif gap <= _NO_DISTANCE * depth[f]:
+            elif hollows and gap <= _NO_DISTANCE * depth[f]:
                 _leave_out_small(weights, a)
                 kind = _POCKET if _is_pocket(a, m, mild, near, faces) else _PLAIN
             if not touches or gap - r > reach or gap - r < -depth[f]:
