@@ -93,10 +93,10 @@ class Doubts:
         Bonds dissipate less than is freed in a snap if F is more than L, too: joints that slip
         weakens have little left to dissipate in their last step. Where neither friction nor bonds
         take any of it, bodies have let go of each other: a corner that had sunk into another body
-        has slid off, or bodies fall that nothing holds. A gap g that closes in the step is booked as
-        an impact, r1 g, and F has -r1 g / 2 of it; a force that grows from nothing as lips meet
-        frees neither, so that half of the impacts is added to F. Where bonds take more than friction and F
-        is much below zero, iterations have gone over a barrier on the way.
+        has slid off, or bodies fall that nothing holds. A gap g that closes in the step is booked
+        as an impact, r1 g, and F has -r1 g / 2 of it; a force that grows from nothing as lips meet
+        frees neither, so that half of the impacts is added to F. Where bonds take more than
+        friction and F is much below zero, iterations have gone over a barrier on the way.
 
         Args:
             work: of the interactions in the step.
