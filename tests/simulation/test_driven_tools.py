@@ -114,7 +114,7 @@ def test_a_wall_that_comes_presses_as_one_that_stays():
         assert energies[name] == pytest.approx(others[name], rel=1e-3, abs=1e-9)
 
 
-def bent(rollers, friction=0.0, **options):
+def bent(rollers, friction=0.0, above=0.0, **options):
     """A beam in three-point bending that cracks in its middle, on knife edges or on rollers."""
     length, height, span, radius, young = 0.4, 0.08, 0.32, 0.01, 30e9
     mesh = xf.crossed_rectangle((-length / 2, 0), (length / 2, height), (40, 8))
@@ -140,7 +140,7 @@ def bent(rollers, friction=0.0, **options):
             "rigid": [
                 xf.RigidBody(disc, (-span / 2, below), "rollers", prescribed=STILL),
                 xf.RigidBody(disc, (span / 2, below), "rollers", prescribed=STILL),
-                xf.RigidBody(disc, (0.0, height + radius), "punch", prescribed=punch),
+                xf.RigidBody(disc, (0.0, height + radius + above), "punch", prescribed=punch),
             ],
             "contacts": [
                 xf.Contact(("beam", "rollers"), slides),
@@ -165,7 +165,7 @@ def bent(rollers, friction=0.0, **options):
     )
     simulation = xf.Simulation(scene, 0.01, inertia=False, **options)
     curve = []
-    for last in simulation.steps(0.15):
+    for last in simulation.steps(0.15 + above / 1e-3):
         force = simulation.reaction_of("punch") if rollers else simulation.reaction(3)
         curve.append((last.time, -force[1]))
     return np.array(curve), last.energies
@@ -191,6 +191,18 @@ def test_rollers_that_do_not_turn_hold_a_beam_back_along_its_path_as_in_steps():
     for each in (energies, followed):
         assert each["dissipated_friction"] > 0.1 * each["dissipated_cohesion"]
         assert abs(each["closure"]) < 1e-7 * each["external_work"]
+
+
+def test_a_punch_that_comes_from_above_along_a_path_does_not_sink_in():
+    """Through 56.85 mm; steps of a twentieth of the path, 2.85 mm, would not see it come.
+
+    A quarter of a facet, 2.5 mm, is seen, and no step moves the punch by more.
+    """
+    comes, _ = bent(True, above=56.85e-3, path=xf.GrowthControl())
+    stays, _ = bent(True, path=xf.GrowthControl())
+    assert np.all(comes[comes[:, 0] < 56.8499, 1] == 0.0)
+    assert comes[:, 1].max() == pytest.approx(stays[:, 1].max(), rel=3e-3)
+    assert comes[-1, 1] == pytest.approx(stays[-1, 1], rel=2e-2)
 
 
 def test_a_run_with_a_tool_goes_on_to_the_bit(tmp_path):

@@ -32,8 +32,9 @@ class Contact:
             was there in the step before keeps its history, any other is new. None: nothing, the
             bodies pass through each other.
         reach: gap up to which contacts are kept (m), inactive while it is open. None: a hundredth
-            of the smallest body or facet, enough for laws at the velocity level; a law at the
-            position level needs the way that bodies come nearer in a step.
+            of the smallest body or facet, a quarter in runs without inertia. That is enough for
+            laws at the velocity level; a law at the position level needs the way that bodies come
+            nearer in a step.
 
     Raises:
         ValueError: not two names, a reach that is not positive and finite.

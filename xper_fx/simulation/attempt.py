@@ -187,9 +187,12 @@ class StepAttempts:
         model, rigid, theta = self._model, self._model.rigid, self._model.scheme.theta
         prediction = None if rigid is None else rigid.predict(size, theta, state.time)
         self._find_contacts(state, size, prediction)
+        longest = path.longest(state.time, end_time)
+        if rigid is not None and model.detection is not None and rigid.speeds.any():
+            longest = min(longest, model.detection.reach / float(rigid.speeds.max()))
         outcome, size = PathStep(
             model.scheme, model.interactions, self.solver, model.options.solve,
-            path, state, last_size, end_time,
+            path, state, last_size, (end_time, longest),
         ).attempt(size)  # fmt: skip
         if rigid is not None:
             rigid.predict(size, theta, state.time)  # of the size that was taken

@@ -31,11 +31,11 @@ if TYPE_CHECKING:
     from xper_fx.parallel.local_bodies import LocalBodies
     from xper_fx.parallel.rigid_partition import RigidDivision
     from xper_fx.parallel.rigid_share import RigidShare
-    from xper_fx.parallel.surface_division import SurfaceDivision
     from xper_fx.scene.scene import Scene
 
-# Reach of a search where the scene gives none, as a share of the smallest body or facet.
-_REACH = 1e-2
+# Reach of a search where the scene gives none, as a share of the smallest body or facet; without
+# inertia the load of a step moves bodies, however large it is, and what is not found is sunk into.
+_REACH, _STATIC_REACH = 1e-2, 0.25
 # Gaps this small beside the coordinates are closed: a body put down on another rests from the first
 # step on, and does not fall for a step to hit it.
 _ROUNDING = 1e-12
@@ -58,6 +58,7 @@ class Detection:
     Attributes:
         laws: laws of all interactions: those given, and those of contacts.
         nodes: nodes of V at which contacts may come about.
+        reach: largest gap of contacts of surfaces (m); infinite without any.
     """
 
     def __init__(
@@ -70,8 +71,8 @@ class Detection:
         rigid_share: RigidShare | None = None,
         static: bool = False,
     ):
-        self._static = static
-        self._scene, self._ranks, self._rigid_share = scene, ranks, rigid_share
+        self._static, self._scene = static, scene
+        self._ranks, self._rigid_share = ranks, rigid_share
         self._contacts = [contact for contact in scene.contacts if contact.law is not None]
         rigid = () if scene.rigid_bodies is None else scene.rigid_bodies.groups
         names = [*scene.surfaces, *rigid]
@@ -85,27 +86,26 @@ class Detection:
         self._ball_radius: np.ndarray | None = None  # where a law resists rolling
         self._rigid = self._rigid_search(set(rigid))
         self._division: RigidDivision | None = None
-        self._surfaces, self.nodes, self._listed = None, np.zeros(0, np.int64), 0
-        self._shared: SurfaceDivision | None = None
-        self._depth = np.inf  # the least at which nodes are sought behind facets
+        self._surfaces, self._shared, self._listed = None, None, 0
+        self.nodes = np.zeros(0, np.int64)
+        self._depth = self.reach = np.inf  # the least at which nodes are sought behind facets
         if any(set(contact.between) & set(scene.surfaces) for contact in self._contacts):
             self._surface_search(V, part)
 
     def _reach(self, contacts, smallest: float) -> float:
-        return max((c.reach for c in contacts if c.reach is not None), default=_REACH * smallest)
+        some = (_STATIC_REACH if self._static else _REACH) * smallest
+        return max((c.reach for c in contacts if c.reach is not None), default=some)
 
     def _rigid_search(self, names: set[str]) -> RigidSearch | PeriodicSearch | None:
-        contacts = [c for c in self._contacts if set(c.between) <= names]
-        if not contacts:
+        if not (contacts := [c for c in self._contacts if set(c.between) <= names]):
             return None
         bodies, pairs = self._scene.rigid_bodies, [c.between for c in contacts]
         reach = self._reach(contacts, float(bodies.shapes.bounding_radius.min()))
-        from xper_fx.nscd.search.search_of_bodies import search_of_bodies
-
         if any(c.law.kernels(bodies.dim).rolling is not None for c in contacts):
             self._ball_radius = bodies.shapes.ball_radius
-        scene = self._scene
-        return search_of_bodies(bodies, pairs, reach, scene.kept_apart, scene.lattice)
+        from xper_fx.nscd.search.search_of_bodies import search_of_bodies
+
+        return search_of_bodies(bodies, pairs, reach, self._scene.kept_apart, self._scene.lattice)
 
     def _surface_search(self, V: FunctionSpace, part: LocalBodies | None) -> None:
         from xper_fx.bodies.surfaces import extract_surface
@@ -143,7 +143,7 @@ class Detection:
             share=None if self._shared is None else self._shared.search,
             hollows=self._static,
         )
-        self._depth = float(self._surfaces.depth.min())
+        self._depth, self.reach = float(self._surfaces.depth.min()), self._surfaces.reach
         self._body_of_node = bodies_of_nodes(surface)
         self._group_of_node = np.full(surface.num_nodes, -1)
         self._group_of_node[surface.facets] = surface.group[:, None]

@@ -46,7 +46,7 @@ class PathStep:
         path: where the run is on its path.
         state: at the start, which is not changed.
         last_size: time by which its velocities are defined (s).
-        end_time: at which the path ends (s).
+        reach: at which time the path ends, and by how much a step may change it (s).
     """
 
     def __init__(
@@ -58,14 +58,14 @@ class PathStep:
         path: PathFollower,
         state: State,
         last_size: float,
-        end_time: float,
+        reach: tuple[float, float],
     ):
         self._points, self._path, self._state, self._last_size = points, path, state, last_size
         self._scheme = scheme
         self._attempt = partial(
             scheme.attempt, state, interactions=points, solver=solver, options=options
         )
-        self._longest = path.longest(state.time, end_time)
+        end_time, self._longest = reach
         near = end_time - state.time <= (1.0 + _ROUNDING) * self._longest
         self._last = end_time if near else state.time + self._longest
 
