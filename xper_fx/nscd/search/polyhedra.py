@@ -375,11 +375,43 @@ def _closest_vertices_edges(touching, corners, tables, bodies, offset, n, near, 
 
 
 class _Room(NamedTuple):
-    """Room for what a pair is looked at with: an overlap, closest points, a number each face."""
+    """Room for what a pair is looked at with: an overlap, and a number each face."""
 
     overlap: Overlap
-    touching: Touching
     along: np.ndarray
+
+
+class _Pointed(NamedTuple):
+    """Room for pairs whose faces do not overlap, each with one point on either body.
+
+    Attributes:
+        bodies: a and b, shape (n, 2), int32.
+        on_a, on_b: shape (n, 3), about the centre of b (m).
+        name: shape (n,), int64, of the point, as in `overlap`.
+        normal: shape (n, 3), from b to a.
+        separation: shape (n,), along the normal (m).
+        crosses: shape (n,), whether the points are where two edges cross.
+    """
+
+    bodies: np.ndarray
+    on_a: np.ndarray
+    on_b: np.ndarray
+    name: np.ndarray
+    normal: np.ndarray
+    separation: np.ndarray
+    crosses: np.ndarray
+
+
+def _room_for_pointed(count: int) -> _Pointed:
+    return _Pointed(
+        np.empty((count, 2), np.int32),
+        np.empty((count, 3)),
+        np.empty((count, 3)),
+        np.empty(count, np.int64),
+        np.empty((count, 3)),
+        np.empty(count),
+        np.empty(count, np.bool_),
+    )
 
 
 def polyhedron_polyhedron(
@@ -405,20 +437,31 @@ def polyhedron_polyhedron(
     Returns:
         How many contacts there are.
     """
-    room = _Room(
-        overlap_room(tables),
-        Touching(np.empty((2, 3)), np.empty((2, 3)), np.empty(2, np.int64)),
-        np.empty(len(tables.face_distance)),
+    room = _Room(overlap_room(tables), np.empty(len(tables.face_distance)))
+    pointed = _room_for_pointed(len(pairs))
+    count, others = _polyhedra(
+        found, pairs, position, corners, tables, bounding_radius, reach, room, pointed
     )
-    return _polyhedra(found, pairs, position, corners, tables, bounding_radius, reach, room)
+    if others > 0:  # else the kernel is not compiled
+        touching = Touching(np.empty((2, 3)), np.empty((2, 3)), np.empty(2, np.int64))
+        pointed = _Pointed(*(array[:others] for array in pointed))
+        count = _without_overlap(
+            found, count, pointed, position, corners, tables, bounding_radius, reach, touching
+        )
+    return count
 
 
 @njit(**LEAN_ENTRY)
-def _polyhedra(found, pairs, position, corners, tables, bounding_radius, reach, room):
-    overlap, touching, along = room
+def _polyhedra(found, pairs, position, corners, tables, bounding_radius, reach, room, pointed):
+    """Contacts of pairs whose faces overlap; the others are put into `pointed`.
+
+    Returns:
+        How many contacts and how many other pairs there are.
+    """
+    overlap, along = room
     num_bodies = len(position)
     zero = (0.0, 0.0, 0.0)
-    count = 0
+    count = others = 0
     for pair in range(len(pairs)):
         a = pairs[pair, 0]
         b = pairs[pair, 1]
@@ -541,14 +584,37 @@ def _polyhedra(found, pairs, position, corners, tables, bounding_radius, reach, 
                     count = put_contact(found, count, (a, b), key, x, normal, overlap.gap[i], area)
             continue
 
-        # Points without an overlap.
-        gap = separation
-        n = (outward * n[0], outward * n[1], outward * n[2])
+        pointed.bodies[others, 0], pointed.bodies[others, 1] = a, b
+        for c in range(3):
+            pointed.on_a[others, c], pointed.on_b[others, c] = single[0][c], single[1][c]
+            pointed.normal[others, c] = outward * n[c]
+        pointed.name[others] = single[2]
+        pointed.separation[others] = separation
+        pointed.crosses[others] = crosses
+        others += 1
+    return count, others
+
+
+@njit(**LEAN_ENTRY)
+def _without_overlap(
+    found, count, pointed, position, corners, tables, bounding_radius, reach, touching
+):
+    """Contacts of pairs whose faces do not overlap, written behind `count` others; the new count."""
+    num_bodies = len(position)
+    for pair in range(len(pointed.name)):
+        a, b = pointed.bodies[pair, 0], pointed.bodies[pair, 1]
+        to_a = _from_to(position, b, a)
+        smaller = min(bounding_radius[a], bounding_radius[b])
+        near = SAME_CORNER * smaller
+        rounding = ROUNDING * (bounding_radius[a] + bounding_radius[b])
+        n = _row(pointed.normal, pair)
+        gap = separation = pointed.separation[pair]
         points = 1
         for c in range(3):
-            touching.on_a[0, c], touching.on_b[0, c] = single[0][c], single[1][c]
-        touching.name[0] = single[2]
-        if separation > -10.0 * rounding and not crosses:
+            touching.on_a[0, c] = pointed.on_a[pair, c]
+            touching.on_b[0, c] = pointed.on_b[pair, c]
+        touching.name[0] = pointed.name[pair]
+        if separation > -10.0 * rounding and not pointed.crosses[pair]:
             distance, points = _closest_vertices_edges(
                 touching, corners, tables, (a, b), to_a, n, near, rounding
             )

@@ -58,7 +58,7 @@ def _point_kernels(sides: Sides):
     dim, m = sides.dim, sides.components
     cones = cone_kernels(dim)
     size_t, scale = cones.size_t, cones.scale
-    read, _ = motion(sides)
+    read = point_velocity(sides)
 
     @njit(inline="always")
     def inverse(scaling, z, a, t):
