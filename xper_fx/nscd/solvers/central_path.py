@@ -35,7 +35,7 @@ import numpy as np
 
 from xper_fx.cache import njit
 from xper_fx.nscd.algebra.krylov import norm
-from xper_fx.nscd.couplings import Sides, motion, spread_kernel
+from xper_fx.nscd.couplings import Sides, point_velocity, spread_kernel
 from xper_fx.nscd.friction.interior_point import LEAST_FRICTION, TINY, cone_kernels
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.kernel_options import LEAN_ENTRY

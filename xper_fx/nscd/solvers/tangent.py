@@ -47,7 +47,13 @@ from scipy.sparse.linalg import splu
 from xper_fx.cache import njit
 from xper_fx.nscd.algebra.krylov import gmres
 from xper_fx.nscd.algebra.small import for_dimension
-from xper_fx.nscd.couplings import Sides, lever_arm_kernels, motion, point_force, spread_kernel
+from xper_fx.nscd.couplings import (
+    Sides,
+    lever_arm_kernels,
+    point_force,
+    point_velocity,
+    spread_kernel,
+)
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.inverse_blocks import BodyInverse
 from xper_fx.nscd.kernel_options import LEAN_ENTRY, LEAN_INNER
