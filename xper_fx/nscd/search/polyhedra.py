@@ -610,7 +610,7 @@ def _polyhedra(
 def _without_overlap(
     found, count, pointed, position, corners, tables, bounding_radius, reach, touching
 ):
-    """Contacts of pairs whose faces do not overlap, written behind `count` others; the new count."""
+    """Write contacts of pairs whose faces do not overlap behind `count` others; the new count."""
     num_bodies = len(position)
     for pair in range(len(pointed.separation)):
         a, b = pointed.which[pair, 0], pointed.which[pair, 1]
