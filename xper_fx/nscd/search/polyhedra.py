@@ -398,13 +398,6 @@ def _closest_vertices_edges(touching, corners, tables, bodies, offset, n, near, 
     return least, count
 
 
-class _Room(NamedTuple):
-    """Room for what a pair is looked at with: an overlap, and a number each face."""
-
-    overlap: Overlap
-    along: np.ndarray
-
-
 class _Pointed(NamedTuple):
     """Room for pairs whose faces do not overlap, each with one point on either body.
 
@@ -419,6 +412,14 @@ class _Pointed(NamedTuple):
     which: np.ndarray
     vectors: np.ndarray
     separation: np.ndarray
+
+
+class _Room(NamedTuple):
+    """Room for what pairs are looked at with: an overlap, a number each face, and other pairs."""
+
+    overlap: Overlap
+    along: np.ndarray
+    pointed: _Pointed
 
 
 def polyhedron_polyhedron(
@@ -444,32 +445,36 @@ def polyhedron_polyhedron(
     Returns:
         How many contacts there are.
     """
-    room = _Room(overlap_room(tables), np.empty(len(tables.face_distance)))
     faces, edges = _part(_FaceTables, tables), _part(_EdgeTables, tables)
     size = len(pairs)
     pointed = _Pointed(np.empty((size, 4), np.int64), np.empty((size, 3, 3)), np.empty(size))
+    room = _Room(overlap_room(tables), np.empty(len(tables.face_distance)), pointed)
     count, others = _polyhedra(
-        found, pairs, position, corners, faces, edges, bounding_radius, reach, room, pointed
+        found, pairs, position, corners, (faces, edges), bounding_radius, reach, room
     )
     if others > 0:  # else the kernel is not compiled
-        touching = Touching(np.empty((2, 3)), np.empty((2, 3)), np.empty(2, np.int64))
-        pointed = _Pointed(*(array[:others] for array in pointed))
-        count = _without_overlap(
-            found, count, pointed, position, corners, edges, bounding_radius, reach, touching
+        count += _without_overlap(
+            Found(*(array[count:] for array in found)),
+            _Pointed(*(array[:others] for array in pointed)),
+            position,
+            corners,
+            edges,
+            bounding_radius,
+            reach,
+            Touching(np.empty((2, 3)), np.empty((2, 3)), np.empty(2, np.int64)),
         )
     return count
 
 
 @njit(**LEAN_ENTRY)
-def _polyhedra(
-    found, pairs, position, corners, faces, edges, bounding_radius, reach, room, pointed
-):
+def _polyhedra(found, pairs, position, corners, tables, bounding_radius, reach, room):
     """Contacts of pairs whose faces overlap; the others are put into `pointed`.
 
     Returns:
         How many contacts and how many other pairs there are.
     """
-    overlap, along = room
+    faces, edges = tables
+    overlap, along, pointed = room
     num_bodies = len(position)
     zero = (0.0, 0.0, 0.0)
     count = others = 0
@@ -607,10 +612,9 @@ def _polyhedra(
 
 
 @njit(**LEAN_ENTRY)
-def _without_overlap(
-    found, count, pointed, position, corners, tables, bounding_radius, reach, touching
-):
-    """Write contacts of pairs whose faces do not overlap behind `count` others; the new count."""
+def _without_overlap(found, pointed, position, corners, tables, bounding_radius, reach, touching):
+    """Contacts of pairs whose faces do not overlap; returns how many there are."""
+    count = 0
     num_bodies = len(position)
     for pair in range(len(pointed.separation)):
         a, b = pointed.which[pair, 0], pointed.which[pair, 1]
