@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from plates import crossed_plate
 
-from xper_fx.nscd.ordering import order_points
+from xper_fx.nscd.ordering import bodies_of_tiles, order_points
 
 
 def plate_blocks(n):
@@ -76,6 +76,22 @@ def test_same_points_same_order(name):
     first, again = order_points(blocks, num_blocks), order_points(blocks.copy(), num_blocks)
     for a, b in zip(first, again, strict=True):
         np.testing.assert_array_equal(a, b)
+
+
+@pytest.mark.parametrize("count", [9, 2000])
+def test_neighbours_of_a_chain_are_not_visited_one_after_the_other(count):
+    """Every other point of a tile, then those between; a tile touches one body more."""
+    blocks = np.stack([np.arange(count), np.arange(1, count + 1)], axis=1)
+    ordering = order_points(blocks, count + 2)
+    bodies = bodies_of_tiles(ordering, blocks, count + 2)
+    assert (len(ordering.tile_offsets) == 2) == (count == 9)
+    for tile, first in enumerate(ordering.tile_offsets[:-1]):
+        found = ordering.order[first : ordering.tile_offsets[tile + 1]]
+        points = np.arange(found.min(), found.max() + 1)
+        even = points % 2 == 0
+        assert found.tolist() == [*points[even], *points[~even]]
+        touched = bodies.blocks[bodies.offsets[tile] : bodies.offsets[tile + 1]]
+        assert np.sort(touched).tolist() == [*points, points[-1] + 1]
 
 
 def test_no_points():

@@ -194,6 +194,22 @@ def test_heavy_top_converges_at_second_order_and_keeps_its_vertical_momentum():
     )
 
 
+def test_a_mill_without_mass_turns_by_the_exact_rotation():
+    """Beside a sphere, which has its own momentum to turn by."""
+    spin = np.array([1.0, -2.0, 0.5])
+    turn = Rotation.from_rotvec([0.3, 0.2, 0.1])
+    driven = dict.fromkeys(range(3), 0.0) | dict(enumerate(spin, 3))
+    mill = RigidBody(BOX, (0, 0, 0), "a", rotation=turn, prescribed=driven)
+    sphere = RigidBody(Sphere(0.5), (9, 0, 0), "a", density=3.0, spin=2.0 * spin)
+    motion = fly(RigidMotion(RigidBodies([mill, sphere])), 7.0, 3, theta=0.7)
+    state = motion.state.turn
+    expected = [Rotation.from_rotvec(7.0 * spin) * turn, Rotation.from_rotvec(14.0 * spin)]
+    for body in range(2):
+        assert state.rotation[body] == pytest.approx(expected[body].as_matrix(), abs=1e-14)
+    assert np.array_equal(state.spin[0], spin) and not state.momentum[0].any()
+    assert motion.blocks[1].any() and not motion.blocks[0].any()
+
+
 def test_axle_keeps_its_spin_exactly_and_bears_no_energy():
     turn = Rotation.from_rotvec([0.4, -0.9, 0.2])
     bodies = boxes([(0, 0, 2.0)], rotation=turn, prescribed={3: 0.0, 4: 0.0})

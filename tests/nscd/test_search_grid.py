@@ -59,6 +59,19 @@ def test_labels_that_may_meet():
     assert np.array_equal(grid.labelled_box_pairs(low, high, label, allowed), expected)
 
 
+def test_few_boxes_have_the_pairs_that_many_have():
+    """Boxes of labels, by themselves and beside as many far away."""
+    rng = np.random.default_rng(4)
+    low, high = random_boxes(rng, 24, 3, "clustered", 0.0)
+    label = rng.integers(0, 2, 24)
+    for allowed in (np.eye(2), 1 - np.eye(2), np.ones((2, 2))):
+        few = grid.labelled_box_pairs(low, high, label, allowed)
+        far = [np.concatenate([corner, corner + 1e3]) for corner in (low, high)]
+        many = grid.labelled_box_pairs(*far, np.tile(label, 2), allowed)
+        assert len(few) > 10 and len(many) > grid._FEW
+        assert np.array_equal(few, many[many[:, 1] < 24])
+
+
 def test_boxes_without_extent_and_few_boxes():
     points = np.array([[0.0, 0.0], [1.0, 1.0], [0.0, 0.0], [1.0, 2.0]])
     assert grid.box_pairs(points, points).tolist() == [[0, 2]]

@@ -22,9 +22,9 @@ def test_the_lever_gives_its_share_of_shear():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("share, length", [(0.5, 0.25e-3), (1.0, 0.5e-3)])
+@pytest.mark.parametrize("share, length", [(0.5, 0.4e-3), (1.0, 0.5e-3)])
 def test_it_delaminates_at_the_load_of_theory(share, length):
     found = bending.compare(share, length)
     assert len(found["lefm"]) > 3
-    assert np.abs(found["lefm"] - 1.0).max() < 0.01  # found 0.004 and 0.0005
-    assert np.abs(found["beam"] - 1.0).max() < 0.01  # found 0.002 and 0.005
+    assert np.abs(found["lefm"] - 1.0).max() < 0.01  # found 0.006 and 0.002
+    assert np.abs(found["beam"] - 1.0).max() < 0.01  # found 0.007 and 0.006

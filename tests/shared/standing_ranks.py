@@ -9,24 +9,30 @@ from __future__ import annotations
 
 import gc
 import json
+import os
 import runpy
+import socket
 import sys
-import time
 import traceback
 from pathlib import Path
 
 from mpi4py import MPI
 
 DONE = "all ranks have run it"
-# A rank that waits in MPI polls: it would take its share of a core.
-_PAUSE = 0.01
 _TESTS = str(Path(__file__).parents[1])
 
 
 def serve() -> None:
     """Run what is asked for until the input ends."""
     comm = MPI.COMM_WORLD.Dup()
-    while (line := _next_line(comm)) is not None:
+    # a rank that waits in MPI polls, and would take its share of a core
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as wake:
+        wake.bind(f"\0xper_fx-{os.getpid()}")
+        _serve(comm, wake, comm.allgather(wake.getsockname()))
+
+
+def _serve(comm: MPI.Comm, wake: socket.socket, names: list[bytes]) -> None:
+    while (line := _next_line(comm, wake, names)) is not None:
         script, *sys.argv[1:] = json.loads(line)
         for name, module in list(sys.modules.items()):
             if (getattr(module, "__file__", None) or "").startswith(_TESTS):
@@ -45,16 +51,15 @@ def serve() -> None:
             print(DONE, flush=True)
 
 
-def _next_line(comm: MPI.Comm) -> str | None:
+def _next_line(comm: MPI.Comm, wake: socket.socket, names: list[bytes]) -> str | None:
     """The same on all ranks, None at the end."""
     if comm.rank > 0:
-        while not comm.Iprobe(source=0):
-            time.sleep(_PAUSE)
-        return comm.recv(source=0)
-    line = sys.stdin.readline() or None
-    for rank in range(1, comm.size):
-        comm.send(line, rank)
-    return line
+        wake.recv(1)
+    else:
+        line = sys.stdin.readline() or None
+        for name in names[1:]:
+            wake.sendto(b" ", name)
+    return comm.bcast(line if comm.rank == 0 else None)
 
 
 if __name__ == "__main__":

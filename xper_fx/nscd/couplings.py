@@ -203,24 +203,14 @@ def _add_rows(count: int, size: int):
 
 
 @cache
-def motion(sides: Sides, blocks: Blocks = ANY_BLOCKS):
-    """Kernels `read(v, c, i) -> u` (local) and `push(v, c, i, local impulse)`.
-
-    Args:
-        sides: what the points are.
-        blocks: what the blocks of w are; `read` does not care.
-    """
+def point_velocity(sides: Sides):
+    """Kernel `read(v, c, i) -> u` of the local relative velocity of a point."""
     dim, components, k, lever_arms, branches = sides
-    size = blocks.size
-    local, world = for_dimension(dim, components), for_dimension(dim)
-    to_local, to_global = local.to_local, local.to_global
-    add, subtract, times = world.add, world.subtract, world.scale
-    vector = 0 < size <= _VECTOR_DOFS and not config.DISABLE_JIT
-    turned, _, moment = lever_arm_kernels(dim) if lever_arms else (None, None, None)
+    world = for_dimension(dim)
+    to_local = for_dimension(dim, components).to_local
+    add, subtract = world.add, world.subtract
+    turned = lever_arm_kernels(dim)[0] if lever_arms else None
     stretched = stretching_kernel(dim) if branches else None
-    turns = dim if dim == 3 else 1  # components of a rotation
-    add_rows = _add_rows(dim, size) if vector else None
-    add_turns = _add_rows(turns, size) if vector else None
 
     @njit(inline="always")
     def side(v, c, i, s):
@@ -255,6 +245,25 @@ def motion(sides: Sides, blocks: Blocks = ANY_BLOCKS):
                 apart = add(apart, stretched(v, c, i))
             return to_local(c.frame, i, apart)
         return to_local(c.frame, i, subtract(side(v, c, i, 0), side(v, c, i, 1)))
+
+    return read
+
+
+@cache
+def point_impulse(sides: Sides, blocks: Blocks):
+    """Kernel `push(v, c, i, r)`: v += w H r for the local impulse of a point.
+
+    Called with i unsigned, as a sweep does (an index that may be negative is checked): another type
+    of i is another version.
+    """
+    dim, components, k, lever_arms, branches = sides
+    size = blocks.size
+    to_global, times = for_dimension(dim, components).to_global, for_dimension(dim).scale
+    vector = 0 < size <= _VECTOR_DOFS and not config.DISABLE_JIT
+    moment = lever_arm_kernels(dim)[2] if lever_arms else None
+    turns = dim if dim == 3 else 1  # components of a rotation
+    add_rows = _add_rows(dim, size) if vector else None
+    add_turns = _add_rows(turns, size) if vector else None
 
     @njit(**MERGED)
     def push(v, c, i, impulse):
@@ -303,7 +312,7 @@ def motion(sides: Sides, blocks: Blocks = ANY_BLOCKS):
                     at = j * dim + d
                     v[c.cell + at] += c.cell_w[at] * c.branches[i, j] * f[d]
 
-    return read, push
+    return push
 
 
 @cache
@@ -430,11 +439,12 @@ def lever_arm_kernels(dim: int):
 def push_kernel(sides: Sides, blocks: Blocks):
     """Kernel `push_all(v, couplings, impulses)`: v += w H r over all points of a group."""
     row = for_dimension(sides.dim, sides.components).row
-    _, push = motion(sides, blocks)
+    push = point_impulse(sides, blocks)
 
     @njit(**LEAN_ENTRY)
     def push_all(v, c, r):
-        for i in range(len(r)):
+        for number in range(len(r)):
+            i = np.uintp(number)
             push(v, c, i, row(r, i))
 
     return push_all
@@ -503,7 +513,7 @@ def sweep_kernel(
     row, set_row, dot = algebra.row, algebra.set_row, algebra.dot
     sym_row, sym_vector = algebra.sym_row, algebra.sym_vector
     add, scale, subtract = algebra.add, algebra.scale, algebra.subtract
-    read, push = motion(sides, blocks)
+    read, push = point_velocity(sides), point_impulse(sides, blocks)
     fetch = fetch_kernel(sides, blocks)
     solve = law.solve
 

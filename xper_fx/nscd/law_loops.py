@@ -5,9 +5,11 @@ from __future__ import annotations
 
 from functools import cache
 
+import numpy as np
+
 from xper_fx.cache import njit
 from xper_fx.nscd.algebra.small import for_dimension
-from xper_fx.nscd.couplings import Sides, motion
+from xper_fx.nscd.couplings import Sides, point_velocity
 from xper_fx.nscd.kernel_options import LEAN_ENTRY, MERGED
 from xper_fx.nscd.laws.law import LawKernels
 
@@ -39,7 +41,7 @@ def ending(law: LawKernels, sides: Sides):
 @cache
 def step_loops(law: LawKernels, sides: Sides):
     """The loops of a law's `prepare` and `commit` over ranges of the points p, `PointArrays`."""
-    read, _ = motion(sides)
+    read = point_velocity(sides)
     algebra = for_dimension(sides.dim, sides.components)
     row, add, scale = algebra.row, algebra.add, algebra.scale
     prepare, end, energies = law.prepare, ending(law, sides), len(law.energies)
@@ -62,7 +64,7 @@ def step_loops(law: LawKernels, sides: Sides):
                 for j in range(energies):
                     p.energy[i, j] = 0.0
                 continue
-            jump0, u = row(p.jump, i), read(v, c, i)
+            jump0, u = row(p.jump, i), read(v, c, np.uintp(i))
             mean = add(scale(theta, u), scale(1.0 - theta, row(p.velocity, i)))
             end(i, jump0, mean, u, p, step, theta)
 
@@ -72,14 +74,14 @@ def step_loops(law: LawKernels, sides: Sides):
 @cache
 def evolve_loop(law: LawKernels, sides: Sides):
     """The loop of a law's `evolve` over a range of the points p, `PointArrays`."""
-    read, _ = motion(sides)
+    read = point_velocity(sides)
     evolve = law.evolve
 
     @njit(nogil=True, **LEAN_ENTRY)
     def evolve_range(first, last, v, c, p):
         largest = least = 0.0
         for i in range(first, last):
-            u = read(v, c, i)
+            u = read(v, c, np.uintp(i))
             change = evolve(i, u, p.compliance, p.parameters, p.terms, p.details)
             largest, least = max(largest, change), min(least, change)
         return largest, -least

@@ -179,6 +179,9 @@ def order_points(blocks: np.ndarray, num_blocks: int) -> Ordering:
     present = np.bincount(tile) > 0
     tile = (np.cumsum(present) - 1)[tile]
     num_tiles = int(np.count_nonzero(present))
+    if num_tiles == 1:
+        order = np.argsort(point_color, kind="stable").astype(np.int32)
+        return Ordering(order, np.array([0, count]), np.array([0, 1]))
     by_tile = np.argsort(tile, kind="stable") if np.any(tile[1:] < tile[:-1]) else np.arange(count)
     by_tile = by_tile.astype(np.int32)
     tile_offsets = np.concatenate([[0], np.cumsum(np.bincount(tile, minlength=num_tiles))])
@@ -227,6 +230,10 @@ def _touched(
     blocks: np.ndarray, order: np.ndarray, tile_offsets: np.ndarray, num_blocks: int, ignored: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """The blocks that the points of each tile touch, once each: offsets and blocks."""
+    if len(tile_offsets) == 2:
+        members = np.unique(blocks)
+        members = members[members != ignored]
+        return np.array([0, len(members)]), members
     offsets, members = np.zeros_like(tile_offsets), np.empty(blocks.size, np.int32)
     _touch(blocks, order, tile_offsets, ignored, np.full(num_blocks, -1), offsets, members)
     return offsets, members[: offsets[-1]].copy()

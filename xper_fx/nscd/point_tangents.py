@@ -28,7 +28,7 @@ import numpy as np
 
 from xper_fx.cache import njit
 from xper_fx.nscd.algebra.small import for_dimension
-from xper_fx.nscd.couplings import Sides, motion, spread_kernel
+from xper_fx.nscd.couplings import Sides, point_velocity, spread_kernel
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.kernel_options import LEAN_ENTRY
 from xper_fx.nscd.laws.law import LawKernels
@@ -49,7 +49,7 @@ def _response_kernel(law: LawKernels, sides: Sides):
     """Kernel: S(u, r) of every point."""
     algebra = for_dimension(sides.dim, sides.components)
     row, set_row = algebra.row, algebra.set_row
-    read, _ = motion(sides)
+    read = point_velocity(sides)
     solve = law.solve
 
     @njit(nogil=True, **LEAN_ENTRY)
@@ -71,7 +71,7 @@ def _tangent_kernel(law: LawKernels, sides: Sides):
     row, set_row, add, unit = algebra.row, algebra.set_row, algebra.add, algebra.unit
     subtract, dot = algebra.subtract, algebra.dot
     sym_row, sym_vector = algebra.sym_row, algebra.sym_vector
-    read, _ = motion(sides)
+    read = point_velocity(sides)
     solve = law.solve
     columns = 2 * components + 1
 

@@ -58,8 +58,7 @@ import numpy as np
 
 from xper_fx.cache import njit
 from xper_fx.nscd.algebra.small import for_dimension
-from xper_fx.nscd.couplings import Sides, prefetch
-from xper_fx.nscd.couplings import motion as relative_motion
+from xper_fx.nscd.couplings import Sides, point_velocity, prefetch
 from xper_fx.nscd.kernel_options import LEAN_ENTRY, MERGED
 from xper_fx.nscd.law_loops import ending
 from xper_fx.nscd.laws.law import STORED, LawKernels
@@ -438,7 +437,7 @@ def commit_loop(law: LawKernels, sides: Sides, width: int):
     arms_at, axes_at, apart = lips.arms_at, lips.axes_at, lips.apart
     spin_of, local = lips.spin, lips.local
     turn_at, add_world, scale_world = lips.turn_at, world.add, world.scale
-    read, _ = relative_motion(sides)
+    read = point_velocity(sides)
     end_step, gained = ending(law, sides), _gained(law)
     turns, num_arms = (1, 1) if dim == 2 else (3, 4)
 

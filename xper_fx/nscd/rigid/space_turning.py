@@ -23,7 +23,8 @@ change but for the drift's turn of J:
     (J(R1) omega1)_f = (J(R0) omega0)_f,   R1 = exp(tau (omega0 + omega1) / 2) R0,
 
 solved by fixed points. About a fixed axis this is exact; with two free components it is of second
-order. Guides work in a drift: the energy of a guided body may change there.
+order. Guides work in a drift: the energy of a guided body may change there. A body without mass,
+such as a wall, keeps its spin.
 """
 
 from __future__ import annotations
@@ -53,7 +54,7 @@ add, dot, matrix_vector, row, scale, set_row, subtract = (
 )
 
 # How a body turns in 3D.
-_ROUND, _TUMBLING, _GUIDED = range(3)
+_ROUND, _TUMBLING, _GUIDED, _MASSLESS = range(4)
 # Principal moments that differ by less, relative to their mean, are equal.
 _EQUAL_MOMENTS = 1e-12
 # Newton stops at a correction below this, relative to the momentum: the next would be its square.
@@ -74,13 +75,14 @@ class SpaceTurning:
         apart = np.abs(self.body_inertia - mean).max(axis=(1, 2))
         self.how = np.where(apart <= _EQUAL_MOMENTS * mean[:, 0, 0], _ROUND, _TUMBLING)
         self.how[prescribed.any(axis=1)] = _GUIDED
+        self.how[~massive] = _MASSLESS
         self.how = self.how.astype(np.int8)
-        self._kinds = tuple(bool(np.any(self.how == kind)) for kind in range(3))
+        self._kinds = tuple(bool(np.any(self.how == kind)) for kind in range(4))
         round_ones = self.how == _ROUND
         self.body_inertia[round_ones] = mean[round_ones]
         self.body_inverse[round_ones] = np.eye(3) / mean[round_ones, :1, :1]
         self.prescribed = prescribed
-        self.guided = np.nonzero(self.how == _GUIDED)[0]
+        self.guided = np.nonzero(self.how >= _GUIDED)[0]
         self.inverse = self.body_inverse.copy()
         rotation = np.ascontiguousarray(bodies.rotation)
         inertia = rotation @ self.body_inertia @ np.swapaxes(rotation, 1, 2)
@@ -121,7 +123,7 @@ class SpaceTurning:
 
     def update_inverse(self, turn: Turn, inverse: np.ndarray) -> None:
         """Write w of the spins into `inverse`, shape (n, 3, 3): the free ones' J_ff^-1."""
-        _, tumbling, guided = self._kinds
+        _, tumbling, guided, _ = self._kinds
         if tumbling or guided:
             _inverse_kernel(tumbling, guided)(
                 self.how,
@@ -302,7 +304,7 @@ def _guide(size, i, body_inertia, prescribed, turn, end, inverse):
 
 
 @cache
-def _drift_kernel(round_ones: bool, tumbling: bool, guided: bool):
+def _drift_kernel(round_ones: bool, tumbling: bool, guided: bool, massless: bool):
     """Kernel that fills `end`, for the kinds there are; the first body that failed, -1 if none."""
 
     @njit(**LEAN_ENTRY)
@@ -312,8 +314,11 @@ def _drift_kernel(round_ones: bool, tumbling: bool, guided: bool):
             settled = True
             if guided and how[i] == _GUIDED:
                 settled = _guide(size, i, body_inertia, prescribed, turn, end, inverse)
-            if round_ones and how[i] == _ROUND:
-                spin = scale(body_inverse[i, 0, 0], momentum)
+            keeps_spin = massless and how[i] == _MASSLESS
+            if keeps_spin or (round_ones and how[i] == _ROUND):
+                spin = row(turn.spin, i)
+                if not keeps_spin:
+                    spin = scale(body_inverse[i, 0, 0], momentum)
                 _copy(turn.rotation, i, end.rotation)
                 _turn_in_space(scale(size, spin), end.rotation, i)
                 _restore(end.rotation, i)

@@ -10,7 +10,7 @@ asks its own level and those above that hold anything: the work is that of the b
 levels in use, at any ratio of sizes. Boxes of nearly one size, as most are, have one level.
 
 Cells are kept in a table with two places a box, by a number that runs on along x, so that the cells
-of a row are neighbours in memory; empty space costs nothing.
+of a row are neighbours in memory; empty space costs nothing. Of few boxes all pairs are compared.
 """
 
 from __future__ import annotations
@@ -20,6 +20,8 @@ import numpy as np
 from xper_fx.cache import njit
 from xper_fx.nscd.kernel_options import LEAN_ENTRY, MERGED
 
+# Boxes of which all pairs are compared.
+_FEW = 32
 # Boxes up to this many times the median share a level.
 _ALIKE = 1.5
 # Cells are not made smaller than this share of the whole extent: their numbers stay exact.
@@ -91,6 +93,12 @@ def labelled_box_pairs(
         )
     if len(low) < 2:
         return np.empty((0, 2), np.int32)
+    label = np.ascontiguousarray(label, dtype=np.int64)
+    allowed = np.ascontiguousarray(allowed, dtype=np.bool_)
+    if len(low) <= _FEW:
+        meet = np.all(low[:, None] <= high, axis=2)
+        meet &= meet.T & allowed[label[:, None], label]
+        return np.argwhere(np.triu(meet, 1)).astype(np.int32)
     rows, tops = low.T.copy(), high.T.copy()  # quicker to go through
     extent, origin = (tops - rows).max(axis=0), rows.min(axis=1)
     span = float((tops.max(axis=1) - origin).max())
@@ -98,8 +106,6 @@ def labelled_box_pairs(
     unit = max(float(alike.max()), span * _SMALLEST_CELL) or 1.0
     fraction, level = np.frexp(np.maximum(extent, span * _SMALLEST_CELL) / unit)
     level = level.astype(np.int64) - (fraction <= 0.5)
-    label = np.ascontiguousarray(label, dtype=np.int64)
-    allowed = np.ascontiguousarray(allowed, dtype=np.bool_)
     lowest = int(level.min())
     used = np.unique(level) - lowest
     size = unit * 2.0**lowest

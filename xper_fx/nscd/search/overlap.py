@@ -193,7 +193,7 @@ def keep_four(overlap, count, x, y, near, rounding):
             if gap[i] < gap[deepest]:
                 deepest = i
         least, nearest = math.inf, 0
-        for k in range(4):
+        for k in range(chosen):
             least = min(least, gap[kept[k]])
             if _apart(place, deepest, kept[k]) < _apart(place, deepest, kept[nearest]):
                 nearest = k

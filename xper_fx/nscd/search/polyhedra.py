@@ -54,6 +54,30 @@ _PARALLEL = 1e-12
 _FACING = 0.7
 
 
+class _FaceTables(NamedTuple):
+    """Of `ShapeTables`, what tells of faces: each array that a kernel takes is compiled."""
+
+    entry: np.ndarray
+    face_offsets: np.ndarray
+    face_distance: np.ndarray
+    loop_offsets: np.ndarray
+    loops: np.ndarray
+
+
+class _EdgeTables(NamedTuple):
+    """Of `ShapeTables`, what tells of edges."""
+
+    entry: np.ndarray
+    edge_offsets: np.ndarray
+    edges: np.ndarray
+    edge_faces: np.ndarray
+
+
+def _part(kind: type, tables: ShapeTables) -> NamedTuple:
+    """Those of the tables that a kind of tuple names."""
+    return kind(*(getattr(tables, name) for name in kind._fields))
+
+
 class Touching(NamedTuple):
     """Room for two points that face each other.
 
@@ -374,12 +398,28 @@ def _closest_vertices_edges(touching, corners, tables, bodies, offset, n, near, 
     return least, count
 
 
+class _Pointed(NamedTuple):
+    """Room for pairs whose faces do not overlap, each with one point on either body.
+
+    Attributes:
+        which: shape (n, 4), int64: a, b, the name of the point, as in `overlap`, and whether it is
+            where two edges cross.
+        vectors: shape (n, 3, 3), the points of a and b about the centre of b (m), and the normal
+            from b to a.
+        separation: shape (n,), along the normal (m).
+    """
+
+    which: np.ndarray
+    vectors: np.ndarray
+    separation: np.ndarray
+
+
 class _Room(NamedTuple):
-    """Room for what a pair is looked at with: an overlap, closest points, a number each face."""
+    """Room for what pairs are looked at with: an overlap, a number each face, and other pairs."""
 
     overlap: Overlap
-    touching: Touching
     along: np.ndarray
+    pointed: _Pointed
 
 
 def polyhedron_polyhedron(
@@ -405,20 +445,39 @@ def polyhedron_polyhedron(
     Returns:
         How many contacts there are.
     """
-    room = _Room(
-        overlap_room(tables),
-        Touching(np.empty((2, 3)), np.empty((2, 3)), np.empty(2, np.int64)),
-        np.empty(len(tables.face_distance)),
+    faces, edges = _part(_FaceTables, tables), _part(_EdgeTables, tables)
+    size = len(pairs)
+    pointed = _Pointed(np.empty((size, 4), np.int64), np.empty((size, 3, 3)), np.empty(size))
+    room = _Room(overlap_room(tables), np.empty(len(tables.face_distance)), pointed)
+    count, others = _polyhedra(
+        found, pairs, position, corners, (faces, edges), bounding_radius, reach, room
     )
-    return _polyhedra(found, pairs, position, corners, tables, bounding_radius, reach, room)
+    if others > 0:  # else the kernel is not compiled
+        count += _without_overlap(
+            Found(*(array[count:] for array in found)),
+            _Pointed(*(array[:others] for array in pointed)),
+            position,
+            corners,
+            edges,
+            bounding_radius,
+            reach,
+            Touching(np.empty((2, 3)), np.empty((2, 3)), np.empty(2, np.int64)),
+        )
+    return count
 
 
 @njit(**LEAN_ENTRY)
 def _polyhedra(found, pairs, position, corners, tables, bounding_radius, reach, room):
-    overlap, touching, along = room
+    """Contacts of pairs whose faces overlap; the others are put into `pointed`.
+
+    Returns:
+        How many contacts and how many other pairs there are.
+    """
+    faces, edges = tables
+    overlap, along, pointed = room
     num_bodies = len(position)
     zero = (0.0, 0.0, 0.0)
-    count = 0
+    count = others = 0
     for pair in range(len(pairs)):
         a = pairs[pair, 0]
         b = pairs[pair, 1]
@@ -431,18 +490,18 @@ def _polyhedra(found, pairs, position, corners, tables, bounding_radius, reach, 
             continue
         rounding = ROUNDING * size
         on_b, face_b, low_a = _best_face(
-            corners, tables, b, a, to_a, bounding_radius[a], reach, rounding
+            corners, faces, b, a, to_a, bounding_radius[a], reach, rounding
         )
         if on_b > reach:
             continue
         on_a, face_a, low_b = _best_face(
-            corners, tables, a, b, to_b, bounding_radius[b], reach, rounding
+            corners, faces, a, b, to_b, bounding_radius[b], reach, rounding
         )
         if on_a > reach:
             continue
         best = max(on_a, on_b)
         separation, edge_a, edge_b, crossing = _best_edges(
-            corners, tables, (a, b), to_a, best, reach, rounding, along
+            corners, edges, (a, b), to_a, best, reach, rounding, along
         )
         if separation > reach:
             continue
@@ -454,7 +513,7 @@ def _polyhedra(found, pairs, position, corners, tables, bounding_radius, reach, 
         single = zero, zero, 0
         if edge_a >= 0:
             n = crossing
-            ends_a, ends_b = tables.edges[edge_a], tables.edges[edge_b]
+            ends_a, ends_b = edges.edges[edge_a], edges.edges[edge_b]
             start_a, start_b = corners.vertex_start[a], corners.vertex_start[b]
             p = _along(to_a, 1.0, _row(corners.vertex, start_a + ends_a[0]))
             e = _minus(_along(to_a, 1.0, _row(corners.vertex, start_a + ends_a[1])), p)
@@ -470,13 +529,13 @@ def _polyhedra(found, pairs, position, corners, tables, bounding_radius, reach, 
             name = edge_number(ends_a[0], ends_a[1], num_a) * num_b * num_b
             name = 4 * (name + edge_number(ends_b[0], ends_b[1], num_b)) + 2
             single = _along(p, s, e), _along(q, t, f), name
-            sides = tables.edge_faces[edge_a]
+            sides = edges.edge_faces[edge_a]
             face_a = sides[0]
             start = corners.face_start[a]
             if _dot(corners.normal, start + sides[1], n) < _dot(corners.normal, start + face_a, n):
                 face_a = sides[1]
             facing = _dot(corners.normal, start + face_a, n) < -_FACING
-            sides = tables.edge_faces[edge_b]
+            sides = edges.edge_faces[edge_b]
             face_b = sides[0]
             start = corners.face_start[b]
             if _dot(corners.normal, start + sides[1], n) > _dot(corners.normal, start + face_b, n):
@@ -490,14 +549,14 @@ def _polyhedra(found, pairs, position, corners, tables, bounding_radius, reach, 
         elif on_a > on_b - rounding:
             ref, other, offset, outward = a, b, to_b, -1.0
             n = _row(corners.normal, corners.face_start[a] + face_a)
-            face_b = _face_at(corners, tables, b, low_b, n)
+            face_b = _face_at(corners, faces, b, low_b, n)
             x = _row(corners.vertex, corners.vertex_start[b] + low_b)
             single = _along(x, -on_a, n), x, 4 * low_b + 1
             crosses = False
             separation = on_a
         else:
             n = _row(corners.normal, corners.face_start[b] + face_b)
-            face_a = _face_at(corners, tables, a, low_a, n)
+            face_a = _face_at(corners, faces, a, low_a, n)
             x = _along(to_a, 1.0, _row(corners.vertex, corners.vertex_start[a] + low_a))
             single = x, _along(x, -on_b, n), 4 * low_a
             crosses = False
@@ -508,7 +567,7 @@ def _polyhedra(found, pairs, position, corners, tables, bounding_radius, reach, 
             ref_face, other_face = (face_b, face_a) if ref == b else (face_a, face_b)
             reference, incident = (ref, ref_face), (other, other_face)
             corners_found = _overlap(
-                overlap, corners, tables, reference, incident, offset, n, rounding
+                overlap, corners, faces, reference, incident, offset, n, rounding
             )
             least = math.inf
             for i in range(corners_found):
@@ -519,13 +578,13 @@ def _polyhedra(found, pairs, position, corners, tables, bounding_radius, reach, 
             area = area_of(overlap, corners_found)
             offsets = (to_a, zero) if ref == b else (zero, to_b)
             named = (a, b), (face_a, face_b), offsets
-            _give_names(overlap, corners_found, corners, tables, named, ref == a, n, near)
+            _give_names(overlap, corners_found, corners, faces, named, ref == a, n, near)
             corners_found = distinct(overlap, corners_found)
             t1, t2 = plane_axes(n[0], n[1], n[2])
-            loop = tables.loop_offsets[tables.face_offsets[tables.entry[ref]] + ref_face]
+            loop = faces.loop_offsets[faces.face_offsets[faces.entry[ref]] + ref_face]
             start = corners.vertex_start[ref]
-            x = _row(corners.vertex, start + tables.loops[loop])
-            x = _minus(_row(corners.vertex, start + tables.loops[loop + 1]), x)
+            x = _row(corners.vertex, start + faces.loops[loop])
+            x = _minus(_row(corners.vertex, start + faces.loops[loop + 1]), x)
             length = math.sqrt(_inner(x, x))
             u, w = _inner(t1, x) / length, _inner(t2, x) / length
             kept = keep_four(overlap, corners_found, u, w, near, rounding)
@@ -541,14 +600,36 @@ def _polyhedra(found, pairs, position, corners, tables, bounding_radius, reach, 
                     count = put_contact(found, count, (a, b), key, x, normal, overlap.gap[i], area)
             continue
 
-        # Points without an overlap.
-        gap = separation
-        n = (outward * n[0], outward * n[1], outward * n[2])
+        pointed.which[others, 0], pointed.which[others, 1] = a, b
+        pointed.which[others, 2], pointed.which[others, 3] = single[2], crosses
+        for c in range(3):
+            pointed.vectors[others, 0, c] = single[0][c]
+            pointed.vectors[others, 1, c] = single[1][c]
+            pointed.vectors[others, 2, c] = outward * n[c]
+        pointed.separation[others] = separation
+        others += 1
+    return count, others
+
+
+@njit(**LEAN_ENTRY)
+def _without_overlap(found, pointed, position, corners, tables, bounding_radius, reach, touching):
+    """Contacts of pairs whose faces do not overlap; returns how many there are."""
+    count = 0
+    num_bodies = len(position)
+    for pair in range(len(pointed.separation)):
+        a, b = pointed.which[pair, 0], pointed.which[pair, 1]
+        to_a = _from_to(position, b, a)
+        smaller = min(bounding_radius[a], bounding_radius[b])
+        near = SAME_CORNER * smaller
+        rounding = ROUNDING * (bounding_radius[a] + bounding_radius[b])
+        n = _row(pointed.vectors[pair], 2)
+        gap = separation = pointed.separation[pair]
         points = 1
         for c in range(3):
-            touching.on_a[0, c], touching.on_b[0, c] = single[0][c], single[1][c]
-        touching.name[0] = single[2]
-        if separation > -10.0 * rounding and not crosses:
+            touching.on_a[0, c] = pointed.vectors[pair, 0, c]
+            touching.on_b[0, c] = pointed.vectors[pair, 1, c]
+        touching.name[0] = pointed.which[pair, 2]
+        if separation > -10.0 * rounding and pointed.which[pair, 3] == 0:
             distance, points = _closest_vertices_edges(
                 touching, corners, tables, (a, b), to_a, n, near, rounding
             )
@@ -584,8 +665,8 @@ def polyhedron_wall(
         How many contacts there are.
     """
     return _polyhedra_walls(
-        found, pairs, position, corners, tables, bounding_radius, wall_normal, reach,
-        overlap_room(tables),
+        found, pairs, position, corners, _part(_FaceTables, tables), bounding_radius, wall_normal,
+        reach, overlap_room(tables),
     )  # fmt: skip
 
 

@@ -51,39 +51,21 @@ FIRST_SKIN = 0.1
 
 
 @njit(**LEAN_ENTRY)
-def _turn(tables, bodies, rotation, corners):
-    """Turn the vertices and face normals of bodies with corners, one rotation each."""
+def _turn(entry, offsets, own, bodies, rotation, start, turned):
+    """Turn the vectors of bodies, one rotation each.
+
+    Those of the entry s of tables are `own[offsets[s]:offsets[s + 1]]`, and those of body b
+    `turned[start[b]:start[b + 1]]`.
+    """
     dim = rotation.shape[1]
     for k in range(len(bodies)):
         b = bodies[k]
-        entry = tables.entry[b]
-        first = tables.vertex_offsets[entry] - corners.vertex_start[b]
-        for v in range(corners.vertex_start[b], corners.vertex_start[b + 1]):
+        first = offsets[entry[b]] - start[b]
+        for v in range(start[b], start[b + 1]):
             for d in range(dim):
-                corners.vertex[v, d] = 0.0
+                turned[v, d] = 0.0
                 for e in range(dim):
-                    corners.vertex[v, d] += rotation[k, d, e] * tables.vertices[first + v, e]
-        first = tables.face_offsets[entry] - corners.face_start[b]
-        for f in range(corners.face_start[b], corners.face_start[b + 1]):
-            for d in range(dim):
-                corners.normal[f, d] = 0.0
-                for e in range(dim):
-                    corners.normal[f, d] += rotation[k, d, e] * tables.face_normal[first + f, e]
-
-
-@njit(**LEAN_ENTRY)
-def _boxes(bodies, position, radius, corners, inflation, low, high):
-    """Low and high corners of the boxes around bodies, each side moved out by the inflation."""
-    dim = position.shape[1]
-    for k in range(len(bodies)):
-        b = bodies[k]
-        for d in range(dim):
-            least, most = -radius[b], radius[b]
-            for v in range(corners.vertex_start[b], corners.vertex_start[b + 1]):
-                least = min(least, corners.vertex[v, d])
-                most = max(most, corners.vertex[v, d])
-            low[k, d] = position[b, d] + least - inflation
-            high[k, d] = position[b, d] + most + inflation
+                    turned[v, d] += rotation[k, d, e] * own[first + v, e]
 
 
 @njit(**LEAN_ENTRY)
@@ -118,21 +100,6 @@ def _motion(bodies, moved, mean, turned, rotation, old_rotation, bounding_radius
         elif length > second:
             second = length
     return most + second
-
-
-@njit(**LEAN_ENTRY)
-def _near(pairs, body, position, bounding_radius, distance, near):
-    """Write which pairs, not of one body, are no further apart than the distance.
-
-    Measured between bounding circles or spheres.
-    """
-    for p in range(len(pairs)):
-        i, j = pairs[p, 0], pairs[p, 1]
-        square = 0.0
-        for d in range(position.shape[1]):
-            square += (position[i, d] - position[j, d]) ** 2
-        close = square <= (bounding_radius[i] + bounding_radius[j] + distance) ** 2
-        near[p] = close and body[i] != body[j]
 
 
 def _matrices(rotation: np.ndarray) -> np.ndarray:
@@ -261,7 +228,7 @@ class RigidSearch:
         self._wall_normal[self._walls] = _matrices(rotation[self._walls])[:, :, -1]
         rotation = _matrices(rotation[self._cornered])
         if len(self._cornered):
-            _turn(self._tables, self._cornered, rotation, self._corners)
+            self._turn_corners(rotation)
         self._renew_if_needed(position, rotation)
         self.searches += 1
 
@@ -350,6 +317,14 @@ class RigidSearch:
         bodies = self._tables.body[pairs].astype(np.int64)
         return pairs[~np.isin(self._number(bodies), self._apart)]
 
+    def _turn_corners(self, rotation: np.ndarray) -> None:
+        """Take rotations of the bodies that have corners, matrices."""
+        tables, corners, bodies = self._tables, self._corners, self._cornered
+        vertices = tables.vertex_offsets, tables.vertices
+        normals = tables.face_offsets, tables.face_normal
+        _turn(tables.entry, *vertices, bodies, rotation, corners.vertex_start, corners.vertex)
+        _turn(tables.entry, *normals, bodies, rotation, corners.face_start, corners.normal)
+
     def _renew_if_needed(self, position: np.ndarray, rotation: np.ndarray) -> None:
         if self._old_position is not None and len(self._listed):
             motion = _motion(
@@ -385,12 +360,14 @@ class RigidSearch:
         distance = self.reach + self.skin
         # A little more, so that rounding loses no pair.
         distance += 1e-9 * distance + 1e-15 * float(np.abs(position[listed]).max(initial=0.0))
-        low, high = np.empty((2, len(listed), self._dim))
-        _boxes(listed, position, tables.radius, self._corners, 0.5 * distance, low, high)
+        low, high = (side[listed] for side in self._boxes(position, 0.5 * distance))
         found = labelled_box_pairs(low, high, self._label[listed], self._allowed)
         pairs = listed.astype(np.int32)[found]
-        near = np.empty(len(pairs), bool)
-        _near(pairs, tables.body, position, tables.bounding_radius, distance, near)
+        i, j = pairs.T
+        square = sum((x[i] - x[j]) ** 2 for x in position.T)
+        radius = tables.bounding_radius
+        near = square <= (radius[i] + radius[j] + distance) ** 2
+        near &= tables.body[i] != tables.body[j]
         pairs = self._touching(pairs.compress(near, axis=0))
         first, second = self._is_ball[pairs].T
         mixed = pairs.compress(first != second, axis=0)
@@ -413,6 +390,17 @@ class RigidSearch:
                 name: pairs[part] for (name, pairs), part in zip(lists.items(), parts, strict=True)
             }
 
+    def _boxes(self, position: np.ndarray, inflation: float) -> tuple[np.ndarray, np.ndarray]:
+        """Low and high corners of boxes around all pieces, each side moved out by the inflation."""
+        radius, vertex, with_corners = self._tables.radius, self._corners.vertex, self._cornered
+        high = np.repeat(radius[:, None], self._dim, axis=1)
+        low = -high
+        if len(with_corners):
+            start = self._corners.vertex_start[with_corners]
+            low[with_corners] = np.minimum(0.0, np.minimum.reduceat(vertex, start))
+            high[with_corners] = np.maximum(0.0, np.maximum.reduceat(vertex, start))
+        return position + low - inflation, position + high + inflation
+
     def saved(self) -> dict:
         """What the list in use was made from, and how long it has served; empty before the first.
 
@@ -434,7 +422,7 @@ class RigidSearch:
         if not saved:
             return
         self.skin = saved["skin"]
-        _turn(self._tables, self._cornered, saved["rotation"], self._corners)
+        self._turn_corners(saved["rotation"])
         self._renew(saved["position"], saved["rotation"])
         self.searches += saved["served"]
 

@@ -35,7 +35,7 @@ import numpy as np
 
 from xper_fx.cache import njit
 from xper_fx.nscd.algebra.krylov import norm
-from xper_fx.nscd.couplings import Sides, motion, spread_kernel
+from xper_fx.nscd.couplings import Sides, point_velocity, spread_kernel
 from xper_fx.nscd.friction.interior_point import LEAST_FRICTION, TINY, cone_kernels
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.kernel_options import LEAN_ENTRY
@@ -58,7 +58,7 @@ def _point_kernels(sides: Sides):
     dim, m = sides.dim, sides.components
     cones = cone_kernels(dim)
     size_t, scale = cones.size_t, cones.scale
-    read, _ = motion(sides)
+    read = point_velocity(sides)
 
     @njit(inline="always")
     def inverse(scaling, z, a, t):

@@ -47,7 +47,13 @@ from scipy.sparse.linalg import splu
 from xper_fx.cache import njit
 from xper_fx.nscd.algebra.krylov import gmres
 from xper_fx.nscd.algebra.small import for_dimension
-from xper_fx.nscd.couplings import Sides, lever_arm_kernels, motion, point_force, spread_kernel
+from xper_fx.nscd.couplings import (
+    Sides,
+    lever_arm_kernels,
+    point_force,
+    point_velocity,
+    spread_kernel,
+)
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.inverse_blocks import BodyInverse
 from xper_fx.nscd.kernel_options import LEAN_ENTRY, LEAN_INNER
@@ -79,7 +85,7 @@ def residual_kernel(law: LawKernels, sides: Sides):
     """Kernel: sum over points of |S(b) - r|^2 and |r|^2, and the largest |S(b) - r|^2 / area^2."""
     algebra = for_dimension(sides.dim, sides.components)
     row, subtract, dot = algebra.row, algebra.subtract, algebra.dot
-    read, _ = motion(sides)
+    read = point_velocity(sides)
     solve = law.solve
 
     @_KERNEL
@@ -159,7 +165,7 @@ def _tangent_kernel(law: LawKernels, sides: Sides):
     algebra = for_dimension(sides.dim, components)
     row, add, subtract, unit = algebra.row, algebra.add, algebra.subtract, algebra.unit
     dot, sym_row, sym_vector = algebra.dot, algebra.sym_row, algebra.sym_vector
-    read, _ = motion(sides)
+    read = point_velocity(sides)
     solve = law.solve
 
     @_KERNEL
@@ -253,7 +259,7 @@ def _spring_kernels(sides: Sides):
     local, world_algebra = for_dimension(dim, components), for_dimension(dim)
     world_unit, add, times = world_algebra.unit, world_algebra.add, world_algebra.scale
     to_local, to_global, spring = local.to_local, local.to_global, local.matrix_vector
-    read, _ = motion(sides)
+    read = point_velocity(sides)
     give = point_force(sides)
     turned_unit, moment = lever_arm_kernels(dim)[1:] if lever_arms else (None, None)
 

@@ -39,7 +39,7 @@ import numpy as np
 
 from xper_fx.cache import njit
 from xper_fx.nscd.algebra.small import for_dimension
-from xper_fx.nscd.couplings import Blocks, Couplings, Sides, motion
+from xper_fx.nscd.couplings import Blocks, Couplings, Sides, point_impulse, point_velocity
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.kernel_options import LEAN_ENTRY, LEAN_INNER, MERGED
 from xper_fx.nscd.laws.law import LawKernels
@@ -269,7 +269,8 @@ def _group_kernels(law: LawKernels, dim: int, unknowns: int, alone: bool, turns:
     of_vertex = for_dimension(dim, unknowns)
     vertex_unit, to_local, to_global = of_vertex.unit, of_vertex.to_local, of_vertex.to_global
     add_world, scale_world = world.add, world.scale
-    read, push = motion(Sides(dim, components, 1), Blocks(dim, aligned=True))
+    sides = Sides(dim, components, 1)
+    read, push = point_velocity(sides), point_impulse(sides, Blocks(dim, aligned=True))
     solve = law.solve
     kernel = _MERGED if alone else _KERNEL
     turns = turns and components == dim
