@@ -58,6 +58,21 @@ def test_it_leads_to_the_velocities_of_sweeps(make):
 def test_iterations_hardly_grow_with_the_mesh():
     counts = [followed(lambda n=n: plate_step(n, 100, True), 1e-6)[3] for n in (5, 20)]
     assert counts[0] <= counts[1] <= counts[0] + 6 <= 22
+    assert sum(counts) <= 26  # begun from the velocities of free bodies, 27
+
+
+def test_the_last_linear_problems_are_not_solved_further_than_needed(monkeypatch):
+    """Solved ten times further they take 149 iterations of GMRES."""
+    taken, improve = [], LinearisedProblem.improve
+
+    def counted(*arguments):
+        taken.append(improve(*arguments))
+        return taken[-1]
+
+    monkeypatch.setattr(LinearisedProblem, "improve", counted)
+    count = followed(lambda: plate_step(30, 100, True), 1e-6)[3]
+    assert count <= 20 and len(taken) == 2 * count
+    assert 100 < sum(taken) <= 130
 
 
 @pytest.mark.parametrize("law", [Tresca(1e5), PerfectBond()])

@@ -44,7 +44,7 @@ from xper_fx.nscd.point_group import PointGroup
 from xper_fx.nscd.solvers.tangent import LinearisedProblem
 
 # What GMRES leaves, relative to |H r|, for x . z as it was at first; and the least of x . z for it.
-_FORCING, _LEAST_GAP = 0.03, 1e-6
+_FORCING, _LEAST_GAP = 0.03, 1e-5
 _MAX_ITERATIONS, _MAX_GMRES = 40, 200
 # Steps shorter than this end the descent; x . z at which it has led somewhere.
 _SHORTEST, _USEFUL = 1e-3, 1e-3
@@ -215,6 +215,7 @@ class _Path:
         ]
         self._cones = cone_kernels(dim)
         self._velocity = free.copy()
+        interactions.add_velocity(self._velocity)
         self._none, self._force, self._own, self._step = np.zeros((4, len(free)))
         speeds, impulses = 0.0, 0.0
         slots = free.reshape(-1, dim)
