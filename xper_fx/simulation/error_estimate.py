@@ -40,6 +40,7 @@ largest energy held or to the largest force. What makes it, by name:
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -49,7 +50,7 @@ from xper_fx.bulk.state import StepOutcome
 from xper_fx.nscd.stepped_points import StepWork
 from xper_fx.simulation.energy_ledger import BulkEnergies
 from xper_fx.simulation.step_doubling import StepDoubling
-from xper_fx.simulation.swings import Rate, Swings, lag
+from xper_fx.simulation.swings import Swings
 from xper_fx.support.ranks import Ranks
 
 # Steps without damage after which bonds count as at rest.
@@ -158,7 +159,7 @@ class ErrorEstimate:
         self._parts = _Parts(energy)
         self._turned = np.zeros(3)  # energies in steps of impacts, summed
         self._swings, self._force = Swings(3), Swings(1)  # of the energies, of the force
-        self._now = Rate(0.0, [0.0] * 3)
+        self._time = 0.0  # middle of the step that was seen last
 
     @property
     def error(self) -> float:
@@ -223,11 +224,10 @@ class ErrorEstimate:
             What it leaves, all energies together, and by how much they turn from their last rates
             (J; 2D: J/m); zero in the first steps.
         """
-        self._now, rates = Rate(time + 0.5 * size, [c / size for c in change]), self._swings.rates
-        if len(rates) < 2:
-            return 0.0, 0.0
-        turn = sum(abs(c - size * r) for c, r in zip(change, rates[-1].rate, strict=True))
-        return sum(lag(rates, self._now, size**3)), turn
+        now, self._time = self._swings.now, time + 0.5 * size
+        for i, c in enumerate(change):
+            now[i] = c / size
+        return self._swings.look(self._time, size)
 
     def take(
         self,
@@ -253,16 +253,17 @@ class ErrorEstimate:
             held += work.stored
             parts.quiet = 0 if work.cohesion > 0.0 else parts.quiet + 1
             parts.numerical += work.numerical
-            self._now.rate[1] += (work.impact + work.friction) / size
+            now = self._swings.now
+            now[1] += (work.impact + work.friction) / size
             parts.impulses += min(outcome.residual, 1.0)
             strikes = share > 0.0 and work.impact > _AN_IMPACT * parts.scale
-            if strikes and self._swings.rates:
-                turn = size * np.subtract(self._now.rate, self._swings.rates[-1].rate)
+            if strikes and self._swings.steps:
+                turn = size * (now - self._swings.last)
                 parts.impacts += (_OF_IMPACTS * float(np.abs(turn).max())) ** 2
                 self._turned = self._turned + turn
                 parts.struck += work.impact
                 parts.late += work.impact * size * share
-        self._swings.take(self._now, size, self.lagging)
+        self._swings.take(self._time, size, self.lagging)
         parts.steps += 1
         parts.work += energies.work
         parts.worked += abs(energies.work)
@@ -279,7 +280,8 @@ class ErrorEstimate:
                 parts.fastest = max(parts.fastest, fast)
         force = abs(energies.work)
         if self._supported:
-            force = float(self._norms([outcome.supports.impulses])[0])
+            impulses = outcome.supports.impulses
+            force = math.sqrt(self._ranks.sum(float(impulses @ impulses)))
             if force > parts.force * size:
                 state = outcome.state
                 inner, moved = self._norms([state.internal, state.displacement]).tolist()
@@ -296,7 +298,8 @@ class ErrorEstimate:
         """Look at the force of a step (N, or W); whether it is one of waves."""
         parts = self._parts
         grows = (force - parts.last_force) / size if parts.steps > 1 else 0.0
-        self._force.take(Rate(self._now.time, [grows]), size)
+        self._force.now[0] = grows
+        self._force.take(self._time, size)
         erring = 0.0
         if waves:
             erring = _WAVES * self._force.amplitude * self._swings.out_of_phase
@@ -315,7 +318,7 @@ class ErrorEstimate:
         saved = {
             "parts": vars(self._parts),
             "turned": self._turned,
-            "now": np.array([self._now.time, *self._now.rate]),
+            "time": self._time,
             "swings": self._swings.saved(),
             "force": self._force.saved(),
         }
@@ -324,7 +327,7 @@ class ErrorEstimate:
     def restore(self, saved: Mapping) -> None:
         """Take what `saved` gave."""
         self._parts, self._turned = _Parts(**saved["parts"]), saved["turned"]
-        self._now = Rate(float(saved["now"][0]), saved["now"][1:].tolist())
+        self._time = saved["time"]
         self._swings.restore(saved["swings"])
         self._force.restore(saved["force"])
         if self.doubling is not None and "doubling" in saved:
