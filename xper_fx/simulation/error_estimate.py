@@ -71,11 +71,6 @@ _LITTLE_FORCE = 1e-4
 _LITTLE_WORK = 1e-3
 
 
-def changes(energies: BulkEnergies) -> list[float]:
-    """External work, gains of kinetic and elastic energy in a step (J; 2D: J/m)."""
-    return [energies.work, energies.kinetic_change, energies.elastic_change]
-
-
 @dataclass
 class _Parts:
     """What the error is made of (J; 2D: J/m), but for `quiet`, steps without damage, and `missed`.
@@ -141,6 +136,8 @@ class ErrorEstimate:
         rounding: of the elastic energy at a displacement (J; 2D: J/m), which loads of a static run
             may move bodies by that strain none; zero until it is set.
         lagging: what waves lag or run ahead by over what they lag with the trapezoidal rule.
+        scale: the largest energy held, that of the step seen last included (J; 2D: J/m).
+        noise: rounding of the elastic energy in the step seen last (J; 2D: J/m).
     """
 
     def __init__(
@@ -159,7 +156,7 @@ class ErrorEstimate:
         self._parts = _Parts(energy)
         self._turned = np.zeros(3)  # energies in steps of impacts, summed
         self._swings, self._force = Swings(3), Swings(1)  # of the energies, of the force
-        self._time = 0.0  # middle of the step that was seen last
+        self.scale = self.noise = self._time = 0.0  # the middle of the step that was seen last
 
     @property
     def error(self) -> float:
@@ -207,26 +204,25 @@ class ErrorEstimate:
         """Steps since bonds were damaged."""
         return self._parts.quiet
 
-    def scale_with(self, energies: BulkEnergies, displacement: np.ndarray) -> float:
-        """The largest energy held (J; 2D: J/m), a step's included that is not taken yet."""
-        held = energies.kinetic + energies.elastic
-        return max(self._parts.scale, held, self.rounding(displacement))
-
-    def see(self, time: float, size: float, change: list[float]) -> tuple[float, float]:
+    def see(
+        self, time: float, size: float, energies: BulkEnergies, displacement: np.ndarray
+    ) -> tuple[float, float, float]:
         """Look at a step that may not be kept.
 
         Args:
             time: at its start (s).
             size: h (s).
-            change: `changes` of its energies.
+            energies: of the bulk at its end.
+            displacement: there (m).
 
         Returns:
-            What it leaves, all energies together, and by how much they turn from their last rates
-            (J; 2D: J/m); zero in the first steps.
+            What it leaves, all energies together, by how much they turn from their last rates
+            (both zero in the first steps), and by how much they change (J; 2D: J/m).
         """
+        self.noise = self.rounding(displacement)
+        self.scale = max(self._parts.scale, energies.kinetic + energies.elastic, self.noise)
         now, self._time = self._swings.now, time + 0.5 * size
-        for i, c in enumerate(change):
-            now[i] = c / size
+        now[0], now[1], now[2] = energies.work, energies.kinetic_change, energies.elastic_change
         return self._swings.look(self._time, size)
 
     def take(
@@ -248,8 +244,8 @@ class ErrorEstimate:
         """
         parts = self._parts
         held = energies.kinetic + energies.elastic
-        share = energies.kinetic / held if held > 0.0 else 0.0
         if work is not None:
+            share = energies.kinetic / held if held > 0.0 else 0.0
             held += work.stored
             parts.quiet = 0 if work.cohesion > 0.0 else parts.quiet + 1
             parts.numerical += work.numerical
@@ -269,8 +265,7 @@ class ErrorEstimate:
         parts.worked += abs(energies.work)
         parts.closure = closure
         parts.damped += energies.damped
-        scale = self.scale_with(energies, outcome.state.displacement)
-        parts.scale = max(scale, held, abs(parts.work))
+        parts.scale = max(self.scale, held, abs(parts.work))
         if work is not None:  # only what interactions strike comes late
             state = outcome.state
             vectors = state.velocity, state.displacement
@@ -285,7 +280,7 @@ class ErrorEstimate:
             if force > parts.force * size:
                 state = outcome.state
                 inner, moved = self._norms([state.internal, state.displacement]).tolist()
-                rounding = self.rounding(state.displacement) / (moved or np.inf)
+                rounding = self.noise / (moved or np.inf)
                 if force < max(_LITTLE_FORCE * inner, rounding) * size:
                     force = 0.0
         self._watch(force / size, size, self._supported and energies.kinetic > 0.0)

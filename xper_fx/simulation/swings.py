@@ -50,15 +50,18 @@ def _lag(a, b, c, behind, ahead, cubes):
 
 @njit(**LEAN_ENTRY)
 def _look(now, kept, past, time, size):
-    """What all signals lag in a step together, and how far they turn from their last rates."""
-    left, turn = 0.0, 0.0
-    if past[_STEPS] >= 2.0:
-        behind, ahead = past[_T_MIDDLE] - past[_T_FIRST], time - past[_T_MIDDLE]
-        for i in range(len(now)):
-            one = kept[i]
+    """Look at a step; `now` has the changes of the signals in it, and gets their rates."""
+    left, turn, moved = 0.0, 0.0, 0.0
+    known = past[_STEPS] >= 2.0
+    behind, ahead = past[_T_MIDDLE] - past[_T_FIRST], time - past[_T_MIDDLE]
+    for i in range(len(now)):
+        one, change = kept[i], now[i]
+        now[i] = change / size
+        moved += abs(change)
+        if known:
             left += _lag(one[_FIRST], one[_MIDDLE], now[i], behind, ahead, size * size * size)
-            turn += abs(size * now[i] - size * one[_MIDDLE])
-    return left, turn
+            turn += abs(change - size * one[_MIDDLE])
+    return left, turn, moved
 
 
 @njit(**LEAN_ENTRY)
@@ -120,7 +123,7 @@ class Swings:
         count: of the signals, n.
 
     Attributes:
-        now: mean rates of the signals in the step that is looked at or taken, shape (n,).
+        now: mean rates of the signals in the step that is taken, shape (n,).
     """
 
     def __init__(self, count: int):
@@ -158,15 +161,16 @@ class Swings:
         linear = self.linear
         return 1.0 - self.error / linear if linear > 0.0 else 0.0
 
-    def look(self, time: float, size: float) -> tuple[float, float]:
-        """What signals lag in a step of the rates `now`, and how far they turn; sums over them.
+    def look(self, time: float, size: float) -> tuple[float, float, float]:
+        """Look at a step in which signals change by `now`, which becomes their rates.
 
         Args:
             time: middle of the step (s).
             size: h (s).
 
         Returns:
-            Both zero in the first two steps.
+            What signals lag, how far they turn from their last rates (both zero in the first two
+            steps), and how far they change; sums over them.
         """
         return _look(self.now, self._kept, self._past, time, size)
 
