@@ -418,6 +418,26 @@ def test_a_largest_force_errs_among_waves_that_are_out_of_phase():
     assert power.errors["waves"] == static.errors["waves"] == 0.0  # that of loads is no wave
 
 
+def test_waves_of_a_force_that_the_energies_do_not_have_count_half():
+    """The energies are at rest; half of what the force's own lags have lost."""
+    one, ripple = estimate(supported=True), 0.1
+    for k in range(400):
+        taken(one, (0.0, 0.0, 0.0), kinetic=1e-9, force=1.0 + ripple * np.sin(1.1 * k))
+    lost = one._force.out_of_phase
+    assert one._swings.out_of_phase == 0.0 and lost > 0.8
+    waves = 3.0 * np.sqrt(2.0) * ripple / np.sqrt(2.0) / (1.0 + ripple) * 0.5 * lost
+    assert one.errors["waves"] == pytest.approx(waves, rel=5e-2)
+
+
+def test_a_force_that_swings_through_zero_is_one_wave():
+    """Its size has kinks at zero, which would be waves of their own."""
+    one = estimate(supported=True)
+    for k in range(400):
+        taken(one, (0.0, 0.0, 0.0), kinetic=1e-9, force=abs(np.sin(0.1 * k + 0.03)))
+    assert one._force.amplitude == pytest.approx(np.sqrt(0.5), rel=5e-2)
+    assert one.errors["waves"] < 1e-2
+
+
 @pytest.mark.parametrize("first, told", [(2.0, False), (1.2, True)])
 def test_waves_after_a_largest_force_err_by_what_may_exceed_it(first, told):
     """A force of 1 with waves of 0.1 that err by 0.2 or more: 1.2 they may exceed, 2 not."""

@@ -30,8 +30,9 @@ largest energy held or to the largest force. What makes it, by name:
   that of the supports, or else the external power;
 - **waves**: where waves are out of phase they add up to another largest force. A force errs by
   three times what two unrelated waves of it differ by, `_WAVES` (calibrated, as several waves do),
-  times the share of the lags of the energies that is lost; the largest by what it erred by when it
-  was seen, or by how much a later one may exceed it with its own error (waves of a bar that snaps
+  times the share of the lags that is lost: of those of the energies, or half of that of the force
+  itself if it is more, as its waves may be little beside all energy. (The force has the sign that
+  it goes on with where it falls to zero.) The largest errs by what it erred by when it was seen, or by how much a later one may exceed it with its own error (waves of a bar that snaps
   come after its largest force). Of supports alone, as powers are no waves, and with inertia. The
   other parts are not added to it.
 
@@ -64,6 +65,8 @@ _AN_IMPACT, _OF_IMPACTS, _LATE = 1e-6, 1.4, 0.5
 _REBOUND = 1.5
 # Error of a largest force over what swings fastest of the force, where it is out of phase.
 _WAVES = 3.0 * 2.0**0.5
+# What the share counts that is lost of the lags of the force itself, beside that of the energies.
+_OF_FORCE = 0.5
 # Forces of supports beside those of the bulk that are what its iterations leave: of cells that
 # stresses drive, and bodies that are held where nothing pulls.
 _LITTLE_FORCE = 1e-4
@@ -83,6 +86,7 @@ class _Parts:
         impulses, steps: sum of the errors of the impulses (relative), steps made.
         force, last_force, growth: largest force seen (N, or W), that of the last step, and by how
             much it grew in the step of the largest.
+        signed: force of the last step, which changes its sign where it falls through zero.
         missed: of a largest force, relative.
         waves: error of the largest force as waves are out of phase (N).
         impacts: squares of what steps of impacts left by their times, summed (J^2; 2D: J^2/m^2).
@@ -105,6 +109,7 @@ class _Parts:
     force: float = 0.0
     last_force: float = 0.0
     growth: float = 0.0
+    signed: float = 0.0
     missed: float = 0.0
     waves: float = 0.0
     impacts: float = 0.0
@@ -292,12 +297,16 @@ class ErrorEstimate:
     def _watch(self, force: float, size: float, waves: bool) -> None:
         """Look at the force of a step (N, or W); whether it is one of waves."""
         parts = self._parts
-        grows = (force - parts.last_force) / size if parts.steps > 1 else 0.0
-        self._force.now[0] = grows
-        self._force.take(self._time, size)
+        waving = self._force
+        signed = math.copysign(force, parts.signed + waving.now[0] * size)
+        if parts.steps > 1:  # it is not known how the force grew before
+            waving.now[0] = (signed - parts.signed) / size
+            waving.take(self._time, size)
+        parts.signed = signed
         erring = 0.0
         if waves:
-            erring = _WAVES * self._force.amplitude * self._swings.out_of_phase
+            lost = max(self._swings.out_of_phase, _OF_FORCE * waving.out_of_phase)
+            erring = _WAVES * waving.amplitude * lost
         parts.waves = max(parts.waves, force + erring - parts.force)
         if force > parts.force:
             parts.waves = erring
