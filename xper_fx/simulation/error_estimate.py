@@ -31,10 +31,11 @@ largest energy held or to the largest force. What makes it, by name:
 - **waves**: where waves are out of phase they add up to another largest force. A force errs by
   three times what two unrelated waves of it differ by, `_WAVES` (calibrated, as several waves do),
   times the share of the lags that is lost: of those of the energies, or half of that of the force
-  itself if it is more, as its waves may be little beside all energy. (The force has the sign that
-  it goes on with where it falls to zero.) The largest errs by what it erred by when it was seen, or by how much a later one may exceed it with its own error (waves of a bar that snaps
-  come after its largest force). Of supports alone, as powers are no waves, and with inertia. The
-  other parts are not added to it.
+  itself if it is more, as its waves may be little beside all energy. (A force that falls to zero
+  goes on with the other sign.) The largest errs by what it erred by when it was seen, or by how
+  much a later one may exceed it with its own error (waves of a bar that snaps come after its
+  largest force). Of supports alone, as powers are no waves, and with inertia. The other parts are
+  not added to it.
 
 `benchmarks/estimate_coverage.py` compares them with true errors.
 """
