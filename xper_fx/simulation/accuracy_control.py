@@ -196,9 +196,10 @@ class AccuracyControl:
         if self._static:
             while most > learnt.least and self._histories.bend(time, most, end_time):
                 most *= 0.5
-        if self.estimate.quiet < REST:
+        weakens = self.estimate.quiet < REST
+        if weakens:
             most = min(most, learnt.softening_step)
-        if self.estimate.quiet < REST or self._only_falls:
+        if weakens or self._only_falls:
             most = min(most, max(learnt.snap_step, _SNAPPING * learnt.least))
         size = learnt.base * 2.0 ** math.floor(math.log2(most / learnt.base) + _ALIKE)
         left = end_time - time

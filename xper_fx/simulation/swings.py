@@ -32,8 +32,8 @@ _A_MEAN = 8
 _FIRST, _MIDDLE, _SECOND, _THIRD, _CHANGE, _FIRST_MEAN, _MIDDLE_MEAN = range(7)
 # And of all: steps; middles of the last two (s); what `Swings` tells; since the last mean h, h^3,
 # h t, summed; means, and the middles of the last two (s).
-_STEPS, _T_FIRST, _T_MIDDLE, _LINEAR, _ERROR, _AMPLITUDE = range(6)
-_SLOW, _SPAN, _CUBES, _MOMENT, _MEANS, _T_FIRST_MEAN, _T_MIDDLE_MEAN = range(6, 13)
+_STEPS, _T_FIRST, _T_MIDDLE, _LINEAR, _ERROR, _AMPLITUDE, _LOST = range(7)
+_SLOW, _SPAN, _CUBES, _MOMENT, _MEANS, _T_FIRST_MEAN, _T_MIDDLE_MEAN = range(7, 14)
 
 
 @njit(**LEAN_INNER)
@@ -93,6 +93,8 @@ def _take(now, kept, past, time, size, lagging):
             swings = max(swings, kept[i, _SECOND] ** 1.5 / kept[i, _THIRD])
     past[_AMPLITUDE] = swings / math.sqrt(past[_STEPS])
     past[_ERROR] = min(past[_LINEAR], past[_SLOW] + math.sqrt(2.0) * past[_AMPLITUDE])
+    if past[_LINEAR] > 0.0:
+        past[_LOST] = 1.0 - past[_ERROR] / past[_LINEAR]
 
 
 @njit(**LEAN_INNER)
@@ -158,8 +160,7 @@ class Swings:
     @property
     def out_of_phase(self) -> float:
         """Share of the lags that is beyond the error: 0 in phase, 1 where phases are lost."""
-        linear = self.linear
-        return 1.0 - self.error / linear if linear > 0.0 else 0.0
+        return float(self._past[_LOST])
 
     def look(self, time: float, size: float) -> tuple[float, float, float]:
         """Look at a step in which signals change by `now`, which becomes their rates.
