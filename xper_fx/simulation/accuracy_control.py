@@ -201,7 +201,9 @@ class AccuracyControl:
             most = min(most, learnt.softening_step)
         if weakens or self._only_falls:
             most = min(most, max(learnt.snap_step, _SNAPPING * learnt.least))
-        size = learnt.base * 2.0 ** math.floor(math.log2(most / learnt.base) + _ALIKE)
+        size = learnt.base
+        if most != size:
+            size *= 2.0 ** math.floor(math.log2(most / size) + _ALIKE)
         left = end_time - time
         count = math.ceil(left / size - _ALIKE)
         return left / count if count <= 2 else size

@@ -304,11 +304,11 @@ class ErrorEstimate:
             waving.now[0] = (signed - parts.signed) / size
             waving.take(self._time, size)
         parts.signed = signed
-        erring = 0.0
-        if waves:
+        erring = _WAVES * waving.amplitude if waves else 0.0
+        if force > parts.force or force + erring > parts.force + parts.waves:
             lost = max(self._swings.out_of_phase, _OF_FORCE * waving.out_of_phase)
-            erring = _WAVES * waving.amplitude * lost
-        parts.waves = max(parts.waves, force + erring - parts.force)
+            erring *= lost
+            parts.waves = max(parts.waves, force + erring - parts.force)
         if force > parts.force:
             parts.waves = erring
             before = parts.last_force if parts.steps > 1 else force
