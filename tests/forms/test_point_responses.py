@@ -90,6 +90,23 @@ def test_one_pass_is_what_forms_are(materials, kind, order):
     assert forms.largest_increment(u) == pytest.approx(top, rel=1e-13) and top > 1e-3
 
 
+@pytest.mark.parametrize("material", [SMALL, VISCOUS])
+@pytest.mark.parametrize("kind", ["quadrilateral", "tetrahedron"])
+def test_stresses_of_cells_are_what_expressions_are(material, kind):
+    """The one across the plane included, at a step of size zero as after a step."""
+    forms = forms_of({1: material, 2: NEO}, kind)
+    forms.u.x.array[:] = displacements(forms)
+    found = forms.stress_evaluator()()
+    assert float(forms.step.value) == 0.1
+    points, weights = forms.quadrature
+    cells = np.flatnonzero(forms.bodies.material_of_cell == 1).astype(np.int32)
+    forms.set_step(0.0)
+    values = fem.Expression(forms._responses[1].stress, points).eval(forms.bodies.mesh, cells)
+    expected = np.average(values.reshape(len(cells), -1, 3, 3), axis=1, weights=weights)
+    np.testing.assert_allclose(found[cells], expected, atol=1e-13 * np.abs(expected).max())
+    assert np.abs(expected[:, 2, 2]).min() > 1e-3
+
+
 @pytest.mark.parametrize("material", [SMALL, FINITE, VISCOUS])
 def test_values_are_those_of_the_present_history_step_and_displacement(material):
     forms = forms_of({1: material})

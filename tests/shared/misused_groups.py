@@ -6,6 +6,7 @@ from __future__ import annotations
 import misused_late as late
 import misused_runs as runs
 import misused_scenes as scenes
+import misused_static_tools as static_tools
 import misused_tools as tools
 import misused_values as values
 
@@ -27,4 +28,5 @@ GROUPS = {
     "shapes": late.shapes,
     "results": late.studied,
     "late": late.late,
+    "static tools": static_tools.static_tools,
 }

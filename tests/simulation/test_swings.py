@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from xper_fx.simulation.swings import Rate, Swings
+from xper_fx.simulation.swings import Swings
 
 PERIODS = 40.0
 
@@ -16,7 +16,8 @@ def followed(signal, steps: int, end: float, count: int = 1) -> Swings:
     swings, size = Swings(count), end / steps
     for k in range(steps):
         start, stop = (np.atleast_1d(signal(size * i)) for i in (k, k + 1))
-        swings.take(Rate((k + 0.5) * size, ((stop - start) / size).tolist()), size)
+        swings.now[:] = (stop - start) / size
+        swings.take((k + 0.5) * size, size)
     return swings
 
 
@@ -58,6 +59,7 @@ def test_what_was_seen_is_restored():
     again.restore(swings.saved())
     for one in (swings, again):
         for k in range(9):
-            one.take(Rate(5.0 + 0.1 * k, [0.1 * k, (-1.0) ** k]), 0.1)
+            one.now[:] = 0.1 * k, (-1.0) ** k
+            one.take(5.0 + 0.1 * k, 0.1)
     assert again.error == swings.error and again.linear == swings.linear
     assert again.out_of_phase == swings.out_of_phase

@@ -32,6 +32,8 @@ if TYPE_CHECKING:
 
 # Energy densities that a response may have beside the stored one.
 LOSSES = ("plastic", "viscous")
+# Components of a stress, row by row.
+_PLACES = tuple((i, j) for i in range(3) for j in range(3))
 
 
 class _Pass:
@@ -71,6 +73,7 @@ class PointResponses:
     Attributes:
         losses: names of the energies that are dissipated.
         flows: whether a material says by how much it flows in a step.
+        of_small_strain: tags of the materials whose nominal stress is Cauchy's.
     """
 
     def __init__(
@@ -90,6 +93,7 @@ class PointResponses:
             name for name in LOSSES if any(getattr(r, name) is not None for r in responses.values())
         )
         self.flows = any(r.increment is not None for r in responses.values())
+        self.of_small_strain = {t for t, r in responses.items() if r.stress is r.nominal_stress}
         self._passes: dict[int, _Pass] = {}
         for tag, response in responses.items():
             parts = {"energy": [response.energy]}
@@ -104,6 +108,8 @@ class PointResponses:
                 parts["new"] = history.packed(tag, response.new)
             stress = response.nominal_stress
             parts["stress"] = [stress[i, j] for i in range(dim) for j in range(dim)]
+            if tag in self.of_small_strain:
+                parts["across"] = [stress[i, j] for i, j in _PLACES if max(i, j) >= dim]
             cells = np.flatnonzero(bodies.material_of_cell == tag).astype(np.int32)
             self._passes[tag] = _Pass(parts, points, cells)
         jacobian = compiled_expression(abs(ufl.JacobianDeterminant(self._mesh)), points)
@@ -152,6 +158,15 @@ class PointResponses:
         """Largest inelastic strain that the step adds anywhere."""
         parts = self._parts("increment").values()
         return max(float(np.abs(part).max(initial=0.0)) for part in parts)
+
+    def stress(self, tag: int) -> np.ndarray:
+        """Stress of one of the materials `of_small_strain`, shape (n, num_points, 3, 3), Pa."""
+        values, columns = self._evaluate()[tag], self._passes[tag].columns
+        within = np.array([max(place) < self._mesh.geometry.dim for place in _PLACES])
+        out = np.empty((*values.shape[:2], len(_PLACES)))
+        out[:, :, within] = values[:, :, columns["stress"]]
+        out[:, :, ~within] = values[:, :, columns["across"]]
+        return out.reshape(*values.shape[:2], 3, 3)
 
     def commit(self) -> None:
         """Make the new internal variables the committed ones."""

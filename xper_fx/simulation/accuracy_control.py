@@ -47,7 +47,7 @@ import numpy as np
 from xper_fx.bulk.state import StepOutcome
 from xper_fx.nscd.stepped_points import StepWork
 from xper_fx.simulation.energy_ledger import BulkEnergies
-from xper_fx.simulation.error_estimate import REST, ErrorEstimate, changes
+from xper_fx.simulation.error_estimate import REST, ErrorEstimate
 from xper_fx.simulation.load_histories import LoadHistories
 from xper_fx.simulation.requested_accuracy import IMPULSES, RequestedAccuracy
 
@@ -154,7 +154,7 @@ class AccuracyControl:
         histories: LoadHistories,
     ):
         accuracy = requested.accuracy
-        self._accuracy = accuracy
+        self._accuracy, self._shares = accuracy, (math.sqrt(accuracy), accuracy)
         self.adapts_step, self._adapts_tolerance = requested.adapts_step, requested.adapts_tolerance
         self._static, self._histories = base is None, histories
         self._patience = _STATIC_PATIENCE if self._static else _PATIENCE
@@ -196,11 +196,14 @@ class AccuracyControl:
         if self._static:
             while most > learnt.least and self._histories.bend(time, most, end_time):
                 most *= 0.5
-        if self.estimate.quiet < REST:
+        weakens = self.estimate.quiet < REST
+        if weakens:
             most = min(most, learnt.softening_step)
-        if self.estimate.quiet < REST or self._only_falls:
+        if weakens or self._only_falls:
             most = min(most, max(learnt.snap_step, _SNAPPING * learnt.least))
-        size = learnt.base * 2.0 ** math.floor(math.log2(most / learnt.base) + _ALIKE)
+        size = learnt.base
+        if most != size:
+            size *= 2.0 ** math.floor(math.log2(most / size) + _ALIKE)
         left = end_time - time
         count = math.ceil(left / size - _ALIKE)
         return left / count if count <= 2 else size
@@ -219,7 +222,7 @@ class AccuracyControl:
 
     def _event_share(self, meets: bool) -> float:
         """Longest step over the end time, where interactions bear or not."""
-        return self._accuracy if meets else math.sqrt(self._accuracy)
+        return self._shares[meets]
 
     def _events(self, end_time: float) -> float:
         """Longest step (s) for events: the nearest of the ladder's."""
@@ -273,20 +276,18 @@ class AccuracyControl:
             outcome: of the step.
             end_time: of the run (s), over which the error is spread.
         """
-        learnt = self._learnt
-        displacement = outcome.state.displacement
-        scale = self.estimate.scale_with(energies, displacement)
-        change = changes(energies)
-        share = max(
-            sum(map(abs, change)), scale * size / end_time, self.estimate.rounding(displacement)
-        )
-        self._allowed, learnt.ratio = self._accuracy * share or np.inf, 0.0
+        learnt, estimate = self._learnt, self.estimate
+        left, turn, moved = estimate.see(time, size, energies, outcome.state.displacement)
+        scale = estimate.scale
+        share = max(moved, scale * size / end_time, estimate.noise)
+        self._allowed = self._accuracy * share or np.inf
         self._rest = end_time - time - size
-        doubling = self.estimate.doubling
+        doubling = estimate.doubling
         self._counts = _BEGINS if doubling is not None and doubling.begins else 1.0
-        left, turn = self.estimate.see(time, size, change)
         if not self._strikes:  # nothing else takes energy: what is missing is the step's
-            left = max(left, abs(change[0] - sum(change[1:]) - energies.plastic - energies.viscous))
+            stored = energies.kinetic_change + energies.elastic_change
+            lost = energies.plastic + energies.viscous
+            left = max(left, abs(energies.work - stored - lost))
         learnt.ratio = left / self._allowed
         bound = _LARGEST_TURN * self._accuracy * scale if self._strikes else np.inf
         coarse = self._counts * learnt.ratio > _REJECT or turn > bound
@@ -325,7 +326,8 @@ class AccuracyControl:
             learnt.snap_step = min(learnt.snap_step, size / math.sqrt(snap))
             learnt.one_state = min(learnt.one_state, learnt.snap_step)
             learnt.snapped = max(learnt.snapped, snap)
-        self._adapt_tolerance()
+        if work is not None and self._adapts_tolerance:
+            self._adapt_tolerance()
         if doubling is not None and doubling.take(size, energies, self._rest):
             learnt.rough = doubling.local / self._allowed
         if self.awaited < np.inf:
@@ -359,8 +361,6 @@ class AccuracyControl:
         return 1.0
 
     def _adapt_tolerance(self) -> None:
-        if not self._adapts_tolerance:
-            return
         learnt = self._learnt
         learnt.tight_since += 1
         wrong = self.estimate.numerical

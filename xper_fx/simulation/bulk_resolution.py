@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import numpy as np
 from dolfinx import fem
-from scipy.sparse import coo_array
+from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import connected_components
 
 from xper_fx.bodies.explode import Bodies
@@ -50,21 +50,18 @@ def bulk_resolution(simulation: Readings) -> float | None:
     if part is not None:
         stress = model.ranks.gather(part.cells, stress)
     measure = _measures(bodies)
-    group = _groups(bodies, _joined(simulation))
-    size = np.bincount(group.ravel(), np.repeat(measure, group.shape[1]))
-    recovered = np.empty((len(size), 9))
-    for k in range(9):
-        weighted = np.repeat(measure * stress.reshape(-1, 9)[:, k], group.shape[1])
-        recovered[:, k] = np.bincount(group.ravel(), weighted, len(size))
-    recovered /= np.where(size > 0.0, size, 1.0)[:, None]
+    V = model.bulk.forms.V if part is None else fem.functionspace(bodies.mesh, ("Lagrange", 1))
+    group = _groups(bodies, V, _joined(simulation))
+    ends = np.arange(len(group) + 1) * group.shape[1]
+    takes_part = csr_array((np.repeat(measure, group.shape[1]), group.ravel(), ends))
+    size = takes_part.sum(axis=0)
+    recovered = takes_part.T @ stress.reshape(-1, 9) / np.where(size > 0.0, size, 1.0)[:, None]
     at_vertices = recovered.reshape(-1, 3, 3)[group]
-    tags = bodies.material_of_cell
-    young, poisson = (
-        np.array([getattr(materials[t], name) for t in tags]) for name in ("young", "poisson")
-    )
-    cells = (measure, young, poisson)
-    distance = _energy(at_vertices - stress[:, None], *cells)
-    energy = distance + _energy(np.broadcast_to(stress[:, None], at_vertices.shape), *cells)
+    moduli = np.empty((2, len(measure)))
+    for tag, material in materials.items():
+        moduli[:, bodies.material_of_cell == tag] = [[material.young], [material.poisson]]
+    distance = _energy(at_vertices - stress[:, None], measure, *moduli)
+    energy = distance + _energy(stress[:, None], measure, *moduli)
     e = model.ledger.energies
     some = energy > _ROUNDING * (e.kinetic + abs(e.external_work))
     return float(np.sqrt(distance / energy)) if some else 0.0
@@ -91,20 +88,21 @@ def _joined(simulation: Readings) -> np.ndarray:
     return number[(spent < BROKEN).any(axis=1) & bonds[law[number]]]
 
 
-def _groups(bodies: Bodies, joined: np.ndarray) -> np.ndarray:
+def _groups(bodies: Bodies, V: fem.FunctionSpace, joined: np.ndarray) -> np.ndarray:
     """Number of the mean that each cell's vertices take part in, shape (num_cells, num_vertices).
 
     Args:
         bodies: the exploded mesh.
+        V: space of order 1 on it.
         joined: facing facets across which means go on.
     """
-    V = fem.functionspace(bodies.mesh, ("Lagrange", 1))
-    facing = bodies.facing_nodes(V)[joined]
-    nodes = len(V.tabulate_dof_coordinates())
-    one, other = facing[:, 0].ravel(), facing[:, 1].ravel()
-    graph = coo_array((np.ones(len(one)), (one, other)), shape=(nodes, nodes))
-    _, cluster = connected_components(graph, directed=False)
-    pairs = cluster[V.dofmap.list].astype(np.int64)
+    pairs = V.dofmap.list.astype(np.int64)
+    if len(joined):
+        nodes = pairs.max() + 1
+        one, other = bodies.facing_nodes(V)[joined].swapaxes(0, 1).reshape(2, -1)
+        graph = coo_array((np.ones(len(one)), (one, other)), shape=(nodes, nodes))
+        _, cluster = connected_components(graph, directed=False)
+        pairs = cluster[pairs].astype(np.int64)
     _, material = np.unique(bodies.material_of_cell, return_inverse=True)
     pairs = pairs * (material.max() + 1) + material[:, None]
     return np.unique(pairs, return_inverse=True)[1].reshape(pairs.shape)
@@ -116,7 +114,7 @@ def _energy(
     """int s : C^-1 s over cells in which s is linear (2 J; 2D: 2 J/m).
 
     Args:
-        stress: at the vertices, shape (num_cells, n, 3, 3), Pa.
+        stress: at the vertices, shape (num_cells, n, 3, 3), Pa; n = 1 where it is uniform.
         measure, young, poisson: of the cells, shape (num_cells,).
     """
     n = stress.shape[1]

@@ -30,16 +30,19 @@ largest energy held or to the largest force. What makes it, by name:
   that of the supports, or else the external power;
 - **waves**: where waves are out of phase they add up to another largest force. A force errs by
   three times what two unrelated waves of it differ by, `_WAVES` (calibrated, as several waves do),
-  times the share of the lags of the energies that is lost; the largest by what it erred by when it
-  was seen, or by how much a later one may exceed it with its own error (waves of a bar that snaps
-  come after its largest force). Of supports alone, as powers are no waves, and with inertia. The
-  other parts are not added to it.
+  times the share of the lags that is lost: of those of the energies, or half of that of the force
+  itself if it is more, as its waves may be little beside all energy. (A force that falls to zero
+  goes on with the other sign.) The largest errs by what it erred by when it was seen, or by how
+  much a later one may exceed it with its own error (waves of a bar that snaps come after its
+  largest force). Of supports alone, as powers are no waves, and with inertia. The other parts are
+  not added to it.
 
 `benchmarks/estimate_coverage.py` compares them with true errors.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -49,7 +52,7 @@ from xper_fx.bulk.state import StepOutcome
 from xper_fx.nscd.stepped_points import StepWork
 from xper_fx.simulation.energy_ledger import BulkEnergies
 from xper_fx.simulation.step_doubling import StepDoubling
-from xper_fx.simulation.swings import Rate, Swings, lag
+from xper_fx.simulation.swings import Swings
 from xper_fx.support.ranks import Ranks
 
 # Steps without damage after which bonds count as at rest.
@@ -63,16 +66,13 @@ _AN_IMPACT, _OF_IMPACTS, _LATE = 1e-6, 1.4, 0.5
 _REBOUND = 1.5
 # Error of a largest force over what swings fastest of the force, where it is out of phase.
 _WAVES = 3.0 * 2.0**0.5
+# What the share counts that is lost of the lags of the force itself, beside that of the energies.
+_OF_FORCE = 0.5
 # Forces of supports beside those of the bulk that are what its iterations leave: of cells that
 # stresses drive, and bodies that are held where nothing pulls.
 _LITTLE_FORCE = 1e-4
 # Work of the loads, relative to the largest energy, below which its power is no force to be missed.
 _LITTLE_WORK = 1e-3
-
-
-def changes(energies: BulkEnergies) -> list[float]:
-    """External work, gains of kinetic and elastic energy in a step (J; 2D: J/m)."""
-    return [energies.work, energies.kinetic_change, energies.elastic_change]
 
 
 @dataclass
@@ -87,6 +87,7 @@ class _Parts:
         impulses, steps: sum of the errors of the impulses (relative), steps made.
         force, last_force, growth: largest force seen (N, or W), that of the last step, and by how
             much it grew in the step of the largest.
+        signed: force of the last step, which changes its sign where it falls through zero.
         missed: of a largest force, relative.
         waves: error of the largest force as waves are out of phase (N).
         impacts: squares of what steps of impacts left by their times, summed (J^2; 2D: J^2/m^2).
@@ -109,6 +110,7 @@ class _Parts:
     force: float = 0.0
     last_force: float = 0.0
     growth: float = 0.0
+    signed: float = 0.0
     missed: float = 0.0
     waves: float = 0.0
     impacts: float = 0.0
@@ -140,6 +142,8 @@ class ErrorEstimate:
         rounding: of the elastic energy at a displacement (J; 2D: J/m), which loads of a static run
             may move bodies by that strain none; zero until it is set.
         lagging: what waves lag or run ahead by over what they lag with the trapezoidal rule.
+        scale: the largest energy held, that of the step seen last included (J; 2D: J/m).
+        noise: rounding of the elastic energy in the step seen last (J; 2D: J/m).
     """
 
     def __init__(
@@ -158,7 +162,7 @@ class ErrorEstimate:
         self._parts = _Parts(energy)
         self._turned = np.zeros(3)  # energies in steps of impacts, summed
         self._swings, self._force = Swings(3), Swings(1)  # of the energies, of the force
-        self._now = Rate(0.0, [0.0] * 3)
+        self.scale = self.noise = self._time = 0.0  # the middle of the step that was seen last
 
     @property
     def error(self) -> float:
@@ -206,28 +210,26 @@ class ErrorEstimate:
         """Steps since bonds were damaged."""
         return self._parts.quiet
 
-    def scale_with(self, energies: BulkEnergies, displacement: np.ndarray) -> float:
-        """The largest energy held (J; 2D: J/m), a step's included that is not taken yet."""
-        held = energies.kinetic + energies.elastic
-        return max(self._parts.scale, held, self.rounding(displacement))
-
-    def see(self, time: float, size: float, change: list[float]) -> tuple[float, float]:
+    def see(
+        self, time: float, size: float, energies: BulkEnergies, displacement: np.ndarray
+    ) -> tuple[float, float, float]:
         """Look at a step that may not be kept.
 
         Args:
             time: at its start (s).
             size: h (s).
-            change: `changes` of its energies.
+            energies: of the bulk at its end.
+            displacement: there (m).
 
         Returns:
-            What it leaves, all energies together, and by how much they turn from their last rates
-            (J; 2D: J/m); zero in the first steps.
+            What it leaves, all energies together, by how much they turn from their last rates
+            (both zero in the first steps), and by how much they change (J; 2D: J/m).
         """
-        self._now, rates = Rate(time + 0.5 * size, [c / size for c in change]), self._swings.rates
-        if len(rates) < 2:
-            return 0.0, 0.0
-        turn = sum(abs(c - size * r) for c, r in zip(change, rates[-1].rate, strict=True))
-        return sum(lag(rates, self._now, size**3)), turn
+        self.noise = self.rounding(displacement)
+        self.scale = max(self._parts.scale, energies.kinetic + energies.elastic, self.noise)
+        now, self._time = self._swings.now, time + 0.5 * size
+        now[0], now[1], now[2] = energies.work, energies.kinetic_change, energies.elastic_change
+        return self._swings.look(self._time, size)
 
     def take(
         self,
@@ -248,28 +250,28 @@ class ErrorEstimate:
         """
         parts = self._parts
         held = energies.kinetic + energies.elastic
-        share = energies.kinetic / held if held > 0.0 else 0.0
         if work is not None:
+            share = energies.kinetic / held if held > 0.0 else 0.0
             held += work.stored
             parts.quiet = 0 if work.cohesion > 0.0 else parts.quiet + 1
             parts.numerical += work.numerical
-            self._now.rate[1] += (work.impact + work.friction) / size
+            now = self._swings.now
+            now[1] += (work.impact + work.friction) / size
             parts.impulses += min(outcome.residual, 1.0)
             strikes = share > 0.0 and work.impact > _AN_IMPACT * parts.scale
-            if strikes and self._swings.rates:
-                turn = size * np.subtract(self._now.rate, self._swings.rates[-1].rate)
+            if strikes and self._swings.steps:
+                turn = size * (now - self._swings.last)
                 parts.impacts += (_OF_IMPACTS * float(np.abs(turn).max())) ** 2
                 self._turned = self._turned + turn
                 parts.struck += work.impact
                 parts.late += work.impact * size * share
-        self._swings.take(self._now, size, self.lagging)
+        self._swings.take(self._time, size, self.lagging)
         parts.steps += 1
         parts.work += energies.work
         parts.worked += abs(energies.work)
         parts.closure = closure
         parts.damped += energies.damped
-        scale = self.scale_with(energies, outcome.state.displacement)
-        parts.scale = max(scale, held, abs(parts.work))
+        parts.scale = max(self.scale, held, abs(parts.work))
         if work is not None:  # only what interactions strike comes late
             state = outcome.state
             vectors = state.velocity, state.displacement
@@ -279,11 +281,12 @@ class ErrorEstimate:
                 parts.fastest = max(parts.fastest, fast)
         force = abs(energies.work)
         if self._supported:
-            force = float(self._norms([outcome.supports.impulses])[0])
+            impulses = outcome.supports.impulses
+            force = math.sqrt(self._ranks.sum(float(impulses @ impulses)))
             if force > parts.force * size:
                 state = outcome.state
                 inner, moved = self._norms([state.internal, state.displacement]).tolist()
-                rounding = self.rounding(state.displacement) / (moved or np.inf)
+                rounding = self.noise / (moved or np.inf)
                 if force < max(_LITTLE_FORCE * inner, rounding) * size:
                     force = 0.0
         self._watch(force / size, size, self._supported and energies.kinetic > 0.0)
@@ -295,12 +298,17 @@ class ErrorEstimate:
     def _watch(self, force: float, size: float, waves: bool) -> None:
         """Look at the force of a step (N, or W); whether it is one of waves."""
         parts = self._parts
-        grows = (force - parts.last_force) / size if parts.steps > 1 else 0.0
-        self._force.take(Rate(self._now.time, [grows]), size)
-        erring = 0.0
-        if waves:
-            erring = _WAVES * self._force.amplitude * self._swings.out_of_phase
-        parts.waves = max(parts.waves, force + erring - parts.force)
+        waving = self._force
+        signed = math.copysign(force, parts.signed + waving.now[0] * size)
+        if parts.steps > 1:  # it is not known how the force grew before
+            waving.now[0] = (signed - parts.signed) / size
+            waving.take(self._time, size)
+        parts.signed = signed
+        erring = _WAVES * waving.amplitude if waves else 0.0
+        if force > parts.force or force + erring > parts.force + parts.waves:
+            lost = max(self._swings.out_of_phase, _OF_FORCE * waving.out_of_phase)
+            erring *= lost
+            parts.waves = max(parts.waves, force + erring - parts.force)
         if force > parts.force:
             parts.waves = erring
             before = parts.last_force if parts.steps > 1 else force
@@ -315,7 +323,7 @@ class ErrorEstimate:
         saved = {
             "parts": vars(self._parts),
             "turned": self._turned,
-            "now": np.array([self._now.time, *self._now.rate]),
+            "time": self._time,
             "swings": self._swings.saved(),
             "force": self._force.saved(),
         }
@@ -324,7 +332,7 @@ class ErrorEstimate:
     def restore(self, saved: Mapping) -> None:
         """Take what `saved` gave."""
         self._parts, self._turned = _Parts(**saved["parts"]), saved["turned"]
-        self._now = Rate(float(saved["now"][0]), saved["now"][1:].tolist())
+        self._time = saved["time"]
         self._swings.restore(saved["swings"])
         self._force.restore(saved["force"])
         if self.doubling is not None and "doubling" in saved:

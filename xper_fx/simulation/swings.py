@@ -18,115 +18,171 @@ is the sum over all steps, or that of the means and 2^(1/2) a if it is less.
 from __future__ import annotations
 
 import math
-from collections import deque
 from collections.abc import Mapping
-from typing import NamedTuple
 
 import numpy as np
 
+from xper_fx.cache import njit
+from xper_fx.nscd.kernel_options import LEAN_ENTRY, LEAN_INNER
+
 # Steps of a mean.
 _A_MEAN = 8
-_ROWS = ("rates", "_means")
+# What is kept of each signal: rates of the last two steps, squares of differences of second and
+# third order, summed, the change since the last mean, and the last two means.
+_FIRST, _MIDDLE, _SECOND, _THIRD, _CHANGE, _FIRST_MEAN, _MIDDLE_MEAN = range(7)
+# And of all: steps; middles of the last two (s); what `Swings` tells; since the last mean h, h^3,
+# h t, summed; means, and the middles of the last two (s).
+_STEPS, _T_FIRST, _T_MIDDLE, _LINEAR, _ERROR, _AMPLITUDE, _LOST = range(7)
+_SLOW, _SPAN, _CUBES, _MOMENT, _MEANS, _T_FIRST_MEAN, _T_MIDDLE_MEAN = range(7, 14)
 
 
-class Rate(NamedTuple):
-    """Rates of n signals at a time; plain floats, as there are few and a step asks often.
-
-    Attributes:
-        time: middle of a step, or of several (s).
-        rate: mean rates in them, n of them.
-    """
-
-    time: float
-    rate: list[float]
-
-
-def lag(before: deque[Rate], now: Rate, cubes: float) -> list[float]:
-    """h^3 |rate''| / 12: what lags of each signal over the span of a rate, n of them.
+@njit(**LEAN_INNER)
+def _lag(a, b, c, behind, ahead, cubes):
+    """h^3 |rate''| / 12: what lags over the span of the last of three rates.
 
     Args:
-        before: the two rates before; with less nothing is known, and zero.
-        now: the rate.
-        cubes: h^3 summed over the steps of its span (s^3).
+        a, b, c: the rates.
+        behind, ahead: time from the middle of the first to that of the second, to the third (s).
+        cubes: h^3 summed over the steps of the span (s^3).
     """
-    if len(before) < 2:
-        return [0.0] * len(now.rate)
-    (start, first), (middle, second) = before
-    end, third = now
-    ahead, behind, share = end - middle, middle - start, cubes / 6.0 / (end - start)
-    return [
-        share * abs((c - b) / ahead - (b - a) / behind)
-        for a, b, c in zip(first, second, third, strict=True)
-    ]
+    return cubes / 6.0 / (behind + ahead) * abs((c - b) / ahead - (b - a) / behind)
+
+
+@njit(**LEAN_ENTRY)
+def _look(now, kept, past, time, size):
+    """Look at a step; `now` has the changes of the signals in it, and gets their rates."""
+    left, turn, moved = 0.0, 0.0, 0.0
+    known = past[_STEPS] >= 2.0
+    behind, ahead = past[_T_MIDDLE] - past[_T_FIRST], time - past[_T_MIDDLE]
+    for i in range(len(now)):
+        one, change = kept[i], now[i]
+        now[i] = change / size
+        moved += abs(change)
+        if known:
+            left += _lag(one[_FIRST], one[_MIDDLE], now[i], behind, ahead, size * size * size)
+            turn += abs(change - size * one[_MIDDLE])
+    return left, turn, moved
+
+
+@njit(**LEAN_ENTRY)
+def _take(now, kept, past, time, size, lagging):
+    """Take a step; see `Swings.take`."""
+    past[_STEPS] += 1.0
+    several = past[_STEPS] > 2.0
+    cube, most = size * size * size, 0.0
+    behind, ahead = past[_T_MIDDLE] - past[_T_FIRST], time - past[_T_MIDDLE]
+    for i in range(len(now)):
+        one, rate = kept[i], now[i]
+        if several:
+            lag = _lag(one[_FIRST], one[_MIDDLE], rate, behind, ahead, cube)
+            most = max(most, lag)
+            one[_SECOND] += (size * (rate - one[_MIDDLE])) ** 2
+            one[_THIRD] += (12.0 * lag) ** 2
+        one[_FIRST], one[_MIDDLE] = one[_MIDDLE], rate
+        one[_CHANGE] += size * rate
+    past[_T_FIRST], past[_T_MIDDLE] = past[_T_MIDDLE], time
+    past[_LINEAR] += 0.5 * lagging * most  # amplitudes err by half as much
+    past[_SPAN] += size
+    past[_CUBES] += cube
+    past[_MOMENT] += size * time
+    if past[_STEPS] % _A_MEAN == 0.0:
+        _take_mean(kept, past, lagging)
+    swings = 0.0
+    for i in range(len(now)):
+        if kept[i, _THIRD] > 0.0:
+            swings = max(swings, kept[i, _SECOND] ** 1.5 / kept[i, _THIRD])
+    past[_AMPLITUDE] = swings / math.sqrt(past[_STEPS])
+    past[_ERROR] = min(past[_LINEAR], past[_SLOW] + math.sqrt(2.0) * past[_AMPLITUDE])
+    if past[_LINEAR] > 0.0:
+        past[_LOST] = 1.0 - past[_ERROR] / past[_LINEAR]
+
+
+@njit(**LEAN_INNER)
+def _take_mean(kept, past, lagging):
+    """Take the mean of the steps since the last one."""
+    span, middle, most = past[_SPAN], past[_MOMENT] / past[_SPAN], 0.0
+    behind = past[_T_MIDDLE_MEAN] - past[_T_FIRST_MEAN]
+    for i in range(len(kept)):
+        one = kept[i]
+        mean = one[_CHANGE] / span
+        if past[_MEANS] >= 2.0:
+            ahead = middle - past[_T_MIDDLE_MEAN]
+            lag = _lag(one[_FIRST_MEAN], one[_MIDDLE_MEAN], mean, behind, ahead, past[_CUBES])
+            most = max(most, lag)
+        one[_FIRST_MEAN], one[_MIDDLE_MEAN], one[_CHANGE] = one[_MIDDLE_MEAN], mean, 0.0
+    past[_SLOW] += 0.5 * lagging * most
+    past[_T_FIRST_MEAN], past[_T_MIDDLE_MEAN] = past[_T_MIDDLE_MEAN], middle
+    past[_MEANS] += 1.0
+    past[_SPAN] = past[_CUBES] = past[_MOMENT] = 0.0
 
 
 class Swings:
     """Follows signals that swing together, as energies do that mirror each other.
 
+    A step of a small scene takes some 50 us, which is why what is done in each is compiled.
+
     Args:
         count: of the signals, n.
 
     Attributes:
-        linear: lags of all steps, each of the largest of the signals.
-        rates: of the last two steps.
+        now: mean rates of the signals in the step that is taken, shape (n,).
     """
 
     def __init__(self, count: int):
-        self.linear = self._slow = 0.0
-        self.rates: deque[Rate] = deque(maxlen=2)
-        self._means: deque[Rate] = deque(maxlen=2)
-        self._steps = 0
-        # squares of differences of second and third order, summed
-        self._second, self._third = [0.0] * count, [0.0] * count
-        # since the last mean: h, h^3, h t; changes of the signals
-        self._since, self._changes = [0.0] * 3, [0.0] * count
+        self.now = np.zeros(count)
+        self._kept, self._past = np.zeros((count, _MIDDLE_MEAN + 1)), np.zeros(_T_MIDDLE_MEAN + 1)
+
+    @property
+    def steps(self) -> int:
+        """Steps taken."""
+        return int(self._past[_STEPS])
+
+    @property
+    def last(self) -> np.ndarray:
+        """Rates of the last step that was taken, shape (n,)."""
+        return self._kept[:, _MIDDLE]
+
+    @property
+    def linear(self) -> float:
+        """Lags of all steps, each of the largest of the signals."""
+        return float(self._past[_LINEAR])
 
     @property
     def amplitude(self) -> float:
         """Root mean square a of what swings fastest, of the largest of the signals."""
-        squares = zip(self._second, self._third, strict=True)
-        swings = (second**1.5 / third for second, third in squares if third > 0.0)
-        return max(swings, default=0.0) / math.sqrt(max(self._steps, 1))
+        return float(self._past[_AMPLITUDE])
 
     @property
     def error(self) -> float:
         """What lags, as far as it can."""
-        return min(self.linear, self._slow + math.sqrt(2.0) * self.amplitude)
+        return float(self._past[_ERROR])
 
     @property
     def out_of_phase(self) -> float:
         """Share of the lags that is beyond the error: 0 in phase, 1 where phases are lost."""
-        return 1.0 - self.error / self.linear if self.linear > 0.0 else 0.0
+        return float(self._past[_LOST])
 
-    def take(self, now: Rate, size: float, lagging: float = 1.0) -> None:
-        """Take a step of a size (s) and its rates; waves lag so much of what they lag here."""
-        self._steps += 1
-        cube = size * size * size
-        if len(self.rates) == 2:
-            lags, last = lag(self.rates, now, cube), self.rates[-1].rate
-            self.linear += 0.5 * lagging * max(lags)  # amplitudes err by half as much
-            for i, (c, b) in enumerate(zip(now.rate, last, strict=True)):
-                self._second[i] += (size * (c - b)) ** 2
-                self._third[i] += (12.0 * lags[i]) ** 2
-        self.rates.append(now)
-        span, cubes, moment = self._since
-        self._since = [span + size, cubes + cube, moment + size * now.time]
-        self._changes = [a + size * b for a, b in zip(self._changes, now.rate, strict=True)]
-        if self._steps % _A_MEAN == 0:
-            span, cubes, moment = self._since
-            mean = Rate(moment / span, [change / span for change in self._changes])
-            self._slow += 0.5 * lagging * max(lag(self._means, mean, cubes))
-            self._means.append(mean)
-            self._since, self._changes = [0.0] * 3, [0.0] * len(now.rate)
+    def look(self, time: float, size: float) -> tuple[float, float, float]:
+        """Look at a step in which signals change by `now`, which becomes their rates.
+
+        Args:
+            time: middle of the step (s).
+            size: h (s).
+
+        Returns:
+            What signals lag, how far they turn from their last rates (both zero in the first two
+            steps), and how far they change; sums over them.
+        """
+        return _look(self.now, self._kept, self._past, time, size)
+
+    def take(self, time: float, size: float, lagging: float = 1.0) -> None:
+        """Take a step of the rates `now`; waves lag so much of what they lag here."""
+        _take(self.now, self._kept, self._past, time, size, lagging)
 
     def saved(self) -> dict:
         """All of it."""
-        rows = {k: np.array([[r.time, *r.rate] for r in vars(self)[k]]) for k in _ROWS}
-        return {k: np.array(v) if isinstance(v, list) else v for k, v in vars(self).items()} | rows
+        return {name: values.copy() for name, values in vars(self).items()}
 
     def restore(self, saved: Mapping) -> None:
         """Take what `saved` gave."""
-        vars(self).update({k: v.tolist() if np.ndim(v) else v for k, v in saved.items()})
-        for name in _ROWS:
-            rows = (Rate(float(row[0]), row[1:].tolist()) for row in saved[name])
-            vars(self)[name] = deque(rows, maxlen=2)
+        vars(self).update({name: np.array(values) for name, values in saved.items()})
