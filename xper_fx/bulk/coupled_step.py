@@ -47,6 +47,8 @@ if TYPE_CHECKING:
 _ROUNDING = 4.0 * np.finfo(float).eps
 # Corrections after which points of turning frames stay of the kind that they need once.
 _SETTLED = 4
+# Bonds at their largest openings above which `onwards` tells nothing, and p of its springs.
+_MOST_BONDS, _MULTIPLIERS = 400, 1e-6
 # Steps of differences where nothing moves yet, relative to the size of the scene a step.
 _LEAST, _SMALLEST = 1e-16, 1e-20
 
@@ -282,9 +284,7 @@ class CoupledStep:
         with watch.phase("solution"):
             dv = matrices.solve(right, loading.wanted - self.velocity)
             if growth is not None:
-                force, motion, driven = loading.rates()
-                pushed = self._pushed_by(driven)
-                along = matrices.solve(np.broadcast_to(force, dv.shape) + pushed, motion)
+                along, driven = self._along()
         rigid = 0.0 * loading.driven
         if growth is not None:
             now = self._jumps()
@@ -298,6 +298,68 @@ class CoupledStep:
         if self._tangents is None:
             return Correction(dv, change, [])
         return Correction(dv, change, self._tangents.changes(self._motions.changes(dv, rigid)))
+
+    def _along(self) -> tuple[np.ndarray, np.ndarray]:
+        """Velocities of all unknowns and of rigid bodies for a unit of the load's time."""
+        force, motion, driven = self.loading.rates()
+        right = np.broadcast_to(force, self.velocity.shape) + self._pushed_by(driven)
+        return self._matrices.solve(right, motion), driven
+
+    def onwards(self) -> tuple[float, np.ndarray] | None:
+        """Time and velocities with which the state at the start of the step goes on (`rates.py`).
+
+        The growth follows the bonds that open; None where no bond softens, or nothing tells.
+
+        Raises:
+            SingularMatrixError: the system cannot be factorised.
+        """
+        from xper_fx.bulk.rates import fall_of_bonds, rates_of_bonds
+
+        growth, scaled = self.growth, self.step * self._matrices.theta
+        bonds = growth.at_limit()
+        count, first = int(self.ranks.sum(len(bonds))), self.ranks.before(len(bonds))
+        if not 0 < count <= _MOST_BONDS:
+            return None
+        matrix = self._matrices.of_bulk(self.step, self._equations.displacement(self.velocity))
+        self._tangents.linearise(self._present(), self._least(), _MULTIPLIERS)
+        reached, lengths = growth.lengths(bonds)
+        direction, falls = np.empty((2, len(bonds), self.interactions.dim))
+        groups = growth.of_groups(bonds)
+        for n, which, here in groups:
+            stiffness = self._tangents.stiffness[n]
+            direction[here], falls[here] = fall_of_bonds(
+                self._groups[n], stiffness, which, reached[here], scaled
+            )
+        self._matrices.factorise(matrix, self._springs(), self.interactions)
+
+        def everywhere(values: np.ndarray) -> np.ndarray:
+            out = np.zeros(count)
+            out[first : first + len(bonds)] = values
+            return self.ranks.sum(out)
+
+        def openings(velocity: np.ndarray, driven: np.ndarray) -> np.ndarray:
+            moved = self._motions.changes(velocity, driven)
+            own = np.empty(len(bonds))
+            for n, which, here in groups:
+                own[here] = (direction[here] * moved[n][which]).sum(axis=1)
+            return everywhere(own)
+
+        along, driven = self._along()
+        still, ways = 0.0 * self.loading.driven, []
+        for k in range(count):
+            pushed = [np.zeros_like(g.impulse) for g in self._groups]
+            for n, which, here in groups:
+                pushed[n][which] = np.where((first + here == k)[:, None], falls[here], 0.0)
+            right = self.on_unknowns(pushed)
+            ways.append(self._matrices.solve(right, np.zeros_like(right)))
+        m = np.stack([openings(way, still) for way in ways], axis=1)
+        found = rates_of_bonds(openings(along, driven), m, everywhere(lengths) / scaled)
+        if found is None:
+            return None
+        load, g = found
+        velocity = load * along + np.tensordot(g, np.stack(ways), axes=1)
+        growth.follow(bonds[g[first : first + len(bonds)] > 0.0])
+        return self.loading.time + load, velocity
 
     def _pushed_by(self, driven: np.ndarray) -> np.ndarray | float:
         """What springs do to the unknowns where rigid bodies are driven at velocities (N s)."""

@@ -98,7 +98,9 @@ class SemismoothNewton:
     def _iterate(self, tolerance: float, most: int) -> str:
         """What failed, empty if nothing has; see `run`."""
         step, history, small = self._step, [], False
-        count, last, proximal = 0, most, _PROXIMAL
+        count, last = 0, most
+        along_path = step.growth is not None
+        proximal = _FIRM if along_path and step.frames_differ else _PROXIMAL
         while count < last:
             count += 1
             try:

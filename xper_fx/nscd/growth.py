@@ -34,6 +34,8 @@ from xper_fx.nscd.interactions import Interactions
 
 # An opening this near to the largest one so far grew in the last step.
 _ROUNDING = 1e-9
+# An opening this near to the largest one so far is at it, for the rates of bonds.
+_AT_LIMIT = 1e-6
 # Of the fastest lips, how fast those are at most that the load does not move; of a bond's largest
 # opening, how far lips move in a step of which nothing is told.
 _STILL = 1e-9
@@ -71,7 +73,7 @@ class GrowthLimit:
         beside = np.where(reached > 0.0, relative * reached, _FIRST * length)
         self._length = np.where(slips, length, np.minimum(length, beside))
         self._reached = np.where(slips, 0.0, reached)
-        self._moves_by = np.where(slips, length, reached)
+        self._moves_by, self._slips = np.where(slips, length, reached), slips
         self._numbers = [n for n, _ in groups]
         self._counts = np.ones((len(slips), interactions.dim))
         self._counts[slips, 0] = 0.0
@@ -95,9 +97,33 @@ class GrowthLimit:
         """Go on where some bonds open, whatever opened in the last step.
 
         Args:
-            leading: those bonds, shape (n,), bool, as `turning` has them.
+            leading: those bonds, shape (n,), bool, as `turning` has them, or their numbers.
         """
-        self._go(np.where(leading[:, None], self._area[:, None] * self._start, 0.0))
+        forward = np.zeros_like(self._start)
+        forward[leading] = self._area[leading, None] * self._start[leading]
+        self._go(forward)
+
+    def at_limit(self) -> np.ndarray:
+        """Bonds at their largest openings, which open on or close: their numbers, shape (m,)."""
+        at_limit = _opening(self._start) >= (1.0 - _AT_LIMIT) * self._reached
+        return np.flatnonzero(self._whole & ~self._slips & at_limit)
+
+    def of_groups(self, bonds: np.ndarray) -> list[tuple[int, np.ndarray, np.ndarray]]:
+        """For each group the numbers in it of bonds, and where these are among those given.
+
+        Args:
+            bonds: ascending numbers, shape (m,), as `at_limit` gives them.
+        """
+        counts = [len(self._points.groups[n]) for n in self._numbers]
+        ends = np.cumsum([0, *counts])
+        group = np.searchsorted(ends, bonds, "right") - 1
+        places = [np.flatnonzero(group == j) for j in range(len(counts))]
+        parts = zip(self._numbers, ends, places, strict=False)
+        return [(n, bonds[here] - end, here) for n, end, here in parts]
+
+    def lengths(self, bonds: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Largest openings so far (m) of bonds, and by how much each may open in the step (m)."""
+        return self._reached[bonds], self._growth * self._length[bonds]
 
     def _go(self, forward: np.ndarray) -> None:
         """Take what tells which way goes on, shape (n, components)."""
