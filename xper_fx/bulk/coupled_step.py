@@ -47,8 +47,8 @@ if TYPE_CHECKING:
 _ROUNDING = 4.0 * np.finfo(float).eps
 # Corrections after which points of turning frames stay of the kind that they need once.
 _SETTLED = 4
-# Bonds at their largest openings above which `onwards` tells nothing, and p of its springs.
-_MOST_BONDS, _MULTIPLIERS = 400, 1e-6
+# Kinks of springs above which `onwards` tells nothing: each takes a solution of the system.
+_MOST_KINKS = 400
 # Steps of differences where nothing moves yet, relative to the size of the scene a step.
 _LEAST, _SMALLEST = 1e-16, 1e-20
 
@@ -313,52 +313,51 @@ class CoupledStep:
         Raises:
             SingularMatrixError: the system cannot be factorised.
         """
-        from xper_fx.bulk.rates import fall_of_bonds, rates_of_bonds
+        from xper_fx.bulk.rates import MULTIPLIERS, kinks_of, rates_of_bonds
 
         growth, scaled = self.growth, self.step * self._matrices.theta
-        bonds = growth.at_limit()
-        count, first = int(self.ranks.sum(len(bonds))), self.ranks.before(len(bonds))
-        if not 0 < count <= _MOST_BONDS:
-            return None
         matrix = self._matrices.of_bulk(self.step, self._equations.displacement(self.velocity))
-        self._tangents.linearise(self._present(), self._least(), _MULTIPLIERS)
-        reached, lengths = growth.lengths(bonds)
-        direction, falls = np.empty((2, len(bonds), self.interactions.dim))
-        groups = growth.of_groups(bonds)
-        for n, which, here in groups:
+        self._tangents.linearise(self._present(), self._least(), MULTIPLIERS)
+        bonds, kinks, places = growth.at_limit(), [], []
+        for limit in growth.of_groups():
+            own = bonds[(bonds >= limit.first) & (bonds < limit.first + len(limit.reached))]
+            n, own = limit.group, own - limit.first
             stiffness = self._tangents.stiffness[n]
-            direction[here], falls[here] = fall_of_bonds(
-                self._groups[n], stiffness, which, reached[here], scaled
-            )
+            kinks.append(kinks_of(self._groups[n], stiffness, own, limit, scaled))
+            places += [(n, kinks[-1], j) for j in range(len(kinks[-1].which))]
+        count, first = int(self.ranks.sum(len(places))), self.ranks.before(len(places))
+        if not 0 < count <= _MOST_KINKS:
+            return None
         self._matrices.factorise(matrix, self._springs(), self.interactions)
 
-        def everywhere(values: np.ndarray) -> np.ndarray:
+        def everywhere(values: list[float]) -> np.ndarray:
             out = np.zeros(count)
-            out[first : first + len(bonds)] = values
+            out[first : first + len(places)] = values
             return self.ranks.sum(out)
 
         def openings(velocity: np.ndarray, driven: np.ndarray) -> np.ndarray:
             moved = self._motions.changes(velocity, driven)
-            own = np.empty(len(bonds))
-            for n, which, here in groups:
-                own[here] = (direction[here] * moved[n][which]).sum(axis=1)
-            return everywhere(own)
+            return everywhere([k.direction[j] @ moved[n][k.which[j]] for n, k, j in places])
 
         along, driven = self._along()
         still, ways = 0.0 * self.loading.driven, []
-        for k in range(count):
+        for number in range(count):
             pushed = [np.zeros_like(g.impulse) for g in self._groups]
-            for n, which, here in groups:
-                pushed[n][which] = np.where((first + here == k)[:, None], falls[here], 0.0)
+            if 0 <= number - first < len(places):
+                n, k, j = places[number - first]
+                pushed[n][k.which[j]] = k.falls[j]
             right = self.on_unknowns(pushed)
             ways.append(self._matrices.solve(right, np.zeros_like(right)))
         m = np.stack([openings(way, still) for way in ways], axis=1)
-        found = rates_of_bonds(openings(along, driven), m, everywhere(lengths) / scaled)
+        lengths = everywhere([k.length[j] / scaled for _, k, j in places])
+        found = rates_of_bonds(openings(along, driven), m, lengths)
         if found is None:
             return None
         load, g = found
         velocity = load * along + np.tensordot(g, np.stack(ways), axes=1)
-        growth.follow(bonds[g[first : first + len(bonds)] > 0.0])
+        own = g[first : first + len(places)] > 0.0
+        of_bonds = np.array([np.isfinite(k.length[j]) for _, k, j in places], bool)
+        growth.follow(bonds[own[of_bonds]])
         return self.loading.time + load, velocity
 
     def _pushed_by(self, driven: np.ndarray) -> np.ndarray | float:

@@ -13,7 +13,8 @@ x = l x0 + M g, and a linear complementarity problem (Bolzon, Maier and Tin-Loi 
 
     g >= 0,    w = (I - M) g - l x0 >= 0,    g . w = 0,
 
-for l = 1 and l = -1. Lemke's algorithm (Cottle, Pang and Stone 1992, section 4.4) finds a solution
+for l = 1 and l = -1, or with one of the bonds given. Lips that touch and press no more, or not yet, are of the same kind: n is their
+normal, K_c has the spring of closed lips, and a_c what that is more than the bond. Lemke's algorithm (Cottle, Pang and Stone 1992, section 4.4) finds a solution
 or ends on a ray. From its end Newton's method begins with each bond on its branch, where from the
 last increment or from rest two of them may take turns for ever. Of two solutions that one goes on
 in which bonds open further for the same change of the load: in the other one they unload, on the
@@ -23,19 +24,26 @@ way back.
 from __future__ import annotations
 
 from functools import cache
+from typing import NamedTuple
 
 import numpy as np
 
 from xper_fx.cache import njit
 from xper_fx.nscd.algebra.small import for_dimension
+from xper_fx.nscd.growth import GroupLimits
 from xper_fx.nscd.kernel_options import LEAN_ENTRY
 from xper_fx.nscd.laws.law import LawKernels
 from xper_fx.nscd.point_group import PointGroup
 
-# Part of its largest opening by which the branches of a bond are told apart.
-_APART = 1e-4
+# Parts of its largest opening by which the branches of a bond are told apart, and of the least one
+# within which lips may touch and part.
+_APART, _PARTED = 1e-4, 1e-6
 # Entry of a column of Lemke's tableau, beside the largest, that counts as zero; pivots a bond.
 _ZERO, _PIVOTS = 1e-12, 20
+# Bonds whose rate is given in turn.
+_TRIED = 40
+# p of the springs of closed lips (`nscd/point_tangents.py`).
+MULTIPLIERS = 1e-3
 
 
 @cache
@@ -60,34 +68,67 @@ def _branch_kernel(law: LawKernels):
     return branches
 
 
-def fall_of_bonds(
-    group: PointGroup, stiffness: np.ndarray, which: np.ndarray, openings: np.ndarray, scaled: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Directions n in which bonds open, and what they bear less, a (N s per m/s).
+class Kinks(NamedTuple):
+    """Where springs of a group are others for lips that open than for lips that close.
 
-    Both of shape (m, components). Their springs become those of their secants.
+    Attributes:
+        which: points, shape (m,); one that softens in shear may be about to part as well.
+        direction: n, shape (m, components).
+        falls: a, shape (m, components), N s per m/s.
+        length: by how much the lips may open in the step, shape (m,), m; infinite of closed ones.
+    """
+
+    which: np.ndarray
+    direction: np.ndarray
+    falls: np.ndarray
+    length: np.ndarray
+
+
+def kinks_of(
+    group: PointGroup, stiffness: np.ndarray, bonds: np.ndarray, limit: GroupLimits, scaled: float
+) -> Kinks:
+    """Kinks of a group, whose springs become those of secants and of closed lips.
 
     Args:
         group: after `begin_step`.
         stiffness: of all its points, on either branch; changed.
-        which: bonds at their largest openings, shape (m,).
-        openings: these, shape (m,), m.
+        bonds: those at their largest openings, shape (m,).
+        limit: of all its points.
         scaled: h theta (s).
     """
-    direction = group.jump[which].copy()
-    direction[:, 0] = np.maximum(direction[:, 0], 0.0)
-    direction /= np.linalg.norm(direction, axis=1)[:, None]
-    speed = (_APART * openings / scaled)[:, None]
-    opened, closed = np.empty_like(direction), np.empty_like(direction)
-    arrays = group.law_arrays()
-    _branch_kernel(group.kernels)(which, speed * direction, arrays, opened, closed)
+    jump = group.jump.copy()
+    jump[:, 0] = np.maximum(jump[:, 0], 0.0)
+    opens = jump[bonds] / np.linalg.norm(jump[bonds], axis=1)[:, None]
+    near = _APART * limit.reached
+    speed = near[bonds, None] / scaled
+    opened, closed = _moved(group, bonds, speed * opens)
     falls = (opened + closed) / speed
-    pulled = np.einsum("pij,pj->pi", stiffness[which], direction)
+    pulled = np.einsum("pij,pj->pi", stiffness[bonds], opens)
     off_curve = np.linalg.norm(pulled + opened / speed, axis=1)
     off_secant = np.linalg.norm(pulled - closed / speed, axis=1)
     softens = (off_curve < off_secant)[:, None, None]
-    stiffness[which] += np.where(softens, falls[:, :, None] * direction[:, None, :], 0.0)
-    return direction, falls
+    stiffness[bonds] += np.where(softens, falls[:, :, None] * opens[:, None, :], 0.0)
+
+    least = _PARTED * limit.reached.min(initial=np.inf)
+    shut = np.flatnonzero(jump[:, 0] < least)
+    parts = np.zeros((len(shut), jump.shape[1]))
+    parts[:, 0] = 1.0
+    moved = _moved(group, shut, least / scaled * parts)
+    opened, closed = (scaled / least * change[:, 0] for change in moved)
+    weak = np.abs(group.impulse[shut, 0]) <= closed * least / scaled
+    shut, parts, free, firm = shut[weak], parts[weak], -opened[weak], closed[weak] / MULTIPLIERS
+    stiffness[shut, 0, 0] = firm
+    which = np.concatenate([bonds, shut])
+    parting = (firm - free)[:, None] * parts
+    length = np.concatenate([limit.length[bonds], np.full(len(shut), np.inf)])
+    return Kinks(which, np.vstack([opens, parts]), np.vstack([falls, parting]), length)
+
+
+def _moved(group: PointGroup, which: np.ndarray, by: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Changes of impulses if lips move on by velocities, or back, shape (m, components)."""
+    opened, closed = np.empty_like(by), np.empty_like(by)
+    _branch_kernel(group.kernels)(which, by, group.law_arrays(), opened, closed)
+    return opened, closed
 
 
 def rates_of_bonds(x0: np.ndarray, m: np.ndarray, lengths: np.ndarray) -> tuple | None:
@@ -97,16 +138,37 @@ def rates_of_bonds(x0: np.ndarray, m: np.ndarray, lengths: np.ndarray) -> tuple 
         x0, m: see the module, shapes (n,) and (n, n).
         lengths: by which bonds may open in a step, shape (n,), m: the first one does in unit time.
     """
-    best = None
-    for load in (1.0, -1.0):
-        g = lemke(np.eye(len(x0)) - m, -load * x0)
-        fastest = 0.0 if g is None else float((g / lengths).max())
-        if fastest > 0.0 and (best is None or fastest > best[0]):
-            best = fastest, load, g
-    if best is None:
-        return None
-    fastest, load, g = best
-    return load / fastest, g / fastest
+    matrix, best = np.eye(len(x0)) - m, (0.0, 0.0, np.zeros(0))
+    solutions = [(load, lemke(matrix, -load * x0)) for load in (1.0, -1.0)]
+    for load, g in (*solutions, _of_one_bond(matrix, x0, lengths)):
+        if g is not None:
+            fastest = float((g / lengths).max())
+            share = fastest / abs(load) if load != 0.0 else np.inf
+            if share > best[0]:
+                best = share, load / fastest, g / fastest
+    return None if best[0] == 0.0 else best[1:]
+
+
+def _of_one_bond(
+    matrix: np.ndarray, x0: np.ndarray, lengths: np.ndarray
+) -> tuple[float, np.ndarray | None]:
+    """As `rates_of_bonds`, from a bond k that opens at a given rate: where the load turns.
+
+    There g = 0 solves the problem for a load that falls. w_k = 0 gives the load, and leaves a
+    problem of the other bonds. Those that soften by most are tried.
+    """
+    softest = np.argsort(np.diag(matrix), kind="stable")
+    for k in softest[np.isfinite(lengths[softest]) & (x0[softest] != 0.0)][:_TRIED]:
+        others = np.delete(np.arange(len(x0)), k)
+        ratio = x0[others] / x0[k]
+        g = np.zeros(len(x0))
+        g[k] = lengths[k]
+        given = (matrix[others, k] - matrix[k, k] * ratio) * g[k]
+        rest = lemke(matrix[np.ix_(others, others)] - np.outer(ratio, matrix[k, others]), given)
+        if rest is not None:
+            g[others] = rest
+            return float(matrix[k] @ g / x0[k]), g
+    return 0.0, None
 
 
 def lemke(m: np.ndarray, q: np.ndarray) -> np.ndarray | None:

@@ -27,6 +27,7 @@ all, and all ranks ask together.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -45,6 +46,22 @@ _TURNS = 6
 _FIRST = 0.05
 # How much of what a step may do, relative, at which an iteration goes astray.
 _ASTRAY = 10.0
+
+
+class GroupLimits(NamedTuple):
+    """The limits of a group.
+
+    Attributes:
+        group: its number.
+        first: number of its first point among those of all groups that have bonds.
+        reached: largest openings so far, shape (n,), m.
+        length: by how much bonds may open in the step, shape (n,), m.
+    """
+
+    group: int
+    first: int
+    reached: np.ndarray
+    length: np.ndarray
 
 
 class GrowthLimit:
@@ -108,22 +125,14 @@ class GrowthLimit:
         at_limit = _opening(self._start) >= (1.0 - _AT_LIMIT) * self._reached
         return np.flatnonzero(self._whole & ~self._slips & at_limit)
 
-    def of_groups(self, bonds: np.ndarray) -> list[tuple[int, np.ndarray, np.ndarray]]:
-        """For each group the numbers in it of bonds, and where these are among those given.
-
-        Args:
-            bonds: ascending numbers, shape (m,), as `at_limit` gives them.
-        """
-        counts = [len(self._points.groups[n]) for n in self._numbers]
-        ends = np.cumsum([0, *counts])
-        group = np.searchsorted(ends, bonds, "right") - 1
-        places = [np.flatnonzero(group == j) for j in range(len(counts))]
-        parts = zip(self._numbers, ends, places, strict=False)
-        return [(n, bonds[here] - end, here) for n, end, here in parts]
-
-    def lengths(self, bonds: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Largest openings so far (m) of bonds, and by how much each may open in the step (m)."""
-        return self._reached[bonds], self._growth * self._length[bonds]
+    def of_groups(self) -> list[GroupLimits]:
+        """The limits of each group that has bonds."""
+        ends = np.cumsum([0, *(len(self._points.groups[n]) for n in self._numbers)])
+        length = self._growth * self._length
+        return [
+            GroupLimits(n, start, self._reached[start:end], length[start:end])
+            for n, start, end in zip(self._numbers, ends, ends[1:], strict=False)
+        ]
 
     def _go(self, forward: np.ndarray) -> None:
         """Take what tells which way goes on, shape (n, components)."""
