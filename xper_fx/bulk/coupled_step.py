@@ -339,7 +339,12 @@ class CoupledStep:
             moved = self._motions.changes(velocity, driven)
             return everywhere([k.direction[j] @ moved[n][k.which[j]] for n, k, j in places])
 
+        time, held = self.loading.time, self.loading.held
         along, driven = self._along()
+        if self.loading.time != time:  # it was on a hold
+            self.loading.set(time)
+            self.loading.held = held
+            return None
         still, ways = 0.0 * self.loading.driven, []
         for number in range(count):
             pushed = [np.zeros_like(g.impulse) for g in self._groups]

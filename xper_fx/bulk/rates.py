@@ -40,8 +40,8 @@ from xper_fx.nscd.point_group import PointGroup
 _APART, _PARTED = 1e-4, 1e-6
 # Entry of a column of Lemke's tableau, beside the largest, that counts as zero; pivots a bond.
 _ZERO, _PIVOTS = 1e-12, 20
-# Bonds whose rate is given in turn.
-_TRIED = 40
+# Bonds whose rate is given in turn, and changes of the bonds that open.
+_TRIED, _CHANGES = 40, 20
 # p of the springs of closed lips (`nscd/point_tangents.py`).
 MULTIPLIERS = 1e-3
 
@@ -139,14 +139,41 @@ def rates_of_bonds(x0: np.ndarray, m: np.ndarray, lengths: np.ndarray) -> tuple 
         lengths: by which bonds may open in a step, shape (n,), m: the first one does in unit time.
     """
     matrix, best = np.eye(len(x0)) - m, (0.0, 0.0, np.zeros(0))
-    solutions = [(load, lemke(matrix, -load * x0)) for load in (1.0, -1.0)]
-    for load, g in (*solutions, _of_one_bond(matrix, x0, lengths)):
+    solutions = [_as_before(matrix, x0, lengths)]
+    if solutions[0][1] is None:
+        solutions = [(load, lemke(matrix, -load * x0)) for load in (1.0, -1.0)]
+        solutions.append(_of_one_bond(matrix, x0, lengths))
+    for load, g in solutions:
         if g is not None:
             fastest = float((g / lengths).max())
             share = fastest / abs(load) if load != 0.0 else np.inf
             if share > best[0]:
                 best = share, load / fastest, g / fastest
     return None if best[0] == 0.0 else best[1:]
+
+
+def _as_before(
+    matrix: np.ndarray, x0: np.ndarray, lengths: np.ndarray
+) -> tuple[float, np.ndarray | None]:
+    """As `rates_of_bonds`, with those that open found from all bonds, which opened until now.
+
+    So of several ways to go on the one is taken that changes least.
+    """
+    opens, g = np.isfinite(lengths), np.zeros(len(x0))
+    for _ in range(_CHANGES):
+        try:
+            part = np.linalg.solve(matrix[np.ix_(opens, opens)], x0[opens])
+        except np.linalg.LinAlgError:
+            break
+        load = 1.0 if (part / lengths[opens]).sum() >= 0.0 else -1.0
+        g[:] = 0.0
+        g[opens] = load * part
+        left = matrix @ g - load * x0
+        wrong = np.where(opens, g < 0.0, left < -_ZERO * np.abs(x0).max())
+        if not wrong.any():
+            return load, g
+        opens ^= wrong
+    return 0.0, None
 
 
 def _of_one_bond(
