@@ -47,8 +47,6 @@ if TYPE_CHECKING:
 _ROUNDING = 4.0 * np.finfo(float).eps
 # Corrections after which points of turning frames stay of the kind that they need once.
 _SETTLED = 4
-# Kinks of springs above which `onwards` tells nothing: each takes a solution of the system.
-_MOST_KINKS = 400
 # Steps of differences where nothing moves yet, relative to the size of the scene a step.
 _LEAST, _SMALLEST = 1e-16, 1e-20
 
@@ -308,62 +306,35 @@ class CoupledStep:
     def onwards(self) -> tuple[float, np.ndarray] | None:
         """Time and velocities with which the state at the start of the step goes on (`rates.py`).
 
-        The growth follows the bonds that open; None where no bond softens, or nothing tells.
+        The growth follows the bonds that open; None where nothing tells.
 
         Raises:
             SingularMatrixError: the system cannot be factorised.
         """
-        from xper_fx.bulk.rates import MULTIPLIERS, kinks_of, rates_of_bonds
+        from xper_fx.bulk.rates import MULTIPLIERS, Kinks
 
-        growth, scaled = self.growth, self.step * self._matrices.theta
         matrix = self._matrices.of_bulk(self.step, self._equations.displacement(self.velocity))
         self._tangents.linearise(self._present(), self._least(), MULTIPLIERS)
-        bonds, kinks, places = growth.at_limit(), [], []
-        for limit in growth.of_groups():
-            own = bonds[(bonds >= limit.first) & (bonds < limit.first + len(limit.reached))]
-            n, own = limit.group, own - limit.first
-            stiffness = self._tangents.stiffness[n]
-            kinks.append(kinks_of(self._groups[n], stiffness, own, limit, scaled))
-            places += [(n, kinks[-1], j) for j in range(len(kinks[-1].which))]
-        count, first = int(self.ranks.sum(len(places))), self.ranks.before(len(places))
-        if not 0 < count <= _MOST_KINKS:
+        scaled = self.step * self._matrices.theta
+        kinks = Kinks(self._groups, self._tangents.stiffness, self.growth, scaled, self.ranks)
+        if not kinks.some:
             return None
         self._matrices.factorise(matrix, self._springs(), self.interactions)
-
-        def everywhere(values: list[float]) -> np.ndarray:
-            out = np.zeros(count)
-            out[first : first + len(places)] = values
-            return self.ranks.sum(out)
-
-        def openings(velocity: np.ndarray, driven: np.ndarray) -> np.ndarray:
-            moved = self._motions.changes(velocity, driven)
-            return everywhere([k.direction[j] @ moved[n][k.which[j]] for n, k, j in places])
-
         time, held = self.loading.time, self.loading.held
         along, driven = self._along()
         if self.loading.time != time:  # it was on a hold
             self.loading.set(time)
             self.loading.held = held
             return None
-        still, ways = 0.0 * self.loading.driven, []
-        for number in range(count):
-            pushed = [np.zeros_like(g.impulse) for g in self._groups]
-            if 0 <= number - first < len(places):
-                n, k, j = places[number - first]
-                pushed[n][k.which[j]] = k.falls[j]
-            right = self.on_unknowns(pushed)
-            ways.append(self._matrices.solve(right, np.zeros_like(right)))
-        m = np.stack([openings(way, still) for way in ways], axis=1)
-        lengths = everywhere([k.length[j] / scaled for _, k, j in places])
-        found = rates_of_bonds(openings(along, driven), m, lengths)
+        ways = [self._matrices.solve(self.on_unknowns(r), 0.0 * along) for r in kinks.pushes()]
+        still = 0.0 * driven
+        found = kinks.rates(
+            self._motions.changes(along, driven), (self._motions.changes(w, still) for w in ways)
+        )
         if found is None:
             return None
         load, g = found
-        velocity = load * along + np.tensordot(g, np.stack(ways), axes=1)
-        own = g[first : first + len(places)] > 0.0
-        of_bonds = np.array([np.isfinite(k.length[j]) for _, k, j in places], bool)
-        growth.follow(bonds[own[of_bonds]])
-        return self.loading.time + load, velocity
+        return time + load, load * along + np.tensordot(g, np.stack(ways), axes=1)
 
     def _pushed_by(self, driven: np.ndarray) -> np.ndarray | float:
         """What springs do to the unknowns where rigid bodies are driven at velocities (N s)."""

@@ -135,9 +135,7 @@ class MonolithicScheme:
         """
         if interactions is not None and interactions.fused is not None:
             return self._while_vertices_split(state, step, interactions, options.last_try)
-        return self._attempt(
-            state, step, interactions, growth, guess, options.last_try, onwards
-        )[0]
+        return self._attempt(state, step, interactions, growth, guess, options.last_try, onwards)[0]
 
     def _while_vertices_split(
         self, state: State, step: float, interactions: Interactions, last_try: bool

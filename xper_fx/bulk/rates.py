@@ -13,16 +13,23 @@ x = l x0 + M g, and a linear complementarity problem (Bolzon, Maier and Tin-Loi 
 
     g >= 0,    w = (I - M) g - l x0 >= 0,    g . w = 0,
 
-for l = 1 and l = -1, or with one of the bonds given. Lips that touch and press no more, or not yet, are of the same kind: n is their
-normal, K_c has the spring of closed lips, and a_c what that is more than the bond. Lemke's algorithm (Cottle, Pang and Stone 1992, section 4.4) finds a solution
-or ends on a ray. From its end Newton's method begins with each bond on its branch, where from the
-last increment or from rest two of them may take turns for ever. Of two solutions that one goes on
-in which bonds open further for the same change of the load: in the other one they unload, on the
-way back.
+for l = 1 and l = -1. Lips that touch, and press no more or not yet, are of the same kind: n is
+their normal, K_c has the spring of closed lips, and a_c what that is more than the bond's.
+
+Where Newton's method begins from the last increment or from rest, two bonds may take turns for
+ever. From v it begins with each bond on its branch, and the step takes a few iterations.
+
+**Which solution.** There may be several, as where a crack may go on in one of two places. First
+all bonds that are at their largest openings are taken to open on, and those that turn out to close
+are left out. Where that leads nowhere Lemke's algorithm (Cottle, Pang and Stone 1992, section 4.4)
+finds a solution or ends on a ray. Where the load turns, g = 0 solves the problem of a load that
+falls, on the way back: the rate of one bond is then given, and that of the load found. Of these
+solutions that one is taken in which bonds open furthest for the same change of the load.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator, Sequence
 from functools import cache
 from typing import NamedTuple
 
@@ -30,11 +37,14 @@ import numpy as np
 
 from xper_fx.cache import njit
 from xper_fx.nscd.algebra.small import for_dimension
-from xper_fx.nscd.growth import GroupLimits
+from xper_fx.nscd.growth import GroupLimits, GrowthLimit
 from xper_fx.nscd.kernel_options import LEAN_ENTRY
 from xper_fx.nscd.laws.law import LawKernels
 from xper_fx.nscd.point_group import PointGroup
+from xper_fx.support.ranks import Ranks
 
+# Kinks above which nothing is told: each takes a solution of the system.
+_MOST = 400
 # Parts of its largest opening by which the branches of a bond are told apart, and of the least one
 # within which lips may touch and part.
 _APART, _PARTED = 1e-4, 1e-6
@@ -68,25 +78,99 @@ def _branch_kernel(law: LawKernels):
     return branches
 
 
-class Kinks(NamedTuple):
+class _KinksOfGroup(NamedTuple):
     """Where springs of a group are others for lips that open than for lips that close.
 
     Attributes:
+        group: its number.
         which: points, shape (m,); one that softens in shear may be about to part as well.
         direction: n, shape (m, components).
         falls: a, shape (m, components), N s per m/s.
         length: by how much the lips may open in the step, shape (m,), m; infinite of closed ones.
     """
 
+    group: int
     which: np.ndarray
     direction: np.ndarray
     falls: np.ndarray
     length: np.ndarray
 
 
-def kinks_of(
+class Kinks:
+    """The kinks of all groups, whose springs become those of secants and of closed lips.
+
+    Args:
+        groups: after `begin_step`.
+        stiffness: of each group, on either branch; changed.
+        growth: what the step may open; it follows the bonds that `rates` finds to open.
+        scaled: h theta (s).
+        ranks: that divide the bodies; each has the kinks of its points.
+
+    Attributes:
+        some: whether there are any, and not too many.
+    """
+
+    def __init__(
+        self,
+        groups: Sequence[PointGroup],
+        stiffness: Sequence[np.ndarray],
+        growth: GrowthLimit,
+        scaled: float,
+        ranks: Ranks,
+    ):
+        self._groups, self._growth, self._scaled, self._ranks = groups, growth, scaled, ranks
+        self._bonds = growth.at_limit()
+        self._places = []
+        for limit in growth.of_groups():
+            own = self._bonds - limit.first
+            own = own[(own >= 0) & (own < len(limit.reached))]
+            found = _kinks_of(groups[limit.group], stiffness[limit.group], own, limit, scaled)
+            self._places += [(found, j) for j in range(len(found.which))]
+        self._first = ranks.before(len(self._places))
+        self._count = int(ranks.sum(len(self._places)))
+        self.some = 0 < self._count <= _MOST
+
+    def pushes(self) -> Iterator[list[np.ndarray]]:
+        """For each kink of all ranks a_c, as impulses of each group, N s per m/s."""
+        for number in range(self._count):
+            pushed = [np.zeros_like(g.impulse) for g in self._groups]
+            if 0 <= number - self._first < len(self._places):
+                kinks, j = self._places[number - self._first]
+                pushed[kinks.group][kinks.which[j]] = kinks.falls[j]
+            yield pushed
+
+    def rates(
+        self, along: list[np.ndarray], ways: Iterable[list[np.ndarray]]
+    ) -> tuple[float, np.ndarray] | None:
+        """The load's rate and g of all kinks, by which a step has what it may open in unit time.
+
+        Args:
+            along, ways: of each group, velocities of the lips that the load makes, and that each of
+                `pushes` does.
+        """
+        x0, m = self._openings(along), np.stack([self._openings(w) for w in ways], axis=1)
+        lengths = self._everywhere([k.length[j] / self._scaled for k, j in self._places])
+        found = rates_of_bonds(x0, m, lengths)
+        if found is not None:
+            own = slice(self._first, self._first + len(self._places))
+            opens = found[1][own][np.isfinite(lengths[own])] > 0.0
+            self._growth.follow(self._bonds[opens])
+        return found
+
+    def _openings(self, moved: list[np.ndarray]) -> np.ndarray:
+        own = [k.direction[j] @ moved[k.group][k.which[j]] for k, j in self._places]
+        return self._everywhere(own)
+
+    def _everywhere(self, values: list[float]) -> np.ndarray:
+        """Values of this rank's kinks among those of all."""
+        out = np.zeros(self._count)
+        out[self._first : self._first + len(values)] = values
+        return self._ranks.sum(out)
+
+
+def _kinks_of(
     group: PointGroup, stiffness: np.ndarray, bonds: np.ndarray, limit: GroupLimits, scaled: float
-) -> Kinks:
+) -> _KinksOfGroup:
     """Kinks of a group, whose springs become those of secants and of closed lips.
 
     Args:
@@ -109,19 +193,20 @@ def kinks_of(
     softens = (off_curve < off_secant)[:, None, None]
     stiffness[bonds] += np.where(softens, falls[:, :, None] * opens[:, None, :], 0.0)
 
-    least = _PARTED * limit.reached.min(initial=np.inf)
-    shut = np.flatnonzero(jump[:, 0] < least)
+    reached = limit.reached[limit.reached > 0.0]
+    least = _PARTED * reached.min() / scaled if len(reached) else 0.0
+    shut = np.flatnonzero(jump[:, 0] < scaled * least)
     parts = np.zeros((len(shut), jump.shape[1]))
     parts[:, 0] = 1.0
-    moved = _moved(group, shut, least / scaled * parts)
-    opened, closed = (scaled / least * change[:, 0] for change in moved)
-    weak = np.abs(group.impulse[shut, 0]) <= closed * least / scaled
+    opened, closed = (change[:, 0] / least for change in _moved(group, shut, least * parts))
+    weak = np.abs(group.impulse[shut, 0]) <= closed * least
     shut, parts, free, firm = shut[weak], parts[weak], -opened[weak], closed[weak] / MULTIPLIERS
     stiffness[shut, 0, 0] = firm
     which = np.concatenate([bonds, shut])
     parting = (firm - free)[:, None] * parts
     length = np.concatenate([limit.length[bonds], np.full(len(shut), np.inf)])
-    return Kinks(which, np.vstack([opens, parts]), np.vstack([falls, parting]), length)
+    directions = np.concatenate([opens, parts])
+    return _KinksOfGroup(limit.group, which, directions, np.concatenate([falls, parting]), length)
 
 
 def _moved(group: PointGroup, which: np.ndarray, by: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -122,7 +122,8 @@ class GrowthLimit:
 
     def at_limit(self) -> np.ndarray:
         """Bonds at their largest openings, which open on or close: their numbers, shape (m,)."""
-        at_limit = _opening(self._start) >= (1.0 - _AT_LIMIT) * self._reached
+        opening = _opening(self._start)
+        at_limit = (opening > 0.0) & (opening >= (1.0 - _AT_LIMIT) * self._reached)
         return np.flatnonzero(self._whole & ~self._slips & at_limit)
 
     def of_groups(self) -> list[GroupLimits]:
