@@ -304,37 +304,17 @@ class CoupledStep:
         return self._matrices.solve(right, motion), driven
 
     def onwards(self) -> tuple[float, np.ndarray] | None:
-        """Time and velocities with which the state at the start of the step goes on (`rates.py`).
-
-        The growth follows the bonds that open; None where nothing tells.
-
-        Raises:
-            SingularMatrixError: the system cannot be factorised.
-        """
+        """Time and velocities with which the start of the step goes on; see `Kinks.onwards`."""
         from xper_fx.bulk.rates import MULTIPLIERS, Kinks
 
-        matrix = self._matrices.of_bulk(self.step, self._equations.displacement(self.velocity))
+        matrices, scaled = self._matrices, self.step * self._matrices.theta
         self._tangents.linearise(self._present(), self._least(), MULTIPLIERS)
-        scaled = self.step * self._matrices.theta
         kinks = Kinks(self._groups, self._tangents.stiffness, self.growth, scaled, self.ranks)
-        if not kinks.some:
-            return None
-        self._matrices.factorise(matrix, self._springs(), self.interactions)
-        time, held = self.loading.time, self.loading.held
+        matrix = matrices.of_bulk(self.step, self._equations.displacement(self.velocity))
+        matrices.factorise(matrix, self._springs(), self.interactions)
         along, driven = self._along()
-        if self.loading.time != time:  # it was on a hold
-            self.loading.set(time)
-            self.loading.held = held
-            return None
-        ways = [self._matrices.solve(self.on_unknowns(r), 0.0 * along) for r in kinks.pushes()]
-        still = 0.0 * driven
-        found = kinks.rates(
-            self._motions.changes(along, driven), (self._motions.changes(w, still) for w in ways)
-        )
-        if found is None:
-            return None
-        load, g = found
-        return time + load, load * along + np.tensordot(g, np.stack(ways), axes=1)
+        ways = [matrices.solve(self.on_unknowns(r), 0.0 * along) for r in kinks.pushes()]
+        return kinks.onwards(self.loading.time, along, driven, ways, self._motions.changes)
 
     def _pushed_by(self, driven: np.ndarray) -> np.ndarray | float:
         """What springs do to the unknowns where rigid bodies are driven at velocities (N s)."""

@@ -18,6 +18,7 @@ from xper_fx.bulk.coupled_matrices import CoupledMatrices
 from xper_fx.bulk.coupled_step import CoupledStep
 from xper_fx.bulk.loading import Loading
 from xper_fx.bulk.semismooth_newton import SemismoothNewton
+from xper_fx.bulk.sparse_direct import SingularMatrixError
 from xper_fx.bulk.state import State, StepOutcome, Supports
 from xper_fx.bulk.step_equations import StepEquations
 from xper_fx.nscd.interactions import Interactions
@@ -202,7 +203,10 @@ class MonolithicScheme:
 
         if onwards:
             begin(None)
-            guess = coupled.onwards()
+            try:
+                guess = coupled.onwards()
+            except SingularMatrixError:
+                guess = None
         converged = False
         for start in _starts(coupled, guess):
             begin(start)

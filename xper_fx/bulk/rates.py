@@ -29,7 +29,7 @@ solutions that one is taken in which bonds open furthest for the same change of 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import cache
 from typing import NamedTuple
 
@@ -102,12 +102,9 @@ class Kinks:
     Args:
         groups: after `begin_step`.
         stiffness: of each group, on either branch; changed.
-        growth: what the step may open; it follows the bonds that `rates` finds to open.
+        growth: what the step may open; it follows the bonds that `onwards` finds to open.
         scaled: h theta (s).
         ranks: that divide the bodies; each has the kinks of its points.
-
-    Attributes:
-        some: whether there are any, and not too many.
     """
 
     def __init__(
@@ -128,34 +125,49 @@ class Kinks:
             self._places += [(found, j) for j in range(len(found.which))]
         self._first = ranks.before(len(self._places))
         self._count = int(ranks.sum(len(self._places)))
-        self.some = 0 < self._count <= _MOST
 
     def pushes(self) -> Iterator[list[np.ndarray]]:
-        """For each kink of all ranks a_c, as impulses of each group, N s per m/s."""
-        for number in range(self._count):
+        """For each kink of all ranks a_c, as impulses of each group, N s per m/s.
+
+        None if there are too many.
+        """
+        for number in range(self._count if self._count <= _MOST else 0):
             pushed = [np.zeros_like(g.impulse) for g in self._groups]
             if 0 <= number - self._first < len(self._places):
                 kinks, j = self._places[number - self._first]
                 pushed[kinks.group][kinks.which[j]] = kinks.falls[j]
             yield pushed
 
-    def rates(
-        self, along: list[np.ndarray], ways: Iterable[list[np.ndarray]]
+    def onwards(
+        self,
+        time: float,
+        along: np.ndarray,
+        driven: np.ndarray,
+        ways: list[np.ndarray],
+        changes: Callable[[np.ndarray, np.ndarray], list[np.ndarray]],
     ) -> tuple[float, np.ndarray] | None:
-        """The load's rate and g of all kinks, by which a step has what it may open in unit time.
+        """Time and velocities by which a step has what it may open; None where nothing tells.
+
+        The growth follows the bonds that open.
 
         Args:
-            along, ways: of each group, velocities of the lips that the load makes, and that each of
-                `pushes` does.
+            time: of the loads (s).
+            along, driven: velocities of all unknowns and of rigid bodies that the load makes.
+            ways: of all unknowns, that each of `pushes` makes.
+            changes: velocities of the lips of each group that those of unknowns and bodies make.
         """
-        x0, m = self._openings(along), np.stack([self._openings(w) for w in ways], axis=1)
+        if not ways:
+            return None
+        x0 = self._openings(changes(along, driven))
+        m = np.stack([self._openings(changes(way, 0.0 * driven)) for way in ways], axis=1)
         lengths = self._everywhere([k.length[j] / self._scaled for k, j in self._places])
         found = rates_of_bonds(x0, m, lengths)
-        if found is not None:
-            own = slice(self._first, self._first + len(self._places))
-            opens = found[1][own][np.isfinite(lengths[own])] > 0.0
-            self._growth.follow(self._bonds[opens])
-        return found
+        if found is None:
+            return None
+        load, g = found
+        own = slice(self._first, self._first + len(self._places))
+        self._growth.follow(self._bonds[g[own][np.isfinite(lengths[own])] > 0.0])
+        return time + load, load * along + np.tensordot(g, np.stack(ways), axes=1)
 
     def _openings(self, moved: list[np.ndarray]) -> np.ndarray:
         own = [k.direction[j] @ moved[k.group][k.which[j]] for k, j in self._places]
