@@ -1,6 +1,9 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Warnings of steps: once, with a count at the end."""
 
+import numpy as np
+
+import xper_fx as xf
 from xper_fx.nscd.stepped_points import StepWork
 from xper_fx.simulation.doubts import BROKEN_FOR_NOTHING, UNSEEN, Doubts
 from xper_fx.simulation.energy_ledger import BulkEnergies
@@ -58,3 +61,26 @@ def test_bonds_that_break_for_energy_that_nothing_gave_are_told(caplog):
         doubts.tell_snap(work._replace(numerical=-0.4, cohesion=0.5), bulk, 3, 1.0)
     (told,) = caplog.records
     assert "energy that nothing gave" in told.message and "0.4 J" in told.message
+
+
+def test_a_disc_that_meets_a_block_within_a_step_frees_nothing(caplog):
+    """The gap of 4 um that closes in the first step is no snap, though its impact is booked."""
+    mesh = xf.crossed_rectangle((0.0, 0.0), (0.04, 0.03), (4, 3))
+    below = xf.tag_facets(mesh, {1: lambda x: x[1] < 1e-9})
+    one = [0] * mesh.topology.index_map(2).size_local
+    punch = {0: 0.0, 1: -1e-4, 2: 0.0}
+    scene = xf.Scene(
+        xf.explode(mesh, one, facet_tags=below),
+        {1: xf.materials.LinearElastic(3e9, 0.3, 1200.0)},
+        surfaces={"block": (1,)},
+        rigid=[xf.RigidBody(xf.rigid.Disc(0.01), (0.02, 0.040004), "punch", prescribed=punch)],
+        contacts=[xf.Contact(("block", "punch"), xf.laws.SignoriniCoulomb(contact="position"))],
+        loads=[xf.PrescribedDisplacement(1, 0, 0.0), xf.PrescribedDisplacement(1, 1, 0.0)],
+    )
+    simulation = xf.Simulation(scene, 0.05, inertia=False, num_threads=1)
+    with caplog.at_level("WARNING", logger="xper_fx"):
+        *_, step = simulation.steps(0.05)
+    held = 4e-6 * -simulation.reaction_of("punch")[1]
+    np.testing.assert_allclose(step.energies["dissipated_impact"], held, rtol=1e-3)
+    np.testing.assert_allclose(step.energies["dissipated_numerical"], -0.5 * held, rtol=1e-3)
+    assert not caplog.records

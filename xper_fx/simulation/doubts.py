@@ -93,8 +93,10 @@ class Doubts:
         Bonds dissipate less than is freed in a snap if F is more than L, too: joints that slip
         weakens have little left to dissipate in their last step. Where neither friction nor bonds
         take any of it, bodies have let go of each other: a corner that had sunk into another body
-        has slid off, or bodies fall that nothing holds. Where bonds take more than friction and F
-        is much below zero, iterations have gone over a barrier on the way.
+        has slid off, or bodies fall that nothing holds. A gap g that closes in the step is booked
+        as an impact, r1 g, and F has -r1 g / 2 of it; a force that grows from nothing as lips meet
+        frees neither, so that half of the impacts is added to F. Where bonds take more than
+        friction and F is much below zero, iterations have gone over a barrier on the way.
 
         Args:
             work: of the interactions in the step.
@@ -102,7 +104,7 @@ class Doubts:
             number, size: as of `tell`.
         """
         self._load = max(0.5 * self._load, abs(bulk.change_work) / size**2)
-        freed = work.numerical + work.impact
+        freed = work.numerical + 0.5 * work.impact
         held = bulk.elastic + work.stored + work.friction + work.cohesion
         self._most = max(self._most, held)
         if -freed > _UNBALANCED * self._most and work.cohesion > work.friction:
