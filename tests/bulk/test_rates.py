@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import xper_fx as xf
-from xper_fx.bulk.rates import lemke, rates_of_bonds
+from xper_fx.bulk.rates import _of_one_bond, lemke, rates_of_bonds
 
 
 def answers(m, q):
@@ -70,6 +70,12 @@ def test_where_the_load_turns_one_bond_goes_on():
     load, g = rates(matrix, x0)
     assert load == pytest.approx(-0.2) and g == pytest.approx([1.0, 0.0])
     assert answers(matrix, x0)[0].tolist() == [0.0, 0.0]
+
+
+def test_the_load_follows_from_one_rate():
+    """The first bond opens by 1: 2 z - 0.8 = 0.5 z - 0.6 gives z = 2/15, l = 0.5 z - 0.6."""
+    load, g = _of_one_bond(np.array([[-0.6, 0.5], [-0.8, 2.0]]), np.ones(2), np.ones(2))
+    assert load == pytest.approx(-8.0 / 15.0) and g == pytest.approx([1.0, 2.0 / 15.0])
 
 
 def test_nothing_tells_where_all_bonds_close():
