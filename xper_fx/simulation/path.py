@@ -250,11 +250,11 @@ class PathFollower:
         bond = self._limit.contested
         self.contested = self.contested if bond is None else bond
         if self._guesses and self._last_share > 0.0:
-            self._guesses = False
+            self._guesses, self.onwards = False, True
             return True
         self._guesses = False
         self.onwards = not self.onwards
-        if self.onwards:
+        if not self.onwards:
             return True
         corner = self._leading is None and self.share <= _AT_CORNER
         self._leading = self._limit.turning if corner else None
