@@ -14,7 +14,7 @@ stiffens it, as long as those that have opened go on to do so. No load then solv
 its secant the bond opens too far, along its curve it closes, and the iterations take turns. The
 path turns there: this bond opens, the others close. `turning` tells the bonds that take turns, and
 `follow` lets the path go on where they open. What the others would have opened up to the corner is
-left out, which a step bounds by its growth. `bulk/rates.py` finds such turns from all bonds at once.
+left out, which a step bounds by its growth. `bulk/rates.py` finds turns of all bonds at once.
 
 **Slip.** Of joints that slip weakens what grows is the slip that they have made, to and fro. Their
 jumps are measured from where the step begins, where nothing is reached, without the normal part,
