@@ -282,9 +282,7 @@ class CoupledStep:
         with watch.phase("solution"):
             dv = matrices.solve(right, loading.wanted - self.velocity)
             if growth is not None:
-                force, motion, driven = loading.rates()
-                pushed = self._pushed_by(driven)
-                along = matrices.solve(np.broadcast_to(force, dv.shape) + pushed, motion)
+                along, driven = self._along()
         rigid = 0.0 * loading.driven
         if growth is not None:
             now = self._jumps()
@@ -298,6 +296,25 @@ class CoupledStep:
         if self._tangents is None:
             return Correction(dv, change, [])
         return Correction(dv, change, self._tangents.changes(self._motions.changes(dv, rigid)))
+
+    def _along(self) -> tuple[np.ndarray, np.ndarray]:
+        """Velocities of all unknowns and of rigid bodies for a unit of the load's time."""
+        force, motion, driven = self.loading.rates()
+        right = np.broadcast_to(force, self.velocity.shape) + self._pushed_by(driven)
+        return self._matrices.solve(right, motion), driven
+
+    def onwards(self) -> tuple[float, np.ndarray] | None:
+        """Time and velocities with which the start of the step goes on; see `Kinks.onwards`."""
+        from xper_fx.bulk.rates import MULTIPLIERS, Kinks
+
+        matrices, scaled = self._matrices, self.step * self._matrices.theta
+        self._tangents.linearise(self._present(), self._least(), MULTIPLIERS)
+        kinks = Kinks(self._groups, self._tangents.stiffness, self.growth, scaled, self.ranks)
+        matrix = matrices.of_bulk(self.step, self._equations.displacement(self.velocity))
+        matrices.factorise(matrix, self._springs(), self.interactions)
+        along, driven = self._along()
+        ways = [matrices.solve(self.on_unknowns(r), 0.0 * along) for r in kinks.pushes()]
+        return kinks.onwards(self.loading.time, along, driven, ways, self._motions.changes)
 
     def _pushed_by(self, driven: np.ndarray) -> np.ndarray | float:
         """What springs do to the unknowns where rigid bodies are driven at velocities (N s)."""

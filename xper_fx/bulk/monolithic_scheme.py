@@ -18,6 +18,7 @@ from xper_fx.bulk.coupled_matrices import CoupledMatrices
 from xper_fx.bulk.coupled_step import CoupledStep
 from xper_fx.bulk.loading import Loading
 from xper_fx.bulk.semismooth_newton import SemismoothNewton
+from xper_fx.bulk.sparse_direct import SingularMatrixError
 from xper_fx.bulk.state import State, StepOutcome, Supports
 from xper_fx.bulk.step_equations import StepEquations
 from xper_fx.nscd.interactions import Interactions
@@ -120,6 +121,7 @@ class MonolithicScheme:
         options: SolveOptions,
         growth: GrowthLimit | None = None,
         guess: Guess | None = None,
+        onwards: bool = False,
     ) -> StepOutcome:
         """One step from `state`, which is not changed; see `ImplicitScheme.attempt`.
 
@@ -130,10 +132,11 @@ class MonolithicScheme:
             state, step, interactions, solver, options: as of `ImplicitScheme.attempt`.
             growth: what the step may open, None where its end is given.
             guess: time (s) and velocities to start from, shape (num_dofs,).
+            onwards: whether to start from the rates of the bonds (`rates.py`), with a `growth`.
         """
         if interactions is not None and interactions.fused is not None:
             return self._while_vertices_split(state, step, interactions, options.last_try)
-        return self._attempt(state, step, interactions, growth, guess, options.last_try)[0]
+        return self._attempt(state, step, interactions, growth, guess, options.last_try, onwards)[0]
 
     def _while_vertices_split(
         self, state: State, step: float, interactions: Interactions, last_try: bool
@@ -165,6 +168,7 @@ class MonolithicScheme:
         growth: GrowthLimit | None,
         guess: Guess | None,
         last_try: bool,
+        onwards: bool = False,
     ) -> tuple[StepOutcome, CoupledStep]:
         """As `attempt`, with the points there are; with the state of the step's unknowns."""
         bulk, watch, weight = self.bulk, self._stopwatch, self._matrices.weight
@@ -197,6 +201,12 @@ class MonolithicScheme:
                 if coupled.flipped:  # it leads too far
                     begin(None)
 
+        if onwards:
+            begin(None)
+            try:
+                guess = coupled.onwards()
+            except SingularMatrixError:
+                guess = None
         converged = False
         for start in _starts(coupled, guess):
             begin(start)

@@ -21,7 +21,7 @@ Two facets that meet at a node and have turned by different angles have differen
 lips have slid, and so have two nodes that a search finds on each other's facets: one bears all, and
 the other opens by next to nothing. The multiplier of the other then has to fall to zero, by that
 next to nothing times 1 / p in each iteration: where little is left and iterations stall, p becomes
-smaller.
+smaller. Along a path it is so from the start: iterations that stall would shorten the next step.
 
 The iteration is quadratic near its end and may go round in circles far from it, where contact alone
 holds slender bodies or slips: `augmented_lagrangian.py` then finds who is in contact.
@@ -98,7 +98,8 @@ class SemismoothNewton:
     def _iterate(self, tolerance: float, most: int) -> str:
         """What failed, empty if nothing has; see `run`."""
         step, history, small = self._step, [], False
-        count, last, proximal = 0, most, _PROXIMAL
+        firm = step.growth is not None and step.frames_differ
+        count, last, proximal = 0, most, _FIRM if firm else _PROXIMAL
         while count < last:
             count += 1
             try:

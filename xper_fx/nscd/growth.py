@@ -14,7 +14,7 @@ stiffens it, as long as those that have opened go on to do so. No load then solv
 its secant the bond opens too far, along its curve it closes, and the iterations take turns. The
 path turns there: this bond opens, the others close. `turning` tells the bonds that take turns, and
 `follow` lets the path go on where they open. What the others would have opened up to the corner is
-left out, which a step bounds by its growth.
+left out, which a step bounds by its growth. `bulk/rates.py` finds turns of all bonds at once.
 
 **Slip.** Of joints that slip weakens what grows is the slip that they have made, to and fro. Their
 jumps are measured from where the step begins, where nothing is reached, without the normal part,
@@ -27,6 +27,7 @@ all, and all ranks ask together.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -34,6 +35,8 @@ from xper_fx.nscd.interactions import Interactions
 
 # An opening this near to the largest one so far grew in the last step.
 _ROUNDING = 1e-9
+# An opening this near to the largest one so far is at it, for the rates of bonds.
+_AT_LIMIT = 1e-6
 # Of the fastest lips, how fast those are at most that the load does not move; of a bond's largest
 # opening, how far lips move in a step of which nothing is told.
 _STILL = 1e-9
@@ -43,6 +46,22 @@ _TURNS = 6
 _FIRST = 0.05
 # How much of what a step may do, relative, at which an iteration goes astray.
 _ASTRAY = 10.0
+
+
+class GroupLimits(NamedTuple):
+    """The limits of a group.
+
+    Attributes:
+        group: its number.
+        first: number of its first point among those of all groups that have bonds.
+        reached: largest openings so far, shape (n,), m.
+        length: by how much bonds may open in the step, shape (n,), m.
+    """
+
+    group: int
+    first: int
+    reached: np.ndarray
+    length: np.ndarray
 
 
 class GrowthLimit:
@@ -71,7 +90,7 @@ class GrowthLimit:
         beside = np.where(reached > 0.0, relative * reached, _FIRST * length)
         self._length = np.where(slips, length, np.minimum(length, beside))
         self._reached = np.where(slips, 0.0, reached)
-        self._moves_by = np.where(slips, length, reached)
+        self._moves_by, self._slips = np.where(slips, length, reached), slips
         self._numbers = [n for n, _ in groups]
         self._counts = np.ones((len(slips), interactions.dim))
         self._counts[slips, 0] = 0.0
@@ -95,9 +114,26 @@ class GrowthLimit:
         """Go on where some bonds open, whatever opened in the last step.
 
         Args:
-            leading: those bonds, shape (n,), bool, as `turning` has them.
+            leading: those bonds, shape (n,), bool, as `turning` has them, or their numbers.
         """
-        self._go(np.where(leading[:, None], self._area[:, None] * self._start, 0.0))
+        forward = np.zeros_like(self._start)
+        forward[leading] = self._area[leading, None] * self._start[leading]
+        self._go(forward)
+
+    def at_limit(self) -> np.ndarray:
+        """Bonds at their largest openings, which open on or close: their numbers, shape (m,)."""
+        opening = _opening(self._start)
+        at_limit = (opening > 0.0) & (opening >= (1.0 - _AT_LIMIT) * self._reached)
+        return np.flatnonzero(self._whole & ~self._slips & at_limit)
+
+    def of_groups(self) -> list[GroupLimits]:
+        """The limits of each group that has bonds."""
+        ends = np.cumsum([0, *(len(self._points.groups[n]) for n in self._numbers)])
+        length = self._growth * self._length
+        return [
+            GroupLimits(n, start, self._reached[start:end], length[start:end])
+            for n, start, end in zip(self._numbers, ends, ends[1:], strict=False)
+        ]
 
     def _go(self, forward: np.ndarray) -> None:
         """Take what tells which way goes on, shape (n, components)."""

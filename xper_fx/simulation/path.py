@@ -154,6 +154,7 @@ class PathFollower:
             none: iterations are then those of contacts, and short steps do not have fewer.
         coasts: whether it did so as nothing else was left, or as the step before did: the path goes
             on by given loads until bonds ask for one.
+        onwards: whether the next attempt begins from the rates of the bonds.
         loads_turn: whether loads turn or stand still from the last step to where this one may go.
     """
 
@@ -164,7 +165,7 @@ class PathFollower:
         self._leading: np.ndarray | None = None
         self._limit: GrowthLimit
         self.contested: int | None = None
-        self.loads_turn = self.idles = self.coasts = False
+        self.loads_turn = self.idles = self.coasts = self.onwards = False
         self.share = 1.0
         self.refused: set[tuple[float, bool]] = set()
         self.limit_points: list[float] = []
@@ -235,7 +236,7 @@ class PathFollower:
                 logger.warning(_BRANCHES, start + change, ways)
             self.branches.append(start + change)
         self._leading = self.contested = None
-        self.loads_turn = False
+        self.loads_turn = self.onwards = False
         self.refused.clear()
         self._last_share, self._last_change, self._guesses = self.share, change, True
         self.coasts = self.idles and (self.coasts or self.share <= AT_LAST)
@@ -249,9 +250,12 @@ class PathFollower:
         bond = self._limit.contested
         self.contested = self.contested if bond is None else bond
         if self._guesses and self._last_share > 0.0:
-            self._guesses = False
+            self._guesses, self.onwards = False, True
             return True
         self._guesses = False
+        self.onwards = not self.onwards
+        if not self.onwards:
+            return True
         corner = self._leading is None and self.share <= _AT_CORNER
         self._leading = self._limit.turning if corner else None
         if self._leading is not None:

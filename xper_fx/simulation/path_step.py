@@ -85,7 +85,7 @@ class PathStep:
                 return there, rise
         for _ in range(_APPROACHES):
             limit, guess = path.limit(self._points), path.guess(state, self._last_size / size)
-            outcome = self._attempt(size, growth=limit, guess=guess)
+            outcome = self._attempt(size, growth=limit, guess=guess, onwards=path.onwards)
             change = outcome.state.time - state.time - self._scheme.loading.held
             in_reach = -self._longest <= change <= rise
             if not outcome.converged:

@@ -1,0 +1,336 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+r"""How a static state goes on along a path: which bonds open, and whether the load rises or falls.
+
+A bond c at its largest opening so far softens where it opens on, and unloads along its secant where
+it closes. With n_c the direction in which it opens, K_c its springs along the secant, and a_c the
+impulse that it bears less for each opening of its lips, rates v of the unknowns and l of the load
+obey
+
+    (A + sum_c H_c K_c H_c^T) v = l f + sum_c H_c a_c g_c,     g_c = max(0, n_c . H_c^T v),
+
+f what the load does. One solution for the load and one for each bond give the openings
+x = l x0 + M g, and a linear complementarity problem (Bolzon, Maier and Tin-Loi 1997),
+
+    g >= 0,    w = (I - M) g - l x0 >= 0,    g . w = 0,
+
+for l = 1 and l = -1. Lips that touch, and press no more or not yet, are of the same kind: n is
+their normal, K_c has the spring of closed lips, and a_c what that is more than the bond's.
+
+Where Newton's method begins from the last increment or from rest, two bonds may take turns for
+ever. From v it begins with each bond on its branch, and the step takes a few iterations.
+
+**Which solution.** There may be several, as where a crack may go on in one of two places. First
+all bonds that are at their largest openings are taken to open on, and those that turn out to close
+are left out. Where that leads nowhere Lemke's algorithm (Cottle, Pang and Stone 1992, section 4.4)
+finds a solution or ends on a ray. Where the load turns, g = 0 solves the problem of a load that
+falls, on the way back: the rate of one bond is then given, and that of the load found. Of these
+solutions that one is taken in which bonds open furthest for the same change of the load.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+
+from xper_fx.cache import njit
+from xper_fx.nscd.algebra.small import for_dimension
+from xper_fx.nscd.growth import GroupLimits, GrowthLimit
+from xper_fx.nscd.kernel_options import LEAN_ENTRY
+from xper_fx.nscd.laws.law import LawKernels
+from xper_fx.nscd.point_group import PointGroup
+from xper_fx.support.ranks import Ranks
+
+# Kinks above which nothing is told: each takes a solution of the system.
+_MOST = 400
+# Parts of its largest opening by which the branches of a bond are told apart, and of the least one
+# within which lips may touch and part.
+_APART, _PARTED = 1e-4, 1e-6
+# Entry of a column of Lemke's tableau, beside the largest, that counts as zero; pivots a bond.
+_ZERO, _PIVOTS = 1e-12, 20
+# Bonds whose rate is given in turn, and changes of the bonds that open.
+_TRIED, _CHANGES = 40, 20
+# p of the springs of closed lips (`nscd/point_tangents.py`).
+MULTIPLIERS = 1e-3
+
+
+@cache
+def _branch_kernel(law: LawKernels):
+    """Kernel: changes of the impulse if the lips of some points move to and fro."""
+    algebra, solve = for_dimension(law.components), law.solve
+    row, set_row, subtract = algebra.row, algebra.set_row, algebra.subtract
+    scale = algebra.scale
+
+    @njit(nogil=True, **LEAN_ENTRY)
+    def branches(which, moved, points, opened, closed):
+        w, parameters, terms = points.compliance, points.parameters, points.terms
+        for j in range(len(which)):
+            i, u = which[j], row(moved, j)
+            r = row(points.impulse, i)
+            base, _ = solve(i, scale(0.0, u), r, w, parameters, terms, points.details)
+            new, _ = solve(i, u, r, w, parameters, terms, points.details)
+            set_row(opened, j, subtract(new, base))
+            new, _ = solve(i, scale(-1.0, u), r, w, parameters, terms, points.details)
+            set_row(closed, j, subtract(new, base))
+
+    return branches
+
+
+class _KinksOfGroup(NamedTuple):
+    """Where springs of a group are others for lips that open than for lips that close.
+
+    Attributes:
+        group: its number.
+        which: points, shape (m,); one that softens in shear may be about to part as well.
+        direction: n, shape (m, components).
+        falls: a, shape (m, components), N s per m/s.
+        length: by how much the lips may open in the step, shape (m,), m; infinite of closed ones.
+    """
+
+    group: int
+    which: np.ndarray
+    direction: np.ndarray
+    falls: np.ndarray
+    length: np.ndarray
+
+
+class Kinks:
+    """The kinks of all groups, whose springs become those of secants and of closed lips.
+
+    Args:
+        groups: after `begin_step`.
+        stiffness: of each group, on either branch; changed.
+        growth: what the step may open; it follows the bonds that `onwards` finds to open.
+        scaled: h theta (s).
+        ranks: that divide the bodies; each has the kinks of its points.
+    """
+
+    def __init__(
+        self,
+        groups: Sequence[PointGroup],
+        stiffness: Sequence[np.ndarray],
+        growth: GrowthLimit,
+        scaled: float,
+        ranks: Ranks,
+    ):
+        self._groups, self._growth, self._scaled, self._ranks = groups, growth, scaled, ranks
+        self._bonds = growth.at_limit()
+        self._places = []
+        for limit in growth.of_groups():
+            own = self._bonds - limit.first
+            own = own[(own >= 0) & (own < len(limit.reached))]
+            found = _kinks_of(groups[limit.group], stiffness[limit.group], own, limit, scaled)
+            self._places += [(found, j) for j in range(len(found.which))]
+        self._first = ranks.before(len(self._places))
+        self._count = int(ranks.sum(len(self._places)))
+
+    def pushes(self) -> Iterator[list[np.ndarray]]:
+        """For each kink of all ranks a_c, as impulses of each group, N s per m/s.
+
+        None if there are too many.
+        """
+        for number in range(self._count if self._count <= _MOST else 0):
+            pushed = [np.zeros_like(g.impulse) for g in self._groups]
+            if 0 <= number - self._first < len(self._places):
+                kinks, j = self._places[number - self._first]
+                pushed[kinks.group][kinks.which[j]] = kinks.falls[j]
+            yield pushed
+
+    def onwards(
+        self,
+        time: float,
+        along: np.ndarray,
+        driven: np.ndarray,
+        ways: list[np.ndarray],
+        changes: Callable[[np.ndarray, np.ndarray], list[np.ndarray]],
+    ) -> tuple[float, np.ndarray] | None:
+        """Time and velocities by which a step has what it may open; None where nothing tells.
+
+        The growth follows the bonds that open.
+
+        Args:
+            time: of the loads (s).
+            along, driven: velocities of all unknowns and of rigid bodies that the load makes.
+            ways: of all unknowns, that each of `pushes` makes.
+            changes: velocities of the lips of each group that those of unknowns and bodies make.
+        """
+        if not ways:
+            return None
+        x0 = self._openings(changes(along, driven))
+        m = np.stack([self._openings(changes(way, 0.0 * driven)) for way in ways], axis=1)
+        lengths = self._everywhere([k.length[j] / self._scaled for k, j in self._places])
+        found = rates_of_bonds(x0, m, lengths)
+        if found is None:
+            return None
+        load, g = found
+        own = slice(self._first, self._first + len(self._places))
+        self._growth.follow(self._bonds[g[own][np.isfinite(lengths[own])] > 0.0])
+        return time + load, load * along + np.tensordot(g, np.stack(ways), axes=1)
+
+    def _openings(self, moved: list[np.ndarray]) -> np.ndarray:
+        own = [k.direction[j] @ moved[k.group][k.which[j]] for k, j in self._places]
+        return self._everywhere(own)
+
+    def _everywhere(self, values: list[float]) -> np.ndarray:
+        """Values of this rank's kinks among those of all."""
+        out = np.zeros(self._count)
+        out[self._first : self._first + len(values)] = values
+        return self._ranks.sum(out)
+
+
+def _kinks_of(
+    group: PointGroup, stiffness: np.ndarray, bonds: np.ndarray, limit: GroupLimits, scaled: float
+) -> _KinksOfGroup:
+    """Kinks of a group, whose springs become those of secants and of closed lips.
+
+    Args:
+        group: after `begin_step`.
+        stiffness: of all its points, on either branch; changed.
+        bonds: those at their largest openings, shape (m,).
+        limit: of all its points.
+        scaled: h theta (s).
+    """
+    jump = group.jump.copy()
+    jump[:, 0] = np.maximum(jump[:, 0], 0.0)
+    opens = jump[bonds] / np.linalg.norm(jump[bonds], axis=1)[:, None]
+    near = _APART * limit.reached
+    speed = near[bonds, None] / scaled
+    opened, closed = _moved(group, bonds, speed * opens)
+    falls = (opened + closed) / speed
+    pulled = np.einsum("pij,pj->pi", stiffness[bonds], opens)
+    off_curve = np.linalg.norm(pulled + opened / speed, axis=1)
+    off_secant = np.linalg.norm(pulled - closed / speed, axis=1)
+    softens = (off_curve < off_secant)[:, None, None]
+    stiffness[bonds] += np.where(softens, falls[:, :, None] * opens[:, None, :], 0.0)
+
+    reached = limit.reached[limit.reached > 0.0]
+    least = _PARTED * reached.min() / scaled if len(reached) else 0.0
+    shut = np.flatnonzero(jump[:, 0] < scaled * least)
+    parts = np.zeros((len(shut), jump.shape[1]))
+    parts[:, 0] = 1.0
+    opened, closed = (change[:, 0] / least for change in _moved(group, shut, least * parts))
+    weak = np.abs(group.impulse[shut, 0]) <= closed * least
+    shut, parts, free, firm = shut[weak], parts[weak], -opened[weak], closed[weak] / MULTIPLIERS
+    stiffness[shut, 0, 0] = firm
+    which = np.concatenate([bonds, shut])
+    parting = (firm - free)[:, None] * parts
+    length = np.concatenate([limit.length[bonds], np.full(len(shut), np.inf)])
+    directions = np.concatenate([opens, parts])
+    return _KinksOfGroup(limit.group, which, directions, np.concatenate([falls, parting]), length)
+
+
+def _moved(group: PointGroup, which: np.ndarray, by: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Changes of impulses if lips move on by velocities, or back, shape (m, components)."""
+    opened, closed = np.empty_like(by), np.empty_like(by)
+    _branch_kernel(group.kernels)(which, by, group.law_arrays(), opened, closed)
+    return opened, closed
+
+
+def rates_of_bonds(x0: np.ndarray, m: np.ndarray, lengths: np.ndarray) -> tuple | None:
+    """The rate l of the load and the rates g at which bonds open; None if there are none.
+
+    Args:
+        x0, m: see the module, shapes (n,) and (n, n).
+        lengths: by which bonds may open in a step, shape (n,), m: the first one does in unit time.
+    """
+    matrix, best = np.eye(len(x0)) - m, (0.0, 0.0, np.zeros(0))
+    solutions = [_as_before(matrix, x0, lengths)]
+    if solutions[0][1] is None:
+        solutions = [(load, lemke(matrix, -load * x0)) for load in (1.0, -1.0)]
+        solutions.append(_of_one_bond(matrix, x0, lengths))
+    for load, g in solutions:
+        if g is not None:
+            fastest = float((g / lengths).max())
+            share = fastest / abs(load) if load != 0.0 else np.inf
+            if share > best[0]:
+                best = share, load / fastest, g / fastest
+    return None if best[0] == 0.0 else best[1:]
+
+
+def _as_before(
+    matrix: np.ndarray, x0: np.ndarray, lengths: np.ndarray
+) -> tuple[float, np.ndarray | None]:
+    """As `rates_of_bonds`, with those that open found from all bonds, which opened until now.
+
+    So of several ways to go on the one is taken that changes least.
+    """
+    opens, g = np.isfinite(lengths), np.zeros(len(x0))
+    for _ in range(_CHANGES):
+        try:
+            part = np.linalg.solve(matrix[np.ix_(opens, opens)], x0[opens])
+        except np.linalg.LinAlgError:
+            break
+        load = 1.0 if (part / lengths[opens]).sum() >= 0.0 else -1.0
+        g[:] = 0.0
+        g[opens] = load * part
+        left = matrix @ g - load * x0
+        wrong = np.where(opens, g < 0.0, left < -_ZERO * np.abs(x0).max())
+        if not wrong.any():
+            return load, g
+        opens ^= wrong
+    return 0.0, None
+
+
+def _of_one_bond(
+    matrix: np.ndarray, x0: np.ndarray, lengths: np.ndarray
+) -> tuple[float, np.ndarray | None]:
+    """As `rates_of_bonds`, from a bond k that opens at a given rate: where the load turns.
+
+    There g = 0 solves the problem for a load that falls. w_k = 0 gives the load, and leaves a
+    problem of the other bonds. Those that soften by most are tried.
+    """
+    softest = np.argsort(np.diag(matrix), kind="stable")
+    for k in softest[np.isfinite(lengths[softest]) & (x0[softest] != 0.0)][:_TRIED]:
+        others = np.delete(np.arange(len(x0)), k)
+        ratio = x0[others] / x0[k]
+        g = np.zeros(len(x0))
+        g[k] = lengths[k]
+        given = (matrix[others, k] - matrix[k, k] * ratio) * g[k]
+        rest = lemke(matrix[np.ix_(others, others)] - np.outer(ratio, matrix[k, others]), given)
+        if rest is not None:
+            g[others] = rest
+            return float(matrix[k] @ g / x0[k]), g
+    return 0.0, None
+
+
+def lemke(m: np.ndarray, q: np.ndarray) -> np.ndarray | None:
+    """z >= 0 with w = M z + q >= 0 and z . w = 0; None where Lemke's algorithm ends on a ray.
+
+    Args:
+        m, q: shapes (n, n) and (n,).
+    """
+    n = len(q)
+    scale = np.abs(q).max(initial=0.0)
+    if not np.isfinite(scale) or not np.isfinite(m).all():
+        return None
+    if q.min(initial=0.0) >= 0.0:
+        return np.zeros(n)
+    # w - M z - z0 = q, of which z0 makes all right sides positive
+    table = np.hstack([np.eye(n), -m, -np.ones((n, 1)), q[:, None] / scale])
+    basic = np.arange(n)
+    row, entering = int(np.argmin(q)), 2 * n
+    for _ in range(_PIVOTS * n):
+        left = int(basic[row])
+        basic[row] = entering
+        table[row] /= table[row, entering]
+        column = table[:, entering].copy()
+        column[row] = 0.0
+        table -= np.outer(column, table[row])
+        if left == 2 * n:
+            z = np.zeros(2 * n + 1)
+            z[basic] = scale * table[:, -1]
+            return z[n:-1]
+        entering = left + n if left < n else left - n
+        column = table[:, entering]
+        positive = column > _ZERO * np.abs(column).max()
+        if not positive.any():
+            return None
+        ratios = np.full(n, np.inf)
+        ratios[positive] = table[positive, -1] / column[positive]
+        row = int(np.argmin(ratios))
+        of_z0 = np.flatnonzero(basic == 2 * n)[0]
+        if ratios[of_z0] <= ratios[row] + _ZERO * abs(ratios[row]):
+            row = int(of_z0)
+    return None
