@@ -9,6 +9,8 @@ from dolfinx.mesh import CellType, create_box
 from scenes import COMM
 
 import xper_fx as xf
+from xper_fx.nscd.rigid.bodies import RigidBodies
+from xper_fx.nscd.rigid.driven_motion import DrivenMotion
 from xper_fx.output.checkpoint import restore, save
 
 YOUNG, SPEED = 1e9, 1e-2
@@ -114,7 +116,7 @@ def test_a_wall_that_comes_presses_as_one_that_stays():
         assert energies[name] == pytest.approx(others[name], rel=1e-3, abs=1e-9)
 
 
-def bent(rollers, friction=0.0, above=0.0, **options):
+def bent(rollers, friction=0.0, above=0.0, push=-1e-3, **options):
     """A beam in three-point bending that cracks in its middle, on knife edges or on rollers."""
     length, height, span, radius, young = 0.4, 0.08, 0.32, 0.01, 30e9
     mesh = xf.crossed_rectangle((-length / 2, 0), (length / 2, height), (40, 8))
@@ -134,7 +136,7 @@ def bent(rollers, friction=0.0, above=0.0, **options):
     if rollers:
         slides = xf.laws.SignoriniCoulomb(friction, contact="position")
         disc, below = xf.rigid.Disc(radius), -radius
-        punch = STILL | {1: -1e-3}
+        punch = STILL | {1: push}
         more = {
             "surfaces": {"beam": (1,)},
             "rigid": [
@@ -203,6 +205,29 @@ def test_a_punch_that_comes_from_above_along_a_path_does_not_sink_in():
     assert np.all(comes[comes[:, 0] < 56.8499, 1] == 0.0)
     assert comes[:, 1].max() == pytest.approx(stays[:, 1].max(), rel=3e-3)
     assert comes[-1, 1] == pytest.approx(stays[-1, 1], rel=2e-2)
+
+
+def test_a_punch_that_stood_still_does_not_sink_in_as_it_sets_out():
+    """It comes in the last of four steps alone, from beyond where it is seen: by 2.75 mm."""
+    since, end = 0.75 * 2.75, 2.75
+
+    def push(time):
+        return -2.0 * 2.75e-3 * max(time - since, 0.0) / (end - since) ** 2
+
+    path = xf.GrowthControl(longest=0.25)
+    curve, _ = bent(True, above=2.6e-3, push=push, path=path)
+    stays, _ = bent(True, path=xf.GrowthControl())
+    assert curve[:, 1].max() == pytest.approx(stays[:, 1].max(), rel=3e-3)
+    assert curve[-1, 1] == pytest.approx(stays[-1, 1], rel=2e-2)
+
+
+def test_arms_of_tools_that_turn_count():
+    """A bar of 2 m that turns by 0.5 and a disc: 0.25 m come to 1/2 s, and to no limit."""
+    bar = xf.rigid.Polygon([(-1.0, -0.01), (1.0, -0.01), (1.0, 0.01), (-1.0, 0.01)])
+    for shape, share in ((bar, 0.5), (xf.rigid.Disc(1.0), 1.0)):
+        tool = xf.RigidBody(shape, (0.0, 0.0), "tool", prescribed=STILL | {2: 0.5})
+        motion = DrivenMotion(RigidBodies([tool]))
+        assert motion.time_within(0.25, 3.0, 1.0) == pytest.approx(share, rel=1e-3)
 
 
 def test_a_run_with_a_tool_goes_on_to_the_bit(tmp_path):

@@ -188,8 +188,8 @@ class StepAttempts:
         prediction = None if rigid is None else rigid.predict(size, theta, state.time)
         self._find_contacts(state, size, prediction)
         longest = path.longest(state.time, end_time)
-        if rigid is not None and model.detection is not None and rigid.speeds.any():
-            longest = min(longest, model.detection.reach / float(rigid.speeds.max()))
+        if rigid is not None and model.detection is not None:
+            longest = rigid.time_within(model.detection.reach, state.time, longest)
         outcome, size = PathStep(
             model.scheme, model.interactions, self.solver, model.options.solve,
             path, state, last_size, (end_time, longest),

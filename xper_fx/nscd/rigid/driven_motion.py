@@ -26,6 +26,8 @@ from xper_fx.nscd.rigid.motion import RigidMotion, RigidWork
 # Gauss's rule on [0, 1]: places and weights.
 _PLACES = 0.5 + np.sqrt(0.15) * np.array([-1.0, 0.0, 1.0])
 _WEIGHTS = np.array([5.0, 8.0, 5.0]) / 18.0
+# How often a time is cut in which bodies move too far.
+_CUTS = 20
 
 
 class DrivenMotion(RigidMotion):
@@ -54,6 +56,27 @@ class DrivenMotion(RigidMotion):
         Along a path a step of a given size may end at any time.
         """
         return (self._moved(since, until) / step).reshape(-1, self.bodies.dim)
+
+    def time_within(self, distance: float, since: float, longest: float) -> float:
+        """Time (s) in which no point of a body moves by more than a distance (m).
+
+        Not by how fast bodies were: one may stand still until now, and one that turns has arms.
+
+        Args:
+            distance: m, may be infinite.
+            since: time at which it begins (s).
+            longest: what is asked for at most (s).
+        """
+        dim, shapes = self.bodies.dim, self.bodies.shapes
+        arms = np.where(shapes.ball_radius > 0.0, 0.0, shapes.bounding_radius)
+        for _ in range(_CUTS):
+            moved = self._moved(since, since + longest)
+            turned = np.linalg.norm(moved[:, dim:], axis=1) * np.where(np.isfinite(arms), arms, 0.0)
+            far = float((np.linalg.norm(moved[:, :dim], axis=1) + turned).max(initial=0.0))
+            if far <= distance:
+                break
+            longest *= max(distance / far, 0.1)
+        return longest
 
     def _moved(self, since: float, until: float) -> np.ndarray:
         """Integrals of the prescribed velocities over a time (s), shape (n, 2 dim)."""
