@@ -114,6 +114,25 @@ def test_a_bar_stays_on_its_curve(share, dim):
     assert len(turns) == (share > 1.0)
 
 
+def test_where_rates_of_bonds_tell_nothing_a_step_is_not_made_twice(monkeypatch):
+    """They have no factors then, and the step from rest is the next one's, which is shorter."""
+    simulation = follow(bar(CRITICAL))
+    scheme, asked = simulation.scheme, []
+    next(simulation.steps(1e6))
+    attempt = scheme.attempt
+
+    def fails(*args, **given):
+        if given.get("growth") is not None:
+            asked.append((simulation.path.share, given["guess"] is not None))
+        return attempt(*args, **given)._replace(converged=False)
+
+    monkeypatch.setattr(scheme, "attempt", fails)
+    monkeypatch.setattr("xper_fx.bulk.rates._MOST", 0)
+    with pytest.raises(xf.ConvergenceError):
+        next(simulation.steps(1e6))
+    assert len(asked) > 5 and len(set(asked)) == len(asked)
+
+
 # Energies (J/m^2) that bonds dissipate in a step.
 SPENT = 7.0
 

@@ -310,6 +310,8 @@ class CoupledStep:
         matrices, scaled = self._matrices, self.step * self._matrices.theta
         self._tangents.linearise(self._present(), self._least(), MULTIPLIERS)
         kinks = Kinks(self._groups, self._tangents.stiffness, self.growth, scaled, self.ranks)
+        if not kinks.tell:
+            return None
         matrix = matrices.of_bulk(self.step, self._equations.displacement(self.velocity))
         matrices.factorise(matrix, self._springs(), self.interactions)
         along, driven = self._along()

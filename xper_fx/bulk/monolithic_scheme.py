@@ -72,6 +72,7 @@ class MonolithicScheme:
 
     Attributes:
         loading: of the last attempt.
+        told: whether the last attempt that asked for rates of bonds began from them.
     """
 
     def __init__(
@@ -89,6 +90,7 @@ class MonolithicScheme:
         self._matrices = CoupledMatrices(bulk, interacting, theta)
         self._tolerance, self._max_newton = newton_tolerance, max_newton
         self._stopwatch, self._gives_up, self._jumps = stopwatch, gives_up, jumps
+        self.told = False
         self._compliance: tuple[float, np.ndarray, PointsOfNodes] | None = None
         self._vain: tuple[State | None, int] = (None, 0)
         self.loading: Loading
@@ -207,6 +209,7 @@ class MonolithicScheme:
                 guess = coupled.onwards()
             except SingularMatrixError:
                 guess = None
+            self.told = guess is not None
         converged = False
         for start in _starts(coupled, guess):
             begin(start)

@@ -126,12 +126,16 @@ class Kinks:
         self._first = ranks.before(len(self._places))
         self._count = int(ranks.sum(len(self._places)))
 
+    @property
+    def tell(self) -> bool:
+        """Whether there are any, and not too many."""
+        return 0 < self._count <= _MOST
+
     def pushes(self) -> Iterator[list[np.ndarray]]:
         """For each kink of all ranks a_c, as impulses of each group, N s per m/s.
 
-        None if there are too many.
         """
-        for number in range(self._count if self._count <= _MOST else 0):
+        for number in range(self._count):
             pushed = [np.zeros_like(g.impulse) for g in self._groups]
             if 0 <= number - self._first < len(self._places):
                 kinks, j = self._places[number - self._first]
@@ -156,8 +160,6 @@ class Kinks:
             ways: of all unknowns, that each of `pushes` makes.
             changes: velocities of the lips of each group that those of unknowns and bodies make.
         """
-        if not ways:
-            return None
         x0 = self._openings(changes(along, driven))
         m = np.stack([self._openings(changes(way, 0.0 * driven)) for way in ways], axis=1)
         lengths = self._everywhere([k.length[j] / self._scaled for k, j in self._places])

@@ -154,7 +154,8 @@ class PathFollower:
             none: iterations are then those of contacts, and short steps do not have fewer.
         coasts: whether it did so as nothing else was left, or as the step before did: the path goes
             on by given loads until bonds ask for one.
-        onwards: whether the next attempt begins from the rates of the bonds.
+        onwards: whether the next attempt begins from the rates of the bonds; of the last one,
+            whether it did: where they told nothing it began from rest, and is not made again.
         loads_turn: whether loads turn or stand still from the last step to where this one may go.
     """
 
