@@ -59,7 +59,7 @@ def static_tools() -> list[Misuse]:
         Misuse("None later", "None", lambda: static(STILL | {1: lambda t: None})),
         Misuse("a word", "number|fast", lambda: static(STILL | {1: "fast"})),
         Misuse("inside the block", "lies in", lambda: static(STILL, place=(0.0, -0.2))),
-        Misuse("ten metres a second", "snaps", lambda: static(STILL | {1: -10.0})),
+        Misuse("ten metres a second", "small strain", lambda: static(STILL | {1: -10.0})),
         Misuse("a misspelt contact", "toll", lambda: static(STILL | sink, contacts=[own])),
         Misuse(
             "a reaction of another name",

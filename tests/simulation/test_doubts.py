@@ -2,10 +2,11 @@
 """Warnings of steps: once, with a count at the end."""
 
 import numpy as np
+import pytest
 
 import xper_fx as xf
 from xper_fx.nscd.stepped_points import StepWork
-from xper_fx.simulation.doubts import BROKEN_FOR_NOTHING, UNSEEN, Doubts
+from xper_fx.simulation.doubts import BROKEN_FOR_NOTHING, STRAINED, UNSEEN, Doubts
 from xper_fx.simulation.energy_ledger import BulkEnergies
 
 
@@ -57,6 +58,7 @@ def test_bonds_that_break_for_energy_that_nothing_gave_are_told(caplog):
         doubts = Doubts()
         doubts.tell_snap(work._replace(numerical=-0.2, cohesion=0.1, friction=0.3), bulk, 1, 1.0)
         doubts.tell_snap(work._replace(numerical=-0.1, cohesion=0.5), bulk, 2, 1.0)
+        doubts.tell_snap(work._replace(numerical=-0.4, friction=-1e-3), bulk, 2, 1.0)  # no bonds
         assert not caplog.records
         doubts.tell_snap(work._replace(numerical=-0.4, cohesion=0.5), bulk, 3, 1.0)
     (told,) = caplog.records
@@ -88,3 +90,29 @@ def test_a_disc_that_meets_a_block_within_a_step_frees_nothing(caplog):
     np.testing.assert_allclose(step.energies["dissipated_impact"], held, rtol=1e-3)
     np.testing.assert_allclose(step.energies["dissipated_numerical"], -0.5 * held, rtol=1e-3)
     assert not caplog.records
+
+
+@pytest.mark.parametrize(
+    "material, shear, told",
+    [
+        (xf.materials.LinearElastic(1e9, 0.3, 1000.0), 0.25, True),
+        (xf.materials.LinearElastic(1e9, 0.3, 1000.0), 0.15, False),
+        (xf.materials.NeoHookean(1e9, 0.3, 1000.0), 0.25, False),
+    ],
+)
+def test_cells_that_turn_beyond_small_strain_in_a_static_run_are_told(
+    material, shear, told, caplog
+):
+    mesh = xf.crossed_rectangle((0.0, 0.0), (1.0, 1.0), (2, 2))
+    sides = xf.tag_facets(mesh, {1: lambda x: x[1] < 1e-9, 2: lambda x: x[1] > 1.0 - 1e-9})
+    loads = [xf.PrescribedDisplacement(side, 1, 0.0) for side in (1, 2)]
+    loads += [xf.PrescribedDisplacement(1, 0, 0.0)]
+    loads += [xf.PrescribedDisplacement(2, 0, lambda t: shear * t)]
+    scene = xf.Scene(xf.explode(mesh, [0] * 16, facet_tags=sides), {1: material}, loads=loads)
+    simulation = xf.Simulation(scene, 0.5, inertia=False, num_threads=1)
+    with caplog.at_level("WARNING", logger="xper_fx"):
+        for _ in simulation.steps(1.0):
+            pass
+    assert [STRAINED in record.getMessage() for record in caplog.records] == [True] * told
+    for record in caplog.records:
+        assert float(record.getMessage().split()[-1]) == pytest.approx(shear, rel=0.1)

@@ -230,6 +230,38 @@ def test_arms_of_tools_that_turn_count():
         assert motion.time_within(0.25, 3.0, 1.0) == pytest.approx(share, rel=1e-3)
 
 
+def test_a_roller_draws_a_sheet_in_and_leaves_the_gap(caplog):
+    """Half of a sheet that is rolled from 10 to 9 mm; what has passed is as thick as the gap."""
+    radius, gap, spin, entry = 0.05, 4.5e-3, 0.5, 0.022
+    mesh = xf.crossed_rectangle((-0.03, 0.0), (0.0, 5e-3), (24, 4))
+    tags = xf.tag_facets(mesh, {1: lambda x: x[1] < 1e-9, 2: lambda x: x[0] < -0.03 + 1e-9})
+    one = np.zeros(xf.geometry_dofmap(mesh).shape[0], int)
+    place = np.sqrt(radius**2 - (radius + gap - 5e-3) ** 2), gap + radius  # its nose touches
+    scene = xf.Scene(
+        xf.explode(mesh, one, facet_tags=tags),
+        {1: xf.materials.J2FiniteStrain(70e9, 0.3, 1e8, xf.materials.Linear(5e8), 2700.0)},
+        surfaces={"sheet": (1,)},
+        rigid=[xf.RigidBody(xf.rigid.Disc(radius), place, "roller", prescribed=STILL | {2: spin})],
+        contacts=[
+            xf.Contact(("sheet", "roller"), xf.laws.SignoriniCoulomb(0.2, contact="position"))
+        ],
+        loads=[xf.PrescribedVelocity(1, 1, 0.0), xf.PrescribedVelocity(2, 0, entry)],
+    )
+    simulation = xf.Simulation(scene, 0.01, inertia=False, num_threads=1)
+    with caplog.at_level("WARNING", logger="xper_fx"):
+        *_, last = simulation.steps(0.6)
+    assert not caplog.records
+    held, pushed = simulation.reaction_of("roller"), simulation.reaction(2)
+    assert held[0] == pytest.approx(-pushed[0], rel=1e-6) and held[1] < -1e6
+    bulk, moved = simulation.model.bulk, simulation.state.displacement
+    x = bulk.forms.V.tabulate_dof_coordinates()[:, :2]
+    x = x + bulk.unknowns.expand(moved).reshape(-1, 2)
+    passed = x[(x[:, 0] > place[0]) & (x[:, 1] > 0.9 * gap)]
+    assert len(passed) >= 3
+    assert passed[:, 1] == pytest.approx(gap, rel=3e-3)
+    assert last.energies["dissipated_friction"] > 0.05 * last.energies["dissipated_plastic"]
+
+
 def test_a_run_with_a_tool_goes_on_to_the_bit(tmp_path):
     def made():
         return xf.Simulation(indented({1: lambda t: -SPEED * (1 + t)}), 0.1, inertia=False)

@@ -307,10 +307,9 @@ class CoupledStep:
         """Time and velocities with which the start of the step goes on; see `Kinks.onwards`."""
         from xper_fx.bulk.rates import MULTIPLIERS, Kinks
 
-        matrices, scaled = self._matrices, self.step * self._matrices.theta
-        self._tangents.linearise(self._present(), self._least(), MULTIPLIERS)
-        kinks = Kinks(self._groups, self._tangents.stiffness, self.growth, scaled, self.ranks)
-        if not kinks.tell:
+        matrices, points, h = self._matrices, self._tangents, self.step * self._matrices.theta
+        points.linearise(self._present(), self._least(), MULTIPLIERS)
+        if not (kinks := Kinks(self._groups, points.stiffness, self.growth, h, self.ranks)).tell:
             return None
         matrix = matrices.of_bulk(self.step, self._equations.displacement(self.velocity))
         matrices.factorise(matrix, self._springs(), self.interactions)

@@ -132,9 +132,7 @@ class Kinks:
         return 0 < self._count <= _MOST
 
     def pushes(self) -> Iterator[list[np.ndarray]]:
-        """For each kink of all ranks a_c, as impulses of each group, N s per m/s.
-
-        """
+        """For each kink of all ranks a_c, as impulses of each group, N s per m/s."""
         for number in range(self._count):
             pushed = [np.zeros_like(g.impulse) for g in self._groups]
             if 0 <= number - self._first < len(self._places):

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from xper_fx.bulk.slopes import largest_slope
 from xper_fx.bulk.stable_step import UnstableStepError
 from xper_fx.bulk.state import State, StepOutcome
 from xper_fx.nscd import solvers
@@ -33,6 +34,7 @@ from xper_fx.simulation.advice import (
 from xper_fx.simulation.doubts import (
     BROKEN_FOR_NOTHING,
     OVERLAP,
+    STRAINED,
     STRAYED,
     TURNED,
     UNSEEN,
@@ -58,6 +60,8 @@ _RUNS_AWAY = {"over": "ignore", "invalid": "ignore"}
 # Damage beyond what the opening found asks for, above which the step is cut: it came from iterates
 # on the way, and would cost no energy.
 _LARGEST_EXCESS = 0.1
+# Stretch or turn of a cell (rad) above which small strain is doubted.
+_LARGEST_SLOPE = 0.2
 # Explicit steps after which bonds are looked at that should not turn.
 _LOOKS_EVERY = 40
 # Share of the sweeps allowed after which contacts that ranks divide are left to other solvers.
@@ -281,6 +285,19 @@ class StepAttempts:
             self.doubts.tell(TURNED, number, size)
             return None
         return bonds
+
+    def tell_strain(self, state: State, number: int, size: float) -> None:
+        """Doubt a static run at small strain whose cells stretch or turn too far.
+
+        Args:
+            state: at the end of the run.
+            number, size: of its last step (s).
+        """
+        bulk = self._model.bulk
+        if self._model.options.inertia or bulk.forms.finite_strain or not number:
+            return
+        if (slope := largest_slope(bulk, state.displacement)) > _LARGEST_SLOPE:
+            self.doubts.tell(STRAINED, number, size, f": by {slope:.2g}")
 
     @np.errstate(**_RUNS_AWAY)
     def _attempt(

@@ -22,6 +22,7 @@ SUNK = (
     'runs laws with contact="position"'
 )
 OVERLAP = "bodies overlap at the start; place them apart"
+STRAINED = "cells stretch or turn beyond what small strain bears; take a material at finite strain"
 TURNED = "bonds turn beyond what small strain bears; take a material at finite strain"
 _SNAPS = (
     "the load snaps, as it frees energy that no bond takes up; with path=xf.GrowthControl() the "
@@ -86,10 +87,10 @@ class Doubts:
 
         From forces in balance at both ends a linear bulk takes up du . K du / 2 = F + L, beside
         the work of friction by its forces at the end: F = (r1 - r0) . dU / 2, freed where friction
-        falls while lips slide, and L = (f1 - f0) . du / 2 of the loads. Both go with the square of
-        the step where states on the way are in balance, and F / L is then how steeply lips follow
-        the load. In a snap L goes to nothing with the step, and F does not. As L vanishes where the
-        load is largest, it is at least half of that of the step before, scaled.
+        falls while lips slide, and L = (f1 - f0) . du / 2 of loads and tools. Both go with the
+        square of the step where states on the way are in balance, and F / L is then how steeply
+        lips follow the load. In a snap L goes to nothing with the step, and F does not. As L
+        vanishes where the load is largest, it is at least half of that of the step before, scaled.
         Bonds dissipate less than is freed in a snap if F is more than L, too: joints that slip
         weakens have little left to dissipate in their last step. Where neither friction nor bonds
         take any of it, bodies have let go of each other: a corner that had sunk into another body
@@ -103,11 +104,11 @@ class Doubts:
             bulk: energies of the bulk in it.
             number, size: as of `tell`.
         """
-        self._load = max(0.5 * self._load, abs(bulk.change_work) / size**2)
+        self._load = max(0.5 * self._load, bulk.change_work / size**2)
         freed = work.numerical + 0.5 * work.impact
         held = bulk.elastic + work.stored + work.friction + work.cohesion
         self._most = max(self._most, held)
-        if -freed > _UNBALANCED * self._most and work.cohesion > work.friction:
+        if -freed > _UNBALANCED * self._most and work.cohesion > max(work.friction, 0.0):
             told = f": bonds dissipate {work.cohesion:.3g} J, {-freed:.3g} J of it from nowhere"
             self.tell(_CLIMBED, number, size, told)
             return

@@ -85,7 +85,8 @@ class BulkEnergies(NamedTuple):
             scheme.
         power_before, power: of the supports at the end of a static step, moved as in the step
             before and as in this one (W; 2D: W/m).
-        change_work: of half the change of loads and reactions over a static step, df . du / 2.
+        change_work: of half the change of loads and reactions over a static step, |df . du| / 2,
+            and of what drives rigid bodies.
     """
 
     work: float
@@ -207,7 +208,7 @@ class EnergyLedger:
             total(lost.get("plastic", 0.0)),
             viscous,
             self._damped(before, outcome, rigid),
-            *(self._of_static_step(before, outcome, step, held) if self._static else ()),
+            *(self._of_static_step(before, outcome, step, held, rigid) if self._static else ()),
         )
 
     def _work_on_nodes(
@@ -225,7 +226,12 @@ class EnergyLedger:
         return float((end[at] - start[at]) @ impulse) / step
 
     def _of_static_step(
-        self, before: State, outcome: StepOutcome, step: float, borne: np.ndarray | float
+        self,
+        before: State,
+        outcome: StepOutcome,
+        step: float,
+        borne: np.ndarray | float,
+        rigid: RigidWork | None,
     ) -> tuple[float, float, float]:
         """What `BulkEnergies` has of static steps alone; a periodic cell's gradient has no change.
 
@@ -239,7 +245,9 @@ class EnergyLedger:
         given = outcome.force_impulse + reactions
         change = 0.5 * (given / step - np.broadcast_to(borne, given.shape))[:nodal]
         moved = (outcome.state.displacement - before.displacement)[:nodal]
-        return float(last), float(now), self._bulk.ranks.sum(float(moved @ change))
+        driven = 0.0 if rigid is None else rigid.change
+        led = abs(driven) + abs(self._bulk.ranks.sum(float(moved @ change)))
+        return float(last), float(now), led
 
     def _damped(self, before: State, outcome: StepOutcome, rigid: RigidWork | None) -> float:
         """What the scheme takes in a step above theta = 1/2 (J; 2D: J/m)."""

@@ -234,6 +234,7 @@ class Simulation(Restartable):
                         f"These steps() to {end_time:g} s were left: others have begun, and the "
                         "simulation has one time. Take one after the other."
                     )
+            self._attempts.tell_strain(self.state, self.step_number, self.step_size)
             if self._judge is not None:
                 self._judge.tell(self)
             elif self.scene.bodies is not None:

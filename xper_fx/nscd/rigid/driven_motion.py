@@ -90,7 +90,8 @@ class DrivenMotion(RigidMotion):
         step, work = self._at[0], super().work(contacts)
         self._pushed = np.reshape(contacts, self.pushed.shape) / step
         done = 0.5 * step * float(np.vdot(self._kicked, self.pushed + self._pushed))
-        return work._replace(contacts=done, prescribed=-done - work.loads)
+        change = 0.5 * step * float(np.vdot(self._kicked, self.pushed - self._pushed))
+        return work._replace(contacts=done, prescribed=-done - work.loads, change=change)
 
     def commit(self) -> None:
         """As of `RigidMotion`."""

@@ -87,6 +87,7 @@ class RigidWork(NamedTuple):
         contacts: work of the impulses of contacts.
         prescribed: work of what prescribes velocities.
         scheme: energy taken by the scheme, zero for theta = 1/2.
+        change: of bodies that are driven without inertia, of half the change of what drives them.
     """
 
     kinetic: float
@@ -94,6 +95,7 @@ class RigidWork(NamedTuple):
     contacts: float
     prescribed: float
     scheme: float
+    change: float = 0.0
 
 
 class RigidMotion:

@@ -3,10 +3,12 @@
 
 Outside, the closest point q of the shape, n = (x - q)/|x - q| and g = |x - q|; where q is at a
 corner or on an edge, x must be the foremost point of its own surface, for else the corner touches a
-facet. Inside, of the faces that one of the node's own facets faces, the one nearest to it, unless
-another face is nearer by more than the node's depth: a node on the edge of a surface, whose facets
-are all of one side, would else be pushed across the whole shape. Both
-sides act at the node itself, so that no impulse has a moment, a tangential one neither.
+facet. Inside, of the faces that the node's own facets face the nearest one, by its height over the
+share of their area that faces it: at a corner of a wedge the node of a wall touches the wedge's
+side, though its lower face is as near. Another face may be nearer by no more than the node's depth:
+a node on the edge of a surface, whose facets are all of one side, would else be pushed across the
+whole shape. Both sides act at the node itself, so that no impulse has a moment, a tangential one
+neither.
 """
 
 from __future__ import annotations
@@ -192,10 +194,10 @@ def _node_rigid(pairs, faces, position, turn, shapes, reach, out, room):
             if not flat and (highest <= 0.0 or gap <= _NO_DISTANCE * shapes.bounding_radius[body]):
                 # inside, or at a corner: of the faces that the node faces the nearest
                 tip = False
-                gap = -np.inf
+                lowest = best = -np.inf
                 for facet in faces.own_facets[faces.own_start[node] : faces.own_start[node + 1]]:
-                    gap = max(gap, highest - faces.depth[facet])
-                found = False
+                    lowest = max(lowest, highest - faces.depth[facet])
+                some = _NO_DISTANCE * shapes.bounding_radius[body]
                 for f in range(shapes.face_offsets[entry], shapes.face_offsets[entry + 1]):
                     height = -shapes.face_distance[f]
                     for d in range(dim):
@@ -203,15 +205,15 @@ def _node_rigid(pairs, faces, position, turn, shapes, reach, out, room):
                         world[d] = 0.0
                         for e in range(dim):
                             world[d] += turn[body, d, e] * shapes.face_normal[f, e]
-                    if height <= gap:
+                    if height <= lowest:
                         continue
                     area, whole = facing_area(world, node, faces)
-                    if area >= _FACING * whole:
-                        found = True
+                    if area >= _FACING * whole and (height - some) * whole > best * area:
+                        best = (height - some) * whole / area
                         gap = height
                         for d in range(dim):
                             n[d] = shapes.face_normal[f, d]
-                if not found:
+                if best == -np.inf:
                     continue
             for d in range(dim):
                 world[d] = 0.0
