@@ -18,12 +18,12 @@ STILL = {0: 0.0, 1: 0.0, 2: 0.0}
 ELASTIC = xf.materials.LinearElastic(YOUNG, 0.3, 1000.0)
 
 
-def indented(motion, friction=0.3, material=ELASTIC, place=0.0):
+def indented(motion, friction=0.3, material=ELASTIC, shape=xf.rigid.Disc(0.5), place=(0.0, 0.5)):
     """A block on a fixed ground, and a disc that is moved into its top."""
     mesh = xf.crossed_rectangle((-1, -1), (1, 0), (12, 6))
     tags = xf.tag_facets(mesh, {1: lambda x: x[1] < -1 + 1e-9})
     one = np.zeros(xf.geometry_dofmap(mesh).shape[0], int)
-    tool = xf.RigidBody(xf.rigid.Disc(0.5), (place, 0.5), "tool", prescribed=STILL | motion)
+    tool = xf.RigidBody(shape, place, "tool", prescribed=STILL | motion)
     law = xf.laws.SignoriniCoulomb(friction, contact="position")
     return xf.Scene(
         xf.explode(mesh, one, facet_tags=tags),
@@ -219,6 +219,44 @@ def test_a_punch_that_stood_still_does_not_sink_in_as_it_sets_out():
     stays, _ = bent(True, path=xf.GrowthControl())
     assert curve[:, 1].max() == pytest.approx(stays[:, 1].max(), rel=3e-3)
     assert curve[-1, 1] == pytest.approx(stays[-1, 1], rel=2e-2)
+
+
+@pytest.mark.parametrize(
+    "shape, place, speed",
+    [
+        (xf.rigid.Polygon([(-0.3, -0.3), (0.3, -0.3), (0.3, 0.3), (-0.3, 0.3)]), (1.33, 0.8), -1.2),
+        (xf.rigid.Disc(0.5), (1.502, 0.3), -0.8),
+    ],
+    ids=["square", "disc"],
+)
+def test_a_tool_that_goes_past_a_corner_is_not_held_by_it(shape, place, speed):
+    """At 0.2 and 0.012 facets from the side, by up to 0.7 facets a step: nothing is touched."""
+    scene = indented({1: speed}, shape=shape, place=place)
+    simulation = xf.Simulation(scene, 0.1, inertia=False)
+    for step in simulation.steps(1.0):
+        assert not simulation.reaction_of("tool").any()
+        assert step.energies["external_work"] == 0.0
+
+
+def test_a_tool_that_goes_past_a_corner_along_a_path_is_not_held_by_it():
+    """A square at 0.1 facets beside a beam, whose steps are a quarter of a facet."""
+    mesh = xf.crossed_rectangle((-0.2, 0.0), (0.2, 0.08), (40, 8))
+    right = mesh.geometry.x[xf.geometry_dofmap(mesh)].mean(axis=1)[:, 0] > 0
+    tags = xf.tag_facets(mesh, {1: lambda x: x[1] < 1e-9})
+    square = xf.rigid.Polygon([(-0.02, -0.02), (0.02, -0.02), (0.02, 0.02), (-0.02, 0.02)])
+    tool = xf.RigidBody(square, (0.221, 0.1308), "tool", prescribed=STILL | {1: -1e-3})
+    scene = xf.Scene(
+        xf.explode(mesh, right.astype(int), facet_tags=tags),
+        {1: xf.materials.LinearElastic(30e9, 0.2, 2400.0)},
+        default_interaction=xf.laws.CohesiveZone(1.5e14, fracture_energy=100.0, strength=3e6),
+        surfaces={"beam": (1,)},
+        rigid=[tool],
+        contacts=[xf.Contact(("beam", "tool"), xf.laws.SignoriniCoulomb(0.3, contact="position"))],
+        loads=[xf.PrescribedDisplacement(1, i, 0.0) for i in (0, 1)],
+    )
+    simulation = xf.Simulation(scene, 0.01, inertia=False, path=xf.GrowthControl())
+    for _ in simulation.steps(60.0):
+        assert not simulation.reaction_of("tool").any()
 
 
 def test_arms_of_tools_that_turn_count():

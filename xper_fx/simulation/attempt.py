@@ -189,11 +189,13 @@ class StepAttempts:
         from xper_fx.simulation.path_step import PathStep
 
         model, rigid, theta = self._model, self._model.rigid, self._model.scheme.theta
-        prediction = None if rigid is None else rigid.predict(size, theta, state.time)
+        longest, prediction = path.longest(state.time, end_time), None
+        if rigid is not None:
+            if model.detection is not None:
+                longest = rigid.time_within(model.detection.reach, state.time, longest)
+            way = rigid.velocities(1.0, state.time, state.time + longest)
+            prediction = rigid.predict(size, theta, state.time)._replace(way=way)
         self._find_contacts(state, size, prediction)
-        longest = path.longest(state.time, end_time)
-        if rigid is not None and model.detection is not None:
-            longest = rigid.time_within(model.detection.reach, state.time, longest)
         outcome, size = PathStep(
             model.scheme, model.interactions, self.solver, model.options.solve,
             path, state, last_size, (end_time, longest),

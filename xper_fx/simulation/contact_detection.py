@@ -17,6 +17,7 @@ from xper_fx.nscd.laws.law import Law
 from xper_fx.nscd.points import Branches, InteractionPoints, frame_from_normal
 from xper_fx.nscd.search.candidate_lists import bodies_of_nodes
 from xper_fx.nscd.search.contact_pairs import Contacts, spin_arms
+from xper_fx.simulation.contacts_ahead import surface_contacts
 from xper_fx.support.ranks import ALONE, Ranks
 
 if TYPE_CHECKING:
@@ -262,7 +263,7 @@ class Detection:
         if self._surfaces is not None:
             middle = state.displacement + step * (1.0 - theta) * state.velocity
             x = self._moved(bulk.unknowns.expand(middle))
-            contacts = self._surfaces.find(x, *place)
+            contacts = surface_contacts(self._surfaces, x, rigid, step if self._static else 0.0)
             slot = slot[bulk.unknowns.node_of[self._at]]
             if self._shared is not None:
                 contacts = self._own(contacts, interactions)

@@ -67,6 +67,8 @@ class Prediction(NamedTuple):
             step, shape (2 n, dim).
         gradient: Fbar there, shape (dim, dim), of a periodic cell that deforms, whose columns of
             dFbar/dt come behind the other velocities; None without one.
+        way: by how much bodies may move and turn in a step along a path, shape (2 n, dim), m and
+            rad; None where the velocities say it.
     """
 
     position: np.ndarray
@@ -74,6 +76,7 @@ class Prediction(NamedTuple):
     start: np.ndarray
     free: np.ndarray
     gradient: np.ndarray | None = None
+    way: np.ndarray | None = None
 
 
 class RigidWork(NamedTuple):
