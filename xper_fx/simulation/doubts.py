@@ -34,8 +34,8 @@ _SLIDES = (
 )
 _LETS_GO = (
     "the load snaps, as bodies let go of each other and free energy that nothing takes up; take "
-    'laws with contact="position", whose lips do not sink in, or give the bodies inertia to see '
-    "what happens there"
+    'smaller steps and laws with contact="position", whose lips do not sink in, or give the bodies '
+    "inertia to see what happens there"
 )
 _CLIMBED = (
     "a static step breaks bonds for energy that nothing gave, as where it ends beyond a state that "
