@@ -29,6 +29,9 @@ _SMALLEST = 1e-6
 _AT_CORNER = 0.05
 # Share at which a load is tried that is not found from what bonds do.
 AT_LAST = 1e-5
+# Share above which a step that failed from the rates of its bonds is not made again from rest, but
+# with less: it seldom converges from there.
+_RATES_ALONE = 0.1
 # Relative difference of changes of the load that are the same.
 _ROUNDING = 1e-9
 # Exponent and bounds of the change of the share by the number of iterations.
@@ -254,7 +257,7 @@ class PathFollower:
             self._guesses, self.onwards = False, True
             return True
         self._guesses = False
-        self.onwards = not self.onwards
+        self.onwards = not self.onwards or self.share > _RATES_ALONE
         if not self.onwards:
             return True
         corner = self._leading is None and self.share <= _AT_CORNER
