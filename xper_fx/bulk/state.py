@@ -128,7 +128,8 @@ def interact(
     impulses = on_nodes(interactions.impulses(), nodes, len(free))
     if len(nodes) == inverse.num_nodes or interactions.fused is not None:
         velocity = free.copy()
-        put_on_nodes(slots.reshape(-1, dim), nodes, velocity)
+        if len(nodes):
+            put_on_nodes(slots.reshape(-1, dim), nodes, velocity)
     else:
         velocity = inverse.apply(impulses)
         velocity += free
@@ -145,7 +146,8 @@ def at_nodes(
     There are as many rows as nodes if their number is not given.
     """
     out = np.empty((len(nodes) if rows is None else rows, dim))
-    _take_from_nodes(values, nodes, out)
+    if len(nodes):  # else nothing is compiled for them
+        _take_from_nodes(values, nodes, out)
     out[len(nodes) :] = 0.0
     return out
 
@@ -169,7 +171,8 @@ def on_nodes(values: np.ndarray, nodes: np.ndarray, num_dofs: int) -> np.ndarray
         num_dofs: dofs that there are.
     """
     out = np.zeros(num_dofs)
-    put_on_nodes(values, nodes, out)
+    if len(nodes):
+        put_on_nodes(values, nodes, out)
     return out
 
 

@@ -68,38 +68,22 @@ def _turn(entry, offsets, own, bodies, rotation, start, turned):
                     turned[v, d] += rotation[k, d, e] * own[first + v, e]
 
 
-@njit(**LEAN_ENTRY)
-def _motion(bodies, moved, mean, turned, rotation, old_rotation, bounding_radius):
+def _motion(moved, turned, rotation, old_rotation, bounding_radius):
     """Sum of the two largest displacements of points of bodies, about the mean displacement.
 
-    Body b has been moved by `moved[b]`, and has the rotation `turned[b]`, or none that matters if
-    that is negative. A rotation by phi moves a point at the radius R by 2 sin(phi/2) R, which in 2D
-    and 3D is |rotation - old_rotation| R / sqrt(2) in the Frobenius norm. `mean` is room, (dim,).
+    A body has been moved by `moved`, and has the rotation `turned`, or none that matters if that is
+    negative. A rotation by phi moves a point at the radius R by 2 sin(phi/2) R, which in 2D and 3D
+    is |rotation - old_rotation| R / sqrt(2) in the Frobenius norm.
     """
-    dim = moved.shape[1]
-    for d in range(dim):
-        mean[d] = 0.0
-        for b in bodies:
-            mean[d] += moved[b, d] / len(bodies)
-    most, second = 0.0, 0.0
-    for n in range(len(bodies)):
-        b = bodies[n]
-        square = 0.0
-        for d in range(dim):
-            square += (moved[b, d] - mean[d]) ** 2
-        length = np.sqrt(square)
-        k = turned[b]
-        if k >= 0:
-            square = 0.0
-            for d in range(dim):
-                for e in range(dim):
-                    square += (rotation[k, d, e] - old_rotation[k, d, e]) ** 2
-            length += np.sqrt(0.5 * square) * bounding_radius[b]
-        if length > most:
-            most, second = length, most
-        elif length > second:
-            second = length
-    return most + second
+    away = moved - np.add.reduce(moved) / len(moved)
+    length = np.sqrt(np.einsum("nd,nd->n", away, away))
+    turns = (turned >= 0).nonzero()[0]
+    at = turned[turns]
+    change = rotation[at] - old_rotation[at]
+    turning = np.sqrt(0.5 * np.einsum("nde,nde->n", change, change))
+    length[turns] += turning * bounding_radius[turns]
+    length.sort()
+    return float(np.add.reduce(length[-2:]))
 
 
 def _matrices(rotation: np.ndarray) -> np.ndarray:
@@ -327,14 +311,13 @@ class RigidSearch:
 
     def _renew_if_needed(self, position: np.ndarray, rotation: np.ndarray) -> None:
         if self._old_position is not None and len(self._listed):
+            at = self._listed
             motion = _motion(
-                self._listed,
-                position - self._old_position,
-                np.empty(self._dim),
-                self._turned,
+                position[at] - self._old_position[at],
+                self._turned[at],
                 rotation,
                 self._old_rotation,
-                self._tables.bounding_radius,
+                self._tables.bounding_radius[at],
             )
             if motion <= self.skin:
                 return
