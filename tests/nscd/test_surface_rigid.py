@@ -90,18 +90,18 @@ def test_a_rigid_corner_above_a_facet_is_no_corner_of_its_nodes():
     assert contacts.gap.min() == pytest.approx(0.01, abs=1e-12)
 
 
-@pytest.mark.parametrize("along, down", [(0.0, 0.0), (1e-3, 0.0), (0.0, 1e-3)])
-def test_a_wall_touches_the_side_of_a_wedge_at_its_lower_corner(along, down):
+@pytest.mark.parametrize("down", [0.0, 1e-12, 1e-3])
+def test_a_wall_touches_the_side_of_a_wedge_at_its_lower_corner(down):
     """A node of the wall is there: it is as near to the wedge's lower face, which faces it less."""
     side = np.array([np.cos(np.pi / 12), -np.sin(np.pi / 12)])
     slope = np.tan(np.pi / 12)
     right = loop([(-slope, -1), (1, -1), (1, 1), (slope, 1), (0, 0)])
-    corners = np.array([(-1, 0), (0, 0), (slope, 1), (-1, 1)]) + along * side - (0.0, down)
+    corners = np.array([(-1, 0), (0, 0), (slope, 1), (-1, 1)]) - (0.0, down)
     *_, contacts = searched([right], [RigidBody(Polygon(corners), None, "a", density=1.0)], 1e-6)
     at_corner = of_kind(contacts, NODE_RIGID)
     at_corner = at_corner.take(np.flatnonzero(np.abs(at_corner.point[:, 1]) < 1e-9))
     assert np.abs(at_corner.normal @ side) == pytest.approx([1.0])
-    assert at_corner.gap == pytest.approx([-along + down * side[1]], abs=1e-12)
+    assert at_corner.gap == pytest.approx([down * side[1]], abs=1e-12)
 
 
 @pytest.mark.parametrize("facing", [True, False])

@@ -3,12 +3,12 @@
 
 Outside, the closest point q of the shape, n = (x - q)/|x - q| and g = |x - q|; where q is at a
 corner or on an edge, x must be the foremost point of its own surface, for else the corner touches a
-facet. Inside, of the faces that the node's own facets face the nearest one, by its height over the
-share of their area that faces it: at a corner of a wedge the node of a wall touches the wedge's
-side, though its lower face is as near. Another face may be nearer by no more than the node's depth:
-a node on the edge of a surface, whose facets are all of one side, would else be pushed across the
-whole shape. Both sides act at the node itself, so that no impulse has a moment, a tangential one
-neither.
+facet. Inside, of the faces that the node's own facets face the nearest one; of faces as near
+that one which more of their area faces: at a corner of a wedge the node of a wall touches the
+wedge's side, though its lower face is as near. Another face may be nearer by no more than the
+node's depth: a node on the edge of a surface, whose facets are all of one side, would else be
+pushed across the whole shape. Both sides act at the node itself, so that no impulse has a moment, a
+tangential one neither.
 """
 
 from __future__ import annotations
@@ -25,6 +25,8 @@ from xper_fx.nscd.search.facet_geometry import Faces, facing_area, is_tip
 
 # Least part of a node's area that faces a contact.
 _FACING = 0.05
+# Difference of heights of faces, beside a node's depth, at which the more facing one is taken.
+_ALIKE = 1e-6
 # Share of a shape's radius below which a distance has no direction.
 _NO_DISTANCE = 1e-9
 
@@ -197,7 +199,7 @@ def _node_rigid(pairs, faces, position, turn, shapes, reach, out, room):
                 lowest = best = -np.inf
                 for facet in faces.own_facets[faces.own_start[node] : faces.own_start[node + 1]]:
                     lowest = max(lowest, highest - faces.depth[facet])
-                some = _NO_DISTANCE * shapes.bounding_radius[body]
+                alike = _ALIKE * (highest - lowest)
                 for f in range(shapes.face_offsets[entry], shapes.face_offsets[entry + 1]):
                     height = -shapes.face_distance[f]
                     for d in range(dim):
@@ -208,8 +210,8 @@ def _node_rigid(pairs, faces, position, turn, shapes, reach, out, room):
                     if height <= lowest:
                         continue
                     area, whole = facing_area(world, node, faces)
-                    if area >= _FACING * whole and (height - some) * whole > best * area:
-                        best = (height - some) * whole / area
+                    if area >= _FACING * whole and (height - best) * area > alike * whole:
+                        best = height - alike * whole / area
                         gap = height
                         for d in range(dim):
                             n[d] = shapes.face_normal[f, d]
