@@ -82,9 +82,9 @@ def test_compiling_is_said_at_a_terminal(monkeypatch, capsys):
 PLAIN = """
 import xper_fx as xf
 
-body = xf.RigidBody(xf.rigid.Disc(0.1), (0.0, 0.5), "bodies", density=2000.0)
+body = xf.RigidBody(xf.rigid.Sphere(0.1), (0.0, 0.0, 0.5), "bodies", density=2000.0)
 alone = xf.Contact(("bodies", "bodies"), None)
-scene = xf.Scene(rigid=[body], contacts=[alone], loads=[xf.Gravity((0.0, -9.81))])
+scene = xf.Scene(rigid=[body], contacts=[alone], loads=[xf.Gravity((0.0, 0.0, -9.81))])
 next(xf.Simulation(scene, 1e-3).steps(1e-3))
 """
 
