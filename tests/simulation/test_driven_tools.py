@@ -266,6 +266,12 @@ def test_arms_of_tools_that_turn_count():
         tool = xf.RigidBody(shape, (0.0, 0.0), "tool", prescribed=STILL | {2: 0.5})
         motion = DrivenMotion(RigidBodies([tool]))
         assert motion.time_within(0.25, 3.0, 1.0) == pytest.approx(share, rel=1e-3)
+    # a dumbbell of 2.2 m, a body of several pieces, beside one that stands still
+    ends = [xf.rigid.Part(xf.rigid.Disc(0.1), (x, 0.0)) for x in (-1.0, 1.0)]
+    bell = xf.RigidBody(xf.rigid.Cluster(ends), None, "tool", prescribed=STILL | {2: 0.5})
+    still = xf.RigidBody(bar, (0.0, 3.0), "tool", prescribed=STILL)
+    motion = DrivenMotion(RigidBodies([still, bell]))
+    assert motion.time_within(0.25, 3.0, 1.0) == pytest.approx(0.5 / 1.1, rel=1e-3)
 
 
 def test_a_roller_draws_a_sheet_in_and_leaves_the_gap(caplog):

@@ -67,11 +67,12 @@ class DrivenMotion(RigidMotion):
             since: time at which it begins (s).
             longest: what is asked for at most (s).
         """
-        dim, shapes = self.bodies.dim, self.bodies.shapes
-        arms = np.where(shapes.ball_radius > 0.0, 0.0, shapes.bounding_radius)
+        bodies, dim = self.bodies, self.bodies.dim
+        arms = np.where(bodies.shapes.ball_radius > 0.0, 0.0, bodies.bounding_radius)
+        arms[np.isinf(arms)] = 0.0  # of walls
         for _ in range(_CUTS):
             moved = self._moved(since, since + longest)
-            turned = np.linalg.norm(moved[:, dim:], axis=1) * np.where(np.isfinite(arms), arms, 0.0)
+            turned = np.linalg.norm(moved[:, dim:], axis=1) * arms
             far = float((np.linalg.norm(moved[:, :dim], axis=1) + turned).max(initial=0.0))
             if far <= distance:
                 break
