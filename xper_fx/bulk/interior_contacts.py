@@ -27,7 +27,11 @@ from xper_fx.nscd.solvers.central_path import _ClosedPoints, _law, _point_kernel
 # x . z at the end, relative to the first one, from which Newton's method goes on, and at which it
 # may, at last.
 _SHARE, _USEFUL = 1e-10, 1e-3
-_MAX_ITERATIONS, _SHORTEST = 40, 1e-4
+_MAX_ITERATIONS = 40
+# Lengths of steps of which so many in a row lead nowhere.
+_SHORT, _JAMS = 0.05, 3
+# Sizes of x and z at first that are tried, beside those that they are thought to have.
+_STARTS = (1.0, 10.0, 0.1)
 # p of the springs of points of other laws.
 _PROXIMAL = 1e-3
 
@@ -51,18 +55,19 @@ def find_contacts_inside(step: CoupledStep) -> bool:
             if np.any(points.bound) or np.any(points.tip):
                 return False
             laws[number] = _law(g, points)
-    path = _Path(step, laws) if laws else None
-    return path is not None and path.begins and path.run()
+    return bool(laws) and any(_Path(step, laws, start).run() for start in _STARTS)
 
 
 class _Path:
     """x, z and velocities on their way.
 
-    Attributes:
-        begins: whether there is something to solve.
+    Args:
+        step: at its start.
+        laws: of the groups that may touch, see `_law`.
+        start: how large x and z are at first, beside what impulses and velocities are.
     """
 
-    def __init__(self, step: CoupledStep, laws: dict[int, tuple[np.ndarray, ...]]):
+    def __init__(self, step: CoupledStep, laws: dict[int, tuple[np.ndarray, ...]], start: float):
         self._step = step
         groups, dim = step.interactions.groups, step.interactions.dim
         ends = np.cumsum([0] + [len(law[0]) for law in laws.values()])
@@ -86,7 +91,7 @@ class _Path:
             speeds += float(np.sum((u - points.least) ** 2))
             speeds += float(np.sum((g.compliance[points.at, 0] * impulse) ** 2))
         speed = np.sqrt(speeds / max(ends[-1], 1))
-        self.begins = speed > 0.0 and impulse > 0.0
+        impulse, speed = start * impulse, start * speed
         for points in self._closed.values():
             points.x[:, 0], points.z[:, 0] = impulse * points.mu, speed / points.mu
 
@@ -103,15 +108,18 @@ class _Path:
     def run(self) -> bool:
         """Descend; whether it led somewhere."""
         first = gap = self._gap()
+        if first == 0.0:  # nothing moves, or nothing touches
+            return False
         self._linearise()
+        short = 0
         for _ in range(_MAX_ITERATIONS):
             try:
                 length = self._advance(gap)
             except SingularMatrixError:
                 break
             self._linearise()
-            gap = self._gap()
-            if gap <= _SHARE * first or length < _SHORTEST:
+            gap, short = self._gap(), 0 if length > _SHORT else short + 1
+            if gap <= _SHARE * first or short == _JAMS:
                 break
         return gap <= _USEFUL * first
 

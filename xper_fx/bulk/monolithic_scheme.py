@@ -253,7 +253,8 @@ class MonolithicScheme:
             first: whether it is the first of a path.
         """
         begin()
-        if find_contacts_inside(coupled) and self._solve(coupled, newton):
+        coupled.contacts_known = find_contacts_inside(coupled)
+        if coupled.contacts_known and self._solve(coupled, newton):
             return True
         most = np.inf if first or self._jumps else _FEW
         for good in (_NEAR, self._tolerance):
