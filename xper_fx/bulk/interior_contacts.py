@@ -16,14 +16,12 @@ one that slips, and is pulled, it sticks.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from itertools import pairwise
 
 import numpy as np
 
-from xper_fx.bulk.coupled_step import CoupledStep
+from xper_fx.bulk.coupled_step import Correction, CoupledStep
 from xper_fx.bulk.sparse_direct import SingularMatrixError
-from xper_fx.nscd.friction.interior_point import cone_kernels
-from xper_fx.nscd.solvers.central_path import _ClosedPoints, _law, _point_kernels
+from xper_fx.nscd.solvers.cone_points import ConePoints, coulomb_points
 
 # x . z at the end, relative to the first one, from which Newton's method goes on, and at which it
 # may, at last.
@@ -47,20 +45,11 @@ def find_contacts_inside(step: CoupledStep, begin: Callable[[], None]) -> Iterat
     Yields:
         Where one is near. None is where no point may touch, or bonds soften.
     """
-    if step.growth is not None or step.softens or not step.ranks.alone:
+    if step.growth is not None or step.softens:
         return
     for start in _STARTS:
         begin()
-        laws = {}
-        for number, g in enumerate(step.interactions.groups):
-            if g.kernels.coulomb is not None:
-                points = g.kernels.coulomb(g.terms, g.details, g.parameters)
-                if np.any(points.bound) or np.any(points.tip):
-                    return
-                laws[number] = _law(g, points)
-        if not laws:
-            return
-        if _Path(step, laws, start).run():
+        if _Path(step, start).run():
             yield
 
 
@@ -69,115 +58,88 @@ class _Path:
 
     Args:
         step: at its start.
-        laws: of the groups that may touch, see `_law`.
         start: how large x and z are at first, beside what impulses and velocities are.
     """
 
-    def __init__(self, step: CoupledStep, laws: dict[int, tuple[np.ndarray, ...]], start: float):
-        self._step = step
-        groups, dim = step.interactions.groups, step.interactions.dim
-        ends = np.cumsum([0] + [len(law[0]) for law in laws.values()])
-        arrays = np.zeros((7, ends[-1], dim))
-        self._x, self._z, self._missing, self._g, self._dx, self._dz, self._unused = arrays
-        self._scaling, room = np.empty((ends[-1], dim + 1)), np.empty(dim)
-        own = self._x, self._z, self._scaling, self._missing, self._g, self._dx
-        bounds = pairwise(ends.tolist())
-        self._closed = {
-            number: _ClosedPoints(*law, *(a[first:last] for a in own), room)
-            for (first, last), (number, law) in zip(bounds, laws.items(), strict=True)
-        }
-        self._cones = cone_kernels(dim)
-        impulse = self._impulse()
-        speeds = 0.0
-        slots = step.present().reshape(-1, dim)
-        for number, points in self._closed.items():
+    def __init__(self, step: CoupledStep, start: float):
+        self._step, self._groups = step, step.interactions.groups
+        points = {number: coulomb_points(g) for number, g in enumerate(self._groups)}
+        points = {number: given for number, given in points.items() if given is not None}
+        groups = {number: self._groups[number] for number in points}
+        self._cones = ConePoints(groups, points, step.interactions.dim, step.ranks)
+        closed, size = self._cones.of_group, self._cones.root_mean_square
+        impulse = size(
+            float(np.sum(self._groups[number].impulse[own.at, 0] ** 2))
+            for number, own in closed.items()
+        )
+        if impulse == 0.0:  # the first step
+            impulse = step.size()
+        slots = step.present().reshape(-1, step.interactions.dim)
+        speeds = []
+        for number, own in closed.items():
             g = groups[number]
-            u = g.points.relative(slots)[points.at, 0]
-            speeds += float(np.sum((u - points.least) ** 2))
-            speeds += float(np.sum((g.compliance[points.at, 0] * impulse) ** 2))
-        speed = np.sqrt(speeds / max(ends[-1], 1))
-        impulse, speed = start * impulse, start * speed
-        for points in self._closed.values():
-            points.x[:, 0], points.z[:, 0] = impulse * points.mu, speed / points.mu
-
-    def _impulse(self) -> float:
-        """How large impulses are: as in the last step, or what bodies have to bear."""
-        squares, count = 0.0, 0
-        for number, points in self._closed.items():
-            impulses = self._step.interactions.groups[number].impulse[points.at, 0]
-            squares, count = squares + float(impulses @ impulses), count + len(impulses)
-        if squares == 0.0:
-            return self._step.size() / np.sqrt(max(count, 1))
-        return np.sqrt(squares / count)
+            u = g.points.relative(slots)[own.at, 0]
+            speeds.append(float(np.sum((u - own.least) ** 2)))
+            speeds.append(float(np.sum((g.compliance[own.at, 0] * impulse) ** 2)))
+        self._cones.begin(start * impulse, start * size(speeds))
 
     def run(self) -> bool:
         """Descend; whether it led somewhere."""
-        first = gap = self._gap()
+        first, short = self._cones.gap, 0
         if first == 0.0:  # nothing moves, or nothing touches
             return False
         self._linearise()
-        short = 0
         for _ in range(_MAX_ITERATIONS):
             try:
-                length = self._advance(gap)
+                length = self._advance()
             except SingularMatrixError:
                 break
             self._linearise()
-            gap, short = self._gap(), 0 if length > _SHORT else short + 1
-            if gap <= _SHARE * first or short == _JAMS:
+            short = 0 if length > _SHORT else short + 1
+            if self._cones.gap <= _SHARE * first or short == _JAMS:
                 break
-        return gap <= _USEFUL * first
-
-    def _advance(self, gap: float) -> float:
-        """Go nearly as far along the corrector as the cones allow; how far."""
-        step = self._step
-        step.take_springs()
-        step.corrections += 1
-        np.negative(self._z, out=self._g)
-        self._correction()
-        self._cones.correct(
-            self._scaling, self._x, self._z, self._dx, self._dz, gap, self._missing, self._g,
-            self._unused,
-        )  # fmt: skip
-        correction = self._correction()
-        if not (np.isfinite(correction.velocity).all() and np.isfinite(self._dz).all()):
-            return 0.0
-        length = self._cones.advance(self._x, self._z, self._dx, self._dz)
-        step.move(step.velocity + length * correction.velocity, step.loading.time)
-        for number, g in enumerate(step.interactions.groups):
-            if number not in self._closed:
-                g.impulse += length * correction.impulses[number]
-        return length
-
-    def _gap(self) -> float:
-        return float(np.vdot(self._x, self._z))
+        return self._cones.gap <= _USEFUL * first
 
     def _linearise(self) -> None:
         """Take impulses, K and what is missing."""
-        step, tangents = self._step, self._step.tangents
+        step, cones = self._step, self._cones
         step.linearise(_PROXIMAL)
         slots = step.present()
-        for number, points in self._closed.items():
-            g, k = step.interactions.groups[number], tangents.stiffness[number]
+        for number in cones.of_group:
+            g, k = self._groups[number], step.tangents.stiffness[number]
+            k[:], g.impulse[:], step.tangents.source[number][:] = 0.0, 0.0, 0.0
             if g.turning is not None:
-                _, *law = _law(g, g.kernels.coulomb(g.terms, g.details, g.parameters))
-                for own, now in zip(points[1:6], law, strict=True):
-                    own[:] = now
-            k[:], g.impulse[:], tangents.source[number][:] = 0.0, 0.0, 0.0
-            _point_kernels(g.sides)[0](slots, g.couplings, points, g.impulse, k)
+                cones.renew(number)
+            cones.linearise(number, slots, k)
 
-    def _correction(self):
+    def _advance(self) -> float:
+        """Go nearly as far along the corrector as the cones allow; how far."""
+        step, cones = self._step, self._cones
+        step.take_springs()
+        step.corrections += 1
+        cones.predict()
+        self._correction()
+        cones.correct()
+        correction = self._correction()
+        if not (step.ranks.all(np.isfinite(correction.velocity).all()) and cones.finite):
+            return 0.0
+        length = cones.advance()
+        step.move(step.velocity + length * correction.velocity, step.loading.time)
+        for number, g in enumerate(self._groups):
+            if number not in cones.of_group:
+                g.impulse += length * correction.impulses[number]
+        return length
+
+    def _correction(self) -> Correction:
         """dv, dx and dz for g_x."""
         step = self._step
         self._answer(np.zeros_like(step.slots))
         found = step.along_springs()
         self._answer(step.motions.slots(found.velocity, 0.0 * step.loading.driven))
-        self._cones.to_dz(self._scaling, self._g, self._dx, self._dz)
+        self._cones.follow()
         return found
 
     def _answer(self, change: np.ndarray) -> None:
         """dx, and its impulses as the source g of the points, for a change of velocities."""
-        for number, points in self._closed.items():
-            g = self._step.interactions.groups[number]
-            source = self._step.tangents.source[number]
-            _point_kernels(g.sides)[1](change, g.couplings, points, source)
+        for number in self._cones.of_group:
+            self._cones.answer(number, change, self._step.tangents.source[number])

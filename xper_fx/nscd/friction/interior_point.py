@@ -36,6 +36,7 @@ from xper_fx.nscd.algebra.small import for_dimension
 from xper_fx.nscd.friction.blocks import BlockProblem
 from xper_fx.nscd.friction.error import natural_map
 from xper_fx.nscd.friction.sparse_system import SparseSystem
+from xper_fx.nscd.halo_protocol import Reductions
 
 LEAST_FRICTION = 1e-10
 _MAX_ITERATIONS = 60
@@ -46,6 +47,16 @@ _SHORTEST, _ROUNDING = 1e-3, 1e-18
 TINY = np.finfo(float).tiny
 
 
+class _Alone:
+    """The reductions of points that are all here."""
+
+    comm = None
+    sum = max = all = staticmethod(lambda value: value)
+
+
+ALONE: Reductions = _Alone()
+
+
 class ConeKernels(NamedTuple):
     """Kernels over points with x and z in the cones, shape (n, dim).
 
@@ -53,17 +64,20 @@ class ConeKernels(NamedTuple):
         size_t: `size_t(x, a)`, |x_T| of point a.
         scale: `scale(x, z, a, scaling)` sets the unit scaling point and its factor eta, dim + 1
             numbers.
-        longest: `longest(x, dx)`, the largest step that keeps x + step dx in the cones.
+        longest: `longest(x, z, dx, dz)`, the largest step that keeps x + step dx and z + step dz in
+            the cones.
         to_dz: `to_dz(scaling, g, dx, dz)` sets dz = g - Theta dx.
-        correct: `correct(scaling, x, z, dx, dz, gap, residual, g, rhs)` takes dx and dz of the
-            predictor, and sets g and the right-hand side of the corrector.
-        advance: `advance(x, z, dx, dz)` goes nearly as far as the cones allow; returns how far.
+        reach: `reach(x, z, dx, dz, step)`, x . z after a step.
+        correct: `correct(scaling, x, z, dx, dz, centre, residual, g, rhs)` takes dx and dz of the
+            predictor, and sets g and the right-hand side of the corrector for x o z = centre e.
+        advance: `advance(x, z, dx, dz, step)` goes so far.
     """
 
     size_t: Callable
     scale: Callable
     longest: Callable
     to_dz: Callable
+    reach: Callable
     correct: Callable
     advance: Callable
 
@@ -97,8 +111,8 @@ def cone_kernels(dim: int) -> ConeKernels:
         scaling[a, dim] = np.sqrt(dx / dz)
 
     @njit(error_model="numpy")
-    def longest(x, dx):
-        """Largest step that keeps x + step dx in the cones."""
+    def longest_in(x, dx):
+        """Largest step that keeps x + step dx in its cones."""
         step = np.inf
         for a in range(len(x)):
             square, cross = dx[a, 0] * dx[a, 0], x[a, 0] * dx[a, 0]
@@ -116,6 +130,18 @@ def cone_kernels(dim: int) -> ConeKernels:
             if dx[a, 0] < 0.0:
                 step = min(step, -x[a, 0] / dx[a, 0])
         return step
+
+    @njit(error_model="numpy")
+    def longest(x, z, dx, dz):
+        return min(longest_in(x, dx), longest_in(z, dz))
+
+    @njit(error_model="numpy")
+    def reach(x, z, dx, dz, step):
+        reached = 0.0
+        for a in range(len(x)):
+            for i in range(dim):
+                reached += (x[a, i] + step * dx[a, i]) * (z[a, i] + step * dz[a, i])
+        return reached
 
     @njit(inline="always")
     def unscale(scaling, a, vector, out, inverse):
@@ -143,18 +169,10 @@ def cone_kernels(dim: int) -> ConeKernels:
                 dz[a, i] = g[a, i] - square * (-2.0 * scaling[a, i] * along + dx[a, i])
 
     @njit(error_model="numpy")
-    def correct(scaling, x, z, dx, dz, gap, residual, g, rhs):
+    def correct(scaling, x, z, dx, dz, centre, residual, g, rhs):
         """Centring and second-order terms: g and the right-hand side of the corrector."""
-        n = len(x)
-        step = min(1.0, longest(x, dx), longest(z, dz))
-        reached = 0.0
-        for a in range(n):
-            for i in range(dim):
-                reached += (x[a, i] + step * dx[a, i]) * (z[a, i] + step * dz[a, i])
-        sigma = min(max(reached / gap, 0.0), 1.0) ** 3
-        centre = sigma * gap / n
         p, s, lam, c = np.empty(dim), np.empty(dim), np.empty(dim), np.empty(dim)
-        for a in range(n):
+        for a in range(len(x)):
             unscale(scaling, a, dx[a], p, True)
             unscale(scaling, a, dz[a], s, False)
             unscale(scaling, a, z[a], lam, False)
@@ -182,15 +200,34 @@ def cone_kernels(dim: int) -> ConeKernels:
                 rhs[a, 0] -= z[a, i] / max(slip, TINY) * g[a, i]
 
     @njit(error_model="numpy")
-    def advance(x, z, dx, dz):
-        step = min(1.0, _TO_BOUNDARY * min(longest(x, dx), longest(z, dz)))
+    def advance(x, z, dx, dz, step):
         for a in range(len(x)):
             for i in range(dim):
                 x[a, i] += step * dx[a, i]
                 z[a, i] += step * dz[a, i]
-        return step
 
-    return ConeKernels(size_t, scale, longest, to_dz, correct, advance)
+    return ConeKernels(size_t, scale, longest, to_dz, reach, correct, advance)
+
+
+def centre_of(cones: ConeKernels, x, z, dx, dz, gap: float, ranks: Reductions = ALONE) -> float:
+    """What the corrector asks of x o z, from how far the predictor dx, dz leads (Mehrotra).
+
+    Args:
+        cones: their kernels.
+        x, z, dx, dz: shape (n, dim), of this rank's points.
+        gap: x . z of all ranks.
+        ranks: that have the points.
+    """
+    step = min(1.0, -ranks.max(-cones.longest(x, z, dx, dz)))
+    reached = ranks.sum(cones.reach(x, z, dx, dz, step))
+    return min(max(reached / gap, 0.0), 1.0) ** 3 * gap / ranks.sum(len(x))
+
+
+def go_along(cones: ConeKernels, x, z, dx, dz, ranks: Reductions = ALONE) -> float:
+    """Take x + step dx and z + step dz, nearly as far as the cones of all ranks allow; the step."""
+    step = min(1.0, _TO_BOUNDARY * -ranks.max(-cones.longest(x, z, dx, dz)))
+    cones.advance(x, z, dx, dz, step)
+    return step
 
 
 @cache
@@ -327,10 +364,11 @@ def solve(
             break
         dx = system.solve(rhs)
         cones.to_dz(scaling, -z, dx, dz)
-        cones.correct(scaling, x, z, dx, dz, gap, residual, g, rhs)
+        centre = centre_of(cones, x, z, dx, dz, gap)
+        cones.correct(scaling, x, z, dx, dz, centre, residual, g, rhs)
         dx = system.solve(rhs)
         cones.to_dz(scaling, g, dx, dz)
         if not (np.isfinite(dx).all() and np.isfinite(dz).all()):
             break
-        step = cones.advance(x, z, dx, dz)
+        step = go_along(cones, x, z, dx, dz)
     return best <= tolerance
