@@ -23,8 +23,12 @@ _KIND = "xper_fx"
 
 
 def reduced(result: CompileResult) -> tuple:
-    """A compiled kernel as it is kept, for `CompileResult._rebuild`."""
-    (name, _, (machine_code, for_callers)), *others = result._reduce()
+    """A compiled kernel as it is kept, for `CompileResult._rebuild`.
+
+    Without its source with the types of all variables, which Numba keeps for `inspect_types`.
+    """
+    bare = result._replace(type_annotation="")
+    (name, _, (machine_code, for_callers)), *others = bare._reduce()
     module = result.library._get_module_for_linking()
     symbols = [
         symbol.name
