@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Variables of instructions and their lives are those that Numba finds, and are found less often."""
+"""Variables of instructions and their lives are those that Numba finds, found less often."""
 
 import numpy as np
 import pytest
