@@ -10,7 +10,7 @@ import numpy as np
 
 from xper_fx.cache import njit
 from xper_fx.nscd.algebra.small import SINGULAR
-from xper_fx.nscd.kernel_options import LEAN_INNER
+from xper_fx.nscd.kernel_options import LEAN_ENTRY
 from xper_fx.nscd.laws.signorini import NO_SLIP, OPEN, SLIP, STICK
 from xper_fx.nscd.local_solvers.exact import slide
 
@@ -18,7 +18,7 @@ from xper_fx.nscd.local_solvers.exact import slide
 _DOUBLINGS = 1100
 
 
-@njit(fastmath={"contract"}, **LEAN_INNER)
+@njit(fastmath={"contract"}, **LEAN_ENTRY)
 def coulomb_space(b, w, v_min, shift, mu, bound):
     if b[0] >= v_min or w[0] <= SINGULAR * (w[3] + w[5]):
         return (0.0, 0.0, 0.0), OPEN
