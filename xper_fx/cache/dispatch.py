@@ -15,6 +15,7 @@ from itertools import count
 import llvmlite
 import numba
 import numpy as np
+from llvmlite.binding import ffi
 from numba.core import config, event, serialize, sigutils, types
 from numba.core.bytecode import FunctionIdentity
 from numba.core.compiler import CompileResult
@@ -25,8 +26,14 @@ from xper_fx.cache.compiling import KIND
 from xper_fx.cache.content import INHERITED, UnknownContentError, digest
 from xper_fx.cache.folder import kernel_folder
 from xper_fx.cache.numba_flags import compare_at_once
-from xper_fx.cache.numba_libraries import parse_when_linked, reduced
+from xper_fx.cache.numba_libraries import (
+    finds_by_address,
+    make_code_when_asked,
+    parse_when_linked,
+    reduced,
+)
 from xper_fx.cache.numba_operators import choose_once
+from xper_fx.cache.numba_variables import find_lives_when_asked, list_by_type
 
 logger = logging.getLogger("xper_fx.cache")
 
@@ -54,9 +61,19 @@ def _number_functions() -> None:
     FunctionIdentity._unique_ids = count(_FIRST_NUMBER + secrets.randbits(60))
 
 
+def _tell_no_locks() -> None:
+    """Let Numba time no call of LLVM: it tells each compilation in progress of all 35 000."""
+    told = ffi.lib._lock._cblist
+    told[:] = [pair for pair in told if pair[0].__module__ != "numba.core.base"]
+
+
 compare_at_once()
 choose_once()
+find_lives_when_asked()
+list_by_type()
+make_code_when_asked()
 parse_when_linked()
+_tell_no_locks()
 _number_functions()
 os.register_at_fork(after_in_child=_number_functions)
 
@@ -169,7 +186,8 @@ class _Kept:
             return
         folder = kernel_folder()
         try:
-            if not result.lifted and not result.library.has_dynamic_globals:
+            library = result.library
+            if not (result.lifted or library.has_dynamic_globals or finds_by_address(library)):
                 content = serialize.dumps(reduced(result))
                 folder.write(key, result.fndesc.qualname, content)
         except Exception as error:  # noqa: BLE001 - of pickle: what a signature names may be local

@@ -36,7 +36,7 @@ import numpy as np
 
 from xper_fx.nscd.algebra.small import SINGULAR
 from xper_fx.nscd.laws.signorini import NO_SLIP
-from xper_fx.nscd.local_solvers.interface import INLINE_KERNEL, KERNEL, LocalSolver
+from xper_fx.nscd.local_solvers.interface import INLINE_KERNEL, INNER_KERNEL, KERNEL, LocalSolver
 
 # Factors: 1 / W_NN (0: carries nothing), cos and sin of the eigenbasis, 1 / larger eigenvalue of S,
 # ratio k (0: singular), c_a, c_b, x of the visit before (0: none).
@@ -81,7 +81,7 @@ def prepare(w, mu, factors, i):
             factors[i, 4] = small / large
 
 
-@KERNEL
+@INNER_KERNEL
 def _between(low, high):
     """A point of the bracket: by size first, then by halves."""
     if low < 0.01 * high:
@@ -89,7 +89,7 @@ def _between(low, high):
     return 0.5 * (low + high)
 
 
-@KERNEL
+@INNER_KERNEL
 def slide(push, ga, gb, ca, cb, k, mu, x):
     """Slipping impulse (r_N, r_a, r_b) in the eigenbasis, the root x, and the steps taken."""
     spread = ga * gb * (1.0 - k)

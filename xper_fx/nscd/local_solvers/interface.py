@@ -18,12 +18,15 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from xper_fx.cache import njit
+from xper_fx.nscd.kernel_options import LEAN_ENTRY, LEAN_INNER, MERGED_ENTRY
 
 # No reference counts (see exchange.py), no exceptions, products and sums fused.
-KERNEL = njit(fastmath={"contract"}, error_model="numpy", _nrt=False)
+KERNEL = njit(fastmath={"contract"}, **LEAN_ENTRY)
+# The same for what only kernels call.
+INNER_KERNEL = njit(fastmath={"contract"}, **LEAN_INNER)
 # The same, merged into the caller by LLVM: a dozen numbers passed on the stack would cost more than
 # an open point does.
-INLINE_KERNEL = njit(fastmath={"contract"}, error_model="numpy", _nrt=False, forceinline=True)
+INLINE_KERNEL = njit(fastmath={"contract"}, **MERGED_ENTRY)
 
 
 class LocalSolver(NamedTuple):
