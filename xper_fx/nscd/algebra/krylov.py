@@ -15,6 +15,9 @@ import numpy as np
 
 from xper_fx.cache import njit
 
+# What the residual falls by at most before a restart: single precision gives no more.
+_GAIN = 1e-5
+
 
 @njit(fastmath=True, error_model="numpy", _nrt=False, nogil=True)
 def norm(x):
@@ -85,44 +88,47 @@ def add_combination(rows, count, factors, x):
 
 def gmres(
     apply: Callable[[np.ndarray, np.ndarray], None],
-    precondition: Callable[[np.ndarray, np.ndarray], None],
+    precondition: Callable[[np.ndarray, np.ndarray, np.ndarray], None],
     residual: np.ndarray,
     solution: np.ndarray,
     bound: float,
     max_iterations: int,
+    basis: np.ndarray,
     room: np.ndarray,
 ) -> tuple[int, float]:
     """Reduce a residual, b - A x.
 
     Args:
         apply: `apply(x, y)` sets y = A x.
-        precondition: `precondition(r, z)` sets z = B r.
+        precondition: `precondition(r, z, y)` sets z = B r, and y = A z, which may be had for less
+            along with z than by `apply`; it may be a little off where `apply` is exact.
         residual: shape (n,), b - A x on entry and on return.
         solution: shape (n,), x, improved in place.
         bound: norm of the residual to reach.
         max_iterations: products with A after which to stop.
-        room: shape (m + 3, n), overwritten; m vectors are kept before a restart. Nothing of the
-            size of a vector is allocated: on some systems that costs more than the iteration.
+        basis: shape (m + 1, n), overwritten, of single precision; m vectors are kept before a
+            restart.
+        room: shape (3, n), overwritten. Nothing of the size of a vector is allocated: on some
+            systems that costs more than the iteration.
 
     Returns:
         Iterations made, and the norm of the residual reached.
     """
-    most = len(room) - 3
-    basis, z, part = room[:-2], room[-2], room[-1]
+    most = len(basis) - 1
+    v, z, w = room
     size = norm(residual)
     done = 0
     while size > bound and done < max_iterations:
         start = size
-        np.divide(residual, size, out=basis[0])
+        np.divide(residual, size, out=v)
+        basis[0] = v
         hessenberg = np.zeros((most, most + 1))  # by columns of the usual matrix
         turns = np.zeros((most, 2))
         right = np.zeros(most + 1)
         right[0] = size
         count = 0
-        while count < min(most, max_iterations - done) and size > bound:
-            w = basis[count + 1]
-            precondition(basis[count], z)
-            apply(z, w)
+        while count < min(most, max_iterations - done) and size > max(bound, _GAIN * start):
+            precondition(v, z, w)
             column = hessenberg[count]
             products(basis, count + 1, w, column)
             length = add_combination(basis, count + 1, -column, w)
@@ -130,7 +136,8 @@ def gmres(
                 return done + count, np.inf
             column[count + 1] = length
             if length > 0.0:
-                w /= length
+                np.divide(w, length, out=v)
+                basis[count + 1] = v
             for j, (c, s) in enumerate(turns[:count]):
                 column[j], column[j + 1] = (
                     c * column[j] + s * column[j + 1],
@@ -148,12 +155,12 @@ def gmres(
             break
         done += count
         factors = np.linalg.solve(hessenberg[:count, :count].T, right[:count])
-        part[:] = 0.0
-        add_combination(basis, count, factors, part)
-        precondition(part, z)
+        v[:] = 0.0
+        add_combination(basis, count, factors, v)
+        precondition(v, z, w)
         solution += z
-        apply(z, part)
-        residual -= part
+        apply(z, w)
+        residual -= w
         size = norm(residual)
         if not size < start:
             break
