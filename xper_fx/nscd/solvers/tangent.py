@@ -69,7 +69,7 @@ _PROXIMAL, _SAME = 1e-6, 1e-6
 # Vectors that GMRES keeps before a restart.
 _BASIS = 40
 # Share of the motion at points that springs hold, below which facing nodes do not move as one.
-_HELD = 0.75
+MOSTLY = 0.75
 # Degrees of freedom up to which the matrix of rigid bodies is factored; of meshed ones, in 2D and
 # in 3D, and iterations of GMRES after which it is.
 _RIGID = 6000
@@ -665,11 +665,11 @@ class PointTangents:
                 follow = _turn_kernel(g.sides)
                 follow(g.couplings.frame, own.stiffness, own.frame, own.changed)
 
-    def mostly_held(self, interactions: Interactions) -> bool:
-        """Whether springs hold so much of the motion that facing nodes move as one."""
+    def held(self, interactions: Interactions) -> float:
+        """The share of the motion at points that springs hold."""
         pairs = zip(interactions.groups, self.groups, strict=True)
         held = sum(_held(own.slopes, g.compliance) for g, own in pairs)
-        return interactions.total(held) > _HELD * interactions.dim * interactions.num_points
+        return interactions.total(held) / (interactions.dim * interactions.num_points)
 
     def spread_source(self, interactions: Interactions, total: np.ndarray) -> None:
         """total = H g, shape (num_slots * dim,)."""
@@ -720,10 +720,12 @@ class LinearisedProblem:
         regular: whether w could be inverted on the degrees of freedom that are not prescribed; if
             not, there is nothing to solve with.
         tangents: D, K and g of the points.
+        held: share of the motion at points that springs hold, at the last state linearised.
     """
 
     def __init__(self, interactions: Interactions):
         self._interactions = interactions
+        self.held = 0.0
         inverse, dim = interactions.inverse, interactions.dim
         self._sizes = np.diff(inverse.node_offsets) * dim
         self._starts = inverse.node_offsets[:-1] * dim
@@ -817,7 +819,7 @@ class LinearisedProblem:
         if self._fresh:
             marked[:] = True
         self._renew_blocks(marked)
-        self._bonded = tangents.mostly_held(interactions)
+        self.held = tangents.held(interactions)
 
     def take_springs(self) -> None:
         """Take K as `tangents` have it; `linearise` then makes all of it anew."""
@@ -828,7 +830,7 @@ class LinearisedProblem:
             self._factor()
         else:
             self._renew_blocks(np.ones(len(self._clusters.offsets) - 1, np.bool_))
-        self._bonded = False
+        self.held = 0.0
         self.tangents.forget()
 
     def _renew_blocks(self, marked: np.ndarray) -> None:
@@ -959,7 +961,7 @@ class LinearisedProblem:
 
     def _precondition(self, r: np.ndarray, z: np.ndarray, y: np.ndarray) -> None:
         known = self._first(r, z, y)
-        if not self._direct and self._coarse is not None and self._bonded:
+        if not self._direct and self._coarse is not None and self.held > MOSTLY:
             q = self._coarse_force
             q[:] = 0.0
             _restrict(self._number, r, q)
