@@ -49,7 +49,7 @@ _MAX_ITERATIONS, _MAX_GMRES = 40, 200
 # Steps shorter than this end the descent; x . z at which it has led somewhere.
 _SHORTEST, _USEFUL = 1e-3, 1e-3
 # x . z at the end, relative to the first one, for a tolerance of 1.
-_SHARE = 1e-2
+_SHARE = 3e-3
 
 
 @cache
