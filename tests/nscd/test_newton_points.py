@@ -371,8 +371,8 @@ def test_gmres_solves_with_restarts_as_scipy_does():
         z[:] = r / np.diag(a)
         y[:] = a @ z
 
-    basis, room = np.empty((11, 60), np.float32), np.empty((3, 60))
-    iterations, size = gmres(apply, precondition, left, x, 1e-10, 500, basis, room)
+    room = np.empty((11, 60), np.float32), np.empty((3, 60))
+    iterations, size = gmres(apply, precondition, left, x, 1e-10, 500, room)
     assert 10 < iterations < 500 and size <= 1e-10
     np.testing.assert_allclose(x, np.linalg.solve(a, b), rtol=0, atol=1e-9)
     np.testing.assert_allclose(left, b - a @ x, rtol=0, atol=1e-12)

@@ -93,8 +93,7 @@ def gmres(
     solution: np.ndarray,
     bound: float,
     max_iterations: int,
-    basis: np.ndarray,
-    room: np.ndarray,
+    room: tuple[np.ndarray, np.ndarray],
 ) -> tuple[int, float]:
     """Reduce a residual, b - A x.
 
@@ -106,16 +105,15 @@ def gmres(
         solution: shape (n,), x, improved in place.
         bound: norm of the residual to reach.
         max_iterations: products with A after which to stop.
-        basis: shape (m + 1, n), overwritten, of single precision; m vectors are kept before a
-            restart.
-        room: shape (3, n), overwritten. Nothing of the size of a vector is allocated: on some
-            systems that costs more than the iteration.
+        room: of shape (m + 1, n) in single precision, and of shape (3, n), overwritten; m vectors
+            are kept before a restart. Nothing of the size of a vector is allocated: on some systems
+            that costs more than the iteration.
 
     Returns:
         Iterations made, and the norm of the residual reached.
     """
+    basis, (v, z, w) = room
     most = len(basis) - 1
-    v, z, w = room
     size = norm(residual)
     done = 0
     while size > bound and done < max_iterations:

@@ -19,7 +19,9 @@ it with two corrections added up:
 - the clusters of facing nodes (`clusters.py`: a vertex of the mesh before it was cut) one after the
   other, K included, each by a dense inverse: however stiff the springs, they are inside. What the
   bodies hand on from the clusters before is taken along (block Gauss-Seidel), which halves the
-  iterations of clusters that are each alone;
+  iterations of clusters that are each alone. Where no point acts across clusters the matrix is
+  L + D + L^T, L being entries of w^-1, so that its product with z = (L + D)^-1 r is r + L^T z: the
+  same pass over L gives both, and springs are not read again;
 - all clusters moving as one, in which no point opens: P^T w^-1 P, the matrix of the mesh before it
   was cut, by a sparse factorisation made once for each w. It carries over any distance, and on a
   sound mesh makes the number of iterations nearly independent of its size.
@@ -546,8 +548,9 @@ def _cluster_sweep(dim: int):
     """
 
     @_KERNEL
-    def sweep(clusters, couplings, block_offsets, blocks, r, z, y, left, found):
+    def sweep(clusters, couplings, block_offsets, blocks, r, z, y, room):
         offsets, before, pairs = couplings.offsets, couplings.before, couplings.blocks
+        left, found = room[0], room[1]
         for a in range(len(block_offsets) - 1):
             first, last = clusters.offsets[a], clusters.offsets[a + 1]
             n = np.uintp((last - first) * dim)
@@ -745,9 +748,8 @@ class LinearisedProblem:
         self._beside = np.empty((2, len(self._swaps)))
         self._couplings = _Couplings.of(self._clusters, self._sizes, dim)
         self.tangents = PointTangents(interactions)
-        self._basis = np.empty((_BASIS + 1, inverse.num_slots * dim), np.float32)
-        self._room = np.empty((3, inverse.num_slots * dim))
-        self._left, self._part = np.empty((2, inverse.num_slots * dim))
+        self._room = np.empty((_BASIS + 1, num_dofs), np.float32), np.empty((3, num_dofs))
+        self._left, self._part = np.empty((2, num_dofs))
         self.renew()
 
     def _springs(self, group: PointGroup):
@@ -914,15 +916,14 @@ class LinearisedProblem:
         part = self._part
         self._apply(step, part)
         left -= part
-        correction = self._room[0]
+        correction = self._room[1][0]
         self._first(left, correction, part)
         step += correction
         self._apply(correction, part)
         left -= part
         iterations, _ = gmres(
-            self._apply, self._precondition, left, step, bound, max_iterations, self._basis,
-            self._room,
-        )  # fmt: skip
+            self._apply, self._precondition, left, step, bound, max_iterations, self._room
+        )
         return iterations
 
     def _source(self, total: np.ndarray) -> None:
@@ -955,7 +956,7 @@ class LinearisedProblem:
             return False
         _cluster_sweep(self._interactions.dim)(
             self._clusters, self._couplings, self._block_offsets, self._blocks, r, z, y,
-            *self._beside,
+            self._beside,
         )  # fmt: skip
         return self._within
 
