@@ -328,6 +328,17 @@ def test_where_w_is_singular_newton_leaves_it_to_sweeps():
         check_velocity(scene, free, velocity)
 
 
+def test_without_a_point_there_is_nothing_to_solve():
+    plate = crossed_plate(2, SIZE)
+    points, laws = plate.points.take(np.arange(0)), np.zeros(0, np.int64)
+    scene = Interactions(points, [BOND], laws, plate.inverse(1e-9, THETA))
+    scene.begin_step(1e-9, THETA)
+    velocity = np.zeros(scene.inverse.num_slots * 2)
+    problem = LinearisedProblem(scene)
+    problem.linearise(velocity)
+    assert problem.solvable and problem.solve(velocity, 0.0, 10)[1] == 0
+
+
 def test_new_values_of_w_are_taken():
     scene, free = plate_step(5, 100, False)
     velocity = free.copy()
@@ -371,8 +382,7 @@ def test_gmres_solves_with_restarts_as_scipy_does():
         z[:] = r / np.diag(a)
         y[:] = a @ z
 
-    room = np.empty((11, 60), np.float32), np.empty((3, 60))
-    iterations, size = gmres(apply, precondition, left, x, 1e-10, 500, room)
+    iterations, size = gmres(apply, precondition, left, x, 1e-10, 500, np.empty((13, 60)))
     assert 10 < iterations < 500 and size <= 1e-10
     np.testing.assert_allclose(x, np.linalg.solve(a, b), rtol=0, atol=1e-9)
     np.testing.assert_allclose(left, b - a @ x, rtol=0, atol=1e-12)

@@ -15,9 +15,6 @@ import numpy as np
 
 from xper_fx.cache import njit
 
-# What the residual falls by at most before a restart: single precision gives no more.
-_GAIN = 1e-5
-
 
 @njit(fastmath=True, error_model="numpy", _nrt=False, nogil=True)
 def norm(x):
@@ -93,40 +90,39 @@ def gmres(
     solution: np.ndarray,
     bound: float,
     max_iterations: int,
-    room: tuple[np.ndarray, np.ndarray],
+    room: np.ndarray,
 ) -> tuple[int, float]:
     """Reduce a residual, b - A x.
 
     Args:
         apply: `apply(x, y)` sets y = A x.
         precondition: `precondition(r, z, y)` sets z = B r, and y = A z, which may be had for less
-            along with z than by `apply`; it may be a little off where `apply` is exact.
+            along with z than by `apply`.
         residual: shape (n,), b - A x on entry and on return.
         solution: shape (n,), x, improved in place.
         bound: norm of the residual to reach.
         max_iterations: products with A after which to stop.
-        room: of shape (m + 1, n) in single precision, and of shape (3, n), overwritten; m vectors
-            are kept before a restart. Nothing of the size of a vector is allocated: on some systems
-            that costs more than the iteration.
+        room: shape (m + 3, n), overwritten; m vectors are kept before a restart. Nothing of the
+            size of a vector is allocated: on some systems that costs more than the iteration.
 
     Returns:
         Iterations made, and the norm of the residual reached.
     """
-    basis, (v, z, w) = room
-    most = len(basis) - 1
+    most = len(room) - 3
+    basis, z, part = room[:-2], room[-2], room[-1]
     size = norm(residual)
     done = 0
     while size > bound and done < max_iterations:
         start = size
-        np.divide(residual, size, out=v)
-        basis[0] = v
+        np.divide(residual, size, out=basis[0])
         hessenberg = np.zeros((most, most + 1))  # by columns of the usual matrix
         turns = np.zeros((most, 2))
         right = np.zeros(most + 1)
         right[0] = size
         count = 0
-        while count < min(most, max_iterations - done) and size > max(bound, _GAIN * start):
-            precondition(v, z, w)
+        while count < min(most, max_iterations - done) and size > bound:
+            w = basis[count + 1]
+            precondition(basis[count], z, w)
             column = hessenberg[count]
             products(basis, count + 1, w, column)
             length = add_combination(basis, count + 1, -column, w)
@@ -134,8 +130,7 @@ def gmres(
                 return done + count, np.inf
             column[count + 1] = length
             if length > 0.0:
-                np.divide(w, length, out=v)
-                basis[count + 1] = v
+                w /= length
             for j, (c, s) in enumerate(turns[:count]):
                 column[j], column[j + 1] = (
                     c * column[j] + s * column[j + 1],
@@ -153,12 +148,12 @@ def gmres(
             break
         done += count
         factors = np.linalg.solve(hessenberg[:count, :count].T, right[:count])
-        v[:] = 0.0
-        add_combination(basis, count, factors, v)
-        precondition(v, z, w)
+        part[:] = 0.0
+        add_combination(basis, count, factors, part)
+        precondition(part, z, basis[0])
         solution += z
-        apply(z, w)
-        residual -= w
+        apply(z, part)
+        residual -= part
         size = norm(residual)
         if not size < start:
             break

@@ -524,11 +524,11 @@ class _Couplings(NamedTuple):
 
 
 @_KERNEL
-def _take_couplings(data, data_offsets, sizes, starts, clusters, couplings):
+def _take_couplings(data, data_offsets, sizes, starts, body, clusters, couplings):
     dim, count = couplings.blocks.shape[1], 0
     for k in range(len(clusters.nodes)):
         node = clusters.nodes[k]
-        b, own = np.searchsorted(starts, node * dim, side="right") - 1, clusters.cluster[node]
+        b, own = body[node], clusters.cluster[node]
         first = data_offsets[b] + (node * dim - starts[b]) * sizes[b]
         for j in range(0, sizes[b], dim):
             if clusters.cluster[(starts[b] + j) // dim] < own:
@@ -672,7 +672,7 @@ class PointTangents:
         """The share of the motion at points that springs hold."""
         pairs = zip(interactions.groups, self.groups, strict=True)
         held = sum(_held(own.slopes, g.compliance) for g, own in pairs)
-        return interactions.total(held) / (interactions.dim * interactions.num_points)
+        return interactions.total(held) / max(interactions.dim * interactions.num_points, 1)
 
     def spread_source(self, interactions: Interactions, total: np.ndarray) -> None:
         """total = H g, shape (num_slots * dim,)."""
@@ -748,7 +748,7 @@ class LinearisedProblem:
         self._beside = np.empty((2, len(self._swaps)))
         self._couplings = _Couplings.of(self._clusters, self._sizes, dim)
         self.tangents = PointTangents(interactions)
-        self._room = np.empty((_BASIS + 1, num_dofs), np.float32), np.empty((3, num_dofs))
+        self._room = np.empty((_BASIS + 3, num_dofs))
         self._left, self._part = np.empty((2, num_dofs))
         self.renew()
 
@@ -762,9 +762,10 @@ class LinearisedProblem:
         self._held_dofs = np.flatnonzero(self._fixed)
         if self.regular and not self._always:
             self._factor_coarse()
+            nodes = np.diff(inverse.node_offsets)
             _take_couplings(
-                self._matrix, inverse.data_offsets, self._sizes, self._starts, self._clusters,
-                self._couplings,
+                self._matrix, inverse.data_offsets, self._sizes, self._starts,
+                np.repeat(np.arange(len(nodes)), nodes), self._clusters, self._couplings,
             )  # fmt: skip
         self.tangents.forget()
         self._fresh = True
@@ -916,7 +917,7 @@ class LinearisedProblem:
         part = self._part
         self._apply(step, part)
         left -= part
-        correction = self._room[1][0]
+        correction = self._room[0]
         self._first(left, correction, part)
         step += correction
         self._apply(correction, part)
