@@ -41,8 +41,6 @@ from xper_fx.support.profile import Stopwatch
 if TYPE_CHECKING:
     from xper_fx.nscd.growth import GrowthLimit
 
-# Relative rounding of velocities at the ends of a spring.
-_ROUNDING = 4.0 * np.finfo(float).eps
 # Corrections after which points of turning frames stay of the kind that they need once.
 _SETTLED = 4
 # Steps of differences where nothing moves yet, relative to the size of the scene a step.
@@ -77,6 +75,9 @@ class CoupledStep:
 
     Attributes:
         loading, interactions, state, step, growth: as given.
+        extent: of the bodies (m).
+        finite_strain: whether strains are those of positions.
+        stiffest: entry of the bulk's matrix (kg).
         ranks: those that divide the bodies.
         dot: inner product of vectors of all unknowns over them.
         tangents: springs of the points, None without any.
@@ -114,13 +115,14 @@ class CoupledStep:
         bulk = matrices.bulk
         self.ranks, self.dot = bulk.ranks, bulk.dot
         self._free = ~bulk.layout.prescribed
-        self._extent = extent(bulk)
+        self.finite_strain = bulk.forms.finite_strain
+        self.extent = extent(bulk)
         self.tangents = None if interactions is None else PointTangents(interactions)
         self.motions = PointMotions(matrices, interactions, state)
         # without inertia the last step's velocities mean nothing for this one
         inert = bulk.inertia is not None
         self.start = state.velocity if inert else np.zeros_like(state.displacement)
-        self._stiffest, self.corrections, self.state = 0.0, 0, state
+        self.stiffest, self.corrections, self.state = 0.0, 0, state
         self.turns = interactions is not None and interactions.turns
         searched = 0.0 if interactions is None else float(len(interactions.contacts))
         self.frames_differ = self.turns or self.ranks.max(searched) > 0.0
@@ -280,7 +282,7 @@ class CoupledStep:
         with self._stopwatch.phase("bulk matrix"):
             displacement = self._equations.displacement(self.velocity)
             matrix = self._matrices.of_bulk(self.step, displacement)
-            self._stiffest = float(np.abs(matrix.data).max())
+            self.stiffest = float(np.abs(matrix.data).max())
         with self._stopwatch.phase("point tangents"):
             stiffness = [] if self.tangents is None else self._springs()
         with self._stopwatch.phase("factorisation"):
@@ -383,38 +385,10 @@ class CoupledStep:
         vectors = self.step * self.internal, self.impulses, self._equations.start
         return self.ranks.max(max(float(np.abs(v).max(initial=0.0)) for v in vectors))
 
-    def rounding(self) -> float:
-        """What rounding of displacements leaves in the bulk and at the stiffest spring (N s)."""
-        return _ROUNDING * self._product_of_largest(self._stiffest_spring(), self.velocity)
-
-    def noise(self) -> float:
-        """Nodal impulses (N s) that rounding gives: less of them is none.
-
-        At finite strain that is rounding of positions, F = 1 + grad u, else of displacements.
-        """
-        displacement = self.state.displacement
-        if self._matrices.bulk.forms.finite_strain:
-            displacement = np.full(1, self._extent)
-        product = self._product_of_largest(self._stiffest_spring(), displacement / self.step)
-        return _ROUNDING * product
-
-    def _stiffest_spring(self) -> float:
-        """Of the bulk and of points that are not held."""
-        stiffest = self._stiffest
-        if self.tangents is not None:
-            for k, held in zip(self.tangents.stiffness, self.tangents.held, strict=True):
-                stiffest = max(stiffest, float(np.abs(k[~held]).max(initial=0.0)))
-        return stiffest
-
-    def _product_of_largest(self, stiffness: float, values: np.ndarray) -> float:
-        """Of all ranks the largest stiffness times the largest of values."""
-        largest = float(np.abs(values).max(initial=0.0))
-        return float(np.prod(self.ranks.max(np.array([stiffness, largest]))))
-
     def moved_too_far(self, change: float | np.ndarray = 0.0) -> float:
         """How far velocities with a change (m/s) move a body too far (m); see `moved_too_far`."""
         velocities = self.velocity + change, self.loading.wanted
-        return moved_too_far(self._matrices.bulk, self.step, *velocities, self._extent)
+        return moved_too_far(self._matrices.bulk, self.step, *velocities, self.extent)
 
     def num_held(self) -> int:
         """This rank's points whose impulses are multipliers."""
@@ -424,7 +398,7 @@ class CoupledStep:
         """Velocity that differences are at least taken over."""
         speeds = self.slots, self.loading.wanted
         speed = self.ranks.max(max(float(np.abs(v).max(initial=0.0)) for v in speeds))
-        return max(_LEAST * float(speed), _SMALLEST * self._extent / self.step)
+        return max(_LEAST * float(speed), _SMALLEST * self.extent / self.step)
 
     # Openings
 
