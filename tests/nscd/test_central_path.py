@@ -62,7 +62,7 @@ def test_iterations_hardly_grow_with_the_mesh():
 
 
 def test_the_last_linear_problems_are_not_solved_further_than_needed(monkeypatch):
-    """Solved ten times further they take 149 iterations of GMRES."""
+    """Solved ten times further they take 119 iterations of GMRES."""
     taken, improve = [], LinearisedProblem.improve
 
     def counted(*arguments):
@@ -72,7 +72,7 @@ def test_the_last_linear_problems_are_not_solved_further_than_needed(monkeypatch
     monkeypatch.setattr(LinearisedProblem, "improve", counted)
     count = followed(lambda: plate_step(30, 100, True), 1e-6)[3]
     assert count <= 20 and len(taken) == 2 * count
-    assert 100 < sum(taken) <= 130
+    assert 70 < sum(taken) <= 95
 
 
 @pytest.mark.parametrize("law", [Tresca(1e5), PerfectBond()])
@@ -104,3 +104,19 @@ def test_where_newton_goes_in_circles_it_goes_on(monkeypatch):
         steps.append(np.zeros_like(velocity))
         problem.solve(steps[-1], 0.0, 20)
     np.testing.assert_array_equal(*steps)
+
+
+def test_the_path_begins_from_what_sweeps_know(monkeypatch):
+    """Where many points open or slide and impulses are known no Newton step comes before it."""
+    monkeypatch.setattr(newton, "_MANY", 0)
+    scene, free = plate_step(12, 100, True)
+    reasons = []
+    for _ in range(2):
+        velocity = free.copy()
+        report = solve(scene, velocity, NewtonOnAllPoints, tolerance=1e-6, num_threads=1)
+        assert report.converged
+        reasons.append(report.reason)
+        for g in scene.groups:  # as in a step that is a little larger
+            g.impulse *= 0.9
+    assert not reasons[0].startswith("0 Newton steps")
+    assert reasons[1].startswith("0 Newton steps") and "interior" in reasons[1]

@@ -172,6 +172,37 @@ def test_the_step_is_that_of_the_dense_linearised_problem(dim):
     np.testing.assert_allclose(step.ravel(), expected, atol=1e-3 * np.abs(expected).max())
 
 
+@pytest.mark.parametrize("name", ["plane", "space", "across clusters"])
+def test_gmres_sweeps_over_clusters_and_knows_the_product_of_what_it_finds(name):
+    """z = (L + D)^-1 r and y = A z, from the entries of A = w^-1 + H K H^T."""
+    if name == "plane":
+        scene, velocity = plate_step(3, 100, True, held=True)
+    elif name == "space":
+        scene, velocity = tetrahedra_scene(CohesiveZone(2e18, 0.5, 1e9, friction=0.3))
+    else:
+        scene, velocity = gauss_scene(2, CohesiveZone(2e18, 0.5, 1e9), False)[:2]
+    solve(scene, velocity, tolerance=1e-12, max_sweeps=4, num_threads=1)
+    problem, n = LinearisedProblem(scene), len(velocity)
+    problem.linearise(velocity)
+    a, bodies = np.empty((2, n, n))
+    for i, unit in enumerate(np.eye(n)):
+        problem._apply(unit, a[:, i])
+        problem.momentum(unit, bodies[:, i])
+    r = np.random.default_rng(0).normal(size=n)
+    problem.hold(r)
+    z, y, product = np.empty((3, n))
+    problem._precondition(r, z, y)
+    problem._apply(z, product)
+    np.testing.assert_allclose(y, product, rtol=0, atol=1e-10 * np.abs(product).max())
+    assert problem._first(r, z, y) == (name == "plane")  # whether y is no product made anew
+    cluster = np.repeat(facing_clusters(scene)[0].cluster, scene.dim)
+    lower = np.where(cluster[:, None] > cluster, bodies, a * (cluster[:, None] == cluster))
+    still = np.diag(lower) == 0.0
+    lower[still] = np.eye(n)[still]
+    expected = np.linalg.solve(lower, r)
+    np.testing.assert_allclose(z, expected, rtol=0, atol=1e-8 * np.abs(expected).max())
+
+
 def test_the_residual_is_told_as_impulse_and_as_traction():
     """|S(b) - r| of all points, |r|, and the largest of a point over h times its area."""
     scene, velocity = tetrahedra_scene(CohesiveZone(2e18, 0.5, 1e9, friction=0.3))
@@ -297,6 +328,17 @@ def test_where_w_is_singular_newton_leaves_it_to_sweeps():
         check_velocity(scene, free, velocity)
 
 
+def test_without_a_point_there_is_nothing_to_solve():
+    plate = crossed_plate(2, SIZE)
+    points, laws = plate.points.take(np.arange(0)), np.zeros(0, np.int64)
+    scene = Interactions(points, [BOND], laws, plate.inverse(1e-9, THETA))
+    scene.begin_step(1e-9, THETA)
+    velocity = np.zeros(scene.inverse.num_slots * 2)
+    problem = LinearisedProblem(scene)
+    problem.linearise(velocity)
+    assert problem.solvable and problem.solve(velocity, 0.0, 10)[1] == 0
+
+
 def test_new_values_of_w_are_taken():
     scene, free = plate_step(5, 100, False)
     velocity = free.copy()
@@ -336,8 +378,9 @@ def test_gmres_solves_with_restarts_as_scipy_does():
     def apply(x, y):
         y[:] = a @ x
 
-    def precondition(r, z):
+    def precondition(r, z, y):
         z[:] = r / np.diag(a)
+        y[:] = a @ z
 
     iterations, size = gmres(apply, precondition, left, x, 1e-10, 500, np.empty((13, 60)))
     assert 10 < iterations < 500 and size <= 1e-10

@@ -85,7 +85,7 @@ def add_combination(rows, count, factors, x):
 
 def gmres(
     apply: Callable[[np.ndarray, np.ndarray], None],
-    precondition: Callable[[np.ndarray, np.ndarray], None],
+    precondition: Callable[[np.ndarray, np.ndarray, np.ndarray], None],
     residual: np.ndarray,
     solution: np.ndarray,
     bound: float,
@@ -96,7 +96,8 @@ def gmres(
 
     Args:
         apply: `apply(x, y)` sets y = A x.
-        precondition: `precondition(r, z)` sets z = B r.
+        precondition: `precondition(r, z, y)` sets z = B r, and y = A z, which may be had for less
+            along with z than by `apply`.
         residual: shape (n,), b - A x on entry and on return.
         solution: shape (n,), x, improved in place.
         bound: norm of the residual to reach.
@@ -121,8 +122,7 @@ def gmres(
         count = 0
         while count < min(most, max_iterations - done) and size > bound:
             w = basis[count + 1]
-            precondition(basis[count], z)
-            apply(z, w)
+            precondition(basis[count], z, w)
             column = hessenberg[count]
             products(basis, count + 1, w, column)
             length = add_combination(basis, count + 1, -column, w)
@@ -150,7 +150,7 @@ def gmres(
         factors = np.linalg.solve(hessenberg[:count, :count].T, right[:count])
         part[:] = 0.0
         add_combination(basis, count, factors, part)
-        precondition(part, z)
+        precondition(part, z, basis[0])
         solution += z
         apply(z, part)
         residual -= part

@@ -28,7 +28,7 @@ from xper_fx.nscd.solvers.cone_points import ConePoints, coulomb_points
 from xper_fx.nscd.solvers.tangent import LinearisedProblem
 
 # What GMRES leaves, relative to |H r|, for x . z as it was at first; and the least of x . z for it.
-_FORCING, _LEAST_GAP = 0.03, 1e-5
+_FORCING, _LEAST_GAP = 0.03, 3e-5
 _MAX_ITERATIONS, _MAX_GMRES = 40, 200
 # Steps shorter than this end the descent; x . z at which it has led somewhere.
 _SHORTEST, _USEFUL = 1e-3, 1e-3

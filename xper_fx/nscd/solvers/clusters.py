@@ -113,3 +113,22 @@ def opened_clusters(interactions: Interactions, cluster: np.ndarray) -> np.ndarr
     for g in interactions.groups:
         _mark_opened(g.points.nodes, g.points.weights, cluster, opened)
     return opened
+
+
+def springs_within(interactions: Interactions, cluster: np.ndarray) -> bool:
+    """Whether each point acts on nodes of one cluster alone, beside the ground.
+
+    Args:
+        interactions: the points.
+        cluster: shape (num_slots,), cluster of each node.
+    """
+    ground = interactions.inverse.num_nodes
+    for g in interactions.groups:
+        if g.sides.lever_arms or g.points.branches is not None:
+            return False
+        nodes = g.points.nodes
+        counts = (g.points.weights != 0.0) & (nodes < ground)
+        first = np.where(counts, cluster[nodes], len(cluster)).min(axis=(1, 2))
+        if np.any(counts & (cluster[nodes] != first[:, None, None])):
+            return False
+    return True

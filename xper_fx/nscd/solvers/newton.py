@@ -12,7 +12,9 @@ the next linear problem. Where no length helps a quarter of it is taken, a few t
 that, or where many steps gain little, sweeps go on from the best impulses found for a batch, twice
 as long each time: the user is never left with less than sweeps give. Where points are many and all
 laws allow it, the first attempt is short, and an interior point follows, which has no branches
-(`central_path.py`); the sweeps after it judge what it found.
+(`central_path.py`); the sweeps after it judge what it found. Where springs do not hold most of the
+motion, as many points are open or slide, and impulses are known from the step before, the attempt
+is left out: it would lead to a poorer start.
 
 **When it stops.** The last step dr reduced the residual by R: |dr| / |R| tells the error that a
 residual stands for, and the error so estimated is what `tolerance` bounds, as in `nlgs.py`.
@@ -50,6 +52,10 @@ _BLIND, _BLIND_STEPS = 0.25, 5
 _SHORT_PATIENCE, _PATIENCE = 3, 8
 # Points from which on an interior point is tried: few take less time by sweeps.
 _MANY = 10_000
+# Change of the impulses by a sweep, relative, below which they are known from the step before:
+# what grows from nothing grows by 1/n at the n-th sweep. Share of the motion at points that springs
+# hold, below which so many points open or slide that Newton's method goes in circles.
+_KNOWN, _HELD = 0.01, 0.9
 
 
 class _Attempt:
@@ -66,12 +72,14 @@ class _Attempt:
         self._first = self._now = 0.0  # |r|
         self._start, self._push, self._guess = np.zeros((3, len(velocity)))
 
-    def run(self, tolerance: float, patience: int) -> bool:
+    def run(self, tolerance: float, patience: int, has_path: bool = False) -> bool:
         """Whether the estimated error came within the tolerance, internal variables at rest.
 
         Args:
             tolerance: bound on the estimated error.
             patience: steps that should at least halve the residual.
+            has_path: whether an interior point is there for what Newton's method goes in circles
+                at.
         """
         amplification = np.inf
         self._floor = self.interactions.rounding(self.velocity) / tolerance
@@ -90,7 +98,9 @@ class _Attempt:
             if len(history) > patience and relative > 0.5 * history[-1 - patience]:
                 return False
             self.problem.linearise(self.velocity)
-            if not self.problem.solvable:
+            if not self.problem.solvable or (
+                has_path and self.steps == 0 and relative < _KNOWN and self.problem.held < _HELD
+            ):
                 return False
             changes, iterations = self.problem.solve(self._guess, forcing * size, _MAX_ITERATIONS)
             self.steps, self.iterations = self.steps + 1, self.iterations + iterations
@@ -198,16 +208,17 @@ class NewtonOnAllPoints(Solver):
                 continue
             if steps == 0:
                 problem.begin()
-            patience = _SHORT_PATIENCE if has_path and failures == 0 else _PATIENCE
+            path_next = has_path and failures == 0
+            patience = _SHORT_PATIENCE if path_next else _PATIENCE
             attempt = _Attempt(interactions, velocity, problem)
-            converged = attempt.run(tolerance, patience)
+            converged = attempt.run(tolerance, patience, path_next)
             steps, iterations = steps + attempt.steps, iterations + attempt.iterations
             if converged:
                 error, traction = attempt.error, attempt.traction
                 break
             attempt.restore()
             failures += 1
-            if failures == 1 and has_path:
+            if path_next:
                 from xper_fx.nscd.solvers.central_path import follow_path
 
                 interior = follow_path(interactions, free, problem, tolerance)

@@ -17,7 +17,7 @@ import numpy as np
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.inverse_blocks import BodyInverse
 from xper_fx.nscd.points import InteractionPoints
-from xper_fx.nscd.solvers.tangent import DIRECT, MANY, PointTangents, inverted_bodies
+from xper_fx.nscd.solvers.tangent import DIRECT, MANY, MOSTLY, PointTangents, inverted_bodies
 
 
 class SharedProblem:
@@ -64,7 +64,7 @@ class SharedProblem:
             (dofs, springs_of_points(g.points, own.stiffness))
             for g, dofs, own in zip(interactions.groups, self._dofs, tangents.groups, strict=True)
         ]
-        held = tangents.mostly_held(interactions)
+        held = tangents.held(interactions) > MOSTLY
         kind = "whole" if self._direct else "clusters and all as one" if held else "clusters"
         self.solvable = self._system.take_springs(springs, kind)
 

@@ -19,7 +19,9 @@ it with two corrections added up:
 - the clusters of facing nodes (`clusters.py`: a vertex of the mesh before it was cut) one after the
   other, K included, each by a dense inverse: however stiff the springs, they are inside. What the
   bodies hand on from the clusters before is taken along (block Gauss-Seidel), which halves the
-  iterations of clusters that are each alone;
+  iterations of clusters that are each alone. Where no point acts across clusters the matrix is
+  L + D + L^T, L being entries of w^-1, so that its product with z = (L + D)^-1 r is r + L^T z: the
+  same pass over L gives both, and springs are not read again;
 - all clusters moving as one, in which no point opens: P^T w^-1 P, the matrix of the mesh before it
   was cut, by a sparse factorisation made once for each w. It carries over any distance, and on a
   sound mesh makes the number of iterations nearly independent of its size.
@@ -60,7 +62,7 @@ from xper_fx.nscd.kernel_options import LEAN_ENTRY, LEAN_INNER
 from xper_fx.nscd.laws.law import LawKernels
 from xper_fx.nscd.opening_matrix import opening_matrix
 from xper_fx.nscd.point_group import PointGroup
-from xper_fx.nscd.solvers.clusters import facing_clusters
+from xper_fx.nscd.solvers.clusters import Clusters, facing_clusters, springs_within
 
 # Reach of the differences, relative to the local velocity; and to the largest one, where that is 0.
 _REACH, _LEAST = 1e-6, 1e-9
@@ -69,7 +71,7 @@ _PROXIMAL, _SAME = 1e-6, 1e-6
 # Vectors that GMRES keeps before a restart.
 _BASIS = 40
 # Share of the motion at points that springs hold, below which facing nodes do not move as one.
-_HELD = 0.75
+MOSTLY = 0.75
 # Degrees of freedom up to which the matrix of rigid bodies is factored; of meshed ones, in 2D and
 # in 3D, and iterations of GMRES after which it is.
 _RIGID = 6000
@@ -253,7 +255,11 @@ def _turn_kernel(sides: Sides):
 
 @cache
 def _spring_kernels(sides: Sides):
-    """Kernels over the points of a group: y += H K H^T x; dr = g - K H^T x; K into the blocks."""
+    """Kernels over the points of a group: y += H K H^T x; dr = g - K H^T x; K into the blocks.
+
+    Blocks of clusters are kept by columns, as are their inverses: a product adds up columns, whose
+    entries are next to each other.
+    """
     dim, components, k, lever_arms, _ = sides
     turns = dim if dim == 3 else 1
     local, world_algebra = for_dimension(dim, components), for_dimension(dim)
@@ -312,11 +318,11 @@ def _spring_kernels(sides: Sides):
                 f = force_of(world, turned_unit(c, i, s, x))
                 g = moment(c, i, s, f)
                 for y in range(turns):
-                    blocks[first + (at + y) * n + at + x] += g[y]
+                    blocks[first + (at + x) * n + at + y] += g[y]
                 for y in range(dim):
-                    blocks[first + (beside + y) * n + at + x] += f[y]
+                    blocks[first + (at + x) * n + beside + y] += f[y]
                     transposed = moment(c, i, s, column(world, y))
-                    blocks[first + (at + x) * n + beside + y] += transposed[x]
+                    blocks[first + (beside + y) * n + at + x] += transposed[x]
 
     @_KERNEL
     def add_springs(c, frame, stiffness, clusters, block_offsets, marked, blocks, world):
@@ -351,7 +357,7 @@ def _spring_kernels(sides: Sides):
                     )  # fmt: skip
                     for x in range(dim):
                         for y in range(dim):
-                            blocks[first + x * n + y] += scale * world[x, y]
+                            blocks[first + y * n + x] += scale * world[x, y]
             if lever_arms:
                 turn_springs(c, i, clusters, block_offsets, marked, blocks, world)
 
@@ -493,38 +499,87 @@ def _invert_clusters(clusters, block_offsets, marked, blocks, fixed, dim, swaps)
     return True
 
 
+class _Couplings(NamedTuple):
+    """L: entries of w^-1 between the nodes of a cluster and those of clusters before it.
+
+    Attributes:
+        offsets: shape (num_slots + 1,), first pair of each node, in the order of `Clusters.nodes`.
+        before: first degree of freedom of the other node of each pair.
+        blocks: shape (num_pairs, dim, dim), rows of the node itself.
+    """
+
+    offsets: np.ndarray
+    before: np.ndarray
+    blocks: np.ndarray
+
+    @classmethod
+    def of(cls, clusters: Clusters, sizes: np.ndarray, dim: int) -> _Couplings:
+        """Room for those of bodies of so many degrees of freedom."""
+        n = sizes // dim
+        most = int(np.sum(n * (n - 1))) // 2
+        return cls(
+            np.zeros(len(clusters.nodes) + 1, np.int32), np.empty(most, np.int32),
+            np.empty((most, dim, dim)),
+        )  # fmt: skip
+
+
+@_KERNEL
+def _take_couplings(data, data_offsets, sizes, starts, body, clusters, couplings):
+    dim, count = couplings.blocks.shape[1], 0
+    for k in range(len(clusters.nodes)):
+        node = clusters.nodes[k]
+        b, own = body[node], clusters.cluster[node]
+        first = data_offsets[b] + (node * dim - starts[b]) * sizes[b]
+        for j in range(0, sizes[b], dim):
+            if clusters.cluster[(starts[b] + j) // dim] < own:
+                couplings.before[count] = starts[b] + j
+                for x in range(dim):
+                    for y in range(dim):
+                        couplings.blocks[count, x, y] = data[first + x * sizes[b] + j + y]
+                count += 1
+        couplings.offsets[k + 1] = count
+
+
 @cache
-def _cluster_sweep(dim: int, size: int):
-    """Kernel z = (L + D)^-1 r over clusters; compiled for bodies of one size, or any where 0."""
+def _cluster_sweep(dim: int):
+    """Kernel z = (L + D)^-1 r over clusters, and y = r + L^T z, which is (L + D + L^T) z.
+
+    Once z of a cluster is known, its pairs add to y of the clusters before it.
+    """
 
     @_KERNEL
-    def sweep(bodies, clusters, block_offsets, blocks, r, z, left):
-        data, data_offsets, sizes, starts, body = bodies
-        z[:] = 0.0
+    def sweep(clusters, couplings, block_offsets, blocks, r, z, y, room):
+        offsets, before, pairs = couplings.offsets, couplings.before, couplings.blocks
+        left, found = room[0], room[1]
         for a in range(len(block_offsets) - 1):
             first, last = clusters.offsets[a], clusters.offsets[a + 1]
             n = np.uintp((last - first) * dim)
             for k in range(last - first):
                 dof = np.uintp(clusters.nodes[first + k] * dim)
-                b = body[clusters.nodes[first + k]]
-                count = size if size > 0 else sizes[b]
-                start = np.uintp(starts[b])
-                line = np.uintp(data_offsets[b]) + (dof - start) * np.uintp(count)
                 for x in range(dim):
-                    total = r[dof + np.uintp(x)]
-                    for j in range(count):
-                        total -= data[line + np.uintp(j)] * z[start + np.uintp(j)]
-                    line += np.uintp(count)
+                    i = dof + np.uintp(x)
+                    total = y[i] = r[i]
+                    for e in range(offsets[first + k], offsets[first + k + 1]):
+                        e, other = np.uintp(e), np.uintp(before[e])
+                        for j in range(dim):
+                            total -= pairs[e, x, j] * z[other + np.uintp(j)]
                     left[np.uintp(k * dim + x)] = total
             line = np.uintp(block_offsets[a])
+            for i in range(n):
+                found[i] = 0.0
+            for j in range(n):
+                factor = left[j]
+                for i in range(n):
+                    found[i] += factor * blocks[line + i]
+                line += n
             for k in range(last - first):
                 dof = np.uintp(clusters.nodes[first + k] * dim)
                 for x in range(dim):
-                    total = 0.0
-                    for j in range(n):
-                        total += blocks[line + j] * left[j]
-                    line += n
-                    z[dof + np.uintp(x)] = total
+                    z[dof + np.uintp(x)] = factor = found[np.uintp(k * dim + x)]
+                    for e in range(offsets[first + k], offsets[first + k + 1]):
+                        e, other = np.uintp(e), np.uintp(before[e])
+                        for j in range(dim):
+                            y[other + np.uintp(j)] += pairs[e, x, j] * factor
 
     return sweep
 
@@ -613,11 +668,11 @@ class PointTangents:
                 follow = _turn_kernel(g.sides)
                 follow(g.couplings.frame, own.stiffness, own.frame, own.changed)
 
-    def mostly_held(self, interactions: Interactions) -> bool:
-        """Whether springs hold so much of the motion that facing nodes move as one."""
+    def held(self, interactions: Interactions) -> float:
+        """The share of the motion at points that springs hold."""
         pairs = zip(interactions.groups, self.groups, strict=True)
         held = sum(_held(own.slopes, g.compliance) for g, own in pairs)
-        return interactions.total(held) > _HELD * interactions.dim * interactions.num_points
+        return interactions.total(held) / max(interactions.dim * interactions.num_points, 1)
 
     def spread_source(self, interactions: Interactions, total: np.ndarray) -> None:
         """total = H g, shape (num_slots * dim,)."""
@@ -668,10 +723,12 @@ class LinearisedProblem:
         regular: whether w could be inverted on the degrees of freedom that are not prescribed; if
             not, there is nothing to solve with.
         tangents: D, K and g of the points.
+        held: share of the motion at points that springs hold, at the last state linearised.
     """
 
     def __init__(self, interactions: Interactions):
         self._interactions = interactions
+        self.held = 0.0
         inverse, dim = interactions.inverse, interactions.dim
         self._sizes = np.diff(inverse.node_offsets) * dim
         self._starts = inverse.node_offsets[:-1] * dim
@@ -682,17 +739,17 @@ class LinearisedProblem:
         self._factors = None
         self._openings: list = []  # H^T of each group
         self._clusters, self._opened = facing_clusters(interactions)
+        self._within = springs_within(interactions, self._clusters.cluster)
         self._block_offsets = np.concatenate(
             [[0], np.cumsum((np.diff(self._clusters.offsets) * dim) ** 2)]
         )
         self._blocks = np.empty(self._block_offsets[-1])
         self._swaps = np.empty(np.diff(self._clusters.offsets).max() * dim, np.int64)
-        self._beside = np.empty(len(self._swaps))
-        nodes = np.diff(inverse.node_offsets)
-        self._body = np.repeat(np.arange(len(nodes)), nodes)
+        self._beside = np.empty((2, len(self._swaps)))
+        self._couplings = _Couplings.of(self._clusters, self._sizes, dim)
         self.tangents = PointTangents(interactions)
-        self._room = np.empty((_BASIS + 3, inverse.num_slots * dim))
-        self._left, self._part = np.empty((2, inverse.num_slots * dim))
+        self._room = np.empty((_BASIS + 3, num_dofs))
+        self._left, self._part = np.empty((2, num_dofs))
         self.renew()
 
     def _springs(self, group: PointGroup):
@@ -705,6 +762,11 @@ class LinearisedProblem:
         self._held_dofs = np.flatnonzero(self._fixed)
         if self.regular and not self._always:
             self._factor_coarse()
+            nodes = np.diff(inverse.node_offsets)
+            _take_couplings(
+                self._matrix, inverse.data_offsets, self._sizes, self._starts,
+                np.repeat(np.arange(len(nodes)), nodes), self._clusters, self._couplings,
+            )  # fmt: skip
         self.tangents.forget()
         self._fresh = True
 
@@ -760,7 +822,7 @@ class LinearisedProblem:
         if self._fresh:
             marked[:] = True
         self._renew_blocks(marked)
-        self._bonded = tangents.mostly_held(interactions)
+        self.held = tangents.held(interactions)
 
     def take_springs(self) -> None:
         """Take K as `tangents` have it; `linearise` then makes all of it anew."""
@@ -771,7 +833,7 @@ class LinearisedProblem:
             self._factor()
         else:
             self._renew_blocks(np.ones(len(self._clusters.offsets) - 1, np.bool_))
-        self._bonded = False
+        self.held = 0.0
         self.tangents.forget()
 
     def _renew_blocks(self, marked: np.ndarray) -> None:
@@ -856,7 +918,7 @@ class LinearisedProblem:
         self._apply(step, part)
         left -= part
         correction = self._room[0]
-        self._first(left, correction)
+        self._first(left, correction, part)
         step += correction
         self._apply(correction, part)
         left -= part
@@ -888,26 +950,27 @@ class LinearisedProblem:
             self._springs(g)[0](x, g.couplings, own.stiffness, y)
         self.hold(y)
 
-    def _cluster_solve(self, r: np.ndarray, z: np.ndarray) -> None:
-        inverse = self._interactions.inverse
-        _cluster_sweep(inverse.dim, inverse.uniform_size)(
-            (self._matrix, inverse.data_offsets, self._sizes, self._starts, self._body),
-            self._clusters, self._block_offsets, self._blocks, r, z, self._beside,
-        )  # fmt: skip
-
-    def _first(self, r: np.ndarray, z: np.ndarray) -> None:
+    def _first(self, r: np.ndarray, z: np.ndarray, y: np.ndarray) -> bool:
+        """z = B r by the first correction alone; whether y is (w^-1 + H K H^T) z."""
         if self._direct:
             z[:] = self._factors.solve(r)
-        else:
-            self._cluster_solve(r, z)
+            return False
+        _cluster_sweep(self._interactions.dim)(
+            self._clusters, self._couplings, self._block_offsets, self._blocks, r, z, y,
+            self._beside,
+        )  # fmt: skip
+        return self._within
 
-    def _precondition(self, r: np.ndarray, z: np.ndarray) -> None:
-        self._first(r, z)
-        if not self._direct and self._coarse is not None and self._bonded:
+    def _precondition(self, r: np.ndarray, z: np.ndarray, y: np.ndarray) -> None:
+        known = self._first(r, z, y)
+        if not self._direct and self._coarse is not None and self.held > MOSTLY:
             q = self._coarse_force
             q[:] = 0.0
             _restrict(self._number, r, q)
             _prolong(self._number, self._coarse.solve(q), z)
+            known = False
+        if not known:
+            self._apply(z, y)
 
 
 @_KERNEL
