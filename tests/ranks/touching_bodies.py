@@ -242,6 +242,47 @@ def struck():
     return scene, {"step": 1e-3, "tolerance": 1e-10, "scheme": "implicit"}, 60
 
 
+def split_struck():
+    """Cells that initially rigid bonds join, drawn out of shape, fly into discs and on a floor."""
+    solids = [
+        RigidBody(Disc(0.15), (1.17, 0.53), "ball", density=5.0, velocity=(-1.0, 0.1), spin=2.0),
+        RigidBody(Disc(0.1), (1.45, 0.57), "ball", density=20.0, velocity=(-1.5, 0.0)),
+        wall((0.0, -0.05), (0.0, 1.0), "floor"),
+    ]
+    scene = Scene(
+        box_bodies((1.0, 1.0), (5, 5)), {1: ELASTIC}, surfaces={"plate": (1,)}, rigid=solids,
+        default_interaction=RigidCohesiveZone(Weibull(10.0, 12.0, seed=1), 0.1),
+        contacts=[
+            Contact(pair, RUB)
+            for pair in (
+                ("plate", "plate"), ("plate", "ball"), ("ball", "ball"), ("plate", "floor"),
+                ("ball", "floor"),
+            )
+        ],
+        initial_velocity=lambda x: np.stack([1.0 + 0.5 * (x[0] - 1.0), 4.0 * (x[1] - 0.5)]),
+    )  # fmt: skip
+    return scene, {"scheme": "explicit", "tolerance": 1e-10}, 70
+
+
+def turning_split_struck():
+    """The same at finite strain."""
+    scene, options, steps = split_struck()
+    return at_finite_strain(scene), options, steps
+
+
+def split_pelted():
+    """Tetrahedra that initially rigid bonds join are drawn out of shape; solids fly into them."""
+    scene, _, _ = pelted()
+    sphere, _, box = scene.rigid
+    scene = replace(
+        scene, bodies=box_bodies((1, 1, 1), (3, 3, 2), kind="tetrahedron"), rigid=[sphere, box],
+        interactions={}, default_interaction=RigidCohesiveZone(Weibull(10.0, 12.0, seed=1), 0.1),
+        initial_velocity=lambda x: np.stack([3.0 * (x[0] - 0.5), 2.0 * (x[1] - 0.5), 0.0 * x[2]]),
+    )  # fmt: skip
+    # later contacts can push in more ways than one
+    return scene, {"scheme": "explicit", "tolerance": 1e-10}, 11
+
+
 def rammed():
     """A hinged ball on a swinging bar and a sliding one that tows a weight break a plate."""
     bodies = box_bodies(
@@ -296,7 +337,8 @@ SCENES = {
     f.__name__: f
     for f in (
         cloud, explicit, boxes, heap, shards, turning_shards, explicit_shards, split_shards,
-        turning_split_shards, lone, turning_lone, slide, struck, rammed, pelted,
+        turning_split_shards, lone, turning_lone, slide, struck, split_struck,
+        turning_split_struck, rammed, pelted, split_pelted,
     )
 }  # fmt: skip
 
@@ -360,7 +402,10 @@ def searched(simulation) -> tuple[int, int]:
     return lists.num_pairs, len(lists.known(np.arange(len(search.surface))))
 
 
-RECORDED = {"rammed": rammed, "split": split_shards, "turning": turning_split_shards}
+RECORDED = {
+    "rammed": rammed, "split": split_shards, "turning": turning_split_shards,
+    "struck": split_struck,
+}  # fmt: skip
 
 
 def record(folder: str, last: int, restart: bool) -> None:

@@ -152,10 +152,19 @@ class Interactions(SteppedPoints):
         return inverse if alone else self.halo.with_ghosts(inverse)
 
     @property
+    def rigid_blocks_of_all(self) -> np.ndarray:
+        """Blocks of w of all rigid bodies, shape (num_rigid, 2 dim, 2 dim)."""
+        none = np.zeros((0, 2 * self.dim, 2 * self.dim))
+        return none if self._rigid_blocks is None else self._rigid_blocks
+
+    @property
     def rigid_blocks(self) -> np.ndarray:
-        """Blocks of w of this rank's rigid bodies, shape (n, 2 dim, 2 dim)."""
-        share = self._rigid_share
-        return self._rigid_blocks if share is None else self._rigid_blocks[share.here]
+        """Those of this rank's."""
+        return self.own_of_rigid(self.rigid_blocks_of_all)
+
+    def own_of_rigid(self, rows: np.ndarray) -> np.ndarray:
+        """Of rows of all rigid bodies this rank's."""
+        return rows if self._rigid_share is None else rows[self._rigid_share.here]
 
     def take_rigid(self, start: np.ndarray, free: np.ndarray) -> None:
         """Take what a prediction of the rigid bodies' step gives; `rigid_blocks` holds their w.
@@ -168,8 +177,7 @@ class Interactions(SteppedPoints):
             free: shape (2 num_rigid, dim), free velocities.
         """
         blocks, share = self.rigid_blocks, self._rigid_share
-        if share is not None:
-            start, free = (a.reshape(-1, 2, self.dim)[share.here] for a in (start, free))
+        start, free = (self.own_of_rigid(a.reshape(-1, 2, self.dim)) for a in (start, free))
         self._rigid_start = start.reshape(-1, self.dim)
         self._rigid_free = free.reshape(-1, self.dim)
         if self.dim == 2 or self._by_node or self.driven is not None:

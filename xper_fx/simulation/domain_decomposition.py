@@ -112,8 +112,7 @@ def _stays_whole(scene: Scene, options: Options, team: Ranks) -> bool:
     """
     spread = scene.bodies is not None and scene.bodies.spread is not None
     touching = scene.bodies is not None and _searches(scene)
-    alone = options.scheme == "explicit" and scene.points == "nodal" and bonds_split(scene)
-    splits = alone and scene.rigid_bodies is None
+    splits = options.scheme == "explicit" and scene.points == "nodal" and bonds_split(scene)
     why = [
         name
         for name, there in (
@@ -124,17 +123,15 @@ def _stays_whole(scene: Scene, options: Options, team: Ranks) -> bool:
                 "searched contacts and walls where vertices split",
                 splits and touching and scene.walls,
             ),
-            (
-                "rigid bodies where vertices split",
-                alone and scene.rigid_bodies is not None and splits_beside_rigid_bodies(scene),
-            ),
             # vertices are not solved alone then, and bonds would be points that turn from the start
             (
-                "walls or rigid bodies beside initially rigid bonds of an explicit bulk at finite "
-                "strain",
-                alone
-                and at_finite_strain(scene.materials)
-                and (scene.walls or scene.rigid_bodies is not None),
+                "walls beside initially rigid bonds of an explicit bulk at finite strain",
+                splits and at_finite_strain(scene.materials) and scene.walls,
+            ),
+            (
+                "joints or rolling resistance beside initially rigid bonds of an explicit bulk at "
+                "finite strain",
+                splits and at_finite_strain(scene.materials) and not splits_beside_rigid_bodies(scene),
             ),
             (
                 "bonds beside contacts that are searched in space on a mesh that is spread",

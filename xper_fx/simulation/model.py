@@ -128,7 +128,7 @@ class Model:
             options.scheme == "explicit" and scene.points == "nodal"
             and not divided_walls
             and (not searched or bonds_split(scene))
-            and (self.rigid is None or (self.part is None and splits_beside_rigid_bodies(scene)))
+            and (self.rigid is None or splits_beside_rigid_bodies(scene))
         )  # fmt: skip
         self.points = ScenePoints(scene, self.bulk, self._ties, self.part, self.by_vertex)
         self.detection = self._detection() if searched else None

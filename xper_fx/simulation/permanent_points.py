@@ -259,7 +259,9 @@ class ScenePoints:
             rigid_blocks: blocks of w of this rank's rigid bodies, whose slots come next; None
                 without any.
         """
-        blocks = inverse.blocks if rigid_blocks is None else inverse.blocks.joined(rigid_blocks)
+        blocks = inverse.blocks
+        if rigid_blocks is not None:
+            blocks = blocks.joined(rigid_blocks, self._by_vertex)
         slot = np.full(self._ground + 1, blocks.num_nodes)
         slot[inverse.nodes] = np.arange(len(inverse.nodes))
         halo = None if self._shared is None else self._halo(blocks, slot)
