@@ -20,13 +20,14 @@ import touching_bodies
 # bonds that break, in small strain, turning and with an explicit bulk, there also with vertices
 # that split, at either strain, and a block that has none alone on its rank, friction that weakens,
 # and rigid bodies: discs that break a plate on an anvil, jointed ones, spheres and a box in space,
-# and such beside vertices that split.
+# and such beside vertices that split, where walls are, too.
 SCENES = {
     2: ("cloud", "explicit", "boxes", "heap", "shards", "turning_shards", "explicit_shards",
         "split_shards", "slide", "struck", "rammed", "pelted",
-        "split_pelted"),
+        "split_pelted", "split_walled"),
     3: ("lone", "turning_lone", "split_struck", "split_pelted"),
-    4: ("shards", "split_shards", "turning_split_shards", "lone", "slide", "turning_split_struck"),
+    4: ("shards", "split_shards", "turning_split_shards", "lone", "slide", "turning_split_struck",
+        "turning_split_walled"),
 }  # fmt: skip
 several = pytest.mark.parametrize(
     ("count", "name"), [(count, name) for count, names in SCENES.items() for name in names]
@@ -44,6 +45,7 @@ RETIRED = {"struck": 10, "rammed": 10}
 RETIRED |= dict.fromkeys(("split_shards", "turning_split_shards"), 71)
 RETIRED |= dict.fromkeys(("lone", "turning_lone"), 15)
 RETIRED |= dict.fromkeys(("split_struck", "turning_split_struck"), 34) | {"split_pelted": 4}
+RETIRED |= dict.fromkeys(("split_walled", "turning_split_walled"), 49)
 RETIRED |= dict.fromkeys(("shards", "explicit_shards"), 48)
 
 # Runs that are stopped and go on.
@@ -93,6 +95,8 @@ def test_ranks_agree(found, name, count):
     energies = max(np.abs(one[key]).max() for key in ("kinetic", "external_work"))
     for key in ENERGIES:
         assert np.abs(one[key] - many[key]).max() <= 1e-8 * energies, key
+    if name.endswith("walled"):
+        assert one["momentum"][-1, 1] > 0.05
     each = () if name in WEDGED else ("contact_force",)
     solids = ("solids",) if name in RIGID else ()
     if name == "rammed":

@@ -270,6 +270,18 @@ def turning_split_struck():
     return at_finite_strain(scene), options, steps
 
 
+def split_walled():
+    """As `split_shards`, beside a floor that rubs."""
+    scene, options, steps = split_shards()
+    return replace(scene, walls=[Wall(BOTTOM, (0.0, -0.02), (0.0, 1.0), RUB)]), options, steps
+
+
+def turning_split_walled():
+    """The same at finite strain."""
+    scene, options, steps = split_walled()
+    return at_finite_strain(scene), options, steps
+
+
 def split_pelted():
     """Tetrahedra that initially rigid bonds join are drawn out of shape; solids fly into them."""
     scene, _, _ = pelted()
@@ -338,7 +350,7 @@ SCENES = {
     for f in (
         cloud, explicit, boxes, heap, shards, turning_shards, explicit_shards, split_shards,
         turning_split_shards, lone, turning_lone, slide, struck, split_struck,
-        turning_split_struck, rammed, pelted, split_pelted,
+        turning_split_struck, split_walled, turning_split_walled, rammed, pelted, split_pelted,
     )
 }  # fmt: skip
 
@@ -404,7 +416,7 @@ def searched(simulation) -> tuple[int, int]:
 
 RECORDED = {
     "rammed": rammed, "split": split_shards, "turning": turning_split_shards,
-    "struck": split_struck,
+    "struck": split_struck, "walled": turning_split_walled,
 }  # fmt: skip
 
 

@@ -119,15 +119,7 @@ def _stays_whole(scene: Scene, options: Options, team: Ranks) -> bool:
             ("rigid bodies alone", scene.bodies is None),
             ("rigid bodies and a mesh that is spread", spread and scene.rigid_bodies is not None),
             ("a lattice of rigid bodies", scene.lattice is not None),
-            (
-                "searched contacts and walls where vertices split",
-                splits and touching and scene.walls,
-            ),
             # vertices are not solved alone then, and bonds would be points that turn from the start
-            (
-                "walls beside initially rigid bonds of an explicit bulk at finite strain",
-                splits and at_finite_strain(scene.materials) and scene.walls,
-            ),
             (
                 "joints or rolling resistance beside initially rigid bonds of an explicit bulk at "
                 "finite strain",
