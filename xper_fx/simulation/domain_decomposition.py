@@ -10,6 +10,7 @@ import numpy as np
 
 from xper_fx.bodies.meshes import SerialOnlyError
 from xper_fx.forms.dynamics import at_finite_strain
+from xper_fx.nscd.solvers.solver import Solver
 from xper_fx.scene.scene import Scene
 from xper_fx.simulation.options import Options
 from xper_fx.simulation.shared_motions import bonds_split, splits_beside_rigid_bodies
@@ -123,7 +124,9 @@ def _stays_whole(scene: Scene, options: Options, team: Ranks) -> bool:
             (
                 "joints or rolling resistance beside initially rigid bonds of an explicit bulk at "
                 "finite strain",
-                splits and at_finite_strain(scene.materials) and not splits_beside_rigid_bodies(scene),
+                splits
+                and at_finite_strain(scene.materials)
+                and not splits_beside_rigid_bodies(scene),
             ),
             (
                 "bonds beside contacts that are searched in space on a mesh that is spread",
@@ -131,11 +134,7 @@ def _stays_whole(scene: Scene, options: Options, team: Ranks) -> bool:
             ),
             ("fewer bodies than ranks", touching and scene.bodies.counts[0] < team.size),
             ("ties", scene.ties and _cannot_tie(scene, team.size)),
-            (
-                f'no inertia and solver="{options.solver}"',
-                not options.inertia and not options.allows_one_system,
-            ),
-            ("a solver for one rank", options.solver not in _ON_RANKS),
+            (f'solver="{_name(options.solver)}"', options.solver not in _ON_RANKS),
             (
                 "nothing between bodies",
                 scene.bodies and not (touching or scene.bodies.present.facing),
@@ -153,6 +152,10 @@ def _stays_whole(scene: Scene, options: Options, team: Ranks) -> bool:
             "each of %d ranks simulates the whole scene, as it has %s", team.size, " and ".join(why)
         )
     return bool(why)
+
+
+def _name(solver: str | Solver) -> str:
+    return solver.name if isinstance(solver, Solver) else solver
 
 
 def _has_bonds(scene: Scene, team: Ranks) -> bool:
