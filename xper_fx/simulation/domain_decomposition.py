@@ -56,13 +56,15 @@ def decomposed(scene: Scene, options: Options, team: Ranks, stopwatch: Stopwatch
     if team.alone:
         return Decomposition()
     touching = _searches(scene)
-    rigid_alone = scene.bodies is None and scene.lattice is None
+    rigid_alone = scene.bodies is None and not _gives(scene)
     if rigid_alone and touching and options.solver in ("auto", "nlgs"):
         from xper_fx.parallel.rigid_partition import RigidDivision
 
-        moves = ~scene.rigid_bodies.is_prescribed.all(axis=1)
-        division = RigidDivision(team, moves, scene.dim, _rigid_groups(scene, moves, False))
-        return Decomposition(team, None, division)
+        moves, dim = ~scene.rigid_bodies.is_prescribed.all(axis=1), scene.dim
+        # dF/dt of a periodic cell has a column in each half of a body's block
+        columns = 0 if scene.macroscopic is None else (dim + 1) // 2
+        groups = _rigid_groups(scene, moves, False)
+        return Decomposition(team, None, RigidDivision(team, moves, dim, groups, columns))
     if _stays_whole(scene, options, team):
         return Decomposition()
     from xper_fx.parallel.local_bodies import divide
@@ -100,6 +102,12 @@ def _rigid_groups(scene: Scene, moves: np.ndarray, touch: bool) -> np.ndarray:
     return jointed_groups(scene.joints, scene.rigid, moves)
 
 
+def _gives(scene: Scene) -> bool:
+    """Whether contacts of rigid bodies move the periodic cell that they are in."""
+    driven = scene.bodies is None and scene.macroscopic is not None
+    return driven and bool(scene.macroscopic.stress)
+
+
 def _searches(scene: Scene) -> bool:
     """Whether contacts have to be looked for."""
     return any(contact.law is not None for contact in scene.contacts)
@@ -117,9 +125,9 @@ def _stays_whole(scene: Scene, options: Options, team: Ranks) -> bool:
     why = [
         name
         for name, there in (
-            ("rigid bodies alone", scene.bodies is None),
+            ("rigid bodies alone", scene.bodies is None and not _gives(scene)),
+            ("rigid bodies in a periodic cell that stress drives", _gives(scene)),
             ("rigid bodies and a mesh that is spread", spread and scene.rigid_bodies is not None),
-            ("a lattice of rigid bodies", scene.lattice is not None),
             # vertices are not solved alone then, and bonds would be points that turn from the start
             (
                 "joints or rolling resistance beside initially rigid bonds of an explicit bulk at "
