@@ -193,7 +193,10 @@ def everywhere(x):
 
 
 def slide():
-    """A beam of bonded blocks slides over another, from block to block; friction weakens."""
+    """A beam of bonded blocks slides over another, from block to block; friction weakens.
+
+    A node that has slid passes to a block of another rank, and rubs again from step 31 on.
+    """
     bodies = box_bodies(
         (2.0, 0.5), (16, 4), label=lambda x: 2 * (1.9999 * x[0]).astype(int) + (x[1] > 0.25),
         material={2: lambda x: x[1] > 0.25 - 1e-9},
@@ -214,7 +217,7 @@ def slide():
             for tag, v in ((1, 0.0), (2, 2.0))
         },
     )  # fmt: skip
-    return scene, {"step": 2e-3, "tolerance": 1e-10, "scheme": "implicit"}, 30
+    return scene, {"step": 2e-3, "tolerance": 1e-10, "scheme": "implicit"}, 36
 
 
 def struck():
