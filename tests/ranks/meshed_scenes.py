@@ -240,7 +240,7 @@ def spun():
 
 
 def dropped():
-    """Cells that initially rigid bonds join fly apart on a wall that pushes and rubs, and a roof."""
+    """Cells that initially rigid bonds join fly apart on a wall that rubs, and under a roof."""
     scene = Scene(
         box_bodies((1, 1), (6, 6)), {1: ELASTIC},
         default_interaction=RigidCohesiveZone(Weibull(10.0, 12.0, seed=2), 0.05, friction=0.3),

@@ -224,7 +224,8 @@ def pressed() -> Simulation:
 
 SCENES = {"clouds": (clouds, 0.16), "falling": (falling, 0.1), "bricks": (bricks, 0.02),
           "shear": (shear, 0.8), "glued": (glued, 1e-4), "ropes": (ropes, 0.12),
-          "hard_bricks": (hard_bricks, 0.02), "gas": (gas, 0.4), "pressed": (pressed, 0.1), "sheared": (sheared, 0.18)}  # fmt: skip
+          "hard_bricks": (hard_bricks, 0.02), "gas": (gas, 0.4), "pressed": (pressed, 0.1),
+          "sheared": (sheared, 0.18)}  # fmt: skip
 
 
 def results(name: str) -> dict[str, np.ndarray]:

@@ -10,7 +10,11 @@ from xper_fx.support.ranks import Ranks
 
 
 def share_wall(
-    shared: SharedPoints, ranks: Ranks, num_nodes: int, by_vertex: bool, wall: tuple[np.ndarray, ...]
+    shared: SharedPoints,
+    ranks: Ranks,
+    num_nodes: int,
+    by_vertex: bool,
+    wall: tuple[np.ndarray, ...],
 ) -> tuple[tuple[np.ndarray, ...], np.ndarray]:
     """Give points on a wall to the ranks that have them; all ranks call it together.
 

@@ -231,9 +231,10 @@ class ScenePoints:
         cell, local = np.divmod(first[nodes], dofmap.shape[1])
         of_all = part.cells if self._scene.bodies.spread is None else part.bodies.parent_cell
         order = of_all[cell].astype(np.int64) * dofmap.shape[1] + local
+        wall = order, nodes, area, x
         wall, numbers = share_wall(
-            self._shared, self._bulk.ranks, self._num_nodes, self._by_vertex, (order, nodes, area, x)
-        )  # fmt: skip
+            self._shared, self._bulk.ranks, self._num_nodes, self._by_vertex, wall
+        )
         self._numbers.append(self._num_points_of_all + numbers)
         self._num_points_of_all += int(self._bulk.ranks.sum(len(numbers)))
         return wall[1:]
