@@ -149,7 +149,8 @@ class SemismoothNewton:
             elif _stalls(history):
                 # flips too small to matter, which shorter steps of a path have too, and gaps of
                 # lips that have turned apart
-                for_good = step.turns or step.descends or step.growth is not None
+                for_good = step.turns or step.descends or step.contacts_known
+                for_good |= step.growth is not None
                 little = for_good and self.left <= _ROUND * tolerance
                 if little and abs(step.growth_left()) <= _GROWN and step.evolve() <= tolerance:
                     return self._loose()
