@@ -23,8 +23,8 @@ pytestmark = pytest.mark.ranks
 
 RANKS = 3
 # Vertices alone with fields of positions, of order 2, that split at finite strain, Gauss points
-# of blocks there, walls, and bonds that lag in space.
-SCENES = ("scattered", "quadratic", "spun", "blocks", "fall", "space")
+# of blocks there, walls, also beside vertices that split, and bonds that lag in space.
+SCENES = ("scattered", "quadratic", "spun", "blocks", "fall", "turning_dropped", "space")
 
 
 @pytest.fixture(scope="module")

@@ -255,7 +255,9 @@ def dropped():
 def turning_dropped():
     """The same at finite strain, where what rounding leaves grows a thousandfold in ten steps."""
     scene, options, _ = dropped()
-    return replace(scene, materials={1: NeoHookean(1000.0, 0.3, 1.0)}), options, 24
+    bond = RigidCohesiveZone(strength, 0.05, friction=0.3)
+    scene = replace(scene, default_interaction=bond, materials={1: NeoHookean(1000.0, 0.3, 1.0)})
+    return scene, options, 24
 
 
 def sound_dropped():
