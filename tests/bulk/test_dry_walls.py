@@ -76,7 +76,7 @@ def test_at_finite_strain():
 
 
 def test_glued_courses_below():
-    """Their bonds have multipliers of Newton's method, beside the contacts of the interior point."""
+    """Their bonds have multipliers, as in Newton's method, beside the interior point."""
     forces = push(4, 3, 0.7, xf.materials.LinearElastic, glued=2)
     borne = (PRESSURE + DENSITY * GRAVITY * COURSE) * 3 * BRICK
     assert len(forces) == 20

@@ -27,8 +27,8 @@ def brick_wall(solver, contact, max_sweeps=20_000, rows=5, columns=3, tolerance=
         walls=[Wall(BOTTOM, (0, 0), (0, 1), law)],
         loads=[Gravity((0.0, -GRAVITY))],
     )
-    options = {"tolerance": tolerance, "num_threads": 1, "max_halvings": 0, "max_sweeps": max_sweeps}
-    return Simulation(scene, 0.05, theta=1.0, solver=solver, **options)
+    options = {"tolerance": tolerance, "max_halvings": 0, "max_sweeps": max_sweeps}
+    return Simulation(scene, 0.05, theta=1.0, solver=solver, num_threads=1, **options)
 
 
 @pytest.mark.parametrize("solver, tolerance", [("monolithic", 1e-11), ("auto", 1e-10)])

@@ -399,7 +399,7 @@ def run(name: str) -> dict[str, np.ndarray]:
     if simulation.rigid is not None:
         state = simulation.rigid.state
         found |= {"solids": np.column_stack([state.position, state.velocity, state.turn.spin])}
-    found |= {"damage": interactions.gather("damage"),
+    found |= {"damage": interactions.gather("damage"), "jump": interactions.gather("jump"),
               "retired": interactions.num_points - permanent}  # fmt: skip
     everyone = simulation.team.comm.allgather
     found["held"] = np.array(everyone([

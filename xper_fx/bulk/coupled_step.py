@@ -161,10 +161,6 @@ class CoupledStep:
         if points.fused is not None:
             points.turn_compliances()
 
-    def take_motions(self) -> None:
-        """Make prescribed motions at once, all else as at the start."""
-        self.move(np.where(self._free, self.start, self.loading.wanted), self.loading.time)
-
     def _follow(self) -> None:
         """Let frames follow the present velocities, and laws their frames."""
         self.flipped = ""

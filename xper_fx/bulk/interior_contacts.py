@@ -15,6 +15,7 @@ one that slips, and is pulled, it sticks.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from itertools import pairwise
 
 import numpy as np
@@ -26,36 +27,41 @@ from xper_fx.nscd.solvers.central_path import _ClosedPoints, _law, _point_kernel
 
 # x . z at the end, relative to the first one, from which Newton's method goes on, and at which it
 # may, at last.
-_SHARE, _USEFUL = 1e-10, 1e-3
+_SHARE, _USEFUL = 1e-12, 1e-3
 _MAX_ITERATIONS = 40
 # Lengths of steps of which so many in a row lead nowhere.
 _SHORT, _JAMS = 0.05, 3
 # Sizes of x and z at first that are tried, beside those that they are thought to have.
-_STARTS = (1.0, 10.0, 0.1)
+_STARTS = (1.0, 100.0, 10.0)
 # p of the springs of points of other laws.
 _PROXIMAL = 1e-3
 
 
-def find_contacts_inside(step: CoupledStep) -> bool:
-    """Bring velocities and impulses of a step near to its solution.
+def find_contacts_inside(step: CoupledStep, begin: Callable[[], None]) -> Iterator[None]:
+    """Bring velocities and impulses of a step near to its solution, on one path after another.
 
     Args:
-        step: at its start, its load given.
+        step: its load is given.
+        begin: takes it to its start.
 
-    Returns:
-        Whether they are near; False at once where no point may touch, or bonds soften.
+    Yields:
+        Where one is near. None is where no point may touch, or bonds soften.
     """
     if step.growth is not None or step.softens or not step.ranks.alone:
-        return False
-    groups = step.interactions.groups
-    laws = {}
-    for number, g in enumerate(groups):
-        if g.kernels.coulomb is not None:
-            points = g.kernels.coulomb(g.terms, g.details, g.parameters)
-            if np.any(points.bound) or np.any(points.tip):
-                return False
-            laws[number] = _law(g, points)
-    return bool(laws) and any(_Path(step, laws, start).run() for start in _STARTS)
+        return
+    for start in _STARTS:
+        begin()
+        laws = {}
+        for number, g in enumerate(step.interactions.groups):
+            if g.kernels.coulomb is not None:
+                points = g.kernels.coulomb(g.terms, g.details, g.parameters)
+                if np.any(points.bound) or np.any(points.tip):
+                    return
+                laws[number] = _law(g, points)
+        if not laws:
+            return
+        if _Path(step, laws, start).run():
+            yield
 
 
 class _Path:
@@ -81,7 +87,6 @@ class _Path:
             for (first, last), (number, law) in zip(bounds, laws.items(), strict=True)
         }
         self._cones = cone_kernels(dim)
-        step.take_motions()
         impulse = self._impulse()
         speeds = 0.0
         slots = step.present().reshape(-1, dim)

@@ -252,10 +252,10 @@ class MonolithicScheme:
             begin: takes the step to its start.
             first: whether it is the first of a path.
         """
-        begin()
-        coupled.contacts_known = find_contacts_inside(coupled)
-        if coupled.contacts_known and self._solve(coupled, newton):
-            return True
+        for _ in find_contacts_inside(coupled, begin):
+            coupled.contacts_known = True
+            if self._solve(coupled, newton):
+                return True
         most = np.inf if first or self._jumps else _FEW
         for good in (_NEAR, self._tolerance):
             time = coupled.state.time + (0.0 if coupled.growth is not None else coupled.step)
