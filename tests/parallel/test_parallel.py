@@ -22,7 +22,8 @@ import meshed_scenes
 
 SCENES = (
     "explicit", "scattered", "quadratic", "blocks", "fall", "plastic", "free", "tied", "space",
-    "uneven", "rigid", "splitting", "pulled", "spun", "crushed", "own", "own_curve",
+    "uneven", "rigid", "splitting", "pulled", "spun", "crushed", "dropped",
+    "turning_dropped", "sound_dropped", "own", "own_curve",
 )  # fmt: skip
 # Scenes whose points do not push each other at the end in more ways than one.
 UNIQUE = ("blocks", "plastic", "free", "space", "own_curve")

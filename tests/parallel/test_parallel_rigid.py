@@ -11,8 +11,8 @@ from on_ranks import on_ranks
 
 pytestmark = pytest.mark.ranks
 
-OF_TWO = ("bricks", "clouds", "falling", "shear", "glued", "ropes")
-OF_THREE = ("bricks", "hard_bricks", "ropes")
+OF_TWO = ("bricks", "clouds", "falling", "shear", "glued", "ropes", "gas", "sheared")
+OF_THREE = ("bricks", "hard_bricks", "ropes", "sheared")
 SCENES = {1: (*OF_TWO, "hard_bricks"), 2: OF_TWO, 3: OF_THREE}
 several = pytest.mark.parametrize("count", [2, 3])
 scenes = pytest.mark.parametrize(
@@ -110,6 +110,25 @@ def test_joints_are_on_the_rank_of_their_bodies(found, count):
     expected = alone["ropes/joints"]
     scale = np.abs(expected).max()
     np.testing.assert_allclose(together["ropes/joints"], expected, rtol=0, atol=1e-8 * scale)
+
+
+@several
+def test_the_stress_of_a_cell_is_that_of_all_contacts(found, count):
+    """Images of a body are where it is; each rank has the impulses that all give the cell."""
+    expected = found(1)["sheared/stress"]
+    assert np.linalg.eigvalsh(expected + expected.T).max() < -1e4  # grains press each other
+    assert found(1)["sheared/pushed"] > 500
+    np.testing.assert_allclose(
+        found(count)["sheared/stress"], expected, rtol=0, atol=1e-8 * np.abs(expected).max()
+    )
+
+
+@several
+def test_a_cell_that_stress_drives_is_whole_on_each_rank(tmp_path, count):
+    done = on_ranks(count, "ranks/rigid_bodies.py", tmp_path / "whole.npz", "pressed")
+    assert done.returncode == 0, done.stdout
+    assert "as it has rigid bodies in a periodic cell that stress drives" in done.stdout
+    assert np.load(tmp_path / "whole.npz")["pressed/own"].min() > 0
 
 
 def test_bodies_change_their_ranks(found):

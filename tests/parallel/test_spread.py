@@ -23,8 +23,8 @@ pytestmark = pytest.mark.ranks
 
 RANKS = 3
 # Vertices alone with fields of positions, of order 2, that split at finite strain, Gauss points
-# of blocks there, walls, and bonds that lag in space.
-SCENES = ("scattered", "quadratic", "spun", "blocks", "fall", "space")
+# of blocks there, walls, also beside vertices that split, and bonds that lag in space.
+SCENES = ("scattered", "quadratic", "spun", "blocks", "fall", "turning_dropped", "space")
 
 
 @pytest.fixture(scope="module")
@@ -73,8 +73,7 @@ def test_what_does_not_fit_is_refused_on_all_ranks(folder):
             "ValueError: Rank 1 .* than rank 0: materials.1.young: 1000.0, here 1001.0",
             "ValueError: Rank 1 .* than rank 0: options.requested.step: 0.0001, here 0.0002",
             r"ValueError: The meshes of the ranks are spread over \[3\] ranks, and comm has 1",
-            "SerialOnlyError: .* a scene that has no inertia and solver=.nlgs. is simulated whole",
-            "SerialOnlyError: .* walls or rigid bodies beside initially rigid bonds .* at fin",
+            'SerialOnlyError: .* a scene that has solver="subdomains" is simulated whole',
             "ValueError: A value for each facing facet takes a mesh that is whole on each rank",
             "ValueError: initial_velocity is not finite at",
             "ValueError: .*strength",

@@ -19,12 +19,15 @@ import touching_bodies
 # Free flight by either bulk, hexahedra with edges that cross, order 2 at finite strain on a wall,
 # bonds that break, in small strain, turning and with an explicit bulk, there also with vertices
 # that split, at either strain, and a block that has none alone on its rank, friction that weakens,
-# and rigid bodies: discs that break a plate on an anvil, jointed ones, spheres and a box in space.
+# and rigid bodies: discs that break a plate on an anvil, jointed ones, spheres and a box in space,
+# and such beside vertices that split, where walls are, too.
 SCENES = {
     2: ("cloud", "explicit", "boxes", "heap", "shards", "turning_shards", "explicit_shards",
-        "split_shards", "slide", "struck", "rammed", "pelted"),
-    3: ("lone", "turning_lone"),
-    4: ("shards", "split_shards", "turning_split_shards", "lone", "slide"),
+        "split_shards", "slide", "struck", "rammed", "pelted",
+        "split_pelted", "split_walled"),
+    3: ("lone", "turning_lone", "split_struck", "split_pelted"),
+    4: ("shards", "split_shards", "turning_split_shards", "lone", "slide", "turning_split_struck",
+        "turning_split_walled"),
 }  # fmt: skip
 several = pytest.mark.parametrize(
     ("count", "name"), [(count, name) for count, names in SCENES.items() for name in names]
@@ -32,15 +35,17 @@ several = pytest.mark.parametrize(
 ENERGIES = ("kinetic", "elastic", "external_work", "dissipated_friction", "dissipated_impact")
 # Nothing acts on them from outside; at small strain the energy is kept to rounding.
 FREE = ("cloud", "explicit", "boxes", "shards", "explicit_shards", "split_shards", "lone",
-        "pelted", "turning_split_shards", "turning_lone")  # fmt: skip
+        "pelted", "split_pelted", "turning_split_shards", "turning_lone")  # fmt: skip
 
-RIGID = ("struck", "rammed", "pelted")
+RIGID = ("struck", "rammed", "pelted", "split_struck", "turning_split_struck", "split_pelted")
 
 # Points without arrays at the end: of lips that the search has taken over, and of vertices that
 # are whole.
 RETIRED = {"struck": 10, "rammed": 10}
 RETIRED |= dict.fromkeys(("split_shards", "turning_split_shards"), 71)
 RETIRED |= dict.fromkeys(("lone", "turning_lone"), 15)
+RETIRED |= dict.fromkeys(("split_struck", "turning_split_struck"), 34) | {"split_pelted": 4}
+RETIRED |= dict.fromkeys(("split_walled", "turning_split_walled"), 49)
 RETIRED |= dict.fromkeys(("shards", "explicit_shards"), 48)
 
 # Runs that are stopped and go on.
@@ -90,6 +95,10 @@ def test_ranks_agree(found, name, count):
     energies = max(np.abs(one[key]).max() for key in ("kinetic", "external_work"))
     for key in ENERGIES:
         assert np.abs(one[key] - many[key]).max() <= 1e-8 * energies, key
+    if name.endswith("walled"):
+        assert one["momentum"][-1, 1] > 0.05
+        # those on the wall come last
+        np.testing.assert_allclose(many["jump"][-20:], one["jump"][-20:], rtol=0, atol=1e-9)
     each = () if name in WEDGED else ("contact_force",)
     solids = ("solids",) if name in RIGID else ()
     if name == "rammed":
@@ -140,7 +149,7 @@ def test_a_rank_holds_its_share(found, name, count):
     for column in (0, 1, 2, 4):
         assert many[:, column].sum() == one[0, column]
         # few bodies cannot be shared more evenly, and contacts are where they are
-        uneven = column == 2 or name.endswith("lone")
+        uneven = column == 2 or name.endswith(("lone", "split_struck"))
         assert uneven or many[:, column].max() <= 1.45 * one[0, column] / count
 
 

@@ -239,6 +239,33 @@ def spun():
     return notched((), lambda x: np.stack([0.3 * x[0] - 9.0 * x[1], 9.0 * x[0] + 0.1 * x[1]]))
 
 
+def dropped():
+    """Cells that initially rigid bonds join fly apart on a wall that rubs, and under a roof."""
+    scene = Scene(
+        box_bodies((1, 1), (6, 6)), {1: ELASTIC},
+        default_interaction=RigidCohesiveZone(Weibull(10.0, 12.0, seed=2), 0.05, friction=0.3),
+        walls=[Wall(BOTTOM, (0.0, -3e-3), (0.0, 1.0), CONTACT),
+               Wall(TOP, (0.0, 1.01), (0.0, -1.0), SignoriniCoulomb(lambda x: 0.2 + 0.2 * x[0]))],
+        loads=[Gravity((1.0, -20.0))],
+        initial_velocity=lambda x: np.stack([0.5 + 2.0 * x[0], 1.5 * x[1] - 1.0]),
+    )  # fmt: skip
+    return scene, {"scheme": "explicit", "tolerance": 1e-10}, 60
+
+
+def turning_dropped():
+    """The same at finite strain, where what rounding leaves grows a thousandfold in ten steps."""
+    scene, options, _ = dropped()
+    bond = RigidCohesiveZone(strength, 0.05, friction=0.3)
+    scene = replace(scene, default_interaction=bond, materials={1: NeoHookean(1000.0, 0.3, 1.0)})
+    return scene, options, 24
+
+
+def sound_dropped():
+    """The same with bonds that are springs, until rings of rubbing lips close as in `uneven`."""
+    scene, options, _ = dropped()
+    return replace(scene, default_interaction=BOND), options | {"tolerance": 1e-12}, 24
+
+
 def crushed():
     """One end is crushed so fast that lips there flip as bonds open; steps are cut."""
     end = lambda x: np.maximum(x[0] - 0.7, 0.0)  # noqa: E731
@@ -284,6 +311,9 @@ SCENES = {
         splitting,
         pulled,
         spun,
+        dropped,
+        turning_dropped,
+        sound_dropped,
         crushed,
         own,
         own_curve,

@@ -12,10 +12,11 @@ from xper_fx.forms.loads import Gravity
 from xper_fx.nscd.laws import CohesiveZone, SignoriniCoulomb
 from xper_fx.nscd.rigid import Cluster, Disc, Part, Polygon, RigidBody, Sphere, wall
 from xper_fx.output.contact_forces import find_contact_forces
-from xper_fx.output.fragments import measure_fragments
+from xper_fx.output.fragments import find_fragments, measure_fragments
 from xper_fx.output.joint_forces import find_joint_forces
 from xper_fx.parallel import rigid_partition as rigid_division
 from xper_fx.parallel.launch import run_together
+from xper_fx.periodic.drive import MacroscopicDrive
 from xper_fx.scene.contact import Contact
 from xper_fx.scene.joints import Hinge, Tendon
 from xper_fx.scene.scene import Scene
@@ -172,9 +173,59 @@ def ropes() -> Simulation:
     return Simulation(scene, 2e-3, tolerance=1e-11, num_threads=1)
 
 
+def packed(count: int) -> list[RigidBody]:
+    """Discs of several sizes, some of them squares, on a square grid of so many a side."""
+    random = np.random.default_rng(7)
+    bodies = []
+    for number in range(count * count):
+        radius = random.uniform(0.8, 1.0) * RADIUS
+        square = Polygon.box((1.3 * radius, 1.3 * radius))
+        bodies.append(
+            RigidBody(
+                square if number % 5 == 0 else Disc(radius),
+                0.21 * np.array(divmod(number, count)) + 0.005 * random.uniform(-1.0, 1.0, 2),
+                "grains", density=1000.0, velocity=((-1.0) ** number * 0.5, 0.2 * np.sin(number)),
+            )
+        )  # fmt: skip
+    return bodies
+
+
+def gas() -> Simulation:
+    """Grains in a periodic box that fly into each other and across its boundary."""
+    law = SignoriniCoulomb(friction=0.3, restitution=0.5)
+    scene = Scene(
+        rigid=packed(7), lattice=(7 * 0.21, 7 * 0.21), contacts=[Contact(("grains", "grains"), law)]
+    )
+    return Simulation(scene, 2e-3, tolerance=1e-12, num_threads=1)
+
+
+def sheared() -> Simulation:
+    """Such grains in a periodic cell that is sheared and compressed by its given gradient."""
+    law = SignoriniCoulomb(friction=0.3, restitution=0.5)
+    drive = MacroscopicDrive(
+        rate={"12": 1.0, "22": lambda t: -1.5 - t}, gradient={"11": 1.0, "21": 0.0}
+    )
+    scene = Scene(
+        rigid=packed(7), lattice=(7 * 0.21, 7 * 0.21), macroscopic=drive,
+        contacts=[Contact(("grains", "grains"), law)],
+    )  # fmt: skip
+    return Simulation(scene, 2e-3, tolerance=1e-12, num_threads=1, solver="nlgs")
+
+
+def pressed() -> Simulation:
+    """Such grains in a periodic cell that stress drives along one axis."""
+    drive = MacroscopicDrive(gradient={"11": 1.0, "12": 0.0, "21": 0.0}, stress={"22": -1.0})
+    scene = Scene(
+        rigid=packed(7), lattice=(7 * 0.21, 7 * 0.21), macroscopic=drive,
+        contacts=[Contact(("grains", "grains"), SignoriniCoulomb())],
+    )  # fmt: skip
+    return Simulation(scene, 2e-3, num_threads=1)
+
+
 SCENES = {"clouds": (clouds, 0.16), "falling": (falling, 0.1), "bricks": (bricks, 0.02),
           "shear": (shear, 0.8), "glued": (glued, 1e-4), "ropes": (ropes, 0.12),
-          "hard_bricks": (hard_bricks, 0.02)}  # fmt: skip
+          "hard_bricks": (hard_bricks, 0.02), "gas": (gas, 0.4), "pressed": (pressed, 0.1),
+          "sheared": (sheared, 0.18)}  # fmt: skip
 
 
 def results(name: str) -> dict[str, np.ndarray]:
@@ -190,12 +241,16 @@ def results(name: str) -> dict[str, np.ndarray]:
         division = simulation.model.division
         away.add(division is not None and division.halo is None)
     state, force = motion.state, np.zeros((0, 2))
-    pieces = measure_fragments(simulation)
-    moved = pieces.mass[:, None] * pieces.velocity
+    moved = force
+    if simulation.scene.lattice is None:
+        pieces = measure_fragments(simulation)
+        moved = pieces.mass[:, None] * pieces.velocity
+    driven = simulation.scene.macroscopic is not None
     every = simulation.team.comm.allgather((state.position, state.velocity, state.turn.spin))
     return {
         "start": start,
-        "fragment": pieces.fragment,
+        "fragment": find_fragments(simulation),
+        "stress": simulation.macroscopic.stress if driven else force,
         "sum_of_momenta": moved.sum(axis=0),
         "momenta": np.concatenate([motion.momentum(), motion.angular_momentum()]),
         "position": state.position,

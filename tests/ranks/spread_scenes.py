@@ -116,16 +116,7 @@ def wrong() -> list[str]:
         lambda: Simulation(whole, **options),
         lambda: Simulation(scene, step=1e-4 * (1 + WORLD.rank)),
         lambda: Simulation(scene, comm=MPI.COMM_SELF, **options),
-        lambda: Simulation(scene, step=1e-4, inertia=False, solver="nlgs"),
-        lambda: Simulation(
-            replace(
-                scene,
-                materials={1: xf.materials.SaintVenantKirchhoff(1000.0, 0.3, 1.0)},
-                default_interaction=xf.laws.RigidCohesiveZone(10.0, 0.1),
-                walls=[xf.Wall(scenes.BOTTOM, (0.0, 0.0), (0.0, 1.0), meshed_scenes.CONTACT)],
-            ),
-            **options,
-        ),
+        lambda: Simulation(scene, step=1e-4, scheme="implicit", solver="subdomains"),
         lambda: Simulation(
             replace(
                 scene,

@@ -170,6 +170,18 @@ def indented():
     return scene, {"step": 0.1, "tolerance": 1e-11, **STATIC}, 6
 
 
+def swept():
+    """As `indented`, by sweeps."""
+    scene, options, steps = indented()
+    return scene, options | {"solver": "nlgs"}, steps
+
+
+def sprung():
+    """As `touching`, by Newton's method, for which floating blocks are on springs that let go."""
+    scene, options, steps = touching()
+    return scene, options | {"solver": "newton", "tolerance": 1e-11}, steps
+
+
 def inert():
     """The system with inertia: a plate is torn by a wave."""
     scene, _, _ = drawn()
@@ -299,7 +311,8 @@ def loose():
 
 SCENES = {
     f.__name__: f
-    for f in (drawn, wedged, turned, rigid, touching, nearing, held, leaning, indented, inert, tied,
+    for f in (drawn, wedged, turned, rigid, touching, nearing, held, leaning, indented, swept,
+              sprung, inert, tied,
               peeled, unrolled, row, stopped, inert_cell, cell, turned_cell, celled_path, loose)
 }  # fmt: skip
 

@@ -193,7 +193,10 @@ def everywhere(x):
 
 
 def slide():
-    """A beam of bonded blocks slides over another, from block to block; friction weakens."""
+    """A beam of bonded blocks slides over another, from block to block; friction weakens.
+
+    A node that has slid passes to a block of another rank, and rubs again from step 31 on.
+    """
     bodies = box_bodies(
         (2.0, 0.5), (16, 4), label=lambda x: 2 * (1.9999 * x[0]).astype(int) + (x[1] > 0.25),
         material={2: lambda x: x[1] > 0.25 - 1e-9},
@@ -214,7 +217,7 @@ def slide():
             for tag, v in ((1, 0.0), (2, 2.0))
         },
     )  # fmt: skip
-    return scene, {"step": 2e-3, "tolerance": 1e-10, "scheme": "implicit"}, 30
+    return scene, {"step": 2e-3, "tolerance": 1e-10, "scheme": "implicit"}, 36
 
 
 def struck():
@@ -240,6 +243,59 @@ def struck():
         loads=[Gravity((0.0, -10.0))],
     )  # fmt: skip
     return scene, {"step": 1e-3, "tolerance": 1e-10, "scheme": "implicit"}, 60
+
+
+def split_struck():
+    """Cells that initially rigid bonds join, drawn out of shape, fly into discs and on a floor."""
+    solids = [
+        RigidBody(Disc(0.15), (1.17, 0.53), "ball", density=5.0, velocity=(-1.0, 0.1), spin=2.0),
+        RigidBody(Disc(0.1), (1.45, 0.57), "ball", density=20.0, velocity=(-1.5, 0.0)),
+        wall((0.0, -0.05), (0.0, 1.0), "floor"),
+    ]
+    scene = Scene(
+        box_bodies((1.0, 1.0), (5, 5)), {1: ELASTIC}, surfaces={"plate": (1,)}, rigid=solids,
+        default_interaction=RigidCohesiveZone(Weibull(10.0, 12.0, seed=1), 0.1),
+        contacts=[
+            Contact(pair, RUB)
+            for pair in (
+                ("plate", "plate"), ("plate", "ball"), ("ball", "ball"), ("plate", "floor"),
+                ("ball", "floor"),
+            )
+        ],
+        initial_velocity=lambda x: np.stack([1.0 + 0.5 * (x[0] - 1.0), 4.0 * (x[1] - 0.5)]),
+    )  # fmt: skip
+    return scene, {"scheme": "explicit", "tolerance": 1e-10}, 70
+
+
+def turning_split_struck():
+    """The same at finite strain."""
+    scene, options, steps = split_struck()
+    return at_finite_strain(scene), options, steps
+
+
+def split_walled():
+    """As `split_shards`, beside a floor that rubs."""
+    scene, options, steps = split_shards()
+    return replace(scene, walls=[Wall(BOTTOM, (0.0, -0.02), (0.0, 1.0), RUB)]), options, steps
+
+
+def turning_split_walled():
+    """The same at finite strain."""
+    scene, options, steps = split_walled()
+    return at_finite_strain(scene), options, steps
+
+
+def split_pelted():
+    """Tetrahedra that initially rigid bonds join are drawn out of shape; solids fly into them."""
+    scene, _, _ = pelted()
+    sphere, _, box = scene.rigid
+    scene = replace(
+        scene, bodies=box_bodies((1, 1, 1), (3, 3, 2), kind="tetrahedron"), rigid=[sphere, box],
+        interactions={}, default_interaction=RigidCohesiveZone(Weibull(10.0, 12.0, seed=1), 0.1),
+        initial_velocity=lambda x: np.stack([3.0 * (x[0] - 0.5), 2.0 * (x[1] - 0.5), 0.0 * x[2]]),
+    )  # fmt: skip
+    # later contacts can push in more ways than one
+    return scene, {"scheme": "explicit", "tolerance": 1e-10}, 11
 
 
 def rammed():
@@ -296,7 +352,8 @@ SCENES = {
     f.__name__: f
     for f in (
         cloud, explicit, boxes, heap, shards, turning_shards, explicit_shards, split_shards,
-        turning_split_shards, lone, turning_lone, slide, struck, rammed, pelted,
+        turning_split_shards, lone, turning_lone, slide, struck, split_struck,
+        turning_split_struck, split_walled, turning_split_walled, rammed, pelted, split_pelted,
     )
 }  # fmt: skip
 
@@ -342,7 +399,7 @@ def run(name: str) -> dict[str, np.ndarray]:
     if simulation.rigid is not None:
         state = simulation.rigid.state
         found |= {"solids": np.column_stack([state.position, state.velocity, state.turn.spin])}
-    found |= {"damage": interactions.gather("damage"),
+    found |= {"damage": interactions.gather("damage"), "jump": interactions.gather("jump"),
               "retired": interactions.num_points - permanent}  # fmt: skip
     everyone = simulation.team.comm.allgather
     found["held"] = np.array(everyone([
@@ -360,7 +417,10 @@ def searched(simulation) -> tuple[int, int]:
     return lists.num_pairs, len(lists.known(np.arange(len(search.surface))))
 
 
-RECORDED = {"rammed": rammed, "split": split_shards, "turning": turning_split_shards}
+RECORDED = {
+    "rammed": rammed, "split": split_shards, "turning": turning_split_shards,
+    "struck": split_struck, "walled": turning_split_walled,
+}  # fmt: skip
 
 
 def record(folder: str, last: int, restart: bool) -> None:

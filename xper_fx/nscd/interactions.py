@@ -57,6 +57,7 @@ class Interactions(SteppedPoints):
             points.
         anchors: of bodies that interactions alone hold, None if there are none; the bulk renews
             them before each solve.
+        rigid_blocks_of_all: as `rigid_blocks` was given.
         own_inverse: blocks of w of this rank's bodies, meshed and rigid, without those of ghosts.
         groups: all points by law: permanent ones, contacts found, their rolling points.
         driven: motion of rigid bodies that are driven, in static runs; None without any.
@@ -82,7 +83,9 @@ class Interactions(SteppedPoints):
         rigid_share: RigidSharing | None = None,
     ):
         self.dim, self.ordering, self.laws = inverse.dim, ordering, laws
-        self._rigid_blocks, self.halo, self._rigid_share = rigid_blocks, halo, rigid_share
+        self.halo, self._rigid_share = halo, rigid_share
+        none = np.zeros((0, 2 * self.dim, 2 * self.dim))
+        self.rigid_blocks_of_all = none if rigid_blocks is None else rigid_blocks
         self._by_node = ordering == "vertices"
         self._rigid_start = self._rigid_free = np.zeros((0, inverse.dim))
         self.bulk_inverse, inverse = inverse, self._joined(inverse)
@@ -144,18 +147,12 @@ class Interactions(SteppedPoints):
 
     def _joined(self, inverse: BodyInverse) -> BodyInverse:
         """With blocks of rigid bodies and of ghosts behind those of meshed ones."""
-        rigid = self._rigid_blocks is not None
+        rigid = len(self.rigid_blocks_of_all) > 0
         if rigid:
             inverse = inverse.joined(self.rigid_blocks, self._by_node)
         self.own_inverse = inverse
         alone = self.halo is None or (rigid and self._rigid_share is None)
         return inverse if alone else self.halo.with_ghosts(inverse)
-
-    @property
-    def rigid_blocks(self) -> np.ndarray:
-        """Blocks of w of this rank's rigid bodies, shape (n, 2 dim, 2 dim)."""
-        share = self._rigid_share
-        return self._rigid_blocks if share is None else self._rigid_blocks[share.here]
 
     def take_rigid(self, start: np.ndarray, free: np.ndarray) -> None:
         """Take what a prediction of the rigid bodies' step gives; `rigid_blocks` holds their w.
@@ -168,8 +165,7 @@ class Interactions(SteppedPoints):
             free: shape (2 num_rigid, dim), free velocities.
         """
         blocks, share = self.rigid_blocks, self._rigid_share
-        if share is not None:
-            start, free = (a.reshape(-1, 2, self.dim)[share.here] for a in (start, free))
+        start, free = (self.own_of_rigid(a.reshape(-1, 2, self.dim)) for a in (start, free))
         self._rigid_start = start.reshape(-1, self.dim)
         self._rigid_free = free.reshape(-1, self.dim)
         if self.dim == 2 or self._by_node or self.driven is not None:

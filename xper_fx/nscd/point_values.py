@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from xper_fx.nscd.algebra.small import sym_indices
-from xper_fx.nscd.halo_protocol import ContactHalo, PointHalo
+from xper_fx.nscd.halo_protocol import ContactHalo, PointHalo, RigidSharing
 from xper_fx.nscd.inverse_blocks import BodyInverse
 from xper_fx.nscd.laws.law import ALL_ENERGIES
 from xper_fx.nscd.permanent_groups import PermanentGroups
@@ -31,6 +31,7 @@ class PointValues:
         halo: what there is to exchange with other ranks, None where one rank has all bodies.
         committed_step: h of the last step (s).
         groups: all points by law, permanent ones before those of contacts found.
+        rigid_blocks_of_all: blocks of w of all rigid bodies, shape (num_rigid, 2 dim, 2 dim).
     """
 
     dim: int
@@ -39,6 +40,8 @@ class PointValues:
     committed_step: float
     groups: list[PointGroup]
     fused: FusedPoints | None
+    rigid_blocks_of_all: np.ndarray
+    _rigid_share: RigidSharing | None
     _permanent: PermanentGroups
 
     # What ranks that share points agree on, so that all of them decide alike
@@ -63,6 +66,15 @@ class PointValues:
     def whole(self, values: np.ndarray) -> np.ndarray:
         """Of values at this rank's permanent points, shape (num_points, ...), those of all."""
         return values if self.halo is None else self.halo.gather(values)
+
+    @property
+    def rigid_blocks(self) -> np.ndarray:
+        """Blocks of w of this rank's rigid bodies, shape (n, 2 dim, 2 dim)."""
+        return self.own_of_rigid(self.rigid_blocks_of_all)
+
+    def own_of_rigid(self, rows: np.ndarray) -> np.ndarray:
+        """Of rows of all rigid bodies this rank's."""
+        return rows if self._rigid_share is None else rows[self._rigid_share.here]
 
     def __len__(self) -> int:
         return len(self._permanent)

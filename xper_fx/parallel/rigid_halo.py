@@ -29,6 +29,8 @@ class RigidHalo:
         moves: shape (num_bodies,), bool: which bodies contacts can move; others are everywhere.
         pairs: shape (n, 2), bodies that may come into contact, the same on all ranks.
         dofs: degrees of freedom of a body.
+        num_common: blocks behind those of the bodies that no contact moves; what contacts give them
+            is added up as that of bodies.
 
     Attributes:
         everywhere: exchange of the velocities of all bodies.
@@ -44,10 +46,11 @@ class RigidHalo:
         moves: np.ndarray,
         pairs: np.ndarray,
         dofs: int,
+        num_common: int = 0,
     ):
         self.ranks, self._rank_of_body, self._moves = ranks, rank_of_body, moves
         self.numbers = np.zeros(0, np.int64)
-        self.everywhere = RowsOfAll(ranks, rank_of_body, dofs)
+        self.everywhere = RowsOfAll(ranks, np.pad(rank_of_body, (0, num_common)), dofs)
         pairs = pairs[moves[pairs].all(axis=1)]
         sides = rank_of_body[pairs]
         self._phase_of = phases(sides, ranks.size)

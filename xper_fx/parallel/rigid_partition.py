@@ -55,6 +55,7 @@ class RigidDivision:
         dim: dimension of space.
         groups: shape (num_bodies,), whole numbers: bodies that move and have the same one are on
             one rank.
+        num_common: as of `RigidHalo`.
 
     Attributes:
         halo: what contacts have to do with other ranks, None where each rank has all.
@@ -63,8 +64,11 @@ class RigidDivision:
         moved: how many bodies have changed their rank since the start.
     """
 
-    def __init__(self, ranks: Ranks, moves: np.ndarray, dim: int, groups: np.ndarray):
-        self.ranks, self._moves, self._dofs = ranks, moves, 2 * dim
+    def __init__(
+        self, ranks: Ranks, moves: np.ndarray, dim: int, groups: np.ndarray, num_common: int = 0
+    ):
+        self.ranks, self._moves = ranks, moves
+        self._dofs, self._num_common = 2 * dim, num_common
         names, self._group_of_moving = np.unique(groups[moves], return_inverse=True)
         self._num_groups = len(names)
         self.halo: RigidHalo | None = None
@@ -96,7 +100,9 @@ class RigidDivision:
             cost = self._cost(self.rank_of_body, weighed, weights)
             if self.halo is None or cost > self._reached + _GROWN:
                 self._partition(weighed, weights, cost)
-        self.halo = RigidHalo(self.ranks, self.rank_of_body, self._moves, moving, self._dofs)
+        self.halo = RigidHalo(
+            self.ranks, self.rank_of_body, self._moves, moving, self._dofs, self._num_common
+        )
         return self._owner(self.rank_of_body, pairs) == self.ranks.rank
 
     def found(self, bodies: np.ndarray) -> bool:

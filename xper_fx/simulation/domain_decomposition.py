@@ -10,6 +10,7 @@ import numpy as np
 
 from xper_fx.bodies.meshes import SerialOnlyError
 from xper_fx.forms.dynamics import at_finite_strain
+from xper_fx.nscd.solvers.solver import Solver
 from xper_fx.scene.scene import Scene
 from xper_fx.simulation.options import Options
 from xper_fx.simulation.shared_motions import bonds_split, splits_beside_rigid_bodies
@@ -55,13 +56,15 @@ def decomposed(scene: Scene, options: Options, team: Ranks, stopwatch: Stopwatch
     if team.alone:
         return Decomposition()
     touching = _searches(scene)
-    rigid_alone = scene.bodies is None and scene.lattice is None
+    rigid_alone = scene.bodies is None and not _gives(scene)
     if rigid_alone and touching and options.solver in ("auto", "nlgs"):
         from xper_fx.parallel.rigid_partition import RigidDivision
 
-        moves = ~scene.rigid_bodies.is_prescribed.all(axis=1)
-        division = RigidDivision(team, moves, scene.dim, _rigid_groups(scene, moves, False))
-        return Decomposition(team, None, division)
+        moves, dim = ~scene.rigid_bodies.is_prescribed.all(axis=1), scene.dim
+        # dF/dt of a periodic cell has a column in each half of a body's block
+        columns = 0 if scene.macroscopic is None else (dim + 1) // 2
+        groups = _rigid_groups(scene, moves, False)
+        return Decomposition(team, None, RigidDivision(team, moves, dim, groups, columns))
     if _stays_whole(scene, options, team):
         return Decomposition()
     from xper_fx.parallel.local_bodies import divide
@@ -99,6 +102,12 @@ def _rigid_groups(scene: Scene, moves: np.ndarray, touch: bool) -> np.ndarray:
     return jointed_groups(scene.joints, scene.rigid, moves)
 
 
+def _gives(scene: Scene) -> bool:
+    """Whether contacts of rigid bodies move the periodic cell that they are in."""
+    driven = scene.bodies is None and scene.macroscopic is not None
+    return driven and bool(scene.macroscopic.stress)
+
+
 def _searches(scene: Scene) -> bool:
     """Whether contacts have to be looked for."""
     return any(contact.law is not None for contact in scene.contacts)
@@ -112,29 +121,20 @@ def _stays_whole(scene: Scene, options: Options, team: Ranks) -> bool:
     """
     spread = scene.bodies is not None and scene.bodies.spread is not None
     touching = scene.bodies is not None and _searches(scene)
-    alone = options.scheme == "explicit" and scene.points == "nodal" and bonds_split(scene)
-    splits = alone and scene.rigid_bodies is None
+    splits = options.scheme == "explicit" and scene.points == "nodal" and bonds_split(scene)
     why = [
         name
         for name, there in (
-            ("rigid bodies alone", scene.bodies is None),
+            ("rigid bodies alone", scene.bodies is None and not _gives(scene)),
+            ("rigid bodies in a periodic cell that stress drives", _gives(scene)),
             ("rigid bodies and a mesh that is spread", spread and scene.rigid_bodies is not None),
-            ("a lattice of rigid bodies", scene.lattice is not None),
-            (
-                "searched contacts and walls where vertices split",
-                splits and touching and scene.walls,
-            ),
-            (
-                "rigid bodies where vertices split",
-                alone and scene.rigid_bodies is not None and splits_beside_rigid_bodies(scene),
-            ),
             # vertices are not solved alone then, and bonds would be points that turn from the start
             (
-                "walls or rigid bodies beside initially rigid bonds of an explicit bulk at finite "
-                "strain",
-                alone
+                "joints or rolling resistance beside initially rigid bonds of an explicit bulk at "
+                "finite strain",
+                splits
                 and at_finite_strain(scene.materials)
-                and (scene.walls or scene.rigid_bodies is not None),
+                and not splits_beside_rigid_bodies(scene),
             ),
             (
                 "bonds beside contacts that are searched in space on a mesh that is spread",
@@ -142,11 +142,7 @@ def _stays_whole(scene: Scene, options: Options, team: Ranks) -> bool:
             ),
             ("fewer bodies than ranks", touching and scene.bodies.counts[0] < team.size),
             ("ties", scene.ties and _cannot_tie(scene, team.size)),
-            (
-                f'no inertia and solver="{options.solver}"',
-                not options.inertia and not options.allows_one_system,
-            ),
-            ("a solver for one rank", options.solver not in _ON_RANKS),
+            (f'solver="{_name(options.solver)}"', options.solver not in _ON_RANKS),
             (
                 "nothing between bodies",
                 scene.bodies and not (touching or scene.bodies.present.facing),
@@ -164,6 +160,10 @@ def _stays_whole(scene: Scene, options: Options, team: Ranks) -> bool:
             "each of %d ranks simulates the whole scene, as it has %s", team.size, " and ".join(why)
         )
     return bool(why)
+
+
+def _name(solver: str | Solver) -> str:
+    return solver.name if isinstance(solver, Solver) else solver
 
 
 def _has_bonds(scene: Scene, team: Ranks) -> bool:

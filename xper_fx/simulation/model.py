@@ -122,13 +122,10 @@ class Model:
             self.bulk, self.bodies, scene.initial_velocity, self.step_size, options.inertia
         )
         searched = any(contact.law is not None for contact in scene.contacts)
-        # a wall's points are on the rank of their body, a vertex's on that of the first body there
-        divided_walls = self.part is not None and len(scene.walls) > 0
         self.by_vertex = (
             options.scheme == "explicit" and scene.points == "nodal"
-            and not divided_walls
             and (not searched or bonds_split(scene))
-            and (self.rigid is None or (self.part is None and splits_beside_rigid_bodies(scene)))
+            and (self.rigid is None or splits_beside_rigid_bodies(scene))
         )  # fmt: skip
         self.points = ScenePoints(scene, self.bulk, self._ties, self.part, self.by_vertex)
         self.detection = self._detection() if searched else None

@@ -57,7 +57,7 @@ class ScenePoints:
         by_vertex: bool,
     ):
         self._scene, self._bulk, self._part, self._by_vertex = scene, bulk, part, by_vertex
-        self.laws, self.points_a_facet, self._num_wall_points = [], 0, 0
+        self.laws, self.points_a_facet = [], 0
         self.facets_with_law = self.facet_numbers = np.zeros(0, int)
         self._shared = None
         self._turns = scene.bodies is not None and bulk.forms.finite_strain
@@ -65,14 +65,17 @@ class ScenePoints:
         self._points, self._law_of_point = [], [np.zeros(0, int)]
         self._tied: list[np.ndarray] = []
         self._tied_here: list[np.ndarray] = []
-        self._tie_numbers: list[np.ndarray] = []
+        self._numbers: list[np.ndarray] = []
+        self._on_walls: list[np.ndarray] = []
         if scene.bodies is not None:
             self._take_facets()
             for tie, (points, pairs) in zip(scene.ties, ties, strict=True):
                 self._take(points, tie.law)
                 self._tied.append(pairs)
             self._tied_here = list(self._tied)
-            if part is not None and ties:
+            if part is not None:
+                self._numbers.append(self._shared.numbers)
+                self._num_points_of_all = self._shared.num_points_of_all
                 self._share_ties()
             self._take_walls()
 
@@ -98,13 +101,13 @@ class ScenePoints:
 
     def apart_from_facets(self) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
         """Position, normal (shape (n, dim)) and area of the points of each tie and wall."""
-        dim = self._scene.dim
+        dim, first = self._scene.dim, 1 if self.points_a_facet else 0
         at = np.zeros((self._ground + 1, dim))
         at[self._bulk.unknowns.node_of] = self._bulk.forms.V.tabulate_dof_coordinates()[:, :dim]
-        return [
-            (np.einsum("pk,pkd->pd", p.weights[:, 0], at[p.nodes[:, 0]]), p.frame[:, 0], p.area)
-            for p in self._points[1 if self.points_a_facet else 0 :]
-        ]
+        of_ties = self._points[first : first + len(self._tied)]
+        x = [np.einsum("pk,pkd->pd", p.weights[:, 0], at[p.nodes[:, 0]]) for p in of_ties]
+        others = zip(x + self._on_walls, self._points[first:], strict=True)
+        return [(x, points.frame[:, 0], points.area) for x, points in others]
 
     def bodies_of_points(self) -> np.ndarray:
         """Candidate and antagonist of the points on facets and in ties, on all ranks.
@@ -174,22 +177,28 @@ class ScenePoints:
         """Tell all ranks of the points of each tie, all of which are on one rank."""
         self._tied_here = [self._part.body_numbers[pairs] for pairs in self._tied]
         tied = self._bulk.ranks.comm.allgather(self._tied_here)
-        first = self._shared.num_points_of_all
         for number, pairs in enumerate(zip(*tied, strict=True)):
-            own = len(self._tied[number])
-            self._tie_numbers.append(first + np.arange(own))
+            self._numbers.append(self._num_points_of_all + np.arange(len(self._tied[number])))
             self._tied[number] = np.concatenate(pairs)
-            first += len(self._tied[number])
+            self._num_points_of_all += len(self._tied[number])
 
     def _take_walls(self) -> None:
         k = self._points[0].nodes.shape[2] if self._points else 1
         for wall in self._scene.walls:
-            points = self._on_wall(wall, k)
-            self._num_wall_points += len(points)
-            self._take(points, wall.law)
+            normal = np.asarray(wall.normal, float) / np.linalg.norm(wall.normal)
+            nodes, area, x = self._on_wall(wall.facets)
+            if self._part is not None:
+                nodes, area, x = self._share_wall(nodes, area, x)
+            away = x - np.asarray(wall.point, float)
+            gap = away @ normal
+            # a gap of rounding would leave a body that rests on the wall without it for a step
+            size = self._bulk.ranks.max(np.abs(np.concatenate([x, away])).max(initial=0.0))
+            gap[np.abs(gap) <= _ROUNDING * size] = 0.0
+            self._take(wall_points(nodes, area, normal, gap, self._ground, k), wall.law)
+            self._on_walls.append(x)
 
-    def _on_wall(self, wall, k: int) -> InteractionPoints:
-        """Nodes of tagged facets against a plane, each with its share of the facets."""
+    def _on_wall(self, tag: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Nodes of this rank's tagged facets, with their shares of the facets, and positions."""
         V, dim = self._bulk.forms.V, self._scene.dim
         bodies = self._scene.bodies if self._part is None else self._part.bodies
         mesh = bodies.mesh
@@ -202,7 +211,7 @@ class ScenePoints:
         area = np.zeros(self._ground)
         corners_of = local_facet_vertices(mesh).shape[1]
         kind = {2: "interval", 3: "triangle", 4: "quadrilateral"}[corners_of]
-        for facet in bodies.facet_tags.find(wall.facets):
+        for facet in bodies.facet_tags.find(tag):
             cell = cells.links(facet)[0]
             local = int(np.flatnonzero(facets_of.links(cell) == facet)[0])
             nodes = V.dofmap.list[cell][V.dofmap.dof_layout.entity_closure_dofs(fdim, local)]
@@ -210,13 +219,25 @@ class ScenePoints:
             corners[0, :, :dim] = x[nodes[:corners_of]]
             area[nodes] += cell_measure(kind, corners) * nodal_shares(fdim + 1, len(nodes))
         nodes = np.flatnonzero(area > 0.0)
-        normal = np.asarray(wall.normal, float) / np.linalg.norm(wall.normal)
-        away = x[nodes] - np.asarray(wall.point, float)
-        gap = away @ normal
-        # a gap of rounding would leave a body that rests on the wall without it for a step
-        size = np.abs(np.concatenate([x[nodes], away])).max(initial=0.0)
-        gap[np.abs(gap) <= _ROUNDING * size] = 0.0
-        return wall_points(nodes, area[nodes], normal, gap, self._ground, k)
+        return nodes, area[nodes], x[nodes]
+
+    def _share_wall(self, nodes: np.ndarray, area: np.ndarray, x: np.ndarray):
+        """Which of the points on a wall this rank has, by what `_on_wall` gave."""
+        from xper_fx.parallel.shared_walls import share_wall
+
+        part, dofmap = self._part, self._bulk.forms.V.dofmap.list
+        # nodes are numbered as cells name them first, where all are on one rank, too
+        _, first = np.unique(dofmap, return_index=True)
+        cell, local = np.divmod(first[nodes], dofmap.shape[1])
+        of_all = part.cells if self._scene.bodies.spread is None else part.bodies.parent_cell
+        order = of_all[cell].astype(np.int64) * dofmap.shape[1] + local
+        wall = order, nodes, area, x
+        wall, numbers = share_wall(
+            self._shared, self._bulk.ranks, self._num_nodes, self._by_vertex, wall
+        )
+        self._numbers.append(self._num_points_of_all + numbers)
+        self._num_points_of_all += int(self._bulk.ranks.sum(len(numbers)))
+        return wall[1:]
 
     def place(self, point: int) -> np.ndarray:
         """Where a point's facet was at the start, shape (dim,), m; NaN of ties and walls.
@@ -259,7 +280,9 @@ class ScenePoints:
             rigid_blocks: blocks of w of this rank's rigid bodies, whose slots come next; None
                 without any.
         """
-        blocks = inverse.blocks if rigid_blocks is None else inverse.blocks.joined(rigid_blocks)
+        blocks = inverse.blocks
+        if rigid_blocks is not None:
+            blocks = blocks.joined(rigid_blocks, self._by_vertex)
         slot = np.full(self._ground + 1, blocks.num_nodes)
         slot[inverse.nodes] = np.arange(len(inverse.nodes))
         halo = None if self._shared is None else self._halo(blocks, slot)
@@ -271,15 +294,13 @@ class ScenePoints:
         """What is exchanged with other ranks; the slots of ghosts and ground are set."""
         from xper_fx.parallel.halo import Halo
 
-        shared, ranks, walls = self._shared, self._bulk.ranks, self._num_wall_points
-        num_tied = sum(map(len, self._tied))
-        first = shared.num_points_of_all + num_tied + ranks.before(walls)
-        numbers = [shared.numbers, *self._tie_numbers, first + np.arange(walls)]
-        here = len(np.concatenate(numbers[1:]))
+        shared, numbers = self._shared, np.concatenate(self._numbers)
+        phase = np.zeros(len(numbers), int)
+        phase[: len(shared.phase)] = shared.phase
         halo = Halo(
-            ranks, blocks, {rank: slot[asked] for rank, asked in shared.asked.items()},
-            shared.meetings, np.concatenate(numbers),
-            np.concatenate([shared.phase, np.zeros(here, int)]), shared.at_points,
+            self._bulk.ranks, blocks,
+            {rank: slot[asked] for rank, asked in shared.asked.items()},
+            shared.meetings, numbers, phase, shared.at_points,
         )  # fmt: skip
         slot[self._num_nodes : -1] = np.concatenate(
             [np.zeros(0, int), *(halo.wanted[rank] for rank in shared.num_ghosts)]

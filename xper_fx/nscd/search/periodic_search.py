@@ -20,7 +20,7 @@ point's image is the same as of the point, so that u_i is that of all images.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from itertools import product
 
 import numpy as np
@@ -138,6 +138,15 @@ class PeriodicSearch:
         self.renewals = self.searches = 0
         self._searches_at_renewal = 0
         self._search: _SearchOfImages | None = None
+        self._own: Callable[[np.ndarray], np.ndarray] | None = None
+
+    def divide(self, own: Callable[[np.ndarray], np.ndarray]) -> None:
+        """See `RigidSearch.divide`; of a pair of bodies `own` is given one row for each image."""
+        self._own = own
+
+    def search_all(self) -> None:
+        """See `RigidSearch.search_all`."""
+        self._search.search_all()
 
     @property
     def nbytes(self) -> int:
@@ -236,6 +245,8 @@ class PeriodicSearch:
         placed = _PlacedBodies(self._bodies, self._tables, self._source, is_image[order])
         self._piece, self._placed = placed.piece, placed.shapes.body
         before, self._search = self._search, _SearchOfImages(placed, self._pairs, self._reach)
+        if self._own is not None:
+            self._search.divide(lambda pairs: self._own(self._source[pairs]))
         if before is not None:
             self._search._expected = before._expected
         self._search.skin = self._skin

@@ -259,8 +259,8 @@ class FusedPoints:
         """Let vertices be split as they were when `turn_of_points` gave `turn`."""
         of_vertex = turn[self.graphs.point[self.graphs.bond_offsets[:-1]]]
         order = np.argsort(of_vertex, kind="stable")
-        split = order[of_vertex[order] >= 0]
-        self.wake(split[len(self.split) :].astype(np.int32))
+        split = order[(of_vertex[order] >= 0) & self.whole[order]]
+        self.wake(split.astype(np.int32))
 
     def split_where(self, changed: np.ndarray) -> None:
         """Let the vertices be split of points that are no more as at the start.

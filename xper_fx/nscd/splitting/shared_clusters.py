@@ -10,7 +10,10 @@ a cluster of cells may be touched by contacts of several ranks. Turns are those 
    number by which all know it, that of its first corner,
 3. all contacts are told to all ranks, each of which sweeps all of them in the same order. The bits
    are the same, and so are the decisions,
-4. corners get the impulses that the contacts of all ranks give them.
+4. corners and rigid bodies get the impulses that the contacts of all ranks give them.
+
+Rigid bodies have velocities and blocks of w on all ranks, each of which moves all of them as it
+sweeps.
 
 **Limitation.** Sweeps over contacts are not divided, only what is done at vertices.
 """
@@ -22,6 +25,7 @@ from collections.abc import Callable
 import numpy as np
 
 from xper_fx.nscd.contact_history import kernels_of_contacts
+from xper_fx.nscd.couplings import Couplings
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.solvers.solver import SolveOptions, SolveReport
 from xper_fx.nscd.splitting.touching_clusters import SweptContacts, TouchingClusters
@@ -45,11 +49,20 @@ class SharedClusters(TouchingClusters):
         super().__init__(interactions, velocity, move, options)
         self._law_kernels = kernels_of_contacts(interactions.laws, interactions.dim)
         self._nodes = super()._touched_slots()
-        count = len(self._velocity)
-        first = halo.ranks.before(interactions.own_inverse.num_nodes)
-        self._number = np.repeat(np.arange(first, first + count, dtype=float), interactions.dim)
-        halo.everywhere.forward(self._number)
-        self._number = self._number.reshape(count, -1)
+        count, own = len(self._velocity), interactions.own_inverse.num_nodes
+        first = halo.ranks.before(own)
+        number = np.empty((count, interactions.dim))
+        number[:] = np.arange(first, first + count)[:, None]
+        # rigid bodies are numbered as in the scene, after all that is meshed
+        blocks, first_rigid = interactions.rigid_blocks_of_all, int(interactions.total(own))
+        self._rigid = blocks, first_rigid
+        self._mobility_of_rigid = np.einsum("bii->bi", blocks).reshape(-1, interactions.dim)
+        in_scene = np.arange(first_rigid, first_rigid + 2 * len(blocks)).reshape(-1, 2)
+        interactions.own_rigid(number)[:] = interactions.own_of_rigid(in_scene).reshape(-1, 1)
+        halo.everywhere.forward(number.reshape(-1))
+        self._number = number
+        places = number[:, 0].astype(np.int64)
+        self._turned = [c and _at_places(c, places.__getitem__) for c in self._turned]
         # of each slot its cluster's number and one over its mass, and a slot for it at contacts
         self._known_number, self._known_mobility = self._number.copy(), self._mobility.copy()
         self._known_root = self._root.copy()
@@ -100,24 +113,47 @@ class SharedClusters(TouchingClusters):
             slots: one for each cluster at own contacts.
         """
         own = []
-        for g in self._groups:
+        for g, turned in zip(self._groups, self._turned, strict=True):
             contacts = SweptContacts.of(g)
             law = self._law_kernels.index(g.kernels)
-            own.append(contacts._replace(kernels=law, nodes=number[contacts.nodes]))
+            nodes = number[contacts.nodes]
+            own.append(contacts._replace(kernels=law, turned=turned, nodes=nodes))
         clusters = number[slots], self._velocity[slots], self._known_mobility[slots]
         comm = self._halo.ranks.comm
         told, at = zip(*comm.allgather((own, clusters)), strict=True)
         numbers, velocity, mobility = map(np.concatenate, zip(*at, strict=True))
+        blocks, first_rigid = self._rigid
         numbers, first = np.unique(numbers, return_index=True)
-        rows = np.arange(len(first), dtype=np.int32)
-        self._of_clusters = velocity[first], rows, mobility[first]
+        first = first[numbers < first_rigid]
+        numbers = np.append(numbers[: len(first)], first_rigid + np.arange(2 * len(blocks)))
+        self._of_clusters = (
+            np.concatenate([velocity[first], self._interactions.rigid_part(self._velocity)]),
+            np.arange(len(numbers), dtype=np.int32),
+            np.concatenate([mobility[first], self._mobility_of_rigid]), blocks, len(first),
+        )  # fmt: skip
         self._swept = [
             contacts._replace(
                 kernels=self._law_kernels[contacts.kernels],
                 nodes=np.searchsorted(numbers, contacts.nodes).astype(np.int32),
+                turned=contacts.turned
+                and _at_places(contacts.turned, lambda there: np.searchsorted(numbers, there)),
             )
             for of_rank in told
             for contacts in of_rank
         ]
         before = sum(map(len, told[: comm.rank]))
         self._own = slice(before, before + len(own))
+
+
+def _at_places(turned: Couplings, place: Callable[[np.ndarray], np.ndarray]) -> Couplings:
+    """Couplings of contacts of which nodes and spins are in other places, w left out.
+
+    Args:
+        turned: of contacts with rigid bodies.
+        place: gives the places that some have now.
+    """
+    dim, kind = turned.lever_arms.shape[2], turned.start.dtype
+    start, spin = (
+        (place(dofs // dim) * dim).astype(kind) for dofs in (turned.start, turned.rotation_dof)
+    )
+    return turned._replace(start=start, rotation_dof=spin, w=turned.w[:0])

@@ -115,14 +115,17 @@ class TouchingClusters:
         vertices = np.unique(fused.vertex_of_slot[self._touched])
         self._vertices = vertices[vertices >= 0]
         self._moved = np.union1d(self._touched, graphs.corners_of(self._vertices))
-        blocks, self._first_rigid = interactions.rigid_blocks, interactions.bulk_inverse.num_nodes
-        self._rigid_w = np.zeros((0, 0, 0)) if blocks is None else blocks
+        self._first_rigid = interactions.bulk_inverse.num_nodes
+        self._rigid_w = interactions.rigid_blocks
         self._root = np.arange(len(self._velocity), dtype=np.int32)
         self._mobility = graphs.compliance.copy()
         self._least = interactions.rounding(velocity) / options.tolerance
         self._swept = [SweptContacts.of(g) for g in self._groups]
-        # velocities, the row of each node's cluster there, and one over its mass
-        self._of_clusters = self._velocity, self._root, self._mobility
+        # where contacts here have rigid bodies, blocks of these, and the first of their places
+        self._turned = [contacts.turned for contacts in self._swept]
+        self._rigid = self._rigid_w, self._first_rigid
+        # velocities, the row of each node's cluster there, one over its mass, and rigid bodies
+        self._of_clusters = self._velocity, self._root, self._mobility, *self._rigid
 
     def _touched_slots(self) -> np.ndarray:
         """Slots of the contacts' nodes, ascending."""
@@ -217,7 +220,7 @@ class TouchingClusters:
             root: shape (num_slots,), a slot for the cluster of each.
             mobility: shape (num_slots, dim), one over the mass of the cluster that a slot is for.
         """
-        for g in self._groups:
+        for g, turned in zip(self._groups, self._turned, strict=True):
             w = np.empty_like(g.compliance)
             _compliances(
                 g.points.nodes, g.points.weights, g.points.frame,
@@ -225,9 +228,8 @@ class TouchingClusters:
             )  # fmt: skip
             if g.sides.lever_arms:
                 _add_turning(
-                    g.couplings, g.points.frame, *sym_indices(g.kernels.components),
-                    self._rigid_w, self._first_rigid, w,
-                )  # fmt: skip
+                    turned, g.points.frame, *sym_indices(g.kernels.components), *self._rigid, w
+                )
             if not np.array_equal(w, g.compliance):
                 g.compliance[:] = w
                 self._interactions.prepare_group(g)
@@ -247,12 +249,9 @@ class TouchingClusters:
             acts: whether impulses change; else the changes are what contacts still ask for.
         """
         changed = total = largest = 0.0
-        rigid = self._rigid_w, self._first_rigid
         for kernels, sides, turned, nodes, weights, frame, *others in self._swept:
             kernel = _sweep_kernel(kernels, sides)
-            x, y, z = kernel(
-                *self._of_clusters, *rigid, turned, nodes, weights, frame, acts, *others
-            )
+            x, y, z = kernel(*self._of_clusters, turned, nodes, weights, frame, acts, *others)
             changed, total, largest = changed + x, total + y, max(largest, z)
         total = max(total, self._least**2)
         relative = np.sqrt(changed / total) if total > 0.0 else np.sqrt(changed)
