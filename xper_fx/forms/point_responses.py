@@ -86,6 +86,7 @@ class PointResponses:
         history: internal_variables.History | None,
     ):
         self._mesh, self._u, self._step, self._history = bodies.mesh, u, step, history
+        self._responses, self._across = responses, {}  # stresses across the plane, if asked for
         cell_name = self._mesh.topology.cell_name()
         points, weights = basix.make_quadrature(getattr(basix.CellType, cell_name), degree)
         dim = self._mesh.geometry.dim
@@ -108,8 +109,6 @@ class PointResponses:
                 parts["new"] = history.packed(tag, response.new)
             stress = response.nominal_stress
             parts["stress"] = [stress[i, j] for i in range(dim) for j in range(dim)]
-            if tag in self.of_small_strain:
-                parts["across"] = [stress[i, j] for i, j in _PLACES if max(i, j) >= dim]
             cells = np.flatnonzero(bodies.material_of_cell == tag).astype(np.int32)
             self._passes[tag] = _Pass(parts, points, cells)
         jacobian = compiled_expression(abs(ufl.JacobianDeterminant(self._mesh)), points)
@@ -161,11 +160,16 @@ class PointResponses:
 
     def stress(self, tag: int) -> np.ndarray:
         """Stress of one of the materials `of_small_strain`, shape (n, num_points, 3, 3), Pa."""
-        values, columns = self._evaluate()[tag], self._passes[tag].columns
-        within = np.array([max(place) < self._mesh.geometry.dim for place in _PLACES])
+        one, values = self._passes[tag], self._parts("stress")[tag]
+        dim, stress = self._mesh.geometry.dim, self._responses[tag].stress
+        within = np.array([max(place) < dim for place in _PLACES])
         out = np.empty((*values.shape[:2], len(_PLACES)))
-        out[:, :, within] = values[:, :, columns["stress"]]
-        out[:, :, ~within] = values[:, :, columns["across"]]
+        out[:, :, within] = values
+        if not within.all():
+            if tag not in self._across:
+                across = [stress[i, j] for i, j in _PLACES if max(i, j) >= dim]
+                self._across[tag] = _Pass({"across": across}, self._points, one.cells)
+            out[:, :, ~within] = self._across[tag].evaluate(self._mesh)
         return out.reshape(*values.shape[:2], 3, 3)
 
     def commit(self) -> None:
