@@ -8,8 +8,9 @@ Each scene is run with an accuracy asked for and compared with a run whose setti
 external work, elastic and kinetic energy and each dissipation at the end (over the largest energy
 held), the largest force of the supports (relative), the motion of all nodes and bodies at the end
 (over the largest of the run, in the L2 norm). The true error is the largest of these; the table
-says which that is. With `--quantities` each of them is estimated by itself, from one finer run or
-as many as are given (`xf.study.estimate_errors`).
+says which that is. With `--quantities` each of them is estimated by itself, from one finer run, two
+where the first tells far more than the run of itself, or as many as are given
+(`xf.study.estimate_errors`).
 """
 
 from __future__ import annotations
@@ -507,7 +508,7 @@ def errors(found: dict, fine: dict) -> dict[str, float]:
 
 
 def by_quantity(
-    name: str, case: Case, options: dict, fine: dict, refinements: int
+    name: str, case: Case, options: dict, fine: dict, refinements: int | None
 ) -> tuple[int, int]:
     """Print estimates of each quantity that errs; how many are believed, and how many there are."""
     quantities = {q: Watched(case, q) for q in errors(fine, fine)}
@@ -555,13 +556,12 @@ def main() -> None:
         "--quantities",
         type=int,
         nargs="?",
-        const=1,
-        default=0,
-        help="each by itself, from so many finer runs",
+        const=0,
+        help="each by itself, from so many finer runs, or as many as it takes",
     )
     args = parser.parse_args()
     columns = ["scene", "asked", "true", "of", "estimated", "over true", "steps"]
-    if args.quantities:
+    if args.quantities is not None:
         columns = ["scene", "asked", "of", "true", "estimated", "over true"]
     print(f"| {' | '.join(columns)} |\n" + "|---" * len(columns) + "|")
     believed = count = 0
@@ -574,12 +574,12 @@ def main() -> None:
             options = options_of(case, case.options) | {"accuracy": asked}
             if "step" in options:
                 options["step"] *= asked / ASKED[0]
-            if args.quantities:
-                good, of = by_quantity(name, case, options, fine, args.quantities)
+            if args.quantities is not None:
+                good, of = by_quantity(name, case, options, fine, args.quantities or None)
             else:
                 good, of = of_run(name, case, options, fine, bool(args.only))
             believed, count = believed + good, count + of
-    small = "of those above" if args.quantities else "or both below"
+    small = "or both below" if args.quantities is None else "of those above"
     print(
         f"\nwithin a factor of {WITHIN:g}, {small} {LITTLE:g} of what was asked for: "
         f"{believed} of {count}"
