@@ -415,7 +415,9 @@ def cases() -> dict[str, Case]:
             {"step": 1e-5, "tolerance": 1e-6},
             force=LEFT,
         ),
-        "ball on a plate": Case(ball_on_plate, 0.05, {"step": 2.5e-6, "tolerance": 1e-6}, force=LEFT),
+        "ball on a plate": Case(
+            ball_on_plate, 0.05, {"step": 2.5e-6, "tolerance": 1e-6}, force=LEFT
+        ),
         "sliding block": Case(sliding_block, 1.0, {"step": 1e-4}, {"step": 1e-2}),
         "rocking block": Case(rocking_block, 2.0, {"step": 5e-5}, {"step": 5e-3}),
         "falling discs": Case(
