@@ -69,11 +69,13 @@ class PointResponses:
         u: displacement the responses are evaluated at (m).
         step: h (s) as the responses have it.
         history: internal variables, None where no material has any.
+        judged: whether stresses of cells will be asked for, so that those across the plane are
+            worth their place.
 
     Attributes:
         losses: names of the energies that are dissipated.
         flows: whether a material says by how much it flows in a step.
-        of_small_strain: tags of the materials whose nominal stress is Cauchy's.
+        whole: tags of the materials whose Cauchy stress is kept, all of it.
     """
 
     def __init__(
@@ -84,9 +86,9 @@ class PointResponses:
         u: fem.Function,
         step: fem.Constant,
         history: internal_variables.History | None,
+        judged: bool = False,
     ):
         self._mesh, self._u, self._step, self._history = bodies.mesh, u, step, history
-        self._responses, self._across = responses, {}  # stresses across the plane, if asked for
         cell_name = self._mesh.topology.cell_name()
         points, weights = basix.make_quadrature(getattr(basix.CellType, cell_name), degree)
         dim = self._mesh.geometry.dim
@@ -94,7 +96,8 @@ class PointResponses:
             name for name in LOSSES if any(getattr(r, name) is not None for r in responses.values())
         )
         self.flows = any(r.increment is not None for r in responses.values())
-        self.of_small_strain = {t for t, r in responses.items() if r.stress is r.nominal_stress}
+        small_strain = {t for t, r in responses.items() if r.stress is r.nominal_stress}
+        self.whole = small_strain if judged or dim == 3 else set()
         self._passes: dict[int, _Pass] = {}
         for tag, response in responses.items():
             parts = {"energy": [response.energy]}
@@ -109,6 +112,8 @@ class PointResponses:
                 parts["new"] = history.packed(tag, response.new)
             stress = response.nominal_stress
             parts["stress"] = [stress[i, j] for i in range(dim) for j in range(dim)]
+            if tag in self.whole:
+                parts["across"] = [stress[i, j] for i, j in _PLACES if max(i, j) >= dim]
             cells = np.flatnonzero(bodies.material_of_cell == tag).astype(np.int32)
             self._passes[tag] = _Pass(parts, points, cells)
         jacobian = compiled_expression(abs(ufl.JacobianDeterminant(self._mesh)), points)
@@ -159,17 +164,12 @@ class PointResponses:
         return max(float(np.abs(part).max(initial=0.0)) for part in parts)
 
     def stress(self, tag: int) -> np.ndarray:
-        """Stress of one of the materials `of_small_strain`, shape (n, num_points, 3, 3), Pa."""
-        one, values = self._passes[tag], self._parts("stress")[tag]
-        dim, stress = self._mesh.geometry.dim, self._responses[tag].stress
-        within = np.array([max(place) < dim for place in _PLACES])
+        """Cauchy stress of one of the materials `whole`, shape (n, num_points, 3, 3), Pa."""
+        values, columns = self._evaluate()[tag], self._passes[tag].columns
+        within = np.array([max(place) < self._mesh.geometry.dim for place in _PLACES])
         out = np.empty((*values.shape[:2], len(_PLACES)))
-        out[:, :, within] = values
-        if not within.all():
-            if tag not in self._across:
-                across = [stress[i, j] for i, j in _PLACES if max(i, j) >= dim]
-                self._across[tag] = _Pass({"across": across}, self._points, one.cells)
-            out[:, :, ~within] = self._across[tag].evaluate(self._mesh)
+        out[:, :, within] = values[:, :, columns["stress"]]
+        out[:, :, ~within] = values[:, :, columns["across"]]
         return out.reshape(*values.shape[:2], 3, 3)
 
     def commit(self) -> None:
